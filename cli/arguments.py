@@ -11,10 +11,10 @@ import cyclopts
 from cyclopts import Parameter, Token, validators
 
 from waychair.errors import MapError, OutputError, WaychairError
-from waychair.files import is_there
-from waychair.geometry import FARTHEST, MOST_TURNED, is_on_map
+from waychair.files import path_exists
+from waychair.geometry import MAX_ANGLE, MAX_COORDINATE, is_possible_pose
 from waychair.types import Pose2
-from waychair.yaml_files import shown
+from waychair.yaml_files import quoted
 
 
 class BadArgument(WaychairError):
@@ -55,11 +55,11 @@ def pose_from_text(text: str, name: str) -> Pose2:
         values = []
     if len(values) not in (2, 3) or not all(math.isfinite(value) for value in values):
         raise BadArgument(
-            f"{name} must be X,Y or X,Y,THETA in metres and radians (such as 1.5,-2,0.78), not {shown(text)}"
+            f"{name} must be X,Y or X,Y,THETA in metres and radians (such as 1.5,-2,0.78), not {quoted(text)}"
         )
-    if not is_on_map(*values):
+    if not is_possible_pose(*values):
         raise BadArgument(
-            f"{name} is {shown(text)}; X and Y may be up to {FARTHEST:g} m from 0, THETA {MOST_TURNED:g} rad"
+            f"{name} is {quoted(text)}; X and Y may be up to {MAX_COORDINATE:g} m from 0, THETA {MAX_ANGLE:g} rad"
         )
     return Pose2(*values)
 
@@ -74,5 +74,5 @@ def check_picture(path: Path | None, name: str, *sources: Path) -> None:
         return
     if path.suffix.lower() != ".png":
         raise BadArgument(f"{name} must name a .png file, not '{path}'")
-    if is_there(path, OutputError) and any(is_there(each, MapError) and path.samefile(each) for each in sources):
+    if path_exists(path, OutputError) and any(path_exists(each, MapError) and path.samefile(each) for each in sources):
         raise BadArgument(f"{name} names '{path}', which the map is read from; choose another file")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from waychair.cli.arguments import BadArgument, Count
 
-USUAL = (Path("out/up/box"), Path("out/box"))
+DEFAULT_BOXES = (Path("out/up/box"), Path("out/box"))
 """Default black boxes: that of the nodes, and that of a simulated drive in the guides."""
 
 
@@ -33,7 +33,7 @@ def why_command(*, box: Path | None = None, last: Count = 1, json: bool = False,
 
     if last < 1:
         raise BadArgument(f"--last {last} explains nothing: give 1 or more")
-    stops = last_stops(box or max(USUAL, key=last_written_s), last)
+    stops = last_stops(box or max(DEFAULT_BOXES, key=last_written_s), last)
     explained = [explain(stop) for stop in stops]
     if bag is not None:
         from waychair.runtime.black_box_bag import write_bag

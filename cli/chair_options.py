@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 PlantName = Literal["kinematic", "mujoco"]
 
 
-class Progress(Protocol):
+class ProgressCallback(Protocol):
     """A callback for the progress of a task."""
 
     def __call__(self, share: float) -> None:
@@ -98,7 +98,7 @@ class ChairOptions:
             print(text)
 
     @contextmanager
-    def progress(self, what: str) -> Iterator[Progress]:
+    def progress(self, what: str) -> Iterator[ProgressCallback]:
         """Show a progress bar on standard error while the block runs."""
         from rich.console import Console
         from rich.progress import Progress as Bar

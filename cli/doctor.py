@@ -24,7 +24,7 @@ LEAST_CORES = 2
 """One for the stack, one for the simulator."""
 
 
-class State(enum.Enum):
+class PartState(enum.Enum):
     """The state of a part."""
 
     OK = "ok"
@@ -37,7 +37,7 @@ class Check:
     """One part of the machine; `remedy` is the command that fixes it, empty if the part is OK."""
 
     part: str
-    state: State
+    state: PartState
     purpose: str
     remedy: str = ""
 
@@ -54,54 +54,54 @@ def doctor_command() -> None:
 
     found = examine()
     table = Table("part", "state", "for", Column("command", overflow="fold"))
-    colours = {State.OK: "green", State.MISSING: "red", State.OPTIONAL: "yellow"}
+    colours = {PartState.OK: "green", PartState.MISSING: "red", PartState.OPTIONAL: "yellow"}
     for check in found:
         state = f"[{colours[check.state]}]{check.state.value}[/]"
         table.add_row(escape(check.part), state, check.purpose, escape(check.remedy))
     print_table(table)
-    if any(check.state is State.MISSING for check in found):
+    if any(check.state is PartState.MISSING for check in found):
         sys.exit(1)
 
 
 def examine() -> tuple[Check, ...]:
     """Check all parts, in the order in which to fix them."""
-    return tuple(look() for look in _LOOKS)
+    return tuple(check() for check in _CHECKS)
 
 
-def _well(part: str, purpose: str, remedy: str, well: bool, otherwise: State) -> Check:
-    return Check(part, State.OK, purpose) if well else Check(part, otherwise, purpose, remedy)
+def _check(part: str, purpose: str, remedy: str, ok: bool, otherwise: PartState) -> Check:
+    return Check(part, PartState.OK, purpose) if ok else Check(part, otherwise, purpose, remedy)
 
 
 def _python() -> Check:
     part = f"Python {platform.python_version()}"
-    return _well(part, "everything", "sudo apt-get install python3.11", sys.version_info >= (3, 11), State.MISSING)
+    return _check(part, "everything", "sudo apt-get install python3.11", sys.version_info >= (3, 11), PartState.MISSING)
 
 
 def _core() -> Check:
-    return _packages("packages", None, "everything", State.MISSING)
+    return _packages("packages", None, "everything", PartState.MISSING)
 
 
 def _physics() -> Check:
-    return _packages("packages [sim]", "sim", "simulated physics and camera", State.OPTIONAL)
+    return _packages("packages [sim]", "sim", "simulated physics and camera", PartState.OPTIONAL)
 
 
 def _web() -> Check:
-    return _packages("packages [ui]", "ui", "the web page", State.OPTIONAL)
+    return _packages("packages [ui]", "ui", "the web page", PartState.OPTIONAL)
 
 
 def _ros() -> Check:
     purpose = "ROS 2 nodes (bags need none)"
     if find_spec("rclpy") is not None:
-        return Check("ROS 2", State.OK, purpose)
+        return Check("ROS 2", PartState.OK, purpose)
     installed = sorted(Path("/opt/ros").glob("*/setup.bash"))
     if installed:
-        return Check("ROS 2", State.OPTIONAL, purpose, f"source {installed[-1]}")
+        return Check("ROS 2", PartState.OPTIONAL, purpose, f"source {installed[-1]}")
     if platform.machine() != "x86_64":
-        return Check("ROS 2", State.OPTIONAL, purpose, "sudo apt-get install ros-jazzy-ros-base")
-    return _packages("ROS 2", "ros", purpose, State.OPTIONAL)
+        return Check("ROS 2", PartState.OPTIONAL, purpose, "sudo apt-get install ros-jazzy-ros-base")
+    return _packages("ROS 2", "ros", purpose, PartState.OPTIONAL)
 
 
-def _packages(part: str, extra: str | None, purpose: str, otherwise: State) -> Check:
+def _packages(part: str, extra: str | None, purpose: str, otherwise: PartState) -> Check:
     """Check that all packages that waychair or one of its extras requires are installed."""
     missing = []
     for requirement in metadata.requires("waychair") or []:
@@ -109,7 +109,7 @@ def _packages(part: str, extra: str | None, purpose: str, otherwise: State) -> C
         of_extra = re.search(r"extra == ['\"](\w+)['\"]", marker)
         if (of_extra[1] if of_extra else None) == extra and not _installed(needed):
             missing.append(f"'{needed.strip()}'")
-    return _well(part, purpose, f"pip install {' '.join(missing)}", not missing, otherwise)
+    return _check(part, purpose, f"pip install {' '.join(missing)}", not missing, otherwise)
 
 
 def _installed(requirement: str) -> bool:
@@ -127,18 +127,18 @@ def _camera() -> Check:
     program = "import sys; from waychair.simulation.renderer import renderer_problem; sys.exit(renderer_problem())"
     purpose, remedy = "simulated camera", "sudo apt-get install libegl1 libgl1-mesa-dri"
     if find_spec("moderngl") is None:
-        return Check("EGL", State.OPTIONAL, purpose, "pip install moderngl")
+        return Check("EGL", PartState.OPTIONAL, purpose, "pip install moderngl")
     try:
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False, timeout=60)
     except subprocess.TimeoutExpired:
-        return Check("EGL", State.OPTIONAL, purpose, remedy)
-    return _well("EGL", purpose, remedy, done.returncode == 0, State.OPTIONAL)
+        return Check("EGL", PartState.OPTIONAL, purpose, remedy)
+    return _check("EGL", purpose, remedy, done.returncode == 0, PartState.OPTIONAL)
 
 
 def _compiler() -> Check:
     found = any(shutil.which(name) for name in ("cc", "gcc", "clang"))
     purpose = "driving in the simulator, with the board's own program between"
-    return _well("C compiler", purpose, "sudo apt-get install gcc libc6-dev", found, State.OPTIONAL)
+    return _check("C compiler", purpose, "sudo apt-get install gcc libc6-dev", found, PartState.OPTIONAL)
 
 
 def _serial_ports() -> Check:
@@ -150,21 +150,21 @@ def _serial_ports() -> Check:
     except KeyError:
         allowed = False
     remedy = "sudo usermod -aG dialout $USER, then log in again"
-    return _well("serial ports", "a real chair", remedy, allowed, State.OPTIONAL)
+    return _check("serial ports", "a real chair", remedy, allowed, PartState.OPTIONAL)
 
 
 def _recordings() -> Check:
     folder = Path(os.environ.get("WAYCHAIR_DATA", "../shared/data"))
     there = (folder / "lidar_intel").is_dir()
     remedy = "export WAYCHAIR_DATA=/path/to/recordings (a folder that holds lidar_intel)"
-    return _well("recordings", "the demo on a real building", remedy, there, State.OPTIONAL)
+    return _check("recordings", "the demo on a real building", remedy, there, PartState.OPTIONAL)
 
 
 def _disk() -> Check:
     free = shutil.disk_usage(Path.cwd()).free
     remedy = f"make {LEAST_DISK / GIGABYTE:g} GB free (du -h --max-depth=1 ~), or work in another folder"
     part = f"disk, {free / GIGABYTE:.1f} GB free here"
-    return _well(part, "recordings and maps", remedy, free >= LEAST_DISK, State.MISSING)
+    return _check(part, "recordings and maps", remedy, free >= LEAST_DISK, PartState.MISSING)
 
 
 def _memory() -> Check:
@@ -175,14 +175,14 @@ def _memory() -> Check:
         free = int(available[1]) * 1024 if available else free
     part = f"memory, {free / GIGABYTE:.1f} GB free"
     remedy = "close programs (top -o %MEM shows the largest)"
-    return _well(part, "mapping", remedy, free >= LEAST_MEMORY, State.MISSING)
+    return _check(part, "mapping", remedy, free >= LEAST_MEMORY, PartState.MISSING)
 
 
 def _cores() -> Check:
     count = len(os.sched_getaffinity(0))
     purpose = "simulating in real time beside the stack"
     remedy = "give this machine another core (taskset -p $$ shows those that are allowed)"
-    return _well(f"processor, {count} cores", purpose, remedy, count >= LEAST_CORES, State.OPTIONAL)
+    return _check(f"processor, {count} cores", purpose, remedy, count >= LEAST_CORES, PartState.OPTIONAL)
 
 
 def _kernel_cache() -> Check:
@@ -196,7 +196,7 @@ def _kernel_cache() -> Check:
         folders.append(Path.home() / ".cache")
     writable = any(os.access(_existing(folder), os.W_OK) for folder in folders)
     purpose, remedy = "compiled kernels (without it each start takes a minute)", "export NUMBA_CACHE_DIR=/tmp/numba"
-    return _well("cache of kernels", purpose, remedy, writable, State.MISSING)
+    return _check("cache of kernels", purpose, remedy, writable, PartState.MISSING)
 
 
 def _existing(folder: Path) -> Path:
@@ -204,7 +204,7 @@ def _existing(folder: Path) -> Path:
     return next(path for path in (folder, *folder.absolute().parents) if path.exists())
 
 
-_LOOKS: tuple[Callable[[], Check], ...] = (
+_CHECKS: tuple[Callable[[], Check], ...] = (
     _python,
     _core,
     _kernel_cache,

@@ -78,7 +78,7 @@ def demo_command(
         for name, value in facts(demo):
             print(f"{name:22s} {value}")
         print(f"{demo.reached} of {len(demo.legs)} goals reached; see {out / 'report.html'}")
-    if demo.reached < len(demo.legs) or page.stopped:
+    if demo.reached < len(demo.legs) or page.stop_requested:
         sys.exit(1)
 
 

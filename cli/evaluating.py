@@ -114,7 +114,7 @@ def evaluate_command(
         mount = None if base_from_laser is None else pose_from_text(base_from_laser, "--base-from-laser")
         found = relation_errors(poses, read_relations(relations), mount)
         lines = [
-            f"{found.every.count} of {found.of} relations",
+            f"{found.every.count} of {found.total} relations",
             _line("all", found.every),
             _line("local", found.local),
             _line("across loops", found.loop),
@@ -124,7 +124,7 @@ def evaluate_command(
         assert truth is not None
         errors = truth_errors(poses, read_tum(truth))
         lines = [
-            f"{errors.errors.count} of {errors.of} poses, RMSE {errors.rmse_m:.4f} m",
+            f"{errors.errors.count} of {errors.total} poses, RMSE {errors.rmse_m:.4f} m",
             _line("absolute", errors.errors),
         ]
         values = asdict(errors)

@@ -113,9 +113,9 @@ def main() -> None:
     except MemoryError:
         _fail("this computer has too little memory for that; take a smaller map or recording, or end other programs")
     except OSError as error:
-        from waychair.files import refusal
+        from waychair.files import os_error_text
 
-        _fail(f"cannot read or write {error.filename or 'what was asked for'}: {refusal(error)}")
+        _fail(f"cannot read or write {error.filename or 'what was asked for'}: {os_error_text(error)}")
     except KeyboardInterrupt as stop:
         for note in getattr(stop, "__notes__", ()):  # such as the path of an interrupted recording
             print(f"waychair: stopped; {note}", file=sys.stderr)

@@ -73,7 +73,7 @@ def map_command(
     from waychair.rgbd_folders import is_rgbd_folder
     from waychair.runtime.map_folders import refuse_drawn, refuse_other
     from waychair.runtime.mapping import MappingSettings, join_recording, map_recording, save_mapping
-    from waychair.runtime.sessions import session_folder, written_aside
+    from waychair.runtime.sessions import replaced_folder, session_folder
 
     known = None if session is None else session_folder(session)
     out = out or known
@@ -99,7 +99,7 @@ def map_command(
         else:
             if out.resolve() != known.resolve():
                 refuse_drawn(out, "choose another folder with --out")
-            with written_aside(out, known) as aside:
+            with replaced_folder(out, known) as aside:
                 mapping = join_recording(log, settings, known, aside, progress.stage("joining"), reading_s=reading_s)
                 save_mapping(aside, mapping, settings)
         progress.warn(mapping.report["warnings"][len(log.warnings) :])

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 TOKEN = "WAYCHAIR_PAGE_TOKEN"
 """Environment variable with the page's token; files and arguments could be read by other users."""
 
-_USUAL = 8000
-_SHORTEST = 12
+_DEFAULT_PORT = 8000
+_SHORTEST_TOKEN = 12
 
 
 def has_ui() -> bool:
@@ -36,9 +36,9 @@ def page_token(lan: bool, given: str | None) -> str:
     """
     if given is None:
         return secrets.token_urlsafe(16) if lan else ""
-    if len(given) < _SHORTEST or not all(c.isascii() and (c.isalnum() or c in "-_") for c in given):
+    if len(given) < _SHORTEST_TOKEN or not all(c.isascii() and (c.isalnum() or c in "-_") for c in given):
         raise BadArgument(
-            f"--token must be {_SHORTEST} or more letters, digits, - and _; leave it out to have one made"
+            f"--token must be {_SHORTEST_TOKEN} or more letters, digits, - and _; leave it out to have one made"
         )
     return given
 
@@ -55,7 +55,7 @@ def port_of_page(wanted: int | None) -> int:
     Raises:
         BadArgument: the wanted port is taken or invalid.
     """
-    for port in (_USUAL, 0) if wanted is None else (wanted,):
+    for port in (_DEFAULT_PORT, 0) if wanted is None else (wanted,):
         try:
             with socket.create_server(("127.0.0.1", port)) as listener:
                 return int(listener.getsockname()[1])

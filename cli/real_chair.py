@@ -8,7 +8,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from waychair.calibration.drive_log import write_drive_log
+from waychair.calibration.drive_log import write_sweep_log
 from waychair.calibration.sweep import Recorder
 from waychair.cli.arguments import BadArgument
 from waychair.cli.chair_options import PortOptions
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from waychair.trials.board_drive import BoardDrive
     from waychair.trials.measured_speeds import SpeedMeter
 
-GO = "drive"
+CONFIRMATION = "drive"
 """The word that confirms that a chair may drive by itself."""
 
 
@@ -33,16 +33,16 @@ def armed_chair(real: PortOptions, body: ChairBody, name: str) -> Iterator[Board
     """
     from waychair.firmware_bridge.protocol import Family
     from waychair.firmware_bridge.transports import transport_from_text
-    from waychair.trials.board_drive import BoardDrive, BoardDriveSettings
+    from waychair.trials.board_drive import BoardDrive, DriveLimits
 
     if real.port is None or real.sensors is None:
         raise BadArgument("a real chair needs --port of its board and --sensors of what measures its speeds")
-    settings = BoardDriveSettings(room=real.room)
+    limits = DriveLimits(max_distance=real.room)
     family = Family[real.family.upper()]
     with (
         closing(transport_from_text(real.port, "--port")) as board,
         closing(transport_from_text(real.sensors, "--sensors")) as sensors,
-        BoardDrive(board, sensors, _meter(real, body), name, family=family, settings=settings) as drive,
+        BoardDrive(board, sensors, _meter(real, body), name, family=family, limits=limits) as drive,
     ):
         _confirm(name, real.room)
         drive.arm()
@@ -60,13 +60,13 @@ def _confirm(name: str, room: float) -> None:
         f"Chair '{name}' is about to drive by itself, to and fro, up to {room:g} m from where it stands.\n"
         "- The floor must be free that far all round; somebody must be within reach of its e-stop.\n"
         "- Take your hand off the joystick. Touching it gives you the chair at once; Ctrl-C stops as well.\n"
-        f"Type '{GO}' and press Enter to begin: ",
+        f"Type '{CONFIRMATION}' and press Enter to begin: ",
         end="",
         file=sys.stderr,
         flush=True,
     )
-    if sys.stdin.readline().strip().lower() != GO:
-        raise BadArgument(f"nobody typed '{GO}', so that the chair stays where it is")
+    if sys.stdin.readline().strip().lower() != CONFIRMATION:
+        raise BadArgument(f"nobody typed '{CONFIRMATION}', so that the chair stays where it is")
 
 
 @contextmanager
@@ -82,11 +82,11 @@ def keeping(log: Path | None, recorder: Recorder) -> Iterator[Recorder]:
         if log is None or not len(recorder.log().stamps_ns):
             raise
         part = log.with_name(f"{log.name}.part")
-        write_drive_log(part, recorder.log())
+        write_sweep_log(part, recorder.log())
         kept = f"what was measured until then is in {part}"
         if isinstance(error, KeyboardInterrupt):
             error.add_note(kept)
             raise
         raise type(error)(f"{error}; {kept}") from error
     if log is not None:
-        write_drive_log(log, recorder.log())
+        write_sweep_log(log, recorder.log())

@@ -11,7 +11,7 @@ from cyclopts import Parameter
 
 from waychair.cli.arguments import Count
 
-USUAL = ("/scan", "/odom", "/imu/data", "/tf_static")
+NEEDED_TOPICS = ("/scan", "/odom", "/imu/data", "/tf_static")
 """Topics that `waychair map` needs, or without which it has to guess."""
 
 
@@ -42,7 +42,7 @@ def record_command(
     path = out or Path(time.strftime("drive-%Y%m%d-%H%M%S.mcap"))
     print(f"recording into {path}: end it with Ctrl-C", file=sys.stderr)
     done = record(path, camera, namespace)
-    for topic in (name for name in USUAL if not any(known.endswith(name) for known in done.counts)):
+    for topic in (name for name in NEEDED_TOPICS if not any(known.endswith(name) for known in done.counts)):
         print(f"warning: nothing has come on {topic}", file=sys.stderr)
     print(f"{done.path}: {done.seconds:.1f} s, {done.megabytes:.1f} MB in {sum(done.counts.values())} messages")
 

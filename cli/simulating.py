@@ -58,7 +58,7 @@ def _row(world: World, brief: bool) -> tuple[str, ...]:
     """Return a level's table row; `brief` counts the doors instead of naming them."""
     from waychair.simulation.world import MARGIN
     from waychair.trials.record import route_length
-    from waychair.trials.world_plan import hazards
+    from waychair.trials.world_plan import hazard_names
 
     doors = ", ".join(f"{door.name} {door.width:.4g}" for door in world.doors)
     if brief and len(world.doors) > 1:
@@ -71,7 +71,7 @@ def _row(world: World, brief: bool) -> tuple[str, ...]:
         ", ".join(place.name for place in world.places),
         doors,
         ", ".join(f"{route} {route_length(points, world.start):.0f}" for route, points in world.routes.items()),
-        ", ".join(hazards(world)),
+        ", ".join(hazard_names(world)),
     )
 
 

@@ -110,7 +110,7 @@ def up_command(
     from waychair.maps.zones import check_zones, load_zones
     from waychair.ros.environment import is_secured, ros_environment
     from waychair.ros.interface_types import interface_type
-    from waychair.ros.shared_memory import clear_dead
+    from waychair.ros.shared_memory import remove_dead_segments
     from waychair.ros.stack import Stack, processes
     from waychair.runtime.processes import Supervision, signalled
 
@@ -143,7 +143,7 @@ def up_command(
         print(
             f"waychair: the page is at {page_address(stack.page_port, page_lan, environment[TOKEN])}", file=sys.stderr
         )
-    clear_dead()
+    remove_dead_segments()
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     with Supervision(table, environment, lambda sentence: print(f"waychair: {sentence}", file=sys.stderr)) as running:
         while not ending():

@@ -41,9 +41,9 @@ def vocabulary_command(
         Show no progress and no warnings.
     """
     from waychair.cli.recordings import stages
-    from waychair.runtime.vocabulary_making import VocabularyMaking, make_vocabulary
+    from waychair.runtime.vocabulary_making import VocabularyMakingSettings, make_vocabulary
 
-    settings = VocabularyMaking()
+    settings = VocabularyMakingSettings()
     settings = replace(
         settings,
         features=replace(settings.features, detector=detector),

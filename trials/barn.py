@@ -78,7 +78,7 @@ OPTIMAL_SPEED = 2.0  # m/s; the reference path's time is its length over this sp
 START_OFFSET = 0.10  # m; greatest offset of a start, in x and y
 START_TURN = math.radians(10.0)  # rad; greatest turn of a start
 ODOMETRY_SCALE = 0.005  # error of distance and turn, one sigma over runs
-LIDAR = LidarSettings(rate_hz=COMMAND.rate_hz, sweep_s=0.0, sigma_per_metre=0.0, drop_out=0.0, mixed=0.0)
+LIDAR = LidarSettings(rate_hz=COMMAND.rate_hz, sweep_s=0.0, faults=False)
 """A lidar whose only error is the noise of its ranges."""
 
 

@@ -18,7 +18,7 @@ from waychair.calibration.wheels import WheelCalibration, wheels_from_drive
 from waychair.errors import CalibrationError, MissingExtra
 from waychair.geometry import arc, pose_from_array, transform_points
 from waychair.recording import read_recording, read_tum
-from waychair.simulation.follower import Follower, FollowerSettings, follow
+from waychair.simulation.follower import Follower, follow
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.slam.localiser import Localiser, LocaliserSettings
 from waychair.trials.halls import open_hall
@@ -42,13 +42,13 @@ STRETCH_NS = 500_000_000
 """Time between the poses that the encoders are compared with."""
 
 _MAPPED_STRETCH_NS = 4 * STRETCH_NS  # lidar poses are good to a centimetre: longer stretches reduce the relative error
-_NEAR = 0.15  # [m]: error of a mount by tape measure
-_LEAN = math.sin(math.radians(15.0))
+_TAPE_ERROR = 0.15  # [m]: error of a mount by tape measure
+_GREATEST_TILT_SIN = math.sin(math.radians(15.0))
 _LEAST_BEAMS = 10
 _FLOOR_POINTS = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [3.0, 1.0, 0.0], [3.0, -1.0, 0.0]])
 _DIRECTIONS = 8
-_STILL = 0.05  # [m]: most beams of two scans at rest differ by less
-_PAUSE_NS = 500_000_000  # scans farther apart in time cannot show that the chair rested
+_REST_DIFFERENCE = 0.05  # [m]: most beams of two scans at rest differ by less
+_REST_WITHIN_NS = 500_000_000  # scans farther apart in time cannot show that the chair rested
 _VIEWS_APART_NS = 500_000_000
 WHEELS_HALL = 14.0
 """Side [m] of a hall that holds the square of `calibrate_wheels` with walls within the lidar's range."""
@@ -73,7 +73,7 @@ def calibrate_wheels(simulator: Simulator, *, mapped: bool = False, rounds: int 
     """
     body, start = simulator.body, simulator.truth()
     route = np.concatenate([square_both_ways(start)] * rounds)
-    follower = Follower(route, body.track, simulator.settings.plant, FollowerSettings(speed=_SQUARE_SPEED))
+    follower = Follower(route, body.track, simulator.settings.plant, speed=_SQUARE_SPEED)
     ticks: list[WheelTicks] = []
     truth: list[tuple[int, Pose2]] = []
     scans: list[Scan] = []
@@ -99,7 +99,7 @@ def poses_from_scans(
     Raises:
         CalibrationError: the localiser got lost.
     """
-    stamps, odom_from_base, twists = reckoned(body, ticks)
+    stamps, odom_from_base, twists = dead_reckoned(body, ticks)
     localiser = Localiser(grid, body.base_from_laser, start, LocaliserSettings())
     poses = []
     for scan in scans:
@@ -112,12 +112,12 @@ def poses_from_scans(
     return poses
 
 
-def reckoned(body: ChairBody, ticks: Sequence[WheelTicks]) -> tuple[IntArray, list[Pose2], list[Twist]]:
+def dead_reckoned(body: ChairBody, ticks: Sequence[WheelTicks]) -> tuple[IntArray, list[Pose2], list[Twist]]:
     """Return stamps (N,), poses since the first reading, and twists: dead reckoning with nominal wheels and track."""
     meter, pose = EncoderSpeeds(body), Pose2()
     stamps, poses, twists = [ticks[0].stamp_ns], [pose], [Twist()]
     for before, reading in pairwise(ticks):
-        for sample in meter.take_in((before, reading)):
+        for sample in meter.add_messages((before, reading)):
             seconds = (reading.stamp_ns - stamps[-1]) * 1e-9
             pose = pose @ arc(sample.v * seconds, sample.omega * seconds)
             stamps.append(reading.stamp_ns)
@@ -200,7 +200,7 @@ def views_of_planes(
     points = _beam_ends(scan)
     planes = planes_from_depth(frame.depth, frame.camera_matrix, np.random.default_rng(seed))
     upright = [abs(float(plane.normal @ nominal.rotation[:, 2])) for plane in planes]
-    walls = [plane for plane, up in zip(planes, upright, strict=True) if up < _LEAN]
+    walls = [plane for plane, up in zip(planes, upright, strict=True) if up < _GREATEST_TILT_SIN]
     on = np.array([_near_plane(points, plane, nominal) for plane in walls]).reshape(len(walls), len(points))
     alone = on.sum(axis=0) == 1  # in a corner a beam may belong to either wall
     views = [
@@ -209,7 +209,7 @@ def views_of_planes(
         if (mine & alone).sum() >= _LEAST_BEAMS
     ]
     floor = _FLOOR_POINTS - (0.0, 0.0, body.laser_z)
-    floors = [plane for plane, up in zip(planes, upright, strict=True) if up > math.sqrt(1.0 - _LEAN**2)]
+    floors = [plane for plane, up in zip(planes, upright, strict=True) if up > math.sqrt(1.0 - _GREATEST_TILT_SIN**2)]
     return (*views, *(PlaneView(plane.normal, plane.distance, floor) for plane in floors))
 
 
@@ -223,8 +223,8 @@ def _beam_ends(scan: Scan) -> FloatArray:
 def _near_plane(points: FloatArray, plane: Plane, camera_from_laser: Pose3) -> BoolArray:
     """Return (N,) whether points (N, 3) lie near the part of a plane that the camera saw, by the nominal mount."""
     there = points @ camera_from_laser.rotation.T + camera_from_laser.translation
-    between = (there > plane.extent[0] - _NEAR) & (there < plane.extent[1] + _NEAR)
-    near: BoolArray = (np.abs(there @ plane.normal - plane.distance) < _NEAR) & between[:, 0] & between[:, 2]
+    between = (there > plane.extent[0] - _TAPE_ERROR) & (there < plane.extent[1] + _TAPE_ERROR)
+    near: BoolArray = (np.abs(there @ plane.normal - plane.distance) < _TAPE_ERROR) & between[:, 0] & between[:, 2]
     return near
 
 
@@ -295,7 +295,7 @@ def camera_from_recording(path: Path, body: ChairBody) -> Extrinsics:
     for picture in recording.pictures():
         pictures += 1
         at = int(np.searchsorted(stamps, picture.stamp_ns, side="right")) - 1
-        if picture.stamp_ns < next_ns or not 0 <= at < len(scans) - 1 or not _alike(scans[at], scans[at + 1]):
+        if picture.stamp_ns < next_ns or not 0 <= at < len(scans) - 1 or not _at_rest(scans[at], scans[at + 1]):
             continue
         next_ns = picture.stamp_ns + _VIEWS_APART_NS
         views += views_of_planes(picture, scans[at], body, nominal)
@@ -307,13 +307,13 @@ def camera_from_recording(path: Path, body: ChairBody) -> Extrinsics:
     return extrinsics_from_planes(views, nominal)
 
 
-def _alike(before: Scan, after: Scan) -> bool:
+def _at_rest(before: Scan, after: Scan) -> bool:
     """Return whether two successive scans show a chair at rest."""
-    if len(before.ranges) != len(after.ranges) or after.stamp_ns - before.stamp_ns > _PAUSE_NS:
+    if len(before.ranges) != len(after.ranges) or after.stamp_ns - before.stamp_ns > _REST_WITHIN_NS:
         return False
     both = np.isfinite(before.ranges) & np.isfinite(after.ranges)
     off = np.abs(after.ranges[both] - before.ranges[both])
-    return bool(both.sum() >= _LEAST_BEAMS and np.percentile(off, 80.0) < _STILL)
+    return bool(both.sum() >= _LEAST_BEAMS and np.percentile(off, 80.0) < _REST_DIFFERENCE)
 
 
 def frame_and_scan(simulator: Simulator) -> tuple[RgbdFrame, Scan]:

@@ -20,7 +20,7 @@ from waychair.errors import CalibrationError, ThinData
 from waychair.simulation.plant import volts_from_twist
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.trials.headings import CameraHeading, heading_from_scans, heading_from_wheels
-from waychair.trials.simulated_drive import held
+from waychair.trials.simulated_drive import hold_lines
 from waychair.types import ImuSample, Odometry, RgbdFrame, Scan, Twist, WheelTicks
 
 LIDAR, WHEELS, CAMERA = "lidar", "wheels", "camera"
@@ -123,12 +123,12 @@ def turns_to_and_fro(simulator: Simulator, seconds: float, seed: int = 0) -> Ite
     plant, track = simulator.settings.plant, simulator.body.track
     neutral = volts_from_twist(plant, track, Twist())
     until_ns, side = simulator.now_ns + round(seconds * 1e9), 1.0
-    yield from held(simulator, *neutral, 1.0)
+    yield from hold_lines(simulator, *neutral, 1.0)
     while simulator.now_ns < until_ns:
         rate = side * float(rng.uniform(*_TURN_RATES))
-        yield from held(simulator, *volts_from_twist(plant, track, Twist(0.0, rate)), float(rng.uniform(*_HOLDS)))
+        yield from hold_lines(simulator, *volts_from_twist(plant, track, Twist(0.0, rate)), float(rng.uniform(*_HOLDS)))
         side = -side
-    yield from held(simulator, *neutral, 1.0)
+    yield from hold_lines(simulator, *neutral, 1.0)
 
 
 def milliseconds(offset: TimeOffset) -> str:

@@ -38,10 +38,19 @@ from waychair.simulation.world import World, load_world
 from waychair.slam.evaluation import TruthErrors, truth_errors
 from waychair.slam.synchroniser import Synchroniser
 from waychair.topics import SCAN, WHEELS
-from waychair.trials.drive import Found, Leg, Setting, black_box, board_settings, chair_in, drive_leg, find_itself
+from waychair.trials.drive import (
+    DriveRecord,
+    DriveSetup,
+    SelfLocalisation,
+    black_box,
+    board_settings,
+    drive_to_place,
+    localise_by_joystick,
+    simulated_chair,
+)
 from waychair.trials.record import drive_route
-from waychair.trials.revisits import truth_of
-from waychair.trials.ride import Ride, WatchedSimulator, ride_of
+from waychair.trials.revisits import true_trajectory
+from waychair.trials.ride import RecordingSimulator, Ride, ride_of
 from waychair.types import FloatArray, Place, Pose2, Scan, WheelTicks
 
 WORLD = "second_floor"
@@ -52,29 +61,29 @@ MOST_GOALS = 3
 FIRST_GOALS = ("lift", "restroom")
 """Places that are the first goals, if the world has them."""
 
-_GOES_ON, _SPARE = 2.0, 0.2
+_FARTHEST_AHEAD, _TURNING_CLEARANCE = 2.0, 0.2
 """To turn round, the rider drives at most so far [m] ahead and needs this clearance [m] round the chair's circle."""
 
 _AT_DOOR = 0.5
 """A path that passes a door's middle within this distance [m] leads through the door."""
 
-Progress = Callable[[str, float], None]
+StageProgress = Callable[[str, float], None]
 
 
 @dataclass(frozen=True, slots=True)
 class Demo:
     """The results of a demo: the map and its errors, the drives on it, and the time [s] of each stage.
 
-    `found`: how the chair localised itself. `closed`: name of the closed door, empty for none. `person_m`: least
+    `localised`: how the chair localised itself. `closed`: name of the closed door, empty for none. `person_m`: least
     distance [m] to a person while the chair drove itself, +inf without people.
     """
 
     world: str
     mapping: Mapping
     errors: TruthErrors
-    setting: Setting
-    legs: tuple[Leg, ...]
-    found: Found
+    setup: DriveSetup
+    legs: tuple[DriveRecord, ...]
+    localised: SelfLocalisation
     closed: str
     person_m: float
     ride: Ride
@@ -90,20 +99,20 @@ class Demo:
 class DemoWatcher:
     """Callbacks of a running demo, called in its thread; these do nothing."""
 
-    def maps(self, live: LiveMapping, scan: Scan) -> None:
+    def scan_mapped(self, live: LiveMapping, scan: Scan) -> None:
         """A scan was added to the map during the rider's drive."""
 
-    def drives(self, setting: Setting, chair: Chair) -> None:
-        """From now on this chair localises itself and drives, on the map of `setting`."""
+    def drive_began(self, setup: DriveSetup, chair: Chair) -> None:
+        """From now on this chair localises itself and drives, on the map of `setup`."""
 
-    def heads_for(self, goal: str) -> None:
+    def goal_chosen(self, goal: str) -> None:
         """The chair is about to drive to a place."""
 
-    def ticks(self, messages: Sequence[SensorMessage], state: ChairState) -> None:
+    def tick_ended(self, messages: Sequence[SensorMessage], state: ChairState) -> None:
         """A tick of the chair has ended."""
 
     @property
-    def stopped(self) -> bool:
+    def stop_requested(self) -> bool:
         """Whether the demo should drive to no further goals."""
         return False
 
@@ -111,7 +120,7 @@ class DemoWatcher:
 def run_demo(
     out: Path,
     seed: int = 0,
-    progress: Progress = lambda stage, share: None,
+    progress: StageProgress = lambda stage, share: None,
     world: str | Path = WORLD,
     surprises: bool = True,
     box: Path | None = None,
@@ -128,34 +137,34 @@ def run_demo(
     """
     stage, watcher = _Stages(progress), watcher or DemoWatcher()
     building = load_world(world) if surprises else load_world(world).without_people()
-    simulator = WatchedSimulator(building, CHAIR_A, chair_of(seed), seed)
+    simulator = RecordingSimulator(building, CHAIR_A, randomised_settings(seed), seed)
     with stage("map"):
-        mapping, errors = _mapped(out, simulator, stage, watcher)
+        mapping, errors = _map_by_joystick(out, simulator, stage, watcher)
     with stage("save"):
         save_mapping(out / "map", mapping, MappingSettings())
         map_from_world = building.start.inverse()
         save_places(out / "map", {place.name: _in_map(place, map_from_world) for place in building.places})
-    setting = _setting_of(out / "map", map_from_world)
+    setup = _setup_on_map(out / "map", map_from_world)
     goals = _goals(building)
-    closed = _door_on_the_way(building, goals) if surprises else ""
+    closed = _door_to_close(building, goals) if surprises else ""
     if closed:
         simulator.close(closed)
     simulator.populate(building.people)
     with (
-        black_box(setting, box) as log,
-        chair_in(setting, simulator, log, told=False) as chair,
+        black_box(setup, box) as log,
+        simulated_chair(setup, simulator, log, start_known=False) as chair,
     ):
-        watcher.drives(setting, chair)
+        watcher.drive_began(setup, chair)
         with stage("find"):
-            back = Follower(way_back(building), CHAIR_A.track, PlantSettings())
-            found = find_itself(simulator, chair, back, watcher.ticks)
+            back = Follower(return_route(building), CHAIR_A.track, PlantSettings())
+            found = localise_by_joystick(simulator, chair, back, watcher.tick_ended)
         began_ns, legs = simulator.now_ns, []
         with stage("drive"):
             for index, goal in enumerate(goals):
-                if watcher.stopped:
+                if watcher.stop_requested:
                     break
-                watcher.heads_for(goal)
-                legs.append(drive_leg(setting, simulator, chair, goal, heard=watcher.ticks))
+                watcher.goal_chosen(goal)
+                legs.append(drive_to_place(setup, simulator, chair, goal, on_tick=watcher.tick_ended))
                 progress("drive", (index + 1) / len(goals))
     motion = simulator.motion().since(began_ns)
     person_m = float(motion.people.min(initial=np.inf))
@@ -163,7 +172,7 @@ def run_demo(
         building.name,
         mapping,
         errors,
-        setting,
+        setup,
         tuple(legs),
         found,
         closed,
@@ -174,32 +183,34 @@ def run_demo(
     )
 
 
-def chair_of(seed: int) -> SimulatorSettings:
+def randomised_settings(seed: int) -> SimulatorSettings:
     """Return the settings of a simulated chair whose plant differs from the calibration, randomised by the seed."""
     return SimulatorSettings(plant=randomised(PlantSettings(), seed))
 
 
-def _mapped(
-    out: Path, simulator: WatchedSimulator, stage: _Stages, watcher: DemoWatcher
+def _map_by_joystick(
+    out: Path, simulator: RecordingSimulator, stage: _Stages, watcher: DemoWatcher
 ) -> tuple[Mapping, TruthErrors]:
     """Return a floor's map and its errors; a rider drives the mapping route through the firmware meanwhile."""
     bag = out / "drive.mcap"
     bag.unlink(missing_ok=True)
     live = LiveMapping(MappingSettings(), CHAIR_A.base_from_laser, CHAIR_A)
-    wiring = board_settings(Setting(simulator.world.grid, {}, CHAIR_A, DEFAULT))
+    wiring = board_settings(DriveSetup(simulator.world.grid, {}, CHAIR_A, DEFAULT))
     route = simulator.world.route()
     with HostBoard(board_program(), wiring) as board:
         simulator.wire(board)
         try:
-            hear = _Hearing(live, watcher).message
-            drive_route(simulator, CHAIR_A, route, bag, lambda share: stage.progress("map", share), hear=hear)
+            on_message = _FrameMapper(live, watcher).message
+            drive_route(
+                simulator, CHAIR_A, route, bag, lambda share: stage.progress("map", share), on_message=on_message
+            )
         finally:
             simulator.wire(None)
     mapping = live_result(live, bag, "a simulated drive, mapped on the way")
-    return mapping, truth_errors(mapping.result.trajectory, truth_of(bag))
+    return mapping, truth_errors(mapping.result.trajectory, true_trajectory(bag))
 
 
-class _Hearing:
+class _FrameMapper:
     """Assembles sensor messages into frames and maps each complete frame."""
 
     def __init__(self, live: LiveMapping, watcher: DemoWatcher) -> None:
@@ -214,13 +225,13 @@ class _Hearing:
             for frame in self._frames.add(self._topics[type(message)], message):
                 self._live.process(frame)
                 if frame.scan is not None:
-                    self._watcher.maps(self._live, frame.scan)
+                    self._watcher.scan_mapped(self._live, frame.scan)
 
 
-def _setting_of(folder: Path, map_from_world: Pose2) -> Setting:
+def _setup_on_map(folder: Path, map_from_world: Pose2) -> DriveSetup:
     """Return the setting of a drive on the saved map."""
     places = load_places(folder)
-    return Setting(load_map(folder), places, CHAIR_A, DEFAULT, map_from_world, zones=load_zones(folder))
+    return DriveSetup(load_map(folder), places, CHAIR_A, DEFAULT, map_from_world, zones=load_zones(folder))
 
 
 def _goals(world: World) -> list[str]:
@@ -230,7 +241,7 @@ def _goals(world: World) -> list[str]:
     return [*first, *(name for name in names if name not in first)][:MOST_GOALS]
 
 
-def _door_on_the_way(world: World, goals: list[str]) -> str:
+def _door_to_close(world: World, goals: list[str]) -> str:
     """Return a door on a planned path that a detour can avoid, searching the last drives first; empty for none."""
     places = {place.name: place.pose for place in world.places}
     for begin, end in reversed([(places[a], places[b]) for a, b in pairwise(goals)]):
@@ -246,15 +257,15 @@ def _door_on_the_way(world: World, goals: list[str]) -> str:
     return ""
 
 
-def way_back(world: World) -> FloatArray:
+def return_route(world: World) -> FloatArray:
     """Return the reversed mapping route (N, 2) [m], after a spot straight ahead with space to turn round."""
     route, field = world.route(), distance_field(world.grid)
     if len(route) < 2:
         return route[:0]
     ahead = (route[-1] - route[-2]) / math.dist(route[-1], route[-2])
-    spots = route[-1] + np.arange(0.0, _GOES_ON, field.resolution)[:, None] * ahead
+    spots = route[-1] + np.arange(0.0, _FARTHEST_AHEAD, field.resolution)[:, None] * ahead
     shut = are_within(field.metres, world.grid, spots, CHAIR_A.width / 2)
-    tight = are_within(field.metres, world.grid, spots, CHAIR_A.circumscribed_radius + _SPARE)
+    tight = are_within(field.metres, world.grid, spots, CHAIR_A.circumscribed_radius + _TURNING_CLEARANCE)
     first = int(np.argmin(tight))
     reached = not tight[first] and not shut[:first].any()
     return np.concatenate([spots[first : first + 1] if first and reached else route[:0], route[-2::-1]])
@@ -263,7 +274,7 @@ def way_back(world: World) -> FloatArray:
 class _Stages:
     """Measures the wall time of the stages and reports each stage's progress."""
 
-    def __init__(self, progress: Progress) -> None:
+    def __init__(self, progress: StageProgress) -> None:
         self.seconds: dict[str, float] = {}
         self.progress = progress
 

@@ -11,20 +11,20 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.maps.zones import Zone
 from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_display import ChairDisplay
-from waychair.runtime.chair_port import Answer, ChairView, Layout
+from waychair.runtime.chair_port import Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import shown_points
 from waychair.runtime.live_mapping import LiveMapping
 from waychair.simulation.simulator import SensorMessage
 from waychair.slam.localisation import LocalisationState
 from waychair.trials.demo import DemoWatcher
-from waychair.trials.drive import Setting
+from waychair.trials.drive import DriveSetup
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Place, Pose2, Scan, Twist
 
 _VIEWS_S, _GRIDS_S = 0.05, 1.0
-_SHOWN = Answer(False, "this demo drives by itself; `waychair page` gives you a chair of your own")
+_NOT_HERE = Answer(False, "this demo drives by itself; `waychair page` gives you a chair of your own")
 _MAPPING = "A rider drives by joystick; the chair makes the map on the way."
 _FINDING = "A rider drives by joystick until the chair knows where it is on the map."
-_NOWHERE = ChairView(
+_BEFORE_START = ChairView(
     0, None, LocalisationState.LOST, 0.0, DriveMode.MANUAL, Twist(), next_action="The demo is about to begin."
 )
 
@@ -37,9 +37,9 @@ class DemoPage(DemoWatcher):
 
     def __init__(self, views_s: float = _VIEWS_S, grids_s: float = _GRIDS_S) -> None:
         self._between_views_s, self._between_grids_s = views_s, grids_s
-        self._view = _NOWHERE
+        self._view = _BEFORE_START
         self._grid: OccupancyGrid | None = None
-        self._layout = Layout()
+        self._layout = LayoutView()
         self._revision = 0
         self._chair: Chair | None = None  # while a rider makes the map
         self._display: ChairDisplay
@@ -48,16 +48,16 @@ class DemoPage(DemoWatcher):
 
     # --- callbacks of the demo ------------------------------------------------------------------------------------
 
-    def maps(self, live: LiveMapping, scan: Scan) -> None:
+    def scan_mapped(self, live: LiveMapping, scan: Scan) -> None:
         """See `DemoWatcher`."""
         if not self._due():
             return
         now_s, pose = time.monotonic(), live.pose()
         if now_s - self._drawn_s >= self._between_grids_s:
             self._drawn_s = now_s
-            self._show(live.grid(), Layout())
+            self._show(live.grid(), LayoutView())
         self._view = replace(
-            _NOWHERE,
+            _BEFORE_START,
             map_from_base=pose,
             localisation=LocalisationState.OK,
             health=1.0,
@@ -67,17 +67,17 @@ class DemoPage(DemoWatcher):
             layout_revision=self._revision,
         )
 
-    def drives(self, setting: Setting, chair: Chair) -> None:
+    def drive_began(self, setup: DriveSetup, chair: Chair) -> None:
         """See `DemoWatcher`."""
         self._chair = chair
         self._display = ChairDisplay(chair, CHAIR_A.base_from_laser)
-        self._show(setting.grid, Layout(dict(setting.places), tuple(setting.zones)))
+        self._show(setup.grid, LayoutView(dict(setup.places), tuple(setup.zones)))
 
-    def heads_for(self, goal: str) -> None:
+    def goal_chosen(self, goal: str) -> None:
         """See `DemoWatcher`."""
         self._display.label = goal
 
-    def ticks(self, messages: Sequence[SensorMessage], state: ChairState) -> None:
+    def tick_ended(self, messages: Sequence[SensorMessage], state: ChairState) -> None:
         """See `DemoWatcher`."""
         self._display.hear(messages, state)
         assert self._chair is not None
@@ -89,7 +89,7 @@ class DemoPage(DemoWatcher):
             self._view = replace(view, next_action=told, map_revision=self._revision, layout_revision=self._revision)
 
     @property
-    def stopped(self) -> bool:
+    def stop_requested(self) -> bool:
         """See `DemoWatcher`."""
         return self._stop.is_set()
 
@@ -100,7 +100,7 @@ class DemoPage(DemoWatcher):
         self._viewed_s = now_s
         return True
 
-    def _show(self, grid: OccupancyGrid, layout: Layout) -> None:
+    def _show(self, grid: OccupancyGrid, layout: LayoutView) -> None:
         self._grid, self._layout = grid, layout
         self._revision += 1
 
@@ -119,7 +119,7 @@ class DemoPage(DemoWatcher):
         """See `ChairPort`."""
         return self._grid
 
-    def layout(self) -> Layout:
+    def layout(self) -> LayoutView:
         """See `ChairPort`."""
         return self._layout
 
@@ -135,11 +135,11 @@ class DemoPage(DemoWatcher):
 
     def pause(self) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def go_on(self) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def cancel(self) -> Answer:
         """See `ChairPort`; the same as stop here."""
@@ -147,19 +147,19 @@ class DemoPage(DemoWatcher):
 
     def go(self, goal: str | Pose2) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def confirm(self, goal: str = "") -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def reset(self) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def steer(self, forward: float, turn: float) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def release(self) -> Answer:
         """See `ChairPort`."""
@@ -167,39 +167,39 @@ class DemoPage(DemoWatcher):
 
     def place_here(self, name: str, tolerance_m: float, tolerance_rad: float, replaces: bool = False) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def set_place(self, place: Place, replaces: bool = False) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def rename_place(self, name: str, new_name: str) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def remove_place(self, name: str) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def set_zone(self, zone: Zone, replaces: bool = False) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def remove_zone(self, name: str) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def erase(self, polygon: FloatArray) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def undo(self) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
         """See `ChairPort`."""
-        return _SHOWN
+        return _NOT_HERE
 
     def watched(self, pages: Sequence[str]) -> None:
         """See `ChairPort`: does nothing, as a demo goes on without a page."""

@@ -11,7 +11,7 @@ from waychair.files import write_json
 from waychair.runtime.mapping import peak_memory_mb
 from waychair.runtime.report import (
     COLOURS,
-    Picture,
+    PngFigure,
     Table,
     draw_map,
     draw_outline,
@@ -23,7 +23,7 @@ from waychair.runtime.report import (
 )
 from waychair.slam.graph import EdgeKind
 from waychair.trials.demo import Demo
-from waychair.trials.drive import Leg
+from waychair.trials.drive import DriveRecord
 from waychair.trials.ride import ride_row
 from waychair.types import Json, Pose2
 
@@ -32,7 +32,7 @@ IN_TERMINAL = 7
 """The number of columns that fit into 80 characters."""
 
 
-def row(leg: Leg) -> tuple[str, ...]:
+def row(leg: DriveRecord) -> tuple[str, ...]:
     """Return one drive as text, in the order of `HEADER`."""
     return (
         leg.place,
@@ -56,7 +56,11 @@ def report(demo: Demo) -> Json:
         "ate_m": round(demo.errors.rmse_m, 4),
         "ate_max_m": round(demo.errors.errors.max_m, 4),
         "loop_closures": sum(edge.kind is EdgeKind.LOOP for edge in demo.mapping.result.edges),
-        "found": {"found": demo.found.found, "s": round(demo.found.seconds, 2), "m": round(demo.found.metres, 2)},
+        "found": {
+            "found": demo.localised.found,
+            "s": round(demo.localised.seconds, 2),
+            "m": round(demo.localised.metres, 2),
+        },
         "closed_door": demo.closed,
         "goals": len(demo.legs),
         "goals_reached": demo.reached,
@@ -96,7 +100,7 @@ def write_report(out: Path, demo: Demo) -> None:
 
 def facts(demo: Demo) -> tuple[tuple[str, str], ...]:
     """Return the demo's other results as (figure, text)."""
-    found, near = demo.found, demo.person_m
+    found, near = demo.localised, demo.person_m
     loops = sum(edge.kind is EdgeKind.LOOP for edge in demo.mapping.result.edges)
     return (
         ("map's error (ATE)", f"{1000 * demo.errors.rmse_m:.0f} mm over {demo.mapping.report['distance_m']:.0f} m"),
@@ -119,7 +123,7 @@ def _comfort(demo: Demo) -> tuple[tuple[str, str, str], ...]:
     )
 
 
-def _leg(leg: Leg) -> Json:
+def _leg(leg: DriveRecord) -> Json:
     tick = np.quantile(leg.tick_ms, [0.5, 0.99])
     return {
         "place": leg.place,
@@ -138,7 +142,7 @@ def _leg(leg: Leg) -> Json:
     }
 
 
-def _map_picture(demo: Demo) -> Picture:
+def _map_picture(demo: Demo) -> PngFigure:
     result = demo.mapping.result
     figure, axes = new_figure(8, 8)
     draw_map(axes, demo.mapping.grid)
@@ -150,14 +154,14 @@ def _map_picture(demo: Demo) -> Picture:
     axes.legend(loc="upper left", fontsize=8)
     facts = demo.mapping.report
     caption = f"{facts['frames']} scans over {facts['distance_m']:.0f} m, {facts['key_scans']} key scans."
-    return Picture("The map", caption, png_from_figure(figure))
+    return PngFigure("The map", caption, png_from_figure(figure))
 
 
-def _drive_picture(demo: Demo) -> Picture:
+def _drive_picture(demo: Demo) -> PngFigure:
     figure, axes = new_figure(8, 8)
     every = np.concatenate([leg.truth[:, :2] for leg in demo.legs])
     draw_map(axes, demo.mapping.grid, np.concatenate([every - 1.5, every + 1.5]))
-    outline = demo.setting.body.outline()
+    outline = demo.setup.body.outline()
     for k, leg in enumerate(demo.legs):
         colour = COLOURS[k % len(COLOURS)]
         if len(leg.planned):
@@ -165,13 +169,13 @@ def _drive_picture(demo: Demo) -> Picture:
         axes.plot(*leg.truth[:, :2].T, color=colour, linewidth=1.6, label=f"to {leg.place}")
         for pose in leg.truth[::60]:
             draw_outline(axes, outline, Pose2(*pose), colour)
-    draw_places(axes, [demo.setting.places[leg.place] for leg in demo.legs])
+    draw_places(axes, [demo.setup.places[leg.place] for leg in demo.legs])
     axes.legend(loc="upper left", fontsize=8)
     caption = "Dotted: the path planned at first. Full: the way driven, with the chair's outline every 3 s."
-    return Picture("Planned and driven", caption, png_from_figure(figure))
+    return PngFigure("Planned and driven", caption, png_from_figure(figure))
 
 
-def _volts_picture(demo: Demo) -> Picture:
+def _volts_picture(demo: Demo) -> PngFigure:
     figure, rows = new_figure(9, 5, 2, 1, sharex=True)
     for k, leg in enumerate(demo.legs):
         for axes, column in zip(rows, (0, 1), strict=True):
@@ -183,10 +187,10 @@ def _volts_picture(demo: Demo) -> Picture:
     for axes in rows:
         axes.grid(alpha=0.3)
     caption = "What the emulated joystick put on the two lines; above neutral is forward, and to the right."
-    return Picture("Joystick volts", caption, png_from_figure(figure))
+    return PngFigure("Joystick volts", caption, png_from_figure(figure))
 
 
-def _clearance_picture(demo: Demo) -> Picture:
+def _clearance_picture(demo: Demo) -> PngFigure:
     figure, axes = new_figure(9, 3)
     for k, leg in enumerate(demo.legs):
         axes.plot(leg.times_s, leg.clearance, color=COLOURS[k % len(COLOURS)], linewidth=1.0, label=f"to {leg.place}")
@@ -195,4 +199,4 @@ def _clearance_picture(demo: Demo) -> Picture:
     axes.set_ylabel("clearance [m]")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
-    return Picture("Clearance", "From the chair's true outline to the nearest wall.", png_from_figure(figure))
+    return PngFigure("Clearance", "From the chair's true outline to the nearest wall.", png_from_figure(figure))

@@ -1,4 +1,4 @@
-"""A rider drives near drop-offs while the chair maps: is each drop-off in the grid before the wheels come near it?
+"""A rider drives near drop-offs while the chair maps: is each drop-off in the grid before the wheels reached near it?
 
 The worlds are those of `hazards`, where the chair drives by itself: a pit ahead, a stairwell beside a chair that turns
 round its corner, a stairwell behind a chair that backs out of a booth.
@@ -26,7 +26,7 @@ from waychair.simulation.scene import Pit
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.trials.depth_drive import simulator_with_pictures
 from waychair.trials.frames import FrameGathering
-from waychair.trials.hazards import EDGES, Guard
+from waychair.trials.hazards import DROP_OFFS, Protection
 from waychair.types import (
     FloatArray,
     JoystickInput,
@@ -39,10 +39,10 @@ from waychair.types import (
 NEAR = 0.35
 """A drop-off within this distance [m] of the footprint must be in the grid: stopping from 0.6 m/s takes 0.3 m."""
 
-_KEPT = 0.2  # [m] between the footprint and the drop-off that the rider keeps
-_BACKING = 0.25  # [m/s]
+_RIDER_DISTANCE = 0.2  # [m] between the footprint and the drop-off that the rider keeps
+_REVERSE_SPEED = 0.25  # [m/s]
 _SIZE, _CAMERA_HZ = (320, 240), 5.0
-_CLOSE = 0.15  # [m]: an occupied cell this near marks a drop-off; the chair keeps more distance anyway
+_MARKED_WITHIN = 0.15  # [m]: an occupied cell this near marks a drop-off; the chair keeps more distance anyway
 _TICK_NS = 50_000_000
 
 
@@ -68,26 +68,26 @@ def approach_edge(where: str, seed: int, camera: bool = True) -> EdgeApproach:
         WorldError: the rider ran into something.
         MissingExtra: this machine cannot render pictures.
     """
-    hazard = EDGES[where](Guard.CAMERA, seed)
+    hazard = DROP_OFFS[where](Protection.CAMERA, seed)
     world = hazard.world
     simulator = simulator_with_pictures(world, CHAIR_A, _CAMERA_HZ, _SIZE, seed)
     depth = DepthMappingSettings(use="on", view=DepthSettings(step=2))  # half the size of a real picture
     live = LiveMapping(replace(LiveMappingSettings(), depth=depth), CHAIR_A.base_from_laser, CHAIR_A)
     edges = np.concatenate([_rim(pit) for pit in world.pits])
     frames, map_from_world = FrameGathering(), simulator.truth().inverse()
-    come, known, nearest = np.zeros(len(edges), np.bool_), 0, math.inf
+    reached, known, nearest = np.zeros(len(edges), np.bool_), 0, math.inf
     for message in _drive(where, simulator, hazard.goals[0].pose):
         if camera and isinstance(message, RgbdFrame):
             live.see(message)
         elif (frame := frames.add(message)) is not None:
             live.process(frame)
-        gaps = _gaps(simulator.truth(), edges)
+        gaps = _distances(simulator.truth(), edges)
         nearest = min(nearest, float(gaps.min()))
-        new = (gaps < NEAR) & ~come
+        new = (gaps < NEAR) & ~reached
         if new.any():
-            come |= new
-            known += _shown(live.grid(), transform_points(map_from_world, edges[new]))
-    return EdgeApproach(where, seed, int(come.sum()), known, nearest)
+            reached |= new
+            known += _count_marked(live.grid(), transform_points(map_from_world, edges[new]))
+    return EdgeApproach(where, seed, int(reached.sum()), known, nearest)
 
 
 def _drive(where: str, simulator: Simulator, goal: Pose2) -> Iterator[SensorMessage]:
@@ -95,12 +95,12 @@ def _drive(where: str, simulator: Simulator, goal: Pose2) -> Iterator[SensorMess
     start, pit = simulator.truth(), simulator.world.pits[0]
     x, y = pit.middle.x, pit.middle.y
     if where == "ahead":
-        return _along(simulator, [(x - pit.length / 2 - CHAIR_A.front - _KEPT, start.y)])
+        return _along(simulator, [(x - pit.length / 2 - CHAIR_A.front - _RIDER_DISTANCE, start.y)])
     if where == "beside":
-        lane = y + pit.width / 2 + CHAIR_A.width / 2 + _KEPT
+        lane = y + pit.width / 2 + CHAIR_A.width / 2 + _RIDER_DISTANCE
         return _along(simulator, [(start.x, lane), (x + 0.5, lane)])
     lane = y + pit.width / 2 + 1.0
-    rest = y + pit.width / 2 + CHAIR_A.rear + _KEPT
+    rest = y + pit.width / 2 + CHAIR_A.rear + _RIDER_DISTANCE
     return chain(_along(simulator, [(goal.x, lane), (goal.x, goal.y)]), _back(simulator, rest))
 
 
@@ -111,7 +111,7 @@ def _along(simulator: Simulator, route: list[tuple[float, float]]) -> Iterator[S
 def _back(simulator: Simulator, until_y: float) -> Iterator[SensorMessage]:
     """Drive straight back until the axle is at `until_y` [m, world]."""
     plant = PlantSettings()
-    stick = joystick_from_volts(plant, *volts_from_twist(plant, CHAIR_A.track, Twist(-_BACKING, 0.0)))
+    stick = joystick_from_volts(plant, *volts_from_twist(plant, CHAIR_A.track, Twist(-_REVERSE_SPEED, 0.0)))
     while simulator.truth().y > until_y:
         simulator.rider = JoystickInput(simulator.now_ns, *stick)
         yield from simulator.advance(_TICK_NS)
@@ -129,7 +129,7 @@ def _rim(pit: Pit, step: float = 0.05) -> FloatArray:
     return transform_points(pit.middle, np.concatenate(sides))
 
 
-def _gaps(pose: Pose2, points: FloatArray) -> FloatArray:
+def _distances(pose: Pose2, points: FloatArray) -> FloatArray:
     """Return (N,) distances [m] from the footprint to points (N, 2) [m, world]."""
     local = transform_points(pose.inverse(), points)
     ahead = np.maximum(local[:, 0] - CHAIR_A.front, -CHAIR_A.rear - local[:, 0])
@@ -138,7 +138,7 @@ def _gaps(pose: Pose2, points: FloatArray) -> FloatArray:
     return gaps
 
 
-def _shown(grid: OccupancyGrid, points: FloatArray) -> int:
-    """Return the number of points (N, 2) [m, map] with an occupied cell within `_CLOSE`."""
+def _count_marked(grid: OccupancyGrid, points: FloatArray) -> int:
+    """Return the number of points (N, 2) [m, map] with an occupied cell within `_MARKED_WITHIN`."""
     from_things = distances(occupied(grid), grid.resolution)
-    return int(are_within(from_things, grid, points, _CLOSE).sum())
+    return int(are_within(from_things, grid, points, _MARKED_WITHIN).sum())

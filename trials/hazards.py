@@ -376,7 +376,7 @@ def robot_settings() -> ChairSettings:
             acceleration=1.0, braking=1.0, alpha=3.0, emergency_alpha=6.0, max_omega=0.8, jerk=10.0
         ),
         monitor=MonitorSettings(
-            ahead_of_legs=0.12, beside_legs=0.05, round_legs=0.05, ahead_after=0.10, beside_after=0.05
+            legs=LegClearanceSettings(ahead=0.12, beside=0.05, turning=0.05, ahead_after=0.10, beside_after=0.05)
         ),
     )
 

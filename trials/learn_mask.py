@@ -12,7 +12,7 @@ from waychair.calibration.self_mask import SelfMask
 from waychair.simulation.plant import volts_from_twist
 from waychair.simulation.silhouettes import rider_legs
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.trials.simulated_drive import held
+from waychair.trials.simulated_drive import hold_lines
 from waychair.types import Scan, Twist
 
 MASK_HALL = 8.0
@@ -44,7 +44,7 @@ def scans_while_turning(simulator: Simulator, turns: float = 1.2) -> list[Scan]:
     """
     plant, track = simulator.settings.plant, simulator.body.track
     volts = volts_from_twist(plant, track, Twist(0.0, _TURN_RATE))
-    messages = held(simulator, *volts, turns * math.tau / _TURN_RATE)
+    messages = hold_lines(simulator, *volts, turns * math.tau / _TURN_RATE)
     simulator.release()
     return [message for message in messages if isinstance(message, Scan)]
 

@@ -28,7 +28,7 @@ from waychair.maps.grid import cells_from_points, cells_under, inside, occupied,
 from waychair.maps.map_files import load_map
 from waychair.recording import Recording
 from waychair.runtime.mapping import Mapping, MappingSettings, join_recording, map_recording, save_mapping
-from waychair.runtime.sessions import written_aside
+from waychair.runtime.sessions import replaced_folder
 from waychair.simulation.floor_plan import FloorPlan, PlanBox
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plan_file import load_building
@@ -59,7 +59,7 @@ _CLEAR = 0.2  # [m]: an occupied cell farther from anything solid is a ghost
 
 
 @dataclass(frozen=True, slots=True)
-class Drive:
+class Session:
     """A session: its world, its movable pieces, and the drive's frames with the true poses at the scans."""
 
     world: World
@@ -73,28 +73,28 @@ class Lifelong:
     """The sessions so far; `rows` are their figures."""
 
     folder: Path
-    drives: list[Drive] = field(default_factory=list)
+    sessions: list[Session] = field(default_factory=list)
     rows: list[Json] = field(default_factory=list)
     drawn: dict[PlanBox, int] = field(default_factory=dict)
     """The number of cells with which each piece was drawn."""
 
-    def add(self, drive: Drive) -> None:
+    def add(self, drive: Session) -> None:
         """Join a session's drive to the map and score it.
 
         Raises:
             SessionError: the drive cannot be joined to the map.
         """
-        health = 1.0 if not self.drives else health_on(load_map(self.folder), self.drives[0], drive)
-        mapping = joined(self.folder, drive, len(self.drives))
-        self.drives.append(drive)
-        errors = truth_errors(mapping.result.driven, drive.truth)
+        health = 1.0 if not self.sessions else localisation_share(load_map(self.folder), self.sessions[0], drive)
+        mapping = join_session(self.folder, drive, len(self.sessions))
+        self.sessions.append(drive)
+        errors = truth_errors(mapping.result.drive_trajectory, drive.truth)
         solid = distance_field(drive.world.grid).metres
         ghosts, gone = self._ghosts(mapping.grid, errors.truth_from_map, solid)
         for piece in drive.pieces:
             self.drawn[piece] = max(self.drawn.get(piece, 0), _cells_on(mapping.grid, errors.truth_from_map, piece))
         self.rows.append(
             {
-                "session": len(self.drives),
+                "session": len(self.sessions),
                 "nodes": len(mapping.result.key_poses),
                 "health_ok": round(health, 4),
                 "ghosts": ghosts,
@@ -123,18 +123,18 @@ class Lifelong:
 
     def _ghosts(self, grid: OccupancyGrid, truth_from_map: Pose2, solid: Float32Array) -> tuple[int, int]:
         """Return the ghost cells of pieces absent for two sessions, and the cells that these pieces were drawn with."""
-        if len(self.drives) < 3:
+        if len(self.sessions) < 3:
             return 0, 0
-        here = {piece for drive in self.drives[-2:] for piece in drive.pieces}
-        gone = {piece for drive in self.drives[:-2] for piece in drive.pieces} - here
-        world, found = self.drives[-1].world.grid, 0
+        here = {piece for drive in self.sessions[-2:] for piece in drive.pieces}
+        gone = {piece for drive in self.sessions[:-2] for piece in drive.pieces} - here
+        world, found = self.sessions[-1].world.grid, 0
         for piece in gone:
             at = _occupied_on(grid, truth_from_map, piece)
             found += int((solid[tuple(cells_under(world, at).T)] > _CLEAR).sum())
         return found, sum(self.drawn[piece] for piece in gone)
 
 
-def sessions(name: str, count: int, seed: int, share: float = 1.0) -> Iterator[Drive]:
+def drive_sessions(name: str, count: int, seed: int, share: float = 1.0) -> Iterator[Session]:
     """Yield drives through a shipped floor with furniture that moves between two drives.
 
     `share` is the part of the mapping route that is driven. The whole route is driven round from the drive's start; of
@@ -146,36 +146,36 @@ def sessions(name: str, count: int, seed: int, share: float = 1.0) -> Iterator[D
     route = route[: max(3, round(share * len(route)))]
     empty = world_from_plan(msgspec.structs.replace(plan, people=[]), building.name)
     driven = np.concatenate([route, route[:1]]) if share == 1.0 else route  # the closed loop
-    loop = _loop(empty, route)
+    loop = _closed_route(empty, route)
     pieces: list[PlanBox] = []
     for number in range(count):
         going = set(rng.permutation(PIECES)[:MOVED].tolist()) if number else set()
         pieces = [piece for k, piece in enumerate(pieces) if k not in going]
-        pieces += strewn(empty, driven, pieces, PIECES - len(pieces), rng)
+        pieces += placed_furniture(empty, driven, pieces, PIECES - len(pieces), rng)
         way = _from_corner(loop if number and share == 1.0 else route, number, share)
-        yield _drive(plan, building.name, way, tuple(pieces), seed + 1000 * number)
+        yield _drive_session(plan, building.name, way, tuple(pieces), seed + 1000 * number)
 
 
-def strewn(
+def placed_furniture(
     world: World, route: FloatArray, others: Sequence[PlanBox], count: int, rng: np.random.Generator
 ) -> list[PlanBox]:
     """Return `count` more pieces in sight of the route (N, 2) [m], clear of the path, of each other and of solids."""
     room, made = distance_field(world.grid).metres, list[PlanBox]()
-    way = _samples(route)
+    way = _route_points(route)
     while len(made) < count:
         at = way[int(rng.integers(len(way)))] + rng.uniform(-2.5, 2.5, 2)
         length, width = rng.uniform(0.4, 1.0), rng.uniform(0.3, 0.5)
         yaw = float(rng.choice([0.0, math.pi / 2]) + rng.normal(0.0, 0.1))
         piece = PlanBox(tuple(at.tolist()), (float(length), float(width)), yaw, high=1.0)
-        outline = _outline(piece)
+        outline = _rectangle_points(piece)
         cells = cells_from_points(world.grid, outline)
         if not inside(world.grid, cells).all() or room[tuple(cells.T)].min() < 0.1:
             continue
-        if not _sees(room, world.grid, way, at) or _nearest(outline, way) < _BESIDE_WAY:
+        if not _is_visible(room, world.grid, way, at) or _least_distance(outline, way) < _BESIDE_WAY:
             continue
         if (
-            _nearest(outline, route) < _ROUND_CORNER
-            or _nearest(outline, [[world.start.x, world.start.y]]) < _ROUND_CORNER
+            _least_distance(outline, route) < _ROUND_CORNER
+            or _least_distance(outline, [[world.start.x, world.start.y]]) < _ROUND_CORNER
         ):
             continue
         if any(math.dist(at, other.centre) < 1.2 for other in (*others, *made)):
@@ -184,7 +184,7 @@ def strewn(
     return made
 
 
-def joined(folder: Path, drive: Drive, number: int) -> Mapping:
+def join_session(folder: Path, drive: Session, number: int) -> Mapping:
     """Join a drive to the map in the folder, save the result there and return it."""
     settings = MappingSettings()
     recording = Recording(Path(f"session-{number + 1}"), drive.frames, CHAIR_A.base_from_laser, "simulated")
@@ -192,13 +192,13 @@ def joined(folder: Path, drive: Drive, number: int) -> Mapping:
         mapping = map_recording(recording, settings)
         save_mapping(folder, mapping, settings)
         return mapping
-    with written_aside(folder, folder) as aside:
+    with replaced_folder(folder, folder) as aside:
         mapping = join_recording(recording, settings, folder, aside)
         save_mapping(aside, mapping, settings)
     return mapping
 
 
-def health_on(grid: OccupancyGrid, first: Drive, drive: Drive, every: int = 2) -> float:
+def localisation_share(grid: OccupancyGrid, first: Session, drive: Session, every: int = 2) -> float:
     """Return the share of scans with localisation OK for a chair that knows the drive's start on the map.
 
     The map's origin is the first pose of the first drive. Every `every`-th frame is used.
@@ -214,7 +214,7 @@ def health_on(grid: OccupancyGrid, first: Drive, drive: Drive, every: int = 2) -
     return sum(state is LocalisationState.OK for state in states) / len(states)
 
 
-def _loop(world: World, route: FloatArray) -> FloatArray:
+def _closed_route(world: World, route: FloatArray) -> FloatArray:
     """Return the route (N, 2) [m] for repeated rounds: without its end point if there is no space to turn there."""
     end = distance_field(world.grid).metres[tuple(cells_from_points(world.grid, route[-1:]).T)]
     return route[:-1] if end[0] < _ROUND_CORNER else route
@@ -228,7 +228,7 @@ def _from_corner(route: FloatArray, number: int, share: float) -> FloatArray:
     return np.concatenate([route[first:], route[: first + 1]]) if first else route
 
 
-def _drive(plan: FloorPlan, building: str, way: FloatArray, pieces: tuple[PlanBox, ...], seed: int) -> Drive:
+def _drive_session(plan: FloorPlan, building: str, way: FloatArray, pieces: tuple[PlanBox, ...], seed: int) -> Session:
     """Return a drive along a path, from the plan's start if that is near, else from the path's first point."""
     start = Pose2(*plan.start)
     if math.dist((start.x, start.y), way[0]) > 0.1:
@@ -246,18 +246,18 @@ def _drive(plan: FloorPlan, building: str, way: FloatArray, pieces: tuple[PlanBo
         if (frame := gathering.add(message)) is not None:
             frames.append(frame)
     at = np.array([frame.stamp_ns for frame in frames], np.int64)
-    truth = Trajectory(at, np.array([_at(stamp, stamps, poses) for stamp in at.tolist()]))
-    return Drive(world, pieces, tuple(frames), truth)
+    truth = Trajectory(at, np.array([_pose_at(stamp, stamps, poses) for stamp in at.tolist()]))
+    return Session(world, pieces, tuple(frames), truth)
 
 
-def _at(stamp_ns: int, stamps: list[int], poses: list[Pose2]) -> FloatArray:
+def _pose_at(stamp_ns: int, stamps: list[int], poses: list[Pose2]) -> FloatArray:
     """Return the true pose (3,) at a stamp, interpolated between the simulator's ticks."""
     after = min(max(int(np.searchsorted(stamps, stamp_ns)), 1), len(stamps) - 1)
     part = (stamp_ns - stamps[after - 1]) / (stamps[after] - stamps[after - 1])
     return interpolate(poses[after - 1], poses[after], part).array()
 
 
-def _samples(route: FloatArray, step: float = 0.1) -> FloatArray:
+def _route_points(route: FloatArray, step: float = 0.1) -> FloatArray:
     """Return points (M, 2) along the route's segments, at most `step` [m] apart."""
     legs = [
         a + (b - a) * np.linspace(0.0, 1.0, max(2, math.ceil(math.dist(a, b) / step)))[:, None]
@@ -266,7 +266,7 @@ def _samples(route: FloatArray, step: float = 0.1) -> FloatArray:
     return np.concatenate(legs)
 
 
-def _outline(piece: PlanBox, step: float = 0.05) -> FloatArray:
+def _rectangle_points(piece: PlanBox, step: float = 0.05) -> FloatArray:
     """Return points (N, 2) [m] that cover the piece's rectangle."""
     x, y = (np.arange(-side / 2, side / 2 + step / 2, step) for side in piece.size)
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
@@ -274,12 +274,12 @@ def _outline(piece: PlanBox, step: float = 0.05) -> FloatArray:
     return outline
 
 
-def _nearest(points: FloatArray, others: FloatArray | list[list[float]]) -> float:
+def _least_distance(points: FloatArray, others: FloatArray | list[list[float]]) -> float:
     away = points[:, None] - np.asarray(others, float)[None]
     return float(np.hypot(away[..., 0], away[..., 1]).min())
 
 
-def _sees(room: Float32Array, grid: OccupancyGrid, way: FloatArray, at: FloatArray) -> bool:
+def _is_visible(room: Float32Array, grid: OccupancyGrid, way: FloatArray, at: FloatArray) -> bool:
     """Return whether nothing solid lies between a point and the nearest point of the path."""
     nearest = way[int(np.argmin(np.hypot(*(way - at).T)))]
     line = nearest + (at - nearest) * np.linspace(0.0, 1.0, 60)[:, None]

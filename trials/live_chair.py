@@ -30,28 +30,28 @@ from waychair.control.supervisor import SupervisorSettings
 from waychair.errors import WaychairError
 from waychair.firmware_bridge.heartbeat import urgent
 from waychair.maps.depth_layer import load_depth_layer, scanned_part
-from waychair.maps.layout import Layout as Drawings
+from waychair.maps.layout import DrawingEditor
 from waychair.maps.map_files import load_map, save_map
 from waychair.maps.places import save_places
 from waychair.planning.drawn_map import DrawnMap
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.chair_display import ChairDisplay
-from waychair.runtime.chair_port import Answer, ChairView, Layout
+from waychair.runtime.chair_port import Answer, ChairView, LayoutView
 from waychair.runtime.drawing_port import DrawingPort
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
 from waychair.simulation.world import World, load_world
 from waychair.slam.localisation import LocalisationState
-from waychair.trials.demo import chair_of
-from waychair.trials.drive import Setting, black_box, chair_in
-from waychair.trials.real_time import RealTime
+from waychair.trials.demo import randomised_settings
+from waychair.trials.drive import DriveSetup, black_box, simulated_chair
+from waychair.trials.real_time import RealTimeLoop
 from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Pose2, RgbdFrame, Twist
 
 COUNTDOWN_S = 3.0
 """Time from the rider's confirmation to the first motion."""
 
 _PICTURES_HZ = 2.0
-_NOWHERE = ChairView(
+_BEFORE_START = ChairView(
     0, None, LocalisationState.LOST, 0.0, DriveMode.MANUAL, Twist(), next_action="The chair is started."
 )
 
@@ -87,22 +87,22 @@ class LiveChair(DrawingPort):
         supervisor = SupervisorSettings(countdown_s=countdown_s)
         self._settings = replace(ChairSettings(), supervisor=supervisor)
         self._countdown_s = countdown_s
-        self._view = _NOWHERE
+        self._view = _BEFORE_START
         self._frame: RgbdFrame | None = None
         self._jpeg: tuple[int, bytes] | None = None
         self._map_revision = self._layout_revision = 1
         self._drawing = threading.Lock()
-        self._begun = threading.Event()
+        self._started = threading.Event()
         self._failure: Exception | None = None
         self._simulator: Simulator
         self._chair: Chair
         self._display: ChairDisplay
-        self._time: RealTime
-        self._drawings: Drawings
+        self._loop: RealTimeLoop
+        self._drawings: DrawingEditor
         self._folder: Path
         self._grid: OccupancyGrid
         self._prepared: DrawnMap
-        self._thread = threading.Thread(target=self._live, name="live chair", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="live chair", daemon=True)
 
     def __enter__(self) -> Self:
         """Start the chair's thread.
@@ -111,7 +111,7 @@ class LiveChair(DrawingPort):
             WaychairError: the map cannot be read, or the firmware cannot be built.
         """
         self._thread.start()
-        self._begun.wait()
+        self._started.wait()
         if self._failure is not None:
             self._thread.join()
             raise self._failure
@@ -125,7 +125,7 @@ class LiveChair(DrawingPort):
         Raises:
             Exception: the exception that ended the chair's thread.
         """
-        self._time.end()
+        self._loop.end()
         self._thread.join()
         if self._failure is not None and error is None:
             raise self._failure
@@ -153,11 +153,11 @@ class LiveChair(DrawingPort):
         """See `ChairPort`."""
         return self._grid
 
-    def layout(self) -> Layout:
+    def layout(self) -> LayoutView:
         """See `ChairPort`."""
         with self._drawing:
             drawn = self._drawings.drawing
-            return Layout(dict(drawn.places), drawn.zones, self._drawings.undoable)
+            return LayoutView(dict(drawn.places), drawn.zones, self._drawings.undoable)
 
     def picture(self) -> bytes | None:
         """See `ChairPort`."""
@@ -176,10 +176,10 @@ class LiveChair(DrawingPort):
         def asked() -> Answer:
             self._chair.go(Goal(goal))
             self._display.label = label
-            self._time.step()
+            self._loop.step()
             return Answer(True, f"press Drive to go to {label}")
 
-        return self._answered(asked)
+        return self._request(asked)
 
     def confirm(self, goal: str = "") -> Answer:
         """See `ChairPort`."""
@@ -191,54 +191,54 @@ class LiveChair(DrawingPort):
                 return Answer(
                     False, f"meanwhile somebody chose {self._display.label}: look where it leads, then press Drive"
                 )
-            self._time.watch.began(time.monotonic_ns())
+            self._loop.watch.began(time.monotonic_ns())
             self._chair.confirm()
-            verdict = self._time.step().verdict
+            verdict = self._loop.step().verdict
             if verdict.computer_drives:
                 return Answer(True, f"sets off to {self._display.label} in {self._countdown_s:.0f} s")
             return Answer(False, verdict.reason)
 
-        return self._answered(said)
+        return self._request(said)
 
     def pause(self) -> Answer:
         """See `ChairPort`."""
 
         def done() -> Answer:
             paused = self._chair.pause()
-            self._time.step()
+            self._loop.step()
             return Answer(paused, PAUSED if paused else NOTHING_TO_PAUSE)
 
-        return self._answered(done)
+        return self._request(done)
 
     def go_on(self) -> Answer:
         """See `ChairPort`."""
 
         def done() -> Answer:
             goes_on = self._chair.go_on()
-            self._time.step()
+            self._loop.step()
             return Answer(goes_on, GOES_ON if goes_on else NOTHING_PAUSED)
 
-        return self._answered(done)
+        return self._request(done)
 
     def cancel(self) -> Answer:
         """See `ChairPort`."""
 
         def done() -> Answer:
             self._chair.cancel()
-            self._time.step()
+            self._loop.step()
             return Answer(True, "the drive is given up")
 
-        return self._answered(done)
+        return self._request(done)
 
     def stop(self) -> Answer:
         """See `ChairPort`."""
 
         def done() -> Answer:
             self._chair.stop()
-            self._time.step()
+            self._loop.step()
             return Answer(True, "stopped")
 
-        return self._answered(done, first=True)
+        return self._request(done, first=True)
 
     def reset(self) -> Answer:
         """See `ChairPort`."""
@@ -247,11 +247,11 @@ class LiveChair(DrawingPort):
             self._chair.reset()
             return Answer(True, "the faults were reset; ask for the goal again")
 
-        return self._answered(done)
+        return self._request(done)
 
     def steer(self, forward: float, turn: float) -> Answer:
         """See `ChairPort`; the answer is based on the last tick."""
-        self._time.tell(lambda: self._chair.steer(forward, turn, self._simulator.now_ns))
+        self._loop.tell(lambda: self._chair.steer(forward, turn, self._simulator.now_ns))
         view = self._view
         if view.steered or not view.obstacles:
             return Answer(True, "")
@@ -259,7 +259,7 @@ class LiveChair(DrawingPort):
 
     def release(self) -> Answer:
         """See `ChairPort`."""
-        self._time.tell(lambda: self._chair.let_go(self._simulator.now_ns))
+        self._loop.tell(lambda: self._chair.let_go(self._simulator.now_ns))
         return Answer(True, "")
 
     def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
@@ -269,52 +269,52 @@ class LiveChair(DrawingPort):
             self._chair.relocalise(map_from_base)
             return Answer(True, "the chair looks where it is")
 
-        return self._answered(done)
+        return self._request(done)
 
     def watched(self, pages: Sequence[str]) -> None:
         """See `ChairPort`."""
-        self._time.watch.seen(pages, time.monotonic_ns())
+        self._loop.watch.seen(pages, time.monotonic_ns())
 
-    def _answered(self, what: Callable[[], Answer], first: bool = False) -> Answer:
+    def _request(self, what: Callable[[], Answer], first: bool = False) -> Answer:
         if not self.alive:
             return Answer(False, "the simulated chair has ended: start it again")
         try:
-            return self._time.ask(what, first)
+            return self._loop.ask(what, first)
         except WaychairError as error:
             return Answer(False, str(error))
 
-    def _drawn(self, change: Callable[[Drawings], None], done: str) -> Answer:
+    def _drawn(self, change: Callable[[DrawingEditor], None], done: str) -> Answer:
         """Apply a change of places, zones or erased cells to the files, then to the chair, which replans its drive."""
         with self._drawing:
             before = self._drawings.drawing
             try:
                 change(self._drawings)
                 now = self._drawings.drawing
-                erased, known = not now.has_erased_as(before), None
+                erased, known = not now.has_same_erased(before), None
                 if erased:
                     self._grid = load_map(self._folder)
                     self._map_revision += 1
                     known = self._chair.known(scanned_part(self._grid, load_depth_layer(self._folder, self._grid)))
-                if erased or not now.has_zones_of(before):
+                if erased or not now.has_same_zones(before):
                     self._prepared = self._chair.drawn(self._grid, now.zones)
                 prepared = self._prepared
-                self._time.ask(lambda: self._chair.redraw(prepared, now.zones, now.places, known))
+                self._loop.ask(lambda: self._chair.redraw(prepared, now.zones, now.places, known))
             except WaychairError as error:
                 return Answer(False, str(error))
             self._layout_revision += 1
         return Answer(True, done)
 
-    def _live(self) -> None:
+    def _run(self) -> None:
         """Run the chair; the thread's function."""
         try:
             with ExitStack() as ends:
                 self._build(ends)
-                self._begun.set()
+                self._started.set()
                 if self._urgently:
                     urgent()
-                self._time.run()
+                self._loop.run()
         except Exception as error:
-            if self._begun.is_set():  # else `__enter__` raises it
+            if self._started.is_set():  # else `__enter__` raises it
                 logging.getLogger(__name__).exception("the simulated chair has failed")
             self._failure = error  # `__exit__` raises it again
             self._view = replace(
@@ -325,27 +325,27 @@ class LiveChair(DrawingPort):
                 free_since_ns=time.monotonic_ns(),
             )
         finally:
-            self._begun.set()
+            self._started.set()
 
     def _build(self, ends: ExitStack) -> None:
         world, camera = self._world, self._camera
         self._folder = ends.enter_context(_plan_folder(world)) if self._map_folder is None else self._map_folder
         map_from_world = Pose2() if self._map_folder is None else world.start.inverse()
-        self._drawings = Drawings(self._folder)
+        self._drawings = DrawingEditor(self._folder)
         self._grid = grid = load_map(self._folder)
         scanned = scanned_part(grid, load_depth_layer(self._folder, grid))
         drawn = self._drawings.drawing
-        setting = Setting(
+        setup = DriveSetup(
             grid, drawn.places, CHAIR_A, DEFAULT, map_from_world, self._settings, zones=drawn.zones, scanned=scanned
         )
-        self._simulator = Simulator(world, CHAIR_A, _sensed(chair_of(self._seed), camera), self._seed)
-        watcher = ends.enter_context(black_box(setting, self._box))
-        self._chair = ends.enter_context(chair_in(setting, self._simulator, watcher))
+        self._simulator = Simulator(world, CHAIR_A, _with_pictures(randomised_settings(self._seed), camera), self._seed)
+        watcher = ends.enter_context(black_box(setup, self._box))
+        self._chair = ends.enter_context(simulated_chair(setup, self._simulator, watcher))
         self._display = ChairDisplay(self._chair, CHAIR_A.base_from_laser)
         self._prepared = self._chair.drawn(grid, drawn.zones)
-        self._time = RealTime(self._chair, self._simulator, self._heard)
+        self._loop = RealTimeLoop(self._chair, self._simulator, self._after_tick)
 
-    def _heard(self, messages: tuple[SensorMessage, ...], state: ChairState) -> None:
+    def _after_tick(self, messages: tuple[SensorMessage, ...], state: ChairState) -> None:
         """Update view and picture after a tick."""
         self._display.hear(messages, state)
         self._frame = next((each for each in reversed(messages) if isinstance(each, RgbdFrame)), self._frame)
@@ -354,17 +354,17 @@ class LiveChair(DrawingPort):
             map_revision=self._map_revision,
             layout_revision=self._layout_revision,
             panel=self._panel(state),
-            free_since_ns=self._time.free_since_ns,
+            free_since_ns=self._loop.free_since_ns,
         )
 
     def _panel(self, state: ChairState) -> dict[str, float]:
         """Return the figures of the engineer's panel."""
-        pace, told = self._time.pace, state.telemetry
+        timing, telemetry = self._loop.timing, state.telemetry
         figures = {
-            "tick, mean [ms CPU]": 1e3 * pace.tick_s,
-            "tick, longest [ms CPU]": 1e3 * pace.longest_tick_s,
-            "ticks that came late": float(pace.late),
-            "time given up [s]": pace.lost_s,
+            "tick, mean [ms CPU]": 1e3 * timing.tick_s,
+            "tick, longest [ms CPU]": 1e3 * timing.longest_tick_s,
+            "ticks that came late": float(timing.late),
+            "time given up [s]": timing.lost_s,
             "forward line [V]": state.sent.forward_volts,
             "turn line [V]": state.sent.turn_volts,
             "plans of this drive": float(state.navigation.plans),
@@ -372,12 +372,12 @@ class LiveChair(DrawingPort):
             "cells of the map": float(self._grid.cells.size),
             "memory, peak [MB]": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
         }
-        if told is not None and told.round_trip_ns is not None:
-            figures["board, round trip [ms]"] = told.round_trip_ns * 1e-6
+        if telemetry is not None and telemetry.round_trip_ns is not None:
+            figures["board, round trip [ms]"] = telemetry.round_trip_ns * 1e-6
         return figures
 
 
-def _sensed(settings: SimulatorSettings, camera: bool) -> SimulatorSettings:
+def _with_pictures(settings: SimulatorSettings, camera: bool) -> SimulatorSettings:
     """Return the settings with few pictures for the page, if wanted; the chair does not use them."""
     return replace(settings, camera=replace(settings.camera, rate_hz=_PICTURES_HZ if camera else 0.0))
 

@@ -23,8 +23,8 @@ from waychair.simulation.contact import in_contact, solid_from_blocks
 from waychair.simulation.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import Simulator, with_all_sensors
 from waychair.simulation.world import World, world_from_grid
-from waychair.trials.demo import chair_of
-from waychair.trials.drive import Leg, Setting, drive_to_places
+from waychair.trials.demo import randomised_settings
+from waychair.trials.drive import DriveRecord, DriveSetup, drive_to_places
 from waychair.types import OccupancyGrid, Place, Pose2
 
 _SPECK = 0.1
@@ -47,7 +47,7 @@ def navigate(
     map_from_world: Pose2 | None = None,
     box: Path | None = None,
     planner: PlannerSettings | None = None,
-) -> tuple[Leg, ...]:
+) -> tuple[DriveRecord, ...]:
     """Drive chair A from a start to places in turn, in the map's frame, among `people` walking people.
 
     A given `world` lies at `map_from_world`, without its own start and people; by default the world is raised from the
@@ -65,19 +65,19 @@ def navigate(
         raise StartOutsideMap(f"the start ({start.x:g}, {start.y:g}) lies outside the map; choose one inside it")
     check_free_space(costmap_from_grid(grid, CHAIR_A, zones=zones))
     if world is None:
-        grid, scanned = shut_off(grid), None
-    world = _begun_at(start, grid, world, map_from_world)
-    chair = with_all_sensors(chair_of(seed)) if sensors else chair_of(seed)
+        grid, scanned = with_closed_borders(grid), None
+    world = _world_at_start(start, grid, world, map_from_world)
+    chair = with_all_sensors(randomised_settings(seed)) if sensors else randomised_settings(seed)
     simulator = Simulator(with_walkers(world, people, seed), CHAIR_A, chair, seed)
     places = {place.name: place for place in goals}
     chair_settings = ChairSettings(navigator=NavigatorSettings(planner=planner or PlannerSettings()))
-    setting = Setting(
+    setup = DriveSetup(
         grid, places, CHAIR_A, DEFAULT, map_from_world, zones=zones, scanned=scanned, chair=chair_settings
     )
-    return drive_to_places(setting, simulator, [place.name for place in goals], box=box)
+    return drive_to_places(setup, simulator, [place.name for place in goals], box=box)
 
 
-def _begun_at(start: Pose2, grid: OccupancyGrid, world: World | None, map_from_world: Pose2) -> World:
+def _world_at_start(start: Pose2, grid: OccupancyGrid, world: World | None, map_from_world: Pose2) -> World:
     """Return the given world without people, or one raised from the grid, with the chair at `start` in map."""
     refusal = StartOccupied(
         f"the chair does not fit at its start ({start.x:g}, {start.y:g}, {start.theta:g}) on the map; "
@@ -95,7 +95,7 @@ def _begun_at(start: Pose2, grid: OccupancyGrid, world: World | None, map_from_w
     return world
 
 
-def shut_off(grid: OccupancyGrid) -> OccupancyGrid:
+def with_closed_borders(grid: OccupancyGrid) -> OccupancyGrid:
     """Return the map with walls where free space borders unknown space, as every beam ends somewhere in a building.
 
     Small unknown specks stay open.

@@ -12,7 +12,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future
-from concurrent.futures import TimeoutError as TooLate
+from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -27,12 +27,12 @@ from waychair.types import RgbdFrame
 
 T = TypeVar("T")
 
-_SLACK_NS = 50_000_000
+_GREATEST_LAG_NS = 50_000_000
 """A longer delay is not caught up: simulated time falls behind for good."""
 
 
 @dataclass(slots=True)
-class Pace:
+class LoopTiming:
     """Timing figures: ticks, late ticks, time given up [s], and CPU time per tick [s], smoothed and longest."""
 
     ticks: int = 0
@@ -46,47 +46,47 @@ _HANDOVER_BEATS = 5
 """Heartbeats after the stop; the board releases the lines within 20 ms of the command."""
 
 
-class RealTime:
-    """The thread's loop. `heard` is called with each tick's messages and state."""
+class RealTimeLoop:
+    """The thread's loop. `on_tick` is called with each tick's messages and state."""
 
     def __init__(
-        self, chair: Chair, simulator: Simulator, heard: Callable[[tuple[SensorMessage, ...], ChairState], None]
+        self, chair: Chair, simulator: Simulator, on_tick: Callable[[tuple[SensorMessage, ...], ChairState], None]
     ) -> None:
-        self.pace = Pace()
+        self.timing = LoopTiming()
         self.watch = PageWatch()
         self.free_since_ns: int | None = time.monotonic_ns()
         """Time since which the rider's joystick is on the lines; None while the board holds them."""
-        self._chair, self._simulator, self._heard = chair, simulator, heard
-        self._asks: deque[tuple[Callable[[], object], Future[object]]] = deque()
-        self._woken = threading.Event()
+        self._chair, self._simulator, self._on_tick = chair, simulator, on_tick
+        self._requests: deque[tuple[Callable[[], object], Future[object]]] = deque()
+        self._wake = threading.Event()
         self._ended = False
         self._messages: list[SensorMessage] = []
         self._due_ns = 0
 
-    def ask(self, what: Callable[[], T], first: bool = False) -> T:
+    def ask(self, function: Callable[[], T], first: bool = False) -> T:
         """Run a function in the thread and return its result; with `first` it precedes all waiting requests.
 
         Raises:
             WaychairError: the function raised it, or there was no answer in time.
         """
-        asked: Future[object] = Future()
-        (self._asks.appendleft if first else self._asks.append)((what, asked))
-        self._woken.set()
+        future: Future[object] = Future()
+        (self._requests.appendleft if first else self._requests.append)((function, future))
+        self._wake.set()
         try:
-            answer: T = asked.result(ANSWER_S)  # type: ignore[assignment]
-        except TooLate as error:
+            answer: T = future.result(ANSWER_S)  # type: ignore[assignment]
+        except FutureTimeout as error:
             raise WaychairError(f"the chair has not answered within {ANSWER_S:g} s: see whether it stands") from error
         return answer
 
-    def tell(self, what: Callable[[], object]) -> None:
+    def tell(self, function: Callable[[], object]) -> None:
         """Run a function in the thread without waiting for it."""
-        self._asks.append((what, Future()))
-        self._woken.set()
+        self._requests.append((function, Future()))
+        self._wake.set()
 
     def end(self) -> None:
         """Request the end of the loop."""
         self._ended = True
-        self._woken.set()
+        self._wake.set()
 
     def run(self) -> None:
         """Run until `end`, then stop the chair and release the lines."""
@@ -102,7 +102,7 @@ class RealTime:
             self.step()
             for _ in range(_HANDOVER_BEATS):
                 self._beat()
-            self._refuse()
+            self._refuse_waiting()
 
     def step(self) -> ChairState:
         """Run a tick of the chair: the regular one, or an extra one right after a request."""
@@ -112,12 +112,12 @@ class RealTime:
         state = self._chair.step(self._simulator.now_ns, to_drive, self.watch.halts(now_ns))
         if not state.verdict.computer_drives:
             self.watch.over()
-        self._heard(messages, state)
+        self._on_tick(messages, state)
         spent = time.thread_time() - started
-        pace = self.pace
-        pace.ticks += 1
-        pace.tick_s += 0.05 * (spent - pace.tick_s)
-        pace.longest_tick_s = max(pace.longest_tick_s, spent)
+        timing = self.timing
+        timing.ticks += 1
+        timing.tick_s += 0.05 * (spent - timing.tick_s)
+        timing.longest_tick_s = max(timing.longest_tick_s, spent)
         return state
 
     def _beat(self) -> None:
@@ -134,28 +134,28 @@ class RealTime:
         """Wait until the next beat is due, serving requests meanwhile."""
         self._due_ns += BEAT_NS
         while True:
-            self._woken.clear()
+            self._wake.clear()
             self._serve()
             left_ns = self._due_ns - time.monotonic_ns()
             if left_ns <= 0 or self._ended:
                 break
-            self._woken.wait(left_ns * 1e-9)
+            self._wake.wait(left_ns * 1e-9)
         late_ns = time.monotonic_ns() - self._due_ns
-        if late_ns > _SLACK_NS:
-            self.pace.late += 1
-            self.pace.lost_s += late_ns * 1e-9
+        if late_ns > _GREATEST_LAG_NS:
+            self.timing.late += 1
+            self.timing.lost_s += late_ns * 1e-9
             logging.getLogger(__name__).warning("a tick of the simulated chair came %.0f ms late", late_ns * 1e-6)
             self._due_ns += late_ns
 
     def _serve(self) -> None:
-        while self._asks:
-            what, asked = self._asks.popleft()
+        while self._requests:
+            function, future = self._requests.popleft()
             try:
-                asked.set_result(what())
+                future.set_result(function())
             except WaychairError as error:
-                asked.set_exception(error)
+                future.set_exception(error)
 
-    def _refuse(self) -> None:
+    def _refuse_waiting(self) -> None:
         """Answer all waiting requests with an error."""
-        while self._asks:
-            self._asks.popleft()[1].set_exception(WaychairError("the simulated chair has ended: start it again"))
+        while self._requests:
+            self._requests.popleft()[1].set_exception(WaychairError("the simulated chair has ended: start it again"))

@@ -56,11 +56,11 @@ def drive_route(
     bag: Path | None = None,
     progress: Callable[[float], None] = lambda share: None,
     pacer: Pacer | None = None,
-    hear: Callable[[SensorMessage], None] = lambda message: None,
+    on_message: Callable[[SensorMessage], None] = lambda message: None,
 ) -> RouteDrive:
     """Drive along `route` (N, 2) [m, map] by joystick, at the pace of `pacer` (by default as fast as possible).
 
-    `hear` is called with each sensor message, stamped as in the bag. A ROS 2 `bag` receives all sensor messages, wheel
+    `on_message` is called with each sensor message, stamped as in the bag. A ROS 2 `bag` receives all sensor messages, wheel
     odometry and, once a tick, the true pose. If the disk fills up or the user interrupts, the recorded part stays
     beside the bag's path (see `RecordingWriter`).
 
@@ -80,15 +80,15 @@ def drive_route(
             pose, twist = simulator.truth(), simulator.twist()
             for message in messages:
                 scans += isinstance(message, Scan)
-                stamped = _later(message)
-                hear(stamped)
+                stamped = _wall_clock(message)
+                on_message(stamped)
                 if writer:
                     writer.write(stamped)
                 if isinstance(message, WheelTicks):
                     reading = odometry.update_wheels(message)
                     believed = reading.odom_from_base
                     if writer:
-                        writer.write(_later(reading))
+                        writer.write(_wall_clock(reading))
             if writer:
                 writer.write_truth(now_ns + EPOCH_NS, pose, twist)
             distance, last = distance + math.dist((pose.x, pose.y), (last.x, last.y)), pose
@@ -119,5 +119,5 @@ def mounts_of(body: ChairBody, sonar_height: float) -> dict[str, Pose3]:
     }
 
 
-def _later(message: _Stamped) -> _Stamped:
+def _wall_clock(message: _Stamped) -> _Stamped:
     return replace(message, stamp_ns=message.stamp_ns + EPOCH_NS)

@@ -22,20 +22,28 @@ import numpy as np
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.control.navigator import Stage
 from waychair.control.stops import STOPS, Halt
-from waychair.control.supervisor import Verdict
+from waychair.control.supervisor import SupervisorVerdict
 from waychair.errors import BoxError, ConfigError
 from waychair.files import write_bytes
 from waychair.firmware_bridge.protocol import HelloReply
 from waychair.firmware_bridge.transports import Reconnecting, Transport
-from waychair.runtime.black_box_file import Halted, Located, Moment, Told, encoded, records, tick_from_state
+from waychair.runtime.black_box_file import (
+    LoggedHalt,
+    LoggedLocalisation,
+    Moment,
+    RiderRequest,
+    encoded,
+    records,
+    tick_from_state,
+)
 from waychair.runtime.chair import Chair, ChairState
-from waychair.runtime.drive_base import DriveBase, Message
+from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.pilot import Pilot
 from waychair.simulation.simulator import Simulator
 from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.slam.localiser import Localiser
 from waychair.slam.odometry import OdometryFilter
-from waychair.trials.drive import BEAT_NS, TICK_NS, Setting, calibration_of, chair_in
+from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, calibration_of, simulated_chair
 from waychair.types import Goal, ImuSample, Pose2, Scan, Twist, WheelTicks
 
 Value: TypeAlias = float | int | bool | str | None
@@ -77,7 +85,7 @@ class TapedTick:
 
     beats: tuple[tuple[int, bytes], ...]
     answers: bytes
-    told: tuple[Told, ...]
+    told: tuple[RiderRequest, ...]
     active: bool
     moment: bytes
     odom_from_base: Pose2 | None
@@ -120,47 +128,47 @@ def load_tape(path: Path) -> Tape:
         raise BoxError(f"cannot read the tape {path}: {error}; record it anew with --record") from error
 
 
-def record(
-    setting: Setting, simulator: Simulator, acts: Mapping[int, Callable[[Simulator, Chair], None]], ticks: int
+def record_tape(
+    setup: DriveSetup, simulator: Simulator, actions: Mapping[int, Callable[[Simulator, Chair], None]], ticks: int
 ) -> Tape:
-    """Drive for `ticks` ticks, calling `acts[k]` before tick k, and return the tape.
+    """Drive for `ticks` ticks, calling `actions[k]` before tick k, and return the tape.
 
     Sensor messages are rounded to 1e-3 (mm, mrad/s) for the chair and for the tape alike.
     """
-    start = setting.map_from_world @ simulator.truth()
+    start = setup.map_from_world @ simulator.truth()
     taps: list[_Tap] = []
 
-    def tapped(transport: Transport) -> Transport:
+    def wrap_transport(transport: Transport) -> Transport:
         taps.append(_Tap(transport))
         return taps[-1]
 
-    listener, odometry = _Listener(), OdometryFilter(setting.body)
+    listener, odometry = _Listener(), OdometryFilter(setup.body)
     taped: list[TapedTick] = []
-    with chair_in(setting, simulator, listener, tapped) as chair:
+    with simulated_chair(setup, simulator, listener, wrap_transport) as chair:
         for index in range(ticks):
-            acts.get(index, _nothing)(simulator, chair)
-            beats, heard = [], list[Message]()
+            actions.get(index, _nothing)(simulator, chair)
+            beats, heard = [], list[ChairMessage]()
             for _ in range(TICK_NS // BEAT_NS):
                 now_ns = simulator.now_ns
                 chair.beat(now_ns)
-                beats.append((now_ns, _cut(taps)))
+                beats.append((now_ns, _take_bytes(taps)))
                 heard += map(_rounded, simulator.advance(BEAT_NS))
             told, active = listener.take(), chair.navigator.active
             state = chair.step(simulator.now_ns, heard)
             at_scan = _odometry_at_scan(odometry, heard)
             moment = encoded(Moment(tick_from_state(state, 0), tuple(heard)))
-            taped.append(TapedTick(tuple(beats), _cut(taps), told, active, moment, at_scan))
+            taped.append(TapedTick(tuple(beats), _take_bytes(taps), told, active, moment, at_scan))
     return Tape(start, tuple(taped))
 
 
-def replays(setting: Setting) -> Mapping[str, Callable[[Tape], list[Row]]]:
+def part_replays(setup: DriveSetup) -> Mapping[str, Callable[[Tape], list[Row]]]:
     """Return, by part name, the function from a tape to the part's outputs."""
-    calibration = calibration_of(setting)
+    calibration = calibration_of(setup)
     return {
         "odometry": lambda tape: _replay_odometry(tape, calibration),
-        "localiser": lambda tape: _replay_localiser(tape, setting, calibration),
-        "pilot": lambda tape: _replay_pilot(tape, setting, calibration),
-        "base": lambda tape: _replay_base(tape, setting, calibration),
+        "localiser": lambda tape: _replay_localiser(tape, setup, calibration),
+        "pilot": lambda tape: _replay_pilot(tape, setup, calibration),
+        "base": lambda tape: _replay_base(tape, setup, calibration),
     }
 
 
@@ -201,7 +209,7 @@ def differences(part: str, old: Sequence[Row], new: Sequence[Row]) -> list[Diffe
 
 
 @dataclass(frozen=True, slots=True)
-class Reference:
+class ReferenceOutputs:
     """The reference outputs of a part, and the reason of each of its updates."""
 
     part: str
@@ -223,7 +231,7 @@ def save_reference(path: Path, part: str, rows: Sequence[Row], reason: str) -> N
     write_bytes(path, lzma.compress(text.encode(), preset=9))
 
 
-def load_reference(path: Path) -> Reference:
+def load_reference(path: Path) -> ReferenceOutputs:
     """Read a reference.
 
     Raises:
@@ -233,7 +241,7 @@ def load_reference(path: Path) -> Reference:
         values: dict[str, Any] = json.loads(lzma.decompress(path.read_bytes()))
         columns: dict[str, list[Value]] = values["columns"]
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
-        return Reference(values["part"], tuple(values["reasons"]), tuple(rows))
+        return ReferenceOutputs(values["part"], tuple(values["reasons"]), tuple(rows))
     except (OSError, EOFError, lzma.LZMAError, ValueError, KeyError) as error:
         raise BoxError(f"cannot read the reference {path}: {error}; make it anew with --update --reason") from error
 
@@ -256,24 +264,24 @@ def _replay_odometry(tape: Tape, calibration: ChairCalibration) -> list[Row]:
     return rows
 
 
-def _replay_localiser(tape: Tape, setting: Setting, calibration: ChairCalibration) -> list[Row]:
+def _replay_localiser(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -> list[Row]:
     """Replay the localiser with the tape's odometry; one row per scan."""
-    known = setting.grid if setting.scanned is None else setting.scanned
-    localiser = Localiser(known, calibration.body.base_from_laser, tape.start, setting.chair.localiser)
+    known = setup.grid if setup.scanned is None else setup.scanned
+    localiser = Localiser(known, calibration.body.base_from_laser, tape.start, setup.chair.localiser)
     rows = []
     for taped, moment in tape.moments():
         for scan in moment.heard:
             if isinstance(scan, Scan) and taped.odom_from_base is not None:
-                found = localiser.process(calibration.seen(scan), taped.odom_from_base, moment.tick.twist)
+                found = localiser.process(calibration.masked(scan), taped.odom_from_base, moment.tick.twist)
                 away = math.hypot(found.remaining.x, found.remaining.y)
                 values = {"state": found.state.value, "health": found.health, "inliers": found.inliers}
                 rows.append(_row(**_pose(found.map_from_base), **values, remaining=away, jumped=found.jumped))
     return rows
 
 
-def _replay_pilot(tape: Tape, setting: Setting, calibration: ChairCalibration) -> list[Row]:
+def _replay_pilot(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -> list[Row]:
     """Replay pilot and navigator with the tape's poses, verdicts and commands."""
-    pilot = Pilot(setting.grid, setting.places, calibration.body, setting.chair, calibration.stops, setting.zones)
+    pilot = Pilot(setup.grid, setup.places, calibration.body, setup.chair, calibration.stops, setup.zones)
     rows = []
     for taped, moment in tape.moments():
         tick = moment.tick
@@ -282,24 +290,24 @@ def _replay_pilot(tape: Tape, setting: Setting, calibration: ChairCalibration) -
                 pilot.go(*told.goals)
         for scan in moment.heard:
             if isinstance(scan, Scan) and tick.located is not None:
-                pilot.see(calibration.seen(scan), _localisation(tick.located, tick.map_from_base), tick.twist)
+                pilot.see(calibration.masked(scan), _localisation(tick.located, tick.map_from_base), tick.twist)
         pilot.expire(tick.stamp_ns)
         halt = None if tick.halt is None else _halt(tick.halt)
-        pilot.obey(Verdict(tick.mode, tick.reason, tick.share, halt, drops_goal=tick.drops_goal))
+        pilot.obey(SupervisorVerdict(tick.mode, tick.reason, tick.share, halt, drops_goal=tick.drops_goal))
         map_from_odom = None if tick.located is None else tick.located.map_from_odom
         found = pilot.step(tick.stamp_ns, tick.map_from_base, map_from_odom)
-        pilot.learn(tick.command if tick.sent.active else None, "")
+        pilot.note_sent(tick.command if tick.sent.active else None, "")
         way = 0.0 if found.path is None else found.path.length()
         values = {"stage": found.stage.value, "reason": found.reason, "plans": found.plans, "goals": found.goals}
         rows.append(_row(**values, v=found.twist.v, omega=found.twist.omega, way=way))
     return rows
 
 
-def _replay_base(tape: Tape, setting: Setting, calibration: ChairCalibration) -> list[Row]:
+def _replay_base(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -> list[Row]:
     """Replay supervisor, limiter, monitor and bridge with the tape's board bytes and localisations."""
     board = _Replayed()
     cable = Reconnecting(lambda: board)
-    base = DriveBase(calibration, cable, tape.start, setting.chair, setting.calibration, zones=setting.zones)
+    base = DriveBase(calibration, cable, tape.start, setup.chair, setup.calibration, zones=setup.zones)
     asks = {"go": base.request, "confirm": base.confirm, "stop": base.stop, "reset": base.reset}
     rows = []
     for taped, moment in tape.moments():
@@ -310,7 +318,7 @@ def _replay_base(tape: Tape, setting: Setting, calibration: ChairCalibration) ->
             board.say(said)
             base.beat(now_ns)
         for message in moment.heard:
-            base.hear(base.on_time(message))
+            base.hear(base.with_true_stamp(message))
             if isinstance(message, Scan) and tick.located is not None:
                 base.locate(_localisation(tick.located, tick.map_from_base), message.stamp_ns)
         board.say(taped.answers)
@@ -391,15 +399,15 @@ class _Listener:
     """Collects the requests to the chair since the last tick."""
 
     def __init__(self) -> None:
-        self._told: list[Told] = []
+        self._told: list[RiderRequest] = []
 
-    def told(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
-        self._told.append(Told(what, goals))
+    def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+        self._told.append(RiderRequest(what, goals))
 
-    def note(self, heard: tuple[Message, ...], state: ChairState, board: HelloReply | None) -> None:
+    def note_tick(self, heard: tuple[ChairMessage, ...], state: ChairState, board: HelloReply | None) -> None:
         pass
 
-    def take(self) -> tuple[Told, ...]:
+    def take(self) -> tuple[RiderRequest, ...]:
         told, self._told = tuple(self._told), []
         return told
 
@@ -408,7 +416,7 @@ def _nothing(simulator: Simulator, chair: Chair) -> None:
     pass
 
 
-def _cut(taps: list[_Tap]) -> bytes:
+def _take_bytes(taps: list[_Tap]) -> bytes:
     """Return the bytes read since the last call."""
     data = b"".join(tap.heard for tap in taps)
     for tap in taps:
@@ -416,7 +424,7 @@ def _cut(taps: list[_Tap]) -> bytes:
     return data
 
 
-def _rounded(message: Message) -> Message:
+def _rounded(message: ChairMessage) -> ChairMessage:
     if isinstance(message, Scan):
         return replace(message, ranges=np.round(message.ranges, 3))
     if isinstance(message, ImuSample):
@@ -424,7 +432,7 @@ def _rounded(message: Message) -> Message:
     return message
 
 
-def _odometry_at_scan(odometry: OdometryFilter, heard: Sequence[Message]) -> Pose2 | None:
+def _odometry_at_scan(odometry: OdometryFilter, heard: Sequence[ChairMessage]) -> Pose2 | None:
     at_scan = None
     for message in heard:
         if isinstance(message, WheelTicks):
@@ -436,7 +444,7 @@ def _odometry_at_scan(odometry: OdometryFilter, heard: Sequence[Message]) -> Pos
     return at_scan
 
 
-def _localisation(located: Located, map_from_base: Pose2) -> Localisation:
+def _localisation(located: LoggedLocalisation, map_from_base: Pose2) -> Localisation:
     return Localisation(
         map_from_base,
         located.map_from_odom,
@@ -448,7 +456,7 @@ def _localisation(located: Located, map_from_base: Pose2) -> Localisation:
     )
 
 
-def _halt(halted: Halted) -> Halt:
+def _halt(halted: LoggedHalt) -> Halt:
     return Halt(STOPS[halted.id], halted.text)
 
 

@@ -23,7 +23,7 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import compose, invert, pose_from_array, wrap_angles
 from waychair.recording import InputSettings, read_recording
 from waychair.rosbag_reader import BagSettings
-from waychair.runtime.appearance_mapping import MemoryMaking
+from waychair.runtime.appearance_mapping import MemoryBuilder
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.simulation.camera import CameraSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
@@ -43,7 +43,7 @@ _PAUSE = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Mapped:
+class MappedDrive:
     """A mapped drive, with its memory of places (None without camera) and the true trajectory."""
 
     result: MapperResult
@@ -51,7 +51,7 @@ class Mapped:
     truth: Trajectory
 
 
-def recorded(
+def record_drive(
     world: str, bag: Path, rate_hz: float, route: FloatArray | None = None, camera: CameraSettings | None = None
 ) -> None:
     """Record a drive along a route of a world (by default its mapping route) with pictures at `rate_hz`."""
@@ -66,12 +66,12 @@ def recorded(
     drive_route(simulator, CHAIR_A, place.routes["mapping"] if route is None else route, bag)
 
 
-def mapped(bag: Path, *, camera: bool = True, settings: AppearanceSettings | None = None) -> Mapped:
+def map_drive(bag: Path, *, camera: bool = True, settings: AppearanceSettings | None = None) -> MappedDrive:
     """Map a recorded drive, with its memory in RAM."""
     recording = read_recording(bag)
     live = LiveMapping(LiveMappingSettings(), recording.base_from_laser)
     appearance = Appearance(settings or AppearanceSettings(), CHAIR_A.base_from_camera) if camera else None
-    making = None if appearance is None else MemoryMaking(appearance, recording.pictures())
+    making = None if appearance is None else MemoryBuilder(appearance, recording.pictures())
     for frame in map(live.reckon, recording.frames):
         live.mapper.process(frame)
         if making is not None:
@@ -79,10 +79,10 @@ def mapped(bag: Path, *, camera: bool = True, settings: AppearanceSettings | Non
     result = live.mapper.result()
     if appearance is not None:
         appearance.finish(live.mapper)
-    return Mapped(result, appearance, truth_of(bag))
+    return MappedDrive(result, appearance, true_trajectory(bag))
 
 
-def truth_of(bag: Path) -> Trajectory:
+def true_trajectory(bag: Path) -> Trajectory:
     """Return the true trajectory of a recorded simulated drive, in the world frame."""
     recording = read_recording(bag, InputSettings(bag=BagSettings(odom_topic=TRUTH)))
     readings = [reading for frame in recording.frames for reading in frame.wheels if isinstance(reading, Odometry)]
@@ -90,19 +90,19 @@ def truth_of(bag: Path) -> Trajectory:
     return Trajectory(stamps, np.array([reading.odom_from_base.array() for reading in readings]))
 
 
-def ate(drive: Mapped) -> float:
+def trajectory_error(drive: MappedDrive) -> float:
     """Return the absolute trajectory error [m], root mean square."""
     return round(truth_errors(drive.result.trajectory, drive.truth).rmse_m, 4)
 
 
-def score(drive: Mapped) -> Json:
+def score(drive: MappedDrive) -> Json:
     """Return revisits, recall and false loops of a drive with camera."""
     assert drive.appearance is not None
     memory = drive.appearance.memory
     ids = np.array(memory.skeleton.ids())
     stamps = memory.skeleton.rows["stamp_ns"][ids]
     poses = poses_at(drive.truth.stamps_ns, drive.truth.poses, stamps)
-    same, reversed_ = _places_again(poses, stamps)
+    same, reversed_ = _same_places(poses, stamps)
     row = {int(node): k for k, node in enumerate(ids)}
     linked = np.zeros(len(ids), bool)
     for k, node in enumerate(ids.tolist()):
@@ -112,7 +112,7 @@ def score(drive: Mapped) -> Json:
     turned: BoolArray = np.logical_or.reduce(reversed_, axis=1)
     passes = _stretches(at_revisit)
     back = _stretches(turned & ~at_revisit)
-    right = _right(drive, ids, poses, reversed_)
+    right = _right_poses(drive, ids, poses, reversed_)
     kinds = [link.kind for link in memory.skeleton.every_link()]
     return {
         "nodes": len(ids),
@@ -132,7 +132,7 @@ def score(drive: Mapped) -> Json:
     }
 
 
-def _places_again(poses: FloatArray, stamps: IntArray) -> tuple[BoolArray, BoolArray]:
+def _same_places(poses: FloatArray, stamps: IntArray) -> tuple[BoolArray, BoolArray]:
     """Return (N, N) whether node k is where an older node i < k was: in the same direction, and in others."""
     away = np.hypot(*(poses[:, None, :2] - poses[None, :, :2]).transpose(2, 0, 1))
     turned = np.abs(wrap_angles((poses[:, None, 2] - poses[None, :, 2]).ravel())).reshape(away.shape)
@@ -146,7 +146,7 @@ def _stretches(inside: BoolArray) -> list[IntArray]:
     return [group for group in np.split(rows, np.flatnonzero(np.diff(rows) > _PAUSE) + 1) if len(group)]
 
 
-def _right(drive: Mapped, ids: IntArray, poses: FloatArray, again: BoolArray) -> BoolArray:
+def _right_poses(drive: MappedDrive, ids: IntArray, poses: FloatArray, again: BoolArray) -> BoolArray:
     """Return (N,) whether the map's relative pose of a node to a node that it revisits is right."""
     assert drive.appearance is not None
     memory = drive.appearance.memory
@@ -159,23 +159,23 @@ def _right(drive: Mapped, ids: IntArray, poses: FloatArray, again: BoolArray) ->
     return right
 
 
-def _false_links(drive: Mapped) -> int:
+def _false_links(drive: MappedDrive) -> int:
     assert drive.appearance is not None
     skeleton = drive.appearance.memory.skeleton
     links = [link for link in skeleton.every_link() if link.kind in LOOPS]
     stamps = skeleton.rows["stamp_ns"]
     begin, end = stamps[[link.i for link in links]], stamps[[link.j for link in links]]
-    return _false(drive.truth, begin, end, [link.i_from_j for link in links])
+    return _count_false(drive.truth, begin, end, [link.i_from_j for link in links])
 
 
-def _false_edges(drive: Mapped) -> int:
+def _false_edges(drive: MappedDrive) -> int:
     stamps = drive.result.trajectory.stamps_ns[list(drive.result.key_frames)]
     edges = [edge for edge in drive.result.edges if edge.kind is EdgeKind.LOOP]
     begin, end = stamps[[edge.i for edge in edges]], stamps[[edge.j for edge in edges]]
-    return _false(drive.truth, begin, end, [edge.i_from_j for edge in edges])
+    return _count_false(drive.truth, begin, end, [edge.i_from_j for edge in edges])
 
 
-def _false(truth: Trajectory, from_ns: IntArray, to_ns: IntArray, measured: list[Pose2]) -> int:
+def _count_false(truth: Trajectory, from_ns: IntArray, to_ns: IntArray, measured: list[Pose2]) -> int:
     """Return the number of measured relative poses between two stamps that are wrong."""
     count = 0
     ends = (poses_at(truth.stamps_ns, truth.poses, stamps) for stamps in (from_ns, to_ns))

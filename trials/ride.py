@@ -35,10 +35,10 @@ _SHORTEST_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class TrueMotion:
     """True motion: stamps (T,) int64 [ns], poses (T, 3) in map, twists (T, 2) [m/s, rad/s] over the ground.
 
-    `people` (T,) [m] is the distance from the footprint to the nearest person, +inf without people. `told` (T,) [m/s]
+    `people` (T,) [m] is the distance from the footprint to the nearest person, +inf without people. `requested` (T,) [m/s]
     is the speed that the joystick lines request; if it is empty, no stop counts as hard.
     """
 
@@ -46,21 +46,21 @@ class Motion:
     poses: FloatArray
     twists: FloatArray
     people: FloatArray
-    told: FloatArray = field(default_factory=lambda: np.empty(0))
+    requested: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def at(self, stamp_ns: int) -> tuple[Pose2, Twist]:
         """Return pose and twist of the last sample at or before a stamp."""
         k = max(int(np.searchsorted(self.stamps_ns, stamp_ns, side="right")) - 1, 0)
         return Pose2(*self.poses[k].tolist()), Twist(*self.twists[k].tolist())
 
-    def since(self, stamp_ns: int) -> Motion:
+    def since(self, stamp_ns: int) -> TrueMotion:
         """Return the motion after a stamp."""
         later = self.stamps_ns > stamp_ns
-        told = self.told[later] if len(self.told) else self.told
-        return Motion(self.stamps_ns[later], self.poses[later], self.twists[later], self.people[later], told)
+        requested = self.requested[later] if len(self.requested) else self.requested
+        return TrueMotion(self.stamps_ns[later], self.poses[later], self.twists[later], self.people[later], requested)
 
 
-class WatchedSimulator(Simulator):
+class RecordingSimulator(Simulator):
     """A simulator that records the true motion, one sample per `advance`."""
 
     def __init__(self, world: World, body: ChairBody, settings: SimulatorSettings | None = None, seed: int = 0) -> None:
@@ -70,22 +70,22 @@ class WatchedSimulator(Simulator):
     def advance(self, duration_ns: int) -> tuple[SensorMessage, ...]:
         """Advance the simulator and record a sample."""
         messages = super().advance(duration_ns)
-        self._samples.append((self.now_ns, self.truth(), self.twist(), self.person_distance(), self._told()))
+        self._samples.append((self.now_ns, self.truth(), self.twist(), self.person_distance(), self._requested_speed()))
         return messages
 
-    def forget(self) -> None:
+    def clear_motion(self) -> None:
         """Drop the motion so far."""
         self._samples.clear()
 
-    def motion(self) -> Motion:
-        """Return the motion so far, or since `forget`."""
+    def motion(self) -> TrueMotion:
+        """Return the motion so far, or since `clear_motion`."""
         stamps = np.array([stamp for stamp, *_ in self._samples], np.int64)
         poses = np.array([pose.array() for _, pose, *_ in self._samples]).reshape(-1, 3)
         twists = np.array([(twist.v, twist.omega) for _, _, twist, *_ in self._samples]).reshape(-1, 2)
-        people, told = np.array([sample[3:] for sample in self._samples]).reshape(-1, 2).T
-        return Motion(stamps, poses, twists, people, told)
+        people, requested = np.array([sample[3:] for sample in self._samples]).reshape(-1, 2).T
+        return TrueMotion(stamps, poses, twists, people, requested)
 
-    def _told(self) -> float:
+    def _requested_speed(self) -> float:
         """Return the speed [m/s] at which the chair would settle with the present volts on its forward line."""
         plant = self.settings.plant
         beyond = self._board_volts[0] - plant.neutral_volts
@@ -124,7 +124,7 @@ A_LITTLE, FAIRLY = 0.315, 0.63
 """ISO 2631-1, annex C: a weighted r.m.s. [m/s^2] between the two is a little uncomfortable, above it fairly."""
 
 
-def ride_of(motion: Motion) -> Ride:
+def ride_of(motion: TrueMotion) -> Ride:
     """Return the comfort figures of a motion; `STILL` for one shorter than a second."""
     seconds = (motion.stamps_ns - motion.stamps_ns[:1]) * 1e-9
     if len(seconds) < 2 or seconds[-1] < _SHORTEST_S:
@@ -137,10 +137,10 @@ def ride_of(motion: Motion) -> Ride:
         return STILL
     along, across = _rate(v), v * omega
     faster = along * np.sign(v)
-    told = np.interp(grid, seconds, motion.told) if len(motion.told) else np.zeros(len(grid))
-    hard = _hard_stops(told)
+    requested = np.interp(grid, seconds, motion.requested) if len(motion.requested) else np.zeros(len(grid))
+    hard = _hard_stops(requested)
     gentle = ~_widened(hard)
-    jerk, jerk_told = (np.where(gentle, np.abs(_rate(_rate(speed))), 0.0) for speed in (v, _smooth(told)))
+    jerk, jerk_told = (np.where(gentle, np.abs(_rate(_rate(speed))), 0.0) for speed in (v, _smooth(requested)))
     felt = np.hypot(weighted(_rate(v_true)), weighted(v_true * omega_true))
     running = np.sqrt(np.convolve(felt**2, np.full(round(_RATE_HZ), 1.0 / _RATE_HZ), mode="same"))
     return Ride(
@@ -173,12 +173,12 @@ def weighted(acceleration: FloatArray) -> FloatArray:
     return felt
 
 
-def _hard_stops(told: FloatArray) -> BoolArray:
+def _hard_stops(requested: FloatArray) -> BoolArray:
     """Return (T,) whether the requested deceleration exceeds the mean of comfort and emergency, over `_HARD_S`."""
     limits = LimiterSettings()
     lag = round(_HARD_S * _RATE_HZ)
-    lost = np.zeros(len(told))
-    lost[lag:] = np.abs(told[:-lag]) - np.abs(told[lag:])
+    lost = np.zeros(len(requested))
+    lost[lag:] = np.abs(requested[:-lag]) - np.abs(requested[lag:])
     hard: BoolArray = lost > 0.5 * (limits.braking + limits.emergency) * _HARD_S
     return hard
 

@@ -1,6 +1,6 @@
 """Tight scenes of buildings: doors, a corridor with a corner, a dead end, parked chairs, with seeded random starts.
 
-A `Scene` is a world, a chair in it and a goal. `run_scene` drives the complete chair there: noisy lidar, localiser,
+A `TightScene` is a world, a chair in it and a goal. `run_scene` drives the complete chair there: noisy lidar, localiser,
 navigator, closed loop, and the shipped firmware on the lines of an uncalibrated chair.
 """
 
@@ -23,8 +23,8 @@ from waychair.runtime.chair import ChairSettings
 from waychair.simulation.floor_plan import FloorPlan, PlanDoor, PlanWall
 from waychair.simulation.simulator import Simulator, with_all_sensors
 from waychair.simulation.world import World, world_from_plan
-from waychair.trials.demo import chair_of
-from waychair.trials.drive import Leg, Setting, drive_to_places
+from waychair.trials.demo import randomised_settings
+from waychair.trials.drive import DriveRecord, DriveSetup, drive_to_places
 from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
 
 MAP_RESOLUTION = 0.01
@@ -46,7 +46,7 @@ PARKED_BY, PARKED_AT = (0.02, 0.04), ("beside", "nose in", "tail in")
 _EDGE = 0.2  # [m] free space round a plan's outer walls
 
 
-def drives(body: ChairBody) -> Mapping[str, ChairBody]:
+def drive_variants(body: ChairBody) -> Mapping[str, ChairBody]:
     """Return the body with its drive wheels at the rear, in the middle and at the front; the sensors stay in place."""
     axles = {"rear": 0.25, "mid": body.length / 2, "front": body.length - 0.25}
     return MappingProxyType(
@@ -65,7 +65,7 @@ def drives(body: ChairBody) -> Mapping[str, ChairBody]:
 
 
 @dataclass(frozen=True, slots=True)
-class Scene:
+class TightScene:
     """A world with the chair's start, the goal, the chair, and the door whose axis is scored, if any.
 
     `zones` are the map's. With `sensors` the chair has sonars, a depth camera and an IMU besides its lidar.
@@ -94,10 +94,10 @@ class SceneResult:
     plans: int
     min_clearance_m: float
     door_error_m: float | None
-    leg: Leg
+    leg: DriveRecord
 
 
-def door_scene(width: float, approach: float, body: ChairBody, seed: int) -> Scene:
+def door_scene(width: float, approach: float, body: ChairBody, seed: int) -> TightScene:
     """Return two rooms with a door; the start is 1.5 to 3 m before it, at `approach` degrees to the door's axis.
 
     The turn is to either side, within 5 degrees of `approach`. The lateral offset is random, where the chair fits.
@@ -115,10 +115,10 @@ def door_scene(width: float, approach: float, body: ChairBody, seed: int) -> Sce
 
     goal = Place("beyond", Pose2(middle.x + 2.2, middle.y, 0.0))
     name = f"door {width:g} m, {approach:g} degrees, {body.chair_id} {body.drive}"
-    return Scene(name, _started(world, body, start), goal, body, middle)
+    return TightScene(name, _started(world, body, start), goal, body, middle)
 
 
-def corner_scene(body: ChairBody, seed: int) -> Scene:
+def corner_scene(body: ChairBody, seed: int) -> TightScene:
     """Return a corridor of 0.915 m with a right-angled corner; the start is in one arm, the goal in the other."""
     rng = np.random.default_rng(seed)
     inner, outer = _EDGE + 3.0, _EDGE + 3.0 + CORRIDOR
@@ -134,10 +134,10 @@ def corner_scene(body: ChairBody, seed: int) -> Scene:
 
     goal = Place("round the corner", Pose2((inner + outer) / 2, outer - 1.2, math.pi / 2))
     name = f"corner {CORRIDOR:g} m, {body.chair_id} {body.drive}"
-    return Scene(name, _started(world, body, start), goal, body)
+    return TightScene(name, _started(world, body, start), goal, body)
 
 
-def dead_end_scene(body: ChairBody, seed: int) -> Scene:
+def dead_end_scene(body: ChairBody, seed: int) -> TightScene:
     """Return a dead end of 1.5 m width; the start faces its end, the goal faces out."""
     rng = np.random.default_rng(seed)
     end = _EDGE + 5.0
@@ -149,10 +149,12 @@ def dead_end_scene(body: ChairBody, seed: int) -> Scene:
         return Pose2(end - body.front - rng.uniform(0.15, 0.6), middle + rng.uniform(-0.2, 0.2), turn)
 
     goal = Place("way out", Pose2(_EDGE + 1.5, middle, math.pi))
-    return Scene(f"dead end {DEAD_END:g} m, {body.chair_id} {body.drive}", _started(world, body, start), goal, body)
+    return TightScene(
+        f"dead end {DEAD_END:g} m, {body.chair_id} {body.drive}", _started(world, body, start), goal, body
+    )
 
 
-def parked_scene(place: str, body: ChairBody, seed: int) -> Scene:
+def parked_scene(place: str, body: ChairBody, seed: int) -> TightScene:
     """Return a room with the chair parked beside a wall or in a corner; the goal is in the middle, at any heading."""
     rng = np.random.default_rng(seed)
     far = _EDGE + ROOM
@@ -167,20 +169,20 @@ def parked_scene(place: str, body: ChairBody, seed: int) -> Scene:
     middle = _EDGE + ROOM / 2
     goal = Pose2(middle + rng.uniform(-0.3, 0.3), middle + rng.uniform(0.0, 0.5), rng.uniform(-math.pi, math.pi))
     name = f"parked {place}, {body.chair_id} {body.drive}"
-    return Scene(name, replace(world, start=start), Place("middle", goal), body)
+    return TightScene(name, replace(world, start=start), Place("middle", goal), body)
 
 
-def run_scene(scene: Scene, seed: int, time_limit_s: float = 150.0) -> SceneResult:
+def run_scene(scene: TightScene, seed: int, time_limit_s: float = 150.0) -> SceneResult:
     """Drive a simulated chair of this seed to the scene's goal, on the true map.
 
     Raises:
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
-    chair = with_all_sensors(chair_of(seed)) if scene.sensors else chair_of(seed)
+    chair = with_all_sensors(randomised_settings(seed)) if scene.sensors else randomised_settings(seed)
     simulator = Simulator(scene.world, scene.body, chair, seed)
     places = {scene.goal.name: scene.goal}
-    setting = Setting(map_of(scene.world), places, scene.body, DEFAULT, chair=scene.chair, zones=scene.zones)
-    leg = drive_to_places(setting, simulator, [scene.goal.name], time_limit_s)[0]
+    setup = DriveSetup(map_of(scene.world), places, scene.body, DEFAULT, chair=scene.chair, zones=scene.zones)
+    leg = drive_to_places(setup, simulator, [scene.goal.name], time_limit_s)[0]
     return SceneResult(
         scene.name,
         seed,

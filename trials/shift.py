@@ -21,20 +21,20 @@ from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.footprint import fits
 from waychair.planning.global_planner import plan
 from waychair.simulation.world import World, load_world
-from waychair.trials.demo import chair_of
-from waychair.trials.drive import Leg, Setting, chair_in, drive_leg
-from waychair.trials.hazards import Struck, least_to_people, struck
+from waychair.trials.demo import randomised_settings
+from waychair.trials.drive import DriveRecord, DriveSetup, drive_to_place, simulated_chair
+from waychair.trials.hazards import ContactCause, contact_cause, least_to_people
 from waychair.trials.navigate import with_walkers
-from waychair.trials.ride import WatchedSimulator
+from waychair.trials.ride import RecordingSimulator
 from waychair.types import Place, Pose2
 
 BUILDINGS = ("small_clinic", "second_floor", "basement")
 PLACES = 8
 """The number of random places besides the building's named ones."""
 
-_ROOM = 0.6  # [m] from a random place to anything solid
-_FITS = 0.05  # [m] clearance of the footprint there
-_GIVEN_UP = 3
+_PLACE_DISTANCE = 0.6  # [m] from a random place to anything solid
+_PLACE_CLEARANCE = 0.05  # [m] clearance of the footprint there
+_MOST_FAILURES = 3
 """The shift ends after so many failed drives in a row."""
 
 
@@ -63,10 +63,10 @@ class Shift:
     @property
     def at_fault(self) -> int:
         """The number of contacts that the chair caused."""
-        return sum(count for what, count in self.struck.items() if what != Struck.BUMPED.value)
+        return sum(count for what, count in self.struck.items() if what != ContactCause.BUMPED.value)
 
 
-def work(building: str, seed: int, seconds: float, people: int = 3) -> Shift:
+def run_shift(building: str, seed: int, seconds: float, people: int = 3) -> Shift:
     """Run a shift of `seconds` of simulated time; the drive under way at the end is finished.
 
     Raises:
@@ -75,26 +75,26 @@ def work(building: str, seed: int, seconds: float, people: int = 3) -> Shift:
     """
     rng = np.random.default_rng(seed)
     whole = load_world(building)
-    shut, world = _with_a_door_shut(whole, rng)
+    shut, world = _with_closed_door(whole, rng)
     places = _places(whole, costmap_from_grid(world.grid, CHAIR_A), rng)
-    simulator = WatchedSimulator(with_walkers(world, people, seed), CHAIR_A, chair_of(seed), seed)
-    setting = Setting(whole.grid, places, CHAIR_A, DEFAULT)
-    legs: list[Leg] = []
+    simulator = RecordingSimulator(with_walkers(world, people, seed), CHAIR_A, randomised_settings(seed), seed)
+    setup = DriveSetup(whole.grid, places, CHAIR_A, DEFAULT)
+    legs: list[DriveRecord] = []
     hits: Counter[str] = Counter()
     nearest, grown_from, began_ns, in_vain = math.inf, 0.0, simulator.now_ns, 0
-    with chair_in(setting, simulator) as chair:
+    with simulated_chair(setup, simulator) as chair:
         at = ""
-        while simulator.now_ns - began_ns < seconds * 1e9 and in_vain < _GIVEN_UP:
+        while simulator.now_ns - began_ns < seconds * 1e9 and in_vain < _MOST_FAILURES:
             at = str(rng.choice([name for name in places if name != at]))
             reports = len(simulator.contact_reports)
-            leg = drive_leg(setting, simulator, chair, at)
+            leg = drive_to_place(setup, simulator, chair, at)
             motion = simulator.motion()
             hits.update(
-                struck(contact, simulator.world, CHAIR_A, motion).value
+                contact_cause(contact, simulator.world, CHAIR_A, motion).value
                 for contact in simulator.contact_reports[reports:]
             )
             nearest = min(nearest, least_to_people(motion))
-            simulator.forget()
+            simulator.clear_motion()
             in_vain = 0 if leg.reached else in_vain + 1
             legs.append(leg)
             grown_from = grown_from or _memory_mb()
@@ -117,12 +117,12 @@ def work(building: str, seed: int, seconds: float, people: int = 3) -> Shift:
     )
 
 
-def _with_a_door_shut(world: World, rng: np.random.Generator) -> tuple[str, World]:
+def _with_closed_door(world: World, rng: np.random.Generator) -> tuple[str, World]:
     """Return the world with a closed door that leaves all places reachable, and its name; empty if there is none."""
     for name in rng.permutation([door.name for door in world.doors]).tolist():
         shut = world.with_closed([name])
         ground = costmap_from_grid(shut.grid, CHAIR_A)
-        if all(_leads(ground, world.start, place.pose) for place in world.places):
+        if all(_has_path(ground, world.start, place.pose) for place in world.places):
             return name, shut
     return "", world
 
@@ -130,17 +130,17 @@ def _with_a_door_shut(world: World, rng: np.random.Generator) -> tuple[str, Worl
 def _places(world: World, ground: Costmap, rng: np.random.Generator) -> dict[str, Place]:
     """Return the building's places and random ones where the chair fits and that it can reach from its start."""
     places = {place.name: place for place in world.places}
-    roomy = points_from_cells(world.grid, np.argwhere((ground.clearance > _ROOM) & (world.grid.cells >= 0)))
+    roomy = points_from_cells(world.grid, np.argwhere((ground.clearance > _PLACE_DISTANCE) & (world.grid.cells >= 0)))
     while len(places) < len(world.places) + PLACES:
         x, y = roomy[rng.integers(len(roomy))].tolist()
         pose = Pose2(x, y, float(rng.uniform(-math.pi, math.pi)))
-        if fits(CHAIR_A, _FITS, ground.field, pose) and _leads(ground, world.start, pose):
+        if fits(CHAIR_A, _PLACE_CLEARANCE, ground.field, pose) and _has_path(ground, world.start, pose):
             name = f"spot {len(places) - len(world.places) + 1}"
             places[name] = Place(name, pose)
     return places
 
 
-def _leads(ground: Costmap, start: Pose2, goal: Pose2) -> bool:
+def _has_path(ground: Costmap, start: Pose2, goal: Pose2) -> bool:
     try:
         plan(ground, start, goal)
     except PlanningError:

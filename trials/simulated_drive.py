@@ -32,9 +32,9 @@ class SimulatedDrive:
         self._simulator = simulator
         self._meter = meter
         simulator.release()
-        meter.take_in(simulator.advance(TICK_NS))
+        meter.add_messages(simulator.advance(TICK_NS))
         if not meter.ready:
-            meter.take_in(simulator.advance(round(STILL_S * 1e9) + TICK_NS))
+            meter.add_messages(simulator.advance(round(STILL_S * 1e9) + TICK_NS))
 
     @property
     def now_ns(self) -> int:
@@ -48,10 +48,12 @@ class SimulatedDrive:
             WorldError: the chair touched something, which spoils the measurement.
             CalibrationError: the sensors give no speed.
         """
-        return self._meter.take_in(held(self._simulator, forward_volts, turn_volts, seconds))
+        return self._meter.add_messages(hold_lines(self._simulator, forward_volts, turn_volts, seconds))
 
 
-def held(simulator: Simulator, forward_volts: float, turn_volts: float, seconds: float) -> tuple[SensorMessage, ...]:
+def hold_lines(
+    simulator: Simulator, forward_volts: float, turn_volts: float, seconds: float
+) -> tuple[SensorMessage, ...]:
     """Hold the lines at these volts for a whole number of ticks and return the messages.
 
     Raises:

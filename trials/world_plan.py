@@ -10,7 +10,7 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import rectangle, transform_points
-from waychair.runtime.report import COLOURS, Picture, draw_map, draw_outline, draw_places, new_figure, png_from_figure
+from waychair.runtime.report import COLOURS, PngFigure, draw_map, draw_outline, draw_places, new_figure, png_from_figure
 from waychair.simulation.scene import MATERIALS, Block, Pit, Reflection, Slope
 from waychair.simulation.world import World
 from waychair.trials.record import route_length
@@ -31,13 +31,13 @@ RAMP, PIT, OVERHANG, PERSON = "#009e73", "#cc0000", "#e69f00", "#aa00aa"
 _DECEIVING = {Reflection.DARK: "dark surface", Reflection.GLASS: "glass", Reflection.MIRROR: "mirror"}
 
 
-def hazards(world: World) -> tuple[str, ...]:
+def hazard_names(world: World) -> tuple[str, ...]:
     """Return the hazards for lidar and wheels, and the people, each kind with its count, such as `glass (2)`."""
     counts = Counter(_hazards(world))
     return tuple(name if count == 1 else f"{name} ({count})" for name, count in sorted(counts.items()))
 
 
-def world_picture(world: World) -> Picture:
+def world_picture(world: World) -> PngFigure:
     """Return the plan: blocks by material, ramps, pits, routes, places, the chair at the start, people's paths."""
     height, width = (count * world.grid.resolution for count in world.grid.cells.shape)
     figure, axes = new_figure(12.0, 2.0 + 10.0 * height / max(width, height))
@@ -60,7 +60,7 @@ def world_picture(world: World) -> Picture:
         axes.legend(handles, labels, loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=4, frameon=False)
     title = world.name if world.level in ("", world.name) else f"{world.name}, {world.level}"
     axes.set_title(title)
-    return Picture(title, ", ".join(hazards(world)) or "no hazards", png_from_figure(figure))
+    return PngFigure(title, ", ".join(hazard_names(world)) or "no hazards", png_from_figure(figure))
 
 
 def _hazards(world: World) -> Iterator[str]:

@@ -13,6 +13,9 @@ import numpy as np
 from benchmarks.acceptance.logs import DATA
 from waychair.files import replacing
 from waychair.runtime.report import new_figure
+from waychair.slam import features as features_module
+from waychair.slam import matching, place_recognition
+from waychair.slam import vocabulary as vocabulary_module
 from waychair.slam.features import extract, features_of_image, gray_image
 from waychair.slam.hamming_index import HammingIndex, assign, hamming_table, packed
 from waychair.slam.likelihood import normalised, tf_idf
@@ -48,7 +51,6 @@ def places(out: Path) -> Json:
         "of_lap_one": _offline(images, images[:40], settings),
         "of_other_rooms": _offline(images, rooms, settings),
     }
-    margins = {name: list(judged(photographs(images, other))) for name, other in varied(settings)}
     open_ends = {r.node: r.reason for r in results if r.node > 40 and r.closure is None}
     return {
         "passed": right >= 42 and wrong == 0,
@@ -56,7 +58,7 @@ def places(out: Path) -> Json:
         "wrong": wrong,
         "cpu_ms_per_image": round(1e3 * seconds / len(images), 1),
         "kmeans_dictionary": offline,
-        "margins": margins,
+        "margins": margins(images, settings),
         "not_closed": open_ends,
     }
 
@@ -83,23 +85,45 @@ def _offline(images: list[Bytes], training: list[Bytes], settings: RecognitionSe
     }
 
 
-def varied(settings: RecognitionSettings) -> Iterator[tuple[str, RecognitionSettings]]:
-    """The settings with one of them moved by a fifth, down and up."""
-    groups: dict[str, tuple[str, ...]] = {
-        "": ("accept", "min_features", "short_term"),
-        "vocabulary": ("ratio",),
-        "features": ("max_features", "fast_threshold"),
-        "epipolar": ("ratio", "tolerance", "min_inliers", "min_share"),
-    }
-    for group, names in groups.items():
-        inner = getattr(settings, group) if group else settings
-        for name in names:
-            for factor in (0.8, 1.2):
-                value = getattr(inner, name)
-                moved = round(value * factor) if isinstance(value, int) else min(value * factor, 1.0 + 9 * (value > 1))
-                changed = replace(inner, **{name: moved})
-                label = f"{group}.{name} {moved:g}".removeprefix(".")
-                yield label, replace(settings, **{group: changed}) if group else changed
+CONSTANTS = {
+    "min_features": (place_recognition, "MIN_FEATURES"),
+    "vocabulary.ratio": (vocabulary_module, "NEAREST_RATIO"),
+    "features.fast_threshold": (features_module, "FAST_THRESHOLD"),
+    "epipolar.ratio": (matching, "_RATIO"),
+    "epipolar.tolerance": (matching, "_TOLERANCE"),
+    "epipolar.min_inliers": (matching, "_MIN_INLIERS"),
+    "epipolar.min_share": (matching, "_MIN_SHARE"),
+}
+"""Thresholds of the figure `margins` that are constants of modules."""
+
+
+def margins(images: list[Bytes], settings: RecognitionSettings) -> Json:
+    """Right and wrong closures with one threshold moved by a fifth, down and up."""
+
+    def figures(settings: RecognitionSettings, short_term: int = place_recognition.SHORT_TERM) -> list[int]:
+        return list(judged(photographs(images, settings, short_term=short_term)))
+
+    found: Json = {}
+    for factor in (0.8, 1.2):
+        accept, short_term = moved(settings.accept, factor), round(place_recognition.SHORT_TERM * factor)
+        most = round(settings.features.max_features * factor)
+        found[f"accept {accept:g}"] = figures(replace(settings, accept=accept))
+        found[f"short_term {short_term}"] = figures(settings, short_term)
+        features = replace(settings.features, max_features=most)
+        found[f"features.max_features {most}"] = figures(replace(settings, features=features))
+        for label, (module, name) in CONSTANTS.items():
+            value = getattr(module, name)
+            setattr(module, name, moved(value, factor))
+            try:
+                found[f"{label} {getattr(module, name):g}"] = figures(settings)
+            finally:
+                setattr(module, name, value)
+    return found
+
+
+def moved(value: float, factor: float) -> float:
+    """A threshold times a factor: whole numbers stay whole, and shares stay at most 1."""
+    return round(value * factor) if isinstance(value, int) else min(value * factor, 1.0 + 9 * (value > 1))
 
 
 def words_speed(out: Path) -> Json:

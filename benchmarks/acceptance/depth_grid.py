@@ -21,7 +21,7 @@ from waychair.slam.evaluation import truth_errors
 from waychair.trials.depth_drive import drive_with_pictures, with_hazards
 from waychair.trials.depth_score import depth_score
 from waychair.trials.edge_approach import approach_edge
-from waychair.trials.hazards import EDGES
+from waychair.trials.hazards import DROP_OFFS
 from waychair.trials.map_score import wall_agreement
 from waychair.types import Json, RgbdFrame, SensorFrame
 
@@ -48,7 +48,7 @@ def limits(out: Path) -> Json:
 def edges_mapped(out: Path, seeds: int = EDGE_SEEDS) -> Json:
     """An edge ahead, beside while turning, behind while backing: all of it that comes near is in the grid by then."""
     rows = []
-    for where in EDGES:
+    for where in DROP_OFFS:
         runs = [approach_edge(where, seed) for seed in range(seeds)]
         points, known = sum(run.points for run in runs), sum(run.known for run in runs)
         nearest = min(run.nearest_m for run in runs)

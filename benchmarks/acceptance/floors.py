@@ -13,7 +13,8 @@ import numpy as np
 
 from waychair.runtime.appearance_mapping import memory_report
 from waychair.runtime.paper_tables import paper_tables
-from waychair.trials.revisits import ate, mapped, recorded, score
+from waychair.slam.appearance import NEAR_DISTANCE
+from waychair.trials.revisits import map_drive, record_drive, score, trajectory_error
 from waychair.types import Json
 
 RATE_HZ = 2.0
@@ -45,15 +46,15 @@ def _floor(world: str) -> tuple[Json, Json]:
     """A drive along the world's route, recorded once and mapped with and without camera; its report."""
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "drive.mcap"
-        recorded(world, bag, RATE_HZ)
-        seen, blind = mapped(bag), mapped(bag, camera=False)
+        record_drive(world, bag, RATE_HZ)
+        seen, blind = map_drive(bag), map_drive(bag, camera=False)
     assert seen.appearance is not None
     scored = score(seen)
-    scored["ate_m"], scored["ate_lidar_only_m"] = (ate(each) for each in (seen, blind))
+    scored["ate_m"], scored["ate_lidar_only_m"] = (trajectory_error(each) for each in (seen, blind))
     steps = np.diff(seen.result.trajectory.poses[:, :2], axis=0)
     report = {
         "distance_m": float(np.hypot(*steps.T).sum()),
-        "memory": memory_report(seen.appearance.places, seen.appearance.settings.near_distance),
+        "memory": memory_report(seen.appearance.places, NEAR_DISTANCE),
     }
     scored["frame_ms"] = report["memory"]["per_picture"]["total_ms"]
     scored["frame_p99_ms"] = report["memory"]["per_picture"]["total_p99_ms"]

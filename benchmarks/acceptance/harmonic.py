@@ -36,7 +36,7 @@ from waychair.maps.map_files import load_map
 from waychair.planning.forecast import ForecastSettings
 from waychair.planning.global_planner import PlannerSettings
 from waychair.planning.laplace_gpu import gpu_at_hand
-from waychair.trials.hazards import Hazard, HazardResult, Struck, movers, run_hazard
+from waychair.trials.hazards import ContactCause, Hazard, HazardResult, movers, run_hazard
 from waychair.types import BoolArray, Json
 
 SHARPEST_DEG = 15.0
@@ -181,7 +181,7 @@ def _run(told: str, count: int, seed: int) -> HazardResult:
 
 
 def _movers_row(count: int, planner: str, paper: Json, found: list[HazardResult]) -> Json:
-    own = [kind for kind in Struck if kind is not Struck.BUMPED]
+    own = [kind for kind in ContactCause if kind is not ContactCause.BUMPED]
     return {
         "movers": count,
         "planner": planner,

@@ -19,22 +19,22 @@ from waychair.calibration.chair import CHAIR_A, CHAIR_B
 from waychair.control.limiter import LimiterSettings
 from waychair.trials.barn import upper_bound
 from waychair.trials.hazards import (
-    EDGES,
-    Appearance,
-    Guard,
+    DROP_OFFS,
+    ContactCause,
     Hazard,
     HazardResult,
-    Struck,
+    Protection,
+    SuddenPerson,
     glass,
     hazard_of_scene,
     movers,
-    run_appearance,
     run_hazard,
+    run_sudden_person,
     to_the_lift,
     to_the_restroom,
 )
 from waychair.trials.ride import limits_row, ride_row, worst_of
-from waychair.trials.scenes import APPROACHES, Scene, corner_scene, dead_end_scene, door_scene, drives
+from waychair.trials.scenes import APPROACHES, TightScene, corner_scene, dead_end_scene, door_scene, drive_variants
 from waychair.types import Json
 
 RUNS = int(os.environ.get("HAZARDS_RUNS", "100"))
@@ -57,10 +57,10 @@ def edges(out: Path) -> Json:
     Counted is the outline over an edge, which holds the wheels. The rows with nothing that tells of the edge show that
     the scenes are dangerous; they have no bar.
     """
-    guards = (Guard.CAMERA, Guard.ZONE, Guard.MAP, Guard.NOTHING)
+    guards = (Protection.CAMERA, Protection.ZONE, Protection.MAP, Protection.NOTHING)
     rows = [
-        _row(f"edge {where}, {guard.value}", partial(scene, guard), guard is not Guard.NOTHING)
-        for where, scene in EDGES.items()
+        _row(f"edge {where}, {guard.value}", partial(scene, guard), guard is not Protection.NOTHING)
+        for where, scene in DROP_OFFS.items()
         for guard in guards
     ]
     judged = [row for row in rows if row["judged"]]
@@ -70,8 +70,8 @@ def edges(out: Path) -> Json:
 def glass_door(out: Path) -> Json:
     """Glass across the straight way: no contact with sonars or a zone; with the lidar alone, what happens is stated."""
     rows = [
-        _row(f"glass, {guard.value}", partial(glass, guard), guard is not Guard.NOTHING)
-        for guard in (Guard.SONAR, Guard.ZONE, Guard.NOTHING)
+        _row(f"glass, {guard.value}", partial(glass, guard), guard is not Protection.NOTHING)
+        for guard in (Protection.SONAR, Protection.ZONE, Protection.NOTHING)
     ]
     return _figures(rows, not sum(row["glass"] + row["solid"] for row in rows if row["judged"]))
 
@@ -99,7 +99,7 @@ def appears(out: Path) -> Json:
     """Somebody is suddenly there, straight ahead of a chair at 0.8 m/s: how near it comes, and how hard it strikes."""
     rows = []
     for ahead_m in AHEAD_M:
-        found = over_seeds(f"appears {ahead_m} m ahead", partial(run_appearance, ahead_m), RUNS)
+        found = over_seeds(f"appears {ahead_m} m ahead", partial(run_sudden_person, ahead_m), RUNS)
         rows.append(_appearance_row(ahead_m, found))
         print(f"  {rows[-1]}", flush=True)
     far = [row for row in rows if row["ahead_m"] >= FAR_M]
@@ -123,15 +123,16 @@ def ride(out: Path) -> Json:
     """
     few = max(1, RUNS // 10)
     scenes: list[tuple[str, Callable[[int], Hazard]]] = [
-        (f"edge {where}, {Guard.ZONE.value}", partial(scene, Guard.ZONE)) for where, scene in EDGES.items()
+        (f"edge {where}, {Protection.ZONE.value}", partial(scene, Protection.ZONE))
+        for where, scene in DROP_OFFS.items()
     ]
     scenes += [
-        (f"glass, {Guard.SONAR.value}", partial(glass, Guard.SONAR)),
+        (f"glass, {Protection.SONAR.value}", partial(glass, Protection.SONAR)),
         ("corridor to the lift", to_the_lift),
         ("basement to the restroom", to_the_restroom),
         *((f"{count} movers", partial(movers, count)) for count in PAPER_004_S),
     ]
-    body = drives(CHAIR_B)["rear"]
+    body = drive_variants(CHAIR_B)["rear"]
     scenes += [
         (f"door 0.9 m, {angle:.0f} degrees", partial(_tight, partial(door_scene, 0.9, angle, body)))
         for angle in APPROACHES
@@ -166,7 +167,7 @@ NOT_UNCOMFORTABLE = 0.315
 """Of a drive's r.m.s. acceleration [m/s^2] (ISO 2631-1, annex C)."""
 
 
-def _tight(scene: Callable[[int], Scene], seed: int) -> Hazard:
+def _tight(scene: Callable[[int], TightScene], seed: int) -> Hazard:
     return hazard_of_scene(scene(seed))
 
 
@@ -182,8 +183,10 @@ def _by_chair(row: Json) -> int:
 def _row(name: str, scene: Callable[[int], Hazard], judged: bool) -> Json:
     results = over_seeds(name, partial(_run, scene), RUNS)
     reached = sum(each.reached for each in results)
-    struck = {kind.value: sum(each.count(kind) for each in results) for kind in Struck}
-    at_fault = sum(bool(each.count(*(kind for kind in Struck if kind is not Struck.BUMPED))) for each in results)
+    struck = {kind.value: sum(each.count(kind) for each in results) for kind in ContactCause}
+    at_fault = sum(
+        bool(each.count(*(kind for kind in ContactCause if kind is not ContactCause.BUMPED))) for each in results
+    )
     row = {
         "scene": name,
         "judged": judged,
@@ -194,8 +197,8 @@ def _row(name: str, scene: Callable[[int], Hazard], judged: bool) -> Json:
         **struck,
         "runs_with_contact_by_chair": at_fault,
         "contact_rate_bound_95": round(upper_bound(at_fault, RUNS), 4),
-        "fastest_contact": round(max((speed for each in results for _, speed in each.struck), default=0.0), 2),
-        "least_edge_m": _least(each.edge_m for each in results),
+        "fastest_contact": round(max((speed for each in results for _, speed in each.contacts), default=0.0), 2),
+        "least_edge_m": _least(each.drop_off_m for each in results),
         "least_person_m": _least(each.person_m for each in results),
         "median_s": round(float(np.median([each.seconds for each in results])), 1),
         "ride": ride_row(name, worst_of([each.ride for each in results])),
@@ -221,7 +224,7 @@ def _figures(rows: list[Json], passed: bool) -> Json:
     }
 
 
-def _appearance_row(ahead_m: float, found: list[Appearance]) -> Json:
+def _appearance_row(ahead_m: float, found: list[SuddenPerson]) -> Json:
     contacts = sum(each.contact_speed > 0.0 for each in found)
     slowed = [each for each in found if math.isfinite(each.braking)]
     reactions = [each.reaction_s for each in found if math.isfinite(each.reaction_s)]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from waychair.maps.map_files import load_map
-from waychair.trials.lifelong import Lifelong, sessions
+from waychair.trials.lifelong import Lifelong, drive_sessions
 from waychair.types import UNKNOWN, Json
 
 SESSIONS, SEED = 20, 3
@@ -27,7 +27,7 @@ def lifelong(out: Path, count: int = SESSIONS, seed: int = SEED) -> Json:
 def _lived(out: Path, floor: str, count: int, seed: int) -> Json:
     with tempfile.TemporaryDirectory() as work:
         life = Lifelong(Path(work) / "map")
-        for drive in sessions(floor, count, seed):
+        for drive in drive_sessions(floor, count, seed):
             life.add(drive)
         _plot(out.with_suffix(".png"), life)
     figures = life.figures()
@@ -54,15 +54,15 @@ def _plot(path: Path, life: Lifelong) -> None:
     health.set(ylabel="health OK [%]", ylim=(90, 100.5))
     nodes.plot([], [], "s:", color="C1", label="health OK")
     nodes.legend(loc="lower right")
-    grid, origin = load_map(life.folder), life.drives[0].truth.poses[0]
+    grid, origin = load_map(life.folder), life.sessions[0].truth.poses[0]
     shades = np.where(grid.cells == UNKNOWN, 0.8, 1.0 - np.clip(grid.cells, 0, 100) / 100.0)
     (height, width), side, low = grid.cells.shape, grid.resolution, grid.map_from_grid
     drawn.imshow(
         shades, cmap="gray", origin="lower", extent=(low.x, low.x + width * side, low.y, low.y + height * side)
     )
-    standing = set(life.drives[-1].pieces)
+    standing = set(life.sessions[-1].pieces)
     c, s = np.cos(origin[2]), np.sin(origin[2])
-    for piece in {piece for drive in life.drives for piece in drive.pieces}:
+    for piece in {piece for drive in life.sessions for piece in drive.pieces}:
         x, y = np.array(piece.centre) - origin[:2]
         drawn.plot(c * x + s * y, c * y - s * x, "+", color="C2" if piece in standing else "C3", ms=6)
     drawn.set(xlabel="[m]", ylabel="[m]")

@@ -21,7 +21,7 @@ from waychair.simulation.world import load_world
 from waychair.slam.evaluation import read_relations, relation_errors, truth_errors
 from waychair.slam.mapper import Mapper, MapperSettings, odometry_of
 from waychair.trials.map_score import wall_agreement
-from waychair.trials.revisits import truth_of
+from waychair.trials.revisits import true_trajectory
 from waychair.types import Json, Odometry, SensorFrame
 
 PASSES = 10
@@ -50,7 +50,7 @@ def _mapped_floor(world: str) -> Json:
         record = [waychair, "simulate", "--world", world, "--no-camera", "--record", str(bag), "--quiet"]
         subprocess.run(record, check=True)
         subprocess.run([waychair, "map", str(bag), "--out", str(made), "--quiet"], check=True)
-        truth = truth_of(bag)
+        truth = true_trajectory(bag)
         trajectory, grid = read_tum(made / "trajectory.tum"), load_map(made)
     errors = truth_errors(trajectory, truth)
     walls = wall_agreement(grid, load_world(world).grid, errors.truth_from_map, 0.05)

@@ -42,7 +42,7 @@ def bounded(out: Path, hours: float = 10.0, unlimited_hours: float = UNLIMITED_H
     The run without a limit is shorter, for what it costs grows with the square of its length: both are compared by the
     trajectory over that part, as it stands at its end.
     """
-    limited = _Drive(MemorySettings(memory_thr=LIMIT), hours)
+    limited = _Drive(MemorySettings(working_memory_limit=LIMIT), hours)
     early = limited.run(until_hours=unlimited_hours)
     limited.run()
     figures = limited.figures()
@@ -288,7 +288,7 @@ def _killed_after(path: Path, seconds: float) -> list[int]:
 
 
 def _map_for_ever(path: Path, tell: int) -> None:
-    memory = Memory(MemorySettings(memory_thr=30), LongTerm(path))
+    memory = Memory(MemorySettings(working_memory_limit=30), LongTerm(path))
     while True:
         node = memory.skeleton.count
         memory.add(made_of(node), np.eye(3))

@@ -13,7 +13,7 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
-from waychair.control.collision_monitor import MonitorSettings, refusal
+from waychair.control.collision_monitor import VERDICT_MS, stale_stop
 from waychair.control.limiter import LimiterSettings
 from waychair.geometry import transform_points
 from waychair.runtime.monitor_process import MonitorProcess, Watched
@@ -22,8 +22,8 @@ from waychair.simulation.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.world import world_from_grid
 from waychair.topics import COMMAND
-from waychair.trials.drive import Setting, advance_tick, begin, chair_in
-from waychair.trials.ride import Motion, WatchedSimulator
+from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair, start_drive
+from waychair.trials.ride import RecordingSimulator, TrueMotion
 from waychair.types import FloatArray, Goal, Json, OccupancyGrid, Pose2, Scan, Twist
 
 _DEATHS = 20
@@ -31,7 +31,6 @@ _POLL_S = 0.005
 _RUNS = 100
 _REACTIONS = 20
 _REACTION_S = 0.15
-_SETTINGS = MonitorSettings()
 
 
 def monitor_killed(out: Path) -> Json:
@@ -42,7 +41,7 @@ def monitor_killed(out: Path) -> Json:
     delays = {death.name: [_delay_ms(death) for _ in range(_DEATHS)] for death in (signal.SIGKILL, signal.SIGSTOP)}
     worst = max(max(values) for values in delays.values())
     return {
-        "passed": worst <= _SETTINGS.verdict_ms + 20.0,
+        "passed": worst <= VERDICT_MS + 20.0,
         "deaths": 2 * _DEATHS,
         "worst_ms": round(worst, 1),
         **{f"median_{name}_ms": round(float(np.median(values)), 1) for name, values in delays.items()},
@@ -67,7 +66,7 @@ def _refusal(process: MonitorProcess) -> str:
     ranges = np.random.default_rng(now_ns).normal(3.0, 0.005, 720).astype(np.float32)
     process.see(Scan(now_ns, ranges, -2.35, 4.7 / 719, 1e-4, 0.05, 25.0))
     process.judge(Twist(0.3, 0.0), Twist(0.3, 0.0), now_ns)
-    return refusal(process.verdict, time.monotonic_ns(), _SETTINGS)
+    return stale_stop(process.verdict, time.monotonic_ns())
 
 
 def steps_out(out: Path) -> Json:
@@ -107,8 +106,8 @@ def _nearest(seed: int) -> float:
     chair = SimulatorSettings(plant=randomised(PlantSettings(), seed))
     simulator = Simulator(world, CHAIR_A, chair, seed)
     least = math.inf
-    with chair_in(Setting(world.grid, {}, CHAIR_A, DEFAULT), simulator) as driven:
-        begin(simulator, driven, Goal(Pose2(10.0, 1.5, 0.0), 0.3, 0.3))
+    with simulated_chair(DriveSetup(world.grid, {}, CHAIR_A, DEFAULT), simulator) as driven:
+        start_drive(simulator, driven, Goal(Pose2(10.0, 1.5, 0.0), 0.3, 0.3))
         for _ in range(round(12.0 * COMMAND.rate_hz)):
             messages = advance_tick(simulator, driven)
             driven.step(simulator.now_ns, messages)
@@ -145,11 +144,11 @@ def _reaction(seed: int) -> tuple[float, float, float]:
     cells = np.full((60, 240), 100, np.int8)
     cells[1:-1, 1:-1] = 0
     world = world_from_grid(OccupancyGrid(cells, 0.05), Pose2(1.2, 1.5, 0.0), name="corridor")
-    simulator = WatchedSimulator(world, CHAIR_A, SimulatorSettings(plant=randomised(PlantSettings(), seed)), seed)
+    simulator = RecordingSimulator(world, CHAIR_A, SimulatorSettings(plant=randomised(PlantSettings(), seed)), seed)
     appears_x, at, appeared_ns = float(rng.uniform(4.0, 5.0)), np.zeros((1, 2)), 0
     scans: list[Scan] = []
-    with chair_in(Setting(world.grid, {}, CHAIR_A, DEFAULT), simulator) as driven:
-        begin(simulator, driven, Goal(Pose2(10.0, 1.5, 0.0), 0.3, 0.3))
+    with simulated_chair(DriveSetup(world.grid, {}, CHAIR_A, DEFAULT), simulator) as driven:
+        start_drive(simulator, driven, Goal(Pose2(10.0, 1.5, 0.0), 0.3, 0.3))
         while not appeared_ns or simulator.now_ns - appeared_ns < 2_000_000_000:
             messages = advance_tick(simulator, driven)
             driven.step(simulator.now_ns, messages)
@@ -161,7 +160,7 @@ def _reaction(seed: int) -> tuple[float, float, float]:
     motion = simulator.motion()
     seen_ns = next(stamp for scan in scans if (stamp := _first_beam_on(at, scan, motion)))
     stamps, after = motion.stamps_ns, motion.stamps_ns >= appeared_ns
-    told, v = motion.told[after], motion.twists[after, 0]
+    told, v = motion.requested[after], motion.twists[after, 0]
     # half of what an emergency takes off in the first tick
     brakes_ns = int(stamps[after][np.argmax(told < told[0] - 0.5 * LimiterSettings().emergency / COMMAND.rate_hz)])
     slowed_ns = int(stamps[after][np.argmax(v < 0.9 * v[0])])
@@ -171,7 +170,7 @@ def _reaction(seed: int) -> tuple[float, float, float]:
 _RADIUS = 0.25
 
 
-def _first_beam_on(at: FloatArray, scan: Scan, motion: Motion) -> int:
+def _first_beam_on(at: FloatArray, scan: Scan, motion: TrueMotion) -> int:
     """Stamp [ns] of the first beam that ends on the person at (1, 2) [m, map]; 0 if none does."""
     laser = motion.at(scan.stamp_ns)[0] @ CHAIR_A.base_from_laser
     ends = np.column_stack([scan.ranges * np.cos(scan.angles()), scan.ranges * np.sin(scan.angles())])

@@ -19,7 +19,7 @@ import msgspec
 from benchmarks.acceptance.runs import commit, processes
 from waychair.files import write_json
 from waychair.trials.barn import upper_bound
-from waychair.trials.shift import BUILDINGS, Shift, work
+from waychair.trials.shift import BUILDINGS, Shift, run_shift
 from waychair.types import Json
 
 HOURS = float(os.environ.get("NIGHT_HOURS", "4"))
@@ -46,7 +46,7 @@ def nights(out: Path, hours: float = HOURS, folder: Path = NIGHTS, shift_s: floa
 
 
 def _add(folder: Path, shift_s: float, number: int) -> str:
-    shift = work(BUILDINGS[number % len(BUILDINGS)], number, shift_s)
+    shift = run_shift(BUILDINGS[number % len(BUILDINGS)], number, shift_s)
     write_json(folder / f"{number}.json", {"commit": commit(), "shift": asdict(shift)})
     return f"{number}: {shift.building}, {shift.reached} of {shift.drives}, {shift.at_fault} contacts by the chair"
 

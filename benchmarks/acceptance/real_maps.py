@@ -25,7 +25,7 @@ from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.footprint import fits
 from waychair.planning.global_planner import plan
 from waychair.trials.barn import upper_bound
-from waychair.trials.navigate import navigate, shut_off
+from waychair.trials.navigate import navigate, with_closed_borders
 from waychair.types import Json, OccupancyGrid, Place, Pose2
 
 LOGS = {"intel": "lidar_intel/intel_first1088s.clf.gz", "fr079": "lidar_fr079/fr079_laser.clf.gz"}
@@ -99,7 +99,7 @@ def run_drive(folder: Path, seed: int) -> Drive:
 @cache
 def _ground(folder: Path) -> tuple[OccupancyGrid, Costmap]:
     grid = load_map(folder)
-    return grid, costmap_from_grid(shut_off(grid), CHAIR_A)
+    return grid, costmap_from_grid(with_closed_borders(grid), CHAIR_A)
 
 
 def _mapped(log: Path, folder: Path) -> None:

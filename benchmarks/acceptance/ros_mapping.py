@@ -47,15 +47,21 @@ def ros_mapping(out: Path) -> Json:
     kept = out / "run" / MADE_MAP
     live, recorded = read_tum(kept / "trajectory.tum"), read_recording(bag)
     offline = map_recording(recorded, MappingSettings())
-    common, first, second = np.intersect1d(live.stamps_ns, offline.result.driven.stamps_ns, return_indices=True)
-    apart = live.poses[first] - offline.result.driven.poses[second]
+    common, first, second = np.intersect1d(
+        live.stamps_ns, offline.result.drive_trajectory.stamps_ns, return_indices=True
+    )
+    apart = live.poses[first] - offline.result.drive_trajectory.poses[second]
     metres = np.hypot(apart[:, 0], apart[:, 1])
     one, other = load_map(kept), offline.grid
     same = one.cells.shape == other.cells.shape and bool((one.cells == other.cells).all())
     return {
         "world": WORLD,
         "route_done": driven,
-        "scans": {"live": len(live.stamps_ns), "bag": len(offline.result.driven.stamps_ns), "common": len(common)},
+        "scans": {
+            "live": len(live.stamps_ns),
+            "bag": len(offline.result.drive_trajectory.stamps_ns),
+            "common": len(common),
+        },
         "apart_m": {"mean": round(float(metres.mean()), 5), "max": round(float(metres.max()), 5)},
         "turned_rad_max": round(max(abs(wrap_angle(turn)) for turn in apart[:, 2].tolist()), 5),
         "grids_are_the_same": same,

@@ -20,12 +20,12 @@ from waychair.trials.scenes import (
     APPROACHES,
     DOORS,
     PARKED_AT,
-    Scene,
     SceneResult,
+    TightScene,
     corner_scene,
     dead_end_scene,
     door_scene,
-    drives,
+    drive_variants,
     map_of,
     parked_scene,
     run_scene,
@@ -38,7 +38,7 @@ SUCCESS, DOOR_ERROR_M = 0.95, 0.02
 
 def doors(out: Path) -> Json:
     """Body B, rear drive, through doors of 0.80, 0.815 and 0.90 m from 0, 30, 60 and 90 degrees."""
-    body = drives(CHAIR_B)["rear"]
+    body = drive_variants(CHAIR_B)["rear"]
     return _scored(
         "doors",
         [
@@ -55,7 +55,7 @@ def door_drives(out: Path) -> Json:
         "door_drives",
         [
             (f"{drive} drive from {angle:.0f} degrees", partial(door_scene, DOORS[0], angle, body))
-            for drive, body in drives(CHAIR_B).items()
+            for drive, body in drive_variants(CHAIR_B).items()
             if drive != "rear"
             for angle in (0.0, 90.0)
         ],
@@ -65,9 +65,9 @@ def door_drives(out: Path) -> Json:
 def corner(out: Path) -> Json:
     """Body A, all drives, round the corner of the 0.915 m corridor; body B is told that it does not fit."""
     figures = _scored(
-        "corner", [(f"{drive} drive", partial(corner_scene, body)) for drive, body in drives(CHAIR_A).items()]
+        "corner", [(f"{drive} drive", partial(corner_scene, body)) for drive, body in drive_variants(CHAIR_A).items()]
     )
-    refused = {drive: _refused(corner_scene(body, 0)) for drive, body in drives(CHAIR_B).items()}
+    refused = {drive: _refused(corner_scene(body, 0)) for drive, body in drive_variants(CHAIR_B).items()}
     return {**figures, "refused_b": refused, "passed": figures["passed"] and all(refused.values())}
 
 
@@ -78,7 +78,7 @@ def dead_end(out: Path) -> Json:
         [
             (f"{name} {drive} drive", partial(dead_end_scene, body))
             for name, base in (("A", CHAIR_A), ("B", CHAIR_B))
-            for drive, body in drives(base).items()
+            for drive, body in drive_variants(base).items()
         ],
     )
 
@@ -90,12 +90,12 @@ def parked(out: Path) -> Json:
         [
             (f"{place}, {drive} drive", partial(parked_scene, place, body))
             for place in PARKED_AT
-            for drive, body in drives(CHAIR_B).items()
+            for drive, body in drive_variants(CHAIR_B).items()
         ],
     )
 
 
-def _refused(scene: Scene) -> str:
+def _refused(scene: TightScene) -> str:
     """What the planner says; empty when it has a path."""
     try:
         plan(costmap_from_grid(map_of(scene.world), scene.body), scene.world.start, scene.goal.pose)
@@ -104,7 +104,7 @@ def _refused(scene: Scene) -> str:
     return ""
 
 
-def _scored(kind: str, scenes: Iterable[tuple[str, Callable[[int], Scene]]]) -> Json:
+def _scored(kind: str, scenes: Iterable[tuple[str, Callable[[int], TightScene]]]) -> Json:
     rows = [_row(kind, name, scene) for name, scene in scenes]
     runs, contacts = sum(row["runs"] for row in rows), sum(row["contacts"] for row in rows)
     errors = [row["max_door_error_m"] for row in rows if row["max_door_error_m"] is not None]
@@ -121,7 +121,7 @@ def _scored(kind: str, scenes: Iterable[tuple[str, Callable[[int], Scene]]]) -> 
     }
 
 
-def _row(kind: str, name: str, scene: Callable[[int], Scene]) -> Json:
+def _row(kind: str, name: str, scene: Callable[[int], TightScene]) -> Json:
     results = over_seeds(f"{kind} {name}", partial(_run, scene), STARTS)
     reached, contacts = sum(each.reached for each in results), sum(each.contacts for each in results)
     errors = [each.door_error_m for each in results if each.door_error_m is not None]
@@ -142,5 +142,5 @@ def _row(kind: str, name: str, scene: Callable[[int], Scene]) -> Json:
     return row
 
 
-def _run(scene: Callable[[int], Scene], seed: int) -> SceneResult:
+def _run(scene: Callable[[int], TightScene], seed: int) -> SceneResult:
     return run_scene(scene(seed), seed)

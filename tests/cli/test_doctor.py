@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from waychair.cli import doctor
-from waychair.cli.doctor import Check, State
+from waychair.cli.doctor import Check, PartState
 
 WAYCHAIR = Path(sys.executable).parent / "waychair"
 _Usage = namedtuple("_Usage", "total used free")
@@ -23,7 +23,7 @@ def test_every_part_that_is_not_well_comes_with_its_command() -> None:
     found = doctor.examine()
     assert len({check.part for check in found}) == len(found) >= 12
     for check in found:
-        assert bool(check.remedy) == (check.state is not State.OK), check
+        assert bool(check.remedy) == (check.state is not PartState.OK), check
         assert check.purpose
 
 
@@ -36,9 +36,9 @@ def test_the_command_prints_the_table_and_its_exit_code_is_about_what_is_needed(
     assert max(len(line) for line in done.stdout.splitlines()) <= 200
 
 
-@pytest.mark.parametrize(("state", "code"), [(State.OPTIONAL, None), (State.MISSING, 1)])
+@pytest.mark.parametrize(("state", "code"), [(PartState.OPTIONAL, None), (PartState.MISSING, 1)])
 def test_only_something_that_is_needed_ends_with_one(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], state: State, code: int | None
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], state: PartState, code: int | None
 ) -> None:
     monkeypatch.setattr(doctor, "_LOOKS", (lambda: Check("the [thing]", state, "all", "pip install 'x[y]'"),))
     ended = None
@@ -58,10 +58,10 @@ def test_missing_packages_are_named_as_the_project_requires_them(monkeypatch: py
         return "1"
 
     monkeypatch.setattr(metadata, "version", version)
-    assert (doctor._core().state, doctor._core().remedy) == (State.MISSING, "pip install 'numba>=0.60'")
-    assert doctor._physics().state is State.OPTIONAL
+    assert (doctor._core().state, doctor._core().remedy) == (PartState.MISSING, "pip install 'numba>=0.60'")
+    assert doctor._physics().state is PartState.OPTIONAL
     assert doctor._physics().remedy.startswith("pip install 'mujoco")
-    assert doctor._web().state is State.OK
+    assert doctor._web().state is PartState.OK
 
 
 def test_a_machine_without_egl_only_loses_the_camera(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -69,7 +69,7 @@ def test_a_machine_without_egl_only_loses_the_camera(monkeypatch: pytest.MonkeyP
     monkeypatch.setattr(doctor, "find_spec", lambda name: object())
     monkeypatch.setattr(doctor.subprocess, "run", lambda *arguments, **options: failed)
     check = doctor._camera()
-    assert (check.state, check.remedy) == (State.OPTIONAL, "sudo apt-get install libegl1 libgl1-mesa-dri")
+    assert (check.state, check.remedy) == (PartState.OPTIONAL, "sudo apt-get install libegl1 libgl1-mesa-dri")
     monkeypatch.setattr(doctor, "find_spec", lambda name: None)
     assert doctor._camera().remedy == "pip install moderngl"
 
@@ -77,10 +77,10 @@ def test_a_machine_without_egl_only_loses_the_camera(monkeypatch: pytest.MonkeyP
 def test_a_full_disk_is_a_failure_and_a_missing_compiler_is_not(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(shutil, "disk_usage", lambda path: _Usage(1 << 40, 0, 10**9))
     monkeypatch.setattr(shutil, "which", lambda name: None)
-    assert doctor._disk().state is State.MISSING
+    assert doctor._disk().state is PartState.MISSING
     assert "1.0 GB free" in doctor._disk().part
     assert (doctor._compiler().state, doctor._compiler().remedy) == (
-        State.OPTIONAL,
+        PartState.OPTIONAL,
         "sudo apt-get install gcc libc6-dev",
     )
 
@@ -93,7 +93,7 @@ def test_serial_ports_need_the_group_that_debian_gives_them_to(monkeypatch: pyte
     assert doctor._serial_ports().remedy.startswith("sudo usermod -aG dialout")
     group = grp.struct_group(("dialout", "x", 4711, []))
     monkeypatch.setattr(grp, "getgrnam", lambda name: group)
-    assert doctor._serial_ports().state is State.OK
+    assert doctor._serial_ports().state is PartState.OK
 
 
 def test_the_cache_of_kernels_may_be_moved_to_a_folder_that_can_be_written(
@@ -102,15 +102,15 @@ def test_the_cache_of_kernels_may_be_moved_to_a_folder_that_can_be_written(
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path) == tmp_path)
     monkeypatch.setenv("NUMBA_CACHE_DIR", "/proc/numba")
     assert (doctor._kernel_cache().state, doctor._kernel_cache().remedy) == (
-        State.MISSING,
+        PartState.MISSING,
         "export NUMBA_CACHE_DIR=/tmp/numba",
     )
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "not" / "yet" / "there"))
-    assert doctor._kernel_cache().state is State.OK
+    assert doctor._kernel_cache().state is PartState.OK
 
 
 def test_recordings_are_found_where_the_environment_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("WAYCHAIR_DATA", str(tmp_path))
-    assert doctor._recordings().state is State.OPTIONAL
+    assert doctor._recordings().state is PartState.OPTIONAL
     (tmp_path / "lidar_intel").mkdir()
-    assert doctor._recordings().state is State.OK
+    assert doctor._recordings().state is PartState.OK

@@ -15,7 +15,7 @@ from waychair.cli.main import app
 from waychair.errors import MapError, MissingExtra, NoPictures, RecordingNotFound
 from waychair.recording import RecordingWriter, read_recording
 from waychair.runtime import cloud_export
-from waychair.runtime.cloud_export import CloudSettings, Posed, coloured_points, export_cloud
+from waychair.runtime.cloud_export import CloudSettings, PosedImage, coloured_points, export_cloud
 from waychair.simulation.renderer import renderer_problem
 from waychair.simulation.world import load_world
 from waychair.trials.depth_drive import drive_with_pictures
@@ -80,7 +80,7 @@ def test_points_keep_their_place_and_colour() -> None:
     image[2, 4] = (255, 51, 0)
     camera = np.array([[2.0, 0.0, 2.0], [0.0, 2.0, 1.0], [0.0, 0.0, 1.0]])
     turned = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.array([1.0, 0.0, 1.0]))
-    points, colours = coloured_points(Posed(RgbdFrame(0, image, depth, camera), turned), CloudSettings())
+    points, colours = coloured_points(PosedImage(RgbdFrame(0, image, depth, camera), turned), CloudSettings())
     np.testing.assert_allclose(points, [[3.0, -2.0, 0.0]])
     np.testing.assert_allclose(colours, [[1.0, 0.2, 0.0]])
 

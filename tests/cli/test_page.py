@@ -24,7 +24,7 @@ from waychair.cli.page_process import page_address, page_token, port_of_page
 from waychair.maps.layout import DrawingEditor
 from waychair.maps.places import load_places
 from waychair.ros.stack import Stack, processes
-from waychair.runtime.processes import Process, Supervision, SupervisionSettings
+from waychair.runtime.processes import Process, Supervision
 from waychair.types import Place, Pose2
 
 COMMAND = (sys.executable, "-c", "from waychair.cli.main import main; main()", "page")
@@ -133,10 +133,11 @@ def test_what_was_drawn_on_a_worlds_own_plan_is_there_in_the_next_run(tmp_path: 
     assert DrawingEditor(tmp_path / "map").drawing.erased == ()
 
 
-def test_the_others_go_on_without_a_page_that_dies_again_and_again() -> None:
+def test_the_others_go_on_without_a_page_that_dies_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = (Process("page", "waychair.no_such_module", vital=False), Process("other", "http.server", ("0",)))
     said: list[str] = []
-    with Supervision(rows, dict(os.environ), said.append, SupervisionSettings(most_deaths=2, pause_s=0.0)) as running:
+    monkeypatch.setattr("waychair.runtime.processes.MAX_DEATHS", 2)
+    with Supervision(rows, dict(os.environ), said.append) as running:
         ends = time.monotonic() + 60.0
         while "page" in running.pids:
             assert running.watch() == ""

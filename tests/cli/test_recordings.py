@@ -162,7 +162,7 @@ def interrupted(recording: Recording, settings: MappingSettings, folder: Path, a
 def test_an_interrupted_run_goes_on_only_with_the_same_input_and_settings(drive: Path, tmp_path: Path) -> None:
     recording, settings = read_recording(drive), MappingSettings(checkpoint_interval=0.0)
     stop = interrupted(recording, settings, tmp_path, 0.5)
-    assert stop.__notes__ == ["the same command goes on near where it was"]
+    assert stop.__notes__ == ["run the same command again to resume from its checkpoint"]
     resumed = map_recording(recording, settings, keep_in=tmp_path)
     assert resumed.report["resumed_at_frame"] >= 1
     whole = map_recording(recording, settings)

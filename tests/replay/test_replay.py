@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.replay.scene import setting, taped
+from tests.replay.scene import setup, taped
 from waychair.errors import BoxError, ConfigError
 from waychair.trials.replay import (
     IGNORED,
@@ -22,7 +22,7 @@ from waychair.trials.replay import (
     differences,
     load_reference,
     load_tape,
-    replays,
+    part_replays,
     save_reference,
     save_tape,
 )
@@ -47,7 +47,7 @@ def tape(request: pytest.FixtureRequest) -> Tape:
 @pytest.fixture(scope="module")
 def outputs(tape: Tape) -> Callable[[str], list[Row]]:
     """Today's outputs of a part, replayed once."""
-    return cache(lambda part: replays(setting())[part](tape))
+    return cache(lambda part: part_replays(setup())[part](tape))
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -83,9 +83,9 @@ def test_the_base_by_itself_does_what_it_did_in_the_drive(tape: Tape, outputs: C
 
 
 def changed_limiter() -> Callable[[Tape], list[Row]]:
-    here = setting()
+    here = setup()
     limiter = replace(here.chair.limiter, jerk=0.8 * here.chair.limiter.jerk)
-    return replays(replace(here, chair=replace(here.chair, limiter=limiter)))["base"]
+    return part_replays(replace(here, chair=replace(here.chair, limiter=limiter)))["base"]
 
 
 def test_a_change_is_named_by_part_field_row_and_both_values(tape: Tape) -> None:

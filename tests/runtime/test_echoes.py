@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from tests.runtime.riding import FAR, Ride
 from waychair.control.navigator import Stage
 from waychair.runtime.echoes import EchoFilter
+from waychair.simulation import sonar
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.simulation.sonar import SonarSettings
 from waychair.trials.drive import start_drive
@@ -70,9 +71,9 @@ def test_each_sonar_is_borne_out_by_itself_alone(ranges: list[float]) -> None:
     assert np.flatnonzero(np.isnan(found)).tolist() == [3]
 
 
-def test_sonars_that_hear_each_other_by_chance_hold_no_drive_up() -> None:
-    noisy = SonarSettings(rate_hz=20.0, cross_talk=0.02)
-    with Ride(simulator=SimulatorSettings(sonar=noisy)) as ride:
+def test_sonars_that_hear_each_other_by_chance_hold_no_drive_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sonar, "CROSS_TALK", 0.02)
+    with Ride(simulator=SimulatorSettings(sonar=SonarSettings(rate_hz=20.0))) as ride:
         start_drive(ride.simulator, ride.chair, FAR)
         stages = [ride.tick().navigation.stage for _ in range(20 * 20)]
         plans = ride.states[-1].navigation.plans

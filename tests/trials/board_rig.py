@@ -16,7 +16,7 @@ from waychair.firmware_bridge.protocol import Family
 from waychair.firmware_bridge.transports import DescriptorTransport
 from waychair.simulation.plant import PlantSettings, randomised, volts_from_joystick
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.trials.board_drive import BoardDrive, BoardDriveSettings
+from waychair.trials.board_drive import BoardDrive, DriveLimits
 from waychair.trials.halls import open_hall
 from waychair.trials.measured_speeds import EncoderSpeeds, SpeedMeter
 from waychair.trials.sensor_lines import text_from_message
@@ -65,7 +65,7 @@ class BoardRig:
         while self.simulator.now_ns < moment_ns:
             self._step()
 
-    def drive(self, meter: SpeedMeter | None = None, settings: BoardDriveSettings | None = None) -> BoardDrive:
+    def drive(self, meter: SpeedMeter | None = None, limits: DriveLimits | None = None) -> BoardDrive:
         """Greeted, not armed."""
         return BoardDrive(
             self.board.transport,
@@ -74,7 +74,7 @@ class BoardRig:
             "ward 3",
             family=Family.EIGHT_PIN_3V3,
             clock=self,
-            settings=settings,
+            limits=limits,
         )
 
     def pull_sensors(self) -> None:

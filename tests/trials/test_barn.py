@@ -19,16 +19,15 @@ from waychair.control.navigator import Stage
 from waychair.errors import ConfigError, WorkerLost, WorldError
 from waychair.simulation.imports import BarnEnvironment, read_barn
 from waychair.trials.barn import (
-    BODIES,
     JACKAL,
-    BarnSettings,
+    ROBOTS,
     BarnTask,
     _workers,
     clearance_among,
+    navigator_settings,
     report,
     run_barn,
     run_worlds,
-    settings_for,
     upper_bound,
     worlds_in,
 )
@@ -44,7 +43,7 @@ def field_of(cylinders: list[tuple[float, float]], length: float = 10.0) -> Barn
 
 
 def test_an_open_field_is_crossed_at_full_speed() -> None:
-    run = run_barn(field_of([], 4.0), 0, JACKAL, settings_for(JACKAL, 0.5, 1.0))
+    run = run_barn(field_of([], 4.0), 0, JACKAL, navigator_settings(JACKAL, 0.5, 1.0))
     assert run.outcome == "success"
     assert 2.9 / 0.5 <= run.time_s + 0.5 < 7.5
     assert run.score == pytest.approx(2.0 / run.time_s)
@@ -67,7 +66,7 @@ def test_no_more_processes_are_started_than_there_are_worlds(tmp_path: Path, mon
 
 def test_a_wall_of_posts_with_a_gap_is_passed_through_the_gap() -> None:
     posts = [(2.0, 0.15 * k) for k in range(-20, 21) if not 4 <= k <= 10]
-    run = run_barn(field_of(posts, 4.0), 1, JACKAL, settings_for(JACKAL, 0.5, 1.0))
+    run = run_barn(field_of(posts, 4.0), 1, JACKAL, navigator_settings(JACKAL, 0.5, 1.0))
     assert run.outcome == "success"
     assert run.clearance_m > 0.0
     crossed = run.truth[np.argmin(np.abs(run.truth[:, 0] - 2.0)), 1]
@@ -76,37 +75,35 @@ def test_a_wall_of_posts_with_a_gap_is_passed_through_the_gap() -> None:
 
 def test_a_closed_ring_is_a_timeout_and_no_contact() -> None:
     ring = [(2.0 * math.cos(a), 2.0 * math.sin(a)) for a in np.linspace(0, math.tau, 90, endpoint=False)]
-    run = run_barn(
-        field_of(ring, 6.0), 0, JACKAL, settings_for(JACKAL, 0.5, 1.0), replace(BarnSettings(), time_limit=8.0)
-    )
+    run = run_barn(field_of(ring, 6.0), 0, JACKAL, navigator_settings(JACKAL, 0.5, 1.0), 8.0)
     assert (run.outcome, run.score) == ("timeout", 0.0)
     assert run.clearance_m > 0.0
 
 
 def test_before_a_goal_that_is_taken_it_stands_and_says_once_that_it_waits() -> None:
     taken = [(x, y) for x in (2.9, 3.0, 3.1) for y in (-0.1, 0.0, 0.1)]
-    brief = replace(BarnSettings(), time_limit=1.1)  # between two plans
-    run = run_barn(field_of(taken, 3.0), 0, JACKAL, settings_for(JACKAL, 0.5, 1.0), brief)
+    brief = 1.1  # s; between two plans
+    run = run_barn(field_of(taken, 3.0), 0, JACKAL, navigator_settings(JACKAL, 0.5, 1.0), brief)
     assert run.distance_m == 0.0
     assert run.reason.count("waiting") == 1
 
 
 def test_a_start_in_a_post_is_a_contact() -> None:
-    run = run_barn(field_of([(0.2, 0.0)]), 0, JACKAL, settings_for(JACKAL, 0.5, 1.0))
+    run = run_barn(field_of([(0.2, 0.0)]), 0, JACKAL, navigator_settings(JACKAL, 0.5, 1.0))
     assert (run.outcome, run.score) == ("contact", 0.0)
 
 
 def test_the_same_start_gives_the_same_run_and_others_differ() -> None:
-    environment, navigator = field_of([(1.5, 0.1)], 3.0), settings_for(JACKAL, 0.5, 1.0)
+    environment, navigator = field_of([(1.5, 0.1)], 3.0), navigator_settings(JACKAL, 0.5, 1.0)
     first, again, other = (run_barn(environment, start, JACKAL, navigator) for start in (0, 0, 1))
     np.testing.assert_array_equal(first.truth, again.truth)
     assert not np.array_equal(first.truth[0], other.truth[0])
     assert np.abs(other.truth[0]).max() <= math.radians(10.0)
 
 
-@pytest.mark.parametrize("name", BODIES)
+@pytest.mark.parametrize("name", ROBOTS)
 def test_the_clearance_among_cylinders_equals_brute_force(name: str) -> None:
-    body, rng = BODIES[name], np.random.default_rng(7)
+    body, rng = ROBOTS[name], np.random.default_rng(7)
     corners = body.outline()
     sides = np.concatenate([np.linspace(a, b, 400) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)])
     for x, y, theta in rng.uniform(-3, 3, (40, 3)):
@@ -121,7 +118,7 @@ def test_the_clearance_among_cylinders_equals_brute_force(name: str) -> None:
 
 
 def test_nothing_moves_before_anything_was_seen() -> None:
-    navigator = MaplessNavigator(JACKAL, Pose2(), Pose2(5.0, 0.0), settings_for(JACKAL, 0.5, 1.0))
+    navigator = MaplessNavigator(JACKAL, Pose2(), Pose2(5.0, 0.0), navigator_settings(JACKAL, 0.5, 1.0))
     navigation = navigator.step(0, Pose2(), None)
     assert navigation.stage is Stage.WAITING
     assert (navigation.twist.v, navigation.twist.omega) == (0.0, 0.0)
@@ -136,15 +133,15 @@ def test_bounds_beside_a_zero_are_those_of_the_rule_of_three() -> None:
 def test_a_real_world_is_crossed_without_a_contact(data_dir: Path, body: str) -> None:
     """A small sample of the bars: one world, with the longest ways round that the benchmark has."""
     scale = 1.63 if body == "A" else 1.0
-    navigator = settings_for(BODIES[body], 0.8 if body == "A" else 0.5, scale)
+    navigator = navigator_settings(ROBOTS[body], 0.8 if body == "A" else 0.5, scale)
     environment = read_barn(data_dir / "barn" / "worlds" / "world_243.txt", scale)
-    run = run_barn(environment, 0, BODIES[body], navigator)
+    run = run_barn(environment, 0, ROBOTS[body], navigator)
     assert (run.outcome, run.clearance_m > 0.0) == ("success", True)
     assert run.score > 0.26
 
 
 def test_a_report_has_a_row_for_each_world() -> None:
-    runs = [run_barn(field_of([], 2.0), start, JACKAL, settings_for(JACKAL, 0.5, 1.0)) for start in (0, 1)]
+    runs = [run_barn(field_of([], 2.0), start, JACKAL, navigator_settings(JACKAL, 0.5, 1.0)) for start in (0, 1)]
     found = report(runs, replace(TASK, starts=2))
     assert (found["runs"], found["success"], found["contact"], found["timeout"]) == (2, 1.0, 0.0, 0.0)
     assert found["score"] == pytest.approx(np.mean([run.score for run in runs]))

@@ -17,7 +17,7 @@ from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, 
 from waychair.firmware_bridge.board import Defect, build_board
 from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, BoardState, Family, Holder
 from waychair.simulation.simulator import SimulatorSettings
-from waychair.trials.board_drive import BoardDrive, BoardDriveSettings, plan_for_board
+from waychair.trials.board_drive import BoardDrive, DriveLimits, plan_for_board
 from waychair.trials.calibrate import ChairUnderTest, calibrate_dac, command_grid, inverse_error
 from waychair.trials.measured_speeds import EncoderSpeeds, ScanSpeeds
 from waychair.trials.simulated_drive import with_gyro
@@ -40,7 +40,7 @@ def rig(program: Path) -> Iterator[BoardRig]:
 
 
 def test_a_chair_is_calibrated_through_its_board_and_then_does_as_it_is_told(rig: BoardRig) -> None:
-    with rig.drive(settings=BoardDriveSettings(room=12.0)) as drive:
+    with rig.drive(limits=DriveLimits(max_distance=12.0)) as drive:
         drive.arm()
         assert drive.neutral == pytest.approx([PLANT.neutral_volts] * 2, abs=0.001)
         plan = plan_for_board(SHORT, drive)
@@ -133,14 +133,12 @@ def test_whatever_goes_wrong_is_named_and_the_rider_has_the_chair(
 @pytest.mark.parametrize(
     ("limits", "says"),
     [
-        (BoardDriveSettings(room=0.5), "its room is 0.5 m"),
-        (BoardDriveSettings(fastest=0.2), "the limits are 0.2"),
+        (DriveLimits(max_distance=0.5), "beyond the limit of 0.5 m"),
+        (DriveLimits(max_speed=0.2), "above the limits of 0.2"),
     ],
 )
-def test_a_chair_that_leaves_its_room_or_is_too_fast_is_stopped(
-    rig: BoardRig, limits: BoardDriveSettings, says: str
-) -> None:
-    with rig.drive(settings=limits) as drive:
+def test_a_chair_that_leaves_its_room_or_is_too_fast_is_stopped(rig: BoardRig, limits: DriveLimits, says: str) -> None:
+    with rig.drive(limits=limits) as drive:
         drive.arm()
         with pytest.raises(CalibrationError, match=says):
             drive.hold(*AHEAD, 10.0)
@@ -152,13 +150,13 @@ def test_a_chair_that_leaves_its_room_or_is_too_fast_is_stopped(
 
 def test_a_hand_on_the_stick_keeps_the_board_from_being_armed(rig: BoardRig) -> None:
     rig.stick = JoystickInput(0, turn=0.3)
-    with rig.drive(settings=BoardDriveSettings(arm_s=3.0)) as drive, pytest.raises(BridgeError, match="hand off"):
+    with rig.drive() as drive, pytest.raises(BridgeError, match="hand off"):
         drive.arm()
 
 
 def test_sensors_that_print_something_else_are_quoted(rig: BoardRig) -> None:
     rig.silent_sensors = True
-    with rig.drive(settings=BoardDriveSettings(arm_s=3.0)) as drive:
+    with rig.drive() as drive:
         rig._printer.sendall(b"half a li\nspeed 3.5\n")
         with pytest.raises(BridgeError, match=r"1 lines of the sensors .* 'speed 3\.5'"):
             drive.arm()
@@ -198,7 +196,7 @@ def test_a_board_with_older_firmware_is_refused_by_both_versions(
 def test_a_port_without_a_board_is_refused(rig: BoardRig) -> None:
     rig.inputs["defect"] = Defect.FROZEN
     rig.wait_until(100_000_000)
-    with pytest.raises(BridgeError, match="no board has answered within 2 s"):
+    with pytest.raises(BridgeError, match="no board answered within 2 s"):
         rig.drive()
     rig.board.kill()
     with pytest.raises(TransportError, match="cable to the board was lost"):

@@ -20,6 +20,7 @@ from waychair.calibration.sweep import SweepSettings
 from waychair.errors import WorldError
 from waychair.recording import RecordingWriter
 from waychair.simulation.camera import CameraSettings
+from waychair.simulation.imu import ImuErrors
 from waychair.simulation.plant import PlantSettings, randomised
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.trials.calibrate import (
@@ -30,7 +31,7 @@ from waychair.trials.calibrate import (
     chair_in_hall,
     command_grid,
     inverse_error,
-    neutral_of,
+    measured_neutral,
     settled_twist,
 )
 from waychair.trials.calibrate_sensors import (
@@ -102,7 +103,7 @@ def test_a_hall_that_is_too_small_spoils_the_measurement_and_is_refused() -> Non
 
 def test_the_neutral_is_read_to_two_millivolts() -> None:
     for seed in range(20):
-        assert neutral_of(PLANT, seed) == pytest.approx([PLANT.neutral_volts] * 2, abs=0.002)
+        assert measured_neutral(PLANT, seed) == pytest.approx([PLANT.neutral_volts] * 2, abs=0.002)
 
 
 def test_commands_beyond_the_models_reach_do_not_count(fit: DacFit) -> None:
@@ -145,8 +146,8 @@ def test_the_gyros_bias_and_noise_are_those_it_was_switched_on_with() -> None:
     found = calibrate_imu(Simulator(open_hall(), CHAIR_A, settings, SEED), 30.0)
     assert found.gyro_noise == pytest.approx(settings.imu.gyro_noise, rel=0.1)
     assert found.accel_noise == pytest.approx(settings.imu.accel_noise, rel=0.1)
-    assert max(abs(value) for value in found.gyro_bias) < 4.0 * settings.imu.gyro_start_bias
-    assert max(abs(value) for value in found.gyro_bias) > 0.1 * settings.imu.gyro_start_bias
+    assert max(abs(value) for value in found.gyro_bias) < 4.0 * ImuErrors().gyro_start_bias
+    assert max(abs(value) for value in found.gyro_bias) > 0.1 * ImuErrors().gyro_start_bias
 
 
 def test_a_camera_that_was_mounted_by_hand_is_found_by_walls_and_floor() -> None:

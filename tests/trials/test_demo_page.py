@@ -55,8 +55,8 @@ class Onlooker(DemoPage):
         self.seen: list[ChairView] = []
         self._stops = stops
 
-    def ticks(self, messages: Sequence[SensorMessage], state: ChairState) -> None:
-        super().ticks(messages, state)
+    def tick_ended(self, messages: Sequence[SensorMessage], state: ChairState) -> None:
+        super().tick_ended(messages, state)
         self.seen.append(self.view())
         if state.navigation.twist.v > 0.1 and self.view().goal == self._stops:
             assert self.stop().done
@@ -66,8 +66,8 @@ def test_a_page_sees_the_map_grow_and_the_chair_drive_to_each_place(plan: Path, 
     known = []
 
     class OfMapping(Onlooker):
-        def maps(self, live: LiveMapping, scan: Scan) -> None:
-            super().maps(live, scan)
+        def scan_mapped(self, live: LiveMapping, scan: Scan) -> None:
+            super().scan_mapped(live, scan)
             grid = self.grid()
             assert grid is not None
             known.append(int((grid.cells != UNKNOWN).sum()))
@@ -85,7 +85,7 @@ def test_a_page_sees_the_map_grow_and_the_chair_drive_to_each_place(plan: Path, 
     assert all(view.localisation is LocalisationState.OK and len(view.scan) > 50 for view in driving)
     assert any(len(view.path) for view in driving)
     assert page.seen[-1].last_stop == "Arrived at window."
-    assert np.array_equal(page.grid().cells, demo.setting.grid.cells)  # type: ignore[union-attr]
+    assert np.array_equal(page.grid().cells, demo.setup.grid.cells)  # type: ignore[union-attr]
 
 
 def test_stop_ends_the_drive_and_those_that_were_to_come(plan: Path, tmp_path: Path) -> None:
@@ -97,7 +97,7 @@ def test_stop_ends_the_drive_and_those_that_were_to_come(plan: Path, tmp_path: P
     assert "Stop was pressed" in leg.reason
     assert abs(leg.commands[-1]).max() == 0.0
     assert leg.error_m > 0.5
-    assert page.stopped
+    assert page.stop_requested
 
 
 def test_what_a_demo_does_not_do_is_said_in_one_sentence() -> None:
@@ -106,7 +106,7 @@ def test_what_a_demo_does_not_do_is_said_in_one_sentence() -> None:
     assert not any(answer.done for answer in refused)
     assert all("waychair page" in answer.sentence for answer in refused)
     assert page.stop().done
-    assert page.stopped
+    assert page.stop_requested
 
 
 def test_the_command_serves_the_page_while_it_runs(plan: Path, tmp_path: Path) -> None:

@@ -7,12 +7,12 @@ import pytest
 
 from waychair.simulation.renderer import renderer_problem
 from waychair.trials.edge_approach import approach_edge
-from waychair.trials.hazards import EDGES
+from waychair.trials.hazards import DROP_OFFS
 
 pytestmark = pytest.mark.skipif(renderer_problem() is not None, reason=f"no camera: {renderer_problem()}")
 
 
-@pytest.mark.parametrize("where", EDGES)
+@pytest.mark.parametrize("where", DROP_OFFS)
 def test_an_edge_is_in_the_grid_before_the_wheels_are_near(where: str) -> None:
     drive = approach_edge(where, seed=int(np.random.default_rng(len(where)).integers(1000)))
     assert drive.known == drive.points > 15

@@ -12,56 +12,56 @@ from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.maps.grid import cells_from_points, occupied
-from waychair.maps.zones import holds
+from waychair.maps.zones import zone_contains
 from waychair.planning.tracks import Tracker
 from waychair.simulation.contact import Contact, ContactKind, clearance, solid_from_blocks
 from waychair.simulation.simulator import Simulator
 from waychair.trials.hazards import (
-    EDGES,
-    Guard,
-    Struck,
+    DROP_OFFS,
+    ContactCause,
+    Protection,
     closing_speed,
-    edge_ahead,
+    contact_cause,
+    drop_off_ahead,
     glass,
-    least_to_edge,
+    least_to_drop_off,
     map_of_lidar,
     movers,
     robot_settings,
-    run_appearance,
     run_hazard,
-    struck,
+    run_sudden_person,
     to_the_restroom,
 )
-from waychair.trials.ride import STILL, Motion, WatchedSimulator, ride_of, worst_of
+from waychair.trials.ride import STILL, RecordingSimulator, TrueMotion, ride_of, worst_of
 from waychair.types import FloatArray, Pose2
 
 _ORIGIN = Pose2()
 
 
-def motion_of(v: FloatArray, omega: FloatArray, pose: Pose2 = _ORIGIN) -> Motion:
+def motion_of(v: FloatArray, omega: FloatArray, pose: Pose2 = _ORIGIN) -> TrueMotion:
     """A chair that stays at a pose, whatever its twists (T,), every 10 ms."""
     stamps = 10_000_000 * np.arange(len(v), dtype=np.int64)
     poses = np.broadcast_to(pose.array(), (len(v), 3))
-    return Motion(stamps, poses, np.column_stack([v, omega]), np.full(len(v), math.inf))
+    return TrueMotion(stamps, poses, np.column_stack([v, omega]), np.full(len(v), math.inf))
 
 
-@pytest.mark.parametrize("where", EDGES)
+@pytest.mark.parametrize("where", DROP_OFFS)
 def test_no_lidar_maps_an_edge_and_every_zone_holds_it_whole(where: str) -> None:
     for seed in range(5):
-        hazard = EDGES[where](Guard.ZONE, seed)
+        hazard = DROP_OFFS[where](Protection.ZONE, seed)
         pit = hazard.world.pits[0]
         middle = np.array([[pit.middle.x, pit.middle.y]])
         cell = tuple(cells_from_points(hazard.grid, middle)[0])
         assert not occupied(hazard.grid)[cell]
         assert occupied(hazard.world.grid)[cell]
-        assert holds(hazard.zones[0], middle).all()
+        assert zone_contains(hazard.zones[0], middle).all()
         edges = solid_from_blocks((), hazard.world.pits)
         assert clearance(edges, hazard.body, hazard.world.start) > 0.3
         assert all(clearance(edges, hazard.body, goal.pose) > 0.15 for goal in hazard.goals)
 
 
 def test_glass_is_in_the_world_and_not_on_the_map_that_a_lidar_makes() -> None:
-    world = glass(Guard.SONAR, 0).world
+    world = glass(Protection.SONAR, 0).world
     door = cells_from_points(world.grid, np.array([[5.5, 1.5]]))[0]
     assert occupied(world.grid)[tuple(door)]
     assert not occupied(map_of_lidar(world))[tuple(door)]
@@ -70,10 +70,10 @@ def test_glass_is_in_the_world_and_not_on_the_map_that_a_lidar_makes() -> None:
 
 
 def test_scenes_are_as_random_as_their_seed() -> None:
-    for scene in (*EDGES.values(), glass):
-        starts = {scene(Guard.ZONE, seed).world.start for seed in range(10)}
+    for scene in (*DROP_OFFS.values(), glass):
+        starts = {scene(Protection.ZONE, seed).world.start for seed in range(10)}
         assert len(starts) == 10
-        assert scene(Guard.ZONE, 3).world.start == scene(Guard.ZONE, 3).world.start
+        assert scene(Protection.ZONE, 3).world.start == scene(Protection.ZONE, 3).world.start
     paths = [to_the_restroom(seed).world.people[-1].path[1, 1] for seed in (0, 1, 0)]
     assert paths[0] == paths[2] != paths[1]
 
@@ -132,46 +132,46 @@ def test_the_closing_speed_does_not_depend_on_where_the_map_begins(
 
 
 def test_who_walks_into_a_standing_chair_was_not_run_into() -> None:
-    world = edge_ahead(Guard.NOTHING, 0).world
+    world = drop_off_ahead(Protection.NOTHING, 0).world
     contact = Contact(0, ContactKind.PERSON, 1.0, 0.0, 0.0)
-    assert struck(contact, world, CHAIR_A, motion_of(np.zeros(2), np.zeros(2))) is Struck.BUMPED
-    assert struck(contact, world, CHAIR_A, motion_of(np.full(2, 0.3), np.zeros(2))) is Struck.PERSON
+    assert contact_cause(contact, world, CHAIR_A, motion_of(np.zeros(2), np.zeros(2))) is ContactCause.BUMPED
+    assert contact_cause(contact, world, CHAIR_A, motion_of(np.full(2, 0.3), np.zeros(2))) is ContactCause.PERSON
 
 
 def test_contacts_with_edges_glass_and_walls_are_told_apart() -> None:
     still = motion_of(np.zeros(2), np.zeros(2))
-    edge, pane = edge_ahead(Guard.NOTHING, 0).world, glass(Guard.NOTHING, 0).world
+    edge, pane = drop_off_ahead(Protection.NOTHING, 0).world, glass(Protection.NOTHING, 0).world
     pit = edge.pits[0]
     rim = Contact(0, ContactKind.SOLID, pit.middle.x - pit.length / 2, pit.middle.y, 0.5)
-    assert struck(rim, edge, CHAIR_A, still) is Struck.EDGE
-    assert struck(Contact(0, ContactKind.SOLID, 0.05, 1.0, 0.5), edge, CHAIR_A, still) is Struck.SOLID
-    assert struck(Contact(0, ContactKind.SOLID, 5.45, 1.5, 0.5), pane, CHAIR_A, still) is Struck.GLASS
+    assert contact_cause(rim, edge, CHAIR_A, still) is ContactCause.EDGE
+    assert contact_cause(Contact(0, ContactKind.SOLID, 0.05, 1.0, 0.5), edge, CHAIR_A, still) is ContactCause.SOLID
+    assert contact_cause(Contact(0, ContactKind.SOLID, 5.45, 1.5, 0.5), pane, CHAIR_A, still) is ContactCause.GLASS
 
 
 def test_a_chair_that_sees_a_pit_ahead_goes_round_all_of_it() -> None:
-    result = run_hazard(edge_ahead(Guard.CAMERA, 3), 3)
+    result = run_hazard(drop_off_ahead(Protection.CAMERA, 3), 3)
     assert result.reached, result.reason
     assert not result.struck
     assert result.edge_m > 0.05
 
 
 def test_a_keep_out_zone_keeps_the_chair_off_an_edge_that_it_would_drive_over_without() -> None:
-    kept = run_hazard(edge_ahead(Guard.ZONE, 0), 0)
-    assert (kept.reached, kept.count(Struck.EDGE)) == (True, 0), kept.reason
+    kept = run_hazard(drop_off_ahead(Protection.ZONE, 0), 0)
+    assert (kept.reached, kept.count(ContactCause.EDGE)) == (True, 0), kept.reason
     assert kept.edge_m > 0.05
-    fallen = run_hazard(edge_ahead(Guard.NOTHING, 0), 0)
-    assert fallen.count(Struck.EDGE) == 1
+    fallen = run_hazard(drop_off_ahead(Protection.NOTHING, 0), 0)
+    assert fallen.count(ContactCause.EDGE) == 1
 
 
 def test_a_glass_door_that_stands_askew_to_the_sonars_is_heard_in_time() -> None:
     """Along its wall and turning into it: at full speed the chair touched the pane at 0.27 m/s."""
-    result = run_hazard(glass(Guard.SONAR, 31), 31)
+    result = run_hazard(glass(Protection.SONAR, 31), 31)
     assert result.reached, result.reason
     assert not result.struck
 
 
 def test_who_appears_too_near_is_struck_after_full_braking_and_who_appears_far_enough_is_not() -> None:
-    near, far = run_appearance(0.3, 0), run_appearance(1.2, 0)
+    near, far = run_sudden_person(0.3, 0), run_sudden_person(1.2, 0)
     assert near.speed >= 0.75
     assert far.speed >= 0.75
     assert 0.0 < near.contact_speed < near.speed
@@ -180,8 +180,8 @@ def test_who_appears_too_near_is_struck_after_full_braking_and_who_appears_far_e
 
 
 def test_watching_changes_nothing_that_the_chair_is_told() -> None:
-    world = edge_ahead(Guard.NOTHING, 0).world
-    watched, plain = WatchedSimulator(world, CHAIR_A, seed=3), Simulator(world, CHAIR_A, seed=3)
+    world = drop_off_ahead(Protection.NOTHING, 0).world
+    watched, plain = RecordingSimulator(world, CHAIR_A, seed=3), Simulator(world, CHAIR_A, seed=3)
     for simulator in (watched, plain):
         simulator.drive(2.2, 1.7)
     told = [[message.stamp_ns for message in simulator.advance(500_000_000)] for simulator in (watched, plain)]
@@ -189,7 +189,7 @@ def test_watching_changes_nothing_that_the_chair_is_told() -> None:
     assert watched.truth() == plain.truth()
     motion = watched.motion()
     assert motion.at(watched.now_ns) == (watched.truth(), watched.twist())
-    assert least_to_edge(world, CHAIR_A, motion) == pytest.approx(
+    assert least_to_drop_off(world, CHAIR_A, motion) == pytest.approx(
         clearance(solid_from_blocks((), world.pits), CHAIR_A, watched.truth())
     )
 

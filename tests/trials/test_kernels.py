@@ -9,9 +9,9 @@ from multiprocessing import get_context
 from numba.core.dispatcher import Dispatcher
 
 from waychair.simulation.simulator import Simulator
-from waychair.trials.demo import chair_of
-from waychair.trials.drive import advance_tick, begin, chair_in
-from waychair.trials.hazards import setting_of, to_the_lift
+from waychair.trials.demo import randomised_settings
+from waychair.trials.drive import advance_tick, simulated_chair, start_drive
+from waychair.trials.hazards import setup_of, to_the_lift
 from waychair.types import Goal
 
 
@@ -27,9 +27,9 @@ def kernels() -> set[tuple[str, str, int]]:
 def loaded_while_driving() -> set[tuple[str, str, int]]:
     """Of 45 s along a corridor, past people."""
     hazard = to_the_lift(1)
-    simulator = Simulator(hazard.world, hazard.body, replace(hazard.sensors, plant=chair_of(1).plant), 1)
-    with chair_in(setting_of(hazard), simulator) as chair:
-        begin(simulator, chair, Goal(hazard.goals[0].name))
+    simulator = Simulator(hazard.world, hazard.body, replace(hazard.sensors, plant=randomised_settings(1).plant), 1)
+    with simulated_chair(setup_of(hazard), simulator) as chair:
+        start_drive(simulator, chair, Goal(hazard.goals[0].name))
         before = kernels()
         for _ in range(45 * 20):
             messages = advance_tick(simulator, chair)

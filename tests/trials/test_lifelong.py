@@ -11,26 +11,26 @@ import pytest
 from waychair.geometry import transform_points
 from waychair.maps.grid import cells_from_points, occupied
 from waychair.maps.map_files import load_map
-from waychair.trials.lifelong import MOVED, PIECES, Drive, Lifelong, sessions
+from waychair.trials.lifelong import MOVED, PIECES, Lifelong, Session, drive_sessions
 from waychair.types import Pose2
 
 
 @pytest.fixture(scope="module")
-def days() -> list[Drive]:
-    return list(sessions("small_clinic", 3, seed=3, share=0.4))
+def days() -> list[Session]:
+    return list(drive_sessions("small_clinic", 3, seed=3, share=0.4))
 
 
-def test_some_pieces_move_from_day_to_day_and_the_same_seed_moves_the_same(days: list[Drive]) -> None:
+def test_some_pieces_move_from_day_to_day_and_the_same_seed_moves_the_same(days: list[Session]) -> None:
     for before, after in pairwise(days):
         assert len(after.pieces) == PIECES
         assert len(set(before.pieces) - set(after.pieces)) == MOVED
-    again = next(sessions("small_clinic", 1, seed=3, share=0.4))
+    again = next(drive_sessions("small_clinic", 1, seed=3, share=0.4))
     assert again.pieces == days[0].pieces
     np.testing.assert_array_equal(again.truth.poses, days[0].truth.poses)
 
 
 def test_after_three_days_the_map_is_small_and_right_and_what_was_moved_is_gone(
-    days: list[Drive], tmp_path: Path
+    days: list[Session], tmp_path: Path
 ) -> None:
     life = Lifelong(tmp_path / "map")
     for day in days:
@@ -44,9 +44,9 @@ def test_after_three_days_the_map_is_small_and_right_and_what_was_moved_is_gone(
     assert standing(life, days[-1]) >= 0.5
 
 
-def standing(life: Lifelong, day: Drive) -> float:
+def standing(life: Lifelong, day: Session) -> float:
     """Share of the pieces that stand now of which the map shows something."""
-    grid, origin = load_map(life.folder), Pose2(*life.drives[0].truth.poses[0].tolist())
+    grid, origin = load_map(life.folder), Pose2(*life.sessions[0].truth.poses[0].tolist())
     shown = 0
     for piece in day.pieces:
         steps = np.linspace(-0.6, 0.6, 25)

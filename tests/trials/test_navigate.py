@@ -19,9 +19,9 @@ from waychair.runtime.chair import ChairSettings
 from waychair.simulation.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import Simulator
 from waychair.simulation.world import load_world, world_from_grid
-from waychair.trials.demo import chair_of
-from waychair.trials.drive import Setting, drive_to_places
-from waychair.trials.navigate import navigate, shut_off, with_walkers
+from waychair.trials.demo import randomised_settings
+from waychair.trials.drive import DriveSetup, drive_to_places
+from waychair.trials.navigate import navigate, with_closed_borders, with_walkers
 from waychair.types import OccupancyGrid, Place, Pose2
 
 
@@ -48,7 +48,7 @@ def test_more_people_than_there_is_room_for_are_refused_with_advice() -> None:
 def test_free_ground_is_shut_off_where_the_unknown_begins_but_not_at_specks() -> None:
     grid = hall(60)
     grid.cells[20:40, 40:58], grid.cells[10, 10] = -1, -1
-    raised = shut_off(grid).cells
+    raised = with_closed_borders(grid).cells
     wall = raised[20:40, 40:58]
     assert (wall[[0, -1]] == 100).all()
     assert (wall[:, 0] == 100).all()
@@ -104,10 +104,10 @@ def test_a_chair_does_not_turn_into_who_stands_by_and_says_in_the_end_that_it_is
     standing = PersonPlan(Behaviour.PATH, np.array([[4.0 + corner * math.cos(1.01), 4.0 + corner * math.sin(1.01)]]))
     grid = hall(160)
     world = replace(world_from_grid(grid, Pose2(2.0, 4.0)), people=(standing,))
-    simulator = Simulator(world, CHAIR_A, chair_of(1), 1)
+    simulator = Simulator(world, CHAIR_A, randomised_settings(1), 1)
     window = Place("window", Pose2(4.0, 4.0, math.pi / 2))
     soon = ChairSettings(navigator=NavigatorSettings(recovery=RecoverySettings(tries=1)))
-    (leg,) = drive_to_places(Setting(grid, {"window": window}, CHAIR_A, DEFAULT, chair=soon), simulator, ["window"])
+    (leg,) = drive_to_places(DriveSetup(grid, {"window": window}, CHAIR_A, DEFAULT, chair=soon), simulator, ["window"])
     assert leg.contacts == 0
     assert not leg.reached
     assert "clear the way" in leg.reason

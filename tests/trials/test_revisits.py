@@ -9,7 +9,7 @@ import pytest
 
 from waychair.simulation.camera import CameraSettings
 from waychair.simulation.renderer import renderer_problem
-from waychair.trials.revisits import mapped, recorded, score
+from waychair.trials.revisits import map_drive, record_drive, score
 
 SMALL = CameraSettings(width=320, height=240)
 
@@ -18,8 +18,8 @@ pytestmark = pytest.mark.skipif(renderer_problem() is not None, reason="no pictu
 
 def test_a_round_of_the_basement_is_closed_by_pictures_and_lidar(tmp_path: Path) -> None:
     route = np.array([[12.5, 1.4], [12.5, 7.8], [1.4, 7.8], [1.4, 1.4], [7.0, 1.4]])
-    recorded("basement", tmp_path / "drive.mcap", 1.0, route, SMALL)
-    figures = score(mapped(tmp_path / "drive.mcap"))
+    record_drive("basement", tmp_path / "drive.mcap", 1.0, route, SMALL)
+    figures = score(map_drive(tmp_path / "drive.mcap"))
     assert figures["at_revisits"] >= 5
     assert figures["recall"] >= 0.95
     assert figures["revisits"] == figures["closed"] == 1
@@ -29,7 +29,7 @@ def test_a_round_of_the_basement_is_closed_by_pictures_and_lidar(tmp_path: Path)
 
 def test_rooms_that_are_alike_to_the_last_scratch_close_no_loop(tmp_path: Path) -> None:
     route = np.array([[12.5, 1.15]])
-    recorded("alias", tmp_path / "drive.mcap", 1.0, route, SMALL)
-    figures = score(mapped(tmp_path / "drive.mcap"))
+    record_drive("alias", tmp_path / "drive.mcap", 1.0, route, SMALL)
+    figures = score(map_drive(tmp_path / "drive.mcap"))
     assert figures["refused"] >= 1
     assert figures["false_links"] == figures["false_edges"] == 0

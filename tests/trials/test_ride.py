@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from waychair.control.limiter import LimiterSettings
-from waychair.trials.ride import Motion, Ride, ride_of, weighted, worst_of
+from waychair.trials.ride import Ride, TrueMotion, ride_of, weighted, worst_of
 from waychair.types import FloatArray
 
 LIMITS = LimiterSettings()
@@ -20,7 +20,7 @@ def ride(v: FloatArray, told: FloatArray | None = None) -> Ride:
     stamps = np.round(1e9 * SECONDS).astype(np.int64)
     twists = np.column_stack([v, np.zeros(len(v))])
     return ride_of(
-        Motion(stamps, np.zeros((len(v), 3)), twists, np.full(len(v), math.inf), v if told is None else told)
+        TrueMotion(stamps, np.zeros((len(v), 3)), twists, np.full(len(v), math.inf), v if told is None else told)
     )
 
 

@@ -17,14 +17,14 @@ from waychair.trials.scenes import (
     corner_scene,
     door_error,
     door_scene,
-    drives,
+    drive_variants,
     map_of,
     parked_scene,
     run_scene,
 )
 from waychair.types import Pose2
 
-B = drives(CHAIR_B)
+B = drive_variants(CHAIR_B)
 
 
 def test_the_tightest_door_is_mastered_from_beside_without_a_contact() -> None:

@@ -12,7 +12,7 @@ from benchmarks.acceptance import nights as module
 from benchmarks.acceptance.nights import nights
 
 from tests.halls import hall_plan
-from waychair.trials.shift import Shift, work
+from waychair.trials.shift import Shift, run_shift
 
 PLAN = hall_plan(
     9.0,
@@ -29,7 +29,7 @@ places:
 def shift(tmp_path_factory: pytest.TempPathFactory) -> Shift:
     plan = tmp_path_factory.mktemp("shift") / "hall.yaml"
     plan.write_text(PLAN, encoding="utf-8")
-    return work(str(plan), seed=4, seconds=60.0, people=1)
+    return run_shift(str(plan), seed=4, seconds=60.0, people=1)
 
 
 def test_a_shift_lasts_as_long_as_asked_for_and_is_one_drive_after_the_other(shift: Shift) -> None:

@@ -13,7 +13,7 @@ from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plant import PlantSettings
 from waychair.simulation.simulator import Simulator
 from waychair.simulation.world import load_world
-from waychair.trials.demo import WORLD, chair_of, way_back
+from waychair.trials.demo import WORLD, randomised_settings, return_route
 from waychair.types import FloatArray, Pose2
 
 END = Pose2(6.45, 7.12, 2.78)
@@ -22,7 +22,9 @@ END = Pose2(6.45, 7.12, 2.78)
 
 def turns_round(route: FloatArray, seed: int) -> bool:
     """Whether a rider gets under way back along a route, without touching anything."""
-    simulator = Simulator(replace(load_world(WORLD).without_people(), start=END), CHAIR_A, chair_of(seed), seed)
+    simulator = Simulator(
+        replace(load_world(WORLD).without_people(), start=END), CHAIR_A, randomised_settings(seed), seed
+    )
     for _ in follow(simulator, Follower(route, CHAIR_A.track, PlantSettings())):
         if simulator.truth().x > END.x + 1.0:
             return True
@@ -31,7 +33,7 @@ def turns_round(route: FloatArray, seed: int) -> bool:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_the_rider_goes_on_to_where_there_is_room_to_turn(seed: int) -> None:
-    assert turns_round(way_back(load_world(WORLD)), seed)
+    assert turns_round(return_route(load_world(WORLD)), seed)
 
 
 def test_right_at_the_end_there_is_none() -> None:
@@ -41,4 +43,4 @@ def test_right_at_the_end_there_is_none() -> None:
 
 def test_where_there_is_room_the_rider_turns_at_once() -> None:
     world = load_world("small_clinic")
-    assert np.array_equal(way_back(world), world.route()[-2::-1])
+    assert np.array_equal(return_route(world), world.route()[-2::-1])

@@ -10,7 +10,7 @@ import pytest
 
 from waychair.simulation.scene import Behaviour, Block, PersonPlan, Pit, Slope
 from waychair.simulation.world import World, world_from_grid
-from waychair.trials.world_plan import OVERHANG, PERSON, PIT, RAMP, hazards, world_picture
+from waychair.trials.world_plan import OVERHANG, PERSON, PIT, RAMP, hazard_names, world_picture
 from waychair.types import OccupancyGrid, Pose2
 
 PLAIN = replace(world_from_grid(OccupancyGrid(np.zeros((80, 120), np.int8), 0.05), Pose2(1.0, 1.0, 0.0)), blocks=())
@@ -43,7 +43,7 @@ def with_block(low: float, high: float, material: str = "wood") -> World:
     ],
 )
 def test_hazards_are_named(world: World, expected: tuple[str, ...]) -> None:
-    assert hazards(world) == expected
+    assert hazard_names(world) == expected
 
 
 def pixels(world: World, colour: str) -> int:
