@@ -392,7 +392,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             names = [each.node_name for each in self.get_publishers_info_by_topic(topic)]
             others = [name for name in names if name != sender]
             if others or (len(names) > 1 and sender == self.settings.navigator):
-                self._intruder = others[0] if others else f"{len(names)} nodes of the name '{sender}'"
+                self._intruder = others[0] if others else f"{len(names)} nodes named '{sender}'"
 
     def _serve(self, name: str, call: Callable[[], tuple[bool, str]]) -> None:
         """Offer a std_srvs/Trigger service that answers with success and a sentence."""
@@ -433,7 +433,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         try:
             self._base.zones = load_zones(Path(self.settings.map_folder))
         except WaychairError as error:
-            self.get_logger().error(f"{error}; the zones stay as they were")
+            self.get_logger().error(f"{error}; the zones stay unchanged")
 
     def _relocalise(self) -> None:
         """After a push by hand, restart the localiser at its pose if the scans confirm that pose only partly."""
@@ -455,9 +455,9 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         """Confirm one goal for the rider; refuse if another goal has arrived meanwhile."""
         request: DriveRequest = self._request.value
         if not request.active or self._goal_id in (NO_GOAL, self._ended_goal_id):
-            return False, "there is no goal to say yes to: ask for one first"
+            return False, "there is no goal to confirm: request one first"
         if goal_id != self._goal_id:
-            return False, "another goal waits than the one that was shown: look at it, then say yes to that one"
+            return False, "the goal has changed since it was shown: look at the new goal, then confirm it"
         if self._mode in DRIVEN:
             return True, "the drive is under way"
         if on_page:
@@ -474,7 +474,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self._ended_goal_id = self._goal_id
         self._log_request("reset")
         self._base.reset()
-        return True, "the faults were reset; ask for the goal again"
+        return True, "the faults were reset; request the goal again"
 
 
 def _best_effort(topic: RosTopic) -> RosTopic:

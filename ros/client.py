@@ -258,7 +258,7 @@ class ChairClient:
                 interface_type(topic.type), topic.name, topics.profile(topic.qos)
             )
         if not self._spin_until(lambda: self._initial.get_subscription_count() > 0, timeout_s):
-            raise RosError(f"no mapper listens to {topic.name} within {timeout_s:g} s: start the chair")
+            raise RosError(f"no mapper subscribes to {topic.name} within {timeout_s:g} s: start the chair")
         self._initial.publish(serialised(pose_with_covariance(self._now_ns(), pose)))
 
     def goToPose(self, pose: Any, behavior_tree: str = "") -> bool:
@@ -321,7 +321,7 @@ class ChairClient:
             self._services[name] = self.node.create_client(kind, name)
         client = self._services[name]
         if not self._spin_until(client.service_is_ready, timeout_s):
-            raise RosError(f"nobody offers '{name}' within {timeout_s:g} s: start the chair with `waychair up`")
+            raise RosError(f"no node offers '{name}' within {timeout_s:g} s: start the chair with `waychair up`")
         asked = client.call_async(request)
         if not self._spin_until(asked.done, timeout_s):
             client.remove_pending_request(asked)
@@ -338,7 +338,7 @@ class ChairClient:
                 try:
                     self._messages[topic.name] = read(deserialised(data, topic.type))
                 except MessageError as error:
-                    self._decode_errors[topic.name] = f"; what came cannot be read: {error}"
+                    self._decode_errors[topic.name] = f"; its messages cannot be decoded: {error}"
 
             self.node.create_subscription(
                 interface_type(topic.type), topic.name, take, topics.profile(topic.qos), raw=True
@@ -347,7 +347,9 @@ class ChairClient:
             self._spin_until(lambda: False, 0.0)
         if not self._spin_until(lambda: self._messages[topic.name] is not None, timeout_s):
             why = self._decode_errors.get(topic.name, "")
-            raise RosError(f"no {sender} says anything within {timeout_s:g} s{why}: start the chair with `waychair up`")
+            raise RosError(
+                f"no message from the {sender} within {timeout_s:g} s{why}: start the chair with `waychair up`"
+            )
         found: T = self._messages[topic.name]
         return found
 

@@ -37,7 +37,7 @@ def ros_environment(
     variables = dict(os.environ if base is None else base)
     wanted = variables.get("ROS_DOMAIN_ID", "") if domain is None else str(domain)
     if wanted and (not wanted.isdecimal() or int(wanted) not in _DOMAINS):
-        raise ConfigError(f"ROS_DOMAIN_ID = {wanted} is impossible: take one of 0 to {_DOMAINS[-1]}")
+        raise ConfigError(f"ROS_DOMAIN_ID = {wanted} is impossible: choose 0 to {_DOMAINS[-1]}")
     if wanted:
         variables["ROS_DOMAIN_ID"] = wanted
     variables.pop("ROS_LOCALHOST_ONLY", None)  # deprecated, and it would override the next variable
@@ -76,7 +76,7 @@ def namespace_arguments(namespace: str) -> tuple[str, ...]:
     if not name:
         return ()
     if not re.fullmatch(r"[A-Za-z_]\w*(/[A-Za-z_]\w*)*", name, re.ASCII):
-        raise ConfigError(f"the namespace '{namespace}' is impossible: take letters, digits and _, such as left_chair")
+        raise ConfigError(f"the namespace '{namespace}' is impossible: use letters, digits and _, such as left_chair")
     return "-r", f"__ns:=/{name}", "-r", "/tf:=tf", "-r", "/tf_static:=tf_static"
 
 

@@ -69,7 +69,7 @@ class MapBuilder:
         """Return whether mapping keeps up with the chair."""
         behind = len(self._frames)
         late = behind > topics.SCAN.rate_hz
-        message = f"{behind} scans wait to be mapped: drive slower, or on a faster computer" if late else ""
+        message = f"{behind} scans wait to be mapped: drive slower, or use a faster computer" if late else ""
         values = (("scans that wait", str(behind)), ("left out", str(self.dropped_scans)))
         return Report("mapping", DiagnosticLevel.WARN if late else DiagnosticLevel.OK, message, values)
 

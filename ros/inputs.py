@@ -113,7 +113,7 @@ class Input(Generic[T]):
             verdict, reason = qos_check_compatible(offer.qos_profile, wanted)
             if verdict == QoSCompatibility.ERROR:
                 why = reason.strip().removeprefix("ERROR: ").rstrip(";")
-                return f"{sender} offers {self.name} with a QoS that does not fit ({why}): change its QoS"
+                return f"{sender} offers {self.name} with an incompatible QoS ({why}): change its QoS"
         return ""
 
     def _judge(self, rate_hz: float) -> tuple[DiagnosticLevel, str]:
@@ -125,7 +125,7 @@ class Input(Generic[T]):
         if not self._needed and rate_hz == 0.0:
             return DiagnosticLevel.OK, "silent"
         if age_ns is None or self._arrived_ns is None:
-            return DiagnosticLevel.STALE, f"nothing has come yet on {self.name}: start what sends it"
+            return DiagnosticLevel.STALE, f"no message has arrived on {self.name} yet: start its publisher"
         if rate_hz > 0.0 and abs(age_ns) > CLOCK_ERROR_NS:
             return DiagnosticLevel.ERROR, (
                 f"stamps on {self.name} are {age_ns * 1e-9:.1f} s from this node's clock: set use_sim_time alike for all "
@@ -141,10 +141,10 @@ class Input(Generic[T]):
             limit_s = (stream.max_age_ns() or 0) * 1e-9 if stream else 0.0
             return (
                 DiagnosticLevel.ERROR,
-                f"the last message is {age_ns * 1e-9:.2f} s old, {limit_s:.2f} s at most are allowed",
+                f"the last message is {age_ns * 1e-9:.2f} s old, the limit is {limit_s:.2f} s",
             )
         if rate_hz < SLOW_FRACTION * self.topic.rate_hz:
-            return DiagnosticLevel.WARN, f"{rate_hz:.1f} Hz, where {self.topic.rate_hz:g} Hz are expected"
+            return DiagnosticLevel.WARN, f"{rate_hz:.1f} Hz instead of {self.topic.rate_hz:g} Hz"
         return DiagnosticLevel.OK, ""
 
     def _receive(self, data: bytes) -> None:
@@ -157,7 +157,7 @@ class Input(Generic[T]):
             self._refused = str(error)
         except DECODING_ERRORS as error:
             self._refused = (
-                f"{self.name} holds what cannot be ({str(error) or type(error).__name__}): check what sends it"
+                f"{self.name} holds impossible values ({str(error) or type(error).__name__}): check its publisher"
             )
         else:
             self._accept(message, value)

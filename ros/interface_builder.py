@@ -106,7 +106,7 @@ def _locked(path: Path) -> Iterator[None]:
             yield
     except OSError as error:
         raise OutputError(
-            f"cannot write to {path.parent}: {error.strerror}; choose another cache by XDG_CACHE_HOME"
+            f"cannot write to {path.parent}: {error.strerror}; set XDG_CACHE_HOME to another folder"
         ) from error
 
 
@@ -138,12 +138,12 @@ def _compilers() -> dict[str, str]:
     advice = "or the packages ros-jazzy-tf2-msgs and ros-jazzy-nav2-msgs of an installed ROS"
     if c is None or cpp is None:
         raise InterfaceBuildError(
-            "no C++ compiler was found to build the messages of /tf and navigate_to_pose with: install one "
+            "the messages of /tf and navigate_to_pose must be built, but no C++ compiler was found: install one "
             f"(`sudo apt install g++`), {advice}"
         )
     if not Path(sysconfig.get_paths()["include"], "Python.h").is_file():
         raise InterfaceBuildError(
-            "Python's headers were not found to build the messages of /tf and navigate_to_pose with: install them "
+            "the messages of /tf and navigate_to_pose must be built, but Python's headers were not found: install them "
             f"(`sudo apt install python3-dev`), {advice}"
         )
     return {"c": c, "cpp": cpp}

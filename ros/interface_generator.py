@@ -106,7 +106,7 @@ def _link_statically(dispatcher: Path, package: str) -> None:
     pattern = rf"  return ROSIDL_TYPESUPPORT_INTERFACE__(MESSAGE|SERVICE)_SYMBOL_NAME\({_FASTRTPS}, ([^)]*)\)\(\);"
     text, replaced = re.subn(pattern, replacement, dispatcher.read_text())
     if not replaced:
-        raise RuntimeError(f"{dispatcher.name} has another form than that of the generators 3.2 of ROS Jazzy")
+        raise RuntimeError(f"{dispatcher.name} does not have the form of ROS Jazzy's generators 3.2")
     stem = dispatcher.name.removesuffix("__type_support.cpp")
     header = f"{package}/{dispatcher.parent.name}/detail/{stem}__{_INTROSPECTION}.h"
     includes = ("<cstring>", f'"{_INTROSPECTION}/identifier.h"', f'"{header}"')

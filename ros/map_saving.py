@@ -25,7 +25,7 @@ def save_running_map(folder: Path, *, domain: int | None = None, namespace: str 
         while not asked.service_is_ready():
             client.spin(0.05)
             if time.monotonic() > min(ends, ends - timeout_s + 5.0):
-                raise RosError(f"nobody offers '{SERVICE}': start the chair with `waychair up`")
+                raise RosError(f"no node offers '{SERVICE}': start the chair with `waychair up`")
         answer = asked.call_async(kind.Request(map_url=str(folder.resolve())))
         while not answer.done():
             client.spin(0.05)

@@ -158,7 +158,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         if self._builder is not None:
             yield self._builder.report()
         if self._localisation is None:
-            yield Report("localisation", DiagnosticLevel.STALE, "no scan has come yet with odometry to it")
+            yield Report("localisation", DiagnosticLevel.STALE, "no scan with odometry has arrived yet")
             return
         found = self._localisation[1]
         levels = {LocalisationState.OK: DiagnosticLevel.OK, LocalisationState.DEGRADED: DiagnosticLevel.WARN}
@@ -168,7 +168,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             ("health", f"{found.health:.3f}"),
             ("pose", f"{pose.x:.3f}, {pose.y:.3f}, {pose.theta:.4f}"),
         )
-        message = "" if found.state is LocalisationState.OK else f"the chair's place on the map is {found.state.value}"
+        message = "" if found.state is LocalisationState.OK else f"the localisation is {found.state.value}"
         yield Report("localisation", levels.get(found.state, DiagnosticLevel.ERROR), message, values)
 
     def _localise_on(self, folder: Path, start: Pose2 | None) -> None:
@@ -196,7 +196,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         try:
             return remembered_pose(Path(s.remember), Path(s.map_folder)) if s.remember else None
         except ConfigError as error:
-            self.get_logger().warning(f"{error}; until then the chair looks for itself")
+            self.get_logger().warning(f"{error}; until then the chair localises itself globally")
             return None
 
     def _save_pose(self) -> None:
@@ -219,7 +219,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
     def _set_pose(self, pose: Pose2) -> None:
         """Restart the localiser at a pose given by the rider."""
         if self._localiser is None:
-            self.get_logger().warning("a map is being made: there is no pose to set on it")
+            self.get_logger().warning("the initial pose is ignored while a map is being made")
             return
         self._localiser.restart(pose)
 
@@ -240,7 +240,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
                 return
             scanned = scanned_part(grid, load_depth_layer(self._folder, grid))
         except WaychairError as error:
-            self.get_logger().error(f"{error}; the map stays as it was")
+            self.get_logger().error(f"{error}; the map stays unchanged")
             return
         self._grid = grid
         self._send_map(occupancy_grid(self.now_ns(), grid))
@@ -276,7 +276,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         """Restart the localiser at the last pose, because the odometry restarted."""
         if self._localiser is None or self._localisation is None or self._localisation[1].lost:
             return
-        self.get_logger().warning("the odometry began anew: the chair is looked for round its last place")
+        self.get_logger().warning("the odometry restarted: localisation restarts at the last pose")
         self._localiser.restart(self._localisation[1].map_from_base)
 
     def _localise(self, raw: Scan) -> None:
@@ -308,7 +308,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
     def _load(self, request: Any, response: Any) -> Any:
         """Serve nav2_msgs/srv/LoadMap; the URL is that of a map folder or its map.yaml."""
         if self._builder is not None:
-            self.get_logger().error("a map is being made: save it, then start the chair anew with the other map")
+            self.get_logger().error("a map is being made: save it, then restart the chair with the other map")
             response.result = response.RESULT_UNDEFINED_FAILURE
             return response
         try:
@@ -319,7 +319,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             response.result = response.RESULT_MAP_DOES_NOT_EXIST if missing else response.RESULT_INVALID_MAP_DATA
             return response
         self.get_logger().warning(
-            f"the map is that of {self._folder}; places and zones stay those of the map_folder of each node"
+            f"the map was loaded from {self._folder}; places and zones stay those of each node's map_folder"
         )
         response.map = native(occupancy_grid(self.now_ns(), self._grid))
         response.result = response.RESULT_SUCCESS
@@ -374,7 +374,7 @@ def pose_from_text(text: str) -> Pose2:
     except ValueError:
         numbers = []
     if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
-        raise ConfigError(f"'{text}' is no pose: give X,Y,YAW in metres and radians")
+        raise ConfigError(f"'{text}' is not a pose: give X,Y,YAW in metres and radians")
     return Pose2(*numbers)
 
 

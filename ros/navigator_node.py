@@ -31,7 +31,7 @@ from typing import Any
 import numpy as np
 
 from waychair.config import setting
-from waychair.control.fitness import has_valid_reading
+from waychair.control.fitness import SLOW_SPEED, has_valid_reading
 from waychair.control.navigator import Navigation, Stage
 from waychair.control.stops import halt
 from waychair.control.supervisor import SupervisorVerdict
@@ -157,7 +157,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         """Report the stage of the drive."""
         navigation = self._navigation
         if navigation is None:
-            yield Report("navigation", DiagnosticLevel.STALE, "no map and no place on it are known yet")
+            yield Report("navigation", DiagnosticLevel.STALE, "there is no map or no localisation yet")
             return
         reason = navigation.reason if self._pilot is None else self._pilot.navigator.reason
         yield Report("navigation", DiagnosticLevel.OK, reason, (("stage", navigation.stage.value),))
@@ -242,7 +242,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         try:
             self._places, self._zones = load_places(folder), load_zones(folder)
         except WaychairError as error:
-            self.get_logger().error(f"{error}; places and zones stay as they were")
+            self.get_logger().error(f"{error}; places and zones stay unchanged")
             return
         named, zones, pilot, grid = self._places, self._zones, self._pilot, self._grid
         self._send_places(places(self.now_ns(), named))
@@ -379,9 +379,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
     def _missing_input(self, now_ns: int) -> str:
         """Return why a goal must be dropped: the bridge, the localisation or (if so configured) the camera is silent; or ''."""
         if self._bridge_ns is None or now_ns - self._bridge_ns > _SILENT_NS:
-            return "the bridge does not answer: wait until it is back, then ask for the goal again"
+            return "the bridge does not answer: wait until it is back, then request the goal again"
         if self._pose_ns is None or now_ns - self._pose_ns > _SILENT_NS:
-            return "the chair's place on the map is not known: wait until it is, then ask for the goal again"
+            return "the chair is not localised: wait until it is, then request the goal again"
         return halt("depth_stale").text if self._camera_is_silent(now_ns) and self._stops_without_camera else ""
 
     @property
@@ -398,7 +398,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _slowed(self, command: Twist) -> Twist:
         blind = self._camera_is_silent(time.monotonic_ns())
-        limit = min(self._limit, self.settings.fitness.slow_speed) if blind else self._limit
+        limit = min(self._limit, SLOW_SPEED) if blind else self._limit
         share = min(1.0, limit / max(abs(command.v), 1e-9))
         return Twist(share * command.v, share * command.omega)
 

@@ -140,7 +140,7 @@ class ChairNode(Node, Generic[S]):
         changed = [parameter for parameter in parameter_list if parameter.name in known]
         fixed = [parameter.name for parameter in changed if parameter.name not in self._dynamic]
         if fixed:
-            reason = f"{fixed[0]} cannot be changed while the node runs: give it at the start"
+            reason = f"{fixed[0]} cannot be changed while the node runs: set it at the start"
             return answer(successful=False, reason=reason)
         values = {name: leaf.parameter for name, leaf in known.items()}
         values.update((parameter.name, parameter.value) for parameter in changed)
@@ -174,7 +174,7 @@ class ChairNode(Node, Generic[S]):
         if not self.get_parameter("use_sim_time").value:
             return ""
         if self.now_ns() == 0:
-            return "use_sim_time is set, but nobody sends /clock: start the simulator"
+            return "use_sim_time is set, but no node publishes /clock: start the simulator"
         senders = self.count_publishers(CLOCK.name)
         return f"{senders} nodes send /clock, so that time jumps: stop all but one" if senders > 1 else ""
 
@@ -252,5 +252,5 @@ def _initialise(arguments: Sequence[str] | None) -> None:
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
     except RuntimeError as error:  # from rcl, e.g. for an invalid parameter file
-        raise ConfigError(f"ROS cannot begin: {' '.join(str(error).split())}") from error
+        raise ConfigError(f"ROS cannot start: {' '.join(str(error).split())}") from error
     begun = True

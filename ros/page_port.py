@@ -220,7 +220,7 @@ class PagePort(DrawingPort):
         asked.pose = native(pose_stamped(self._node.now_ns(), pose))
         handle = _wait_for(self._action.send_goal_async(asked))
         if handle is None or not handle.accepted:
-            return Answer(False, "the navigator does not take this goal: see whether it runs")
+            return Answer(False, "the navigator rejected this goal: check that it runs")
         ended, goal_id = handle.get_result_async(), goal_id_of(handle.goal_id)
         until = time.monotonic() + ANSWER_S / 2
         while time.monotonic() < until:
@@ -230,7 +230,7 @@ class PagePort(DrawingPort):
             if self._state is not None and self._state.goal_id == goal_id:
                 return Answer(True, f"press Drive to go to {self._name_of(pose)}")
             time.sleep(0.01)
-        return Answer(False, "the bridge does not know of the goal: see whether it runs")
+        return Answer(False, "the bridge has not received the goal: check that it runs")
 
     def confirm(self, goal: str = "") -> Answer:
         """See `ChairPort`."""
@@ -238,7 +238,7 @@ class PagePort(DrawingPort):
         if state is None or not (self._has_goal(state) and state.waits):
             return Answer(False, "there is nothing to say yes to: choose a place first")
         if goal and goal != self._label:
-            return Answer(False, f"meanwhile somebody chose {self._label}: look where it leads, then press Drive")
+            return Answer(False, f"the goal was changed to {self._label} meanwhile: check it, then press Drive")
         kind = interface_type("waychair_msgs/srv/Confirm")
         return self._call(self._confirm, kind.Request(goal_id=state.goal_id, on_page=True))
 
@@ -310,12 +310,12 @@ class PagePort(DrawingPort):
 
     def _call(self, client: Any, request: Any) -> Answer:
         if not client.service_is_ready():
-            return Answer(False, f"nobody answers to '{client.srv_name}': wait until the chair's nodes are back")
+            return Answer(False, f"no node offers '{client.srv_name}': wait until the chair's nodes are back")
         asked = client.call_async(request)
         answer = _wait_for(asked)
         if answer is None:
             client.remove_pending_request(asked)
-            return Answer(False, f"'{client.srv_name}' was not answered: see whether the chair stands")
+            return Answer(False, f"'{client.srv_name}' was not answered: check that the chair stands still")
         return Answer(bool(answer.success), str(answer.message))
 
     def _has_goal(self, state: DriveReport) -> bool:

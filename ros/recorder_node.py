@@ -97,7 +97,7 @@ class RecorderNode(ChairNode[RecorderNodeSettings]):
             self._subscribe(topic, replace(topic, qos=replace(topic.qos, depth=_DEPTH)))
         self._bag.open()
         self.at_end(self._end)
-        self.get_logger().info(f"recording; until it is whole the bag is in {self._bag.temporary_path}")
+        self.get_logger().info(f"recording to {self._bag.temporary_path} until the bag is complete")
         self.every(_FLUSH_HZ, self._bag.flush)
         self.every(_FLUSH_HZ, self._resubscribe)
 
@@ -106,7 +106,7 @@ class RecorderNode(ChairNode[RecorderNodeSettings]):
         counts = ((name, str(count)) for name, count in sorted(self._counts.items()))
         values = (("MB", f"{self._bag.size / 1e6:.1f}"), *counts)
         level = DiagnosticLevel.OK if self._counts else DiagnosticLevel.WARN
-        yield Report("recording", level, "" if self._counts else "nothing has come yet", values)
+        yield Report("recording", level, "" if self._counts else "no message has arrived yet", values)
 
     def _subscribe(self, topic: RosTopic, wanted: RosTopic) -> None:
         from rclpy.event_handler import SubscriptionEventCallbacks
@@ -148,7 +148,7 @@ class RecorderNode(ChairNode[RecorderNodeSettings]):
             return
         if self._span_ns is None or set(self._counts) == {topics.DIAGNOSTICS.name}:  # the recorder's own
             self._bag.discard()
-            raise RecordingError("nothing was recorded, for nobody said anything: start the chair with `waychair up`")
+            raise RecordingError("nothing was recorded, since no message arrived: start the chair with `waychair up`")
         megabytes = self._bag.size / 1e6
         first, last = self._span_ns
         self.recorded = Recorded(self._bag.finish(), (last - first) * 1e-9, dict(self._counts), megabytes)

@@ -121,7 +121,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         if lost_s > 0.0:
             level, message = (
                 DiagnosticLevel.WARN,
-                f"{lost_s:.2f} s behind the clock on the wall: the computer is too busy",
+                f"{lost_s:.2f} s behind real time: the computer is too busy",
             )
         values = (
             ("real time factor", f"{self._pacer.real_time_factor:.4f}"),

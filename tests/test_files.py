@@ -85,8 +85,8 @@ def test_what_is_there_and_no_file_is_left_as_it_is(tmp_path: Path) -> None:
         (folder, "it is a folder"),
         (pipe, "a device, pipe or socket"),
         (tmp_path / "to_pipe", "a device, pipe or socket"),
-        (circle, "it leads nowhere"),
-        (tmp_path / ("a" * 300), "take a shorter name|another folder or name"),
+        (circle, "its symbolic links form a loop"),
+        (tmp_path / ("a" * 300), "use a shorter name|another folder or name"),
     ):
         with pytest.raises(OutputError, match=said):
             write_text(path, "new")
@@ -124,5 +124,5 @@ def test_a_folder_that_may_not_be_entered_is_named(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False, cwd=tmp_path)
     (tmp_path / "private").chmod(0o700)
     assert done.stderr == ""
-    sentence = "cannot read private/a.txt: Permission denied; give this user the right to it and to its folders"
+    sentence = "cannot read private/a.txt: Permission denied; give this user permission for it and its folders"
     assert done.stdout.splitlines() == [sentence, sentence]

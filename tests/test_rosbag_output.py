@@ -75,7 +75,7 @@ def test_a_path_that_was_taken_meanwhile_is_left_alone_and_the_bag_kept_beside_i
     bag.open()
     drive(bag, 0, 3)
     (tmp_path / "drive.mcap").write_text("somebody's")
-    with pytest.raises(OutputError, match=r"exists already by now: the bag is in .*drive\.part\.mcap"):
+    with pytest.raises(OutputError, match=r"was created meanwhile: the bag is in .*drive\.part\.mcap"):
         bag.finish()
     assert len(read_recording(tmp_path / "drive.part.mcap").frames) == 3
     assert (tmp_path / "drive.mcap").read_text() == "somebody's"

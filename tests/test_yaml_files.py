@@ -33,17 +33,17 @@ def test_what_is_nested_just_so_deep_is_read(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[" * 100_000, r"a\.yaml, line 1: more than 50 lists or mappings in each other; mend the YAML there"),
+        ("[" * 100_000, r"a\.yaml, line 1: more than 50 nested lists or mappings; correct the YAML there"),
         ("- " * 100_000, "more than 50 lists"),
-        ("a: {b: &c [*c]}", r"line 1: '\*c' is a part of itself"),
+        ("a: {b: &c [*c]}", r"line 1: '\*c' contains itself"),
         ("a: 1\nb: 2\na: 3\n", "line 3: 'a' is given twice"),
         ("- {x: {y: 1, y: 2}}\n", "line 1: 'y' is given twice"),
-        ("a: 1\nb: 2024-13-45\n", "line 2: '2024-13-45' is no value that can be"),
-        ("a: " + "9" * 5000, r"line 1: '9+\.\.\.9+' is no value that can be"),
-        ("a: -9223372036854775808", "is no value that can be"),
+        ("a: 1\nb: 2024-13-45\n", "line 2: '2024-13-45' is not a valid value"),
+        ("a: " + "9" * 5000, r"line 1: '9+\.\.\.9+' is not a valid value"),
+        ("a: -9223372036854775808", "is not a valid value"),
         ("a: 1\n---\nb: 2\n", "line 2: expected a single document"),
         ("a: *b", "line 1: found undefined alias"),
-        ("a: [1", "mend the YAML there"),
+        ("a: [1", "correct the YAML there"),
         ("a: \x07", "is not YAML: it holds the character 0x07"),
         ("a: !!python/name:os.system x", "could not determine a constructor"),
         ("? [a]\n: 1\n", "unhashable"),
@@ -58,7 +58,7 @@ def test_what_is_wrong_is_named_in_one_short_sentence(tmp_path: Path, text: str,
 
 def test_a_file_that_is_no_text_or_cannot_be_read_is_named(tmp_path: Path) -> None:
     (tmp_path / "image").write_bytes(b"\x89PNG\xff")
-    with pytest.raises(ConfigError, match="no text in UTF-8; give the other one"):
+    with pytest.raises(ConfigError, match="not UTF-8 text; give the other one"):
         load_yaml(tmp_path / "image", ConfigError, "give the other one")
     with pytest.raises(ConfigError, match=r"cannot read .*none: No such file or directory; check its name"):
         load_yaml(tmp_path / "none", ConfigError)

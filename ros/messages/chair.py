@@ -113,9 +113,9 @@ def read_drive_request(message: Any) -> DriveRequest:
         MessageError: an invalid goal pose, or invalid furniture coordinates.
     """
     furniture = np.asarray(message.furniture, np.float64)
-    require_finite("the place of furniture", *furniture.tolist())
+    require_finite("a coordinate of furniture", *furniture.tolist())
     if len(furniture) % 2:
-        raise MessageError(f"furniture has {len(furniture)} coordinates, which is odd: restart what sends it")
+        raise MessageError(f"furniture has {len(furniture)} coordinates, which is odd: restart its sender")
     return DriveRequest(
         stamp_of(message),
         int(message.goal_id),
@@ -162,7 +162,7 @@ def read_drive_state(message: Any) -> DriveReport:
     Raises:
         MessageError: an unknown mode, an invalid goal pose, or a value that is not finite.
     """
-    require_finite("the chair's lean and the countdown", message.roll, message.pitch, message.countdown)
+    require_finite("the chair's tilt or the countdown", message.roll, message.pitch, message.countdown)
     return DriveReport(
         stamp_of(message),
         int(message.goal_id),

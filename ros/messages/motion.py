@@ -47,7 +47,7 @@ def read_pose(message: Any) -> Pose2:
     require_finite("a pose", at.x, at.y, at.z, turn.x, turn.y, turn.z, turn.w)
     length = math.hypot(turn.x, turn.y, turn.z, turn.w)
     if abs(length - 1.0) > _UNIT:
-        raise MessageError(f"a pose's quaternion has length {length:.3g}: it must be 1; (0, 0, 0, 1) is no turn")
+        raise MessageError(f"a pose's quaternion has length {length:.3g}: it must be 1; (0, 0, 0, 1) is no rotation")
     return planar(pose_matrix(at, turn))
 
 
@@ -82,13 +82,13 @@ def read_pose_with_covariance(message: Any) -> tuple[Pose2, FloatArray | None]:
     full = np.array(message.pose.covariance, np.float64).reshape(6, 6)
     covariance: FloatArray = full[_PLANAR]
     if not np.isfinite(covariance).all() or (np.diag(covariance) < 0.0).any():
-        raise MessageError("a pose's covariance is no number or negative: send zeros where it is not known")
+        raise MessageError("a pose's covariance is not finite or negative: send zeros where it is not known")
     return _on_a_map(read_pose(message.pose.pose)), covariance if covariance.any() else None
 
 
 def _on_a_map(pose: Pose2) -> Pose2:
     if not is_possible_pose(pose.x, pose.y):
-        raise MessageError(f"a pose at ({pose.x:g}, {pose.y:g}) m is on no map: {MAX_COORDINATE:g} m is the farthest")
+        raise MessageError(f"a pose at ({pose.x:g}, {pose.y:g}) m is too far away: {MAX_COORDINATE:g} m is the limit")
     return pose
 
 
@@ -108,7 +108,7 @@ def read_odometry(message: Any, frame: str = ODOM_FRAME) -> Odometry:
     require_finite("odometry's twist", twist.linear.x, twist.angular.z)
     odometry = odometry_from_message(message)
     if odometry is None or not is_possible_pose(*odometry.odom_from_base.array()):
-        raise MessageError("odometry is beyond all that a chair can drive: restart what sends it")
+        raise MessageError("the pose of the odometry is impossibly far away: restart its sender")
     return odometry
 
 

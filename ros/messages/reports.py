@@ -58,7 +58,7 @@ def read_diagnostics(message: Any) -> tuple[Report, ...]:
     for status in message.status:
         level = status.level[0] if isinstance(status.level, bytes) else status.level  # rclpy's `byte`
         if level not in DiagnosticLevel.__members__.values():
-            raise MessageError(f"'{status.name}' reports level {level}, which there is not: send 0 to 3")
+            raise MessageError(f"'{status.name}' reports the unknown level {level}: send 0 to 3")
         values = tuple((value.key, value.value) for value in status.values)
         reports.append(Report(status.name, DiagnosticLevel(level), status.message, values))
     return tuple(reports)

@@ -35,7 +35,7 @@ def read_scan(message: Any, frame: str = LASER_FRAME) -> Scan:
     require_finite("a scan's angle", message.angle_min, message.angle_max, message.angle_increment)
     scan = scan_from_message(message)
     if scan is None:
-        raise MessageError(f"a scan of {len(message.ranges)} ranges is none: check the lidar's driver")
+        raise MessageError(f"a scan of {len(message.ranges)} ranges is invalid: check the lidar's driver")
     beams = 1.0 + (message.angle_max - message.angle_min) / message.angle_increment
     if abs(beams - len(scan.ranges)) > 1.5:  # drivers disagree on whether the last angle is that of the last beam
         raise MessageError(
@@ -60,7 +60,7 @@ def read_imu(message: Any, frame: str = IMU_FRAME) -> ImuSample:
             raise MessageError(f"an IMU sample holds no {what}: let the driver send imu/data with both")
     sample = imu_from_message(message)
     if sample is None:
-        raise MessageError("an IMU sample holds what is no number: check the IMU's driver")
+        raise MessageError("an IMU sample holds a value that is not finite: check the IMU's driver")
     return sample
 
 
@@ -69,8 +69,8 @@ def _require_sensor(message: Any, frame: str, name: str) -> None:
     found = frame_name(message.header.frame_id)
     if found != frame_name(frame):
         raise MessageError(
-            f"what is sent in the frame '{found}' is not of the sensor in '{frame}', whose mount is in the chair's file: "
-            f"let its driver send it in '{frame}', or set {name}"
+            f"a message in the frame '{found}' is not of the sensor in '{frame}', whose mount is in the chair's file: "
+            f"set the frame of its driver to '{frame}', or set {name}"
         )
 
 
@@ -83,7 +83,7 @@ def read_wheels(message: Any, ticks_per_turn: int) -> WheelTicks:
     angles = dict(zip(message.name, message.position, strict=False))
     missing = [joint for joint in WHEEL_JOINTS if joint not in angles]
     if missing:
-        raise MessageError(f"the joints {', '.join(message.name) or '(none)'} lack {missing[0]}: name the wheels so")
+        raise MessageError(f"the joints {', '.join(message.name) or '(none)'} lack {missing[0]}: use this joint name")
     counts = [float(angles[joint]) * ticks_per_turn / math.tau for joint in WHEEL_JOINTS]
     require_finite("a wheel's angle", *counts)
     left, right = (_wrapped(round(count)) for count in counts)
@@ -197,6 +197,6 @@ def read_battery(message: Any) -> ChairStatus:
     """
     charge = float(message.percentage)
     if not math.isnan(charge) and not 0.0 <= charge <= 1.0:
-        raise MessageError(f"a battery of charge {charge:g} is impossible: send a part from 0 to 1")
+        raise MessageError(f"a battery of charge {charge:g} is impossible: send a fraction from 0 to 1")
     charging = _CONNECTED.get(message.power_supply_status)
     return ChairStatus(stamp_of(message), None, charging, None if math.isnan(charge) else charge)

@@ -43,7 +43,7 @@ def deserialised(data: bytes, name: str) -> Any:
     try:
         return TYPES.deserialize_cdr(data, name)
     except _BROKEN as error:
-        raise MessageError(f"{len(data)} bytes are no {name} ({error}): restart what sends them") from error
+        raise MessageError(f"{len(data)} bytes are not a {name} ({error}): restart their sender") from error
 
 
 def native(message: Any) -> Any:
@@ -69,7 +69,7 @@ def stamp_of(message: Any) -> int:
     """
     stamp = message.header.stamp
     if stamp.sec < 0 or not 0 <= stamp.nanosec < _NANOSECONDS:
-        raise MessageError(f"the stamp {stamp.sec} s {stamp.nanosec} ns is impossible: set the clock of what sends it")
+        raise MessageError(f"the stamp {stamp.sec} s {stamp.nanosec} ns is impossible: set its sender's clock")
     return int(stamp.sec) * _NANOSECONDS + int(stamp.nanosec)
 
 
@@ -81,7 +81,7 @@ def require_frame(message: Any, *frames: str) -> str:
     """
     frame = frame_name(message.header.frame_id)
     if frame not in frames:
-        raise MessageError(f"the frame '{frame}' is unknown here: send it in {' or '.join(frames)}")
+        raise MessageError(f"the frame '{frame}' is not accepted: send it in {' or '.join(frames)}")
     return frame
 
 
@@ -93,4 +93,4 @@ def require_finite(what: str, *values: float) -> None:
     """
     if not all(map(math.isfinite, values)):
         shown = ", ".join(f"{value:g}" for value in values)
-        raise MessageError(f"{what} is no number ({shown}): restart what sends it")
+        raise MessageError(f"{what} is not finite ({shown}): restart its sender")

@@ -179,7 +179,7 @@ def decompressed_text(data: bytes, where: str) -> tuple[bytes, list[str]]:
         if not text:
             message = f"{where} is a damaged gzip file ({error}): nothing can be read; copy it again from its source"
             raise RecordingDamaged(message) from error
-        return text, [f"the gzip file is cut short or damaged ({error}): only what comes before was read"]
+        return text, [f"the gzip file is cut short or damaged ({error}): only the data before that was read"]
     return b"".join(parts), []
 
 
@@ -198,7 +198,7 @@ def _warnings(frames: Sequence[SensorFrame], damaged: Sequence[int]) -> list[str
 def _no_scans_error(where: str, others: Counter[bytes], damaged: Sequence[int]) -> RecordingDamaged | NoScans:
     """Return the error for a log without a single readable scan."""
     if damaged:
-        message = f"none of the {len(damaged)} scan lines of {where} is whole (the first is line {damaged[0]})"
+        message = f"none of the {len(damaged)} scan lines of {where} is complete (the first is line {damaged[0]})"
         return RecordingDamaged(f"{message}; copy the file again from its source")
     if others:
         kinds = ", ".join(f"{word.decode()} ({count})" for word, count in sorted(others.items()))

@@ -85,7 +85,7 @@ def read_coreslam(
         if progress is not None and number % _PROGRESS_EVERY == 0:
             progress(number / len(lines))
     if not rows:
-        raise RecordingDamaged(f"none of the {len(damaged)} lines of {where} is whole; copy the file again")
+        raise RecordingDamaged(f"none of the {len(damaged)} lines of {where} is complete; copy the file again")
     if len(rows) < 2:
         raise NoScans(f"{where} holds only one scan; give a log of a drive")
     table = np.array(rows)

@@ -61,7 +61,7 @@ def read_text(path: Path, failure: type[WaychairError], advice: str = "") -> str
     try:
         return read_bytes(path, failure).decode("utf-8")
     except UnicodeDecodeError as error:
-        raise failure(f"cannot read {path}: it is no text in UTF-8; {advice or 'write it anew'}") from error
+        raise failure(f"cannot read {path}: it is not UTF-8 text; {advice or 'write it again'}") from error
 
 
 def os_error_text(error: OSError) -> str:
@@ -76,7 +76,9 @@ def refuse_empty_file(path: Path, failure: type[WaychairError], none: str) -> No
         WaychairError: of the type `failure`; the file is empty.
     """
     if not read_bytes(path, failure):
-        raise failure(f"{path} is empty, as after a power cut: put a copy of it back, or write {none} into it for none")
+        raise failure(
+            f"{path} is empty, as after a power cut: restore a copy, or write {none} to it if there are no entries"
+        )
 
 
 @contextmanager
@@ -174,19 +176,19 @@ def _written(path: Path) -> Path:
     try:
         target = path.resolve()
     except (OSError, RuntimeError, ValueError) as error:  # a loop of links
-        raise OutputError(f"cannot write {path}: it leads nowhere; choose another name") from error
+        raise OutputError(f"cannot write {path}: its symbolic links form a loop; choose another name") from error
     mode = _mode(target, OutputError)
     if mode is not None and not stat.S_ISREG(mode):
         kind = "a folder" if stat.S_ISDIR(mode) else "a device, pipe or socket"
-        raise OutputError(f"cannot write {path}: it is {kind}, no file; choose the name of a file")
+        raise OutputError(f"cannot write {path}: it is {kind}, not a file; choose a file name")
     return target
 
 
 _ADVICE = {
-    errno.EACCES: "give this user the right to it and to its folders",
-    errno.EPERM: "give this user the right to it and to its folders",
+    errno.EACCES: "give this user permission for it and its folders",
+    errno.EPERM: "give this user permission for it and its folders",
     errno.EISDIR: "give a file",
     errno.ENOENT: "check its name",
-    errno.ENAMETOOLONG: "take a shorter name",
+    errno.ENAMETOOLONG: "use a shorter name",
     errno.ENOSPC: "make room on the disk",
 }

@@ -58,9 +58,9 @@ def read_laser_text(text: bytes, where: str, progress: Callable[[float], None] |
         if progress is not None and number % _PROGRESS_EVERY == 0:
             progress(number / len(lines))
     if not frames:
-        raise RecordingDamaged(f"none of the {len(damaged)} rows of {where} is whole; copy the file again")
+        raise RecordingDamaged(f"none of the {len(damaged)} rows of {where} is complete; copy the file again")
     warnings = [f"{len(damaged)} damaged rows, the first of them line {damaged[0]}, left out"] if damaged else []
-    warnings.append("the file holds no odometry: the motion must come from matching the scans alone")
+    warnings.append("the file holds no odometry: the motion is estimated by scan matching alone")
     if progress is not None:
         progress(1.0)
     return LaserText(tuple(frames), tuple(warnings))

@@ -173,7 +173,7 @@ def _bag_suffix(path: Path) -> str | None:
     storages = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3")]
     if not (path / "metadata.yaml").is_file() and not storages:
         raise RecordingDamaged(
-            f"{path} is no recording: it has no metadata.yaml, .mcap or .db3 of a ROS 2 bag, and no pictures, which lie in "
+            f"{path} is not a recording: it has no metadata.yaml, .mcap or .db3 of a ROS 2 bag, and no pictures, which lie in "
             "rgb/ and depth/ or are named frame-N.color.png and frame-N.depth.png"
         )
     return ""
@@ -236,7 +236,7 @@ def read_tum(path: Path) -> Trajectory:
 def _planar_pose(fields: list[str]) -> tuple[float, float, float]:
     x, y, z, qx, qy, qz, qw = (float(field) for field in fields[1:])
     if not math.isfinite(x + y + z + qx + qy + qz + qw) or qx == qy == qz == qw == 0.0:
-        raise ValueError("these numbers are no pose")
+        raise ValueError("these numbers are not a pose")
     return x, y, math.atan2(2 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
 
 

@@ -132,8 +132,8 @@ def read_rgbd_folder(path: Path, settings: RgbdSettings) -> RgbdFolder:
     if late:
         twice = len(pairs) - len(ascending)
         warnings.append(
-            f"{late} pairs are not later than the one before them: put in order"
-            + (f", {twice} with a stamp that is there already left out" if twice else "")
+            f"{late} pairs are not later than the one before them: they were sorted"
+            + (f", {twice} with a duplicate stamp left out" if twice else "")
         )
     camera, known, doubt = _camera_of(path, settings, numbered)
     if settings.readout is not None:
@@ -242,7 +242,7 @@ def _camera_of(path: Path, settings: RgbdSettings, numbered: bool) -> tuple[Came
     if named is not None and not numbered:
         return _camera(CAMERAS[f"fr{named[1]}"], READOUT), f"the folder's name (fr{named[1]})", ""
     fx, fy, cx, cy = _UNNAMED_CAMERA
-    doubt = f"the camera of {path} is not known; fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g} are taken: name it with --camera"
+    doubt = f"the camera of {path} is not known; fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g} are assumed: name it with --camera"
     return _camera(_UNNAMED_CAMERA), "default", doubt
 
 
@@ -380,7 +380,7 @@ def _tum_truth(path: Path) -> Trajectory3:
             stamps.append(_nanoseconds(fields[0]))
             values.append([float(field) for field in fields[1:8]])
             if len(values[-1]) != 7 or not np.isfinite(values[-1]).all() or not any(values[-1][3:]):
-                raise ValueError("these numbers are no pose")
+                raise ValueError("these numbers are not a pose")
         except ValueError as error:
             raise RecordingDamaged(f"{path} line {number} is not `stamp x y z qx qy qz qw`: {error}") from error
     table = np.array(values).reshape(-1, 7)

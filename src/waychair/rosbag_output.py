@@ -40,7 +40,7 @@ class BagOutput:
         """
         by_suffix = next((name for name, suffix in _SUFFIXES.items() if suffix == path.suffix), None)
         if storage is not None and by_suffix not in (None, storage):
-            raise OutputError(f"{path} ends in {path.suffix} but {storage} was asked for; leave one of the two out")
+            raise OutputError(f"{path} ends in {path.suffix} but {storage} was requested; leave one of the two out")
         self.path = path
         self._storage = storage or by_suffix or "mcap"
         self._single_file = by_suffix is not None
@@ -124,7 +124,7 @@ class BagOutput:
             OutputError: the path exists meanwhile (the bag is kept beside it), or the disk cannot be written to.
         """
         if self.path.exists():
-            raise OutputError(f"{self.path} exists already by now: the bag is in {self.keep_part()}")
+            raise OutputError(f"{self.path} was created meanwhile: the bag is in {self.keep_part()}")
         try:
             return self._close(self.path)
         finally:

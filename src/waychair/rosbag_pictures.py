@@ -85,7 +85,7 @@ def _pictures(path: Path, bag: BagFile, settings: BagSettings) -> Iterator[RgbdF
         while (pair := _pair(waiting[colour], waiting[depth], settings.picture_spread * 1e9)) is not None:
             yield _frame(path, *pair, matrix)
     if matrix is None and counts[colour]:
-        raise RecordingError(f"{path} holds no calibration of the camera of {colour}; name it as camera_info_topic")
+        raise RecordingError(f"{path} holds no calibration of the camera of {colour}; record its camera_info too")
 
 
 def _pair(

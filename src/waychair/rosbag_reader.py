@@ -155,7 +155,7 @@ def _read(
     if found.skipped:
         warnings.append(f"{found.skipped} scans without beams or angles, or odometry without a pose, were left out")
     if found.unstamped:
-        warnings.append(f"{found.unstamped} messages have no stamp: the time of their recording was taken instead")
+        warnings.append(f"{found.unstamped} messages have no stamp: their time of recording is used instead")
     base = _base_frame(found, settings)
     odometry, name = _odometry(found, topics, base, settings)
     scans, mount = _scans(found, topics, base, odometry, mounts, settings, warnings)
@@ -349,18 +349,18 @@ def _mount(found: _BagMessages, base: str, topic: str, warnings: list[str]) -> L
         warnings.append(_unknown_mount(base, laser))
         return LaserMount()
     if found.tree.moves_between(base, laser):
-        warnings.append(f"the laser '{laser}' moves on the base by /tf: its pose at the first scan is taken for all")
+        warnings.append(f"the laser '{laser}' moves on the base by /tf: its pose at the first scan is used for all")
     upright = float(matrix[2, 2])
     if abs(upright) < _LEVEL:
         tilt = math.degrees(math.acos(min(1.0, abs(upright))))
-        warnings.append(f"the laser '{laser}' is tilted by {tilt:.0f} degrees: its scans are taken as if it were level")
+        warnings.append(f"the laser '{laser}' is tilted by {tilt:.0f} degrees: its scans are used as if it were level")
     return LaserMount(planar(matrix), upright < 0.0)
 
 
 def _unknown_mount(base: str, laser: str) -> str:
     return (
-        f"/tf and /tf_static have no way from {base} to '{laser}': the laser is taken to sit at the base; "
-        "give its mount with --base-from-laser X,Y,YAW (and ,upside-down if it hangs so)"
+        f"/tf and /tf_static do not connect {base} with '{laser}': the laser is assumed at the base; "
+        "give its mount with --base-from-laser X,Y,YAW (and ,upside-down if it hangs upside down)"
     )
 
 
@@ -371,7 +371,7 @@ def _in_base_axes(found: _BagMessages, base: str, warnings: list[str]) -> list[I
         return samples
     matrix = found.tree.chain(base, found.imu_frame, samples[0].stamp_ns)
     if matrix is None:
-        warnings.append(f"/tf has no way from {base} to the IMU '{found.imu_frame}': it is taken to be mounted level")
+        warnings.append(f"/tf does not connect {base} with the IMU '{found.imu_frame}': it is assumed to be level")
         return samples
     turn = matrix[:3, :3]
     return [replace(sample, accel=turn @ sample.accel, gyro=turn @ sample.gyro) for sample in samples]
@@ -411,7 +411,7 @@ def _no_odometry(scans: Sequence[Scan], stamps: Sequence[int]) -> str:
     if stamps:
         late = (stamps[0] - scans[0].stamp_ns) * 1e-9
         why = f"no odometry at the time of the scans (its first stamp is {late:+.1f} s from theirs)"
-    return f"the bag holds {why}: the motion must come from matching the scans alone"
+    return f"the bag holds {why}: the motion is estimated by scan matching alone"
 
 
 def _between(before: Odometry, after: Odometry, at_ns: int) -> Odometry:

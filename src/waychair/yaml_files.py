@@ -14,7 +14,7 @@ from waychair.files import read_text
 MAX_DEPTH = 50
 """Largest nesting depth of lists and mappings; unlimited nesting would overflow the stack."""
 
-_TOO_DEEP = f"more than {MAX_DEPTH} lists or mappings in each other"
+_TOO_DEEP = f"more than {MAX_DEPTH} nested lists or mappings"
 """Also used where libyaml, which reads ahead, hits its own limit of a thousand first (PyYAML >= 6.0.4)."""
 
 _INTEGER_LIMIT = 2**63
@@ -103,7 +103,7 @@ def _refuse_endless(text: str) -> None:
         elif isinstance(event, yaml.CollectionEndEvent):
             above.pop()
         elif isinstance(event, yaml.AliasEvent) and event.anchor in above:
-            raise _problem(f"'*{event.anchor}' is a part of itself", event.start_mark)
+            raise _problem(f"'*{event.anchor}' contains itself", event.start_mark)
         if len(above) > MAX_DEPTH:
             raise _problem(_TOO_DEEP, event.start_mark)
 
@@ -128,7 +128,7 @@ def _refuse_twice(root: yaml.Node | None) -> None:
 
 
 def _no_value(node: yaml.Node) -> yaml.MarkedYAMLError:
-    return _problem(f"{quoted(node.value)} is no value that can be", node.start_mark)
+    return _problem(f"{quoted(node.value)} is not a valid value", node.start_mark)
 
 
 def _problem(problem: str, mark: Any) -> yaml.MarkedYAMLError:
@@ -141,7 +141,7 @@ def _refusal(where: str, error: yaml.YAMLError, failure: type[WaychairError]) ->
         problem = _TOO_DEEP if "nesting depth" in (error.problem or "") else error.problem
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
         context = f"{error.context}, " if (error.context or "").startswith("expected") else ""
-        return failure(f"{where}{line}: {context}{problem}; mend the YAML there")
+        return failure(f"{where}{line}: {context}{problem}; correct the YAML there")
     if isinstance(error, yaml.reader.ReaderError):
         return failure(f"{where} is not YAML: it holds the character {error.character:#04x}; write it anew")
     return failure(f"{where} is not YAML: {' '.join(str(error).split())}; write it anew")

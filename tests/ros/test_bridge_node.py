@@ -121,7 +121,7 @@ def test_a_yes_must_name_a_goal_that_waits(bridge: BridgeAlone) -> None:
         asked = client.call_async(kind.Request(goal_id=goal_id))
         bridge.ros.spin_until(asked.done, "the answer")
         assert not asked.result().success
-        assert asked.result().message == "there is no goal to say yes to: ask for one first"
+        assert asked.result().message == "there is no goal to confirm: request one first"
     assert bridge.next_state().command is None
 
 

@@ -64,7 +64,7 @@ def test_a_message_that_cannot_be_read_is_named_once_nothing_else_comes(ros: Har
 
     timer = client.node.create_timer(0.05, lambda: publisher.publish(serialised(pose_stamped(5, Pose2()))))
     with pytest.raises(
-        RosError, match="within 2 s; what came cannot be read: a pose's quaternion has length 0"
+        RosError, match="within 2 s; its messages cannot be decoded: a pose's quaternion has length 0"
     ) as caught:
         client._latest(topic, read, 2.0, "navigator")
     assert not isinstance(caught.value, MessageError)

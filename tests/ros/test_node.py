@@ -95,7 +95,7 @@ def test_only_settings_that_may_change_do_while_the_node_runs(ros: Harness) -> N
         for parameter, refusal in (
             (Parameter("speed", value=9.0), "speed = 9.0 is impossible: it must lie in [0, 1.5] m/s"),
             (Parameter("speed", value="fast"), "Expected `float`, got `str`"),
-            (Parameter("beams", value=4), "beams cannot be changed while the node runs: give it at the start"),
+            (Parameter("beams", value=4), "beams cannot be changed while the node runs: set it at the start"),
         ):
             result = node.set_parameters_atomically([parameter])
             assert not result.successful
@@ -117,7 +117,7 @@ def test_a_sensor_with_a_qos_that_does_not_fit_is_named(ros: Harness) -> None:
         node.listen(replace(SCAN, qos=RELIABLE), lambda message: message)
         report = ros.report("plain: input scan", lambda report: "QoS" in report.message)
     assert report.level is DiagnosticLevel.ERROR
-    assert "/tests offers /scan with a QoS that does not fit" in report.message
+    assert "/tests offers /scan with an incompatible QoS" in report.message
 
 
 def test_a_sensor_of_another_type_is_named(ros: Harness) -> None:

@@ -152,7 +152,7 @@ def test_who_records_nobody_is_told_so_and_leaves_nothing(ros: Harness, tmp_path
         ros.report("/nowhere/recorder: recording")
         code, output = ended(process, signal.SIGTERM)
     assert code == 2
-    assert "nothing was recorded, for nobody said anything" in output
+    assert "nothing was recorded, since no message arrived" in output
     assert list(tmp_path.iterdir()) == []
 
 

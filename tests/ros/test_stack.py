@@ -134,7 +134,7 @@ def test_scripts_that_wait_for_nav2_find_its_nodes_active(stack: LiveStack, name
 
 
 def test_without_a_goal_there_is_nothing_to_say_yes_to(stack: LiveStack) -> None:
-    assert stack.client.confirm() == (False, "there is no goal to say yes to: ask for one first")
+    assert stack.client.confirm() == (False, "there is no goal to confirm: request one first")
 
 
 def test_a_goal_by_topic_waits_for_the_riders_yes_and_is_reached(stack: LiveStack) -> None:
@@ -186,7 +186,7 @@ def test_status_says_where_the_chair_is_and_that_nothing_stands_against_a_drive(
 def test_a_goal_in_an_unknown_frame_is_refused_and_moves_nothing(stack: LiveStack) -> None:
     goal = native(pose_stamped(stack.client.node.get_clock().now().nanoseconds, FAR, "narnia"))
     assert not stack.client.goToPose(goal)
-    assert "the frame 'narnia' is unknown here: send it in map" in stack.log
+    assert "the frame 'narnia' is not accepted: send it in map" in stack.log
     assert stack.client.confirm()[0] is False
 
 
@@ -303,7 +303,7 @@ def test_a_yes_to_a_goal_that_another_one_has_replaced_is_refused(stack: LiveSta
     stack.until(lambda: stack.state is not None and stack.state.goal_id == stack.client.goal_id, "the other goal")
     done, sentence = stack.client.confirm(goal_id=shown)
     assert not done
-    assert sentence.startswith("another goal waits than the one that was shown")
+    assert sentence.startswith("the goal has changed since it was shown")
     stack.spin(0.3)
     assert not stack.driving
     assert stack.client.cancel() == (True, "cancelled")

@@ -71,7 +71,7 @@ def test_nodes_are_found_on_this_computer_only_unless_they_are_opened() -> None:
 
 @pytest.mark.parametrize("domain", ["102", "-1", "x", "232"])
 def test_a_domain_that_there_is_not_is_refused(domain: str) -> None:
-    with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID = {domain} is impossible: take one of 0 to 101"):
+    with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID = {domain} is impossible: choose 0 to 101"):
         ros_environment(base={"ROS_DOMAIN_ID": domain})
 
 
@@ -86,7 +86,7 @@ def test_without_a_namespace_names_stay() -> None:
 
 @pytest.mark.parametrize("namespace", ["2nd", "left chair", "a//b", "sündig", "~", "a:=b"])
 def test_a_namespace_that_ros_does_not_allow_is_refused(namespace: str) -> None:
-    with pytest.raises(ConfigError, match="is impossible: take letters, digits and _"):
+    with pytest.raises(ConfigError, match="is impossible: use letters, digits and _"):
         namespace_arguments(namespace)
 
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 ARGUMENTS = {
     "sim": ("", "simulate a chair in this world (`waychair worlds`)"),
-    "map": ("", "map folder to drive on; a simulated chair without one is given its world's own plan"),
+    "map": ("", "map folder to drive on; a simulated chair without one uses its world's floor plan"),
     "mapping": ("false", "make a map on the way"),
     "chair": ("", "a real chair's calibration file"),
     "cable": ("", "port of a real chair's board: /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT"),
@@ -28,7 +28,7 @@ ARGUMENTS = {
     "people": ("true", "with the world's people"),
     "seed": ("0", "seed of the simulated chair"),
     "namespace": ("", "namespace of all nodes"),
-    "params": ("", "a ROS parameter file that outweighs the others"),
+    "params": ("", "a ROS parameter file that overrides the others"),
     "out": ("out/up", "folder for the run's files"),
     "box": ("", "folder of the black box; by default `box` in the run's"),
 }
