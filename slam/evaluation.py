@@ -171,13 +171,13 @@ def _errors(away: FloatArray, mask: BoolArray) -> Errors:
         return Errors(0, *([math.nan] * 6))
     spread = [float(values.std(ddof=1)) if len(values) > 1 else math.nan for values in (metres, degrees)]
     return Errors(
-        len(metres),
-        float(metres.mean()),
-        spread[0],
-        float(metres.max()),
-        float(degrees.mean()),
-        spread[1],
-        float(degrees.max()),
+        count=len(metres),
+        mean_m=float(metres.mean()),
+        std_m=spread[0],
+        max_m=float(metres.max()),
+        mean_deg=float(degrees.mean()),
+        std_deg=spread[1],
+        max_deg=float(degrees.max()),
     )
 
 

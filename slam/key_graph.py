@@ -122,7 +122,9 @@ class KeyGraph:
     ) -> ScanReference:
         """Return the surfaces of some key scans within `reach` [m] of the centre (2,) [m] in the map frame, in cells of side
         `resolution` [m]."""
-        return reference_from_scans(self.store, self.poses, members, centre, reach, resolution, BEAM_SIGMA)
+        return reference_from_scans(
+            self.store, self.poses, members=members, centre=centre, reach=reach, resolution=resolution, sigma=BEAM_SIGMA
+        )
 
     def joined_points(self, members: Sequence[int], base: Pose2, cell: float) -> ScanPoints:
         """Return the joined points of some key scans in the frame of `base`, one point per cell of side `cell` [m]."""

@@ -139,7 +139,16 @@ class Localiser:
         here = self._step_published(odom_from_base)
         remaining = here.inverse() @ (self._estimate @ odom_from_base)
         covariance = found.covariance if fits else None
-        return Localisation(here, self._published, found.inliers, self._state, health, covariance, remaining, starts)
+        return Localisation(
+            map_from_base=here,
+            map_from_odom=self._published,
+            inliers=found.inliers,
+            state=self._state,
+            health=health,
+            covariance=covariance,
+            remaining=remaining,
+            jumped=starts,
+        )
 
     def _match(self, scan: ScanPoints, guess: Pose2, starts: bool) -> tuple[Match, float]:
         """Return the best fit near the guess, and the probability that it is right."""
@@ -147,7 +156,14 @@ class Localiser:
         window = _SEARCH_WINDOW
         if starts:
             trust, window = np.eye(3), _START_WINDOW
-        found = match(scan.thinned(_MAX_POINTS), self._saved.reference, guess, trust, window, self._settings.matching)
+        found = match(
+            scan.thinned(_MAX_POINTS),
+            self._saved.reference,
+            guess=guess,
+            guess_information=trust,
+            window=window,
+            settings=self._settings.matching,
+        )
         if len(scan) < MIN_POINTS:
             return found, 0.0
         if not starts:

@@ -254,7 +254,9 @@ class LoopCloser:
             floor = response / _MAX_AMBIGUITY
             if correlative_search(query.points, reference, base, rivals, floor=floor, excluded=coarse)[1] > 0:
                 return LoopRejection.BETTER_ELSEWHERE
-        pose, information, inliers, _ = refine(query, reference, coarse, coarse, np.zeros((3, 3)), matching)
+        pose, information, inliers, _ = refine(
+            query, reference, start=coarse, guess=coarse, guess_information=np.zeros((3, 3)), settings=matching
+        )
         if inliers < _MIN_INLIERS:
             self.counts["loops_rejected"] += 1
             return LoopRejection.FEW_INLIERS
@@ -290,7 +292,9 @@ class LoopCloser:
             reference = self._reference_of(keys, candidate, window.distance)
             every = -(-len(candidate.members) // overlap.DRAWN_SCANS)
             known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
-            found = find_partial_overlap(query, reference, known, base, window, self._matching)
+            found = find_partial_overlap(
+                query, reference, known=known, guess=base, window=window, matching=self._matching
+            )
             if found is None:
                 continue
             self.counts["glimpses"] += 1

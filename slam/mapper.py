@@ -95,6 +95,18 @@ class MapperResult:
         )
 
 
+@dataclass(slots=True)
+class _TrackingState:
+    """State of the frame-to-frame tracking; poses are relative to the current key scan."""
+
+    odometry: Pose2 | None = None  # odom_from_base at the latest frame
+    motion: Pose2 = field(default_factory=Pose2)  # between the last two frames
+    last_match: Pose2 = field(default_factory=Pose2)  # pose at the last full match
+    by_odometry: Pose2 = field(default_factory=Pose2)  # the same pose continued by odometry alone
+    unmatched: int = 0  # frames since the latest matched scan
+    inliers: float = 1.0  # of the latest scan
+
+
 class Mapper:
     """Graph SLAM over key scans: `process` the frames in the order of the recording, then take the `result`.
 
@@ -115,12 +127,7 @@ class Mapper:
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self._recent_keys: list[int] = []  # latest key scans visited; new frames are attached to the last one
         self._reference: ScanReference | None = None
-        self._odometry: Pose2 | None = None
-        self._motion = Pose2()
-        self._last_match = Pose2()  # pose relative to `_current_key` at the last full match
-        self._by_odometry = Pose2()  # the same pose continued by odometry alone
-        self._unmatched = 0  # frames since the last one whose scan matched
-        self._inliers = 1.0
+        self._state = _TrackingState()
         self._closer = LoopCloser(settings.loops, settings.matching, LOCAL_REACH, base_from_laser)
 
     def process(self, frame: SensorFrame) -> Pose2:
@@ -145,17 +152,17 @@ class Mapper:
     @property
     def odometry(self) -> Pose2 | None:
         """`odom_from_base` at the latest frame with odometry."""
-        return self._odometry
+        return self._state.odometry
 
     @property
     def inliers(self) -> float:
         """Share of the latest scan's points on known surfaces; 0 for a scan with too few points, 1 for the first scan."""
-        return self._inliers
+        return self._state.inliers
 
     @property
     def is_matched(self) -> bool:
         """Whether the latest frame's pose comes from its scan, and not from odometry alone."""
-        return self._unmatched == 0
+        return self._state.unmatched == 0
 
     @property
     def is_connected(self) -> bool:
@@ -219,15 +226,15 @@ class Mapper:
             self.keys.optimise_fully()
         frames = self.frames
         return MapperResult(
-            Trajectory(frames.stamps_ns, compose(self.keys.poses[frames.keys], frames.poses)),
-            self.keys.poses.copy(),
-            tuple(self.key_frames),
-            tuple(sorted(self.key_frames + [frame for latest in self.covered_frames for frame in latest])),
-            self.keys.edges,
-            self.keys.rejected,
-            dict(self.counts + self._closer.counts),
-            dict(self.seconds),
-            self.earlier_frames,
+            trajectory=Trajectory(frames.stamps_ns, compose(self.keys.poses[frames.keys], frames.poses)),
+            key_poses=self.keys.poses.copy(),
+            key_frames=tuple(self.key_frames),
+            scan_frames=tuple(sorted(self.key_frames + [frame for latest in self.covered_frames for frame in latest])),
+            edges=self.keys.edges,
+            rejected=self.keys.rejected,
+            counts=dict(self.counts + self._closer.counts),
+            seconds=dict(self.seconds),
+            earlier_frames=self.earlier_frames,
         )
 
     def _motion_by_odometry(self, frame: SensorFrame) -> Pose2:
@@ -235,9 +242,9 @@ class Mapper:
         self.counts["frames"] += 1
         own = odometry_of(frame)
         if own is None:
-            return self._motion
-        before, self._odometry = self._odometry, own.odom_from_base
-        return Pose2() if before is None else before.inverse() @ self._odometry
+            return self._state.motion
+        before, self._state.odometry = self._state.odometry, own.odom_from_base
+        return Pose2() if before is None else before.inverse() @ self._state.odometry
 
     def _points(self, frame: SensorFrame) -> ScanPoints:
         assert frame.scan is not None
@@ -250,31 +257,44 @@ class Mapper:
             return Pose2()
         with self._timed("tracking"):
             settings, key = self.settings, self.keys.pose(self._current_key)
-            last = self._last_match if self._is_first_frame else self.frames[-1].key_from_base
-            self._by_odometry = self._by_odometry @ last_from_base
+            last = self._state.last_match if self._is_first_frame else self.frames[-1].key_from_base
+            self._state.by_odometry = self._state.by_odometry @ last_from_base
             guess = key @ last @ last_from_base
-            if self._odometry is not None:
+            if self._state.odometry is not None:
                 prior = rotated_information(odometry_information(last_from_base), guess.theta)
                 few = scan.thinned(_TRACK_POINTS)
                 pose, _, inliers, _ = refine(
-                    few, self._local_reference(), guess, guess, prior, settings.matching, reach=_TRACK_REACH
+                    few,
+                    self._local_reference(),
+                    start=guess,
+                    guess=guess,
+                    guess_information=prior,
+                    settings=settings.matching,
+                    reach=_TRACK_REACH,
                 )
             else:
                 window = Window(_SEARCH_DISTANCE, _SEARCH_ANGLE)
-                found = match(scan, self._local_reference(), guess, np.eye(3), window, settings.matching)
+                found = match(
+                    scan,
+                    self._local_reference(),
+                    guess=guess,
+                    guess_information=np.eye(3),
+                    window=window,
+                    settings=settings.matching,
+                )
                 pose, inliers = found.pose, found.inliers
             matched = len(scan) >= MIN_POINTS and inliers >= _TRACK_INLIERS
-            self._inliers = float(inliers) if len(scan) >= MIN_POINTS else 0.0
-            self._unmatched = 0 if matched else self._unmatched + 1
+            self._state.inliers = float(inliers) if len(scan) >= MIN_POINTS else 0.0
+            self._state.unmatched = 0 if matched else self._state.unmatched + 1
             here_from_base = key.inverse() @ pose if matched else last @ last_from_base
-            self._motion = last.inverse() @ here_from_base
-            if self._odometry is None:
-                self._by_odometry = here_from_base
+            self._state.motion = last.inverse() @ here_from_base
+            if self._state.odometry is None:
+                self._state.by_odometry = here_from_base
             return here_from_base
 
     def _is_match_due(self, here_from_base: Pose2) -> bool:
         """Return whether the chair has moved far enough since the last full match."""
-        moved = self._last_match.inverse() @ here_from_base
+        moved = self._state.last_match.inverse() @ here_from_base
         distance, turn = math.hypot(moved.x, moved.y), abs(moved.theta)
         return self._is_first_frame or distance >= self.settings.key_distance or turn >= self.settings.key_angle
 
@@ -287,14 +307,24 @@ class Mapper:
         with self._timed("matching"):
             settings, here, node = self.settings, self._current_key, len(self.keys)
             guess = self.keys.pose(here) @ here_from_base
-            by_odometry = odometry_information(self._last_match.inverse() @ self._by_odometry)
+            by_odometry = odometry_information(self._state.last_match.inverse() @ self._state.by_odometry)
             prior = rotated_information(by_odometry, guess.theta)
-            share = 1.0 if self._unmatched else _MATCHED_SHARE
+            share = 1.0 if self._state.unmatched else _MATCHED_SHARE
             window = Window(share * _SEARCH_DISTANCE, share * _SEARCH_ANGLE)
             reference = self._local_reference()
-            found, slipped = match(scan, reference, guess, prior, window, settings.matching), False
+            found = match(
+                scan, reference, guess=guess, guess_information=prior, window=window, settings=settings.matching
+            )
+            slipped = False
             if found.response < _GOOD_RESPONSE:  # the odometry slipped, or the place is new
-                wide = match(scan, reference, guess, prior / 100, _SLIP_WINDOW, settings.matching)
+                wide = match(
+                    scan,
+                    reference,
+                    guess=guess,
+                    guess_information=prior / 100,
+                    window=_SLIP_WINDOW,
+                    settings=settings.matching,
+                )
                 if wide.response > 1.1 * found.response:
                     found, prior, slipped = wide, prior / 100, True
                     self.counts["slips"] += 1
@@ -334,7 +364,7 @@ class Mapper:
         self._distribute_correction(edge.i_from_j)
         self.covered_frames[key] = [*self.covered_frames[key], len(self.frames)][-_COVERED_SCANS:]
         self._set_current_key(key, self._relative_to(key, pose))
-        self._attach_frame(frame, self._last_match)
+        self._attach_frame(frame, self._state.last_match)
         return True
 
     def _add(self, frame: SensorFrame, scan: ScanPoints, edge: Edge | None) -> None:
@@ -354,10 +384,10 @@ class Mapper:
     def _begin_new_part(self, node: int, here_from_node: Pose2) -> None:
         """Start an unconnected part of the map at a key scan, and attach the last unmatched frames to it."""
         self._recent_keys = []
-        for k in range(1 - self._unmatched, 0):
+        for k in range(1 - self._state.unmatched, 0):
             frame = self.frames[k]
             self.frames[k] = AttachedFrame(frame.stamp_ns, node, here_from_node.inverse() @ frame.key_from_base)
-        self._unmatched = 0
+        self._state.unmatched = 0
 
     def _set_current_key(self, key: int, key_from_base: Pose2) -> None:
         """Attach the frames from now on to this key scan."""
@@ -365,17 +395,17 @@ class Mapper:
             before = [node for node in self._recent_keys if node != key]
             self._recent_keys = [*before, key][-_RECENT_KEYS:]
             self._reference = None
-        self._last_match = self._by_odometry = key_from_base
+        self._state.last_match = self._state.by_odometry = key_from_base
 
     def _attach_frame(self, frame: SensorFrame, here_from_base: Pose2) -> None:
         self.frames.append(AttachedFrame(frame.stamp_ns, self._current_key, here_from_base))
 
     def _distribute_correction(self, here_from_base: Pose2) -> None:
         """Distribute the correction of a match over the frames before it that only odometry has placed."""
-        unmatched, self._unmatched = self._unmatched, 0
+        unmatched, self._state.unmatched = self._state.unmatched, 0
         if unmatched < 2:
             return
-        reached = self.frames[-1].key_from_base @ self._motion
+        reached = self.frames[-1].key_from_base @ self._state.motion
         gap = reached.inverse() @ here_from_base
         for k in range(1, unmatched):
             frame = self.frames[k - unmatched]

@@ -78,14 +78,14 @@ def check_mount(odometry: FloatArray, matched: FloatArray, base_from_laser: Pose
     deviations = np.abs([yaw * scale, *solution[2:]]) / sigmas[1:]
     correction = Pose2(float(arm[0]), float(arm[1]), yaw)
     return MountCheck(
-        yaw,
-        float(np.hypot(*arm)),
-        float(deviations.max()),
-        scale,
-        float((matched[:, 2] * theta).sum() / (theta * theta).sum()) if turned else math.nan,
-        float(np.median(np.hypot(*(told - odometry[:, :2]).T))),
-        float(np.median(away)),
-        correction.inverse() @ base_from_laser,
+        yaw=yaw,
+        lever=float(np.hypot(*arm)),
+        deviations=float(deviations.max()),
+        scale=scale,
+        turn_ratio=float((matched[:, 2] * theta).sum() / (theta * theta).sum()) if turned else math.nan,
+        residual_before=float(np.median(np.hypot(*(told - odometry[:, :2]).T))),
+        residual_after=float(np.median(away)),
+        base_from_laser=correction.inverse() @ base_from_laser,
     )
 
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left
 from collections import deque
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -62,6 +63,27 @@ _SLIP_SHARE = 0.5  # share of a slipping wheel's distance that may be wrong
 _FASTEST_TURN = 10.0  # [rad/s]; faster readings are faults
 
 
+@dataclass(frozen=True, slots=True)
+class _Estimate:
+    """Copies from the filter's state for the outputs; the covariance (3, 3) is that of the pose."""
+
+    pose: Pose2 = field(default_factory=Pose2)
+    twist: Twist = field(default_factory=Twist)
+    bias: float = 0.0
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
+
+
+@dataclass(slots=True)
+class _Gyro:
+    """The gyro's readings since the state's time."""
+
+    stamp_ns: int | None = None  # of the last reading
+    rate: float = 0.0  # rad/s; last reading
+    rate_before: float = 0.0  # rad/s; last reading at the step before
+    turned: float = 0.0  # rad; turn from the state's time to the last reading
+    complete: bool = True  # whether there was no gap since the state's time
+
+
 class OdometryFilter:
     """Pose of the base in odom, starting at the origin, with its twist and a consistent covariance.
 
@@ -80,15 +102,11 @@ class OdometryFilter:
         self._filter.x = np.zeros(SIZE)
         self._filter.P = initial_covariance(self.settings)
         self._slip_detector = SlipDetector(self.settings.slip_speed)
-        self._pose, self._twist, self._bias = Pose2(), Twist(), 0.0  # copies of the state, for the outputs
-        self._covariance = np.zeros((3, 3))
+        self._estimate = _Estimate()
         self._now_ns: int | None = None  # time of the state
         self._outputs: deque[Odometry] = deque(maxlen=_KEPT_OUTPUTS)
         self._wheels: WheelTicks | Odometry | None = None
-        self._imu_ns: int | None = None
-        self._rate = self._rate_before = 0.0  # the gyro's last reading, and the one of the step before [rad/s]
-        self._turned = 0.0  # turn by the gyro from the state's time to its last reading [rad]
-        self._gyro_complete = True  # whether the gyro had no gap since then
+        self._gyro = _Gyro()
         self._still_s = 0.0
         self._slipped_ns: int | None = None
         self.innovation: float | None = None
@@ -156,19 +174,19 @@ class OdometryFilter:
             return self._last_output(stamp_ns)
         if self._now_ns is None:
             self._begin(stamp_ns)
-        if self._imu_ns is not None and stamp_ns <= self._imu_ns:
-            if self._imu_ns - stamp_ns < _CLOCK_RESET_NS:
+        if self._gyro.stamp_ns is not None and stamp_ns <= self._gyro.stamp_ns:
+            if self._gyro.stamp_ns - stamp_ns < _CLOCK_RESET_NS:
                 return self._last_output(stamp_ns)
             self._begin(stamp_ns)
-        since = self._state_ns if self._imu_ns is None else max(self._imu_ns, self._state_ns)
+        since = self._state_ns if self._gyro.stamp_ns is None else max(self._gyro.stamp_ns, self._state_ns)
         if self._wheels is not None and stamp_ns - since > _CLOCK_RESET_NS:
             return self._last_output(stamp_ns)
         fresh_ns = max(stamp_ns - since, 0)
-        fresh = self._imu_ns is None or self._imu_ns <= self._state_ns
-        self._gyro_complete = (fresh or self._gyro_complete) and fresh_ns <= REACH_NS
-        self._turned += rate * fresh_ns * 1e-9
+        fresh = self._gyro.stamp_ns is None or self._gyro.stamp_ns <= self._state_ns
+        self._gyro.complete = (fresh or self._gyro.complete) and fresh_ns <= REACH_NS
+        self._gyro.turned += rate * fresh_ns * 1e-9
         self._slip_detector.add_acceleration(accel, fresh_ns * 1e-9)
-        self._imu_ns, self._rate = stamp_ns, rate
+        self._gyro.stamp_ns, self._gyro.rate = stamp_ns, rate
         if stamp_ns - self._state_ns > _COAST_NS:
             self._advance(stamp_ns, None)
         return self._output(stamp_ns)
@@ -199,7 +217,7 @@ class OdometryFilter:
     def predict(self, stamp_ns: int) -> Odometry:
         """Return the odometry at a stamp: interpolated between outputs, or extrapolated by at most 0.1 s."""
         if not self._outputs:
-            return Odometry(stamp_ns, Pose2(), Twist(), self._covariance)
+            return Odometry(stamp_ns, Pose2(), Twist(), self._estimate.covariance)
         last = self._outputs[-1]
         index = bisect_left(self._outputs, stamp_ns, key=lambda output: output.stamp_ns)
         if 0 < index < len(self._outputs):
@@ -221,8 +239,8 @@ class OdometryFilter:
         """Start the filter's time, or start it again, at this stamp; the pose stays."""
         self._now_ns = stamp_ns
         self._outputs.clear()
-        self._wheels = self._imu_ns = self._mark_ns = self._slipped_ns = None
-        self._turned, self._gyro_complete, self._still_s = 0.0, True, 0.0
+        self._wheels = self._gyro.stamp_ns = self._mark_ns = self._slipped_ns = None
+        self._gyro.turned, self._gyro.complete, self._still_s = 0.0, True, 0.0
 
     def _motion_between(self, before: WheelTicks | Odometry, after: WheelTicks | Odometry) -> Pose2:
         """Return the motion of the base between two readings of the same kind."""
@@ -257,7 +275,7 @@ class OdometryFilter:
             if slip is not None or (gyro is not None and not self._update_turn(wheels, seconds)):
                 self._slipped_ns = end_ns
                 self._inflate_for_slip(wheels, slip, seconds)
-        self._now_ns, self._rate_before = end_ns, self._rate
+        self._now_ns, self._gyro.rate_before = end_ns, self._gyro.rate
         self._copy_state()
 
     def _gyro_until(self, end_ns: int) -> float | None:
@@ -265,13 +283,13 @@ class OdometryFilter:
 
         None if the gyro had a gap. The part after `end_ns` is kept for the next step.
         """
-        alive = self._imu_ns is not None and end_ns - self._imu_ns <= REACH_NS
-        complete, self._gyro_complete = self._gyro_complete and alive, True
-        if self._imu_ns is None:
+        alive = self._gyro.stamp_ns is not None and end_ns - self._gyro.stamp_ns <= REACH_NS
+        complete, self._gyro.complete = self._gyro.complete and alive, True
+        if self._gyro.stamp_ns is None:
             return None
-        ahead = (self._imu_ns - end_ns) * 1e-9
-        held = self._rate * (ahead if self._imu_ns > self._state_ns else (self._state_ns - end_ns) * 1e-9)
-        turned, self._turned = self._turned - held, max(held, 0.0) if ahead > 0.0 else 0.0
+        ahead = (self._gyro.stamp_ns - end_ns) * 1e-9
+        held = self._gyro.rate * (ahead if self._gyro.stamp_ns > self._state_ns else (self._state_ns - end_ns) * 1e-9)
+        turned, self._gyro.turned = self._gyro.turned - held, max(held, 0.0) if ahead > 0.0 else 0.0
         return turned if complete else None
 
     def _update_standstill(self, wheels: Pose2, seconds: float) -> None:
@@ -283,7 +301,7 @@ class OdometryFilter:
         """Update with the wheels' turn unless they slip; return whether they agree with the gyro."""
         s = self.settings
         expected, row, variance = turn_by_wheels(self._filter.x, seconds, wheels, s)
-        variance += (s.stamp_error * (self._rate - self._rate_before)) ** 2
+        variance += (s.stamp_error * (self._gyro.rate - self._gyro.rate_before)) ** 2
         if self._still_s >= _STILL_S:
             variance = (_STILL_TURN * seconds) ** 2
         off = wheels.theta - expected
@@ -306,7 +324,7 @@ class OdometryFilter:
 
     def _update_motion(self, measured: Pose2, covariance: FloatArray, end_ns: int) -> None:
         """Update with a motion since the mark; an outlier gets a larger covariance."""
-        base_to = self._pose.inverse() @ self._pose_at(end_ns)
+        base_to = self._estimate.pose.inverse() @ self._pose_at(end_ns)
         expected, jacobian = motion_since_mark(self._filter.x, self._mark_to, base_to)
         off = measured.array() - expected
         off[2] = wrap_angle(off[2])
@@ -323,7 +341,7 @@ class OdometryFilter:
         x[MARK] = x[POSE]
         p[MARK] = p[POSE]
         p[:, MARK] = p[:, POSE]
-        self._mark_ns, self._mark_to = stamp_ns, self._pose.inverse() @ self._pose_at(stamp_ns)
+        self._mark_ns, self._mark_to = stamp_ns, self._estimate.pose.inverse() @ self._pose_at(stamp_ns)
 
     def _pose_at(self, stamp_ns: int) -> Pose2:
         if stamp_ns < self._state_ns and self._outputs:
@@ -333,17 +351,17 @@ class OdometryFilter:
     def _pose_after(self, stamp_ns: int) -> Pose2:
         """Return the pose extrapolated from the state: at its speed, and turning by the gyro."""
         seconds = (stamp_ns - self._state_ns) * 1e-9
-        turn = self._twist.omega * seconds
-        if self._imu_ns is not None and self._state_ns < self._imu_ns <= stamp_ns:
-            turn = self._turned - self._bias * (self._imu_ns - self._state_ns) * 1e-9
-            turn += (self._rate - self._bias) * (stamp_ns - self._imu_ns) * 1e-9
-        return self._pose @ arc(self._twist.v * seconds, turn)
+        turn = self._estimate.twist.omega * seconds
+        if self._gyro.stamp_ns is not None and self._state_ns < self._gyro.stamp_ns <= stamp_ns:
+            turn = self._gyro.turned - self._estimate.bias * (self._gyro.stamp_ns - self._state_ns) * 1e-9
+            turn += (self._gyro.rate - self._estimate.bias) * (stamp_ns - self._gyro.stamp_ns) * 1e-9
+        return self._estimate.pose @ arc(self._estimate.twist.v * seconds, turn)
 
     def _copy_state(self) -> None:
         """Copy pose, twist, bias and covariance of the state for the outputs."""
         x, y, theta, v, omega, bias = self._filter.x[:6].tolist()
-        self._pose, self._twist, self._bias = Pose2(x, y, wrap_angle(theta)), Twist(v, omega), bias
-        self._covariance = self._filter.P[POSE, POSE].copy()
+        covariance = self._filter.P[POSE, POSE].copy()
+        self._estimate = _Estimate(Pose2(x, y, wrap_angle(theta)), Twist(v, omega), bias, covariance)
 
     def _output(self, stamp_ns: int) -> Odometry:
         """Return the odometry at the latest known time, which is `stamp_ns` unless a reading came late."""
@@ -352,14 +370,14 @@ class OdometryFilter:
             latest_ns = max(latest_ns, self._outputs[-1].stamp_ns)
             if latest_ns == self._outputs[-1].stamp_ns:
                 self._outputs.pop()
-        fresh = self._imu_ns is not None and self._imu_ns > self._state_ns
-        twist = Twist(self._twist.v, self._rate - self._bias) if fresh else self._twist
-        self._outputs.append(Odometry(latest_ns, self._pose_after(latest_ns), twist, self._covariance))
+        fresh = self._gyro.stamp_ns is not None and self._gyro.stamp_ns > self._state_ns
+        twist = Twist(self._estimate.twist.v, self._gyro.rate - self._estimate.bias) if fresh else self._estimate.twist
+        self._outputs.append(Odometry(latest_ns, self._pose_after(latest_ns), twist, self._estimate.covariance))
         return self._outputs[-1]
 
     def _last_output(self, stamp_ns: int) -> Odometry:
         """Return the last output again, for an ignored reading."""
-        return self._outputs[-1] if self._outputs else Odometry(stamp_ns, Pose2(), Twist(), self._covariance)
+        return self._outputs[-1] if self._outputs else Odometry(stamp_ns, Pose2(), Twist(), self._estimate.covariance)
 
 
 def _pairs(now: WheelTicks, before: WheelTicks) -> tuple[tuple[int, int], tuple[int, int]]:

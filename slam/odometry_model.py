@@ -121,8 +121,8 @@ def predict_step(
     Either may be None, for unknown: without the gyro the wheels give the turn; without both the twist is kept.
     """
     jacobian, noises = np.eye(SIZE), np.zeros((SIZE, 4))  # four independent noises: along, across, turn, twist
-    turn, by_turn = _turn(state, seconds, wheels, gyro, settings, noises)
-    x, y, by_motion = _chord(state, seconds, wheels, turn, settings, noises)
+    turn, by_turn = _turn(state, seconds, wheels=wheels, gyro=gyro, s=settings, noises=noises)
+    x, y, by_motion = _chord(state, seconds, wheels=wheels, turn=turn, s=settings, noises=noises)
     by_motion += np.outer((-0.5 * y, 0.5 * x), by_turn)  # an error of the turn rotates the chord by half of it
     noises[:2] += np.outer((-0.5 * y, 0.5 * x), noises[THETA])
     c, s = math.cos(state[THETA]), math.sin(state[THETA])

@@ -115,11 +115,23 @@ def find_partial_overlap(
     shared = known[rows, cols]
     response = float(reference.bounds[0][rows, cols][shared].mean()) / 255.0
     pose, information, inliers, _ = refine(
-        _subset(query, shared), reference, coarse, coarse, np.zeros((3, 3)), matching
+        _subset(query, shared),
+        reference,
+        start=coarse,
+        guess=coarse,
+        guess_information=np.zeros((3, 3)),
+        settings=matching,
     )
     if response < MIN_RESPONSE:
         return None
-    return PartialOverlap(pose, information, gained * len(query), int(shared.sum()), response, inliers)
+    return PartialOverlap(
+        pose=pose,
+        information=information,
+        evidence=gained * len(query),
+        points=int(shared.sum()),
+        response=response,
+        inliers=inliers,
+    )
 
 
 def _evidence(reference: ScanReference, known: BoolArray, level: int) -> ScanReference:

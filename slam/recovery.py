@@ -104,9 +104,22 @@ class KidnapRecovery:
             store.append(earlier)
         poses = np.array([pose.array() for _, pose in self._kept])
         reference = reference_from_scans(
-            store, poses, range(len(poses)), guess.array(), 12.0, matching.resolution, BEAM_SIGMA
+            store,
+            poses,
+            members=range(len(poses)),
+            centre=guess.array(),
+            reach=12.0,
+            resolution=matching.resolution,
+            sigma=BEAM_SIGMA,
         )
-        found = match(scan, reference, guess, np.diag([100.0, 100.0, 400.0]), _MATCH_WINDOW, matching)
+        found = match(
+            scan,
+            reference,
+            guess=guess,
+            guess_information=np.diag([100.0, 100.0, 400.0]),
+            window=_MATCH_WINDOW,
+            settings=matching,
+        )
         pose = found.pose if found.inliers > 0.3 else guess
         self._kept.append((scan, pose))
         self.candidates = tuple(
@@ -143,7 +156,14 @@ class KidnapRecovery:
         thin = cloud.thinned(_PLACE_POINTS)
         rated: list[PlaceCandidate] = []
         for place in places:
-            found = match(thin, self._saved.reference, place.pose, np.eye(3), _PLACE_WINDOW, self._matching)
+            found = match(
+                thin,
+                self._saved.reference,
+                guess=place.pose,
+                guess_information=np.eye(3),
+                window=_PLACE_WINDOW,
+                settings=self._matching,
+            )
             shares = beam_classes(cloud.points, sensors, found.pose.array(), self._saved.beams)
             deviation = math.sqrt(float(np.linalg.eigvalsh(found.covariance[:2, :2])[-1]))
             is_constrained = not found.degenerate and deviation <= _MAX_DEVIATION

@@ -62,7 +62,9 @@ def reference_from_points(points: FloatArray, normals: FloatArray, resolution: f
     reach = float(max(high - low)) / 2 + (_margin(_kernel(sigma / resolution)) + 2) * resolution
     store = ScanStore()
     store.append(ScanPoints(points, normals))
-    return reference_from_scans(store, np.zeros((1, 3)), [0], (low + high) / 2, reach, resolution, sigma)
+    return reference_from_scans(
+        store, np.zeros((1, 3)), members=[0], centre=(low + high) / 2, reach=reach, resolution=resolution, sigma=sigma
+    )
 
 
 def _margin(kernel: Bytes) -> int:

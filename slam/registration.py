@@ -140,7 +140,14 @@ def _registered(old: Features, new: Features, camera: FloatArray, guess: Pose3 |
     covariance = _covariance(points[fit.inliers], new.points[j][fit.inliers].astype(np.float64), old_from_new)
     limits = _NOISE.pixel * scale * math.sqrt(OUTLIER_CHI_SQUARE)
     return Registration(
-        old_from_new, covariance, len(i), inliers, None, points[fit.inliers], pixels[fit.inliers], limits[fit.inliers]
+        old_from_new=old_from_new,
+        covariance=covariance,
+        matches=len(i),
+        inliers=inliers,
+        refusal=None,
+        points=points[fit.inliers],
+        pixels=pixels[fit.inliers],
+        limits=limits[fit.inliers],
     )
 
 

@@ -112,7 +112,9 @@ def match(
     if len(scan) == 0:
         return Match(guess, 0.0, 0.0, math.inf, np.zeros((3, 3)))
     coarse, response = correlative_search(scan.points, reference, guess, window)
-    pose, information, inliers, rms = refine(scan, reference, coarse, guess, guess_information, settings)
+    pose, information, inliers, rms = refine(
+        scan, reference, start=coarse, guess=guess, guess_information=guess_information, settings=settings
+    )
     complexity, strong = weakest_direction(information)
     degenerate = complexity < _MIN_COMPLEXITY
     if degenerate:
@@ -121,7 +123,17 @@ def match(
     if with_runner_up and response > 0.0:
         second = ambiguity(scan.points, reference, guess, window, coarse) / response
     covariance = calibrated_covariance(information)
-    return Match(pose, response, inliers, rms, information, covariance, complexity, degenerate, second)
+    return Match(
+        pose=pose,
+        response=response,
+        inliers=inliers,
+        rms=rms,
+        information=information,
+        covariance=covariance,
+        complexity=complexity,
+        degenerate=degenerate,
+        runner_up=second,
+    )
 
 
 def ambiguity(points: FloatArray, reference: ScanReference, guess: Pose2, window: Window, winner: Pose2) -> float:

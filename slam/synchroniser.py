@@ -175,7 +175,9 @@ class Synchroniser:
         behind = 0.0 if last is None else (newest[ahead] - last) * 1e-9
         complaint = _complaint(topic, rate, age, behind, ahead)
         counts = dataclasses.replace(self._queues[topic.name].counts)
-        return TopicStatus(topic.name, rate, age, behind, counts, complaint)
+        return TopicStatus(
+            name=topic.name, rate_hz=rate, age_s=age, behind_s=behind, counts=counts, complaint=complaint
+        )
 
 
 def frames_with_delays(frames: Sequence[SensorFrame], delays: SensorDelays) -> tuple[SensorFrame, ...]:
@@ -200,7 +202,12 @@ def frames_with_delays(frames: Sequence[SensorFrame], delays: SensorDelays) -> t
         last = own[-1] if own else last
         if last is not None and last.stamp_ns < stamp and wheels.waiting:
             own += _interpolated(last, wheels.waiting[0], stamp)
-        corrected.append(SensorFrame(stamp, scan, rgbd, sonar, tuple(own), tuple(imu.take_until(stamp))))  # type: ignore[arg-type]
+        corrected.append(
+            SensorFrame(
+                stamp_ns=stamp, scan=scan, rgbd=rgbd, sonar=sonar,  # type: ignore[arg-type]
+                wheels=tuple(own), imu=tuple(imu.take_until(stamp)),  # type: ignore[arg-type]
+            )
+        )  # fmt: skip
     return tuple(corrected)
 
 

@@ -74,7 +74,9 @@ class TiltFilter:
             self._tilt = Tilt(sample.stamp_ns, *_gravity_angles(ax, ay, az))
             return self._tilt
         seconds = -late_ns * 1e-9
-        self._tilt = self._stepped(last, sample.stamp_ns, (ax, ay, az), (p, q, r), twist, seconds)
+        self._tilt = self._stepped(
+            last, sample.stamp_ns, accel=(ax, ay, az), gyro=(p, q, r), twist=twist, seconds=seconds
+        )
         self._speed = twist.v
         return self._tilt
 

@@ -35,7 +35,7 @@ STANDING_NS = 3_000_000_000
 """A chair is switched on before it drives."""
 
 BAND = (16.79 / SEEDS, 46.98 / SEEDS)
-"""Of the mean of ten surprises of three degrees of freedom: chi-square of 30, 2.5 % and 97.5 %."""
+"""Band of the mean of ten squared errors of three degrees of freedom: chi-square of 30, 2.5 % and 97.5 %."""
 
 OFF_ROAD = OdometrySettings(slip_speed=0.6, track_scale=0.1, drift_noise=0.02, turn_noise=0.03)
 """Of a robot on four wheels that skid when it turns, on grass."""
@@ -52,7 +52,7 @@ class Fix(NamedTuple):
 
 
 def run(out: Path) -> Json:
-    """Final errors and surprises on the second floor's route, ten chairs: wheels, wheels and gyro, scans alone."""
+    """Final errors and their NEES on the second floor's route, ten chairs: wheels, wheels and gyro, scans alone."""
     ends: dict[str, list[tuple[float, float, float]]] = {"wheels": [], "wheels_gyro": [], "scans": []}
     microseconds = {"wheels": 0.0, "imu": 0.0}
     for seed in range(SEEDS):
@@ -120,7 +120,7 @@ def _misfit(track: FloatArray, fixes: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum((a @ _turn(theta)[:2, :2].T - b) ** 2, axis=1))))
 
 
-def surprise(odometry: Odometry, truth: Pose2) -> float:
+def nees_of(odometry: Odometry, truth: Pose2) -> float:
     """Squared error over its covariance in the coordinates of the motion group (Long et al., RSS 2012)."""
     assert odometry.covariance is not None
     gap = odometry.odom_from_base.inverse() @ truth
@@ -189,19 +189,19 @@ def _at_the_middle(scan: Scan, points: ScanPoints, twist: Twist) -> ScanPoints:
 
 
 def _end(odometry: Odometry, truth: Pose2) -> tuple[float, float, float]:
-    """Error [m], [deg], and surprise."""
+    """Error [m], [deg], and NEES (normalised estimation error squared)."""
     gap = odometry.odom_from_base.inverse() @ truth
-    return math.hypot(gap.x, gap.y), abs(math.degrees(gap.theta)), surprise(odometry, truth)
+    return math.hypot(gap.x, gap.y), abs(math.degrees(gap.theta)), nees_of(odometry, truth)
 
 
 def _figures(ends: list[tuple[float, float, float]]) -> Json:
-    metres, degrees, surprises = zip(*ends, strict=True)
+    metres, degrees, nees = zip(*ends, strict=True)
     return {
         "median_m": round(statistics.median(metres), 2),
         "worst_m": round(max(metres), 2),
         "median_deg": round(statistics.median(degrees), 2),
         "worst_deg": round(max(degrees), 2),
-        "mean_nees": round(statistics.mean(surprises), 2),
+        "mean_nees": round(statistics.mean(nees), 2),
         "ends": [[round(value, 3) for value in end] for end in ends],
     }
 

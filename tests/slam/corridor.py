@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 
+from waychair.slam import memory as memory_module
+from waychair.slam import retrieval
 from waychair.slam.memory import Memory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import Evidence, Link, LinkKind, Node
@@ -13,6 +16,8 @@ from waychair.slam.skeleton import Skeleton
 from waychair.types import Pose2, Scan
 
 SECOND = 1_000_000_000
+
+_MODULES = {"STM_SIZE": memory_module, "CACHED_NODES": memory_module}
 SURE = np.diag([100.0, 100.0, 400.0])
 
 
@@ -40,6 +45,12 @@ def corridor(length: int, settings: MemorySettings, memory: Memory | None = None
     for k in range(1, length + 1):
         memory.add(view(k), SURE)
     return memory
+
+
+def set_limits(patch: pytest.MonkeyPatch, **constants: float) -> None:
+    """Set constants of the memory and of retrieval to small values, as a long drive reaches the real ones."""
+    for name, value in constants.items():
+        patch.setattr(_MODULES.get(name, retrieval), name, value)
 
 
 def stand(memory: Memory, length: int) -> None:

@@ -1,4 +1,4 @@
-"""Anchors cost what has changed: new ones alone while the chair drives, all of them once after a loop."""
+"""The cost of anchor poses: only new anchors while the chair drives, all of them once after a loop."""
 
 from __future__ import annotations
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.slam.corridor import set_limits
 from tests.slam.flat_pictures import BASE_FROM_CAMERA, picture_at
 from waychair.geometry import compose, invert
 from waychair.slam.appearance import Appearance, AppearanceSettings
@@ -122,8 +123,11 @@ def test_nodes_of_the_second_lap_are_linked_to_the_first(route: Drive, seen: tup
     assert len(linked) >= 0.95 * len(second)
 
 
-def test_dictionary_and_filter_know_exactly_the_nodes_that_are_awake(route: Drive) -> None:
-    settings = AppearanceSettings(memory=MemorySettings(memory_thr=20, prediction_levels=4, local_radius=3.0))
+def test_dictionary_and_filter_know_exactly_the_nodes_that_are_awake(
+    route: Drive, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    set_limits(monkeypatch, PREDICTION_LEVELS=4, LOCAL_RADIUS=3.0)
+    settings = AppearanceSettings(memory=MemorySettings(working_memory_limit=20))
     mapper, appearance = driven(route, settings=settings)
     memory, vocabulary = appearance.memory, appearance.recognition.vocabulary
     counts = memory.counts(len(vocabulary))

@@ -66,9 +66,7 @@ def test_along_a_path_the_belief_moves_to_the_neighbours_as_the_model_says() -> 
     belief = BayesFilter()
     belief.update(places, np.ones(60), chain(range(1, 60)))
     matrix = belief.transition(places)
-    np.testing.assert_allclose(
-        matrix, transition_reference(places, chain(range(1, 60)), {}, PREDICTION), atol=1e-15
-    )
+    np.testing.assert_allclose(matrix, transition_reference(places, chain(range(1, 60)), {}, PREDICTION), atol=1e-15)
     middle = matrix[1:, 30]  # from place 30: both neighbours get the share of one link
     assert middle[28] == middle[30]
     assert middle[30] / middle[29] == pytest.approx(0.30 / 0.36)

@@ -1,4 +1,4 @@
-"""What beams say about a pose: people who hide walls say nothing, walls that are not there and walls seen through do."""
+"""Beam model: people who hide walls are no evidence about a pose; missing walls and walls that beams cross are."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def shares_of(ends: FloatArray, pose: Pose2 = MIDDLE) -> FloatArray:
         ((-3.0, 0.0), IN_UNKNOWN),
     ],
 )
-def test_beams_are_told_apart_by_what_they_pass_and_where_they_end(end: tuple[float, float], expected: int) -> None:
+def test_beams_are_classified_by_the_cells_they_cross_and_their_end(end: tuple[float, float], expected: int) -> None:
     assert shares_of(np.array([end])).argmax() == expected
 
 
@@ -73,7 +73,7 @@ def test_people_side_by_side_at_different_distances_are_no_wall() -> None:
 
 
 def plain_shares(ends: FloatArray, pose: Pose2) -> FloatArray:
-    """As the kernel, said beam by beam: each one's class alone, then the runs on free ground judged by their width."""
+    """A plain version of the kernel: the class of each beam, then the runs in free space by their width."""
     alone = [int(shares_of(end[None], pose).argmax()) for end in ends]
     result, k = np.zeros(CLASSES), 0
     while k < len(ends):
@@ -118,7 +118,7 @@ def test_a_scan_of_nothing_but_people_leaves_even_odds() -> None:
     assert health(object=1.0) == 0.5
 
 
-def test_health_falls_by_what_contradicts_the_map_and_little_by_what_hides_it() -> None:
+def test_health_falls_with_contradictions_of_the_map_and_little_with_occlusion() -> None:
     assert health(on=1.0) > health(on=0.6, object=0.4) > 0.8
     assert health(on=0.8, far=0.2) > 0.8
     assert health(on=0.8, free=0.2) < health(on=0.8, object=0.2)

@@ -1,4 +1,4 @@
-"""How a chair that was carried is noticed, and where it is looked for."""
+"""Detection of a kidnapped chair, and where it is searched for."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_people_round_the_chair_hide_walls_but_contradict_none() -> None:
     assert crossed_share(scan_points(crowded, Pose2(), 20.0), Pose2(), seen_from(HERE), HERE) < 0.05
 
 
-def test_a_torn_edge_is_too_long_for_a_window_and_sends_the_search_to_whole_submaps(
+def test_an_edge_of_unknown_motion_is_too_long_for_a_window_and_leads_to_submap_search(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("waychair.slam.loop_closure._SUBMAP_SCANS", 10)
@@ -60,7 +60,7 @@ def test_a_torn_edge_is_too_long_for_a_window_and_sends_the_search_to_whole_subm
     assert sorted(uncertain_submaps(ways, settings)) == [0, 1, 2]
 
 
-def test_what_is_known_falls_with_the_way_and_turns_with_the_frame() -> None:
+def test_information_falls_with_the_distance_and_rotates_with_the_frame() -> None:
     near, far = odometry_information(Pose2(0.1, 0, 0)), odometry_information(Pose2(2.0, 0, 0.5))
     assert (np.diag(far) < np.diag(near)).all()
     assert (np.diag(unknown_information()) < np.diag(far)).all()

@@ -1,4 +1,4 @@
-"""A mapper written down half-way and made again maps on as if nothing had happened."""
+"""A mapper restored from a checkpoint goes on to the same map."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def test_the_state_is_numbers_and_text_only(drive: tuple[list[SensorFrame], Floa
     json.loads(bytes(state["tree"]))
 
 
-def test_what_is_no_state_of_a_mapper_is_a_value_error() -> None:
+def test_an_invalid_mapper_state_is_a_value_error() -> None:
     state = state_of(Mapper(MapperSettings(), Pose2()))
     text = bytes(state["tree"])
     for wrong in (b"", b"[]", b"3", text[:-5], text.replace(b"mapper:Mapper", b"mapper:Nothing"), text.replace(b"waychair.slam", b"subprocess")):  # fmt: skip

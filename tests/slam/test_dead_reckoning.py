@@ -1,4 +1,4 @@
-"""Frames before they are mapped: fused odometry at the scan's stamp, levelled scans, and what passes untouched."""
+"""Dead reckoning of frames: fused odometry at the scan's stamp, levelled scans, and frames that pass unchanged."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The metrics against each other, against known numbers, and against the tool that stands beside the recordings."""
+"""The metrics against each other, against known numbers, and against the tool beside the recordings."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ def test_raw_odometry_of_the_real_logs_scores_as_published_and_as_the_tool_says(
     np.testing.assert_allclose(ours, [said[name] for name in names], rtol=1e-5)
 
 
-def test_gmapping_on_freiburg_scores_what_its_notes_say(data_dir: Path) -> None:
+def test_gmapping_on_freiburg_scores_as_its_notes_say(data_dir: Path) -> None:
     folder = data_dir / "lidar_fr079"
     with gzip.open(folder / "fr079_gmapping_poses.txt.gz", "rt") as file:
         rows = np.array([[float(field) for field in line.split()[:4]] for line in file if line[0] not in "#\n"])

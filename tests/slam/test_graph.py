@@ -28,7 +28,7 @@ def edge(truth: FloatArray, i: int, j: int, kind: EdgeKind, off: Pose2 | None = 
 
 
 def drifting(truth: FloatArray) -> tuple[FloatArray, list[Edge]]:
-    """Dead-reckoned poses along the ring and their edges, each a little wrong."""
+    """Dead-reckoned poses along the ring and their edges, each with a small error."""
     rng = np.random.default_rng(3)
     edges = [
         edge(truth, k, k + 1, EdgeKind.MATCH, Pose2(0.01, 0.0, 0.01 + 0.002 * rng.standard_normal()))

@@ -1,4 +1,4 @@
-"""g2o text in and out: round trips, gaps that the chain fills, and damage that is named."""
+"""g2o text: round trips, missing vertices filled by odometry, and errors for damaged files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ INFORMATION = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.2], [0.5, 0.2, 2.0]])
 ODD_EDGE = "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n"
 
 
-def test_what_was_written_is_read_back(tmp_path: Path) -> None:
+def test_a_written_graph_is_read_back(tmp_path: Path) -> None:
     poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.1, 0.3], [2.0, 0.5, -3.0]])
     edges = [
         Edge(0, 1, Pose2(1.0, 0.1, 0.3), INFORMATION, EdgeKind.ODOMETRY),

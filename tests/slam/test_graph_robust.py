@@ -1,4 +1,4 @@
-"""False loops on a real graph, starts that mislead, proofs of optimality, and the graph that grows."""
+"""Robust pose graphs: false loops on a real graph, bad starts, proofs of optimality, incremental optimisation."""
 
 from __future__ import annotations
 
@@ -122,7 +122,9 @@ def grown(edges: tuple[Edge, ...] | list[Edge], start: FloatArray) -> PoseGraph:
     return graph
 
 
-def test_the_graph_that_grows_agrees_with_the_whole(intel: tuple[FloatArray, tuple[Edge, ...], FloatArray]) -> None:
+def test_the_incremental_graph_agrees_with_the_batch_solution(
+    intel: tuple[FloatArray, tuple[Edge, ...], FloatArray],
+) -> None:
     start, edges, _ = intel
     start, edges = start[:300], tuple(edge for edge in edges if max(edge.i, edge.j) < 300)
     clean = least_squares(start, edge_arrays(edges))
@@ -134,7 +136,7 @@ def test_the_graph_that_grows_agrees_with_the_whole(intel: tuple[FloatArray, tup
 
 
 def laps() -> tuple[FloatArray, list[Edge]]:
-    """True poses of two laps round a circle and their odometry, a little off, with loops between the laps."""
+    """True poses of two laps round a circle and their odometry with small errors, with loops between the laps."""
     angles = np.linspace(0, 4 * np.pi, 80, endpoint=False)
     truth = np.column_stack([5 * np.cos(angles), 5 * np.sin(angles), np.remainder(angles + np.pi / 2, 2 * np.pi)])
     edges = [measured(truth, k, k + 1, EdgeKind.MATCH, Pose2(0.003, 0, 0.004)) for k in range(79)]

@@ -1,4 +1,4 @@
-"""Frames that hang on key scans are kept as a list would keep them, in a few numbers each."""
+"""Frames attached to key scans behave as in a list, and take a few numbers each."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def filled(frames: list[AttachedFrame]) -> AttachedFrames:
 
 
 @given(st.lists(FRAME, max_size=150), st.data())
-def test_they_are_what_a_list_of_them_is(frames: list[AttachedFrame], data: st.DataObject) -> None:
+def test_attached_frames_behave_like_a_list(frames: list[AttachedFrame], data: st.DataObject) -> None:
     kept = filled(frames)
     assert [kept[k] for k in range(len(kept))] == frames
     assert bool(kept) == bool(frames)

@@ -28,7 +28,7 @@ def tf_idf_reference(views: list[list[int]], place: int) -> float:
 
 
 @given(VIEWS, st.data())
-def test_the_likelihood_is_the_formula_whatever_was_added_and_removed_before(
+def test_the_likelihood_is_the_formula_after_any_additions_and_removals(
     views: list[list[int]], data: st.DataObject
 ) -> None:
     index = InvertedIndex()

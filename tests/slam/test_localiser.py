@@ -1,4 +1,4 @@
-"""Following the chair on a map and finding it there: drift is corrected, doubt is named, lookalikes are not believed."""
+"""Localisation: drift is corrected, a degraded pose is reported, lookalike places are not accepted."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def test_a_blind_lidar_is_lost_after_the_stated_number_of_scans(flat: OccupancyG
 def drive_on(
     localiser: Localiser, truth: list[Pose2], odom_from_map: Pose2, beams: int = 181
 ) -> list[tuple[Localisation, float]]:
-    """What the localiser says along true poses, with the distance [m] to them."""
+    """The localiser's output along true poses, with the distance [m] to them."""
     said = []
     for k, pose in enumerate(truth):
         found = localiser.process(scan_at(pose, noise=0.01, seed=k, beams=beams + k % 2), odom_from_map @ pose)
@@ -95,7 +95,7 @@ def test_a_blinded_chair_that_drove_on_looks_for_itself_and_finds_itself(flat: O
     assert said[-1][1] < 0.1
 
 
-def test_what_is_erased_of_the_map_speaks_against_the_chairs_place_no_longer(flat: OccupancyGrid) -> None:
+def test_erased_parts_of_the_map_no_longer_lower_the_health(flat: OccupancyGrid) -> None:
     haunted = replace(flat, cells=flat.cells.copy())
     low, high = cells_from_points(flat, np.array([[2.6, 0.6], [3.4, 2.4]]))
     haunted.cells[low[0] : high[0], low[1] : high[1]] = 100  # a cupboard that is gone, right ahead
@@ -161,7 +161,7 @@ def test_a_map_without_walls_leaves_the_chair_lost_and_says_so() -> None:
         assert all(found.state is not LocalisationState.OK for found, _ in said)
 
 
-def test_what_is_published_moves_by_a_small_step_at_most_and_reports_what_remains(
+def test_the_published_pose_moves_by_small_steps_and_reports_the_remaining_correction(
     flat: OccupancyGrid, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("waychair.slam.localiser._STEP_DISTANCE", 0.01)
@@ -238,7 +238,7 @@ def crowd(rng: np.random.Generator, count: int) -> FloatArray:
 
 RING = np.array([[(0.7 + 0.5 * (k % 2)) * math.cos(a), (0.7 + 0.5 * (k % 2)) * math.sin(a)]
                  for k, a in enumerate(np.arange(-1.8, 1.81, 0.3))])  # fmt: skip
-"""People in two rows, who hide everything."""
+"""People in two rows that hide all walls."""
 
 
 @pytest.mark.parametrize("count", [3, 6, 10])
@@ -252,7 +252,7 @@ def test_a_chair_in_a_crowd_follows_the_walls_that_are_seen(flat: OccupancyGrid,
         assert math.hypot(found.map_from_base.x - pose.x, found.map_from_base.y - pose.y) < 0.08
 
 
-def test_who_is_hidden_from_all_walls_is_in_doubt_and_lost_after_the_stated_way(flat: OccupancyGrid) -> None:
+def test_a_chair_hidden_from_all_walls_is_degraded_and_lost_after_the_stated_distance(flat: OccupancyGrid) -> None:
     settings = LocaliserSettings(max_degraded_distance=2.0)
     localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), settings)
     localiser.process(scan_at(Pose2(1.5, 1.5, 0.0)), Pose2(1.5, 1.5, 0.0))
@@ -261,7 +261,7 @@ def test_who_is_hidden_from_all_walls_is_in_doubt_and_lost_after_the_stated_way(
         assert found.state is (LocalisationState.LOST if pose.x > 3.5 + 1e-6 else LocalisationState.DEGRADED)
 
 
-def test_who_stands_in_a_crowd_that_hides_all_walls_stays_where_it_was(flat: OccupancyGrid) -> None:
+def test_a_standing_chair_in_a_crowd_that_hides_all_walls_keeps_its_pose(flat: OccupancyGrid) -> None:
     here = Pose2(1.5, 1.5, 0.0)
     localiser = Localiser(flat, Pose2(), here, LocaliserSettings())
     localiser.process(scan_at(here), here)

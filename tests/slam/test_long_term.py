@@ -9,6 +9,8 @@ import resource
 import signal
 import sqlite3
 import time
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +19,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from tests.slam.corridor import SURE, corridor, loop, stand, view
+from tests.slam.corridor import SURE, corridor, loop, set_limits, stand, view
 from waychair.errors import LongTermDamaged, LongTermError
 from waychair.slam.long_term import LongTerm
 from waychair.slam.long_term_file import Batch, State
@@ -26,12 +28,20 @@ from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import Kept, Node, pack, pack_features, seal, unpack, unseal
 from waychair.types import Pose2
 
-BOUNDED = MemorySettings(memory_thr=5, stm_size=5, cached_nodes=0)
+BOUNDED = MemorySettings(working_memory_limit=5)
 
 
-def drive(path: Path, length: int = 30, settings: MemorySettings = BOUNDED) -> Memory:
+@pytest.fixture(autouse=True, scope="module")
+def _small_memory() -> Iterator[None]:
+    """Most nodes of a short drive are asleep, and read from the disk."""
+    with pytest.MonkeyPatch.context() as patch:
+        set_limits(patch, STM_SIZE=5, CACHED_NODES=0)
+        yield
+
+
+def drive(path: Path, length: int = 30) -> Memory:
     """A memory of a corridor in a file, most of which sleeps; it is open."""
-    memory = corridor(0, settings, Memory(settings, LongTerm(path)))
+    memory = corridor(0, BOUNDED, Memory(BOUNDED, LongTerm(path)))
     stand(memory, length)
     for k in range(1, length + 1):
         memory.add(view(k), SURE)
@@ -105,7 +115,7 @@ def test_a_node_that_is_still_on_its_way_to_the_disk_can_be_read(tmp_path: Path)
 
 
 def test_a_memory_goes_on_where_it_was_closed(tmp_path: Path) -> None:
-    memory = drive(tmp_path / "memory.db", 30, MemorySettings(memory_thr=5, stm_size=5, rehearsal_similarity=0.3))
+    memory = drive(tmp_path / "memory.db", 30)
     memory.link(loop(3, 30))
     memory.add(view(31, view(30).words.tolist(), x=31.0), SURE)
     awake, asleep, weight = set(memory.stm) | memory.wm, set(memory.skeleton.ids(Kept.LTM)), memory.weight(30)
@@ -128,21 +138,21 @@ def test_a_memory_goes_on_where_it_was_closed(tmp_path: Path) -> None:
     again.close()
 
 
-def test_merged_nodes_leave_no_record_unless_it_is_wished_for(tmp_path: Path) -> None:
-    for kept, records in ((False, 2), (True, 6)):
-        path = tmp_path / f"{kept}.db"
-        memory = Memory(MemorySettings(not_linked_nodes_kept=kept), LongTerm(path))
-        memory.add(view(1), SURE)
-        for second in range(5):
-            memory.add(view(2, x=2.0, second=2 + second), SURE)
-        memory.close()
-        store = LongTerm(path)
-        assert len(store.load().nodes) == records
-        store.close()
-        again = Memory(store=LongTerm(path))
-        assert again.skeleton.ids() == [1, 2]
-        assert again.weight(2) == 4
-        again.close()
+def test_merged_nodes_leave_no_record_and_those_of_an_older_file_are_ignored(tmp_path: Path) -> None:
+    path = tmp_path / "memory.db"
+    memory = Memory(store=LongTerm(path))
+    memory.add(view(1), SURE)
+    for second in range(5):
+        memory.add(view(2, x=2.0, second=2 + second), SURE)
+    memory.close()
+    store = LongTerm(path)
+    assert len(store.load().nodes) == 2
+    store.write(Batch(nodes=(replace(view(3), id=3),), states=(State(3, 0, False, 3, Pose2(), parent=2),)))
+    store.close()
+    again = Memory(store=LongTerm(path))
+    assert again.skeleton.ids() == [1, 2]
+    assert again.weight(2) == 4
+    again.close()
 
 
 def test_a_dropped_node_and_a_refused_loop_are_not_in_the_file(tmp_path: Path) -> None:

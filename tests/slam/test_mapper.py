@@ -1,4 +1,4 @@
-"""The mapper on a synthetic flat: accuracy against truth, loops, and what bad input does."""
+"""The mapper on a synthetic flat: accuracy against truth, loops, and bad input."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_a_standing_chair_adds_no_key_scans(drive: Drive) -> None:
     assert result.trajectory.poses[-1] == pytest.approx([0, 0, 0], abs=1e-4)  # the scan knows better than the wheels
 
 
-def test_poses_between_key_scans_share_out_what_the_match_corrected(drive: Drive) -> None:
+def test_the_correction_of_a_match_is_distributed_over_the_poses_before_it(drive: Drive) -> None:
     settings = dataclasses.replace(MapperSettings(), key_distance=1.0, key_angle=math.radians(60))
     sparse = mapped(drive[0][:200], settings)
     assert sparse.counts["key_scans"] < 30
@@ -133,8 +133,8 @@ def test_a_slip_of_the_wheels_is_found_by_the_scan(drive: Drive) -> None:
     assert (away > 0.02).sum() <= 1  # the frame between the two key scans that the slip lies between
 
 
-def test_a_chair_that_was_carried_finds_where_it_is_again(drive: Drive) -> None:
-    """Its odometry shows nothing of the way between frame 280 and 330, and the map is one all the same."""
+def test_a_kidnapped_chair_is_relocalised(drive: Drive) -> None:
+    """Odometry shows no motion between frames 280 and 330, and the map is still connected."""
     frames, truth = drive
     carried = list(frames[:280])
     here, there = (frames[k].wheels[-1].odom_from_base for k in (279, 330))  # type: ignore[union-attr]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -11,12 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from tests.slam.corridor import SURE, chain, corridor, loop, stand, view
+from tests.slam.corridor import SURE, chain, corridor, loop, set_limits, stand, view
 from waychair.slam.edges import EdgeKind
 from waychair.slam.memory import Change, Memory
-from waychair.slam.memory_settings import PRESETS, MemorySettings
+from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import IN_TIME, Kept, Link, LinkKind, carried
 from waychair.slam.rehearsal import RehearsalResult, similarity
+from waychair.slam.retrieval import MAX_LOCAL_RETRIEVED, MAX_RETRIEVED
 from waychair.types import Pose2
 
 ALIKE = [1, 2, 3, 4, 5]
@@ -113,39 +115,12 @@ def test_the_way_goes_on_from_the_node_that_stands_for_the_merged_one() -> None:
     assert link.i_from_j == Pose2(1.0)
 
 
-def test_the_new_node_may_stand_for_the_old_one_with_its_view_and_its_links() -> None:
-    memory = Memory(MemorySettings(rehearsal_id_updated_to_new_one=True))
-    memory.add(view(1, x=-1.0), SURE)
-    memory.add(view(2, ALIKE, x=0.0), SURE)
-    added = memory.add(view(3, [*ALIKE[:4], 99], x=0.05), SURE)
-    assert added.id == 3
-    assert memory.stm == (1, 3)
-    assert memory.weight(3) == 1
-    assert memory.node(3).words.tolist() == ALIKE
-    assert memory.skeleton.neighbours(3) == [1]
-
-
 def test_while_the_chair_moves_only_the_weight_goes_over() -> None:
     memory = Memory()
     memory.add(view(1, ALIKE), SURE)
     assert memory.add(view(2, ALIKE), SURE).verdict is RehearsalResult.ADD_WEIGHT
     assert (memory.weight(1), memory.weight(2)) == (1, 0)
     assert memory.stm == (1, 2)
-
-
-def test_while_the_chair_moves_the_weight_may_go_to_the_new_node() -> None:
-    memory = Memory(MemorySettings(rehearsal_id_updated_to_new_one=True))
-    memory.add(view(1, ALIKE), SURE)
-    memory.add(view(2, ALIKE), SURE)
-    memory.add(view(3, ALIKE), SURE)
-    assert [memory.weight(node) for node in (1, 2, 3)] == [0, 0, 2]
-
-
-def test_while_the_chair_moves_weights_may_be_left_alone() -> None:
-    memory = Memory(MemorySettings(rehearsal_weight_ignored_while_moving=True))
-    memory.add(view(1, ALIKE), SURE)
-    assert memory.add(view(2, ALIKE), SURE).verdict is RehearsalResult.DIFFERENT
-    assert (memory.weight(1), memory.weight(2)) == (0, 0)
 
 
 @pytest.mark.parametrize("motion", [Pose2(0.11), Pose2(0.0, -0.11), Pose2(0.0, 0.0, 0.11)])
@@ -198,8 +173,8 @@ def test_a_loop_adds_no_weight() -> None:
 
 
 def test_a_chair_that_has_not_moved_takes_its_node_back_and_its_weight_goes_to_the_loop() -> None:
-    memory = corridor(12, MemorySettings(rehearsal_id_updated_to_new_one=True))
-    memory.add(view(13, view(12).words.tolist(), x=13.0), SURE)
+    memory = corridor(13, MemorySettings())
+    assert memory.add(view(13, second=14.0), SURE).id == 13
     memory.link(loop(1, 13))
     assert [node.id for node in memory.drop(13).slept] == [13]
     assert memory.weight(1) == 1
@@ -277,8 +252,8 @@ def test_sleeping_nodes_move_with_their_anchors() -> None:
 
 def test_a_link_between_nodes_is_an_edge_between_their_anchors() -> None:
     skeleton = chain(3)
-    skeleton.hang(1, 7, Pose2(1.0, 0.5, 0.2))
-    skeleton.hang(2, 8, Pose2(-1.0, 0.3, -0.4))
+    skeleton.attach(1, 7, Pose2(1.0, 0.5, 0.2))
+    skeleton.attach(2, 8, Pose2(-1.0, 0.3, -0.4))
     link = Link(1, 2, LinkKind.GLOBAL, Pose2(0.3, 0.1, 0.1), SURE)
     edge = skeleton.anchor_edge(link)
     assert edge is not None
@@ -286,7 +261,7 @@ def test_a_link_between_nodes_is_an_edge_between_their_anchors() -> None:
     anchor = Pose2(3.0, 4.0, 1.0)
     through = anchor @ skeleton.anchor_from_node(1) @ link.i_from_j
     assert (anchor @ edge.i_from_j @ skeleton.anchor_from_node(2)).array() == pytest.approx(through.array())
-    skeleton.hang(1, 8, Pose2())
+    skeleton.attach(1, 8, Pose2())
     assert skeleton.anchor_edge(link) is None
 
 
@@ -299,22 +274,18 @@ def test_ten_hours_of_nodes_take_less_than_200_bytes_each() -> None:
     assert len(skeleton.neighbours(35_999)) == 2
 
 
-def test_stamps_that_go_back_do_not_make_nodes_older() -> None:
-    memory = corridor(11, MemorySettings(stm_size=1))
+def test_stamps_that_go_back_do_not_make_nodes_older(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_limits(monkeypatch, STM_SIZE=1)
+    memory = corridor(11, MemorySettings())
     memory.add(view(12, second=3.0), SURE)
     memory.add(view(13, second=4.0), SURE)
     entered = memory.skeleton.rows["entered_ns"][1:12]
     assert (np.diff(entered) >= 0).all()
 
 
-def test_the_papers_rule_is_a_preset() -> None:
-    paper = PRESETS["paper"]
-    assert (paper.time_thr, paper.stm_size, paper.transfer_sorting_by_weight_id) == (1000.0, 10, True)
-    assert PRESETS["rtabmap"] == MemorySettings()
-
-
-def test_counts_tell_states_from_events() -> None:
-    memory = corridor(40, MemorySettings(memory_thr=5, stm_size=5, max_local_retrieved=0))
+def test_counts_tell_states_from_events(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_limits(monkeypatch, STM_SIZE=5, MAX_LOCAL_RETRIEVED=0)
+    memory = corridor(40, MemorySettings(working_memory_limit=5))
     for k in range(41, 60):
         stand(memory, k)
         memory.add(view(k), SURE)
@@ -331,18 +302,23 @@ def test_counts_tell_states_from_events() -> None:
 class AnyHistory(RuleBasedStateMachine):
     """Adds, loops, refusals, sleeping and waking in any order."""
 
-    settings_used = MemorySettings(stm_size=3, memory_thr=6, reduce_graph=True, cached_nodes=1)
+    limits: ClassVar[dict[str, float]] = {"STM_SIZE": 3, "CACHED_NODES": 1}
+    reduces = True
 
     def __init__(self) -> None:
         super().__init__()
-        self.settings = self.settings_used
-        self.memory = Memory(self.settings)
+        self.patch = pytest.MonkeyPatch()
+        set_limits(self.patch, **self.limits)
+        self.memory = Memory(MemorySettings(working_memory_limit=6, reduce_graph=self.reduces))
         self.in_ram: set[int] = set()
         self.in_wm: set[int] = set()
         self.x = 0.0
 
+    def teardown(self) -> None:
+        self.patch.undo()
+
     def follow(self, change: Change) -> None:
-        """What a dictionary and a filter would know."""
+        """Keep the nodes that a vocabulary and a filter would know."""
         self.in_ram |= {node.id for node in change.woken}
         self.in_ram -= {node.id for node in change.slept}
         self.in_wm |= set(change.entered_wm)
@@ -387,7 +363,7 @@ class AnyHistory(RuleBasedStateMachine):
         here = Pose2(data.draw(st.floats(0.0, 30.0)))
         path = data.draw(st.lists(st.sampled_from(self.memory.skeleton.ids()), max_size=3))
         change = self.memory.retrieve(data.draw(st.sampled_from(places)), here, path)
-        assert len(change.woken) <= self.settings.max_retrieved + self.settings.max_local_retrieved
+        assert len(change.woken) <= MAX_RETRIEVED + MAX_LOCAL_RETRIEVED
         self.follow(change)
 
     @rule()
@@ -427,26 +403,20 @@ class AnyHistory(RuleBasedStateMachine):
     @invariant()
     def sizes_respect_their_limits(self) -> None:
         pictures = [node for node in self.memory.stm if self.memory.weight(node) >= 0]
-        assert len(pictures) <= self.settings.stm_size
+        assert len(pictures) <= self.limits["STM_SIZE"]
         counts = self.memory.counts()
         assert counts.ltm == counts.transferred - counts.retrieved
         assert counts.stm + counts.wm + counts.ltm == len(self.memory.skeleton.ids())
 
 
-class AnyHistoryOfNewIds(AnyHistory):
-    """The same where the new node stands for the old one, and merged nodes stay in the file."""
+class AnyHistoryFromDisk(AnyHistory):
+    """The same without cached nodes and without reduction, with a short reach round the chair."""
 
-    settings_used = MemorySettings(
-        stm_size=3,
-        memory_thr=6,
-        cached_nodes=0,
-        rehearsal_id_updated_to_new_one=True,
-        not_linked_nodes_kept=True,
-        local_radius=3.0,
-    )
+    limits: ClassVar[dict[str, float]] = {"STM_SIZE": 3, "CACHED_NODES": 0, "LOCAL_RADIUS": 3.0}
+    reduces = False
 
 
 AnyHistory.TestCase.settings = settings(max_examples=20, stateful_step_count=40)
-AnyHistoryOfNewIds.TestCase.settings = AnyHistory.TestCase.settings
+AnyHistoryFromDisk.TestCase.settings = AnyHistory.TestCase.settings
 TestAnyHistory = AnyHistory.TestCase
-TestAnyHistoryOfNewIds = AnyHistoryOfNewIds.TestCase
+TestAnyHistoryFromDisk = AnyHistoryFromDisk.TestCase

@@ -15,7 +15,7 @@ from waychair.types import FloatArray, Pose2
 
 
 def seen_with(mount: Pose2, truth: Pose2, motions: FloatArray) -> FloatArray:
-    """Motions of the base as scans tell them, when the laser is at `truth` but taken to be at `mount`."""
+    """Motions of the base by scans, when the laser is at `truth` but assumed at `mount`."""
     lasers = [truth.inverse() @ Pose2(*motion) @ truth for motion in motions]
     return np.array([(mount @ laser @ mount.inverse()).array() for laser in lasers])
 

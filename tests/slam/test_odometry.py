@@ -1,4 +1,4 @@
-"""Dead reckoning from wheels, gyro and measured motions: what it says, how sure it is, and what it does with nonsense."""
+"""Odometry from wheels, gyro and measured motions: accuracy, consistency of the covariance, and invalid input."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ GRAVITY = np.array([0.0, 0.0, 9.80665])
 
 @dataclass(frozen=True, slots=True)
 class Faults:
-    """What is wrong with a chair's wheels and gyro: `scale`, `drift` [rad/m], `track`, `gain`, `bias` [rad/s]."""
+    """Errors of a chair's wheels and gyro: `scale`, `drift` [rad/m], `track`, `gain`, `bias` [rad/s]."""
 
     scale: float = 0.0
     drift: float = 0.0
@@ -68,7 +68,7 @@ def wandering(seconds: float, rng: np.random.Generator) -> FloatArray:
     return np.concatenate(legs)
 
 
-def surprise(odometry: Odometry, truth: Pose2) -> float:
+def nees_of(odometry: Odometry, truth: Pose2) -> float:
     """Squared error over its covariance, along the arc from the estimate to the truth.
 
     Errors of a heading bend a way, which a Gaussian holds in the coordinates of the motion group, not in x and y (Long
@@ -200,8 +200,8 @@ def test_a_chair_at_rest_learns_the_gyros_bias_and_does_not_turn() -> None:
 
 @pytest.mark.parametrize("with_gyro", [False, True])
 def test_errors_are_as_large_as_the_covariance_says(with_gyro: bool) -> None:
-    """Chairs drawn from the filter's own doubts: the mean of N surprises of three degrees lies in the 99 % band."""
-    s, surprises = OdometrySettings(), []
+    """Chairs drawn from the filter's prior: the sum of the squared errors (3 dof each) lies in the 99 % band."""
+    s, nees = OdometrySettings(), []
     for seed in range(6):
         rng = np.random.default_rng(seed)
         sigmas = (s.wheel_scale, s.wheel_drift, s.track_scale, s.gyro_scale, s.gyro_bias)
@@ -212,13 +212,13 @@ def test_errors_are_as_large_as_the_covariance_says(with_gyro: bool) -> None:
                 last, truth = odometry.update_wheels(reading), pose
             elif with_gyro:
                 odometry.update_imu(reading)
-        surprises.append(surprise(last, truth))
-    assert 6.2 < sum(surprises) < 37.2  # chi-square of 18 degrees of freedom, 0.5 % and 99.5 %
+        nees.append(nees_of(last, truth))
+    assert 6.2 < sum(nees) < 37.2  # chi-square of 18 degrees of freedom, 0.5 % and 99.5 %
 
 
 @pytest.mark.parametrize("with_gyro", [False, True])
 def test_errors_of_the_speeds_are_as_large_as_their_covariance_says(with_gyro: bool) -> None:
-    """Within a factor of two in sigmas, on the whole; a reading's rounding is far from white."""
+    """Within a factor of two in sigmas; a reading's rounding is not white."""
     squares = []
     for seed in range(4):
         rng = np.random.default_rng(seed)
@@ -250,7 +250,7 @@ def test_the_gyro_makes_the_heading_surer_than_wheels_that_are_unlike() -> None:
     assert off[0] < 0.3 * off[1]
 
 
-def test_what_is_wrong_for_good_grows_with_the_way_and_not_with_its_root() -> None:
+def test_systematic_errors_grow_with_the_distance_and_not_with_its_root() -> None:
     sigmas = []
     for metres in (10.0, 40.0):
         covariance = straight(
@@ -310,7 +310,7 @@ def test_measured_motions_alone_carry_the_chair() -> None:
         pose = pose @ step
         seen = Pose2(*(step.array() + sigma * rng.standard_normal(3)))
         last = odometry.update_motion(k * SECOND // 10, (k + 1) * SECOND // 10, seen, np.diag(sigma**2))
-    assert surprise(last, pose) < 16.3  # 99.9 % of three degrees of freedom
+    assert nees_of(last, pose) < 16.3  # 99.9 % of three degrees of freedom
     assert last.twist.v == pytest.approx(0.6, abs=0.15)
     assert math.hypot(*(last.odom_from_base.array() - pose.array())[:2]) < 0.5
 

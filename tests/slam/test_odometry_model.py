@@ -29,7 +29,7 @@ ways, turns = st.floats(-0.5, 0.5), st.floats(-1.0, 1.0)
 
 
 def drawn_state(seed: int) -> FloatArray:
-    """A state with every part at work."""
+    """A state in which every component has an effect."""
     rng = np.random.default_rng(seed)
     scale = np.array([5, 5, 2, 1, 0.5, 0.01, 0.02, 0.02, 0.02, 0.01, 5, 5, 2])
     return np.asarray(scale * rng.standard_normal(SIZE))
@@ -54,7 +54,7 @@ def test_jacobian_of_a_step_is_that_of_its_motion(wheels: Pose2 | None, gyro: fl
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_jacobians_of_readings_are_those_of_what_they_say(seed: int) -> None:
+def test_jacobians_of_measurements_equal_their_differences(seed: int) -> None:
     state, wheels = drawn_state(seed), arc(0.3, 0.2)
     row = differences(lambda x: np.array([turn_by_wheels(x, 0.2, wheels, SETTINGS)[0]]), state)
     assert turn_by_wheels(state, 0.2, wheels, SETTINGS)[1] == pytest.approx(row[0], abs=1e-6)

@@ -1,4 +1,4 @@
-"""Loops by a glimpse: a little common ground is enough to know a place by, and no ground, or another's, is not."""
+"""Loop closure by partial overlap: a small common part proves a place; no overlap, or another place, does not."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def test_a_place_is_known_again_by_the_little_that_both_views_show(away: Pose2) 
     assert whole < 0.75 * found.response  # the mean over all points does not show it
 
 
-def test_known_ground_is_what_the_beams_crossed_and_nothing_behind_their_ends() -> None:
+def test_known_ground_is_the_area_the_beams_crossed_and_nothing_behind_their_ends() -> None:
     store, poses, reference, known = map_of(EARLIER[:1])
     ends = transform_points(pose_from_array(poses[0]), store[0].points)
     eye = poses[0, :2]

@@ -1,4 +1,4 @@
-"""The bars of the real recordings, in full: they take seconds."""
+"""Acceptance limits on the real recordings, in full; they take seconds."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def mapped(log: Path) -> Mapping:
 
 
 def relation_errors(data_dir: Path, mapping: Mapping, relations: str, folder: Path) -> dict[str, float]:
-    """What the shared metric says; skips where the tool is not beside the recordings."""
+    """The shared metric's result; skips if the tool is not beside the recordings."""
     tool = data_dir.parent / "tools" / "trajectory_error.py"
     if not tool.is_file():
         pytest.skip(f"no metric at {tool}")
@@ -46,7 +46,7 @@ def test_intel_lab_is_mapped_better_than_its_peers(data_dir: Path, tmp_path: Pat
 
 
 def test_a_way_driven_again_in_reverse_is_known_though_the_lidar_only_looks_ahead(data_dir: Path) -> None:
-    """Each scan sees what the latest ones had behind them: it is matched against earlier ones near by as well."""
+    """Each scan sees the area behind the latest scans: it is also matched against earlier scans nearby."""
     recording = read_recording(data_dir / "lidar_intel" / "intel_first1088s.clf.gz")
     there = recording.frames[2400:3400]
     mapper = Mapper(MapperSettings(), recording.base_from_laser)
@@ -81,7 +81,7 @@ def test_sena_wheelchair_closes_its_loop_without_double_walls(data_dir: Path) ->
 
 @pytest.mark.parametrize("name", ["exp1", "exp2"])
 def test_coreslam_logs_close_their_loop_and_keep_their_walls_parallel(data_dir: Path, name: str) -> None:
-    """Their chair comes back after 25 m looking another way, a metre and up to 15 degrees astray; a lidar of 5 m."""
+    """The chair returns after 25 m with another heading, 1 m and up to 15 degrees off; the lidar's range is 5 m."""
     recording = read_recording(data_dir / "lidar_coreslam" / f"{name}.dat.gz")
     mapping = map_recording(recording, MappingSettings())
     loops = [edge for edge in mapping.result.edges if edge.kind is EdgeKind.LOOP]
@@ -93,7 +93,7 @@ def test_coreslam_logs_close_their_loop_and_keep_their_walls_parallel(data_dir: 
 
 
 def direction_of_walls(recording: Recording, mapping: Mapping, keys: range) -> float:
-    """Direction [deg] within a quarter turn that most surfaces seen by some key scans face."""
+    """Direction [deg] within a quarter turn that most surfaces of some key scans face."""
     facing = []
     for k in keys:
         scan = recording.frames[mapping.result.key_frames[k]].scan
@@ -108,7 +108,7 @@ def direction_of_walls(recording: Recording, mapping: Mapping, keys: range) -> f
 
 
 def gaps_of_walls_seen_twice(recording: Recording, mapping: Mapping, early: slice, late: slice) -> FloatArray:
-    """How far [m] points of late key scans lie from early ones, wherever both saw something: a wall must be one wall."""
+    """Distance [m] of points of late key scans to those of early ones where both have points: a wall must be one wall."""
     points = []
     for k, index in enumerate(mapping.result.key_frames):
         scan = recording.frames[index].scan

@@ -1,4 +1,4 @@
-"""Registration of pictures and of depth: known motions are recovered, and what is no pair says why."""
+"""Registration of images and of depth: known motions are recovered, and rejected pairs have a reason."""
 
 from __future__ import annotations
 

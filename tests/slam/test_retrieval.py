@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tests.slam.corridor import SURE, chain, corridor, loop, stand, view
+from tests.slam.corridor import SURE, chain, corridor, loop, set_limits, stand, view
 from waychair.maps.grid_assembly import GridAssembly
 from waychair.slam.anchors import AnchorPoses
 from waychair.slam.memory import Memory
@@ -15,7 +15,6 @@ from waychair.slam.retrieval import Surroundings, immunised, surroundings, wante
 from waychair.slam.skeleton import Skeleton
 from waychair.types import OccupancyGrid, Pose2
 
-DEFAULT = MemorySettings(memory_thr=1)
 ALONE = Surroundings(here=30)
 
 
@@ -28,72 +27,73 @@ def half_asleep(length: int = 30, asleep: range = range(1, 11), stm: int = 3) ->
 
 
 def test_neighbours_of_the_hypothesis_are_woken_nearest_first() -> None:
-    assert wanted(half_asleep(), 12, ALONE, DEFAULT) == [10, 9]
+    assert wanted(half_asleep(), 12, ALONE) == [10, 9]
 
 
-def test_within_a_level_the_newest_is_woken_first() -> None:
+def test_within_a_level_the_newest_is_woken_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_limits(monkeypatch, MAX_RETRIEVED=4)
     skeleton = half_asleep(asleep=range(1, 30))
     skeleton.rows["kept"][15] = Kept.WM
-    assert wanted(skeleton, 15, ALONE, MemorySettings(max_retrieved=4)) == [16, 14, 17, 13]
+    assert wanted(skeleton, 15, ALONE) == [16, 14, 17, 13]
 
 
-def test_neighbours_in_time_are_woken_before_those_over_loops() -> None:
+def test_neighbours_in_time_are_woken_before_those_over_loops(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_limits(monkeypatch, MAX_RETRIEVED=3)
     skeleton = half_asleep(asleep=range(1, 11))
     skeleton.link(loop(3, 15))
-    assert wanted(skeleton, 15, ALONE, MemorySettings(max_retrieved=3)) == [10, 9, 8]
-    few = MemorySettings(max_retrieved=3, prediction_levels=6)
-    assert wanted(skeleton, 15, ALONE, few) == [10, 9, 3]
+    assert wanted(skeleton, 15, ALONE) == [10, 9, 8]
+    set_limits(monkeypatch, PREDICTION_LEVELS=6)
+    assert wanted(skeleton, 15, ALONE) == [10, 9, 3]
 
 
 def test_the_hypothesis_reaches_seventeen_links_far() -> None:
     skeleton = half_asleep(length=60, asleep=range(1, 13))
-    assert wanted(skeleton, 29, ALONE, DEFAULT) == [12]
-    assert wanted(skeleton, 30, ALONE, DEFAULT) == []
+    assert wanted(skeleton, 29, ALONE) == [12]
+    assert wanted(skeleton, 30, ALONE) == []
 
 
 def test_no_more_than_two_are_woken_for_the_hypothesis_and_two_for_the_place() -> None:
     around = Surroundings(here=30, near=(11,), path=(5, 4, 3))
-    assert wanted(half_asleep(), 12, around, DEFAULT) == [5, 4, 10, 9]
+    assert wanted(half_asleep(), 12, around) == [5, 4, 10, 9]
 
 
 def test_what_is_round_the_chair_is_woken_before_what_is_round_the_hypothesis() -> None:
-    assert wanted(half_asleep(), 20, Surroundings(here=30, near=(11,)), DEFAULT) == [10, 9, 8, 7]
+    assert wanted(half_asleep(), 20, Surroundings(here=30, near=(11,))) == [10, 9, 8, 7]
 
 
-def test_the_planned_path_comes_first_then_neighbours_of_near_nodes_then_theirs() -> None:
-    most = MemorySettings(max_local_retrieved=4, max_retrieved=0)
+def test_the_planned_path_comes_first_then_neighbours_of_near_nodes_then_theirs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    set_limits(monkeypatch, MAX_LOCAL_RETRIEVED=4, MAX_RETRIEVED=0)
     around = Surroundings(here=30, near=(15, 11), path=(20, 3))
-    assert wanted(half_asleep(), None, around, most) == [3, 10, 4, 2]
+    assert wanted(half_asleep(), None, around) == [3, 10, 4, 2]
 
 
 def test_awake_nodes_are_not_woken_again() -> None:
-    assert wanted(half_asleep(asleep=range(0)), 12, Surroundings(30, (11,), (5,)), DEFAULT) == []
+    assert wanted(half_asleep(asleep=range(0)), 12, Surroundings(30, (11,), (5,))) == []
 
 
-def test_near_is_within_the_radius_and_nearest_first() -> None:
+def test_near_is_within_the_radius_and_nearest_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_limits(monkeypatch, LOCAL_RADIUS=2.0)
     anchors = np.zeros((31, 3))
     anchors[:, 0] = np.arange(31)
-    found = surroundings(
-        half_asleep(), AnchorPoses(anchors), Pose2(14.2), 30, range(11, 28), (), MemorySettings(local_radius=2.0)
-    )
+    found = surroundings(half_asleep(), AnchorPoses(anchors), Pose2(14.2), 30, range(11, 28), ())
     assert list(found.near) == [14, 15, 13, 16]
 
 
-def test_a_place_of_which_all_nodes_sleep_is_woken_by_where_it_is() -> None:
+def test_a_place_of_which_all_nodes_sleep_is_woken_by_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_limits(monkeypatch, LOCAL_RADIUS=3.0)
     skeleton, anchors = half_asleep(), np.zeros((31, 3))
     anchors[:, 0] = np.arange(31)
-    reach = MemorySettings(local_radius=3.0, max_local_retrieved=2)
-    around = surroundings(skeleton, AnchorPoses(anchors), Pose2(5.2), 30, range(11, 28), (), reach)
+    around = surroundings(skeleton, AnchorPoses(anchors), Pose2(5.2), 30, range(11, 28), ())
     assert list(around.sleepers) == [5, 6]
-    assert wanted(skeleton, None, around, reach) == [5, 6]
-    letter = MemorySettings(local_radius=3.0, wake_by_place=False)
-    assert surroundings(skeleton, AnchorPoses(anchors), Pose2(5.2), 30, range(11, 28), (), letter).sleepers == []
+    assert wanted(skeleton, None, around) == [5, 6]
 
 
-@pytest.mark.parametrize(("by_place", "known"), [(True, True), (False, False)])
-def test_on_a_second_lap_the_chair_finds_what_it_saw_on_the_first_awake(by_place: bool, known: bool) -> None:
+def test_on_a_second_lap_the_chair_finds_what_it_saw_on_the_first_awake(monkeypatch: pytest.MonkeyPatch) -> None:
     """A lap of 150 nodes, 30 of which may be awake: RTAB-Map's own rules wake none of the first lap."""
-    memory = corridor(0, MemorySettings(memory_thr=30, stm_size=5, wake_by_place=by_place))
+    set_limits(monkeypatch, STM_SIZE=5)
+    memory = corridor(0, MemorySettings(working_memory_limit=30))
     places = [float(k) for k in range(1, 151)] + [k - 150.2 for k in range(151, 251)]
     anchors, found = np.zeros((251, 3)), []
     anchors[1:, 0] = places
@@ -105,29 +105,32 @@ def test_on_a_second_lap_the_chair_finds_what_it_saw_on_the_first_awake(by_place
             found.append(any(node <= 150 and abs(node - x) < 1.0 for node in memory.wm))
         memory.transfer()
     assert len(memory.wm) <= 30
-    assert all(found) is known
-    assert any(found) is known
+    assert all(found)
 
 
-def test_of_one_place_the_node_that_weighs_most_is_woken_and_none_where_one_is_awake() -> None:
+def test_of_one_place_the_node_that_weighs_most_is_woken_and_none_where_one_is_awake(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    set_limits(monkeypatch, LOCAL_RADIUS=3.0)
     skeleton, anchors = half_asleep(), np.zeros((31, 3))
     for node in (1, 2, 3):
-        skeleton.hang(node, 0, Pose2())
+        skeleton.attach(node, 0, Pose2())
     skeleton.rows["weight"][2] = 4
     anchors[1:, 0] = 1000.0
-    reach = MemorySettings(local_radius=3.0)
-    assert list(surroundings(skeleton, AnchorPoses(anchors), Pose2(), 30, range(11, 28), (), reach).sleepers) == [2]
-    skeleton.hang(11, 0, Pose2())
-    assert list(surroundings(skeleton, AnchorPoses(anchors), Pose2(), 30, range(11, 28), (), reach).sleepers) == []
+    assert list(surroundings(skeleton, AnchorPoses(anchors), Pose2(), 30, range(11, 28), ()).sleepers) == [2]
+    skeleton.attach(11, 0, Pose2())
+    assert list(surroundings(skeleton, AnchorPoses(anchors), Pose2(), 30, range(11, 28), ()).sleepers) == []
 
 
-def test_neighbours_of_the_hypothesis_in_time_are_immunised_beyond_any_budget() -> None:
+def test_neighbours_of_the_hypothesis_in_time_are_immunised_beyond_any_budget(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    set_limits(monkeypatch, LOCAL_IMMUNIZATION_RATIO=0.0)
     skeleton = half_asleep(length=60, asleep=range(1, 11))
-    none = MemorySettings(local_immunization_ratio=0.0)
     awake = set(range(11, 61))
-    assert immunised(skeleton, 30, ALONE, awake, 47, none) == set(range(13, 48))
+    assert immunised(skeleton, 30, ALONE, awake, 47) == set(range(13, 48))
     skeleton.link(loop(11, 30))
-    assert 11 not in immunised(skeleton, 30, ALONE, awake, 47, none)
+    assert 11 not in immunised(skeleton, 30, ALONE, awake, 47)
 
 
 def test_the_nearest_nodes_are_immunised_until_a_quarter_of_the_wm_is() -> None:
@@ -135,14 +138,14 @@ def test_the_nearest_nodes_are_immunised_until_a_quarter_of_the_wm_is() -> None:
     skeleton.unlink(27, 28)  # no way to the newest node
     awake = set(range(1, 31))
     near = (12, 13, 11, 14, 10, 15, 9, 16, 8)
-    assert immunised(skeleton, None, Surroundings(30, near), awake, 27, DEFAULT) == set(near[:6])
+    assert immunised(skeleton, None, Surroundings(30, near), awake, 27) == set(near[:6])
 
 
 def test_the_planned_path_near_the_chair_counts_towards_the_budget() -> None:
     skeleton = half_asleep(asleep=range(0))
     skeleton.unlink(27, 28)
     around = Surroundings(30, (12, 13, 11, 14), path=(14, 13, 20))
-    kept = immunised(skeleton, None, around, set(range(1, 31)), 12, DEFAULT)
+    kept = immunised(skeleton, None, around, set(range(1, 31)), 12)
     assert kept == {14, 13, 12}  # 20 is not near
 
 
@@ -150,13 +153,14 @@ def test_the_shortest_way_from_the_nearest_node_to_the_newest_is_immunised() -> 
     skeleton = half_asleep(asleep=range(0))
     skeleton.link(loop(12, 26, LinkKind.SPACE))
     around = Surroundings(30, (10,))
-    kept = immunised(skeleton, None, around, set(range(1, 31)), 0, DEFAULT)
+    kept = immunised(skeleton, None, around, set(range(1, 31)), 0)
     assert kept == {10, 11, 12, 26, 27, 28, 29, 30}
-    assert 26 not in immunised(skeleton, None, around, set(range(1, 31)) - {11}, 0, DEFAULT)
+    assert 26 not in immunised(skeleton, None, around, set(range(1, 31)) - {11}, 0)
 
 
-def test_the_woken_and_the_last_loop_are_immunised() -> None:
-    memory = corridor(60, MemorySettings(memory_thr=5, stm_size=5, local_radius=0.5, prediction_levels=1))
+def test_the_woken_and_the_last_loop_are_immunised(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_limits(monkeypatch, STM_SIZE=5, LOCAL_RADIUS=0.5, PREDICTION_LEVELS=1)
+    memory = corridor(60, MemorySettings(working_memory_limit=5))
     memory.transfer()
     stand(memory, 61)
     memory.add(view(61), SURE)
@@ -168,9 +172,10 @@ def test_the_woken_and_the_last_loop_are_immunised() -> None:
     assert 2 not in memory.transfer().left_wm
 
 
-def test_woken_nodes_come_back_as_they_were_and_young() -> None:
+def test_woken_nodes_come_back_as_they_were_and_young(monkeypatch: pytest.MonkeyPatch) -> None:
     for cached in (0, 100):
-        memory = corridor(60, MemorySettings(memory_thr=5, stm_size=5, cached_nodes=cached))
+        set_limits(monkeypatch, STM_SIZE=5, CACHED_NODES=cached)
+        memory = corridor(60, MemorySettings(working_memory_limit=5))
         memory.transfer()
         stand(memory, 61)
         memory.add(view(61), SURE)
@@ -181,8 +186,9 @@ def test_woken_nodes_come_back_as_they_were_and_young() -> None:
         assert memory.skeleton.kept(node.id) is Kept.WM
 
 
-def test_words_that_were_given_other_numbers_are_kept_through_sleep() -> None:
-    memory = corridor(60, MemorySettings(memory_thr=5, stm_size=5, cached_nodes=0))
+def test_words_that_were_given_other_numbers_are_kept_through_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
+    set_limits(monkeypatch, STM_SIZE=5, CACHED_NODES=0)
+    memory = corridor(60, MemorySettings(working_memory_limit=5))
     memory.rewrite(1, np.array([7, 8, 9, 0, 11], np.int32))
     memory.transfer()
     stand(memory, 61)
@@ -196,9 +202,10 @@ def test_with_no_limit_and_nobody_asleep_nothing_is_looked_for() -> None:
     assert memory.immunised == frozenset()
 
 
-def test_a_chair_that_only_localises_keeps_the_places_round_it_awake() -> None:
+def test_a_chair_that_only_localises_keeps_the_places_round_it_awake(monkeypatch: pytest.MonkeyPatch) -> None:
     mapped = corridor(100, MemorySettings())
-    settings = MemorySettings(memory_thr=20, local_radius=4.0, cached_nodes=0)
+    set_limits(monkeypatch, LOCAL_RADIUS=4.0, CACHED_NODES=0)
+    settings = MemorySettings(working_memory_limit=20)
     mapped.flush()
     again = Memory(settings, mapped.store)
     assert (again.stm, len(again.wm)) == ((), 100)
@@ -222,9 +229,10 @@ def grid_of(memory: Memory, nodes: range, beams: int) -> OccupancyGrid:
 
 
 @pytest.mark.parametrize("beams", [1, 100, 20_000])
-def test_the_grid_stays_whole_while_nodes_sleep(beams: int) -> None:
+def test_the_grid_stays_whole_while_nodes_sleep(beams: int, monkeypatch: pytest.MonkeyPatch) -> None:
     awake = corridor(60, MemorySettings())
-    memory = corridor(60, MemorySettings(memory_thr=5, stm_size=5, cached_nodes=0))
+    set_limits(monkeypatch, STM_SIZE=5, CACHED_NODES=0)
+    memory = corridor(60, MemorySettings(working_memory_limit=5))
     for k in range(61, 90):
         for each in (awake, memory):
             stand(each, k)

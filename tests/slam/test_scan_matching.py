@@ -1,4 +1,4 @@
-"""Branch and bound against exhaustive search, refinement against truth, and what a scan cannot tell."""
+"""Branch and bound against exhaustive search, refinement against truth, and degenerate scans."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def exhaustive(points: FloatArray, ref: ScanReference, guess: Pose2, cells: int,
 @given(
     dx=st.floats(-0.4, 0.4), dy=st.floats(-0.4, 0.4), turn=st.floats(-0.1, 0.1), reach=st.sampled_from([0.1, 0.3, 0.5])
 )
-def test_branch_and_bound_finds_what_exhaustive_search_finds(dx: float, dy: float, turn: float, reach: float) -> None:
+def test_branch_and_bound_agrees_with_exhaustive_search(dx: float, dy: float, turn: float, reach: float) -> None:
     ref = reference()
     points = points_at(HERE).points[::6]
     guess = Pose2(HERE.x + dx, HERE.y + dy, HERE.theta + turn)
@@ -268,7 +268,7 @@ def disagreement(store: ScanStore, poses: FloatArray, nodes: Iterable[int], sett
 
 
 @pytest.mark.parametrize("log", ["lidar_intel/intel_first1088s.clf.gz", "lidar_fr079/fr079_laser.clf.gz"])
-def test_the_covariance_covers_what_disjoint_halves_of_real_scans_disagree_by(data_dir: Path, log: str) -> None:
+def test_the_covariance_covers_the_disagreement_of_disjoint_halves_of_real_scans(data_dir: Path, log: str) -> None:
     frames = read_recording(data_dir / log).frames[:600]
     mapper = Mapper(MapperSettings(), Pose2())
     for frame in frames:

@@ -67,7 +67,7 @@ def test_normals_do_not_cross_a_gap_between_surfaces() -> None:
 
 
 def plain_points(scan: Scan, mount: Pose2, range_max: float, twist: Twist) -> tuple[FloatArray, FloatArray]:
-    """Points and normals beam by beam, as the kernels have to find them."""
+    """A plain version of the kernels: points and normals beam by beam."""
     seen: list[FloatArray | None] = []
     for i, reach in enumerate(scan.ranges.astype(float)):
         at, angle = arc(twist.v * i * scan.time_step, twist.omega * i * scan.time_step), scan.angles()[i]
@@ -111,7 +111,7 @@ def test_points_and_normals_are_those_of_the_plain_computation(seed: int) -> Non
     assert 20 < np.count_nonzero(normals.any(axis=1)) < len(points)
 
 
-def test_store_gives_back_what_was_appended_however_much() -> None:
+def test_the_store_returns_appended_scans_at_any_size() -> None:
     store = ScanStore()
     scans = [scan_points(scan_at(Pose2(1.5 + 0.02 * k, 1.5, 0.0)), Pose2(), 20.0) for k in range(100)]
     assert [store.append(scan) for scan in scans] == list(range(100))
@@ -131,7 +131,7 @@ def test_thinning_keeps_at_most_so_many_points() -> None:
 def test_a_sweep_taken_on_the_move_shows_the_same_wall_as_a_snapshot(
     v: float, omega: float, time_step: float, backwards: bool
 ) -> None:
-    """Beams cast one by one at a wall x = 3 m from where the chair really is at each beam's time."""
+    """Beams cast one by one at a wall x = 3 m from the chair's true pose at each beam's time."""
     time_step = -time_step if backwards else time_step
     laser, step = Pose2(0.6, 0.1, 0.05), math.radians(0.25)
     ranges = []

@@ -1,4 +1,4 @@
-"""Frames hold what belongs together and all that came in between; who is late is named."""
+"""Frames hold the messages of one time and all readings in between; late topics are named."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def ticks(ms: int, per_ms: int = 10) -> WheelTicks:
 
 
 def drive(synchroniser: Synchroniser, until_ms: int) -> list[SensorFrame]:
-    """Scans every 100 ms, wheels every 20, IMU every 5, each in its time."""
+    """Scans every 100 ms, wheels every 20, IMU every 5, in order of time."""
     frames: list[SensorFrame] = []
     for ms in range(0, until_ms, 5):
         frames += synchroniser.add(IMU, sample(ms))
@@ -85,7 +85,7 @@ def test_no_reading_is_lost_or_twice_in_frames_and_order_is_kept(moments: list[t
         status = next(each for each in synchroniser.diagnostics(0) if each.name == name)
         sent = {ms * MS for kind, ms in moments if kind == field}
         assert set(stamps) <= sent
-        # What is missing up to the last frame came after its own frame had left.
+        # A reading missing up to the last frame came after its own frame was returned.
         missing = len([stamp for stamp in sent if frames and stamp <= frames[-1].stamp_ns]) - len(stamps)
         assert missing == status.counts.late
         assert status.counts.repeated == 0
@@ -127,7 +127,7 @@ def test_frames_do_not_wait_for_dead_wheels_and_are_counted() -> None:
     assert all(frame.wheels == () for frame in frames)
 
 
-def test_who_is_late_is_named_with_how_much_and_what_to_do() -> None:
+def test_a_late_topic_is_named_with_its_delay_and_a_remedy() -> None:
     synchroniser = Synchroniser((SCAN, ODOMETRY, IMU, SONAR))
     for ms in range(0, 5000, 5):
         synchroniser.add(IMU, sample(ms))
@@ -192,7 +192,7 @@ def test_a_topic_that_was_not_announced_is_refused() -> None:
 
 
 def test_known_delays_are_taken_out_of_a_recordings_frames() -> None:
-    """A chair that turns at an uneven rate: after mending, each scan stands at the heading of its true time."""
+    """A chair that turns at a varying rate: after correction, each scan has the heading of its true time."""
     late = SensorDelays(lidar_ns=70 * MS, wheels_ns=20 * MS)
 
     def heading(ns: int) -> float:

@@ -1,4 +1,4 @@
-"""Lean from the IMU, and the beams that end on the floor because of it; truth is the simulated ramp."""
+"""Tilt from the IMU, and the beams that end on the floor because of it; the truth is a simulated ramp."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PERIOD_NS = 5_000_000
 
 
 def felt(tilt: Tilt, forward: float = 0.0) -> FloatArray:
-    """Specific force in the base of a chair that leans and speeds up."""
+    """Specific force in the base of a chair that tilts and accelerates."""
     return np.asarray(tilt.level_from_base().T @ [0.0, 0.0, GRAVITY] + [forward, 0.0, 0.0])
 
 
@@ -108,7 +108,7 @@ def test_beams_that_saw_nothing_stay_as_they_are() -> None:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """A scan of the drive over the ramp, the lean that was found, and the true pose."""
+    """A scan of the drive over the ramp, the estimated tilt, and the true pose."""
 
     scan: Scan
     tilt: Tilt
@@ -117,7 +117,7 @@ class Seen:
 
 @pytest.fixture(scope="module")
 def drive() -> list[Seen]:
-    """Over the sill and the ramp by the physical chair, with every fault of its sensors."""
+    """A drive over the sill and the ramp by the simulated chair, with all sensor errors."""
     settings = SimulatorSettings(plant_model="mujoco")
     settings = replace(settings, imu=replace(settings.imu, rate_hz=200.0), lidar=replace(settings.lidar, beams=136))
     world = load_world("ramp")
@@ -136,7 +136,7 @@ def drive() -> list[Seen]:
 
 
 def floor_of(scan: Scan, base: Pose3, terrain: Terrain, blocks: int) -> BoolArray:
-    """Which beams truly end on floor or ramp."""
+    """Mask of the beams that truly end on floor or ramp."""
     laser = base @ in_space(CHAIR_A.base_from_laser, CHAIR_A.laser_z)
     floor = np.zeros(len(scan.ranges), np.bool_)
     for k, angle in enumerate(scan.angles()):

@@ -20,7 +20,7 @@ from waychair.slam.patch_alignment import affine_kernel, align
 from waychair.slam.registration import angle_between
 from waychair.slam.reprojection import NoiseModel, project
 from waychair.slam.visual_map import inverse_depths, pyramid_of
-from waychair.slam.visual_odometry import VisualOdometrySettings, Track, VisualOdometry
+from waychair.slam.visual_odometry import Track, VisualOdometry, VisualOdometrySettings
 from waychair.types import FloatArray, Pose3, RgbdFrame
 
 STILL = Pose3(np.eye(3), np.zeros(3))
