@@ -1,4 +1,4 @@
-"""Drives of a whole chair with all that a black box is told of them, to be told again as often as a test needs."""
+"""Recorded drives of a whole chair, to be replayed into a black box as often as a test needs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LOGGED_CHAIR = LoggedChair(
 
 @dataclass(slots=True)
 class Drive:
-    """A `ChairWatcher` that keeps what it is told."""
+    """A `ChairWatcher` that keeps requests and ticks."""
 
     told_before: dict[int, list[tuple[str, tuple[Goal, ...]]]] = field(default_factory=dict)
     notes: list[tuple[tuple[ChairMessage, ...], ChairState, HelloReply | None]] = field(default_factory=list)

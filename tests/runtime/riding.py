@@ -44,7 +44,7 @@ def hall(people: tuple[PersonPlan, ...] = (), width: float = 5.0) -> World:
 
 
 class Ride:
-    """A chair under way; `change` is what a faulty sensor does to the messages of a tick."""
+    """A chair under way; `change` makes a fault of the sensors: it maps the messages of a tick."""
 
     def __init__(
         self,

@@ -59,7 +59,7 @@ def quiet(stopped: Drive) -> Drive:
     return Drive({}, stopped.notes[1:46])
 
 
-def test_all_that_was_heard_told_and_done_is_logged_in_order(stopped: Drive, tmp_path: Path) -> None:
+def test_messages_requests_and_ticks_are_logged_in_order(stopped: Drive, tmp_path: Path) -> None:
     box = logged(tmp_path, [stopped])
     log = read_log(segment_files(tmp_path))
     assert (box.lost, box.problem, log.lost, log.damaged) == (0, "", 0, 0)
@@ -74,7 +74,7 @@ def test_all_that_was_heard_told_and_done_is_logged_in_order(stopped: Drive, tmp
     assert log.end is not None
 
 
-def test_a_log_says_whose_it_is(stopped: Drive, tmp_path: Path) -> None:
+def test_a_log_names_its_chair(stopped: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [stopped])
     part = parts_of(tmp_path)[-1]
     assert load(ChairSettings, part.folder / "configuration.yaml") == LOGGED_CHAIR.configuration
@@ -104,7 +104,7 @@ def test_the_ring_is_bounded_in_bytes_too(quiet: Drive, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("short_segments")
-def test_a_stop_keeps_what_was_before_and_after_it(stopped: Drive, quiet: Drive, tmp_path: Path) -> None:
+def test_a_stop_keeps_the_log_before_and_after_it(stopped: Drive, quiet: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [quiet] * 10 + [stopped] + [quiet] * 10, SHORT)
     part = next(part for part in parts_of(tmp_path) if any(event.id == "lidar_stale" for event in part.events))
     assert part.closed
@@ -154,7 +154,7 @@ def test_parts_are_bounded_the_newest_and_the_read_stay(stopped: Drive, quiet: D
     assert max(kept) == 5
 
 
-def test_what_follows_from_a_stop_belongs_to_it_and_another_drive_does_not(
+def test_consequences_of_a_stop_belong_to_its_part_and_another_drive_does_not(
     stopped: Drive, quiet: Drive, tmp_path: Path
 ) -> None:
     logged(tmp_path, [stopped, stopped, quiet])
@@ -172,7 +172,7 @@ def test_a_drive_that_ends_as_soon_as_it_began_has_a_stop_of_its_own(stopped: Dr
     assert [event.id for event in second.events] == ["lidar_late", "lidar_stale"]
 
 
-def test_whoever_hears_of_a_drives_end_later_makes_no_second_end(stopped: Drive) -> None:
+def test_a_process_that_reports_a_drives_end_later_makes_no_second_end(stopped: Drive) -> None:
     """As the navigator does, where it is a process of its own."""
     states = [state for _, state, _ in stopped.notes]
     ended = next(k for k, state in enumerate(states) if k and not state.verdict.computer_drives and state.verdict.halt)
@@ -266,7 +266,7 @@ def test_a_full_or_broken_disk_ends_the_log_with_one_diagnostic(
 
 
 @pytest.mark.usefixtures("short_segments")
-def test_what_was_logged_before_the_disk_was_full_says_why_it_ends(
+def test_the_log_before_a_full_disk_names_the_reason_of_its_end(
     quiet: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(black_box_store, "LEAST_FREE", 1 << 62)

@@ -1,4 +1,4 @@
-"""The black box's file: what was written is read back, as far as it is whole."""
+"""The black box's file: written records are read back, as far as they are undamaged."""
 
 from __future__ import annotations
 
@@ -134,7 +134,7 @@ def test_a_file_cut_off_anywhere_gives_all_that_was_whole(share: int, data: st.D
     whole_pieces = sum(1 for k in range(len(pieces)) if sum(map(len, pieces[: k + 1])) <= cut)
     read = [record for record in records(whole[:cut]) if not isinstance(record, int)]
     assert len(read) == whole_pieces
-    torn = data.draw(st.binary(max_size=40))  # what a power cut leaves behind
+    torn = data.draw(st.binary(max_size=40))  # the rest of a record after a power cut
     again = [record for record in records(whole[:cut] + torn + pieces[1]) if not isinstance(record, int)]
     assert len(again) == whole_pieces + 1
 
@@ -178,7 +178,7 @@ def test_a_log_over_several_files_is_one_and_knows_how_it_ended(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("content", [b"", b"plain text", bytes(5000)])
-def test_what_is_no_log_is_said_to_be_none(content: bytes, tmp_path: Path) -> None:
+def test_a_file_that_is_no_log_is_refused(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "1.log"
     path.write_bytes(content)
     with pytest.raises(BoxError, match="not such a log"):

@@ -1,4 +1,4 @@
-"""PartStore on the disk: numbered whatever is left there, bounded, and never dropped while they are written."""
+"""Parts on the disk: their numbers are unique and their count bounded, and open parts are not dropped."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_part_that_is_still_written_is_dropped_when_it_is_closed_and_no_sooner
     assert names(tmp_path) == ["0001-first", "0003-end"]
 
 
-def test_what_an_earlier_run_left_open_is_dropped_like_the_others(tmp_path: Path) -> None:
+def test_a_part_left_open_by_an_earlier_run_is_dropped_like_the_others(tmp_path: Path) -> None:
     segment, bounds = segment_in(tmp_path), BoxLimits(10, 1_000_000, 1)
     opened(PartStore(tmp_path, bounds), "left", Gravity.END, segment)
     parts = PartStore(tmp_path, bounds)

@@ -122,7 +122,7 @@ def test_f12_a_blind_lidar_ends_the_drive_within_half_a_second_and_a_tick(ride: 
 
 @pytest.mark.parametrize("value", [math.inf, 65.533])
 def test_f12_a_lidar_whose_front_is_covered_drives_into_nobody(value: float) -> None:
-    """65.533 is what some drivers send for a beam that did not come back; it is no measurement."""
+    """Some drivers send 65.533 for a beam without an echo; it is no measurement."""
     sits = PersonPlan(Behaviour.SEATED, np.array([[6.0, 2.5]]), radius=0.25)
     with Ride(people=(sits,)) as ride:
         ride.drive(55)
@@ -145,7 +145,7 @@ def test_a_chair_crawls_where_it_does_not_see_ahead(ride: Ride) -> None:
 def test_f5_a_speed_that_is_none_brakes_in_the_same_tick(
     ride: Ride, asked: Twist, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Whatever plans has gone mad: the chair brakes at once, and hard, and comes to rest."""
+    """The planner asks for an impossible speed: the chair brakes at once, hard, and comes to rest."""
     before = ride.drive().command
     assert before is not None
     navigator = ride.chair._pilot.navigator
@@ -287,7 +287,7 @@ def test_f23_a_slope_beyond_the_limit_ends_the_drive_and_a_steep_ramp_slows_it()
     lean, felt = 0.0, 0.0
 
     def tilted(messages: tuple[ChairMessage, ...]) -> tuple[ChairMessage, ...]:
-        """What the IMU feels besides, leaning back by so much; the lean of a tick comes with its first sample."""
+        """Add gravity and turn rate of a chair tilted back by `lean`; the first sample of a tick has the change."""
         nonlocal felt
         changed: list[ChairMessage] = []
         for message in messages:

@@ -1,4 +1,4 @@
-"""What a page asks of a chair, over the shipped firmware: steering, the countdown, drawing, and being pushed by hand."""
+"""A page's requests to a chair with the shipped firmware: steering, countdown, drawing; and pushing by hand."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_a_page_cannot_steer_into_a_wall() -> None:
 
 
 @pytest.mark.parametrize("interrupts", ["the rider's joystick", "Stop"])
-def test_what_wins_over_a_page_is_not_taken_back_by_it(interrupts: str) -> None:
+def test_joystick_and_stop_end_steering_by_a_page_until_it_lets_go(interrupts: str) -> None:
     with Ride() as ride:
         ride.tick(10)
         steered(ride, ARMING + 40)
@@ -108,7 +108,7 @@ def test_steering_ends_a_drive_without_letting_go_of_the_lines_and_it_does_not_r
         assert ride.states[-1].verdict.mode is DriveMode.MANUAL
 
 
-def test_whoever_is_lost_may_be_steered() -> None:
+def test_a_lost_chair_may_be_steered() -> None:
     with Ride() as ride:
         ride.tick(10)
         ride.chair.relocalise(None)
@@ -251,7 +251,7 @@ def test_a_drive_of_a_page_ends_when_no_page_is_left_and_one_of_nobody_does_not(
     assert not watch.halts(100 * second)
 
 
-def test_what_else_stands_against_a_drive_brings_it_to_rest_by_comfort() -> None:
+def test_a_halt_of_the_caller_brings_a_drive_to_rest_in_comfort() -> None:
     with Ride() as ride:
         ride.drive(110)
         watch = PageWatch()

@@ -1,4 +1,4 @@
-"""What the whole chair does about zones, glass, edges of the floor and tight turns: each shown in a drive."""
+"""Drives of a whole chair with zones, glass, drop-offs and small turns."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_a_pit_across_the_way_is_seen_by_the_depth_camera_and_stopped_at() -> No
 def test_small_turns_come_to_an_end_whatever_the_dead_band_of_the_turn_axis_is(
     dead_band: float, heading: float
 ) -> None:
-    """A quarter more or less than what the chair was calibrated for."""
+    """The dead band is a quarter larger or smaller than the calibrated one."""
     with Ride(simulator=SimulatorSettings(plant=PlantSettings(turn_dead_band=dead_band))) as ride:
         goal = Goal(Pose2(2.0, 2.5, heading), 0.15, 0.05)
         assert to_the_end(ride, goal, 12.0) is Stage.ARRIVED

@@ -1,4 +1,4 @@
-"""What a rider is told: the next move, what stands against it, and what helps."""
+"""Sentences for the rider: the next action, obstacles and remedies."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_points_that_lie_on_each_other_are_no_turn() -> None:
         ),
     ],
 )
-def test_what_the_chair_will_do_next_is_one_plain_sentence(facts: DriveFacts, said: str) -> None:
+def test_the_next_action_is_one_plain_sentence(facts: DriveFacts, said: str) -> None:
     assert next_action(facts) == said
 
 
@@ -111,7 +111,7 @@ def test_sentences_begin_large_and_end_in_a_stop() -> None:
     assert [sentence(text) for text in ("", " no goal ", "Done.")] == ["", "No goal.", "Done."]
 
 
-def test_nobody_closes_the_ground_under_the_chair() -> None:
+def test_a_keep_out_zone_under_the_chair_is_refused() -> None:
     outline = np.array([[0.75, 0.3], [-0.25, 0.3], [-0.25, -0.3], [0.75, -0.3]])
     here = Zone("here", Rule.KEEP_OUT, np.array([[0.5, -1.0], [2.0, -1.0], [2.0, 1.0], [0.5, 1.0]]))
     with pytest.raises(ZoneError, match="stands in this zone"):

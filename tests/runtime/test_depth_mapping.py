@@ -89,7 +89,7 @@ def test_a_stairwell_beside_the_way_is_lethal_in_the_saved_map_and_not_without_d
     assert both.report["depth"]["drop_offs_m2"] > 0.5
 
 
-def test_of_a_table_the_lidar_shows_the_legs_and_depth_the_top() -> None:
+def test_the_lidar_shows_a_tables_legs_and_depth_its_top() -> None:
     world, taken = load_world("table"), drive("table", 9.0)
     shown = {}
     for use in ("off", "on"):

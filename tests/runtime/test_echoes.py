@@ -1,4 +1,4 @@
-"""Which echoes of the sonars count: those that are heard again."""
+"""Sonar echoes count once they are confirmed by a second one."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PERIOD_MS = 50
 
 
 def told(*ranges: float, period_ms: int = PERIOD_MS) -> list[float]:
-    """What of one sonar's readings, one a period, counts; nan for what says nothing."""
+    """Filter one sonar's readings, one a period; nan for unconfirmed echoes."""
     echoes = EchoFilter()
     readings = (
         SonarReadings(k * period_ms * 1_000_000, np.array([r], np.float32)) for k, r in enumerate(ranges, start=1)
@@ -42,7 +42,7 @@ def test_an_echo_between_two_of_a_farther_wall_leaves_the_wall() -> None:
     np.testing.assert_equal(told(2.0, 2.0, 0.7, 2.0), [math.nan, 2.0, math.nan, 2.0])
 
 
-def test_what_is_heard_every_other_time_is_there() -> None:
+def test_an_echo_in_every_other_reading_counts() -> None:
     np.testing.assert_equal(told(1.0, math.inf, 1.0, math.inf, 1.0)[2:], [1.0, math.inf, 1.0])
 
 

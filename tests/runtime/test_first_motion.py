@@ -1,4 +1,4 @@
-"""Where a map begins, by what wheels and IMU say of the chair's first motion."""
+"""The first frame of a map, by the chair's first motion in wheels and IMU."""
 
 from __future__ import annotations
 
@@ -20,21 +20,19 @@ def frame(v: float = 0.0, omega: float = 0.0, imu: bool = True, scan: bool = Tru
 
 
 @given(st.integers(1, 40), st.integers(1, 5))
-def test_whoever_looks_on_from_earlier_on_begins_with_the_same_scan(resting: int, moving: int) -> None:
+def test_an_earlier_recording_begins_with_the_same_scan(resting: int, moving: int) -> None:
     frames = [frame() for _ in range(resting)] + [frame(0.3) for _ in range(moving)]
     assert start_index(frames) == resting - 1
 
 
 @given(st.integers(0, 4), st.integers(1, 9))
-def test_whoever_finds_the_imu_a_little_later_than_the_wheels_begins_with_the_same_scan(
-    deaf: int, resting: int
-) -> None:
+def test_an_imu_found_later_than_the_wheels_gives_the_same_first_scan(deaf: int, resting: int) -> None:
     frames = [frame(imu=False)] * deaf + [frame()] * resting + [frame(0.3)]
     assert start_index(frames) == deaf + resting - 1
     assert start_index([SensorFrame(0, scan=SCAN), *frames]) == deaf + resting
 
 
-def test_who_moves_before_the_imu_is_found_began_before() -> None:
+def test_motion_before_the_first_imu_message_begins_the_map() -> None:
     assert start_index([frame(imu=False), frame(0.3, imu=False), frame(), frame(), frame(0.3)]) == 0
 
 

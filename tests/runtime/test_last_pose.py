@@ -1,4 +1,4 @@
-"""Where a chair stood last, from one run to the next."""
+"""The chair's last pose, from one run to the next."""
 
 from __future__ import annotations
 
@@ -13,9 +13,7 @@ from waychair.types import Pose2
 POSE = Pose2(1.25, -3.5, 0.7)
 
 
-def test_what_was_kept_is_found_again_by_whatever_name_of_the_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_saved_pose_is_found_by_any_path_of_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     remember_pose(tmp_path / "pose.json", tmp_path / "ward", POSE)
     monkeypatch.chdir(tmp_path)
     assert remembered_pose(Path("pose.json"), Path("ward")) == POSE

@@ -1,4 +1,4 @@
-"""A map's folder is copied whole, and what is drawn on one map never lies on another."""
+"""A map's folder is copied whole, and places and zones of one map never lie on another."""
 
 from __future__ import annotations
 

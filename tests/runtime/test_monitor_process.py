@@ -1,4 +1,4 @@
-"""The monitor's own process: it says what the same monitor says in the tick, and its death or sleep stops the chair."""
+"""The monitor's process gives the same verdicts as the monitor in the tick, and its death or sleep stops the chair."""
 
 from __future__ import annotations
 
@@ -32,7 +32,6 @@ from waychair.runtime.monitor_process import (
 from waychair.types import Scan, Twist, WheelSpeeds
 
 PATIENCE_S = 20.0
-S = MonitorSettings()
 AHEAD = Twist(0.3, 0.0)
 
 
@@ -63,13 +62,13 @@ def open_after_a_scan(process: MonitorProcess, away: float = 3.0) -> bool:
     process.see(room(time.monotonic_ns(), away))
     process.judge(AHEAD, Twist(), 0)
     verdict = process.verdict
-    return verdict is not None and verdict.twist == AHEAD and stale_stop(verdict, time.monotonic_ns(), S) == ""
+    return verdict is not None and verdict.twist == AHEAD and stale_stop(verdict, time.monotonic_ns()) == ""
 
 
 def is_silent(process: MonitorProcess) -> bool:
     """Whether the gate is shut for want of a verdict."""
     process.see(room(time.monotonic_ns()))
-    return stale_stop(process.verdict, time.monotonic_ns(), S) == "monitor_silent"
+    return stale_stop(process.verdict, time.monotonic_ns()) == "monitor_silent"
 
 
 def test_messages_say_the_same_on_the_other_side() -> None:
@@ -85,7 +84,7 @@ def test_messages_say_the_same_on_the_other_side() -> None:
 
 
 def verdict_on(process: MonitorProcess, scan: Scan) -> MonitorVerdict:
-    """What the process finds of this very scan for the command AHEAD."""
+    """The process's verdict on this very scan for the command AHEAD."""
     process.see(scan)
 
     def found() -> bool:
@@ -142,7 +141,7 @@ def test_f25_a_killed_or_stopped_monitor_takes_the_speed_from_the_lines(
 
         def gate(now_ns: int) -> str:
             process.see(room(time.monotonic_ns()))
-            return stale_stop(process.verdict, time.monotonic_ns(), S)
+            return stale_stop(process.verdict, time.monotonic_ns())
 
         bridged.bridge._gate = gate
         assert eventually(lambda: open_after_a_scan(process))

@@ -63,13 +63,13 @@ def test_a_clock_that_is_set_back_begins_anew_with_the_same_odometry() -> None:
 
 
 @pytest.mark.parametrize("later_ms", [1101, 3000, -3_600_000])
-def test_what_reckons_was_started_again(later_ms: int) -> None:
+def test_a_restarted_source_of_odometry_is_noticed(later_ms: int) -> None:
     track = driven()
     assert track.take(reading(later_ms, Pose2(0.01, 0.0, 0.002)))
     assert track.odom_from_base(1000 * MS) is None
 
 
-def test_who_drives_through_the_start_or_stands_there_does_not_begin_anew() -> None:
+def test_driving_through_the_origin_or_standing_there_is_no_restart() -> None:
     track = OdometryTrack()
     for ms in range(0, 3000, 20):
         assert not track.take(reading(ms, Pose2(-1.0 + 0.8e-3 * ms)))

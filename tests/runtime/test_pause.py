@@ -61,7 +61,7 @@ def test_there_is_nothing_to_pause_without_a_drive_and_nothing_goes_on_that_was_
 
 
 @pytest.mark.parametrize("ends", ["the rider's joystick", "Stop", "cancel"])
-def test_what_ends_a_drive_ends_a_paused_one_and_it_does_not_go_on(ends: str) -> None:
+def test_stop_joystick_and_cancel_end_a_paused_drive_for_good(ends: str) -> None:
     with Ride() as ride:
         ride.drive()
         ride.chair.pause()

@@ -1,4 +1,4 @@
-"""What a pilot makes of a scan for the navigator."""
+"""The pilot's conversion of a scan for the navigator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Processes as a table: started, started again, and ended together, however the one that started them ends."""
+"""Supervised processes: started, restarted, and ended together, however the supervisor ends."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def is_alive(pid: int) -> bool:
     return stat.rsplit(") ", 1)[1][0] != "Z"
 
 
-def test_all_begin_and_end_together_also_who_does_not_want_to(modules: Path) -> None:
+def test_all_processes_begin_and_end_together_even_deaf_ones(modules: Path) -> None:
     told: list[str] = []
     table = [Process("one", "sleeps"), Process("two", "deaf")]
     with Supervision(table, environment(modules), told.append) as running:
@@ -111,7 +111,7 @@ def test_if_one_cannot_be_started_those_before_it_are_ended(modules: Path, monke
     assert open_files() == files
 
 
-def test_who_cannot_be_started_again_ends_all_and_closes_nothing_twice(
+def test_a_process_that_cannot_be_restarted_ends_all_and_no_file_is_closed_twice(
     modules: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fails(*_: object, **__: object) -> None:
@@ -133,7 +133,7 @@ def test_who_cannot_be_started_again_ends_all_and_closes_nothing_twice(
     assert open_files() == files
 
 
-def test_who_is_killed_is_started_again_and_the_others_stay(modules: Path) -> None:
+def test_a_killed_process_is_restarted_and_the_others_stay(modules: Path) -> None:
     told: list[str] = []
     table = [Process("one", "sleeps"), Process("two", "sleeps")]
     with Supervision(table, environment(modules), told.append) as running:
@@ -146,7 +146,7 @@ def test_who_is_killed_is_started_again_and_the_others_stay(modules: Path) -> No
 
 
 @pytest.mark.usefixtures("soon_hung")
-def test_who_hangs_is_killed_and_started_again(modules: Path) -> None:
+def test_a_hung_process_is_killed_and_restarted(modules: Path) -> None:
     told: list[str] = []
     with Supervision([Process("one", "beats")], environment(modules), told.append) as running:
         pid = running.pids["one"]
@@ -159,7 +159,9 @@ def test_who_hangs_is_killed_and_started_again(modules: Path) -> None:
 
 
 @pytest.mark.usefixtures("soon_hung")
-def test_who_computes_or_never_beat_is_given_time(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_computing_process_and_one_without_heartbeats_get_time(
+    modules: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     table = [Process("one", "computes"), Process("two", "sleeps")]
     monkeypatch.setattr(processes, "IDLE_SHARE", 0.0)
     with Supervision(table, environment(modules)) as running:
@@ -173,7 +175,7 @@ def test_who_computes_or_never_beat_is_given_time(modules: Path, monkeypatch: py
 
 
 @pytest.mark.usefixtures("soon_hung")
-def test_who_computes_for_much_too_long_hangs(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_computes_for_too_long_counts_as_hung(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(processes, "BUSY_HANG_S", 1.0)
     with Supervision([Process("one", "computes")], environment(modules)) as running:
         pid = running.pids["one"]
@@ -193,7 +195,7 @@ def test_a_supervisor_that_was_held_up_itself_kills_nobody(modules: Path) -> Non
         assert running.pids["one"] == pid
 
 
-def test_who_dies_again_and_again_ends_all(modules: Path) -> None:
+def test_a_process_that_dies_too_often_ends_all(modules: Path) -> None:
     over: list[str] = []
     table = [Process("one", "sleeps"), Process("two", "dies")]
     with Supervision(table, environment(modules)) as running:
@@ -204,12 +206,11 @@ def test_who_dies_again_and_again_ends_all(modules: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for the parent's death")
-def test_none_outlives_a_supervisor_that_was_killed(modules: Path) -> None:
+def test_no_process_outlives_a_killed_supervisor(modules: Path) -> None:
     script = textwrap.dedent(
         """
         import os, time
-        from waychair.runtime import processes
-from waychair.runtime.processes import Process, Supervision
+        from waychair.runtime.processes import Process, Supervision
         with Supervision([Process("one", "sleeps"), Process("two", "sleeps")], os.environ) as running:
             print(*running.pids.values(), flush=True)
             time.sleep(600)

@@ -1,4 +1,4 @@
-"""Counts of encoders over a restart of what counts them."""
+"""Encoder counts over a restart of their counter."""
 
 from __future__ import annotations
 

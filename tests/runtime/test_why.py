@@ -1,4 +1,4 @@
-"""Why the chair stopped: what the black box of a real stop makes of it, in plain sentences."""
+"""Explanations of real stops from their black box, in plain sentences."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from waychair.runtime.black_box_file import Log, LogEnd, Moment, encoded, read_l
 from waychair.runtime.black_box_store import segment_files
 from waychair.runtime.why import Explanation, explain, last_stops, sentences
 from waychair.runtime.why_evidence import LOOK_AT, LogCursor, evidence, look_at, remedy_of
-from waychair.simulation.cursor import Block
+from waychair.simulation.scene import Block
 from waychair.trials.record import mounts_of
 from waychair.types import Goal, JoystickInput, Pose2, Scan, WheelTicks
 
@@ -95,7 +95,7 @@ def test_stop_is_told_as_such(tmp_path: Path) -> None:
     assert any("Stop came" in sentence for sentence in why.evidence)
 
 
-def test_what_stood_in_the_way_is_told_with_its_distance(tmp_path: Path) -> None:
+def test_the_obstacle_is_named_with_its_distance(tmp_path: Path) -> None:
     def somebody_puts_a_cupboard_there(ride: Ride) -> None:
         ride.drive(80)
         at = ride.simulator.truth()
@@ -159,7 +159,7 @@ def test_every_reason_has_a_remedy_and_evidence_that_a_poor_log_cannot_break(nam
             assert "nan" not in sentence
 
 
-def test_a_bag_of_a_part_holds_what_the_sensors_said(blind: Drive, tmp_path: Path) -> None:
+def test_a_bag_of_a_part_holds_its_sensor_messages(blind: Drive, tmp_path: Path) -> None:
     logged(tmp_path / "box", [blind])
     log = last_stops(tmp_path / "box")[0].log
     write_bag(tmp_path / "stop.mcap", log, lambda body: mounts_of(body, 0.3))
@@ -187,7 +187,7 @@ def test_a_box_without_a_stop_says_so(blind: Drive, tmp_path: Path) -> None:
     assert read_log(segment_files(tmp_path)).moments
 
 
-def test_what_is_no_box_an_empty_one_and_a_damaged_one_are_told_apart(blind: Drive, tmp_path: Path) -> None:
+def test_no_box_an_empty_box_and_a_damaged_box_have_errors_of_their_own(blind: Drive, tmp_path: Path) -> None:
     with pytest.raises(BoxError, match="does not exist"):
         last_stops(tmp_path / "none")
     with pytest.raises(BoxError, match="no black box"):

@@ -1,4 +1,4 @@
-"""The page's server in a process of its own, as it is with ROS; the chair's port stays with whoever starts it.
+"""The page's server in a process of its own, as with ROS; the chair's port stays in the parent process.
 
     python -m tests.ui.apart HOST PORT AUTHKEY
 

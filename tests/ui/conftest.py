@@ -29,7 +29,7 @@ def chair() -> Iterator[LiveChair]:
 
 @pytest.fixture
 def port(chair: LiveChair) -> Iterator[Noted]:
-    """The chair's port; whatever the test has begun is over after it."""
+    """The chair's port; after the test the chair is stopped."""
     yield Noted(chair)
     chair.stop()
     chair.watched(())

@@ -1,4 +1,4 @@
-"""What browser tests do over and over: open a page, look at what happens, set the chair going."""
+"""Helpers of the browser tests: open a page, wait for conditions, begin a drive."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NAP_S = 0.005
 
 @contextmanager
 def page_at(browser: Browser, address: str, **context: object) -> Iterator[Page]:
-    """A page in a browser of its own; whatever goes wrong in it fails the test."""
+    """A page in a browser of its own; any error in it fails the test."""
     own = browser.new_context(**context)  # type: ignore[arg-type]
     page = own.new_page()
     page.set_default_timeout(1e3 * BROKEN_S)

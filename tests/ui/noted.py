@@ -1,4 +1,4 @@
-"""A chair's port that keeps a note of what it was asked, and can be made to wait."""
+"""A chair's port that records its calls, and can be made to wait."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Call:
 
 
 class Noted:
-    """Passes all on to a real port. What is only looked at is not noted."""
+    """Passes all calls on to a real port and records them, except those that only read."""
 
     def __init__(self, port: ChairPort) -> None:
         self.port = port

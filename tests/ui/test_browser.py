@@ -1,4 +1,4 @@
-"""Drives from the page in a real browser: the chair arrives, and comes to rest by whatever has to bring it to rest."""
+"""Drives from the page in a real browser: the chair arrives, and every way to stop it works."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def pressed(page: Page, way: str) -> float:
         box = page.locator("#stop").bounding_box()
         assert box is not None
         page.mouse.move(box["x"] + 20, box["y"] + 20)
-        page.mouse.down()  # and held: the press is what counts
+        page.mouse.down()  # and held: the press counts, not the release
     else:
         page.keyboard.press(way)
     at = page.evaluate("window.pressedAt")
@@ -136,7 +136,7 @@ def test_the_chair_comes_to_rest_when_the_last_page_is_closed(browser: Browser, 
     with ready_page(browser, address) as other:
         with ready_page(browser, address) as page:
             set_off(page, port, put_place(port, 3.0))
-        time.sleep(GONE_S)  # whoever began it is gone, and somebody else is there
+        time.sleep(GONE_S)  # the page that began the drive is gone, another is there
         assert port.view().mode is DriveMode.AUTONOMOUS
         assert other.is_visible("#cancel")
     until(lambda: rests(port.view()), "the chair drives on with nobody there")
@@ -214,7 +214,7 @@ def test_the_page_s_joystick_drives_while_it_is_held(browser: Browser, port: Not
 
 
 @pytest.mark.parametrize("what", ["window.dispatchEvent(new Event('blur'))", "document.getElementById('stick').blur()"])
-def test_whoever_looks_away_lets_the_joystick_go(browser: Browser, port: Noted, address: str, what: str) -> None:
+def test_a_page_without_focus_lets_the_joystick_go(browser: Browser, port: Noted, address: str, what: str) -> None:
     with ready_page(browser, address) as page:
         page.click("#tab-steer")
         page.focus("#stick")

@@ -1,4 +1,4 @@
-"""What is drawn from pages has names: nothing is replaced by a name alone, and a long name is a name like any other."""
+"""Names of places and zones from pages: no thing is replaced without being asked for, and long names work."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ LONG = "the window at the end of the long corridor, from which one sees the sea"
 
 @pytest.fixture
 def drawn(port: Noted) -> Iterator[Noted]:
-    """The port; what is drawn on the map is taken back after the test."""
+    """The port; changes of places and zones are undone after the test."""
     before = port.layout()
     yield port
     for _ in range(20):
@@ -36,7 +36,7 @@ def put(port: Noted, name: str, x: float, replaces: bool = False) -> Answer:
     return obey(port, "set_place", asked)
 
 
-def test_of_two_pages_that_propose_the_same_name_the_second_replaces_nothing(drawn: Noted) -> None:
+def test_the_second_of_two_pages_with_the_same_proposed_name_replaces_nothing(drawn: Noted) -> None:
     keep_out = {"name": "zone 1", "rule": "keep_out", "polygon": FAR_OFF}
     slow = {"name": "zone 1", "rule": "slow", "polygon": [[x + 2.0, y] for x, y in FAR_OFF]}
     assert obey(drawn, "set_zone", keep_out).done
@@ -48,7 +48,7 @@ def test_of_two_pages_that_propose_the_same_name_the_second_replaces_nothing(dra
     assert [zone.rule for zone in drawn.layout().zones] == [Rule.SLOW]
 
 
-def test_a_place_is_replaced_only_by_whoever_says_so(drawn: Noted) -> None:
+def test_a_place_is_replaced_only_on_request(drawn: Noted) -> None:
     assert put(drawn, "desk", 1.0).done
     pose_of(drawn)
     here = {"name": "desk", "tolerance_m": 0.1, "tolerance_rad": 0.1}

@@ -1,4 +1,4 @@
-"""The page in a real browser, for a rider with one switch: whatever is taken by it, the switch and its Stop stay."""
+"""The page in a real browser, for a rider with one switch: the switch and its Stop work after every choice."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ IS_WRITING = "document.activeElement.matches('input, select, textarea')"
 
 
 class Told(Noted):
-    """A port whose chair is told to be driving."""
+    """A port that can claim that the chair drives."""
 
     drives = False
 
@@ -76,7 +76,7 @@ def test_while_the_chair_moves_the_switch_is_stop_whatever_has_the_focus(
         until(lambda: len(told.named("stop")) == 2, "Stop is not heard")  # by socket and by fetch
 
 
-def test_who_takes_the_chair_to_a_place_keeps_the_switch(browser: Browser, told: Told) -> None:
+def test_after_choosing_a_place_the_switch_still_works(browser: Browser, told: Told) -> None:
     with scanned(browser, told) as page:
         page.click("#tab-steer")
         take(page, "#mode-manual", "document.querySelectorAll('.scanned').length === 1")
@@ -87,7 +87,7 @@ def test_who_takes_the_chair_to_a_place_keeps_the_switch(browser: Browser, told:
         until(lambda: bool(told.named("stop")), "Stop is not heard")
 
 
-def test_who_saves_a_place_by_switch_keeps_it_and_the_place_has_a_name(browser: Browser, told: Told) -> None:
+def test_after_saving_a_place_the_switch_still_works_and_the_place_has_a_name(browser: Browser, told: Told) -> None:
     pose_of(told)
     with scanned(browser, told) as page:
         page.click("#tab-edit")
@@ -122,7 +122,7 @@ def test_stop_comes_through_right_after_another_press(browser: Browser, told: To
             until(lambda: len(told.named("stop")) == 2 * presses, "Stop is not heard")  # noqa: B023
 
 
-def test_one_switch_removes_what_there_is(browser: Browser, told: Told) -> None:
+def test_one_switch_removes_a_place(browser: Browser, told: Told) -> None:
     here = pose_of(told)
     for name in ("bed", "desk"):
         told.set_place(Place(name, here @ Pose2(1.0)), True)

@@ -1,4 +1,4 @@
-"""The page in a real browser, before a chair at rest: whoever cannot use a mouse, a large screen or both hands."""
+"""The page in a real browser with a chair at rest: accessibility, keyboard, small screens, connection."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_nothing_is_lost_on_a_narrow_page(browser: Browser, address: str, width:
             assert cut == []
 
 
-def test_what_is_pressed_is_large_enough(browser: Browser, address: str) -> None:
+def test_every_control_is_large_enough(browser: Browser, address: str) -> None:
     with ready_page(browser, address, viewport={"width": 390, "height": 844}) as page:
         page.click("#panel-open")
         for tab in ("places", "steer", "edit", "options"):

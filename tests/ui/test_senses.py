@@ -1,4 +1,4 @@
-"""What a page lets hear and see: a tone and a phrase before the chair moves, and what its camera sees."""
+"""Sound and camera of a page: a tone and a phrase before the chair moves, and the camera's picture."""
 
 from __future__ import annotations
 
@@ -110,6 +110,6 @@ def test_the_panel_shows_what_the_camera_sees(browser: Browser) -> None:
               return [...Array(dots.length / 4).keys()].map((k) => dots[4 * k + 1]);
             }"""
         )
-        assert max(grey) - min(grey) > 60  # walls, floor and what stands there, no empty picture
+        assert max(grey) - min(grey) > 60  # walls, floor and things, no empty picture
         page.click("#panel-open")
         assert not page.is_visible("#picture")

@@ -1,4 +1,4 @@
-"""The page's server over a real chair in the simulator: who is let in, what is asked of the chair, what pages are told."""
+"""The page's server with a chair in the simulator: access, commands, and messages to pages."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def socket_of(client: TestClient) -> str:
 
 
 def opened(client: TestClient, page: str = "one", token: str = "") -> Any:
-    """A page's socket that has said who it is, once entered."""
+    """A page's socket that has sent its hello, once entered."""
 
     class Opened:
         def __enter__(self) -> WebSocketTestSession:
@@ -165,7 +165,7 @@ def test_nothing_is_shown_without_the_token(guarded: TestClient) -> None:
 @pytest.mark.parametrize(
     "hello", ["no json", "[]", "7", "{}", '{"page": ""}', '{"page": "one", "token": 7}', '{"page": ' + 60_000 * "["]
 )
-def test_a_socket_that_does_not_say_who_it_is_is_closed(guarded: TestClient, hello: str) -> None:
+def test_a_socket_without_a_valid_hello_is_closed(guarded: TestClient, hello: str) -> None:
     with guarded.websocket_connect(socket_of(guarded)) as live:
         live.send_text(hello)
         with pytest.raises(WebSocketDisconnect) as refusal:
@@ -264,7 +264,7 @@ def test_commands_come_in_by_socket_and_are_answered_by_number(client: TestClien
 
 
 @pytest.mark.parametrize("said", ["no json", "[1, 2]", '"seen"', "9" * 400, '{"a": ' + 60_000 * "["])
-def test_a_page_that_says_what_is_no_message_is_dropped(client: TestClient, said: str) -> None:
+def test_a_page_with_an_invalid_message_is_dropped(client: TestClient, said: str) -> None:
     with opened(client) as live:
         told(live, "view")
         live.send_text(said)
@@ -284,7 +284,7 @@ def test_stop_waits_for_nothing(client: TestClient, port: Noted) -> None:
         port.gates["go"].set()
 
 
-def test_of_a_stick_only_the_newest_wish_counts(client: TestClient, port: Noted) -> None:
+def test_only_the_newest_joystick_position_counts(client: TestClient, port: Noted) -> None:
     port.gates["steer"] = threading.Event()
     with opened(client) as live:
         for number in range(10):
@@ -311,7 +311,7 @@ def test_a_stick_is_not_held_by_post(client: TestClient) -> None:
     assert client.get("/api/do/stop").status_code == 405
 
 
-def test_what_is_no_json_or_too_much_of_it_is_refused(client: TestClient, port: Noted) -> None:
+def test_invalid_or_too_long_json_is_refused(client: TestClient, port: Noted) -> None:
     assert client.post("/api/do/stop", content=b"{").status_code == 400
     assert client.post("/api/do/stop", content=b"[]").status_code == 400
     assert client.post("/api/do/stop", content=b'{"a": ' + 60_000 * b"[").status_code == 400
@@ -395,11 +395,11 @@ _JSON = st.recursive(
 
 
 class _Deaf:
-    """Not even a port: what is asked of it fails."""
+    """No port: every call of it fails."""
 
 
 @given(name=st.sampled_from(sorted(COMMANDS)) | st.text(max_size=12), asked=_JSON)
-def test_whatever_is_sent_is_answered(name: str, asked: object) -> None:
+def test_every_command_is_answered(name: str, asked: object) -> None:
     answer = obey(_Deaf(), name, asked)  # type: ignore[arg-type]
     assert isinstance(answer, Answer)
     assert not answer.done

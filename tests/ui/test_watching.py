@@ -1,4 +1,4 @@
-"""Pages are kept informed whatever fails, and the chair of the pages: a drive does not outlive them by more than a second."""
+"""Pages and chair stay informed of each other after errors: a drive ends within a second of the last page."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_a_call_that_fails_for_a_while_leaves_pages_uninformed_no_longer(
     async def test(broadcaster: Broadcaster, page: OpenPage) -> None:
         if name != "view":
             for _ in range(3):
-                await heard(page, "view")  # what fails keeps nothing else from them
+                await heard(page, "view")  # the failing call blocks no other message
         await asyncio.sleep(5 * VIEW_S)
         port.broken.clear()
         await heard(page, {"grid": "map", "watched": "view"}.get(name, name))
@@ -104,7 +104,7 @@ def test_a_call_that_fails_for_a_while_leaves_pages_uninformed_no_longer(
     assert [name in str(record.exc_info) for record in caplog.records] == [True]  # once, not ten times a second
 
 
-def test_of_two_pages_of_one_id_the_hidden_one_does_not_speak_for_the_other() -> None:
+def test_a_hidden_page_does_not_answer_for_another_of_the_same_id() -> None:
     broadcaster = Broadcaster(Port(), lambda: 0.0)  # type: ignore[arg-type]
     seen, duplicate = OpenPage("twin"), OpenPage("twin")
     broadcaster.answered(seen)
