@@ -19,13 +19,14 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.maps.moving_ai import load_free_cells
+from waychair.planning.clearance import PLANNED_ON_PATH
 from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.footprint import footprint, room
 from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.grid_graph import Cell
 from waychair.planning.harmonic import LogField, descend, log_field, streamline, summits_of
-from waychair.planning.laplace_solvers import SolverSettings, problem_of, relative_residual, solve
-from waychair.planning.rubber_band import BandSettings, band, length_of, paper_band, resampled, turning_angles
+from waychair.planning.laplace_solvers import SolverOptions, problem_of, relative_residual, solve
+from waychair.planning.rubber_band import band, length_of, paper_band, resampled, turning_angles
 from waychair.planning.slices import finished
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
@@ -90,19 +91,19 @@ class Bands:
     ours: FloatArray
 
 
-def bands(scene: BandScene, settings: BandSettings | None = None) -> Bands:
+def bands(scene: BandScene) -> Bands:
     """Descent and both bands in a scene."""
     costmap = costmap_of(scene)
     found = log_field(problem_of(costmap.prices > 0, cell_at(scene.goal)))
     cells = descend(found, cell_at(scene.start))
     points = cells[:, ::-1] + 0.5
-    ours = finished(band(costmap, points, settings or BandSettings()))
+    ours = finished(band(costmap, points))
     return Bands(found, costmap, points, paper_band(found, points), ours)
 
 
 def rectangle_fits(costmap: Costmap, points: FloatArray) -> bool:
     """Whether chair A with the band's margin fits all along a line, headed along it."""
-    shape = footprint(costmap.body, BandSettings().margin, costmap.field)
+    shape = footprint(costmap.body, PLANNED_ON_PATH, costmap.field)
     line = resampled(points, 0.05 / CELL)
     ahead = np.diff(line, axis=0)
     return all(
@@ -246,7 +247,7 @@ def speed_row(name: str, free: BoolArray, goal: Cell, times: int = 9) -> dict[st
         changed[cells[:, 0], cells[:, 1]] ^= True
         changed[goal] = True
         other = problem_of(changed, goal)
-        warm, *took = _timed(partial(solve, other, SolverSettings(), solved))
+        warm, *took = _timed(partial(solve, other, SolverOptions(), solved))
         updates.append(took)
         cycles.append(warm.sweeps)
         worst = max(worst, relative_residual(other, warm.v))
@@ -276,7 +277,7 @@ def solver_rows(free: BoolArray, goal: Cell, tolerance: float = 1e-8) -> list[di
     """CPU time and sweeps of each solver on one map."""
     rows = []
     for name in ("gauss-seidel", "sor", "multigrid", "direct"):
-        settings = SolverSettings(solver=name, tolerance=tolerance, most_sweeps=1_000_000, memory=1e6)
+        settings = SolverOptions(solver=name, tolerance=tolerance, most_sweeps=1_000_000, memory=1e6)
         found, _, took = _timed(partial(solve, problem_of(free, goal), settings))
         rows.append({"solver": name, "sweeps": found.sweeps, "cpu_ms": round(took, 1), "residual": found.residual})
     return rows

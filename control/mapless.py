@@ -13,7 +13,7 @@ from itertools import product
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.config import Settings, setting
+from waychair.config import Settings
 from waychair.control.navigator import Navigation, Stage
 from waychair.control.recovery import Recovery, RecoverySettings
 from waychair.errors import PlanningError
@@ -27,19 +27,24 @@ from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
 from waychair.planning.motion import DwaSettings, braking
 from waychair.types import OccupancyGrid, Path, Pose2, Scan, Twist
 
+REPLAN_PERIOD_S = 0.2
+"""s; time between two plans."""
+
+LOCAL_REACH = 3.0
+"""m; half side of the window in which the dynamic window tries arcs."""
+
+COARSER = 2
+"""Cells of the memory per cell of the plan, in each direction."""
+
 
 @dataclass(frozen=True, slots=True)
 class MaplessSettings(Settings):
-    """Replanning, the reach of the dynamic window, and the settings of the parts."""
+    """Settings of the parts of a drive without a map."""
 
-    replan_period: float = setting(0.2, "s", "between two plans", low=0.05, high=60.0)
-    local_reach: float = setting(3.0, "m", "half side of the window in which arcs are tried", low=1.0, high=20.0)
-    coarser: int = setting(2, "", "cells of the memory to a cell of the plan, in each direction", low=1, high=10)
     memory: OccupancySettings = FINE_CELLS
     recovery: RecoverySettings = field(default_factory=RecoverySettings)
     clearance: ClearanceSettings = field(default_factory=ClearanceSettings)
-    # without a map's walls there are no doors to line up with
-    planner: PlannerSettings = field(default_factory=lambda: PlannerSettings(narrow=0.0))
+    planner: PlannerSettings = field(default_factory=PlannerSettings)
     dwa: DwaSettings = field(default_factory=DwaSettings)
 
 
@@ -53,7 +58,8 @@ class MaplessNavigator:
         self._goal = goal
         self._memory = GridMemory(at, self._settings.memory)
         self._memory.include(goal)
-        self._planner = GlobalPlanner(goal, self._settings.planner)
+        # without a map's walls there are no doors to line up with
+        self._planner = GlobalPlanner(goal, self._settings.planner, check_footprint=False)
         self._recovery = Recovery(self._settings.recovery)
         self._command = Twist()
         self._local: DistanceField | None = None
@@ -73,7 +79,7 @@ class MaplessNavigator:
             return self._navigation(Twist())
         if self._local is None:
             return self._halt(now_ns, "no scan has arrived yet")
-        if self._planned_ns is None or now_ns - self._planned_ns >= self._settings.replan_period * 1e9:
+        if self._planned_ns is None or now_ns - self._planned_ns >= REPLAN_PERIOD_S * 1e9:
             self._plan(now_ns, pose)
         if self._path is None:
             return self._halt(now_ns, self._no_path_reason)
@@ -93,7 +99,7 @@ class MaplessNavigator:
     def _window(self, pose: Pose2) -> DistanceField:
         """Return the distances to all remembered obstacles near a pose."""
         cell, corner = self._memory.resolution, self._memory.corner
-        half = round(self._settings.local_reach / cell)
+        half = round(LOCAL_REACH / cell)
         row, col = int((pose.y - corner.y) / cell) - half, int((pose.x - corner.x) / cell) - half
         row, col = max(row, 0), max(col, 0)
         solid = self._memory.occupied()[row : row + 2 * half, col : col + 2 * half]
@@ -110,7 +116,7 @@ class MaplessNavigator:
 
     def _costmap(self) -> Costmap:
         """Return the costmap of the memory in coarser cells; a cell is occupied if any of its parts is."""
-        n, fine = self._settings.coarser, self._memory.occupied()
+        n, fine = COARSER, self._memory.occupied()
         height, width = (-size % n for size in fine.shape)
         fine = np.pad(fine, ((0, height), (0, width)))
         solid = fine[::n, ::n].copy()

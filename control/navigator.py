@@ -31,7 +31,7 @@ from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.dwa import DwaResult
 from waychair.planning.fine_field import fine_field
 from waychair.planning.forecast import arrival
-from waychair.planning.global_planner import GlobalPlanner, check_goal
+from waychair.planning.global_planner import SPACING, GlobalPlanner, check_goal
 from waychair.planning.legs import Leg, Manner
 from waychair.planning.motion import Motion, braking, crawling, motion_after, stopping
 from waychair.planning.slices import Slices
@@ -51,6 +51,25 @@ from waychair.types import (
 )
 
 __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
+
+REPLAN_PERIOD_S = 1.0
+"""s; shortest time between two plans."""
+
+LOOK_AHEAD, OFF_PATH = 5.0, 0.5
+"""m; length of the path that must be free; a chair farther off the path is planned for anew."""
+
+CORNER_TOLERANCE = 0.05
+"""m; tolerance of a stop at the end of a leg that another leg follows."""
+
+MIXED_PIXEL_GAP = 0.1
+"""m; a scan's point so far from both neighbours may be a mixed pixel."""
+
+LONGEST_PLAN_S, LONGEST_FIELD_S = 2.0, 60.0
+"""s; a plan that takes longer is begun again if obstacles have moved; a potential field that takes longer is given up, and
+the old path is kept."""
+
+PATH_HYSTERESIS_S = 1.5
+"""s; among people a new path replaces the present one only if it arrives sooner by this."""
 
 _RESTED_TICKS, _AT_REST = 8, 1e-3
 """A chair commanded less than this [m/s, rad/s] for so many ticks stands."""
@@ -106,7 +125,7 @@ class Navigator:
         self._stepped_ns: int | None = None
         self._rested = _RESTED_TICKS
         self._plans = 0
-        self._corrections = Corrections(self.settings.corrections)
+        self._corrections = Corrections()
         self._jumping = False
 
     @property
@@ -215,7 +234,7 @@ class Navigator:
         self._before = self._command
         if obstacles is not None:
             laser, self._local = pose @ self._body.base_from_laser, None
-            obstacles = without_mixed_pixels(obstacles, laser, self.settings.veil)
+            obstacles = without_mixed_pixels(obstacles, laser, MIXED_PIXEL_GAP)
             self._surroundings.see(now_ns, pose, obstacles, beyond)
             stood_s, seen_ns = self.recovery.standing_s(now_ns), now_ns if seen_ns is None else seen_ns
             self._people.see(now_ns, pose, obstacles, odom_from_map, self._surroundings, stood_s, seen_ns)
@@ -296,18 +315,18 @@ class Navigator:
     def _follow(self, view: View, behind: bool) -> DwaResult:
         """Return the next command on the present leg, never backwards if somebody may be `behind`."""
         if self._leg is None:
-            self._leg = LegDrive(self._legs, self._drawn.grid, self._body, self.settings.legs)
+            self._leg = LegDrive(self._legs, self._drawn.grid, self._body)
         limits = crawling(self._dwa) if self._jumping else self._dwa
         if behind:
             limits = replace(limits, max_reverse=0.0)
         if len(self._legs) > 1:
-            corner = replace(limits.tolerances, position=self.settings.corner_tolerance)
+            corner = replace(limits.tolerances, position=CORNER_TOLERANCE)
             limits = replace(limits, tolerances=corner)
         return self._leg.step(view, limits)
 
     def _remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the goal, None while the chair turns at the end of a leg."""
-        leg = self._leg or LegDrive(self._legs, self._drawn.grid, self._body, self.settings.legs)
+        leg = self._leg or LegDrive(self._legs, self._drawn.grid, self._body)
         here = leg.remaining(pose)
         return None if here is None else here + sum(leg.path.length() for leg in self._legs[1:])
 
@@ -376,7 +395,7 @@ class Navigator:
     def _needs_plan(self, now_ns: int) -> bool:
         if self._planned_ns is None:
             return True
-        if now_ns - self._planned_ns < self.settings.replan_period * 1e9:
+        if now_ns - self._planned_ns < REPLAN_PERIOD_S * 1e9:
             return False
         if self._leg is not None and self._leg.entered and self._path is not None:
             return False
@@ -387,7 +406,7 @@ class Navigator:
         rest = self._rest()
         if rest is None:
             return True
-        ahead = rest[: math.ceil(self.settings.look_ahead / self.settings.planner.spacing)]
+        ahead = rest[: math.ceil(LOOK_AHEAD / SPACING)]
         in_odom, half = transform_points(self._map_from_odom.inverse(), ahead), self._body.width / 2
         radius = self.settings.tracks.model.radius
         return self._surroundings.stands_near(ahead, half) or self._people.someone_lingers_near(in_odom, half + radius)
@@ -402,9 +421,7 @@ class Navigator:
                 return False
             self._planning, self._stops_to_plan, self._stands_to_plan = None, False, True
         lasts_s = 0.0 if self._planning is None else (now_ns - (self._planned_ns or now_ns)) * 1e-9
-        if lasts_s > self.settings.longest_plan and have_mostly_moved(
-            self._planned_round, self._surroundings.stationary()[0]
-        ):
+        if lasts_s > LONGEST_PLAN_S and have_mostly_moved(self._planned_round, self._surroundings.stationary()[0]):
             self._planning = None  # the obstacles that it avoids are gone, so it is worthless
         if self._planning is None:
             may_stay = self._planned_ns is not None and self._planned_among_people
@@ -454,7 +471,7 @@ class Navigator:
         if self._path is None:  # the wait for a path must not count towards backing out
             self.recovery.note_motion()
         legs = list(self._planner.legs)
-        leg = LegDrive(legs, self._drawn.grid, self._body, self.settings.legs)
+        leg = LegDrive(legs, self._drawn.grid, self._body)
         if self._leg is not None and len(legs) == len(self._legs) == 1 and legs[0].manner is Manner.FREE:
             leg.in_position = self._leg.in_position
         self._path, self._legs, self._leg, self._plans = path, legs, leg, self._plans + 1
@@ -468,7 +485,7 @@ class Navigator:
         people, cruise = self._people.expected_people(self._map_from_odom), self.settings.dwa.max_speed
         forecast = self.settings.planner.forecast
         now, then = (arrival(people, points, cruise, forecast)[0] for points in (rest, path.poses[:, :2]))
-        return now < then + self.settings.loyalty
+        return now < then + PATH_HYSTERESIS_S
 
     def _rest(self) -> FloatArray | None:
         """Return the rest (N, 2) [m] of the present path; None without a path, or if the chair is off it."""
@@ -477,7 +494,7 @@ class Navigator:
         points = self._path.poses[:, :2]
         away = np.hypot(*(points - (self._here.x, self._here.y)).T)
         nearest = int(np.argmin(away))
-        return points[nearest:] if away[nearest] < self.settings.off_path else None
+        return points[nearest:] if away[nearest] < OFF_PATH else None
 
     def _path_round_obstacles(
         self, now_ns: int, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]
@@ -488,7 +505,7 @@ class Navigator:
         try:
             return (yield from self._path_over(now_ns, self._drawn.costmap(upright, layered)))
         except GoalOccupied:
-            if math.hypot(goal.x - self._here.x, goal.y - self._here.y) < self.settings.waits_from:
+            if math.hypot(goal.x - self._here.x, goal.y - self._here.y) < self.settings.goal_wait_distance:
                 raise
         room = self._body.circumscribed_radius + self.settings.clearance.comfortable
         layered = [(layer, points[np.hypot(*(points - (goal.x, goal.y)).T) > room]) for layer, points in layered]
@@ -507,4 +524,4 @@ class Navigator:
 
     def _until(self, began_ns: int) -> Callable[[], bool]:
         """Return a function that tells whether there still is time for a field begun at `began_ns`."""
-        return lambda: (self._stepped_ns or 0) - began_ns < self.settings.longest_field * 1e9
+        return lambda: (self._stepped_ns or 0) - began_ns < LONGEST_FIELD_S * 1e9

@@ -95,3 +95,32 @@ ahead of its axle cuts it by about as much."""
 
 TOLD_APART = 2.0
 """[m] Larger distances to obstacles are not told apart in a costmap."""
+
+# by speed: the collision monitor ------------------------------------------------------------------------------------
+
+CRAWL_SPEED, FULL_SPEED = 0.3, 0.8
+"""[m/s] Speeds of the chair's fastest part. The monitor keeps the clearance at a crawl up to the first, the full one from
+the second, and in proportion between them."""
+
+MONITORED_AT_CRAWL, MONITORED_AT_FULL_SPEED = 0.0, 0.05
+"""[m] Kept by the monitor on all sides. Nothing at a crawl: a doorway leaves 5 cm at best."""
+
+MONITORED_AHEAD_AT_CRAWL, MONITORED_AHEAD_AT_FULL_SPEED = 0.01, 0.10
+"""[m] Kept by the monitor in the direction of travel, besides the clearance on all sides."""
+
+# where the map or the plan tells little -----------------------------------------------------------------------------
+
+DROP_OFF = 0.15
+"""[m] Kept around drop-offs, since the depth of a floor's edge is uncertain."""
+
+TRACKED, TRACKED_TIGHT = 0.01, 0.0
+"""[m] Kept while tracking a planned line: the line was planned with more. The second value is for a line that the first
+one blocks."""
+
+RETREAT = 0.04
+"""[m] Kept behind the chair while it retreats from a door without a plan: only the map shows obstacles there, and the pose
+on it is good to 2 cm."""
+
+BACKING_OUT, BACKING_OUT_NOISE = 0.02, 0.005
+"""[m] A chair that backs out never comes nearer to an obstacle than it has been, unless it keeps the first value. An
+approach by less than the second is noise of the pose."""

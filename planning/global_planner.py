@@ -20,6 +20,7 @@ from waychair.errors import (
 )
 from waychair.geometry import arc_lengths, transform_points
 from waychair.maps.grid import cells_from_points, cells_where, inside
+from waychair.planning.clearance import HARD, NARROW, TIGHT_DOOR
 from waychair.planning.costmap import Costmap, check_free_space
 from waychair.planning.footprint import fits
 from waychair.planning.forecast import ForecastSettings, People, arrival, predicted_occupancy, with_forecast
@@ -31,9 +32,9 @@ from waychair.planning.laplace_solvers import GoOn
 from waychair.planning.legs import Door, Leg, Manner, whole
 from waychair.planning.narrows import legs_between_turns, line_up, tight_doors
 from waychair.planning.path_ends import cell_at, goal_cell, start_cell
-from waychair.planning.route import RouteSettings, checked, door_leg
-from waychair.planning.rubber_band import BandSettings, band
-from waychair.planning.slices import Slices, finished, sliced
+from waychair.planning.route import checked, door_leg
+from waychair.planning.rubber_band import band
+from waychair.planning.slices import CELLS_PER_STEP, Slices, finished, sliced
 from waychair.planning.smoothing import line_cost, pull_taut, round_corners
 from waychair.types import FloatArray, IntArray, Path, Pose2
 
@@ -43,20 +44,11 @@ class PlannerSettings(Settings):
     """Which planner searches the cells, and how a path is made of them."""
 
     planner: str = setting("dstar-lite", "", "planner on the grid: dstar-lite, astar, dijkstra or harmonic")
-    smooth: str = setting("auto", "", "taut, band, none or auto: band for harmonic, else taut")
-    start_reach: float = setting(0.3, "m", "how far off a start too close to a wall may begin", low=0.0, high=2.0)
-    spacing: float = setting(0.1, "m", "distance of the path's poses", low=0.01, high=1.0)
-    rounding: int = setting(10, "passes", "smoothing passes over the corners", low=0, high=1000)
-    narrow: float = setting(
-        0.6, "m", "clearance below which a place is lined up with, as a door; 0: nothing is checked", low=0.0, high=2.0
+    smooth: str = setting(
+        "auto", "", "smoothing of the path: taut, band, none, or auto: band for the harmonic planner, else taut"
     )
-    exactly: bool = setting(True, "", "tight turns are planned, and the last metre is kept to exactly")
-    run_up: float = setting(1.0, "m", "straight way before the middle of a door", low=0.1, high=3.0)
-    turn_from: float = setting(1.2, "rad", "sharper corners at a door are turned in place", low=0.2, high=3.2)
     harmonic: HarmonicSettings = field(default_factory=HarmonicSettings)
     forecast: ForecastSettings = field(default_factory=ForecastSettings)
-    route: RouteSettings = field(default_factory=RouteSettings)
-    band: BandSettings = field(default_factory=BandSettings)
     keep_right: KeepRightSettings = field(default_factory=KeepRightSettings)
 
     def __post_init__(self) -> None:
@@ -77,10 +69,31 @@ class PlannerSettings(Settings):
 
 SMOOTHINGS = ("auto", "taut", "band", "none")
 
+SPACING = 0.1
+"""[m] Distance of a path's poses."""
 
-def plan(costmap: Costmap, start: Pose2, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> Path:
+START_REACH = 0.3
+"""[m] Largest distance of the path's first cell from a start that is too close to a wall."""
+
+ROUNDING = 10
+"""Smoothing passes over the corners."""
+
+RUN_UP = 1.0
+"""[m] Straight run before the middle of a door."""
+
+TURN_FROM = 1.2
+"""[rad] At sharper corners before or after a door the chair turns on the spot."""
+
+
+def plan(
+    costmap: Costmap,
+    start: Pose2,
+    goal: Pose2,
+    settings: PlannerSettings = PlannerSettings(),
+    check_footprint: bool = True,
+) -> Path:
     """Return a path in map from a start to a goal, planned from scratch; raises as `GlobalPlanner.replan`."""
-    return GlobalPlanner(goal, settings).replan(costmap, start)
+    return GlobalPlanner(goal, settings, check_footprint).replan(costmap, start)
 
 
 def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2) -> None:
@@ -91,7 +104,7 @@ def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2) -> None:
     """
     check_free_space(costmap)
     goal_cell(costmap, goal)
-    if not fits(body, 0.0, costmap.field, goal):
+    if not fits(body, HARD, costmap.field, goal):
         raise GoalOccupied(
             f"the chair does not fit at the goal ({goal.x:.2f}, {goal.y:.2f}) with the heading {goal.theta:.2f} rad; "
             "turn the heading or choose a place with more room"
@@ -101,9 +114,13 @@ def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2) -> None:
 class GlobalPlanner:
     """A planner to one goal that keeps its search state, so that replanning only searches where something changed."""
 
-    def __init__(self, goal: Pose2, settings: PlannerSettings = PlannerSettings()) -> None:
+    def __init__(
+        self, goal: Pose2, settings: PlannerSettings = PlannerSettings(), check_footprint: bool = True
+    ) -> None:
+        """Without `check_footprint` the path is made for the half width only, with no doors, turns and exact legs."""
         self.goal = goal
         self.settings = settings
+        self._check_footprint = check_footprint
         self.cost = 0
         self._costmap: Costmap | None = None
         self._search: GridPlanner | None = None
@@ -148,12 +165,14 @@ class GlobalPlanner:
             yield from prepared(self._search_over(costmap, start()), go_on)
             here = start()
             cells = self._cells(costmap, here)
-            legs = yield from _legs_from_cells(costmap, cells, here, self.goal, self.settings, self._distrusted)
+            legs = yield from _legs_from_cells(
+                costmap, cells, here, self.goal, self.settings, self._narrow, self._distrusted
+            )
         finally:
             self.holds_anywhere = False
-        if self.settings.narrow > 0.0 and self.settings.exactly and not among_people:
+        if self._check_footprint and not among_people:
             banded = self.settings.smoothing == "band"
-            legs = yield from checked(costmap, here, legs, self.settings.route, banded)
+            legs = yield from checked(costmap, here, legs, banded)
         self.legs = tuple(legs)
         return whole(self.legs)
 
@@ -208,6 +227,11 @@ class GlobalPlanner:
         self.legs = legs
         return direct
 
+    @property
+    def _narrow(self) -> float:
+        """The clearance [m] below which a place is treated as a doorway; 0: none is."""
+        return NARROW if self._check_footprint else 0.0
+
     def _moved_aside(self, costmap: Costmap) -> Path:
         """Return the path with its free legs moved to one side, where there is room."""
         keep = self.settings.keep_right
@@ -220,7 +244,7 @@ class GlobalPlanner:
     def _search_over(self, costmap: Costmap, start: Pose2) -> GridPlanner:
         """Return the search over a costmap from the start."""
         check_free_space(costmap)
-        begin = start_cell(costmap, start, self.settings.start_reach)
+        begin = start_cell(costmap, start, START_REACH)
         return self._updated_search(costmap, begin, goal_cell(costmap, self.goal))
 
     def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> GridPlanner:
@@ -253,6 +277,7 @@ def _legs_from_cells(
     start: Pose2,
     goal: Pose2,
     settings: PlannerSettings,
+    narrow: float,
     distrusted: Sequence[Door] = (),
 ) -> Slices[list[Leg]]:
     """Return legs along the chain of cells, pulled taut where that costs no more, and cut at tight doors; resumable."""
@@ -263,33 +288,35 @@ def _legs_from_cells(
     # The exact ends replace their cells; a start too close to a wall is joined to the first passable cell.
     chain = np.concatenate([ends[:1], chain if costmap.prices[cell_at(costmap, start)] == 0 else chain[1:]])
     chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
-    taut = _evenly_spaced(_pulled(costmap, chain, settings), settings.spacing / cell)
+    taut = _evenly_spaced(_pulled(costmap, chain, settings), SPACING / cell)
     legs: list[Leg] = []
     leaves: float | None = None
-    here, begin, widest = start, 0, costmap.body.width + settings.route.door_slack
-    for first, _, door in tight_doors(costmap, taut, settings.narrow, widest):
+    here, begin, widest = start, 0, costmap.body.width + TIGHT_DOOR
+    for first, _, door in tight_doors(costmap, taut, narrow, widest):
         through = None if _is_one_of(door, distrusted) else door_leg(costmap, door, here, goal)
         if through is None:
             continue
         entry, leaving = transform_points(grid_from_map, through.path.poses[[0, -1], :2]) / cell
-        if math.dist(through.path.poses[0, :2], (here.x, here.y)) > settings.spacing / 2:
+        if math.dist(through.path.poses[0, :2], (here.x, here.y)) > SPACING / 2:
             before = begin + _nearest(taut[begin : max(first, begin + 1)], entry)
             chunk = taut[begin : before + 1]
             swung = _swung(costmap, chunk, entry, leaving - entry) if settings.smoothing == "band" else None
             chunk = np.concatenate([chunk if swung is None else swung, entry[None]])
             heading = float(through.path.poses[0, 2])
-            legs += yield from _free_legs(costmap, chunk, heading, settings, leaves, straight_in=swung is not None)
+            legs += yield from _free_legs(
+                costmap, chunk, heading, settings, narrow, leaves, straight_in=swung is not None
+            )
         legs.append(through)
         here = Pose2(*through.path.poses[-1])
         begin = first + _nearest(taut[first:], leaving)
         beyond = taut[begin + 1 :]
-        if not len(beyond) and math.dist(taut[begin], leaving) > settings.spacing / cell:
+        if not len(beyond) and math.dist(taut[begin], leaving) > SPACING / cell:
             beyond = taut[begin:]  # the goal itself lies beyond the door leg
         swung = _swung(costmap, beyond[::-1], leaving, entry - leaving) if settings.smoothing == "band" else None
         leaves = None if swung is None else float(through.path.poses[-1, 2])
         beyond = beyond if swung is None else swung[::-1]
         taut = np.concatenate([taut[:begin], leaving[None], beyond])
-    legs += yield from _free_legs(costmap, taut[begin:], goal.theta, settings, leaves)
+    legs += yield from _free_legs(costmap, taut[begin:], goal.theta, settings, narrow, leaves)
     _join(legs)
     return legs
 
@@ -309,6 +336,7 @@ def _free_legs(
     points: FloatArray,
     heading: float,
     settings: PlannerSettings,
+    narrow: float,
     leaves: float | None = None,
     straight_in: bool = False,
 ) -> Slices[list[Leg]]:
@@ -318,11 +346,11 @@ def _free_legs(
     Corners for a turn on the spot are not rounded: there one leg ends and the next begins.
     """
     cell = costmap.grid.resolution
-    spacing = settings.spacing / cell
+    spacing = SPACING / cell
     taut = _evenly_spaced(_pulled(costmap, points, settings), spacing)
-    lined_up, run_ends = line_up(costmap, taut, settings.narrow, settings.run_up)
+    lined_up, run_ends = line_up(costmap, taut, narrow, RUN_UP)
     parts = []
-    cut = legs_between_turns(costmap, lined_up, run_ends, settings.turn_from)
+    cut = legs_between_turns(costmap, lined_up, run_ends, TURN_FROM)
     for k, part in enumerate(cut):
         ends = (leaves if k == 0 else None, heading if straight_in and k == len(cut) - 1 else None)
         rounded = yield from _rounded(costmap, _evenly_spaced(part, spacing), settings, ends)
@@ -351,7 +379,7 @@ def _rounded(
     if settings.smoothing == "none":
         return points
     if ends == (None, None):
-        points = round_corners(costmap.prices, points, settings.rounding, costmap.barred)
+        points = round_corners(costmap.prices, points, ROUNDING, costmap.barred)
     if settings.smoothing != "band":
         return points
     # at a fixed end there is a curve already, which must not be cut
@@ -359,8 +387,8 @@ def _rounded(
     leaves, arrives = (
         None if end is None else np.array([math.cos(end - turned), math.sin(end - turned)]) for end in ends
     )
-    work = band(costmap, points, settings.band, leaves, arrives)
-    banded = yield from sliced(work, settings.harmonic.slice)
+    work = band(costmap, points, leaves, arrives)
+    banded = yield from sliced(work, CELLS_PER_STEP)
     return points if _is_against_one_way(costmap, banded) else banded
 
 

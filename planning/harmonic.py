@@ -24,7 +24,7 @@ from waychair.planning.grid_graph import NO_BARS, Cell
 from waychair.planning.laplace_solvers import (
     GoOn,
     Problem,
-    SolverSettings,
+    SolverOptions,
     System,
     check_memory,
     chosen_solver,
@@ -41,22 +41,37 @@ _DIRECTED_SWEEPS = 60
 """Sweeps for a map with one-way zones: its matrix is not symmetric, so the stages' solvers cannot be used."""
 
 
+TOLERANCE, MOST_SWEEPS = 1e-13, 400
+"""Relative residual of a stage's solution, and the most cycles for it: the last digits of v carry the far cells."""
+
+TRUSTED = 1e-8
+"""Values below this part of a stage's largest are left to the next stage."""
+
+STAGES = 1000
+"""Most stages; cells beyond them only get a lower bound."""
+
+DETOUR = 200
+"""[steps] Cells on no path at most this much longer than the shortest one are not solved."""
+
+STREAMLINE_STEP = 0.4
+"""[cells] Length of one step of a streamline."""
+
+
 @dataclass(frozen=True, slots=True)
 class HarmonicSettings(Settings):
-    """How far and how exactly the field is solved."""
+    """The solver of the harmonic planner."""
 
-    solver: SolverSettings = field(default_factory=lambda: SolverSettings(tolerance=1e-13, most_sweeps=400))
-    trusted: float = setting(
-        1e-8, "", "smaller values, beside a stage's largest, are left to the next", low=1e-12, high=0.1
+    solver: str = setting(
+        "multigrid", "", "gauss-seidel, sor, multigrid, direct, gpu, or auto: gpu where there is one, else multigrid"
     )
-    stages: int = setting(1000, "", "after which the rest is only bounded from below", low=0, high=100_000)
-    detour: int = setting(
-        200, "steps", "longer than the shortest way from the start: what lies on no such way is not solved", low=0
+    memory: float = setting(
+        4000.0, "MB", "memory that the solver may take; a map that needs more is refused", low=1.0, high=1e7
     )
-    step: float = setting(0.4, "cells", "of a streamline", low=0.05, high=1.0)
-    slice: int = setting(
-        2_000_000, "", "so many cells are visited in one control step, some six milliseconds", low=1, high=10**9
-    )
+
+    @property
+    def options(self) -> SolverOptions:
+        """The options of the stages' solver."""
+        return SolverOptions(solver=self.solver, tolerance=TOLERANCE, most_sweeps=MOST_SWEEPS, memory=self.memory)
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +122,7 @@ def log_field_in_parts(
         MapTooLarge, NotConverged, ConfigError: see `laplace_solvers.solve`.
     """
     absorption = problem.absorption
-    check_memory(absorption.size, chosen_solver(settings.solver.solver), settings.solver.memory)
+    check_memory(absorption.size, chosen_solver(settings.solver), settings.memory)
     bars = NO_BARS if barred is None else barred
     yield 3 * absorption.size  # for making the problem
     order, numbers = yield from spread(absorption, bars, problem.goal)
@@ -116,10 +131,10 @@ def log_field_in_parts(
     yield absorption.size
     stages, sweeps = 0, 0
     if barred is None:
-        wanted = order if until is None else order[_between(order, numbers, absorption.shape, until, settings.detour)]
+        wanted = order if until is None else order[_between(order, numbers, absorption.shape, until, DETOUR)]
         mask = _mask(absorption.shape, wanted)
         yield 4 * len(order)
-        stages, sweeps = yield from _staged(problem, mask, logs, settings, warm_start, until, go_on)
+        stages, sweeps = yield from _staged(problem, mask, logs, settings.options, warm_start, until, go_on)
         solved = np.isfinite(logs)
     else:
         solved = _mask(absorption.shape, order)
@@ -147,7 +162,7 @@ def _staged(
     problem: Problem,
     wanted: BoolArray,
     logs: FloatArray,
-    settings: HarmonicSettings,
+    options: SolverOptions,
     warm_start: LogField | None,
     until: Cell | None,
     go_on: GoOn | None,
@@ -155,7 +170,7 @@ def _staged(
     """Find `logs` (H, W) of wanted cells, in place, from the goal on; return the numbers of stages and sweeps."""
     stages, sweeps = 0, 0
     warm = warm_start.logs if warm_start is not None and warm_start.logs.shape == logs.shape else None
-    while stages < settings.stages and (until is None or not np.isfinite(logs[until])):
+    while stages < STAGES and (until is None or not np.isfinite(logs[until])):
         unknown = wanted & ~np.isfinite(logs)
         boxes = find_objects(unknown.astype(np.int8))
         if not boxes:
@@ -166,7 +181,7 @@ def _staged(
             np.where(unknown[box], problem.absorption[box], np.float32(np.inf)),
             logs[box],
             None if warm is None else warm[box],
-            settings,
+            options,
             go_on,
         )
         stages, sweeps = stages + 1, sweeps + done
@@ -177,7 +192,7 @@ def _staged(
 
 
 def _stage(
-    absorption: Float32Array, known: FloatArray, warm: FloatArray | None, settings: HarmonicSettings, go_on: GoOn | None
+    absorption: Float32Array, known: FloatArray, warm: FloatArray | None, options: SolverOptions, go_on: GoOn | None
 ) -> Parts[tuple[FloatArray, int]]:
     """Return logs (H, W) of the unknown cells that one solution finds exactly enough, else -inf; and its sweeps."""
     free = np.pad(absorption < np.inf, 1)
@@ -197,10 +212,10 @@ def _stage(
         x[1:-1, 1:-1] = np.exp(np.minimum(warm - scale, 0.0))
         x[~free] = 0.0
     yield 4 * x.size
-    solver = chosen_solver(settings.solver.solver)
-    _, sweeps = yield from run_solver(solver, System(absorption, x, b, settings.solver, go_on))
+    solver = chosen_solver(options.solver)
+    _, sweeps = yield from run_solver(solver, System(absorption, x, b, options, go_on))
     yield 4 * x.size
-    told = x[1:-1, 1:-1] > settings.trusted * x.max()
+    told = x[1:-1, 1:-1] > TRUSTED * x.max()
     return np.where(told, np.log(x[1:-1, 1:-1], where=told, out=none.copy()) + scale, none), sweeps
 
 
@@ -326,7 +341,7 @@ def _descend(logs: FloatArray, barred: Bytes, row: int, column: int, most: int) 
     return cells, 0
 
 
-def streamline(found: LogField, start: FloatArray, settings: HarmonicSettings = HarmonicSettings()) -> FloatArray:
+def streamline(found: LogField, start: FloatArray) -> FloatArray:
     """Return points (N, 2), columns and rows [cells], from a start along the field's interpolated gradient.
 
     (0.5, 0.5) is the middle of cell (0, 0). Where the gradient leads into a wall or no higher, the line goes to the
@@ -337,7 +352,7 @@ def streamline(found: LogField, start: FloatArray, settings: HarmonicSettings = 
     """
     cell = (math.floor(start[1]), math.floor(start[0]))
     _check_start(found, cell)
-    points, count = _streamline(found.logs, start[0], start[1], settings.step, 64 * found.connected + 64)
+    points, count = _streamline(found.logs, start[0], start[1], STREAMLINE_STEP, 64 * found.connected + 64)
     if count == 0:
         raise NoPath(f"the line from column {cell[1]}, row {cell[0]} does not reach the goal; solve the field anew")
     goal = np.array([found.goal[1] + 0.5, found.goal[0] + 0.5])

@@ -22,7 +22,7 @@ from waychair.planning.grid_graph import (
 )
 from waychair.planning.harmonic import HarmonicSettings, LogField, descend, log_field_in_parts
 from waychair.planning.laplace_solvers import GoOn, Problem
-from waychair.planning.slices import Slices, finished, sliced
+from waychair.planning.slices import CELLS_PER_STEP, Slices, finished, sliced
 from waychair.types import Bytes, Float32Array, IntArray
 
 ABSORBED = 2e-3
@@ -91,7 +91,7 @@ class HarmonicSearch:
             problem = Problem(absorption_from_prices(self._prices), self._goal)
             start = self._start
             work = log_field_in_parts(problem, self._settings, self._field, start, self._barred, go_on)
-            found = yield from sliced(work, self._settings.slice)
+            found = yield from sliced(work, CELLS_PER_STEP)
             self._field, self._solved_for, self._stale = found, start, False
             self.pops += found.sweeps * found.connected
 

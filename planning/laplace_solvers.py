@@ -16,7 +16,6 @@ from types import MappingProxyType
 import numpy as np
 from numba import njit
 
-from waychair.config import Settings, setting
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, NotConverged
 from waychair.maps.grid import cells_where
 from waychair.planning.conjugate_gradients import conjugate_gradients, length_of, rest_of
@@ -45,18 +44,24 @@ _FADES = 0.03
 
 
 @dataclass(frozen=True, slots=True)
-class SolverSettings(Settings):
+class SolverOptions:
     """Which solver is used, its tolerance, and its bounds of time and memory."""
 
-    solver: str = setting("multigrid", "", "gauss-seidel, sor, multigrid, direct, gpu, or auto: gpu where there is one")
-    tolerance: float = setting(1e-8, "", "of |b - A v| / |b|", low=1e-14, high=1.0)
-    most_sweeps: int = setting(20_000, "", "sweeps, or cycles of multigrid, after which it gives up", low=1, high=10**9)
-    omega: float = setting(0.0, "", "over-relaxation of sor; 0: by the map's size", low=0.0, high=1.999)
-    initial: float = setting(0.0, "", "what free cells hold before the first sweep", low=0.0, high=1.0)
-    memory: float = setting(4000.0, "MB", "that a solver may take", low=1.0, high=1e7)
+    solver: str = "multigrid"
+    """gauss-seidel, sor, multigrid, direct, gpu, or auto: gpu where there is one, else multigrid."""
+    tolerance: float = 1e-8
+    """Largest |b - A v| / |b|."""
+    most_sweeps: int = 20_000
+    """Sweeps, or cycles of multigrid, after which the solver gives up."""
+    omega: float = 0.0
+    """Over-relaxation of sor; 0: by the map's size."""
+    initial: float = 0.0
+    """Value of free cells before the first sweep."""
+    memory: float = 4000.0
+    """[MB] Memory that the solver may take."""
 
 
-PAPER_SOLVER = SolverSettings(solver="gauss-seidel", initial=0.5, tolerance=1e-6, most_sweeps=1_000_000)
+PAPER_SOLVER = SolverOptions(solver="gauss-seidel", initial=0.5, tolerance=1e-6, most_sweeps=1_000_000)
 """The source paper's solver: Eq 1 row by row, in place, from the middle of the range. It gives no iteration count."""
 
 
@@ -99,7 +104,7 @@ class Field:
 
 def solve(
     problem: Problem,
-    settings: SolverSettings = SolverSettings(),
+    options: SolverOptions = SolverOptions(),
     warm_start: Field | None = None,
     go_on: GoOn | None = None,
 ) -> Field:
@@ -110,9 +115,9 @@ def solve(
         NotConverged: the tolerance was not reached within the allowed sweeps or time.
         ConfigError: no solver has this name.
     """
-    solver = chosen_solver(settings.solver)
+    solver = chosen_solver(options.solver)
     absorption = problem.absorption
-    check_memory(absorption.size, solver, settings.memory)
+    check_memory(absorption.size, solver, options.memory)
     walls = absorption.copy()
     walls[problem.goal] = np.inf
     free = np.pad(walls < np.inf, 1)
@@ -123,9 +128,9 @@ def solve(
     x = np.zeros_like(b)
     if warm_start is not None and warm_start.v.shape == absorption.shape:
         np.multiply(warm_start.v, free[1:-1, 1:-1], out=x[1:-1, 1:-1])
-    elif settings.initial:
-        x[free] = settings.initial
-    system = System(walls, x, b, settings, go_on, warm_start is not None)
+    elif options.initial:
+        x[free] = options.initial
+    system = System(walls, x, b, options, go_on, warm_start is not None)
     residual, sweeps = finished(run_solver(solver, system))
     v = x[1:-1, 1:-1]
     v[problem.goal] = 1.0
@@ -142,7 +147,7 @@ class System:
     absorption: Float32Array
     x: FloatArray
     b: FloatArray
-    settings: SolverSettings
+    options: SolverOptions
     go_on: GoOn | None = None
     warm: bool = False
 
@@ -154,7 +159,7 @@ def run_solver(solver: str, system: System) -> Parts[tuple[float, int]]:
         NotConverged: as in `solve`.
     """
     residual, sweeps = yield from _SOLVERS[solver](system)
-    tolerance = system.settings.tolerance
+    tolerance = system.options.tolerance
     if not residual <= tolerance:
         raise NotConverged(
             f"the field's relative residual is {residual:.1e} after {sweeps} sweeps of {solver}, not "
@@ -208,7 +213,7 @@ def chosen_solver(solver: str) -> str:
 
 
 def _multigrid(system: System) -> Parts[tuple[float, int]]:
-    absorption, x, b, s = system.absorption, system.x, system.b, system.settings
+    absorption, x, b, s = system.absorption, system.x, system.b, system.options
     sources = cells_where(b != 0.0)
     places = [_extent(sources)] if len(sources) else []
     rest_and_direction = (8 + 4) * x.size + 2 * LINE
@@ -277,7 +282,7 @@ def _solve_square(
 def _red_black(system: System) -> Parts[tuple[float, int]]:
     """Solve by successive over-relaxation; the default factor is the best one for an empty square of the map's side."""
     inverse, x, b = _inverse(system.absorption), system.x, system.b
-    omega = system.settings.omega or 2.0 / (1.0 + math.sin(math.pi / max(x.shape)))
+    omega = system.options.omega or 2.0 / (1.0 + math.sin(math.pi / max(x.shape)))
 
     def sweep() -> None:
         relax(inverse, x, b, 0, omega)
@@ -298,14 +303,14 @@ def _inverse(absorption: Float32Array) -> FloatArray:
 
 
 def _swept(sweep: Callable[[], None], system: System) -> Parts[tuple[float, int]]:
-    x, b, settings, go_on = system.x, system.b, system.settings, system.go_on
+    x, b, options, go_on = system.x, system.b, system.options, system.go_on
     whole, rest = length_of(b) or 1.0, np.zeros_like(b)
     residual, done = math.inf, 0
     while True:
         residual = rest_of(system.absorption, x, b, rest) / whole
-        if residual <= settings.tolerance or done >= settings.most_sweeps or (go_on is not None and not go_on()):
+        if residual <= options.tolerance or done >= options.most_sweeps or (go_on is not None and not go_on()):
             return residual, done
-        for _ in range(min(_BETWEEN, settings.most_sweeps - done)):
+        for _ in range(min(_BETWEEN, options.most_sweeps - done)):
             sweep()
             done += 1
             yield x.size
@@ -368,7 +373,7 @@ def _direct(system: System) -> Parts[tuple[float, int]]:
 def _on_gpu(system: System) -> Parts[tuple[float, int]]:
     from waychair.planning.laplace_gpu import conjugate_gradients_on_gpu
 
-    levels, s = levels_from(system.absorption), system.settings
+    levels, s = levels_from(system.absorption), system.options
     yield system.x.size
     return conjugate_gradients_on_gpu(
         system.absorption, levels, system.x, system.b, s.tolerance, s.most_sweeps, system.go_on

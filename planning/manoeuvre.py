@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 
 from waychair.angles import wrapped
 from waychair.calibration.chair import ChairBody
-from waychair.config import Settings, setting
 from waychair.errors import NoPath
 from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField, interpolated
+from waychair.planning.clearance import COMFORTABLE_MANOEUVRE, PLANNED
 from waychair.planning.footprint import Footprint, along_arc, footprint, free_time, in_cells, room
 from waychair.planning.grid_graph import NO_BARS
 from waychair.planning.slices import Slices, finished
@@ -38,27 +38,38 @@ _SWEEP, _CONNECTION = 4, 40
 """Times of checking a whole step, and of trying the goal forwards and backwards, in units of one pose's check."""
 
 
-@dataclass(frozen=True, slots=True)
-class ManoeuvreSettings(Settings):
-    """Costs of a multi-point turn's parts, in metres driven forwards, and bounds of the search."""
+CLOSE_PRICE = 1.5
+"""A step without any of the comfortable clearance costs this much more, per its price."""
 
-    margin: float = setting(0.03, "m", "kept free round the outline", low=0.0, high=0.3)
-    roomy: float = setting(0.06, "m", "room beyond the margin up to which more is better", low=0.01, high=0.5)
-    close_price: float = setting(1.5, "", "a step without any of that costs so much more", low=0.0, high=100.0)
-    bin: float = setting(0.05, "m", "side of a bin of places, half a step", low=0.01, high=0.5)
-    headings: int = setting(72, "", "bins of the heading", low=8, high=720)
-    reverse_price: float = setting(1.6, "", "a metre backwards", low=1.0, high=100.0)
-    turn_price: float = setting(0.4, "m/rad", "turning in place", low=0.01, high=10.0)
-    gear_price: float = setting(0.5, "m", "each stop to go another way", low=0.0, high=10.0)
-    steer_price: float = setting(
-        0.3, "m/rad", "changing how much a step turns, under way: who follows is late", low=0.0, high=10.0
-    )
-    greed: float = setting(1.5, "", "weight of what is left: faster search, longer ways", low=1.0, high=10.0)
-    most_states: int = setting(60_000, "", "giving up after so many", low=100, high=10_000_000)
-    polish: int = setting(2000, "", "looked at for a better way once one is known", low=0, high=10_000_000)
-    slice: int = setting(
-        2000, "", "so many looks are taken at the obstacles in one control step", low=1, high=10_000_000
-    )
+REVERSE_PRICE, TURN_PRICE, GEAR_PRICE = 1.6, 0.4, 0.5
+"""[m] Prices in metres driven forwards: of a metre backwards, of a radian on the spot, and of a change of direction."""
+
+STEER_PRICE = 0.3
+"""[m/rad] Price of changing a step's turn while driving: the chair follows such changes late."""
+
+GREED = 1.5
+"""Weight of the cost-to-go estimate: larger is faster, and paths get longer."""
+
+MOST_STATES = 60_000
+"""Number of states after which the search gives up."""
+
+POLISH = 2000
+"""States expanded for a better path once one is known."""
+
+CHECKS_PER_STEP = 2000
+"""Pose checks in one control period."""
+
+
+@dataclass(frozen=True, slots=True)
+class ManoeuvreAttempt:
+    """One attempt to find a multi-point turn."""
+
+    clearance: float = PLANNED
+    """[m] Kept around the footprint."""
+    bin: float = 0.05
+    """[m] Side of a bin of places, half a step."""
+    headings: int = 72
+    """Number of bins of the heading."""
 
 
 def manoeuvre(
@@ -66,19 +77,20 @@ def manoeuvre(
     body: ChairBody,
     start: Pose2,
     goal: Pose2,
-    settings: ManoeuvreSettings = ManoeuvreSettings(),
+    attempt: ManoeuvreAttempt = ManoeuvreAttempt(),
     barred: Bytes = NO_BARS,
+    polish: int = POLISH,
 ) -> FloatArray:
     """Return poses (N, 3) [m, m, rad] in map from a start to a goal, with the footprint free all along.
 
     Headings are the body's: movement against the heading is reversing, and two poses at one place are a turn on the
     spot. The field bounds the search. `barred` on its cells holds the directions barred by one-way zones, as bits as in
-    `grid_graph`; (0, 0) where there is none.
+    `grid_graph`; (0, 0) where there is none. polish: states expanded for a better path once one is known.
 
     Raises:
         NoPath: the chair does not fit at one of the ends, or no such path was found.
     """
-    return finished(manoeuvre_in_slices(field, body, start, goal, settings, barred))
+    return finished(manoeuvre_in_slices(field, body, start, goal, attempt, barred, polish))
 
 
 def manoeuvre_in_slices(
@@ -86,11 +98,12 @@ def manoeuvre_in_slices(
     body: ChairBody,
     start: Pose2,
     goal: Pose2,
-    settings: ManoeuvreSettings = ManoeuvreSettings(),
+    attempt: ManoeuvreAttempt = ManoeuvreAttempt(),
     barred: Bytes = NO_BARS,
+    polish: int = POLISH,
 ) -> Slices[FloatArray]:
     """Do `manoeuvre` resumably, with a bounded part of the search at each step for use in a control loop."""
-    shape = footprint(body, settings.margin, field)
+    shape = footprint(body, attempt.clearance, field)
     begin, end = in_cells(field, start), in_cells(field, goal)
     for name, at, pose in (("start", begin, start), ("end", end, goal)):
         if room(shape, at[0], at[1], at[2]) < 0.0:
@@ -100,25 +113,23 @@ def manoeuvre_in_slices(
             )
     cell = field.resolution
     axle = min(body.width / 2, body.rear, body.front) / cell
-    ways = _ways_to((field.metres / cell).astype(np.float32), end, settings.bin / cell, axle)
+    ways = _ways_to((field.metres / cell).astype(np.float32), end, attempt.bin / cell, axle)
     yield
     prices = np.array(
         [
-            settings.reverse_price,
-            settings.turn_price,
-            settings.gear_price,
-            settings.greed,
-            settings.roomy,
-            settings.close_price,
-            math.tau / settings.headings,
-            settings.steer_price,
+            REVERSE_PRICE,
+            TURN_PRICE,
+            GEAR_PRICE,
+            GREED,
+            COMFORTABLE_MANOEUVRE,
+            CLOSE_PRICE,
+            math.tau / attempt.headings,
+            STEER_PRICE,
         ]
     )
-    side = settings.bin / cell
-    known = _begun(begin, ways, side, settings.headings, settings.most_states)
-    while _search(
-        shape, barred, end, ways, side, prices, settings.most_states, settings.polish, settings.slice, *known
-    ):
+    side = attempt.bin / cell
+    known = _begun(begin, ways, side, attempt.headings, MOST_STATES)
+    while _search(shape, barred, end, ways, side, prices, MOST_STATES, polish, CHECKS_PER_STEP, *known):
         yield
     if known.tally[_PARENT] < 0:
         raise NoPath(
@@ -248,7 +259,7 @@ def _search(
     """Expand states until `slice_` pose checks have been done; return whether there are more states to expand.
 
     The state is that of `_Known`. At most `most` states are made, and at most `polish` expanded once a path is known.
-    prices: reverse, turn, gear, greed, roomy, close (see the settings), the angle of a bin of headings, and steer.
+    prices: reverse, turn, gear, greed, roomy, close (see the constants), the angle of a bin of headings, and steer.
     """
     cell, greed, angle = shape.cell, prices[3], prices[6]
     rows, columns = ways.shape

@@ -10,6 +10,7 @@ from waychair.calibration.chair import ChairBody
 from waychair.errors import GoalOccupied, GoalOutsideMap, StartOccupied, StartOutsideMap
 from waychair.geometry import transform_points
 from waychair.maps.grid import cells_from_points, inside, occupied, points_from_cells
+from waychair.planning.clearance import HARD
 from waychair.planning.costmap import Costmap
 from waychair.planning.footprint import fits_each
 from waychair.planning.grid_graph import Cell
@@ -99,7 +100,7 @@ def _nearest_room(costmap: Costmap, goal: Pose2) -> tuple[float, float] | None:
     cells = np.array(_passable_by_distance(costmap, goal, _NEAREST)[:_LOOKED_AT], np.int64).reshape(-1, 2)
     points = points_from_cells(costmap.grid, cells).round(2)
     poses = np.column_stack([points, np.full(len(points), goal.theta)])
-    with_room = poses[fits_each(costmap.body, 0.0, costmap.field, poses)]
+    with_room = poses[fits_each(costmap.body, HARD, costmap.field, poses)]
     return (float(with_room[0, 0]), float(with_room[0, 1])) if len(with_room) else None
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from waychair.config import Settings, setting
+from waychair.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,3 +65,51 @@ LINGERS_AFTER_S = 2.0
 
 SETTLED_AFTER_S = 15.0
 """[s] Somebody who stands for longer counts as an obstacle that stays."""
+
+LEAVING_PEOPLE = 0.03
+"""[m] Left between the chair and people's personal space on the cells of the local window, so that it can move away."""
+
+WAITED_FOR_WITHIN = 1.0
+"""[m] The chair waits for people that walk nearer to its clearance than this, instead of backing out."""
+
+PERSON_POINTS = 0.5
+"""[m] Points nearer than this to the middle of a walking person belong to the person."""
+
+LEG_WIDTH = 0.35
+"""[m] A slim object that stands free is taken for legs if it is no wider than this: two legs of one person together."""
+
+
+@dataclass(frozen=True, slots=True)
+class LegClearanceSettings(Settings):
+    """Extra clearance of the collision monitor towards legs, since a body reaches about 0.2 m beyond them.
+
+    The `_after` values hold once the chair has given way for `GIVE_WAY_S`.
+    """
+
+    ahead: float = setting(
+        0.55, "m", "extra clearance to legs in the direction of travel; larger: it stops earlier", low=0.0, high=1.0
+    )
+    beside: float = setting(
+        0.45,
+        "m",
+        "extra clearance to legs on both sides, until passed; larger: it gives way more often",
+        low=0.0,
+        high=1.0,
+    )
+    turning: float = setting(
+        0.20,
+        "m",
+        "extra clearance to legs on all sides while turning on the spot; larger: it turns less",
+        low=0.0,
+        high=1.0,
+    )
+    ahead_after: float = setting(0.33, "m", "like ahead, after giving way; at most ahead", low=0.0, high=1.0)
+    beside_after: float = setting(0.20, "m", "like beside, after giving way; at most beside", low=0.0, high=1.0)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.beside_after > self.beside or self.ahead_after > self.ahead:
+            raise ConfigError(
+                f"beside_after = {self.beside_after:g} m and ahead_after = {self.ahead_after:g} m must not exceed "
+                f"beside = {self.beside:g} m and ahead = {self.ahead:g} m: after giving way the chair may pass nearer"
+            )

@@ -9,37 +9,29 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.config import Settings, setting
 from waychair.errors import NoPath
 from waychair.geometry import arc_lengths, wrap_angle
 from waychair.maps.distance_field import DistanceField
-from waychair.planning.clearance import CRAMPED
+from waychair.planning.clearance import EXACT_BEND, HARD, MANOEUVRE, MANOEUVRE_TIGHT, NOISE, PLANNED_ON_PATH
 from waychair.planning.costmap import Costmap
 from waychair.planning.fine_field import fine_field
 from waychair.planning.footprint import fits, fits_each, footprint, free_time, in_cells
 from waychair.planning.legs import Door, Leg, Manner
-from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre_in_slices
+from waychair.planning.manoeuvre import ManoeuvreAttempt, manoeuvre_in_slices
 from waychair.planning.slices import Slices
 from waychair.planning.way_out import BY_HAND, way_out, why_cramped
 from waychair.types import BoolArray, Bytes, FloatArray, Path, Pose2
 
-_FITS = 0.045
-"""Clearance [m] for checking a simple path: what the local planner keeps, and some for the coarser cells."""
-
-_ROOMY = (0.05, 0.05, 72), (CRAMPED, 0.05, 72)
-_TIGHT = (0.02, 0.025, 144), (0.015, 0.025, 144), (0.015, 0.02, 180)
-"""Margin around the body [m], side of a bin [m] and number of headings, tried in turn for a multi-point turn.
-
-A margin below the last is less than the accuracy of the localisation.
-"""
-
-_KNOWN = 0.005
-"""With less clearance [m] than this, which is noise, the chair makes no unplanned attempt."""
+_ROOMY = tuple(ManoeuvreAttempt(clearance, 0.05, 72) for clearance in MANOEUVRE)
+_TIGHT = tuple(
+    ManoeuvreAttempt(clearance, side, headings)
+    for clearance, (side, headings) in zip(MANOEUVRE_TIGHT, ((0.025, 144), (0.025, 144), (0.02, 180)), strict=True)
+)
+"""Attempts for a multi-point turn, in turn: those with little clearance need finer bins."""
 
 _AHEAD = (0.8, 0.6, 0.45, 0.3, 0.2, 0.1)
 """Distances [m] of the front end before a door's middle for lining up; the farthest with room is taken."""
@@ -57,23 +49,11 @@ _ROUND = (0.8, 2.0)
 """Lengths [m] of chain on both sides of a misfit that a multi-point turn replaces; the longer if the shorter fails."""
 
 
-@dataclass(frozen=True, slots=True)
-class RouteSettings(Settings):
-    """When the chain of points is replaced by exact legs and multi-point turns."""
+TURN_FROM = 1.0
+"""[rad] Where the first direction of a leg differs by more from the heading, the chair turns on the spot."""
 
-    door_slack: float = setting(
-        0.35, "m", "a door this much wider than the chair is lined up with exactly", low=0.0, high=2.0
-    )
-    turn_from: float = setting(1.0, "rad", "direction off by more: the chair turns in place", low=0.2, high=math.pi)
-    docking: float = setting(1.0, "m", "last part of a leg that is kept to exactly", low=0.0, high=5.0)
-    bend_share: float = setting(
-        0.3,
-        "",
-        "a band's bend with less room than this part of the body's length is kept to exactly",
-        low=0.0,
-        high=1.0,
-    )
-    manoeuvre: ManoeuvreSettings = field(default_factory=ManoeuvreSettings)
+DOCKING = 1.0
+"""[m] Last part of a leg that is followed exactly, for an exact stop."""
 
 
 def door_leg(costmap: Costmap, door: Door, start: Pose2, goal: Pose2) -> Leg | None:
@@ -85,7 +65,7 @@ def door_leg(costmap: Costmap, door: Door, start: Pose2, goal: Pose2) -> Leg | N
     near = fine_field(costmap.grid, middle, body.length + 1.0)
 
     def first(places: list[float]) -> float | None:
-        return next((x for x in places if fits(body, 0.0, near, middle @ Pose2(x, 0.0, 0.0))), None)
+        return next((x for x in places if fits(body, HARD, near, middle @ Pose2(x, 0.0, 0.0))), None)
 
     begin = first([-(body.front + ahead) for ahead in _AHEAD])
     end = first([body.rear + past for past in _PAST])
@@ -105,9 +85,7 @@ def door_leg(costmap: Costmap, door: Door, start: Pose2, goal: Pose2) -> Leg | N
     return Leg(Path(poses), Manner.DOOR, door=door)
 
 
-def checked(
-    costmap: Costmap, start: Pose2, legs: list[Leg], settings: RouteSettings, banded: bool = False
-) -> Slices[list[Leg]]:
+def checked(costmap: Costmap, start: Pose2, legs: list[Leg], banded: bool = False) -> Slices[list[Leg]]:
     """Return the legs with multi-point turns where the footprint does not fit; `start` is the pose before them.
 
     The search for a turn takes long; it is resumable. The bends of a rubber band (`banded`) may take all the room there
@@ -120,33 +98,33 @@ def checked(
     for leg in legs:
         parts = [leg]
         if leg.manner is Manner.FREE:
-            parts = yield from _legs_of_leg(costmap, start, leg.path.poses, settings)
+            parts = yield from _legs_of_leg(costmap, start, leg.path.poses)
         if banded:
-            parts = [piece for part in parts for piece in _with_exact_bends(costmap, part, settings)]
-        done += [half for part in parts for half in _docked(part, settings.docking)]
+            parts = [piece for part in parts for piece in _with_exact_bends(costmap, part)]
+        done += [half for part in parts for half in _docked(part)]
         start = Pose2(*done[-1].path.poses[-1])
     return done
 
 
-def _docked(leg: Leg, docking: float) -> list[Leg]:
+def _docked(leg: Leg) -> list[Leg]:
     """Return a free leg cut so that its last metre, up to the stop, is exact; any other leg unchanged."""
-    if leg.manner is not Manner.FREE or leg.flows or docking == 0.0:
+    if leg.manner is not Manner.FREE or leg.flows:
         return [leg]
     poses = leg.path.poses
     left = np.append(np.hypot(*np.diff(poses[:, :2], axis=0).T)[::-1].cumsum()[::-1], 0.0)
-    if left[0] <= 1.5 * docking:
+    if left[0] <= 1.5 * DOCKING:
         return [Leg(leg.path, Manner.EXACT)]
-    k = int(np.searchsorted(-left, -docking))
+    k = int(np.searchsorted(-left, -DOCKING))
     return [Leg(Path(poses[: k + 1]), flows=True), Leg(Path(poses[k:].copy()), Manner.EXACT)]
 
 
-def _with_exact_bends(costmap: Costmap, leg: Leg, settings: RouteSettings) -> list[Leg]:
+def _with_exact_bends(costmap: Costmap, leg: Leg) -> list[Leg]:
     """Return a free leg with its tight bends cut out as exact legs; any other leg unchanged."""
     poses, done = leg.path.poses, 0
     if leg.manner is not Manner.FREE or len(poses) < 3:
         return [leg]
     legs: list[Leg] = []
-    for first, last in _tight_bends(costmap, poses, settings):
+    for first, last in _tight_bends(costmap, poses):
         if first > done:
             legs.append(Leg(Path(poses[done : first + 1].copy()), flows=True))
         legs.append(Leg(Path(poses[first : last + 1].copy()), Manner.EXACT))
@@ -154,10 +132,10 @@ def _with_exact_bends(costmap: Costmap, leg: Leg, settings: RouteSettings) -> li
     return legs if done == len(poses) - 1 else [*legs, Leg(Path(poses[done:]))]
 
 
-def _tight_bends(costmap: Costmap, poses: FloatArray, settings: RouteSettings) -> list[tuple[int, int]]:
+def _tight_bends(costmap: Costmap, poses: FloatArray) -> list[tuple[int, int]]:
     """Return first and last index of every bend with little room, extended by half a metre at both ends."""
     body, headings, end = costmap.body, np.unwrap(poses[:-1, 2]), len(poses) - 1  # the last heading is a turn
-    room = settings.bend_share * body.length  # the part ahead of the axle cuts a bend
+    room = EXACT_BEND * body.length  # the part ahead of the axle cuts a bend
     along = arc_lengths(poses[:, :2])
     before = np.searchsorted(along, along[:-1] - _BEND_OVER)
     after = np.minimum(np.searchsorted(along, along[:-1] + _BEND_OVER), end - 1)
@@ -171,34 +149,34 @@ def _tight_bends(costmap: Costmap, poses: FloatArray, settings: RouteSettings) -
             continue
         first, last = int(before[bend[0]]), int(after[bend[-1]]) + 1
         first = first if along[first] > _BEND_OVER else 0
-        last = last if along[-1] - along[last] > 1.5 * settings.docking else end
+        last = last if along[-1] - along[last] > 1.5 * DOCKING else end
         if found and along[first] - along[found[-1][1]] < _BEND_OVER:
             first = found.pop()[0]
         found.append((first, last))
     return found
 
 
-def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: RouteSettings) -> Slices[list[Leg]]:
+def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray) -> Slices[list[Leg]]:
     """Return one free leg if it fits, else the legs that replace it."""
-    tight = _tight_stretch(costmap, start, poses, settings.turn_from)
+    tight = _tight_stretch(costmap, start, poses)
     if tight is None:
         return [Leg(Path(poses))]
     first, last = tight
     for around in _ROUND:
         begin, end = _ends(costmap, poses, first, last, around)
         from_pose = start if begin == 0 else Pose2(*poses[begin])
-        turned = yield from _manoeuvre(costmap, from_pose, Pose2(*poses[end]), settings.manoeuvre)
+        turned = yield from _manoeuvre(costmap, from_pose, Pose2(*poses[end]))
         if turned is None:
             continue
         before = [Leg(Path(poses[: begin + 1]))] if begin > 0 else []
         after: list[Leg] = []
         if end < len(poses) - 1:
-            after = yield from _legs_of_leg(costmap, Pose2(*poses[end]), poses[end:], settings)
+            after = yield from _legs_of_leg(costmap, Pose2(*poses[end]), poses[end:])
         return [*before, *_legs_of_manoeuvre(turned), *after]
     x, y, _ = poses[first]
     if not _stands_free(costmap, start):  # too near to an obstacle for any plan; the local planner may still get away
         near = fine_field(costmap.grid, start, costmap.body.circumscribed_radius + 0.3)
-        why = why_cramped(near, costmap.body, start, _KNOWN)
+        why = why_cramped(near, costmap.body, start, NOISE)
         if why is None:
             return [Leg(Path(poses))]
         raise NoPath(f"{why}; {BY_HAND}")
@@ -208,10 +186,10 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray, settings: Ro
     )
 
 
-def _tight_stretch(costmap: Costmap, start: Pose2, poses: FloatArray, turn_from: float) -> tuple[int, int] | None:
+def _tight_stretch(costmap: Costmap, start: Pose2, poses: FloatArray) -> tuple[int, int] | None:
     """Return first and last index of the first poses that do not fit or allow no turn; None if all are fine."""
     bad = (1 + np.flatnonzero(~_stand_free(costmap, poses[1:-1]))).tolist()
-    into = _turn_at(costmap, Pose2(poses[0, 0], poses[0, 1], start.theta), float(poses[0, 2]), turn_from)
+    into = _turn_at(costmap, Pose2(poses[0, 0], poses[0, 1], start.theta), float(poses[0, 2]), TURN_FROM)
     heading = float(poses[-2, 2]) if len(poses) > 1 else start.theta
     out = _turn_at(costmap, Pose2(poses[-1, 0], poses[-1, 1], heading), float(poses[-1, 2]), 0.1)
     bad = [*([] if into else [0]), *bad, *([] if out else [len(poses) - 1])]
@@ -234,7 +212,7 @@ def _turn_at(costmap: Costmap, pose: Pose2, heading: float, turn_from: float) ->
     for fine in (False, True):  # the map's cells are fine enough where there is room
         if fine:
             field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.3)
-        shape = footprint(costmap.body, _FITS, field)
+        shape = footprint(costmap.body, PLANNED_ON_PATH, field)
         at = in_cells(field, pose)
         for turn in (short, short - math.copysign(math.tau, short)):
             if free_time(shape, at, 0.0, turn, 1.0, 1.0) >= 1.0:
@@ -249,11 +227,11 @@ def _stands_free(costmap: Costmap, pose: Pose2) -> bool:
 
 def _stand_free(costmap: Costmap, poses: FloatArray) -> BoolArray:
     """Return (N,) whether the footprint fits at poses (N, 3); the map's cells are fine enough where there is room."""
-    free = fits_each(costmap.body, _FITS, costmap.field, poses)
+    free = fits_each(costmap.body, PLANNED_ON_PATH, costmap.field, poses)
     for k in np.flatnonzero(~free):
         pose = Pose2(*poses[k])
         field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.1)
-        free[k] = fits(costmap.body, _FITS, field, pose)
+        free[k] = fits(costmap.body, PLANNED_ON_PATH, field, pose)
     return free
 
 
@@ -271,7 +249,7 @@ def _ends(costmap: Costmap, poses: FloatArray, first: int, last: int, around: fl
     return begin, end
 
 
-def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2, settings: ManoeuvreSettings) -> Slices[FloatArray | None]:
+def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2) -> Slices[FloatArray | None]:
     """Return a multi-point turn with as much margin as there is room for; None if there is none.
 
     From a cramped place the chair is led out first, rather than keeping that little clearance all along.
@@ -279,15 +257,15 @@ def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2, settings: ManoeuvreSe
     body, middle = costmap.body, Pose2((begin.x + end.x) / 2, (begin.y + end.y) / 2, 0.0)
     field = fine_field(costmap.grid, middle, math.hypot(end.x - begin.x, end.y - begin.y) / 2 + 2 * body.length)
     barred = costmap.barred_on(field)
-    turned = yield from _turned(field, body, begin, end, settings, _ROOMY, barred)
+    turned = yield from _turned(field, body, begin, end, _ROOMY, barred)
     if turned is not None:
         return turned
     out = yield from way_out(field, body, begin)
     if out is not None:
-        turned = yield from _turned(field, body, Pose2(*out[-1]), end, settings, _ROOMY, barred)
+        turned = yield from _turned(field, body, Pose2(*out[-1]), end, _ROOMY, barred)
         if turned is not None:
             return np.concatenate([out[:-1], turned])
-    return (yield from _turned(field, body, begin, end, settings, _TIGHT, barred))
+    return (yield from _turned(field, body, begin, end, _TIGHT, barred))
 
 
 def _turned(
@@ -295,14 +273,12 @@ def _turned(
     body: ChairBody,
     begin: Pose2,
     end: Pose2,
-    settings: ManoeuvreSettings,
-    attempts: Sequence[tuple[float, float, int]],
+    attempts: Sequence[ManoeuvreAttempt],
     barred: Bytes,
 ) -> Slices[FloatArray | None]:
-    for margin, side, headings in attempts:
+    for attempt in attempts:
         yield
         with suppress(NoPath):
-            attempt = replace(settings, margin=margin, bin=side, headings=headings)
             return (yield from manoeuvre_in_slices(field, body, begin, end, attempt, barred))
     return None
 

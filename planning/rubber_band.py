@@ -9,13 +9,12 @@ point moves to where the chair's footprint would not fit or would have to turn m
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
 
-from waychair.config import Settings, setting
 from waychair.maps.distance_field import interpolated
+from waychair.planning.clearance import COMFORTABLE_BAND, PLANNED_ON_PATH
 from waychair.planning.costmap import Costmap
 from waychair.planning.footprint import Footprint, footprint, room
 from waychair.planning.grid_graph import Prices
@@ -23,36 +22,23 @@ from waychair.planning.harmonic import LogField
 from waychair.planning.slices import Parts, chunks
 from waychair.types import Float32Array, FloatArray
 
+SPACING = 0.1
+"""[m] Distance of the band's points."""
 
-@dataclass(frozen=True, slots=True)
-class BandSettings(Settings):
-    """The forces on the line, and its limits."""
+PASSES = 800
+"""Most passes over all points; most bands rest sooner."""
 
-    spacing: float = setting(0.1, "m", "of the points", low=0.01, high=1.0)
-    passes: int = setting(800, "", "over all points", low=0, high=100_000)
-    tension: float = setting(0.01, "", "part of the way to the middle of both neighbours", low=0.0, high=0.5)
-    stiffness: float = setting(0.5, "", "part of the way to where the bend is spread evenly", low=0.0, high=0.5)
-    push: float = setting(0.03, "", "part of what is missing to the wanted clearance", low=0.0, high=1.0)
-    clearance: float = setting(0.6, "m", "wanted between the path and obstacles", low=0.0, high=5.0)
-    margin: float = setting(0.045, "m", "kept free round the chair's rectangle", low=0.0, high=0.5)
-    turn: float = setting(math.radians(14.0), "rad", "sharpest turn from one point to the next", low=0.01, high=math.pi)
+TENSION, STIFFNESS, PUSH = 0.01, 0.5, 0.03
+"""Per pass, a point moves by these parts of its distance to the middle of both neighbours, of its distance to where the
+bend is evenly spread, and of the missing clearance."""
 
-
-@dataclass(frozen=True, slots=True)
-class PaperBandSettings(Settings):
-    """The source paper's band; it gives neither the step nor the number of passes."""
-
-    delta: float = setting(0.2, "cells", "step towards the balance, 0 < delta < 1", low=0.001, high=0.999)
-    passes: int = setting(200, "", "over all points", low=0, high=100_000)
-
-
-PAPER_BAND = PaperBandSettings()
+SHARPEST = math.radians(14.0)
+"""[rad] Sharpest turn from one point to the next."""
 
 
 def band(
     costmap: Costmap,
     points: FloatArray,
-    settings: BandSettings = BandSettings(),
     leaves: FloatArray | None = None,
     arrives: FloatArray | None = None,
     longest: float | None = None,
@@ -65,16 +51,16 @@ def band(
     line would get too long.
     """
     cell = costmap.grid.resolution
-    line = resampled(points, settings.spacing / cell)
+    line = resampled(points, SPACING / cell)
     if len(line) < 3:
         return line
     most = length_of(points) if longest is None else longest
-    tries: list[tuple[BandSettings, tuple[FloatArray | None, FloatArray | None]]] = [(settings, (None, None))]
+    tries: list[tuple[float, tuple[FloatArray | None, FloatArray | None]]] = [(TENSION, (None, None))]
     if leaves is not None or arrives is not None:  # under full tension it would bend right at its end
-        tries.insert(0, (replace(settings, tension=_SLACK * settings.tension), (leaves, arrives)))
-    for forces, ends in tries:
+        tries.insert(0, (_SLACK * TENSION, (leaves, arrives)))
+    for tension, ends in tries:
         for share in (1.0, 0.25, 0.0):
-            moved = yield from _moved(costmap, line, forces, share, ends)
+            moved = yield from _relaxed(costmap, line, tension, share, ends)
             if length_of(moved) <= most:
                 return moved
     return line
@@ -84,18 +70,18 @@ _SLACK = 0.1
 """Part of the tension for a line with a fixed direction at an end."""
 
 
-def _moved(
+def _relaxed(
     costmap: Costmap,
     line: FloatArray,
-    settings: BandSettings,
+    tension: float,
     share: float,
     ends: tuple[FloatArray | None, FloatArray | None],
 ) -> Parts[FloatArray]:
     """Return the line at rest under a share of the push; a fixed direction is an extra point beyond that end."""
     cell = costmap.grid.resolution
-    shape = footprint(costmap.body, settings.margin, costmap.field)
-    forces = (settings.tension, settings.stiffness, share * settings.push, settings.clearance / cell)
-    step = settings.spacing / cell
+    shape = footprint(costmap.body, PLANNED_ON_PATH, costmap.field)
+    forces = (tension, STIFFNESS, share * PUSH, COMFORTABLE_BAND / cell)
+    step = SPACING / cell
     before, beyond = (int(end is not None) for end in ends)
     line = line.copy()
     for _ in range(_ROUNDS):
@@ -104,8 +90,8 @@ def _moved(
         if ends[1] is not None:
             line = np.concatenate([line, line[-1:] + step * ends[1]])
         free = 1 + before, len(line) - 1 - beyond
-        for begin, end in chunks(0, settings.passes // _ROUNDS, max(1, _PART // len(line))):
-            still = _relax(costmap.prices, shape, costmap.clearance, line, *forces, settings.turn, begin, end, *free)
+        for begin, end in chunks(0, PASSES // _ROUNDS, max(1, _PART // len(line))):
+            still = _relax(costmap.prices, shape, costmap.clearance, line, *forces, SHARPEST, begin, end, *free)
             yield _POINT_PRICE * len(line) * (end - begin)
             if still:
                 break
@@ -120,14 +106,15 @@ _PART, _POINT_PRICE = 2000, 300
 """Points of one part, over all its passes, and the time per point in units of a solver's visit to a cell."""
 
 
-def paper_band(found: LogField, points: FloatArray, settings: PaperBandSettings = PAPER_BAND) -> FloatArray:
+def paper_band(found: LogField, points: FloatArray, delta: float = 0.2, passes: int = 200) -> FloatArray:
     """Return the source paper's band of points (N, 2), columns and rows [cells], over a field; the ends stay.
 
-    Among a point and its eight neighbours one cell away, the point steps by delta towards the best balance of forces.
+    Among a point and its eight neighbours one cell away, the point steps by delta [cells] towards the best balance of
+    forces, in each of so many passes; the paper gives neither number.
     The potential's force against a step is F = 1/v there - 1/v here, in units of 1/v here: v falls so fast with the
     distance from the goal that a force in fixed units would vanish near the goal and explode far from it.
     """
-    return _paper_relaxed(found.logs, points, settings.delta, settings.passes)
+    return _paper_relaxed(found.logs, points, delta, passes)
 
 
 def resampled(points: FloatArray, spacing: float) -> FloatArray:

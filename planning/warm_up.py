@@ -15,7 +15,7 @@ from waychair.planning.dwa_kernels import fits_after
 from waychair.planning.fine_field import fine_field
 from waychair.planning.footprint import footprint, in_cells
 from waychair.planning.global_planner import GlobalPlanner
-from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre
+from waychair.planning.manoeuvre import manoeuvre
 from waychair.planning.motion import DwaSettings, Motion, towards
 from waychair.planning.obstacle_layer import (
     EMPTY,
@@ -61,7 +61,7 @@ def warm_up() -> None:
     any_nearer(np.zeros((1, 2)), np.ones((1, 2)), 0.5)
     _look(middle)
     field = fine_field(grid, middle, _SIDE / 2)
-    manoeuvre(field, CHAIR_A, middle, aside, ManoeuvreSettings(polish=0))
+    manoeuvre(field, CHAIR_A, middle, aside, polish=0)
     finished(way_out(field, CHAIR_A, Pose2(_SIDE / 2, _CELL + CHAIR_A.width / 2 + CRAMPED / 2, 0.0)))
     Tracker().update(0, np.array([[1.0, 1.0]]))
     person = Track(0, 0, 0, 1, np.array([1.0, 1.0]), np.zeros(2), np.eye(4), 0.3)

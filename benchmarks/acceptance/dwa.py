@@ -16,7 +16,7 @@ from waychair.geometry import arc
 from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.dwa import choose
 from waychair.planning.footprint import fits
-from waychair.planning.global_planner import PlannerSettings, plan
+from waychair.planning.global_planner import plan
 from waychair.planning.motion import PERIOD, DwaSettings
 from waychair.planning.paper_dwa import choose_as_paper
 from waychair.simulation.simulator import Simulator, with_all_sensors
@@ -182,7 +182,7 @@ def random_trap(rng: np.random.Generator) -> Trap:
 def drive(trap: Trap, name: str) -> Run:
     """One drive, ended by the goal, a contact, a chair that goes nowhere any more, or the time."""
     pose, command, stood = trap.start, Twist(), 0
-    path = plan(trap.costmap, trap.start, trap.goal, PlannerSettings(narrow=0.0))
+    path = plan(trap.costmap, trap.start, trap.goal, check_footprint=False)
     if name != "with_dstar_lite":
         at = np.linspace(0.0, 1.0, 101)[:, None]
         points = (1 - at) * (trap.start.x, trap.start.y) + at * (trap.goal.x, trap.goal.y)

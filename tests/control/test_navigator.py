@@ -16,14 +16,11 @@ from waychair.control.navigator import Navigation, Navigator, NavigatorSettings,
 from waychair.control.recovery import RecoverySettings
 from waychair.errors import GoalTooExact, UnknownPlace
 from waychair.geometry import arc, transform_points
-from waychair.planning import tracks
+from waychair.planning import global_planner, harmonic_search, manoeuvre, tracks
 from waychair.planning.footprint import along_arc
 from waychair.planning.global_planner import PlannerSettings
 from waychair.planning.harmonic import HarmonicSettings
-from waychair.planning.laplace_solvers import SolverSettings
 from waychair.planning.legs import Manner
-from waychair.planning.manoeuvre import ManoeuvreSettings
-from waychair.planning.route import RouteSettings
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, Twist
 
 TICK_NS = 50_000_000
@@ -237,7 +234,7 @@ def test_a_place_that_is_no_number_stops_the_chair_and_does_not_raise(nowhere: P
 def test_a_solver_that_is_not_there_ends_the_drive_with_a_reason(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if solver == "gpu":
         monkeypatch.setitem(sys.modules, "numba.cuda", None)
-    settings = PlannerSettings(planner="harmonic", harmonic=HarmonicSettings(solver=SolverSettings(solver=solver)))
+    settings = PlannerSettings(planner="harmonic", harmonic=HarmonicSettings(solver=solver))
     pilot = navigator(hall(), NavigatorSettings(planner=settings))
     pilot.go(Goal("lift"))
     states, _ = drive(pilot, Pose2(2.0, 2.0, 0.0), 5)
@@ -357,11 +354,12 @@ def test_a_point_that_hangs_alone_between_two_surfaces_is_no_obstacle() -> None:
     assert states[-1].plans == 1
 
 
-def test_a_turn_that_takes_long_to_find_is_planned_over_ticks_from_standstill() -> None:
+def test_a_turn_that_takes_long_to_find_is_planned_over_ticks_from_standstill(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(manoeuvre, "CHECKS_PER_STEP", 5)
     grid = hall((0.0, 0.0, 12.0, 3.0), (0.0, 4.5, 12.0, 8.0), (6.0, 0.0, 12.0, 8.0))
-    manoeuvres = ManoeuvreSettings(slice=5)
-    settings = NavigatorSettings(planner=PlannerSettings(route=RouteSettings(manoeuvre=manoeuvres)))
-    pilot = navigator(grid, settings)
+    pilot = navigator(grid)
     pilot.go(Goal(Pose2(1.5, 3.75, math.pi)))
     here, states = Pose2(5.0, 3.75, 0.0), []
     for k in range(2000):
@@ -373,12 +371,19 @@ def test_a_turn_that_takes_long_to_find_is_planned_over_ticks_from_standstill() 
     assert states[-1].path is not None
 
 
+@pytest.fixture
+def slow_field(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Few cells a tick, so that a field takes many."""
+    for module in (global_planner, harmonic_search):
+        monkeypatch.setattr(module, "CELLS_PER_STEP", 120_000)
+
+
 def harmonic(**told: float) -> NavigatorSettings:
-    """By the harmonic planner, so slowly that its field takes many ticks."""
-    field = HarmonicSettings(slice=120_000)
-    return NavigatorSettings(planner=PlannerSettings(planner="harmonic", harmonic=field), **told)  # type: ignore[arg-type]
+    """The harmonic planner."""
+    return NavigatorSettings(planner=PlannerSettings(planner="harmonic"), **told)  # type: ignore[arg-type]
 
 
+@pytest.mark.usefixtures("slow_field")
 def test_while_a_field_is_solved_over_ticks_the_chair_goes_on_by_the_path_it_has() -> None:
     pilot = navigator(hall(), harmonic())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
@@ -397,6 +402,7 @@ def test_while_a_field_is_solved_over_ticks_the_chair_goes_on_by_the_path_it_has
     assert np.hypot(*(path.poses[:, None, :2] - board[None]).transpose(2, 0, 1)).min() > CHAIR_A.width / 2
 
 
+@pytest.mark.usefixtures("slow_field")
 def test_a_field_not_found_in_time_leaves_the_path_there_is() -> None:
     pilot = navigator(hall(), harmonic())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
@@ -408,6 +414,7 @@ def test_a_field_not_found_in_time_leaves_the_path_there_is() -> None:
     assert all(state.stage is Stage.DRIVING for state in later[:20])
 
 
+@pytest.mark.usefixtures("slow_field")
 def test_a_field_that_is_never_found_is_said_with_its_residual() -> None:
     pilot = navigator(hall(), harmonic(longest_field=0.1))
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))

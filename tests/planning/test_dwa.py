@@ -18,7 +18,7 @@ from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.dwa import DwaResult, choose, rotate_to_heading
 from waychair.planning.dwa_kernels import first_free, fits_after, local_section, measure, people_ahead
 from waychair.planning.footprint import along_arc, fits, footprint, free_time, in_cells, poses_in_cells
-from waychair.planning.global_planner import PlannerSettings, plan
+from waychair.planning.global_planner import plan
 from waychair.planning.motion import (
     MIN_OMEGA,
     PERIOD,
@@ -59,7 +59,7 @@ def moved(pose: Pose2, twist: Twist, seconds: float = 0.05) -> Pose2:
 def drive(grid: OccupancyGrid, start: Pose2, goal: Pose2, ticks: int = 900) -> tuple[DwaResult, Pose2, list[Twist]]:
     """Drive on a plan that leaves the rectangle to the window, with a chair that does as told; every pose must be free."""
     costmap = costmap_from_grid(grid, CHAIR_A)
-    path = plan(costmap, start, goal, PlannerSettings(narrow=0.0))
+    path = plan(costmap, start, goal, check_footprint=False)
     pose, sent = start, [Twist()]
     for _ in range(ticks):
         result = choose(pose, sent[-1], path, costmap.field, CHAIR_A, PROMPT)

@@ -13,7 +13,7 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.errors import GoalOccupied, GoalOutsideMap, NoPath, StartOccupied, StartOutsideMap
 from waychair.maps.grid import cells_from_points
 from waychair.planning.costmap import Costmap, costmap_from_grid
-from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, plan
+from waychair.planning.global_planner import GlobalPlanner, plan
 from waychair.planning.grid_graph import FREE_PRICE, Prices
 from waychair.planning.smoothing import line_cost, round_corners
 from waychair.types import FloatArray, OccupancyGrid, Pose2
@@ -133,12 +133,11 @@ def test_a_closed_door_is_noticed_and_its_opening_too_with_little_work() -> None
 def test_replanning_with_live_obstacles_costs_what_planning_anew_costs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     goal, start = at(7.0, 5.0), at(1.0, 1.0)
-    by_cells = PlannerSettings(narrow=0.0)  # the rectangle's checks are tested with the route
-    planner = GlobalPlanner(goal, by_cells)
+    planner = GlobalPlanner(goal, check_footprint=False)  # the footprint's checks are tested with the route
     for _ in range(4):
         points = np.array([ORIGIN.x, ORIGIN.y]) + rng.uniform((0.5, 1.8), (7.5, 4.2), (4, 2))
         costmap = costmap_from_grid(house(), CHAIR_A, live_points=points)
-        anew = GlobalPlanner(goal, by_cells)
+        anew = GlobalPlanner(goal, check_footprint=False)
         try:
             path = anew.replan(costmap, start)
         except (NoPath, StartOccupied) as error:

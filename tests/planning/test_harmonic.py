@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -14,12 +15,12 @@ from hypothesis import strategies as st
 from waychair.calibration.chair import CHAIR_A
 from waychair.errors import ConfigError, NoPath, NotConverged, StartOutsideMap
 from waychair.maps.moving_ai import load_free_cells
+from waychair.planning import harmonic, harmonic_search
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.footprint import fits
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, plan
 from waychair.planning.grid_graph import FREE_PRICE, Cell, directions_against
 from waychair.planning.harmonic import (
-    HarmonicSettings,
     LogField,
     descend,
     gradient,
@@ -30,7 +31,7 @@ from waychair.planning.harmonic import (
     summits_of,
 )
 from waychair.planning.harmonic_search import HarmonicSearch, absorption_from_prices
-from waychair.planning.laplace_solvers import SolverSettings, problem_of, solve
+from waychair.planning.laplace_solvers import SolverOptions, problem_of, solve
 from waychair.planning.log_relay import between, log_sweep, spread
 from waychair.planning.slices import finished, sliced
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
@@ -77,7 +78,8 @@ def test_from_every_free_cell_connected_to_the_goal_the_descent_arrives(seed: in
     free = rng.random((24, 31)) > full
     goal = (int(rng.integers(24)), int(rng.integers(31)))
     free[goal] = True
-    found = log_field(problem_of(free, goal), HarmonicSettings(stages=stages))
+    with patch.object(harmonic, "STAGES", stages):
+        found = log_field(problem_of(free, goal))
     np.testing.assert_array_equal(np.isfinite(found.logs), connected(free, goal))
     assert summits_of(found) == 0
     for row, column in np.argwhere(np.isfinite(found.logs))[::17]:
@@ -108,8 +110,9 @@ def test_logs_are_those_of_the_exact_solution() -> None:
     free = np.random.default_rng(0).random((60, 70)) > 0.25
     free[30, 20] = True
     problem = problem_of(free, (30, 20))
-    exact = solve(problem, SolverSettings(solver="direct"))
-    found = log_field(problem, HarmonicSettings(trusted=1e-6))
+    exact = solve(problem, SolverOptions(solver="direct"))
+    with patch.object(harmonic, "TRUSTED", 1e-6):
+        found = log_field(problem)
     told = exact.v > 1e-250
     assert found.logs[told].min() < -60
     np.testing.assert_allclose(found.logs[told], np.log(exact.v[told]), atol=1e-5)
@@ -141,7 +144,8 @@ def test_only_what_lies_on_a_short_enough_way_is_solved_and_every_descent_arrive
     free = np.random.default_rng(8).random((40, 60)) > 0.2
     goal, start, detour = (20, 5), (20, 50), 6
     free[goal] = free[start] = True
-    part = log_field(problem_of(free, goal), HarmonicSettings(detour=detour, stages=1000), until=start)
+    with patch.object(harmonic, "DETOUR", detour):
+        part = log_field(problem_of(free, goal), until=start)
     to_goal, to_start = steps_to(free, goal), steps_to(free, start)
     within = to_goal + to_start <= to_goal[start] + detour
     assert part.solved[start]
@@ -173,10 +177,13 @@ def between_on(free: BoolArray, goal: Cell, start: Cell, detour: int) -> BoolArr
     return cells
 
 
-def test_a_start_far_from_what_was_solved_is_solved_for_and_one_beside_it_is_not() -> None:
+def test_a_start_far_from_the_solved_cells_is_solved_for_and_one_beside_them_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     prices = np.full((30, 400), FREE_PRICE, np.int32)
     prices[15, :-20] = 0  # two corridors, joined at the far end
-    search = HarmonicSearch(prices, (5, 2), (5, 200), settings=HarmonicSettings(detour=10))
+    monkeypatch.setattr(harmonic, "DETOUR", 10)
+    search = HarmonicSearch(prices, (5, 2), (5, 200))
     search.replan()
     solved = search.pops
     assert solved > 0
@@ -219,9 +226,10 @@ def test_a_field_solved_in_slices_is_that_solved_in_one_go() -> None:
     assert sum(visits) // (50_000 + max(visits)) <= count <= sum(visits) // 50_000
 
 
-def test_a_field_left_off_half_way_changes_nothing_of_the_one_there_is() -> None:
+def test_a_field_abandoned_half_way_leaves_the_previous_one_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(harmonic_search, "CELLS_PER_STEP", 1)
     prices = np.full((40, 60), FREE_PRICE, np.int32)
-    search = HarmonicSearch(prices, (12, 50), (12, 5), settings=HarmonicSettings(slice=1))
+    search = HarmonicSearch(prices, (12, 50), (12, 5))
     cost = search.replan()
     search.update(np.array([[12, 30]]), np.array([0], np.int32))
     work = search.prepare()

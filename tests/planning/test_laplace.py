@@ -19,7 +19,7 @@ from waychair.planning.laplace_gpu import gpu_at_hand
 from waychair.planning.laplace_solvers import (
     PAPER_SOLVER,
     Problem,
-    SolverSettings,
+    SolverOptions,
     problem_of,
     relative_residual,
     relax,
@@ -35,8 +35,8 @@ from waychair.types import BoolArray, Float32Array, FloatArray
 @pytest.mark.parametrize("seed", [0, 1])
 def test_every_solver_finds_what_the_direct_one_finds(solver: str, seed: int) -> None:
     problem = scattered(seed)
-    exact = solve(problem, SolverSettings(solver="direct"))
-    found = solve(problem, SolverSettings(solver=solver, tolerance=1e-11))
+    exact = solve(problem, SolverOptions(solver="direct"))
+    found = solve(problem, SolverOptions(solver=solver, tolerance=1e-11))
     assert found.residual <= 1e-11
     np.testing.assert_allclose(found.v, exact.v, rtol=0, atol=1e-9)
     assert relative_residual(problem, found.v) == pytest.approx(found.residual, rel=0.05, abs=1e-14)
@@ -44,7 +44,7 @@ def test_every_solver_finds_what_the_direct_one_finds(solver: str, seed: int) ->
 
 def test_the_papers_preset_goes_row_by_row_from_the_middle_of_the_range() -> None:
     problem = scattered(2, 12, 14)
-    exact = solve(problem, SolverSettings(solver="direct"))
+    exact = solve(problem, SolverOptions(solver="direct"))
     found = solve(problem, PAPER_SOLVER)
     assert PAPER_SOLVER.solver == "gauss-seidel"
     np.testing.assert_allclose(found.v, exact.v, atol=1e-4)
@@ -57,7 +57,7 @@ def test_values_lie_between_those_of_the_goal_and_of_obstacles() -> None:
 
 
 def test_a_narrow_corridor_decays_by_two_plus_root_three_a_cell() -> None:
-    found = solve(problem_of(np.ones((1, 15), np.bool_), (0, 0)), SolverSettings(solver="direct"))
+    found = solve(problem_of(np.ones((1, 15), np.bool_), (0, 0)), SolverOptions(solver="direct"))
     np.testing.assert_allclose(found.v[0, :8] / found.v[0, 1:9], 2 + math.sqrt(3), rtol=1e-5)
 
 
@@ -65,7 +65,7 @@ def test_a_narrow_corridor_decays_by_two_plus_root_three_a_cell() -> None:
 @settings(max_examples=25)
 def test_multigrid_is_right_on_maps_of_any_shape(seed: int, height: int, width: int) -> None:
     problem = scattered(seed, height, width, 0.35)
-    found = solve(problem, SolverSettings(tolerance=1e-10))
+    found = solve(problem, SolverOptions(tolerance=1e-10))
     assert relative_residual(problem, found.v) <= 1.1e-10
 
 
@@ -120,7 +120,7 @@ def test_the_same_problem_has_the_same_field_to_the_last_bit_wherever_it_lies_in
     fields = set()
     for _ in range(40):
         kept.append(np.empty(rng.integers(1, 5000)))
-        fields.add(solve(problem, SolverSettings(tolerance=1e-13)).v.tobytes())
+        fields.add(solve(problem, SolverOptions(tolerance=1e-13)).v.tobytes())
     assert len(fields) == 1
 
 
@@ -128,7 +128,7 @@ def test_what_is_left_is_told_as_it_is_however_small() -> None:
     """The cycles are in float32, what they leave is not: the residual that is told is that of the answer."""
     problem = scattered(11)
     for tolerance in (1e-6, 1e-9, 1e-12, 1e-14):
-        found = solve(problem, SolverSettings(tolerance=tolerance))
+        found = solve(problem, SolverOptions(tolerance=tolerance))
         assert found.residual <= tolerance
         assert relative_residual(problem, found.v) <= 1.1 * tolerance + 2e-15
 
@@ -147,7 +147,7 @@ def test_after_changed_cells_a_warm_start_finds_the_same_with_less_work_if_they_
     changed[cells[:, 0], cells[:, 1]] ^= True
     changed[goal] = True
     problem = problem_of(changed, goal)
-    cold, warm = solve(problem), solve(problem, SolverSettings(), field)
+    cold, warm = solve(problem), solve(problem, SolverOptions(), field)
     assert warm.residual <= 1e-8
     assert warm.sweeps <= (cold.sweeps if apart else 1)
     assert cold.sweeps >= 5
@@ -172,9 +172,9 @@ def test_a_map_that_takes_too_much_memory_is_refused_before_any_is_taken() -> No
 def test_no_convergence_in_the_sweeps_or_the_time_allowed_is_said() -> None:
     problem = scattered(7)
     with pytest.raises(NotConverged, match=r"after 3 sweeps of sor, not 1\.0e-08"):
-        solve(problem, SolverSettings(solver="sor", most_sweeps=3))
+        solve(problem, SolverOptions(solver="sor", most_sweeps=3))
     with pytest.raises(NotConverged, match="after 0 sweeps of multigrid"):
-        solve(problem, SolverSettings(), go_on=lambda: False)
+        solve(problem, SolverOptions(), go_on=lambda: False)
 
 
 def test_a_goal_walled_in_on_all_sides_has_a_field_of_its_own_cell() -> None:
@@ -186,14 +186,14 @@ def test_a_goal_walled_in_on_all_sides_has_a_field_of_its_own_cell() -> None:
 
 def test_an_unknown_solver_is_refused_by_name() -> None:
     with pytest.raises(ConfigError, match="there is no solver 'jacobi'; choose auto, gauss-seidel"):
-        solve(scattered(8), SolverSettings(solver="jacobi"))
+        solve(scattered(8), SolverOptions(solver="jacobi"))
 
 
 @pytest.mark.skipif(gpu_at_hand(), reason="there is a GPU")
 def test_without_a_gpu_it_is_refused_and_auto_takes_the_processor() -> None:
     with pytest.raises(MissingExtra, match="no GPU can be used here"):
-        solve(scattered(9), SolverSettings(solver="gpu"))
-    assert solve(scattered(9), SolverSettings(solver="auto")).residual <= 1e-8
+        solve(scattered(9), SolverOptions(solver="gpu"))
+    assert solve(scattered(9), SolverOptions(solver="auto")).residual <= 1e-8
 
 
 ON_THE_SIMULATOR = """

@@ -13,11 +13,12 @@ from waychair.errors import NoPath
 from waychair.geometry import rectangle, transform_points
 from waychair.maps.grid import cells_from_points, inside, occupied
 from waychair.maps.zones import Rule, Zone, zone_contains
+from waychair.planning import manoeuvre as manoeuvre_module
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.fine_field import FINEST, fine_field
 from waychair.planning.footprint import fits
 from waychair.planning.global_planner import GlobalPlanner
-from waychair.planning.manoeuvre import ManoeuvreSettings, manoeuvre, manoeuvre_in_slices
+from waychair.planning.manoeuvre import ManoeuvreAttempt, manoeuvre, manoeuvre_in_slices
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 
@@ -96,7 +97,7 @@ def test_finer_bins_find_what_coarse_ones_miss_but_not_what_is_impossible() -> N
     corner = room(4.5, 4.5, (0.0, 0.0, 4.5, 0.5), (0.0, 1.425, 2.575, 4.5), (3.5, 0.0, 4.5, 4.5))
     field = fine_field(corner, Pose2(2.2, 2.2), 3.0)
     start, goal = Pose2(1.2, 0.95, 0.0), Pose2(3.04, 3.2, math.pi / 2)
-    fine = ManoeuvreSettings(margin=0.005, bin=0.025, headings=144)
+    fine = ManoeuvreAttempt(clearance=0.005, bin=0.025, headings=144)
     assert len(manoeuvre(field, CHAIR_A, start, goal, fine))
     with pytest.raises(NoPath):
         manoeuvre(field, replace(CHAIR_B, width=0.8), start, goal, fine)
@@ -147,11 +148,14 @@ def test_a_door_at_the_edge_of_what_is_seen_is_opened_as_far_as_it_is_seen(x: fl
 
 
 @pytest.mark.parametrize("part", [1, 37, 800])
-def test_in_slices_the_same_way_is_found_and_no_slice_takes_many_more_looks_than_it_may(part: int) -> None:
+def test_in_slices_the_same_path_is_found_and_no_slice_takes_many_more_checks_than_it_may(
+    part: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     field = fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0)
     start, goal = Pose2(3.5, 1.2, 0.05), Pose2(1.5, 1.25, math.pi)
-    whole = manoeuvre(field, CHAIR_A, start, goal, ManoeuvreSettings(slice=10_000_000))
-    slices = manoeuvre_in_slices(field, CHAIR_A, start, goal, ManoeuvreSettings(slice=part))
+    whole = manoeuvre(field, CHAIR_A, start, goal)
+    monkeypatch.setattr(manoeuvre_module, "CHECKS_PER_STEP", part)
+    slices = manoeuvre_in_slices(field, CHAIR_A, start, goal)
     count = 0
     while True:
         try:
@@ -164,11 +168,12 @@ def test_in_slices_the_same_way_is_found_and_no_slice_takes_many_more_looks_than
     assert count * part >= 30
 
 
-def test_steering_is_changed_no_more_often_than_the_turn_asks_for() -> None:
+def test_steering_is_changed_no_more_often_than_the_turn_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
     field = fine_field(room(6.0, 3.0), Pose2(3.0, 1.5), 4.0)
 
     def changes(price: float) -> float:
-        poses = manoeuvre(field, CHAIR_A, Pose2(1.0, 1.5), Pose2(4.5, 1.6), ManoeuvreSettings(steer_price=price))
+        monkeypatch.setattr(manoeuvre_module, "STEER_PRICE", price)
+        poses = manoeuvre(field, CHAIR_A, Pose2(1.0, 1.5), Pose2(4.5, 1.6))
         return float(np.abs(np.diff(np.diff(np.unwrap(poses[:, 2])))).sum())
 
     assert changes(0.3) <= changes(0.0)

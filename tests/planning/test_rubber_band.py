@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -21,7 +22,6 @@ from waychair.planning.grid_planner import plan_on_cells
 from waychair.planning.harmonic import log_field
 from waychair.planning.laplace_solvers import problem_of
 from waychair.planning.rubber_band import (
-    BandSettings,
     _sharpest_about,
     band,
     length_of,
@@ -70,7 +70,8 @@ def test_on_d_star_lites_paths_the_band_crosses_nothing_and_is_never_longer(seed
         chain = plan_on_cells(costmap.prices, (8, 8), (90, 110)).cells[:, ::-1] + 0.5
     except PlanningError:
         return
-    line = finished(band(costmap, chain, BandSettings(passes=100)))
+    with patch.object(rubber_band, "PASSES", 100):
+        line = finished(band(costmap, chain))
     assert length_of(line) <= length_of(chain) + 1e-9
     fine = resampled(line, 0.2)
     rows, columns = np.floor(fine[:, ::-1]).astype(int).T
@@ -78,12 +79,13 @@ def test_on_d_star_lites_paths_the_band_crosses_nothing_and_is_never_longer(seed
 
 
 def test_a_band_in_many_parts_is_that_in_few(monkeypatch: pytest.MonkeyPatch) -> None:
-    costmap, settings = costmap_of(SCENES[0]), BandSettings(passes=82)
+    monkeypatch.setattr(rubber_band, "PASSES", 82)
+    costmap = costmap_of(SCENES[0])
     points = bands(SCENES[0]).descent
-    length = len(resampled(points, settings.spacing / CELL))
-    whole = finished(band(costmap, points, settings))
+    length = len(resampled(points, rubber_band.SPACING / CELL))
+    whole = finished(band(costmap, points))
     monkeypatch.setattr(rubber_band, "_PART", 3 * length)
-    work = band(costmap, points, settings)
+    work = band(costmap, points)
     parts: list[int] = []
     while True:
         try:
