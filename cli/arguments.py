@@ -25,7 +25,7 @@ def _whole(kind: type, tokens: Sequence[Token]) -> Any:
     """Convert a whole number; cyclopts alone would round other numbers."""
     for token in tokens:
         if "." in token.value:
-            raise ValueError(f"'{token.value}' is no whole number.")
+            raise ValueError(f"'{token.value}' is not a whole number.")
     return cyclopts.convert(kind, [token.value for token in tokens])
 
 
@@ -39,7 +39,7 @@ Number = Annotated[int, Parameter(converter=_whole, validator=validators.Number(
 def _named(kind: type, tokens: Sequence[Token]) -> Any:
     """Convert a path; cyclopts alone would take an empty text for the current folder."""
     if not all(token.value for token in tokens):
-        raise ValueError("it is empty; give a name.")
+        raise ValueError("the path is empty: give a name.")
     return cyclopts.convert(kind, [token.value for token in tokens])
 
 
@@ -73,6 +73,6 @@ def check_picture(path: Path | None, name: str, *sources: Path) -> None:
     if path is None:
         return
     if path.suffix.lower() != ".png":
-        raise BadArgument(f"{name} must name a .png file, not '{path}'")
+        raise BadArgument(f"{name} must be a .png file, not '{path}'")
     if path_exists(path, OutputError) and any(path_exists(each, MapError) and path.samefile(each) for each in sources):
-        raise BadArgument(f"{name} names '{path}', which the map is read from; choose another file")
+        raise BadArgument(f"{name} would overwrite '{path}', a file of the map: choose another file")

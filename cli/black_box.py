@@ -32,7 +32,7 @@ def why_command(*, box: Path | None = None, last: Count = 1, json: bool = False,
     from waychair.runtime.why import explain, last_stops, sentences
 
     if last < 1:
-        raise BadArgument(f"--last {last} explains nothing: give 1 or more")
+        raise BadArgument(f"--last is {last}: give 1 or more")
     stops = last_stops(box or max(DEFAULT_BOXES, key=last_written_s), last)
     explained = [explain(stop) for stop in stops]
     if bag is not None:

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
     from waychair.calibration.sweep import SweepSettings
     from waychair.trials.calibrate import ChairUnderTest
 
-calibrate_app = App(name="calibrate", help="Measure a chair, and keep what is found in its file.")
-calibrate_app.command("waychair.cli.calibrating_sensors:time_command", name="time", help="Find late stamps of sensors.")
+calibrate_app = App(name="calibrate", help="Measure a chair and store the results in its calibration file.")
+calibrate_app.command("waychair.cli.calibrating_sensors:time_command", name="time", help="Find the delays of sensors.")
 calibrate_app.command(
-    "waychair.cli.calibrating_sensors:mask_command", name="mask", help="Learn what it sees of itself."
+    "waychair.cli.calibrating_sensors:mask_command", name="mask", help="Mask the chair itself in the scans."
 )
 
 _MANY_OUTLIERS = 0.02
@@ -91,7 +91,7 @@ def dac_command(
         swept = _sweep_from_csv(options, plan, csv, neutral, chair_id)
     elif real.port is not None:
         if chair_id is None or options.chair_sim is not None or neutral is not None:
-            raise BadArgument("--port needs --chair-id NAME, as its board was flashed, and no --chair-sim or --neutral")
+            raise BadArgument("--port needs --chair-id NAME, the name in its board, and no --chair-sim or --neutral")
         swept = _sweep_of_real(options, real, plan.settings(blocks), chair_id, log)
     else:
         swept = _sweep_of_simulated(options, real, plan.settings(blocks), plant, log)
@@ -177,7 +177,7 @@ def _print_fit(options: ChairOptions, fit: DacFit) -> None:
     )
     if fit.outliers > _MANY_OUTLIERS * fit.holds:
         options.say(
-            "many holds do not fit: this chair's electronics do something that the model has no figure for; see --plot"
+            "many holds do not fit, as the model does not cover this chair's electronics: check the fit with --plot"
         )
 
 
@@ -215,7 +215,7 @@ def stop_command(
 
     known = load_calibration(options.out, None if real.port else options.simulated_name)
     if known.dac is None:
-        raise CalibrationError(f"{options.out} has no model of the joystick yet: run `waychair calibrate dac` first")
+        raise CalibrationError(f"{options.out} holds no model of the joystick: run `waychair calibrate dac` first")
     plan = StopSettings(fastest=fastest or StopSettings().fastest, repetitions=repetitions)
     if real.port is not None:
         with armed_chair(real, known.body, known.chair_id) as drive:
@@ -285,7 +285,7 @@ def wheels_command(
 
     if recording is not None or trajectory is not None:
         if recording is None or trajectory is None:
-            raise BadArgument("--recording and --trajectory go together: the encoders of a drive and its poses")
+            raise BadArgument("--recording and --trajectory belong together: give both or none")
         name, body = _recorded_chair(options, chair_id)
         wheels = wheels_from_recording(recording, trajectory, body)
     else:
@@ -373,7 +373,7 @@ def camera_command(
     options.keep(name, body, camera=mount_from_extrinsics(found))
     x, y, z = found.camera_from_laser.translation
     options.say(
-        f"the lidar is at ({x:.3f}, {y:.3f}, {z:.3f}) m in the camera's frame; {found.points} points lie on their "
+        f"the lidar is at ({x:.3f}, {y:.3f}, {z:.3f}) m in the camera's frame; {found.points} points fit their "
         f"planes to {1e3 * found.rms_m:.0f} mm"
     )
 

@@ -51,7 +51,7 @@ def time_command(
     if recording is not None:
         name, read = _recorded(recording, chair_id, options)
         if any(inject):
-            raise BadArgument("--inject is for a simulated chair: leave it out, or leave the recording out")
+            raise BadArgument("--inject needs a simulated chair: omit it, or omit the recording")
         body = _with_laser_of(read, options.body())
         calibrator = TimeCalibrator(body)
         for frame in read.frames:
@@ -106,9 +106,9 @@ def mask_command(
     for begin, end, reach in zip(mask.begins, mask.ends, mask.reaches, strict=True):
         options.say(f"{math.degrees(begin):+.1f} to {math.degrees(end):+.1f} degrees: within {reach:.2f} m")
     if not mask.begins:
-        options.say("the lidar sees nothing of the chair itself: no beam is masked")
+        options.say("no beam hits the chair itself: none is masked")
     hidden = sum(int(mask.hides(scan).sum()) for scan in scans) / sum(len(scan.ranges) for scan in scans)
-    options.say(f"{hidden:.1%} of all readings are the chair itself, of {len(scans)} scans")
+    options.say(f"{hidden:.1%} of all readings in {len(scans)} scans hit the chair itself")
 
 
 def _recorded(path: Path, chair_id: str | None, options: ChairOptions) -> tuple[str, Recording]:
@@ -116,7 +116,7 @@ def _recorded(path: Path, chair_id: str | None, options: ChairOptions) -> tuple[
     from waychair.recording import read_recording
 
     if chair_id is None or options.chair_sim is not None:
-        raise BadArgument("a recording needs --chair-id NAME, the chair's, and no --chair-sim")
+        raise BadArgument("a recording needs --chair-id NAME of its chair, and no --chair-sim")
     options.refuse_other_chair(chair_id)
     with options.progress("reading") as show:
         return chair_id, read_recording(path, progress=show)
@@ -145,7 +145,7 @@ def _turned(
     settings = with_all_sensors(settings) if camera else with_gyro(settings)
     simulator = Simulator(open_hall(TIME_HALL, 0.05), body, settings, options.seed)
     if simulator.camera_problem is not None:
-        print(f"waychair: the camera is left out: {simulator.camera_problem}", file=sys.stderr)
+        print(f"waychair: no camera is simulated: {simulator.camera_problem}", file=sys.stderr)
     late = [round(-1e6 * delay) for delay in inject]
     delays = SensorDelays(*late)
     calibrator = TimeCalibrator(body)

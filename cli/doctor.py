@@ -137,7 +137,7 @@ def _camera() -> Check:
 
 def _compiler() -> Check:
     found = any(shutil.which(name) for name in ("cc", "gcc", "clang"))
-    purpose = "driving in the simulator, with the board's own program between"
+    purpose = "driving in the simulator with the board's firmware"
     return _check("C compiler", purpose, "sudo apt-get install gcc libc6-dev", found, PartState.OPTIONAL)
 
 
@@ -162,7 +162,7 @@ def _recordings() -> Check:
 
 def _disk() -> Check:
     free = shutil.disk_usage(Path.cwd()).free
-    remedy = f"make {LEAST_DISK / GIGABYTE:g} GB free (du -h --max-depth=1 ~), or work in another folder"
+    remedy = f"free {LEAST_DISK / GIGABYTE:g} GB (du -h --max-depth=1 ~), or work in another folder"
     part = f"disk, {free / GIGABYTE:.1f} GB free here"
     return _check(part, "recordings and maps", remedy, free >= LEAST_DISK, PartState.MISSING)
 
@@ -180,8 +180,8 @@ def _memory() -> Check:
 
 def _cores() -> Check:
     count = len(os.sched_getaffinity(0))
-    purpose = "simulating in real time beside the stack"
-    remedy = "give this machine another core (taskset -p $$ shows those that are allowed)"
+    purpose = "simulating in real time"
+    remedy = "add a core to this machine (taskset -p $$ shows the allowed ones)"
     return _check(f"processor, {count} cores", purpose, remedy, count >= LEAST_CORES, PartState.OPTIONAL)
 
 
@@ -195,8 +195,8 @@ def _kernel_cache() -> Check:
     elif "HOME" in os.environ:
         folders.append(Path.home() / ".cache")
     writable = any(os.access(_existing(folder), os.W_OK) for folder in folders)
-    purpose, remedy = "compiled kernels (without it each start takes a minute)", "export NUMBA_CACHE_DIR=/tmp/numba"
-    return _check("cache of kernels", purpose, remedy, writable, PartState.MISSING)
+    purpose, remedy = "compiled kernels (otherwise each start takes a minute)", "export NUMBA_CACHE_DIR=/tmp/numba"
+    return _check("kernel cache", purpose, remedy, writable, PartState.MISSING)
 
 
 def _existing(folder: Path) -> Path:

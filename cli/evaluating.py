@@ -60,7 +60,7 @@ def localize_command(
     grid = load_map(map)
     grid = scanned_part(grid, load_depth_layer(map, grid))
     if out.resolve() in (map.resolve(), map.resolve().parent):
-        raise BadArgument(f"--out {out} is the map's own folder, whose files would be lost; choose another one")
+        raise BadArgument(f"--out {out} is the map's folder, whose files would be overwritten: choose another one")
     with stages(quiet) as progress:
         log = progress.read(recording, settings.input)
         localised = localise_recording(log, grid, settings, begin, progress.stage("localising"))
@@ -108,7 +108,7 @@ def evaluate_command(
     from waychair.slam.evaluation import read_relations, relation_errors, truth_errors
 
     if (relations is None) == (truth is None):
-        raise BadArgument("give either --relations or --truth to evaluate against")
+        raise BadArgument("give either --relations or --truth")
     poses = read_tum(trajectory)
     if relations is not None:
         mount = None if base_from_laser is None else pose_from_text(base_from_laser, "--base-from-laser")

@@ -14,7 +14,7 @@ from waychair.errors import WaychairError
 
 app = App(
     name="waychair",
-    help="Map a building, plan a way through it and drive an electric wheelchair along it.",
+    help="Map a building, plan a path through it and drive an electric wheelchair along it.",
     version=__version__,
     help_format="plaintext",
     result_action="return_value",
@@ -24,9 +24,9 @@ app = App(
 app.command("waychair.cli.mapping:map_command", name="map", help="Make a map of a recording.")
 app.command("waychair.cli.mapping:places_command", name="places", help="List the named places of a map, or add one.")
 app.command(
-    "waychair.cli.evaluating:localize_command", name="localize", help="Follow the chair of a recording on a map."
+    "waychair.cli.evaluating:localize_command", name="localize", help="Localise the chair of a recording on a map."
 )
-app.command("waychair.cli.evaluating:evaluate_command", name="evaluate", help="Say how good a trajectory is.")
+app.command("waychair.cli.evaluating:evaluate_command", name="evaluate", help="Evaluate a trajectory.")
 app.command("waychair.cli.planning:plan_command", name="plan", help="Plan a path for the chair on a map.")
 app.command(
     "waychair.cli.planning:navigate_command", name="navigate", help="Drive a simulated chair to places on a map."
@@ -34,12 +34,12 @@ app.command(
 app.command(
     "waychair.cli.driving:demo_command",
     name="demo",
-    help="Map a floor by joystick, then let the chair find itself on it and drive to three places.",
+    help="Map a simulated floor by joystick, then let the chair drive to three places.",
 )
 app.command(
     "waychair.cli.page:page_command",
     name="page",
-    help="Drive a simulated chair, in real time, by a page in the browser.",
+    help="Drive a simulated chair in real time by a page in the browser.",
 )
 app.command(
     "waychair.cli.black_box:why_command",
@@ -48,17 +48,17 @@ app.command(
 )
 app.command("waychair.cli.stack:up_command", name="up", help="Start all ROS 2 nodes of a chair, real or simulated.")
 app.command("waychair.cli.stack:goto_command", name="goto", help="Send the running chair to places.")
-app.command("waychair.cli.record:record_command", name="record", help="Record what a chair's nodes say into a bag.")
+app.command("waychair.cli.record:record_command", name="record", help="Record a running chair's topics into a bag.")
 app.command("waychair.cli.record:save_command", name="save", help="Write the map of the running chair to a folder.")
-app.command("waychair.cli.stack:confirm_command", name="confirm", help="Say the rider's yes to the goal that waits.")
-app.command("waychair.cli.stack:pause_command", name="pause", help="Have the running chair's drive stand for a while.")
-app.command("waychair.cli.stack:go_on_command", name="go-on", help="Have the paused drive go on.")
-app.command("waychair.cli.stack:cancel_command", name="cancel", help="End the running chair's drive.")
-app.command("waychair.cli.stack:status_command", name="status", help="Say where the running chair is, and how it is.")
+app.command("waychair.cli.stack:confirm_command", name="confirm", help="Confirm the waiting goal for the rider.")
+app.command("waychair.cli.stack:pause_command", name="pause", help="Pause the running chair's drive.")
+app.command("waychair.cli.stack:go_on_command", name="go-on", help="Continue the paused drive.")
+app.command("waychair.cli.stack:cancel_command", name="cancel", help="Cancel the running chair's drive.")
+app.command("waychair.cli.stack:status_command", name="status", help="Print the running chair's pose and state.")
 app.command(
     "waychair.cli.barn:barn_command",
     name="barn",
-    help="Drive through the BARN benchmark's worlds without a map, and print the score.",
+    help="Run the BARN benchmark (drives without a map), and print the score.",
 )
 app.command("waychair.cli.simulating:worlds_command", name="worlds", help="List the simulated worlds, or draw one.")
 app.command(
@@ -69,12 +69,12 @@ app.command(
 app.command(
     "waychair.cli.vocabulary:vocabulary_command",
     name="vocabulary",
-    help="Make a dictionary of visual words of pictures.",
+    help="Make a vocabulary of visual words from pictures.",
 )
 app.command(
     "waychair.cli.reporting:report_command",
     name="report",
-    help="Print what the memory of a map came to, beside the published tables.",
+    help="Print the figures of a map's memory beside the published tables.",
 )
 app.command(
     "waychair.cli.exporting:export_command",
@@ -89,12 +89,12 @@ app.command(
 app.command(
     "waychair.cli.calibrating:calibrate_app",
     name="calibrate",
-    help="Measure a chair, and keep what is found in its file.",
+    help="Measure a chair and store the results in its calibration file.",
 )
 app.command(
     "waychair.cli.doctor:doctor_command",
     name="doctor",
-    help="Say what is missing on this machine, and the command that mends it.",
+    help="List missing parts of this machine and the commands that fix them.",
 )
 
 
@@ -111,11 +111,11 @@ def main() -> None:
         _forget_output()
         sys.exit(1)
     except MemoryError:
-        _fail("this computer has too little memory for that; take a smaller map or recording, or end other programs")
+        _fail("memory ran out: use a smaller map or recording, or close other programs")
     except OSError as error:
         from waychair.files import os_error_text
 
-        _fail(f"cannot read or write {error.filename or 'what was asked for'}: {os_error_text(error)}")
+        _fail(f"cannot read or write {error.filename or 'a file'}: {os_error_text(error)}")
     except KeyboardInterrupt as stop:
         for note in getattr(stop, "__notes__", ()):  # such as the path of an interrupted recording
             print(f"waychair: stopped; {note}", file=sys.stderr)

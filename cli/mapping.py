@@ -78,10 +78,10 @@ def map_command(
     known = None if session is None else session_folder(session)
     out = out or known
     if out is None:
-        raise OutputError("no folder is given for the map: say --out FOLDER")
+        raise OutputError("the map needs a folder: give --out FOLDER")
     if is_rgbd_folder(recording):
         if known is not None:
-            raise SessionError("pictures without a lidar cannot be joined to a map: map the folder by itself")
+            raise SessionError("pictures without a lidar cannot be joined to a map: omit --session")
         _map_pictures(recording, out, reading, config, quiet)
         return
     settings = MappingSettings() if config is None else configuration.load(MappingSettings, config)
@@ -187,7 +187,7 @@ def places_command(
 
     if map is None:
         if add is not None:
-            raise BadArgument("--add needs the --map that the place is added to")
+            raise BadArgument("--add needs a --map to add the place to")
         _print_running_places(domain, namespace)
         return
     grid = load_map(map)
@@ -199,7 +199,7 @@ def places_command(
     places = load_places(map)
     _print_places(places.values())
     if not places:
-        print(f"no places yet; add one with: waychair places --map {map} --add NAME X,Y,YAW")
+        print(f"the map has no places: add one with waychair places --map {map} --add NAME X,Y,YAW")
 
 
 def _print_places(places: Iterable[Place]) -> None:

@@ -38,7 +38,7 @@ def page_token(lan: bool, given: str | None) -> str:
         return secrets.token_urlsafe(16) if lan else ""
     if len(given) < _SHORTEST_TOKEN or not all(c.isascii() and (c.isalnum() or c in "-_") for c in given):
         raise BadArgument(
-            f"--token must be {_SHORTEST_TOKEN} or more letters, digits, - and _; leave it out to have one made"
+            f"--token must be {_SHORTEST_TOKEN} or more letters, digits, - and _: omit it to get a random one"
         )
     return given
 
@@ -61,7 +61,7 @@ def port_of_page(wanted: int | None) -> int:
                 return int(listener.getsockname()[1])
         except (OSError, OverflowError):
             continue
-    raise BadArgument(f"--page-port {wanted} is taken or none: choose another, or leave it out")
+    raise BadArgument(f"--page-port {wanted} is taken or invalid: choose another, or omit it")
 
 
 def served(port: ChairPort, settings: PageNodeSettings) -> AbstractContextManager[str]:

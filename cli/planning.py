@@ -65,17 +65,17 @@ def plan_command(
 
     on_cells = is_moving_ai(map)
     if scen is not None and (start, goal, png) != (None, None, None):
-        raise BadArgument("--scen holds starts and goals of its own; leave --start, --goal and --png out")
+        raise BadArgument("--scen holds its own starts and goals: omit --start, --goal and --png")
     if scen is not None and not on_cells:
-        raise BadArgument(f"--scen belongs to a Moving AI {SUFFIX} file, not to '{map}'")
+        raise BadArgument(f"--scen needs a Moving AI {SUFFIX} file, not '{map}'")
     if on_cells and smooth not in ("auto", "none"):
-        raise BadArgument(f"--smooth is for the chair's paths; over the cells of a {SUFFIX} file leave it out")
+        raise BadArgument(f"--smooth does not apply to a {SUFFIX} file: omit it")
     if on_cells and body != "A":
-        raise BadArgument(f"--body is of a chair; a {SUFFIX} file knows none, leave it out")
+        raise BadArgument(f"--body does not apply to a {SUFFIX} file: omit it")
     if scen is not None:
         _plan_scenario(map, scen, planner, json)
     elif start is None or goal is None:
-        raise BadArgument("give --start and --goal, or a whole scenario with --scen")
+        raise BadArgument("give --start and --goal, or --scen")
     elif on_cells:
         check_picture(png, "--png", map)
         _plan_on_cells(map, start, goal, planner, png, json)
@@ -102,7 +102,7 @@ def _plan_for_the_chair(
     from waychair.runtime.report import path_picture, write_png
 
     if body not in BODIES:
-        raise BadArgument(f"there is no body '{body}': take {', '.join(BODIES)}")
+        raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
     chair, settings = BODIES[body], PlannerSettings(planner=planner, smooth=smooth)
     grid = load_map(map)
     begin, end, zones = _place(map, start, "--start"), _place(map, goal, "--goal"), load_zones(map)
@@ -242,10 +242,10 @@ def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
         print(f"{sum(right)} of {len(queries)} queries at their optimal cost, median {statistics.median(times):.2f} ms")
     without = [number for number, cost in enumerate(costs, start=1) if cost is None]
     if without:
-        raise NoPath(f"no way for {_listed(without)} of {scen}; give the scenario of this map")
+        raise NoPath(f"there is no path for {_listed(without)} of {scen}: give the scenario of this map")
     dearer = [number for number, is_right in enumerate(right, start=1) if not is_right]
     if dearer and planner != HARMONIC:  # harmonic paths are not the cheapest
-        raise PlanningError(f"another cost than {scen} says for {_listed(dearer)}; give the scenario of this map")
+        raise PlanningError(f"the cost differs from {scen} for {_listed(dearer)}: give the scenario of this map")
 
 
 def _listed(numbers: list[int]) -> str:
@@ -344,9 +344,9 @@ def navigate_command(
     from waychair.types import Pose2
 
     if map is None and world is None:
-        raise BadArgument("there is nowhere to drive: name a map with --map, a world with --world, or both")
+        raise BadArgument("no map is given: give --map, --world, or both")
     if not goal:
-        raise BadArgument("there is nowhere to drive: give one --goal at least")
+        raise BadArgument("no goal is given: give at least one --goal")
     settings = PlannerSettings(planner=planner, smooth=smooth)
     plan = None if world is None else load_world(world)
     scanned, map_from_world = None, Pose2()
@@ -367,13 +367,13 @@ def navigate_command(
     except (StartOccupied, StartOutsideMap) as error:
         if start is not None:
             raise
-        raise type(error)(f"{error}; without --start the chair begins there") from error
+        raise type(error)(f"{error} with --start (the default start was used)") from error
     table = Table(*HEADER[:IN_TERMINAL])
     for leg in legs:
         table.add_row(*row(leg)[:IN_TERMINAL])
     Console().print(table)
     failed = [leg for leg in legs if not leg.reached]
-    begun = "; it began at 0,0,0, for want of --start" if start is None and map is not None else ""
+    begun = " (the drive began at 0,0,0, the default --start)" if start is None and map is not None else ""
     for leg in failed:
         print(f"waychair: {leg.place} was not reached: {leg.reason}{begun}", file=sys.stderr)
     if failed:

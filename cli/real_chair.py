@@ -36,7 +36,7 @@ def armed_chair(real: PortOptions, body: ChairBody, name: str) -> Iterator[Board
     from waychair.trials.board_drive import BoardDrive, DriveLimits
 
     if real.port is None or real.sensors is None:
-        raise BadArgument("a real chair needs --port of its board and --sensors of what measures its speeds")
+        raise BadArgument("a real chair needs --port of its board and --sensors of its sensors")
     limits = DriveLimits(max_distance=real.room)
     family = Family[real.family.upper()]
     with (
@@ -57,16 +57,16 @@ def _meter(real: PortOptions, body: ChairBody) -> SpeedMeter:
 
 def _confirm(name: str, room: float) -> None:
     print(
-        f"Chair '{name}' is about to drive by itself, to and fro, up to {room:g} m from where it stands.\n"
-        "- The floor must be free that far all round; somebody must be within reach of its e-stop.\n"
-        "- Take your hand off the joystick. Touching it gives you the chair at once; Ctrl-C stops as well.\n"
+        f"Chair '{name}' will drive by itself, forward and back, up to {room:g} m from its place.\n"
+        "- The floor must be free for that distance all round. A person must be within reach of the emergency stop.\n"
+        "- Take your hand off the joystick. Touching it takes control at once; Ctrl-C stops as well.\n"
         f"Type '{CONFIRMATION}' and press Enter to begin: ",
         end="",
         file=sys.stderr,
         flush=True,
     )
     if sys.stdin.readline().strip().lower() != CONFIRMATION:
-        raise BadArgument(f"nobody typed '{CONFIRMATION}', so that the chair stays where it is")
+        raise BadArgument(f"'{CONFIRMATION}' was not typed: the chair does not drive")
 
 
 @contextmanager
@@ -83,7 +83,7 @@ def keeping(log: Path | None, recorder: Recorder) -> Iterator[Recorder]:
             raise
         part = log.with_name(f"{log.name}.part")
         write_sweep_log(part, recorder.log())
-        kept = f"what was measured until then is in {part}"
+        kept = f"the samples until then are in {part}"
         if isinstance(error, KeyboardInterrupt):
             error.add_note(kept)
             raise

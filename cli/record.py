@@ -40,10 +40,10 @@ def record_command(
 
     enter_ros_environment(domain=domain)
     path = out or Path(time.strftime("drive-%Y%m%d-%H%M%S.mcap"))
-    print(f"recording into {path}: end it with Ctrl-C", file=sys.stderr)
+    print(f"recording into {path}: stop with Ctrl-C", file=sys.stderr)
     done = record(path, camera, namespace)
     for topic in (name for name in NEEDED_TOPICS if not any(known.endswith(name) for known in done.counts)):
-        print(f"warning: nothing has come on {topic}", file=sys.stderr)
+        print(f"warning: nothing was received on {topic}", file=sys.stderr)
     print(f"{done.path}: {done.seconds:.1f} s, {done.megabytes:.1f} MB in {sum(done.counts.values())} messages")
 
 

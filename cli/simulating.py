@@ -39,7 +39,7 @@ def worlds_command(name: str | None = None, /, *, level: str | None = None, pict
 
     check_picture(picture, "--picture")
     if name is None and (level is not None or picture is not None):
-        raise BadArgument("--level and --picture are about one world: give its name first")
+        raise BadArgument("--level and --picture need the name of a world")
     names = shipped_worlds() if name is None else (name,)
     levels = [(each, one) for each in names for one in ((level,) if level else levels_of(each))]
     if picture is not None:
@@ -176,6 +176,6 @@ def _driven(simulator: Simulator, waypoints: FloatArray, record: Path | None, pa
 
 def _lateness(pacer: Pacer) -> str:
     return (
-        f"this machine could not hold real time: it is {pacer.lost_s:.1f} s behind, "
-        f"{pacer.real_time_factor:.2f} times as fast as the clock"
+        f"this machine could not keep real time: it is {pacer.lost_s:.1f} s behind, "
+        f"at {pacer.real_time_factor:.2f} times real time"
     )

@@ -24,9 +24,9 @@ _WATCH_S = 0.05
 _SAME_GOAL_M = 0.05
 
 WARNING = """\
-waychair is research software, not a medical device. Modifying a wheelchair may void its approval. Somebody must walk
-beside the chair, within reach of an emergency stop that cuts its motors. First the simulator, then wheels off the
-ground, then a dummy load, then a walking spotter, and only then a rider."""
+waychair is research software, not a medical device. Modifying a wheelchair may void its approval. A person must walk
+beside the chair, within reach of an emergency stop that cuts its motors. Test first in the simulator, then with the
+wheels off the ground, then with a dummy load and a walking spotter, and only then with a rider."""
 
 
 def up_command(
@@ -117,7 +117,7 @@ def up_command(
     if page and not has_ui():
         raise MissingExtra("the page needs the extra [ui]: pip install 'waychair[ui]'")
     if unattended and sim is None:
-        raise BadArgument("--unattended is for simulated chairs: whoever sits in a real one says yes")
+        raise BadArgument("--unattended needs --sim: the rider of a real chair confirms each goal")
     if map is not None:
         check_zones(load_zones(map), load_map(map))  # here, else each node would report the error and exit
     environment = ros_environment(domain=domain, lan=lan)
@@ -135,8 +135,8 @@ def up_command(
     print(WARNING, file=sys.stderr)
     if lan:
         print(
-            "The nodes can be seen from the whole network: map, pictures, scans and goals. "
-            + ("No speeds are obeyed, since there are no security keys." if deaf else "Messages are signed."),
+            "The whole network can see the nodes: map, pictures, scans and goals. "
+            + ("Velocity commands are ignored, as there are no security keys." if deaf else "Messages are signed."),
             file=sys.stderr,
         )
     if stack.page_port is not None:
@@ -212,7 +212,7 @@ def confirm_command(goal: Pose | None = None, /, *, domain: Count | None = None,
         state = client.drive_state()
         named = _named(client, state)
         if goal is not None and _distance(_pose(client, goal), state.goal) > _SAME_GOAL_M:
-            _fail(f"the goal that waits is {named}: look at it, then say yes to that one")
+            _fail(f"the waiting goal is {named}: check it, then confirm that one")
         done, sentence = client.confirm(goal_id=state.goal_id)
     if not done:
         _fail(sentence)
@@ -312,20 +312,20 @@ def status_command(*, json: bool = False, domain: Count | None = None, namespace
     print(f"mode          {state.mode.value}{': ' if state.reason else ''}{state.reason}")
     print(f"next          {_next(state, goal)}")
     if state.last_stop:
-        print(f"last stop     {state.last_stop}; more by `waychair why`")
+        print(f"last stop     {state.last_stop}; run `waychair why` for more")
     for stop_id, sentence in state.halts:
         print(f"{stop_id:13s} {sentence}")
     if not state.halts:
-        print("ready         nothing stands against a drive")
+        print("ready         nothing prevents a drive")
 
 
 def _next(state: DriveReport, goal: str) -> str:
     """Return the chair's next action as text."""
     if state.driving:
-        return "it goes where a page's joystick points" if state.steered else f"it drives to {goal}"
+        return "it follows a page's joystick" if state.steered else f"it drives to {goal}"
     if state.waits:
-        return f"it waits for the rider's yes to {goal}"
-    return "it stays where it is until a goal is asked for"
+        return f"it waits for the rider's confirmation of {goal}"
+    return "it waits for a goal"
 
 
 def _pose(client: ChairClient, text: str) -> Pose2:
@@ -353,14 +353,14 @@ def _distance(one: Pose2, other: Pose2) -> float:
 def _begin(client: ChairClient, yes: bool) -> None:
     """With `yes` confirm the goal once the bridge knows it, else ask the user for the confirmation."""
     if not yes:
-        print("waiting for the rider's yes: press Drive, or `waychair confirm`", file=sys.stderr)
+        print("waiting for the rider's confirmation: press Drive, or run `waychair confirm`", file=sys.stderr)
         return
     said = ""
     for _ in range(20):
         begun, said = client.confirm()
         if begun or client.is_task_complete(0.1):
             return
-    _fail(f"the drive does not begin: {said}")
+    _fail(f"the drive did not start: {said}")
 
 
 def _fail(sentence: str) -> None:

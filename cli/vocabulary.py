@@ -57,5 +57,5 @@ def vocabulary_command(
         if made.blank:
             bar.warn([f"{made.blank} of {made.pictures} pictures show nothing"])
         if made.words < words:
-            bar.warn([f"only {made.words} words: there are no more different features"])
+            bar.warn([f"only {made.words} words, as there are no more distinct features"])
     print(f"{output}: {made.words} words of {made.descriptors} features in {made.pictures} pictures")

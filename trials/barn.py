@@ -116,7 +116,7 @@ class BarnTask:
             if not low <= getattr(self, name) <= high:
                 raise ConfigError(f"{name} is {getattr(self, name)}: take {low:g} to {high:g}")
         if self.body not in ROBOTS:
-            raise ConfigError(f"there is no body '{self.body}': take {', '.join(ROBOTS)}")
+            raise ConfigError(f"unknown body '{self.body}': take {', '.join(ROBOTS)}")
 
 
 def worlds_in(folder: Path, count: int | None = None) -> list[Path]:
@@ -126,7 +126,7 @@ def worlds_in(folder: Path, count: int | None = None) -> list[Path]:
         WorldError: the folder does not exist or holds no worlds, or `count` is less than 1.
     """
     if count is not None and count < 1:
-        raise WorldError(f"{count} worlds are none: ask for at least one")
+        raise WorldError(f"{count} worlds were requested: request at least one")
     if not is_folder(folder, WorldError):
         raise WorldError(f"there is no folder '{folder}': give the folder of the BARN text grids")
     inner = folder / "worlds"
@@ -306,7 +306,7 @@ def _workers(jobs: int) -> Iterator[Callable[..., Iterator[list[BarnRun]]]]:
             yield pool.map
     except BrokenProcessPool as error:
         raise WorkerLost(
-            f"one of {jobs} processes was ended from outside, perhaps for want of memory; try fewer with --jobs"
+            f"one of {jobs} processes was killed from outside, perhaps because memory ran out: reduce --jobs"
         ) from error
 
 

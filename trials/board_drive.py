@@ -173,7 +173,7 @@ class BoardDrive:
                 these volts.
         """
         if not self._armed:
-            raise BridgeError("the board is not armed: arm it before the lines are held")
+            raise BridgeError("the board is not armed: arm it before holding the lines")
         setpoints = [self._setpoint(volts) for volts in (forward_volts, turn_volts)]
         samples: list[Sample] = []
         end_ns = self._clock.now_ns() + round(seconds * 1e9)
@@ -188,8 +188,8 @@ class BoardDrive:
         reply = self.reply
         if abs(1e3 * volts - reply.reference_mv) > reply.swing_mv + _TOLERANCE_MV:
             raise CalibrationError(
-                f"{volts:.3f} V lies beyond the {reply.swing_mv} mV about {reply.reference_mv} mV that the board lets "
-                "through: take less swing"
+                f"{volts:.3f} V is outside the {reply.swing_mv} mV round {reply.reference_mv} mV that the board "
+                "allows: reduce --swing"
             )
         return setpoint_from_millivolts(reply, 1e3 * volts)
 
@@ -211,12 +211,12 @@ class BoardDrive:
         if found:
             self._speeds_ns = now_ns
         if self._board.closed:
-            raise TransportError("the cable to the board was lost; the joystick is live: plug it in and begin again")
+            raise TransportError("the cable to the board was lost and the joystick is live: plug it in and start again")
         if self._sensors.closed:
-            raise TransportError("the cable to the sensors was lost: plug it in and begin again")
+            raise TransportError("the cable to the sensors was lost: plug it in and start again")
         if now_ns - self._telemetry_ns > TELEMETRY_TIMEOUT_S * 1e9:
             raise BridgeError(
-                f"the board has said nothing for {(now_ns - self._telemetry_ns) * 1e-9:.2f} s: look at its cable and power"
+                f"the board sent nothing for {(now_ns - self._telemetry_ns) * 1e-9:.2f} s: check its cable and power"
             )
         return found
 
@@ -241,12 +241,12 @@ class BoardDrive:
         forward, turn = (value - telemetry.reference_mv for value in _stick(telemetry))
         if 10 * max(abs(forward), abs(turn)) < self.reply.swing_mv:
             raise BridgeError(
-                "the board let go of the lines with the joystick at rest, as it does when the joystick was touched for "
-                "a moment or the board was restarted: begin again"
+                "the board released the lines with the joystick at rest, as the joystick was touched briefly or the "
+                "board restarted: start again"
             )
         raise BridgeError(
-            f"the joystick was touched ({forward:+d} and {turn:+d} mV off its rest), so that it took over: begin again "
-            "when the chair may drive by itself"
+            f"the joystick was touched ({forward:+d} and {turn:+d} mV off its rest) and took over: start again when "
+            "the chair may drive by itself"
         )
 
     def _check_motion(self, samples: list[Sample]) -> None:
@@ -282,13 +282,13 @@ class BoardDrive:
                 _check_reply(replies[-1], ours)
                 return replies[-1]
         if self._board.closed:
-            raise TransportError("the cable to the board was lost: plug it in and begin again")
+            raise TransportError("the cable to the board was lost: plug it in and start again")
         raise BridgeError(f"no board answered within {ANSWER_S:g} s: check its port and its power")
 
     def _not_armed_reason(self) -> str:
         seconds, telemetry = ARM_S, self._telemetry
         if telemetry is None:
-            return f"the board was not armed within {seconds:g} s, for it says nothing: look at its cable and power"
+            return f"the board was not armed within {seconds:g} s and sends nothing: check its cable and power"
         if telemetry.faults:
             return (
                 f"the board was not armed within {seconds:g} s because of {_fault_text(telemetry.faults)}: see "
@@ -299,15 +299,16 @@ class BoardDrive:
         forward, turn = (value - telemetry.reference_mv for value in _stick(telemetry))
         return (
             f"the board was not armed within {seconds:g} s; the stick is {forward:+d} and {turn:+d} mV off the "
-            "reference: take the hand off the joystick and begin again"
+            "reference: take the hand off the joystick and start again"
         )
 
     def _no_speeds_reason(self, seconds: float) -> str:
         if self._lines.bad:
             return (
-                f"{self._lines.bad} lines of the sensors are not of their form, the last one '{self._lines.last_bad}'"
+                f"{self._lines.bad} lines of the sensors are invalid, the last one '{self._lines.last_bad}': see "
+                "trials/sensor_lines.py"
             )
-        return f"no speeds came from the sensors for {seconds:.1f} s: look at their cable, or take --speeds-from"
+        return f"no speeds came from the sensors for {seconds:.1f} s: check their cable, or change --speeds-from"
 
     def _scaled_stick(self, telemetry: BoardTelemetry) -> tuple[float, float]:
         """Return the rider's stick (forward, turn) [mV], scaled to the nominal reference."""

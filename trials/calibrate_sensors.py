@@ -107,7 +107,7 @@ def poses_from_scans(
         seconds, twist = (scan.stamp_ns - int(stamps[last])) * 1e-9, twists[last]
         found = localiser.process(scan, odom_from_base[last] @ arc(twist.v * seconds, twist.omega * seconds), twist)
         if found.lost:
-            raise CalibrationError("the lidar has lost its place on the map: calibrate where the map is right")
+            raise CalibrationError("localisation by lidar was lost on the map: calibrate where the map is right")
         poses.append((scan.stamp_ns, found.map_from_base))
     return poses
 
@@ -140,7 +140,7 @@ def wheels_from_recording(recording: Path, trajectory: Path, body: ChairBody) ->
     shared = [(stamp, pose) for stamp, pose in known if ticks[0].stamp_ns <= stamp <= ticks[-1].stamp_ns]
     if len(shared) < 2:
         raise CalibrationError(
-            f"{trajectory} and {recording} have no time in common: give the trajectory that was made of this recording"
+            f"{trajectory} and {recording} share no time: give the trajectory made of this recording"
         )
     apart = thinned(shared, _MAPPED_STRETCH_NS)
     stamps = np.array([stamp for stamp, _ in apart], np.int64)
@@ -271,7 +271,7 @@ def calibrate_camera(
         pose = Pose2(world.start.x, world.start.y, math.tau * (direction + 0.5) / _DIRECTIONS)
         simulator = Simulator(dataclasses.replace(world, start=pose), body, with_all_sensors(settings), seed)
         if simulator.camera_problem:
-            raise MissingExtra(f"no pictures can be made: {simulator.camera_problem}")
+            raise MissingExtra(f"pictures cannot be rendered: {simulator.camera_problem}")
         views += views_of_planes(*frame_and_scan(simulator), body, nominal)
     return extrinsics_from_planes(views, nominal)
 
@@ -302,7 +302,7 @@ def camera_from_recording(path: Path, body: ChairBody) -> Extrinsics:
     if not views:
         raise CalibrationError(
             f"none of the {pictures} pictures with depth in {path} shows a wall or the floor from a chair at rest: "
-            "turn it, let it stand for a second, and so on, in a room with bare walls"
+            "in a room with bare walls, turn the chair, let it rest for a second, and repeat"
         )
     return extrinsics_from_planes(views, nominal)
 
@@ -327,5 +327,5 @@ def frame_and_scan(simulator: Simulator) -> tuple[RgbdFrame, Scan]:
     frames = [message for message in messages if isinstance(message, RgbdFrame)]
     scans = [message for message in messages if isinstance(message, Scan)]
     if not (frames and scans):
-        raise CalibrationError("half a second at rest gave no frame or no scan: switch camera and lidar on")
+        raise CalibrationError("no picture or no scan came in half a second at rest: switch camera and lidar on")
     return frames[-1], scans[-1]

@@ -79,7 +79,7 @@ class TimeCalibrator:
         if len(camera.stamps_ns):
             seen[CAMERA] = lambda: self._of(camera, gyro, CAMERA)
         if not seen:
-            raise ThinData("there is a gyro, but no lidar, encoders or camera beside it: record these too")
+            raise ThinData("the recording holds a gyro but no lidar, encoders or camera: record one of these, too")
         offsets, problems = {}, []
         for sensor, find in seen.items():
             try:

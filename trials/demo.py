@@ -206,7 +206,7 @@ def _map_by_joystick(
             )
         finally:
             simulator.wire(None)
-    mapping = live_result(live, bag, "a simulated drive, mapped on the way")
+    mapping = live_result(live, bag, "a simulated drive, mapped live")
     return mapping, truth_errors(mapping.result.trajectory, true_trajectory(bag))
 
 

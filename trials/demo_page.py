@@ -21,11 +21,11 @@ from waychair.trials.drive import DriveSetup
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Place, Pose2, Scan, Twist
 
 _VIEWS_S, _GRIDS_S = 0.05, 1.0
-_NOT_HERE = Answer(False, "this demo drives by itself; `waychair page` gives you a chair of your own")
-_MAPPING = "A rider drives by joystick; the chair makes the map on the way."
-_FINDING = "A rider drives by joystick until the chair knows where it is on the map."
+_NOT_HERE = Answer(False, "the demo drives by itself: use `waychair page` to drive a simulated chair")
+_MAPPING = "A rider drives by joystick while the chair makes the map."
+_FINDING = "A rider drives by joystick until the chair has found its place on the map."
 _BEFORE_START = ChairView(
-    0, None, LocalisationState.LOST, 0.0, DriveMode.MANUAL, Twist(), next_action="The demo is about to begin."
+    0, None, LocalisationState.LOST, 0.0, DriveMode.MANUAL, Twist(), next_action="The demo is starting."
 )
 
 
@@ -130,8 +130,8 @@ class DemoPage(DemoWatcher):
     def stop(self) -> Answer:
         """See `ChairPort`: the computer stops driving from the next tick on; the rider's joystick stays live."""
         self._stop.set()
-        who = "stopped" if self._chair is not None else "it is a rider who drives now"
-        return Answer(True, f"{who}: the computer drives nowhere in this demo any more")
+        now = "stopped" if self._chair is not None else "a rider drives now"
+        return Answer(True, f"{now}: the computer will not drive in this demo any more")
 
     def pause(self) -> Answer:
         """See `ChairPort`."""

@@ -27,7 +27,7 @@ from waychair.trials.drive import DriveRecord
 from waychair.trials.ride import ride_row
 from waychair.types import Json, Pose2
 
-HEADER = ("place", "reached", "way", "time", "off by", "contacts", "clearance", "plans", "localised within")
+HEADER = ("place", "reached", "distance", "time", "error", "contacts", "clearance", "plans", "localised within")
 IN_TERMINAL = 7
 """The number of columns that fit into 80 characters."""
 
@@ -85,14 +85,14 @@ def write_report(out: Path, demo: Demo) -> None:
     cpu = tuple((name, f"{value:.2f} s") for name, value in demo.mapping.report["cpu_seconds"].items())
     tables = (
         Table("Goals", HEADER, tuple(row(leg) for leg in demo.legs)),
-        Table("What else counts", ("figure", "value"), facts(demo)),
+        Table("Further figures", ("figure", "value"), facts(demo)),
         Table("Comfort", ("figure", "driven", "limit"), _comfort(demo)),
-        Table("Time per stage, on the wall", ("stage", "time"), stages),
-        Table("Mapping, processor time", ("stage", "time"), cpu),
+        Table("Wall time per stage", ("stage", "time"), stages),
+        Table("Processor time of mapping", ("stage", "time"), cpu),
     )
     lead = (
-        f"A rider drove a simulated chair through {demo.world} by joystick while it made the map; begun anew on that map, "
-        f"it found out where it was and drove itself. {demo.reached} of {len(demo.legs)} goals reached, "
+        f"A rider drove a simulated chair through {demo.world} by joystick while it made the map. A new chair on this "
+        f"map localised itself and drove. {demo.reached} of {len(demo.legs)} goals reached, "
         f"{sum(leg.contacts for leg in demo.legs)} contacts, seed {demo.seed}."
     )
     write_page(out / "report.html", f"waychair demo: {demo.world}", lead, tables, pictures)
@@ -103,11 +103,11 @@ def facts(demo: Demo) -> tuple[tuple[str, str], ...]:
     found, near = demo.localised, demo.person_m
     loops = sum(edge.kind is EdgeKind.LOOP for edge in demo.mapping.result.edges)
     return (
-        ("map's error (ATE)", f"{1000 * demo.errors.rmse_m:.0f} mm over {demo.mapping.report['distance_m']:.0f} m"),
+        ("map error (ATE)", f"{1000 * demo.errors.rmse_m:.0f} mm over {demo.mapping.report['distance_m']:.0f} m"),
         ("loop closures", f"{loops}"),
-        ("found itself", f"after {found.seconds:.1f} s, {found.metres:.1f} m by joystick" if found.found else "no"),
-        ("a door that was shut", demo.closed or "none"),
-        ("nearest person", f"{near:.2f} m" if np.isfinite(near) else "nobody about"),
+        ("localised itself", f"after {found.seconds:.1f} s, {found.metres:.1f} m by joystick" if found.found else "no"),
+        ("closed door", demo.closed or "none"),
+        ("nearest person", f"{near:.2f} m" if np.isfinite(near) else "no people"),
     )
 
 
@@ -118,7 +118,7 @@ def _comfort(demo: Demo) -> tuple[tuple[str, str, str], ...]:
         ("slowing down", f"{ride.slowing_down:.2f} m/s^2", f"{limits.braking:.2f}, emergency {limits.emergency:.2f}"),
         ("sideways", f"{ride.sideways:.2f} m/s^2", f"{limits.lateral:.2f}"),
         ("jerk, 99 % of the time", f"{ride.jerk_p99:.2f} m/s^3", f"{limits.jerk:.2f}"),
-        ("r.m.s., weighted by ISO 2631-1", f"{ride.weighted_rms:.3f} m/s^2", "0.315: not uncomfortable"),
+        ("weighted r.m.s. (ISO 2631-1)", f"{ride.weighted_rms:.3f} m/s^2", "0.315: not uncomfortable"),
         ("hard stops", f"{ride.hard_stops}", ""),
     )
 
@@ -171,7 +171,7 @@ def _drive_picture(demo: Demo) -> PngFigure:
             draw_outline(axes, outline, Pose2(*pose), colour)
     draw_places(axes, [demo.setup.places[leg.place] for leg in demo.legs])
     axes.legend(loc="upper left", fontsize=8)
-    caption = "Dotted: the path planned at first. Full: the way driven, with the chair's outline every 3 s."
+    caption = "Dotted: the first planned path. Solid: the path driven, with the chair's footprint every 3 s."
     return PngFigure("Planned and driven", caption, png_from_figure(figure))
 
 
@@ -186,7 +186,7 @@ def _volts_picture(demo: Demo) -> PngFigure:
     rows[0].legend(fontsize=8)
     for axes in rows:
         axes.grid(alpha=0.3)
-    caption = "What the emulated joystick put on the two lines; above neutral is forward, and to the right."
+    caption = "Volts of the emulated joystick's two lines; above neutral is forward, and right."
     return PngFigure("Joystick volts", caption, png_from_figure(figure))
 
 
@@ -199,4 +199,4 @@ def _clearance_picture(demo: Demo) -> PngFigure:
     axes.set_ylabel("clearance [m]")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=8)
-    return PngFigure("Clearance", "From the chair's true outline to the nearest wall.", png_from_figure(figure))
+    return PngFigure("Clearance", "From the chair's true footprint to the nearest wall.", png_from_figure(figure))

@@ -68,7 +68,7 @@ def simulator_with_pictures(
         world, body, replace(settings, camera=camera, sonar=replace(settings.sonar, rate_hz=0.0)), seed
     )
     if simulator.camera_problem is not None:
-        raise MissingExtra(f"there are no pictures to map from: {simulator.camera_problem}")
+        raise MissingExtra(f"pictures cannot be rendered: {simulator.camera_problem}")
     return simulator
 
 

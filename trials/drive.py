@@ -285,7 +285,7 @@ def drive_to_place(
     error_rad = abs(wrap_angle(truth[-1][2] - place.pose.theta))
     arrived = last.navigation.stage is Stage.ARRIVED
     ended = last.navigation.stage in (Stage.ARRIVED, Stage.FAILED)
-    reason = last.navigation.reason if ended else last.verdict.reason or "the time is up"
+    reason = last.navigation.reason if ended else last.verdict.reason or "the time limit was reached"
     return DriveRecord(
         place=goal,
         reached=arrived and error_m <= place.tolerance_m and error_rad <= place.tolerance_rad,

@@ -28,7 +28,7 @@ from waychair.maps.distance_field import distance_field
 from waychair.maps.grid import occupied_points, points_from_cells
 from waychair.maps.zones import Rule, Zone
 from waychair.planning.motion import DwaSettings
-from waychair.planning.personal_space import PersonalSpaceSettings
+from waychair.planning.personal_space import LegClearanceSettings, PersonalSpaceSettings
 from waychair.planning.tracks import TrackSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.contact import HIGHEST, LOWEST, Contact, ContactKind, clearance, solid_from_blocks
@@ -356,7 +356,7 @@ def robot_settings() -> ChairSettings:
     """
     return ChairSettings(
         navigator=NavigatorSettings(
-            waits_from=0.6,
+            goal_wait_distance=0.6,
             recovery=RecoverySettings(patience=150.0, patience_with_people=150.0),  # discs never stand for long
             tracks=TrackSettings(movers="robots"),
             personal_space=PersonalSpaceSettings(radius=0.2, squeezed=0.2),

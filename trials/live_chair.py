@@ -52,7 +52,7 @@ COUNTDOWN_S = 3.0
 
 _PICTURES_HZ = 2.0
 _BEFORE_START = ChairView(
-    0, None, LocalisationState.LOST, 0.0, DriveMode.MANUAL, Twist(), next_action="The chair is started."
+    0, None, LocalisationState.LOST, 0.0, DriveMode.MANUAL, Twist(), next_action="The chair is starting."
 )
 
 
@@ -186,11 +186,9 @@ class LiveChair(DrawingPort):
 
         def said() -> Answer:
             if not self._chair.waits:
-                return Answer(False, "there is nothing to say yes to: choose a place first")
+                return Answer(False, "there is no goal to confirm: choose a place first")
             if goal and goal != self._display.label:
-                return Answer(
-                    False, f"meanwhile somebody chose {self._display.label}: look where it leads, then press Drive"
-                )
+                return Answer(False, f"the goal is {self._display.label} now: check its path, then press Drive")
             self._loop.watch.began(time.monotonic_ns())
             self._chair.confirm()
             verdict = self._loop.step().verdict
@@ -226,7 +224,7 @@ class LiveChair(DrawingPort):
         def done() -> Answer:
             self._chair.cancel()
             self._loop.step()
-            return Answer(True, "the drive is given up")
+            return Answer(True, "the drive was cancelled")
 
         return self._request(done)
 
@@ -245,7 +243,7 @@ class LiveChair(DrawingPort):
 
         def done() -> Answer:
             self._chair.reset()
-            return Answer(True, "the faults were reset; ask for the goal again")
+            return Answer(True, "the faults were reset; request the goal again")
 
         return self._request(done)
 
@@ -267,7 +265,7 @@ class LiveChair(DrawingPort):
 
         def done() -> Answer:
             self._chair.relocalise(map_from_base)
-            return Answer(True, "the chair looks where it is")
+            return Answer(True, "the chair relocalises")
 
         return self._request(done)
 
@@ -363,8 +361,8 @@ class LiveChair(DrawingPort):
         figures = {
             "tick, mean [ms CPU]": 1e3 * timing.tick_s,
             "tick, longest [ms CPU]": 1e3 * timing.longest_tick_s,
-            "ticks that came late": float(timing.late),
-            "time given up [s]": timing.lost_s,
+            "late ticks": float(timing.late),
+            "time lost [s]": timing.lost_s,
             "forward line [V]": state.sent.forward_volts,
             "turn line [V]": state.sent.turn_volts,
             "plans of this drive": float(state.navigation.plans),

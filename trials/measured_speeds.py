@@ -126,8 +126,8 @@ class ScanSpeeds:
         rates = np.array([still.gyro[2] for still in self._still], float)
         if (spread := float(rates.std())) > _MOST_TURN:
             raise CalibrationError(
-                f"the gyro's readings spread by {spread:.3f} rad/s while the chair should stand still: let it rest for "
-                f"{STILL_S:g} s and begin again"
+                f"the gyro's readings spread by {spread:.3f} rad/s while the chair should rest: let it stand still for "
+                f"{STILL_S:g} s and start again"
             )
         self._bias = float(rates.mean())
 
@@ -135,7 +135,7 @@ class ScanSpeeds:
         """Update pose and twist by a scan; return False for the first scan, which has no predecessor."""
         points = scan_points(scan, self._mount, self._settings.range_max, self._twist)
         if len(points) < MIN_POINTS:
-            raise CalibrationError("a scan shows nothing to match: calibrate in a room whose walls the lidar sees")
+            raise CalibrationError("a scan shows no walls to match: calibrate in a smaller room")
         if self._key is None:
             self._become_key(points)
             return False
@@ -147,7 +147,7 @@ class ScanSpeeds:
         trust = np.diag([1.0, 1.0, 1.0 / 0.01**2])
         found = match(points.thinned(_MOST_POINTS), self._key, guess, trust, window, self._settings)
         if found.inliers < _LEAST_INLIERS:
-            raise CalibrationError("a scan does not fit the one before it: calibrate in a room that stands still")
+            raise CalibrationError("a scan does not match the previous one: calibrate in a static room")
         moved = self._key_from_base.inverse() @ found.pose
         self._twist = Twist(_arc_length(moved) / seconds, turn / seconds)
         self._key_from_base = found.pose

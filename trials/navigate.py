@@ -62,7 +62,7 @@ def navigate(
     """
     map_from_world = map_from_world or Pose2()
     if not inside(grid, cells_from_points(grid, np.array([[start.x, start.y]])))[0]:
-        raise StartOutsideMap(f"the start ({start.x:g}, {start.y:g}) lies outside the map; choose one inside it")
+        raise StartOutsideMap(f"the start ({start.x:g}, {start.y:g}) is outside the map: choose one inside it")
     check_free_space(costmap_from_grid(grid, CHAIR_A, zones=zones))
     if world is None:
         grid, scanned = with_closed_borders(grid), None
@@ -80,7 +80,7 @@ def navigate(
 def _world_at_start(start: Pose2, grid: OccupancyGrid, world: World | None, map_from_world: Pose2) -> World:
     """Return the given world without people, or one raised from the grid, with the chair at `start` in map."""
     refusal = StartOccupied(
-        f"the chair does not fit at its start ({start.x:g}, {start.y:g}, {start.theta:g}) on the map; "
+        f"the chair does not fit at its start ({start.x:g}, {start.y:g}, {start.theta:g}) on the map: "
         "choose another one"
     )
     if world is None:

@@ -75,7 +75,7 @@ class RealTimeLoop:
         try:
             answer: T = future.result(ANSWER_S)  # type: ignore[assignment]
         except FutureTimeout as error:
-            raise WaychairError(f"the chair has not answered within {ANSWER_S:g} s: see whether it stands") from error
+            raise WaychairError(f"the chair did not answer within {ANSWER_S:g} s: check whether it stands") from error
         return answer
 
     def tell(self, function: Callable[[], object]) -> None:
@@ -144,7 +144,7 @@ class RealTimeLoop:
         if late_ns > _GREATEST_LAG_NS:
             self.timing.late += 1
             self.timing.lost_s += late_ns * 1e-9
-            logging.getLogger(__name__).warning("a tick of the simulated chair came %.0f ms late", late_ns * 1e-6)
+            logging.getLogger(__name__).warning("a tick of the simulated chair was %.0f ms late", late_ns * 1e-6)
             self._due_ns += late_ns
 
     def _serve(self) -> None:

@@ -61,7 +61,7 @@ def _imu(stamp: int, message: Any) -> ImuSample:
 def _messages(path: Path, kind: str) -> Iterator[tuple[int, Any]]:
     """Yield (header stamp [ns], message) of all messages of a type."""
     if not path.exists():
-        raise RecordingNotFound(f"there is no recording at {path}: give a bag's file or folder")
+        raise RecordingNotFound(f"no recording exists at {path}: give the file or folder of a bag")
     with opened(path, _suffix(path)) as bag:
         wanted = [connection for connection in bag.connections if connection.msgtype == kind]
         for _, _, message in messages(path, bag, wanted):
@@ -76,5 +76,5 @@ def _suffix(path: Path) -> str:
     with path.open("rb") as file:
         suffix = bag_suffix(file.read(16))
     if suffix is None:
-        raise RecordingDamaged(f"{path} is no bag: give a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
+        raise RecordingDamaged(f"{path} is not a bag: give a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
     return suffix

@@ -68,8 +68,8 @@ TOLERANCES: Mapping[str, float] = MappingProxyType(
 
 IGNORED: Mapping[str, str] = MappingProxyType(
     {
-        "pilot.reason": "a sentence may be put better; the stage is compared",
-        "base.reason": "a sentence may be put better; mode and halts are compared",
+        "pilot.reason": "its wording may change; the stage is compared",
+        "base.reason": "its wording may change; mode and halts are compared",
     }
 )
 """Fields that are stored for readers but not compared, with the reason."""
@@ -107,7 +107,7 @@ class Tape:
         for taped in self.ticks:
             moment = next(records(taped.moment))
             if not isinstance(moment, Moment):
-                raise BoxError("the tape holds ticks of another version: record it anew with --record --reason")
+                raise BoxError("the tape has another version: record it again with --record --reason")
             yield taped, moment
 
 
@@ -125,7 +125,7 @@ def load_tape(path: Path) -> Tape:
     try:
         return msgspec.msgpack.decode(lzma.decompress(path.read_bytes()), type=Tape)
     except (OSError, EOFError, lzma.LZMAError, msgspec.MsgspecError) as error:
-        raise BoxError(f"cannot read the tape {path}: {error}; record it anew with --record") from error
+        raise BoxError(f"cannot read the tape {path}: {error}: record it again with --record") from error
 
 
 def record_tape(
@@ -224,7 +224,7 @@ def save_reference(path: Path, part: str, rows: Sequence[Row], reason: str) -> N
         ConfigError: the reason is empty.
     """
     if not reason.strip():
-        raise ConfigError(f"the reference of the {part} is not rewritten without a reason: give --reason")
+        raise ConfigError(f"the reference of the {part} cannot be updated without a reason: give --reason")
     before = load_reference(path).reasons if path.exists() else ()
     columns = {name: [row.get(name) for row in rows] for name in (rows[0] if rows else {})}
     text = json.dumps({"part": part, "reasons": [*before, reason.strip()], "columns": columns}, allow_nan=False)
@@ -243,7 +243,7 @@ def load_reference(path: Path) -> ReferenceOutputs:
         rows = [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
         return ReferenceOutputs(values["part"], tuple(values["reasons"]), tuple(rows))
     except (OSError, EOFError, lzma.LZMAError, ValueError, KeyError) as error:
-        raise BoxError(f"cannot read the reference {path}: {error}; make it anew with --update --reason") from error
+        raise BoxError(f"cannot read the reference {path}: {error}: update it with --update --reason") from error
 
 
 def _replay_odometry(tape: Tape, calibration: ChairCalibration) -> list[Row]:

@@ -250,4 +250,4 @@ def _started(world: World, body: ChairBody, draw: Callable[[], Pose2]) -> World:
         start = draw()
         if fits(body, 0.05, field, start):
             return replace(world, start=start)
-    raise WorldError(f"chair {body.chair_id} finds no start in '{world.name}': take a smaller chair")
+    raise WorldError(f"chair {body.chair_id} has no free start in '{world.name}': use a smaller chair")

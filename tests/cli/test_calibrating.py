@@ -119,7 +119,7 @@ def test_stops_need_a_model_first(tmp_path: Path) -> None:
     with pytest.raises(CalibrationError, match="calibrate dac"):
         _run("stop", "--out", str(out))
     save_calibration(out, ChairCalibration("sim-0", "2026-01-31"))
-    with pytest.raises(CalibrationError, match="no model of the joystick yet"):
+    with pytest.raises(CalibrationError, match="holds no model of the joystick"):
         _run("stop", "--out", str(out))
 
 
@@ -215,7 +215,7 @@ def test_a_real_chair_on_blocks_tells_its_dead_bands_through_its_board(
     said = capsys.readouterr()
     assert f"forward: neutral {PLANT.neutral_volts:.3f} V" in said.out
     assert "turn: neutral" in said.out
-    assert "Chair 'ward 3' is about to drive by itself" in said.err
+    assert "Chair 'ward 3' will drive by itself" in said.err
     assert not out.exists()
     log = read_sweep_log(tmp_path / "chair.sweep.csv", 12, 3.3)
     assert np.abs(log.volts - PLANT.neutral_volts).max() == pytest.approx(0.4, abs=0.01)
@@ -244,7 +244,7 @@ def test_a_sweep_that_is_broken_off_says_why_and_where_its_log_is(
 ) -> None:
     out, part = tmp_path / "chair.json", tmp_path / "chair.sweep.csv.part"
     rig.events.append((9000, lambda: event(rig)))
-    with pytest.raises(error, match=f"{says}.*; what was measured until then is in {part}"):
+    with pytest.raises(error, match=f"{says}.*; the samples until then are in {part}"):
         _run(*SWEEP, "--out", str(out))
     assert len(read_sweep_log(part, 12, 3.3).stamps_ns) > 300
     assert not out.exists()
@@ -258,7 +258,7 @@ def test_ctrl_c_lets_go_of_the_lines_and_keeps_the_log(rig: BoardRig, tmp_path: 
     rig.events.append((3000, interrupt))
     with pytest.raises(KeyboardInterrupt) as stopped:
         _run(*SWEEP, "--out", str(tmp_path / "chair.json"))
-    assert stopped.value.__notes__ == [f"what was measured until then is in {tmp_path / 'chair.sweep.csv.part'}"]
+    assert stopped.value.__notes__ == [f"the samples until then are in {tmp_path / 'chair.sweep.csv.part'}"]
     assert rig.board.transport.closed
     rig.wait_until(rig.now_ns() + 200_000_000)
     assert rig.lines[-1].holder.name == "JOYSTICK"
@@ -269,7 +269,7 @@ def test_without_a_word_the_real_chair_stays_where_it_is(
     rig: BoardRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, word: str
 ) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(word))
-    with pytest.raises(BadArgument, match="nobody typed 'drive'"):
+    with pytest.raises(BadArgument, match="'drive' was not typed"):
         _run(*SWEEP, "--out", str(tmp_path / "chair.json"))
     assert all(state.holder.name == "JOYSTICK" for state in rig.lines)
     assert list(tmp_path.iterdir()) == []
@@ -383,11 +383,11 @@ def test_wheels_are_found_from_a_recording_and_its_mapped_trajectory(squares: Pa
 def test_recordings_that_do_not_fit_are_refused(squares: Path, tmp_path: Path) -> None:
     bag, tum = str(squares / "squares.mcap"), tmp_path / "other.tum"
     tum.write_text("1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n")
-    with pytest.raises(CalibrationError, match="no time in common"):
+    with pytest.raises(CalibrationError, match="share no time"):
         _run("wheels", "--recording", bag, "--trajectory", str(tum), "--chair-id", "w", "--out", str(tmp_path / "c"))
     with pytest.raises(RecordingError, match="holds no sensor_msgs/msg/Imu"):
         _run("imu", "--recording", bag, "--chair-id", "w", "--out", str(tmp_path / "c"))
-    with pytest.raises(RecordingError, match="is no bag"):
+    with pytest.raises(RecordingError, match="is not a bag"):
         _run("imu", "--recording", str(tum), "--chair-id", "w", "--out", str(tmp_path / "c"))
-    with pytest.raises(BadArgument, match="--trajectory go together"):
+    with pytest.raises(BadArgument, match="--trajectory belong together"):
         _run("wheels", "--recording", bag, "--chair-id", "w")

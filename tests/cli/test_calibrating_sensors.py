@@ -83,7 +83,7 @@ def test_wrong_arguments_and_files_have_names_and_leave_nothing(
 
 
 def test_delays_cannot_be_given_to_a_recording(tmp_path: Path, turned: Path) -> None:
-    with pytest.raises(BadArgument, match="--inject is for a simulated chair"):
+    with pytest.raises(BadArgument, match="--inject needs a simulated chair"):
         run("time", turned, "--chair-id", "x", "--inject", "1", "0", "0", "--out", tmp_path / "chair.json")
 
 
@@ -91,4 +91,4 @@ def test_a_failure_is_one_sentence_and_a_status(tmp_path: Path) -> None:
     command = [str(Path(sys.executable).parent / "waychair"), "calibrate", "mask", str(tmp_path / "none.mcap")]
     failed = subprocess.run([*command, "--chair-id", "x", "--quiet"], capture_output=True, text=True, check=False)
     assert failed.returncode == 1
-    assert failed.stderr == f"waychair: there is no recording at {tmp_path / 'none.mcap'}; check the path\n"
+    assert failed.stderr == f"waychair: no recording exists at {tmp_path / 'none.mcap'}; check the path\n"

@@ -72,7 +72,7 @@ def test_the_configuration_in_force_maps_the_same_again(bag: Path, map_folder: P
 
 
 def test_places_are_added_listed_and_moved(map_folder: Path) -> None:
-    assert "no places yet" in waychair("places", "--map", map_folder).stdout
+    assert "has no places" in waychair("places", "--map", map_folder).stdout
     assert waychair("places", "--map", map_folder, "--add", "desk", "1.0,0.5,1.57").returncode == 0
     added = waychair("places", "--map", map_folder / "map.yaml", "--add", "door", "-1.0,-0.5")
     assert added.stdout.splitlines() == ["desk: 1.00, 0.50, 1.57", "door: -1.00, -0.50, 0.00"]
@@ -92,9 +92,9 @@ def test_an_impossible_place_is_refused(map_folder: Path, place: tuple[str, str]
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("--worlds", "1.9"), "'1.9' is no whole number"),
+        (("--worlds", "1.9"), "'1.9' is not a whole number"),
         (("--worlds", "x"), "unable to convert"),
-        (("--starts", "0.5"), "'0.5' is no whole number"),
+        (("--starts", "0.5"), "'0.5' is not a whole number"),
         (("--jobs", "0"), "Must be >= 1"),
         (("--jobs", "-1"), "Must be >= 1"),
     ],
@@ -115,9 +115,9 @@ def test_no_folder_is_told_as_such(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("error", "said"),
     [
-        (OSError(errno.ENOSPC, "No space left on device"), "what was asked for: No space left on device; make room"),
+        (OSError(errno.ENOSPC, "No space left on device"), "a file: No space left on device; make room"),
         (OSError(errno.EACCES, "Permission denied", "/x/map.yaml"), "/x/map.yaml: Permission denied; give this user"),
-        (MemoryError(), "too little memory"),
+        (MemoryError(), "memory ran out"),
     ],
 )
 def test_what_the_computer_refuses_is_one_sentence(
@@ -137,7 +137,7 @@ def test_an_output_that_takes_nothing_more_is_one_sentence_and_nothing_else() ->
             done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
         assert done.returncode == 1
         (line,) = done.stderr.splitlines()
-        assert line.startswith("waychair: cannot read or write what was asked for: No space left on device")
+        assert line.startswith("waychair: cannot read or write a file: No space left on device")
 
 
 def test_a_place_in_a_wall_is_refused(tmp_path: Path) -> None:

@@ -74,7 +74,7 @@ def test_worlds_tells_one_world_with_the_names_of_its_doors_and_draws_it(tmp_pat
 
 
 def test_a_level_or_picture_of_no_world_and_a_level_that_is_not_there_are_refused(tmp_path: Path) -> None:
-    assert "give its name first" in refused(waychair("worlds", "--picture", tmp_path / "plan.png"))
+    assert "need the name of a world" in refused(waychair("worlds", "--picture", tmp_path / "plan.png"))
     assert "ground, upper" in refused(waychair("worlds", "two_floors", "--level", "attic"))
     assert "ground, upper" in refused(waychair("simulate", "--world", "two_floors", "--level", "attic"))
     assert list(tmp_path.iterdir()) == []
@@ -134,7 +134,7 @@ def test_realtime_takes_the_time_that_is_simulated(plan: Path) -> None:
     found = re.search(r"([\d.]+) times real time", done.stdout)
     assert found is not None, done.stdout
     assert 0.3 < float(found[1]) <= 1.03
-    assert (float(found[1]) < 0.9) <= ("could not hold real time" in done.stderr)
+    assert (float(found[1]) < 0.9) <= ("could not keep real time" in done.stderr)
     assert waychair("simulate", "--world", plan, "--mode", "slow").returncode != 0
 
 

@@ -104,7 +104,7 @@ def test_what_cannot_be_run_is_refused(stack: Stack, error: type[Exception], sen
 
 def test_nobody_sits_unattended_in_a_real_chair() -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed (no rclpy)")
-    with pytest.raises(BadArgument, match="--unattended is for simulated chairs"):
+    with pytest.raises(BadArgument, match="--unattended needs --sim"):
         up_command(chair=Path("chair.yaml"), cable="/dev/ttyUSB0", unattended=True)
 
 

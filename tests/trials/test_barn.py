@@ -158,7 +158,7 @@ def test_broken_wishes_are_refused_with_advice(tmp_path: Path, data_dir: Path) -
     for path in (tmp_path / "none", tmp_path / "file"):
         with pytest.raises(WorldError, match="there is no folder '"):
             worlds_in(path)
-    with pytest.raises(ConfigError, match="no body 'truck': take jackal"):
+    with pytest.raises(ConfigError, match="unknown body 'truck': take jackal"):
         BarnTask(body="truck")
     with pytest.raises(ConfigError, match="speed"):
         BarnTask(speed=-1.0)
@@ -177,5 +177,5 @@ def test_the_command_prints_json_with_the_benchmarks_figures(
 
 
 def test_a_process_that_is_killed_is_named_with_advice() -> None:
-    with pytest.raises(WorkerLost, match="fewer with --jobs"), _workers(2) as each:
+    with pytest.raises(WorkerLost, match="reduce --jobs"), _workers(2) as each:
         list(each(os._exit, [1, 1]))

@@ -110,8 +110,8 @@ def _blind(rig: BoardRig) -> None:
     [
         (_press, BridgeError, "joystick was touched (-591 and +9 mV off its rest)"),
         (_estop, BridgeError, "the board stopped the chair: ESTOP"),
-        (_freeze, BridgeError, "the board has said nothing for 0.2"),
-        (_restart, BridgeError, "let go of the lines with the joystick at rest"),
+        (_freeze, BridgeError, "the board sent nothing for 0.2"),
+        (_restart, BridgeError, "released the lines with the joystick at rest"),
         (_kill, TransportError, "cable to the board was lost"),
         (_pull, TransportError, "cable to the board was lost"),
         (BoardRig.pull_sensors, TransportError, "cable to the sensors was lost"),
@@ -215,5 +215,5 @@ def test_the_plan_stays_within_what_the_board_lets_through(rig: BoardRig) -> Non
 def test_volts_that_the_board_would_cut_short_are_refused(rig: BoardRig, volts: float) -> None:
     with rig.drive() as drive:
         drive.arm()
-        with pytest.raises(CalibrationError, match="beyond the 1200 mV about 1650 mV"):
+        with pytest.raises(CalibrationError, match="outside the 1200 mV round 1650 mV"):
             drive.hold(PLANT.neutral_volts, volts, 1.0)

@@ -60,7 +60,7 @@ def test_free_ground_is_shut_off_where_the_unknown_begins_but_not_at_specks() ->
 @pytest.mark.parametrize(
     ("start", "error", "said"),
     [
-        (Pose2(9.0, 4.0), StartOutsideMap, r"\(9, 4\) lies outside the map"),
+        (Pose2(9.0, 4.0), StartOutsideMap, r"\(9, 4\) is outside the map"),
         (Pose2(0.01, 4.0), StartOccupied, r"does not fit at its start \(0\.01, 4, 0\) on the map"),
         (Pose2(0.3, 4.0), StartOccupied, r"\(0\.3, 4, 0\) on the map"),
     ],
