@@ -61,8 +61,16 @@ from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_battery, read_imu, read_page_joystick, read_scan, read_wheels
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node import ChairNode, run_node
+from waychair.ros.node_settings import (
+    calibration_field,
+    chair_field,
+    imu_frame_field,
+    map_folder_field,
+    scan_frame_field,
+    stamped_field,
+)
 from waychair.ros.topics import RosTopic
-from waychair.ros_messages import BASE_FRAME, IMU_FRAME, LASER_FRAME, ODOM_FRAME
+from waychair.ros_messages import BASE_FRAME, ODOM_FRAME
 from waychair.runtime.black_box import BlackBoxSettings, LoggedChair
 from waychair.runtime.drive_base import BaseSettings, ChairMessage, DriveBase
 from waychair.runtime.monitor_process import MonitorProcess, Watched
@@ -71,6 +79,9 @@ from waychair.runtime.wheel_counts import WheelCounts
 from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.topics import SCAN as SCAN_RATE
 from waychair.types import ChairStatus, DriveMode, Goal, JoystickInput, Odometry, Pose2, Twist, WheelTicks
+
+NAVIGATOR_NODE, PAGE_NODE = "navigator", "page"
+"""The only nodes whose speeds and whose joystick are obeyed."""
 
 SILENT_NS = 100_000_000
 """A navigator or localiser that has been silent for so long is treated as dead."""
@@ -91,19 +102,19 @@ _PUBLISHER_CHECK_NS = 200_000_000  # time between two checks of the publishers' 
 class BridgeNodeSettings(BaseSettings):
     """The chair, the cable, the map whose zones apply, and the nodes that may command."""
 
-    calibration: str = setting("", "", "the chair's file (`waychair calibrate`); empty: a simulated chair's")
-    chair: str = setting("A", "", "the simulated chair, where there is no file")
-    cable: str = setting("pty:/tmp/waychair-board", "", "of the board: /dev/..., pty:PATH or tcp:HOST:PORT")
-    map_folder: str = setting("", "", "the map whose zones limit the speed; empty: none")
-    navigator: str = setting("navigator", "", "the only node whose speeds are obeyed")
-    page: str = setting("page", "", "the only node whose joystick is obeyed")
-    scan_frame: str = setting(LASER_FRAME, "", "the only frame whose scans are taken: of the lidar in the chair's file")
-    imu_frame: str = setting(IMU_FRAME, "", "the same of the IMU")
-    enable_stamped_cmd_vel: bool = setting(False, "", "cmd_vel is a TwistStamped, as in Nav2 from Kilted on")
-    box: str = setting("", "", "folder of the black box; empty: none")
+    calibration: str = calibration_field()
+    chair: str = chair_field()
+    cable: str = setting("pty:/tmp/waychair-board", "", "port of the board: /dev/..., pty:PATH or tcp:HOST:PORT")
+    map_folder: str = map_folder_field()
+    scan_frame: str = scan_frame_field()
+    imu_frame: str = imu_frame_field()
+    enable_stamped_cmd_vel: bool = stamped_field()
+    black_box_folder: str = setting("", "", "folder of the black box; empty: no black box is kept")
     black_box: BlackBoxSettings = field(default_factory=BlackBoxSettings)
-    deaf: bool = setting(False, "", "no speeds are obeyed, whoever sends them: the network is open")
-    unattended: bool = setting(False, "", "a goal is its own yes: for a chair that nobody sits in")
+    ignore_commands: bool = setting(False, "", "ignore all speeds and joysticks of other nodes, on an open network")
+    confirm_goals: bool = setting(
+        False, "", "confirm each goal at once; only for a simulated chair, since nobody is asked"
+    )
 
 
 @dataclass(slots=True)
@@ -162,9 +173,9 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             -MAX_CLOCK_DIFFERENCE_NS * 1000,
         )  # by the scan's stamp, and by the steady clock
         self._authorised = {
-            self.resolve_topic_name(topics.COMMAND.name): s.navigator,
-            self.resolve_topic_name(topics.DRIVE_REQUEST.name): s.navigator,
-            self.resolve_topic_name(topics.PAGE_JOYSTICK.name): s.page,
+            self.resolve_topic_name(topics.COMMAND.name): NAVIGATOR_NODE,
+            self.resolve_topic_name(topics.DRIVE_REQUEST.name): NAVIGATOR_NODE,
+            self.resolve_topic_name(topics.PAGE_JOYSTICK.name): PAGE_NODE,
         }  # the topics that move the chair, and the only node that may publish each
         self._publisher_counts, self._checked_ns, self._intruder = [0] * len(self._authorised), 0, ""
 
@@ -208,10 +219,10 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
     def _start_log(self) -> BridgeLog | None:
         """Return the black box's log if a folder is configured."""
         s = self.settings
-        if not s.box:
+        if not s.black_box_folder:
             return None
         places = load_places(Path(s.map_folder)) if s.map_folder else {}
-        log = BridgeLog(Path(s.box), LoggedChair(s, self._calibration, places), s.black_box)
+        log = BridgeLog(Path(s.black_box_folder), LoggedChair(s, self._calibration, places), s.black_box)
         self.at_end(log.close)
         return log
 
@@ -323,7 +334,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             self._goal_id = request.goal_id
             self._log_request("go", Goal(request.goal))
             self._base.request()
-            if self.settings.unattended:
+            if self.settings.confirm_goals:
                 self._base.confirm()
         active = request.active and self._goal_id not in (NO_GOAL, self._ended_goal_id)
         verdict, telemetry = self._base.supervise(now_ns, active, self._halts(now_ns, active))
@@ -363,7 +374,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
 
     def _halts(self, now_ns: int, active: bool) -> list[Halt]:
         """Return the halts that only a chair of several processes has: silent nodes and additional commanders."""
-        halts = [halt("open_network")] if self.settings.deaf else []
+        halts = [halt("open_network")] if self.settings.ignore_commands else []
         if (active or self._mode in DRIVEN) and self._request.is_silent(now_ns):
             halts.append(halt("navigator_silent"))
         if self._localiser.is_silent(now_ns) or SCAN_RATE.is_stale(self._scan_steady_ns, now_ns):
@@ -391,7 +402,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         for topic, sender in self._authorised.items():
             names = [each.node_name for each in self.get_publishers_info_by_topic(topic)]
             others = [name for name in names if name != sender]
-            if others or (len(names) > 1 and sender == self.settings.navigator):
+            if others or (len(names) > 1 and sender == NAVIGATOR_NODE):
                 self._intruder = others[0] if others else f"{len(names)} nodes named '{sender}'"
 
     def _serve(self, name: str, call: Callable[[], tuple[bool, str]]) -> None:
@@ -415,7 +426,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         """
         now_ns = time.monotonic_ns()
         self._check_publishers(now_ns)
-        if stick is None or self.settings.deaf:
+        if stick is None or self.settings.ignore_commands:
             self._joystick_held_ns = None
             self._base.let_go(now_ns)
         elif self._joystick_held_ns is not None:

@@ -16,8 +16,8 @@ Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs), `reinitialize
 `amcl/get_state` (lifecycle_msgs) for scripts that wait for Nav2's localiser. `load_map` does not change the places and
 zones of the other nodes, which come from the `map_folder` that they were started with.
 
-With a map it localises, starting from `start`, else from the pose saved by its last run, else by global localisation.
-Without a map, or with `mapping`, it makes a map, the same as `waychair map` from a bag of the same drive.
+With a map it localises, starting from the pose saved by its last run, else by global localisation. Without a map it makes
+one, the same as `waychair map` from a bag of the same drive.
 """
 
 from __future__ import annotations
@@ -56,8 +56,15 @@ from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_imu, read_scan
 from waychair.ros.messages.wire import native
 from waychair.ros.node import ChairNode, run_node
+from waychair.ros.node_settings import (
+    calibration_field,
+    chair_field,
+    imu_frame_field,
+    map_folder_field,
+    scan_frame_field,
+)
 from waychair.ros.topics import RosTopic
-from waychair.ros_messages import IMU_FRAME, LASER_FRAME, MAP_FRAME, ODOM_FRAME
+from waychair.ros_messages import MAP_FRAME, ODOM_FRAME
 from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.runtime.map_folders import copy_map
@@ -80,17 +87,17 @@ _ANYWHERE = np.diag([1e4, 1e4, math.pi**2])  # m2, m2, rad2: covariance of an un
 class MapperNodeSettings(Settings):
     """The map to localise on, or how to make one."""
 
-    map_folder: str = setting("", "", "the map to localise on; empty: one is made")
-    mapping: bool = setting(False, "", "make a map although one is given")
-    calibration: str = setting("", "", "the chair's file; empty: a simulated chair's")
-    chair: str = setting("A", "", "the simulated chair, where there is no file")
-    start: str = setting("", "", "X,Y,YAW in map [m, m, rad] where the chair stands; empty: see `remember`")
-    remember: str = setting("", "", "file in which the pose is kept from one run to the next; empty: it is not")
-    keep: str = setting(
-        "", "", "folder for a map that is made, written when the node ends; empty: only when it is asked for"
+    map_folder: str = map_folder_field()
+    calibration: str = calibration_field()
+    chair: str = chair_field()
+    pose_file: str = setting(
+        "", "", "file in which the chair's pose is kept from one run to the next; empty: localise globally at the start"
     )
-    scan_frame: str = setting(LASER_FRAME, "", "the only frame whose scans are taken: of the lidar in the chair's file")
-    imu_frame: str = setting(IMU_FRAME, "", "the same of the IMU")
+    save_folder: str = setting(
+        "", "", "folder to which a map that is being made is saved when the node ends; empty: only on request"
+    )
+    scan_frame: str = scan_frame_field()
+    imu_frame: str = imu_frame_field()
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
     live: LiveMappingSettings = field(default_factory=LiveMappingSettings)
 
@@ -111,7 +118,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._send_transform, self._send_localisation = self.publisher(topics.TF), self.publisher(topics.LOCALISATION)
         self._localiser: Localiser | None = None
         self._builder: MapBuilder | None = None
-        if s.map_folder and not s.mapping:
+        if s.map_folder:
             self._localise_on(Path(s.map_folder), self._first_pose())
         else:
             self._builder = self._begin_map()
@@ -142,7 +149,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         from waychair.ros.growing_map import MapBuilder  # late, since localisation does not need it
 
         s = self.settings
-        if s.keep:
+        if s.save_folder:
             self.at_end(self._finish_map)  # runs after the end of the worker, which is started later
         builder = MapBuilder(
             self.worker, lambda: LiveMapping(s.live, self._body.base_from_laser, self._body), self._publish
@@ -185,16 +192,10 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._send_map(occupancy_grid(self.now_ns(), grid))
 
     def _first_pose(self) -> Pose2 | None:
-        """Return the start pose: from the setting, else from this node's last run; None: unknown.
-
-        Raises:
-            ConfigError: the setting `start` is not a pose.
-        """
+        """Return the pose of this node's last run; None: unknown."""
         s = self.settings
-        if s.start:
-            return pose_from_text(s.start)
         try:
-            return remembered_pose(Path(s.remember), Path(s.map_folder)) if s.remember else None
+            return remembered_pose(Path(s.pose_file), Path(s.map_folder)) if s.pose_file else None
         except ConfigError as error:
             self.get_logger().warning(f"{error}; until then the chair localises itself globally")
             return None
@@ -202,7 +203,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
     def _save_pose(self) -> None:
         """Save the chair's pose unless it is lost."""
         s = self.settings
-        if not s.remember or self._localiser is None or self._localisation is None:
+        if not s.pose_file or self._localiser is None or self._localisation is None:
             return
         found = self._localisation[1]
         if found.state is LocalisationState.LOST:
@@ -212,7 +213,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             return
         self._saved_pose = pose
         try:
-            remember_pose(Path(s.remember), self._folder, pose)
+            remember_pose(Path(s.pose_file), self._folder, pose)
         except OutputError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 
@@ -353,7 +354,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
     def _finish_map(self) -> None:
         """Save the map that was being made, at the node's end."""
         if self._builder is not None:
-            trouble = self._builder.finish(Path(self.settings.keep))
+            trouble = self._builder.finish(Path(self.settings.save_folder))
             if trouble:
                 self.get_logger().error(trouble)
 
@@ -361,21 +362,6 @@ class MapperNode(ChairNode[MapperNodeSettings]):
 def _lossless(topic: RosTopic) -> RosTopic:
     """Return the topic with a queue that loses nothing while this process is busy for `_PATIENCE_S`."""
     return replace(topic, qos=replace(topic.qos, depth=round(_PATIENCE_S * topic.rate_hz)))
-
-
-def pose_from_text(text: str) -> Pose2:
-    """Return the pose of a text X,Y,YAW or X,Y.
-
-    Raises:
-        ConfigError: the text has another form.
-    """
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (2, 3) or not all(map(math.isfinite, numbers)):
-        raise ConfigError(f"'{text}' is not a pose: give X,Y,YAW in metres and radians")
-    return Pose2(*numbers)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -65,8 +65,8 @@ from waychair.ros.messages.sensors import SonarRing, read_scan
 from waychair.ros.navigate_action import DriveFeedback, NavigateAction
 from waychair.ros.navigation_display import NavigationDisplay
 from waychair.ros.node import ChairNode, run_node
+from waychair.ros.node_settings import calibration_field, chair_field, map_folder_field, scan_frame_field, stamped_field
 from waychair.ros.tick_phase import TickPhase
-from waychair.ros_messages import LASER_FRAME
 from waychair.runtime.odometry_track import OdometryTrack
 from waychair.runtime.pilot import Pilot, PilotSettings
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED
@@ -88,12 +88,12 @@ _SILENT_NS = 500_000_000
 class NavigatorNodeSettings(PilotSettings):
     """The chair, and the map whose places and zones apply."""
 
-    calibration: str = setting("", "", "the chair's file; empty: a simulated chair's")
-    chair: str = setting("A", "", "the simulated chair, where there is no file")
-    map_folder: str = setting("", "", "the map's folder, for its places and zones; empty: none")
-    camera: bool = setting(True, "", "whether to look for floor edges and low things with the camera")
-    scan_frame: str = setting(LASER_FRAME, "", "the only frame whose scans are taken: of the lidar in the chair's file")
-    enable_stamped_cmd_vel: bool = setting(False, "", "cmd_vel is a TwistStamped, as in Nav2 from Kilted on")
+    calibration: str = calibration_field()
+    chair: str = chair_field()
+    map_folder: str = map_folder_field()
+    camera: bool = setting(True, "", "use the camera, if there is one, to see drop-offs and low obstacles")
+    scan_frame: str = scan_frame_field()
+    enable_stamped_cmd_vel: bool = stamped_field()
 
 
 class NavigatorNode(ChairNode[NavigatorNodeSettings]):

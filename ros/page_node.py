@@ -24,8 +24,8 @@ from waychair.config import Settings, setting
 from waychair.ros.known_chair import known_chair
 from waychair.ros.messages.reports import Report
 from waychair.ros.node import ChairNode
+from waychair.ros.node_settings import calibration_field, chair_field, map_folder_field, scan_frame_field
 from waychair.ros.page_port import PagePort
-from waychair.ros_messages import LASER_FRAME
 from waychair.runtime.chair_port import ChairPort
 
 _CAMERA_CHECK_HZ = 5.0
@@ -35,12 +35,14 @@ _CAMERA_CHECK_HZ = 5.0
 class PageNodeSettings(Settings):
     """The chair, the map's folder, and the address of the page."""
 
-    calibration: str = setting("", "", "the chair's file; empty: a simulated chair's")
-    chair: str = setting("A", "", "the simulated chair, where there is no file")
-    map_folder: str = setting("", "", "the map that is driven on, for what is drawn on it; empty: none")
-    scan_frame: str = setting(LASER_FRAME, "", "the only frame whose scans are taken: of the lidar in the chair's file")
-    host: str = setting("127.0.0.1", "", "address that the page is served on")
-    port: int = setting(8000, "", "and its port", low=1, high=65535)
+    calibration: str = calibration_field()
+    chair: str = chair_field()
+    map_folder: str = map_folder_field()
+    scan_frame: str = scan_frame_field()
+    host: str = setting(
+        "127.0.0.1", "", "address on which the page is served; 0.0.0.0: on all networks of this computer"
+    )
+    port: int = setting(8000, "", "TCP port on which the page is served", low=1, high=65535)
 
 
 class PageNode(ChairNode[PageNodeSettings]):

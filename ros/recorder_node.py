@@ -64,10 +64,10 @@ _FLUSH_HZ = 1.0
 class RecorderNodeSettings(Settings):
     """The bag's path, and the optional topics."""
 
-    out: str = setting(
-        "drive.mcap", "", "the bag: a file that ends in .mcap or .db3, or a folder; there must be none yet"
+    bag: str = setting(
+        "drive.mcap", "", "path of the bag, which must not exist: a file that ends in .mcap or .db3, or a folder"
     )
-    camera: bool = setting(False, "", "pictures and depth, too")
+    camera: bool = setting(False, "", "record colour and depth pictures, too, 25 MB/s before compression")
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +92,7 @@ class RecorderNode(ChairNode[RecorderNodeSettings]):
         self._span_ns: tuple[int, int] | None = None
         self._incompatible: set[RosTopic] = set()
         self._topic_subscriptions: dict[RosTopic, Any] = {}
-        self._bag = BagOutput(Path(self.settings.out))
+        self._bag = BagOutput(Path(self.settings.bag))
         for topic in DRIVE + (PICTURES if self.settings.camera else ()):
             self._subscribe(topic, replace(topic, qos=replace(topic.qos, depth=_DEPTH)))
         self._bag.open()

@@ -30,7 +30,6 @@ from waychair.calibration.dac import DEFAULT
 from waychair.config import Settings, setting
 from waychair.errors import OutputError
 from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, board_program
-from waychair.firmware_bridge.heartbeat import urgent
 from waychair.geometry import in_space
 from waychair.ros import topics
 from waychair.ros.description import robot_description
@@ -40,6 +39,7 @@ from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_joy
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node import ChairNode, run_node
+from waychair.ros.node_settings import chair_field
 from waychair.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FRAME
 from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.simulation.chair_file import load_chair
@@ -52,6 +52,7 @@ from waychair.trials.drive import DriveSetup, board_settings
 from waychair.types import ImuSample, JoystickInput, Odometry, Pose2, RgbdFrame, Scan, SonarReadings, WheelTicks
 
 _SAVE_POSE_HZ = 10.0
+_CLOCK_HZ = 100.0  # messages on /clock, with use_sim_time
 _SLACK_S = 0.04
 """A longer delay is never caught up. While catching up, the board's time would pass without messages from the computer,
 whose silence it tolerates for 0.1 s, and stamps would be as old as the delay."""
@@ -61,22 +62,21 @@ whose silence it tolerates for 0.1 s, and stamps would be as old as the delay.""
 class SimulatorNodeSettings(Settings):
     """The simulated chair, its world, and its sensors."""
 
-    world: str = setting("small_clinic", "", "a world that ships (`waychair worlds`), or a plan's .yaml file")
-    level: str = setting("", "", "level of it; empty: the first")
-    chair: str = setting("A", "", "a chair that is built in, or a chair's .yaml file")
-    plant_model: str = setting("kinematic", "", "kinematic or mujoco")
-    seed: int = setting(0, "", "seed of sensors and noise", low=0, high=2**31)
-    people: bool = setting(True, "", "whether the people of the plan are there")
-    camera: bool = setting(True, "", "whether there is a camera")
-    sonars: bool = setting(True, "", "whether there are sonars")
-    board: bool = setting(True, "", "whether the firmware holds the lines, or else the rider's stick alone")
-    board_link: str = setting("", "", "name for the board's cable that stays the same; empty: the device's own")
-    remember: str = setting(
-        "", "", "file in which the chair's place is kept, for a simulator that was killed; empty: none"
+    world: str = setting(
+        "small_clinic", "", "world by name (`waychair worlds`), or a plan's .yaml file; its first level"
     )
-    publish_base: bool = setting(True, "", "whether to send odom, its transform, and the mounts")
-    urgent: bool = setting(False, "", "real-time priority for the simulation, where the system grants it")
-    clock_hz: float = setting(100.0, "Hz", "ticks of /clock with use_sim_time", low=1.0, high=200.0)
+    chair: str = chair_field()
+    plant_model: str = setting(
+        "kinematic", "", "model of the chair's motion: kinematic (fast) or mujoco (casters, motors)"
+    )
+    seed: int = setting(0, "", "seed of the sensors' noise", low=0, high=2**31)
+    people: bool = setting(True, "", "simulate the world's pedestrians")
+    camera: bool = setting(True, "", "simulate the camera, where this computer can render")
+    board_link: str = setting("", "", "path of a link to the board's cable; empty: only its pseudo-terminal's own path")
+    pose_file: str = setting(
+        "", "", "file in which the chair's pose is kept for a restart; empty: each run begins at the world's start"
+    )
+    publish_base: bool = setting(True, "", "publish odometry, its transform and the mounts; off where a bridge does")
 
 
 class _Board(HostBoard):
@@ -105,7 +105,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._joystick = self.listen(topics.JOY, read_joy, needed=False)
         self._saved_pose: Pose2 | None = None
-        if self.settings.remember:
+        if self.settings.pose_file:
             self.every(_SAVE_POSE_HZ, self._save_pose)
         self.worker.submit(self._simulate, lambda result: None)
         self.at_end(self._ended.set)
@@ -133,8 +133,6 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
 
     def _simulate(self) -> None:
         """Build the world and run it in real time until the node ends."""
-        if self.settings.urgent:
-            urgent()
         with ExitStack() as ends:
             simulator = self._build(ends)
             body = simulator.body
@@ -145,7 +143,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
                 self._send(topics.TF_STATIC, ros_messages.transforms(self._stamp_ns(0), static_transforms(body)))
                 self._send(topics.ROBOT_DESCRIPTION, robot_description(body))
             step_ns = simulator.settings.plant.step_ms * 1_000_000
-            clock_ns = round(1e9 / self.settings.clock_hz)
+            clock_ns = round(1e9 / _CLOCK_HZ)
             self._simulator = simulator
             self.freeze_garbage_collection()
             self._pacer.pace(simulator.now_ns)
@@ -163,28 +161,23 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
 
     def _build(self, ends: ExitStack) -> Simulator:
         s, chair = self.settings, load_chair(self.settings.chair)
-        world = load_world(s.world, s.level or None)
-        if s.remember and (stood := remembered_pose(Path(s.remember), Path(s.world))) is not None:
+        world = load_world(s.world)
+        if s.pose_file and (stood := remembered_pose(Path(s.pose_file), Path(s.world))) is not None:
             world = replace(world, start=stood)
         every = with_all_sensors(SimulatorSettings(s.plant_model, chair.plant, chair.mujoco))
-        settings = replace(
-            every,
-            camera=every.camera if s.camera else replace(every.camera, rate_hz=0.0),
-            sonar=every.sonar if s.sonars else replace(every.sonar, rate_hz=0.0),
-        )
+        settings = every if s.camera else replace(every, camera=replace(every.camera, rate_hz=0.0))
         simulator = Simulator(world if s.people else replace(world, people=()), chair.body, settings, s.seed)
-        if s.board:
-            wiring = board_settings(DriveSetup(world.grid, {}, chair.body, DEFAULT))
-            board = self._board = ends.enter_context(_Board(board_program(), wiring))
-            simulator.wire(board)
-            self._cable = board.path
-            if s.board_link:
-                link = Path(s.board_link)
-                if link.is_symlink():
-                    link.unlink()  # left by a killed simulator; its terminal's number may be in use again
-                make_link(link, Path(board.path))
-                ends.callback(link.unlink, missing_ok=True)
-                self._cable = str(link)
+        wiring = board_settings(DriveSetup(world.grid, {}, chair.body, DEFAULT))
+        board = self._board = ends.enter_context(_Board(board_program(), wiring))
+        simulator.wire(board)
+        self._cable = board.path
+        if s.board_link:
+            link = Path(s.board_link)
+            if link.is_symlink():
+                link.unlink()  # left by a killed simulator; its terminal's number may be in use again
+            make_link(link, Path(board.path))
+            ends.callback(link.unlink, missing_ok=True)
+            self._cable = str(link)
         return simulator
 
     def _save_pose(self) -> None:
@@ -195,7 +188,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
             return
         self._saved_pose = pose
         try:
-            remember_pose(Path(s.remember), Path(s.world), pose)
+            remember_pose(Path(s.pose_file), Path(s.world), pose)
         except OutputError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
 

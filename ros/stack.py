@@ -43,7 +43,7 @@ class Stack:
     """The configuration of a run. `folder` holds the run's files; `world` is the world of a simulated chair.
 
     Without a map a simulated chair gets its world's floor plan as the map, unless `mapping`. `parameters` is a YAML file
-    of the user that overrides these settings. `deaf`: all speed commands are ignored. `urgent`: real-time priority.
+    of the user that overrides these settings. `ignore_commands`: all commands are ignored. `urgent`: real-time priority.
     `box`: folder of the black box; None: no log. `page_port`, `page_host`: address of the page; port None: no page. With
     a page, each drive begins with a countdown that the page announces. `namespace`: that of all nodes.
     """
@@ -58,7 +58,7 @@ class Stack:
     people: bool = True
     seed: int = 0
     unattended: bool = False
-    deaf: bool = False
+    ignore_commands: bool = False
     start: Pose2 | None = None
     parameters: Path | None = None
     urgent: bool = False
@@ -95,7 +95,7 @@ def processes(stack: Stack) -> tuple[Process, ...]:
             "camera": stack.camera,
             "publish_base": False,
             "board_link": str(folder / BOARD_LINK),
-            "remember": str(folder / _TRUTH_FILE),
+            "pose_file": str(folder / _TRUTH_FILE),
         }
     start = stack.start or (None if known is None else known[1])
     if known is not None and start is not None:
@@ -104,16 +104,16 @@ def processes(stack: Stack) -> tuple[Process, ...]:
     rows["bridge"] = {
         **place,
         "cable": cable,
-        "unattended": stack.unattended,
-        "deaf": stack.deaf,
-        "box": "" if stack.box is None else str(stack.box.resolve()),
+        "confirm_goals": stack.unattended,
+        "ignore_commands": stack.ignore_commands,
+        "black_box_folder": "" if stack.box is None else str(stack.box.resolve()),
         "supervisor.countdown_s": 0.0 if stack.page_port is None else COUNTDOWN_S,
     }
     rows["mapper"] = {
         **place,
-        "mapping": stack.mapping,
-        "remember": str(folder / _POSE_FILE),
-        "keep": str(folder / MADE_MAP),
+        "map_folder": "" if stack.mapping else place["map_folder"],
+        "pose_file": str(folder / _POSE_FILE),
+        "save_folder": str(folder / MADE_MAP),
     }
     rows["navigator"] = {**place, "camera": stack.camera}
     if stack.page_port is not None:

@@ -119,12 +119,12 @@ def test_pairs_out_of_order_are_put_in_order(tmp_path: Path) -> None:
 def test_an_unknown_camera_is_warned_of_and_one_can_be_named(tmp_path: Path) -> None:
     folder = tum(tmp_path / "office")
     assert "is not known" in read_recording(folder).warnings[0]
-    named = InputSettings(rgbd=RgbdSettings(camera="500,501,320,240", readout=0.03))
+    named = InputSettings(rgbd=RgbdSettings(camera="500,501,320,240"))
     recording = read_recording(folder, named)
     assert recording.warnings == ()
     frame = next(recording.pictures())
     assert frame.camera_matrix[1, 1] == 501.0
-    assert frame.row_step == pytest.approx(0.03 / 6)
+    assert frame.row_step == 0.0
     (folder / "camera-intrinsics.txt").write_text("400 0 4\n0 400 3\n0 0 1\n")
     assert next(read_recording(folder).pictures()).camera_matrix[0, 0] == 400.0
     (folder / "camera-intrinsics.txt").write_text("400 0 4\n0 zero 3\n")
@@ -136,11 +136,6 @@ def test_an_unknown_camera_is_warned_of_and_one_can_be_named(tmp_path: Path) -> 
 def test_a_camera_that_cannot_be_understood_is_refused_with_advice(text: str) -> None:
     with pytest.raises(ConfigError, match="give fr1, fr2, fr3"):
         camera_from_text(text)
-
-
-def test_an_impossible_readout_is_refused() -> None:
-    with pytest.raises(ConfigError, match="readout"):
-        RgbdSettings(readout=-0.1)
 
 
 def test_a_lens_that_distorts_is_straightened(tmp_path: Path) -> None:

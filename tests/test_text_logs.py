@@ -9,15 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waychair.coreslam import CoreslamSettings
+from waychair import coreslam
 from waychair.errors import NoScans, RecordingDamaged
 from waychair.recording import InputSettings, read_recording
 from waychair.slam.reference import reference_from_points
 from waychair.slam.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
 from waychair.slam.scan_points import scan_points
 from waychair.types import FloatArray, Odometry, Pose2, SensorFrame
-
-AT_ONCE = InputSettings(coreslam=CoreslamSettings(scan_age=0.0))
 
 
 def coreslam_line(micros: int, left: int, right: int, ranges: int = 1500) -> str:
@@ -49,13 +47,13 @@ def scan_ranges_of(frame: SensorFrame) -> FloatArray:
 
 @pytest.mark.parametrize("name", ["exp1", "exp2"])
 def test_the_turns_of_the_real_scans_follow_those_of_the_wheels_at_the_scans_own_time(
-    data_dir: Path, name: str
+    data_dir: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """One scan matched to the next, for fifteen seconds; at the times of their lines they follow much worse."""
     settings, agreement = MatchSettings(), []
-    for age in (0.19, 0.0):
-        log = InputSettings(coreslam=CoreslamSettings(scan_age=age))
-        frames = read_recording(data_dir / "lidar_coreslam" / f"{name}.dat.gz", log).frames[100:250]
+    for age in (coreslam.SCAN_AGE, 0.0):
+        monkeypatch.setattr(coreslam, "SCAN_AGE", age)
+        frames = read_recording(data_dir / "lidar_coreslam" / f"{name}.dat.gz").frames[100:250]
         points = [scan_points(frame.scan, Pose2(0.145, 0, 0), 20.0) for frame in frames if frame.scan is not None]
         poses = [own.odom_from_base for frame in frames for own in frame.wheels if isinstance(own, Odometry)]
         turns = []
@@ -70,10 +68,13 @@ def test_the_turns_of_the_real_scans_follow_those_of_the_wheels_at_the_scans_own
     assert agreement[0] > agreement[1] + 0.1
 
 
-def test_a_whole_turn_of_both_wheels_is_their_circumference_and_of_one_an_arc(tmp_path: Path) -> None:
+def test_a_whole_turn_of_both_wheels_is_their_circumference_and_of_one_an_arc(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(coreslam, "SCAN_AGE", 0.0)
     lines = [coreslam_line(0, 5, 7), coreslam_line(10**6, 2005, 2007), coreslam_line(2 * 10**6, 2005, 4007)]
     (tmp_path / "log.dat").write_text("\n".join(lines))
-    frames = read_recording(tmp_path / "log.dat", AT_ONCE).frames
+    frames = read_recording(tmp_path / "log.dat").frames
     readings = [reading for frame in frames for reading in frame.wheels if isinstance(reading, Odometry)]
     assert [frame.stamp_ns for frame in frames] == [0, 10**9, 2 * 10**9]
     around = math.tau * 0.077
@@ -87,25 +88,17 @@ def test_a_whole_turn_of_both_wheels_is_their_circumference_and_of_one_an_arc(tm
 
 def test_a_scan_older_than_its_line_has_the_odometry_of_its_own_time(tmp_path: Path) -> None:
     (tmp_path / "log.dat").write_text("\n".join(coreslam_line(k * 10**6, 1000 * k, 1000 * k) for k in range(5, 9)))
-    frames = read_recording(tmp_path / "log.dat", InputSettings(coreslam=CoreslamSettings(scan_age=0.25))).frames
+    frames = read_recording(tmp_path / "log.dat").frames
     readings = [reading for frame in frames for reading in frame.wheels if isinstance(reading, Odometry)]
-    assert [frame.stamp_ns for frame in frames] == [k * 10**9 - 250_000_000 for k in range(5, 9)]
+    assert [frame.stamp_ns for frame in frames] == [k * 10**9 - 190_000_000 for k in range(5, 9)]
     ways = np.array([reading.odom_from_base.x for reading in readings]) / (math.pi * 0.077)
-    np.testing.assert_allclose(ways, [0.0, 0.75, 1.75, 2.75])  # before the first line nothing is known
+    np.testing.assert_allclose(ways, [0.0, 0.81, 1.81, 2.81])  # before the first line nothing is known
     assert readings[2].twist.v == pytest.approx(math.pi * 0.077)
 
 
-def test_the_robots_constants_and_its_mount_can_be_told(tmp_path: Path) -> None:
+def test_a_mount_that_is_told_replaces_that_of_the_published_robot(tmp_path: Path) -> None:
     (tmp_path / "log.dat").write_text("\n".join(coreslam_line(k * 10**5, 1000 * k, 1000 * k) for k in range(3)))
-    robot = CoreslamSettings(wheel_radius=0.1, blind_beams=0, laser_offset=0.2, scan_age=0.0)
-    settings = InputSettings(coreslam=robot)
-    recording = read_recording(tmp_path / "log.dat", settings)
-    assert recording.base_from_laser.x == 0.2
-    last = recording.frames[-1]
-    assert isinstance(last.wheels[0], Odometry)
-    assert last.wheels[0].odom_from_base.x == pytest.approx(math.tau * 0.1)
-    assert last.scan is not None
-    assert np.isfinite(last.scan.ranges).all()
+    assert read_recording(tmp_path / "log.dat").base_from_laser.x == 0.145
     mounted = read_recording(tmp_path / "log.dat", InputSettings(mounts=("0.3,0.1,0.2",)))
     assert mounted.base_from_laser == Pose2(0.3, 0.1, 0.2)
 

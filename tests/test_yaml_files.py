@@ -26,7 +26,7 @@ def test_values_are_those_of_yaml_and_an_empty_file_has_none(tmp_path: Path) -> 
 
 def test_what_is_nested_just_so_deep_is_read(tmp_path: Path) -> None:
     assert load_yaml(written(tmp_path, "[" * MAX_DEPTH + "]" * MAX_DEPTH), ConfigError)
-    with pytest.raises(ConfigError, match="more than 50 lists"):
+    with pytest.raises(ConfigError, match="more than 50 nested lists"):
         load_yaml(written(tmp_path, "[" * (MAX_DEPTH + 1) + "]" * (MAX_DEPTH + 1)), ConfigError)
 
 
@@ -34,7 +34,7 @@ def test_what_is_nested_just_so_deep_is_read(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("[" * 100_000, r"a\.yaml, line 1: more than 50 nested lists or mappings; correct the YAML there"),
-        ("- " * 100_000, "more than 50 lists"),
+        ("- " * 100_000, "more than 50 nested lists"),
         ("a: {b: &c [*c]}", r"line 1: '\*c' contains itself"),
         ("a: 1\nb: 2\na: 3\n", "line 3: 'a' is given twice"),
         ("- {x: {y: 1, y: 2}}\n", "line 1: 'y' is given twice"),

@@ -1,8 +1,8 @@
 """Configuration: frozen dataclasses of `setting`s, read strictly from YAML and written with their units.
 
     @dataclass(frozen=True, slots=True)
-    class GridSettings(Settings):
-        resolution: float = setting(0.05, "m", "side of a cell", low=0.005, high=1.0)
+    class GridSettings(config.Settings):
+        resolution: float = config.setting(0.05, "m", "side of a cell", low=0.005, high=1.0)
 
 An unknown key, a wrong type or an impossible value raises a `ConfigError` that names the key and what is allowed.
 """

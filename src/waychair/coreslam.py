@@ -18,7 +18,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.errors import NoScans, RecordingDamaged
 from waychair.geometry import interpolate
 from waychair.types import FloatArray, IntArray, Odometry, Pose2, Scan, SensorFrame, Twist
@@ -26,27 +25,21 @@ from waychair.types import FloatArray, IntArray, Odometry, Pose2, Scan, SensorFr
 FIRST_RANGE = 24
 """Column of the first range."""
 
-_LEFT, _RIGHT = 2, 3
+# The robot of the published logs, with a Hokuyo URG-04LX laser.
+WHEEL_RADIUS = 0.077  # m
+HALF_AXLE = 0.165  # m; half the distance between the wheels
+COUNTS_PER_TURN = 2000.0  # encoder counts of a whole turn of a wheel
+LASER_OFFSET = 0.145  # m; laser ahead of the axle
+FIELD_OF_VIEW = math.radians(240.0)  # between the first and the last beam
+BLIND_BEAMS = 70  # beams at either end that hit the robot itself
+RANGE_MIN = 0.06  # m; shorter ranges are error codes
+RANGE_MAX = 5.6  # m; longer ranges mean that nothing was seen
+MIRROR_PERIOD = 0.1  # s; a whole turn of the laser's mirror
+SCAN_AGE = 0.19  # s; from a scan's first beam to the time of its line (see above)
+
+_LEFT, _RIGHT = 2, 3  # columns of the encoder counts
 _LEAST_BEAMS = 100
 _PROGRESS_EVERY = 64  # lines
-
-
-@dataclass(frozen=True, slots=True)
-class CoreslamSettings(Settings):
-    """The robot that made the log; the defaults are those of the published logs' robot."""
-
-    wheel_radius: float = setting(0.077, "m", "radius of the drive wheels", low=0.005, high=2.0)
-    half_axle: float = setting(0.165, "m", "half the distance between the wheels", low=0.01, high=5.0)
-    counts_per_turn: float = setting(2000.0, "", "encoder counts of a whole turn of a wheel", low=1.0, high=1e7)
-    laser_offset: float = setting(0.145, "m", "laser ahead of the axle", low=-5.0, high=5.0)
-    field_of_view: float = setting(math.radians(240.0), "rad", "between the first and the last beam", low=0.1, high=6.3)
-    blind_beams: int = setting(70, "", "beams on either side that see the robot itself", low=0, high=1000)
-    range_min: float = setting(0.06, "m", "shorter ranges are codes for errors (Hokuyo URG-04LX)", low=0.0, high=10.0)
-    range_max: float = setting(
-        5.6, "m", "longer ranges mean that nothing was seen (Hokuyo URG-04LX)", low=0.1, high=100
-    )
-    mirror_period: float = setting(0.1, "s", "a whole turn of the laser's mirror; 0: no sweep", low=0.0, high=2.0)
-    scan_age: float = setting(0.19, "s", "from a scan's first beam to the time of its line", low=0.0, high=2.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +57,7 @@ def is_coreslam(text: bytes) -> bool:
     return len(fields) >= FIRST_RANGE + _LEAST_BEAMS and fields[0].isdigit() and _numbers(fields) is not None
 
 
-def read_coreslam(
-    text: bytes, where: str, settings: CoreslamSettings, progress: Callable[[float], None] | None = None
-) -> CoreslamLog:
+def read_coreslam(text: bytes, where: str, progress: Callable[[float], None] | None = None) -> CoreslamLog:
     """Return every scan of a log, with odometry from its encoder counts. Truncated lines are left out.
 
     Raises:
@@ -93,13 +84,13 @@ def read_coreslam(
     stamps = (table[:, 0] * 1000.0).astype(np.int64)
     if backwards := int((np.diff(stamps) < 0).sum()):
         warnings.append(f"stamps step backwards {backwards} times: the scans are kept in the order of the file")
-    taken = stamps - round(settings.scan_age * 1e9)
-    odometry = _at(_odometry(table, stamps, settings), taken)
-    scans = [_scan(int(stamp), row[FIRST_RANGE:], settings) for stamp, row in zip(taken, table, strict=True)]
+    taken = stamps - round(SCAN_AGE * 1e9)
+    odometry = _at(_odometry(table, stamps), taken)
+    scans = [_scan(int(stamp), row[FIRST_RANGE:]) for stamp, row in zip(taken, table, strict=True)]
     frames = [SensorFrame(scan.stamp_ns, scan=scan, wheels=(at,)) for scan, at in zip(scans, odometry, strict=True)]
     if progress is not None:
         progress(1.0)
-    return CoreslamLog(tuple(frames), Pose2(settings.laser_offset, 0.0, 0.0), tuple(warnings))
+    return CoreslamLog(tuple(frames), Pose2(LASER_OFFSET, 0.0, 0.0), tuple(warnings))
 
 
 def _numbers(fields: Sequence[bytes]) -> FloatArray | None:
@@ -111,17 +102,17 @@ def _numbers(fields: Sequence[bytes]) -> FloatArray | None:
     return row if np.isfinite(row).all() else None
 
 
-def _odometry(table: FloatArray, stamps: IntArray, settings: CoreslamSettings) -> list[Odometry]:
+def _odometry(table: FloatArray, stamps: IntArray) -> list[Odometry]:
     """Return the axle's pose at each line, integrated as arcs, with the mean twist since the line before."""
-    metres = table[:, [_LEFT, _RIGHT]] * (settings.wheel_radius * math.tau / settings.counts_per_turn)
+    metres = table[:, [_LEFT, _RIGHT]] * (WHEEL_RADIUS * math.tau / COUNTS_PER_TURN)
     steps = np.diff(metres, axis=0)
     seconds = np.diff(stamps) * 1e-9
     pose, readings = Pose2(), [Odometry(int(stamps[0]), Pose2())]
     for stamp, (left, right), elapsed in zip(stamps[1:].tolist(), steps.tolist(), seconds.tolist(), strict=True):
-        way, turn = 0.5 * (left + right), 0.5 * (right - left) / settings.half_axle
-        chord = way * math.sin(0.5 * turn) / (0.5 * turn) if turn else way
+        distance, turn = 0.5 * (left + right), 0.5 * (right - left) / HALF_AXLE
+        chord = distance * math.sin(0.5 * turn) / (0.5 * turn) if turn else distance
         pose = pose @ Pose2(chord * math.cos(0.5 * turn), chord * math.sin(0.5 * turn), turn)
-        twist = Twist(way / elapsed, turn / elapsed) if elapsed > 0.0 else Twist()
+        twist = Twist(distance / elapsed, turn / elapsed) if elapsed > 0.0 else Twist()
         readings.append(Odometry(stamp, pose, twist))
     return readings
 
@@ -139,20 +130,19 @@ def _at(readings: Sequence[Odometry], stamps: IntArray) -> list[Odometry]:
     return found
 
 
-def _scan(stamp_ns: int, millimetres: FloatArray, settings: CoreslamSettings) -> Scan:
+def _scan(stamp_ns: int, millimetres: FloatArray) -> Scan:
     ranges = (millimetres * 1e-3).astype(np.float32)
     with np.errstate(invalid="ignore"):
-        ranges[ranges > settings.range_max] = np.inf
-        ranges[ranges < settings.range_min] = np.nan
-    if settings.blind_beams:
-        ranges[: settings.blind_beams] = ranges[-settings.blind_beams :] = np.nan
-    step = settings.field_of_view / (len(ranges) - 1)
+        ranges[ranges > RANGE_MAX] = np.inf
+        ranges[ranges < RANGE_MIN] = np.nan
+    ranges[:BLIND_BEAMS] = ranges[-BLIND_BEAMS:] = np.nan
+    step = FIELD_OF_VIEW / (len(ranges) - 1)
     return Scan(
         stamp_ns,
         ranges,
-        -0.5 * settings.field_of_view,
+        -0.5 * FIELD_OF_VIEW,
         step,
-        settings.mirror_period * step / math.tau,
-        range_min=settings.range_min,
-        range_max=settings.range_max,
+        MIRROR_PERIOD * step / math.tau,
+        range_min=RANGE_MIN,
+        range_max=RANGE_MAX,
     )

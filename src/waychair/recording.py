@@ -18,7 +18,7 @@ import numpy as np
 
 from waychair.carmen import GZIP_MAGIC, decompressed_text, read_carmen, stamp_from_text
 from waychair.config import Settings, setting
-from waychair.coreslam import CoreslamSettings, is_coreslam, read_coreslam
+from waychair.coreslam import is_coreslam, read_coreslam
 from waychair.errors import NoScans, RecordingDamaged, RecordingError, RecordingNotFound
 from waychair.files import write_text
 from waychair.laser_text import is_laser_text, read_laser_text
@@ -40,10 +40,9 @@ class InputSettings(Settings):
     """How to read a recording: its topics, and facts that the recording itself does not state."""
 
     mounts: tuple[str, ...] = setting(
-        (), "m, rad", "X,Y,YAW[,upside-down] of the laser on the base, one for each scan topic; empty: as recorded"
+        (), "m, rad", "mount of the laser in the base as X,Y,YAW[,upside-down], one per scan topic; empty: as recorded"
     )
     bag: BagSettings = field(default_factory=BagSettings)
-    coreslam: CoreslamSettings = field(default_factory=CoreslamSettings)
     rgbd: RgbdSettings = field(default_factory=RgbdSettings)
 
     def laser_mounts(self) -> tuple[LaserMount, ...]:
@@ -114,16 +113,14 @@ def read_recording(
         return _checked(recording)
     if len(mounts) > 1:
         raise RecordingError(f"{len(mounts)} mounts are given for the one laser of {path}; give one")
-    recording = _read_text(path, settings, mounts[0] if mounts else None, progress)
+    recording = _read_text(path, mounts[0] if mounts else None, progress)
     if mounts and mounts[0].upside_down:
         turned = [replace(frame, scan=mirrored(frame.scan)) for frame in recording.frames if frame.scan is not None]
         recording = replace(recording, frames=tuple(turned))
     return _checked(recording)
 
 
-def _read_text(
-    path: Path, settings: InputSettings, mount: LaserMount | None, progress: Callable[[float], None] | None
-) -> Recording:
+def _read_text(path: Path, mount: LaserMount | None, progress: Callable[[float], None] | None) -> Recording:
     """Read a text log; the first line that is not a comment tells the format."""
     data = path.read_bytes()
     first = _first_line(data)
@@ -134,7 +131,7 @@ def _read_text(
         return Recording(path, rows.frames, base_from_laser, "rows of scans, no odometry", (*warnings, *rows.warnings))
     if is_coreslam(first):
         text, warnings = decompressed_text(data, str(path))
-        log = read_coreslam(text, str(path), settings.coreslam, progress)
+        log = read_coreslam(text, str(path), progress)
         at = base_from_laser if mount is not None else log.base_from_laser
         return Recording(path, log.frames, at, "CoreSLAM log, odometry of its encoders", (*warnings, *log.warnings))
     carmen = read_carmen(data, str(path), of_robot=mount is not None, progress=progress)

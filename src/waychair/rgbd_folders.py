@@ -17,7 +17,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -49,29 +49,26 @@ _INTRINSICS = "camera-intrinsics.txt"
 _NO_DEPTH = 65535  # the code of 7-Scenes for missing depth
 _SLACK = 1e-6  # s; tolerance for rounding of decimal stamps
 
+MAX_SPREAD = 0.02  # s; a colour picture and its depth are this far apart at most
+FRAME_RATE = 30.0  # Hz; of numbered frames, which have no stamps
+TUM_DEPTH_SCALE, NUMBERED_DEPTH_SCALE = 5000.0, 1000.0  # depth units in a metre
+
 
 @dataclass(frozen=True, slots=True)
 class RgbdSettings(Settings):
     """Facts that a folder of pictures does not state."""
 
     camera: str = setting(
-        "", "px", "fr1, fr2, fr3 or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]]; empty: by a file in the folder or by its name"
+        "",
+        "px",
+        "camera of the pictures: fr1, fr2, fr3 or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]]; empty: from a file in the folder, else "
+        "from the folder's name",
     )
-    depth_scale: float = setting(
-        0.0, "1/m", "depth units in a metre; 0: 5000 (TUM) or 1000 (numbered frames)", low=0.0, high=1e6
-    )
-    readout: float | None = setting(
-        None, "s", "from the first to the last row of a colour picture; empty: that of fr1, fr2 and fr3, else none"
-    )
-    max_spread: float = setting(0.02, "s", "between a colour picture and its depth", low=0.0, high=1.0)
-    rate: float = setting(30.0, "Hz", "of numbered frames, which have no stamps", low=0.1, high=1000.0)
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
         if self.camera:
             camera_from_text(self.camera)
-        if self.readout is not None and not 0.0 <= self.readout <= 1.0:
-            raise ConfigError(f"readout = {self.readout} is impossible: it must lie in [0, 1] s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,10 +119,10 @@ def read_rgbd_folder(path: Path, settings: RgbdSettings) -> RgbdFolder:
         ConfigError: the camera's file does not hold a camera matrix.
     """
     numbered = not _is_tum(path)
-    pairs, warnings = _numbered_pairs(path, settings) if numbered else _tum_pairs(path, settings)
+    pairs, warnings = _numbered_pairs(path) if numbered else _tum_pairs(path)
     if not pairs:
         raise RecordingDamaged(
-            f"no colour picture in {path} has a depth picture within {settings.max_spread:g} s: copy both folders again"
+            f"no colour picture in {path} has a depth picture within {MAX_SPREAD:g} s: copy both folders again"
         )
     late = sum(b.stamp_ns <= a.stamp_ns for a, b in pairwise(pairs))
     ascending = tuple(sorted({pair.stamp_ns: pair for pair in pairs}.values(), key=lambda pair: pair.stamp_ns))
@@ -136,11 +133,9 @@ def read_rgbd_folder(path: Path, settings: RgbdSettings) -> RgbdFolder:
             + (f", {twice} with a duplicate stamp left out" if twice else "")
         )
     camera, known, doubt = _camera_of(path, settings, numbered)
-    if settings.readout is not None:
-        camera = replace(camera, readout=settings.readout)
     if doubt:
         warnings.append(doubt)
-    scale = settings.depth_scale or (1000.0 if numbered else 5000.0)
+    scale = NUMBERED_DEPTH_SCALE if numbered else TUM_DEPTH_SCALE
     layout = "numbered colour and depth frames" if numbered else "TUM colour and depth folders"
     return RgbdFolder(path, ascending, camera, scale, f"{layout}, camera by {known}", tuple(warnings))
 
@@ -180,14 +175,13 @@ def _undistortion_maps(camera: CameraIntrinsics, shape: tuple[int, ...]) -> Any:
     return cv2.initUndistortRectifyMap(camera.matrix, camera.distortion, np.eye(3), camera.matrix, size, cv2.CV_16SC2)
 
 
-def read_truth(path: Path, settings: RgbdSettings | None = None) -> Trajectory3:
+def read_truth(path: Path) -> Trajectory3:
     """Return the true poses beside the pictures, of the optical frame in the world.
 
     Raises:
         RecordingNotFound: the folder holds no true poses.
         RecordingDamaged: a pose file has a wrong form.
     """
-    settings = settings or RgbdSettings()
     if _is_tum(path):
         return _tum_truth(path / "groundtruth.txt")
     stamps, rotations, positions = [], [], []
@@ -196,7 +190,7 @@ def read_truth(path: Path, settings: RgbdSettings | None = None) -> Trajectory3:
         if not file.is_file():
             continue
         pose = _matrix(file, (4, 4))
-        stamps.append(round(number / settings.rate * 1e9))
+        stamps.append(round(number / FRAME_RATE * 1e9))
         rotations.append(pose[:3, :3])
         positions.append(pose[:3, 3])
     if not stamps:
@@ -254,7 +248,7 @@ def _is_numbered(path: Path) -> bool:
     return any(_NUMBERED.match(file.name) for file in path.iterdir())
 
 
-def _tum_pairs(path: Path, settings: RgbdSettings) -> tuple[list[Pair], list[str]]:
+def _tum_pairs(path: Path) -> tuple[list[Pair], list[str]]:
     """Return the pairs from the list of pairs if there is one, else each colour picture with its nearest depth in time."""
     listed = next((path / name for name in ("associations.txt", "associate.txt") if (path / name).is_file()), None)
     if listed is not None:
@@ -268,11 +262,11 @@ def _tum_pairs(path: Path, settings: RgbdSettings) -> tuple[list[Pair], list[str
     for stamp, colour in colours:
         at = int(np.clip(np.searchsorted(stamps[order], stamp), 1, max(1, len(stamps) - 1)))
         near = min(order[max(0, at - 1) : at + 1].tolist(), key=lambda k: abs(depths[k][0] - stamp))
-        if abs(depths[near][0] - stamp) <= settings.max_spread + _SLACK:
+        if abs(depths[near][0] - stamp) <= MAX_SPREAD + _SLACK:
             pairs.append(Pair(round(stamp * 1e9), colour, depths[near][1]))
         else:
             alone += 1
-    lost = [f"{alone} colour pictures have no depth within {settings.max_spread:g} s"] if alone else []
+    lost = [f"{alone} colour pictures have no depth within {MAX_SPREAD:g} s"] if alone else []
     return pairs, lost
 
 
@@ -320,11 +314,11 @@ def _numbered_files(path: Path) -> list[tuple[int, Path]]:
     return sorted((int(match[1]), file) for match, file in found)
 
 
-def _numbered_pairs(path: Path, settings: RgbdSettings) -> tuple[list[Pair], list[str]]:
+def _numbered_pairs(path: Path) -> tuple[list[Pair], list[str]]:
     pairs = []
     for number, colour in _numbered_files(path):
         depth = path / f"{colour.name.split('.')[0]}.depth.png"
-        pairs.append(Pair(round(number / settings.rate * 1e9), colour, depth))
+        pairs.append(Pair(round(number / FRAME_RATE * 1e9), colour, depth))
     return pairs, []
 
 

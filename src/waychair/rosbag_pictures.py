@@ -17,6 +17,8 @@ from waychair.types import FloatArray, Pose3, RgbdFrame
 IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 INFO_TYPE = "sensor_msgs/msg/CameraInfo"
 
+PICTURE_SPREAD = 0.02  # s; a colour picture and its depth are this far apart at most
+
 _WAITING = 8  # colour or depth messages that are kept to be paired
 _NOT_COLOUR = ("depth", "infra", "disparity", "confidence")
 
@@ -71,7 +73,7 @@ def _pictures(path: Path, bag: BagFile, settings: BagSettings) -> Iterator[RgbdF
     depth = _topic(path, bag, counts, settings.depth_topic, depth=True)
     if colour is None or depth is None:
         return
-    info = _info_topic(path, bag, settings, colour, depth)
+    info = _info_topic(path, bag, colour, depth)
     matrix: FloatArray | None = None
     waiting: dict[str, deque[tuple[int, Any]]] = {name: deque(maxlen=_WAITING) for name in (colour, depth)}
     connections = [c for c in bag.connections if c.topic in (colour, depth, info)]
@@ -82,7 +84,7 @@ def _pictures(path: Path, bag: BagFile, settings: BagSettings) -> Iterator[RgbdF
         waiting[connection.topic].append((stamp_ns(message.header.stamp), message))
         if matrix is None:
             continue
-        while (pair := _pair(waiting[colour], waiting[depth], settings.picture_spread * 1e9)) is not None:
+        while (pair := _pair(waiting[colour], waiting[depth], PICTURE_SPREAD * 1e9)) is not None:
             yield _frame(path, *pair, matrix)
     if matrix is None and counts[colour]:
         raise RecordingError(f"{path} holds no calibration of the camera of {colour}; record its camera_info too")
@@ -128,14 +130,9 @@ def _topic(path: Path, bag: BagFile, counts: Mapping[str, int], asked: str, *, d
     return max(fitting, key=lambda topic: (counts[topic], "align" in topic or "regist" in topic, topic), default=None)
 
 
-def _info_topic(path: Path, bag: BagFile, settings: BagSettings, colour: str, depth: str) -> str:
-    """Return the camera_info topic: the one that the settings name, else the one beside the pictures or the depth."""
+def _info_topic(path: Path, bag: BagFile, colour: str, depth: str) -> str:
+    """Return the camera_info topic beside the pictures, else the one beside the depth, else any."""
     counts = counts_by_topic(bag, INFO_TYPE)
-    if settings.camera_info_topic:
-        asked = next((name for name in counts if name.strip("/") == settings.camera_info_topic.strip("/")), None)
-        if asked is None:
-            raise RecordingError(f"{path} holds no {INFO_TYPE} on {settings.camera_info_topic}, only {topic_list(bag)}")
-        return asked
     if not counts:
         raise RecordingError(f"{path} holds no {INFO_TYPE}, so the camera of {colour} is not known; record it too")
     return max(counts, key=lambda topic: (_shared(topic, colour), _shared(topic, depth), counts[topic], topic))

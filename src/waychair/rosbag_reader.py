@@ -34,6 +34,10 @@ TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 GROUND_TRUTH = "/ground_truth/"
 """Prefix of a simulator's true poses. These topics are used only if the settings name them."""
 
+CLOUD_RANGE_MIN, CLOUD_RANGE_MAX = 0.3, 30.0  # m; points of a cloud that are nearer or farther are left out
+BEAM_STEP = math.radians(0.25)  # between beams of scans that are made from clouds or from several lasers
+SCAN_SPREAD = 0.1  # s; scans of several lasers up to this far apart are merged
+
 _LEVEL = math.cos(math.radians(5.0))
 _PROGRESS_EVERY = 256  # messages
 
@@ -42,27 +46,22 @@ _PROGRESS_EVERY = 256  # messages
 class BagSettings(Settings):
     """The topics and frames to read from a bag; an empty name means the usual one, else the best guess."""
 
-    scan_topics: tuple[str, ...] = setting((), "", "scans or point clouds that are mapped; several are merged into one")
-    odom_topic: str = setting("", "", "odometry; without any it is taken from /tf")
-    imu_topic: str = setting("", "", "inertial unit")
-    colour_topic: str = setting("", "", "pictures in colour or grey")
-    depth_topic: str = setting("", "", "depth registered to the pictures")
-    camera_info_topic: str = setting("", "", "calibration of the pictures' camera")
-    base_frame: str = setting("", "", "frame of the chair, where the mounts are measured from")
-    odom_frame: str = setting("", "", "frame in which /tf moves the base, where no odometry topic does")
+    scan_topics: tuple[str, ...] = setting(
+        (), "", "topics of the scans or point clouds to map; several are merged into one scan; empty: guessed"
+    )
+    odom_topic: str = setting("", "", "topic of the odometry; empty: guessed, and /tf if there is none")
+    imu_topic: str = setting("", "", "topic of the IMU; empty: guessed")
+    colour_topic: str = setting("", "", "topic of the colour or grey pictures; empty: guessed")
+    depth_topic: str = setting("", "", "topic of the depth pictures that are registered to colour; empty: guessed")
+    base_frame: str = setting("", "", "frame of the chair, in which the sensor mounts are measured; empty: guessed")
     cloud_low: float = setting(
-        0.3, "m", "points of a cloud below this height over the base are left out", low=-10, high=10
-    )
-    cloud_high: float = setting(1.2, "m", "points of a cloud above this height are left out", low=-10, high=10)
-    cloud_range_min: float = setting(0.3, "m", "points of a cloud nearer than this are left out", low=0.0, high=100)
-    cloud_range_max: float = setting(30.0, "m", "points of a cloud farther than this are left out", low=0.1, high=500)
-    beam_step: float = setting(
-        math.radians(0.25), "rad", "between beams of scans made of clouds or of several lasers", low=1e-3, high=0.1
-    )
-    scan_spread: float = setting(0.1, "s", "scans of several lasers this far apart are merged", low=0.0, high=10.0)
-    picture_spread: float = setting(
-        0.02, "s", "a picture and a depth this far apart belong together", low=0.0, high=1.0
-    )
+        0.3, "m", "lowest height of point-cloud points that count as obstacles; higher: less floor, fewer low objects",
+        low=-10, high=10,
+    )  # fmt: skip
+    cloud_high: float = setting(
+        1.2, "m", "largest height of point-cloud points that count as obstacles; higher: more overhanging objects",
+        low=-10, high=10,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +156,7 @@ def _read(
     if found.unstamped:
         warnings.append(f"{found.unstamped} messages have no stamp: their time of recording is used instead")
     base = _base_frame(found, settings)
-    odometry, name = _odometry(found, topics, base, settings)
+    odometry, name = _odometry(found, topics, base)
     scans, mount = _scans(found, topics, base, odometry, mounts, settings, warnings)
     frames = _frames(scans, odometry, _in_base_axes(found, base, warnings), warnings)
     source = f"ROS {'2' if bag.is2 else '1'} bag, scans {' and '.join(topics.scans)}, odometry {name}"
@@ -280,9 +279,7 @@ def _take_cloud(
     sensor = matrix[:2, 3]
     inside = (in_base[:, 2] >= settings.cloud_low) & (in_base[:, 2] <= settings.cloud_high)
     flat = in_base[:, :2] - sensor
-    scan = scan_from_points(
-        stamp, flat[inside], flat[~inside], settings.beam_step, settings.cloud_range_min, settings.cloud_range_max
-    )
+    scan = scan_from_points(stamp, flat[inside], flat[~inside], BEAM_STEP, CLOUD_RANGE_MIN, CLOUD_RANGE_MAX)
     found.slices_at.setdefault(topic, Pose2(float(sensor[0]), float(sensor[1])))
     found.scans[topic].append(scan)
 
@@ -302,11 +299,11 @@ def _base_frame(found: _BagMessages, settings: BagSettings) -> str:
     return next((name for name in BASE_FRAMES if name in found.tree), BASE_FRAMES[0])
 
 
-def _odometry(found: _BagMessages, topics: _Topics, base: str, settings: BagSettings) -> tuple[list[Odometry], str]:
+def _odometry(found: _BagMessages, topics: _Topics, base: str) -> tuple[list[Odometry], str]:
     """Return the readings by stamp and the name of their source: a topic, else /tf from odom to the base."""
-    if topics.odom is not None and not settings.odom_frame:
+    if topics.odom is not None:
         return sorted(found.odometry, key=lambda reading: reading.stamp_ns), topics.odom
-    frame = frame_name(settings.odom_frame) or found.tree.odometry_frame(base)
+    frame = found.tree.odometry_frame(base)
     readings = found.tree.odometry(frame, base) if frame else []
     return readings, f"/tf from {frame} to {base}" if readings else "none"
 
@@ -338,7 +335,7 @@ def _scans(
     if len(sources) == 1:
         return list(sources[0][0]), sources[0][1]
     track = OdometryInterpolation(odometry) if odometry else None
-    return merged_scans(sources, track, settings.beam_step, settings.scan_spread), Pose2()
+    return merged_scans(sources, track, BEAM_STEP, SCAN_SPREAD), Pose2()
 
 
 def _mount(found: _BagMessages, base: str, topic: str, warnings: list[str]) -> LaserMount:

@@ -178,7 +178,7 @@ def test_a_pages_stick_that_was_pushed_before_the_bridge_began_counts_once_it_wa
 
 def test_on_an_open_network_it_obeys_no_speeds_and_says_why(ros: Harness) -> None:
     states = ros.heard(topics.DRIVE_STATE, "open/drive_state")
-    arguments = ("-r", "__ns:=/open", "-p", "deaf:=true", "-p", "cable:=pty:/none")
+    arguments = ("-r", "__ns:=/open", "-p", "ignore_commands:=true", "-p", "cable:=pty:/none")
     with ros.process("-m", "waychair.ros.bridge_node", "--ros-args", *arguments):
         ros.spin_until(lambda: states, "the bridge")
         state = read_drive_state(states[-1])

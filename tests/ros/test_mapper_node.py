@@ -95,9 +95,10 @@ def load(ros: Harness, folder: Path) -> Any:
 
 def test_after_another_map_was_loaded_the_pose_is_remembered_on_that_one(ros: Harness, tmp_path: Path) -> None:
     a, b, kept = room(tmp_path / "a", 80), room(tmp_path / "b", 70), tmp_path / "pose.json"
-    arguments = ("-p", f"map_folder:={a}", "-p", f"remember:={kept}", "-p", f"start:={PLACE.x},{PLACE.y},0")
+    arguments = ("-p", f"map_folder:={a}", "-p", f"pose_file:={kept}")
     with mapper_node(ros, *arguments) as node:
         tell = Sensors(ros, node)
+        tell.place(pose_with_covariance(node.now_ns(), PLACE))
         ros.spin_until(kept.exists, "the pose on a", tell)
         assert json.loads(kept.read_text())["map"] == str(a)
         kept.unlink()
@@ -123,7 +124,7 @@ def test_a_map_that_is_not_there_or_broken_is_answered_so_and_the_present_one_st
 
 
 def test_while_a_map_is_made_no_other_one_takes_its_place(ros: Harness, tmp_path: Path) -> None:
-    with mapper_node(ros, "-p", f"keep:={tmp_path / 'made'}") as node:
+    with mapper_node(ros, "-p", f"save_folder:={tmp_path / 'made'}") as node:
         answer = load(ros, room(tmp_path / "b", 70))
         assert answer.result == answer.RESULT_UNDEFINED_FAILURE
         assert node._builder is not None
@@ -147,9 +148,10 @@ def test_scans_and_odometry_count_as_of_the_time_that_they_are_about(ros: Harnes
     late_ns, rate = 80_000_000, 0.5
     chair, folder = tmp_path / "chair.json", room(tmp_path / "a", 80)
     save_calibration(chair, ChairCalibration("late", "2026-11-24", sensor_delays=SensorDelays(lidar_ns=late_ns)))
-    arguments = ("-p", f"map_folder:={folder}", "-p", f"start:={PLACE.x},{PLACE.y},0", "-p", f"calibration:={chair}")
+    arguments = ("-p", f"map_folder:={folder}", "-p", f"calibration:={chair}")
     with mapper_node(ros, *arguments) as node:
         tell, found = Sensors(ros, node), ros.heard(topics.LOCALISATION)
+        tell.place(pose_with_covariance(node.now_ns(), PLACE))
         began_ns = ros.node.get_clock().now().nanoseconds
         sent: dict[int, Pose2] = {}
 

@@ -68,10 +68,10 @@ def test_the_map_of_the_recorded_bag_is_the_live_one(ros: Harness, tmp_path: Pat
         return math.hypot(last.x - first.x, last.y - first.y)
 
     bag, live, kept = tmp_path / "drive.mcap", tmp_path / "live", tmp_path / "kept"
-    mapping = ("-p", "mapping:=true", "-p", f"keep:={kept}")
-    simulated = ("-p", "world:=small_clinic", "-p", "people:=false", "-p", "camera:=false", "-p", "board:=false")
+    mapping = ("-p", f"save_folder:={kept}")
+    simulated = ("-p", "world:=small_clinic", "-p", "people:=false", "-p", "camera:=false")
     with (
-        ros.process("-m", "waychair.ros.recorder_node", "--ros-args", "-p", f"out:={bag}") as recorder,
+        ros.process("-m", "waychair.ros.recorder_node", "--ros-args", "-p", f"bag:={bag}") as recorder,
         ros.process("-m", "waychair.ros.mapper_node", "--ros-args", *mapping) as mapper,
     ):
         ros.spin_until(lambda: ros.node.count_subscribers("imu/data") == 2, "recorder and mapper")
@@ -323,7 +323,7 @@ def test_a_mapper_on_another_clock_takes_no_scan_and_says_why(ros: Harness, tmp_
         now = ros.node.get_clock().now
         return lambda: clock.publish(serialised(make(topic.type, header(now().nanoseconds - late_ns, "").stamp)))
 
-    simulated = ("-p", "world:=small_clinic", "-p", "people:=false", "-p", "camera:=false", "-p", "board:=false")
+    simulated = ("-p", "world:=small_clinic", "-p", "people:=false", "-p", "camera:=false")
     localising = ("-p", f"map_folder:={tmp_path / 'map'}", "-p", "use_sim_time:=true")
     with (
         ros.process("-m", "waychair.ros.simulator_node", "--ros-args", *simulated),

@@ -133,11 +133,11 @@ def test_the_recoveries_that_are_told_are_those_of_this_drive(ros: Harness) -> N
         _navigation=SimpleNamespace(path=None, plans=9),
         _pilot=SimpleNamespace(navigator=SimpleNamespace(recovery=recovery), go=lambda goal: None),
         _action=SimpleNamespace(tell=told.append),
-        _missing=lambda now_ns: "",
-        _tolerant=lambda goal: goal,
+        _missing_input=lambda now_ns: "",
+        _with_tolerances=lambda goal: goal,
     )
     NavigatorNode.begin(node, Pose2(), 7)
-    NavigatorNode._tell_progress(node, Pose2())
+    NavigatorNode._send_feedback(node, Pose2())
     recovery.begun += 1
-    NavigatorNode._tell_progress(node, Pose2())
+    NavigatorNode._send_feedback(node, Pose2())
     assert [progress.recoveries for progress in told] == [0, 1]

@@ -106,7 +106,7 @@ def test_a_recorder_that_is_asked_to_end_leaves_every_message_at_the_path(ros: H
 
 def test_a_recorder_that_is_killed_leaves_all_but_the_last_second(ros: Harness, tmp_path: Path) -> None:
     path, ward = tmp_path / "drive.mcap", "/killed"  # of its own: for others it seems to listen for another 20 s
-    arguments = ("--ros-args", "-p", f"out:={path}", "-r", f"__ns:={ward}")
+    arguments = ("--ros-args", "-p", f"bag:={path}", "-r", f"__ns:={ward}")
     with ros.process("-m", "waychair.ros.recorder_node", *arguments) as process:
         with senders(ros, topics.SCAN, topics.ODOMETRY, topics.TF_STATIC, namespace=ward) as send:
             stamps = drive(ros, send)
@@ -147,7 +147,7 @@ def test_a_path_that_is_taken_is_refused_in_one_sentence(ros: Harness, tmp_path:
 def test_who_records_nobody_is_told_so_and_leaves_nothing(ros: Harness, tmp_path: Path) -> None:
     from tests.ros.harness import ended
 
-    arguments = ("--ros-args", "-p", f"out:={tmp_path / 'drive.db3'}", "-r", "__ns:=/nowhere")
+    arguments = ("--ros-args", "-p", f"bag:={tmp_path / 'drive.db3'}", "-r", "__ns:=/nowhere")
     with ros.process("-m", "waychair.ros.recorder_node", *arguments) as process:
         ros.report("/nowhere/recorder: recording")
         code, output = ended(process, signal.SIGTERM)

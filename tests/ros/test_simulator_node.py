@@ -173,7 +173,7 @@ def test_the_end_takes_the_cable_away(simulation: Simulation) -> None:
 
 def test_simulated_time_is_told_and_used(ros: Harness) -> None:
     clock, odometry = ros.heard(topics.CLOCK), ros.heard(topics.ODOMETRY)
-    arguments = ("-p", "use_sim_time:=true", "-p", "camera:=false", "-p", "board:=false")
+    arguments = ("-p", "use_sim_time:=true", "-p", "camera:=false")
     with ros.process("-m", "waychair.ros.simulator_node", "--ros-args", *arguments):
         ros.spin_until(lambda: len(clock) > 20 and len(odometry) > 20, "the clock")
     ticks = np.array([tick.clock.sec * 10**9 + tick.clock.nanosec for tick in clock])
