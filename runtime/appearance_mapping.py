@@ -12,9 +12,9 @@ import numpy as np
 
 from waychair.errors import OutputError, RecordingError, SessionError
 from waychair.recording import Recording
-from waychair.slam.appearance import Appearance, AppearanceSettings
+from waychair.slam.appearance import NEAR_DISTANCE, Appearance, AppearanceSettings
 from waychair.slam.mapper import Mapper
-from waychair.slam.memory import Memory
+from waychair.slam.memory import STM_SIZE, Memory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import LOOPS, LinkKind
 from waychair.slam.place_memory import PictureCost, PlaceMemory
@@ -51,8 +51,8 @@ class MemoryBuilder:
         late = sum(1 for _ in self._pictures) + (self._next is not None)
         self.appearance.counts["pictures after the last scan"] = late
         self.appearance.finish(mapper)
-        near, store = self.appearance.settings.near_distance, self.appearance.memory.store
-        report = memory_report(self.appearance.places, near)
+        store = self.appearance.memory.store
+        report = memory_report(self.appearance.places, NEAR_DISTANCE)
         self.appearance.memory.close()
         self.warnings += (*store.notes, *([] if store.fault is None else [str(store.fault)]))
         return report
@@ -175,7 +175,7 @@ def memory_report(places: PlaceMemory, near: float) -> Json:
         "references": _total(costs, lambda cost: cost.words),
         "words_made": _total(costs, lambda cost: cost.new_words),
         "links": {"by appearance": kinds[LinkKind.GLOBAL], "on known ground": kinds[LinkKind.SPACE]},
-        "revisits": revisits(memory, near, memory.settings.stm_size),
+        "revisits": revisits(memory, near, STM_SIZE),
         "refused": dict(Counter(refused.reason for refused in places.refused)),
         "per_picture": {
             "words": _mean(costs, lambda cost: cost.words),

@@ -17,7 +17,7 @@ from waychair.recording import InputSettings, Recording, write_tum
 from waychair.runtime.appearance_mapping import memory_report, new_memory, remove_memory
 from waychair.runtime.mapping import peak_memory_mb
 from waychair.slam.memory import Memory
-from waychair.slam.rgbd_mapper import RgbdMap, RgbdMapper, RgbdMapperSettings
+from waychair.slam.rgbd_mapper import NEAR_DISTANCE, RgbdMap, RgbdMapper, RgbdMapperSettings
 from waychair.types import Json, RgbdFrame
 
 
@@ -62,7 +62,7 @@ def map_pictures(
         if progress is not None:
             progress(min(1.0, len(spent) / max(recording.picture_count, 1)))
     mapper.finish()
-    result, told = mapper.result(), memory_report(mapper.places.places, settings.rgbd.near_distance)
+    result, told = mapper.result(), memory_report(mapper.places.places, NEAR_DISTANCE)
     memory.close()
     if len(result.trajectory.stamps_ns) == 0:
         if keep_in is not None:

@@ -8,13 +8,10 @@ RTAB-Map's values). Only the columns of places whose neighbourhood changed are c
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 
-from waychair.config import Settings, setting
-from waychair.errors import ConfigError
 from waychair.slam.hamming_index import Int32Array
 from waychair.types import FloatArray, IntArray
 
@@ -24,33 +21,25 @@ VIRTUAL = -1
 Links = Mapping[int, Sequence[int]]
 """Ids of the nodes linked to each node; a missing node has no links."""
 
-_GAUSS = (
+PREDICTION = (
     0.1, 0.36, 0.30, 0.16, 0.062, 0.0151, 0.00255, 0.000324, 2.5e-05, 1.3e-06, 4.8e-08, 1.2e-09, 1.9e-11, 2.2e-13,
     1.7e-15, 8.5e-18, 2.9e-20, 6.9e-23,
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class BayesSettings(Settings):
-    """The transition model (RTAB-Map's Bayes/PredictionLC and Bayes/VirtualPlacePriorThr)."""
+"""Probabilities of the virtual place, of the place itself, and of its neighbours 1, 2, ... links away (RTAB-Map's
+Bayes/PredictionLC)."""
 
-    prediction: tuple[float, ...] = setting(
-        _GAUSS, "", "shares of the virtual place, of the place itself, and of its neighbours 1, 2, ... links away"
-    )
-    virtual_stays: float = setting(0.9, "", "that a new place is followed by a new place", low=0.0, high=1.0)
-
-    def __post_init__(self) -> None:
-        Settings.__post_init__(self)
-        shares = self.prediction
-        if len(shares) < 2 or min(shares) <= 0 or not sum(shares) <= 1.0 + 1e-6:
-            raise ConfigError(f"prediction = {shares} is impossible: at least two positive shares, together at most 1")
+VIRTUAL_STAYS = 0.9
+"""Probability that a new place follows a new place (RTAB-Map's Bayes/VirtualPlacePriorThr)."""
 
 
 class BayesFilter:
     """The belief over places. A place keeps its row of the arrays as long as it stays; row 0 is the virtual place."""
 
-    def __init__(self, settings: BayesSettings | None = None) -> None:
-        self.settings = settings or BayesSettings()
+    def __init__(self, prediction: Sequence[float] = PREDICTION) -> None:
+        """`prediction`: at least two positive probabilities with a sum of at most 1, as `PREDICTION`."""
+        self._prediction = tuple(prediction)
         self._row_of: dict[int, int] = {}
         self._free_rows: list[int] = []
         self._neighbours: dict[int, tuple[int, ...]] = {}
@@ -114,14 +103,14 @@ class BayesFilter:
         return matrix
 
     def _predicted(self, rows: IntArray) -> FloatArray:
-        shares = np.array(self.settings.prediction)
+        shares = np.array(self._prediction)
         spare = max(0.0, 1.0 - float(shares.sum()))
         virtual = float(shares[0])
         least = (1.0 - 1e-9) * float(shares.min())
         flow = _flow(rows, self._rows, self._shares, self._entries, self._belief, virtual, spare, least)
         belief = self._belief
-        to_virtual = virtual * belief[rows].sum() + self.settings.virtual_stays * belief[0]
-        from_virtual = (1.0 - self.settings.virtual_stays) * belief[0] / len(rows)
+        to_virtual = virtual * belief[rows].sum() + VIRTUAL_STAYS * belief[0]
+        from_virtual = (1.0 - VIRTUAL_STAYS) * belief[0] / len(rows)
         return np.concatenate([[to_virtual], flow[rows] + from_virtual])
 
     def _follow(self, places: IntArray, neighbours: Links, twins: Links) -> None:
@@ -150,7 +139,7 @@ class BayesFilter:
         """Return the distances [links] of all nodes within the model's reach of `start`; twins are at distance 0."""
         distance: dict[int, int] = {}
         level = self._twinned(start, distance, 0)
-        for d in range(1, len(self.settings.prediction) - 1):
+        for d in range(1, len(self._prediction) - 1):
             ahead = [other for node in level for other in self._neighbours.get(node, ()) if other not in distance]
             level = self._twinned(ahead, distance, d)
         return distance
@@ -166,7 +155,7 @@ class BayesFilter:
         return level
 
     def _write_column(self, place: int) -> None:
-        shares, row = self.settings.prediction, self._row_of[place]
+        shares, row = self._prediction, self._row_of[place]
         reached = self._within_reach((place,))
         del reached[place]
         others = [(self._row_of[node], shares[d + 1]) for node, d in reached.items() if node in self._row_of]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from waychair.slam.reprojection import NoiseModel, huber_loss, move_kernel, residual_kernel
+from waychair.slam.reprojection import HUBER_WIDTH, NoiseModel, huber_loss, move_kernel, residual_kernel
 from waychair.types import BoolArray, FloatArray, IntArray
 
 
@@ -37,7 +37,7 @@ class Bundle:
 def adjust(bundle: Bundle, camera: FloatArray, noise: NoiseModel, iterations: int = 6) -> tuple[Bundle, FloatArray]:
     """Return the adjusted bundle, and the chi-square (E,) of each pixel (inf behind the camera)."""
     turns, shifts, points = bundle.rotations.copy(), bundle.translations.copy(), bundle.landmarks.copy()
-    sigma = np.array([noise.pixel, noise.inverse_depth, noise.huber])
+    sigma = np.array([noise.pixel, noise.inverse_depth, HUBER_WIDTH])
     slots = np.where(bundle.free, np.cumsum(bundle.free) - 1, -1).astype(np.int64)
     starts = np.searchsorted(bundle.landmark, np.arange(len(points) + 1)).astype(np.int64)
     sightings = (bundle.frame, starts, np.ascontiguousarray(bundle.observed))

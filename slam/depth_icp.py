@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from waychair.config import Settings, setting
 from waychair.slam.registration import angle_between
 from waychair.slam.reprojection import NEAREST, move_kernel
 from waychair.types import Float32Array, FloatArray, Pose3
@@ -22,21 +21,12 @@ from waychair.types import Float32Array, FloatArray, Pose3
 _EDGE = 0.05  # relative step of neighbouring depths at an edge between two objects
 
 
-@dataclass(frozen=True, slots=True)
-class IcpSettings(Settings):
-    """The gates of a refinement; the names in brackets are RTAB-Map's."""
-
-    iterations: int = setting(20, "", "(Icp/Iterations)", low=1, high=200)
-    max_distance: float = setting(
-        0.1, "m", "between points that meet (Icp/MaxCorrespondenceDistance)", low=1e-3, high=5
-    )
-    max_normal: float = setting(0.5, "rad", "between their normals", low=0.01, high=3.2)
-    max_translation: float = setting(0.2, "m", "of the correction (Icp/MaxTranslation)", low=1e-3, high=10.0)
-    max_rotation: float = setting(0.78, "rad", "of the correction (Icp/MaxRotation)", low=1e-3, high=3.2)
-    min_share: float = setting(0.1, "", "of the points that meet (Icp/CorrespondenceRatio)", low=0.0, high=1.0)
-    min_complexity: float = setting(
-        0.02, "", "least share of the normals in any direction (Icp/PointToPlaneMinComplexity)", low=0.0, high=0.33
-    )
+_ITERATIONS = 20  # RTAB-Map's Icp/Iterations
+_MAX_DISTANCE = 0.1  # [m] between matched points (Icp/MaxCorrespondenceDistance)
+_MAX_NORMAL = 0.5  # [rad] between their normals
+_MAX_TRANSLATION, _MAX_ROTATION = 0.2, 0.78  # [m], [rad] of the correction (Icp/MaxTranslation, Icp/MaxRotation)
+_MIN_SHARE = 0.1  # least share of matched points (Icp/CorrespondenceRatio)
+_MIN_COMPLEXITY = 0.02  # least share of the normals in any direction (Icp/PointToPlaneMinComplexity)
 
 
 class IcpRefusal(enum.Enum):
@@ -59,9 +49,7 @@ class IcpFit:
     refusal: IcpRefusal | None = None
 
 
-def refine_by_depth(
-    old: Float32Array, new: Float32Array, camera: FloatArray, guess: Pose3, settings: IcpSettings
-) -> IcpFit:
+def refine_by_depth(old: Float32Array, new: Float32Array, camera: FloatArray, guess: Pose3) -> IcpFit:
     """Return the `old_from_new` that aligns two depth pictures (H, W) [m] of one camera (4,), starting at a guess."""
     old_points, old_normals = cloud_kernel(np.ascontiguousarray(old), camera)
     new_points, new_normals = cloud_kernel(np.ascontiguousarray(new), camera)
@@ -70,15 +58,15 @@ def refine_by_depth(
     if len(points) < 100:
         return IcpFit(guess, math.nan, 0.0, IcpRefusal.NO_DEPTH)
     turn, shift = guess.rotation.copy(), guess.translation.copy()
-    limits = settings.max_distance, math.cos(settings.max_normal)
+    min_cosine = math.cos(_MAX_NORMAL)
     error, met, scatter = 0.0, 0, np.eye(3)
-    for _ in range(settings.iterations):
+    for _ in range(_ITERATIONS):
         normal, gradient, error, met, scatter = meet_kernel(
-            old_points, old_normals, points, normals, camera, turn, shift, *limits
+            old_points, old_normals, points, normals, camera, turn, shift, _MAX_DISTANCE, min_cosine
         )
-        if met < max(50.0, settings.min_share * len(points)):
+        if met < max(50.0, _MIN_SHARE * len(points)):
             return IcpFit(guess, error, met / len(points), IcpRefusal.FEW_MEET)
-        if np.linalg.eigvalsh(scatter / met)[0] < settings.min_complexity:
+        if np.linalg.eigvalsh(scatter / met)[0] < _MIN_COMPLEXITY:
             return IcpFit(guess, error, met / len(points), IcpRefusal.FLAT)
         step = np.asarray(-np.linalg.solve(normal, gradient), np.float64)
         move_kernel(turn, shift, step)
@@ -86,7 +74,7 @@ def refine_by_depth(
             break
     found = Pose3(turn, shift)
     moved = float(np.linalg.norm(found.translation - guess.translation))
-    if moved > settings.max_translation or angle_between(found, guess) > settings.max_rotation:
+    if moved > _MAX_TRANSLATION or angle_between(found, guess) > _MAX_ROTATION:
         return IcpFit(guess, error, met / len(points), IcpRefusal.FAR)
     return IcpFit(found, error, met / len(points))
 

@@ -35,31 +35,40 @@ DETECTORS = ("gftt_orb", "orb", "sift")
 _PATCH_RADIUS = 15  # [px] radius of the patch of ORB's orientation and descriptor
 _BORDER = 19  # [px] margin along the image border without ORB descriptors
 
+# gftt_orb, RTAB-Map's GFTT/* but for the strength
+_QUALITY = 0.001  # weakest corner as a share of the strongest
+_MIN_DISTANCE = 7.0  # [px] between corners
+_BLOCK_SIZE = 3  # [px] side of the window of the eigenvalues
+_MIN_STRENGTH = 2e-4  # smallest eigenvalue of any corner, about six grey levels of contrast
+
+FAST_THRESHOLD = 10
+"""Contrast [grey levels] of the faintest `orb` corner."""
+
+_SCALE_FACTOR, _LEVELS = 1.2, 8  # of the pyramid of `orb`
+
 
 @dataclass(frozen=True, slots=True)
 class FeatureSettings(Settings):
-    """The detector and its thresholds; the defaults are RTAB-Map's (Kp/* and GFTT/*)."""
+    """The detector of features (RTAB-Map's Kp/*)."""
 
-    detector: str = setting("gftt_orb", "", "gftt_orb, orb or sift")
-    max_features: int = setting(500, "", "strongest corners that are kept", low=1, high=20_000)
-    quality: float = setting(0.001, "", "gftt: weakest corner as a share of the strongest", low=1e-6, high=1.0)
-    min_distance: float = setting(7.0, "px", "gftt: distance between corners", low=0.0, high=200.0)
-    block_size: int = setting(3, "px", "gftt: side of the window of the eigenvalues", low=3, high=31)
-    min_strength: float = setting(
-        2e-4, "", "gftt: smallest eigenvalue of any corner, about six grey levels of contrast", low=0.0, high=1.0
+    detector: str = setting("gftt_orb", "", "detector of image features: gftt_orb, orb or sift")
+    max_features: int = setting(
+        500,
+        "",
+        "strongest features kept of an image; more recognise more places and take more time",
+        low=1,
+        high=20_000,
     )
-    upright: bool = setting(True, "", "gftt_orb: the camera does not roll, so descriptors are not turned")
-    fast_threshold: int = setting(10, "", "orb: contrast of the faintest corner in grey levels", low=1, high=255)
-    scale_factor: float = setting(1.2, "", "orb: between the levels of the pyramid", low=1.01, high=4.0)
-    levels: int = setting(8, "", "orb: levels of the pyramid", low=1, high=16)
-    depth_as_mask: bool = setting(True, "", "corners without depth are left out where the frame has any depth")
+    upright: bool = setting(
+        True, "", "gftt_orb only: true for a camera that does not roll; false turns descriptors with the image"
+    )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
         if self.detector == "surf":
-            raise ConfigError("detector 'surf' is not in OpenCV 5: choose sift, its nearest relative, or orb")
+            raise ConfigError("the detector 'surf' is not in OpenCV 5: choose sift, the closest alternative, or orb")
         if self.detector not in DETECTORS:
-            raise ConfigError(f"there is no detector '{self.detector}': choose among {', '.join(DETECTORS)}")
+            raise ConfigError(f"there is no detector '{self.detector}': choose one of {', '.join(DETECTORS)}")
 
     @property
     def binary(self) -> bool:
@@ -99,7 +108,10 @@ class Features:
 
 
 def extract(frame: RgbdFrame, settings: FeatureSettings | None = None) -> Features:
-    """Return the features of a frame; without depth (empty, or nan everywhere) all `points` are nan.
+    """Return the features of a frame.
+
+    Features without depth are left out where the frame has any; without depth (empty, or nan everywhere) all `points`
+    are nan.
 
     Raises:
         SensorError: the image is not (H, W) or (H, W, 3) bytes, or the depth has another size.
@@ -107,16 +119,14 @@ def extract(frame: RgbdFrame, settings: FeatureSettings | None = None) -> Featur
     settings = settings or FeatureSettings()
     gray = gray_image(frame.image)
     depth = _checked_depth(frame.depth, gray)
-    mask = None
-    if settings.depth_as_mask and depth is not None:
-        mask = (depth > 0).view(np.uint8)
+    mask = None if depth is None else (depth > 0).view(np.uint8)
     features = features_of_image(gray, settings, mask)
     if depth is None or len(features) == 0:
         return features
     points = points_in_space(features.pixels, depth, frame.camera_matrix)
     found = replace(features, points=points)
     # A keypoint of a coarse level is found on a shrunken mask, and may lie beside the pixels with depth.
-    return found.take(np.isfinite(points[:, 2])) if settings.depth_as_mask else found
+    return found.take(np.isfinite(points[:, 2]))
 
 
 def features_of_image(gray: Bytes, settings: FeatureSettings, mask: Bytes | None = None) -> Features:
@@ -160,7 +170,7 @@ def gray_image(image: Bytes) -> Bytes:
         return image
     if image.dtype == np.uint8 and image.size and image.ndim == 3 and image.shape[2] == 3:
         return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False)
-    raise SensorError(f"an image of {image.dtype} {image.shape} has no features: give (H, W) or (H, W, 3) bytes")
+    raise SensorError(f"an image of {image.dtype} {image.shape} cannot be used: give (H, W) or (H, W, 3) bytes")
 
 
 def points_in_space(pixels: Float32Array, depth: Float32Array, camera_matrix: FloatArray) -> Float32Array:
@@ -185,20 +195,18 @@ def _checked_depth(depth: Float32Array, gray: Bytes) -> Float32Array | None:
 def _detector(settings: FeatureSettings) -> cv2.Feature2D:
     if settings.detector == "sift":
         return cv2.SIFT.create(settings.max_features)
-    return cv2.ORB.create(
-        settings.max_features, settings.scale_factor, settings.levels, fastThreshold=settings.fast_threshold
-    )
+    return cv2.ORB.create(settings.max_features, _SCALE_FACTOR, _LEVELS, fastThreshold=FAST_THRESHOLD)
 
 
 def _gftt_orb(gray: Bytes, settings: FeatureSettings, mask: Bytes | None) -> tuple[Sequence[cv2.KeyPoint], Descriptors]:
     anywhere: Any = mask  # None is allowed; OpenCV's stubs do not say so
     corners, strengths = cv2.goodFeaturesToTrackWithQuality(
-        gray, settings.max_features, settings.quality, settings.min_distance, anywhere, blockSize=settings.block_size
+        gray, settings.max_features, _QUALITY, _MIN_DISTANCE, anywhere, blockSize=_BLOCK_SIZE
     )
     if corners is None:
         return (), np.empty((0, 32), np.uint8)
     strengths = strengths.ravel()
-    strong = strengths >= settings.min_strength
+    strong = strengths >= _MIN_STRENGTH
     pixels = corners.reshape(-1, 2)[strong].astype(np.float32, copy=False)
     angles = np.full(len(pixels), -1.0) if settings.upright else patch_angles(gray, pixels)
     keypoints = [

@@ -48,7 +48,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """The changing part of a node: weight, awake or not, anchor. A merged node is kept under its parent's id."""
+    """The changing part of a node: weight, awake or not, anchor.
+
+    `parent` is 0, or in an older file the id of the node into which this one was merged.
+    """
 
     id: int
     weight: int

@@ -28,7 +28,6 @@ import numpy as np
 from waychair.errors import LongTermDamaged, LongTermError
 from waychair.slam.anchors import AnchorPoses
 from waychair.slam.long_term import LongTerm
-from waychair.slam.long_term_file import State
 from waychair.slam.memory_journal import Journal
 from waychair.slam.memory_settings import MemoryCounts, MemorySettings
 from waychair.slam.nodes import LOOPS, Evidence, Kept, Link, LinkKind, Node, WordIds
@@ -37,6 +36,12 @@ from waychair.slam.retrieval import immunised, surroundings, wanted
 from waychair.slam.skeleton import Skeleton
 from waychair.slam.transfer import NodesInRam, is_due, removable, with_intermediate
 from waychair.types import Bytes, FloatArray, IntArray, Pose2
+
+STM_SIZE = 10
+"""Nodes with pictures in the STM (RTAB-Map's Mem/STMSize)."""
+
+CACHED_NODES = 200
+"""Nodes put to sleep last that stay decoded in RAM, so that waking them needs no disk."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +60,7 @@ class Change:
 class Added:
     """The outcome of adding a node.
 
-    `id` is the new node's, or the older node's if the new one was merged into it. If the older one was merged into the
-    new one, it is among `change.slept`.
+    `id` is the new node's, or the older node's if the new one was merged into it.
     """
 
     id: int
@@ -195,8 +199,8 @@ class Memory:
         else:
             motion = motion or self._awake[before].odom_from_base.inverse() @ node.odom_from_base
             self._link(Link(before, node.id, LinkKind.NEIGHBOUR, motion, information))
-        verdict, stands, gone = self._rehearse(node, motion, before)
-        change = self._overflow(gone)
+        verdict, stands = self._rehearse(node, motion, before)
+        change = self._overflow()
         self._journal.states.add(stands)
         self._write(self._awake[stands] if stands == node.id else None, new_words)
         return Added(stands, verdict, change)
@@ -212,14 +216,13 @@ class Memory:
         if not self.settings.bounded and not self._asleep:
             return Change()
         newest = self._stm[-1] if self._stm else 0
-        around = surroundings(self.skeleton, self._anchors, here, newest, self._wm, path, self.settings)
+        around = surroundings(self.skeleton, self._anchors, here, newest, self._wm, path)
         for later, node in enumerate(reversed(around.near)):
             self.skeleton.rows["entered_ns"][node] = self._now_ns + later
-        woken = self._wake(wanted(self.skeleton, hypothesis, around, self.settings)) if self._asleep else ()
+        woken = self._wake(wanted(self.skeleton, hypothesis, around)) if self._asleep else ()
         self._woken = [node.id for node in woken]
         if self.settings.bounded:
-            size = len(self._wm)
-            self._immunised = immunised(self.skeleton, hypothesis, around, self._awake.keys(), size, self.settings)
+            self._immunised = immunised(self.skeleton, hypothesis, around, self._awake.keys(), len(self._wm))
             self._immunised |= {*self._woken, self._localised}
         return Change(woken=woken, entered_wm=tuple(self._woken))
 
@@ -232,7 +235,7 @@ class Memory:
         if not is_due(spent_ms, pictures, self.settings):
             return Change()
         awake = NodesInRam(self._stm, self._wm, self.last_closure, self._immunised)
-        picked = removable(self.skeleton, awake, len(self._woken) + 2, self.settings)
+        picked = removable(self.skeleton, awake, len(self._woken) + 2)
         going = with_intermediate(self.skeleton, picked, self._wm)
         slept = tuple(self._put_to_sleep(node) for node in going)
         return Change(slept=slept, left_wm=tuple(going))
@@ -323,45 +326,31 @@ class Memory:
         self.flush()
         self.store.close()
 
-    def _rehearse(self, new: Node, motion: Pose2 | None, before: int | None) -> tuple[RehearsalResult, int, tuple[Node, ...]]:
-        """Compare the new node with the last picture; return verdict, remaining id, and the old node if gone."""
+    def _rehearse(self, new: Node, motion: Pose2 | None, before: int | None) -> tuple[RehearsalResult, int]:
+        """Compare the new node with the last picture; return the result and the id of the remaining node."""
         weight = self.skeleton.rows["weight"]
         old = next((node for node in reversed(self._stm[:-1]) if weight[node] >= 0), None)
         if old is None or weight[new.id] < 0:
-            return RehearsalResult.DIFFERENT, new.id, ()
-        verdict = rehearse(new, self._awake[old], motion, before == old, self.settings)
+            return RehearsalResult.DIFFERENT, new.id
+        verdict = rehearse(new, self._awake[old], motion, before == old)
         if verdict is RehearsalResult.DIFFERENT:
-            return verdict, new.id, ()
-        keeps, loses = (new.id, old) if self.settings.rehearsal_id_updated_to_new_one else (old, new.id)
-        weight[keeps] += weight[loses] + 1
-        weight[loses] = 0 if verdict is RehearsalResult.ADD_WEIGHT else -1
-        self._journal.states |= {keeps, loses}
+            return verdict, new.id
+        weight[old] += weight[new.id] + 1
+        weight[new.id] = 0 if verdict is RehearsalResult.ADD_WEIGHT else -1
+        self._journal.states |= {old, new.id}
         if verdict is not RehearsalResult.MERGE:
-            return verdict, new.id, ()
+            return verdict, new.id
         self._counts["merged"] += 1
-        gone = self._awake[old]
-        if keeps == new.id:
-            self._take_over(new.id, old)
-        self._remove(loses, parent=keeps)
-        return verdict, keeps, (gone,) if loses == old else ()
+        self._remove(new.id)
+        return verdict, old
 
-    def _take_over(self, new: int, old: int) -> None:
-        """Give the old node's view, anchor and links to the new id."""
-        self._awake[new] = replace(self._awake[old], id=new)
-        self._unlink(old, new)
-        for link in self.skeleton.links(old):
-            self._link(replace(link, i=new))
-        self.skeleton.attach(new, int(self.skeleton.rows["anchor"][old]), self.skeleton.anchor_from_node(old))
-        if self.last_closure == old:
-            self.last_closure = new
-
-    def _overflow(self, gone: Sequence[Node]) -> Change:
-        """Move the STM's oldest nodes to the WM while it holds too many pictures; `gone` nodes are gone already."""
+    def _overflow(self) -> Change:
+        """Move the STM's oldest nodes to the WM while it holds too many pictures."""
         weight = self.skeleton.rows["weight"]
         entered: list[int] = []
-        slept = list(gone)
+        slept: list[Node] = []
         pictures = sum(int(weight[node]) >= 0 for node in self._stm)
-        while pictures > self.settings.stm_size:
+        while pictures > STM_SIZE:
             node = self._stm[0]
             pictures -= int(weight[node]) >= 0
             if self.settings.reduce_graph and self._reduce(node, slept):
@@ -382,7 +371,7 @@ class Memory:
                 self._link(to.reversed().then(link, LinkKind.MERGED))
         slept.append(self._awake[node])
         self._give_weight(node, [to.j])
-        self._remove(node, parent=to.j)
+        self._remove(node)
         self._counts["reduced"] += 1
         return True
 
@@ -393,18 +382,13 @@ class Memory:
                 weight[parent] += weight[node]
                 self._journal.states.add(parent)
 
-    def _remove(self, node: int, parent: int = 0) -> None:
-        """Remove a node of the STM; on disk it stays under its parent if the settings say so."""
-        gone = self._awake.pop(node)
+    def _remove(self, node: int) -> None:
+        """Remove a node of the STM, also from the disk: no code reads a removed node again (unlike RTAB-Map)."""
+        del self._awake[node]
         self._stm.remove(node)
         for link in self.skeleton.links(node):
             self._unlink(link.i, link.j)
-        if parent and self.settings.not_linked_nodes_kept:
-            on = int(self.skeleton.rows["anchor"][node]), self.skeleton.anchor_from_node(node)
-            is_new = node == self.skeleton.count - 1
-            self._journal.child(gone, not is_new, State(node, 0, False, *on, parent))
-        else:
-            self._journal.gone(node)
+        self._journal.gone(node)
         self.skeleton.remove(node)
 
     def _enter_wm(self, node: int) -> None:
@@ -441,7 +425,7 @@ class Memory:
         self._asleep += 1
         self._counts["transferred"] += 1
         found = self._cache[node] = self._awake.pop(node)
-        while len(self._cache) > self.settings.cached_nodes:
+        while len(self._cache) > CACHED_NODES:
             self._cache.popitem(last=False)
         return found
 

@@ -22,7 +22,6 @@ class Journal:
         self.states: set[int] = set()
         self._links: dict[tuple[int, int], Link | None] = {}
         self._rewritten: dict[int, Node] = {}
-        self._children: list[tuple[Node | None, State]] = []
         self._gone: list[int] = []
         self._moved: set[int] = set()
         self._written: list[int] = []  # anchors in the batch
@@ -46,13 +45,9 @@ class Journal:
 
     def gone(self, node: int) -> None:
         """Record a node to be removed from the store."""
-        self._forget(node)
+        self.states.discard(node)
+        self._rewritten.pop(node, None)
         self._gone.append(node)
-
-    def child(self, node: Node, stored: bool, state: State) -> None:
-        """Record a node that stays only in the store, under its parent."""
-        self._forget(node.id)
-        self._children.append((None if stored else node, state))
 
     def moved(self, anchors: IntArray) -> None:
         """Record anchors (K,) with new poses."""
@@ -83,19 +78,15 @@ class Journal:
         moved = moved[np.isfinite(anchors[moved]).all(axis=1)]
         states = (_state(skeleton, node, node in awake) for node in sorted(self.states))
         return Batch(
-            nodes=(*added, *(node for node, _ in self._children if node is not None)),
+            nodes=tuple(added),
             rewritten=tuple(self._rewritten.values()),
-            states=(*states, *(state for _, state in self._children)),
+            states=tuple(states),
             links=tuple(link for link in self._links.values() if link is not None),
             unlinked=tuple(ends for ends, link in self._links.items() if link is None),
             gone=tuple(self._gone),
             words=words,
             anchors=(moved, anchors[moved]) if len(moved) else None,
         )
-
-    def _forget(self, node: int) -> None:
-        self.states.discard(node)
-        self._rewritten.pop(node, None)
 
 
 def _state(skeleton: Skeleton, node: int, awake: bool) -> State:

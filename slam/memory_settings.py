@@ -1,4 +1,4 @@
-"""Settings and counts of the memory: RTAB-Map's parameters under their own names, and two presets."""
+"""Settings and counts of the memory."""
 
 from __future__ import annotations
 
@@ -9,45 +9,28 @@ from waychair.config import Settings, setting
 
 @dataclass(frozen=True, slots=True)
 class MemorySettings(Settings):
-    """Limits and rules of the memory; defaults of RTAB-Map 0.23.8 (Parameters.h), whose names begin the texts.
+    """Limits of the memory; RTAB-Map's names in brackets."""
 
-    Two differ on purpose. `not_linked_nodes_kept` is off: no code reads a merged node again, and with it the file of a
-    standing chair grows without end. `wake_by_place` is new: RTAB-Map finds a sleeping node only through an awake one,
-    so a chair that returns to a place whose nodes are all asleep recognises nothing.
-    """
-
-    stm_size: int = setting(10, "nodes", "Mem/STMSize, those with pictures", low=1, high=10_000)
-    rehearsal_similarity: float = setting(0.6, "", "Mem/RehearsalSimilarity", low=0.0, high=1.0)
-    rehearsal_id_updated_to_new_one: bool = setting(False, "", "Mem/RehearsalIdUpdatedToNewOne")
-    rehearsal_weight_ignored_while_moving: bool = setting(False, "", "Mem/RehearsalWeightIgnoredWhileMoving")
-    linear_update: float = setting(0.1, "m", "RGBD/LinearUpdate, by axis", low=0.0, high=10.0)
-    angular_update: float = setting(0.1, "rad", "RGBD/AngularUpdate", low=0.0, high=3.2)
-    reduce_graph: bool = setting(False, "", "Mem/ReduceGraph: nodes that closed a loop go when they leave the STM")
-    not_linked_nodes_kept: bool = setting(False, "", "Mem/NotLinkedNodesKept (there true): merged nodes stay on disk")
-    time_thr: float = setting(0.0, "ms", "Rtabmap/TimeThr, of one frame; 0: no limit", low=0.0, high=1e6)
-    memory_thr: int = setting(0, "nodes", "Rtabmap/MemoryThr, of the WM; 0: no limit", low=0, high=10**7)
-    transfer_sorting_by_weight_id: bool = setting(False, "", "Mem/TransferSortingByWeightId: the age does not count")
-    recent_wm_ratio: float = setting(0.2, "", "Mem/RecentWmRatio", low=0.0, high=1.0)
-    max_retrieved: int = setting(2, "nodes", "Rtabmap/MaxRetrieved", low=0, high=1000)
-    max_local_retrieved: int = setting(2, "nodes", "RGBD/MaxLocalRetrieved", low=0, high=1000)
-    local_radius: float = setting(10.0, "m", "RGBD/LocalRadius", low=0.0, high=1000.0)
-    local_immunization_ratio: float = setting(0.25, "", "RGBD/LocalImmunizationRatio", low=0.0, high=1.0)
-    prediction_levels: int = setting(17, "links", "entries of Bayes/PredictionLC less one", low=0, high=1000)
-    wake_by_place: bool = setting(True, "", "also wake nodes near the chair where no node at all is awake")
-    cached_nodes: int = setting(200, "nodes", "put to sleep last and kept decoded, so that waking costs no disk")
+    frame_time_limit: float = setting(
+        0.0,
+        "ms",
+        "nodes are put to sleep after a frame that took longer; 0: no limit [Rtabmap/TimeThr]",
+        low=0.0,
+        high=1e6,
+    )
+    working_memory_limit: int = setting(
+        0, "nodes", "most awake nodes in the working memory; more take more time per picture; 0: no limit "
+        "[Rtabmap/MemoryThr]", low=0, high=10**7,
+    )  # fmt: skip
+    reduce_graph: bool = setting(
+        False, "", "remove nodes that closed a loop once they leave the short-term memory, so that the map of a known "
+        "building does not grow [Mem/ReduceGraph]"
+    )  # fmt: skip
 
     @property
     def bounded(self) -> bool:
         """Whether there is a limit beyond which nodes are put to sleep."""
-        return self.time_thr > 0 or self.memory_thr > 0
-
-
-PRESETS: dict[str, MemorySettings] = {
-    "rtabmap": MemorySettings(),
-    "paper": MemorySettings(time_thr=1000.0, transfer_sorting_by_weight_id=True),
-}
-"""`paper` follows Pai et al. 2026, sections 3.2.2 and 3.2.3: an STM of 10 nodes; when a frame takes more than 1 s, the
-node of lowest weight goes, among equals the oldest, which has the lowest id."""
+        return self.frame_time_limit > 0 or self.working_memory_limit > 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from waychair.config import Settings, setting
 from waychair.types import BoolArray, FloatArray, Pose3
 
 NEAREST = 0.05
@@ -23,15 +22,18 @@ NEAREST = 0.05
 
 
 @dataclass(frozen=True, slots=True)
-class NoiseModel(Settings):
-    """The noise of observations in a picture."""
+class NoiseModel:
+    """The noise of observations in a picture: standard deviations of a pixel [px] and of inverse depth [1/m]."""
 
-    pixel: float = setting(0.7, "px", "standard deviation of where a point is seen", low=0.01, high=20.0)
-    inverse_depth: float = setting(0.005, "1/m", "standard deviation of 1 / depth", low=1e-5, high=1.0)
-    huber: float = setting(1.5, "sigma", "residuals beyond it count linearly", low=0.1, high=100.0)
-    limit: float = setting(
-        9.2, "", "chi-square of a pixel above which it is an outlier (99 % of 2 dof)", low=1.0, high=1e4
-    )
+    pixel: float = 0.7
+    inverse_depth: float = 0.005
+
+
+HUBER_WIDTH = 1.5
+"""Residuals beyond this [sigma] count linearly."""
+
+OUTLIER_CHI_SQUARE = 9.2
+"""A pixel of a greater chi-square is an outlier (99 % of 2 degrees of freedom)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ def fit_pose(
     Gauss-Newton with Huber's weights, then without the outliers; camera (4,) fx, fy, cx, cy.
     """
     turn, shift = guess.rotation.copy(), guess.translation.copy()
-    sigma = np.array([noise.pixel, noise.inverse_depth, noise.huber])
+    sigma = np.array([noise.pixel, noise.inverse_depth, HUBER_WIDTH])
     chi, information = fit_kernel(
         np.ascontiguousarray(points),
         np.ascontiguousarray(observed),
@@ -60,10 +62,10 @@ def fit_pose(
         turn,
         shift,
         sigma,
-        noise.limit,
+        OUTLIER_CHI_SQUARE,
         iterations,
     )
-    return PoseFit(Pose3(turn, shift), chi <= noise.limit, information)
+    return PoseFit(Pose3(turn, shift), chi <= OUTLIER_CHI_SQUARE, information)
 
 
 def project(points: FloatArray, camera_from_map: Pose3, camera: FloatArray) -> FloatArray:

@@ -10,10 +10,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.slam.anchors import AnchorPoses
-from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import IN_TIME, Kept
 from waychair.slam.skeleton import ANY, Skeleton
 from waychair.types import IntArray, Pose2
+
+# RTAB-Map's parameters
+MAX_RETRIEVED = 2  # nodes woken round the hypothesis in one iteration (Rtabmap/MaxRetrieved)
+MAX_LOCAL_RETRIEVED = 2  # nodes woken round the chair in one iteration (RGBD/MaxLocalRetrieved)
+LOCAL_RADIUS = 10.0  # [m] round the chair (RGBD/LocalRadius)
+LOCAL_IMMUNIZATION_RATIO = 0.25  # share of the WM kept awake round the chair (RGBD/LocalImmunizationRatio)
+PREDICTION_LEVELS = 17  # links from the hypothesis, as in Bayes/PredictionLC
 
 _ASLEEP = int(Kept.LTM)  # looked up often
 _LATEST = 32  # newest nodes of an anchor that are considered
@@ -39,26 +45,28 @@ def surroundings(
     newest: int,
     wm: Collection[int],
     path: Sequence[int],
-    settings: MemorySettings,
 ) -> Surroundings:
-    """Return the nodes within `local_radius` of the chair at `here`."""
-    near = _nearest(np.array(sorted(wm), np.int64), skeleton, anchors, here, settings.local_radius)
-    sleepers = _sleepers(skeleton, anchors, here, newest, wm, settings) if settings.wake_by_place else []
-    return Surroundings(newest, near, path, sleepers)
+    """Return the nodes within `LOCAL_RADIUS` of the chair at `here`.
+
+    Sleeping nodes are included by place, unlike in RTAB-Map, which finds a sleeping node only through an awake one: a
+    chair that returns to a place whose nodes are all asleep would recognise nothing.
+    """
+    near = _nearest(np.array(sorted(wm), np.int64), skeleton, anchors, here, LOCAL_RADIUS)
+    return Surroundings(newest, near, path, _sleepers(skeleton, anchors, here, newest, wm))
 
 
-def wanted(skeleton: Skeleton, hypothesis: int | None, around: Surroundings, settings: MemorySettings) -> list[int]:
+def wanted(skeleton: Skeleton, hypothesis: int | None, around: Surroundings) -> list[int]:
     """Return the sleeping nodes to wake in this iteration, the most urgent first.
 
     First come nodes round the chair: those of the planned path, neighbours of near nodes, and their neighbours. Then
     come nodes round the best hypothesis, of any probability, level by level: over neighbours in time, the newest id of
     a level first, then over loops.
     """
-    local = _local(skeleton, around, settings.max_local_retrieved)
-    most = settings.max_retrieved + len(local)
+    local = _local(skeleton, around, MAX_LOCAL_RETRIEVED)
+    most = MAX_RETRIEVED + len(local)
     queue = dict.fromkeys(local)
     if hypothesis is not None:
-        for node in _round_hypothesis(skeleton, hypothesis, settings.prediction_levels):
+        for node in _round_hypothesis(skeleton, hypothesis, PREDICTION_LEVELS):
             if len(queue) >= most:
                 break
             queue[node] = None
@@ -71,19 +79,18 @@ def immunised(
     around: Surroundings,
     awake: Collection[int],
     wm_size: int,
-    settings: MemorySettings,
 ) -> set[int]:
     """Return the awake nodes that must not be put to sleep in this iteration, besides those just woken.
 
-    These are always the nodes round the hypothesis in time. Within a budget (`local_immunization_ratio` of the WM),
+    These are always the nodes round the hypothesis in time. Within a budget (`LOCAL_IMMUNIZATION_RATIO` of the WM),
     they are also nodes of the planned path near the chair, the shortest way from the nearest node of the WM to the
     newest one, and the nearest nodes.
     """
     kept: set[int] = set()
     if hypothesis is not None:
-        for level in skeleton.levels(hypothesis, settings.prediction_levels, IN_TIME):
+        for level in skeleton.levels(hypothesis, PREDICTION_LEVELS, IN_TIME):
             kept.update(node for node in level if node in awake)
-    budget = int(settings.local_immunization_ratio * wm_size)
+    budget = int(LOCAL_IMMUNIZATION_RATIO * wm_size)
     near = frozenset(around.near)
     on_path = [node for node in around.path if node in near]
     way = _shortest_way(skeleton, around.near[0], around.here, awake) if around.near else []
@@ -136,9 +143,7 @@ def _nearest(nodes: IntArray, skeleton: Skeleton, anchors: AnchorPoses, here: Po
     return near
 
 
-def _sleepers(
-    skeleton: Skeleton, anchors: AnchorPoses, here: Pose2, newest: int, wm: Collection[int], settings: MemorySettings
-) -> list[int]:
+def _sleepers(skeleton: Skeleton, anchors: AnchorPoses, here: Pose2, newest: int, wm: Collection[int]) -> list[int]:
     """Return a sleeping node for each anchor in reach without an awake node.
 
     Of the anchor's latest nodes it is the one of greatest weight, among equals the newest.
@@ -146,10 +151,14 @@ def _sleepers(
     rows = skeleton.rows
     taken = {int(rows["anchor"][newest]), *rows["anchor"][np.fromiter(wm, np.int64)].tolist()}
     found: list[int] = []
-    for anchor in anchors.near(here, settings.local_radius).tolist():
-        if len(found) >= settings.max_local_retrieved:
+    for anchor in anchors.near(here, LOCAL_RADIUS).tolist():
+        if len(found) >= MAX_LOCAL_RETRIEVED:
             break
-        asleep = [] if anchor in taken else [n for n in skeleton.attached_to(anchor)[-_LATEST:] if rows["kept"][n] == _ASLEEP]
+        asleep = (
+            []
+            if anchor in taken
+            else [n for n in skeleton.attached_to(anchor)[-_LATEST:] if rows["kept"][n] == _ASLEEP]
+        )
         if asleep:
             found.append(max(asleep, key=lambda node: (int(rows["weight"][node]), node)))
     return found

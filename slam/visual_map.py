@@ -11,7 +11,7 @@ from numba import njit
 
 from waychair.slam.bundle_adjustment import Bundle, adjust
 from waychair.slam.features import Features
-from waychair.slam.reprojection import NoiseModel
+from waychair.slam.reprojection import OUTLIER_CHI_SQUARE, NoiseModel
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray, Pose3
 
 LEVELS = 5
@@ -121,7 +121,7 @@ class VisualMap:
             if key in moving:
                 self.key_frames[key].camera_from_map = Pose3(adjusted.rotations[slot], adjusted.translations[slot])
         self.points[landmarks] = adjusted.landmarks
-        return self._give_up(keys, sources, bundle.frame, chi > noise.limit)
+        return self._give_up(keys, sources, bundle.frame, chi > OUTLIER_CHI_SQUARE)
 
     def _bundle(self, keys: Sequence[int], moving: set[int], landmarks: IntArray) -> tuple[Bundle, IntArray]:
         """Return the bundle of landmarks in key frames, and for each observation its index in its key frame's list."""

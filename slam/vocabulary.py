@@ -19,7 +19,6 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from waychair.config import Settings, setting
 from waychair.errors import VocabularyError
 from waychair.slam.features import Descriptors
 from waychair.slam.float_index import FloatIndex
@@ -35,13 +34,8 @@ BINARY_WIDTH, FLOAT_WIDTH = 32, 128
 """Columns of ORB's descriptors (bytes) and of SIFT's (floats)."""
 
 
-@dataclass(frozen=True, slots=True)
-class VocabularySettings(Settings):
-    """Growth of an incremental vocabulary (RTAB-Map's Kp/NndrRatio)."""
-
-    ratio: float = setting(
-        0.8, "", "a descriptor is its nearest word if that is nearer than this often the second", low=0.1, high=1.0
-    )
+NEAREST_RATIO = 0.8
+"""A descriptor is its nearest word if that is nearer than this share of the second distance (RTAB-Map's Kp/NndrRatio)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,17 +107,16 @@ class Vocabulary(ABC):
         kind, width = (np.uint8, BINARY_WIDTH) if self.binary else (np.float32, FLOAT_WIDTH)
         if descriptors.ndim != 2 or descriptors.shape[1] != width or descriptors.dtype != kind:
             raise VocabularyError(
-                f"descriptors of {descriptors.dtype} {descriptors.shape} do not fit a dictionary of"
-                f" {np.dtype(kind)} (N, {width}): use the detector it was made with"
+                f"descriptors of {descriptors.dtype} {descriptors.shape} do not fit a vocabulary of"
+                f" {np.dtype(kind)} (N, {width}): use the detector that it was made with"
             )
 
 
 class IncrementalVocabulary(Vocabulary):
     """A vocabulary that grows with new views and shrinks with forgotten ones; words are never averaged."""
 
-    def __init__(self, settings: VocabularySettings | None = None, *, binary: bool = True) -> None:
+    def __init__(self, *, binary: bool = True) -> None:
         super().__init__(binary)
-        self.settings = settings or VocabularySettings()
         self._search: HammingIndex | FloatIndex = HammingIndex() if binary else FloatIndex(FLOAT_WIDTH)
         self._next_id = 1
         self._slot_of: dict[int, int] = {}
@@ -143,7 +136,7 @@ class IncrementalVocabulary(Vocabulary):
         """
         self._checked(descriptors)
         found, distances = self._nearest(descriptors)
-        chosen = choose_words(found, distances, distances_between(descriptors, descriptors), self.settings.ratio)
+        chosen = choose_words(found, distances, distances_between(descriptors, descriptors), NEAREST_RATIO)
         founders = np.flatnonzero(chosen == -1 - np.arange(len(chosen)))
         ids = np.arange(self._next_id, self._next_id + len(founders), dtype=np.int32)
         self._next_id += len(founders)
@@ -162,7 +155,7 @@ class IncrementalVocabulary(Vocabulary):
         """
         self._checked(descriptors)
         found, distances = self._nearest(descriptors)
-        clear = (found[:, 1] >= 0) & (distances[:, 0] <= self.settings.ratio * distances[:, 1])
+        clear = (found[:, 1] >= 0) & (distances[:, 0] <= NEAREST_RATIO * distances[:, 1])
         slots: Int32Array = found[clear, 0].astype(np.int32)
         return slots
 
@@ -211,7 +204,7 @@ class IncrementalVocabulary(Vocabulary):
             self._checked(needed.descriptors)
             found, distances = self._nearest(needed.descriptors)
             born = np.where(found[:, 0] >= 0, self._id_of[found[:, 0]], 0)
-            clear = (found[:, 1] >= 0) & (distances[:, 0] <= self.settings.ratio * distances[:, 1])
+            clear = (found[:, 1] >= 0) & (distances[:, 0] <= NEAREST_RATIO * distances[:, 1])
             same = clear & (born >= needed.since)
             self._insert(needed.ids[~same], needed.descriptors[~same])
             names |= dict(zip(needed.ids.tolist(), np.where(same, born, needed.ids).tolist(), strict=True))
@@ -258,7 +251,7 @@ class FixedVocabulary(Vocabulary):
         super().__init__(words.dtype == np.uint8)
         self._checked(words)
         if len(words) == 0:
-            raise VocabularyError("a dictionary of no words: make it from pictures that show something")
+            raise VocabularyError("the vocabulary has no words: make it from pictures with features")
         self.words = words
 
     def __len__(self) -> int:

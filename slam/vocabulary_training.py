@@ -26,23 +26,35 @@ from waychair.yaml_files import yaml_from_text
 
 _FORMAT = 1
 
+ROUNDS = 10
+"""Rounds of assigning descriptors and averaging, at most."""
+
+_MOST_DESCRIPTORS = 100_000  # drawn evenly if there are more
+_SEED = 1  # of the draws
+
+_FORMER_SETTINGS = {
+    "quality": 0.001, "min_distance": 7.0, "block_size": 3, "min_strength": 2e-4, "fast_threshold": 10,
+    "scale_factor": 1.2, "levels": 8, "depth_as_mask": True,
+}  # fmt: skip
+"""Settings in the files of earlier versions that are constants of `features.py` now."""
+
 
 @dataclass(frozen=True, slots=True)
 class TrainingSettings(Settings):
     """Settings of the training."""
 
     words: int = setting(
-        16_000, "", "size of the dictionary; a small one tells places apart badly", low=2, high=200_000
-    )
-    rounds: int = setting(10, "", "of assigning and averaging", low=1, high=1000)
-    most_descriptors: int = setting(100_000, "", "drawn evenly if there are more", low=100, high=10_000_000)
-    seed: int = setting(1, "", "of the draws", low=0, high=2**31 - 1)
+        16_000, "", "size of a trained vocabulary; more words tell places apart better and take longer", low=2,
+        high=200_000,
+    )  # fmt: skip
 
 
 def train(
     descriptors: Descriptors,
     settings: TrainingSettings | None = None,
     progress: Callable[[float], None] = lambda _: None,
+    *,
+    rounds: int = ROUNDS,
 ) -> Descriptors:
     """Return words (K, W) trained from descriptors (N, W); fewer if there are fewer distinct descriptors.
 
@@ -50,19 +62,19 @@ def train(
         VocabularyError: fewer than two distinct descriptors.
     """
     settings = settings or TrainingSettings()
-    rng = np.random.default_rng(settings.seed)
-    if len(descriptors) > settings.most_descriptors:
-        descriptors = descriptors[np.sort(rng.choice(len(descriptors), settings.most_descriptors, replace=False))]
+    rng = np.random.default_rng(_SEED)
+    if len(descriptors) > _MOST_DESCRIPTORS:
+        descriptors = descriptors[np.sort(rng.choice(len(descriptors), _MOST_DESCRIPTORS, replace=False))]
     different = np.unique(descriptors, axis=0)
     if len(different) < 2:
         raise VocabularyError(
-            f"{len(different)} different descriptors make no dictionary: give pictures with more to see"
+            f"{len(different)} different descriptors are too few for a vocabulary: give pictures with more features"
         )
     count = min(settings.words, len(different))
     first = different[np.sort(rng.choice(len(different), count, replace=False))]
     if descriptors.dtype == np.uint8:
-        return unpacked(_k_majority(packed(descriptors), packed(first), settings.rounds, progress))
-    return _k_means(descriptors, first, settings.rounds, progress)
+        return unpacked(_k_majority(packed(descriptors), packed(first), rounds, progress))
+    return _k_means(descriptors, first, rounds, progress)
 
 
 def save(path: Path, words: Descriptors, features: FeatureSettings) -> None:
@@ -81,13 +93,17 @@ def load(path: Path) -> tuple[FixedVocabulary, FeatureSettings]:
         with np.load(path, allow_pickle=False) as arrays:
             version, words, features = int(arrays["format"]), arrays["words"], str(arrays["features"])
     except FileNotFoundError:
-        raise VocabularyError(f"there is no dictionary {path}: make one with `waychair vocabulary`") from None
+        raise VocabularyError(f"there is no vocabulary {path}: make one with `waychair vocabulary`") from None
     except (OSError, ValueError, KeyError, EOFError, TypeError, zipfile.BadZipFile) as error:
-        raise VocabularyError(f"{path} is no dictionary or is damaged ({error}): make it again") from error
+        raise VocabularyError(f"{path} is damaged, or not a vocabulary ({error}): make it again") from error
     if version != _FORMAT:
-        raise VocabularyError(f"{path} is a dictionary of format {version}, not {_FORMAT}: make it again")
+        raise VocabularyError(f"{path} is a vocabulary of format {version}, not {_FORMAT}: make it again")
     try:
-        settings = from_mapping(FeatureSettings, yaml_from_text(features, str(path), VocabularyError), str(path))
+        values = yaml_from_text(features, str(path), VocabularyError)
+        for key, constant in _FORMER_SETTINGS.items():
+            if values.pop(key, constant) != constant:
+                raise VocabularyError(f"{key} is fixed at {constant}")
+        settings = from_mapping(FeatureSettings, values, str(path))
         return FixedVocabulary(words), settings
     except (ConfigError, VocabularyError, msgspec.MsgspecError) as error:
         raise VocabularyError(f"{path} is damaged ({error}): make it again") from error

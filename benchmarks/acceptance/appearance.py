@@ -1,4 +1,4 @@
-"""Places known again by what they look like: closures on photographs, and the time a frame takes with many words."""
+"""Place recognition by appearance: loop closures on photographs, and the time per frame with a large vocabulary."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from waychair.slam.vocabulary_training import train
 from waychair.types import Bytes, FloatArray, Json, RgbdFrame
 
 RIGHT_LAGS = frozenset({*range(39, 44), 79, 80})
-"""Pictures between two views of one place: a lap is 39 or 40 of them, and the set holds two laps and four pictures."""
+"""Pictures between two views of one place: a lap has 39 or 40, and the set holds two laps and four pictures."""
 
 WORDS = 600_000
-"""Words the dictionary of the speed figure must hold."""
+"""Least number of words in the vocabulary of the speed figure."""
 
 
 def places(out: Path) -> Json:
-    """84 photographs of two laps: at least 42 closures right and none wrong.
+    """84 photographs of two laps: at least 42 right closures and no wrong one.
 
-    Right is a closure whose lag is that of one or two laps (`RIGHT_LAGS`, as closures of this set were judged by eye);
-    no truth is published. Every threshold is moved by a fifth both ways to show what depends on it.
+    A closure is right if its lag is that of one or two laps (`RIGHT_LAGS`, verified by eye, as no truth is published).
+    Every threshold is changed by a fifth in both directions to show its influence.
     """
     cv2.setNumThreads(1)
     images = [_gray(DATA / "places_rtabmap" / "images" / f"{i}.jpg") for i in range(1, 85)]
@@ -64,14 +64,14 @@ def places(out: Path) -> Json:
 
 
 def judged(results: list[Recognition] | Iterator[Recognition]) -> tuple[int, int]:
-    """Right and wrong closures by their lag."""
+    """Return the numbers of right and wrong closures, by their lag."""
     lags = [result.node - result.closure for result in results if result.closure is not None]
     right = sum(lag in RIGHT_LAGS for lag in lags)
     return right, len(lags) - right
 
 
 def _offline(images: list[Bytes], training: list[Bytes], settings: RecognitionSettings) -> Json:
-    """The same pictures with a dictionary made by clustering what `training` shows, as the paper does."""
+    """Run the same pictures with a vocabulary clustered from `training`, as in the paper."""
     descriptors = np.concatenate([features_of_image(image, settings.features).descriptors for image in training])
     vocabulary = FixedVocabulary(train(descriptors))
     results = list(photographs(images, settings, vocabulary))
@@ -129,8 +129,8 @@ def moved(value: float, factor: float) -> float:
 def words_speed(out: Path) -> Json:
     """A frame of 640 x 480 with 600,000 words: median at most 30 ms and p99 at most 70 ms of one core's time.
 
-    The words are those the incremental dictionary makes of mirrored, turned and zoomed copies of the real pictures; the
-    frames that are timed are the pictures themselves, 210 of a hand-held camera over a desk and 50 of a room.
+    The incremental vocabulary is built from mirrored, turned and zoomed copies of the real pictures. The timed frames
+    are the pictures themselves: 210 of a hand-held camera over a desk and 50 of a room.
     """
     cv2.setNumThreads(1)
     settings = RecognitionSettings()
@@ -151,7 +151,7 @@ def words_speed(out: Path) -> Json:
         node = _linked(neighbours, node)
         times = _timed(recognition, node, frame, neighbours)
         recognition.enter(node)
-        if i:  # the first brings all places into the filter at once
+        if i:  # the first frame adds all places to the filter at once
             for name, seconds in times.items():
                 stages[name].append(1e3 * seconds)
     table = {
@@ -175,7 +175,7 @@ def words_speed(out: Path) -> Json:
 def _timed(
     recognition: PlaceRecognition, node: int, frame: RgbdFrame, neighbours: dict[int, list[int]]
 ) -> dict[str, float]:
-    """CPU seconds of each stage, as `PlaceRecognition.recognise` runs them one after the other."""
+    """Return the processor time [s] of each stage, in the order of `PlaceRecognition.recognise`."""
     marks = [time.process_time()]
     features = extract(frame, recognition.settings.features)
     marks.append(time.process_time())
@@ -191,7 +191,7 @@ def _timed(
 
 
 def _search_figures(frames: list[RgbdFrame], vocabulary: IncrementalVocabulary, settings: RecognitionSettings) -> Json:
-    """Time of 500 queries among all words, and how often the search finds what an exact scan finds."""
+    """Return the time of 500 queries among all words, and how often the search equals an exact scan."""
     ids = np.arange(1, len(vocabulary) + 1, dtype=np.int32)
     words = packed(vocabulary.descriptors_of(ids))
     index = HammingIndex()
@@ -225,7 +225,7 @@ def _search_figures(frames: list[RgbdFrame], vocabulary: IncrementalVocabulary, 
 
 
 def _linked(neighbours: dict[int, list[int]], last: int) -> int:
-    """A new node after the last one."""
+    """Append a node after the last one."""
     node = last + 1
     neighbours[node] = [last] if last else []
     if last:
@@ -234,7 +234,7 @@ def _linked(neighbours: dict[int, list[int]], last: int) -> int:
 
 
 def _frames() -> Iterator[RgbdFrame]:
-    """The real pictures of 640 x 480, without their depth: it would only leave corners out."""
+    """Yield the real pictures of 640 x 480 without depth, which would only exclude corners."""
     folders = (("rgbd_tum_fr1_rpy_head", "**/*.jpg"), ("rgbd_tsdf_sample50", "*.color.jpg"))
     for folder, pattern in folders:
         for stamp, path in enumerate(sorted((DATA / folder).glob(pattern))):
@@ -242,7 +242,7 @@ def _frames() -> Iterator[RgbdFrame]:
 
 
 def _copies() -> Iterator[Bytes]:
-    """Pictures that are no longer those they were made of: mirrored and in quarter turns, turned and zoomed."""
+    """Yield altered copies of the pictures: mirrored, in quarter turns, turned and zoomed."""
     pictures = [frame.image for frame in _frames()]
     pictures += [_gray(DATA / "places_rtabmap" / "images" / f"{i}.jpg") for i in range(1, 85)]
     for degrees, zoom in ((0.0, 1.0), (10.0, 1.3), (-15.0, 0.75), (25.0, 1.15)):
@@ -267,7 +267,7 @@ def _gray(path: Path) -> Bytes:
 
 
 def _draw(results: list[Recognition], path: Path) -> None:
-    """The belief over the places at each picture, with the closures that were accepted."""
+    """Draw the belief over the places at each picture, with the accepted closures."""
     size = len(results)
     belief: FloatArray = np.full((size, size + 1), np.nan)
     for result in results:

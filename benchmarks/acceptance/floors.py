@@ -1,6 +1,6 @@
-"""Loops by pictures and lidar together: the two floors of the wheelchair paper, and a world of rooms that are alike.
+"""Loop closure by pictures and lidar: the two floors of the wheelchair paper, and a world of identical rooms.
 
-What is counted, and when a revisit is closed or a loop false, is defined in `waychair.trials.revisits`.
+The figures (revisits, recall, false loops) are defined in `waychair.trials.revisits`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from waychair.trials.revisits import map_drive, record_drive, score, trajectory_
 from waychair.types import Json
 
 RATE_HZ = 2.0
-"""Pictures per second in the recording; what is not looked at need not be drawn."""
+"""Pictures per second in the recording; more would be rendered for nothing."""
 
 
 def floors(out: Path) -> Json:
@@ -37,13 +37,13 @@ def floors(out: Path) -> Json:
 
 
 def alias(out: Path) -> Json:
-    """Six rooms that are alike to the last scratch: no false loop is accepted, by pictures or by the lidar."""
+    """Six identical rooms: no false loop is accepted, by pictures or by lidar."""
     scored, _ = _floor("alias")
     return {"passed": scored["false_links"] == 0 and scored["false_edges"] == 0, **scored}
 
 
 def _floor(world: str) -> tuple[Json, Json]:
-    """A drive along the world's route, recorded once and mapped with and without camera; its report."""
+    """Return the figures of a drive along the world's route, recorded once and mapped with and without camera."""
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder) / "drive.mcap"
         record_drive(world, bag, RATE_HZ)
