@@ -1,10 +1,10 @@
-"""D* Lite's replanning against A* from scratch: ratios of processor times taken in one run.
+"""D* Lite's replanning compared with A* from scratch: ratios of processor times of one run.
 
-Protocol: ten queries, evenly from the longer half of a scenario; walk five cells, change the map, replan, ten times
-over. Changes are k random cells of the 41 x 41 window round the chair that flip, or a bar of nine cells across the path
-d cells ahead that closes and, once the planner has answered, opens again. Changes that leave no way are taken back and
-not counted. D* Lite goes its whole way first, then A* is asked the same questions: neither finds the other's data in
-the caches.
+Protocol: ten queries, evenly chosen from the longer half of a scenario. Ten times per query: walk five cells, change
+the map, replan. A change flips k random cells of the 41 x 41 window round the chair, or closes a bar of nine cells
+across the path d cells ahead and opens it again after the answer. Changes that leave no path do not count.
+D* Lite finishes all its replans first, then A* gets the same questions, so that neither finds the other's data in the
+caches.
 Run as `python -m benchmarks.dstar_lite [MAP ...]`.
 """
 
@@ -36,7 +36,7 @@ Change = Callable[[Prices, IntArray, np.random.Generator], IntArray]
 
 @dataclass(frozen=True, slots=True)
 class Replans:
-    """Processor times [s] of each replan: D* Lite's and A*'s (N,), and D* Lite's of the opening again (M,)."""
+    """Processor times [s] of the replans: of D* Lite and A* (N,), and of D* Lite after each reopening (M,)."""
 
     replanned: FloatArray
     scratch: FloatArray
@@ -44,7 +44,7 @@ class Replans:
 
     @property
     def ratio(self) -> float:
-        """Mean time of A* over that of D* Lite."""
+        """The mean time of A* over that of D* Lite."""
         return float(self.scratch.mean() / self.replanned.mean())
 
 
@@ -81,23 +81,23 @@ CHANGES = {
 
 
 def read_prices(name: str) -> Prices:
-    """(H, W) prices of a benchmark map."""
+    """Return the prices (H, W) of a benchmark map."""
     return np.where(load_free_cells(DATA / f"{name}.map"), FREE_PRICE, 0).astype(np.int32)
 
 
 def map_names() -> list[str]:
-    """All benchmark maps that there are."""
+    """Return the names of all benchmark maps."""
     return sorted(path.stem for path in DATA.glob("*.map"))
 
 
 def long_queries(name: str) -> list[Query]:
-    """Queries, evenly from the longer half of a scenario."""
+    """Return queries, evenly chosen from the longer half of a scenario."""
     queries = load_queries(DATA / f"{name}.map.scen")
     return [queries[i] for i in np.linspace(len(queries) // 2, len(queries) - 1, QUERIES).astype(int)]
 
 
 def bar_across(path: IntArray, ahead: int, shape: tuple[int, ...]) -> IntArray:
-    """(N, 2) nine cells across a path, `ahead` cells down it."""
+    """Return the bar (N, 2) of nine cells across a path, `ahead` cells down it."""
     i = min(max(ahead, 1), len(path) - 2)
     along = path[i + 1] - path[i - 1]
     cells = path[i] + np.arange(-4, 5)[:, None] * np.sign([-along[1], along[0]])
@@ -106,7 +106,7 @@ def bar_across(path: IntArray, ahead: int, shape: tuple[int, ...]) -> IntArray:
 
 
 def replans(name: str, kind: str) -> Replans:
-    """All replans of one kind of change on one map.
+    """Measure all replans of one kind of change on one map.
 
     Raises:
         AssertionError: the two planners disagree about a cost.
@@ -126,7 +126,7 @@ def replans(name: str, kind: str) -> Replans:
 
 @dataclass(frozen=True, slots=True)
 class _Question:
-    """A start, cells (N, 2) with prices before and after, and what D* Lite answered in which processor time [s]."""
+    """A start, changed cells (N, 2) with prices before and after, and D* Lite's answer and processor time [s]."""
 
     start: Cell
     cells: IntArray
@@ -138,7 +138,7 @@ class _Question:
 
 
 def _walk(prices: Prices, query: Query, kind: str, rng: np.random.Generator) -> tuple[list[_Question], list[float]]:
-    """One way of D* Lite with its changes, and the seconds of taking them back."""
+    """Walk one query with D* Lite; return its questions and the processor times [s] of undoing the changes."""
     planner = DStarLite(prices, query.goal, query.start)
     planner.replan()
     questions: list[_Question] = []
@@ -167,7 +167,7 @@ def _walk(prices: Prices, query: Query, kind: str, rng: np.random.Generator) -> 
 
 
 def _asked_anew(prices: Prices, query: Query, questions: list[_Question]) -> list[float]:
-    """Processor time [s] of A* for each question."""
+    """Return A*'s processor time [s] for each question."""
     times = []
     for question in questions:
         prices[tuple(question.cells.T)] = question.after
@@ -182,7 +182,7 @@ def _asked_anew(prices: Prices, query: Query, questions: list[_Question]) -> lis
 
 
 def _answer(asked: Callable[[], int]) -> int | None:
-    """A cost, None when there is no way."""
+    """Return the cost, or None if there is no path."""
     try:
         return asked()
     except NoPath:
@@ -190,7 +190,7 @@ def _answer(asked: Callable[[], int]) -> int | None:
 
 
 def main(names: list[str]) -> None:
-    """Print one row a map: the ratio of mean times A* / D* Lite, and D* Lite's median [ms], of each kind of change."""
+    """Print a row per map: the ratio of mean times A* / D* Lite, and D* Lite's median [ms], of each kind of change."""
     print("A*/D* Lite (ratio of mean times), D* Lite median ms")
     print(f"{'map':20s}" + "".join(f"{label:>18s}" for label in CHANGES))
     for name in names:

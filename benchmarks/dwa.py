@@ -1,9 +1,9 @@
-"""The dynamic window's speed: the fan of arcs, and the whole choice.
+"""The speed of the dynamic window approach: the fan of arcs, and the whole choice of a command.
 
     python -m benchmarks.dwa
 
-Processor times of one thread over scenes that are the same every time, each at its best of some rounds, so that what
-else the machine does counts little; kernels are warm.
+Processor times of one thread over fixed scenes with loaded kernels. The best of several rounds counts, so that other
+load of the machine has little effect.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from waychair.types import BoolArray, FloatArray, Json, Path, Pose2, Twist
 
 SCENES, ROUNDS, SEED = 40, 5, 3
 CELL, SIDE = 0.025, 8.0
-POSTS = 0.0006  # share of the cells that are occupied: about 60 posts in the square
+POSTS = 0.0006  # share of occupied cells: about 60 posts in the square
 HORIZON = 2.5
 
 
 def scenes() -> list[tuple[DistanceField, Pose2]]:
-    """Squares of 8 m full of posts, and in each a place whose middle is 0.50 to 0.80 m from the nearest one."""
+    """Return squares of 8 m with posts, and in each a pose that is 0.50 to 0.80 m from the nearest post."""
     rng = np.random.default_rng(SEED)
     found: list[tuple[DistanceField, Pose2]] = []
     while len(found) < SCENES:
@@ -45,13 +45,13 @@ def scenes() -> list[tuple[DistanceField, Pose2]]:
 
 
 def fan() -> FloatArray:
-    """(2040, 2) candidates: 40 speeds by 51 turning speeds, the whole of the comfortable limits."""
+    """Return candidates (2040, 2): 40 speeds by 51 turn rates over the comfortable limits."""
     v, omega = np.linspace(-0.2, 0.8, 40), np.linspace(-0.8, 0.8, 51)
     return np.stack(np.meshgrid(v, omega), axis=-1).reshape(-1, 2)
 
 
 def fan_speed() -> Json:
-    """Time [ms] for all arcs of 2.5 s with the exact rectangle of chair B, certain as long as the chair brakes."""
+    """Return the time [ms] for all arcs of 2.5 s with the exact rectangle of chair B, certain as long as it brakes."""
     candidates, limits = fan(), DwaSettings()
     brake = np.maximum(np.abs(candidates[:, 0]) / limits.braking, np.abs(candidates[:, 1]) / limits.alpha)
     certain = PERIOD + brake / 2
@@ -68,7 +68,7 @@ def fan_speed() -> Json:
 
 
 def choice_speed() -> Json:
-    """Time [ms] of `choose` as the chair calls it: window, arcs, critics, and whether the command can stop."""
+    """Return the time [ms] of `choose` as the chair calls it: window, arcs, critics, and the check for stopping."""
     spent, limits = [], DwaSettings()
     places = scenes()
     for _ in range(ROUNDS):
@@ -83,7 +83,7 @@ def choice_speed() -> Json:
 
 
 def _over_scenes(spent: list[float]) -> Json:
-    """Median and worst scene [ms], each at its best round."""
+    """Return the median and the worst scene [ms], each by its best round."""
     best = np.array(spent).reshape(ROUNDS, SCENES).min(axis=0)
     return {"median_ms": float(np.median(best)), "worst_ms": float(best.max())}
 

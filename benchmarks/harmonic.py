@@ -1,4 +1,4 @@
-"""Scenes and measurements for the harmonic planner: the paper's figure 5 anew, fields on maps, times of the solvers.
+"""Scenes and measurements of the harmonic planner: the paper's figure 5, fields on maps, times of the solvers.
 
 `python -m benchmarks.harmonic` prints one JSON object with all of them.
 """
@@ -24,9 +24,9 @@ from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.footprint import footprint, room
 from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.grid_graph import Cell
-from waychair.planning.harmonic import LogField, descend, log_field, streamline, summits_of
-from waychair.planning.laplace_solvers import SolverOptions, problem_of, relative_residual, solve
-from waychair.planning.rubber_band import band, length_of, paper_band, resampled, turning_angles
+from waychair.planning.harmonic import LogField, count_summits, descend, log_field, streamline
+from waychair.planning.laplace_solvers import SolverOptions, laplace_problem, relative_residual, solve
+from waychair.planning.rubber_band import band, paper_band, polyline_length, resampled, turning_angles
 from waychair.planning.slices import finished
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
@@ -38,7 +38,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class BandScene:
-    """A room [m] with boxes (x0, y0, x1, y1), a start and a goal; the paper's lengths before and after."""
+    """A room [m] with boxes (x0, y0, x1, y1), start and goal, and the paper's lengths before and after the band."""
 
     name: str
     size: tuple[float, float]
@@ -66,7 +66,7 @@ SCENES = (
 
 
 def costmap_of(scene: BandScene) -> Costmap:
-    """The scene's costmap for chair A, with a wall all round."""
+    """Return the scene's costmap for chair A, with walls all round."""
     height, width = round(scene.size[1] / CELL), round(scene.size[0] / CELL)
     cells = np.zeros((height, width), np.int8)
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
@@ -76,13 +76,13 @@ def costmap_of(scene: BandScene) -> Costmap:
 
 
 def cell_at(point: tuple[float, float]) -> Cell:
-    """Row and column under a point [m]."""
+    """Return row and column of a point [m]."""
     return int(point[1] / CELL), int(point[0] / CELL)
 
 
 @dataclass(frozen=True, slots=True)
 class Bands:
-    """The lines of one scene, points (N, 2) [cells]: best neighbours, the paper's band over them, and ours."""
+    """The paths of one scene, points (N, 2) [cells]: by best neighbours, by the paper's band, and by ours."""
 
     found: LogField
     costmap: Costmap
@@ -92,9 +92,9 @@ class Bands:
 
 
 def bands(scene: BandScene) -> Bands:
-    """Descent and both bands in a scene."""
+    """Return the descent and both bands in a scene."""
     costmap = costmap_of(scene)
-    found = log_field(problem_of(costmap.prices > 0, cell_at(scene.goal)))
+    found = log_field(laplace_problem(costmap.prices > 0, cell_at(scene.goal)))
     cells = descend(found, cell_at(scene.start))
     points = cells[:, ::-1] + 0.5
     ours = finished(band(costmap, points))
@@ -102,7 +102,7 @@ def bands(scene: BandScene) -> Bands:
 
 
 def rectangle_fits(costmap: Costmap, points: FloatArray) -> bool:
-    """Whether chair A with the band's margin fits all along a line, headed along it."""
+    """Return whether chair A with the band's margin fits all along a path, headed along it."""
     shape = footprint(costmap.body, PLANNED_ON_PATH, costmap.field)
     line = resampled(points, 0.05 / CELL)
     ahead = np.diff(line, axis=0)
@@ -113,7 +113,7 @@ def rectangle_fits(costmap: Costmap, points: FloatArray) -> bool:
 
 
 def row_of(scene: BandScene) -> dict[str, Any]:
-    """Lengths [m], sharpest turns [deg] and least clearances [m] of a scene's lines, turns at every 0.10 m."""
+    """Return lengths [m], sharpest turns [deg] at every 0.10 m, and least clearances [m] of a scene's paths."""
     lines = bands(scene)
     row: dict[str, Any] = {"scene": scene.name, "paper_m": scene.paper_m}
     for name, points in (("descent", lines.descent), ("paper_band", lines.paper), ("band", lines.ours)):
@@ -121,7 +121,7 @@ def row_of(scene: BandScene) -> dict[str, Any]:
         degrees = np.degrees(turning_angles(even))
         rows, columns = np.floor(even[:, ::-1]).astype(int).T
         row[name] = {
-            "length_m": round(length_of(points) * CELL, 3),
+            "length_m": round(polyline_length(points) * CELL, 3),
             "sharpest_deg": round(float(degrees.max()), 1),
             "histogram_by_10_deg": np.histogram(degrees, np.arange(0, 100, 10))[0].tolist(),
             "rectangle_fits": rectangle_fits(lines.costmap, points),
@@ -139,7 +139,7 @@ DOOR_ENDS = {
 
 
 def door_row(door: float, name: str) -> dict[str, Any]:
-    """The harmonic planner's whole path between two rooms through a door [m]: lengths [m] and sharpest turns [deg]."""
+    """Return length [m] and sharpest turn [deg] of the harmonic planner's path between two rooms through a door."""
     cells = np.zeros((120, 162), np.int8)
     cells[[0, -1]], cells[:, [0, -1]], cells[:, 80:82] = 100, 100, 100
     half = round(door / CELL / 2)
@@ -158,13 +158,13 @@ def door_row(door: float, name: str) -> dict[str, Any]:
 
 
 def floors(folder: Path) -> dict[str, BoolArray]:
-    """Free cells (H, W) of the Moving AI maps in a folder, by name."""
+    """Return the free cells (H, W) of the Moving AI maps in a folder, by name."""
     return {path.stem: load_free_cells(path) for path in sorted(folder.glob("*.map"))}
 
 
 @dataclass(frozen=True, slots=True)
 class FieldRun:
-    """A field to one goal: cells without a better neighbour, descents and streamlines that arrived, and of how many."""
+    """A field to one goal: cells without a better neighbour, and arrived descents and streamlines of all."""
 
     lacking: int
     descents: int
@@ -176,11 +176,11 @@ class FieldRun:
 
 
 def field_run(free: BoolArray, descents: int, seed: int) -> FieldRun:
-    """The field to a random goal of free cells (H, W), descents from random cells, and a tenth as many streamlines."""
+    """Compute the field to a random goal, descents from random cells, and a tenth as many streamlines."""
     rng = np.random.default_rng(seed)
     cells = np.argwhere(free)
     row, column = cells[rng.integers(len(cells))].tolist()
-    found, _, cpu_ms = _timed(lambda: log_field(problem_of(free, (row, column))))
+    found, _, cpu_ms = _timed(lambda: log_field(laplace_problem(free, (row, column))))
     joined = np.argwhere(np.isfinite(found.logs))
     starts = joined[rng.integers(len(joined), size=descents)].tolist()
     begins = joined[rng.integers(len(joined), size=descents // 10)].tolist()
@@ -188,11 +188,11 @@ def field_run(free: BoolArray, descents: int, seed: int) -> FieldRun:
     middle = [column + 0.5, row + 0.5]
     lines = sum(streamline(found, np.array([j + 0.5, i + 0.5]))[-1].tolist() == middle for i, j in begins)
     lowest = float(found.logs[np.isfinite(found.logs)].min())
-    return FieldRun(summits_of(found), len(starts), arrived, len(begins), lines, lowest, cpu_ms)
+    return FieldRun(count_summits(found), len(starts), arrived, len(begins), lines, lowest, cpu_ms)
 
 
 def field_row(name: str, free: BoolArray, runs: list[FieldRun]) -> dict[str, Any]:
-    """The runs on one map put together."""
+    """Return the summary of the runs on one map."""
     return {
         "map": name,
         "free": int(free.sum()),
@@ -208,7 +208,7 @@ def field_row(name: str, free: BoolArray, runs: list[FieldRun]) -> dict[str, Any
 
 
 def rooms(side: int = 1024, count: int = 8, seed: int = 0) -> BoolArray:
-    """(side, side) free cells of a square of rooms with a door of ten cells between neighbours."""
+    """Return free cells (side, side) of a square of rooms with a door of ten cells between neighbours."""
     rng = np.random.default_rng(seed)
     free = open_floor(side)
     step = side // count
@@ -223,18 +223,18 @@ def rooms(side: int = 1024, count: int = 8, seed: int = 0) -> BoolArray:
 
 
 def open_floor(side: int = 1024) -> BoolArray:
-    """(side, side) free cells with a wall all round."""
+    """Return free cells (side, side) with a wall all round."""
     free = np.ones((side, side), np.bool_)
     free[[0, -1]] = free[:, [0, -1]] = False
     return free
 
 
 def speed_row(name: str, free: BoolArray, goal: Cell, times: int = 9) -> dict[str, Any]:
-    """Time [ms] for a field to 1e-8, and for its update after 20 cells near each other have changed.
+    """Return the time [ms] for a field to 1e-8, and for its update after a change of 20 neighbouring cells.
 
-    By the clock on the wall, with as many of two cores as are there and idle; beside it that of all cores together.
+    Both as wall time on up to two idle cores, and as processor time of all cores together.
     """
-    problem = problem_of(free, goal)
+    problem = laplace_problem(free, goal)
     solved = solve(problem)
     rng = np.random.default_rng(1)
     cold = [_timed(lambda: solve(problem))[1:] for _ in range(times)]
@@ -246,7 +246,7 @@ def speed_row(name: str, free: BoolArray, goal: Cell, times: int = 9) -> dict[st
         cells = middle + rng.integers(-20, 21, (20, 2))
         changed[cells[:, 0], cells[:, 1]] ^= True
         changed[goal] = True
-        other = problem_of(changed, goal)
+        other = laplace_problem(changed, goal)
         warm, *took = _timed(partial(solve, other, SolverOptions(), solved))
         updates.append(took)
         cycles.append(warm.sweeps)
@@ -267,18 +267,18 @@ def speed_row(name: str, free: BoolArray, goal: Cell, times: int = 9) -> dict[st
 
 
 def _timed(run: Callable[[], Result]) -> tuple[Result, float, float]:
-    """What comes of it, its time on the wall, and that of this process's threads together [ms]."""
+    """Run a function; return its result, its wall time and its processor time over all threads [ms]."""
     began, worked = time.perf_counter(), time.process_time()
     result = run()
     return result, 1e3 * (time.perf_counter() - began), 1e3 * (time.process_time() - worked)
 
 
 def solver_rows(free: BoolArray, goal: Cell, tolerance: float = 1e-8) -> list[dict[str, Any]]:
-    """CPU time and sweeps of each solver on one map."""
+    """Return processor time and sweeps of each solver on one map."""
     rows = []
     for name in ("gauss-seidel", "sor", "multigrid", "direct"):
         settings = SolverOptions(solver=name, tolerance=tolerance, most_sweeps=1_000_000, memory=1e6)
-        found, _, took = _timed(partial(solve, problem_of(free, goal), settings))
+        found, _, took = _timed(partial(solve, laplace_problem(free, goal), settings))
         rows.append({"solver": name, "sweeps": found.sweeps, "cpu_ms": round(took, 1), "residual": found.residual})
     return rows
 

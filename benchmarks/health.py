@@ -1,18 +1,18 @@
-"""Fits the localiser's health (the probability that a pose is right) on some scans and verifies it on others.
+"""Fit the localiser's health (the probability that a pose is right) on some scans and verify it on others.
 
     python -m benchmarks.health
 
-Poses are made as the localiser makes them: scans of the later part of a recording matched on the map of the earlier,
-from starts near the truth, from starts up to 3 m beside it, and from the places that the global search offers; a third
-of the scans as they are, the others among three and ten people, discs that stand alone or in rows and hide what is
-behind them. Right is within 0.3 m and 5 degrees of the truth; right and wrong poses weigh the same. Logistic regression
-(Hastie, Tibshirani and Friedman 2009, section 4.4) with a weak quadratic penalty on the weights.
+Poses are computed as by the localiser: scans of the later part of a recording are matched on the map of the earlier
+part, from starts near the truth, up to 3 m beside it, and from the candidates of the global search. A third of the
+scans is unchanged; the others contain three or ten people: discs, alone or in rows, that hide the walls behind. A pose
+is right within 0.3 m and 5 degrees of the truth; right and wrong poses have equal total weights. The model is a
+logistic regression (Hastie, Tibshirani and Friedman 2009, section 4.4) with a weak quadratic penalty on the weights.
 
-The health of a pose that is followed is fitted on the Intel lab's last fifth, Freiburg 079's fourth fifth and two
-simulated floors, which weigh the same: a lab full of things shows right poses that look like wrong ones on a clean
-floor, so in the middle of the scale it stays a compromise. It is verified on Freiburg's last fifth, on which the
-kidnapping is measured, and on another floor. The odds of places that are found from nowhere are fitted on the calm
-scans of the two recordings; a fit on the Intel lab alone trusts Freiburg's corridor too much, with its rooms alike.
+The health of a tracked pose is fitted on the Intel lab's last fifth, Freiburg 079's fourth fifth and two simulated
+floors, with equal weights. Right poses in a cluttered lab look like wrong ones on a clean floor, so the middle of the
+scale is a compromise. It is verified on Freiburg's last fifth, which also serves the kidnapping test, and on another
+floor. The odds of relocalised places are fitted on the scans without people of the two recordings; a fit on the Intel
+lab alone trusts Freiburg's corridor with its similar rooms too much.
 """
 
 from __future__ import annotations
@@ -57,26 +57,26 @@ INTEL, FREIBURG = "lidar_intel/intel_first1088s.clf.gz", "lidar_fr079/fr079_lase
 
 @dataclass(frozen=True, slots=True)
 class Samples:
-    """Shares (M, 7) of the beams' classes at matched poses, whether each is right (M,), among how many people (M,)."""
+    """Shares (M, 7) of beam classes at matched poses, whether each pose is right (M,), number of people (M,)."""
 
     shares: FloatArray
     right: BoolArray
     people: IntArray
 
     def among(self, people: int) -> Samples:
-        """Those among so many people."""
+        """Return the samples with this number of people."""
         chosen = self.people == people
         return Samples(self.shares[chosen], self.right[chosen], self.people[chosen])
 
     @property
     def weights(self) -> FloatArray:
-        """(M,) such that right and wrong poses weigh a half each."""
+        """Return weights (M,); right and wrong poses have a total of one half each."""
         weights: FloatArray = np.where(self.right, 0.5 / self.right.sum(), 0.5 / (~self.right).sum())
         return weights
 
 
 def samples(data: Split, scans: int = SCANS) -> Samples:
-    """Matched poses for this many scans of a split."""
+    """Return matched poses for `scans` scans of a split."""
     rng, matching = np.random.default_rng(SEED), MatchSettings()
     reference = reference_from_points(*wall_points(data.grid), matching.resolution, BEAM_SIGMA)
     beams, pyramid = beam_map(data.grid), pyramid_from_grid(data.grid)
@@ -103,9 +103,9 @@ def samples(data: Split, scans: int = SCANS) -> Samples:
 
 
 def crowded(scan: Scan, people: int, rng: np.random.Generator) -> Scan:
-    """The scan with so many people about, discs of 0.2 to 0.3 m, 0.6 to 3 m away, alone or up to four side by side."""
+    """Return the scan with people: discs of 0.2 to 0.3 m, 0.6 to 3 m away, alone or up to four in a row."""
     bearings = scan.angle_min + scan.angle_step * np.arange(len(scan.ranges))
-    ranges = np.where(scan.ranges > 0, scan.ranges, np.inf)  # a beam without an end passes whoever is not there
+    ranges = np.where(scan.ranges > 0, scan.ranges, np.inf)  # beams without a hit are infinite
     for x, y in _groups(people, rng):
         away, bearing, radius = math.hypot(x, y), math.atan2(y, x), rng.uniform(0.2, 0.3)
         across, along = away * np.sin(bearings - bearing), away * np.cos(bearings - bearing)
@@ -115,7 +115,7 @@ def crowded(scan: Scan, people: int, rng: np.random.Generator) -> Scan:
 
 
 def _groups(people: int, rng: np.random.Generator) -> FloatArray:
-    """(N, 2) [m] where so many people stand, nobody nearer to the lidar than 0.5 m."""
+    """Return positions (N, 2) [m] of people, at least 0.5 m from the lidar."""
     places: list[FloatArray] = []
     while len(places) < people:
         away, bearing, row = rng.uniform(0.6, 3.0), rng.uniform(-math.pi, math.pi), rng.uniform(-math.pi, math.pi)
@@ -126,13 +126,13 @@ def _groups(people: int, rng: np.random.Generator) -> FloatArray:
 
 
 def fitted_health(parts: Sequence[Samples]) -> HealthWeights:
-    """The weights that explain the samples best, each part weighing the same."""
+    """Return the weights of the best fit, with equal weights of the parts."""
     classes = [ON_WALL, NEAR_WALL, IN_FREE, THROUGH_WALL, IN_UNKNOWN]
     return HealthWeights(*_weights([part.shares[:, classes] for part in parts], parts))
 
 
 def fitted_place(calm: Samples) -> PlaceWeights:
-    """The same for places found from nowhere: with a bias, objects as surfaces, and no wall seen through."""
+    """Return the fit for relocalised places: with a bias, with objects as surfaces, without the beams through walls."""
     shares = calm.shares
     free, through = shares[:, IN_FREE] + shares[:, ON_OBJECT], shares[:, THROUGH_WALL] + shares[:, ON_FAR_WALL]
     features = np.column_stack([np.ones(len(shares)), shares[:, ON_WALL], shares[:, NEAR_WALL], free, through])
@@ -140,7 +140,7 @@ def fitted_place(calm: Samples) -> PlaceWeights:
 
 
 def _weights(features: Sequence[FloatArray], parts: Sequence[Samples], first: int = 0) -> list[float]:
-    """Weights of the features (M, K) of each part, penalised from the `first` on."""
+    """Return the weights of the features (M, K) of the parts; those from `first` on are penalised."""
 
     def loss(w: FloatArray) -> float:
         losses = [
@@ -153,7 +153,7 @@ def _weights(features: Sequence[FloatArray], parts: Sequence[Samples], first: in
 
 
 def reliability(some: Samples, health: HealthWeights) -> list[tuple[float, float, int]]:
-    """Per band of health: its mean, the share of right poses (right and wrong weighing the same), the number of poses."""
+    """Return, per band of health, its mean, the weighted share of right poses, and the number of poses."""
     stated, table = pose_probability(some.shares, health), []
     for low, high in ((0.0, 0.1), (0.1, 0.5), (0.5, 0.8), (0.8, 0.9), (0.9, 1.01)):
         band = (stated >= low) & (stated < high)
@@ -164,7 +164,7 @@ def reliability(some: Samples, health: HealthWeights) -> list[tuple[float, float
 
 
 def main() -> None:
-    """Print the fits and how far the health in force can be believed."""
+    """Print the fits and the reliability of the present health settings."""
     parts = {
         "intel, fitted": samples(split(DATA / INTEL)),
         "freiburg, earlier, fitted": samples(split(DATA / FREIBURG, 0.6, 0.8)),

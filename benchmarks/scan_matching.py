@@ -1,8 +1,8 @@
-"""Scan matching: branch and bound against exhaustive search over the same window, and the stages of one match.
+"""Times of scan matching: branch and bound against exhaustive search of the same window, and the stages of a match.
 
     python -m benchmarks.scan_matching
 
-Medians of processor time in one process, on a synthetic room with a 180 beam scan; the ratio is what to compare.
+Median processor times in one process, on a synthetic room with a scan of 180 beams; compare the ratios.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ RUNS = 30
 
 
 def room_scan(pose: Pose2, rng: np.random.Generator) -> ScanPoints:
-    """180 beams in a 12 x 8 m room with two pillars, 1 cm of noise."""
+    """Return a scan of 180 beams in a 12 x 8 m room with two pillars, with 1 cm of noise."""
     angles = np.linspace(-math.pi / 2, math.pi / 2, 180)
     c, s = np.cos(angles + pose.theta), np.sin(angles + pose.theta)
     with np.errstate(divide="ignore"):
@@ -51,7 +51,7 @@ def exhaustive(
     cells: int,
     angles: FloatArray,
 ) -> float:
-    """Best mean likelihood of the window, every pose of it scored."""
+    """Return the best mean likelihood over all poses of the window."""
     best = 0.0
     for angle in angles:
         c, s = math.cos(guess[2] + angle), math.sin(guess[2] + angle)
@@ -69,7 +69,7 @@ def exhaustive(
 
 
 def median_ms(action: Callable[[], object]) -> float:
-    """Median processor time of an action [ms], after one run that may compile."""
+    """Return the median processor time of an action [ms], after one run that may compile."""
     action()
     times = []
     for _ in range(RUNS):

@@ -1,9 +1,9 @@
-"""The simulator: simulated seconds per second of processor time, for both plants, with more and more sensors.
+"""The simulator's speed: simulated seconds per processor second, for both plants and growing sets of sensors.
 
     python -m benchmarks.simulation
 
-Medians in one process, the rider driving back and forth by joystick on the second floor, with its people and without,
-and in a hall of a thousand pillars; the figure of one core, whatever else the machine does.
+Medians in one process: a rider drives back and forth by joystick on the second floor, with and without people, and in
+a hall of a thousand pillars. The figures are for one core, independent of other load.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from waychair.types import JoystickInput, OccupancyGrid, Pose2
 RUNS = 9
 LEG_NS = 2_000_000_000
 BLIND = LidarSettings(beams=2)
-"""The least there can be, so that what is left is the plant."""
+"""The fewest beams, so that the plant dominates the time."""
 
 
 def suites(settings: SimulatorSettings) -> dict[str, SimulatorSettings]:
-    """What is switched on, by the name of its column."""
+    """Return the sets of sensors, by column name."""
     return {
         "plant alone": replace(settings, lidar=BLIND),
         "lidar only": settings,
@@ -38,7 +38,7 @@ def suites(settings: SimulatorSettings) -> dict[str, SimulatorSettings]:
 
 
 def pillars(count: int = 1000) -> World:
-    """A hall of 40 x 40 m with so many pillars of 10 cm, none of them within 5 m of the chair."""
+    """Return a hall of 40 x 40 m with `count` pillars of 10 cm, none within 5 m of the chair."""
     cells = np.zeros((800, 800), np.int8)
     rng = np.random.default_rng(0)
     placed = 0
@@ -51,7 +51,7 @@ def pillars(count: int = 1000) -> World:
 
 
 def speed(world: World, settings: SimulatorSettings) -> float:
-    """Median simulated seconds per processor second, after a first leg that may compile."""
+    """Return the median of simulated seconds per processor second, after a first drive that may compile."""
     simulator = Simulator(world, CHAIR_A, settings)
     speeds = []
     for run in range(RUNS + 1):
@@ -63,7 +63,7 @@ def speed(world: World, settings: SimulatorSettings) -> float:
 
 
 def main() -> None:
-    """Print the table: times real time per core; the full suite is 640 x 480 at 15 Hz."""
+    """Print the table of real-time factors per core; the full suite has pictures of 640 x 480 at 15 Hz."""
     floor = load_world("second_floor")
     worlds = {"second_floor": floor, "without people": floor.without_people(), "pillars": pillars()}
     print(f"{'world':<16}{'plant':<12}" + "".join(f"{name:>14}" for name in suites(SimulatorSettings())))

@@ -1,1 +1,1 @@
-"""The figures an issue asks for, in full: `make acceptance [NAME]` writes out/acceptance/NAME.json."""
+"""The acceptance figures: `make acceptance [NAME]` writes out/acceptance/NAME.json. Begin with `__main__.py`."""

@@ -1,4 +1,4 @@
-"""`python -m benchmarks.acceptance [NAME ...]`: runs the named figures, or all, and says whether each bar is met."""
+"""`python -m benchmarks.acceptance [NAME ...]`: run the named figures, or all, and report whether each bar is met."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ from waychair.types import Json
 
 
 def _with_ros(module: str, name: str) -> Callable[[Path], Json]:
-    """A figure of a module that needs ROS, which is imported when it is asked for."""
+    """Return a figure of a module that needs ROS; the module is imported when the figure runs."""
 
     def figure(out: Path) -> Json:
         found: Json = getattr(import_module(f"benchmarks.acceptance.{module}"), name)(out)
@@ -136,7 +136,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
 
 
 def main(names: list[str]) -> int:
-    """Exit status: 0 when every bar that was measured is met."""
+    """Run the figures; return exit status 0 if every measured bar is met."""
     wanted = list(FIGURES) if names in ([], ["all"]) else names
     unknown = [name for name in wanted if name not in FIGURES]
     if unknown:

@@ -1,4 +1,4 @@
-"""BARN: the benchmark's robot at two speeds, and the chair in worlds of its own size; no map is given."""
+"""The BARN benchmark: its robot at two speeds, and a chair in scaled worlds, without a map."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def barn_chair(out: Path) -> Json:
 
 
 def figures(task: BarnTask, worlds: int | None = None, starts: int = STARTS) -> Json:
-    """The report over the worlds at hand."""
+    """Return the report over all worlds."""
     task = BarnTask(body=task.body, speed=task.speed, scale=task.scale, starts=starts)
     paths = worlds_in(DATA / "barn", worlds)
     found = over_seeds(f"barn {task} of {len(paths)}", partial(_in_world, paths, task), len(paths))

@@ -1,4 +1,4 @@
-"""The bridge and the board: the joystick live after either dies, bytes that do no harm, and the way there and back."""
+"""Bridge and board: a live joystick after the death of either, harmless random bytes, and the round-trip time."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ ROUND_TRIP_MS = 10.0
 
 
 def host_killed(out: Path) -> Json:
-    """The computer's process dies by SIGKILL at 1,000 random moments of a drive; simulated time to a live joystick."""
+    """SIGKILL of the computer's process at 1,000 random moments of a drive: simulated time to a live joystick."""
     return _deaths(kill_host(board_program(), MOMENTS))
 
 
 def board_killed(out: Path) -> Json:
-    """The board freezes, browns out or is killed at 1,000 random moments of a drive."""
+    """The board freezes, browns out or is killed at 1,000 random moments of a drive: time to a live joystick."""
     return _deaths(kill_board(board_program(), MOMENTS))
 
 
 def round_trip(out: Path) -> Json:
     """From a command to its echo, in real time over a pseudo-terminal; with and without real-time priority.
 
-    The bar is on the figure with priority, where the system grants it: the board has a processor to itself, so that
-    other programs' turns on this one are no part of the path. The other figure, and how busy it was, stand beside it.
+    The bar applies to the figure with real-time priority, if the system grants it: a real board has its own processor,
+    so the delays by other programs here do not count. The other figure and the machine's load are reported beside it.
     """
     program = board_program()
     times, granted = round_trips_ms(program, ROUND_TRIPS)
@@ -55,7 +55,7 @@ def round_trip(out: Path) -> Json:
 
 
 def run_fuzz(out: Path) -> Json:
-    """10^7 grown bytes into the board's loop under AddressSanitizer and UndefinedBehaviorSanitizer."""
+    """10^7 fuzzed bytes into the board's loop under AddressSanitizer and UndefinedBehaviorSanitizer."""
     with tempfile.TemporaryDirectory() as folder:
         done = fuzz(build_fuzzer(Path(folder)), FUZZED_BYTES, seed=0)
     counted = re.match(r"(\d+) bytes, (\d+) edges, corpus of (\d+)", done.stdout)

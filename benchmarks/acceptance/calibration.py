@@ -1,7 +1,7 @@
-"""Twenty simulated chairs are calibrated by their own encoders and then commanded; how far off they are.
+"""Calibration of twenty simulated chairs by their encoders: errors of the commanded speeds.
 
-Twelve have electronics of the form that is fitted, each with other figures; eight have one more effect each. Chairs are
-commanded without ripple and slip, on the grid of `command_grid`, and judged by where they settle after five seconds.
+Twelve chairs have electronics of the model's form with different values; eight have one more effect each. They are
+commanded without ripple and slip on the grid of `command_grid`; the speeds after five seconds count.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from waychair.trials.calibrate import ChairScore, InverseError, acceptance_chair
 from waychair.types import Json
 
 BARS = {12: (10.0, 15.0), 8: (25.0, 30.0)}
-"""Greatest error [mm/s, mrad/s] of chairs inside the form, by the converter's bits; 89 levels, three times each."""
+"""Greatest error [mm/s, mrad/s] of chairs of the model's form, by the converter's bits; 89 levels, three times each."""
 
 _PROCESSES = 2
 
 
 def inverse(out: Path) -> Json:
-    """Greatest error of the fitted inverse, chair by chair, with the linear model's on the same commands beside it."""
+    """Greatest error of the fitted inverse per chair, and of the linear model on the same commands."""
     chairs = acceptance_chairs()
     tasks = [(bits, name, seed) for bits in BARS for seed, name in enumerate(chairs)]
     with ProcessPoolExecutor(_PROCESSES) as pool:

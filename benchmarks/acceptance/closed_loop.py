@@ -1,4 +1,4 @@
-"""The closed loop's bars: straight on 8 bits with unlike motors, margins over all chairs, a turned dial that is found."""
+"""The speed loop's bars: straight drives on 8 bits with unequal motors, margins, detection of a turned dial."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from waychair.types import FloatArray, Json, Twist
 
 BAR_M = 0.05
 SKEW = 0.03
-"""Part by which, after the calibration, the left motor leads and the right one lags."""
+"""Share by which the left motor leads and the right one lags after the calibration."""
 
 SEEDS = 3
 BITS = 8
@@ -37,7 +37,7 @@ _FEW_STOPS = StopSettings(repetitions=1, step=0.6, fastest=0.8)
 
 
 def straight(out: Path) -> Json:
-    """10 m at 0.8 m/s on the 20 acceptance chairs, calibrated on 8 bits before their motors grew unlike by 3 %."""
+    """10 m at 0.8 m/s with the 20 acceptance chairs, calibrated on 8 bits before their motors changed by 3 %."""
     rows: Json = {}
     for index, (name, plant) in enumerate(acceptance_chairs().items()):
         model, stops = _calibrated(plant, index)
@@ -57,7 +57,7 @@ def straight(out: Path) -> Json:
 
 
 def closed_loop_margins(out: Path) -> Json:
-    """Phase margin [deg] and stability over delay, lag and gain; and what a Smith predictor would do instead."""
+    """Phase margin [deg] and stability over delay, lag and gain, also of a Smith predictor."""
     period = PERIOD_S
     table: Json = {}
     stable = True
@@ -88,7 +88,7 @@ def closed_loop_margins(out: Path) -> Json:
 
 
 def gain_watch(out: Path) -> Json:
-    """A dial turned after the calibration: metres until the chair goes slowly, or stops and says so."""
+    """A speed dial turned after the calibration: distance [m] until the chair slows down, or stops with a fault."""
     plant = next(iter(acceptance_chairs(1).values()))
     model, stops = _calibrated(plant, 0)
     rows: Json = {}
@@ -105,7 +105,7 @@ def gain_watch(out: Path) -> Json:
 
 
 def _calibrated(plant: PlantSettings, seed: int) -> tuple[FittedDac, StopTable]:
-    """What is known of a chair: swept with cold motors, since hot ones are refused."""
+    """Return a chair's calibration, swept with cold motors, as hot ones are refused."""
     cold = dataclasses.replace(plant, family=dataclasses.replace(plant.family, thermal_fade=0.0))
     chair = chair_in_hall(SimulatorSettings(plant=cold), CHAIR_A, seed)
     model = calibrate_dac(chair, SweepSettings(bits=BITS)).model
@@ -114,7 +114,7 @@ def _calibrated(plant: PlantSettings, seed: int) -> tuple[FittedDac, StopTable]:
 
 
 def _straight_row(plant: PlantSettings, model: FittedDac, stops: StopTable) -> Json:
-    """Both asymmetries and all seeds of one chair, and one drive of the unchanged chair on curves."""
+    """Return the figures of one chair: both asymmetries and all seeds, and a drive on curves without a change."""
     closed, opened = [], []
     for skew, seed in itertools.product((SKEW, -SKEW), range(SEEDS)):
         unlike = SimulatorSettings(plant=dataclasses.replace(plant, forward_skew=plant.forward_skew + skew))
@@ -142,7 +142,7 @@ def _worst(values: FloatArray) -> float | None:
 
 
 def _weave(drive: LoopDrive, seconds: float) -> tuple[float | None, float | None]:
-    """Metres driven, on curves both ways and in reverse, until the speed is limited and until the chair is stopped."""
+    """Return the distances [m] on curves, forward and in reverse, until the speed limit and until the stop."""
     legs = (Twist(0.8, 0.0), Twist(0.5, 0.5), Twist(0.5, -0.5), Twist(0.8, 0.15), Twist(0.0, 0.7), Twist(-0.25, 0.0))
     v = omega = way = 0.0
     slow_m = None
@@ -159,10 +159,10 @@ def _weave(drive: LoopDrive, seconds: float) -> tuple[float | None, float | None
 
 
 def _pi_or_smith() -> Json:
-    """Least margins [deg] of both at the same integral gain, so that either works off an asymmetry as fast.
+    """Return the least phase margins [deg] of both at the same integral gain, hence equal speed against asymmetries.
 
-    The Smith predictor is C / (1 + C (P0 - P)) of the same PI, P0 being the model P without its delay: its integral
-    gain is w / (1 + w delay) for a crossover w of the loop without delay.
+    The Smith predictor is C / (1 + C (P0 - P)) with the same PI controller C; P0 is the model P without its delay. Its
+    integral gain is w / (1 + w delay) for a crossover w of the loop without delay.
     """
     s = 1j * np.geomspace(0.01, math.pi / PERIOD_S, 4000)
     cases = {"as identified": (1.0, 1.0, 1.0), "gain 2": (2.0, 1.0, 1.0), "gain 2, delay +50 %": (2.0, 1.5, 1.0),

@@ -1,4 +1,4 @@
-"""Twenty seeds of the demo: true maps, every goal reached closely, no contact, nobody who steps in front run into."""
+"""Twenty seeds of the demo: map errors, goal errors, and contacts, also with people who step in front."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from waychair.trials.demo_report import report
 from waychair.types import Json
 
 SEEDS = int(os.environ.get("DEMO_SEEDS", "20"))
-"""Fewer are for a look."""
+"""Number of seeds; fewer are only for a quick look."""
 
 ATE_M, ERROR_M, ERROR_DEG = 0.10, 0.15, 5.0
 

@@ -1,4 +1,4 @@
-"""What lidar alone, depth alone and both make of the same simulated drives: none of the two sees all."""
+"""Maps by lidar alone, by depth alone and by both, of the same simulated drives: neither sensor sees everything."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ NAMES = {"off": "lidar", "only": "depth", "on": "both"}
 
 
 def limits(out: Path) -> Json:
-    """Lidar alone misses what is low, overhangs or falls away; depth alone loses the way; both do neither.
+    """Lidar alone misses low and overhanging objects and drop-offs; depth alone gets lost; both together do neither.
 
-    The floors stand as they ship, with low boxes, shelves at the height of the arm rests and pits added beside the way
-    (seeded), and nobody in them; the first `SECONDS` of their mapping routes, pictures at 5 Hz. Bars: with both, none of
-    the things that were in view is missed, most of the pits' cells in view are occupied, at most 1 in 100 occupied cells
-    is made up, and the ATE is the lidar's; lidar alone misses most of these things and pits; depth alone has an ATE a
-    fifth larger and puts walls where there are none. `things_shown` and `drops_shown` are the shares of cells in view
-    that are occupied, of things, which a camera sees from one side, and of pits.
+    The worlds are shipped floors without people, with seeded low boxes, shelves at arm-rest height and pits beside the
+    path; the drives are the first `SECONDS` of their mapping routes, with pictures at 5 Hz. Bars with both sensors: no
+    viewed object is missed, most viewed cells of pits are occupied, at most 1 in 100 occupied cells is false, and the
+    ATE equals the lidar's. Lidar alone misses most of these objects and pits. Depth alone has an ATE a fifth larger and
+    false walls. `things_shown` and `drops_shown` are the shares of viewed cells that are occupied, of objects (which a
+    camera sees from one side) and of pits.
     """
     rows = [row for floor in FLOORS for row in compared(floor, SECONDS, out.with_name(f"{out.stem}_{floor}.png"))]
     return {"passed": all(_holds(rows, floor) for floor in FLOORS), "rows": rows}
 
 
 def edges_mapped(out: Path, seeds: int = EDGE_SEEDS) -> Json:
-    """An edge ahead, beside while turning, behind while backing: all of it that comes near is in the grid by then."""
+    """A drop-off ahead, beside a turning chair, behind a reversing chair: its near part is in the grid in time."""
     rows = []
     for where in DROP_OFFS:
         runs = [approach_edge(where, seed) for seed in range(seeds)]
@@ -69,7 +69,7 @@ def _holds(rows: list[Json], floor: str) -> bool:
 
 
 def compared(floor: str, seconds: float, picture: Path | None = None, seed: int = 0) -> list[Json]:
-    """One drive and its three maps, a row each; the one of both sensors is drawn."""
+    """Return a row for each of the three maps of one drive; the map of both sensors is drawn."""
     world = with_hazards(load_world(floor).without_people(), seed)
     frames: list[SensorFrame] = []
     pictures: list[RgbdFrame] = []
@@ -77,10 +77,10 @@ def compared(floor: str, seconds: float, picture: Path | None = None, seed: int 
     def take(message: SensorFrame | RgbdFrame) -> None:
         if isinstance(message, SensorFrame):
             frames.append(message)
-        else:  # its colours are not needed here
+        else:  # colours are not needed here
             pictures.append(replace(message, image=np.zeros((1, 1, 3), np.uint8)))
 
-    # half the size of a real picture, of which every second beam is taken
+    # half the size of a real picture, with every second column
     truth = drive_with_pictures(
         world, world.route(), take, camera_hz=5.0, size=(320, 240), seed=seed, until_ns=round(seconds * 1e9)
     )
@@ -121,7 +121,7 @@ def compared(floor: str, seconds: float, picture: Path | None = None, seed: int 
 
 
 def _draw(path: Path, mapping: Mapping) -> None:
-    """The map, what only depth sees in red, drop-offs in magenta."""
+    """Draw the map, with obstacles by depth alone in red and drop-offs in magenta."""
     assert mapping.depth is not None
     shades = np.where(mapping.grid.cells < 0, 205, 255 - 2.5 * mapping.grid.cells).astype(np.uint8)
     colours = np.dstack([shades] * 3)

@@ -1,6 +1,6 @@
-"""D* Lite's bars: optimal costs, closures, the gain of replanning, and the first plan of large buildings.
+"""D* Lite's bars: optimal costs, closures, the gain of replanning, and the first plan in large buildings.
 
-On the grid maps of the recordings (`WAYCHAIR_DATA`); processor times of this thread throughout.
+The maps are those of `WAYCHAIR_DATA`; times are processor times of this thread.
 """
 
 from __future__ import annotations
@@ -42,10 +42,10 @@ def movingai(out: Path) -> Json:
 
 
 def closures(out: Path, checks: int = CHECKS) -> Json:
-    """Random closures and reopenings, most of them across the current path: D* Lite costs what Dijkstra costs.
+    """Random closures and reopenings, mostly across the current path: D* Lite's cost equals Dijkstra's.
 
-    Each query walks from a random start to a random goal; at each step the chair moves three cells on, then a bar of
-    nine cells across its path closes (or, one time in four, an earlier one opens), then both planners are asked.
+    Each query leads from a random start to a random goal. At each step the chair moves three cells, then a bar of nine
+    cells across its path closes (or, one time in four, an earlier one opens), then both planners plan.
     """
     rng = np.random.default_rng(2005)
     counts = {"closures": 0, "reopenings": 0, "without_a_way": 0, "wrong": 0}
@@ -54,7 +54,7 @@ def closures(out: Path, checks: int = CHECKS) -> Json:
     while counts["closures"] + counts["reopenings"] < checks:
         _close_and_open(floors[int(rng.integers(len(floors)))].copy(), rng, counts)
     done = counts["closures"] + counts["reopenings"]
-    # with none wrong among n, the share of wrong ones is below 3 / n, 19 times of 20
+    # rule of three: with no error in n checks, the error rate is below 3 / n with 95 % confidence
     bound = 3.0 / done if counts["wrong"] == 0 else None
     return {"passed": counts["wrong"] == 0, "maps": names, "checks": done, **counts, "wrong_share_below_95": bound}
 
@@ -64,7 +64,7 @@ def replan(out: Path) -> Json:
 
     Maps are those of at least 250 x 250 cells; the ones whose own ratio is below 50 are named.
     """
-    replans("arena", "k=20")  # loads the kernels
+    replans("arena", "k=20")  # load the kernels
     sides = {name: read_prices(name).shape for name in map_names()}
     large = [name for name, shape in sides.items() if min(shape) >= 250]
     square = [name for name, shape in sides.items() if shape == (512, 512)]
@@ -106,7 +106,7 @@ def first_plan(out: Path) -> Json:
 
 
 def near_field(out: Path) -> Json:
-    """Clearance of 1000 x 1000 cells after 20 of them have changed near the chair: the same as made anew, and faster."""
+    """Clearance of 1000 x 1000 cells after 20 changes near the chair: equals a new computation, and is faster."""
     rng = np.random.default_rng(7)
     solid = building(1000) == 0
     metres = near_distances(solid, 0.05, 2.0)
@@ -126,7 +126,7 @@ def near_field(out: Path) -> Json:
 
 
 def building(side: int) -> Prices:
-    """(side, side) prices of a floor of rooms of 5 x 5 m at 5 cm, two doors of 0.9 m between neighbouring rooms."""
+    """Return prices (side, side) of a floor of rooms of 5 x 5 m at 5 cm, with two doors of 0.9 m between neighbours."""
     rng = np.random.default_rng(side)
     prices = np.full((side, side), FREE_PRICE, np.int32)
     walls = range(0, side, 100)
@@ -158,7 +158,7 @@ def _first_plan(prices: Prices) -> Json:
 
 
 def _import_to_plan(cache: str) -> float:
-    """Processor time [s] of a process from its first import to a plan on 500 x 500 cells."""
+    """Return the processor time [s] of a process from its first import to a plan on 500 x 500 cells."""
     script = (
         "import time; import numpy as np; from waychair.planning.dstar_lite import DStarLite;"
         "DStarLite(np.full((500, 500), 1000, np.int32), (490, 490), (5, 5)).replan(); print(time.process_time())"
@@ -168,7 +168,7 @@ def _import_to_plan(cache: str) -> float:
 
 
 def _close_and_open(prices: Prices, rng: np.random.Generator, counts: dict[str, int]) -> None:
-    """One query with its closures and reopenings."""
+    """Run one query with its closures and reopenings."""
     free = np.argwhere(prices > 0)
     start, goal = ((int(row), int(column)) for row, column in free[rng.integers(len(free), size=2)])
     planner = DStarLite(prices, goal, start)

@@ -1,4 +1,4 @@
-"""The dynamic window's bars: how fast it is, and that it needs the global planner."""
+"""Bars of the dynamic window approach: its speed, and its need for the global planner."""
 
 from __future__ import annotations
 
@@ -52,9 +52,8 @@ def fan(out: FilePath) -> Json:
 def step(out: FilePath) -> Json:
     """The whole control step: 99 % of the steps within 15 ms of processor time, in drives that reach their places.
 
-    A step takes in the sensors, localises, plans, chooses, limits, and hands over to the bridge; it is timed by the
-    processor time of the whole process. One drive through a door goes before, in which the kernels are loaded. The
-    `worst_p99_ms` is that of the drive that takes most.
+    A step reads the sensors, localises, plans, chooses, limits, and commands the bridge; its time is the processor time
+    of the whole process. A first drive through a door loads the kernels. `worst_p99_ms` is that of the slowest drive.
     """
     timed(hazard_of_scene(door_scene(DOORS[0], 30.0, CHAIR_B, 0)), 0)
     rows, spent = [], []
@@ -75,9 +74,9 @@ _SEED = 1
 
 
 def _drives() -> dict[str, Hazard]:
-    """A building's places one after the other, the tightest door, corner and dead end, and people on the way.
+    """Return the drives: a building's places in turn, the tightest door, corner and dead end, and people on the path.
 
-    By wheels and lidar, and three of them with IMU, sonars and camera, too, at their rates.
+    All use wheels and lidar; three also use IMU, sonars and camera at their rates.
     """
     world = load_world("small_clinic").without_people()
     clinic = Hazard("small clinic", world, world.grid, world.places)
@@ -101,7 +100,7 @@ def _drives() -> dict[str, Hazard]:
 
 
 def timed(hazard: Hazard, seed: int, limit_s: float = 150.0) -> tuple[FloatArray, bool]:
-    """Processor time [ms] of each step on the way to a hazard's places, and whether all were reached."""
+    """Return the processor time [ms] of each step of a drive to a hazard's places, and whether all were reached."""
     simulator = Simulator(
         hazard.world, hazard.body, replace(hazard.sensors, plant=randomised_settings(seed).plant), seed
     )
@@ -122,7 +121,7 @@ def timed(hazard: Hazard, seed: int, limit_s: float = 150.0) -> tuple[FloatArray
 
 
 def _quantiles(times: FloatArray) -> Json:
-    """Median, 99th percentile and worst [ms]."""
+    """Return median, 99th percentile and worst [ms]."""
     return {
         "median_ms": round(float(np.median(times)), 2),
         "p99_ms": round(float(np.percentile(times, 99)), 2),
@@ -131,10 +130,10 @@ def _quantiles(times: FloatArray) -> Json:
 
 
 def u_trap(out: FilePath) -> Json:
-    """Section 2.3 of the source paper: the window alone is caught in a U, with D* Lite it is not.
+    """Section 2.3 of the source paper: the window alone is trapped in a U, with D* Lite it is not.
 
-    So many traps of random depth, width and place; the chair does as it is told. Alone, its path is the straight line
-    to the goal, for the default as for the paper's preset.
+    Traps have random depth, width and place; the chair follows its commands exactly. Alone, the window's path is the
+    straight line to the goal, with the default and with the paper's preset.
     """
     rng = np.random.default_rng(23)
     traps = [random_trap(rng) for _ in range(TRAPS)]
@@ -156,14 +155,14 @@ class Trap:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """How one drive ended."""
+    """The result of one drive."""
 
     reached: bool
     touched: bool
 
 
 def random_trap(rng: np.random.Generator) -> Trap:
-    """Walls 0.2 m thick; the goal lies behind the bottom of the U, at the height of the start."""
+    """Return a trap with walls of 0.2 m; the goal lies behind the bottom of the U, level with the start."""
     cells = np.zeros((round(10 / CELL), round(14 / CELL)), np.int8)
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
     depth, half = rng.uniform(1.8, 2.8), rng.uniform(1.2, 1.8)
@@ -180,7 +179,7 @@ def random_trap(rng: np.random.Generator) -> Trap:
 
 
 def drive(trap: Trap, name: str) -> Run:
-    """One drive, ended by the goal, a contact, a chair that goes nowhere any more, or the time."""
+    """Drive until the goal, a contact, a stuck chair, or the time limit."""
     pose, command, stood = trap.start, Twist(), 0
     path = plan(trap.costmap, trap.start, trap.goal, check_footprint=False)
     if name != "with_dstar_lite":

@@ -1,6 +1,6 @@
-"""The harmonic planner: bands after the paper's figure 5, fields on real maps, solver times, and a drive among movers.
+"""The harmonic planner: bands as in the paper's figure 5, fields on real maps, solver times, drives among movers.
 
-`HARMONIC_RUNS` in the environment takes fewer than a hundred runs among movers, to look rather than to judge.
+The environment variable `HARMONIC_RUNS` reduces the hundred runs among movers, for a quick look.
 """
 
 from __future__ import annotations
@@ -53,11 +53,10 @@ PAPER: dict[int, Json] = {
 
 
 def harmonic_bands(out: Path) -> Json:
-    """Four scenes: after the band no turn above 15 degrees at every 0.10 m, no longer than before, the chair fits.
+    """Four scenes: after the band no turn above 15 degrees at every 0.10 m, no longer path, and the chair fits.
 
-    The rooms are ours, at the size of a wheelchair: the paper's drawings are lost, and its lengths are a small robot's.
-    Beside them, not judged: whole plans through doors. Where the chair comes from beside one that it has to be straight
-    in, it turns on the spot.
+    The rooms are of our own design for a wheelchair, as the paper's drawings are lost and its lengths are for a small
+    robot. Whole plans through doors are reported without a bar; before a narrow door the chair may turn on the spot.
     """
     rows = [row_of(scene) for scene in SCENES]
     doors = [door_row(door, name) for door in DOORS for name in DOOR_ENDS]
@@ -82,9 +81,9 @@ def harmonic_bands(out: Path) -> Json:
 
 
 def harmonic_fields(out: Path) -> Json:
-    """All Moving AI maps, real ones among them, and two maps that robots made: from every cell a better neighbour.
+    """All Moving AI maps and two maps made by robots: every cell has a better neighbour.
 
-    Five goals each: a better neighbour everywhere, and all of 1,000 descents and 100 streamlines arrive.
+    With five goals each: a better neighbour everywhere, and all of 1,000 descents and 100 streamlines arrive.
     """
     rows = []
     for name, free in _grounds().items():
@@ -107,10 +106,10 @@ def harmonic_fields(out: Path) -> Json:
 
 @cache
 def _grounds() -> dict[str, BoolArray]:
-    """Free cells (H, W) of the maps, by name."""
+    """Return the free cells (H, W) of the maps, by name."""
     robots = {}
     for path in sorted((DATA / "maps_real").glob("*.yaml")):
-        with tempfile.TemporaryDirectory() as folder:  # their YAML names an image that lies there by another name
+        with tempfile.TemporaryDirectory() as folder:  # their YAML files name another image file
             shutil.copy(path, Path(folder) / "map.yaml")
             shutil.copy(path.with_suffix(".pgm"), Path(folder) / "map.pgm")
             grid = load_map(Path(folder))
@@ -123,9 +122,9 @@ def _field_on(name: str, seed: int) -> FieldRun:
 
 
 def harmonic_speed(out: Path) -> Json:
-    """1024 x 1024: time to 1e-8, and of an update, on two cores; every solver beside the others on 256 x 256.
+    """1024 x 1024: time to 1e-8 and of an update on two cores; all solvers on 256 x 256.
 
-    Nothing is said of a GPU where there is none.
+    GPU figures are left out without a GPU.
     """
     rows = [speed_row("rooms", rooms(), (500, 300)), speed_row("open", open_floor(), (500, 300))]
     return {
@@ -141,10 +140,10 @@ def harmonic_speed(out: Path) -> Json:
 
 
 def harmonic_movers(out: Path) -> Json:
-    """None, three or ten discs in a room of 3 by 3 m: harmonic planner beside D* Lite, both with DWA, same seeds.
+    """None, three or ten discs in a room of 3 by 3 m: harmonic planner and D* Lite, both with DWA, with the same seeds.
 
-    Beside them the harmonic planner that foresees nobody: what the forecast is worth. A path's re-creations are the
-    plans after its first.
+    The harmonic planner without prediction shows the value of the prediction. A path's re-creations are the plans after
+    its first.
     """
     rows = []
     for count, paper in PAPER.items():
@@ -171,7 +170,7 @@ PLANNERS = {
 
 
 def with_planner(hazard: Hazard, planner: PlannerSettings) -> Hazard:
-    """The same scene with another global planner."""
+    """Return the scene with another global planner."""
     navigator = replace(hazard.chair.navigator, planner=planner)
     return replace(hazard, chair=replace(hazard.chair, navigator=navigator))
 

@@ -1,7 +1,7 @@
-"""Edges, glass and people: no wheel over an edge, nobody run into, and what is not protected from is said.
+"""Drop-offs, glass and people: no wheel over a drop-off, no person hit; unprotected cases are reported.
 
-`HAZARDS_RUNS` in the environment takes fewer runs than a hundred of each, to look rather than to judge. Every run is
-that of its seed, on whatever machine; the runs of a row are spread over the processors.
+The environment variable `HAZARDS_RUNS` reduces the hundred runs of each scene, for a quick look. A run depends only on
+its seed; the runs of a row are spread over the processors.
 """
 
 from __future__ import annotations
@@ -40,22 +40,22 @@ from waychair.types import Json
 RUNS = int(os.environ.get("HAZARDS_RUNS", "100"))
 FEW_MOVERS, MANY_MOVERS, SUCCESS_OF_MANY = 3, 10, 0.97
 PAPER_004_S = {0: 14.0, 3: 18.33, 10: 27.08}
-"""Median times of harmonic planning on a robot that was not ours, for orientation only."""
+"""Median times of harmonic planning on another robot, only for orientation."""
 
 AHEAD_M = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0, 1.2, 1.5)
 FAR_M, KEPT_M = 0.9, 0.3
-"""Who appears at least so far ahead is never nearer than this."""
+"""The chair never comes nearer than `KEPT_M` to a person who appears at least `FAR_M` ahead."""
 
 NEAR_M, FULL_BRAKING = 0.5, 0.8
-"""Who appears nearer is braked for as hard as can be: at least this part, on average, of an emergency's 1.5 m/s^2, or
-of what the drive of that chair follows of it."""
+"""For a person who appears nearer the chair brakes fully: on average at least this share of the emergency's 1.5 m/s^2,
+or of the plant's limit if that is less."""
 
 
 def edges(out: Path) -> Json:
-    """An edge ahead, beside while turning, behind while backing: seen by the camera, drawn as a zone, or on the map.
+    """A drop-off ahead, beside a turning chair, behind a reversing chair: seen by the camera, in a zone, or on the map.
 
-    Counted is the outline over an edge, which holds the wheels. The rows with nothing that tells of the edge show that
-    the scenes are dangerous; they have no bar.
+    A contact is the footprint (which contains the wheels) over a drop-off. The rows without protection show that the
+    scenes are dangerous; they have no bar.
     """
     guards = (Protection.CAMERA, Protection.ZONE, Protection.MAP, Protection.NOTHING)
     rows = [
@@ -68,7 +68,7 @@ def edges(out: Path) -> Json:
 
 
 def glass_door(out: Path) -> Json:
-    """Glass across the straight way: no contact with sonars or a zone; with the lidar alone, what happens is stated."""
+    """Glass across the straight path: no contact with sonars or a zone; the result with lidar alone is reported."""
     rows = [
         _row(f"glass, {guard.value}", partial(glass, guard), guard is not Protection.NOTHING)
         for guard in (Protection.SONAR, Protection.ZONE, Protection.NOTHING)
@@ -77,13 +77,13 @@ def glass_door(out: Path) -> Json:
 
 
 def paper_scenes(out: Path) -> Json:
-    """Along the corridor to the lift, and through the basement to the restroom with somebody suddenly in front."""
+    """Along the corridor to the lift, and through the basement to the restroom with a person suddenly in front."""
     rows = [_row("corridor to the lift", to_the_lift, True), _row("basement to the restroom", to_the_restroom, True)]
     return _figures(rows, all(row["reached"] == row["runs"] for row in rows) and not sum(map(_by_chair, rows)))
 
 
 def among_movers(out: Path) -> Json:
-    """None, three or ten discs that drift about a room of 3 by 3 m: all reached, 97 % with ten, nobody run into."""
+    """None, three or ten drifting discs in a room of 3 by 3 m: all goals reached (97 % with ten), no disc hit."""
     rows = []
     for count, paper_s in PAPER_004_S.items():
         row = _row(f"{count} movers", partial(movers, count), True)
@@ -96,7 +96,7 @@ def among_movers(out: Path) -> Json:
 
 
 def appears(out: Path) -> Json:
-    """Somebody is suddenly there, straight ahead of a chair at 0.8 m/s: how near it comes, and how hard it strikes."""
+    """A person suddenly appears ahead of a chair at 0.8 m/s: least distance and contact speed."""
     rows = []
     for ahead_m in AHEAD_M:
         found = over_seeds(f"appears {ahead_m} m ahead", partial(run_sudden_person, ahead_m), RUNS)
@@ -116,10 +116,10 @@ def appears(out: Path) -> Json:
 
 
 def ride(out: Path) -> Json:
-    """Accelerations and jerk of every scene in one table, beside the limits of the limiter; a tenth of the runs.
+    """Accelerations and jerk of every scene in one table, with the limiter's limits; a tenth of the runs.
 
-    Passed when every chair moved, was not uncomfortable by its r.m.s., and braked no harder than in an emergency; the
-    jerk has a limit, which the table shows, and no bar.
+    Passed if every chair moved, was not uncomfortable by its r.m.s., and braked no harder than in an emergency. The
+    jerk's limit in the table is no bar.
     """
     few = max(1, RUNS // 10)
     scenes: list[tuple[str, Callable[[int], Hazard]]] = [
@@ -164,7 +164,7 @@ def ride(out: Path) -> Json:
 
 
 NOT_UNCOMFORTABLE = 0.315
-"""Of a drive's r.m.s. acceleration [m/s^2] (ISO 2631-1, annex C)."""
+"""Bar of a drive's r.m.s. acceleration [m/s^2] (ISO 2631-1, annex C)."""
 
 
 def _tight(scene: Callable[[int], TightScene], seed: int) -> Hazard:
@@ -176,7 +176,7 @@ def _run(scene: Callable[[int], Hazard], seed: int) -> HazardResult:
 
 
 def _by_chair(row: Json) -> int:
-    """Contacts that were the chair's doing."""
+    """Return the number of contacts that the chair caused."""
     return int(row["edge"] + row["glass"] + row["person"] + row["solid"])
 
 
@@ -249,6 +249,6 @@ def _median(values: list[float]) -> float | None:
 
 
 def _least(values: Iterable[float]) -> float | None:
-    """None where there is none."""
+    """Return the least value, or None if it is infinite."""
     least = min(values)
     return round(least, 3) if math.isfinite(least) else None

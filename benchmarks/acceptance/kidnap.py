@@ -1,9 +1,9 @@
-"""Kidnapping: a chair that is switched on somewhere on its map, or carried there, finds out where it is by its lidar.
+"""The kidnapped-robot test: a chair that starts anywhere on its map relocalises by its lidar.
 
-The map is made of the first 80 % of a recording, the starts lie in the last 20 %. The truth there is the pose from
-mapping the whole recording, moved onto the map of its part by all poses the two share: it is in the frame of the very
-map, and its loops are closed by the scans that the localiser is tested with, so it is never worse than the map. The
-poses that ship with the recording (GMapping) are independent of waychair; how far they are from this truth is printed.
+The map is made of the first 80 % of a recording; the starts lie in the last 20 %. The reference poses there come from
+mapping the whole recording, aligned with the partial map by all common poses. So they are in the frame of that map, and
+as good as it, since the tested scans close its loops. The recording's own poses (GMapping) are independent of waychair;
+their distance to the reference is printed.
 """
 
 from __future__ import annotations
@@ -52,8 +52,8 @@ NEAR_M, NEAR_RAD = 0.3, math.radians(5.0)
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """A map of the first part of a recording, the frames of the rest, their true poses (N, 3) on that map, and which
-    of them lie in the mapped area (N,)."""
+    """A map of the first part of a recording, the frames of the rest, their reference poses (N, 3) on that map, and
+    which of them lie in the mapped area (N,)."""
 
     grid: OccupancyGrid
     base_from_laser: Pose2
@@ -65,8 +65,8 @@ class Split:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """One start: whether the localiser said OK, how far off it was then [m], [rad], the way it had driven [m], and the
-    processor time of its slowest global search with the judging of what it found [s]."""
+    """The result of one start: whether the localiser reported OK, its errors [m], [rad] and distance driven [m] then,
+    and the processor time of its slowest global search with the check of the candidates [s]."""
 
     said_ok: bool
     error_m: float
@@ -76,17 +76,17 @@ class Outcome:
 
     @property
     def right(self) -> bool:
-        """OK, and near the truth."""
+        """Whether the localiser reported OK near the reference."""
         return self.said_ok and self.error_m <= NEAR_M and self.error_rad <= NEAR_RAD
 
     @property
     def wrong(self) -> bool:
-        """OK, and not near the truth: the worst that can happen."""
+        """Whether the localiser reported OK away from the reference: the worst case."""
         return self.said_ok and not self.right
 
 
 def split(path: Path, share: float = 0.8, until: float = 1.0) -> Split:
-    """Maps the first `share` of a recording, and all `until` the end that counts for the truth of the rest."""
+    """Map the first `share` of a recording, and the part up to `until` for the reference poses of the rest."""
     recording = read_recording(path)
     frames = tuple(frame for frame in recording.frames if frame.scan is not None)
     cut, frames = int(share * len(frames)), frames[: int(until * len(frames))]
@@ -101,7 +101,7 @@ def split(path: Path, share: float = 0.8, until: float = 1.0) -> Split:
 
 
 def alignment(from_poses: FloatArray, to_poses: FloatArray) -> FloatArray:
-    """(3,) rigid motion that moves positions (N, 3) onto others in the least-squares sense (Umeyama 1991, no scale)."""
+    """Return the rigid motion (3,) from positions (N, 3) to others by least squares (Umeyama 1991, no scale)."""
     a, b = from_poses[:, :2].mean(axis=0), to_poses[:, :2].mean(axis=0)
     p, q = from_poses[:, :2] - a, to_poses[:, :2] - b
     theta = math.atan2(float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()), float((p * q).sum()))
@@ -112,7 +112,7 @@ def alignment(from_poses: FloatArray, to_poses: FloatArray) -> FloatArray:
 def in_mapped_area(
     grid: OccupancyGrid, base_from_laser: Pose2, frames: Sequence[SensorFrame], truth: FloatArray, driven: FloatArray
 ) -> BoolArray:
-    """(N,) whether a pose lies within 1 m of where the map was made from, and sees mostly (80 %) known ground."""
+    """Return (N,) whether a pose lies within 1 m of the mapping path and sees mostly (80 %) known space."""
     mapped = np.zeros(len(frames), bool)
     for k, frame in enumerate(frames):
         assert frame.scan is not None
@@ -127,7 +127,7 @@ def in_mapped_area(
 
 
 def kidnapped(data: Split, start: int, settings: LocaliserSettings) -> Outcome:
-    """One start from nowhere, until OK, 3 m, or the end of the data."""
+    """Run one start without a pose, until OK, 3 m of driving, or the end of the data."""
     localiser = Localiser(data.grid, data.base_from_laser, None, settings)
     way, slowest = 0.0, 0.0
     for k in range(start, len(data.frames)):
@@ -149,16 +149,15 @@ def kidnapped(data: Split, start: int, settings: LocaliserSettings) -> Outcome:
 
 
 def fr079(out: Path) -> Json:
-    """Freiburg 079: 200 seeded starts in the mapped area with 3 m of driving after them, and 50 outside of it.
+    """Freiburg 079: 200 seeded starts in the mapped area, each followed by 3 m of driving, and 50 outside of it.
 
-    Starts whose data end before 3 m are not drawn: the localiser is owed its 3 m. Those outside the mapped area, and
-    at least 2 m from where it was made from, have no right answer while they stay there; they show what is believed of
-    places that the map does not know.
+    Starts with less than 3 m of data left are not drawn. Starts outside the mapped area, at least 2 m from the mapping
+    path, have no right answer there; they show the false positives on unknown places.
     """
     data = split(DATA / "lidar_fr079" / "fr079_laser.clf.gz")
     settings, rng = LocaliserSettings(), np.random.default_rng(SEED)
     pool = np.flatnonzero(data.mapped & (_way_left(data.truth) >= LIMIT_M))
-    kidnapped(data, int(pool[0]), settings)  # compiles
+    kidnapped(data, int(pool[0]), settings)  # compile the kernels
     outcomes = [kidnapped(data, int(k), settings) for k in rng.choice(pool, STARTS, replace=len(pool) < STARTS)]
     elsewhere = rng.choice(np.flatnonzero(~data.mapped & (_way_left(data.truth) >= LIMIT_M)), 50, replace=False)
     outside = [kidnapped(data, int(k), settings) for k in elsewhere]
@@ -179,7 +178,7 @@ def fr079(out: Path) -> Json:
 
 
 def simulated(out: Path) -> Json:
-    """Worlds with rooms alike to the last scratch and with a real floor's corridors: nothing wrong is believed."""
+    """Worlds with identical rooms and with a real floor's corridors: no wrong pose is accepted."""
     figures = {}
     for world in ("alias", "second_floor"):
         data = simulated_split(world)
@@ -192,7 +191,7 @@ def simulated(out: Path) -> Json:
 
 
 def simulated_split(name: str) -> Split:
-    """A world mapped with its true poses on one drive of its mapping route, and the frames of another drive."""
+    """Return a world's map by the true poses of one drive of its mapping route, and the frames of another drive."""
     frames, truth = simulated_drive(name, seed=1)
     scans = [frame.scan for frame in frames[::3] if frame.scan is not None]
     mount = CHAIR_A.base_from_laser
@@ -205,7 +204,7 @@ def simulated_split(name: str) -> Split:
 
 
 def simulated_drive(name: str, seed: int) -> tuple[tuple[SensorFrame, ...], FloatArray]:
-    """Scans with wheel odometry along a world's mapping route, without people, and the true poses (N, 3) at them."""
+    """Return scans with wheel odometry along a world's mapping route, without people, and their true poses (N, 3)."""
     world = load_world(name).without_people()
     simulator, odometry = Simulator(world, CHAIR_A, SimulatorSettings(), seed), OdometryFilter(CHAIR_A)
     reading, scans, stamps, poses = Odometry(0, Pose2()), [], [simulator.now_ns], [simulator.truth()]
@@ -231,7 +230,7 @@ def simulated_drive(name: str, seed: int) -> tuple[tuple[SensorFrame, ...], Floa
 
 
 def _way_left(truth: FloatArray) -> FloatArray:
-    """(N,) way [m] from each pose to the end."""
+    """Return the distances (N,) [m] along the path from each pose to the end."""
     steps = np.hypot(*np.diff(truth[:, :2], axis=0).T)
     left: FloatArray = np.append(np.cumsum(steps[::-1])[::-1], 0.0)
     return left
@@ -255,7 +254,7 @@ def _figures(outcomes: Sequence[Outcome]) -> Json:
 
 
 def _gmapping_difference(data: Split) -> float:
-    """Mean distance [m] of the shipped GMapping poses to the truth, both aligned over the scored part."""
+    """Return the mean distance [m] of the shipped GMapping poses to the reference, aligned over the scored part."""
     with gzip.open(DATA / "lidar_fr079" / "fr079_gmapping_poses.txt.gz", "rt") as file:
         poses = np.loadtxt(file)[-len(data.truth) :, 1:4]
     moved = compose(alignment(poses, data.truth), poses)

@@ -1,4 +1,4 @@
-"""The grid of a live mapping: what it costs beside the mapper, its longest call, and how soon it follows a closure."""
+"""The grid of a live mapping: its processor time beside the mapper's, its longest call, its delay after a closure."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOST_MS = 20.0
 
 
 def live_grid(out: Path) -> Json:
-    """Intel: the grid takes no more CPU than the mapper, no call more than 20 ms, and ends as `waychair map` has it."""
+    """Intel: the grid takes at most the mapper's CPU time, no call over 20 ms, and equals the map of `waychair map`."""
     recording, settings = read_recording(DATA / LOG), MappingSettings()
     _drive(
         Recording(recording.path, recording.frames[:200], recording.base_from_laser, ""), settings
@@ -52,7 +52,7 @@ def live_grid(out: Path) -> Json:
 def _drive(
     recording: Recording, settings: MappingSettings
 ) -> tuple[LiveMapping, FloatArray, FloatArray, NDArray[np.int64]]:
-    """A mapping of all frames; CPU of the mapper and of the grid [ms], and scans yet to be moved, after each frame."""
+    """Map all frames; return CPU time of mapper and grid [ms], and the scans still to move, after each frame."""
     live = LiveMapping(settings, recording.base_from_laser)
     mapper, drawing, pending = [], [], []
     for frame in recording.frames:
@@ -67,7 +67,7 @@ def _drive(
 
 
 def _copying(live: LiveMapping) -> float:
-    """CPU [ms] of a copy of the whole grid, the median of some."""
+    """Return the median CPU time [ms] of a copy of the whole grid."""
     times = []
     for _ in range(9):
         started = time.process_time()
@@ -77,6 +77,6 @@ def _copying(live: LiveMapping) -> float:
 
 
 def _longest_run(flags: NDArray[Any]) -> int:
-    """Length of the longest run of true ones."""
+    """Return the length of the longest run of true values."""
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(np.int8), [0]])))
     return int((edges[1::2] - edges[::2]).max(initial=0))

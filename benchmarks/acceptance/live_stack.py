@@ -1,4 +1,4 @@
-"""A chair's nodes as they run: `waychair up` in a process of its own, looked at from outside and driven about."""
+"""A running ROS stack: `waychair up` in a separate process, observed and driven from outside."""
 
 from __future__ import annotations
 
@@ -38,11 +38,11 @@ WORLD = "small_clinic"
 PATIENCE_S = 60.0
 _RUNS_AS = re.compile(r"'(\w+)' runs as process (\d+)")
 COMMAND = (sys.executable, "-c", "from waychair.cli.main import main; main()")
-"""`waychair`, as the interpreter that runs this has it."""
+"""The `waychair` of this interpreter."""
 
 
 def waychair(domain: int, *arguments: str, timeout_s: float = 300.0) -> subprocess.CompletedProcess[str]:
-    """A command as at a terminal, of no priority: who keeps time would wait for it, if whoever asks has one."""
+    """Run a command as at a terminal, without real-time priority, so that it does not delay the stack."""
     return subprocess.run(
         [*COMMAND, *arguments],
         env=ros_environment(domain=domain),
@@ -59,32 +59,32 @@ def _without_priority() -> None:
 
 
 _AGAIN_S = 3.0
-"""A drive that is over for so long is over: by then everybody has been told how it ended."""
+"""After this time without a drive it has ended, and all nodes know."""
 
 _FORGIVEN = {"board_host_silent"}
-"""Asking for a goal clears it."""
+"""A new goal clears this stop."""
 
 
 @dataclass(slots=True)
 class Seen:
-    """What a topic said: (arrival by the clock on the wall [ns], what), of the last minute or so."""
+    """Messages of a topic in the last minute or so: (wall time of arrival [ns], message)."""
 
     all: deque[tuple[int, Any]] = field(default_factory=lambda: deque(maxlen=4000))
 
     @property
     def last(self) -> Any:
-        """None before the first."""
+        """The last message, None before the first."""
         return self.all[-1][1] if self.all else None
 
     def since(self, stamp_ns: int) -> Iterator[tuple[int, Any]]:
-        """What arrived after a moment."""
+        """Yield the messages that arrived after a stamp."""
         return ((at_ns, what) for at_ns, what in self.all if at_ns > stamp_ns)
 
 
 class LiveStack:
-    """`waychair up` of a simulated chair, for as long as the block lasts; its messages are kept while `spin` runs.
+    """`waychair up` of a simulated chair as a context manager; its messages are collected while `spin` runs.
 
-    It is ready for a drive when the block begins, `start_s` after its start.
+    At the begin of the block it is ready for a drive, `start_s` after its start.
     """
 
     def __init__(self, folder: Path, domain: int, *arguments: str, world: str = WORLD, namespace: str = "") -> None:
@@ -125,43 +125,43 @@ class LiveStack:
         self.client.close()
 
     def end(self, by: signal.Signals = signal.SIGTERM) -> int:
-        """The exit code after a signal; a stack that has ended already stays so."""
+        """End the stack by a signal, if it still runs, and return its exit code."""
         if self.process.poll() is None:
             self.process.send_signal(by)
         return self.process.wait(20.0)
 
     @property
     def log(self) -> str:
-        """What `waychair up` and its nodes have said so far."""
+        """The output of `waychair up` and its nodes so far."""
         return self._log.read_text(encoding="utf-8")
 
     @property
     def pids(self) -> Mapping[str, int]:
-        """Of the processes, by name; each as it was started last."""
+        """The process ids by name, each of the last start."""
         return {name: int(pid) for name, pid in _RUNS_AS.findall(self.log)}
 
     @property
     def state(self) -> DriveReport | None:
-        """What the bridge said last."""
+        """The bridge's last report."""
         return self.states.last  # type: ignore[no-any-return]
 
     @property
     def localisation(self) -> Localisation | None:
-        """What the mapper said last."""
+        """The mapper's last pose."""
         return None if self.places.last is None else self.places.last[1]
 
     @property
     def really(self) -> Odometry | None:
-        """Where the simulated chair is."""
+        """The true pose of the simulated chair."""
         return self.truth.last  # type: ignore[no-any-return]
 
     @property
     def driving(self) -> bool:
-        """Whether the computer drives, by what the bridge said last."""
+        """Whether the computer drives, by the bridge's last report."""
         return self.state is not None and self.state.driving
 
     def listen(self, topic: topics.RosTopic, read: Callable[[Any], Any], seen: Seen) -> None:
-        """Keep what a topic says."""
+        """Collect the messages of a topic."""
 
         def take(data: bytes) -> None:
             seen.all.append((time.time_ns(), read(deserialised(data, topic.type))))
@@ -171,14 +171,14 @@ class LiveStack:
         )
 
     def spin(self, seconds: float) -> None:
-        """Take in what comes."""
+        """Receive messages for some time."""
         self.client.spin(seconds)
 
     def until(self, true: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> None:
-        """Take in what comes until something is true.
+        """Receive messages until a condition is true.
 
         Raises:
-            AssertionError: it is not in that time.
+            AssertionError: the condition is not true in time.
         """
         ends = time.monotonic() + patience_s
         while not true():
@@ -186,7 +186,7 @@ class LiveStack:
             self.client.spin(0.01)
 
     def history(self) -> str:
-        """What the bridge said last, a line for each change."""
+        """Return the bridge's last reports, a line per change."""
         said = [f"{s.mode.value}: {s.reason} {s.ended} {dict(s.halts)}" for _, s in self.states.all]
         stamps = [s.stamp_ns for _, s in self.states.all]
         changes = [k for k in range(len(said)) if k == 0 or said[k] != said[k - 1]]
@@ -194,7 +194,7 @@ class LiveStack:
         return "\n".join([*lines, f"ended {self.client.result()}, at {self.localisation}, really {self.really}"])
 
     def until_ready(self, since_ns: int = 0) -> None:
-        """Until a drive could begin and the chair knows where it is, by what was said after a moment."""
+        """Wait until a drive could begin and the chair is localised, by reports after a stamp."""
         self.until(lambda: self._is_ready(since_ns), "the chair to be ready")
 
     def _is_ready(self, since_ns: int) -> bool:
@@ -205,17 +205,17 @@ class LiveStack:
         return fresh and not open_halts and self.localisation.state is LocalisationState.OK
 
     def off_m(self) -> float:
-        """How far the chair's own idea of where it is lies from the truth, now [m]."""
+        """Return the error of the estimated position now [m]."""
         assert self.localisation is not None
         assert self.really is not None
         told, true = self.localisation.map_from_base, self.really.odom_from_base
         return math.hypot(told.x - true.x, told.y - true.y)
 
     def drive(self, ask: Callable[[], object], there: Callable[[], bool], patience_s: float = 120.0) -> None:
-        """Ask for a drive, say yes, and take in what comes until something is true.
+        """Request a drive, confirm it, and receive messages until `there` is true.
 
-        Asked again when the drive has been over for a while before that, after a reset where one is asked for: a
-        computer that is busy with other things is late now and then, and every lateness ends a drive.
+        If the drive has ended before, it is requested again, after a reset if needed: on a busy computer a late tick can
+        end a drive.
         """
         self.until(lambda: not self.driving, "the end of the drive before")
         busy_s = -math.inf
@@ -236,12 +236,12 @@ class LiveStack:
         self.until(done, "the drive", patience_s)
 
     def begin(self, goal: Pose2) -> None:
-        """Ask for a drive by the action, say yes, and see the chair move."""
+        """Request a drive by the action, confirm it, and wait until the chair moves."""
         self.drive(lambda: self.client.go_to_pose(goal, 10.0), lambda: self.driving and self._moves())
 
     @property
     def waits(self) -> bool:
-        """Whether a goal waits for the rider's yes."""
+        """Return whether a goal waits for confirmation."""
         return self.state is not None and self.state.waits
 
     def _moves(self) -> bool:
@@ -250,10 +250,10 @@ class LiveStack:
 
 @dataclass(frozen=True, slots=True)
 class Death:
-    """What became of a drive when a process was killed: by when the computer's hold on the lines had ended [ms] after
-    it, by the simulator's stamps; when a drive could have begun again [s]; how far the chair was off then [m].
+    """The result of a killed process: the time until the computer had released the lines [ms], by the simulator's
+    stamps; the time until a new drive could begin [s]; and the position error then [m].
 
-    `jitter_ms`: how much later than due the machine served the one who measured, meanwhile.
+    `jitter_ms`: greatest lateness of this measuring process meanwhile.
     """
 
     process: str
@@ -265,7 +265,7 @@ class Death:
 
 
 def kill(stack: LiveStack, name: str, how: signal.Signals = signal.SIGKILL) -> Death:
-    """Kill a process of a stack that drives; with the simulator dies its board, which holds the lines."""
+    """Kill a process of a driving stack; the simulator's death includes its board, which holds the lines."""
     pid, dead_ns = stack.pids[name], time.time_ns()
     gone = let_go_after if name == "simulator" else gone_after
     os.kill(pid, how)
@@ -287,18 +287,18 @@ def kill(stack: LiveStack, name: str, how: signal.Signals = signal.SIGKILL) -> D
 
 
 def gone_after(stack: LiveStack, dead_ns: int) -> int | None:
-    """Stamp of the first moment after `dead_ns` at which the computer does not hold the lines."""
+    """Return the first stamp after `dead_ns` at which the computer does not hold the lines."""
     after: list[Lines] = [lines for _, lines in stack.lines.all if lines.stamp_ns > dead_ns]
     return next((lines.stamp_ns for lines in after if lines.holder is not Holder.BOARD), None)
 
 
 def let_go_after(stack: LiveStack, dead_ns: int) -> int | None:
-    """Stamp of the first tick of the bridge after `dead_ns` by which it commands nothing."""
+    """Return the stamp of the bridge's first tick after `dead_ns` without a command."""
     after: list[DriveReport] = [state for _, state in stack.states.all if state.stamp_ns > dead_ns]
     return next((state.stamp_ns for state in after if state.command is None), None)
 
 
 def jitter_ms(stack: LiveStack, since_ns: int) -> float:
-    """Greatest lateness with which a message of the simulator, sent every 20 ms, came."""
+    """Return the greatest lateness [ms] of the simulator's messages, which are sent every 20 ms."""
     late = [at_ns - odometry.stamp_ns for at_ns, odometry in stack.truth.since(since_ns)]
     return max(late, default=0) / 1e6

@@ -1,4 +1,4 @@
-"""Real recordings, mapped by the command a user types and scored by the metric that stands beside the recordings."""
+"""Real recordings, mapped by the `waychair map` command and scored by the metric shipped with the recordings."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ DATA = Path(os.environ.get("WAYCHAIR_DATA", "../shared/data"))
 
 @dataclass(frozen=True, slots=True)
 class Bars:
-    """Number of relations, largest mean errors [m], [deg], and largest error of all [m]; then what it may cost: CPU of
-    the whole command [s], 95th percentile of a key scan [ms], memory [MB]."""
+    """Number of relations, greatest mean errors [m], [deg], greatest single error [m]; then limits of CPU time of the
+    whole command [s], 95th percentile per key scan [ms], and memory [MB]."""
 
     relations: int
     mean_m: float
@@ -45,10 +45,10 @@ def fr079(out: Path) -> Json:
 
 
 def coreslam(out: Path) -> Json:
-    """The two CoreSLAM logs: each in one piece, its loop closed; whether walls are double is for the eye (report.html).
+    """The two CoreSLAM logs: one consistent map each, with its loop closed; check double walls in report.html.
 
-    The chair comes back looking another way than before, and sees 5 m: both times little more than a corner of a
-    partition and a wall are seen again, and the scans in between have drifted by a metre.
+    The chair returns with another heading and sees only 5 m: both times little more than a corner of a partition and a
+    wall are seen again, after a drift of one metre.
     """
     figures: dict[str, Json] = {}
     for name in ("exp1", "exp2"):
@@ -65,7 +65,7 @@ def coreslam(out: Path) -> Json:
 
 
 def sena(out: Path) -> Json:
-    """The robotic wheelchair's loop: closed by at least one loop; its walls are for the eye (map.pgm)."""
+    """The robotic wheelchair's loop: at least one loop closure; check the walls in map.pgm."""
     report, _ = _mapped(out, "wheelchair_sena/sena_one_loop.clf.gz")
     return {"passed": report["edges"]["loop"] >= 1, "loops": report["edges"]["loop"], "map": str(_folder(out))}
 
@@ -75,7 +75,7 @@ def _folder(out: Path) -> Path:
 
 
 def _mapped(out: Path, log: str) -> tuple[Json, float]:
-    """The report of `waychair map`, and the processor time of the whole command [s]."""
+    """Return the report of `waychair map`, and the processor time of the whole command [s]."""
     command = [
         str(Path(sys.executable).parent / "waychair"),
         "map",
@@ -92,7 +92,7 @@ def _mapped(out: Path, log: str) -> tuple[Json, float]:
 
 
 def _scored(out: Path, log: str, relations: str, bars: Bars) -> Json:
-    """By the metric beside the recordings; ours tells relations across loops apart, and must agree with it."""
+    """Score by the recordings' metric; ours, which separates relations across loops, must agree with it."""
     report, cpu = _mapped(out, log)
     tool = DATA.parent / "tools" / "trajectory_error.py"
     arguments = [str(_folder(out) / "trajectory.tum"), str(DATA / relations)]

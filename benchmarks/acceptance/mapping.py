@@ -1,4 +1,4 @@
-"""Mapping against the truth: simulated floors, a chair that is carried while it maps, and a log that never ends."""
+"""Mapping accuracy: simulated floors, a chair that is carried during mapping, and a very long log."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ _FR079 = ("lidar_fr079/fr079_laser.clf.gz", "lidar_fr079/fr079.relations.gz")
 def sim_mapping(out: Path) -> Json:
     """Simulated second_floor and basement, people walking: ATE <= 0.10 m, 95 % of the map's walls within 5 cm.
 
-    Beside it, without a bar, the share of true faces that the map shows: some stand beside space that was seen free by
-    beams that ran along them and hit none of them.
+    Without a bar: the share of true wall faces that the map shows. Some faces border free space that was only seen by
+    beams parallel to them.
     """
     floors = {world: _mapped_floor(world) for world in ("second_floor", "basement")}
     passed = all(floor["ate_m"] <= 0.10 and floor["walls_true"] >= 0.95 for floor in floors.values())
@@ -43,7 +43,7 @@ def sim_mapping(out: Path) -> Json:
 
 
 def _mapped_floor(world: str) -> Json:
-    """The two commands of a user, and their map against the world it is of."""
+    """Run the two commands of a user, and compare the map with its world."""
     waychair = str(Path(sys.executable).parent / "waychair")
     with tempfile.TemporaryDirectory() as folder:
         bag, made = Path(folder) / "drive.mcap", Path(folder) / "map"
@@ -63,7 +63,7 @@ def _mapped_floor(world: str) -> Json:
 
 
 def growth(out: Path) -> Json:
-    """The Intel log driven there and back ten times: the cost per scan must not grow with the length of the log."""
+    """The Intel log forward and back ten times: the time per scan must not grow with the length of the log."""
     recording = read_recording(DATA / _INTEL[0])
     there = recording.frames
     mapper, rows = Mapper(MapperSettings(), recording.base_from_laser), []
@@ -79,10 +79,10 @@ def growth(out: Path) -> Json:
 
 
 def carried(out: Path) -> Json:
-    """A chair carried while it maps, by splicing two real logs at random: 16 of 20 maps are whole again, and right.
+    """A chair carried during mapping, by random splices of two real logs: 16 of 20 maps are repaired and right.
 
-    The odometry shows nothing of it. A splice is mended when the relations across loops are as good as in the unspliced
-    log, known when the report says that it could not be mended, and silently wrong otherwise.
+    The odometry does not show the splice. A splice is repaired if the relations across loops are as good as in the
+    original log, known if the report says that it could not be repaired, and silently wrong otherwise.
     """
     rng, counts = np.random.default_rng(2026), {"mended": 0, "known": 0, "wrong": 0}
     rows = []
@@ -110,7 +110,7 @@ def _spliced(recording: Recording, cut: int, on: int, relations: Path) -> tuple[
 
 
 def _continued(recording: Recording, cut: int, on: int) -> Iterator[SensorFrame]:
-    """The frames from `on`, whose odometry goes on from that of frame `cut` - 1."""
+    """Yield the frames from `on`, with odometry that continues that of frame `cut` - 1."""
     here, there = _odometry(recording.frames[cut - 1]), _odometry(recording.frames[on])
     for frame in recording.frames[on:]:
         reading = _odometry(frame)

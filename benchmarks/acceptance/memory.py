@@ -1,4 +1,4 @@
-"""The memory over ten hours, and killed: its time per frame stays flat, and what was committed stays."""
+"""The memory over ten hours and after kills: constant time per frame, and durable commits."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ from waychair.slam.nodes import Kept, LinkKind, Node
 from waychair.types import FloatArray, Json, Pose2
 
 HOUR = 3600
-LIMIT = 300  # nodes of the WM
+LIMIT = 300  # nodes in the working memory (WM)
 UNLIMITED_HOURS = 1.5
 MOST_SLOPE, MOST_RSS_MB, MOST_ATE = 0.05, 600.0, 1.10
 KILLS = 200
 
 
 def bounded(out: Path, hours: float = 10.0, unlimited_hours: float = UNLIMITED_HOURS) -> Json:
-    """A patrol of 10 h at 1 Hz with at most 300 nodes in the WM: mapper, memory, words, belief and grid are those of
-    `waychair map`; only pictures are not rendered, but their features made (see `patrol`).
+    """A patrol of 10 h at 1 Hz with at most 300 nodes in the WM; mapper, memory, words, belief and grid are those of
+    `waychair map`. Features are synthesised instead of pictures (see `patrol`).
 
-    The run without a limit is shorter, for what it costs grows with the square of its length: both are compared by the
-    trajectory over that part, as it stands at its end.
+    The run without a limit is shorter, as its time grows with the square of its length. The two are compared by their
+    trajectories over that part.
     """
     limited = _Drive(MemorySettings(working_memory_limit=LIMIT), hours)
     early = limited.run(until_hours=unlimited_hours)
@@ -64,8 +64,8 @@ def bounded(out: Path, hours: float = 10.0, unlimited_hours: float = UNLIMITED_H
 
 @dataclass(slots=True)
 class _Log:
-    """By frame, CPU of the process [ms]: the whole frame but for optimisation and grid, of it the memory with its words
-    and belief, the optimisation, the grid; nodes; whether a loop was closed. By minute: memory in use [MB]."""
+    """Per frame: CPU time [ms] of all but optimisation and grid, of the memory with words and belief in it, of the
+    optimisation, of the grid; nodes; whether a loop was closed. Per minute: memory in use [MB]."""
 
     frame: list[float] = field(default_factory=list)
     memory: list[float] = field(default_factory=list)
@@ -77,20 +77,20 @@ class _Log:
 
 
 class _Drive:
-    """A patrol mapped as a recording is: scans, then the pictures between them, then the grid."""
+    """A patrol mapped like a recording: scans, then the pictures between them, then the grid."""
 
     def __init__(self, settings: MemorySettings, hours: float, seed: int = 6) -> None:
         self._folder = tempfile.TemporaryDirectory()
         memory = Memory(settings, LongTerm(Path(self._folder.name) / "memory.db"))
         self.live = LiveMapping(LiveMappingSettings(), Pose2())
-        seeing = AppearanceSettings(gap=1.5, memory=settings)  # scans come once a second
+        seeing = AppearanceSettings(gap=1.5, memory=settings)  # one scan per second
         self.appearance = Appearance(seeing, CHAIR_A.base_from_camera, memory)
         self.log = _Log()
         self.truth: list[Pose2] = []
         self._sights = islice(Patrol(seed).sights(), int(hours * HOUR))
 
     def run(self, until_hours: float = math.inf) -> float:
-        """Drives on; returns the error of the trajectory up to then [m], once both are aligned."""
+        """Drive on; return the error [m] of the aligned trajectory up to then."""
         for sight in self._sights:
             self._frame(sight)
             if len(self.truth) >= until_hours * HOUR:
@@ -98,7 +98,7 @@ class _Drive:
         return self.ate()
 
     def ate(self) -> float:
-        """RMSE [m] of the trajectory as the map has it now."""
+        """Return the RMSE [m] of the map's present trajectory."""
         mapper = self.live.mapper
         poses = compose(mapper.keys.poses[mapper.frames.keys], mapper.frames.poses)
         return aligned_rmse(poses, self.truth)
@@ -131,7 +131,7 @@ class _Drive:
         self.truth.append(sight.truth)
 
     def _spent(self) -> FloatArray:
-        """CPU [s] so far: all of it, optimisation, grid."""
+        """Return the CPU times [s] so far: total, optimisation, grid."""
         return np.array([time.process_time(), self.live.mapper.seconds["optimisation"], self.live.seconds["grid"]])
 
     def figures(self) -> Json:
@@ -164,7 +164,7 @@ class _Drive:
         }
 
     def _known(self) -> float:
-        """Share of all places where the chair has ever been that the grid knows to be free, asleep or not."""
+        """Return the share of all visited positions that are free in the grid, whether asleep or not."""
         grid, mapper = self.live.grid(), self.live.mapper
         at = compose(mapper.keys.poses[mapper.frames.keys], mapper.frames.poses)[:, :2]
         cells = cells_from_points(grid, at)
@@ -173,7 +173,7 @@ class _Drive:
         return float(((values >= 0) & (values < 50)).sum() / len(at))
 
     def _false_links(self) -> int:
-        """Loops by appearance whose ends are not where they say, by 0.5 m or more."""
+        """Return the number of loops by appearance with an error of 0.5 m or more."""
         skeleton, false = self.appearance.memory.skeleton, 0
         for link in skeleton.every_link():
             if link.kind is LinkKind.GLOBAL:
@@ -189,7 +189,7 @@ def _spread(milliseconds: FloatArray) -> Json:
 
 
 def slope(milliseconds: FloatArray) -> float:
-    """By how much the time per frame has grown at the end, against after the first hour, by a line through its minutes."""
+    """Return the growth of the time per frame from the first hour to the end, by a line fitted through the minutes."""
     minutes = len(milliseconds) // 60
     means = milliseconds[: 60 * minutes].reshape(minutes, 60).mean(axis=1)
     after = np.arange(min(60, minutes // 10), minutes)
@@ -198,7 +198,7 @@ def slope(milliseconds: FloatArray) -> float:
 
 
 def aligned_rmse(poses: FloatArray, truth: list[Pose2]) -> float:
-    """RMSE [m] of positions (N, 3) after the best rotation and shift (Umeyama, 1991)."""
+    """Return the RMSE [m] of positions (N, 3) after the best rotation and shift (Umeyama, 1991)."""
     a, b = poses[:, :2], np.array([(pose.x, pose.y) for pose in truth])
     a, b = a - a.mean(axis=0), b - b.mean(axis=0)
     angle = math.atan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
@@ -243,13 +243,13 @@ def _plot(path: Path, drive: _Drive) -> None:
 
 
 def killed(out: Path, kills: int = KILLS) -> Json:
-    """A mapping process killed (kill -9) at random moments, and its file opened again each time: every node that was
-    committed is there and as it was, and no more than the last one is lost."""
+    """A mapping process killed (kill -9) at random moments, and its file reopened each time: all committed nodes are
+    there and unchanged, and at most the last node is lost."""
     rng = np.random.default_rng(2026)
     lost, wrong, opened, frames = [], 0, [], 0
     with tempfile.TemporaryDirectory() as folder:
         for number in range(kills):
-            path = Path(folder) / f"memory-{number // 20}.db"  # the same file is killed twenty times
+            path = Path(folder) / f"memory-{number // 20}.db"  # twenty kills per file
             before = set(_ids(path)) if path.exists() else set()
             added = _killed_after(path, float(rng.uniform(0.0, 0.4)))
             started = time.process_time()
@@ -272,7 +272,7 @@ def killed(out: Path, kills: int = KILLS) -> Json:
 
 
 def _killed_after(path: Path, seconds: float) -> list[int]:
-    """Nodes whose addition had returned in a child process when it was killed."""
+    """Kill a child process; return the nodes whose addition had returned."""
     read, tell = os.pipe()
     child = multiprocessing.get_context("fork").Process(target=_map_for_ever, args=(path, tell))
     child.start()
@@ -283,7 +283,7 @@ def _killed_after(path: Path, seconds: float) -> list[int]:
         os.kill(child.pid, signal.SIGKILL)
         said = pipe.read()
     child.join()
-    lines = said.decode().split("\n")[:-1]  # the last may be half a line
+    lines = said.decode().split("\n")[:-1]  # the last line may be incomplete
     return [int(line) for line in lines]
 
 
@@ -298,7 +298,7 @@ def _map_for_ever(path: Path, tell: int) -> None:
 
 
 def made_of(number: int) -> Node:
-    """A node all of whose contents follow from its number; none is like another."""
+    """Return a node with contents computed from its number, all different."""
     rng = np.random.default_rng(number)
     words = np.arange(1, 201, dtype=np.int32) + 200 * number
     points, bits = rng.random((200, 3), np.float32), rng.integers(0, 256, (200, 32), dtype=np.uint8)
@@ -314,7 +314,7 @@ def _ids(path: Path) -> list[int]:
 
 
 def _differing(path: Path) -> int:
-    """Nodes in a file that are not as they were made, that no longer hang together, or that cannot be read."""
+    """Return the number of nodes in a file that are changed, disconnected or unreadable."""
     memory = Memory(store=LongTerm(path))
     nodes = memory.skeleton.ids(Kept.WM, Kept.LTM)
     wrong = sum(_differs(memory.node(node)) for node in nodes)

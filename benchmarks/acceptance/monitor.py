@@ -1,4 +1,4 @@
-"""The collision monitor: how long speed passes when it dies, how soon it brakes, how near it comes to who steps out."""
+"""The collision monitor: how long speed passes after its death, its reaction time, and its distance to a person."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ _REACTION_S = 0.15
 
 
 def monitor_killed(out: Path) -> Json:
-    """From SIGKILL or SIGSTOP of the process to the last moment at which speed passed, 20 times each: at most 150 ms.
+    """From SIGKILL or SIGSTOP of the process to the last moment with speed, 20 times each: at most 150 ms.
 
-    By the clock on the wall, to a tick of 20 ms: between asking and noting the time a busy machine may do other things.
+    In wall time with a tolerance of one tick of 20 ms, as a busy machine may delay the measurement.
     """
     delays = {death.name: [_delay_ms(death) for _ in range(_DEATHS)] for death in (signal.SIGKILL, signal.SIGSTOP)}
     worst = max(max(values) for values in delays.values())
@@ -49,7 +49,7 @@ def monitor_killed(out: Path) -> Json:
 
 
 def _delay_ms(death: signal.Signals) -> float:
-    """Time [ms] from the signal to the last time that speed may pass."""
+    """Return the time [ms] from the signal to the last moment with speed."""
     with MonitorProcess(Watched()) as process:
         while _refusal(process):
             time.sleep(_POLL_S)
@@ -70,10 +70,10 @@ def _refusal(process: MonitorProcess) -> str:
 
 
 def steps_out(out: Path) -> Json:
-    """F14: 100 seeded chairs at 0.8 m/s, before each of which a person steps out at 0.8 to 1.4 m/s, from either side.
+    """F14: before each of 100 seeded chairs at 0.8 m/s a person steps out at 0.8 to 1.4 m/s, from either side.
 
-    Nobody comes nearer to a chair that moves than 0.1 m, however late the person does. The people stop short of the
-    chair. Beside the number of contacts stands the upper end of its 95 % interval (rule of three).
+    No moving chair comes nearer than 0.1 m to the person, however late the person steps out. The person stops short of
+    the chair. The upper end of the 95 % interval of contacts (rule of three) is reported, too.
     """
     nearest = np.array([_nearest(seed) for seed in range(_RUNS)])
     contacts = int((nearest <= 0.0).sum())
@@ -88,7 +88,7 @@ def steps_out(out: Path) -> Json:
 
 
 def _nearest(seed: int) -> float:
-    """Least distance [m] from the outline to the person, while the chair moves; 0 for a contact of any kind."""
+    """Return the least distance [m] from the footprint to the person while the chair moves; 0 for any contact."""
     rng = np.random.default_rng(seed)
     side = float(rng.choice([-1.0, 1.0]))
     person = PersonPlan(
@@ -117,16 +117,16 @@ def _nearest(seed: int) -> float:
 
 
 def _path(side: float, x: float) -> FloatArray:
-    """From beside the way into its middle."""
+    """Return the person's path from beside the chair's path into its middle."""
     return np.array([[x, 1.5 + 0.65 * side], [x, 1.5 + 0.05 * side]])
 
 
 def reacts(out: Path) -> Json:
-    """From the first beam on somebody who appears before a chair at 0.8 m/s to lines that brake: at most 0.15 s.
+    """From the first beam on a person who appears before a chair at 0.8 m/s to braking lines: at most 0.15 s.
 
-    That is our part: the rest of the sweep, the wait for the tick, the verdict, the limiter and the bridge. What comes
-    before it is the lidar's, whose sweep may have to begin first; what comes after is the chair's own: from its lines to
-    the loss of a tenth of its speed.
+    This is the software's share: the rest of the sweep, the wait for the tick, the verdict, the limiter and the bridge.
+    Before it comes the lidar's share (the wait for the beam), after it the chair's: from its lines to the loss of a
+    tenth of its speed.
     """
     found = np.array([_reaction(seed) for seed in range(_REACTIONS)])
     names = ("until_seen_ms", "reaction_ms", "chair_follows_ms")
@@ -139,7 +139,7 @@ def reacts(out: Path) -> Json:
 
 
 def _reaction(seed: int) -> tuple[float, float, float]:
-    """Times [s] until somebody who appears half a metre ahead is seen, the lines brake, and the chair has slowed down."""
+    """Return the times [s] until a person half a metre ahead is seen, the lines brake, and the chair slows down."""
     rng = np.random.default_rng(seed)
     cells = np.full((60, 240), 100, np.int8)
     cells[1:-1, 1:-1] = 0
@@ -161,7 +161,7 @@ def _reaction(seed: int) -> tuple[float, float, float]:
     seen_ns = next(stamp for scan in scans if (stamp := _first_beam_on(at, scan, motion)))
     stamps, after = motion.stamps_ns, motion.stamps_ns >= appeared_ns
     told, v = motion.requested[after], motion.twists[after, 0]
-    # half of what an emergency takes off in the first tick
+    # half the speed loss of an emergency stop in one tick
     brakes_ns = int(stamps[after][np.argmax(told < told[0] - 0.5 * LimiterSettings().emergency / COMMAND.rate_hz)])
     slowed_ns = int(stamps[after][np.argmax(v < 0.9 * v[0])])
     return (seen_ns - appeared_ns) * 1e-9, (brakes_ns - seen_ns) * 1e-9, (slowed_ns - brakes_ns) * 1e-9
@@ -171,7 +171,7 @@ _RADIUS = 0.25
 
 
 def _first_beam_on(at: FloatArray, scan: Scan, motion: TrueMotion) -> int:
-    """Stamp [ns] of the first beam that ends on the person at (1, 2) [m, map]; 0 if none does."""
+    """Return the stamp [ns] of the first beam that hits the person at `at` (1, 2) [m, map]; 0 if none does."""
     laser = motion.at(scan.stamp_ns)[0] @ CHAIR_A.base_from_laser
     ends = np.column_stack([scan.ranges * np.cos(scan.angles()), scan.ranges * np.sin(scan.angles())])
     with np.errstate(invalid="ignore"):

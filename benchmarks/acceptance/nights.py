@@ -1,7 +1,7 @@
-"""Hours of simulated driving that add up, night by night: each call adds some, and sums up all there are.
+"""Hours of simulated driving that accumulate: each call adds shifts and summarises all of them.
 
-`NIGHT_HOURS` in the environment is how many hours a call adds (4 by default). Every shift of an hour is written down at
-its end in `out/nights/`, with the commit that drove it; its building and its seed follow from its number.
+The environment variable `NIGHT_HOURS` sets the hours of a call (default 4). Each shift of an hour is written to
+`out/nights/` at its end, with its commit; its building and seed follow from its number.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ SUCCESS = 0.95
 
 
 class _Written(msgspec.Struct, frozen=True):
-    """A shift in its file."""
+    """A shift as stored in its file."""
 
     commit: str
     shift: Shift
 
 
 def nights(out: Path, hours: float = HOURS, folder: Path = NIGHTS, shift_s: float = SHIFT_S) -> Json:
-    """In all shifts so far no contact was the chair's doing, and 95 % of the drives reached their place."""
+    """All shifts so far: no contact caused by the chair, and 95 % of the drives reached their place."""
     missing = (number for number in count() if not (folder / f"{number}.json").exists())
     due = list(islice(missing, max(1, round(hours * 3600.0 / shift_s))))
     with ProcessPoolExecutor(processes(), get_context("spawn")) as pool:

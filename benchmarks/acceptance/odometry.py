@@ -1,4 +1,4 @@
-"""How far dead reckoning goes astray and whether it knows: simulated floors with truth, and a real robot without."""
+"""Error and consistency of dead reckoning: simulated floors with true poses, and a real robot without."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ from waychair.types import FloatArray, ImuSample, Json, Odometry, Pose2, Scan, T
 
 SEEDS = 10
 STANDING_NS = 3_000_000_000
-"""A chair is switched on before it drives."""
+"""Rest [s] of a chair after switching on."""
 
 BAND = (16.79 / SEEDS, 46.98 / SEEDS)
 """Band of the mean of ten squared errors of three degrees of freedom: chi-square of 30, 2.5 % and 97.5 %."""
 
 OFF_ROAD = OdometrySettings(slip_speed=0.6, track_scale=0.1, drift_noise=0.02, turn_noise=0.03)
-"""Of a robot on four wheels that skid when it turns, on grass."""
+"""Slip of a skid-steered robot on grass."""
 
 _EARTH = 6_371_000.0  # m, radius
-_KEY_DISTANCE, _KEY_ANGLE = 0.7, 0.7  # m, rad: a scan this far from the key scan becomes the next one
+_KEY_DISTANCE, _KEY_ANGLE = 0.7, 0.7  # m, rad: a scan this far from the key scan becomes the next key scan
 
 
 class Fix(NamedTuple):
-    """Where satellites see the robot, [m] east and north of the first fix."""
+    """A satellite fix, [m] east and north of the first one."""
 
     stamp_ns: int
     metres: tuple[float, float]
@@ -79,9 +79,9 @@ def run(out: Path) -> Json:
 
 
 def run_husky(out: Path) -> Json:
-    """Innovations, slip and the gyro's bias on a real robot's recording, and its tracks against the satellites' fixes.
+    """Innovations, slip and gyro bias on a real robot's recording, and its tracks compared with satellite fixes.
 
-    The fixes are good to metres: they are no truth, but tell a heading that has drifted.
+    The fixes are good to metres only, but reveal a drifted heading.
     """
     odometry, wheels = OdometryFilter(None, OFF_ROAD), OdometryFilter(None, OFF_ROAD)
     innovations, tracks, slipped = [], [], 0
@@ -114,14 +114,14 @@ def run_husky(out: Path) -> Json:
 
 
 def _misfit(track: FloatArray, fixes: FloatArray) -> float:
-    """Root mean square distance [m] of a track (N, 2) from the fixes (N, 2) once turned and moved onto them."""
+    """Return the root mean square distance [m] of a track (N, 2) from fixes (N, 2) after rigid alignment."""
     a, b = track - track.mean(axis=0), fixes - fixes.mean(axis=0)
     theta = math.atan2(float(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])), float(np.sum(a * b)))
     return float(np.sqrt(np.mean(np.sum((a @ _turn(theta)[:2, :2].T - b) ** 2, axis=1))))
 
 
 def nees_of(odometry: Odometry, truth: Pose2) -> float:
-    """Squared error over its covariance in the coordinates of the motion group (Long et al., RSS 2012)."""
+    """Return the normalised squared error in the coordinates of the motion group (Long et al., RSS 2012)."""
     assert odometry.covariance is not None
     gap = odometry.odom_from_base.inverse() @ truth
     half = gap.theta / 2
@@ -149,7 +149,7 @@ def _reckoned(body: ChairBody, messages: list[SensorMessage], microseconds: dict
 
 
 def _matched(body: ChairBody, messages: list[SensorMessage]) -> Odometry:
-    """Dead reckoning by scans alone, each matched to a key scan that is not far back."""
+    """Return dead reckoning by scans alone, each matched to a recent key scan."""
     settings, odometry = MatchSettings(), OdometryFilter()
     key: ScanReference | None = None
     key_from_base, before_ns, last = Pose2(), 0, Odometry(0, Pose2())
@@ -178,9 +178,10 @@ def _matched(body: ChairBody, messages: list[SensorMessage]) -> Odometry:
 
 
 def _at_the_middle(scan: Scan, points: ScanPoints, twist: Twist) -> ScanPoints:
-    """The scan in the base at the middle of its sweep, where an error of the twist does not shift it as a whole.
+    """Return the scan in the base frame at the middle of its sweep, where a twist error does not shift it as a whole.
 
-    At the first beam it would, and the next twist, which comes from the shift, would err the other way and by more.
+    In the frame of the first beam it would, and the next twist, computed from the shift, would have a larger opposite
+    error.
     """
     half = 0.5 * scan.time_step * len(scan.ranges)
     middle_from_first = arc(twist.v * half, twist.omega * half).inverse()
@@ -207,13 +208,13 @@ def _figures(ends: list[tuple[float, float, float]]) -> Json:
 
 
 def _turn(theta: float) -> FloatArray:
-    """(3, 3) rotation of x, y and theta."""
+    """Return the rotation (3, 3) of x, y and theta."""
     c, s = math.cos(theta), math.sin(theta)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 def _husky(bag: Path) -> Iterator[ImuSample | Odometry | Fix]:
-    """IMU, odometry and fixes; the IMU is turned to the base's axes: its x points right, its y up, its z back."""
+    """Yield IMU, odometry and fixes; the IMU (x right, y up, z back) is turned to the base's axes."""
     with AnyReader([bag], default_typestore=get_typestore(Stores.ROS1_NOETIC)) as reader:
         topics = ("/imu/data", "/husky_velocity_controller/odom", "/fix")
         first: tuple[float, float] | None = None

@@ -1,8 +1,8 @@
-"""A patrol through a synthetic building at 1 Hz: the scans, odometry and features of a chair, without rendering pictures.
+"""A patrol through a synthetic building at 1 Hz: scans, odometry and image features of a chair, without rendering.
 
-Landmarks on the walls of the corridors stand for corners: a view is those before the camera, some missed, some wrong,
-with noise on pixels, depth and bits, so that revisits look alike as far as they overlap. Odometry drifts. Every value
-follows from the seed.
+Landmarks on the corridors' walls represent image corners. A view holds the landmarks before the camera, with misses,
+false features, and noise on pixels, depth and bits, so that revisits look similar where they overlap. Odometry drifts.
+Everything follows from the seed.
 """
 
 from __future__ import annotations
@@ -19,23 +19,23 @@ from waychair.slam.features import Features
 from waychair.types import Bytes, FloatArray, IntArray, Odometry, Pose2, Scan, SensorFrame
 
 SPACING = 20.0  # [m] between parallel corridors
-COLUMNS, ROWS = 4, 3  # of crossings
-WIDTH = 2.4  # [m] of a corridor
+COLUMNS, ROWS = 4, 3  # numbers of crossings
+WIDTH = 2.4  # [m], of a corridor
 _DENSITY = 40  # landmarks per metre of corridor
 _REACH, _NEAREST = 7.0, 0.5  # [m] ahead of the camera
 _FOCAL, _CENTRE = 525.0, np.array([320.0, 240.0])  # [px]
 CAMERA = np.array([_FOCAL, _FOCAL, *_CENTRE])
-_PIXEL, _DEPTH, _BITS = 0.5, 0.01, 8  # noise: [px], share of the depth, of 256 bits on average
-_MOST, _SEEN, _WRONG = 150, 0.85, 10  # words in a view, share of landmarks found, words that are of none
+_PIXEL, _DEPTH, _BITS = 0.5, 0.01, 8  # noise: [px], share of the depth, mean number of 256 bits
+_MOST, _SEEN, _WRONG = 150, 0.85, 10  # words in a view, share of landmarks found, false words
 _SPEED, _TURN = 0.8, math.radians(45)  # per second
 _BEAMS = 180
-_CUPBOARDS = 5  # in a corridor
+_CUPBOARDS = 5  # per corridor
 _SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class Sight:
-    """One second of the patrol: where the chair is, its scan with the odometry (which drifts), and what its camera sees."""
+    """One second of the patrol: true pose, scan with drifting odometry, and image features."""
 
     truth: Pose2
     frame: SensorFrame
@@ -43,13 +43,13 @@ class Sight:
 
 
 class Patrol:
-    """An endless drive, `sights`, through one building."""
+    """An endless drive (`sights`) through one building."""
 
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
         places = np.random.default_rng(7)  # the building is the same for every seed
         self._landmarks = np.concatenate([_along(a, b, places) for a, b in _corridors()])
-        self._order = places.permutation(len(self._landmarks))  # the clearest first
+        self._order = places.permutation(len(self._landmarks))  # clearest first
         self._cells: dict[tuple[int, int], list[int]] = {}
         for word, (x, y) in enumerate(self._landmarks.tolist()):
             self._cells.setdefault((int(x // _REACH), int(y // _REACH)), []).append(word)
@@ -58,7 +58,7 @@ class Patrol:
         self._points = np.column_stack([self._landmarks, heights])
 
     def sights(self) -> Iterator[Sight]:
-        """One after the other, for ever."""
+        """Yield the sights, for ever."""
         odometry, before, rng = Pose2(), None, self._rng
         for second, truth in enumerate(self._poses()):
             if before is not None:
@@ -72,7 +72,7 @@ class Patrol:
             yield Sight(truth, SensorFrame(stamp, scan, wheels=(Odometry(stamp, odometry),)), self._view(truth))
 
     def _poses(self) -> Iterator[Pose2]:
-        """Along the corridors from crossing to crossing, with stops."""
+        """Yield poses along the corridors from crossing to crossing, with stops."""
         rng, at, heading = self._rng, (0, 0), 0.0
         came = at
         while True:
@@ -82,7 +82,7 @@ class Patrol:
             x, y = came[0] * SPACING, came[1] * SPACING
             towards = math.atan2(at[1] - came[1], at[0] - came[0])
             if rng.random() < 0.3:
-                for _ in range(int(rng.integers(5, 60))):  # somebody gets on
+                for _ in range(int(rng.integers(5, 60))):  # a rider gets on
                     yield Pose2(x, y, heading)
             turn = math.remainder(towards - heading, math.tau)
             for k in range(1, math.ceil(abs(turn) / _TURN) + 1):
@@ -94,7 +94,7 @@ class Patrol:
                 yield Pose2(x + c * along - s * off, y + s * along + c * off, heading + rng.normal(0.0, 0.01))
 
     def _view(self, truth: Pose2) -> Features:
-        """Landmarks before the camera, the clearest first, as it sees them."""
+        """Return the features of the landmarks before the camera, clearest first."""
         rng, camera = self._rng, (in_space(truth) @ CHAIR_A.base_from_camera).inverse()
         near = self._near(truth)
         at = self._points[near] @ camera.rotation.T + camera.translation
@@ -114,7 +114,7 @@ class Patrol:
         return _features(noisy, points, descriptors)
 
     def _near(self, pose: Pose2) -> IntArray:
-        """Landmarks in the cells round the chair."""
+        """Return the landmarks in the cells round the chair."""
         column, row = int(pose.x // _REACH), int(pose.y // _REACH)
         round_it = [(column + i, row + j) for i in (-1, 0, 1) for j in (-1, 0, 1)]
         return np.array([word for cell in round_it for word in self._cells.get(cell, ())], np.int64)
@@ -136,7 +136,7 @@ def _corridors() -> list[tuple[FloatArray, FloatArray]]:
 
 
 def _along(start: FloatArray, end: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Landmarks on both walls of a corridor."""
+    """Return landmarks on both walls of a corridor."""
     count = int(_DENSITY * SPACING)
     side = rng.choice([-1.0, 1.0], count) * WIDTH / 2
     way = (end - start) / SPACING
@@ -145,8 +145,8 @@ def _along(start: FloatArray, end: FloatArray, rng: np.random.Generator) -> Floa
 
 
 def _blocks() -> FloatArray:
-    """(K, 4) low x, low y, high x, high y of what is between the corridors, of the four walls round all, and of what stands
-    along them: without cupboards every corridor would look like every other one."""
+    """Return boxes (K, 4) of low x, low y, high x, high y: the blocks between the corridors, the four outer walls, and
+    cupboards, without which all corridors would look alike."""
     half, far = WIDTH / 2, 1.0
     right, top = (COLUMNS - 1) * SPACING + half, (ROWS - 1) * SPACING + half
     inner = [
@@ -164,7 +164,7 @@ def _blocks() -> FloatArray:
 
 
 def _cupboards(rng: np.random.Generator) -> FloatArray:
-    """(K, 4) as `_blocks`: some on either wall of each corridor."""
+    """Return boxes (K, 4) of cupboards on both walls of each corridor; see `_blocks`."""
     blocks = []
     for start, end in _corridors():
         way = (end - start) / SPACING
@@ -183,7 +183,7 @@ _BLOCKS = _blocks()
 
 
 def _ranges(pose: Pose2) -> np.ndarray[tuple[int], np.dtype[np.float32]]:
-    """Where the beams of a laser in the middle of the chair end, by the slabs of each block."""
+    """Return the ranges of a lidar in the chair's middle, by the slab method for each block."""
     angles = pose.theta - math.pi + math.tau / _BEAMS * np.arange(_BEAMS)
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,4 +1,4 @@
-"""Published pose graphs: how near the optimum the back end comes, and what false loops do to it."""
+"""Published pose graphs: distance of the back end from the optimum, and robustness to false loops."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from waychair.slam.synchronisation import isotropic, lower_bound, polished, sesy
 from waychair.types import BoolArray, FloatArray, Json, Pose2
 
 PUBLISHED = {"intel": 52.35, "manhattan": 6432.0, "city10000": 638.6}
-"""Certified optima of F: SE-Sync, IJRR 2019, tables 1 and 2. MIT has none there; its own proof is computed below."""
+"""Certified optima of F: SE-Sync, IJRR 2019, tables 1 and 2. For MIT, which is missing, a bound is computed below."""
 
 
 def posegraphs(out: Path) -> Json:
-    """F at most 1 % above the certified optimum, from the start the file gives, the weights being SE-Sync's."""
+    """F at most 1 % above the certified optimum, from the file's start, with SE-Sync's weights."""
     graphs: Json = {}
     for name in ("intel", "manhattan", "city10000", "MIT"):
         poses, edges = read_g2o(DATA / "posegraphs" / f"{name}.g2o.gz")
@@ -44,9 +44,9 @@ def posegraphs(out: Path) -> Json:
 
 
 def false_loops(out: Path) -> Json:
-    """50 false loops from the odometry's start: RMSE to the optimum of the clean graph at most 0.1 m.
+    """50 false loops, started from odometry: RMSE to the optimum of the clean graph at most 0.1 m.
 
-    They are drawn one by one, and (harder, reported beside) in groups that agree with each other.
+    They are drawn singly and, as a harder case without a bar, in consistent groups.
     """
     rows = []
     for name, seeds in (("intel", 5), ("manhattan", 2)):
@@ -75,10 +75,10 @@ def false_loops(out: Path) -> Json:
 def drawn_false_loops(
     clean: FloatArray, edges: tuple[Edge, ...], seed: int, group: int = 1, count: int = 50
 ) -> list[Edge]:
-    """`count` loops between random nodes at a random pose within 10 m, with the information of random true loops.
+    """Return `count` loops between random nodes at a random pose within 10 m, with the information of true loops.
 
-    The loops of a group join consecutive nodes to consecutive nodes and agree with each other, up to a third of their
-    noise: what a repeated corridor would give.
+    The loops of a group join consecutive nodes to consecutive nodes and agree up to a third of their noise, as in a
+    repeated corridor.
     """
     rng = np.random.default_rng(seed)
     loops = [edge for edge in edges if edge.kind is EdgeKind.LOOP]
@@ -99,7 +99,7 @@ def drawn_false_loops(
 
 
 def _row(name: str, group: int, seed: int, away: FloatArray, accepted: BoolArray, false: int) -> Json:
-    """Precision and recall are of leaving out exactly the false loops."""
+    """Return a row; precision and recall refer to the rejection of exactly the false loops."""
     left_out = ~accepted
     caught = int(left_out[-false:].sum())
     return {

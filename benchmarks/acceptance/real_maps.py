@@ -1,6 +1,6 @@
-"""Drives on the maps of real buildings: each mapped from its log, a world raised from it, random places driven to.
+"""Drives on the maps of real buildings: each is mapped from its log, raised to a world, and driven to random places.
 
-`REAL_MAPS_DRIVES` in the environment takes fewer drives than fifty in each building.
+The environment variable `REAL_MAPS_DRIVES` reduces the fifty drives per building.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ SUCCESS = 0.95
 
 _NEAREST_M, _FARTHEST_M = 3.0, 30.0
 _SEEN_M = 0.6
-"""Starts and goals are so far [m] from what is solid or was never seen: what is behind a chair there nobody knows."""
+"""Distance [m] of starts and goals from anything solid or unknown, as a chair there cannot see behind itself."""
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """How one drive ended."""
+    """The result of one drive."""
 
     reached: bool
     contacts: int
@@ -50,7 +50,7 @@ class Drive:
 
 
 def real_maps(out: Path) -> Json:
-    """Of the places that a chair fits at and that there is a way to, it reaches 95 %, and touches nothing."""
+    """The chair reaches 95 % of the places where it fits and to which a path exists, without a contact."""
     rows = []
     for name, log in LOGS.items():
         folder = out.with_suffix("") / name
@@ -75,7 +75,7 @@ def real_maps(out: Path) -> Json:
 
 
 def run_drive(folder: Path, seed: int) -> Drive:
-    """A drive between two random places of a map, of those between which there is a way for chair A."""
+    """Drive between two random places of a map with a path for chair A between them."""
     grid, costmap = _ground(folder)
     roomy = np.minimum(costmap.clearance, near_distances(grid.cells < 0, grid.resolution, 2 * _SEEN_M)) > _SEEN_M
     places = points_from_cells(grid, np.argwhere(roomy & (grid.cells >= 0)))
@@ -103,6 +103,6 @@ def _ground(folder: Path) -> tuple[OccupancyGrid, Costmap]:
 
 
 def _mapped(log: Path, folder: Path) -> None:
-    """By the command that a user types."""
+    """Map a log by `waychair map`."""
     command = [sys.executable, "-c", "from waychair.cli.main import main; main()"]
     subprocess.run([*command, "map", str(log), "--out", str(folder), "--quiet"], check=True)

@@ -1,7 +1,6 @@
-"""Real colour and depth, mapped by the command a user types and scored by the metric that stands beside the recordings.
+"""Real colour and depth, mapped by the `waychair map` command and scored by the metric shipped with the recordings.
 
-Beside the bars, the same recordings made worse (frames left out, depth disturbed, frames black, the camera lost for a
-while), without a bar: what came out.
+Without a bar: the same recordings with missing frames, noisy depth, black frames, and a gap.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ def _scored(out: Path, name: str) -> Json:
     truth = made / "truth.tum"
     command = [str(Path(sys.executable).parent / "waychair"), "map", str(folder), "--out", str(made), "--quiet"]
     threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"), "1")
-    for _ in range(2):  # the first run may have to compile the kernels
+    for _ in range(2):  # the first run may compile the kernels
         subprocess.run(command, check=True, env={**os.environ, **threads})
     report = json.loads((made / "report.json").read_text())
     write_tum(truth, read_truth(folder))
@@ -89,7 +88,7 @@ def _worse_rows(made: Path, folder: Path, truth: Path) -> list[Json]:
 
 
 def _noisy(frames: list[RgbdFrame]) -> list[RgbdFrame]:
-    """Depth disturbed by 0.5 % of its square, about twice what the sensor does."""
+    """Return frames with depth noise of 0.5 % of the squared depth, about twice the sensor's."""
     rng = np.random.default_rng(1)
 
     def disturbed(depth: Float32Array) -> Float32Array:
@@ -107,7 +106,7 @@ def _some_black(seed: int) -> Worse:
 
 
 def _gone(frames: list[RgbdFrame]) -> list[RgbdFrame]:
-    """A fifth of the recording missing in its middle."""
+    """Return the frames without the middle fifth."""
     middle, half = len(frames) // 2, len(frames) // 10
     return frames[: middle - half] + frames[middle + half :]
 

@@ -1,4 +1,4 @@
-"""The map that the nodes make on the way against the one that `waychair map` makes of the drive's bag."""
+"""The nodes' live map compared with the map that `waychair map` makes of the drive's bag."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ _REACHED_M, _STICK_HZ, _LONGEST_S = 0.25, 25.0, 400.0
 
 
 def ros_mapping(out: Path) -> Json:
-    """All nodes with a simulated chair that the rider's stick drives along the world's mapping route, mapped live and
-    recorded by `waychair record`, which begins when the map has.
+    """All nodes with a simulated chair, driven by joystick along the world's mapping route, mapped live and recorded by
+    `waychair record` from the start of the map.
 
-    Poses of the same scans and the cells of both grids are compared as they are. `longest_gap_s` is between two
-    scans: a computer that stalls makes no fair comparison.
+    Poses of the same scans and cells of both grids are compared without alignment. `longest_gap_s` between two scans
+    shows whether the computer stalled, which makes the comparison unfair.
     """
     out = out.with_suffix("")
     bag = out / "drive.mcap"
@@ -73,7 +73,7 @@ def ros_mapping(out: Path) -> Json:
 
 @contextmanager
 def _recording(stack: LiveStack, bag: Path) -> Iterator[None]:
-    """`waychair record`, from when it hears scans to when the chair has come to rest."""
+    """Run `waychair record` from its first scans until the chair rests."""
     reports = Seen()
     stack.listen(topics.DIAGNOSTICS, read_diagnostics, reports)
     with subprocess.Popen(
@@ -87,13 +87,13 @@ def _recording(stack: LiveStack, bag: Path) -> Iterator[None]:
 
 
 def _scans_in(reports: Seen) -> int:
-    """How many the recorder has, by what it says of itself."""
+    """Return the recorder's number of scans, by its own report."""
     said = [report for report in reports.last or () if report.name.endswith("recorder: recording")]
     return int(dict(said[0].values).get("/scan", 0)) if said else 0
 
 
 def _drive(stack: LiveStack, route: FloatArray) -> bool:
-    """Follow waypoints (N, 2) [m, map] by the stick, as the truth says where the chair is; whether all were reached."""
+    """Follow waypoints (N, 2) [m, map] by joystick and true pose; return whether all were reached."""
     topic = topics.JOY
     stick = stack.client.node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
     began, reached, pushed = time.monotonic(), 0, 0.0

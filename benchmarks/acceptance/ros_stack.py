@@ -1,7 +1,7 @@
 """The nodes of a chair as real processes over real DDS: rates, periods, latency, deaths and goals.
 
-By stamps that the processes take themselves and the clock on the wall: on a computer that does other things, too, these
-are figures of both. Each run begins with a fresh `waychair up` in a ROS domain of its own.
+The times are the processes' own stamps in wall time, so other load on the computer affects them. Each run begins with a
+fresh `waychair up` in its own ROS domain.
 """
 
 from __future__ import annotations
@@ -37,25 +37,25 @@ _SENSORS: tuple[RosTopic, ...] = (topics.IMU, topics.ODOMETRY, topics.SCAN, topi
 _KILLED = ("navigator", "mapper", "bridge", "simulator")
 _PATIENCE_S = 120.0
 _KEPT = 0.97
-"""Share of a sensor's nominal rate that counts as held: what is best effort may lose one."""
+"""Least share of a sensor's nominal rate; best-effort topics may lose single messages."""
 
 _GONE_MS, _BACK_S, _PERIOD_MS, _LATENCY_MS = 150.0, 5.0, 10.0, 120.0
 
 
 def places() -> dict[str, Place]:
-    """Of the world that is driven in."""
+    """Return the places of the world."""
     return {place.name: place for place in load_world(WORLD).places}
 
 
 def ros_killed(out: Path) -> Json:
-    """Each node killed 20 times at a random moment of a drive: the lines let go, back, and nothing resumed.
+    """Each node killed 20 times at a random moment of a drive: the lines are released, nothing resumes.
 
-    What became of each is written down at once, beside the stack's log.
+    Each result is written at once, beside the stack's log.
     """
     deaths: list[Death] = []
     rng = random.Random(1)
     with LiveStack(out.with_suffix(""), _DOMAIN, *_PLAIN) as stack:
-        for name in _KILLED * _DEATHS:  # in turn: who dies again and again is not started again for ever
+        for name in _KILLED * _DEATHS:  # in turn, as a node that dies repeatedly is not restarted for ever
             under_way(stack, rng.uniform(0.2, 4.0))
             deaths.append(kill(stack, name))
             write_json(stack.folder / "deaths.json", {"deaths": [asdict(death) for death in deaths]})
@@ -78,7 +78,7 @@ def ros_killed(out: Path) -> Json:
 
 
 def ros_goals(out: Path) -> Json:
-    """Goals by topic, by the names of Nav2's own client, and by the command line, several in a row: all are reached."""
+    """Goals by topic, by the interface of Nav2's client, and by the command line, several in a row: all are reached."""
     known = places()
     reached: dict[str, bool] = {}
     with LiveStack(out.with_suffix(""), _DOMAIN, *_PLAIN) as stack:
@@ -96,9 +96,9 @@ def ros_goals(out: Path) -> Json:
 
 
 def ros_rates(out: Path) -> Json:
-    """Everything on, with the camera: each sensor's rate, the control loop's period, CPU and memory.
+    """All sensors on, with the camera: each sensor's rate, the control loop's period, CPU and memory.
 
-    Rates are those that bridge and navigator themselves report of what reached them, the mean of 20 s.
+    Rates are those that bridge and navigator report as received, averaged over 20 s.
     """
     seconds = 20.0
     with LiveStack(out.with_suffix(""), _DOMAIN) as stack:
@@ -123,7 +123,7 @@ def ros_rates(out: Path) -> Json:
 
 
 def ros_period(out: Path) -> Json:
-    """The control loop of 20 Hz while it drives, by the stamps of its requests."""
+    """The period of the 20 Hz control loop during a drive, by the stamps of its requests."""
     with LiveStack(out.with_suffix(""), _DOMAIN, *_PLAIN) as stack:
         stack.begin(far_goal(stack))
         stack.spin(20.0)
@@ -132,10 +132,10 @@ def ros_period(out: Path) -> Json:
 
 
 def ros_latency(out: Path) -> Json:
-    """From the end of a scan's sweep to the first change of the lines by what was decided from it.
+    """From the end of a scan's sweep to the first change of the lines that is based on it.
 
-    The simulator stamps both, a scan by its beginning; a request names the scan by which it was decided, and the bridge
-    the one of the request that it answers. Scans after which the lines stayed as they were are left out.
+    The simulator stamps both, a scan by its beginning. A request names its scan, and the bridge passes it on. Scans
+    without a change of the lines are left out.
     """
     with LiveStack(out.with_suffix(""), _DOMAIN, *_PLAIN) as stack:
         scans = Seen()
@@ -155,7 +155,7 @@ def ros_latency(out: Path) -> Json:
 
 
 def latencies_ms(stack: LiveStack, scans: Seen) -> list[float]:
-    """See `ros_latency`."""
+    """Return the latencies [ms] of `ros_latency`."""
     changes = np.array([lines.stamp_ns for _, lines in stack.lines.all])
     ends = {stamp: stamp + round((count - 1) * step * 1e9) for _, (stamp, count, step) in scans.all}
     delays, counted = [], set()
@@ -165,13 +165,13 @@ def latencies_ms(stack: LiveStack, scans: Seen) -> list[float]:
             continue
         counted.add(state.scan_ns)
         later = changes[changes >= state.stamp_ns]
-        if len(later) and later[0] < after.stamp_ns:  # else they changed by what was decided next
+        if len(later) and later[0] < after.stamp_ns:  # else a later decision changed them
             delays.append((later[0] - ends[state.scan_ns]) / 1e6)
     return delays
 
 
 def under_way(stack: LiveStack, seconds: float) -> None:
-    """A drive that has gone on for so long; another one, where a computer that stalls has ended it before."""
+    """Wait until a drive has lasted this long; begin another one if a stall of the computer ended it."""
     ends = time.monotonic() + _PATIENCE_S
     while True:
         stack.begin(far_goal(stack))
@@ -182,7 +182,7 @@ def under_way(stack: LiveStack, seconds: float) -> None:
 
 
 def far_goal(stack: LiveStack) -> Pose2:
-    """The place that is farthest from where the chair is."""
+    """Return the place farthest from the chair."""
     here = stack.really.odom_from_base if stack.really is not None else Pose2()
     return max(
         (place.pose for place in places().values()), key=lambda pose: math.hypot(pose.x - here.x, pose.y - here.y)
@@ -190,14 +190,14 @@ def far_goal(stack: LiveStack) -> Pose2:
 
 
 def is_at(stack: LiveStack, place: Place) -> bool:
-    """Whether the chair really stands within a place's tolerances and as much again for what it does not know."""
+    """Return whether the chair truly stands within twice a place's tolerances, to allow for localisation errors."""
     assert stack.really is not None
     off = place.pose.inverse() @ stack.really.odom_from_base
     return math.hypot(off.x, off.y) <= place.tolerance_m + 0.1 and abs(off.theta) <= place.tolerance_rad + 0.1
 
 
 def by_topic(stack: LiveStack, place: Place) -> bool:
-    """Drive there by goal_pose."""
+    """Drive to a place by the topic goal_pose."""
     topic = topics.GOAL
     node = stack.client.node
     publisher = node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
@@ -212,7 +212,7 @@ def by_topic(stack: LiveStack, place: Place) -> bool:
 
 
 def by_action(stack: LiveStack, place: Place) -> bool:
-    """Drive there by the names of nav2_simple_commander."""
+    """Drive to a place by the interface of nav2_simple_commander."""
     client = stack.client
     client.waitUntilNav2Active()
 
@@ -224,9 +224,9 @@ def by_action(stack: LiveStack, place: Place) -> bool:
 
 
 def _reported_hz(reports: Seen, topic: RosTopic, since_ns: int) -> float:
-    """Mean rate of a topic as bridge and navigator report it, of whichever gets less."""
+    """Return the mean rate of a topic as reported by bridge and navigator, the lower of both."""
     rates: dict[str, list[float]] = {}
-    for _, each in reports.since(since_ns + 1_000_000_000):  # the first may be of the time before
+    for _, each in reports.since(since_ns + 1_000_000_000):  # the first report may cover earlier time
         for report in each:
             if report.name.endswith(f": input {topic.name}"):
                 rates.setdefault(report.name, []).append(float(dict(report.values)["rate [Hz]"]))
@@ -235,7 +235,7 @@ def _reported_hz(reports: Seen, topic: RosTopic, since_ns: int) -> float:
 
 
 def _periods_ms(stack: LiveStack) -> dict[str, Any]:
-    """Errors of the navigator's period while it drives [ms]."""
+    """Return the errors of the navigator's period during a drive [ms]."""
     requests = [request for _, request in stack.requests.all]
     pairs = itertools.pairwise(requests)
     steps = [(b.stamp_ns - a.stamp_ns) / 1e6 for a, b in pairs if a.driving and b.driving]
@@ -253,7 +253,7 @@ def _stamp(message: Any) -> int:
 
 
 def _tree(root: int) -> Sequence[int]:
-    """A process and all that it has started."""
+    """Return a process and all its descendants."""
     parents: dict[int, int] = {}
     for entry in Path("/proc").iterdir():
         if entry.name.isdigit() and (stat := _read(entry / "stat")):
@@ -265,7 +265,7 @@ def _tree(root: int) -> Sequence[int]:
 
 
 def _cpu_s(root: int) -> float:
-    """CPU time [s] that the processes of a tree have used so far (proc(5))."""
+    """Return the CPU time [s] of a process tree so far (proc(5))."""
     ticks = 0
     for pid in _tree(root):
         if stat := _read(Path(f"/proc/{pid}/stat")):
@@ -274,13 +274,13 @@ def _cpu_s(root: int) -> float:
 
 
 def _memory_mb(root: int) -> float:
-    """Proportional set size of a tree [MB]: what processes share is counted once."""
+    """Return the proportional set size of a process tree [MB]; shared pages count once."""
     rows = [_read(Path(f"/proc/{pid}/smaps_rollup")) for pid in _tree(root)]
     return sum(int(line.split()[1]) for row in rows for line in row.splitlines() if line.startswith("Pss:")) / 1024.0
 
 
 def _read(path: Path) -> str:
-    """Empty for a process that has ended meanwhile."""
+    """Return a file's text, empty for a process that has ended."""
     try:
         return path.read_text(encoding="ascii", errors="replace")
     except OSError:

@@ -1,8 +1,8 @@
-"""Runs by the hundred, spread over the processors, and kept as they end: a measurement of hours may be interrupted.
+"""Hundreds of runs, spread over the processors and stored as they end, so that a long measurement can be interrupted.
 
-What is kept is kept by the code that ran, under `out/acceptance/runs/`, and only where no line of that is uncommitted:
-begun again there, a measurement takes up what was done and goes on, whatever else was committed meanwhile (the page, the
-nodes, the command line, tests, documents). `ACCEPTANCE_PROCESSES` in the environment takes fewer processors.
+Results are stored under `out/acceptance/runs/` by the content of the code that ran, if all of it is committed. A
+restarted measurement reuses them, even after commits of other parts (page, nodes, command line, tests, documents). The
+environment variable `ACCEPTANCE_PROCESSES` reduces the number of processes.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ _HERE = Path(__file__).parents[2]
 
 
 def over_seeds(name: str, run: Callable[[int], Result], count: int) -> list[Result]:
-    """What a function of the seed gives for 0 to `count` - 1, in that order; it and its results can be pickled.
+    """Return a function's results for the seeds 0 to `count` - 1, in order; it and its results must be picklable.
 
-    name: of these runs among all that are measured; what was kept under it is not run again.
+    `name` identifies these runs; stored results under it are not run again.
     """
     kept = _kept()
     folder = None if kept is None else kept / re.sub(r"[^\w.]+", "_", name)
@@ -37,7 +37,7 @@ def over_seeds(name: str, run: Callable[[int], Result], count: int) -> list[Resu
 
 
 def processes() -> int:
-    """How many runs go on at a time."""
+    """Return the number of parallel runs."""
     return int(os.environ.get("ACCEPTANCE_PROCESSES", str(os.cpu_count() or 1)))
 
 
@@ -55,7 +55,7 @@ def _known_or_run(folder: Path | None, run: Callable[[int], Result], seed: int) 
 
 @cache
 def commit() -> str:
-    """Of the code that runs; empty where it was changed since, or there is none."""
+    """Return the commit of the running code; empty if the code has uncommitted changes or there is no commit."""
     try:
         changes = _git("status", "--porcelain")
         return "" if changes else _git("rev-parse", "--short=12", "HEAD")
@@ -65,7 +65,7 @@ def commit() -> str:
 
 @cache
 def code() -> str:
-    """Of all that a run consists of, by its content; empty where any of it was changed since, or there is no commit."""
+    """Return the content hash of all code of a run; empty if any of it is uncommitted or there is no commit."""
     try:
         if _git("status", "--porcelain", "--", *_RUNS):
             return ""
@@ -79,11 +79,11 @@ _RUNS = (
     "benchmarks", "calibration", "control", "firmware_bridge", "maps", "planning", "pyproject.toml", "runtime",
     "simulation", "slam", "src", "trials",
 )  # fmt: skip
-"""What runs where something is driven or mapped without nodes, page and command line."""
+"""The folders whose code runs in drives and mapping, without nodes, page and command line."""
 
 
 def _kept() -> Path | None:
-    """Where the runs of this code are kept; None where that would not say which code ran."""
+    """Return the folder for the results of this code; None if the code cannot be identified."""
     return Path("out") / "acceptance" / "runs" / code() if code() else None
 
 
@@ -93,5 +93,5 @@ def _git(*words: str) -> str:
 
 @cache
 def _processes() -> ProcessPoolExecutor:
-    """For all that is measured; each starts afresh, for a renderer does not survive a fork."""
+    """Return a pool of fresh processes, as a renderer does not survive a fork."""
     return ProcessPoolExecutor(processes(), multiprocessing.get_context("spawn"))

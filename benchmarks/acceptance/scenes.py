@@ -1,6 +1,6 @@
-"""Tight places from random starts: success >= 95 %, no contact, at most 2 cm off the axis in a door.
+"""Tight scenes from random starts: success >= 95 %, no contact, at most 2 cm off the axis in a door.
 
-`SCENES_STARTS` in the environment takes fewer starts than a hundred each, to look rather than to judge.
+The environment variable `SCENES_STARTS` reduces the hundred starts per scene, for a quick look.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def door_drives(out: Path) -> Json:
 
 
 def corner(out: Path) -> Json:
-    """Body A, all drives, round the corner of the 0.915 m corridor; body B is told that it does not fit."""
+    """Body A, all drives, round the corner of the 0.915 m corridor; body B is refused, as it does not fit."""
     figures = _scored(
         "corner", [(f"{drive} drive", partial(corner_scene, body)) for drive, body in drive_variants(CHAIR_A).items()]
     )
@@ -84,7 +84,7 @@ def dead_end(out: Path) -> Json:
 
 
 def parked(out: Path) -> Json:
-    """Body B, all drives, out of where it was parked two to four centimetres from a wall, or from two in a corner."""
+    """Body B, all drives, leaves a parking place two to four centimetres from one wall, or from two in a corner."""
     return _scored(
         "parked",
         [
@@ -96,7 +96,7 @@ def parked(out: Path) -> Json:
 
 
 def _refused(scene: TightScene) -> str:
-    """What the planner says; empty when it has a path."""
+    """Return the planner's refusal; empty if there is a path."""
     try:
         plan(costmap_from_grid(map_of(scene.world), scene.body), scene.world.start, scene.goal.pose)
     except NoPath as error:

@@ -1,4 +1,4 @@
-"""Delays of lidar, encoders and camera that simulated chairs were given, found again; and legs masked on many chairs."""
+"""Recovery of injected delays of lidar, encoders and camera; and self-masks of many simulated chairs."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from waychair.types import FloatArray, Json
 
 SEEDS = 24
 WITH_CAMERA = 8
-"""Of these seeds, the first have a camera; every third chair is the physical one."""
+"""Seeds; the first ones have a camera, and every third chair has the physical plant."""
 
 SECONDS = 30.0
 MOST_MS = 80.0
@@ -65,7 +65,7 @@ def _expected() -> dict[str, int]:
 
 
 def _errors(seed: int, delays_ms: FloatArray, *, camera: bool) -> dict[str, float]:
-    """By sensor, what was found less what was given [ms]."""
+    """Return, by sensor, the found minus the injected delay [ms]."""
     made = randomised_chair(load_chair("A"), seed)
     plant_model = "mujoco" if seed % 3 == 2 else "kinematic"
     settings = with_gyro(SimulatorSettings(plant_model=plant_model, plant=made.plant, mujoco=made.mujoco))
@@ -87,8 +87,8 @@ def _errors(seed: int, delays_ms: FloatArray, *, camera: bool) -> dict[str, floa
 
 
 def self_mask(out: Path) -> Json:
-    """Masks learnt in a bare hall, tried on the second floor with other noise: no leg hit is left, under 2 % of others
-    are lost."""
+    """Masks learnt in an empty hall, tested on the second floor with other noise: no leg hit remains, and under 2 % of
+    the other beams are lost."""
     scores = []
     for chair in ("A", "B"):
         body = load_chair(chair).body

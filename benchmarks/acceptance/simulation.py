@@ -1,4 +1,4 @@
-"""The simulator's bars: speed, identical bytes, odometry that errs, pictures with features, bags with everything."""
+"""The simulator's bars: speed, reproducible bytes, odometry errors, features in pictures, complete bags."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ RATES = {
     "/sonar_0": 20.0,
     "/tf": 50.0,
 }
-"""Messages per second that a bag must hold [Hz]."""
+"""Least rates of messages in a bag [Hz]."""
 
 
 def run_speed(out: Path) -> Json:
@@ -60,7 +60,7 @@ def run_speed(out: Path) -> Json:
 
 
 def run_bytes(out: Path) -> Json:
-    """SHA-256 of all sensors' bytes of 20 s of driving, in two processes of one seed and one of another."""
+    """SHA-256 of all sensor messages of 20 s: equal in two processes of one seed, different for another seed."""
     hashes = [
         subprocess.run(
             [sys.executable, "-c", f"from benchmarks.acceptance.simulation import hash_of; print(hash_of({seed}))"],
@@ -72,7 +72,7 @@ def run_bytes(out: Path) -> Json:
 
 
 def hash_of(seed: int) -> str:
-    """Hash of everything the sensors say in 20 s, by the physical plant, with people about."""
+    """Return the hash of all sensor messages in 20 s, with the physical plant and people."""
     settings = with_all_sensors(SimulatorSettings(plant_model="mujoco"))
     simulator = Simulator(load_world(FLOOR), CHAIR_A, settings, seed)
     simulator.drive(2.0, 1.68)
@@ -96,7 +96,7 @@ def _bytes(message: SensorMessage) -> Iterator[bytes]:
 
 
 def run_odometry(out: Path) -> Json:
-    """Where wheel odometry ends after the mapping route of the second floor, by both plants."""
+    """Final error of wheel odometry after the second floor's mapping route, with both plants."""
     ends: dict[str, list[float]] = {}
     for model, seeds in (("kinematic", SEEDS), ("mujoco", 5)):
         ends[model] = []
@@ -118,7 +118,7 @@ def run_odometry(out: Path) -> Json:
 
 
 def run_features(out: Path) -> Json:
-    """ORB keypoints (1000 at most) of frames every 2 m along the mapping routes."""
+    """Numbers of ORB keypoints (at most 1000) in frames every 2 m along the mapping routes."""
     figures: Json = {}
     for name in (FLOOR, "basement"):
         counts = [_keypoints(frame) for frame in _frames(load_world(name))]
@@ -131,7 +131,7 @@ def _keypoints(frame: RgbdFrame) -> int:
 
 
 def _frames(world: World) -> Iterator[RgbdFrame]:
-    """A frame every 2 m along the mapping route, looking along it; the camera has had a second for its exposure."""
+    """Yield a frame every 2 m along the mapping route, facing along it, after a second of automatic exposure."""
     settings = CameraSettings()
     matrix = camera_matrix(settings.width, settings.height, settings.field_of_view)
     renderer = Renderer(world, matrix, settings.width, settings.height)
@@ -147,7 +147,7 @@ def _frames(world: World) -> Iterator[RgbdFrame]:
 
 
 def run_bag(out: Path) -> Json:
-    """What a recorded drive with all sensors holds, in both storages; opened with rosbags."""
+    """Contents of a recorded drive with all sensors, in both bag formats, read with rosbags."""
     world = load_world("corridor_t")
     figures: Json = {}
     for suffix in (".mcap", ".db3"):
@@ -174,7 +174,7 @@ def run_bag(out: Path) -> Json:
 
 
 def run_thin_stack(out: Path) -> Json:
-    """`waychair demo --world second_floor`, seed 0: on the map of a recorded drive of its route."""
+    """`waychair demo --world second_floor`, seed 0, on the map of a recorded drive of its route."""
     result = report(run_demo(out.with_suffix(""), 0, None, world=FLOOR))
     return {
         "passed": result["goals_reached"] == result["goals"] and result["contacts"] == 0,
