@@ -8,25 +8,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.control.recovery import RecoverySettings
+from waychair.control.recovery import BACKING_LENGTH
 from waychair.control.surroundings import Surroundings
 from waychair.geometry import transform_points
-from waychair.planning.forecast import People
-from waychair.planning.personal_space import GIVE_WAY_S, LINGERS_AFTER_S, SETTLED_AFTER_S, PersonalSpaceSettings
+from waychair.planning.forecast import ExpectedPeople
+from waychair.planning.personal_space import (
+    GIVE_WAY_S,
+    LEAVING_PEOPLE,
+    LINGERS_AFTER_S,
+    SETTLED_AFTER_S,
+    WAITED_FOR_WITHIN,
+    PersonalSpaceSettings,
+)
 from waychair.planning.tracks import (
     MoverModel,
     Track,
     Tracker,
-    gap,
-    may_be_behind,
-    moved_on,
-    room_round,
-    seen_from,
+    distance_to_body,
+    person_may_be_behind,
+    personal_space_points,
+    tracks_at,
+    transformed_tracks,
 )
 from waychair.types import FloatArray, Pose2
-
-_ROOM_TO_LEAVE = 0.03
-"""m; left between the chair and people's personal space on the window's cells, so that the chair can move away."""
 
 _NOWHERE = 0.3
 """m; a chair displaced by no more than this has made no progress."""
@@ -51,11 +55,10 @@ class Bystanders:
         body: ChairBody,
         model: MoverModel,
         space: PersonalSpaceSettings,
-        recovery: RecoverySettings,
         margin: float,
     ) -> None:
         """`margin` [m] is the clearance that the local planner keeps round the body."""
-        self._body, self._space, self._recovery, self._margin = body, space, recovery, margin
+        self._body, self._space, self._margin = body, space, margin
         self._tracker = Tracker(model)
         self.tracks: tuple[Track, ...] = ()
         self._room = space.radius
@@ -84,22 +87,24 @@ class Bystanders:
         """
         strangers = transform_points(odom_from_map, surroundings.unmapped(obstacles))
         tracks = self._tracker.update(seen_ns, strangers)
-        self.tracks = moved_on((track for track in tracks if track.walked), now_ns)
+        self.tracks = tracks_at((track for track in tracks if track.has_walked), now_ns)
         self._note_stays(now_ns, odom_from_map @ pose)
         self._room = self._space.squeezed if stood_s > GIVE_WAY_S else self._space.radius
-        room = room_round(self.tracks, self._room, odom_from_map @ pose, self._body, self._margin + _ROOM_TO_LEAVE)
-        may_go = (*(track for track in self.tracks if not self._has_settled(track)), *self._tracker.lost)
+        room = personal_space_points(
+            self.tracks, self._room, odom_from_map @ pose, self._body, self._margin + LEAVING_PEOPLE
+        )
+        may_go = (*(track for track in self.tracks if not self._has_settled(track)), *self._tracker.recently_lost)
         places = np.array([track.position for track in may_go]).reshape(-1, 2)
         map_from_odom = odom_from_map.inverse()
         surroundings.set_personal_space(transform_points(map_from_odom, room), transform_points(map_from_odom, places))
 
-    def expected_people(self, map_from_odom: Pose2) -> People:
+    def expected_people(self, map_from_odom: Pose2) -> ExpectedPeople:
         """Return the people that walk, or may soon walk, in map, as a planner expects them."""
         expected = (self._expected(track) for track in self.tracks if not self._has_settled(track))
-        return People(seen_from(map_from_odom, expected), self._body.width / 2 + self._room)
+        return ExpectedPeople(transformed_tracks(map_from_odom, expected), self._body.width / 2 + self._room)
 
     def someone_lingers_near(self, points: FloatArray, gap: float) -> bool:
-        """Return whether a lingering person is nearer than `gap` [m] to one of points (N, 2) [m] in odom."""
+        """Return whether a lingering person is nearer than `distance_to_body` [m] to one of points (N, 2) [m] in odom."""
         lingering = (self._expected(track) for track in self.tracks if self._lingers(track))
         return any(np.hypot(*(points - track.position).T).min(initial=math.inf) < gap for track in lingering)
 
@@ -109,27 +114,27 @@ class Bystanders:
         A person too near for a forecast is left out: the scan's points are then the obstacle.
         """
         return tuple(
-            track if track.walks else _standing_at(track.position, track)
-            for track in moved_on(self.tracks, now_ns)
+            track if track.is_walking else _standing_at(track.position, track)
+            for track in tracks_at(self.tracks, now_ns)
             if self._gap(track, odom_from_base) > track.radius
         )
 
     def someone_walks_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near the chair walks."""
-        return any(track.walks for track in self._near(odom_from_base))
+        return any(track.is_walking for track in self._near(odom_from_base))
 
     def someone_passes_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near walks and does not linger; a lingering person waits for the chair."""
         near = self._near(odom_from_base)
-        return any(track.walks and not self._lingers(track) for track in near)
+        return any(track.is_walking and not self._lingers(track) for track in near)
 
     def someone_behind(self, now_ns: int, odom_from_base: Pose2) -> bool:
         """Return whether people may be in the area that backing out would use."""
-        everybody = (*self.tracks, *self._tracker.lost)
-        return may_be_behind(everybody, now_ns, odom_from_base, self._body, self._recovery.way)
+        everybody = (*self.tracks, *self._tracker.recently_lost)
+        return person_may_be_behind(everybody, now_ns, odom_from_base, self._body, BACKING_LENGTH)
 
     def _near(self, odom_from_base: Pose2) -> list[Track]:
-        return [track for track in self.tracks if self._gap(track, odom_from_base) < self._recovery.about]
+        return [track for track in self.tracks if self._gap(track, odom_from_base) < WAITED_FOR_WITHIN]
 
     def _has_settled(self, track: Track) -> bool:
         """Return whether a person has stood for so long that they count as furniture."""
@@ -139,7 +144,7 @@ class Bystanders:
         """Return whether a person stands, or moves to and fro before a chair that makes no progress."""
         if self._has_settled(track):
             return False
-        if not track.walks:
+        if not track.is_walking:
             return True
         stay = self._stays_near.get(track.number)
         return stay is not None and track.stamp_ns - stay.since_ns > LINGERS_AFTER_S * 1e9
@@ -166,7 +171,7 @@ class Bystanders:
 
     def _gap(self, track: Track, odom_from_base: Pose2) -> float:
         """Return the distance [m] from the chair's footprint, grown by its margin, to the middle of a person."""
-        return gap(track.position, odom_from_base, self._body) - self._margin
+        return distance_to_body(track.position, odom_from_base, self._body) - self._margin
 
 
 def _standing_at(position: FloatArray, track: Track) -> Track:

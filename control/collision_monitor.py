@@ -27,7 +27,7 @@ its own calls it by a timer (`runtime.monitor_process`), and the simulator calls
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -36,74 +36,60 @@ from waychair.calibration.self_mask import SelfMask, outline_reach
 from waychair.calibration.stopping import StopTable
 from waychair.config import Settings, setting
 from waychair.control.arc_entry import entry_times
-from waychair.errors import ConfigError
 from waychair.geometry import arcs, transform_points
+from waychair.planning.clearance import (
+    CRAWL_SPEED,
+    FULL_SPEED,
+    MONITORED_AHEAD_AT_CRAWL,
+    MONITORED_AHEAD_AT_FULL_SPEED,
+    MONITORED_AT_CRAWL,
+    MONITORED_AT_FULL_SPEED,
+)
+from waychair.planning.personal_space import GIVE_WAY_S, LEG_WIDTH, LegClearanceSettings
 from waychair.scans import without_overflow_codes
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Scan, Twist
+
+VERDICT_MS, SCAN_MS, SILENT_MS = 150, 300, 500
+"""ms; no speed passes on an older verdict or a verdict on an older scan; a monitor silent for longer ends a drive."""
+
+MAPPED_WITHIN, MAPPED_MS = 0.1, 400
+"""m, ms; slim points so near to a mapped slim object belong to it; its place is forgotten after so long."""
+
+LEAST_POINTS = 3
+"""Fewest points of an obstacle; fewer are noise."""
+
+BLIND_S, LEAST_COVERAGE = 0.4, 0.8
+"""s, share; a beam without a range for so long is blind, and so large a share of the beams must not be blind."""
+
+SLOWING, SLOWING_ALPHA = 0.6, 0.8
+"""m/s^2, rad/s^2; braking in comfort, by which the chair begins to slow down."""
+
+JUDGED_WITHIN_V, JUDGED_WITHIN_OMEGA = 0.1, 0.2
+"""m/s, rad/s; a command farther than this beyond the judged one counts as not judged."""
 
 
 @dataclass(frozen=True, slots=True)
 class MonitorSettings(Settings):
-    """Clearances, braking, and greatest ages of scan and verdict."""
+    """The chair's emergency braking before its stops were measured, and the extra clearance to legs."""
 
-    beside: float = setting(0.05, "m", "kept free round the outline on all sides at full speed", low=0.0, high=0.5)
-    ahead: float = setting(0.10, "m", "kept free besides in the direction of travel, likewise", low=0.0, high=1.0)
-    beside_crawl: float = setting(0.0, "m", "kept free on all sides at a crawl", low=0.0, high=0.5)
-    ahead_crawl: float = setting(
-        0.01, "m", "kept free besides in the direction of travel at a crawl", low=0.0, high=1.0
-    )
-    crawl: float = setting(0.3, "m/s", "up to this speed of any part of the chair it crawls", low=0.05, high=1.0)
-    full: float = setting(
-        0.8, "m/s", "from this speed on the margins are whole; between, in proportion", low=0.1, high=3.0
-    )
-    ahead_of_legs: float = setting(
-        0.55, "m", "as above, before what may be a person's legs: bodies reach 0.2 beyond", low=0.0, high=1.0
-    )
-    beside_legs: float = setting(
-        0.45, "m", "kept free besides on either side of such, while not yet past", low=0.0, high=1.0
-    )
-    round_legs: float = setting(
-        0.20, "m", "kept free round the outline before such while the chair turns on the spot", low=0.0, high=1.0
-    )
-    give_way_s: float = setting(
-        1.5, "s", "the chair stands so long before legs that are in the way", low=0.0, high=20.0
-    )
-    ahead_after: float = setting(0.33, "m", "ahead_of_legs once it has given way", low=0.0, high=1.0)
-    beside_after: float = setting(0.20, "m", "beside_legs once it has given way", low=0.0, high=1.0)
-    slim: float = setting(0.35, "m", "legs are no wider than this, together", low=0.05, high=1.0)
-    furniture: float = setting(0.1, "m", "legs so near to what the map shows are of that", low=0.0, high=0.3)
-    furniture_ms: int = setting(400, "ms", "what was told of mapped things holds so long", low=20, high=1000)
-    least_points: int = setting(3, "", "so many points are something, fewer are noise", low=1, high=100)
     reaction_s: float = setting(
-        0.3, "s", "from a verdict to the first braking, before that was measured", low=0.0, high=2.0
+        0.3,
+        "s",
+        "time from a verdict to the first braking, without measured stops; longer: it brakes earlier",
+        low=0.0,
+        high=2.0,
     )
-    emergency: float = setting(1.5, "m/s^2", "braking in an emergency, before that was measured", low=0.2, high=4.0)
-    emergency_alpha: float = setting(1.5, "rad/s^2", "as above, of turning", low=0.2, high=10.0)
-    braking: float = setting(0.6, "m/s^2", "braking in comfort: slowing down begins by it", low=0.1, high=3.0)
-    alpha: float = setting(0.8, "rad/s^2", "as above, of turning", low=0.1, high=5.0)
-    verdict_ms: int = setting(150, "ms", "an older verdict lets no speed through", low=20, high=1000)
-    scan_ms: int = setting(300, "ms", "a verdict of an older scan lets none through", low=50, high=1000)
-    silent_ms: int = setting(500, "ms", "a monitor that says nothing for so long ends a drive", low=100, high=5000)
-    blind_s: float = setting(0.4, "s", "a beam that measures nothing for so long is blind", low=0.1, high=2.0)
-    least_coverage: float = setting(0.8, "", "part of the beams that must not be blind", low=0.0, high=1.0)
-    strayed_v: float = setting(0.1, "m/s", "a command this far beyond the judged one was not judged", low=0.0, high=1.0)
-    strayed_omega: float = setting(0.2, "rad/s", "as above, of turning", low=0.0, high=2.0)
-
-    def __post_init__(self) -> None:
-        Settings.__post_init__(self)
-        if not self.crawl < self.full:
-            raise ConfigError(f"full = {self.full:g} m/s must be faster than crawl = {self.crawl:g} m/s")
-        if self.beside_crawl > self.beside or self.ahead_crawl > self.ahead:
-            raise ConfigError(
-                f"beside_crawl = {self.beside_crawl:g} m and ahead_crawl = {self.ahead_crawl:g} m must not exceed "
-                f"beside = {self.beside:g} m and ahead = {self.ahead:g} m: margins grow with the speed"
-            )
-        if self.beside_after > self.beside_legs or self.ahead_after > self.ahead_of_legs:
-            raise ConfigError(
-                f"beside_after = {self.beside_after:g} m and ahead_after = {self.ahead_after:g} m must not exceed "
-                f"beside_legs = {self.beside_legs:g} m and ahead_of_legs = {self.ahead_of_legs:g} m: "
-                "having given way the chair may pass nearer, not less near"
-            )
+    emergency: float = setting(
+        1.5, "m/s^2", "emergency braking without measured stops; larger: it brakes later", low=0.2, high=4.0
+    )
+    emergency_alpha: float = setting(
+        1.5,
+        "rad/s^2",
+        "emergency braking of a turn without measured stops; larger: it brakes later",
+        low=0.2,
+        high=10.0,
+    )
+    legs: LegClearanceSettings = field(default_factory=LegClearanceSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,7 +149,7 @@ class Monitor:
         """Take in a scan, as the lidar gave it."""
         scan = without_near_field(without_overflow_codes(scan), self._body)
         before, self._scan = self._scan, scan
-        count, longest_ns = len(scan.ranges), round(self._settings.blind_s * 1e9)
+        count, longest_ns = len(scan.ranges), round(BLIND_S * 1e9)
         self._hidden = np.zeros(count, np.bool_) if self._mask is None else self._mask.hides(scan)
         if before is None or not len(before.ranges):
             self._measured_ns = np.full(count, scan.stamp_ns)  # all beams count as seeing at first
@@ -173,20 +159,20 @@ class Monitor:
         silent = scan.stamp_ns - self._measured_ns[~self._hidden] >= longest_ns
         same = before is not None and np.array_equal(before.ranges, scan.ranges, equal_nan=True)
         self._same_since_ns = _since(self._same_since_ns, same, scan.stamp_ns if before is None else before.stamp_ns)
-        self._slim = slim_beams(scan, self._hidden, self._settings)
+        self._slim = slim_beams(scan, self._hidden)
         self._blindness = ""
         if self._same_since_ns is not None and scan.stamp_ns - self._same_since_ns >= longest_ns:
             self._blindness = "lidar_frozen"
-        if not silent.size or 1.0 - silent.mean() < self._settings.least_coverage:
+        if not silent.size or 1.0 - silent.mean() < LEAST_COVERAGE:
             self._blindness = "lidar_blind"
 
     def judge(self, command: Twist, measured: Twist, now_ns: int) -> MonitorVerdict:
         """Return the verdict on a command now, the scan moved on by the chair's `measured` motion since."""
-        scan, s = self._scan, self._settings
+        scan = self._scan
         scan_ns = None if scan is None else scan.stamp_ns
         if self._blindness:
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop=self._blindness)
-        if scan is None or not _is_fresh(scan_ns, s.scan_ms, now_ns):
+        if scan is None or not _is_fresh(scan_ns, SCAN_MS, now_ns):
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="lidar_late")
         if not all(map(math.isfinite, (command.v, command.omega, measured.v, measured.omega))):
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="obstacle")
@@ -205,14 +191,14 @@ class Monitor:
 
     def _is_mapped(self, points: FloatArray, measured: Twist, now_ns: int) -> BoolArray:
         """Return a mask (N,) of points (N, 2) [m] in base that lie at mapped slim objects."""
-        stamp_ns, s = self._mapped_legs_ns, self._settings
-        if stamp_ns is None or not len(self._mapped_legs) or not _is_fresh(stamp_ns, s.furniture_ms, now_ns):
+        stamp_ns = self._mapped_legs_ns
+        if stamp_ns is None or not len(self._mapped_legs) or not _is_fresh(stamp_ns, MAPPED_MS, now_ns):
             return np.zeros(len(points), np.bool_)
         seconds = (now_ns - stamp_ns) * 1e-9
         (moved,) = arcs(np.array([measured.v * seconds]), np.array([measured.omega * seconds]))
         known = transform_points(Pose2(*moved).inverse(), self._mapped_legs)
         gaps = np.hypot(*(points[:, None] - known[None]).transpose(2, 0, 1))
-        near: BoolArray = gaps.min(axis=1) <= s.furniture
+        near: BoolArray = gaps.min(axis=1) <= MAPPED_WITHIN
         return near
 
     def _permitted(
@@ -221,7 +207,7 @@ class Monitor:
         """Return the permitted share of a command, 0 to stop, and its contact time; at most a crawl if it
         `gave_way`."""
         s, share, contact_s = self._settings, 0.0, math.inf
-        considered = judged_shares(command, self._body, s)
+        considered = judged_shares(command, self._body)
         for pace in considered[-1:] if gave_way else considered:
             contact_s = self._contact_s(points, slim, command, float(pace), gave_way)
             share = max(share, min(float(pace), slow_share(contact_s, command, s)))
@@ -244,7 +230,7 @@ class Monitor:
             if _stands(measured) and self._gives_way_since_ns is None:
                 self._gives_way_since_ns = now_ns
             since_ns = self._gives_way_since_ns
-            if since_ns is None or now_ns - since_ns < self._settings.give_way_s * 1e9:
+            if since_ns is None or now_ns - since_ns < GIVE_WAY_S * 1e9:
                 return False
         self._passes_until_ns = now_ns + _PAST_NS
         return True
@@ -253,11 +239,11 @@ class Monitor:
         self, points: FloatArray, slim: BoolArray, command: Twist, pace: float, gave_way: bool = False
     ) -> float:
         """Return the driving time [s] until contact with enough points to be an obstacle."""
-        s = self._settings
-        if len(points) < s.least_points:
+        if len(points) < LEAST_POINTS:
             return math.inf
-        times = contact_times(points, slim, command, self._body, s, pace, gave_way)
-        return float(np.partition(times, s.least_points - 1)[s.least_points - 1])
+        legs = self._settings.legs
+        times = contact_times(points, slim, command, self._body, legs, pace=pace, gave_way=gave_way)
+        return float(np.partition(times, LEAST_POINTS - 1)[LEAST_POINTS - 1])
 
 
 _PAST_NS = 1_000_000_000
@@ -272,29 +258,29 @@ def _stands(twist: Twist) -> bool:
     return abs(twist.v) < 0.03 and abs(twist.omega) < 0.06
 
 
-def stale_stop(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettings) -> str:
+def stale_stop(verdict: MonitorVerdict | None, now_ns: int) -> str:
     """Return the id of the stop that forbids any speed now, or "" if verdict and scan are fresh."""
-    if not _is_fresh(None if verdict is None else verdict.stamp_ns, settings.verdict_ms, now_ns):
+    if not _is_fresh(None if verdict is None else verdict.stamp_ns, VERDICT_MS, now_ns):
         return "monitor_silent"
-    if not _is_fresh(None if verdict is None else verdict.scan_ns, settings.scan_ms, now_ns):
+    if not _is_fresh(None if verdict is None else verdict.scan_ns, SCAN_MS, now_ns):
         return "lidar_late"
     return ""
 
 
-def is_silent(verdict: MonitorVerdict | None, now_ns: int, settings: MonitorSettings) -> bool:
+def is_silent(verdict: MonitorVerdict | None, now_ns: int) -> bool:
     """Return whether the monitor has been silent for so long that the drive ends."""
-    return not _is_fresh(None if verdict is None else verdict.stamp_ns, settings.silent_ms, now_ns)
+    return not _is_fresh(None if verdict is None else verdict.stamp_ns, SILENT_MS, now_ns)
 
 
-def permitted_share(command: Twist, verdict: MonitorVerdict, settings: MonitorSettings) -> float:
+def permitted_share(command: Twist, verdict: MonitorVerdict) -> float:
     """Return the share of a command that a verdict permits; the verdict may be of a command one or two ticks older.
 
     It is 0 for a command in another direction than the judged one, or well beyond it, because that was not judged.
     """
     judged = verdict.twist
     for value, known, slack in (
-        (command.v, judged.v, settings.strayed_v),
-        (command.omega, judged.omega, settings.strayed_omega),
+        (command.v, judged.v, JUDGED_WITHIN_V),
+        (command.omega, judged.omega, JUDGED_WITHIN_OMEGA),
     ):
         if not min(known, 0.0) - slack <= value <= max(known, 0.0) + slack:
             return 0.0
@@ -327,7 +313,7 @@ def valid_beams(scan: Scan, hidden: BoolArray) -> BoolArray:
     return valid
 
 
-def slim_beams(scan: Scan, hidden: BoolArray, settings: MonitorSettings) -> BoolArray:
+def slim_beams(scan: Scan, hidden: BoolArray) -> BoolArray:
     """Return a mask (N,) of beams that end on a slim object standing free: nothing beside it in the view is as near."""
     slim = np.zeros(len(scan.ranges), np.bool_)
     beams = np.flatnonzero(valid_beams(scan, hidden))
@@ -345,7 +331,7 @@ def slim_beams(scan: Scan, hidden: BoolArray, settings: MonitorSettings) -> Bool
     after = np.where(opens[last + 1], math.inf, beside[last + 2])
     width = np.hypot(*(points[last] - points[first]).T)
     stands = (before > r[first] + _APART) & (after > r[last] + _APART)
-    legs = stands & (width <= settings.slim) & (last - first + 1 >= settings.least_points)
+    legs = stands & (width <= LEG_WIDTH) & (last - first + 1 >= LEAST_POINTS)
     slim[beams] = np.repeat(legs, last - first + 1)
     return slim
 
@@ -369,9 +355,9 @@ def points_now(scan: Scan, valid: BoolArray, body: ChairBody, measured: Twist, n
     return np.column_stack([c * dx + s * dy, c * dy - s * dx])
 
 
-def judged_shares(command: Twist, body: ChairBody, settings: MonitorSettings) -> FloatArray:
+def judged_shares(command: Twist, body: ChairBody) -> FloatArray:
     """Return the shares of a command to judge it at, from the whole command down to a crawl, evenly spaced."""
-    slowest = min(1.0, settings.crawl / max(_fastest(command, body), 1e-9))
+    slowest = min(1.0, CRAWL_SPEED / max(_fastest(command, body), 1e-9))
     return np.linspace(1.0, slowest, _PACES) if slowest < 1.0 else np.ones(1)
 
 
@@ -379,11 +365,13 @@ _PACES = 4
 """Number of such shares; a command at a crawl has one."""
 
 
-def margins(command: Twist, body: ChairBody, settings: MonitorSettings, pace: float = 1.0) -> tuple[float, float]:
+def margins(command: Twist, body: ChairBody, pace: float = 1.0) -> tuple[float, float]:
     """Return the clearance [m] on all sides, and the extra one in the direction of travel, at a share of a command."""
-    s = settings
-    share = min(max((pace * _fastest(command, body) - s.crawl) / (s.full - s.crawl), 0.0), 1.0)
-    return s.beside_crawl + share * (s.beside - s.beside_crawl), s.ahead_crawl + share * (s.ahead - s.ahead_crawl)
+    share = min(max((pace * _fastest(command, body) - CRAWL_SPEED) / (FULL_SPEED - CRAWL_SPEED), 0.0), 1.0)
+    return (
+        MONITORED_AT_CRAWL + share * (MONITORED_AT_FULL_SPEED - MONITORED_AT_CRAWL),
+        MONITORED_AHEAD_AT_CRAWL + share * (MONITORED_AHEAD_AT_FULL_SPEED - MONITORED_AHEAD_AT_CRAWL),
+    )
 
 
 def _fastest(command: Twist, body: ChairBody) -> float:
@@ -396,7 +384,8 @@ def contact_times(
     legs: BoolArray,
     command: Twist,
     body: ChairBody,
-    settings: MonitorSettings,
+    leg_clearance: LegClearanceSettings,
+    *,
     pace: float = 1.0,
     gave_way: bool = False,
 ) -> FloatArray:
@@ -408,13 +397,13 @@ def contact_times(
     away from it is free. A point well within the footprint itself is in contact at once for any command that moves the
     chair.
     """
-    s, x, y = settings, points[:, 0], points[:, 1]
-    beside, besides_ahead = margins(command, body, s, pace)
+    s, x, y = leg_clearance, points[:, 0], points[:, 1]
+    beside, besides_ahead = margins(command, body, pace)
     to_come = legs & ((x > body.front) | (x < -body.rear))
-    beside_legs, ahead_of_legs = (s.beside_after, s.ahead_after) if gave_way else (s.beside_legs, s.ahead_of_legs)
+    beside_legs, ahead_of_legs = (s.beside_after, s.ahead_after) if gave_way else (s.beside, s.ahead)
     # a corner that swings faster than the chair drives approaches people beside the chair
     swings = abs(command.omega) * body.circumscribed_radius > abs(command.v)
-    around = beside + np.where(legs & swings, s.round_legs, 0.0)
+    around = beside + np.where(legs & swings, s.turning, 0.0)
     half = body.width / 2 + np.maximum(around, beside + np.where(to_come, beside_legs, 0.0))
     ahead = beside + np.where(legs, max(besides_ahead, ahead_of_legs), besides_ahead)
     front = body.front + np.maximum(around, ahead if command.v > 0.0 else 0.0)
@@ -466,7 +455,7 @@ def slow_share(contact_s: float, command: Twist, settings: MonitorSettings) -> f
     At a share k the stop covers k reaction + k^2 T of the command's driving time, T being half the braking time. The
     greatest allowed k makes that equal to contact_s.
     """
-    half = 0.5 * max(abs(command.v) / settings.braking, abs(command.omega) / settings.alpha)
+    half = 0.5 * max(abs(command.v) / SLOWING, abs(command.omega) / SLOWING_ALPHA)
     if math.isinf(contact_s) or half == 0.0:
         return 1.0
     reaction = settings.reaction_s

@@ -10,68 +10,61 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.config import Settings, setting
-from waychair.control.doorway import DoorWatch, DoorwaySettings
-from waychair.control.tracking import TrackingSettings, track
+from waychair.control.doorway import DoorWatch
+from waychair.control.tracking import TRACKING_OMEGA, TrackingGains, track
 from waychair.geometry import compose
 from waychair.maps.distance_field import DistanceField
+from waychair.planning.clearance import RETREAT
 from waychair.planning.dwa import DwaResult, rotate_to_heading
-from waychair.planning.legs import Leg
-from waychair.planning.motion import PERIOD, DwaSettings, Motion, braking
+from waychair.planning.legs import PathLeg
+from waychair.planning.motion import PERIOD, CommandedMotion, DwaSettings, braking
 from waychair.types import FloatArray, Pose2, Twist
-
-_BEHIND = 0.04
-"""m; clearance at the rear in a retreat, which follows no plan: only the map shows obstacles behind the chair, and the
-pose on it is good to 2 cm."""
 
 _TURNS_ON = 0.4
 """s; the chair's present turning goes on for so long, because a correction through the dead band acts that late."""
 
 
-@dataclass(frozen=True, slots=True)
-class DoorDriveSettings(Settings):
-    """Conditions for entering a door, and the retreats before it."""
+GATE = 0.25
+"""m; distance of the front end before the door's middle at which the chair enters or backs off."""
 
-    gate: float = setting(0.25, "m", "the front end this far before the middle: now or never", low=0.05, high=1.0)
-    lateral: float = setting(0.016, "m", "off the axis, at the axle and where the front enters", low=0.005, high=0.2)
-    lateral_share: float = setting(0.2, "", "or this part of the room on each side, if that is more", low=0.0, high=0.9)
-    heading: float = setting(0.05, "rad", "off the axis", low=0.01, high=0.3)
-    lined_up: float = setting(0.015, "rad", "how exactly it turns to the door before it sets off", low=0.005, high=0.3)
-    tail_share: float = setting(
-        0.47,
-        "",
-        "in the door errors die away over this part of the way from axle to tail, or more",
-        low=0.0,
-        high=2.0,
-    )
-    retreat: float = setting(0.8, "m", "backing off to try again", low=0.1, high=2.0)
-    tries: int = setting(4, "", "retreats before it is given up", low=0, high=20)
-    doorway: DoorwaySettings = field(default_factory=DoorwaySettings)
-    retreating: TrackingSettings = field(default_factory=TrackingSettings)
-    tracking: TrackingSettings = field(
-        default_factory=lambda: TrackingSettings(return_length=0.3, damping=1.9, damping_off=1.9)
-    )
+LATERAL, LATERAL_SHARE = 0.016, 0.2
+"""m, share; largest offset from the axis at the gate, or this share of the space on each side if that is more."""
+
+HEADING = 0.05
+"""rad; largest heading error at the gate."""
+
+LINED_UP = 0.015
+"""rad; heading error up to which the chair turns to the door before it sets off."""
+
+TAIL_SHARE = 0.47
+"""In the door errors decay over at least this share of the distance from axle to tail."""
+
+RETREAT_LENGTH, TRIES = 0.8, 4
+"""m, count; length of a retreat before the next try, and most retreats."""
+
+APPROACHING = TrackingGains(return_length=0.3, damping=1.9, damping_off=1.9)
+"""Gains of the approach; the passage's decay length is longer for a chair with a long tail."""
 
 
 class DoorDrive:
     """The state of one passage through a door."""
 
-    def __init__(self, leg: Leg, odom_from_map: Pose2, body: ChairBody, settings: DoorDriveSettings) -> None:
+    def __init__(self, leg: PathLeg, odom_from_map: Pose2, body: ChairBody) -> None:
         assert leg.door is not None
-        self._settings, self._body, self._door = settings, body, leg.door
+        self._body, self._door = body, leg.door
         # each heading correction swings the tail: a chair with a long tail returns to the middle over a longer
         # distance, its heading held as stiffly as before
-        before = settings.tracking
-        gentle = max(before.return_length, settings.tail_share * body.rear)
+        before = APPROACHING
+        gentle = max(before.return_length, TAIL_SHARE * body.rear)
         damping = before.damping * gentle / before.return_length
         self._within = replace(before, return_length=gentle, damping=damping, damping_off=damping)
-        self._longer = replace(body, length=body.length + _BEHIND, axle_from_rear=body.axle_from_rear + _BEHIND)
-        self.watch = DoorWatch(odom_from_map @ leg.door.map_from_door, leg.door.width, settings.doorway)
+        self._longer = replace(body, length=body.length + RETREAT, axle_from_rear=body.axle_from_rear + RETREAT)
+        self.watch = DoorWatch(odom_from_map @ leg.door.map_from_door, leg.door.width)
         self._line = compose(leg.door.map_from_door.inverse().array(), leg.path.poses)  # in the door's own frame
         self._lined_up = self._entered = self._in_position = False
         self._retreating, self._turn_back = False, 0.0
@@ -96,7 +89,7 @@ class DoorDrive:
         command: Twist,
         distances: DistanceField,
         limits: DwaSettings,
-        motion: Motion | None = None,
+        motion: CommandedMotion | None = None,
     ) -> DwaResult:
         """Return the next command; `arrived` when the chair is through.
 
@@ -114,12 +107,12 @@ class DoorDrive:
                     return turned
         if self._retreating:
             return self._retreat(at, pose, command, distances, limits)
-        if not self._entered and front > -self._settings.gate:
+        if not self._entered and front > -GATE:
             if not (self._straight(at) and self._straight(soon)):
                 return self._back_off(at, command, limits)
             self._entered = True
         line = compose(self.watch.odom_from_door.array(), self._line)
-        tracking = self._within if self._entered else self._settings.tracking
+        tracking = self._within if self._entered else APPROACHING
         done = self._in_position
         choice = track(pose, command, line, False, distances, self._body, limits, tracking, done, motion)
         self._in_position = choice.in_position
@@ -134,20 +127,19 @@ class DoorDrive:
 
     def _straight(self, at: Pose2) -> bool:
         """Return whether a pose in the door's frame is aligned enough to enter, and the door's place is certain."""
-        s = self._settings
         room = (self.watch.width - self._body.width) / 2
-        allowed = max(s.lateral, s.lateral_share * room)
+        allowed = max(LATERAL, LATERAL_SHARE * room)
         entering = at.y - at.x * math.tan(at.theta)  # the chair's middle line at the door's plane
-        return self.watch.sure and max(abs(at.y), abs(entering)) <= allowed and abs(at.theta) <= s.heading
+        return self.watch.sure and max(abs(at.y), abs(entering)) <= allowed and abs(at.theta) <= HEADING
 
     def _line_up(
-        self, pose: Pose2, command: Twist, distances: DistanceField, limits: DwaSettings, motion: Motion | None
+        self, pose: Pose2, command: Twist, distances: DistanceField, limits: DwaSettings, motion: CommandedMotion | None
     ) -> DwaResult | None:
         """Turn on the spot to the door's direction; None once that is done."""
         limits = replace(
             limits,
-            tolerances=replace(limits.tolerances, heading=self._settings.lined_up),
-            max_omega=min(limits.max_omega, self._settings.tracking.max_omega),
+            tolerances=replace(limits.tolerances, heading=LINED_UP),
+            max_omega=min(limits.max_omega, TRACKING_OMEGA),
             clearance=0.0,
         )
         heading = self.watch.odom_from_door.theta
@@ -158,12 +150,12 @@ class DoorDrive:
     def _back_off(self, at: Pose2, command: Twist, limits: DwaSettings) -> DwaResult:
         """Stop, and retreat if there are tries left."""
         stopped = DwaResult(braking(command, limits), np.zeros((0, 2)), np.zeros(0), at.array()[None])
-        if not self.watch.sure or self.tries >= self._settings.tries:
+        if not self.watch.sure or self.tries >= TRIES:
             self.refused = abs(command.v) < 0.01
             return replace(stopped, blocked=True)
         if abs(command.v) < 0.01:
             self.tries, self._retreating = self.tries + 1, True
-            self._turn_back = at.x - self._settings.retreat
+            self._turn_back = at.x - RETREAT_LENGTH
         return stopped
 
     def _retreat(
@@ -176,7 +168,7 @@ class DoorDrive:
         steps = np.linspace(at.x + 0.1, self._turn_back, 12)
         line = np.column_stack([steps, np.zeros((12, 2))])
         odom_line: FloatArray = compose(self.watch.odom_from_door.array(), line)
-        choice = track(pose, command, odom_line, True, distances, self._longer, limits, self._settings.retreating)
+        choice = track(pose, command, odom_line, True, distances, self._longer, limits)
         if limits.max_reverse == 0.0 and not choice.in_position:
             return choice
         if choice.in_position or choice.blocked:

@@ -12,29 +12,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.geometry import interpolate, transform_points
 from waychair.types import FloatArray, Pose2
 
+JAMB_OFF, WALL_TURNED = 0.25, 0.2
+"""m, rad; largest error of a jamb's place and of the wall's direction on the map."""
 
-@dataclass(frozen=True, slots=True)
-class DoorwaySettings(Settings):
-    """The search area of a door, and the conditions for trusting a detection."""
+WALL_LENGTH = 0.5
+"""m; length of wall beside the opening that gives the direction."""
 
-    off: float = setting(0.25, "m", "a jamb may be this far from where the map has it", low=0.05, high=1.0)
-    turned: float = setting(0.2, "rad", "the wall may be turned by this much against the map", low=0.02, high=1.0)
-    wall: float = setting(0.5, "m", "wall beside the opening that gives the direction", low=0.1, high=2.0)
-    least: int = setting(6, "", "points that an edge and a wall consist of", low=2, high=1000)
-    memory: int = setting(8, "scans", "averaged over about so many", low=1, high=100)
-    seen: int = setting(3, "scans", "in which it must have been found before it is believed", low=1, high=100)
-    nearest: float = setting(
-        0.25,
-        "m",
-        "from nearer before it the wall is seen at too flat an angle to tell its direction",
-        low=0.0,
-        high=1.0,
-    )
-    surprise: float = setting(0.08, "m", "one found farther from the average is not believed", low=0.01, high=1.0)
+LEAST_POINTS = 6
+"""Fewest points of a jamb's edge and of a wall."""
+
+AVERAGED_SCANS, SEEN_SCANS = 8, 3
+"""Scans to average a door over, and scans that must show it before it is trusted."""
+
+NEAREST = 0.25
+"""m; nearer before the door the wall is seen at too flat an angle to tell its direction."""
+
+OUTLIER = 0.08
+"""m; a detection farther than this from the average is an outlier."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +42,7 @@ class Doorway:
     width: float
 
 
-def find_doorway(
-    points: FloatArray, door: Pose2, width: float, settings: DoorwaySettings = DoorwaySettings()
-) -> Doorway | None:
+def find_doorway(points: FloatArray, door: Pose2, width: float) -> Doorway | None:
     """Return the door's middle and direction from one scan's points (N, 2) [m], near its expected pose `door`.
 
     Points and `door` (x leads through it) are in one frame; `width` [m] is the map's clear width. The chair sees the
@@ -56,19 +51,17 @@ def find_doorway(
     """
     local = transform_points(door.inverse(), points)
     half = width / 2
-    near = local[
-        (np.abs(local[:, 0]) < settings.off + 0.1) & (np.abs(local[:, 1]) < half + settings.off + settings.wall)
-    ]
+    near = local[(np.abs(local[:, 0]) < JAMB_OFF + 0.1) & (np.abs(local[:, 1]) < half + JAMB_OFF + WALL_LENGTH)]
     sides = []
     for side in (1.0, -1.0):
-        out = near[side * near[:, 1] > half - settings.off]
-        if len(out) < 2 * settings.least:
+        out = near[side * near[:, 1] > half - JAMB_OFF]
+        if len(out) < 2 * LEAST_POINTS:
             return None
-        inner = np.partition(side * out[:, 1], settings.least // 2)[settings.least // 2]
-        if inner > half + settings.off:
+        inner = np.partition(side * out[:, 1], LEAST_POINTS // 2)[LEAST_POINTS // 2]
+        if inner > half + JAMB_OFF:
             return None
         sides.append((out, inner))
-    turn = _direction([out for out, _ in sides], [inner for _, inner in sides], settings)
+    turn = _direction([out for out, _ in sides], [inner for _, inner in sides])
     if turn is None:
         return None
     # The jambs' edges across the door's true direction.
@@ -76,16 +69,16 @@ def find_doorway(
     edges = []
     for side, (out, _) in zip((1.0, -1.0), sides, strict=True):
         off = np.sort(side * (out @ across))
-        edge = off[off < off[settings.least // 2] + 0.03]  # the jamb's inner face, or the end of the wall
+        edge = off[off < off[LEAST_POINTS // 2] + 0.03]  # the jamb's inner face, or the end of the wall
         edges.append(side * float(np.percentile(edge, 25)))
     left, right = edges
-    if abs(left - right - width) > settings.off:
+    if abs(left - right - width) > JAMB_OFF:
         return None
     middle = across * (left + right) / 2
     return Doorway(door @ Pose2(float(middle[0]), float(middle[1]), turn), left - right)
 
 
-def _direction(sides: list[FloatArray], inner: list[float], settings: DoorwaySettings) -> float | None:
+def _direction(sides: list[FloatArray], inner: list[float]) -> float | None:
     """Return the door's turn [rad] against its expected direction, from a line through both walls' near faces.
 
     On each side only points beyond the edge and on the near face count: the foremost ones, within noise and the wall's
@@ -94,28 +87,27 @@ def _direction(sides: list[FloatArray], inner: list[float], settings: DoorwaySet
     faces = []
     for points, edge in zip(sides, inner, strict=True):
         face = points[np.abs(points[:, 1]) > edge + 0.02]
-        if len(face) < settings.least:
+        if len(face) < LEAST_POINTS:
             return None
         faces.append(face)
     slope = 0.0
     wall = np.concatenate(faces)
     within = np.ones(len(wall), np.bool_)
     foremost = min(float(np.percentile(face[:, 0], 20)) for face in faces)
-    within = np.abs(wall[:, 0] - foremost) < 0.05 + settings.turned * np.abs(wall[:, 1])
+    within = np.abs(wall[:, 0] - foremost) < 0.05 + WALL_TURNED * np.abs(wall[:, 1])
     for width in (0.04, 0.025):
-        if within.sum() < 2 * settings.least or min((within & (s * wall[:, 1] > 0)).sum() for s in (1, -1)) < 4:
+        if within.sum() < 2 * LEAST_POINTS or min((within & (s * wall[:, 1] > 0)).sum() for s in (1, -1)) < 4:
             return None
         slope, offset = np.polyfit(wall[within, 1], wall[within, 0], 1)
         within = np.abs(wall[:, 0] - (slope * wall[:, 1] + offset)) < width
     turn = -math.atan(slope)
-    return turn if abs(turn) < settings.turned else None
+    return turn if abs(turn) < WALL_TURNED else None
 
 
 class DoorWatch:
     """The average of a door's pose and width over scans, in odom."""
 
-    def __init__(self, odom_from_door: Pose2, width: float, settings: DoorwaySettings) -> None:
-        self._settings = settings
+    def __init__(self, odom_from_door: Pose2, width: float) -> None:
         self._mapped = width
         self._found = 0
         self.odom_from_door, self.width = odom_from_door, width
@@ -123,7 +115,7 @@ class DoorWatch:
     @property
     def sure(self) -> bool:
         """Whether the door was seen often enough to drive by it."""
-        return self._found >= self._settings.seen
+        return self._found >= SEEN_SCANS
 
     def believe(self, odom_from_door: Pose2) -> None:
         """Take the door's pose from the map; it counts until the door is seen."""
@@ -133,14 +125,14 @@ class DoorWatch:
     def see(self, points: FloatArray, odom_from_laser: Pose2) -> None:
         """Take in one scan's points (N, 2) [m] in odom; a scan from within the door counts only while it is unsure."""
         before_it = -(self.odom_from_door.inverse() @ odom_from_laser).x
-        if self.sure and before_it < self._settings.nearest:
+        if self.sure and before_it < NEAREST:
             return
-        found = find_doorway(points, self.odom_from_door, self._mapped, self._settings)
+        found = find_doorway(points, self.odom_from_door, self._mapped)
         before = self.odom_from_door
-        if found is None or (self.sure and _apart(before, found.pose) > self._settings.surprise):
+        if found is None or (self.sure and _apart(before, found.pose) > OUTLIER):
             return
         self._found += 1
-        share = 1.0 / min(self._found, self._settings.memory)
+        share = 1.0 / min(self._found, AVERAGED_SCANS)
         self.odom_from_door = interpolate(before, found.pose, share)
         self.width += share * (found.width - self.width)
 

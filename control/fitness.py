@@ -27,6 +27,16 @@ _CONTACTS = ("seated", "charging", "battery")
 REACTIONS = ("slow", "stop")
 """Possible reactions of a drive to a sensor that it can do without falling silent."""
 
+SLOW_SPEED = 0.3
+"""m/s; speed of a drive that is slow for want of a sensor, of a certain pose or of level ground."""
+
+SLOW_TILT, MOST_TILT, TILTED_S = 0.09, 0.14, 0.2
+"""rad, rad, s; a tilt beyond the first, a little steeper than a ramp of 1:12, slows a drive. Beyond the second, 8 degrees,
+chairs begin to slide or tip: after the third, so that no sill counts, it ends a drive."""
+
+POSE_JUMP = 0.5
+"""m; a localised pose that jumps farther was wrong before."""
+
 Sensed: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | ChairStatus
 
 
@@ -39,11 +49,6 @@ class FitnessSettings(Settings):
     least_battery: float = setting(0.15, "", "with less charge no new drive begins", low=0.0, high=1.0)
     imu_silent: str = setting("slow", "", "an IMU falls silent during a drive: slow or stop")
     depth_silent: str = setting("slow", "", "a depth camera falls silent, drop-offs are unseen: slow or stop")
-    slow_speed: float = setting(0.3, "m/s", "speed of a drive that is slow", low=0.05, high=1.0)
-    slow_tilt: float = setting(0.09, "rad", "steeper than a ramp of 1:12 by a little: slow", low=0.02, high=0.5)
-    most_tilt: float = setting(0.14, "rad", "8 degrees, where chairs begin to slide or tip: stop", low=0.03, high=0.6)
-    tilted_s: float = setting(0.2, "s", "for so long, so that no sill counts", low=0.0, high=2.0)
-    most_jump: float = setting(0.5, "m", "a pose that moves by more at once was wrong", low=0.05, high=5.0)
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -88,7 +93,7 @@ class Fitness:
         elif isinstance(message, ImuSample):
             tilt = self._tilt.update(message, twist)
             lean = math.acos(min(1.0, max(-1.0, math.cos(tilt.roll) * math.cos(tilt.pitch))))
-            if lean <= self._settings.most_tilt:
+            if lean <= MOST_TILT:
                 self._tilted_since_ns = None
             elif self._tilted_since_ns is None:
                 self._tilted_since_ns = message.stamp_ns
@@ -114,10 +119,9 @@ class Fitness:
 
     def speed_limit(self, now_ns: int) -> float:
         """Return the highest speed [m/s] of a drive that may go on; +inf when all is well."""
-        s = self._settings
         missed = self._is_missed(ImuSample, now_ns) or self._is_missed(RgbdFrame, now_ns)
         doubtful = self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
-        return s.slow_speed if missed or doubtful or self._lean > s.slow_tilt else math.inf
+        return SLOW_SPEED if missed or doubtful or self._lean > SLOW_TILT else math.inf
 
     def _is_missed(self, sensor: type[ImuSample | RgbdFrame], now_ns: int) -> bool:
         """Return whether a sensor that the chair can do without was heard before and has fallen silent."""
@@ -157,12 +161,12 @@ class Fitness:
         """Return the halts of F15: a lost or jumping pose."""
         if self._localisation is not None and self._localisation.lost:
             return (halt("lost"),)
-        if self._jump_m > self._settings.most_jump:
+        if self._jump_m > POSE_JUMP:
             return (halt("pose_jump", f"{self._jump_m:.1f} m away"),)
         return ()
 
     def _steep(self, now_ns: int) -> tuple[Halt, ...]:
         """Return the halts of F23: tilt."""
-        if self._tilted_since_ns is None or now_ns - self._tilted_since_ns < self._settings.tilted_s * 1e9:
+        if self._tilted_since_ns is None or now_ns - self._tilted_since_ns < TILTED_S * 1e9:
             return ()
         return (halt("tilt", f"{math.degrees(self._lean):.0f} degrees"),)

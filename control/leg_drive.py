@@ -9,15 +9,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from waychair.calibration.chair import BodyLayer, ChairBody
-from waychair.config import Settings, setting
-from waychair.control.door_drive import DoorDrive, DoorDriveSettings
-from waychair.control.tracking import TrackingSettings, on_line, track
+from waychair.control.door_drive import DoorDrive
+from waychair.control.tracking import TRACKING_SPEED, on_line, track
 from waychair.geometry import compose, transform_points
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult, choose
 from waychair.planning.fine_field import fine_field
-from waychair.planning.legs import Door, Leg, Manner, whole
-from waychair.planning.motion import DwaSettings, Motion, slowing_speed
+from waychair.planning.legs import DoorPassage, DrivingManner, PathLeg, joined_legs
+from waychair.planning.motion import CommandedMotion, DwaSettings, slowing_speed
 from waychair.planning.openings import openings
 from waychair.planning.tracks import Track
 from waychair.types import FloatArray, IntArray, OccupancyGrid, Path, Pose2, Twist
@@ -30,24 +29,12 @@ _TURN_AS_WAY = 0.5
 """m/rad; distance that a turn counts for where progress is judged."""
 
 
-@dataclass(frozen=True, slots=True)
-class LegDriveSettings(Settings):
-    """Settings of the three manners of driving a leg."""
+WALL_WITHIN = 0.06
+"""m; on exact legs and in doors a scan's point so near to a mapped wall belongs to that wall."""
 
-    known_within: float = setting(
-        0.06, "m", "where it is tight, a point this near to a wall of the map is that wall", low=0.0, high=0.5
-    )
-    widest_opening: float = setting(
-        1.8,
-        "m",
-        "with sonars: in gaps of the map up to this there may be glass, which they hear late",
-        low=0.0,
-        high=5.0,
-    )
-    opening_speed: float = setting(0.4, "m/s", "with sonars: highest speed into such a gap", low=0.1, high=3.0)
-    opening_room: float = setting(0.8, "m", "with sonars: the front is as slow so far before it", low=0.0, high=5.0)
-    door: DoorDriveSettings = field(default_factory=DoorDriveSettings)
-    tracking: TrackingSettings = field(default_factory=TrackingSettings)
+WIDEST_OPENING, OPENING_SPEED, OPENING_SLOW_M = 1.8, 0.4, 0.8
+"""m, m/s, m; with sonars: gaps of the map up to the first may hold glass, which sonars detect late, so the chair's front
+passes them at the second speed, from the third distance on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,7 +52,7 @@ class View:
     odom_from_map: Pose2
     seen: FloatArray | None
     unscanned: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    motion: Motion | None = None
+    motion: CommandedMotion | None = None
     tracks: tuple[Track, ...] = ()
     has_sonars: bool = False
     layered: tuple[tuple[BodyLayer, FloatArray], ...] = ()
@@ -74,14 +61,14 @@ class View:
 class LegDrive:
     """The drive along one leg, with its state from tick to tick."""
 
-    def __init__(self, legs: Sequence[Leg], grid: OccupancyGrid, body: ChairBody, settings: LegDriveSettings) -> None:
+    def __init__(self, legs: Sequence[PathLeg], grid: OccupancyGrid, body: ChairBody) -> None:
         """Drive the first of the legs; the next one tells how it ends."""
         self.leg = legs[0]
         # the dynamic window must see the path go on, or it would brake at the leg's end
-        self._poses = whole(tuple(legs[:2])).poses if self.leg.flows else self.leg.path.poses
-        self._into_exact = self.leg.flows and len(legs) > 1 and legs[1].manner is not Manner.FREE
+        self._poses = joined_legs(tuple(legs[:2])).poses if self.leg.flows else self.leg.path.poses
+        self._into_exact = self.leg.flows and len(legs) > 1 and legs[1].manner is not DrivingManner.FREE
         self.in_position = False
-        self._grid, self._body, self._settings = grid, body, settings
+        self._grid, self._body = grid, body
         self._door: DoorDrive | None = None
         self._openings: FloatArray | None = None
         self._near: DistanceField | None = None  # in map
@@ -93,7 +80,7 @@ class LegDrive:
         return self._door is not None and self._door.entered
 
     @property
-    def refused_door(self) -> Door | None:
+    def refused_door(self) -> DoorPassage | None:
         """The leg's door if the chair gave up entering it as a door."""
         return self.leg.door if self._door is not None and self._door.refused else None
 
@@ -111,7 +98,7 @@ class LegDrive:
         """Return the next command; `arrived` when the leg is done and the chair stands."""
         if view.seen is not None:
             self._points = view.seen
-        if self.leg.manner is Manner.FREE:
+        if self.leg.manner is DrivingManner.FREE:
             path = Path(compose(view.odom_from_map.array(), self._poses))
             choice = choose(
                 view.pose,
@@ -127,7 +114,7 @@ class LegDrive:
             )
             if self.leg.flows and self._passes(view):
                 choice = replace(choice, arrived=True)
-        elif self.leg.manner is Manner.EXACT:
+        elif self.leg.manner is DrivingManner.EXACT:
             poses = self.leg.poses_in(view.odom_from_map)
             choice = track(
                 view.pose,
@@ -137,9 +124,8 @@ class LegDrive:
                 self._near_field(view, None),
                 self._body,
                 limits,
-                self._settings.tracking,
-                self.in_position,
-                view.motion,
+                in_position=self.in_position,
+                motion=view.motion,
             )
         else:
             choice = self._through_door(view, limits)
@@ -154,11 +140,9 @@ class LegDrive:
         left -= abs(view.command.v) * limits.reaction_time
         fastest = [math.inf]
         if self._into_exact:
-            fastest.append(slowing_speed(left - _HAND_OVER, self._settings.tracking.max_speed, limits))
+            fastest.append(slowing_speed(left - _HAND_OVER, TRACKING_SPEED, limits))
         if view.has_sonars:
-            fastest += [
-                slowing_speed(way, self._settings.opening_speed, limits) for way in self._ways_to_openings(left)
-            ]
+            fastest += [slowing_speed(way, OPENING_SPEED, limits) for way in self._ways_to_openings(left)]
         return min(fastest)
 
     def _ways_to_openings(self, left: float) -> list[float]:
@@ -167,9 +151,9 @@ class LegDrive:
         A slow zone ends once the chair's front is through.
         """
         if self._openings is None:
-            self._openings = self._before_end(openings(self._grid, self.leg.path.poses, self._settings.widest_opening))
+            self._openings = self._before_end(openings(self._grid, self.leg.path.poses, WIDEST_OPENING))
         front = left - self._body.front
-        return [front - each - self._settings.opening_room for each in self._openings.tolist() if front > each]
+        return [front - each - OPENING_SLOW_M for each in self._openings.tolist() if front > each]
 
     def _before_end(self, indices: IntArray) -> FloatArray:
         """Return the distances (K,) [m] from some of the leg's poses to its end."""
@@ -185,7 +169,7 @@ class LegDrive:
 
     def _through_door(self, view: View, limits: DwaSettings) -> DwaResult:
         if self._door is None:
-            self._door = DoorDrive(self.leg, view.odom_from_map, self._body, self._settings.door)
+            self._door = DoorDrive(self.leg, view.odom_from_map, self._body)
         door = self._door
         door.believe(view.odom_from_map)
         if view.seen is not None:
@@ -205,7 +189,6 @@ class LegDrive:
             points = view.unscanned if self._points is None else np.concatenate([self._points, view.unscanned])
             points = transform_points(map_from_odom, points)
             reach = self._body.circumscribed_radius + 0.5
-            known = self._settings.known_within
             layered = [(layer, transform_points(map_from_odom, seen)) for layer, seen in view.layered]
-            self._near = fine_field(self._grid, map_from_odom @ view.pose, reach, points, opening, known, layered)
+            self._near = fine_field(self._grid, map_from_odom @ view.pose, reach, points, opening, WALL_WITHIN, layered)
         return self._near.seen_from(view.odom_from_map)

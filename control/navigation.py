@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass, field
 
 from waychair.planning.dwa import DwaResult
-from waychair.planning.legs import Leg
+from waychair.planning.legs import PathLeg
 from waychair.types import Path, Twist
 
 
@@ -38,7 +38,7 @@ class Navigation:
     path: Path | None = None
     plans: int = 0
     choice: DwaResult | None = None
-    leg: Leg | None = None
+    leg: PathLeg | None = None
     goals: int = 0
 
     @property

@@ -32,11 +32,11 @@ from waychair.planning.dwa import DwaResult
 from waychair.planning.fine_field import fine_field
 from waychair.planning.forecast import arrival
 from waychair.planning.global_planner import SPACING, GlobalPlanner, check_goal
-from waychair.planning.legs import Leg, Manner
-from waychair.planning.motion import Motion, braking, crawling, motion_after, stopping
-from waychair.planning.slices import Slices
+from waychair.planning.legs import DrivingManner, PathLeg
+from waychair.planning.motion import CommandedMotion, braking, crawling, motion_after, stopping
+from waychair.planning.slices import Resumable
 from waychair.planning.warm_up import warm_up
-from waychair.planning.way_out import BY_HAND, why_cramped
+from waychair.planning.way_out import BY_HAND, reason_for_cramped
 from waychair.types import (
     BoolArray,
     FloatArray,
@@ -77,7 +77,7 @@ _RESTED_TICKS, _AT_REST = 8, 1e-3
 _UNKNOWN_POSE = "the chair does not know where it is; drive it by joystick to a place that it knows"
 
 _SLICES_STANDING = 3
-"""Slices of planning done in one tick while the chair stands because it has no path."""
+"""Resumable of planning done in one tick while the chair stands because it has no path."""
 
 
 class Navigator:
@@ -102,11 +102,10 @@ class Navigator:
             body,
             self.settings.tracks.model,
             self.settings.personal_space,
-            self.settings.recovery,
             self.settings.dwa.clearance,
         )
         self._among_people = self._planned_among_people = False
-        self._motion, self._before = Motion(), Twist()
+        self._motion, self._before = CommandedMotion(), Twist()
         self._local: DistanceField | None = None
         self._command = Twist()
         self._stage, self._reason = Stage.IDLE, "no goal"
@@ -114,11 +113,11 @@ class Navigator:
         self._planner: GlobalPlanner | None = None
         self._dwa = self.settings.dwa
         self._path: Path | None = None
-        self._legs: list[Leg] = []
+        self._legs: list[PathLeg] = []
         self._leg: LegDrive | None = None
         self._no_path_reason = ""
         self._planned_ns: int | None = None
-        self._planning: Slices[None] | None = None
+        self._planning: Resumable[None] | None = None
         self._planned_round: FloatArray = np.empty((0, 2))
         self._stops_to_plan = self._stands_to_plan = False
         self._here, self._map_from_odom = Pose2(), Pose2()
@@ -165,7 +164,7 @@ class Navigator:
 
     def is_mapped(self, points: FloatArray, within: float) -> BoolArray:
         """Return a mask (N,) of points (N, 2) [m] in map that lie within `within` [m] of an obstacle of the map."""
-        return self._drawn.shows(points, within)
+        return self._drawn.is_mapped(points, within)
 
     @property
     def people(self) -> FloatArray:
@@ -200,7 +199,7 @@ class Navigator:
 
     def at_rest(self) -> None:
         """Start the next command from standstill, because the lines were released."""
-        self._command, self._motion = Twist(), Motion()
+        self._command, self._motion = Twist(), CommandedMotion()
 
     def hear(self, readings: SonarReadings, pose: Pose2) -> None:
         """Take in the sonars' readings at map_from_base."""
@@ -333,7 +332,7 @@ class Navigator:
     def _why_given_up(self) -> str:
         body, here = self._body, self._here
         field = fine_field(self._drawn.grid, here, body.circumscribed_radius + 0.3, self._surroundings.stationary()[0])
-        if (why := why_cramped(field, body, here)) is not None:
+        if (why := reason_for_cramped(field, body, here)) is not None:
             return f"{why}: {BY_HAND}"
         tries = self.settings.recovery.tries
         return f"no way through after {tries} tries: clear the way or choose another goal"
@@ -346,7 +345,7 @@ class Navigator:
         if (
             choice.arrived
             and self._leg is not None
-            and self._leg.leg.manner is not Manner.FREE
+            and self._leg.leg.manner is not DrivingManner.FREE
             and is_missed(self._goals[0], self._here)
         ):
             self._planned_ns, choice = None, replace(choice, arrived=False)
@@ -428,7 +427,7 @@ class Navigator:
             self._planned_ns, self._planning = now_ns, self._planned(now_ns, may_stay)
         drives = self._path is not None and not self._stands_to_plan
         for done, _ in enumerate(self._planning, 1):
-            if self._planner is None or not self._planner.holds_anywhere:
+            if self._planner is None or not self._planner.valid_from_anywhere:
                 self._stops_to_plan = self._rested < _RESTED_TICKS
                 return False
             if drives or done == _SLICES_STANDING:
@@ -436,7 +435,7 @@ class Navigator:
         self._planning, self._stands_to_plan = None, False
         return True
 
-    def _planned(self, now_ns: int, may_stay: bool) -> Slices[None]:
+    def _planned(self, now_ns: int, may_stay: bool) -> Resumable[None]:
         """Plan a new path over the map and the present obstacles, in slices; while there is none, the chair waits.
 
         If a potential field is not found in time, the old path is kept. Among people the old path is also kept if it
@@ -453,7 +452,7 @@ class Navigator:
             if self._plans == 0:  # refuse a goal that the map alone rules out, instead of waiting
                 costmap = self._drawn.costmap()
                 check_goal(costmap, self._body, self._planner.goal)
-                path = yield from self._planner.replan_in_slices(costmap, self._pose, go_on=self._until(now_ns))
+                path = yield from self._planner.replan_resumably(costmap, self._pose, has_time=self._until(now_ns))
         except WaychairError as error:
             self.cancel(str(error))
             return
@@ -472,7 +471,7 @@ class Navigator:
             self.recovery.note_motion()
         legs = list(self._planner.legs)
         leg = LegDrive(legs, self._drawn.grid, self._body)
-        if self._leg is not None and len(legs) == len(self._legs) == 1 and legs[0].manner is Manner.FREE:
+        if self._leg is not None and len(legs) == len(self._legs) == 1 and legs[0].manner is DrivingManner.FREE:
             leg.in_position = self._leg.in_position
         self._path, self._legs, self._leg, self._plans = path, legs, leg, self._plans + 1
 
@@ -498,7 +497,7 @@ class Navigator:
 
     def _path_round_obstacles(
         self, now_ns: int, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]
-    ) -> Slices[Path]:
+    ) -> Resumable[Path]:
         """Plan a path round the present obstacles; obstacles at a goal that is still far may be gone by then."""
         assert self._planner is not None
         goal = self._planner.goal
@@ -512,11 +511,11 @@ class Navigator:
         upright = upright[np.hypot(*(upright - (goal.x, goal.y)).T) > room]
         return (yield from self._path_over(now_ns, self._drawn.costmap(upright, layered)))
 
-    def _path_over(self, now_ns: int, costmap: Costmap) -> Slices[Path]:
+    def _path_over(self, now_ns: int, costmap: Costmap) -> Resumable[Path]:
         """Plan a path over a costmap among walking people."""
         assert self._planner is not None
         people, cruise = self._people.expected_people(self._map_from_odom), self.settings.dwa.max_speed
-        return self._planner.replan_among(costmap, self._pose, people, cruise, self._among_people, self._until(now_ns))
+        return self._planner.replan_among_people(costmap, self._pose, people, cruise, self._among_people, self._until(now_ns))
 
     def _pose(self) -> Pose2:
         """Return the chair's pose now, in map."""

@@ -18,17 +18,12 @@ import numpy as np
 from waychair.calibration.chair import ChairBody
 from waychair.config import Settings, setting
 from waychair.maps.distance_field import DistanceField
+from waychair.planning.clearance import BACKING_OUT, BACKING_OUT_NOISE
 from waychair.planning.dwa import DwaResult
 from waychair.planning.escape import back_up, kept_footprint
 from waychair.planning.footprint import Footprint
 from waychair.planning.motion import DwaSettings
 from waychair.types import Pose2, Twist
-
-_UNSURE = 0.005
-"""m; an approach to an obstacle by less than this may be noise of the pose."""
-
-_ENOUGH = 0.02
-"""m; while backing out, a clearance of more than this may shrink: the chair moves, and its pose is noisy."""
 
 _LEAP = 0.3
 """m; a larger step from one tick to the next is a jump of the odometry."""
@@ -40,24 +35,39 @@ _SAME_PLACE = 0.1
 """m; a try within this distance of the last one keeps the last one's clearance."""
 
 
+PROGRESS_M, PROGRESS_RAD = 0.1, 0.1
+"""m, rad; a smaller approach to the goal, or a smaller turn at it, is no progress."""
+
+TURNING_TIME_S = 5.0
+"""s; a chair that turns without progress for so long backs out."""
+
+BACKING_LENGTH = 0.4
+"""m; distance of the first backing; each further try goes farther."""
+
+BLOCKED_S = 1.0
+"""s; a backing that is blocked for so long is given up."""
+
+TRIES_RESET = 1.0
+"""m; the tries count anew once the chair is nearer to the goal by this than at its last try."""
+
+
 @dataclass(frozen=True, slots=True)
 class RecoverySettings(Settings):
-    """Waiting times, the distance of backing out, and the number of tries."""
+    """Waiting times before backing out and giving up, and the number of tries."""
 
     wait: float = setting(
-        2.0, "s", "standing still this long before backing out, longer at each try", low=0.1, high=600
+        2.0, "s", "standstill before the chair backs out, longer at each try; longer: more patience", low=0.1, high=600
     )
-    progress_time: float = setting(8.0, "s", "coming no nearer this long: back out and try again", low=1.0, high=600.0)
-    progress: float = setting(0.1, "m", "nearer by this much is progress", low=0.01, high=5.0)
-    turning_time: float = setting(5.0, "s", "turning no farther this long: back out and try again", low=1.0, high=600.0)
-    turning: float = setting(0.1, "rad", "turned by this much is progress", low=0.01, high=3.0)
-    way: float = setting(0.4, "m", "how far to back out at first, farther at each try", low=0.05, high=5.0)
-    held_up: float = setting(1.0, "s", "backing out is given up when it is impossible this long", low=0.0, high=60.0)
-    tries: int = setting(6, "", "giving up after so many", low=0, high=100)
-    past: float = setting(1.0, "m", "nearer by this much than when it tried last: tries count anew", low=0.1, high=50.0)
-    patience: float = setting(20.0, "s", "standing still this long before giving up", low=1.0, high=3600.0)
-    patience_with_people: float = setting(60.0, "s", "as above, among people who walk", low=1.0, high=3600.0)
-    about: float = setting(1.0, "m", "who walks this near to the chair is waited for", low=0.0, high=10.0)
+    progress_time: float = setting(
+        8.0, "s", "time without progress before the chair backs out; longer: more patience", low=1.0, high=600.0
+    )
+    tries: int = setting(6, "", "backings before the chair gives up; more: it tries longer", low=0, high=100)
+    patience: float = setting(
+        20.0, "s", "standstill before the chair gives up its goal; longer: more patience", low=1.0, high=3600.0
+    )
+    patience_with_people: float = setting(
+        60.0, "s", "standstill among walking people before the chair gives up its goal", low=1.0, high=3600.0
+    )
 
 
 class Recovery:
@@ -132,7 +142,7 @@ class Recovery:
         """
         if waits:
             self._backing, self._nearest, self._turned = None, None, None
-        if remaining is not None and self._tried_at is not None and remaining < self._tried_at - self._settings.past:
+        if remaining is not None and self._tried_at is not None and remaining < self._tried_at - TRIES_RESET:
             self.tries, self._tried_at = 0, None
         if self._backing is None:
             self._remember(pose)
@@ -149,13 +159,13 @@ class Recovery:
         shape = self._shape(pose, near, body, settings.clearance)
         s = self._settings
         times = min(self.tries, _FARTHEST)
-        way, longest_s = times * s.way, times * s.progress_time
+        way, longest_s = times * BACKING_LENGTH, times * s.progress_time
         choice = back_up(pose, command, trail, near, shape, settings, way + 0.1)
         backed = math.hypot(pose.x - origin.x, pose.y - origin.y)
         lasted = (now_ns - since) * 1e-9
         self._blocked_since = (self._blocked_since or now_ns) if choice.blocked else None
         held_up = 0.0 if self._blocked_since is None else (now_ns - self._blocked_since) * 1e-9
-        if backed < way and lasted < longest_s and held_up < s.held_up:
+        if backed < way and lasted < longest_s and held_up < BLOCKED_S:
             return choice
         self._backing, self._nearest, self._turned = None, None, None
         return None
@@ -166,7 +176,7 @@ class Recovery:
         if math.hypot(before.x - pose.x, before.y - pose.y) > _SAME_PLACE:
             kept = -math.inf
         shape, left = kept_footprint(pose, near, body, margin, kept)
-        self._kept_clearance = pose, kept if left is None else max(kept, min(left, _ENOUGH) - _UNSURE)
+        self._kept_clearance = pose, kept if left is None else max(kept, min(left, BACKING_OUT) - BACKING_OUT_NOISE)
         return shape
 
     def _stuck(self, now_ns: int, pose: Pose2, remaining: float | None) -> bool:
@@ -177,11 +187,11 @@ class Recovery:
             self._nearest = None
             since_ns, there = self._turned or (now_ns, pose)
             off = there.inverse() @ pose
-            moved = abs(off.theta) > s.turning or math.hypot(off.x, off.y) > s.progress
+            moved = abs(off.theta) > PROGRESS_RAD or math.hypot(off.x, off.y) > PROGRESS_M
             self._turned = (now_ns, pose) if moved else (since_ns, there)
-            return (now_ns - self._turned[0]) * 1e-9 >= s.turning_time
+            return (now_ns - self._turned[0]) * 1e-9 >= TURNING_TIME_S
         self._turned = None
-        if self._nearest is None or remaining < self._nearest[1] - s.progress:
+        if self._nearest is None or remaining < self._nearest[1] - PROGRESS_M:
             self._nearest = (now_ns, remaining)
         return (now_ns - self._nearest[0]) * 1e-9 >= s.progress_time
 

@@ -20,11 +20,11 @@ class SteeringSettings(Settings):
     speed: float = setting(0.6, "m/s", "of a page's joystick pushed forward: a slow walk", low=0.05, high=1.0)
     reverse: float = setting(0.3, "m/s", "of one pulled back", low=0.05, high=1.0)
     turn: float = setting(0.6, "rad/s", "of one pushed aside", low=0.05, high=2.0)
-    told_s: float = setting(0.3, "s", "without word for so long it was let go", low=0.05, high=1.0)
-    stays_s: float = setting(
-        10.0, "s", "so long the chair is held at rest, so that the next push acts at once", low=0.0, high=60.0
-    )
 
+
+RELEASED_S, HELD_AT_REST_S = 0.3, 10.0
+"""s; a joystick silent for so long was released; then the chair is held at rest for so long, so that the next push acts at
+once."""
 
 _FORGOTTEN_NS = 2_000_000_000
 """ns; an interrupted push goes on over shorter silences: the network was slow, and nobody released the joystick."""
@@ -56,13 +56,13 @@ class Steering:
         ahead = s.speed if forward > 0.0 else s.reverse
         self._asked = Twist(ahead * min(1.0, max(-1.0, forward)), s.turn * min(1.0, max(-1.0, turn)))
         if not self._blocked:
-            self._holds_until_ns = now_ns + round((s.told_s + s.stays_s) * 1e9)
+            self._holds_until_ns = now_ns + round((RELEASED_S + HELD_AT_REST_S) * 1e9)
         return not (was_held or self._blocked)
 
     def let_go(self, now_ns: int) -> None:
         """Release the joystick: the chair comes to rest, and is held there for a while."""
         if self.is_held(now_ns) and not self._blocked:
-            self._holds_until_ns = now_ns + round(self._settings.stays_s * 1e9)
+            self._holds_until_ns = now_ns + round(HELD_AT_REST_S * 1e9)
         self._heard_ns, self._blocked = None, False
 
     def end(self) -> None:
@@ -71,7 +71,7 @@ class Steering:
 
     def is_held(self, now_ns: int) -> bool:
         """Return whether somebody holds the joystick, by its latest news."""
-        return self._heard_ns is not None and now_ns - self._heard_ns <= self._settings.told_s * 1e9
+        return self._heard_ns is not None and now_ns - self._heard_ns <= RELEASED_S * 1e9
 
     def counts(self, now_ns: int) -> bool:
         """Return whether the page has the lines, to move the chair or to hold it at rest."""

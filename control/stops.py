@@ -138,7 +138,7 @@ _ROWS: tuple[StopReason, ...] = (
     StopReason(
         "navigator_silent",
         "the navigator does not answer",
-        "wait until it is back, then ask for the goal again",
+        "wait until it is back, then request the goal again",
         _ENDS,
         _RELEASE,
     ),

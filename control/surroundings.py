@@ -14,6 +14,7 @@ from waychair.maps.depth_scan import levelled_mount
 from waychair.maps.distance_field import DistanceField, window_distances
 from waychair.maps.grid import cells_from_points, cells_under, occupied
 from waychair.maps.ground import ground_view
+from waychair.planning.clearance import DROP_OFF
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.obstacle_layer import (
     DROP_CELL,
@@ -28,44 +29,47 @@ from waychair.planning.obstacle_layer import (
     sight_of_missing_ground,
     sights_from_sonar,
     updated,
-    widened,
+    with_circles,
     without,
 )
+from waychair.planning.personal_space import PERSON_POINTS
 from waychair.types import BoolArray, Float32Array, FloatArray, OccupancyGrid, Pose2, RgbdFrame, SonarReadings
 
 _MOVED, _MUCH = 0.1, 0.2
 """m: a point without another so near has moved; share of the obstacles: if more have moved, a plan is obsolete."""
 
 
+WINDOW_REACH, WINDOW_CELL = 4.0, 0.025
+"""m; half side of the local window and the side of its cells; a map's cells are split or joined to about that."""
+
+WALL_WITHIN = 0.15
+"""m; a lidar point so near to a mapped wall belongs to that wall."""
+
+WALL_WITHIN_OTHERS, WALL_WITHIN_SHARE = 0.08, 0.03
+"""m, share; the same for points of camera and sonars, whose obstacles no other sensor sees. Depth errors grow with the
+distance, so this share of it counts up to `WALL_WITHIN`."""
+
+BEAM_HALF_ANGLE = math.radians(0.25)
+"""rad; half the angle between two beams of the lidar."""
+
+FLOOR_HEIGHT = 0.06
+"""m; the camera's points below this are floor."""
+
+
 @dataclass(frozen=True, slots=True)
 class SurroundingsSettings(Settings):
-    """The local planner's window, and the rules by which sensor points become obstacles."""
+    """The sonars' range and cone."""
 
-    reach: float = setting(4.0, "m", "half side of the window", low=2.0, high=20.0)
-    resolution: float = setting(
-        0.025, "m", "cells of the window, about: a map's are split or joined", low=0.01, high=0.1
+    sonar_range: float = setting(
+        4.0, "m", "range of the sonars; echoes from farther away are no obstacles", low=0.1, high=20.0
     )
-    known_within: float = setting(
-        0.15,
-        "m",
-        "what the lidar sees this near to a wall of the map is that wall, and is where it is seen",
-        low=0.0,
-        high=1.0,
+    sonar_half_cone: float = setting(
+        math.radians(15.0),
+        "rad",
+        "angle from a sonar's axis to its cone's edge; larger: wider obstacles",
+        low=0.01,
+        high=1.5,
     )
-    told_within: float = setting(
-        0.08, "m", "as above for camera and sonars: what stands out farther is told by nothing else", low=0.0, high=1.0
-    )
-    told_share: float = setting(
-        0.03, "", "... or, up to known_within, this part of its distance: depth errors grow with it", low=0.0, high=0.2
-    )
-    beam: float = setting(
-        math.radians(0.25), "rad", "half the angle between two beams of the lidar", low=1e-4, high=0.1
-    )
-    floor: float = setting(0.06, "m", "what the camera sees lower than this is floor", low=0.0, high=0.5)
-    sonar_range: float = setting(4.0, "m", "farthest echo of the sonars", low=0.1, high=20.0)
-    sonar_half_cone: float = setting(math.radians(15.0), "rad", "from a sonar's axis to its edge", low=0.01, high=1.5)
-    walker: float = setting(0.5, "m", "a point this near to the middle of who walks is of them", low=0.0, high=2.0)
-    drop_margin: float = setting(0.15, "m", "kept free round where the floor ends", low=0.0, high=0.5)
 
 
 class Surroundings:
@@ -94,10 +98,8 @@ class Surroundings:
         laser = pose @ self._body.base_from_laser
         ends = points if beyond is None else np.concatenate([points, beyond])
         hits = np.arange(len(ends)) < len(points)
-        sight = sight_from_points(now_ns, np.array([laser.x, laser.y]), ends, hits, self._settings.beam)
-        self._lidar = self._without_walls(
-            updated(self._lidar, sight), self._settings.known_within
-        )
+        sight = sight_from_points(now_ns, np.array([laser.x, laser.y]), ends, hits, BEAM_HALF_ANGLE)
+        self._lidar = self._without_walls(updated(self._lidar, sight), WALL_WITHIN)
 
     def hear(self, readings: SonarReadings, pose: Pose2) -> None:
         """Take in the sonars' readings from map_from_base; they detect glass, which the lidar does not see.
@@ -118,19 +120,19 @@ class Surroundings:
         The image is levelled by the chair's lean (3, 3), if that is known. A drop-off is remembered when it is so near
         that the camera looks over it.
         """
-        s, body = self._settings, self._body
+        body = self._body
         mount = (
             body.base_from_camera if level_from_base is None else levelled_mount(body.base_from_camera, level_from_base)
         )
         view = ground_view(frame, mount, body.front)
         for layer, seen in self._depth.items():
-            sight = sight_from_depth(view, pose, layer, s.floor)
+            sight = sight_from_depth(view, pose, layer, FLOOR_HEIGHT)
             self._depth[layer] = self._without_near_walls(updated(seen, sight), sight.origin)
         self._drop_offs = updated(self._drop_offs, sight_of_drops(view, pose), DROP_CELL, DROP_FORGOTTEN_AFTER_S)
-        self._drop_off_zone = widened(self._drop_offs.points, s.drop_margin)
+        self._drop_off_zone = with_circles(self._drop_offs.points, DROP_OFF)
         missing = updated(self._missing, sight_of_missing_ground(view, pose), DROP_CELL)
         self._missing = self._without_walls(
-            missing, s.known_within
+            missing, WALL_WITHIN
         )  # depth of the floor at the foot of a wall is often wrong
 
     def set_personal_space(self, points: FloatArray, walkers: FloatArray | None = None) -> None:
@@ -146,9 +148,9 @@ class Surroundings:
 
         Obstacles at the heights of a narrower layer of the body have a distance field of their own.
         """
-        grid, wanted = self._drawn.grid, self._settings.resolution
+        grid, wanted = self._drawn.grid, WINDOW_CELL
         finer, coarser = max(1, round(grid.resolution / wanted)), max(1, math.floor(wanted / grid.resolution + 1e-9))
-        size = coarser * math.ceil(2 * self._settings.reach / (coarser * grid.resolution))
+        size = coarser * math.ceil(2 * WINDOW_REACH / (coarser * grid.resolution))
         row, col = (cells_from_points(grid, np.array([[pose.x, pose.y]]))[0] - size // 2).tolist()
         row, col = row - row % coarser, col - col % coarser  # the grouping of map cells must not depend on the pose
         solid = np.zeros((size, size), np.bool_)
@@ -188,7 +190,7 @@ class Surroundings:
     def _without_walkers(self, points: FloatArray) -> FloatArray:
         """Return the points (N, 2) [m] that do not belong to a walking person."""
         gaps = np.hypot(*(points[:, None] - self._walkers[None]).transpose(2, 0, 1))
-        others: FloatArray = points[gaps.min(axis=1, initial=math.inf) > self._settings.walker]
+        others: FloatArray = points[gaps.min(axis=1, initial=math.inf) > PERSON_POINTS]
         return others
 
     def unscanned(self) -> FloatArray:
@@ -206,7 +208,7 @@ class Surroundings:
 
     def unmapped(self, points: FloatArray) -> FloatArray:
         """Return the points (N, 2) [m] in map that the map does not explain."""
-        return points[~self._drawn.explains(points, self._settings.known_within)]
+        return points[~self._drawn.is_explained(points, WALL_WITHIN)]
 
     def layered(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
         """Return unmapped obstacles (N, 2) [m] in map at the heights of each layer of the body."""
@@ -227,7 +229,7 @@ class Surroundings:
 
     def _without_walls(self, seen: ObstacleLayer, within: float | FloatArray) -> ObstacleLayer:
         """Return the layer without points within `within` [m] of a mapped wall, which belong to that wall."""
-        return without(seen, self._drawn.explains(seen.points, within)) if len(seen.points) else seen
+        return without(seen, self._drawn.is_explained(seen.points, within)) if len(seen.points) else seen
 
     def _without_near_walls(self, seen: ObstacleLayer, sensor: FloatArray) -> ObstacleLayer:
         """Return `_without_walls` for a sensor at (2,) [m] in map whose obstacles no other sensor sees: a shelf, a low
@@ -237,13 +239,12 @@ class Surroundings:
     def _wall_tolerance(self, away: FloatArray) -> FloatArray:
         """Return the distances (N,) [m] from a wall within which points `away` (N,) [m] from the sensor are that
         wall."""
-        s = self._settings
-        return np.clip(s.told_share * away, s.told_within, max(s.told_within, s.known_within))
+        return np.clip(WALL_WITHIN_SHARE * away, WALL_WITHIN_OTHERS, max(WALL_WITHIN_OTHERS, WALL_WITHIN))
 
     def _is_explained(self, sight: Sight) -> bool:
         """Return whether the map or the latest scan has an obstacle on the arc of an echo."""
         arc, doubt = sight.points(), self._wall_tolerance(sight.far[sight.hits])
-        return bool(self._drawn.explains(arc, doubt).any()) or any_nearer(arc, self._scanned, float(doubt.max()))
+        return bool(self._drawn.is_explained(arc, doubt).any()) or any_nearer(arc, self._scanned, float(doubt.max()))
 
 
 def have_mostly_moved(before: FloatArray, now: FloatArray) -> bool:

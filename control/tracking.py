@@ -15,16 +15,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
 from waychair.maps.distance_field import DistanceField
+from waychair.planning.clearance import TRACKED, TRACKED_TIGHT
 from waychair.planning.dwa import DwaResult, rotate_to_heading
 from waychair.planning.footprint import along_arc, footprint, free_time, in_cells
-from waychair.planning.motion import MIN_SPEED, PERIOD, DwaSettings, Motion, braking, slowing_speed, stop_time, towards
+from waychair.planning.motion import (
+    MIN_SPEED,
+    PERIOD,
+    CommandedMotion,
+    DwaSettings,
+    braking,
+    slowing_speed,
+    stop_time,
+    towards,
+)
 from waychair.types import FloatArray, Pose2, Twist
-
-_MARGINS = (0.01, 0.0)
-"""m; clearance round the body besides the cells' own safety, wide and narrow; the line's planner kept more."""
 
 _BESIDE = 0.02
 """m; farther off a line the plan does not tell free space, and the pose is known to half a centimetre only: the wide
@@ -37,19 +43,26 @@ _STANDING = 0.01
 """m/s; the chair stands below this speed."""
 
 
-@dataclass(frozen=True, slots=True)
-class TrackingSettings(Settings):
-    """Speeds and stiffness of tracking a line, and the tolerances at its end."""
+TRACKING_SPEED, TRACKING_OMEGA = 0.25, 0.4
+"""m/s, rad/s; highest speed along a tracked line, where space is tight, and highest turn rate."""
 
-    max_speed: float = setting(0.25, "m/s", "along a line where it is tight", low=0.05, high=0.3)
-    max_omega: float = setting(0.4, "rad/s", "turning where it is tight", low=0.05, high=1.0)
-    return_length: float = setting(0.16, "m", "way over which an error dies away", low=0.05, high=2.0)
-    damping: float = setting(2.0, "", "how stiffly the heading is held meanwhile; 1: critically", low=0.3, high=10.0)
-    damping_off: float = setting(1.0, "", "the same 4 cm off the line and farther", low=0.3, high=10.0)
-    end_tolerance: float = setting(0.015, "m", "how near to its end along the line", low=0.005, high=0.1)
-    heading_tolerance: float = setting(0.02, "rad", "how exactly the chair turns at an end", low=0.005, high=0.2)
-    turn_first: float = setting(0.12, "rad", "farther off the line's heading: turn before driving", low=0.02, high=1.0)
-    turn_midway: float = setting(0.8, "rad", "farther off while driving: stop and turn", low=0.1, high=1.5)
+END_TOLERANCE, HEADING_TOLERANCE = 0.015, 0.02
+"""m, rad; tolerances at a line's end, along the line and of the heading."""
+
+TURN_FIRST, TURN_MIDWAY = 0.12, 0.8
+"""rad; a standing chair farther off the line's heading turns before it drives; a driving chair stops and turns."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingGains:
+    """The distance [m] over which an error decays, and the damping of the heading; a damping of 1 is critical.
+
+    `damping` holds on the line, `damping_off` 4 cm off it and farther.
+    """
+
+    return_length: float = 0.16
+    damping: float = 2.0
+    damping_off: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +126,9 @@ def track(
     distances: DistanceField,
     body: ChairBody,
     limits: DwaSettings,
-    settings: TrackingSettings = TrackingSettings(),
+    gains: TrackingGains = TrackingGains(),
     in_position: bool = False,
-    motion: Motion | None = None,
+    motion: CommandedMotion | None = None,
 ) -> DwaResult:
     """Return the next command on a line of poses (N, 3) [m, m, rad]; pose, poses and distances are in one frame.
 
@@ -126,15 +139,15 @@ def track(
     """
     limits = replace(
         limits,
-        max_omega=min(limits.max_omega, settings.max_omega),
-        tolerances=replace(limits.tolerances, heading=settings.heading_tolerance),
+        max_omega=min(limits.max_omega, TRACKING_OMEGA),
+        tolerances=replace(limits.tolerances, heading=HEADING_TOLERANCE),
     )
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
     at = on_line(poses, ahead, backwards) if len(poses) > 1 else OnLine(0.0, 0.0, 0.0, 0.0)
 
     def with_margin(margin: float, turn_from: float) -> DwaResult:
         kept = replace(limits, clearance=margin)
-        if in_position or at.remaining <= settings.end_tolerance:
+        if in_position or at.remaining <= END_TOLERANCE:
             turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, kept, motion)
             return replace(turned, in_position=True)
         if abs(at.heading) > turn_from:
@@ -143,40 +156,39 @@ def track(
             return replace(turned, arrived=False)
         if backwards and limits.max_reverse == 0.0:
             return _halted(ahead, command, np.zeros((0, 2)), kept)
-        wanted = _feedback(at, backwards, _until_steady(command, backwards, kept, motion), kept, settings)
+        wanted = _feedback(at, backwards, _until_steady(command, backwards, kept, motion), kept, gains)
         return _admitted(ahead, command, wanted, distances, body, kept, motion)
 
     def turning_from(heading: float) -> DwaResult:
-        wide, narrow = _MARGINS
-        result = with_margin(wide, heading)
+        result = with_margin(TRACKED, heading)
         if result.blocked and (len(poses) == 1 or abs(on_line(poses, pose, backwards).lateral) <= _BESIDE):
-            return with_margin(narrow, heading)  # the line may have been planned with a smaller margin
+            return with_margin(TRACKED_TIGHT, heading)  # the line may have been planned with a smaller margin
         return result
 
     stands = abs(command.v) < _STANDING
-    result = turning_from(settings.turn_first if stands else settings.turn_midway)
-    if stands and result.blocked and settings.turn_first < abs(at.heading) <= settings.turn_midway:
-        return turning_from(settings.turn_midway)  # if it cannot turn on the spot, it turns while driving
+    result = turning_from(TURN_FIRST if stands else TURN_MIDWAY)
+    if stands and result.blocked and TURN_FIRST < abs(at.heading) <= TURN_MIDWAY:
+        return turning_from(TURN_MIDWAY)  # if it cannot turn on the spot, it turns while driving
     return result
 
 
-def _until_steady(command: Twist, backwards: bool, limits: DwaSettings, motion: Motion | None) -> float:
+def _until_steady(command: Twist, backwards: bool, limits: DwaSettings, motion: CommandedMotion | None) -> float:
     """Return the distance [m] driven while an acceleration ends by limited jerk; 0 without one."""
     gear = -1.0 if backwards else 1.0
     faster = 0.0 if motion is None else max(gear * motion.acceleration.v, 0.0)
     return max(gear * command.v, 0.0) * faster / limits.jerk + faster**3 / (3 * limits.jerk**2)
 
 
-def _feedback(at: OnLine, backwards: bool, way: float, limits: DwaSettings, settings: TrackingSettings) -> Twist:
+def _feedback(at: OnLine, backwards: bool, way: float, limits: DwaSettings, gains: TrackingGains) -> Twist:
     """Return a speed from which the chair can stop at the end, and the turn rate back onto the line.
 
     `way` [m] is the distance driven before the chair can begin to slow down.
     """
-    fastest = min(settings.max_speed, limits.max_reverse if backwards else limits.max_speed)
+    fastest = min(TRACKING_SPEED, limits.max_reverse if backwards else limits.max_speed)
     speed = min(fastest, slowing_speed(at.remaining - way, 0.0, limits), _steering_speed(at, way, limits))
     v = math.copysign(max(speed, MIN_SPEED), -1.0 if backwards else 1.0)
-    gain = 1.0 / settings.return_length
-    damping = np.interp(abs(at.lateral), (_BESIDE, 2 * _BESIDE), (settings.damping, settings.damping_off))
+    gain = 1.0 / gains.return_length
+    damping = np.interp(abs(at.lateral), (_BESIDE, 2 * _BESIDE), (gains.damping, gains.damping_off))
     omega = v * at.curvature - v * gain**2 * at.lateral - 2.0 * float(damping) * abs(v) * gain * at.heading
     share = min(1.0, limits.max_omega / max(abs(omega), 1e-9))
     return Twist(v * max(share, min(1.0, MIN_SPEED / max(abs(v), 1e-9))), omega * share)
@@ -198,7 +210,7 @@ def _admitted(
     distances: DistanceField,
     body: ChairBody,
     limits: DwaSettings,
-    motion: Motion | None,
+    motion: CommandedMotion | None,
 ) -> DwaResult:
     """Return the first step towards the wanted twist, or half of it, from which the chair can stop; else braking.
 
@@ -224,7 +236,7 @@ def _halted(ahead: Pose2, command: Twist, candidates: FloatArray, limits: DwaSet
     return DwaResult(braking(command, limits), candidates, scores, ahead.array()[None], blocked=True)
 
 
-def _step(command: Twist, wanted: Twist, limits: DwaSettings, motion: Motion | None) -> Twist:
+def _step(command: Twist, wanted: Twist, limits: DwaSettings, motion: CommandedMotion | None) -> Twist:
     """Return the twist after one control period towards a wanted one; limited jerk along, and the line's curvature."""
     if motion is None:
         return towards(command, wanted, limits)

@@ -18,16 +18,21 @@ from waychair.config import Settings, setting
 from waychair.geometry import arcs, compose, transform_points, wrap_angles
 from waychair.types import BoolArray, FloatArray, Pose2, Scan, Twist
 
+FAR_ENOUGH = 3.0
+"""m; a chair that sees so far along its path may drive at any speed."""
+
+SEEN_SHARE = 0.95
+"""Share of the chair's width that must be seen."""
+
+BRAKING, REACTION_S = 0.6, 0.3
+"""m/s^2, s; braking and reaction time with which the chair must be able to stop within its view."""
+
 
 @dataclass(frozen=True, slots=True)
 class UnseenSettings(Settings):
     """The speed into unseen space, the required view, and the braking that it must allow."""
 
     speed: float = setting(0.15, "m/s", "of any part of the chair to where no sensor looks", low=0.01, high=0.5)
-    look: float = setting(3.0, "m", "seen so far along its way, the chair may drive at any speed", low=0.1, high=10.0)
-    share: float = setting(0.95, "", "of the chair's width that must be seen", low=0.5, high=1.0)
-    braking: float = setting(0.6, "m/s^2", "with which it must be able to stop within what is seen", low=0.1, high=3.0)
-    reaction_s: float = setting(0.3, "s", "after so long", low=0.0, high=2.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,23 +58,23 @@ def sight_share(
     share = min(1.0, settings.speed / max(fastest, 1e-9))
     if abs(twist.v) <= settings.speed:
         return share
-    way, lost = sight_along(twist, body, sectors, settings), settings.braking * settings.reaction_s
-    stopping = math.inf if way >= settings.look else math.sqrt(lost * lost + 2.0 * settings.braking * way) - lost
+    way, lost = sight_along(twist, body, sectors), BRAKING * REACTION_S
+    stopping = math.inf if way >= FAR_ENOUGH else math.sqrt(lost * lost + 2.0 * BRAKING * way) - lost
     return min(share, max(settings.speed, stopping) / abs(twist.v))
 
 
-def sight_along(twist: Twist, body: ChairBody, sectors: Sequence[Sector], settings: UnseenSettings) -> float:
-    """Return the distance [m], up to `look`, over which the leading edge's strip on a twist's arc is seen without a
+def sight_along(twist: Twist, body: ChairBody, sectors: Sequence[Sector]) -> float:
+    """Return the distance [m], up to `FAR_ENOUGH`, over which the leading edge's strip on a twist's arc is seen without a
     gap."""
-    ways = np.arange(_STEP, settings.look + _STEP / 2, _STEP)
+    ways = np.arange(_STEP, FAR_ENOUGH + _STEP / 2, _STEP)
     across = np.linspace(-body.width / 2, body.width / 2, _ACROSS)
     edge = np.full(_ACROSS, body.front if twist.v > 0.0 else -body.rear)
     gear = math.copysign(1.0, twist.v)
     poses = arcs(gear * ways, twist.omega / abs(twist.v) * ways)
     line = np.column_stack([edge, across, np.zeros(_ACROSS)])
     points = compose(poses[:, None], line)[..., :2].reshape(-1, 2)
-    seen = _seen(points, sectors).reshape(len(ways), _ACROSS).mean(axis=1) >= settings.share
-    return float(settings.look if seen.all() else ways[int(np.argmin(seen))] - _STEP)
+    seen = _seen(points, sectors).reshape(len(ways), _ACROSS).mean(axis=1) >= SEEN_SHARE
+    return float(FAR_ENOUGH if seen.all() else ways[int(np.argmin(seen))] - _STEP)
 
 
 _STEP, _ACROSS = 0.1, 7

@@ -20,11 +20,11 @@ from waychair.calibration.fitted_dac import DeadBand, FittedDac
 from waychair.calibration.stopping import permitted_speed
 from waychair.config import Settings
 from waychair.control.closed_loop import ClosedLoop
-from waychair.control.collision_monitor import MonitorSettings, is_silent, permitted_share, stale_stop
+from waychair.control.collision_monitor import SILENT_MS, MonitorSettings, is_silent, permitted_share, stale_stop
 from waychair.control.fitness import Fitness, FitnessSettings
 from waychair.control.kinematics import saturate, twist_from_wheel_speeds, wheel_speeds_from_twist
 from waychair.control.limiter import Limiter, LimiterSettings, is_possible
-from waychair.control.pushing import Pushing, PushingSettings
+from waychair.control.pushing import Pushing
 from waychair.control.speed_loop import SpeedLoopSettings
 from waychair.control.steering import Steering, SteeringSettings
 from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
@@ -73,7 +73,6 @@ class BaseSettings(Settings):
     unseen: UnseenSettings = field(default_factory=UnseenSettings)
     bridge: BridgeSettings = field(default_factory=BridgeSettings)
     steering: SteeringSettings = field(default_factory=SteeringSettings)
-    pushing: PushingSettings = field(default_factory=PushingSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,7 +123,7 @@ class DriveBase:
         self._limiter = Limiter(s.limiter)
         self._fitness = Fitness(body, s.fitness)
         self._override = Override(s.supervisor)
-        self._steering, self._pushing = Steering(s.steering), Pushing(s.pushing, s.supervisor.at_rest)
+        self._steering, self._pushing = Steering(s.steering), Pushing(s.supervisor.at_rest)
         self._motion_from_ns: int | None = None  # the confirmed drive may move from this stamp on
         self.stopped_after_push = False
         """Whether the chair came to rest in this tick after a push by hand; its pose may be wrong."""
@@ -314,7 +313,7 @@ class DriveBase:
 
     def _collect_halts(self, now_ns: int, other_halts: Iterable[Halt]) -> tuple[Halt, ...]:
         """Return all present halts, and the latched one of the last drive until it is reset."""
-        s, verdict = self.settings.monitor, self._monitor.verdict
+        verdict = self._monitor.verdict
         self._note_tick_gap(now_ns)
         if self._mode not in DRIVEN:
             self._fitness.settle()
@@ -323,8 +322,8 @@ class DriveBase:
             halts.append(halt("pushed"))
         if self._loop.fault:
             halts.append(halt_as_told("disobeys", self._loop.fault))
-        can_judge = verdict is None or now_ns - self._on_time_since_ns > s.silent_ms * 1_000_000
-        if can_judge and is_silent(verdict, now_ns, s):
+        can_judge = verdict is None or now_ns - self._on_time_since_ns > SILENT_MS * 1_000_000
+        if can_judge and is_silent(verdict, now_ns):
             halts.append(halt("monitor_silent"))
         elif verdict is not None and verdict.stop:
             halts.append(halt(verdict.stop))
@@ -363,7 +362,7 @@ class DriveBase:
         if self._gate(now_ns):  # the bridge sends zero, so there is no command to limit
             braking = Braking.RELEASE
         cap = self._speed_limit(now_ns)
-        share = 0.0 if found is None else permitted_share(asked, found, self.settings.monitor)
+        share = 0.0 if found is None else permitted_share(asked, found)
         share = min(share, sight_share(asked, self.body, self._sectors, self.settings.unseen))
         return self._limiter.step(asked, now_ns, cap, share, braking)
 
@@ -391,5 +390,5 @@ class DriveBase:
 
     def _gate(self, now_ns: int) -> str:
         """Return why the bridge may send no speed, by the age of the monitor's verdict and scan; empty if it may."""
-        stop_id = stale_stop(self._monitor.verdict, now_ns, self.settings.monitor)
+        stop_id = stale_stop(self._monitor.verdict, now_ns)
         return halt(stop_id).text if stop_id else ""

@@ -14,7 +14,7 @@ import numpy as np
 from waychair.calibration.chair import ChairBody
 from waychair.calibration.stopping import StopTable, permitted_speed
 from waychair.config import setting
-from waychair.control.collision_monitor import points_now, slim_beams
+from waychair.control.collision_monitor import MAPPED_WITHIN, points_now, slim_beams
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.supervisor import SupervisorVerdict
 from waychair.geometry import transform_points
@@ -140,10 +140,9 @@ class Pilot:
         )
 
     def _mapped_legs(self, scan: Scan, pose: Pose2, twist: Twist) -> FloatArray:
-        s = self.settings.monitor
-        slim = slim_beams(scan, np.zeros(len(scan.ranges), np.bool_), s)
+        slim = slim_beams(scan, np.zeros(len(scan.ranges), np.bool_))
         points = points_now(scan, slim, self.body, twist, scan.stamp_ns)
-        mapped: FloatArray = points[self.navigator.is_mapped(transform_points(pose, points), s.furniture)]
+        mapped: FloatArray = points[self.navigator.is_mapped(transform_points(pose, points), MAPPED_WITHIN)]
         return mapped
 
     def hear(self, readings: SonarReadings, map_from_base: Pose2) -> None:

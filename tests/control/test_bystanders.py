@@ -11,7 +11,6 @@ import pytest
 from tests.people import body, half_view, past
 from waychair.calibration.chair import CHAIR_A
 from waychair.control.bystanders import Bystanders
-from waychair.control.recovery import RecoverySettings
 from waychair.control.surroundings import Surroundings, SurroundingsSettings
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.personal_space import GIVE_WAY_S, LINGERS_AFTER_S, SETTLED_AFTER_S, PersonalSpaceSettings
@@ -33,7 +32,7 @@ class Watch:
     def __init__(self, late_ns: int = 0) -> None:
         """The scans come so late."""
         self.late_ns = late_ns
-        self.people = Bystanders(CHAIR_A, PEOPLE, SPACE, RecoverySettings(), 0.03)
+        self.people = Bystanders(CHAIR_A, PEOPLE, SPACE, 0.03)
         self.surroundings = Surroundings(HALL, CHAIR_A, SurroundingsSettings())
         self.scans = 0
 

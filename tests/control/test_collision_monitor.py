@@ -14,6 +14,9 @@ from waychair.calibration.chair import CHAIR_A, CHAIR_A_MID, CHAIR_B, ChairBody
 from waychair.calibration.self_mask import SelfMask
 from waychair.calibration.stopping import StopTable
 from waychair.control.collision_monitor import (
+    MAPPED_MS,
+    SLOWING,
+    SLOWING_ALPHA,
     Monitor,
     MonitorSettings,
     MonitorVerdict,
@@ -31,10 +34,19 @@ from waychair.control.collision_monitor import (
 from waychair.control.stops import STOPS
 from waychair.errors import ConfigError
 from waychair.geometry import arc, transform_points
+from waychair.planning.clearance import (
+    CRAWL_SPEED,
+    MONITORED_AHEAD_AT_CRAWL,
+    MONITORED_AHEAD_AT_FULL_SPEED,
+    MONITORED_AT_CRAWL,
+    MONITORED_AT_FULL_SPEED,
+)
+from waychair.planning.personal_space import GIVE_WAY_S
 from waychair.types import FloatArray, Scan, Twist
 
 MS = 1_000_000
 S = MonitorSettings()
+LEGS = S.legs
 BEAMS = 721
 VIEW = math.radians(270.0)
 
@@ -62,12 +74,12 @@ def judged(points: FloatArray, command: Twist, body: ChairBody = CHAIR_A) -> Mon
 
 def contacts(points: FloatArray, command: Twist, body: ChairBody) -> FloatArray:
     """Contact times of points of which none are legs."""
-    return contact_times(points, np.zeros(len(points), np.bool_), command, body, S)
+    return contact_times(points, np.zeros(len(points), np.bool_), command, body, LEGS)
 
 
 def driven(points: FloatArray, command: Twist, body: ChairBody, horizon: float) -> FloatArray:
     """When each point is inside the zone, by driving the arc in steps of 2 ms."""
-    beside, ahead = margins(command, body, S)
+    beside, ahead = margins(command, body)
     front = body.front + beside + (ahead if command.v > 0 else 0.0)
     rear = body.rear + beside + (ahead if command.v < 0 else 0.0)
     times = np.full(len(points), np.inf)
@@ -91,7 +103,7 @@ def test_contact_is_when_driving_the_arc_in_small_steps_says_so(body: ChairBody)
     ):
         points = rng.uniform(-2.5, 2.5, (300, 2))
         outside = np.max(np.abs(points - ((body.front - body.rear) / 2, 0)) - (body.length / 2, body.width / 2), axis=1)
-        points = points[outside > S.ahead + S.beside + 0.011]
+        points = points[outside > MONITORED_AHEAD_AT_FULL_SPEED + MONITORED_AT_FULL_SPEED + 0.011]
         exact = contacts(points, command, body)
         stepped = driven(points, command, body, 3.0)
         reached = exact < 2.99
@@ -104,8 +116,8 @@ def test_contact_is_when_driving_the_arc_in_small_steps_says_so(body: ChairBody)
 def test_driving_slower_on_the_same_arc_touches_the_same_later(v: float, omega: float, share: float) -> None:
     points = np.random.default_rng(3).uniform(-2.0, 2.0, (60, 2))
     none = np.zeros(len(points), np.bool_)
-    full = contact_times(points, none, Twist(v, omega), CHAIR_A, S, pace=share)
-    slow = contact_times(points, none, Twist(share * v, share * omega), CHAIR_A, S)
+    full = contact_times(points, none, Twist(v, omega), CHAIR_A, LEGS, pace=share)
+    slow = contact_times(points, none, Twist(share * v, share * omega), CHAIR_A, LEGS)
     known = np.isfinite(full) & (full < 20.0) & (full > 0.0) & (slow > 0.0)
     if abs(v) > 0.01 and abs(omega) > 0.01:
         assert slow[known] * share == pytest.approx(full[known], rel=1e-6, abs=1e-6)
@@ -127,17 +139,14 @@ def test_what_is_within_the_zone_counts_only_when_it_comes_nearer() -> None:
 
 
 def test_margins_grow_with_the_speed_of_the_fastest_part() -> None:
-    assert margins(Twist(0.3, 0.0), CHAIR_A, S) == (S.beside_crawl, S.ahead_crawl)
-    assert margins(Twist(-0.8, 0.0), CHAIR_A, S) == pytest.approx((S.beside, S.ahead))
-    assert margins(Twist(2.0, 0.0), CHAIR_A, S) == (S.beside, S.ahead)
-    speeds = [margins(Twist(v, 0.0), CHAIR_A, S) for v in np.linspace(0.0, 1.0, 21)]
+    assert margins(Twist(0.3, 0.0), CHAIR_A) == (MONITORED_AT_CRAWL, MONITORED_AHEAD_AT_CRAWL)
+    assert margins(Twist(-0.8, 0.0), CHAIR_A) == pytest.approx((MONITORED_AT_FULL_SPEED, MONITORED_AHEAD_AT_FULL_SPEED))
+    assert margins(Twist(2.0, 0.0), CHAIR_A) == (MONITORED_AT_FULL_SPEED, MONITORED_AHEAD_AT_FULL_SPEED)
+    speeds = [margins(Twist(v, 0.0), CHAIR_A) for v in np.linspace(0.0, 1.0, 21)]
     assert speeds == sorted(speeds)
     turning = Twist(0.0, 0.55 / CHAIR_A.circumscribed_radius)
-    assert margins(turning, CHAIR_A, S) == pytest.approx(margins(Twist(0.55, 0.0), CHAIR_A, S))
-    assert margins(Twist(0.8, 0.0), CHAIR_A, S, pace=0.25) == (S.beside_crawl, S.ahead_crawl)
-    for wrong in ({"crawl": 0.8}, {"beside_crawl": 0.06}, {"ahead_crawl": 0.2}):
-        with pytest.raises(ConfigError):
-            MonitorSettings(**wrong)
+    assert margins(turning, CHAIR_A) == pytest.approx(margins(Twist(0.55, 0.0), CHAIR_A))
+    assert margins(Twist(0.8, 0.0), CHAIR_A, pace=0.25) == (MONITORED_AT_CRAWL, MONITORED_AHEAD_AT_CRAWL)
 
 
 @pytest.mark.parametrize("beside", [0.005, 0.02, 0.035])
@@ -149,7 +158,7 @@ def test_what_lies_within_the_margin_of_a_fast_drive_slows_it_to_where_the_margi
     assert verdict.stop == ""
     assert 0.0 < verdict.share < 1.0
     slower = Twist(verdict.share * asked.v, 0.0)
-    assert margins(slower, CHAIR_A, S)[0] <= beside + 0.002
+    assert margins(slower, CHAIR_A)[0] <= beside + 0.002
     assert judged(jambs, slower).share == 1.0
 
 
@@ -157,12 +166,12 @@ def test_people_are_kept_away_from_by_more_than_walls_and_not_crept_up_to() -> N
     for distance in (0.10, 0.30):
         before = np.array([[CHAIR_A.front + distance, 0.0]])
         legs = np.ones(1, np.bool_)
-        assert contact_times(before, legs, Twist(0.02, 0.0), CHAIR_A, S).tolist() == [0.0]
-        assert contact_times(before, ~legs, Twist(0.02, 0.0), CHAIR_A, S).item() > 1.0
-        assert contact_times(before, legs, Twist(-0.2, 0.0), CHAIR_A, S).item() == math.inf
+        assert contact_times(before, legs, Twist(0.02, 0.0), CHAIR_A, LEGS).tolist() == [0.0]
+        assert contact_times(before, ~legs, Twist(0.02, 0.0), CHAIR_A, LEGS).item() > 1.0
+        assert contact_times(before, legs, Twist(-0.2, 0.0), CHAIR_A, LEGS).item() == math.inf
     passing = np.array([[CHAIR_A.front + 0.6, 0.45], [0.3, 0.45]])  # ahead and to the side; beside the chair
     legs = np.ones(2, np.bool_)
-    assert np.isfinite(contact_times(passing, legs, Twist(0.5, 0.0), CHAIR_A, S)).tolist() == [True, False]
+    assert np.isfinite(contact_times(passing, legs, Twist(0.5, 0.0), CHAIR_A, LEGS)).tolist() == [True, False]
 
 
 def test_the_chair_gives_way_to_who_is_beside_its_way_and_passes_who_stays_at_a_crawl() -> None:
@@ -182,7 +191,7 @@ def test_the_chair_gives_way_to_who_is_beside_its_way_and_passes_who_stays_at_a_
     assert set(shares(0.0, 2.0, beside_the_way, Twist(0.05, 0.0))) == {0.0}  # it has not come to rest yet
     assert set(shares(2.0, 3.5, beside_the_way, Twist())) == {0.0}
     passing = shares(3.5, 5.0, beside_the_way, Twist(0.1, 0.0))
-    assert 0.0 < min(passing) <= max(passing) <= S.crawl / command.v + 1e-9
+    assert 0.0 < min(passing) <= max(passing) <= CRAWL_SPEED / command.v + 1e-9
     assert set(shares(5.0, 6.5, np.empty((0, 2)), Twist(0.1, 0.0))) == {1.0}
     assert set(shares(6.5, 7.0, beside_the_way, Twist())) == {0.0}  # the next one is given way to as well
 
@@ -208,14 +217,14 @@ def test_who_comes_later_is_given_way_to_as_long_as_who_came_first() -> None:
     assert not any(permitted(legs, 1.0, 0.2))
     assert all(permitted(np.empty((0, 2)), 1.2, 10.0))
     passes = permitted(legs, 11.2, 3.0)
-    assert passes.index(True) == pytest.approx(20 * S.give_way_s, abs=1)
+    assert passes.index(True) == pytest.approx(20 * GIVE_WAY_S, abs=1)
     assert all(passes[passes.index(True) :])
 
 
 @pytest.mark.parametrize("nearer", [{"beside_after": 0.5}, {"ahead_after": 0.6}])
 def test_a_chair_that_has_given_way_keeps_no_more_distance_than_before(nearer: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="_after"):
-        replace(S, **nearer)
+        replace(LEGS, **nearer)
 
 
 def test_what_is_well_within_the_outline_is_touched_whatever_is_commanded_but_standing() -> None:
@@ -235,7 +244,7 @@ def test_the_zones_scale_with_the_speed() -> None:
     assert stops == sorted(stops)
     assert slows == sorted(slows)
     assert all(stop < slow for stop, slow in zip(stops, slows, strict=True))
-    assert stops[-1] >= S.ahead_of_legs + 0.8 * S.reaction_s + 0.8**2 / (2 * S.emergency)
+    assert stops[-1] >= LEGS.ahead + 0.8 * S.reaction_s + 0.8**2 / (2 * S.emergency)
 
 
 @given(st.floats(0.05, 0.8), st.floats(-0.8, 0.8), st.floats(0.0, 10.0))
@@ -243,7 +252,7 @@ def test_at_the_share_that_is_left_a_stop_by_comfort_ends_before_the_contact(
     v: float, omega: float, contact: float
 ) -> None:
     k = slow_share(contact, Twist(v, omega), S)
-    half = 0.5 * max(v / S.braking, abs(omega) / S.alpha)
+    half = 0.5 * max(v / SLOWING, abs(omega) / SLOWING_ALPHA)
     assert 0.0 <= k <= 1.0
     assert k * S.reaction_s + k * k * half <= contact + 1e-9
     if k < 1.0:
@@ -291,23 +300,23 @@ def test_fewer_points_than_a_thing_has_are_noise() -> None:
 
 def test_legs_that_stand_free_are_told_from_a_wall_and_from_the_rim_of_one() -> None:
     scan = scan_of(np.array([[2.0, 0.1], [2.0, -0.1]]))
-    slim = slim_beams(scan, np.zeros(BEAMS, np.bool_), S)
+    slim = slim_beams(scan, np.zeros(BEAMS, np.bool_))
     assert 8 <= slim.sum() < 60
     assert (scan.ranges[slim] < 2.0).all()
-    assert not slim_beams(scan_of(np.empty((0, 2))), np.zeros(BEAMS, np.bool_), S).any()
+    assert not slim_beams(scan_of(np.empty((0, 2))), np.zeros(BEAMS, np.bool_)).any()
     ranges = np.full(BEAMS, 3.0, np.float32)
     ranges[:355], ranges[366:] = 1.0, 1.2  # a strip of wall seen through a gap
-    assert not slim_beams(replace(scan, ranges=ranges), np.zeros(BEAMS, np.bool_), S).any()
+    assert not slim_beams(replace(scan, ranges=ranges), np.zeros(BEAMS, np.bool_)).any()
 
 
 def test_legs_that_stand_before_open_space_are_told_from_a_wall() -> None:
     scan = scan_of(np.array([[2.0, 0.1], [2.0, -0.1]]))
-    slim = slim_beams(scan, np.zeros(BEAMS, np.bool_), S)
+    slim = slim_beams(scan, np.zeros(BEAMS, np.bool_))
     beyond = scan.ranges > 7.0
     for where in (beyond, beyond & (np.arange(BEAMS) > BEAMS // 2)):
         ranges = np.where(where, np.float32(math.inf), scan.ranges)
         ranges[:40] = 0.6  # a wall nearer than they are, far aside
-        open_hall = slim_beams(replace(scan, ranges=ranges), np.zeros(BEAMS, np.bool_), S)
+        open_hall = slim_beams(replace(scan, ranges=ranges), np.zeros(BEAMS, np.bool_))
         np.testing.assert_array_equal(open_hall[40:], slim[40:])
 
 
@@ -334,7 +343,7 @@ def test_legs_beside_the_place_of_furniture_are_a_persons(off: float, is_furnitu
     assert (furnished(slim).stop == "") == is_furniture
 
 
-@pytest.mark.parametrize(("age_ms", "is_furniture"), [(S.furniture_ms, True), (S.furniture_ms + 1, False)])
+@pytest.mark.parametrize(("age_ms", "is_furniture"), [(MAPPED_MS, True), (MAPPED_MS + 1, False)])
 def test_what_was_told_of_furniture_long_ago_is_forgotten(age_ms: int, is_furniture: bool) -> None:
     monitor = Monitor(CHAIR_A)
     monitor.see(scan_of(np.array([LEG]), stamp_ns=age_ms * MS))
@@ -376,7 +385,7 @@ def test_a_scan_is_carried_on_by_the_motion_since_each_of_its_beams() -> None:
 
 def test_a_moving_chair_stops_for_what_it_has_come_nearer_to_since_the_scan() -> None:
     monitor = Monitor(CHAIR_A)
-    monitor.see(scan_of(np.array([[CHAIR_A.front + S.ahead_of_legs + 0.62, 0.0]])))
+    monitor.see(scan_of(np.array([[CHAIR_A.front + LEGS.ahead + 0.62, 0.0]])))
     assert monitor.judge(Twist(0.8, 0.0), Twist(0.8, 0.0), 0).stop == ""
     assert monitor.judge(Twist(0.8, 0.0), Twist(0.8, 0.0), 250 * MS).stop == "obstacle"
 
@@ -416,16 +425,16 @@ def test_speed_passes_only_by_a_fresh_verdict_of_a_fresh_scan(
 ) -> None:
     now = 10**10
     verdict = MonitorVerdict(now - verdict_age * MS, None if scan_age is None else now - scan_age * MS, Twist(), 1.0)
-    assert stale_stop(verdict, now, S) == stop_id
-    assert stale_stop(None, now, S) == "monitor_silent"
+    assert stale_stop(verdict, now) == stop_id
+    assert stale_stop(None, now) == "monitor_silent"
     assert stop_id == "" or stop_id in STOPS
 
 
 def test_a_monitor_is_silent_for_good_after_half_a_second() -> None:
     verdict = MonitorVerdict(0, 0, Twist(), 1.0)
-    assert not is_silent(verdict, 500 * MS, S)
-    assert is_silent(verdict, 501 * MS, S)
-    assert is_silent(None, 0, S)
+    assert not is_silent(verdict, 500 * MS)
+    assert is_silent(verdict, 501 * MS)
+    assert is_silent(None, 0)
 
 
 @pytest.mark.parametrize(
@@ -442,7 +451,7 @@ def test_a_monitor_is_silent_for_good_after_half_a_second() -> None:
 )
 def test_a_command_that_was_not_judged_does_not_pass(command: Twist, passes: bool) -> None:
     verdict = MonitorVerdict(0, 0, Twist(0.5, 0.2), 0.7)
-    assert permitted_share(command, verdict, S) == (0.7 if passes else 0.0)
+    assert permitted_share(command, verdict) == (0.7 if passes else 0.0)
 
 
 def test_f11_a_scan_older_than_300_ms_is_not_judged_by() -> None:

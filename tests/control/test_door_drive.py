@@ -7,11 +7,11 @@ import pytest
 from scipy.ndimage import distance_transform_edt
 
 from waychair.calibration.chair import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID, ChairBody
-from waychair.control.door_drive import DoorDrive, DoorDriveSettings
+from waychair.control.door_drive import DoorDrive
 from waychair.geometry import arc
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.dwa import DwaResult
-from waychair.planning.legs import Door, Leg, Manner
+from waychair.planning.legs import DoorPassage, DrivingManner, PathLeg
 from waychair.planning.motion import DwaSettings
 from waychair.types import FloatArray, Path, Pose2, Twist
 
@@ -20,10 +20,10 @@ OPEN = DistanceField(np.full((200, 200), 2.0, np.float32), 0.05, Pose2(-5.0, -5.
 PERIOD_S = 0.05
 
 
-def leg() -> Leg:
+def leg() -> PathLeg:
     """Straight through a door round the origin, from 1.6 m before it."""
     xs = np.linspace(-1.6, 1.2, 29)
-    return Leg(Path(np.column_stack([xs, np.zeros((29, 2))])), Manner.DOOR, door=Door(Pose2(), WIDTH))
+    return PathLeg(Path(np.column_stack([xs, np.zeros((29, 2))])), DrivingManner.DOOR, door=DoorPassage(Pose2(), WIDTH))
 
 
 def jambs(seed: int) -> FloatArray:
@@ -37,7 +37,7 @@ def jambs(seed: int) -> FloatArray:
 
 def before_a_door_it_knows(body: ChairBody = CHAIR_A) -> DoorDrive:
     """That has seen the door from 1.6 m."""
-    drive = DoorDrive(leg(), Pose2(), body, DoorDriveSettings())
+    drive = DoorDrive(leg(), Pose2(), body)
     for seed in range(20):
         drive.watch.see(jambs(seed), Pose2(-1.6, 0.0, 0.0))
     return drive
@@ -45,7 +45,7 @@ def before_a_door_it_knows(body: ChairBody = CHAIR_A) -> DoorDrive:
 
 def driven(sees: bool, ticks: int = 400, late: int = 0) -> tuple[DoorDrive, Pose2, DwaResult]:
     """A chair that does as it was told `late` ticks ago, until it is through, refused, or the ticks are over."""
-    drive = DoorDrive(leg(), Pose2(), CHAIR_A, DoorDriveSettings())
+    drive = DoorDrive(leg(), Pose2(), CHAIR_A)
     pose, commands = Pose2(-1.6, 0.0, 0.0), [Twist()] * (late + 1)
     for tick in range(ticks):
         if sees:

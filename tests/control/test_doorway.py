@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.control.doorway import DoorWatch, DoorwaySettings, find_doorway
+from waychair.control.doorway import DoorWatch, find_doorway
 from waychair.types import FloatArray, Pose2
 
 WIDTH = 0.8
@@ -61,7 +61,7 @@ def test_what_is_no_such_door_is_not_found(points: FloatArray) -> None:
 
 
 def test_a_watch_is_sure_after_some_scans_and_averages_their_noise_away() -> None:
-    watch = DoorWatch(Pose2(0.0, 0.06, 0.05), WIDTH, DoorwaySettings())
+    watch = DoorWatch(Pose2(0.0, 0.06, 0.05), WIDTH)
     assert not watch.sure
     for seed in range(20):
         watch.see(wall_with_door(seed), FROM)
@@ -72,7 +72,7 @@ def test_a_watch_is_sure_after_some_scans_and_averages_their_noise_away() -> Non
 
 
 def test_a_watch_that_is_sure_is_not_moved_by_the_map_nor_by_another_opening() -> None:
-    watch = DoorWatch(Pose2(), WIDTH, DoorwaySettings())
+    watch = DoorWatch(Pose2(), WIDTH)
     for seed in range(5):
         watch.see(wall_with_door(seed), FROM)
     before = watch.odom_from_door
@@ -83,7 +83,7 @@ def test_a_watch_that_is_sure_is_not_moved_by_the_map_nor_by_another_opening() -
 
 def test_from_within_the_door_nothing_new_is_learnt_of_it() -> None:
     """There the wall is seen end on; where it is was learnt before, and odometry keeps it."""
-    watch = DoorWatch(Pose2(), WIDTH, DoorwaySettings())
+    watch = DoorWatch(Pose2(), WIDTH)
     slanting = wall_with_door(0) @ np.array([[1.0, 0.1], [-0.1, 1.0]])
     for seed in range(5):
         watch.see(wall_with_door(seed), FROM)
@@ -95,7 +95,7 @@ def test_from_within_the_door_nothing_new_is_learnt_of_it() -> None:
 
 
 def test_a_chair_that_wakes_up_at_the_door_may_look_from_there() -> None:
-    watch = DoorWatch(Pose2(), WIDTH, DoorwaySettings())
+    watch = DoorWatch(Pose2(), WIDTH)
     for seed in range(5):
         watch.see(wall_with_door(seed), Pose2(-0.1, 0.0, 0.0))
     assert watch.sure

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
-from waychair.control.leg_drive import LegDrive, LegDriveSettings, View
+from waychair.control.leg_drive import LegDrive, View
 from waychair.maps.distance_field import DistanceField, distance_field
-from waychair.planning.legs import Leg
+from waychair.planning.legs import PathLeg
 from waychair.planning.motion import DwaSettings
 from waychair.types import OccupancyGrid, Path, Pose2, Twist
 
@@ -29,7 +29,7 @@ def driven(x: float, has_sonars: bool, speed: float = 0.8) -> float:
     """Speed [m/s] 1 s after a speed at x [m] on the way through the gap."""
     grid = gapped()
     way = np.column_stack([np.arange(1.0, 11.0, CELL), np.full(200, MIDDLE), np.zeros(200)])
-    leg = LegDrive([Leg(Path(way))], grid, CHAIR_A, LegDriveSettings())
+    leg = LegDrive([PathLeg(Path(way))], grid, CHAIR_A)
     free = distance_field(grid)
 
     def local() -> DistanceField:

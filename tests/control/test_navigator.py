@@ -12,6 +12,7 @@ import pytest
 
 from tests.people import body, half_view, past
 from waychair.calibration.chair import CHAIR_A
+from waychair.control import navigator as navigator_module
 from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.recovery import RecoverySettings
 from waychair.errors import GoalTooExact, UnknownPlace
@@ -20,7 +21,7 @@ from waychair.planning import global_planner, harmonic_search, manoeuvre, tracks
 from waychair.planning.footprint import along_arc
 from waychair.planning.global_planner import PlannerSettings
 from waychair.planning.harmonic import HarmonicSettings
-from waychair.planning.legs import Manner
+from waychair.planning.legs import DrivingManner
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, Twist
 
 TICK_NS = 50_000_000
@@ -145,7 +146,7 @@ def test_a_goal_that_is_taken_is_driven_near_to_and_waited_for() -> None:
     assert states[-1].stage is Stage.WAITING
     assert "does not fit at the goal" in states[-1].reason
     away = math.hypot(poses[-1].x - 10.0, poses[-1].y - 4.0)
-    assert CHAIR_A.front + 0.3 < away < NavigatorSettings().waits_from + 0.1
+    assert CHAIR_A.front + 0.3 < away < NavigatorSettings().goal_wait_distance + 0.1
     states, _ = drive(pilot, poses[-1], 30.0, NOTHING, start_ns=20_000_000_000)
     assert states[-1].stage is Stage.ARRIVED
 
@@ -252,7 +253,7 @@ def test_a_chair_that_has_slid_off_beside_the_end_of_an_exact_leg_has_not_arrive
             break
         pose = poses[-1] @ arc(states[-1].twist.v * 0.05, states[-1].twist.omega * 0.05)
         if not slid and math.hypot(pose.x - 4.5, pose.y - 3.0) < 0.05 and states[-1].leg is not None:
-            assert states[-1].leg.manner is Manner.EXACT
+            assert states[-1].leg.manner is DrivingManner.EXACT
             pose, slid = Pose2(pose.x, pose.y + 0.35, pose.theta), True
         poses.append(pose)
     assert slid
@@ -403,11 +404,11 @@ def test_while_a_field_is_solved_over_ticks_the_chair_goes_on_by_the_path_it_has
 
 
 @pytest.mark.usefixtures("slow_field")
-def test_a_field_not_found_in_time_leaves_the_path_there_is() -> None:
+def test_a_field_not_found_in_time_leaves_the_path_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
     pilot = navigator(hall(), harmonic())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     states, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 6)
-    pilot.settings = replace(pilot.settings, longest_field=0.1)
+    monkeypatch.setattr(navigator_module, "LONGEST_FIELD_S", 0.1)
     later = drive(pilot, poses[-1], 3, segment(8.0, 2.5, 8.0, 4.5), 6_000_000_000)[0]
     assert later[-1].plans == states[-1].plans == 1
     assert later[-1].path is states[-1].path
@@ -415,8 +416,9 @@ def test_a_field_not_found_in_time_leaves_the_path_there_is() -> None:
 
 
 @pytest.mark.usefixtures("slow_field")
-def test_a_field_that_is_never_found_is_said_with_its_residual() -> None:
-    pilot = navigator(hall(), harmonic(longest_field=0.1))
+def test_a_field_that_is_never_found_is_said_with_its_residual(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(navigator_module, "LONGEST_FIELD_S", 0.1)
+    pilot = navigator(hall(), harmonic())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     states, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 6)
     assert states[-1].stage is Stage.FAILED

@@ -7,7 +7,15 @@ import math
 import numpy as np
 
 from waychair.calibration.chair import CHAIR_A, ChairBody
-from waychair.control.recovery import Recovery, RecoverySettings
+from waychair.control.recovery import (
+    BACKING_LENGTH,
+    BLOCKED_S,
+    PROGRESS_M,
+    PROGRESS_RAD,
+    TURNING_TIME_S,
+    Recovery,
+    RecoverySettings,
+)
 from waychair.maps.distance_field import DistanceField, distance_field, distances
 from waychair.planning.footprint import along_arc, fits
 from waychair.planning.motion import DwaSettings
@@ -32,26 +40,26 @@ def backs(recovery: Recovery, seconds: float, turning: float, remaining: float |
 
 
 def test_a_turn_that_gets_no_farther_is_backed_out_of() -> None:
-    assert backs(Recovery(S), S.turning_time + 1.0, 0.0, None) == S.turning_time
-    assert backs(Recovery(S), 20.0, 2.0 * S.turning / S.turning_time, None) is None
+    assert backs(Recovery(S), TURNING_TIME_S + 1.0, 0.0, None) == TURNING_TIME_S
+    assert backs(Recovery(S), 20.0, 2.0 * PROGRESS_RAD / TURNING_TIME_S, None) is None
 
 
 def test_a_door_that_is_tried_again_is_driven_through_straight() -> None:
     recovery = Recovery(S)
-    for tick in range(round(20 * 3 * S.turning_time)):
-        pose = Pose2(1.2 * S.progress / S.turning_time * tick / 20)
+    for tick in range(round(20 * 3 * TURNING_TIME_S)):
+        pose = Pose2(1.2 * PROGRESS_M / TURNING_TIME_S * tick / 20)
         assert recovery.step(tick * TICK_NS, pose, None, Twist(), hall, CHAIR_A, DwaSettings()) is None
 
 
 def test_turning_and_driving_have_clocks_of_their_own() -> None:
     recovery = Recovery(S)
-    assert backs(recovery, S.turning_time - 0.1, 0.0, None) is None
+    assert backs(recovery, TURNING_TIME_S - 0.1, 0.0, None) is None
     assert backs(recovery, 0.1, 0.0, 3.0) is None
-    assert backs(recovery, S.turning_time - 0.1, 0.0, None) is None
+    assert backs(recovery, TURNING_TIME_S - 0.1, 0.0, None) is None
 
 
 def test_who_stood_to_plan_or_waited_for_people_has_not_turned_in_vain() -> None:
-    recovery, half = Recovery(S), round(S.turning_time * 5e8)
+    recovery, half = Recovery(S), round(TURNING_TIME_S * 5e8)
     args = (Pose2(), None, Twist(), hall, CHAIR_A, DwaSettings())
     assert recovery.step(0, *args) is None
     recovery.leave_out_planning(half)
@@ -68,11 +76,11 @@ def test_backing_out_ends_after_its_way_and_is_said_to_last_until_then() -> None
     recovery = Recovery(S)
     args = (None, Twist(), hall, CHAIR_A, DwaSettings())
     assert recovery.step(0, Pose2(), *args) is None
-    now = round(S.turning_time * 1e9)
+    now = round(TURNING_TIME_S * 1e9)
     assert recovery.step(now, Pose2(), *args) is not None
     assert recovery.backing
-    assert recovery.step(now + TICK_NS, Pose2(-S.way / 2, 0.0), *args) is not None
-    assert recovery.step(now + 2 * TICK_NS, Pose2(-S.way, 0.0), *args) is None
+    assert recovery.step(now + TICK_NS, Pose2(-BACKING_LENGTH / 2, 0.0), *args) is not None
+    assert recovery.step(now + 2 * TICK_NS, Pose2(-BACKING_LENGTH, 0.0), *args) is None
     assert not recovery.backing
     assert recovery.tries == 1
 
@@ -87,7 +95,7 @@ def test_at_each_try_the_chair_backs_out_farther_but_not_for_ever() -> None:
         while recovery.step(now_ns, Pose2(-way), *args) is not None:
             way, now_ns = way + 0.01, now_ns + TICK_NS
         ways.append(way)
-    np.testing.assert_allclose(ways, S.way * np.minimum(np.arange(1, S.tries + 1), 4), atol=0.011)
+    np.testing.assert_allclose(ways, BACKING_LENGTH * np.minimum(np.arange(1, S.tries + 1), 4), atol=0.011)
 
 
 def test_tries_are_counted_anew_once_the_chair_has_come_farther_than_it_was() -> None:
@@ -124,10 +132,10 @@ def test_somebody_who_is_too_near_for_a_moment_does_not_end_the_backing_out() ->
 
     assert not step(0, hall())
     assert step(begun, shut)
-    assert step(begun + round(0.9 * S.held_up * 1e9), shut)
-    assert step(begun + round(1.1 * S.held_up * 1e9), hall())
-    assert step(begun + round(1.2 * S.held_up * 1e9), shut)
-    assert not step(begun + round(2.3 * S.held_up * 1e9), shut)
+    assert step(begun + round(0.9 * BLOCKED_S * 1e9), shut)
+    assert step(begun + round(1.1 * BLOCKED_S * 1e9), hall())
+    assert step(begun + round(1.2 * BLOCKED_S * 1e9), shut)
+    assert not step(begun + round(2.3 * BLOCKED_S * 1e9), shut)
     assert recovery.tries == 1
 
 

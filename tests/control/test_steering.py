@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.control.steering import Steering, SteeringSettings
+from waychair.control.steering import HELD_AT_REST_S, Steering, SteeringSettings
 from waychair.types import Twist
 
 S = 1_000_000_000
@@ -40,7 +40,7 @@ def test_the_chair_is_held_at_rest_for_a_while_and_then_let_go() -> None:
     assert (steering.counts(S), steering.twist(S)) == (True, Twist())
     steering.push(1.0, 0.0, 0)
     steering.let_go(0)
-    stays = round(SETTINGS.stays_s * S)
+    stays = round(HELD_AT_REST_S * S)
     assert steering.counts(stays)
     assert not steering.counts(stays + 1)
 

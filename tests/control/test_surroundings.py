@@ -13,6 +13,7 @@ from waychair.calibration.chair import CHAIR_A, BodyLayer, sonar_mounts
 from waychair.control.surroundings import Surroundings, SurroundingsSettings, without_mixed_pixels
 from waychair.maps.distance_field import DistanceField
 from waychair.maps.zones import Rule, Zone
+from waychair.planning.clearance import DROP_OFF
 from waychair.planning.drawn_map import DrawnMap
 from waychair.planning.footprint import fits
 from waychair.slam.tilt import Tilt
@@ -153,11 +154,7 @@ def test_what_shows_of_the_glass_that_a_zone_is_drawn_round_is_nobody() -> None:
     seen = around(Zone("glass", Rule.KEEP_OUT, pane))
     assert len(seen.unmapped(someone(6.05))) == 0
     assert len(seen.unmapped(someone(5.5))) == 9
-    assert (
-        not DrawnMap(hall(), CHAIR_A, [Zone("glass", Rule.KEEP_OUT, pane)])
-        .shows(someone(6.05), 0.1)
-        .any()
-    )
+    assert not DrawnMap(hall(), CHAIR_A, [Zone("glass", Rule.KEEP_OUT, pane)]).shows(someone(6.05), 0.1).any()
 
 
 def floor(edge: float, depth: float, slope: float = 0.0) -> RgbdFrame:
@@ -189,7 +186,7 @@ def test_a_drop_off_is_an_obstacle_from_where_the_floor_ends_and_stays_one_out_o
 ) -> None:
     seen = around()
     seen.look(floor(edge, depth), HERE)
-    margin = SurroundingsSettings().drop_margin
+    margin = DROP_OFF
     found = seen.unscanned()[:, 0] - HERE.x
     assert len(found) > 20
     assert edge - 0.25 < np.quantile(found, 0.01) + margin <= edge + 0.03

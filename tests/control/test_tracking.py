@@ -16,7 +16,7 @@ from waychair.control import tracking
 from waychair.control.tracking import on_line, track
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.footprint import along_arc
-from waychair.planning.motion import PERIOD, DwaSettings, Motion, motion_after
+from waychair.planning.motion import PERIOD, CommandedMotion, DwaSettings, motion_after
 from waychair.types import FloatArray, Pose2, Twist
 
 OPEN = DistanceField(np.full((600, 600), 5.0, np.float32), 0.02, Pose2(-6.0, -6.0, 0.0))
@@ -26,7 +26,7 @@ def drive(
     pose: Pose2, line: FloatArray, backwards: bool, field: DistanceField = OPEN, eased: bool = False
 ) -> list[Pose2]:
     """A chair with the delay and lag of the simulated one, until the end of the line or 40 s; jerk limited if eased."""
-    poses, command, motion, v, omega = [pose], Twist(), Motion() if eased else None, 0.0, 0.0
+    poses, command, motion, v, omega = [pose], Twist(), CommandedMotion() if eased else None, 0.0, 0.0
     delayed = deque([Twist()])
     in_position, limits = False, DwaSettings()
     for _ in range(800):
@@ -94,7 +94,7 @@ def test_with_a_motion_the_jerk_along_a_line_is_limited_from_its_entry_at_speed_
     """Entered faster than it is driven; left as exactly as without a limit."""
     limits, sign = DwaSettings(reaction_time=0.0), -1.0 if backwards else 1.0
     line = np.column_stack([np.linspace(0.0, sign * 2.0, 41), np.zeros((41, 2))])
-    pose, command, motion, in_position = Pose2(0.0, 0.05, 0.0), Twist(sign * 0.4), Motion(), False
+    pose, command, motion, in_position = Pose2(0.0, 0.05, 0.0), Twist(sign * 0.4), CommandedMotion(), False
     speeds = [command.v, command.v]
     for _ in range(800):
         choice = track(pose, command, line, backwards, OPEN, CHAIR_A, limits, in_position=in_position, motion=motion)

@@ -10,7 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import BODIES, CHAIR_A, CHAIR_A_FRONT
-from waychair.control.unseen import Sector, UnseenSettings, sectors_of_scan, sight_along, sight_share
+from waychair.control.unseen import (
+    BRAKING,
+    FAR_ENOUGH,
+    REACTION_S,
+    Sector,
+    UnseenSettings,
+    sectors_of_scan,
+    sight_along,
+    sight_share,
+)
 from waychair.types import Pose2, Scan, Twist
 
 S = UnseenSettings()
@@ -62,16 +71,16 @@ def test_a_blind_chair_moves_no_part_outwards_faster_than_the_limit(name: str, t
 @pytest.mark.parametrize("range_max", [1.2, 1.5, 2.0, 3.0])
 def test_a_short_sighted_lidar_lets_the_chair_drive_as_fast_as_it_stops_within_sight(range_max: float) -> None:
     sectors = view(math.radians(270.0), range_max=range_max)
-    way = sight_along(Twist(0.8, 0.0), CHAIR_A, sectors, S)
+    way = sight_along(Twist(0.8, 0.0), CHAIR_A, sectors)
     assert CHAIR_A.laser_x + range_max - CHAIR_A.front - 0.2 <= way <= CHAIR_A.laser_x + range_max - CHAIR_A.front
     v = 2.5 * sight_share(Twist(2.5, 0.0), CHAIR_A, sectors)
-    assert v * S.reaction_s + v * v / (2 * S.braking) == pytest.approx(way, abs=1e-6)
+    assert v * REACTION_S + v * v / (2 * BRAKING) == pytest.approx(way, abs=1e-6)
 
 
 def test_on_an_arc_it_is_the_strip_of_the_arc_that_must_be_seen() -> None:
     to_the_right = Sector(Pose2(-CHAIR_A.rear, 0.0, -0.6), 1.05, 10.0)
-    assert sight_along(Twist(0.8, -0.6), CHAIR_A, [to_the_right], S) == S.look
-    assert 0.1 < sight_along(Twist(0.8, 0.6), CHAIR_A, [to_the_right], S) < 1.0
+    assert sight_along(Twist(0.8, -0.6), CHAIR_A, [to_the_right]) == FAR_ENOUGH
+    assert 0.1 < sight_along(Twist(0.8, 0.6), CHAIR_A, [to_the_right]) < 1.0
 
 
 def test_whether_a_corner_is_seen_does_not_hang_on_the_turns_that_angles_are_counted_in() -> None:
