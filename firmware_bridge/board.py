@@ -61,13 +61,18 @@ class Defect(enum.IntEnum):
 class BoardSettings(Settings):
     """The configuration stored on the board: chair, joystick family and limits; the computer cannot change it."""
 
-    chair_id: str = setting("A", "", "the chair this board is built into")
-    family: int = setting(Family.HALL_5V, "", "joystick family, see firmware/families.c", low=0, high=255)
-    dac_bits: int = setting(12, "bits", "resolution of the converter", low=8, high=16)
-    neutral_per_mille: int = setting(100, "1/1000 swing", "a stick within this is at rest", low=20, high=200)
-    override_per_mille: int = setting(200, "1/1000 swing", "a stick beyond this takes over", low=21, high=800)
-    override_ms: int = setting(10, "ms", "for at least this long; raise both for tremor or spasm", low=0, high=500)
-    slew_ms: int = setting(200, "ms", "fastest way of a line from neutral to full swing", low=100, high=1000)
+    chair_id: str = setting("A", "", "name of the chair that has this board; at most 16 bytes")
+    family: int = setting(Family.HALL_5V, "", "the chair's joystick family, see firmware/families.c", low=0, high=255)
+    dac_bits: int = setting(12, "bits", "resolution of the board's converter", low=8, high=16)
+    neutral_per_mille: int = setting(
+        100, "1/1000 swing", "deflection up to which the rider's stick is at rest", low=20, high=200
+    )
+    override_per_mille: int = setting(
+        200, "1/1000 swing", "deflection from which the rider's stick takes over; raise for tremor", low=21, high=800
+    )
+    override_ms: int = setting(
+        10, "ms", "time beyond the override threshold before the stick takes over; raise for spasm", low=0, high=500
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +278,6 @@ class HostBoard:
             "--neutral": settings.neutral_per_mille,
             "--override": settings.override_per_mille,
             "--override-ms": settings.override_ms,
-            "--slew-ms": settings.slew_ms,
         }
         os.set_blocking(board, False)
         words = [str(word) for option in options.items() for word in option]

@@ -4,7 +4,7 @@ It fails silent: on any problem it drops ENABLE, so that the rider's joystick is
 command raises no error. The board (`firmware/`) checks everything again and trusts none of it.
 
 Between two commands `beat` repeats the last one at 50 Hz as a heartbeat, but only while it is fresh: if the planner
-hangs, zero is sent after `late_ms`, and ENABLE is dropped after `max_age_ms`.
+hangs, zero is sent after LATE_MS, and ENABLE is dropped after MAX_AGE_MS.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from waychair.calibration.dac import (
     wheel_speeds_from_counts,
 )
 from waychair.config import Settings, setting
-from waychair.errors import CalibrationError, ConfigError
+from waychair.errors import CalibrationError
 from waychair.firmware_bridge.advice import fault_advice, is_of_host
 from waychair.firmware_bridge.protocol import (
     BoardState,
@@ -46,6 +46,21 @@ RESET_NS = 1_000_000_000
 AT_REST = 0.1
 """Part of the swing within which a stick counts as at rest; a board's own setting may differ."""
 
+PERIOD_MS = 20
+"""Time between two heartbeats."""
+
+LATE_MS = 100
+"""Time without a command, two control periods, after which zero is sent."""
+
+MAX_AGE_MS = 150
+"""Age beyond which a command is stale; a late command is zero before it is stale."""
+
+MAX_FUTURE_MS = 10
+"""A command stamped later than now by more than this has a wrong clock."""
+
+SLEW = 6.0
+"""Fastest change of a line [V/s], like the board's own limit."""
+
 TAKEN_OVER = "the rider took over by joystick"
 
 
@@ -53,21 +68,12 @@ TAKEN_OVER = "the rider took over by joystick"
 class BridgeSettings(Settings):
     """Limits of the commands that the bridge passes on."""
 
-    family: int = setting(Family.EIGHT_PIN_3V3, "", "joystick family, see firmware/families.c", low=1, high=3)
-    period_ms: int = setting(20, "ms", "between two heartbeats", low=5, high=40)
-    late_ms: int = setting(100, "ms", "two control periods: without a command for longer, zero", low=20, high=500)
-    max_age_ms: int = setting(150, "ms", "age beyond which a command is stale", low=10, high=1000)
-    max_future_ms: int = setting(10, "ms", "a command later than now by more has a wrong clock", low=0, high=500)
-    max_wheel_speed: float = setting(1.6, "m/s", "a wheel command beyond this is a fault", low=0.1, high=4.0)
-    slew: float = setting(6.0, "V/s", "fastest change of a line; the board's own limit is 6 too", low=0.5, high=12.0)
-
-    def __post_init__(self) -> None:
-        Settings.__post_init__(self)
-        if self.late_ms > self.max_age_ms:
-            raise ConfigError(
-                f"late_ms = {self.late_ms} ms must not exceed max_age_ms = {self.max_age_ms} ms: a command that is late "
-                "is zero before it is stale"
-            )
+    family: int = setting(
+        Family.EIGHT_PIN_3V3, "", "the chair's joystick family, see firmware/families.c", low=1, high=3
+    )
+    max_wheel_speed: float = setting(
+        1.6, "m/s", "greatest wheel speed of a command; beyond it the lines are released", low=0.1, high=4.0
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,7 +210,7 @@ class Bridge:
                 self._order = replace(self._order, counts=None, reason=_went_back(back_ns))
             self._read_board(now_ns)
             self._failure = ""
-            period_ns = self._settings.period_ms * 1_000_000
+            period_ns = PERIOD_MS * 1_000_000
             if back_ns or self._sent_ns is None or now_ns - self._sent_ns >= period_ns:
                 return self._send_order(now_ns)
             return self._sent
@@ -234,27 +240,25 @@ class Bridge:
         if not all(isinstance(count, int) and 0 <= count <= self._calibration.counts_max for count in counts):
             return _Order(None, f"the calibration gave {counts}, which are not counts", stamp_ns, now_ns)
         late_ns = 0 if self._order.counts is None else now_ns - self._order.given_ns
-        if (
-            late_ns > self._settings.late_ms * 1_000_000
-        ):  # F17: the loop stalled before this tick, so this command is not trusted
+        if late_ns > LATE_MS * 1_000_000:  # F17: the loop stalled before this tick, so this command is not trusted
             return _Order(self._rest, _was_late(late_ns), stamp_ns, now_ns)
         return _Order(counts, "", stamp_ns, now_ns)
 
     def _refusal(self, speeds: WheelSpeeds | None, stamp_ns: int, now_ns: int, back_ns: int) -> str:
         """Return why this command must not be sent; empty if it may be."""
-        s = self._settings
+        fastest = self._settings.max_wheel_speed
         if speeds is None:
             return "no command"
         if back_ns:
             return _went_back(back_ns)
-        if stamp_ns - now_ns > s.max_future_ms * 1_000_000:
+        if stamp_ns - now_ns > MAX_FUTURE_MS * 1_000_000:
             return f"the command is {(stamp_ns - now_ns) / 1e6:g} ms from the future"
-        if now_ns - stamp_ns > s.max_age_ms * 1_000_000:
+        if now_ns - stamp_ns > MAX_AGE_MS * 1_000_000:
             return f"the command is {(now_ns - stamp_ns) / 1e6:g} ms old"
         if not (math.isfinite(speeds.left) and math.isfinite(speeds.right)):
             return f"wheel speeds {speeds.left}, {speeds.right} are not finite"
-        if max(abs(speeds.left), abs(speeds.right)) > s.max_wheel_speed:
-            return f"wheel speeds {speeds.left:g}, {speeds.right:g} m/s are beyond {s.max_wheel_speed:g}"
+        if max(abs(speeds.left), abs(speeds.right)) > fastest:
+            return f"wheel speeds {speeds.left:g}, {speeds.right:g} m/s are beyond {fastest:g}"
         return ""
 
     def _read_board(self, now_ns: int) -> None:
@@ -282,7 +286,7 @@ class Bridge:
 
     def _send_order(self, now_ns: int) -> SentCommand:
         """Send one command to the board, by the last order and the board's state."""
-        elapsed_ns = self._settings.period_ms * 1_000_000 if self._sent_ns is None else now_ns - self._sent_ns
+        elapsed_ns = PERIOD_MS * 1_000_000 if self._sent_ns is None else now_ns - self._sent_ns
         self._sent_ns = now_ns
         reason = self._release_reason(now_ns)
         reply = self._session.reply
@@ -306,7 +310,7 @@ class Bridge:
             return problem
         if self._faults:
             return "the board is being reset" if self._resetting else fault_advice(self._faults)[0]
-        if now_ns - order.stamp_ns > self._settings.max_age_ms * 1_000_000:
+        if now_ns - order.stamp_ns > MAX_AGE_MS * 1_000_000:
             return f"the command is {(now_ns - order.stamp_ns) / 1e6:g} ms old"
         return self._ended or ("the board is releasing the lines" if self._releasing else "")
 
@@ -314,7 +318,7 @@ class Bridge:
         """Send the order to the board, enabled and within the slew limit; if the cable is full, the last one stays."""
         order, why = self._order, self._order.reason
         late_ns = now_ns - order.given_ns
-        if late_ns > self._settings.late_ms * 1_000_000:
+        if late_ns > LATE_MS * 1_000_000:
             order, why = replace(order, counts=self._rest), _was_late(late_ns)
         closed = self._gate(now_ns)
         if closed:
@@ -323,7 +327,7 @@ class Bridge:
             order, why = replace(order, counts=self._rest), self._arming()
         neutral = reply.reference_mv / 1000.0
         wanted = self._line_volts(order, neutral)
-        limit = self._settings.slew * min(max(elapsed_ns * 1e-9, 0.0), 0.001 * self._settings.late_ms)
+        limit = SLEW * min(max(elapsed_ns * 1e-9, 0.0), 0.001 * LATE_MS)
         line_volts = _limited_step(self._volts or (neutral, neutral), wanted, limit)
         forward, turn = (setpoint_from_millivolts(reply, 1000.0 * volts) for volts in line_volts)
         if not self._session.command(forward, turn, CommandFlag.ENABLE, now_ns):

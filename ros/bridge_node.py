@@ -38,6 +38,7 @@ from waychair.config import setting
 from waychair.control.stops import Halt, halt
 from waychair.control.supervisor import DRIVEN
 from waychair.errors import WaychairError
+from waychair.firmware_bridge.bridge import MAX_AGE_MS
 from waychair.firmware_bridge.heartbeat import Heartbeat
 from waychair.firmware_bridge.transports import Reconnecting, transport_from_text
 from waychair.geometry import in_space
@@ -317,7 +318,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
 
     def _is_fresh(self, stamp_ns: int) -> bool:
         """Return whether a stamp is no older than the board's limit for commands (F2)."""
-        return -_AHEAD_NS <= self.now_ns() - stamp_ns <= self.settings.bridge.max_age_ms * 1_000_000
+        return -_AHEAD_NS <= self.now_ns() - stamp_ns <= MAX_AGE_MS * 1_000_000
 
     def _watch(self) -> None:
         """Tick without a request, if none has come for a while or another node falls silent during a drive."""

@@ -30,7 +30,7 @@ from waychair.control.steering import Steering, SteeringSettings
 from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
 from waychair.control.supervisor import DRIVEN, Override, Situation, SupervisorSettings, SupervisorVerdict, supervise
 from waychair.control.unseen import Sector, UnseenSettings, sectors_of_scan, sight_share
-from waychair.firmware_bridge.bridge import Bridge, BridgeSettings
+from waychair.firmware_bridge.bridge import LATE_MS, Bridge, BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import arc, transform_points
 from waychair.maps.zones import Zone, zone_speed_limit
@@ -339,7 +339,7 @@ class DriveBase:
 
         The command from before the gap is stale: by its age the bridge sends zero, then lets go.
         """
-        if now_ns - self._ticked_ns > self.settings.bridge.late_ms * 1_000_000:
+        if now_ns - self._ticked_ns > LATE_MS * 1_000_000:
             self._on_time_since_ns = now_ns
         self._ticked_ns = now_ns
 

@@ -1,7 +1,7 @@
 """An RGB-D camera: adds exposure, motion blur and noise to the rendered image.
 
 Colours are square roots of light (a display's gamma of 2), so that shot noise is the same at all brightnesses. The depth
-noise grows with the square of the distance, as it must for stereo depth; `CameraSettings.depth_sigma` is plausible for
+noise grows with the square of the distance, as it must for stereo depth; `DEPTH_SIGMA` is plausible for
 a camera with a baseline of 5 cm.
 """
 
@@ -17,7 +17,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from waychair.config import Settings, setting
-from waychair.errors import ConfigError
 from waychair.simulation.renderer import RenderedImage, Renderer
 from waychair.simulation.scene import PersonState
 from waychair.types import Bytes, Float32Array, IntArray, Pose3, RgbdFrame, Twist
@@ -34,35 +33,31 @@ NOISE_STEP = 1.0 / 32.0
 SETTLED = 0.05
 """Relative error of the brightness at which the automatic exposure counts as settled."""
 
+# Exposure, noise and vibration are plausible for a small stereo depth camera on a wheelchair, not measured.
+TARGET_GREY = 0.18  # mean light of the exposed image, white is 1; the grey card of photography
+EXPOSURE_MIN = 0.0002  # s
+EXPOSURE_MAX = 0.015  # s; darker scenes get gain
+GAIN_MAX = 16.0
+ADAPTATION = 0.2  # s; time constant of the automatic exposure
+READ_NOISE = 6.0  # electrons, one sigma; noise of reading a pixel
+DEPTH_MIN = 0.3  # m; nearer things have no depth
+DEPTH_SIGMA = 0.0012  # 1/m; depth noise at 1 m, one sigma; it grows as z^2
+DEPTH_SLOPE = 8.0  # tangent of the steepest surface, from facing the camera, whose depth is measured
+DEPTH_SPECKLE = 0.004  # part of the depths that are lost by chance
+VIBRATION = 0.0015  # rad; pitch and roll at 1 m/s, one sigma
+VIBRATION_HZ = 8.0  # Hz
+
 
 @dataclass(frozen=True, slots=True)
 class CameraSettings(Settings):
-    """Image, exposure and faults of the camera; view and depth range are those of common stereo depth cameras."""
+    """Image and range of the camera; the defaults are those of common stereo depth cameras."""
 
-    rate_hz: float = setting(0.0, "Hz", "frames per second; 0: no camera", low=0.0, high=100.0)
-    width: int = setting(640, "pixels", "columns", low=16, high=4096)
-    height: int = setting(480, "pixels", "rows", low=16, high=4096)
-    field_of_view: float = setting(math.radians(69.0), "rad", "from left to right", low=0.2, high=2.5)
-    target_grey: float = setting(0.18, "", "mean light aimed at, white is 1", low=0.01, high=0.9)
-    exposure_min: float = setting(0.0002, "s", "shortest exposure", low=1e-6, high=0.1)
-    exposure_max: float = setting(0.015, "s", "longest exposure; darker scenes take gain", low=1e-5, high=0.2)
-    gain_max: float = setting(16.0, "", "highest gain", low=1.0, high=1000.0)
-    adaptation: float = setting(0.2, "s", "time constant of exposure", low=0.001, high=10.0)
-    shot_noise: float = setting(1.0, "", "noise of light itself, 1 as physics has it", low=0.0, high=10.0)
-    read_noise: float = setting(6.0, "electrons", "noise of reading a pixel (one sigma)", low=0.0, high=1000.0)
-    depth_min: float = setting(0.3, "m", "nearer things have no depth", low=0.0, high=5.0)
-    depth_max: float = setting(8.0, "m", "farther things have no depth", low=0.1, high=100.0)
-    depth_sigma: float = setting(0.0012, "1/m", "depth noise at 1 m (one sigma); grows as z^2", low=0.0, high=0.1)
-    depth_slope: float = setting(8.0, "", "steepest surface measured, tangent from facing", low=0.5, high=1000.0)
-    depth_speckle: float = setting(0.004, "", "part of the depths lost by chance", low=0.0, high=1.0)
-    vibration: float = setting(0.0015, "rad", "pitch and roll at 1 m/s (one sigma)", low=0.0, high=0.1)
-    vibration_hz: float = setting(8.0, "Hz", "frequency of that", low=0.0, high=100.0)
-
-    def __post_init__(self) -> None:
-        Settings.__post_init__(self)
-        for low, high in (("exposure_min", "exposure_max"), ("depth_min", "depth_max")):
-            if getattr(self, low) >= getattr(self, high):
-                raise ConfigError(f"{low} = {getattr(self, low):g} is impossible: it must be less than {high}")
+    rate_hz: float = setting(0.0, "Hz", "frames per second of the camera; 0: no camera", low=0.0, high=100.0)
+    width: int = setting(640, "pixels", "columns of the camera's images", low=16, high=4096)
+    height: int = setting(480, "pixels", "rows of the camera's images", low=16, high=4096)
+    field_of_view: float = setting(math.radians(69.0), "rad", "horizontal field of view", low=0.2, high=2.5)
+    depth_max: float = setting(8.0, "m", "largest depth measured; farther things have none", low=DEPTH_MIN, high=100.0)
+    noise: float = setting(1.0, "", "scale of the noise in colour and depth; 0: none", low=0.0, high=10.0)
 
 
 class RgbdCamera:
@@ -80,13 +75,13 @@ class RgbdCamera:
         most = 3 * settings.width * (settings.height // 2 + 1)
         self._normal = np.clip(np.rint(rng.standard_normal(most) / NOISE_STEP), -127, 127).astype(np.int8)
         self._uniform = rng.integers(0, 1 << 16, most, np.uint16)
-        self._light = math.sqrt(settings.exposure_min * settings.exposure_max)
+        self._light = math.sqrt(EXPOSURE_MIN * EXPOSURE_MAX)
         self._stamp_ns: int | None = None
 
     @property
     def exposure(self) -> float:
         """Exposure time [s] of the next frame."""
-        return min(max(self._light, self._settings.exposure_min), self._settings.exposure_max)
+        return min(max(self._light, EXPOSURE_MIN), EXPOSURE_MAX)
 
     @property
     def gain(self) -> float:
@@ -96,18 +91,18 @@ class RgbdCamera:
     def frame(self, stamp_ns: int, map_from_base: Pose3, twist: Twist, people: Sequence[PersonState] = ()) -> RgbdFrame:
         """Return colour and depth at one moment; depth is along the optical axis, nan where none was measured."""
         s = self._settings
-        jitter = self._rng.standard_normal(3) * s.vibration * abs(twist.v)
+        jitter = self._rng.standard_normal(3) * VIBRATION * abs(twist.v)
         rows = self._rng.integers(0, len(self._normal) - 3 * s.width, (3, s.height))
         map_from_camera = map_from_base @ self._base_from_camera @ _tilted(jitter[0], jitter[1])
         picture = self._settled_image(map_from_camera, people)
-        rates = twist.omega, math.tau * s.vibration_hz * jitter[2]
+        rates = twist.omega, math.tau * VIBRATION_HZ * jitter[2]
         colour = blurred(picture.colour, *(self._pixels_swept(rate) for rate in rates))
-        sigma = noise_by_level(s, self.gain)
+        sigma = s.noise * noise_by_level(self.gain)
         image = noisy_image(colour, sigma, self._normal, rows[0])
         focal = float(self._renderer.camera_matrix[0, 0])
         depth = measured_depth(
             picture.depth, picture.colour[..., 3], self._normal, self._uniform, rows[1:],
-            s.depth_min, s.depth_max, s.depth_sigma, s.depth_slope / focal, 1.0 - s.depth_speckle,
+            DEPTH_MIN, s.depth_max, s.noise * DEPTH_SIGMA, DEPTH_SLOPE / focal, 1.0 - s.noise * DEPTH_SPECKLE,
         )  # fmt: skip
         self._adapt(picture, stamp_ns)
         return RgbdFrame(stamp_ns, image, depth, self._renderer.camera_matrix)
@@ -126,16 +121,15 @@ class RgbdCamera:
         """Move the exposure towards the wanted one with a first-order lag over the time since the last frame."""
         elapsed = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
         self._stamp_ns = stamp_ns
-        self._scale_light(self._exposure_factor(picture) ** (1.0 - math.exp(-elapsed / self._settings.adaptation)))
+        self._scale_light(self._exposure_factor(picture) ** (1.0 - math.exp(-elapsed / ADAPTATION)))
 
     def _exposure_factor(self, picture: RenderedImage) -> float:
         """Return the factor by which the exposure should change, from every eighth pixel."""
         light = np.square(picture.colour[4::8, 4::8, :3] * np.float32(1.0 / 255.0)).mean()
-        return float(self._settings.target_grey / max(light, 1e-3))
+        return float(TARGET_GREY / max(light, 1e-3))
 
     def _scale_light(self, factor: float) -> None:
-        s = self._settings
-        self._light = min(max(self._light * factor, s.exposure_min), s.exposure_max * s.gain_max)
+        self._light = min(max(self._light * factor, EXPOSURE_MIN), EXPOSURE_MAX * GAIN_MAX)
 
     def _pixels_swept(self, rate: float) -> float:
         """Return how far [pixels] the image's middle moves during the exposure at a turn rate [rad/s]."""
@@ -150,11 +144,11 @@ def blurred(colour: Bytes, across: float, down: float) -> Bytes:
     return np.asarray(cv2.blur(colour, (width, height)), np.uint8)
 
 
-def noise_by_level(settings: CameraSettings, gain: float) -> Float32Array:
+def noise_by_level(gain: float, read_noise: float = READ_NOISE) -> Float32Array:
     """Return the standard deviation (256,) [levels] of each pixel value: shot and read noise after gain and root."""
     light = np.square(np.maximum(np.arange(256), 4) / 255.0)
     electrons = light * FULL_WELL / gain
-    noise = np.sqrt(settings.shot_noise**2 * electrons + settings.read_noise**2)
+    noise = np.sqrt(electrons + read_noise**2)
     return (255.0 * noise / electrons * np.sqrt(light) / 2.0).astype(np.float32)
 
 

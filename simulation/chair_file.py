@@ -1,24 +1,33 @@
 """Simulated chairs: body, electronics and masses of each; some are built in, others are YAML files.
 
-A file needs only the values that differ from chair A; `save_chair` writes all values with their units.
+A file needs only the values that differ from chair A:
+
+    body: {chair_id: ward 3, width: 0.65}
+    plant: {forward_gain: 1.2, family: {dial: 0.6}}
+    mujoco: {rider_mass: 90}
+
+The keys and their units are those of `ChairBody`, `PlantSettings`, `PlantFamily` and `MujocoSettings`.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import difflib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from waychair.calibration.chair import BODIES, CHAIR_A, CHAIR_A_MID, ROBOT, ChairBody
-from waychair.config import Settings, load, save
 from waychair.errors import ConfigError
 from waychair.simulation.mujoco_chair import substeps
 from waychair.simulation.mujoco_model import MujocoSettings
 from waychair.simulation.plant import PlantSettings, Spread, drawn, randomised
+from waychair.yaml_files import load_yaml
 
 _SPREADS = (
     Spread("rider_mass", 0.25, relative=True),
@@ -31,7 +40,7 @@ _SPREADS = (
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedChair(Settings):
+class SimulatedChair:
     """A simulated chair: its body, its drive, and the further figures of the MuJoCo plant."""
 
     body: ChairBody = field(default_factory=ChairBody)
@@ -39,7 +48,6 @@ class SimulatedChair(Settings):
     mujoco: MujocoSettings = field(default_factory=MujocoSettings)
 
     def __post_init__(self) -> None:
-        Settings.__post_init__(self)
         substeps(self.plant, self.mujoco)
 
 
@@ -93,22 +101,10 @@ def load_chair(name_or_path: str | Path = CHAIR_A.chair_id) -> SimulatedChair:
     """
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml"):
-        return load(SimulatedChair, path)
+        return _chair_from_file(path)
     if str(name_or_path) not in CHAIRS:
         raise ConfigError(f"there is no chair '{name_or_path}': take one of {', '.join(CHAIRS)}, or a .yaml file")
     return CHAIRS[str(name_or_path)]
-
-
-def save_chair(chair: SimulatedChair, path: Path) -> None:
-    """Write a whole chair to a YAML file that `load_chair` reads back, each value with its unit and meaning.
-
-    Raises:
-        ConfigError: the file's name does not end in .yaml or .yml: `load_chair` would take it for a chair's name.
-        OutputError: the file cannot be written.
-    """
-    if path.suffix not in (".yaml", ".yml"):
-        raise ConfigError(f"'{path}' is not a name for a chair's file: use a name that ends in .yaml")
-    save(chair, path)
 
 
 def randomised_chair(chair: SimulatedChair, seed: int) -> SimulatedChair:
@@ -119,3 +115,26 @@ def randomised_chair(chair: SimulatedChair, seed: int) -> SimulatedChair:
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(1,)))
     return dataclasses.replace(chair, plant=randomised(chair.plant, seed), mujoco=drawn(chair.mujoco, _SPREADS, rng))
+
+
+def _chair_from_file(path: Path) -> SimulatedChair:
+    values = load_yaml(path, ConfigError)
+    values = {} if values is None else values
+    _refuse_unknown_keys(SimulatedChair, values, str(path))
+    try:
+        return msgspec.convert(values, SimulatedChair)
+    except msgspec.ValidationError as error:
+        raise ConfigError(f"{path}: {error}; correct the value") from error
+
+
+def _refuse_unknown_keys(kind: Any, values: object, where: str) -> None:
+    """Refuse keys that `kind` or a dataclass within it lacks; msgspec would ignore them."""
+    if not isinstance(values, Mapping):
+        raise ConfigError(f"{where} must hold `key: value` lines, not {values!r}")
+    known = {entry.name: entry.default_factory for entry in dataclasses.fields(kind)}
+    for key, value in values.items():
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)[0]
+            raise ConfigError(f"{where}: unknown key '{key}'; did you mean '{near}'?")
+        if dataclasses.is_dataclass(known[key]):
+            _refuse_unknown_keys(known[key], value, f"{where}: {key}")

@@ -8,13 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.config import Settings, setting
 from waychair.errors import WorldError
 from waychair.geometry import wrap_angle
 from waychair.simulation.contact import person_distance
@@ -30,33 +28,28 @@ STALL_NS = 60_000_000_000
 _Point: TypeAlias = tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class FollowerSettings(Settings):
-    """How the rider drives."""
-
-    speed: float = setting(0.6, "m/s", "on straight legs", low=0.05, high=1.5)
-    turn_rate: float = setting(0.6, "rad/s", "fastest turn", low=0.05, high=2.0)
-    look_ahead: float = setting(0.6, "m", "point aimed at, ahead on the leg", low=0.1, high=3.0)
-    braking: float = setting(0.4, "m/s^2", "slows towards a waypoint by this", low=0.05, high=2.0)
-    reached: float = setting(0.08, "m", "a waypoint this near ahead is done", low=0.01, high=1.0)
-    turn_gain: float = setting(1.8, "1/s", "turn rate per radian off the aim", low=0.1, high=5.0)
-    turn_from: float = setting(0.35, "rad", "farther off the aim, it turns in place", low=0.05, high=1.5)
-    turn_until: float = setting(0.05, "rad", "turned in place well enough", low=0.005, high=0.5)
-    look_s: float = setting(1.5, "s", "waits for people it would come near to within this time", low=0.0, high=5.0)
-    room: float = setting(0.12, "m", "this near", low=0.0, high=1.0)
+# A calm rider, tuned on the mapping routes of the shipped worlds.
+SPEED = 0.6  # m/s; on straight legs
+TURN_RATE = 0.6  # rad/s; fastest turn
+LOOK_AHEAD = 0.6  # m; distance of the aim along the leg
+BRAKING = 0.4  # m/s^2; deceleration towards a waypoint
+REACHED = 0.08  # m; a waypoint this near ahead counts as reached
+TURN_GAIN = 1.8  # 1/s; turn rate per radian off the aim
+TURN_FROM = 0.35  # rad; farther off the aim the chair turns on the spot
+TURN_UNTIL = 0.05  # rad; a turn on the spot ends this near to the aim
+PREDICTION_S = 1.5  # s; the rider waits for people to whom the chair would come too near within this time
+PERSON_CLEARANCE = 0.12  # m; too near to a person
 
 
 class Follower:
     """A rider on a `route` (N, 2) [m, map]; holds the present leg and whether the chair turns on the spot."""
 
-    def __init__(
-        self, route: FloatArray, track: float, plant: PlantSettings, settings: FollowerSettings | None = None
-    ) -> None:
-        """`track` [m] and `plant` describe the chair that the rider assumes; the simulated one may differ a little."""
+    def __init__(self, route: FloatArray, track: float, plant: PlantSettings, speed: float = SPEED) -> None:
+        """`track` [m] and `plant` describe the chair that the rider assumes; `speed` [m/s] is for straight legs."""
         self._waypoints: list[_Point] = [(float(x), float(y)) for x, y in route]
         self._track = track
         self._plant = plant
-        self._settings = settings or FollowerSettings()
+        self._speed = speed
         self._next = 0
         self._begin: _Point | None = None
         self._turning = False
@@ -77,15 +70,13 @@ class Follower:
 
     def _comes_near(self, pose: Pose2, twist: Twist, body: ChairBody, people: Sequence[PersonState]) -> bool:
         """Return whether the chair would soon come nearer to a person than the limit and than it is now."""
-        s = self._settings
-        limit = min(s.room, person_distance(body, pose, people))
-        times = np.arange(1, 7) * s.look_s / 6
+        limit = min(PERSON_CLEARANCE, person_distance(body, pose, people))
+        times = np.arange(1, 7) * PREDICTION_S / 6
         return any(person_distance(body, moved(pose, twist, float(t)), people) < limit for t in times)
 
     def _twist(self, pose: Pose2) -> Twist:
-        s = self._settings
         begin = self._begin or (pose.x, pose.y)
-        while not self.done and _remaining(begin, self._waypoints[self._next], pose) < s.reached:
+        while not self.done and _remaining(begin, self._waypoints[self._next], pose) < REACHED:
             begin = self._waypoints[self._next]
             self._next += 1
         self._begin = begin
@@ -94,13 +85,14 @@ class Follower:
         waypoint = self._waypoints[self._next]
         remaining = _remaining(begin, waypoint, pose)
         # The aim may lie beyond the waypoint on the leg's line, so that the last metre stays straight.
-        aim = _along(begin, waypoint, s.look_ahead - remaining)
+        aim = _along(begin, waypoint, LOOK_AHEAD - remaining)
         off = wrap_angle(math.atan2(aim[1] - pose.y, aim[0] - pose.x) - pose.theta)
-        omega = min(s.turn_rate, max(-s.turn_rate, s.turn_gain * off))
-        self._turning = abs(off) > (s.turn_until if self._turning else s.turn_from)
+        omega = min(TURN_RATE, max(-TURN_RATE, TURN_GAIN * off))
+        self._turning = abs(off) > (TURN_UNTIL if self._turning else TURN_FROM)
         if self._turning:
             return Twist(0.0, omega)
-        return Twist(min(s.speed, math.sqrt(2 * s.braking * remaining)) * (1.0 - 0.5 * abs(off) / s.turn_from), omega)
+        speed = min(self._speed, math.sqrt(2 * BRAKING * remaining))
+        return Twist(speed * (1.0 - 0.5 * abs(off) / TURN_FROM), omega)
 
 
 def _remaining(begin: _Point, end: _Point, pose: Pose2) -> float:

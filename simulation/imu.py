@@ -16,42 +16,55 @@ _DRAWN_SAMPLES = 1024
 
 
 @dataclass(frozen=True, slots=True)
-class ImuSettings(Settings):
-    """Errors of accelerometer and gyroscope, the same on all three axes.
+class ImuErrors:
+    """Biases, scale errors and range of a MEMS IMU, the same on all three axes of a sensor.
 
-    The figures are plausible for a MEMS unit of the class of Bosch's BMI088 or TDK's ICM-20948 that was calibrated
-    once and then mounted: 16 bits over +-3 g and +-2000 deg/s, noise of about 0.2 mg and 0.014 deg/s per root Hz.
-    The drift includes warming up and cooling down, and so is larger than the bias instability of a data sheet.
+    The figures, and the noise of `ImuSettings`, are plausible for a unit of the class of Bosch's BMI088 or TDK's
+    ICM-20948 that was calibrated once and then mounted: 16 bits over +-3 g and +-2000 deg/s, noise of about 0.2 mg and
+    0.014 deg/s per root Hz. The drift includes warming up and cooling down, and so is larger than the bias instability
+    of a data sheet.
     """
 
-    rate_hz: float = setting(0.0, "Hz", "samples per second; 0: there is none", low=0.0, high=1000.0)
-    accel_noise: float = setting(0.0018, "m/s^2/sqrt(Hz)", "density of the white noise", low=0.0, high=1.0)
-    gyro_noise: float = setting(0.00024, "rad/s/sqrt(Hz)", "density of the white noise", low=0.0, high=0.1)
-    accel_start_bias: float = setting(0.05, "m/s^2", "bias when switched on (one sigma)", low=0.0, high=5.0)
-    gyro_start_bias: float = setting(0.003, "rad/s", "bias when switched on (one sigma)", low=0.0, high=0.5)
-    accel_drift: float = setting(0.003, "m/s^2", "by which the bias wanders (one sigma)", low=0.0, high=1.0)
-    gyro_drift: float = setting(0.0002, "rad/s", "by which the bias wanders (one sigma)", low=0.0, high=0.1)
-    drift_s: float = setting(200.0, "s", "how long a drift persists", low=1.0, high=100_000.0)
-    scale: float = setting(0.003, "", "error of each axis' scale (one sigma)", low=0.0, high=0.1)
-    accel_range: float = setting(29.4, "m/s^2", "largest reading", low=10.0, high=500.0)
-    gyro_range: float = setting(34.9, "rad/s", "largest reading", low=1.0, high=100.0)
-    bits: int = setting(16, "", "of a reading, with its sign", low=8, high=24)
+    accel_start_bias: float = 0.05  # m/s^2, one sigma; bias when switched on
+    gyro_start_bias: float = 0.003  # rad/s, one sigma; bias when switched on
+    accel_drift: float = 0.003  # m/s^2, one sigma; drift of the bias
+    gyro_drift: float = 0.0002  # rad/s, one sigma; drift of the bias
+    drift_s: float = 200.0  # s; correlation time of the drift
+    scale: float = 0.003  # one sigma; scale error of each axis
+    accel_range: float = 29.4  # m/s^2; largest reading
+    gyro_range: float = 34.9  # rad/s; largest reading
+    bits: int = 16  # of a reading, with its sign
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSettings(Settings):
+    """Rate and white noise of the IMU."""
+
+    rate_hz: float = setting(0.0, "Hz", "samples per second of the IMU; 0: no IMU", low=0.0, high=1000.0)
+    accel_noise: float = setting(
+        0.0018, "m/s^2/sqrt(Hz)", "density of the accelerometer's white noise", low=0.0, high=1.0
+    )
+    gyro_noise: float = setting(0.00024, "rad/s/sqrt(Hz)", "density of the gyro's white noise", low=0.0, high=0.1)
+
+
+ERRORS = ImuErrors()
+"""The errors of the simulated IMU."""
 
 
 class Imu:
     """The IMU with the scale errors and biases drawn at its start, the drifting biases, and its own random stream."""
 
-    def __init__(self, settings: ImuSettings, rng: np.random.Generator) -> None:
-        s = settings
+    def __init__(self, settings: ImuSettings, rng: np.random.Generator, errors: ImuErrors = ERRORS) -> None:
+        s, e = settings, errors
         self._rng = rng
-        self._scale = 1.0 + s.scale * rng.standard_normal(6)
-        self._start_bias = np.repeat([s.accel_start_bias, s.gyro_start_bias], 3) * rng.standard_normal(6)
+        self._scale = 1.0 + e.scale * rng.standard_normal(6)
+        self._start_bias = np.repeat([e.accel_start_bias, e.gyro_start_bias], 3) * rng.standard_normal(6)
         self._white = np.repeat([s.accel_noise, s.gyro_noise], 3) * math.sqrt(s.rate_hz)
-        self._drift = np.repeat([s.accel_drift, s.gyro_drift], 3)
+        self._drift = np.repeat([e.accel_drift, e.gyro_drift], 3)
         self._wandering = rng.standard_normal(6)
-        self._keep = math.exp(-1.0 / (s.drift_s * s.rate_hz)) if s.rate_hz > 0.0 else 0.0
-        self._largest = np.repeat([s.accel_range, s.gyro_range], 3)
-        self._step = self._largest / 2 ** (s.bits - 1)
+        self._keep = math.exp(-1.0 / (e.drift_s * s.rate_hz)) if s.rate_hz > 0.0 else 0.0
+        self._largest = np.repeat([e.accel_range, e.gyro_range], 3)
+        self._step = self._largest / 2 ** (e.bits - 1)
         self._errors = np.empty((0, 6))
         self._next = 0
 

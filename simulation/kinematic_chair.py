@@ -11,7 +11,7 @@ from waychair.calibration.chair import ChairBody
 from waychair.geometry import in_space
 from waychair.simulation.motor_controller import MotorController, WheelNoise
 from waychair.simulation.plant import GRAVITY, PlantSettings, ticks_from_angle
-from waychair.simulation.plant_families import Casters
+from waychair.simulation.plant_families import ROLLING_LOAD, Casters
 from waychair.types import FloatArray, Pose2, Pose3, Twist, WheelSpeeds
 
 
@@ -101,11 +101,11 @@ class KinematicChair:
 
     def _load_of(self, wheels: WheelSpeeds) -> float:
         """Return the motors' load in [0, 1] for rolling on the level and accelerating; 1 is full ramp at full speed."""
-        s, rolling = self._settings, self._settings.family.rolling_load
+        s = self._settings
         fastest = s.forward_gain * (s.swing_volts - s.forward_dead_band)
         speed = max(abs(wheels.left), abs(wheels.right)) / fastest
         change = max(abs(wheels.left - self._wheels.left), abs(wheels.right - self._wheels.right)) / self._dt
-        return min(1.0, rolling * speed + (1.0 - rolling) * change / s.acceleration)
+        return min(1.0, ROLLING_LOAD * speed + (1.0 - ROLLING_LOAD) * change / s.acceleration)
 
 
 def moved(pose: Pose2, twist: Twist, seconds: float) -> Pose2:

@@ -34,27 +34,32 @@ _ONWARD = 1e-7  # m; a beam that continues does not hit the same surface again
 _DARK, _GLASS, _MIRROR = (int(kind) for kind in (Reflection.DARK, Reflection.GLASS, Reflection.MIRROR))
 
 
+# Ranges at which surfaces vanish and rates of faults are plausible for a small indoor lidar, not measured.
+SIGMA_PER_METRE = 0.0005  # growth of the range noise (one sigma) with the range
+DROP_OUT = 0.002  # part of the beams that read nan
+MIXED = 0.05  # part of the beams on an edge that read a range between near and far (mixed pixels)
+EDGE = 0.2  # m; step from beam to beam that is an edge
+DARK_RANGE = 4.0  # m; largest range of a dark surface at normal incidence
+GLASS_ANGLE = math.radians(3.0)  # rad; largest angle of incidence at which glass returns a beam
+
+
 @dataclass(frozen=True, slots=True)
 class LidarSettings(Settings):
-    """Field of view, range and faults of the lidar; beams are evenly spaced over the field of view.
-
-    The ranges at which surfaces vanish and the rates of faults are plausible for a small indoor lidar, not measured.
-    """
+    """Field of view, range and noise of the lidar; beams are evenly spaced over the field of view."""
 
     rate_hz: float = setting(SCAN.rate_hz, "Hz", "scans per second", low=1.0, high=100.0)
     beams: int = setting(720, "", "beams per scan", low=2, high=10_000)
-    field_of_view: float = setting(math.radians(270.0), "rad", "centred on the laser's x axis", low=0.1, high=6.28)
-    sweep_s: float = setting(0.075, "s", "from the first beam to the last; 0: all at once", low=0.0, high=1.0)
-    range_min: float = setting(0.05, "m", "anything nearer reads -inf", low=0.0, high=1.0)
-    range_max: float = setting(25.0, "m", "anything farther reads +inf", low=1.0, high=200.0)
+    field_of_view: float = setting(
+        math.radians(270.0), "rad", "field of view, centred on the laser's x axis", low=0.1, high=6.28
+    )
+    sweep_s: float = setting(0.075, "s", "time from a scan's first beam to its last; 0: all at once", low=0.0, high=1.0)
+    range_min: float = setting(0.05, "m", "smallest range measured; nearer things read -inf", low=0.0, high=1.0)
+    range_max: float = setting(25.0, "m", "largest range measured; farther things read +inf", low=1.0, high=200.0)
     sigma: float = setting(0.01, "m", "noise of a short range (one sigma)", low=0.0, high=0.2)
-    sigma_per_metre: float = setting(0.0005, "", "by which the noise grows with the range", low=0.0, high=0.02)
-    drop_out: float = setting(0.002, "", "part of the beams that read nan", low=0.0, high=1.0)
-    mixed: float = setting(0.05, "", "part of the beams on an edge that fall between near and far", low=0.0, high=1.0)
-    edge: float = setting(0.2, "m", "step from beam to beam that is an edge", low=0.01, high=5.0)
-    dark_range: float = setting(4.0, "m", "to see a dark surface straight on", low=0.1, high=200.0)
-    glass_angle: float = setting(math.radians(3.0), "rad", "off its normal, to see glass itself", low=0.0, high=1.6)
-    legs: bool = setting(False, "", "whether the rider's legs and the leg rests are in the way")
+    faults: bool = setting(
+        True, "", "whether beams drop out, read mixed pixels on edges and get noisier with the range"
+    )
+    legs: bool = setting(False, "", "whether the rider's legs and the leg rests hide beams")
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -85,7 +90,7 @@ class Lidar:
         self._angles = np.linspace(-half, half, settings.beams)
         self._delays = np.linspace(0.0, settings.sweep_s, settings.beams)
         self._legs = _ranges_to_rider(body, self._angles) if settings.legs else np.full(settings.beams, math.inf)
-        self._optics = LidarOptics(settings.range_max, settings.dark_range, math.cos(settings.glass_angle))
+        self._optics = LidarOptics(settings.range_max, DARK_RANGE, math.cos(GLASS_ANGLE))
         self._times_ns: list[int] = []
         self._poses: list[tuple[float, float, float]] = []
         self._leaning: list[TiltedPose] = []
@@ -210,18 +215,19 @@ class Lidar:
     def _with_faults(self, ranges: FloatArray) -> FloatArray:
         """Return true ranges (N,) with noise, mixed pixels, range limits and drop-outs."""
         s = self._settings
+        per_metre, drop_out, mixed_part = (SIGMA_PER_METRE, DROP_OUT, MIXED) if s.faults else (0.0, 0.0, 0.0)
         normal = self._rng.standard_normal(s.beams)
         dropped, mixed, blend = self._rng.random((3, s.beams))
         # A beam on an edge lights both sides and reads a range between them (mixed pixels: Hebert and Krotkov 1992).
         with np.errstate(invalid="ignore"):
             step = np.append(ranges[1:] - ranges[:-1], 0.0)
-            on_edge = np.isfinite(step) & (np.abs(step) > s.edge) & (mixed < s.mixed)
+            on_edge = np.isfinite(step) & (np.abs(step) > EDGE) & (mixed < mixed_part)
         read = np.where(on_edge, ranges + blend * np.where(on_edge, step, 0.0), ranges)
         finite = np.isfinite(read)
-        read[finite] += (s.sigma + s.sigma_per_metre * read[finite]) * normal[finite]
+        read[finite] += (s.sigma + per_metre * read[finite]) * normal[finite]
         read[read > s.range_max] = math.inf
         read[read < s.range_min] = -math.inf
-        read[dropped < s.drop_out] = math.nan
+        read[dropped < drop_out] = math.nan
         return read
 
 

@@ -7,7 +7,7 @@ from collections import deque
 
 import numpy as np
 
-from waychair.simulation.plant import PlantSettings
+from waychair.simulation.plant import NOISE_S, PlantSettings
 from waychair.simulation.plant_families import Heat, ParkingBrake, cut_speed_and_turn, stick_response, voltage
 from waychair.types import WheelSpeeds
 
@@ -90,7 +90,7 @@ class WheelNoise:
 
     def __init__(self, rng: np.random.Generator, settings: PlantSettings) -> None:
         self._rng = rng
-        self._keep = math.exp(-settings.step_ms / 1000.0 / settings.noise_s)
+        self._keep = math.exp(-settings.step_ms / 1000.0 / NOISE_S)
         self._fresh = math.sqrt(1.0 - self._keep * self._keep)
         self._values = (0.0, 0.0, 0.0, 0.0)
         self._stock: list[list[float]] = []

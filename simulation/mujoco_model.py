@@ -8,65 +8,68 @@ the turn (28 degrees). Friction cones must be elliptic: pyramidal ones slip in y
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 from waychair.calibration.chair import ChairBody
-from waychair.config import Settings, setting
 from waychair.errors import ConfigError
+from waychair.simulation.figure_limits import Limits, check_limits
 from waychair.simulation.mujoco_ground import FLOOR, WALL, ground
 from waychair.simulation.plant import GRAVITY, PlantSettings
 from waychair.simulation.world import World
 from waychair.types import Pose2
 
+# Contact figures that all chairs share; plausible, chosen against the true motion of the model.
+IMPRATIO = 10.0  # stiffness of friction over that of contact; MuJoCo's default of 1 lets wheels creep
+WALL_FRICTION = 0.3  # sliding friction of walls and outline
+WHEEL_TORSION = 0.01  # m; friction of a drive wheel against turning on the spot
+CASTER_TORSION = 0.004  # m; friction of a caster against turning on the spot
+CASTER_ROLLING = 0.002  # m; friction of a caster against rolling
+SPRING_SHARE = 0.35  # part of the weight that the casters' springs carry (mid drive)
+
 
 @dataclass(frozen=True, slots=True)
-class MujocoSettings(Settings):
+class MujocoSettings:
     """Masses, wheels, casters and motors of the physical chair; plausible for 149 kg with rider, not measured.
 
     For two touching geoms MuJoCo takes the larger friction, element by element (modelling manual, contact parameters):
     a wet floor needs low `floor_friction`, `wheel_friction` and `caster_friction`.
     """
 
-    timestep_ms: float = setting(2.5, "ms", "integration step", low=0.1, high=5.0)
-    impratio: float = setting(10.0, "", "stiffness of friction over that of contact", low=0.1, high=1000.0)
-    floor_friction: float = setting(0.9, "", "sliding friction of the floor", low=0.0, high=2.0)
-    wall_friction: float = setting(0.3, "", "sliding friction of walls and outline", low=0.0, high=2.0)
-    frame_mass: float = setting(58.0, "kg", "frame with batteries and motors", low=1.0, high=300.0)
-    frame_inset: float = setting(0.06, "m", "outline beyond the frame, on either side", low=0.0, high=0.3)
-    rider_mass: float = setting(75.0, "kg", "rider", low=0.001, high=300.0)
-    rider_from_rear: float = setting(0.42, "m", "rider's centre ahead of the rear end", low=0.0, high=2.0)
-    rider_z: float = setting(0.625, "m", "rider's centre above the floor", low=0.0, high=2.0)
-    outline_low: float = setting(0.10, "m", "lower edge of the outline, clear of ramps and steps", low=0.005, high=1.0)
-    outline_high: float = setting(0.90, "m", "upper edge of the outline", low=0.05, high=2.0)
-    wheel_mass: float = setting(6.0, "kg", "one drive wheel", low=0.1, high=50.0)
-    wheel_half_width: float = setting(0.03, "m", "semi-axis of a drive wheel across", low=0.005, high=0.1)
-    wheel_friction: float = setting(0.9, "", "sliding friction of a drive wheel", low=0.0, high=2.0)
-    wheel_torsion: float = setting(0.01, "m", "its friction against turning on the spot", low=0.0, high=0.1)
-    wheel_rolling: float = setting(0.0015, "m", "its friction against rolling", low=0.0, high=0.1)
-    wheel_armature: float = setting(0.3, "kg m^2", "inertia of motor and gear at the wheel", low=0.0, high=5.0)
-    wheel_damping: float = setting(0.3, "N m s/rad", "drag of motor and gear", low=0.0, high=10.0)
-    motor_gain: float = setting(60.0, "N m s/rad", "torque per missing wheel speed", low=0.01, high=1000.0)
-    motor_torque: float = setting(55.0, "N m", "most that one motor gives", low=0.01, high=500.0)
-    brake_torque: float = setting(120.0, "N m", "parking brake of one motor", low=0.01, high=1000.0)
-    caster_from_end: float = setting(0.23, "m", "caster pivot from the end it is next to", low=0.0, high=1.0)
-    caster_inset: float = setting(0.06, "m", "outline beyond the caster pivot, on either side", low=0.0, high=0.5)
-    caster_radius: float = setting(0.09, "m", "radius of a caster", low=0.02, high=0.3)
-    caster_half_width: float = setting(0.02, "m", "semi-axis of a caster across", low=0.005, high=0.1)
-    caster_trail: float = setting(0.055, "m", "caster's axle behind its pivot", low=0.0, high=0.2)
-    caster_mass: float = setting(1.0, "kg", "one caster", low=0.05, high=20.0)
-    fork_mass: float = setting(0.8, "kg", "one caster's fork", low=0.05, high=20.0)
-    caster_friction: float = setting(0.7, "", "sliding friction of a caster", low=0.0, high=2.0)
-    caster_torsion: float = setting(0.004, "m", "its friction against turning on the spot", low=0.0, high=0.1)
-    caster_rolling: float = setting(0.002, "m", "its friction against rolling", low=0.0, high=0.1)
-    caster_damping: float = setting(0.02, "N m s/rad", "drag of its axle", low=0.0, high=1.0)
-    spring_stiffness: float = setting(8000.0, "N/m", "spring of a caster (mid drive)", low=100.0, high=1e6)
-    spring_damping: float = setting(400.0, "N s/m", "damper of a caster (mid drive)", low=0.0, high=1e5)
-    spring_share: float = setting(0.35, "", "part of the weight that the springs carry", low=0.05, high=0.9)
-    swivel_damping: float = setting(0.12, "N m s/rad", "drag of the pivot", low=0.0, high=5.0)
-    swivel_friction: float = setting(0.25, "N m", "dry friction of the pivot", low=0.0, high=5.0)
-    swivel_armature: float = setting(0.01, "kg m^2", "inertia added to the pivot", low=0.0, high=1.0)
+    timestep_ms: Annotated[float, Limits(0.1, 5.0)] = 2.5  # ms; integration step of the physics
+    floor_friction: Annotated[float, Limits(0.0, 2.0)] = 0.9  # sliding friction of the floor
+    frame_mass: Annotated[float, Limits(1.0, 300.0)] = 58.0  # kg; frame with batteries and motors
+    frame_inset: Annotated[float, Limits(0.0, 0.3)] = 0.06  # m; outline beyond the frame, on either side
+    rider_mass: Annotated[float, Limits(0.001, 300.0)] = 75.0  # kg; rider
+    rider_from_rear: Annotated[float, Limits(0.0, 2.0)] = 0.42  # m; rider's centre ahead of the rear end
+    rider_z: Annotated[float, Limits(0.0, 2.0)] = 0.625  # m; rider's centre above the floor
+    outline_low: Annotated[float, Limits(0.005, 1.0)] = 0.10  # m; lower edge of the outline, clear of ramps and steps
+    outline_high: Annotated[float, Limits(0.05, 2.0)] = 0.90  # m; upper edge of the outline
+    wheel_mass: Annotated[float, Limits(0.1, 50.0)] = 6.0  # kg; one drive wheel
+    wheel_half_width: Annotated[float, Limits(0.005, 0.1)] = 0.03  # m; semi-axis of a drive wheel across
+    wheel_friction: Annotated[float, Limits(0.0, 2.0)] = 0.9  # sliding friction of a drive wheel
+    wheel_rolling: Annotated[float, Limits(0.0, 0.1)] = 0.0015  # m; rolling friction of a drive wheel
+    wheel_armature: Annotated[float, Limits(0.0, 5.0)] = 0.3  # kg m^2; inertia of motor and gear at the wheel
+    wheel_damping: Annotated[float, Limits(0.0, 10.0)] = 0.3  # N m s/rad; drag of motor and gear
+    motor_gain: Annotated[float, Limits(0.01, 1000.0)] = 60.0  # N m s/rad; torque per missing wheel speed
+    motor_torque: Annotated[float, Limits(0.01, 500.0)] = 55.0  # N m; greatest torque of one motor
+    brake_torque: Annotated[float, Limits(0.01, 1000.0)] = 120.0  # N m; parking brake of one motor
+    caster_from_end: Annotated[float, Limits(0.0, 1.0)] = 0.23  # m; caster pivot from the nearer end
+    caster_inset: Annotated[float, Limits(0.0, 0.5)] = 0.06  # m; outline beyond the caster pivot, on either side
+    caster_radius: Annotated[float, Limits(0.02, 0.3)] = 0.09  # m; radius of a caster
+    caster_half_width: Annotated[float, Limits(0.005, 0.1)] = 0.02  # m; semi-axis of a caster across
+    caster_trail: Annotated[float, Limits(0.0, 0.2)] = 0.055  # m; caster's axle behind its pivot
+    caster_mass: Annotated[float, Limits(0.05, 20.0)] = 1.0  # kg; one caster
+    fork_mass: Annotated[float, Limits(0.05, 20.0)] = 0.8  # kg; one caster's fork
+    caster_friction: Annotated[float, Limits(0.0, 2.0)] = 0.7  # sliding friction of a caster
+    caster_damping: Annotated[float, Limits(0.0, 1.0)] = 0.02  # N m s/rad; drag of a caster's axle
+    spring_stiffness: Annotated[float, Limits(100.0, 1e6)] = 8000.0  # N/m; spring of a caster (mid drive)
+    spring_damping: Annotated[float, Limits(0.0, 1e5)] = 400.0  # N s/m; damper of a caster (mid drive)
+    swivel_damping: Annotated[float, Limits(0.0, 5.0)] = 0.12  # N m s/rad; drag of a caster's pivot
+    swivel_friction: Annotated[float, Limits(0.0, 5.0)] = 0.25  # N m; dry friction of a caster's pivot
+    swivel_armature: Annotated[float, Limits(0.0, 1.0)] = 0.01  # kg m^2; inertia added to a caster's pivot
 
     def __post_init__(self) -> None:
-        Settings.__post_init__(self)
+        check_limits(self)
         if self.outline_high <= self.outline_low:
             raise ConfigError(
                 f"outline_high = {self.outline_high:g} is impossible: it must lie above outline_low = "
@@ -87,10 +90,10 @@ def mjcf(world: World, body: ChairBody, plant: PlantSettings, settings: MujocoSe
     s = settings
     return f"""<mujoco model="waychair">
 <compiler angle="radian"/>
-<option timestep="{s.timestep_ms / 1000.0}" integrator="implicitfast" cone="elliptic" impratio="{s.impratio}"
+<option timestep="{s.timestep_ms / 1000.0}" integrator="implicitfast" cone="elliptic" impratio="{IMPRATIO}"
  gravity="0 0 {-GRAVITY}"/>
 <worldbody>
-{ground(world, s.floor_friction, s.wall_friction, s.outline_high)}
+{ground(world, s.floor_friction, WALL_FRICTION, s.outline_high)}
 <body name="chair" pos="{pose.x} {pose.y} {body.wheel_radius}" euler="0 0 {pose.theta}">
 <freejoint/>
 <site name="imu" pos="{body.imu_x} {body.imu_y} {body.imu_z - body.wheel_radius}"/>
@@ -122,7 +125,7 @@ def _seat(body: ChairBody, s: MujocoSettings) -> str:
  mass="{s.rider_mass}" contype="0" conaffinity="0"/>
 <geom name="outline" type="box" pos="{middle} 0 {0.5 * (low + high)}"
  size="{0.5 * body.length} {0.5 * body.width} {0.5 * (high - low)}"
- mass="0" friction="{s.wall_friction} 0 0" contype="{FLOOR | WALL}" conaffinity="0"/>"""
+ mass="0" friction="{WALL_FRICTION} 0 0" contype="{FLOOR | WALL}" conaffinity="0"/>"""
 
 
 def _wheel(name: str, y: float, radius: float, body: ChairBody, s: MujocoSettings) -> str:
@@ -135,7 +138,7 @@ def _wheel(name: str, y: float, radius: float, body: ChairBody, s: MujocoSetting
 <joint name="{name}" axis="0 1 0" armature="{s.wheel_armature}" damping="{s.wheel_damping}"
  solreffriction="0.005 1" solimpfriction="0.999 0.9999 0.001"/>
 <geom type="ellipsoid" size="{radius} {radius} {s.wheel_half_width}" zaxis="0 1 0" mass="{s.wheel_mass}"
- friction="{s.wheel_friction} {s.wheel_torsion} {s.wheel_rolling}" condim="6" solref="0.01 1"
+ friction="{s.wheel_friction} {WHEEL_TORSION} {s.wheel_rolling}" condim="6" solref="0.01 1"
  contype="{FLOOR}" conaffinity="0"/>
 </body>"""
 
@@ -152,7 +155,7 @@ def _casters(body: ChairBody, s: MujocoSettings) -> str:
 def _spring(s: MujocoSettings) -> str:
     """Return the sprung slide of one of four casters; in the middle it bears a quarter of the springs' share."""
     mass = s.frame_mass + s.rider_mass + 2.0 * s.wheel_mass + 4.0 * (s.caster_mass + s.fork_mass)
-    pressed = s.spring_share * mass * GRAVITY / 4.0 / s.spring_stiffness
+    pressed = SPRING_SHARE * mass * GRAVITY / 4.0 / s.spring_stiffness
     return (
         f'<joint type="slide" axis="0 0 1" stiffness="{s.spring_stiffness}" damping="{s.spring_damping}"'
         f' springref="{-pressed}"/>'
@@ -168,7 +171,7 @@ def _caster(x: float, y: float, spring: str, body: ChairBody, s: MujocoSettings)
 <body pos="{-s.caster_trail} 0 0">
 <joint axis="0 1 0" damping="{s.caster_damping}"/>
 <geom type="ellipsoid" size="{s.caster_radius} {s.caster_radius} {s.caster_half_width}" zaxis="0 1 0"
- mass="{s.caster_mass}" friction="{s.caster_friction} {s.caster_torsion} {s.caster_rolling}" condim="6"
+ mass="{s.caster_mass}" friction="{s.caster_friction} {CASTER_TORSION} {CASTER_ROLLING}" condim="6"
  contype="{FLOOR}" conaffinity="0"/>
 </body>
 </body>"""

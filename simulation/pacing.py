@@ -10,10 +10,8 @@ from __future__ import annotations
 import enum
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Protocol
 
-from waychair.config import Settings, setting
 from waychair.errors import DriverSilent
 
 
@@ -25,14 +23,11 @@ class PaceMode(enum.Enum):
     REALTIME = "realtime"  # the real clock
 
 
-@dataclass(frozen=True, slots=True)
-class PacingSettings(Settings):
-    """Timeouts of the pacing."""
+ANSWER_TIMEOUT_S = 5.0
+"""In lockstep a driver that takes longer to answer has failed."""
 
-    patience: float = setting(
-        5.0, "s", "lockstep: a driver that takes longer to answer has failed", low=0.01, high=3600
-    )
-    slack: float = setting(0.1, "s", "realtime: a delay beyond this is never caught up", low=0.0, high=10.0)
+SLACK_S = 0.1
+"""In real time a delay is caught up to this extent only."""
 
 
 class Driver(Protocol):
@@ -46,7 +41,7 @@ class Driver(Protocol):
 class Pacer:
     """Delays a simulation after each tick and measures its real-time factor.
 
-    In real time a short delay is caught up. Of a longer delay only `slack` is caught up, so that the simulation does
+    In real time a short delay is caught up. Of a longer delay only `slack_s` is caught up, so that the simulation does
     not race after a stall; `lost_s` is the rest.
     """
 
@@ -54,8 +49,9 @@ class Pacer:
         self,
         mode: PaceMode = PaceMode.FAST,
         driver: Driver | None = None,
-        settings: PacingSettings | None = None,
         *,
+        timeout_s: float = ANSWER_TIMEOUT_S,
+        slack_s: float = SLACK_S,
         clock: Callable[[], int] = time.monotonic_ns,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
@@ -65,7 +61,8 @@ class Pacer:
         """
         self.mode = mode
         self._driver = driver
-        self._settings = settings or PacingSettings()
+        self._timeout_s = timeout_s
+        self._slack_ns = round(slack_s * 1e9)
         self._clock = clock
         self._sleep = sleep
         self._began: tuple[int, int] | None = None  # real and simulated time of the first call
@@ -85,13 +82,11 @@ class Pacer:
         self._now_ns = now_ns
         if self.mode is PaceMode.REALTIME:
             self._wait_for_real_time()
-        elif self.mode is PaceMode.LOCKSTEP and self._driver is not None:
-            patience = self._settings.patience
-            if not self._driver.wait(patience):
-                raise DriverSilent(
-                    f"the driver has not answered for {patience:g} s at {now_ns * 1e-9:.3f} s of simulated time; "
-                    "start it, or take the mode fast or realtime"
-                )
+        elif self.mode is PaceMode.LOCKSTEP and self._driver is not None and not self._driver.wait(self._timeout_s):
+            raise DriverSilent(
+                f"the driver has not answered for {self._timeout_s:g} s at {now_ns * 1e-9:.3f} s of simulated time; "
+                "start it, or take the mode fast or realtime"
+            )
 
     @property
     def real_time_factor(self) -> float:
@@ -113,4 +108,4 @@ class Pacer:
         late_ns = self._clock() - due_ns
         if late_ns < 0:
             self._sleep(-late_ns * 1e-9)
-        self._lost_ns += max(0, late_ns - round(self._settings.slack * 1e9))
+        self._lost_ns += max(0, late_ns - self._slack_ns)

@@ -11,22 +11,25 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol, TypeVar
+from typing import Annotated, Any, Protocol, TypeVar
 
 import numpy as np
 
-from waychair.config import Settings, setting
+from waychair.simulation.figure_limits import Limits, check_limits, limits_of
 from waychair.simulation.plant_families import FAMILIES, PlantFamily
 from waychair.types import FloatArray, Pose2, Pose3, Twist
 
-S = TypeVar("S", bound=Settings)
+Figures = TypeVar("Figures")
 
 GRAVITY = 9.80665
 """Standard gravity [m/s^2]."""
 
+NOISE_S = 0.3
+"""Correlation time of motor ripple and slip; plausible, not measured."""
+
 
 @dataclass(frozen=True, slots=True)
-class PlantSettings(Settings):
+class PlantSettings:
     """One chair's drive; the defaults invert the printed equations of Pai et al. (2026).
 
     Inverting their four coefficients at 12.94 mV per count gives the two gains and the two skews below exactly. Ramps,
@@ -35,27 +38,29 @@ class PlantSettings(Settings):
     of 0.1 %, wheel odometry ends about 10 m off after a route of 200 m, as on real chairs.
     """
 
-    neutral_volts: float = setting(1.65, "V", "both axes at rest", low=0.5, high=10.0)
-    swing_volts: float = setting(1.2, "V", "beyond this far from neutral the axes saturate", low=0.1, high=5.0)
-    forward_dead_band: float = setting(0.0945, "V", "from neutral to where it starts to drive", low=0.0, high=0.5)
-    turn_dead_band: float = setting(0.0945, "V", "from neutral to where it starts to turn", low=0.0, high=0.5)
-    forward_gain: float = setting(1.32413, "m/s/V", "speed per volt beyond the dead band", low=0.1, high=5.0)
-    turn_gain: float = setting(1.33649, "m/s/V", "wheel speed difference per volt", low=0.1, high=5.0)
-    forward_skew: float = setting(0.01428, "", "part by which the left wheel leads when driving", low=-0.2, high=0.2)
-    turn_skew: float = setting(0.03359, "", "part by which the left wheel leads when turning", low=-0.2, high=0.2)
-    acceleration: float = setting(0.9, "m/s^2", "ramp when speeding up", low=0.05, high=5.0)
-    deceleration: float = setting(1.6, "m/s^2", "ramp when slowing down", low=0.05, high=5.0)
-    turn_acceleration: float = setting(3.0, "rad/s^2", "ramp of the turn rate", low=0.1, high=20.0)
-    lag_s: float = setting(0.14, "s", "time constant of the motors", low=0.001, high=1.0)
-    delay_s: float = setting(0.05, "s", "from the stick to the first effect", low=0.0, high=0.5)
-    speed_noise: float = setting(0.01, "", "motor ripple, part of the wheel speed (one sigma)", low=0.0, high=0.3)
-    slip_noise: float = setting(0.003, "", "slip that the encoders do not see, as above", low=0.0, high=0.3)
-    noise_s: float = setting(0.3, "s", "how long ripple and slip persist", low=0.01, high=10.0)
-    left_wheel_scale: float = setting(1.0006, "", "true over nominal radius, left", low=0.8, high=1.2)
-    right_wheel_scale: float = setting(0.9994, "", "true over nominal radius, right", low=0.8, high=1.2)
-    track_scale: float = setting(1.0, "", "effective over nominal track", low=0.8, high=1.2)
-    step_ms: int = setting(5, "ms", "integration step", low=1, high=50)
+    neutral_volts: Annotated[float, Limits(0.5, 10.0)] = 1.65  # V; volts of both axes at rest
+    swing_volts: Annotated[float, Limits(0.1, 5.0)] = 1.2  # V; largest deviation from neutral; the axes saturate there
+    forward_dead_band: Annotated[float, Limits(0.0, 0.5)] = 0.0945  # V; from neutral to the start of driving
+    turn_dead_band: Annotated[float, Limits(0.0, 0.5)] = 0.0945  # V; from neutral to the start of turning
+    forward_gain: Annotated[float, Limits(0.1, 5.0)] = 1.32413  # m/s/V; speed per volt beyond the dead band
+    turn_gain: Annotated[float, Limits(0.1, 5.0)] = 1.33649  # m/s/V; wheel speed difference per volt
+    forward_skew: Annotated[float, Limits(-0.2, 0.2)] = 0.01428  # part by which the left wheel leads when driving
+    turn_skew: Annotated[float, Limits(-0.2, 0.2)] = 0.03359  # part by which the left wheel leads when turning
+    acceleration: Annotated[float, Limits(0.05, 5.0)] = 0.9  # m/s^2; ramp of speeding up
+    deceleration: Annotated[float, Limits(0.05, 5.0)] = 1.6  # m/s^2; ramp of slowing down
+    turn_acceleration: Annotated[float, Limits(0.1, 20.0)] = 3.0  # rad/s^2; ramp of the turn rate
+    lag_s: Annotated[float, Limits(0.001, 1.0)] = 0.14  # s; time constant of the motors
+    delay_s: Annotated[float, Limits(0.0, 0.5)] = 0.05  # s; from the stick to the first effect
+    speed_noise: Annotated[float, Limits(0.0, 0.3)] = 0.01  # one sigma; motor ripple, part of the speed
+    slip_noise: Annotated[float, Limits(0.0, 0.3)] = 0.003  # one sigma; slip unknown to the encoders, as a part
+    left_wheel_scale: Annotated[float, Limits(0.8, 1.2)] = 1.0006  # true over nominal radius, left
+    right_wheel_scale: Annotated[float, Limits(0.8, 1.2)] = 0.9994  # true over nominal radius, right
+    track_scale: Annotated[float, Limits(0.8, 1.2)] = 1.0  # effective over nominal track
+    step_ms: Annotated[int, Limits(1, 50)] = 5  # ms; integration step
     family: PlantFamily = field(default_factory=PlantFamily)
+
+    def __post_init__(self) -> None:
+        check_limits(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,15 +95,16 @@ _TYRE_DIFFERENCE = (0.0010, 0.0014)
 """Least and greatest relative difference of the two drive wheels' radii; either may be the larger."""
 
 
-def drawn(settings: S, spreads: tuple[Spread, ...], rng: np.random.Generator) -> S:
-    """Return settings with each figure of `spreads` drawn uniformly about its value and held within its limits."""
-    fields = {entry.name: entry.metadata for entry in dataclasses.fields(settings)}
-    values = {}
+def drawn(figures: Figures, spreads: tuple[Spread, ...], rng: np.random.Generator) -> Figures:
+    """Return a dataclass with each figure of `spreads` drawn uniformly about its value and held within its limits."""
+    values: dict[str, float] = {}
     for spread in spreads:
-        nominal, limits = getattr(settings, spread.name), fields[spread.name]
+        nominal, (low, high) = getattr(figures, spread.name), limits_of(type(figures))[spread.name]
         width = spread.half_width * (nominal if spread.relative else 1.0)
-        values[spread.name] = min(limits["high"], max(limits["low"], nominal + width * float(rng.uniform(-1.0, 1.0))))
-    return dataclasses.replace(settings, **values)
+        values[spread.name] = min(high, max(low, nominal + width * float(rng.uniform(-1.0, 1.0))))
+    plain: Any = figures
+    changed: Figures = dataclasses.replace(plain, **values)
+    return changed
 
 
 def randomised(settings: PlantSettings, seed: int) -> PlantSettings:

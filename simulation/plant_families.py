@@ -10,8 +10,9 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
+from typing import Annotated
 
-from waychair.config import Settings, setting
+from waychair.simulation.figure_limits import Limits, check_limits
 
 SWING_END = 3.7
 """A caster has swung round when ln tan(phi / 2) of its angle phi reaches this: 3 degrees short of trailing exactly."""
@@ -19,29 +20,38 @@ SWING_END = 3.7
 AT_REST = 0.01
 """Wheel speed [m/s] below which the parking brake may engage."""
 
+BRAKE_REST_S = 0.5
+"""Time at rest without a command after which the parking brake engages."""
+
+CASTER_TRAIL = 0.055
+"""Distance [m] of a caster's axle behind its pivot, in the kinematic plant."""
+
+ROLLING_LOAD = 0.3
+"""Load of the motors at full speed on the level, in the kinematic plant."""
+
 
 @dataclass(frozen=True, slots=True)
-class PlantFamily(Settings):
+class PlantFamily:
     """The figures of one family; the defaults change nothing."""
 
-    stick_curve: float = setting(0.0, "", "S-curve of the stick: 0 straight, 1 smoothstep", low=0.0, high=1.0)
-    turn_cut: float = setting(0.0, "", "part of the speed that is lost at full turn", low=0.0, high=0.9)
-    turn_fade: float = setting(0.0, "", "part of the turn that is lost at full speed", low=0.0, high=0.9)
-    dial: float = setting(1.0, "", "speed dial: part of the greatest speed and turn", low=0.2, high=1.0)
-    profile_speed: float = setting(1.0, "", "drive profile: part of the greatest speed and turn", low=0.1, high=1.0)
-    profile_ramp: float = setting(1.0, "", "drive profile: part of all ramps", low=0.1, high=1.0)
-    charge: float = setting(1.0, "", "of the battery: 0 empty, 1 full", low=0.0, high=1.0)
-    sag_empty: float = setting(0.0, "", "part of its voltage that an empty battery lacks", low=0.0, high=0.5)
-    sag_load: float = setting(0.0, "", "part of its voltage that full load takes", low=0.0, high=0.5)
-    brake_release_s: float = setting(0.0, "s", "parking brake opens so late; 0 without a brake", low=0.0, high=2.0)
-    brake_rest_s: float = setting(0.5, "s", "parking brake shuts after so long at rest", low=0.0, high=10.0)
-    caster_flip: float = setting(0.0, "rad", "yaw by one swing of the casters (kinematic only)", low=0.0, high=1.0)
-    caster_trail: float = setting(0.055, "m", "caster's axle behind its pivot (kinematic only)", low=0.01, high=0.2)
-    thermal_fade: float = setting(0.0, "", "part of the power that hot motors lack", low=0.0, high=0.9)
-    thermal_from: float = setting(0.01, "", "mean square load at which power begins to fade", low=0.0, high=0.5)
-    thermal_full: float = setting(0.10, "", "mean square load at which the whole of it is lost", low=0.01, high=1.0)
-    thermal_s: float = setting(60.0, "s", "time constant of warming up and cooling down", low=1.0, high=3600.0)
-    rolling_load: float = setting(0.3, "", "load at full speed on the level (kinematic only)", low=0.0, high=1.0)
+    stick_curve: Annotated[float, Limits(0.0, 1.0)] = 0.0  # S-curve of the stick: 0 straight, 1 smoothstep
+    turn_cut: Annotated[float, Limits(0.0, 0.9)] = 0.0  # part of the speed lost at full turn
+    turn_fade: Annotated[float, Limits(0.0, 0.9)] = 0.0  # part of the turn lost at full speed
+    dial: Annotated[float, Limits(0.2, 1.0)] = 1.0  # speed dial: part of the greatest speed and turn
+    profile_speed: Annotated[float, Limits(0.1, 1.0)] = 1.0  # drive profile: part of the greatest speed and turn
+    profile_ramp: Annotated[float, Limits(0.1, 1.0)] = 1.0  # drive profile: part of all ramps
+    charge: Annotated[float, Limits(0.0, 1.0)] = 1.0  # charge of the battery: 0 empty, 1 full
+    sag_empty: Annotated[float, Limits(0.0, 0.5)] = 0.0  # part of the voltage that an empty battery lacks
+    sag_load: Annotated[float, Limits(0.0, 0.5)] = 0.0  # part of the voltage that full load takes
+    brake_release_s: Annotated[float, Limits(0.0, 2.0)] = 0.0  # s; delay of the parking brake's release; 0: no brake
+    caster_flip: Annotated[float, Limits(0.0, 1.0)] = 0.0  # rad; yaw by one swing of the casters (kinematic plant only)
+    thermal_fade: Annotated[float, Limits(0.0, 0.9)] = 0.0  # part of the power that hot motors lack
+    thermal_from: Annotated[float, Limits(0.0, 0.5)] = 0.01  # mean square load at which the power begins to fade
+    thermal_full: Annotated[float, Limits(0.01, 1.0)] = 0.10  # mean square load at which all of `thermal_fade` is lost
+    thermal_s: Annotated[float, Limits(1.0, 3600.0)] = 60.0  # s; time constant of warming up and cooling down
+
+    def __post_init__(self) -> None:
+        check_limits(self)
 
     @property
     def speed(self) -> float:
@@ -100,7 +110,7 @@ class ParkingBrake:
 
     A rider notices a short wait and a click before the chair moves off. Springs engage the brakes and a current
     releases them: they open `brake_release_s` after a command to the motors (0.2 to 0.5 s is plausible, not measured),
-    and shut `brake_rest_s` after the chair has come to rest without a command.
+    and shut BRAKE_REST_S after the chair has come to rest without a command.
     """
 
     def __init__(self, settings: PlantFamily, step_s: float) -> None:
@@ -117,7 +127,7 @@ class ParkingBrake:
         about_to_change = asked if self.shut else not asked and speed < AT_REST
         self._changing_s = self._changing_s + self._step_s if about_to_change else 0.0
         # half a step more, so that the rounded sum of many steps is not short of the time
-        if self._changing_s + 0.5 * self._step_s > (s.brake_release_s if self.shut else s.brake_rest_s):
+        if self._changing_s + 0.5 * self._step_s > (s.brake_release_s if self.shut else BRAKE_REST_S):
             self.shut, self._changing_s = not self.shut, 0.0
         return self.shut
 
@@ -141,7 +151,7 @@ class Casters:
         if abs(omega) > 0.02:
             self._side = math.copysign(1.0, omega)
         before = self._swing
-        self._swing = min(SWING_END, max(-SWING_END, before - v * step_s / self._settings.caster_trail))
+        self._swing = min(SWING_END, max(-SWING_END, before - v * step_s / CASTER_TRAIL))
         swung = abs(_angle(self._swing) - _angle(before))
         return self._side * self._settings.caster_flip * swung / (_angle(SWING_END) - _angle(-SWING_END)) / step_s
 

@@ -63,14 +63,14 @@ PEOPLE_STEP_NS = 50_000_000
 class SimulatorSettings(Settings):
     """Plant, sensors and their rates; the periods of encoders, lidar and IMU must be whole numbers of plant steps."""
 
-    plant_model: str = setting("kinematic", "", "kinematic or mujoco")
+    plant_model: str = setting("kinematic", "", "plant of the simulated chair: kinematic or mujoco")
     plant: PlantSettings = field(default_factory=PlantSettings)
     mujoco: MujocoSettings = field(default_factory=MujocoSettings)
     lidar: LidarSettings = field(default_factory=LidarSettings)
     imu: ImuSettings = field(default_factory=ImuSettings)
     sonar: SonarSettings = field(default_factory=SonarSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
-    wheels_hz: float = setting(WHEELS.rate_hz, "Hz", "encoder readings per second", low=1.0, high=1000.0)
+    wheels_hz: float = setting(WHEELS.rate_hz, "Hz", "readings per second of the wheel encoders", low=1.0, high=1000.0)
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)

@@ -25,18 +25,23 @@ _RAY_STEP = math.radians(0.5)
 """Angle between the rays of a cone [rad]: they hit a chair's leg of 3 cm up to 3.4 m away."""
 
 
+# Plausible for cheap 40 kHz transducers, not measured.
+RANGE_MIN = 0.02  # m; nearer things read -inf
+INCIDENCE = math.radians(60.0)  # rad; largest angle of incidence at which a face echoes
+SIGMA = 0.01  # m, one sigma; noise of a range
+CROSS_TALK = 0.005  # part of the readings that are another sonar's ping
+
+
 @dataclass(frozen=True, slots=True)
 class SonarSettings(Settings):
-    """Cone, range and faults of the sonars, plausible for cheap 40 kHz transducers."""
+    """Mount, cone and range of the sonars; the defaults are plausible for cheap 40 kHz transducers."""
 
-    rate_hz: float = setting(0.0, "Hz", "readings per second of all sonars; 0: there are none", low=0.0, high=100.0)
-    height: float = setting(0.40, "m", "of the sonars above the floor", low=0.02, high=2.0)
-    half_cone: float = setting(math.radians(15.0), "rad", "from the axis to the edge", low=0.01, high=1.5)
-    range_min: float = setting(0.02, "m", "anything nearer reads -inf", low=0.0, high=1.0)
-    range_max: float = setting(4.0, "m", "anything farther reads +inf", low=0.1, high=20.0)
-    incidence: float = setting(math.radians(60.0), "rad", "farther off its normal, a face is deaf", low=0.1, high=1.57)
-    sigma: float = setting(0.01, "m", "noise of a range (one sigma)", low=0.0, high=0.5)
-    cross_talk: float = setting(0.005, "", "part of the readings that are another's ping", low=0.0, high=1.0)
+    rate_hz: float = setting(0.0, "Hz", "readings per second of all sonars; 0: no sonars", low=0.0, high=100.0)
+    height: float = setting(0.40, "m", "height of the sonars above the floor", low=0.02, high=2.0)
+    half_cone: float = setting(
+        math.radians(15.0), "rad", "angle between a cone's axis and its edge", low=0.01, high=1.5
+    )
+    range_max: float = setting(4.0, "m", "largest range of a sonar; farther things read +inf", low=0.1, high=20.0)
 
 
 class Sonars:
@@ -55,15 +60,15 @@ class Sonars:
         """Return ranges (8,) in the order of `sonar_mounts`, by REP-117: +inf no echo, -inf too close."""
         s = self._settings
         sonars = compose(map_from_base.array(), self._mounts)
-        ranges = first_echoes(scenery, bodies(people), sonars, self._fan, math.cos(s.incidence), s.range_max)
+        ranges = first_echoes(scenery, bodies(people), sonars, self._fan, math.cos(INCIDENCE), s.range_max)
         noise = self._rng.standard_normal(len(ranges))
         heard, place = self._rng.random((2, len(ranges)))
-        ranges += s.sigma * noise
+        ranges += SIGMA * noise
         # Another sonar's ping comes at any time; it counts if it comes first.
-        alien = np.where(heard < s.cross_talk, s.range_min + place * (s.range_max - s.range_min), math.inf)
-        np.minimum(ranges, alien, out=ranges)
+        other = np.where(heard < CROSS_TALK, RANGE_MIN + place * (s.range_max - RANGE_MIN), math.inf)
+        np.minimum(ranges, other, out=ranges)
         ranges[ranges > s.range_max] = math.inf
-        ranges[ranges < s.range_min] = -math.inf
+        ranges[ranges < RANGE_MIN] = -math.inf
         return SonarReadings(stamp_ns, ranges.astype(np.float32))
 
 

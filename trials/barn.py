@@ -270,16 +270,16 @@ def run_barn(
     score = optimal / min(max(time_s, 2 * optimal), 8 * optimal) if outcome == "success" else 0.0
     way_driven = np.array([pose.array() for pose in poses])
     return BarnRun(
-        environment.name,
-        start,
-        outcome,
-        time_s,
-        score,
-        float(np.hypot(*np.diff(way_driven[:, :2], axis=0).T).sum()),
-        clearance,
-        plans,
-        reason,
-        way_driven,
+        world=environment.name,
+        start=start,
+        outcome=outcome,
+        time_s=time_s,
+        score=score,
+        distance_m=float(np.hypot(*np.diff(way_driven[:, :2], axis=0).T).sum()),
+        clearance_m=clearance,
+        plans=plans,
+        reason=reason,
+        truth=way_driven,
     )
 
 

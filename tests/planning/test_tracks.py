@@ -25,9 +25,9 @@ from waychair.planning.tracks import (
     associate,
     clusters,
     linked_groups,
-    may_be_behind,
+    person_may_be_behind,
+    personal_space_points,
     predicted,
-    room_round,
 )
 from waychair.simulation.lidar import Lidar, LidarSettings
 from waychair.simulation.people import SimulatedPeople
@@ -171,11 +171,11 @@ def test_who_pauses_is_on_the_way_and_who_stays_stands_but_is_a_person_still() -
     for k in range(20):
         (walker, *_) = tracker.update(k * TICK_NS, blob(0.1 * k, 0.0)) or (None,)
     assert walker is not None
-    assert walker.walks
-    walks = [tracker.update(k * TICK_NS, blob(1.9, 0.0))[0].walks for k in range(20, 60)]
+    assert walker.is_walking
+    walks = [tracker.update(k * TICK_NS, blob(1.9, 0.0))[0].is_walking for k in range(20, 60)]
     assert walks[: round(PAUSE_S * 10) - 2] == [True] * (round(PAUSE_S * 10) - 2)
     assert not any(walks[30:])
-    assert tracker.update(60 * TICK_NS, blob(1.9, 0.0))[0].walked
+    assert tracker.update(60 * TICK_NS, blob(1.9, 0.0))[0].has_walked
 
 
 @pytest.mark.parametrize("ahead", [0.02, 0.1, 0.3, 1.0])
@@ -183,7 +183,9 @@ def test_the_room_of_a_person_never_holds_the_chair(ahead: float) -> None:
     pose = Pose2(1.0, 2.0, 0.7)
     middle = transform_points(pose, np.array([[CHAIR_A.front + ahead, 0.1]]))[0]
     track = Track(1, 0, 0, 9, middle, np.zeros(2), np.eye(4), 0.3, moved_ns=0)
-    room = transform_points(pose.inverse(), room_round([track], PersonalSpaceSettings().radius, pose, CHAIR_A, 0.06))
+    room = transform_points(
+        pose.inverse(), personal_space_points([track], PersonalSpaceSettings().radius, pose, CHAIR_A, 0.06)
+    )
     outside = np.maximum(room[:, 0] - CHAIR_A.front, np.abs(room[:, 1]) - CHAIR_A.width / 2)
     assert (outside >= 0.06 - 1e-9).all()
     assert (len(room) > 0) == (ahead > 0.06)
@@ -196,7 +198,7 @@ def test_who_drifts_slowly_is_known_by_the_way_made_and_what_stands_is_not() -> 
     for k in range(50):
         stands, drifts = blob(0.0, 5.0), blob(0.015 * k, 0.0)
         tracks = tracker.update(k * TICK_NS, np.concatenate([stands, drifts]))
-    assert [track.walked for track in sorted(tracks, key=lambda each: float(each.position[1]))] == [True, False]
+    assert [track.has_walked for track in sorted(tracks, key=lambda each: float(each.position[1]))] == [True, False]
 
 
 def test_who_went_out_of_sight_behind_the_chair_may_be_there_until_forgotten() -> None:
@@ -206,6 +208,6 @@ def test_who_went_out_of_sight_behind_the_chair_may_be_there_until_forgotten() -
     for k in range(20, 90):
         tracker.update(k * TICK_NS, np.empty((0, 2)))
         if k == 40:
-            assert may_be_behind(tracker.lost, k * TICK_NS, Pose2(), CHAIR_A, 0.4)
-            assert not may_be_behind(tracker.lost, k * TICK_NS, Pose2(0.0, 0.0, math.pi), CHAIR_A, 0.4)
+            assert person_may_be_behind(tracker.lost, k * TICK_NS, Pose2(), CHAIR_A, 0.4)
+            assert not person_may_be_behind(tracker.lost, k * TICK_NS, Pose2(0.0, 0.0, math.pi), CHAIR_A, 0.4)
     assert not tracker.lost

@@ -5,13 +5,15 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import msgspec
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import BODIES, CHAIR_A, CHAIR_B
 from waychair.errors import ConfigError
-from waychair.simulation.chair_file import CHAIRS, SimulatedChair, load_chair, randomised_chair, save_chair
+from waychair.simulation.chair_file import CHAIRS, SimulatedChair, load_chair, randomised_chair
 from waychair.simulation.mujoco_model import MujocoSettings
 from waychair.simulation.plant import PlantSettings, families
 
@@ -23,20 +25,16 @@ def test_every_body_that_is_built_in_is_a_chair_and_a_is_the_default() -> None:
 
 
 @pytest.mark.parametrize("name", CHAIRS)
-def test_a_saved_chair_is_read_back_and_its_file_tells_the_units(name: str, tmp_path: Path) -> None:
+def test_a_chair_is_read_back_from_its_values(name: str, tmp_path: Path) -> None:
     chair = randomised_chair(CHAIRS[name], 5)
-    save_chair(chair, tmp_path / "chair.yaml")
+    (tmp_path / "chair.yaml").write_text(yaml.safe_dump(msgspec.to_builtins(chair)))
     assert load_chair(tmp_path / "chair.yaml") == chair
-    text = (tmp_path / "chair.yaml").read_text()
-    assert f"chair_id: {name}" in text
-    assert "# m, distance between the drive wheels' contacts" in text
-    assert "# kg, rider" in text
 
 
 @pytest.mark.parametrize("name", families())
-def test_a_chair_of_each_family_survives_its_file(name: str, tmp_path: Path) -> None:
+def test_a_chair_of_each_family_is_read_back_from_its_values(name: str, tmp_path: Path) -> None:
     chair = SimulatedChair(plant=families()[name])
-    save_chair(chair, tmp_path / "chair.yml")
+    (tmp_path / "chair.yml").write_text(yaml.safe_dump(msgspec.to_builtins(chair)))
     assert load_chair(str(tmp_path / "chair.yml")) == chair
 
 
@@ -66,7 +64,7 @@ def test_an_unknown_name_is_answered_with_those_that_there_are() -> None:
         ("plant: {family: {dail: 0.5}}", "did you mean 'dial'"),
         ("plant: 3", "must hold `key: value` lines"),
         ("- A", "must hold `key: value` lines"),
-        ("body: {", "mend the YAML"),
+        ("body: {", "correct the YAML"),
     ],
 )
 def test_a_broken_file_is_refused_with_advice(text: str, advice: str, tmp_path: Path) -> None:
@@ -79,12 +77,6 @@ def test_a_broken_file_is_refused_with_advice(text: str, advice: str, tmp_path: 
 def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"cannot read .*missing\.yaml"):
         load_chair(tmp_path / "missing.yaml")
-
-
-def test_a_chair_is_saved_only_where_it_can_be_read_back(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match=r"name that ends in \.yaml"):
-        save_chair(CHAIRS["A"], tmp_path / "chair")
-    assert not list(tmp_path.iterdir())
 
 
 @given(seed=st.integers(0, 2**32))

@@ -115,10 +115,10 @@ def test_an_unchecked_plan_and_its_world_are_the_same_figures(tmp_path: Path) ->
         ("    - [4.0, 1.0]", "    - [3.0, 3.0]", 21, r"routes\.round\[0\]: \(3, 3\) lies in something solid"),
         ("    - [1.5, 3.0]", "    - [0.5, 3.0]", 19, r"routes\.mapping\[1\]: .* lies in something solid"),
         ("  round:\n    - [4.0, 1.0]", "  round: []", 20, "without points"),
-        ("  round:", "  round: [", 21, "mend the YAML"),
-        ("  round:", "  round: " + "[" * 3000, 20, "more than 50 lists"),
+        ("  round:", "  round: [", 21, "correct the YAML"),
+        ("  round:", "  round: " + "[" * 3000, 20, "more than 50 nested lists"),
         ("at: 4.0", "at: 2024-13-45", 9, "'2024-13-45' is no value"),
-        ("walls:", "walls: &walls\n- *walls", 5, r"'\*walls' is a part of itself"),
+        ("walls:", "walls: &walls\n- *walls", 5, r"'\*walls' contains itself"),
     ],
 )
 def test_a_mistake_is_refused_by_file_and_line(tmp_path: Path, old: str, new: str, line: int, named: str) -> None:

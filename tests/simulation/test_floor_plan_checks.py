@@ -94,7 +94,11 @@ def test_the_plan_that_is_spoilt_below_is_sound(tmp_path: Path) -> None:
         ("material: concrete", "material: concret", r"walls\[0\]\.material: .* did you mean 'concrete'"),
         ("{name: gate, at: 1.0", "{material: oak, at: 1.0", r"doors\[0\]\.material: unknown material 'oak'"),
         ("width: 1.0}]", "width: 4.5}]", r"doors\[0\]\.width: a door of 4\.5 m is wider than its wall of 4 m"),
-        ("at: 3.0, side: right", "at: 3.9, side: right", r"posters\[0\]\.at: .* lies outside its wall of 4 m; move it inside"),
+        (
+            "at: 3.0, side: right",
+            "at: 3.9, side: right",
+            r"posters\[0\]\.at: .* lies outside its wall of 4 m; move it inside",
+        ),
         ("at: 3.0, side: right", "at: 1.5, side: right", r"posters\[0\]\.at: .* hangs in the door at 1 m; move it"),
         ("height: 1.4, size", "height: 2.3, size", r"posters\[0\]\.height: .* reaches beyond its wall"),
         ("height: 1.4, size", "height: 0.3, size", r"posters\[0\]\.height: .* reaches beyond its wall"),
@@ -145,7 +149,13 @@ def test_a_mistake_is_refused_by_file_and_line(tmp_path: Path, old: str, new: st
     ("old", "new", "level", "line", "named"),
     [
         ("name: upper", "name: ground", None, 10, r"levels\[1\]\.name: there is a level 'ground' already; rename one"),
-        ("[5.0, 3.0, 3.1], size: [1.6", "[4.9, 3.0, 3.1], size: [1.6", None, 7, r"lifts\[0\]\.middle: .* has another middle"),
+        (
+            "[5.0, 3.0, 3.1], size: [1.6",
+            "[4.9, 3.0, 3.1], size: [1.6",
+            None,
+            7,
+            r"lifts\[0\]\.middle: .* has another middle",
+        ),
         ("size: [1.6, 1.4]", "size: [1.5, 1.4]", None, 7, "of another size on another level"),
         ("{name: lift", "{name: left", None, 7, r"levels\[0\]\.lifts\[0\]\.name: .* stops on one level only"),
         ("centre: [3.0, 3.0]", "centre: [5.0, 3.2]", None, 7, r"levels\[0\]\.lifts\[0\]: .* is blocked by something"),

@@ -76,7 +76,7 @@ def test_a_chair_that_cannot_move_is_given_up() -> None:
     plant = PlantSettings(forward_dead_band=0.5, turn_dead_band=0.5)
     simulator = Simulator(load_world("small_clinic"), CHAIR_A, SimulatorSettings(plant=plant))
     timid = PlantSettings(forward_dead_band=0.0, turn_dead_band=0.0)
-    with pytest.raises(WorldError, match="no way"):
+    with pytest.raises(WorldError, match="did not move"):
         list(follow(simulator, Follower(np.array([[2.0, 1.0]]), CHAIR_A.track, timid)))
 
 

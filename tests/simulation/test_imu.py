@@ -8,13 +8,11 @@ import math
 import numpy as np
 import pytest
 
-from waychair.simulation.imu import Imu, ImuSettings, gauss_markov
+from waychair.simulation.imu import Imu, ImuErrors, ImuSettings, gauss_markov
 from waychair.types import FloatArray
 
-PERFECT = ImuSettings(
-    rate_hz=200.0,
-    accel_noise=0.0,
-    gyro_noise=0.0,
+SILENT = ImuSettings(rate_hz=200.0, accel_noise=0.0, gyro_noise=0.0)
+PERFECT = ImuErrors(
     accel_start_bias=0.0,
     gyro_start_bias=0.0,
     accel_drift=0.0,
@@ -26,8 +24,8 @@ GRAVITY = np.array([0.0, 0.0, 9.81])
 STILL = np.zeros(3)
 
 
-def _imu(seed: int = 0, **changes: float) -> Imu:
-    return Imu(dataclasses.replace(PERFECT, **changes), np.random.default_rng(seed))
+def _imu(seed: int = 0, settings: ImuSettings = SILENT, **changes: float) -> Imu:
+    return Imu(settings, np.random.default_rng(seed), dataclasses.replace(PERFECT, **changes))
 
 
 def _readings(imu: Imu, count: int, force: FloatArray = GRAVITY, rate: FloatArray = STILL) -> FloatArray:
@@ -53,7 +51,8 @@ def test_samples_are_their_own_and_do_not_touch_what_was_given() -> None:
 
 @pytest.mark.parametrize("rate_hz", [50.0, 200.0])
 def test_white_noise_has_the_density_that_it_says(rate_hz: float) -> None:
-    noise = _readings(_imu(rate_hz=rate_hz, accel_noise=0.002, gyro_noise=0.0003), 6000) - [0, 0, 9.81, 0, 0, 0]
+    settings = ImuSettings(rate_hz=rate_hz, accel_noise=0.002, gyro_noise=0.0003)
+    noise = _readings(_imu(settings=settings), 6000) - [0, 0, 9.81, 0, 0, 0]
     expected = np.repeat([0.002, 0.0003], 3) * math.sqrt(rate_hz)
     assert noise.std(axis=0) == pytest.approx(expected, rel=0.05)
     assert np.abs(noise.mean(axis=0)) == pytest.approx(np.zeros(6), abs=float(expected.max()) / 20)
@@ -102,8 +101,8 @@ def test_readings_come_in_steps_of_the_last_bit() -> None:
 
 
 def test_errors_do_not_depend_on_the_motion_and_the_same_seed_repeats_them() -> None:
-    settings = dataclasses.replace(ImuSettings(rate_hz=200.0), scale=0.0, bits=24)
-    still, moving, again = (Imu(settings, np.random.default_rng(4)) for _ in range(3))
+    settings, errors = ImuSettings(rate_hz=200.0), ImuErrors(scale=0.0, bits=24)
+    still, moving, again = (Imu(settings, np.random.default_rng(4), errors) for _ in range(3))
     at_rest, in_motion = _readings(still, 1500), _readings(moving, 1500, GRAVITY + 1.0, STILL + 0.5)
     np.testing.assert_array_equal(at_rest, _readings(again, 1500))
     assert in_motion - at_rest == pytest.approx(np.tile(np.repeat([1.0, 0.5], 3), (1500, 1)), abs=1e-5)

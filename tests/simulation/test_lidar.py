@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 from waychair.calibration.chair import ChairBody
 from waychair.errors import ConfigError
 from waychair.geometry import interpolate
+from waychair.simulation import lidar as lidar_module
 from waychair.simulation.lidar import MOST_MIRRORS, Lidar, LidarOptics, LidarSettings, cast_sweep
 from waychair.simulation.rays import NO_CIRCLES, Scenery, scenery_from_slice
 from waychair.simulation.scene import Behaviour, PersonState, Reflection, Slice
 from waychair.types import Float32Array, FloatArray, Pose2, Scan
 
-CLEAN = LidarSettings(sigma=0.0, sigma_per_metre=0.0, drop_out=0.0, mixed=0.0)
+CLEAN = LidarSettings(sigma=0.0, faults=False)
 AHEAD = dataclasses.replace(CLEAN, beams=3, field_of_view=0.2)
 """Three beams, the middle one straight ahead."""
 
@@ -202,9 +203,8 @@ def _wall(
 def test_a_dark_surface_is_lost_beyond_a_few_metres_and_sooner_from_the_side(
     degrees: float, distance: float, seen: bool
 ) -> None:
-    settings = dataclasses.replace(AHEAD, dark_range=4.0)
     scenery = _scenery(_wall(distance, DARK, math.radians(degrees)), _wall(8.0, DIFFUSE))
-    assert _ahead(scenery, settings) == pytest.approx(distance if seen else math.inf)
+    assert _ahead(scenery) == pytest.approx(distance if seen else math.inf)
 
 
 @pytest.mark.parametrize(("degrees", "expected"), [(0.0, 2.0), (2.9, 2.0), (3.1, 5.0), (45.0, 5.0)])
@@ -302,8 +302,12 @@ def test_beyond_the_range_reads_plus_infinity_and_too_close_minus_infinity() -> 
 
 
 @pytest.mark.parametrize(("size", "sigma"), [(2.0, 0.0305), (24.0, 0.036)])
-def test_noise_grows_with_the_range_and_drop_outs_are_as_many_as_they_say(size: float, sigma: float) -> None:
-    settings = dataclasses.replace(CLEAN, sigma=0.03, sigma_per_metre=0.0005, drop_out=0.1, field_of_view=0.1)
+def test_noise_grows_with_the_range_and_drop_outs_are_as_many_as_they_say(
+    size: float, sigma: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lidar_module, "DROP_OUT", 0.1)
+    monkeypatch.setattr(lidar_module, "MIXED", 0.0)
+    settings = dataclasses.replace(CLEAN, sigma=0.03, faults=True, field_of_view=0.1)
     noisy, pose = _lidar(settings), Pose2(size / 2, size / 2, 0.0)
     scans = np.array([noisy.scan_at_rest(_room(size), pose, 0).ranges for _ in range(50)])
     truth = _lidar(dataclasses.replace(CLEAN, field_of_view=0.1)).scan_at_rest(_room(size), pose, 0).ranges
@@ -312,11 +316,13 @@ def test_noise_grows_with_the_range_and_drop_outs_are_as_many_as_they_say(size: 
     assert np.nanmean(scans - truth) == pytest.approx(0.0, abs=0.001)
 
 
-def test_some_beams_on_an_edge_fall_between_near_and_far_and_no_others_do() -> None:
+def test_some_beams_on_an_edge_fall_between_near_and_far_and_no_others_do(monkeypatch: pytest.MonkeyPatch) -> None:
     scenery = _scenery(_wall(2.0, DIFFUSE, half=0.3), _wall(6.0, DIFFUSE, half=6.0))
-    settings = dataclasses.replace(CLEAN, mixed=0.5, field_of_view=1.0)
+    for name, value in (("MIXED", 0.5), ("DROP_OUT", 0.0), ("SIGMA_PER_METRE", 0.0)):
+        monkeypatch.setattr(lidar_module, name, value)
+    settings = dataclasses.replace(CLEAN, faults=True, field_of_view=1.0)
     lidar = _lidar(settings)
-    truth = _lidar(dataclasses.replace(settings, mixed=0.0)).scan_at_rest(scenery, Pose2(), 0).ranges
+    truth = _lidar(dataclasses.replace(settings, faults=False)).scan_at_rest(scenery, Pose2(), 0).ranges
     scans = np.array([lidar.scan_at_rest(scenery, Pose2(), 0).ranges for _ in range(400)])
     moved = np.abs(scans - truth) > 1e-6
     edges = np.nonzero(np.abs(np.diff(truth)) > 1.0)[0]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waychair.errors import DriverSilent
-from waychair.simulation.pacing import PaceMode, Pacer, PacingSettings
+from waychair.simulation.pacing import PaceMode, Pacer
 from waychair.simulation.pseudo_terminal import PseudoTerminal
 
 MS = 1_000_000
@@ -35,7 +35,7 @@ class Wall:
 def run(mode: PaceMode, work_ms: list[int], tick_ms: int = 50, slack: float = 0.1) -> tuple[Pacer, Wall]:
     """Ticks of simulated time that take so long to work out."""
     wall = Wall()
-    pacer = Pacer(mode, settings=PacingSettings(slack=slack), clock=wall.clock, sleep=wall.sleep)
+    pacer = Pacer(mode, slack_s=slack, clock=wall.clock, sleep=wall.sleep)
     pacer.pace(0)
     for k, work in enumerate(work_ms):
         wall.now_ns += work * MS
@@ -129,6 +129,6 @@ def test_lockstep_takes_one_tick_for_each_answer_of_the_peer() -> None:
 
 def test_lockstep_gives_up_on_a_driver_that_stays_silent() -> None:
     with PseudoTerminal() as cable:
-        pacer = Pacer(PaceMode.LOCKSTEP, cable, PacingSettings(patience=0.02))
+        pacer = Pacer(PaceMode.LOCKSTEP, cable, timeout_s=0.02)
         with pytest.raises(DriverSilent, match=r"for 0\.02 s at 0\.050 s of simulated time; start it"):
             pacer.pace(50 * MS)

@@ -17,6 +17,7 @@ from waychair.simulation.kinematic_chair import KinematicChair
 from waychair.simulation.motor_controller import MotorController
 from waychair.simulation.plant import PlantSettings, families
 from waychair.simulation.plant_families import (
+    CASTER_TRAIL,
     FAMILIES,
     Casters,
     Heat,
@@ -167,7 +168,7 @@ def test_the_brake_shuts_only_at_rest_and_after_its_time_and_a_tap_on_the_stick_
 
 
 def test_a_pause_shorter_than_the_brakes_time_needs_no_second_opening() -> None:
-    brake = ParkingBrake(PlantFamily(brake_release_s=0.2, brake_rest_s=0.5), 0.01)
+    brake = ParkingBrake(PlantFamily(brake_release_s=0.2), 0.01)
     for _ in range(20):
         brake.step(True, 0.0)
     assert not brake.shut
@@ -201,8 +202,8 @@ def test_a_swing_of_the_casters_yaws_by_the_same_angle_at_any_speed_and_step(ste
 
 
 def test_a_caster_that_has_swung_half_way_stands_across() -> None:
-    casters = Casters(PlantFamily(caster_flip=0.12, caster_trail=0.05))
-    half = sum(0.001 * casters.step(-1.0, 0.0, 0.001) for _ in range(185))  # 3.7 trails of the way
+    casters, step = Casters(PlantFamily(caster_flip=0.12)), CASTER_TRAIL / 50
+    half = sum(step * casters.step(-1.0, 0.0, step) for _ in range(185))  # 3.7 trails of distance
     assert half == pytest.approx(0.06, rel=1e-6)
 
 

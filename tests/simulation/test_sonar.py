@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
@@ -11,12 +12,21 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody, sonar_mounts
+from waychair.simulation import sonar as sonar_module
 from waychair.simulation.rays import Scenery, scenery_from_slice
 from waychair.simulation.scene import Behaviour, PersonState, Reflection, Slice
 from waychair.simulation.sonar import Sonars, SonarSettings, first_echoes
 from waychair.types import Float32Array, FloatArray, Pose2
 
-CLEAN = SonarSettings(sigma=0.0, cross_talk=0.0)
+CLEAN = SonarSettings()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _without_noise() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sonar_module, "SIGMA", 0.0)
+        patch.setattr(sonar_module, "CROSS_TALK", 0.0)
+        yield
 
 
 def _scenery(*walls: tuple[float, float, float, float], kind: Reflection = Reflection.DIFFUSE) -> Scenery:
@@ -153,13 +163,16 @@ def test_out_of_reach_reads_plus_infinity_and_too_close_minus_infinity() -> None
         assert _read(_scenery((x, -9.0, x, 9.0)))[0] == pytest.approx(expected)
 
 
-def test_noise_and_cross_talk_are_as_large_as_they_say() -> None:
+def test_noise_and_cross_talk_are_as_large_as_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
     wall = _scenery((3.0, -9.0, 3.0, 9.0))
-    noisy = Sonars(dataclasses.replace(CLEAN, sigma=0.02), CHAIR_A, np.random.default_rng(1))
+    noisy = Sonars(CLEAN, CHAIR_A, np.random.default_rng(1))
+    monkeypatch.setattr(sonar_module, "SIGMA", 0.02)
     ranges = np.array([noisy.read(wall, Pose2(), (), k).ranges[0] for k in range(1500)])
     assert ranges.mean() == pytest.approx(2.25, abs=0.002)
     assert ranges.std() == pytest.approx(0.02, rel=0.06)
-    crossed = Sonars(dataclasses.replace(CLEAN, cross_talk=0.2), CHAIR_A, np.random.default_rng(1))
+    monkeypatch.setattr(sonar_module, "SIGMA", 0.0)
+    monkeypatch.setattr(sonar_module, "CROSS_TALK", 0.2)
+    crossed = Sonars(CLEAN, CHAIR_A, np.random.default_rng(1))
     alone = np.array([crossed.read(_scenery(), Pose2(), (), k).ranges for k in range(500)])
     assert np.isfinite(alone).mean() == pytest.approx(0.2, abs=0.02)
     before_the_wall = np.array([crossed.read(wall, Pose2(), (), k).ranges[0] for k in range(1500)])
@@ -167,7 +180,9 @@ def test_noise_and_cross_talk_are_as_large_as_they_say() -> None:
     assert (before_the_wall < 2.24).mean() == pytest.approx(0.2 * 2.25 / 4.0, abs=0.02)
 
 
-def test_the_random_stream_does_not_depend_on_what_is_heard() -> None:
+def test_the_random_stream_does_not_depend_on_what_is_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sonar_module, "SIGMA", 0.01)
+    monkeypatch.setattr(sonar_module, "CROSS_TALK", 0.005)
     first, second = (Sonars(SonarSettings(), CHAIR_A, np.random.default_rng(3)) for _ in range(2))
     wall = _scenery((2.0, -9.0, 2.0, 9.0))
     first.read(wall, Pose2(), (), 0)

@@ -18,7 +18,7 @@ from waychair.simulation.tilted_rays import FLOOR, NOTHING, Terrain, nearest_fac
 from waychair.simulation.world import World, load_world
 from waychair.types import FloatArray, Pose2, Pose3
 
-QUIET = LidarSettings(sigma=0.0, sigma_per_metre=0.0, drop_out=0.0, mixed=0.0, beams=181)
+QUIET = LidarSettings(sigma=0.0, faults=False, beams=181)
 
 
 def ramp_world() -> World:
