@@ -4,7 +4,8 @@
     class GridSettings(config.Settings):
         resolution: float = config.setting(0.05, "m", "side of a cell", low=0.005, high=1.0)
 
-An unknown key, a wrong type or an impossible value raises a `ConfigError` that names the key and what is allowed.
+An unknown key, a wrong type or an impossible value raises a `ConfigError` that names the key and what is allowed. Keys of
+earlier versions are explained by `removed_settings`.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import yaml
 
 from waychair.errors import ConfigError
 from waychair.files import write_text
+from waychair.removed_settings import RemovedKey, RemovedSettings, removed_keys_sentence
 from waychair.yaml_files import load_yaml
 
 T = TypeVar("T")
@@ -108,14 +110,58 @@ def _plain(value: Any) -> Any:
 
 
 def _refuse_unknown_keys(cls: type[Settings], values: Mapping[str, Any], where: str) -> None:
-    known = {entry.name: entry for entry in dataclasses.fields(cls)}
-    for key, value in values.items():
-        if key not in known:
-            near = difflib.get_close_matches(str(key), known, n=1, cutoff=0.0)
-            hint = f"did you mean '{near[0]}'?" if near else "it takes no keys"
-            raise ConfigError(f"{where}: unknown key '{key}'; {hint}")
-        default = known[key].default_factory
-        if isinstance(default, type) and issubclass(default, Settings):
+    found = _Unknown(cls, where)
+    found.search(cls, values, ())
+    if found.removed:
+        raise ConfigError(f"{where}: {removed_keys_sentence(found.removed)}")
+    if found.unknown:
+        raise ConfigError(found.unknown)
+
+
+class _Unknown:
+    """The unknown keys of a file: those of former settings, and a sentence about the first other one."""
+
+    def __init__(self, root: type[Settings], where: str) -> None:
+        self.removed: list[RemovedKey] = []
+        self.unknown = ""
+        self._root, self._where = root, where
+        self._table: RemovedSettings | None = None  # read at the first unknown key
+
+    def search(self, cls: type[Settings], values: Mapping[str, Any], section: tuple[str, ...]) -> None:
+        """Note the unknown keys of a section, and of the sections in it.
+
+        Raises:
+            ConfigError: a section holds a plain value.
+        """
+        known = {entry.name: entry for entry in dataclasses.fields(cls)}
+        for key, value in values.items():
+            if key not in known:
+                self._note(cls, key, value, section)
+                continue
+            inner = settings_class(known[key])
+            if inner is None:
+                continue
             if not isinstance(value, Mapping):
-                raise ConfigError(f"{where}: {key} must hold `key: value` lines, not {value!r}")
-            _refuse_unknown_keys(default, value, f"{where}: {key}")
+                raise ConfigError(f"{self._prefix(section)}: {key} must hold `key: value` lines, not {value!r}")
+            self.search(inner, value, (*section, key))
+
+    def _note(self, cls: type[Settings], key: object, value: Any, section: tuple[str, ...]) -> None:
+        if self._table is None:
+            self._table = RemovedSettings(self._root)
+        removed = self._table.find(cls, str(key), value, section)
+        self.removed += removed
+        if not removed and not self.unknown:
+            near = difflib.get_close_matches(
+                str(key), [entry.name for entry in dataclasses.fields(cls)], n=1, cutoff=0.0
+            )
+            hint = f"did you mean '{near[0]}'?" if near else "it takes no keys"
+            self.unknown = f"{self._prefix(section)}: unknown key '{key}'; {hint}"
+
+    def _prefix(self, section: tuple[str, ...]) -> str:
+        return ": ".join((self._where, *section))
+
+
+def settings_class(entry: dataclasses.Field[Any]) -> type[Settings] | None:
+    """Return the class of a field that holds nested settings, None for a plain value."""
+    inner = entry.default_factory
+    return inner if isinstance(inner, type) and issubclass(inner, Settings) else None
