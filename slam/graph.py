@@ -6,7 +6,7 @@ The parts are `edges` (the data), `least_squares` (gtsam), `synchronisation` (in
 
 from waychair.slam.edges import Edge, EdgeKind, chi_square, residuals
 from waychair.slam.graph_files import read_g2o, write_g2o
-from waychair.slam.robust import RejectedLoop, RejectionReason, Solution, optimise, solve
+from waychair.slam.robust import RejectedLoop, RejectionReason, Solution, solve
 
 __all__ = [
     "Edge",
@@ -15,7 +15,6 @@ __all__ = [
     "RejectionReason",
     "Solution",
     "chi_square",
-    "optimise",
     "read_g2o",
     "residuals",
     "solve",

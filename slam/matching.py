@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from numba import njit
 
-from waychair.slam.features import Descriptors, Features
+from waychair.slam.features import Descriptors, ImageFeatures
 from waychair.slam.hamming_index import hamming_table, packed
 from waychair.types import Float32Array, IntArray
 
@@ -36,7 +36,7 @@ class Support:
     enough: bool
 
 
-def epipolar_support(a: Features, b: Features) -> Support:
+def epipolar_support(a: ImageFeatures, b: ImageFeatures) -> Support:
     """Check whether one camera motion explains the matches of two images; no depth is needed."""
     pairs = mutual_matches(distances_between(a.descriptors, b.descriptors), _RATIO)
     if len(pairs) < LEAST_MATCHES:

@@ -268,8 +268,8 @@ class OdometryFilter:
         gyro, slip, self.innovation = self._gyro_until(end_ns), None, None
         if wheels is not None and gyro is not None:
             slip = self._slip_detector.slip_speed(forward(wheels) / seconds, seconds)
-        way = wheels if slip is None or wheels is None else arc(slip * seconds, wheels.theta)
-        self._move(predict_step(self._filter.x, seconds, way, gyro, self.settings))
+        motion = wheels if slip is None or wheels is None else arc(slip * seconds, wheels.theta)
+        self._move(predict_step(self._filter.x, seconds, motion, gyro, self.settings))
         if wheels is not None:
             self._update_standstill(wheels, seconds)
             if slip is not None or (gyro is not None and not self._update_turn(wheels, seconds)):

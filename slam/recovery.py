@@ -61,7 +61,7 @@ class KidnapRecovery:
         self._saved, self._sensor, self._matching, self._min_probability = saved, sensor, matching, min_probability
         self._kept: deque[tuple[ScanPoints, Pose2]] = deque(maxlen=_KEPT_SCANS)
         self._odometry = Pose2()  # odom_from_base at the last kept scan
-        self._way = self._turn = math.inf  # since the last search
+        self._distance = self._turn = math.inf  # since the last search
         self._winner: Pose2 | None = None  # map_from_local of the last winner
         self._wins, self._won_distance = 0, 0.0
         self.candidates: tuple[PlaceCandidate, ...] = ()
@@ -74,11 +74,11 @@ class KidnapRecovery:
         if len(scan) < MIN_POINTS or (self._kept and away < _KEY_DISTANCE and abs(moved.theta) < _KEY_ANGLE):
             return None
         step = self._keep(scan, moved, odom_from_base)
-        self._way += math.hypot(step.x, step.y)
+        self._distance += math.hypot(step.x, step.y)
         self._turn += abs(step.theta)
-        if self._way < _SEARCH_SPACING and self._turn < _SEARCH_TURN:
+        if self._distance < _SEARCH_SPACING and self._turn < _SEARCH_TURN:
             return None
-        driven, self._way, self._turn = self._way, 0.0, 0.0
+        driven, self._distance, self._turn = self._distance, 0.0, 0.0
         cloud, sensors = self._cloud()
         self.candidates = self._rated(cloud, sensors, self._places(cloud))
         return self._accepted(driven if math.isfinite(driven) else 0.0)

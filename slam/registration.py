@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from waychair.slam.features import Features
+from waychair.slam.features import ImageFeatures
 from waychair.slam.matching import distances_between, mutual_matches
 from waychair.slam.reprojection import OUTLIER_CHI_SQUARE, NoiseModel, fit_pose, project
 from waychair.types import BoolArray, FloatArray, IntArray, Pose3
@@ -76,8 +76,8 @@ class Registration:
 
 
 def register(
-    old: Features,
-    new: Features,
+    old: ImageFeatures,
+    new: ImageFeatures,
     camera: FloatArray,
     old_from_new: Pose3 | None = None,
 ) -> Registration:
@@ -99,7 +99,7 @@ def register(
     return again if again.inliers >= result.inliers or again.refusal is RegistrationRefusal.CONTRADICTED else result
 
 
-def match_features(old: Features, new: Features, ratio: float, near: BoolArray | None = None) -> IntArray:
+def match_features(old: ImageFeatures, new: ImageFeatures, ratio: float, near: BoolArray | None = None) -> IntArray:
     """Return (K, 2) indices in `old` and `new` of mutual nearest features that pass the ratio test.
 
     `near` (N, M) marks the pairs that may be matched.
@@ -112,7 +112,7 @@ def match_features(old: Features, new: Features, ratio: float, near: BoolArray |
     return pairs[near[pairs[:, 0], pairs[:, 1]]]
 
 
-def _registered(old: Features, new: Features, camera: FloatArray, guess: Pose3 | None) -> Registration:
+def _registered(old: ImageFeatures, new: ImageFeatures, camera: FloatArray, guess: Pose3 | None) -> Registration:
     """Run one pass; a guess (old_from_new) limits the matches and replaces RANSAC as the start of the fit."""
     mask = None if guess is None else _near(old, new, camera, guess)
     i, j = match_features(old, new, _RATIO, mask).T
@@ -151,7 +151,7 @@ def _registered(old: Features, new: Features, camera: FloatArray, guess: Pose3 |
     )
 
 
-def _near(old: Features, new: Features, camera: FloatArray, guess: Pose3) -> BoolArray:
+def _near(old: ImageFeatures, new: ImageFeatures, camera: FloatArray, guess: Pose3) -> BoolArray:
     """Return (N, M): which features of `new` lie near the predicted pixels of those of `old`."""
     expected = project(old.points.astype(np.float64), guess.inverse(), camera)[:, :2]
     with np.errstate(invalid="ignore"):

@@ -76,11 +76,6 @@ class _Trial:
     variance: float
 
 
-def optimise(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:
-    """Return the poses (N, 3) of `solve`."""
-    return solve(poses, edges).poses
-
-
 def solve(poses: FloatArray, edges: Sequence[Edge]) -> Solution:
     """Return the poses that fit the edges best, with node 0 fixed, and the rejected loops.
 

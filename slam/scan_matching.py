@@ -79,7 +79,6 @@ class Match:
     - `covariance` (3, 3) [m^2, m rad, rad^2]: realistic errors (see `calibrated_covariance`).
     - `complexity` in [0, 0.5]: share of the matched surfaces that face the weakest direction, 0 between parallel walls.
     - `degenerate`: the complexity is so low that the pose along the weakest direction is the guess's.
-    - `runner_up` in [0, 1]: response of the second best distinct place over the best; 0 if not requested.
     """
 
     pose: Pose2
@@ -92,7 +91,6 @@ class Match:
     )
     complexity: float = 0.0
     degenerate: bool = True
-    runner_up: float = 0.0
 
 
 def match(
@@ -102,8 +100,6 @@ def match(
     guess_information: FloatArray,
     window: Window,
     settings: MatchSettings,
-    *,
-    with_runner_up: bool = False,
 ) -> Match:
     """Return the pose in the map at which the scan fits the reference best, near a guess with information (3, 3).
 
@@ -119,9 +115,6 @@ def match(
     degenerate = complexity < _MIN_COMPLEXITY
     if degenerate:
         pose, information = _without_weak_direction(pose, information, guess, strong)
-    second = 0.0
-    if with_runner_up and response > 0.0:
-        second = ambiguity(scan.points, reference, guess, window, coarse) / response
     covariance = calibrated_covariance(information)
     return Match(
         pose=pose,
@@ -132,13 +125,7 @@ def match(
         covariance=covariance,
         complexity=complexity,
         degenerate=degenerate,
-        runner_up=second,
     )
-
-
-def ambiguity(points: FloatArray, reference: ScanReference, guess: Pose2, window: Window, winner: Pose2) -> float:
-    """Return the response of the best place of the window that is distinct from the winner; 0 if there is none."""
-    return correlative_search(points, reference, guess, window, excluded=winner)[1]
 
 
 def weakest_direction(information: FloatArray) -> tuple[float, FloatArray]:

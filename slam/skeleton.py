@@ -20,8 +20,7 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 import numpy as np
 
 from waychair.geometry import compose
-from waychair.slam.edges import Edge, EdgeKind
-from waychair.slam.nodes import IN_TIME, Kept, Link, LinkKind, carried
+from waychair.slam.nodes import IN_TIME, Link, LinkKind, NodeStatus
 from waychair.types import FloatArray, IntArray, Pose2
 
 NODE = np.dtype(
@@ -63,7 +62,7 @@ class Skeleton:
         if node < self.count:
             raise ValueError(f"node {node} already exists; the next id must be at least {self.count}")
         self.reserve(node + 1)
-        self.rows[node] = (stamp_ns, 0, map_id, 0, anchor, Kept.STM, anchor_from_node.array())
+        self.rows[node] = (stamp_ns, 0, map_id, 0, anchor, NodeStatus.STM, anchor_from_node.array())
         self._attached.setdefault(anchor, []).append(node)
 
     def reserve(self, count: int) -> None:
@@ -78,13 +77,13 @@ class Skeleton:
         for link in self.links(node):
             self.unlink(link.i, link.j)
         self._attached[int(self.rows["anchor"][node])].remove(node)
-        self.rows["kept"][node] = Kept.GONE
+        self.rows["kept"][node] = NodeStatus.GONE
 
-    def kept(self, node: int) -> Kept:
+    def kept(self, node: int) -> NodeStatus:
         """Return the memory that holds the node."""
-        return Kept(int(self.rows["kept"][node])) if 0 < node < self.count else Kept.GONE
+        return NodeStatus(int(self.rows["kept"][node])) if 0 < node < self.count else NodeStatus.GONE
 
-    def ids(self, *where: Kept) -> list[int]:
+    def ids(self, *where: NodeStatus) -> list[int]:
         """Return the nodes in these memories (default: any), ascending; the cost grows with all ids."""
         return np.flatnonzero(np.isin(self.rows["kept"][: self.count], where or (1, 2, 3))).tolist()
 
@@ -185,14 +184,6 @@ class Skeleton:
         there = (on >= 0) & (on < len(anchors))
         known[there] = anchors[on[there]]
         return compose(known, self.rows["anchor_from_node"][ids])
-
-    def anchor_edge(self, link: Link, kind: EdgeKind = EdgeKind.LOOP) -> Edge | None:
-        """Return the link as an edge between the anchors of its ends; None if both have the same anchor."""
-        i, j = self.rows["anchor"][[link.i, link.j]].tolist()
-        if i == j:
-            return None
-        off_i, off_j = self.anchor_from_node(link.i), self.anchor_from_node(link.j)
-        return Edge(i, j, off_i @ link.i_from_j @ off_j.inverse(), carried(link.information, off_j), kind)
 
     def cached_neighbours(self, node: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return a node's neighbours along the drive, and those by appearance loops.

@@ -17,7 +17,7 @@ from waychair.calibration.time_offset import SensorDelays, without_delay
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError
 from waychair.geometry import interpolate
-from waychair.slam.message_sets import ApproximateSets, Counts, ExactSets, MessageQueue, MessageSets
+from waychair.slam.message_sets import ApproximateSets, ExactSets, MessageCounts, MessageQueue, MessageSets
 from waychair.topics import Topic
 from waychair.types import ImuSample, Odometry, RgbdFrame, Scan, SensorFrame, SonarReadings, Twist, WheelTicks
 
@@ -66,7 +66,7 @@ class TopicStatus:
     rate_hz: float
     age_s: float | None
     behind_s: float
-    counts: Counts
+    counts: MessageCounts
     complaint: str
 
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from tests.slam.corridor import SURE, view
 from waychair.slam.anchors import AnchorPoses
 from waychair.slam.edges import Edge, EdgeKind
-from waychair.slam.long_term import LongTerm
-from waychair.slam.memory import Memory
+from waychair.slam.long_term import LongTermStore
+from waychair.slam.memory import NodeMemory
 from waychair.slam.memory_journal import Journal
 from waychair.slam.pose_graph import PoseGraph
 from waychair.slam.skeleton import Skeleton
@@ -90,12 +90,12 @@ def test_a_loop_that_bends_all_anchors_is_written_bit_by_bit_and_the_newest_firs
 
 @pytest.mark.parametrize("count", [3, 700])
 def test_all_anchors_are_on_the_disk_when_the_memory_is_closed(count: int, tmp_path: Path) -> None:
-    memory = Memory(store=LongTerm(tmp_path / "memory.db"))
+    memory = NodeMemory(store=LongTermStore(tmp_path / "memory.db"))
     poses = np.random.default_rng(1).uniform(-9.0, 9.0, (count, 3))
-    memory.bend(np.zeros((count, 3)))
+    memory.move_anchors(np.zeros((count, 3)))
     memory.add(view(1), SURE, 0)
-    memory.bend(poses)
+    memory.move_anchors(poses)
     memory.close()
-    again = Memory(store=LongTerm(tmp_path / "memory.db"))
+    again = NodeMemory(store=LongTermStore(tmp_path / "memory.db"))
     np.testing.assert_array_equal(again.anchors, poses)
     again.close()

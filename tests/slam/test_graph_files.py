@@ -46,7 +46,7 @@ def test_nodes_without_a_line_stand_where_the_chain_leads(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (ODD_EDGE + "EDGE_SE2 1 2 1 0\n", "line 2: 2 numbers where 9 belong"),
+        (ODD_EDGE + "EDGE_SE2 1 2 1 0\n", "line 2: 2 numbers instead of 9"),
         (ODD_EDGE + "VERTEX_SE2 x 0 0 0\n", "line 2: .*'x'"),
         (ODD_EDGE + "VERTEX_SE2 0 nan 0 0\n", "line 2: .*not finite"),
         ("EDGE_SE2 0 1 1 0 0 1 0 0 -1 0 1\n", "line 1: .*positive definite"),

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 
 from tests.slam.rgbd_scene import CAMERA, pose, render
 from waychair.slam.depth_icp import IcpRefusal, cloud_kernel, refine_by_depth
-from waychair.slam.features import Features, FeatureSettings, extract
+from waychair.slam.features import FeatureSettings, ImageFeatures, extract
 from waychair.slam.registration import RegistrationRefusal, angle_between, register
 from waychair.slam.reprojection import NoiseModel, fit_pose, project, residual_kernel, unrolled
 from waychair.types import FloatArray, Pose3
 
 
-def features_at(place: Pose3) -> Features:
+def features_at(place: Pose3) -> ImageFeatures:
     return extract(render(place), FeatureSettings(upright=False))
 
 

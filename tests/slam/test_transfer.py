@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from tests.slam.corridor import SECOND, SURE, chain, corridor, loop, set_limits, stand, view
 from waychair.slam import transfer
-from waychair.slam.memory import Memory
+from waychair.slam.memory import NodeMemory
 from waychair.slam.memory_settings import MemorySettings
-from waychair.slam.nodes import Kept
+from waychair.slam.nodes import NodeStatus
 from waychair.slam.skeleton import Skeleton
 from waychair.slam.transfer import NodesInRam, is_due, removable, with_intermediate
 from waychair.types import Pose2
@@ -32,7 +32,7 @@ def split(length: int, stm: int = 3) -> tuple[Skeleton, list[int], set[int]]:
     skeleton = chain(length)
     wm = set(range(1, length - stm + 1))
     for node in wm:
-        skeleton.rows["kept"][node] = Kept.WM
+        skeleton.rows["kept"][node] = NodeStatus.WM
         skeleton.rows["entered_ns"][node] = node * SECOND
     return skeleton, list(range(length - stm + 1, length + 1)), wm
 
@@ -171,7 +171,7 @@ def test_nothing_goes_when_the_newest_node_is_an_intermediate_one() -> None:
 
 def test_intermediate_nodes_of_the_wm_do_not_count_for_the_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, STM_SIZE=2)
-    memory = Memory(MemorySettings(working_memory_limit=5))
+    memory = NodeMemory(MemorySettings(working_memory_limit=5))
     for k in range(1, 21):
         memory.add(view(k), SURE, intermediate=k % 2 == 0)
     memory.add(view(21), SURE)
@@ -204,4 +204,4 @@ def test_nodes_in_long_term_memory_are_reported_with_their_words() -> None:
     memory = corridor(40, MemorySettings(working_memory_limit=5))
     slept = memory.transfer().slept
     assert [node.words.tolist() for node in slept] == [view(1).words.tolist(), view(2).words.tolist()]
-    assert memory.skeleton.kept(1) is Kept.LTM
+    assert memory.skeleton.kept(1) is NodeStatus.LTM
