@@ -68,7 +68,7 @@ def demo_command(
                 tasks[stage] = bar.add_task(stage, total=1.0)
             bar.update(tasks[stage], completed=share)
 
-        demo = run_demo(out, seed, show, world, surprises, box, page)
+        demo = run_demo(out=out, seed=seed, progress=show, world=world, surprises=surprises, box=box, watcher=page)
     write_report(out, demo)
     if not quiet:
         table = Table(*HEADER[:IN_TERMINAL], title=demo.world)

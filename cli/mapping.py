@@ -100,7 +100,14 @@ def map_command(
             if out.resolve() != known.resolve():
                 refuse_drawn(out, "choose another folder with --out")
             with replaced_folder(out, known) as aside:
-                mapping = join_recording(log, settings, known, aside, progress.stage("joining"), reading_s=reading_s)
+                mapping = join_recording(
+                    recording=log,
+                    settings=settings,
+                    folder=known,
+                    keep_in=aside,
+                    progress=progress.stage("joining"),
+                    reading_s=reading_s,
+                )
                 save_mapping(aside, mapping, settings)
         progress.warn(mapping.report["warnings"][len(log.warnings) :])
     if not quiet:

@@ -64,7 +64,9 @@ def page_command(
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     print(WARNING, file=sys.stderr)
     with (
-        LiveChair(sim, map, seed, people, camera=camera, box=box, urgently=urgent) as chair,
+        LiveChair(
+            world=sim, map_folder=map, seed=seed, people=people, camera=camera, box=box, urgently=urgent
+        ) as chair,
         page_server(
             chair,
             host="0.0.0.0" if lan else "127.0.0.1",

@@ -78,10 +78,12 @@ def plan_command(
         raise BadArgument("give --start and --goal, or --scen")
     elif on_cells:
         check_picture(png, "--png", map)
-        _plan_on_cells(map, start, goal, planner, png, json)
+        _plan_on_cells(map=map, start=start, goal=goal, planner=planner, png=png, json=json)
     else:
         check_picture(png, "--png", yaml_path(map), load_info(yaml_path(map)).image)
-        _plan_for_the_chair(map, start, goal, planner, smooth, body, png, json)
+        _plan_for_the_chair(
+            map=map, start=start, goal=goal, planner=planner, smooth=smooth, body=body, png=png, json=json
+        )
 
 
 def _plan_for_the_chair(
@@ -137,11 +139,11 @@ def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: Planne
     from waychair.planning.global_planner import PlannerSettings, plan
     from waychair.planning.harmonic import log_field
     from waychair.planning.harmonic_search import absorption_from_prices
-    from waychair.planning.laplace_solvers import Problem
+    from waychair.planning.laplace_solvers import LaplaceProblem
     from waychair.runtime.planning_report import potential_picture
 
     row, column = cells_from_points(costmap.grid, np.array([[end.pose.x, end.pose.y]]))[0].tolist()
-    found = log_field(Problem(absorption_from_prices(costmap.prices), (row, column)))
+    found = log_field(LaplaceProblem(absorption_from_prices(costmap.prices), (row, column)))
     paths = {f"{settings.planner}, {settings.smoothing}": path}
     paths["dstar-lite, taut"] = plan(costmap, begin.pose, end.pose, PlannerSettings())
     return potential_picture(costmap.grid, found, paths, (begin, end))
@@ -193,14 +195,21 @@ def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], pla
     if planner != HARMONIC:
         return path_picture(grid, path, marks)
     from waychair.planning.harmonic import log_field
-    from waychair.planning.laplace_solvers import problem_of
+    from waychair.planning.laplace_solvers import laplace_problem
     from waychair.runtime.planning_report import potential_picture
 
     (i, j), (row, column) = cells[[0, -1]].tolist()
     prices = np.where(free, FREE_PRICE, 0).astype(np.int32)
     shortest = plan_on_cells(prices, (i, j), (row, column), "dstar-lite").cells
-    found = log_field(problem_of(upright, (len(free) - 1 - row, column)))
-    return potential_picture(grid, found, {planner: path, "dstar-lite": drawn(shortest)}, marks, 1.0, "cells")
+    found = log_field(laplace_problem(upright, (len(free) - 1 - row, column)))
+    return potential_picture(
+        grid=grid,
+        found=found,
+        paths={planner: path, "dstar-lite": drawn(shortest)},
+        places=marks,
+        every=1.0,
+        unit="cells",
+    )
 
 
 def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
@@ -363,7 +372,20 @@ def navigate_command(
         check_zones(zones, grid)
         map_from_world = Pose2() if plan is None else plan.start.inverse()
     try:
-        legs = navigate(grid, begin, goals, seed, people, plan, zones, sensors, scanned, map_from_world, box, settings)
+        legs = navigate(
+            grid=grid,
+            start=begin,
+            goals=goals,
+            seed=seed,
+            people=people,
+            world=plan,
+            zones=zones,
+            sensors=sensors,
+            scanned=scanned,
+            map_from_world=map_from_world,
+            box=box,
+            planner=settings,
+        )
     except (StartOccupied, StartOutsideMap) as error:
         if start is not None:
             raise

@@ -127,7 +127,9 @@ def simulate_command(
     place = load_world(world, level)
     place = place if people else place.without_people()
     waypoints = place.route(route)
-    simulator = _simulator(place, chair, plant, seed, sensors=record is not None or bool(camera), camera=camera)
+    simulator = _simulator(
+        place=place, chair=chair, plant=plant, seed=seed, sensors=record is not None or bool(camera), camera=camera
+    )
     pacer = Pacer(PaceMode(mode))
     drive = _driven(simulator, waypoints, record, pacer, quiet)
     if pacer.lost_s > 0.0:
@@ -170,7 +172,12 @@ def _driven(simulator: Simulator, waypoints: FloatArray, record: Path | None, pa
     with Progress(console=Console(file=sys.stderr, quiet=quiet), transient=True, disable=quiet) as bar:
         task = bar.add_task("driving", total=1.0)
         return drive_route(
-            simulator, simulator.body, waypoints, record, lambda share: bar.update(task, completed=share), pacer
+            simulator=simulator,
+            body=simulator.body,
+            route=waypoints,
+            bag=record,
+            progress=lambda share: bar.update(task, completed=share),
+            pacer=pacer,
         )
 
 

@@ -123,12 +123,25 @@ def up_command(
     environment = ros_environment(domain=domain, lan=lan)
     deaf = lan and not is_secured(environment)
     stack = Stack(
-        out, sim or "", map, mapping, chair, cable, camera, people, seed, unattended, deaf,
-        None if start is None else pose_from_text(start, "--start"), params, urgent,
-        None if no_box else box or out / "box",
-        port_of_page(page_port) if page or (page is None and has_ui()) else None,
-        "0.0.0.0" if page_lan else "127.0.0.1", namespace,
-    )  # fmt: skip
+        folder=out,
+        world=sim or "",
+        map_folder=map,
+        mapping=mapping,
+        calibration=chair,
+        cable=cable,
+        camera=camera,
+        people=people,
+        seed=seed,
+        unattended=unattended,
+        ignore_commands=deaf,
+        start=None if start is None else pose_from_text(start, "--start"),
+        parameters=params,
+        urgent=urgent,
+        box=None if no_box else box or out / "box",
+        page_port=port_of_page(page_port) if page or (page is None and has_ui()) else None,
+        page_host="0.0.0.0" if page_lan else "127.0.0.1",
+        namespace=namespace,
+    )
     table = processes(stack)
     environment = {**environment, TOKEN: page_token(page_lan, token)}
     interface_type("waychair_msgs/msg/DriveState")  # built here, else all nodes would wait for the first

@@ -165,7 +165,12 @@ def inverse_error(
     largest = off.max(axis=0, initial=0.0)
     rms = np.sqrt((off**2).mean(axis=0)) if len(off) else np.zeros(2)
     return InverseError(
-        float(largest[0]), float(largest[1]), float(rms[0]), float(rms[1]), len(off), len(commands) - len(off)
+        max_v=float(largest[0]),
+        max_omega=float(largest[1]),
+        rms_v=float(rms[0]),
+        rms_omega=float(rms[1]),
+        commands=len(off),
+        beyond=len(commands) - len(off),
     )
 
 

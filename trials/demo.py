@@ -169,17 +169,17 @@ def run_demo(
     motion = simulator.motion().since(began_ns)
     person_m = float(motion.people.min(initial=np.inf))
     return Demo(
-        building.name,
-        mapping,
-        errors,
-        setup,
-        tuple(legs),
-        found,
-        closed,
-        person_m,
-        ride_of(motion),
-        stage.seconds,
-        seed,
+        world=building.name,
+        mapping=mapping,
+        errors=errors,
+        setup=setup,
+        legs=tuple(legs),
+        localised=found,
+        closed=closed,
+        person_m=person_m,
+        ride=ride_of(motion),
+        seconds=stage.seconds,
+        seed=seed,
     )
 
 
@@ -202,7 +202,12 @@ def _map_by_joystick(
         try:
             on_message = _FrameMapper(live, watcher).message
             drive_route(
-                simulator, CHAIR_A, route, bag, lambda share: stage.progress("map", share), on_message=on_message
+                simulator=simulator,
+                body=CHAIR_A,
+                route=route,
+                bag=bag,
+                progress=lambda share: stage.progress("map", share),
+                on_message=on_message,
             )
         finally:
             simulator.wire(None)
@@ -231,7 +236,14 @@ class _FrameMapper:
 def _setup_on_map(folder: Path, map_from_world: Pose2) -> DriveSetup:
     """Return the setting of a drive on the saved map."""
     places = load_places(folder)
-    return DriveSetup(load_map(folder), places, CHAIR_A, DEFAULT, map_from_world, zones=load_zones(folder))
+    return DriveSetup(
+        grid=load_map(folder),
+        places=places,
+        body=CHAIR_A,
+        calibration=DEFAULT,
+        map_from_world=map_from_world,
+        zones=load_zones(folder),
+    )
 
 
 def _goals(world: World) -> list[str]:

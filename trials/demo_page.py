@@ -25,7 +25,13 @@ _NOT_HERE = Answer(False, "the demo drives by itself: use `waychair page` to dri
 _MAPPING = "A rider drives by joystick while the chair makes the map."
 _FINDING = "A rider drives by joystick until the chair has found its place on the map."
 _BEFORE_START = ChairView(
-    0, None, LocalisationState.LOST, 0.0, DriveMode.MANUAL, Twist(), next_action="The demo is starting."
+    stamp_ns=0,
+    map_from_base=None,
+    localisation=LocalisationState.LOST,
+    health=0.0,
+    mode=DriveMode.MANUAL,
+    twist=Twist(),
+    next_action="The demo is starting.",
 )
 
 

@@ -67,7 +67,16 @@ def depth_score(
     shares = [_share(grid, true_from_map, points) if len(points) else 1.0 for points in (things, mouths)]
     (low_missed, low), (over_missed, over) = counts["low"], counts["overhanging"]
     wrong, cells = _made_up(grid, world, true_from_map)
-    return DepthScore(low_missed, low, over_missed, over, shares[0], shares[1], wrong, cells)
+    return DepthScore(
+        low_missed=low_missed,
+        low=low,
+        overhanging_missed=over_missed,
+        overhanging=over,
+        thing_share=shares[0],
+        drop_share=shares[1],
+        false_cells=wrong,
+        cells=cells,
+    )
 
 
 _NEAREST, _FARTHEST, _HALF_VIEW = 1.75, 3.2, 0.5  # [m, m, rad] from the lens: limits of the well visible ground

@@ -162,13 +162,13 @@ def simulated_chair(
         cable = Reconnecting(lambda: wrap_transport(board.transport))
         try:
             yield Chair(
-                setup.grid,
-                setup.places,
-                calibration_of(setup),
-                cable,
-                start if start_known else None,
-                setup.chair,
-                setup.calibration,
+                grid=setup.grid,
+                places=setup.places,
+                calibration=calibration_of(setup),
+                cable=cable,
+                start=start if start_known else None,
+                settings=setup.chair,
+                model=setup.calibration,
                 zones=setup.zones,
                 scanned=setup.scanned,
                 watcher=watcher,

@@ -38,12 +38,12 @@ from waychair.simulation.plan_blocks import fill_rectangle
 from waychair.simulation.scene import MATERIALS, Behaviour, Block, PersonPlan, Pit, Reflection
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.simulation.world import World, load_world, world_from_plan
-from waychair.topics import COMMAND, SONAR
+from waychair.topics import SONAR
 from waychair.trials.demo import randomised_settings
-from waychair.trials.drive import DriveSetup, advance_tick, drive_to_places, simulated_chair, start_drive
+from waychair.trials.drive import DriveSetup, drive_to_places
 from waychair.trials.ride import RecordingSimulator, Ride, TrueMotion, ride_of
 from waychair.trials.scenes import TightScene, map_of
-from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2
+from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
 
 
 class Protection(enum.Enum):
@@ -121,27 +121,29 @@ def run_hazard(hazard: Hazard, seed: int, time_limit_s: float = 150.0) -> Hazard
     motion = simulator.motion()
     failed = next((leg for leg in legs if not leg.reached), None)
     return HazardResult(
-        hazard.name,
-        seed,
-        failed is None,
-        "" if failed is None else f"{failed.place}: {failed.reason}",
-        sum(leg.duration_s for leg in legs),
-        tuple(
+        scene=hazard.name,
+        seed=seed,
+        reached=failed is None,
+        reason="" if failed is None else f"{failed.place}: {failed.reason}",
+        seconds=sum(leg.duration_s for leg in legs),
+        contacts=tuple(
             (contact_cause(contact, hazard.world, hazard.body, motion), contact.speed)
             for contact in simulator.contact_reports
         ),
-        least_to_drop_off(hazard.world, hazard.body, motion),
-        least_to_people(motion),
-        ride_of(motion),
-        sum(leg.plans for leg in legs),
-        sum(leg.distance_m for leg in legs),
+        drop_off_m=least_to_drop_off(hazard.world, hazard.body, motion),
+        person_m=least_to_people(motion),
+        ride=ride_of(motion),
+        plans=sum(leg.plans for leg in legs),
+        distance_m=sum(leg.distance_m for leg in legs),
     )
 
 
 def setup_of(hazard: Hazard) -> DriveSetup:
     """Return the setting of the drive as the chair knows it."""
     places = {goal.name: goal for goal in hazard.goals}
-    return DriveSetup(hazard.grid, places, hazard.body, DEFAULT, chair=hazard.chair, zones=hazard.zones)
+    return DriveSetup(
+        grid=hazard.grid, places=places, body=hazard.body, calibration=DEFAULT, chair=hazard.chair, zones=hazard.zones
+    )
 
 
 def contact_cause(contact: Contact, world: World, body: ChairBody, motion: TrueMotion) -> ContactCause:
@@ -190,7 +192,14 @@ def least_to_people(motion: TrueMotion) -> float:
 
 def hazard_of_scene(scene: TightScene) -> Hazard:
     """Return a tight scene as a hazard, so that it is driven and scored alike."""
-    return Hazard(scene.name, scene.world, map_of(scene.world), (scene.goal,), scene.body, chair=scene.chair)
+    return Hazard(
+        name=scene.name,
+        world=scene.world,
+        grid=map_of(scene.world),
+        goals=(scene.goal,),
+        body=scene.body,
+        chair=scene.chair,
+    )
 
 
 # --- drop-offs and glass ------------------------------------------------------------------------------------------
@@ -201,7 +210,7 @@ def drop_off_ahead(protection: Protection, seed: int) -> Hazard:
     rng = np.random.default_rng(seed)
     side = float(rng.choice([-1.0, 1.0]))
     middle = 1.7 + 0.75 * side
-    plan = _hall((8.5, 3.4), [PlanPit((4.9, middle), (1.0, 1.9))])
+    plan = hall_plan((8.5, 3.4), [PlanPit((4.9, middle), (1.0, 1.9))])
     start = Pose2(rng.uniform(0.8, 1.4), middle + rng.uniform(-0.3, 0.3), rng.uniform(-0.2, 0.2))
     goal = Place("beyond", Pose2(7.2, middle, 0.0))
     return _protected(f"edge ahead, {protection.value}", plan, start, (goal,), protection)
@@ -214,7 +223,7 @@ def drop_off_beside(protection: Protection, seed: int) -> Hazard:
     """
     rng = np.random.default_rng(seed)
     corridor = [PlanWall(start=(1.9, 0.0), end=(1.9, 2.9)), PlanWall(start=(1.9, 2.9), end=(6.4, 2.9))]
-    plan = _hall((6.4, 6.8), [PlanPit((4.15, 3.9), (4.5, 2.0))], corridor)
+    plan = hall_plan((6.4, 6.8), [PlanPit((4.15, 3.9), (4.5, 2.0))], corridor)
     start = Pose2(rng.uniform(0.75, 1.1), rng.uniform(0.6, 0.9), math.pi / 2 + rng.uniform(-0.1, 0.1))
     return _protected(
         f"edge beside, {protection.value}", plan, start, (Place("round", Pose2(5.2, 5.8, 0.0)),), protection
@@ -231,7 +240,7 @@ def drop_off_behind(protection: Protection, seed: int) -> Hazard:
         PlanWall(start=(0.0, 3.0), end=(x - 0.55, 3.0)),
         PlanWall(start=(x + 0.55, 3.0), end=(8.0, 3.0)),
     ]
-    plan = _hall((8.0, 4.2), [PlanPit((5.0, 0.65), (4.0, 1.3))], walls)
+    plan = hall_plan((8.0, 4.2), [PlanPit((5.0, 0.65), (4.0, 1.3))], walls)
     start = Pose2(rng.uniform(0.8, 1.2), rng.uniform(1.8, 2.1), rng.uniform(-0.2, 0.2))
     booth = Place("booth", Pose2(x, 3.25, math.pi / 2), tolerance_m=0.15)
     out = Place("out", Pose2(1.0, 2.0, math.pi))
@@ -302,7 +311,7 @@ def sensors_for(protection: Protection) -> SimulatorSettings:
     return bare
 
 
-def _hall(size: tuple[float, float], pits: Sequence[PlanPit] = (), walls: Sequence[PlanWall] = ()) -> FloorPlan:
+def hall_plan(size: tuple[float, float], pits: Sequence[PlanPit] = (), walls: Sequence[PlanWall] = ()) -> FloorPlan:
     """Return a rectangular floor with four walls round it, and pits."""
     x, y = size
     corners = [(0.0, 0.0), (x, 0.0), (x, y), (0.0, y)]
@@ -345,7 +354,16 @@ def movers(count: int, seed: int) -> Hazard:
         points = points[np.hypot(*(points - at).T) > 2 * _MOVER.radius]
     world = replace(world, people=tuple(people))
     sensors = SimulatorSettings(lidar=LidarSettings(field_of_view=6.28))
-    return Hazard(f"{count} movers", world, world.grid, (world.places[0],), ROBOT, (), sensors, robot_settings())
+    return Hazard(
+        name=f"{count} movers",
+        world=world,
+        grid=world.grid,
+        goals=(world.places[0],),
+        body=ROBOT,
+        zones=(),
+        sensors=sensors,
+        chair=robot_settings(),
+    )
 
 
 def robot_settings() -> ChairSettings:
@@ -418,84 +436,4 @@ def _started_anywhere(person: PersonPlan, rng: np.random.Generator) -> PersonPla
     first, second = person.path[:2]
     return replace(
         person, path=np.concatenate([(first + rng.uniform(0.0, 0.7) * (second - first))[None], person.path[1:]])
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class SuddenPerson:
-    """The result of a run in which a person suddenly appears `ahead_m` [m] ahead of a chair at `speed` [m/s].
-
-    `nearest_m`: least distance from the footprint to the person while the chair moved. `contact_speed` [m/s]: 0 without
-    contact. `braking` [m/s^2]: mean deceleration from 80 % to 30 % of the speed, nan if the chair did not slow down so
-    far. `can_brake` [m/s^2]: the emergency deceleration, or the plant's limit if that is less. `reaction_s`: time until
-    the chair had lost a tenth of its speed.
-    """
-
-    seed: int
-    ahead_m: float
-    speed: float
-    nearest_m: float
-    contact_speed: float
-    braking: float
-    can_brake: float
-    reaction_s: float
-    ride: Ride
-
-
-def run_sudden_person(ahead_m: float, seed: int) -> SuddenPerson:
-    """Drive at the full 0.8 m/s in a wide corridor; a person suddenly stands in the chair's lane.
-
-    `ahead_m` is the gap from the front of the footprint to the person's disc; the lidar sees the person's two legs.
-
-    Raises:
-        BoardBuildError: the firmware cannot be built: no C compiler.
-    """
-    rng = np.random.default_rng(seed)
-    goal = Place("end", Pose2(11.0, 1.5, 0.0))
-    world = replace(world_from_plan(_hall((12.5, 3.0)), "corridor"), start=Pose2(1.2, 1.5, rng.uniform(-0.05, 0.05)))
-    simulator = RecordingSimulator(world, CHAIR_A, randomised_settings(seed), seed)
-    setup = DriveSetup(world.grid, {goal.name: goal}, CHAIR_A, DEFAULT)
-    appears_x, across, appeared_ns, speed = rng.uniform(4.0, 5.0), rng.uniform(-0.25, 0.25), None, 0.0
-    with simulated_chair(setup, simulator) as chair:
-        start_drive(simulator, chair, Goal(goal.name))
-        for _ in range(round(_SUDDEN_PERSON_S * COMMAND.rate_hz)):
-            messages = advance_tick(simulator, chair)
-            chair.step(simulator.now_ns, messages)
-            pose = simulator.truth()
-            if appeared_ns is None and pose.x > appears_x:
-                at = transform_points(pose, np.array([[CHAIR_A.front + ahead_m + _PERSON_RADIUS, across]]))
-                simulator.populate([PersonPlan(Behaviour.PATH, at, radius=_PERSON_RADIUS)])
-                appeared_ns, speed = simulator.now_ns, simulator.twist().v
-            elif appeared_ns is not None and abs(simulator.twist().v) < MOVING_SPEED:
-                break
-    can_brake = min(LimiterSettings().emergency, simulator.settings.plant.deceleration)
-    return _sudden_person(seed, ahead_m, speed, appeared_ns, can_brake, simulator)
-
-
-_PERSON_RADIUS = 0.25
-_SUDDEN_PERSON_S = 20.0
-
-
-def _sudden_person(
-    seed: int, ahead_m: float, speed: float, appeared_ns: int | None, can_brake: float, simulator: RecordingSimulator
-) -> SuddenPerson:
-    """Return the result, computed from the simulator's true motion."""
-    motion = simulator.motion()
-    if appeared_ns is None:  # the chair never came so far
-        return SuddenPerson(seed, ahead_m, 0.0, math.inf, 0.0, math.nan, can_brake, math.nan, ride_of(motion))
-    after = motion.stamps_ns >= appeared_ns
-    seconds, v = (motion.stamps_ns[after] - appeared_ns) * 1e-9, motion.twists[after, 0]
-    moving = v > MOVING_SPEED
-    reacts, first, last = (int(np.argmax(v < share * speed)) for share in (0.9, 0.8, 0.3))
-    contact_speed = next((contact.speed for contact in simulator.contact_reports), 0.0)
-    return SuddenPerson(
-        seed,
-        ahead_m,
-        speed,
-        float(motion.people[after][moving].min(initial=math.inf)),
-        contact_speed,
-        float((v[first] - v[last]) / (seconds[last] - seconds[first])) if last > first else math.nan,
-        can_brake,
-        float(seconds[reacts]) if reacts else math.nan,
-        ride_of(motion),
     )

@@ -89,7 +89,14 @@ class _LidarHeading:
             self._speed = 0.0
             return self._key_heading
         guess = self._key_from_base @ Pose2(self._speed * seconds, 0.0, turn)
-        found = match(points.thinned(_MOST_POINTS), self._key, guess, _FREE, _WINDOW, self._settings)
+        found = match(
+            scan=points.thinned(_MOST_POINTS),
+            reference=self._key,
+            guess=guess,
+            guess_information=_FREE,
+            window=_WINDOW,
+            settings=self._settings,
+        )
         if found.inliers < _LEAST_INLIERS:
             self._key = None
             return math.nan

@@ -52,7 +52,13 @@ COUNTDOWN_S = 3.0
 
 _PICTURES_HZ = 2.0
 _BEFORE_START = ChairView(
-    0, None, LocalisationState.LOST, 0.0, DriveMode.MANUAL, Twist(), next_action="The chair is starting."
+    stamp_ns=0,
+    map_from_base=None,
+    localisation=LocalisationState.LOST,
+    health=0.0,
+    mode=DriveMode.MANUAL,
+    twist=Twist(),
+    next_action="The chair is starting.",
 )
 
 
@@ -334,7 +340,14 @@ class LiveChair(DrawingPort):
         scanned = scanned_part(grid, load_depth_layer(self._folder, grid))
         drawn = self._drawings.drawing
         setup = DriveSetup(
-            grid, drawn.places, CHAIR_A, DEFAULT, map_from_world, self._settings, zones=drawn.zones, scanned=scanned
+            grid=grid,
+            places=drawn.places,
+            body=CHAIR_A,
+            calibration=DEFAULT,
+            map_from_world=map_from_world,
+            chair=self._settings,
+            zones=drawn.zones,
+            scanned=scanned,
         )
         self._simulator = Simulator(world, CHAIR_A, _with_pictures(randomised_settings(self._seed), camera), self._seed)
         watcher = ends.enter_context(black_box(setup, self._box))

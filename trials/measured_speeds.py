@@ -145,7 +145,14 @@ class ScanSpeeds:
         window = Window(0.25, 0.05)
         # The gyro measures the turn better than scan matching, so only the displacement is free.
         trust = np.diag([1.0, 1.0, 1.0 / 0.01**2])
-        found = match(points.thinned(_MOST_POINTS), self._key, guess, trust, window, self._settings)
+        found = match(
+            scan=points.thinned(_MOST_POINTS),
+            reference=self._key,
+            guess=guess,
+            guess_information=trust,
+            window=window,
+            settings=self._settings,
+        )
         if found.inliers < _LEAST_INLIERS:
             raise CalibrationError("a scan does not match the previous one: calibrate in a static room")
         moved = self._key_from_base.inverse() @ found.pose

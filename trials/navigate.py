@@ -72,7 +72,14 @@ def navigate(
     places = {place.name: place for place in goals}
     chair_settings = ChairSettings(navigator=NavigatorSettings(planner=planner or PlannerSettings()))
     setup = DriveSetup(
-        grid, places, CHAIR_A, DEFAULT, map_from_world, zones=zones, scanned=scanned, chair=chair_settings
+        grid=grid,
+        places=places,
+        body=CHAIR_A,
+        calibration=DEFAULT,
+        map_from_world=map_from_world,
+        zones=zones,
+        scanned=scanned,
+        chair=chair_settings,
     )
     return drive_to_places(setup, simulator, [place.name for place in goals], box=box)
 

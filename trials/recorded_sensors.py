@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from waychair.errors import RecordingDamaged, RecordingError, RecordingNotFound
-from waychair.rosbag_file import bag_suffix, messages, opened
+from waychair.rosbag_file import bag_suffix, iterate_messages, open_bag
 from waychair.types import ImuSample, WheelTicks
 
 _JOINTS = "sensor_msgs/msg/JointState"
@@ -62,15 +62,15 @@ def _messages(path: Path, kind: str) -> Iterator[tuple[int, Any]]:
     """Yield (header stamp [ns], message) of all messages of a type."""
     if not path.exists():
         raise RecordingNotFound(f"no recording exists at {path}: give the file or folder of a bag")
-    with opened(path, _suffix(path)) as bag:
+    with open_bag(path, _suffix(path)) as bag:
         wanted = [connection for connection in bag.connections if connection.msgtype == kind]
-        for _, _, message in messages(path, bag, wanted):
+        for _, _, message in iterate_messages(path, bag, wanted):
             stamp = message.header.stamp
             yield int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec), message
 
 
 def _suffix(path: Path) -> str:
-    """Return the suffix by which `opened` knows this kind of bag."""
+    """Return the suffix by which `open_bag` knows this kind of bag."""
     if path.is_dir():
         return ""
     with path.open("rb") as file:

@@ -146,7 +146,8 @@ def record_tape(
     taped: list[TapedTick] = []
     with simulated_chair(setup, simulator, listener, wrap_transport) as chair:
         for index in range(ticks):
-            actions.get(index, _nothing)(simulator, chair)
+            if index in actions:
+                actions[index](simulator, chair)
             beats, heard = [], list[ChairMessage]()
             for _ in range(TICK_NS // BEAT_NS):
                 now_ns = simulator.now_ns
@@ -157,7 +158,16 @@ def record_tape(
             state = chair.step(simulator.now_ns, heard)
             at_scan = _odometry_at_scan(odometry, heard)
             moment = encoded(Moment(tick_from_state(state, 0), tuple(heard)))
-            taped.append(TapedTick(tuple(beats), _take_bytes(taps), told, active, moment, at_scan))
+            taped.append(
+                TapedTick(
+                    beats=tuple(beats),
+                    answers=_take_bytes(taps),
+                    told=told,
+                    active=active,
+                    moment=moment,
+                    odom_from_base=at_scan,
+                )
+            )
     return Tape(start, tuple(taped))
 
 
@@ -195,7 +205,9 @@ class Difference:
 def differences(part: str, old: Sequence[Row], new: Sequence[Row]) -> list[Difference]:
     """Return the differing fields, ordered by the first row that differs."""
     if len(old) != len(new):
-        return [Difference(part, "rows", min(len(old), len(new)), len(old), len(new), 1, 1)]
+        return [
+            Difference(part=part, field="rows", row=min(len(old), len(new)), old=len(old), new=len(new), rows=1, of=1)
+        ]
     names = dict.fromkeys(name for row in (*old[:1], *new[:1]) for name in row)
     found = []
     for name in names:
@@ -281,7 +293,14 @@ def _replay_localiser(tape: Tape, setup: DriveSetup, calibration: ChairCalibrati
 
 def _replay_pilot(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -> list[Row]:
     """Replay pilot and navigator with the tape's poses, verdicts and commands."""
-    pilot = Pilot(setup.grid, setup.places, calibration.body, setup.chair, calibration.stops, setup.zones)
+    pilot = Pilot(
+        grid=setup.grid,
+        places=setup.places,
+        body=calibration.body,
+        settings=setup.chair,
+        stops=calibration.stops,
+        zones=setup.zones,
+    )
     rows = []
     for taped, moment in tape.moments():
         tick = moment.tick
@@ -307,7 +326,14 @@ def _replay_base(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -
     """Replay supervisor, limiter, monitor and bridge with the tape's board bytes and localisations."""
     board = _Replayed()
     cable = Reconnecting(lambda: board)
-    base = DriveBase(calibration, cable, tape.start, setup.chair, setup.calibration, zones=setup.zones)
+    base = DriveBase(
+        calibration=calibration,
+        cable=cable,
+        start=tape.start,
+        settings=setup.chair,
+        model=setup.calibration,
+        zones=setup.zones,
+    )
     asks = {"go": base.request, "confirm": base.confirm, "stop": base.stop, "reset": base.reset}
     rows = []
     for taped, moment in tape.moments():
@@ -412,10 +438,6 @@ class _Listener:
         return told
 
 
-def _nothing(simulator: Simulator, chair: Chair) -> None:
-    pass
-
-
 def _take_bytes(taps: list[_Tap]) -> bytes:
     """Return the bytes read since the last call."""
     data = b"".join(tap.heard for tap in taps)
@@ -446,11 +468,11 @@ def _odometry_at_scan(odometry: OdometryFilter, heard: Sequence[ChairMessage]) -
 
 def _localisation(located: LoggedLocalisation, map_from_base: Pose2) -> Localisation:
     return Localisation(
-        map_from_base,
-        located.map_from_odom,
-        located.inliers,
-        LocalisationState(located.state),
-        located.health,
+        map_from_base=map_from_base,
+        map_from_odom=located.map_from_odom,
+        inliers=located.inliers,
+        state=LocalisationState(located.state),
+        health=located.health,
         remaining=located.remaining,
         jumped=located.jumped,
     )

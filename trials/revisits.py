@@ -28,7 +28,7 @@ from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.simulation.camera import CameraSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.simulation.world import load_world
-from waychair.slam.appearance import Appearance, AppearanceSettings
+from waychair.slam.appearance import AppearanceLoopClosure, AppearanceSettings
 from waychair.slam.edges import EdgeKind
 from waychair.slam.evaluation import poses_at, truth_errors
 from waychair.slam.mapper import MapperResult
@@ -47,7 +47,7 @@ class MappedDrive:
     """A mapped drive, with its memory of places (None without camera) and the true trajectory."""
 
     result: MapperResult
-    appearance: Appearance | None
+    appearance: AppearanceLoopClosure | None
     truth: Trajectory
 
 
@@ -70,7 +70,7 @@ def map_drive(bag: Path, *, camera: bool = True, settings: AppearanceSettings | 
     """Map a recorded drive, with its memory in RAM."""
     recording = read_recording(bag)
     live = LiveMapping(LiveMappingSettings(), recording.base_from_laser)
-    appearance = Appearance(settings or AppearanceSettings(), CHAIR_A.base_from_camera) if camera else None
+    appearance = AppearanceLoopClosure(settings or AppearanceSettings(), CHAIR_A.base_from_camera) if camera else None
     making = None if appearance is None else MemoryBuilder(appearance, recording.pictures())
     for frame in map(live.reckon, recording.frames):
         live.mapper.process(frame)

@@ -181,19 +181,26 @@ def run_scene(scene: TightScene, seed: int, time_limit_s: float = 150.0) -> Scen
     chair = with_all_sensors(randomised_settings(seed)) if scene.sensors else randomised_settings(seed)
     simulator = Simulator(scene.world, scene.body, chair, seed)
     places = {scene.goal.name: scene.goal}
-    setup = DriveSetup(map_of(scene.world), places, scene.body, DEFAULT, chair=scene.chair, zones=scene.zones)
+    setup = DriveSetup(
+        grid=map_of(scene.world),
+        places=places,
+        body=scene.body,
+        calibration=DEFAULT,
+        chair=scene.chair,
+        zones=scene.zones,
+    )
     leg = drive_to_places(setup, simulator, [scene.goal.name], time_limit_s)[0]
     return SceneResult(
-        scene.name,
-        seed,
-        leg.reached,
-        leg.contacts,
-        leg.reason,
-        leg.duration_s,
-        leg.plans,
-        float(leg.clearance.min()),
-        None if scene.door is None else door_error(leg.truth, scene.body, scene.door),
-        leg,
+        scene=scene.name,
+        seed=seed,
+        reached=leg.reached,
+        contacts=leg.contacts,
+        reason=leg.reason,
+        seconds=leg.duration_s,
+        plans=leg.plans,
+        min_clearance_m=float(leg.clearance.min()),
+        door_error_m=None if scene.door is None else door_error(leg.truth, scene.body, scene.door),
+        leg=leg,
     )
 
 

@@ -47,7 +47,15 @@ def message_from_text(line: str, now_ns: int) -> WheelTicks | ImuSample | Scan |
         return ImuSample(stamp, values[:3], values[3:])
     if kind == "scan" and len(values) > 6 and np.isfinite(values[:4]).all():
         angle_min, angle_step, time_step, range_min, range_max = values[:5].tolist()
-        return Scan(stamp, values[5:].astype(np.float32), angle_min, angle_step, time_step, range_min, range_max)
+        return Scan(
+            stamp_ns=stamp,
+            ranges=values[5:].astype(np.float32),
+            angle_min=angle_min,
+            angle_step=angle_step,
+            time_step=time_step,
+            range_min=range_min,
+            range_max=range_max,
+        )
     return None
 
 

@@ -102,18 +102,18 @@ def run_shift(building: str, seed: int, seconds: float, people: int = 3) -> Shif
     tenth = max(1, len(ticks) // 10)
     first, last = (float(np.percentile(part, 99)) for part in (ticks[:tenth], ticks[-tenth:]))
     return Shift(
-        building,
-        seed,
-        shut,
-        (simulator.now_ns - began_ns) * 1e-9,
-        sum(leg.distance_m for leg in legs),
-        len(legs),
-        sum(leg.reached for leg in legs),
-        tuple(f"{leg.place}: {leg.reason}" for leg in legs if not leg.reached),
-        dict(hits),
-        nearest,
-        (first, last),
-        _memory_mb() - grown_from,
+        building=building,
+        seed=seed,
+        shut=shut,
+        seconds=(simulator.now_ns - began_ns) * 1e-9,
+        way_m=sum(leg.distance_m for leg in legs),
+        drives=len(legs),
+        reached=sum(leg.reached for leg in legs),
+        failures=tuple(f"{leg.place}: {leg.reason}" for leg in legs if not leg.reached),
+        struck=dict(hits),
+        person_m=nearest,
+        tick_ms=(first, last),
+        grown_mb=_memory_mb() - grown_from,
     )
 
 

@@ -19,7 +19,7 @@ from waychair.slam import vocabulary as vocabulary_module
 from waychair.slam.features import extract, features_of_image, gray_image
 from waychair.slam.hamming_index import HammingIndex, assign, hamming_table, packed
 from waychair.slam.likelihood import normalised, tf_idf
-from waychair.slam.place_recognition import PlaceRecognition, Recognition, RecognitionSettings, photographs
+from waychair.slam.place_recognition import PlaceRecognition, Recognition, RecognitionSettings, recognise_pictures
 from waychair.slam.vocabulary import FixedVocabulary, IncrementalVocabulary
 from waychair.slam.vocabulary_training import train
 from waychair.types import Bytes, FloatArray, Json, RgbdFrame
@@ -40,9 +40,9 @@ def places(out: Path) -> Json:
     cv2.setNumThreads(1)
     images = [_gray(DATA / "places_rtabmap" / "images" / f"{i}.jpg") for i in range(1, 85)]
     settings = RecognitionSettings()
-    list(photographs(images[:12], settings))  # kernels are loaded
+    list(recognise_pictures(images[:12], settings))  # kernels are loaded
     started = time.process_time()
-    results = list(photographs(images, settings))
+    results = list(recognise_pictures(images, settings))
     seconds = time.process_time() - started
     right, wrong = judged(results)
     _draw(results, out.with_suffix(".png"))
@@ -74,7 +74,7 @@ def _offline(images: list[Bytes], training: list[Bytes], settings: RecognitionSe
     """Run the same pictures with a vocabulary clustered from `training`, as in the paper."""
     descriptors = np.concatenate([features_of_image(image, settings.features).descriptors for image in training])
     vocabulary = FixedVocabulary(train(descriptors))
-    results = list(photographs(images, settings, vocabulary))
+    results = list(recognise_pictures(images, settings, vocabulary))
     right, wrong = judged(results)
     guesses = [r.node - r.hypothesis for r in results if r.node > 40 and r.hypothesis is not None]
     return {
@@ -101,7 +101,7 @@ def margins(images: list[Bytes], settings: RecognitionSettings) -> Json:
     """Right and wrong closures with one threshold moved by a fifth, down and up."""
 
     def figures(settings: RecognitionSettings, short_term: int = place_recognition.SHORT_TERM) -> list[int]:
-        return list(judged(photographs(images, settings, short_term=short_term)))
+        return list(judged(recognise_pictures(images, settings, short_term=short_term)))
 
     found: Json = {}
     for factor in (0.8, 1.2):

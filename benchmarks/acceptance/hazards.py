@@ -24,17 +24,16 @@ from waychair.trials.hazards import (
     Hazard,
     HazardResult,
     Protection,
-    SuddenPerson,
     glass,
     hazard_of_scene,
     movers,
     run_hazard,
-    run_sudden_person,
     to_the_lift,
     to_the_restroom,
 )
 from waychair.trials.ride import limits_row, ride_row, worst_of
 from waychair.trials.scenes import APPROACHES, TightScene, corner_scene, dead_end_scene, door_scene, drive_variants
+from waychair.trials.sudden_person import SuddenPerson, run_sudden_person
 from waychair.types import Json
 
 RUNS = int(os.environ.get("HAZARDS_RUNS", "100"))

@@ -20,12 +20,12 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import compose, rotation
 from waychair.maps.grid import cells_from_points, inside
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.slam.appearance import Appearance, AppearanceSettings
+from waychair.slam.appearance import AppearanceLoopClosure, AppearanceSettings
 from waychair.slam.edges import EdgeKind
-from waychair.slam.long_term import LongTerm
-from waychair.slam.memory import Memory
+from waychair.slam.long_term import LongTermStore
+from waychair.slam.memory import NodeMemory
 from waychair.slam.memory_settings import MemorySettings
-from waychair.slam.nodes import Kept, LinkKind, Node
+from waychair.slam.nodes import LinkKind, Node, NodeStatus
 from waychair.types import FloatArray, Json, Pose2
 
 HOUR = 3600
@@ -81,10 +81,10 @@ class _Drive:
 
     def __init__(self, settings: MemorySettings, hours: float, seed: int = 6) -> None:
         self._folder = tempfile.TemporaryDirectory()
-        memory = Memory(settings, LongTerm(Path(self._folder.name) / "memory.db"))
+        memory = NodeMemory(settings, LongTermStore(Path(self._folder.name) / "memory.db"))
         self.live = LiveMapping(LiveMappingSettings(), Pose2())
         seeing = AppearanceSettings(gap=1.5, memory=settings)  # one scan per second
-        self.appearance = Appearance(seeing, CHAIR_A.base_from_camera, memory)
+        self.appearance = AppearanceLoopClosure(seeing, CHAIR_A.base_from_camera, memory)
         self.log = _Log()
         self.truth: list[Pose2] = []
         self._sights = islice(Patrol(seed).sights(), int(hours * HOUR))
@@ -288,7 +288,7 @@ def _killed_after(path: Path, seconds: float) -> list[int]:
 
 
 def _map_for_ever(path: Path, tell: int) -> None:
-    memory = Memory(MemorySettings(working_memory_limit=30), LongTerm(path))
+    memory = NodeMemory(MemorySettings(working_memory_limit=30), LongTermStore(path))
     while True:
         node = memory.skeleton.count
         memory.add(made_of(node), np.eye(3))
@@ -306,7 +306,7 @@ def made_of(number: int) -> Node:
 
 
 def _ids(path: Path) -> list[int]:
-    store = LongTerm(path)
+    store = LongTermStore(path)
     try:
         return [node for node, _, _ in store.load().nodes]
     finally:
@@ -315,8 +315,8 @@ def _ids(path: Path) -> list[int]:
 
 def _differing(path: Path) -> int:
     """Return the number of nodes in a file that are changed, disconnected or unreadable."""
-    memory = Memory(store=LongTerm(path))
-    nodes = memory.skeleton.ids(Kept.WM, Kept.LTM)
+    memory = NodeMemory(store=LongTermStore(path))
+    nodes = memory.skeleton.ids(NodeStatus.WM, NodeStatus.LTM)
     wrong = sum(_differs(memory.node(node)) for node in nodes)
     wrong += sum(memory.skeleton.linked(a, b) is None for a, b in _consecutive(memory, nodes))
     memory.close()
@@ -329,6 +329,6 @@ def _differs(node: Node) -> bool:
     return not all(np.array_equal(a, b) for a, b in pairs)
 
 
-def _consecutive(memory: Memory, nodes: list[int]) -> Iterator[tuple[int, int]]:
+def _consecutive(memory: NodeMemory, nodes: list[int]) -> Iterator[tuple[int, int]]:
     maps = memory.skeleton.rows["map_id"]
     return ((a, b) for a, b in pairwise(nodes) if maps[a] == maps[b])

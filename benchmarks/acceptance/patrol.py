@@ -15,7 +15,7 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import in_space
-from waychair.slam.features import Features
+from waychair.slam.features import ImageFeatures
 from waychair.types import Bytes, FloatArray, IntArray, Odometry, Pose2, Scan, SensorFrame
 
 SPACING = 20.0  # [m] between parallel corridors
@@ -39,7 +39,7 @@ class Sight:
 
     truth: Pose2
     frame: SensorFrame
-    features: Features
+    features: ImageFeatures
 
 
 class Patrol:
@@ -93,7 +93,7 @@ class Patrol:
                 c, s = math.cos(heading), math.sin(heading)
                 yield Pose2(x + c * along - s * off, y + s * along + c * off, heading + rng.normal(0.0, 0.01))
 
-    def _view(self, truth: Pose2) -> Features:
+    def _view(self, truth: Pose2) -> ImageFeatures:
         """Return the features of the landmarks before the camera, clearest first."""
         rng, camera = self._rng, (in_space(truth) @ CHAIR_A.base_from_camera).inverse()
         near = self._near(truth)
@@ -120,9 +120,9 @@ class Patrol:
         return np.array([word for cell in round_it for word in self._cells.get(cell, ())], np.int64)
 
 
-def _features(pixels: FloatArray, points: FloatArray, descriptors: Bytes) -> Features:
+def _features(pixels: FloatArray, points: FloatArray, descriptors: Bytes) -> ImageFeatures:
     count, single = len(pixels), np.float32
-    return Features(
+    return ImageFeatures(
         pixels.astype(single), descriptors, points.astype(single),
         np.ones(count, single), np.zeros(count, np.uint8), np.full(count, np.nan, single),
     )  # fmt: skip

@@ -29,10 +29,10 @@ from waychair.trials.hazards import (
     movers,
     robot_settings,
     run_hazard,
-    run_sudden_person,
     to_the_restroom,
 )
 from waychair.trials.ride import STILL, RecordingSimulator, TrueMotion, ride_of, worst_of
+from waychair.trials.sudden_person import run_sudden_person
 from waychair.types import FloatArray, Pose2
 
 _ORIGIN = Pose2()
