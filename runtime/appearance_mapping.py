@@ -12,9 +12,9 @@ import numpy as np
 
 from waychair.errors import OutputError, RecordingError, SessionError
 from waychair.recording import Recording
-from waychair.slam.appearance import NEAR_DISTANCE, Appearance, AppearanceSettings
+from waychair.slam.appearance import NEAR_DISTANCE, AppearanceLoopClosure, AppearanceSettings
 from waychair.slam.mapper import Mapper
-from waychair.slam.memory import STM_SIZE, Memory
+from waychair.slam.memory import STM_SIZE, NodeMemory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import LOOPS, LinkKind
 from waychair.slam.place_memory import PictureCost, PlaceMemory
@@ -27,7 +27,7 @@ MEMORY = "memory.db"
 class MemoryBuilder:
     """Builds a memory of places from the pictures between a recording's scans; `seconds`: CPU time with decoding."""
 
-    def __init__(self, appearance: Appearance, pictures: Iterator[RgbdFrame]) -> None:
+    def __init__(self, appearance: AppearanceLoopClosure, pictures: Iterator[RgbdFrame]) -> None:
         self.appearance = appearance
         self.seconds = 0.0
         self.warnings: tuple[str, ...] = ()
@@ -78,19 +78,19 @@ def begin_memory(
     if not _has_pictures(recording):
         return None
     if folder is None:
-        return MemoryBuilder(Appearance(settings, base_from_camera), recording.pictures())
+        return MemoryBuilder(AppearanceLoopClosure(settings, base_from_camera), recording.pictures())
     memory = new_memory(folder, settings.memory)
-    return MemoryBuilder(Appearance(settings, base_from_camera, memory), recording.pictures())
+    return MemoryBuilder(AppearanceLoopClosure(settings, base_from_camera, memory), recording.pictures())
 
 
-def new_memory(folder: Path, settings: MemorySettings) -> Memory:
+def new_memory(folder: Path, settings: MemorySettings) -> NodeMemory:
     """Return an empty memory in a folder, in place of an existing one.
 
     Raises:
         OutputError: the folder cannot be written to.
     """
     remove_memory(folder)
-    return Memory.opened(folder / MEMORY, settings)
+    return NodeMemory.opened(folder / MEMORY, settings)
 
 
 def remove_memory(folder: Path) -> None:
@@ -118,7 +118,7 @@ def continue_memory(
     """
     if not _has_pictures(recording):
         return None
-    memory = Memory.opened(folder / MEMORY, settings.memory)
+    memory = NodeMemory.opened(folder / MEMORY, settings.memory)
     if len(memory.anchors) > known:
         anchors = len(memory.anchors)
         memory.close()
@@ -126,14 +126,14 @@ def continue_memory(
             f"{MEMORY} refers to {anchors} key scans and the map has {known}, so it belongs to another map: remove it, or "
             "map the recordings again"
         )
-    return MemoryBuilder(Appearance(settings, base_from_camera, memory), recording.pictures())
+    return MemoryBuilder(AppearanceLoopClosure(settings, base_from_camera, memory), recording.pictures())
 
 
 def move_memory(folder: Path, mapper: Mapper) -> None:
     """Move the memory of a folder, if there is one, with the graph of a drive without pictures."""
     if (folder / MEMORY).exists():
-        memory = Memory.opened(folder / MEMORY)
-        memory.bend(mapper.keys.poses)
+        memory = NodeMemory.opened(folder / MEMORY)
+        memory.move_anchors(mapper.keys.poses)
         memory.close()
 
 
@@ -144,7 +144,7 @@ def _has_pictures(recording: Recording) -> bool:
         return False  # `depth_recording.see_pictures` warns of it
 
 
-def revisits(memory: Memory, near: float, pause: int) -> int:
+def revisits(memory: NodeMemory, near: float, pause: int) -> int:
     """Count the returns to known places: runs of nodes with links of less than `near` [m] to earlier nodes.
 
     A run ends where more than `pause` nodes without such a link follow. This is the paper's number of loop closures:

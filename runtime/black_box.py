@@ -125,13 +125,13 @@ class BlackBox:
         self.lost = 0
         places = {name: place.pose for name, place in about.places.items()}
         self._head = LogHeader(
-            secrets.token_hex(8),
-            0,
-            __version__,
-            dump(about.configuration),
-            msgspec.to_builtins(about.calibration),
-            content_hash(about.calibration),
-            places,
+            session=secrets.token_hex(8),
+            wall_ns=0,
+            software=__version__,
+            configuration=dump(about.configuration),
+            calibration=msgspec.to_builtins(about.calibration),
+            calibration_hash=content_hash(about.calibration),
+            places=places,
         )
         self._queue: queue.Queue[_QueuedTick | RiderRequest | None] = queue.Queue(QUEUE_TICKS)
         self._pictured_ns: int | None = None

@@ -193,7 +193,12 @@ def tick_from_state(state: ChairState, wall_ns: int) -> Tick:
         located=None
         if found is None
         else LoggedLocalisation(
-            found.state.value, found.health, found.inliers, found.map_from_odom, found.remaining, found.jumped
+            state=found.state.value,
+            health=found.health,
+            inliers=found.inliers,
+            map_from_odom=found.map_from_odom,
+            remaining=found.remaining,
+            jumped=found.jumped,
         ),
         mode=verdict.mode,
         reason=verdict.reason,
@@ -273,7 +278,7 @@ def read_log(files: Sequence[Path]) -> Log:
     if not heads:
         names = ", ".join(str(file) for file in files) or "no file"
         raise BoxError(f"{names} holds no readable record of a black box: it is not such a log, or it is damaged")
-    return Log(heads[-1], tuple(moments), tuple(requests), lost, damaged, end)
+    return Log(head=heads[-1], moments=tuple(moments), requests=tuple(requests), lost=lost, damaged=damaged, end=end)
 
 
 def read_head(file: Path) -> LogHeader | None:

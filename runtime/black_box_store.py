@@ -78,11 +78,6 @@ class Ring:
         self._waiting = bytearray()
 
     @property
-    def waiting(self) -> int:
-        """Number of bytes that are not written yet."""
-        return len(self._waiting)
-
-    @property
     def full_segment(self) -> bool:
         """Whether the present segment has reached its share of the ring's bytes."""
         share = max(self._bounds.ring_bytes // self._bounds.segments, 1 << 16)
@@ -221,13 +216,14 @@ class PartStore:
     ) -> Part:
         """Open a part with the segments of a span around an event, and drop parts beyond the bounds."""
         part = Part(
-            self._folder / f"{self._next_number():04d}-{event.id}",
-            head.session,
-            (event,),
-            *span_ns,
-            head.software,
-            head.calibration_hash,
-            {} if head.board is None else msgspec.to_builtins(head.board),
+            folder=self._folder / f"{self._next_number():04d}-{event.id}",
+            session=head.session,
+            events=(event,),
+            begin_ns=span_ns[0],
+            end_ns=span_ns[1],
+            software=head.software,
+            calibration_hash=head.calibration_hash,
+            board={} if head.board is None else msgspec.to_builtins(head.board),
         )
         part.folder.mkdir()
         self._written.add(part.folder)

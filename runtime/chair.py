@@ -107,8 +107,18 @@ class Chair:
         """
         self.settings = s = settings or ChairSettings()
         self._calibration = calibration
-        self._base = DriveBase(calibration, cable, start or Pose2(), s, model, monitor, zones)
-        self._pilot = Pilot(grid, places, calibration.body, s, calibration.stops, zones)
+        self._base = DriveBase(
+            calibration=calibration,
+            cable=cable,
+            start=start or Pose2(),
+            settings=s,
+            model=model,
+            monitor=monitor,
+            zones=zones,
+        )
+        self._pilot = Pilot(
+            grid=grid, places=places, body=calibration.body, settings=s, stops=calibration.stops, zones=zones
+        )
         known = grid if scanned is None else scanned
         self._localiser = Localiser(known, calibration.body.base_from_laser, start, s.localiser)
         self._localisation: Localisation | None = None
@@ -193,7 +203,7 @@ class Chair:
 
         No drive begins by it: a goal that was waiting has to be asked for again.
         """
-        self._pilot.drop("the faults were reset; ask for the goal again")
+        self._pilot.drop("the faults were reset; request the goal again")
         self._tell("reset")
         self._base.reset()
 
@@ -237,16 +247,16 @@ class Chair:
         driven = self._base.drive(now_ns, verdict, navigation.twist if navigation.driving else None)
         self._pilot.note_sent(driven.command if driven.sent.active else None, driven.ended)
         state = ChairState(
-            now_ns,
-            pose,
-            self._base.twist,
-            self._localisation,
-            verdict,
-            self._base.halts,
-            navigation,
-            driven.command,
-            driven.sent,
-            telemetry,
+            stamp_ns=now_ns,
+            map_from_base=pose,
+            twist=self._base.twist,
+            localisation=self._localisation,
+            verdict=verdict,
+            halts=self._base.halts,
+            navigation=navigation,
+            command=driven.command,
+            sent=driven.sent,
+            telemetry=telemetry,
         )
         if self._watcher is not None:
             self._watcher.note_tick(heard, state, self.bridge.greeting)

@@ -46,10 +46,18 @@ class ChairDisplay:
         countdown_s = chair.countdown_s(state.stamp_ns)
         obstacles = obstacles_of(state.halts)
         facts = DriveFacts(
-            state.verdict.mode, state.verdict.steered, goal, chair.waits, countdown_s,
-            chair.navigator.stage, chair.navigator.reason, pose if knows else None, way, obstacles,
-            state.sent.active,
-        )  # fmt: skip
+            mode=state.verdict.mode,
+            steered=state.verdict.steered,
+            goal=goal,
+            waits=chair.waits,
+            countdown_s=countdown_s,
+            stage=chair.navigator.stage,
+            reason=chair.navigator.reason,
+            pose=pose if knows else None,
+            way=way,
+            obstacles=obstacles,
+            holds_lines=state.sent.active,
+        )
         people = np.empty((0, 2))
         if found is not None and len(odometric := chair.navigator.people):
             people = transform_points(found.map_from_odom, odometric)

@@ -266,7 +266,14 @@ class DriveBase:
         taken_over = self._override.update(stick) or self.bridge.taken_over
         steered, confirmed = self._steering.counts(now_ns), self._confirmed
         situation = Situation(
-            stick, taken_over, self._stop_pressed, active, self._requested, confirmed, self.halts, steered
+            joystick=stick,
+            taken_over=taken_over,
+            stop_pressed=self._stop_pressed,
+            goal_active=active,
+            requested=self._requested,
+            confirmed=confirmed,
+            halts=self.halts,
+            steered=steered,
         )
         self._requested = self._confirmed = False
         verdict = supervise(self._mode, situation, self.settings.supervisor)

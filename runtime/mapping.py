@@ -138,7 +138,9 @@ def map_recording(
                 progress((index + 1) / len(frames))
     if camera is not None:
         amiss += see_pictures(live, recording)
-    mapping = _finished(live, recording, (started, cpu, reading_s), amiss, first, builder)
+    mapping = _finished(
+        live=live, recording=recording, began=(started, cpu, reading_s), amiss=amiss, first=first, builder=builder
+    )
     return replace(mapping, state=state_of_map(live, lens, _features(settings)))
 
 
@@ -192,7 +194,9 @@ def join_recording(
         raise SessionError("the drive ends without a connection to the map: record one that ends on mapped ground")
     if camera is not None:
         amiss += see_pictures(live, recording)
-    mapping = _finished(live, recording, (started, cpu, reading_s), amiss, 0, builder)
+    mapping = _finished(
+        live=live, recording=recording, began=(started, cpu, reading_s), amiss=amiss, first=0, builder=builder
+    )
     if builder is None:
         move_memory(keep_in, mapper)
     mapping.report["session"] = {
@@ -287,7 +291,14 @@ def _reported(live: LiveMapping, result: MapperResult, source: Recording, cost: 
     # a wrong mount also tears the map; its warning names the cause
     amiss = mount_warnings(live.odometry, result.drive_trajectory.poses, live.base_from_laser) or torn_warnings(result)
     left_out = warnings_of(live.depth.counts, source.unread)
-    report = mapping_report(source, [*source.warnings, *amiss, *left_out], result, grid, cost, resumed_at)
+    report = mapping_report(
+        recording=source,
+        warnings=[*source.warnings, *amiss, *left_out],
+        result=result,
+        grid=grid,
+        cost=cost,
+        resumed_at=resumed_at,
+    )
     report["depth"] = depth_report(live.depth.counts, depth)
     return Mapping(grid, result, report, depth)
 

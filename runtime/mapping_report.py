@@ -131,7 +131,7 @@ def write_mapping_page(path: Path, report: Json, grid: OccupancyGrid, result: Ma
     )
     counts = Table("Counts", ("", ""), tuple((name.replace("_", " "), str(n)) for name, n in report["counts"].items()))
     drawing = SvgFigure("The map", _caption(report), draw_mapping(grid, result))
-    write_page(path, f"waychair map: {Path(report['input']).name}", lead, (facts, bars, counts, _loop_table(report)), (drawing,), report["warnings"])  # fmt: skip
+    write_page(path=path, title=f"waychair map: {Path(report['input']).name}", lead=lead, tables=(facts, bars, counts, _loop_table(report)), pictures=(drawing,), warnings=report["warnings"])  # fmt: skip
 
 
 def draw_mapping(grid: OccupancyGrid, result: MapperResult) -> str:

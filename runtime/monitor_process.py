@@ -238,7 +238,14 @@ def _verdict_message(verdict: MonitorVerdict) -> bytes:
 def _verdict_from(message: bytes) -> MonitorVerdict:
     _, stamp_ns, scan_ns, v, omega, share, contact_s = _VERDICT.unpack_from(message)
     seen_ns = None if scan_ns == _NO_SCAN else scan_ns
-    return MonitorVerdict(stamp_ns, seen_ns, Twist(v, omega), share, contact_s, message[_VERDICT.size :].decode())
+    return MonitorVerdict(
+        stamp_ns=stamp_ns,
+        scan_ns=seen_ns,
+        twist=Twist(v, omega),
+        share=share,
+        contact_s=contact_s,
+        stop=message[_VERDICT.size :].decode(),
+    )
 
 
 def main() -> None:

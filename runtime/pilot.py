@@ -178,7 +178,14 @@ class Pilot:
     def step(self, now_ns: int, map_from_base: Pose2, map_from_odom: Pose2 | None) -> Navigation:
         """Return the next twist to ask for."""
         sight, self._sight = self._sight, _ScanView()
-        return self.navigator.step(now_ns, map_from_base, sight.points, map_from_odom, sight.beyond, sight.seen_ns)
+        return self.navigator.step(
+            now_ns=now_ns,
+            pose=map_from_base,
+            obstacles=sight.points,
+            map_from_odom=map_from_odom,
+            beyond=sight.beyond,
+            seen_ns=sight.seen_ns,
+        )
 
     def note_sent(self, command: Twist | None, ended: str = "") -> None:
         """Pass the sent command to the navigator, None when the lines were let go, and why a drive has `ended`."""

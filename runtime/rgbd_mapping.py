@@ -16,7 +16,7 @@ from waychair.files import write_json
 from waychair.recording import InputSettings, Recording, write_tum
 from waychair.runtime.appearance_mapping import memory_report, new_memory, remove_memory
 from waychair.runtime.mapping import peak_memory_mb
-from waychair.slam.memory import Memory
+from waychair.slam.memory import NodeMemory
 from waychair.slam.rgbd_mapper import NEAR_DISTANCE, RgbdMap, RgbdMapper, RgbdMapperSettings
 from waychair.types import Json, RgbdFrame
 
@@ -52,7 +52,7 @@ def map_pictures(
         OutputError: the folder cannot be written to.
     """
     started, cpu = time.perf_counter(), time.process_time()
-    memory = Memory(settings.rgbd.memory) if keep_in is None else new_memory(keep_in, settings.rgbd.memory)
+    memory = NodeMemory(settings.rgbd.memory) if keep_in is None else new_memory(keep_in, settings.rgbd.memory)
     mapper = RgbdMapper(settings.rgbd, memory)
     spent: list[float] = []
     for frame in _in_order(recording):

@@ -84,13 +84,13 @@ def state_of_map(live: LiveMapping, base_from_camera: Pose3 | None, features: st
     pictures = tuple(KeptPicture(*hung) for hung in live.depth.kept_images())
     camera = None if base_from_camera is None else (base_from_camera.rotation, base_from_camera.translation)
     return MapState(
-        mapper.for_next_drive(_renewed(mapper, of_frame)),
-        live.scans.session + 1,
-        live.settings.laser_height,
-        camera,
-        features,
-        tuple(scans),
-        pictures,
+        mapper=mapper.for_next_drive(_renewed(mapper, of_frame)),
+        sessions=live.scans.session + 1,
+        laser_height=live.settings.laser_height,
+        base_from_camera=camera,
+        features=features,
+        scans=tuple(scans),
+        pictures=pictures,
     )
 
 

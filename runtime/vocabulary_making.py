@@ -76,7 +76,14 @@ def make_vocabulary(
     together = np.concatenate(found)
     words = train(together, settings.training, progress("clusters"))
     save(out, words, settings.features)
-    return TrainingCounts(read, blank, unreadable, len(together), len(words), warnings)
+    return TrainingCounts(
+        pictures=read,
+        blank=blank,
+        unreadable=unreadable,
+        descriptors=len(together),
+        words=len(words),
+        warnings=warnings,
+    )
 
 
 def picture_files(folder: Path) -> list[Path]:

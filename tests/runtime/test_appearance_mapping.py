@@ -15,7 +15,7 @@ from waychair.recording import Recording
 from waychair.runtime.appearance_mapping import MEMORY
 from waychair.runtime.mapping import Mapping, MappingSettings, map_recording, save_mapping
 from waychair.runtime.paper_tables import paper_tables, read_report
-from waychair.slam.memory import Memory
+from waychair.slam.memory import NodeMemory
 from waychair.types import FloatArray, Json, Pose2, SensorFrame
 
 Drive = tuple[list[SensorFrame], FloatArray]
@@ -52,7 +52,7 @@ def made(recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> tupl
 def test_the_memory_lies_in_the_map_folder_and_opens_again(made: tuple[Path, Mapping]) -> None:
     folder, mapping = made
     told = mapping.report["memory"]
-    memory = Memory.opened(folder / MEMORY)
+    memory = NodeMemory.opened(folder / MEMORY)
     assert len(memory.skeleton.ids()) == told["memory"]["frames"] == told["pictures"] >= 70
     assert sum(told["links"].values()) >= 20
     np.testing.assert_allclose(memory.anchors, mapping.result.key_poses, atol=1e-5)

@@ -150,7 +150,7 @@ def test_f5_a_speed_that_is_none_brakes_in_the_same_tick(
     assert before is not None
     navigator = ride.chair._pilot.navigator
     sane = navigator.step
-    monkeypatch.setattr(navigator, "step", lambda *args: replace(sane(*args), twist=asked))
+    monkeypatch.setattr(navigator, "step", lambda **given: replace(sane(**given), twist=asked))
     after = ride.tick().command
     assert after is not None
     assert after.v == pytest.approx(before.v - ride.setting.chair.limiter.emergency * 0.05, abs=1e-6)

@@ -24,7 +24,7 @@ from waychair.slam.edges import EdgeKind
 from waychair.slam.localiser import Localisation, LocalisationState, Localiser
 from waychair.slam.loop_closure import LoopSettings
 from waychair.slam.mapper import MapperSettings
-from waychair.slam.memory import Memory
+from waychair.slam.memory import NodeMemory
 from waychair.types import FloatArray, Odometry, Pose2, Scan, SensorFrame, Trajectory
 
 Drive = tuple[list[SensorFrame], FloatArray]
@@ -164,7 +164,7 @@ def test_two_days_are_joined_by_pictures_and_their_nodes_merge(drive: Drive, tmp
     both = joined(with_pictures(further, truth), tmp_path / "map", SEEING)
     assert across(one, then, both, truth) < 0.25
     assert both.report["memory"]["links"]["by appearance"] > 0
-    memory = Memory.opened(tmp_path / "map" / MEMORY)
+    memory = NodeMemory.opened(tmp_path / "map" / MEMORY)
     assert len(memory.skeleton.ids()) <= 1.3 * one.report["memory"]["memory"]["frames"]
     assert set(memory.skeleton.rows["map_id"][memory.skeleton.ids()].tolist()) >= {0}
     np.testing.assert_allclose(memory.anchors, both.result.key_poses, atol=1e-5)
@@ -177,7 +177,7 @@ def test_a_drive_without_pictures_keeps_the_memory_of_the_places(drive: Drive, t
     recording, truth = part(every, 0, lap + 10, 0)
     one = mapped(with_pictures(recording, truth), tmp_path / "map", MappingSettings(depth=FLAT))
     both = joined(part(every, lap, 2 * lap, 1)[0], tmp_path / "map", MappingSettings(depth=FLAT))
-    memory = Memory.opened(tmp_path / "map" / MEMORY)
+    memory = NodeMemory.opened(tmp_path / "map" / MEMORY)
     assert len(memory.skeleton.ids()) == one.report["memory"]["memory"]["frames"]
     np.testing.assert_allclose(memory.anchors, both.result.key_poses, atol=1e-5)
     memory.close()
