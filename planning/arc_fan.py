@@ -17,7 +17,7 @@ import math
 import numpy as np
 from numba import njit
 
-from waychair.planning.footprint import SLACK, SWEPT, Footprint, Outline, layer_of, whole_of
+from waychair.planning.footprint import SLACK, SWEPT, DiscTree, Footprint, layer_outline, whole_outline
 from waychair.types import Float32Array, FloatArray
 
 FINE = 256
@@ -51,10 +51,10 @@ def free_times(
             tabled = omega
         last = min(math.ceil(certain[i] / horizon * FINE), FINE)
         turn, step = abs(omega), horizon / FINE
-        free = _free_steps(whole_of(shape), start, table, v, turn, step, last, reach, half_width)
+        free = _free_steps(whole_outline(shape), start, table, v, turn, step, last, reach, half_width)
         for k in range(len(shape.layer_ends)):
             if free > 0:
-                outline = layer_of(shape, k)
+                outline = layer_outline(shape, k)
                 free = min(free, _free_steps(outline, start, table, v, turn, step, last, reach, half_width))
         times[i] = horizon if free == FINE else max(free, 0) * horizon / FINE
     return times
@@ -77,7 +77,7 @@ def fill_table(table: FloatArray, theta: float, omega: float, step: float) -> No
 
 @njit(cache=True)
 def _free_steps(
-    outline: Outline,
+    outline: DiscTree,
     start: FloatArray,
     table: FloatArray,
     v: float,
@@ -121,7 +121,7 @@ def _free_steps(
 
 
 @njit(cache=True, inline="always")
-def _fits(outline: Outline, start: FloatArray, row: FloatArray, v: float, slack: float) -> bool:
+def _fits(outline: DiscTree, start: FloatArray, row: FloatArray, v: float, slack: float) -> bool:
     """Return whether no obstacle lies within the body and `slack` [cells] around it, at a row of the table."""
     c, s = row[0], row[1]
     x, y = start[0] + v * row[2], start[1] + v * row[3]

@@ -18,30 +18,30 @@ _WORTH = 1 << 17
 """Least number of cells for which a second thread saves more time than waking it takes, about 0.05 ms."""
 
 
-def in_bands(kernel: Callable[..., None], first: int, stop: int, cells: int, *given: object) -> None:
+def over_rows(kernel: Callable[..., None], first: int, stop: int, cells: int, *given: object) -> None:
     """Run `kernel(*given, first, stop)` over the rows from `first` to before `stop` of a grid of so many cells.
 
     Rows must be independent: none may read values that another writes.
     """
-    _shared(kernel, first, stop, cells, given)
+    _run_over_rows(kernel, first, stop, cells, given)
 
 
-def summed(kernel: Callable[..., float], first: int, stop: int, cells: int, *given: object) -> float:
-    """Return the sum of the kernel's results; otherwise as `in_bands`."""
-    return sum(_shared(kernel, first, stop, cells, given))
+def sum_over_rows(kernel: Callable[..., float], first: int, stop: int, cells: int, *given: object) -> float:
+    """Return the sum of the kernel's results; otherwise as `over_rows`."""
+    return sum(_run_over_rows(kernel, first, stop, cells, given))
 
 
-def bands(first: int, stop: int, cells: int) -> list[tuple[int, int]]:
+def row_ranges(first: int, stop: int, cells: int) -> list[tuple[int, int]]:
     """Return the row ranges into which the rows from `first` to before `stop` are split."""
     half = (first + stop) // 2
     return [(first, half), (half, stop)] if cells >= _WORTH else [(first, stop)]
 
 
-def _shared(
+def _run_over_rows(
     kernel: Callable[..., Result], first: int, stop: int, cells: int, given: tuple[object, ...]
 ) -> list[Result]:
     """Return the kernel's result for each row range, in order; the last range runs in the helper thread, if any."""
-    *here, last = bands(first, stop, cells)
+    *here, last = row_ranges(first, stop, cells)
     helper = _helper() if here else None
     if helper is None:
         return [kernel(*given, *band) for band in (*here, last)]
@@ -52,7 +52,7 @@ def _shared(
 @cache
 def _helper() -> ThreadPoolExecutor | None:
     """Return a pool of one extra thread; None on a computer with one core."""
-    return ThreadPoolExecutor(1, "bands") if len(os.sched_getaffinity(0)) > 1 else None
+    return ThreadPoolExecutor(1, "rows") if len(os.sched_getaffinity(0)) > 1 else None
 
 
 os.register_at_fork(after_in_child=_helper.cache_clear)  # a forked child has no threads

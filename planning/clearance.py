@@ -99,8 +99,8 @@ TOLD_APART = 2.0
 # by speed: the collision monitor ------------------------------------------------------------------------------------
 
 CRAWL_SPEED, FULL_SPEED = 0.3, 0.8
-"""[m/s] Speeds of the chair's fastest part. The monitor keeps the clearance at a crawl up to the first, the full one from
-the second, and in proportion between them."""
+"""[m/s] Speeds of the chair's fastest part. The monitor keeps the clearance at a crawl up to the first, the full one
+from the second, and in proportion between them."""
 
 MONITORED_AT_CRAWL, MONITORED_AT_FULL_SPEED = 0.0, 0.05
 """[m] Kept by the monitor on all sides. Nothing at a crawl: a doorway leaves 5 cm at best."""
@@ -118,8 +118,8 @@ TRACKED, TRACKED_TIGHT = 0.01, 0.0
 one blocks."""
 
 RETREAT = 0.04
-"""[m] Kept behind the chair while it retreats from a door without a plan: only the map shows obstacles there, and the pose
-on it is good to 2 cm."""
+"""[m] Kept behind the chair while it retreats from a door without a plan: only the map shows obstacles there, and the
+pose on it is good to 2 cm."""
 
 BACKING_OUT, BACKING_OUT_NOISE = 0.02, 0.005
 """[m] A chair that backs out never comes nearer to an obstacle than it has been, unless it keeps the first value. An

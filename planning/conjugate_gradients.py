@@ -12,73 +12,79 @@ from collections.abc import Callable
 import numpy as np
 from numba import njit
 
-from waychair.planning.bands import bands, summed
-from waychair.planning.levels import SUMMED, AnyFloat, Level, product_of_row, product_of_rows
-from waychair.planning.memory import Memory, new_memory
-from waychair.planning.multigrid import PASS, v_cycle_in_parts
-from waychair.planning.patches import Patches
-from waychair.planning.slices import Parts
+from waychair.planning.bands import row_ranges, sum_over_rows
+from waychair.planning.levels import SUMMED, AnyFloat, MultigridLevel, product_of_row, product_of_rows
+from waychair.planning.memory import ScratchMemory, new_scratch_memory
+from waychair.planning.multigrid import PASS, v_cycle_resumably
+from waychair.planning.patches import SmoothingPatches
+from waychair.planning.slices import CountedSteps
 from waychair.types import Float32Array, FloatArray
 
 
 def conjugate_gradients(
     absorption: Float32Array,
-    levels: tuple[Level, ...],
+    levels: tuple[MultigridLevel, ...],
     x: FloatArray,
     b: FloatArray,
     tolerance: float,
     most: int,
-    go_on: Callable[[], bool] | None = None,
-    patches: Patches = (),
+    has_time: Callable[[], bool] | None = None,
+    patches: SmoothingPatches = (),
     rest: FloatArray | None = None,
-    memory: Memory | None = None,
-) -> Parts[tuple[float, int]]:
+    memory: ScratchMemory | None = None,
+) -> CountedSteps[tuple[float, int]]:
     """Improve x (H + 2, W + 2) in place until |b - A x| <= tolerance |b|; return the relative residual and the cycles.
 
     absorption (H, W) of the cells defines A, as it does the levels. x and b are 0 in walls and on the border. The solve
-    stops early after `most` cycles, or when `go_on` is false between two. patches: extra local smoothing on the levels.
-    rest: the residual b - A x, if known. memory: for one grid of float32.
+    stops early after `most` cycles, or when `has_time` is false between two. patches: extra local smoothing on the
+    levels. rest: the residual b - A x, if known. memory: for one grid of float32.
     """
     finest, rows, cells = levels[0], absorption.shape[0], absorption.size
     r, z = finest.b, finest.x
-    p = (memory or new_memory(z.nbytes)).take(z.shape)
+    p = (memory or new_scratch_memory(z.nbytes)).take(z.shape)
     p[:] = 0.0
-    whole = length_of(b) or 1.0
+    whole = norm_of(b) or 1.0
     if rest is None:
-        left = rest_of(absorption, x, b, r)
+        left = write_residual(absorption, x, b, r)
     else:
-        r[:], left = rest, length_of(rest)
+        r[:], left = rest, norm_of(rest)
     exact, before, cycles = left, 0.0, 0
-    while left > tolerance * whole and cycles < most and (go_on is None or go_on()):
-        now = yield from v_cycle_in_parts(levels, patches)
-        bent = summed(_turn, 0, rows, cells, absorption, p, z, now / before if before else 0.0)
-        length = now / (bent + sum(_bent_of_ends(absorption, p, *band) for band in bands(0, rows, cells)) or 1.0)
-        left = math.sqrt(summed(_go, 0, rows, cells, absorption, x, r, p, length))
+    while left > tolerance * whole and cycles < most and (has_time is None or has_time()):
+        now = yield from v_cycle_resumably(levels, patches)
+        curvature = sum_over_rows(_new_direction, 0, rows, cells, absorption, p, z, now / before if before else 0.0)
+        length = now / (
+            curvature + sum(_curvature_of_ends(absorption, p, *band) for band in row_ranges(0, rows, cells)) or 1.0
+        )
+        left = math.sqrt(sum_over_rows(_step, 0, rows, cells, absorption, x, r, p, length))
         before, cycles = now, cycles + 1
         yield 3 * x.size // PASS
-        if left < _ROUNDED * exact and (left > tolerance * whole or _LOST * exact > tolerance * whole):
-            left = exact = rest_of(absorption, x, b, r)
+        if left < _RECOMPUTED_BELOW * exact and (
+            left > tolerance * whole or _ROUNDING_LOSS * exact > tolerance * whole
+        ):
+            left = exact = write_residual(absorption, x, b, r)
             yield x.size // PASS
     return left / whole, cycles
 
 
-_ROUNDED, _LOST = 1e-3, 1e-6
+_RECOMPUTED_BELOW, _ROUNDING_LOSS = 1e-3, 1e-6
 """The residual is rounded to float32 in each cycle. It is recomputed once it is smaller by the first factor; rounding
 may have lost the second part of its last exact value by then."""
 
 
-def length_of(x: FloatArray) -> float:
+def norm_of(x: FloatArray) -> float:
     """Return the Euclidean norm of a vector (H + 2, W + 2)."""
-    return math.sqrt(summed(product_of_rows, 1, x.shape[0] - 1, x.size, x, x))
+    return math.sqrt(sum_over_rows(product_of_rows, 1, x.shape[0] - 1, x.size, x, x))
 
 
-def rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFloat) -> float:
+def write_residual(absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFloat) -> float:
     """Write the residual b - A x into an array, shapes as in `conjugate_gradients`; return its norm."""
-    return math.sqrt(summed(_rest_of, 0, absorption.shape[0], absorption.size, absorption, x, b, into))
+    return math.sqrt(sum_over_rows(_write_residual, 0, absorption.shape[0], absorption.size, absorption, x, b, into))
 
 
 @njit(cache=True, nogil=True)
-def _rest_of(absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFloat, first: int, stop: int) -> float:
+def _write_residual(
+    absorption: Float32Array, x: FloatArray, b: FloatArray, into: AnyFloat, first: int, stop: int
+) -> float:
     """Write rows of b - A x; return the sum of their squares."""
     squares = 0.0
     for i in range(first, stop):
@@ -98,26 +104,28 @@ def _product(absorption: Float32Array, x: AnyFloat, i: int, j: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _turn(absorption: Float32Array, p: Float32Array, z: Float32Array, beta: float, first: int, stop: int) -> float:
+def _new_direction(
+    absorption: Float32Array, p: Float32Array, z: Float32Array, beta: float, first: int, stop: int
+) -> float:
     """Update the search direction p to z + beta p; return the inner rows' share of p A p (without first and last)."""
     total, share = 0.0, np.float32(beta)
     for i in range(first, stop):
         for j in range(p.shape[1]):
             p[i + 1, j] = z[i + 1, j] + share * p[i + 1, j]
         if i > first + 1:
-            total += _bent_of_row(absorption, p, i - 1)
+            total += _curvature_of_row(absorption, p, i - 1)
     return total
 
 
 @njit(cache=True, nogil=True)
-def _bent_of_ends(absorption: Float32Array, p: Float32Array, first: int, stop: int) -> float:
+def _curvature_of_ends(absorption: Float32Array, p: Float32Array, first: int, stop: int) -> float:
     """Return the share of p A p of the first and the last row of a range, once the rows beside them are updated."""
-    last = _bent_of_row(absorption, p, stop - 1) if stop - 1 > first else 0.0
-    return float(_bent_of_row(absorption, p, first) + last)
+    last = _curvature_of_row(absorption, p, stop - 1) if stop - 1 > first else 0.0
+    return float(_curvature_of_row(absorption, p, first) + last)
 
 
 @njit(cache=True, nogil=True, fastmath=SUMMED)
-def _bent_of_row(absorption: Float32Array, p: Float32Array, i: int) -> float:
+def _curvature_of_row(absorption: Float32Array, p: Float32Array, i: int) -> float:
     total = 0.0
     for j in range(absorption.shape[1]):
         total += _product(absorption, p, i, j) * p[i + 1, j + 1]
@@ -125,7 +133,7 @@ def _bent_of_row(absorption: Float32Array, p: Float32Array, i: int) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _go(
+def _step(
     absorption: Float32Array, x: FloatArray, r: Float32Array, p: Float32Array, length: float, first: int, stop: int
 ) -> float:
     """Step along p, updating x and the residual r; return the sum of the squares of r."""

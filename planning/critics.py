@@ -37,7 +37,7 @@ OSCILLATION_WEIGHT = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Features:
+class ArcMeasures:
     """Measures of N candidate arcs; all (N,) float64 unless said otherwise.
 
     candidates (N, 2): v [m/s], omega [rad/s]. admissible: bool. free_time [s]: until the first contact or the horizon.
@@ -63,24 +63,24 @@ class Features:
     end_clearance: float = math.inf
 
 
-def comfortable_score(features: Features, people_weight: float, longest: float, highest: float) -> FloatArray:
+def weighted_score(measures: ArcMeasures, people_weight: float, longest: float, highest: float) -> FloatArray:
     """Return (N,) the weighted sum of the critics; `longest` [m] is the longest arc, `highest` [m/s] the highest speed.
 
     Each critic is 1 for the best possible arc and falls by 1 over its scale. `people_weight` is that of the distance to
-    people. The critics are divided by fixed scales, not by the extremes of the present candidates: a difference of millimetres
-    between arcs in an empty hall stays small, and there is no 0/0. Near a path's end, clearance beyond that at the end
-    is worth nothing; otherwise the chair would stop short of a goal beside a wall.
+    people. The critics are divided by fixed scales, not by the extremes of the present candidates: a difference of
+    millimetres between arcs in an empty hall stays small, and there is no 0/0. Near a path's end, clearance beyond that
+    at the end is worth nothing; otherwise the chair would stop short of a goal beside a wall.
     """
-    worth = min(COMFORTABLE_ARC, max(features.end_clearance, COMFORTABLE_ARC_LEAST))
+    worth = min(COMFORTABLE_ARC, max(measures.end_clearance, COMFORTABLE_ARC_LEAST))
     score: FloatArray = (
-        -PATH_WEIGHT * features.path_error / 0.5
-        - HEADING_WEIGHT * features.heading_error / np.pi
-        + PROGRESS_WEIGHT * features.progress / longest
-        - TARGET_WEIGHT * features.target_distance / longest
-        + CLEARANCE_WEIGHT * np.minimum(features.clearance, worth) / COMFORTABLE_ARC
-        + SPEED_WEIGHT * features.candidates[:, 0] / highest
-        - SMOOTHNESS_WEIGHT * features.change
-        - people_weight * np.clip(1.0 - features.people_gap / COMFORTABLE_FOR_PEOPLE, 0.0, 1.0)
-        - OSCILLATION_WEIGHT * features.reversal
+        -PATH_WEIGHT * measures.path_error / 0.5
+        - HEADING_WEIGHT * measures.heading_error / np.pi
+        + PROGRESS_WEIGHT * measures.progress / longest
+        - TARGET_WEIGHT * measures.target_distance / longest
+        + CLEARANCE_WEIGHT * np.minimum(measures.clearance, worth) / COMFORTABLE_ARC
+        + SPEED_WEIGHT * measures.candidates[:, 0] / highest
+        - SMOOTHNESS_WEIGHT * measures.change
+        - people_weight * np.clip(1.0 - measures.people_gap / COMFORTABLE_FOR_PEOPLE, 0.0, 1.0)
+        - OSCILLATION_WEIGHT * measures.reversal
     )
     return score

@@ -35,12 +35,12 @@ class DrawnMap:
         """Return the costmap with live obstacles; see `LiveCostmap.costmap`."""
         return self._costmaps.costmap(live_points, layered)
 
-    def shows(self, points: FloatArray, within: float) -> BoolArray:
+    def is_mapped(self, points: FloatArray, within: float) -> BoolArray:
         """Return (N,) which points (N, 2) [m] in map are within a distance [m] of a mapped obstacle; zones are none."""
         return are_within(self._from_things, self.grid, points, within)
 
-    def explains(self, points: FloatArray, within: float | FloatArray) -> BoolArray:
-        """Return as `shows`, but with keep-out zones too narrow for a person counting as obstacles, too.
+    def is_explained(self, points: FloatArray, within: float | FloatArray) -> BoolArray:
+        """Return as `is_mapped`, but with keep-out zones too narrow for a person counting as obstacles, too.
 
         Such a zone is drawn around an obstacle such as glass. Glass is seen only where a beam meets it squarely, and
         that place moves with the chair like a person. within [m]: for all points, or (N,) for each.

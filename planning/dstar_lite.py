@@ -64,7 +64,7 @@ OVERCONSISTENT = int(Consistency.OVERCONSISTENT)
 UNDERCONSISTENT = int(Consistency.UNDERCONSISTENT)
 
 
-class _Aim(NamedTuple):
+class _KeyBasis(NamedTuple):
     """The basis of the queued keys: flat indices of goal and start, the start's padded row and column, k_m, stride."""
 
     goal: int
@@ -177,9 +177,9 @@ class DStarLite:
     def _stride(self) -> int:
         return self._shape[1] + 2
 
-    def _aimed(self, k_m: int) -> _Aim:
+    def _aimed(self, k_m: int) -> _KeyBasis:
         row, column = divmod(self._start, self._stride)
-        return _Aim(self._goal, self._start, row, column, k_m, self._stride)
+        return _KeyBasis(self._goal, self._start, row, column, k_m, self._stride)
 
     def _account_for_motion(self) -> None:
         """Raise k_m by the heuristic distance moved, so that all queued keys stay lower bounds without reordering."""
@@ -206,7 +206,7 @@ def _consistency(g: int, rhs: int) -> int:
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _update_vertex(entries: Records, size: IntArray, cells: Records, cell: int, aim: _Aim) -> None:
+def _update_vertex(entries: Records, size: IntArray, cells: Records, cell: int, aim: _KeyBasis) -> None:
     """Queue a cell with its key if it is not consistent, else take it out."""
     g, rhs = cells[cell].g, cells[cell].rhs
     if _consistency(g, rhs) == CONSISTENT:
@@ -237,7 +237,7 @@ def _apply(
     changed: IntArray,
     prices: Prices,
     shape: tuple[int, int],
-    aim: _Aim,
+    aim: _KeyBasis,
 ) -> bool:
     """Set new prices and the lookahead of all affected cells; return false, and do nothing, if a change is impossible.
 
@@ -262,7 +262,7 @@ def _apply(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _compute_shortest_path(
-    entries: Records, size: IntArray, cells: Records, steps: IntArray, aim: _Aim
+    entries: Records, size: IntArray, cells: Records, steps: IntArray, aim: _KeyBasis
 ) -> tuple[int, int, bool]:
     """Make cells consistent until the start's cost is final; return (cells popped, cost, whether it is final)."""
     start = cells[aim.start]
@@ -289,7 +289,7 @@ def _compute_shortest_path(
 
 
 @njit(cache=True, error_model="numpy")
-def _settle(entries: Records, size: IntArray, cells: Records, steps: IntArray, cell: int, aim: _Aim) -> None:
+def _settle(entries: Records, size: IntArray, cells: Records, steps: IntArray, cell: int, aim: _KeyBasis) -> None:
     """Settle an overconsistent cell: g takes the cheaper lookahead, and the neighbours may go through this cell."""
     g = cells[cell].rhs
     cells[cell].g = g
@@ -305,7 +305,7 @@ def _settle(entries: Records, size: IntArray, cells: Records, steps: IntArray, c
 
 
 @njit(cache=True, error_model="numpy")
-def _forget(entries: Records, size: IntArray, cells: Records, steps: IntArray, cell: int, aim: _Aim) -> None:
+def _forget(entries: Records, size: IntArray, cells: Records, steps: IntArray, cell: int, aim: _KeyBasis) -> None:
     """Reset an underconsistent cell: its path became dearer, so all neighbours that relied on it look ahead again."""
     before = cells[cell].g
     cells[cell].g = UNREACHABLE

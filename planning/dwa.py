@@ -14,8 +14,8 @@ Fox, Burgard and Thrun, "The Dynamic Window Approach to Collision Avoidance", IE
 
 A candidate is a target speed. The command is the first control period towards it, and a stop from that command must
 be free, too. Hence, in a static world, a full stop from any commanded speed touches nothing. Jerk is limited on the way
-to a candidate (`Motion`) and in voluntary stops. Where limited jerk would leave no room for a full stop, and where
-nothing else is left, the chair brakes at once: safety comes before comfort.
+to a candidate (`CommandedMotion`) and in voluntary stops. Where limited jerk would leave no room for a full stop, and
+where nothing else is left, the chair brakes at once: safety comes before comfort.
 
 Moving people are predicted with constant velocity (`tracks`): no arc may meet one before the chair could stand.
 """
@@ -33,17 +33,17 @@ from waychair.calibration.chair import ChairBody
 from waychair.geometry import rotation, wrap_angle
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.clearance import EASE_STEP
-from waychair.planning.critics import Features, comfortable_score
-from waychair.planning.dwa_kernels import SPACING, first_free, fits_after, local_section, measure, people_ahead
+from waychair.planning.critics import ArcMeasures, weighted_score
+from waychair.planning.dwa_kernels import SPACING, first_free, fits_after, local_section, measure, meetings_with_people
 from waychair.planning.footprint import (
     Footprint,
     along_arc,
-    beside,
     eased_footprint,
     footprint,
     free_time,
     in_cells,
     poses_in_cells,
+    side_clearance,
 )
 from waychair.planning.motion import (
     MIN_OMEGA,
@@ -51,8 +51,8 @@ from waychair.planning.motion import (
     PERIOD,
     STANDING_OMEGA,
     STANDING_V,
+    CommandedMotion,
     DwaSettings,
-    Motion,
     braking,
     braking_hard,
     change_within,
@@ -123,7 +123,7 @@ def choose(
     body: ChairBody,
     settings: DwaSettings = DEFAULTS,
     in_position: bool = False,
-    motion: Motion | None = None,
+    motion: CommandedMotion | None = None,
     tracks: Sequence[Track] = (),
     fastest: float = math.inf,
 ) -> DwaResult:
@@ -143,7 +143,7 @@ def choose(
 
     def turned_to(heading: float) -> DwaResult:
         turn = _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
-        return _sparing(turn, ahead, command, tracks, shape, distances, settings)
+        return _unless_meeting(turn, ahead, command, tracks, shape, distances, settings)
 
     tolerance = settings.tolerances.release if in_position else settings.tolerances.position
     if math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance:
@@ -156,16 +156,18 @@ def choose(
 
     fastest = min(fastest, slowing_speed(remaining, 0.0, settings))
     candidates = _window(command, max(fastest, MIN_SPEED), body, settings, motion)
-    features = _features(candidates, ahead, command, section, shape, distances, settings)
-    features = _with_people(features, ahead, tracks, shape, distances, settings)
+    measures = _measures(candidates, ahead, command, section, shape, distances, settings)
+    measures = _with_people(measures, ahead, tracks, shape, distances, settings)
     if motion is not None:
-        features = replace(features, reversal=(candidates[:, 0] * motion.direction < 0).astype(np.float64))
+        measures = replace(measures, reversal=(candidates[:, 0] * motion.direction < 0).astype(np.float64))
     if ease > settings.clearance:  # the outline itself may be too near: admit arcs to more clearance only
         roomier = footprint(body, settings.clearance - ease + EASE_STEP, distances)
-        features = replace(features, admissible=features.admissible & _leaves(features, ahead, roomier, distances))
+        measures = replace(
+            measures, admissible=measures.admissible & _reaches_room(measures, ahead, roomier, distances)
+        )
     longest = min(settings.max_speed * HORIZON, _FAR)
-    scores = comfortable_score(features, settings.people_weight, longest, settings.max_speed)
-    scores = np.where(features.admissible, scores, -np.inf)
+    scores = weighted_score(measures, settings.people_weight, longest, settings.max_speed)
+    scores = np.where(measures.admissible, scores, -np.inf)
     best = _best(candidates, scores, ahead, command, shape, distances, settings, motion)
     if best.blocked and _meets_somebody(command, ahead, tracks, shape, distances, settings):
         return replace(best, twist=braking_hard(command, settings))
@@ -179,7 +181,7 @@ def rotate_to_heading(
     distances: DistanceField,
     body: ChairBody,
     settings: DwaSettings = DEFAULTS,
-    motion: Motion | None = None,
+    motion: CommandedMotion | None = None,
 ) -> DwaResult:
     """Turn on the spot to a heading [rad] in the pose's frame: in the shorter direction if it is free, else the longer.
 
@@ -217,7 +219,7 @@ def _can_stop(twist: Twist, start: FloatArray, shape: Footprint, settings: DwaSe
 
 
 def _window(
-    command: Twist, fastest: float, body: ChairBody, settings: DwaSettings, motion: Motion | None
+    command: Twist, fastest: float, body: ChairBody, settings: DwaSettings, motion: CommandedMotion | None
 ) -> FloatArray:
     """Return (N, 2) candidates around the command, 0 among them: Eqs. (8), (9), limits of wheel speed and lateral a.
 
@@ -253,7 +255,7 @@ def _samples(low: float, high: float, count: int) -> FloatArray:
     return values
 
 
-def _features(
+def _measures(
     candidates: FloatArray,
     ahead: Pose2,
     command: Twist,
@@ -261,7 +263,7 @@ def _features(
     shape: Footprint,
     distances: DistanceField,
     settings: DwaSettings,
-) -> Features:
+) -> ArcMeasures:
     """Roll out every candidate and measure it against the path and the obstacles."""
     needed = np.minimum(_time_needed(candidates, settings), HORIZON)
     start, local = in_cells(distances, ahead), poses_in_cells(distances, section)
@@ -270,7 +272,7 @@ def _features(
     end_is_near = (len(section) - 1) * SPACING <= _NEAR_END
     x, y, theta = local[-1].tolist()
     change = np.abs(candidates - (command.v, command.omega)) / (settings.max_speed, settings.max_omega)
-    return Features(
+    return ArcMeasures(
         candidates=candidates,
         admissible=admissible,
         free_time=rows[:, 0],
@@ -282,18 +284,18 @@ def _features(
         change=change.mean(axis=1),
         people_gap=np.full(len(candidates), math.inf),
         reversal=np.zeros(len(candidates)),
-        end_clearance=float(beside(shape, x, y, math.cos(theta), math.sin(theta))) if end_is_near else math.inf,
+        end_clearance=float(side_clearance(shape, x, y, math.cos(theta), math.sin(theta))) if end_is_near else math.inf,
     )
 
 
 def _with_people(
-    features: Features,
+    measures: ArcMeasures,
     ahead: Pose2,
     tracks: Sequence[Track],
     shape: Footprint,
     distances: DistanceField,
     settings: DwaSettings,
-) -> Features:
+) -> ArcMeasures:
     """Return the measures with people: arcs that meet a predicted person before the chair stands are inadmissible.
 
     Standing is always admissible: a standing chair runs into nobody. So is an arc on which the chair can stop if it
@@ -301,15 +303,15 @@ def _with_people(
     somebody approaching are inadmissible: they block one side after the other, and neither gets past.
     """
     if not tracks:
-        return features
-    spares, gaps = _spare(features.candidates, ahead, tracks, shape, distances, settings)
+        return measures
+    spares, gaps = _avoid_people(measures.candidates, ahead, tracks, shape, distances, settings)
     here = (ahead.x, ahead.y)
     if any(t.speed > NO_TURNING_SPEED and math.dist(t.position, here) < NO_TURNING_WITHIN for t in tracks):
-        spares &= (features.candidates[:, 0] != 0.0) | (features.candidates[:, 1] == 0.0)
-    return replace(features, admissible=features.admissible & spares, people_gap=gaps)
+        spares &= (measures.candidates[:, 0] != 0.0) | (measures.candidates[:, 1] == 0.0)
+    return replace(measures, admissible=measures.admissible & spares, people_gap=gaps)
 
 
-def _sparing(
+def _unless_meeting(
     turn: DwaResult,
     ahead: Pose2,
     command: Twist,
@@ -322,12 +324,12 @@ def _sparing(
     if not tracks or standing(turn.twist):
         return turn
     tried = np.array([[turn.twist.v, turn.twist.omega]])
-    if _spare(tried, ahead, tracks, shape, distances, settings)[0][0]:
+    if _avoid_people(tried, ahead, tracks, shape, distances, settings)[0][0]:
         return turn
     return replace(turn, twist=braking(command, settings), blocked=True)
 
 
-def _spare(
+def _avoid_people(
     candidates: FloatArray,
     ahead: Pose2,
     tracks: Sequence[Track],
@@ -337,7 +339,7 @@ def _spare(
 ) -> tuple[BoolArray, FloatArray]:
     """Return (N,) whether candidates meet nobody too soon, and (N,) their least gaps [m]; see `_with_people`."""
     needed = np.minimum(_time_needed(candidates, settings), HORIZON)
-    met = _met(np.concatenate([candidates, np.zeros((1, 2))]), ahead, tracks, shape, distances, settings)
+    met = _meetings(np.concatenate([candidates, np.zeros((1, 2))]), ahead, tracks, shape, distances, settings)
     met, stood = met[:-1], met[-1]
     stands = (candidates == 0.0).all(axis=1)
     in_time = met[:, 0] > needed + STANDING_BEFORE_S
@@ -358,10 +360,10 @@ def _meets_somebody(
     if not tracks or standing(command):
         return False
     present = np.array([[command.v, command.omega]])
-    return bool(_met(present, ahead, tracks, shape, distances, settings)[0, 0] < stop_time(command, settings))
+    return bool(_meetings(present, ahead, tracks, shape, distances, settings)[0, 0] < stop_time(command, settings))
 
 
-def _met(
+def _meetings(
     candidates: FloatArray,
     ahead: Pose2,
     tracks: Sequence[Track],
@@ -369,18 +371,19 @@ def _met(
     distances: DistanceField,
     settings: DwaSettings,
 ) -> FloatArray:
-    """Return (N, 2) when [s] each candidate meets a predicted person, and the least gap [m]; see `people_ahead`."""
+    """Return (N, 2) when [s] each candidate meets a predicted person, and the least gap [m]
+    (`meetings_with_people`)."""
     people = np.array([track.row(settings.reaction_time) for track in tracks])
     people[:, :2] = poses_in_cells(distances, np.column_stack([people[:, :2], np.zeros(len(people))]))[:, :2]
     people[:, 2:4] = people[:, 2:4] @ rotation(distances.map_from_grid.theta) / shape.cell
-    met: FloatArray = people_ahead(shape, in_cells(distances, ahead), candidates, people, HORIZON)
+    met: FloatArray = meetings_with_people(shape, in_cells(distances, ahead), candidates, people, HORIZON)
     return met
 
 
-def _leaves(features: Features, ahead: Pose2, roomier: Footprint, distances: DistanceField) -> BoolArray:
+def _reaches_room(measures: ArcMeasures, ahead: Pose2, roomier: Footprint, distances: DistanceField) -> BoolArray:
     """Return (N,) whether a candidate stands still or leads to a place with more clearance than here."""
-    times = np.minimum(_LEAVING, features.free_time)
-    return fits_after(roomier, in_cells(distances, ahead), features.candidates, times)
+    times = np.minimum(_LEAVING, measures.free_time)
+    return fits_after(roomier, in_cells(distances, ahead), measures.candidates, times)
 
 
 def _best(
@@ -391,7 +394,7 @@ def _best(
     shape: Footprint,
     distances: DistanceField,
     settings: DwaSettings,
-    motion: Motion | None,
+    motion: CommandedMotion | None,
 ) -> DwaResult:
     """Return the best candidate whose first period can stop; braking when there is none."""
     order = np.argsort(-scores, kind="stable")
@@ -419,7 +422,7 @@ def _rotate(
     shape: Footprint,
     distances: DistanceField,
     settings: DwaSettings,
-    motion: Motion | None,
+    motion: CommandedMotion | None,
 ) -> DwaResult:
     """Brake v, comfortably if there is room, then turn as fast as stopping within the remaining angle allows.
 
@@ -439,7 +442,7 @@ def _rotate(
         else:
             there = standing(command)
             return DwaResult(Twist() if there else braking(command, settings), none, np.zeros(0), here, arrived=there)
-    for angle in _ways_round(error, command.omega):
+    for angle in _turning_angles(error, command.omega):
         needed = abs(angle) / settings.max_omega
         if free_time(shape, start, 0.0, math.copysign(settings.max_omega, angle), needed, needed) < needed:
             continue
@@ -452,7 +455,7 @@ def _rotate(
     return DwaResult(braking(command, settings), none, np.zeros(0), here, blocked=True)
 
 
-def _ways_round(error: float, omega: float) -> tuple[float, float]:
+def _turning_angles(error: float, omega: float) -> tuple[float, float]:
     """Return angles [rad] to turn, the preferred first: the shorter, unless the chair already turns the other way."""
     other = error - math.copysign(math.tau, error)
     turning_back = error * omega < 0 and abs(omega) > STANDING_OMEGA

@@ -9,7 +9,7 @@ from numba import njit
 
 from waychair.angles import wrapped
 from waychair.planning.arc_fan import FINE, fill_table, free_times
-from waychair.planning.footprint import Footprint, along_arc, beside, free_time, room
+from waychair.planning.footprint import Footprint, along_arc, free_time, room, side_clearance
 from waychair.planning.personal_space import PREDICTED_GROWTH
 from waychair.types import BoolArray, FloatArray
 
@@ -110,7 +110,7 @@ def _follow(
         k = (last * look + _LOOKS // 2) // _LOOKS
         c, s = table[k, 0], table[k, 1]
         x, y = start[0] + v * table[k, 2], start[1] + v * table[k, 3]
-        clearance = min(clearance, beside(shape, x, y, c, s))
+        clearance = min(clearance, side_clearance(shape, x, y, c, s))
         nose_x, nose_y = x + nose * c, y + nose * s
         near, away = _nearest(section, near - _BEHIND, _AHEAD, x, y)
         front, front_away = _nearest(section, front - _BEHIND, _AHEAD, nose_x, nose_y)
@@ -149,7 +149,7 @@ def _beyond(end: FloatArray, x: float, y: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def people_ahead(
+def meetings_with_people(
     shape: Footprint, start: FloatArray, candidates: FloatArray, people: FloatArray, horizon: float
 ) -> FloatArray:
     """Return (N, 2): when [s] an arc first meets a person, +inf if never, and the least gap [m] before that.

@@ -43,7 +43,7 @@ _EASES = tuple(EASE_STEP * step for step in range(EASE_STEPS))
 """Reductions [m] of the margin that are tried in turn in a tight spot; the first that is enough is taken."""
 
 
-class Outline(NamedTuple):
+class DiscTree(NamedTuple):
     """The tree of discs of one rectangle, and the distance field that it is checked against; lengths in cells.
 
     discs (N, 4) float64, depth-first: x ahead and y left of the drive axle, radius of the disc around its part of the
@@ -58,7 +58,7 @@ class Outline(NamedTuple):
 
 
 class Footprint(NamedTuple):
-    """A body on a field: its whole outline, as in `Outline`, and those height layers that have a field of their own.
+    """A body on a field: its whole outline, as in `DiscTree`, and those height layers that have a field of their own.
 
     The layers' discs (M, 4) and skips (M,) are concatenated; `layer_ends` (L,) is the index after each layer's last
     disc, `layer_metres` (L, H, W) [m] are their fields.
@@ -91,16 +91,16 @@ _NO_LAYERS = np.empty((0, 4)), np.empty(0, np.int32), np.empty(0, np.int32), np.
 
 
 @njit(cache=True, inline="always")
-def whole_of(shape: Footprint) -> Outline:
+def whole_outline(shape: Footprint) -> DiscTree:
     """Return the whole outline of a body."""
-    return Outline(shape.discs, shape.skip, shape.metres, shape.cell)
+    return DiscTree(shape.discs, shape.skip, shape.metres, shape.cell)
 
 
 @njit(cache=True, inline="always")
-def layer_of(shape: Footprint, k: int) -> Outline:
+def layer_outline(shape: Footprint, k: int) -> DiscTree:
     """Return the outline of layer k of a body."""
     begin, end = shape.layer_ends[k - 1] if k > 0 else 0, shape.layer_ends[k]
-    return Outline(shape.layer_discs[begin:end], shape.layer_skip[begin:end], shape.layer_metres[k], shape.cell)
+    return DiscTree(shape.layer_discs[begin:end], shape.layer_skip[begin:end], shape.layer_metres[k], shape.cell)
 
 
 def eased_footprint(body: ChairBody, margin: float, field: DistanceField, pose: Pose2) -> tuple[Footprint, float]:
@@ -173,7 +173,7 @@ def fits_each(body: ChairBody, margin: float, field: DistanceField, poses: Float
 
 
 @njit(cache=True, inline="always")
-def _distance(outline: Outline, column: float, row: float) -> float:
+def _distance(outline: DiscTree, column: float, row: float) -> float:
     """Return the distance [cells] to the nearest obstacle centre or to the field's border, beyond which is unknown."""
     height, width = outline.metres.shape
     border = min(min(column, width - column), min(row, height - row))
@@ -186,15 +186,15 @@ def room(shape: Footprint, x: float, y: float, theta: float, wanted: float = 0.0
 
     The search stops refining once it has found the room wanted.
     """
-    least = _room_of(whole_of(shape), x, y, theta, wanted)
+    least = _room_of(whole_outline(shape), x, y, theta, wanted)
     for k in range(len(shape.layer_ends)):
         if least >= 0.0:
-            least = min(least, _room_of(layer_of(shape, k), x, y, theta, wanted))
+            least = min(least, _room_of(layer_outline(shape, k), x, y, theta, wanted))
     return least
 
 
 @njit(cache=True, nogil=True)
-def _room_of(outline: Outline, x: float, y: float, theta: float, wanted: float) -> float:
+def _room_of(outline: DiscTree, x: float, y: float, theta: float, wanted: float) -> float:
     discs, skip = outline.discs, outline.skip
     c, s = math.cos(theta), math.sin(theta)
     least = math.inf
@@ -263,20 +263,20 @@ def free_time(shape: Footprint, start: FloatArray, v: float, omega: float, certa
 
 
 @njit(cache=True)
-def beside(shape: Footprint, x: float, y: float, c: float, s: float) -> float:
+def side_clearance(shape: Footprint, x: float, y: float, c: float, s: float) -> float:
     """Return the distance [m] from the body's sides to the nearest obstacle centre, from three points on its long axis.
 
     The body is at (x, y) [cells] with a heading of cosine c and sine s. This smooth measure compares poses that fit;
     `room` decides whether a pose fits.
     """
-    least = _beside(whole_of(shape), x, y, c, s)
+    least = _beside(whole_outline(shape), x, y, c, s)
     for k in range(len(shape.layer_ends)):
-        least = min(least, _beside(layer_of(shape, k), x, y, c, s))
+        least = min(least, _beside(layer_outline(shape, k), x, y, c, s))
     return least
 
 
 @njit(cache=True)
-def _beside(outline: Outline, x: float, y: float, c: float, s: float) -> float:
+def _beside(outline: DiscTree, x: float, y: float, c: float, s: float) -> float:
     middle, half = outline.discs[0, 0], outline.discs[0, 3]
     length = math.sqrt(outline.discs[0, 2] ** 2 - half**2)
     least = math.inf

@@ -49,7 +49,7 @@ PRICE_FACTOR = 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class People:
+class ExpectedPeople:
     """Moving people as `tracks` in map, and the distance [m] to keep between the path and the middle of each."""
 
     tracks: tuple[Track, ...]
@@ -57,7 +57,7 @@ class People:
 
 
 def predicted_occupancy(
-    people: People, grid: OccupancyGrid, settings: ForecastSettings = ForecastSettings()
+    people: ExpectedPeople, grid: OccupancyGrid, settings: ForecastSettings = ForecastSettings()
 ) -> Float32Array:
     """Return (H, W) in [0, 1]: the share of the window for which somebody is within their radius of a cell's middle.
 
@@ -94,7 +94,7 @@ def with_forecast(costmap: Costmap, occupancy: Float32Array) -> Costmap:
 
 
 def arrival(
-    people: People, points: FloatArray, cruise: float, settings: ForecastSettings = ForecastSettings()
+    people: ExpectedPeople, points: FloatArray, cruise: float, settings: ForecastSettings = ForecastSettings()
 ) -> tuple[float, float]:
     """Return the time [s] to drive a path (N, 2) [m] in map at a speed [m/s], and the wait [s] at its start in that.
 
@@ -111,6 +111,6 @@ def arrival(
     return longest + STAYS_S, STAYS_S
 
 
-def _meets(people: People, points: FloatArray, seconds: FloatArray) -> bool:
+def _meets(people: ExpectedPeople, points: FloatArray, seconds: FloatArray) -> bool:
     """Return whether somebody is too near to one of points (N, 2) at its time (N,) [s]."""
     return any(bool((np.hypot(*(points - each.after(seconds)).T) <= people.radius).any()) for each in people.tracks)

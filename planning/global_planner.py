@@ -23,18 +23,18 @@ from waychair.maps.grid import cells_from_points, cells_where, inside
 from waychair.planning.clearance import HARD, NARROW, TIGHT_DOOR
 from waychair.planning.costmap import Costmap, check_free_space
 from waychair.planning.footprint import fits
-from waychair.planning.forecast import ForecastSettings, People, arrival, predicted_occupancy, with_forecast
+from waychair.planning.forecast import ExpectedPeople, ForecastSettings, arrival, predicted_occupancy, with_forecast
 from waychair.planning.grid_graph import Cell
 from waychair.planning.grid_planner import HARMONIC, GridPlanner, grid_planner, prepared
 from waychair.planning.harmonic import HarmonicSettings
 from waychair.planning.keep_right import KeepRightSettings, kept_right
-from waychair.planning.laplace_solvers import GoOn
-from waychair.planning.legs import Door, Leg, Manner, whole
+from waychair.planning.laplace_solvers import HasTime
+from waychair.planning.legs import DoorPassage, DrivingManner, PathLeg, joined_legs
 from waychair.planning.narrows import legs_between_turns, line_up, tight_doors
 from waychair.planning.path_ends import cell_at, goal_cell, start_cell
 from waychair.planning.route import checked, door_leg
 from waychair.planning.rubber_band import band
-from waychair.planning.slices import CELLS_PER_STEP, Slices, finished, sliced
+from waychair.planning.slices import CELLS_PER_STEP, Resumable, finished, in_time_slices
 from waychair.planning.smoothing import line_cost, pull_taut, round_corners
 from waychair.types import FloatArray, IntArray, Path, Pose2
 
@@ -124,11 +124,11 @@ class GlobalPlanner:
         self.cost = 0
         self._costmap: Costmap | None = None
         self._search: GridPlanner | None = None
-        self.legs: tuple[Leg, ...] = ()
-        self.holds_anywhere = False
-        self._distrusted: list[Door] = []
+        self.legs: tuple[PathLeg, ...] = ()
+        self.valid_from_anywhere = False
+        self._distrusted: list[DoorPassage] = []
 
-    def distrust(self, door: Door) -> None:
+    def distrust(self, door: DoorPassage) -> None:
         """Treat this door as an ordinary tight place from now on: the chair found no door there."""
         self._distrusted.append(door)
 
@@ -148,33 +148,33 @@ class GlobalPlanner:
             NoFreeSpace, StartOutsideMap, StartOccupied, GoalOutsideMap, GoalOccupied, NoPath.
             MapTooLarge, NotConverged: by the harmonic planner.
         """
-        return finished(self.replan_in_slices(costmap, lambda: start))
+        return finished(self.replan_resumably(costmap, lambda: start))
 
-    def replan_in_slices(
-        self, costmap: Costmap, start: Callable[[], Pose2], among_people: bool = False, go_on: GoOn | None = None
-    ) -> Slices[Path]:
+    def replan_resumably(
+        self, costmap: Costmap, start: Callable[[], Pose2], among_people: bool = False, has_time: HasTime | None = None
+    ) -> Resumable[Path]:
         """Do `replan` in bounded parts: the harmonic field, then the path over cells and its band, then tight turns.
 
         The field is valid from wherever the chair is by then, so `start` is called anew, and a band takes little time:
-        while `holds_anywhere` the chair may keep driving its present plan. `go_on` says whether there is time for more
-        of the field. `among_people` no tight turns are planned around people's present places and no leg is exact: the
-        local planner checks the footprint.
+        while `valid_from_anywhere` the chair may keep driving its present plan. `has_time` says whether there is time
+        for more of the field. `among_people` no tight turns are planned around people's present places and no leg is
+        exact: the local planner checks the footprint.
         """
         try:
-            self.holds_anywhere = True
-            yield from prepared(self._search_over(costmap, start()), go_on)
+            self.valid_from_anywhere = True
+            yield from prepared(self._search_over(costmap, start()), has_time)
             here = start()
             cells = self._cells(costmap, here)
             legs = yield from _legs_from_cells(
                 costmap, cells, here, self.goal, self.settings, self._narrow, self._distrusted
             )
         finally:
-            self.holds_anywhere = False
+            self.valid_from_anywhere = False
         if self._check_footprint and not among_people:
             banded = self.settings.smoothing == "band"
             legs = yield from checked(costmap, here, legs, banded)
         self.legs = tuple(legs)
-        return whole(self.legs)
+        return joined_legs(self.legs)
 
     def is_free(self, points: FloatArray) -> bool:
         """Return whether all points (N, 2) [m] in map are passable on the last costmap."""
@@ -195,33 +195,33 @@ class GlobalPlanner:
             ) from error
         return search.path()
 
-    def replan_among(
+    def replan_among_people(
         self,
         costmap: Costmap,
         start: Callable[[], Pose2],
-        people: People,
+        people: ExpectedPeople,
         cruise: float,
         near: bool = False,
-        go_on: GoOn | None = None,
-    ) -> Slices[Path]:
-        """Do `replan_in_slices` among moving people, predicted rather than walls; `near`: some are close to the chair.
+        has_time: HasTime | None = None,
+    ) -> Resumable[Path]:
+        """Do `replan_resumably` among moving people, predicted rather than walls; `near`: some are close to the chair.
 
         The direct path keeps to one side (`kept_right`). It is taken if it meets nobody at `cruise` [m/s], or if a path
         around the people, over the costmap with their prediction, is no faster than waiting and the direct path.
         """
-        direct = yield from self.replan_in_slices(costmap, start, near, go_on)
+        direct = yield from self.replan_resumably(costmap, start, near, has_time)
         if people.tracks:
-            direct = self._moved_aside(costmap)
+            direct = self._kept_to_one_side(costmap)
         forecast = self.settings.forecast
         direct_s, wait_s = arrival(people, direct.poses[:, :2], cruise, forecast)
         if wait_s == 0.0:
             return direct
         legs = self.legs
-        self.holds_anywhere = True  # until the next search is done
+        self.valid_from_anywhere = True  # until the next search is done
         yield
         expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid, forecast))
         with suppress(PlanningError):  # then no path leads around them
-            around = yield from self.replan_in_slices(expected, start, near, go_on)
+            around = yield from self.replan_resumably(expected, start, near, has_time)
             if arrival(people, around.poses[:, :2], cruise, forecast)[0] < direct_s:
                 return around
         self.legs = legs
@@ -232,14 +232,14 @@ class GlobalPlanner:
         """The clearance [m] below which a place is treated as a doorway; 0: none is."""
         return NARROW if self._check_footprint else 0.0
 
-    def _moved_aside(self, costmap: Costmap) -> Path:
+    def _kept_to_one_side(self, costmap: Costmap) -> Path:
         """Return the path with its free legs moved to one side, where there is room."""
         keep = self.settings.keep_right
         self.legs = tuple(
-            replace(leg, path=kept_right(leg.path, costmap, keep)) if leg.manner is Manner.FREE else leg
+            replace(leg, path=kept_right(leg.path, costmap, keep)) if leg.manner is DrivingManner.FREE else leg
             for leg in self.legs
         )
-        return whole(self.legs)
+        return joined_legs(self.legs)
 
     def _search_over(self, costmap: Costmap, start: Pose2) -> GridPlanner:
         """Return the search over a costmap from the start."""
@@ -278,8 +278,8 @@ def _legs_from_cells(
     goal: Pose2,
     settings: PlannerSettings,
     narrow: float,
-    distrusted: Sequence[Door] = (),
-) -> Slices[list[Leg]]:
+    distrusted: Sequence[DoorPassage] = (),
+) -> Resumable[list[PathLeg]]:
     """Return legs along the chain of cells, pulled taut where that costs no more, and cut at tight doors; resumable."""
     cell = costmap.grid.resolution
     grid_from_map = costmap.grid.map_from_grid.inverse()
@@ -289,7 +289,7 @@ def _legs_from_cells(
     chain = np.concatenate([ends[:1], chain if costmap.prices[cell_at(costmap, start)] == 0 else chain[1:]])
     chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
     taut = _evenly_spaced(_pulled(costmap, chain, settings), SPACING / cell)
-    legs: list[Leg] = []
+    legs: list[PathLeg] = []
     leaves: float | None = None
     here, begin, widest = start, 0, costmap.body.width + TIGHT_DOOR
     for first, _, door in tight_doors(costmap, taut, narrow, widest):
@@ -300,11 +300,11 @@ def _legs_from_cells(
         if math.dist(through.path.poses[0, :2], (here.x, here.y)) > SPACING / 2:
             before = begin + _nearest(taut[begin : max(first, begin + 1)], entry)
             chunk = taut[begin : before + 1]
-            swung = _swung(costmap, chunk, entry, leaving - entry) if settings.smoothing == "band" else None
-            chunk = np.concatenate([chunk if swung is None else swung, entry[None]])
+            bent = _bent_into(costmap, chunk, entry, leaving - entry) if settings.smoothing == "band" else None
+            chunk = np.concatenate([chunk if bent is None else bent, entry[None]])
             heading = float(through.path.poses[0, 2])
             legs += yield from _free_legs(
-                costmap, chunk, heading, settings, narrow, leaves, straight_in=swung is not None
+                costmap, chunk, heading, settings, narrow, leaves, straight_in=bent is not None
             )
         legs.append(through)
         here = Pose2(*through.path.poses[-1])
@@ -312,22 +312,22 @@ def _legs_from_cells(
         beyond = taut[begin + 1 :]
         if not len(beyond) and math.dist(taut[begin], leaving) > SPACING / cell:
             beyond = taut[begin:]  # the goal itself lies beyond the door leg
-        swung = _swung(costmap, beyond[::-1], leaving, entry - leaving) if settings.smoothing == "band" else None
-        leaves = None if swung is None else float(through.path.poses[-1, 2])
-        beyond = beyond if swung is None else swung[::-1]
+        bent = _bent_into(costmap, beyond[::-1], leaving, entry - leaving) if settings.smoothing == "band" else None
+        leaves = None if bent is None else float(through.path.poses[-1, 2])
+        beyond = beyond if bent is None else bent[::-1]
         taut = np.concatenate([taut[:begin], leaving[None], beyond])
     legs += yield from _free_legs(costmap, taut[begin:], goal.theta, settings, narrow, leaves)
     _join(legs)
     return legs
 
 
-def _is_one_of(door: Door, others: Sequence[Door]) -> bool:
+def _is_one_of(door: DoorPassage, others: Sequence[DoorPassage]) -> bool:
     """Return whether a door is at the place of one of the others."""
     at = door.map_from_door
-    return any(math.hypot(at.x - other.map_from_door.x, at.y - other.map_from_door.y) < _SAME for other in others)
+    return any(math.hypot(at.x - other.map_from_door.x, at.y - other.map_from_door.y) < _SAME_DOOR for other in others)
 
 
-_SAME = 0.3
+_SAME_DOOR = 0.3
 """Doors of two plans whose middles are no farther apart [m] are the same door."""
 
 
@@ -339,7 +339,7 @@ def _free_legs(
     narrow: float,
     leaves: float | None = None,
     straight_in: bool = False,
-) -> Slices[list[Leg]]:
+) -> Resumable[list[PathLeg]]:
     """Return legs along points [cells], lined up with narrow places, corners rounded, the last ending in a heading.
 
     A band starts in the direction `leaves` [rad] and, if `straight_in`, arrives in the direction of the heading.
@@ -359,7 +359,7 @@ def _free_legs(
     for part, following in pairwise(parts):
         part[-1, 2] = following[0, 2]
     parts[-1][-1, 2] = heading
-    return [Leg(Path(part)) for part in parts]
+    return [PathLeg(Path(part)) for part in parts]
 
 
 def _pulled(costmap: Costmap, points: FloatArray, settings: PlannerSettings) -> FloatArray:
@@ -371,7 +371,7 @@ def _pulled(costmap: Costmap, points: FloatArray, settings: PlannerSettings) -> 
 
 def _rounded(
     costmap: Costmap, points: FloatArray, settings: PlannerSettings, ends: tuple[float | None, float | None]
-) -> Slices[FloatArray]:
+) -> Resumable[FloatArray]:
     """Return the points with corners rounded, by the prices of the cells or, with a band, for the footprint.
 
     `ends` are the band's headings [rad] in map at its ends, where they are fixed.
@@ -388,7 +388,7 @@ def _rounded(
         None if end is None else np.array([math.cos(end - turned), math.sin(end - turned)]) for end in ends
     )
     work = band(costmap, points, leaves, arrives)
-    banded = yield from sliced(work, CELLS_PER_STEP)
+    banded = yield from in_time_slices(work, CELLS_PER_STEP)
     return points if _is_against_one_way(costmap, banded) else banded
 
 
@@ -404,17 +404,17 @@ def _is_against_one_way(costmap: Costmap, points: FloatArray) -> bool:
     )
 
 
-def _join(legs: list[Leg]) -> None:
+def _join(legs: list[PathLeg]) -> None:
     """Let each leg begin at the exact end of the one before it; door legs stay unchanged."""
     for leg, following in pairwise(legs):
         here, there = leg.path.poses[-1], following.path.poses[0]
-        if following.manner is Manner.DOOR:
+        if following.manner is DrivingManner.DOOR:
             here[:2] = there[:2]
         else:
             there[:2] = here[:2]
 
 
-def _swung(costmap: Costmap, points: FloatArray, end: FloatArray, direction: FloatArray) -> FloatArray | None:
+def _bent_into(costmap: Costmap, points: FloatArray, end: FloatArray, direction: FloatArray) -> FloatArray | None:
     """Return points [cells] towards the end of a door leg, with their last part bent into its direction (2,).
 
     That part is a cubic Bezier curve, so that a band begins without a corner there. None where no such curve is free,
@@ -424,20 +424,20 @@ def _swung(costmap: Costmap, points: FloatArray, end: FloatArray, direction: Flo
     for k in range(len(points) - 1):
         reach = math.dist(points[k], end)
         way = end - points[max(k - 4, 0)]
-        if reach * cell > _SWING or way @ along < 0.2 * np.hypot(*way):
+        if reach * cell > _BEND_WITHIN or way @ along < 0.2 * np.hypot(*way):
             continue
         into = points[min(k + 1, len(points) - 1)] - points[max(k - 4, 0)]
         second, third = points[k] + 0.4 * reach * into / np.hypot(*into), end - 0.5 * reach * along
         t = np.linspace(0.0, 1.0, math.ceil(reach) + 2)[1:-1, None]
         curve = (1 - t) ** 3 * points[k] + 3 * t * (1 - t) ** 2 * second + 3 * t**2 * (1 - t) * third + t**3 * end
-        swung = np.concatenate([points[: k + 1], curve])
-        line = np.concatenate([swung[k:], end[None]])
+        bent = np.concatenate([points[: k + 1], curve])
+        line = np.concatenate([bent[k:], end[None]])
         if all(line_cost(costmap.prices, a, b, c, d, costmap.barred) < math.inf for (a, b), (c, d) in pairwise(line)):
-            return swung
+            return bent
     return None
 
 
-_SWING = 1.6
+_BEND_WITHIN = 1.6
 """Distance [m] before and after a door leg within which a band bends into its direction."""
 
 

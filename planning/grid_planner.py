@@ -21,8 +21,8 @@ from waychair.planning.grid_graph import Cell, Prices
 from waychair.planning.grid_search import AStar, Dijkstra, GridPath
 from waychair.planning.harmonic import HarmonicSettings
 from waychair.planning.harmonic_search import HarmonicSearch
-from waychair.planning.laplace_solvers import GoOn
-from waychair.planning.slices import Slices
+from waychair.planning.laplace_solvers import HasTime
+from waychair.planning.slices import Resumable
 from waychair.types import Bytes, IntArray
 
 
@@ -75,14 +75,14 @@ def grid_planner(name: str, harmonic: HarmonicSettings | None = None) -> GridPla
     return GRID_PLANNERS[name]
 
 
-def prepared(planner: GridPlanner, go_on: GoOn | None = None) -> Slices[None]:
+def prepared(planner: GridPlanner, has_time: HasTime | None = None) -> Resumable[None]:
     """Do the slow part of the next `replan` resumably: the harmonic planner solves its field; others need nothing.
 
     Raises:
         MapTooLarge, NotConverged: see `HarmonicSearch.prepare`.
     """
     if isinstance(planner, HarmonicSearch):
-        yield from planner.prepare(go_on)
+        yield from planner.prepare(has_time)
 
 
 def plan_on_cells(prices: Prices, start: Cell, goal: Cell, planner: str = "dstar-lite") -> GridPath:

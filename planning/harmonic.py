@@ -22,16 +22,16 @@ from waychair.config import Settings, setting
 from waychair.errors import NoPath, NotConverged, StartOutsideMap
 from waychair.planning.grid_graph import NO_BARS, Cell
 from waychair.planning.laplace_solvers import (
-    GoOn,
-    Problem,
+    HasTime,
+    LaplaceProblem,
+    LinearSystem,
     SolverOptions,
-    System,
     check_memory,
     chosen_solver,
     run_solver,
 )
-from waychair.planning.log_relay import Indices, between, log_sweep, spread
-from waychair.planning.slices import Parts, chunks, finished
+from waychair.planning.log_relay import Indices, breadth_first_order, cells_near_shortest, log_sweep
+from waychair.planning.slices import CountedSteps, finished, ranges_of
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray
 
 _SMOOTHING, _REPAIRS = 2, 200
@@ -91,28 +91,28 @@ class LogField:
 
 
 def log_field(
-    problem: Problem,
+    problem: LaplaceProblem,
     settings: HarmonicSettings = HarmonicSettings(),
     warm_start: LogField | None = None,
     until: Cell | None = None,
     barred: Bytes | None = None,
-    go_on: GoOn | None = None,
+    has_time: HasTime | None = None,
 ) -> LogField:
     """Return the field of a problem in logarithms; every connected cell but the goal has a strictly better neighbour.
 
-    Arguments and errors are those of `log_field_in_parts`.
+    Arguments and errors are those of `log_field_resumably`.
     """
-    return finished(log_field_in_parts(problem, settings, warm_start, until, barred, go_on))
+    return finished(log_field_resumably(problem, settings, warm_start, until, barred, has_time))
 
 
-def log_field_in_parts(
-    problem: Problem,
+def log_field_resumably(
+    problem: LaplaceProblem,
     settings: HarmonicSettings = HarmonicSettings(),
     warm_start: LogField | None = None,
     until: Cell | None = None,
     barred: Bytes | None = None,
-    go_on: GoOn | None = None,
-) -> Parts[LogField]:
+    has_time: HasTime | None = None,
+) -> CountedSteps[LogField]:
     """Return the field of a problem in logarithms, in parts of a few milliseconds each.
 
     With a cell `until`, only the cells between it and the goal are solved. A `warm_start` from a similar problem saves
@@ -125,7 +125,7 @@ def log_field_in_parts(
     check_memory(absorption.size, chosen_solver(settings.solver), settings.memory)
     bars = NO_BARS if barred is None else barred
     yield 3 * absorption.size  # for making the problem
-    order, numbers = yield from spread(absorption, bars, problem.goal)
+    order, numbers = yield from breadth_first_order(absorption, bars, problem.goal)
     logs = np.full(absorption.shape, -np.inf)
     logs[problem.goal] = 0.0
     yield absorption.size
@@ -134,7 +134,7 @@ def log_field_in_parts(
         wanted = order if until is None else order[_between(order, numbers, absorption.shape, until, DETOUR)]
         mask = _mask(absorption.shape, wanted)
         yield 4 * len(order)
-        stages, sweeps = yield from _staged(problem, mask, logs, settings.options, warm_start, until, go_on)
+        stages, sweeps = yield from _staged(problem, mask, logs, settings.options, warm_start, until, has_time)
         solved = np.isfinite(logs)
     else:
         solved = _mask(absorption.shape, order)
@@ -148,7 +148,7 @@ def log_field_in_parts(
 def _between(order: Indices, numbers: Indices, shape: tuple[int, ...], start: Cell, detour: int) -> BoolArray:
     """Return (N,) which cells of the order lie between a start and the goal; none if they are not connected."""
     at = np.flatnonzero(order == start[0] * shape[1] + start[1])
-    return between(numbers, int(at[0]), detour) if len(at) else np.zeros(len(order), np.bool_)
+    return cells_near_shortest(numbers, int(at[0]), detour) if len(at) else np.zeros(len(order), np.bool_)
 
 
 def _mask(shape: tuple[int, ...], cells: Indices) -> BoolArray:
@@ -159,14 +159,14 @@ def _mask(shape: tuple[int, ...], cells: Indices) -> BoolArray:
 
 
 def _staged(
-    problem: Problem,
+    problem: LaplaceProblem,
     wanted: BoolArray,
     logs: FloatArray,
     options: SolverOptions,
     warm_start: LogField | None,
     until: Cell | None,
-    go_on: GoOn | None,
-) -> Parts[tuple[int, int]]:
+    has_time: HasTime | None,
+) -> CountedSteps[tuple[int, int]]:
     """Find `logs` (H, W) of wanted cells, in place, from the goal on; return the numbers of stages and sweeps."""
     stages, sweeps = 0, 0
     warm = warm_start.logs if warm_start is not None and warm_start.logs.shape == logs.shape else None
@@ -182,7 +182,7 @@ def _staged(
             logs[box],
             None if warm is None else warm[box],
             options,
-            go_on,
+            has_time,
         )
         stages, sweeps = stages + 1, sweeps + done
         if not np.isfinite(found).any():
@@ -192,8 +192,12 @@ def _staged(
 
 
 def _stage(
-    absorption: Float32Array, known: FloatArray, warm: FloatArray | None, options: SolverOptions, go_on: GoOn | None
-) -> Parts[tuple[FloatArray, int]]:
+    absorption: Float32Array,
+    known: FloatArray,
+    warm: FloatArray | None,
+    options: SolverOptions,
+    has_time: HasTime | None,
+) -> CountedSteps[tuple[FloatArray, int]]:
     """Return logs (H, W) of the unknown cells that one solution finds exactly enough, else -inf; and its sweeps."""
     free = np.pad(absorption < np.inf, 1)
     border = np.pad(known, 1, constant_values=-np.inf)
@@ -213,13 +217,13 @@ def _stage(
         x[~free] = 0.0
     yield 4 * x.size
     solver = chosen_solver(options.solver)
-    _, sweeps = yield from run_solver(solver, System(absorption, x, b, options, go_on))
+    _, sweeps = yield from run_solver(solver, LinearSystem(absorption, x, b, options, has_time))
     yield 4 * x.size
     told = x[1:-1, 1:-1] > TRUSTED * x.max()
     return np.where(told, np.log(x[1:-1, 1:-1], where=told, out=none.copy()) + scale, none), sweeps
 
 
-def _finish(logs: FloatArray, numbers: Indices, absorption: Float32Array, sweeps: int) -> Parts[None]:
+def _finish(logs: FloatArray, numbers: Indices, absorption: Float32Array, sweeps: int) -> CountedSteps[None]:
     """Fill the unknown logs (N,), in breadth-first order from the goal, so that no cell is a local maximum.
 
     Raises:
@@ -239,9 +243,9 @@ def _finish(logs: FloatArray, numbers: Indices, absorption: Float32Array, sweeps
     )
 
 
-def _swept(logs: FloatArray, numbers: Indices, diagonals: Float32Array, forward: bool) -> Parts[None]:
+def _swept(logs: FloatArray, numbers: Indices, diagonals: Float32Array, forward: bool) -> CountedSteps[None]:
     """Do one sweep over logs (N,), except the goal's, in chunks."""
-    parts = chunks(1, len(logs), _CHUNK)
+    parts = ranges_of(1, len(logs), _CHUNK)
     for first, last in parts if forward else parts[::-1]:
         log_sweep(logs, numbers, diagonals, first, last, forward)
         yield _LOG_PRICE * (last - first)
@@ -275,7 +279,7 @@ def summits(logs: FloatArray, numbers: Indices) -> int:
     return count
 
 
-def summits_of(found: LogField) -> int:
+def count_summits(found: LogField) -> int:
     """Return how many connected cells but the goal have no strictly better neighbour, in plain array arithmetic."""
     padded = np.pad(found.logs, 1, constant_values=-np.inf)
     best = np.maximum.reduce([padded[1:-1, 2:], padded[1:-1, :-2], padded[2:, 1:-1], padded[:-2, 1:-1]])

@@ -20,9 +20,9 @@ from waychair.planning.grid_graph import (
     check_prices,
     padded_index,
 )
-from waychair.planning.harmonic import HarmonicSettings, LogField, descend, log_field_in_parts
-from waychair.planning.laplace_solvers import GoOn, Problem
-from waychair.planning.slices import CELLS_PER_STEP, Slices, finished, sliced
+from waychair.planning.harmonic import HarmonicSettings, LogField, descend, log_field_resumably
+from waychair.planning.laplace_solvers import HasTime, LaplaceProblem
+from waychair.planning.slices import CELLS_PER_STEP, Resumable, finished, in_time_slices
 from waychair.types import Bytes, Float32Array, IntArray
 
 ABSORBED = 2e-3
@@ -77,21 +77,21 @@ class HarmonicSearch:
         self._prices[cells[:, 0], cells[:, 1]] = prices
         self._stale, self._cells = True, None
 
-    def prepare(self, go_on: GoOn | None = None) -> Slices[None]:
+    def prepare(self, has_time: HasTime | None = None) -> Resumable[None]:
         """Solve the field, resumably, if prices have changed or the start is far from the solved cells.
 
         If the work is abandoned, the previous field is kept.
 
         Raises:
-            MapTooLarge, NotConverged: see `log_field_in_parts`.
+            MapTooLarge, NotConverged: see `log_field_resumably`.
         """
         if not self._connectable:
             return
         if self._field is None or self._stale or not (self._start == self._solved_for or self._solved_near()):
-            problem = Problem(absorption_from_prices(self._prices), self._goal)
+            problem = LaplaceProblem(absorption_from_prices(self._prices), self._goal)
             start = self._start
-            work = log_field_in_parts(problem, self._settings, self._field, start, self._barred, go_on)
-            found = yield from sliced(work, CELLS_PER_STEP)
+            work = log_field_resumably(problem, self._settings, self._field, start, self._barred, has_time)
+            found = yield from in_time_slices(work, CELLS_PER_STEP)
             self._field, self._solved_for, self._stale = found, start, False
             self.pops += found.sweeps * found.connected
 

@@ -17,7 +17,7 @@ import numba
 import numpy as np
 
 from waychair.errors import MissingExtra
-from waychair.planning.levels import COARSEST_SWEEPS, OF_ITSELF, OF_NEIGHBOURS, Level
+from waychair.planning.levels import COARSEST_SWEEPS, OF_ITSELF, OF_NEIGHBOURS, MultigridLevel
 from waychair.types import Float32Array, FloatArray
 
 cuda: Any
@@ -40,8 +40,8 @@ def gpu_at_hand() -> bool:
     return cuda is not None and bool(cuda.is_available())
 
 
-class _Grid(NamedTuple):
-    """A `Level` on the GPU, an array `left` for the residual (over the diagonal or not), and the number of blocks."""
+class _DeviceLevel(NamedTuple):
+    """A `MultigridLevel` on the GPU, the array `left` for its residual, over the diagonal or not, and its blocks."""
 
     east: Any
     south: Any
@@ -55,12 +55,12 @@ class _Grid(NamedTuple):
 
 def conjugate_gradients_on_gpu(
     absorption: Float32Array,
-    levels: tuple[Level, ...],
+    levels: tuple[MultigridLevel, ...],
     x: FloatArray,
     b: FloatArray,
     tolerance: float,
     most: int,
-    go_on: Callable[[], bool] | None = None,
+    has_time: Callable[[], bool] | None = None,
 ) -> tuple[float, int]:
     """Do `conjugate_gradients.conjugate_gradients` without patches on the GPU, transfers included.
 
@@ -87,7 +87,7 @@ def conjugate_gradients_on_gpu(
     k.apply[at, _BLOCK](absorbed, there, q)
     k.add[at, _BLOCK](r, q, -1.0)
     before, left, cycles = 0.0, math.sqrt(dot(r, r)), 0
-    while left > tolerance * whole and cycles < most and (go_on is None or go_on()):
+    while left > tolerance * whole and cycles < most and (has_time is None or has_time()):
         k.rough[at, _BLOCK](r, finest.b)
         _v_cycle(k, grids)
         now = dot(r, finest.x)
@@ -102,17 +102,17 @@ def conjugate_gradients_on_gpu(
     return left / whole, cycles
 
 
-def _on_device(level: Level) -> _Grid:
+def _on_device(level: MultigridLevel) -> _DeviceLevel:
     blocks = (math.ceil(level.x.shape[1] / _COLUMNS), math.ceil(level.x.shape[0] / _ROWS))
     links = (level.east, level.south) if not level.uniform else (np.ones((1, 1), np.float32),) * 2
     east, south, inverse, x, b, left = (
         cuda.to_device(np.ascontiguousarray(part)) for part in (*links, level.inverse, level.x, level.b, level.x)
     )
-    return _Grid(east, south, inverse, level.uniform, x, b, left, blocks)
+    return _DeviceLevel(east, south, inverse, level.uniform, x, b, left, blocks)
 
 
-def _v_cycle(k: _Kernels, grids: tuple[_Grid, ...]) -> None:
-    def smooth(grid: _Grid) -> None:
+def _v_cycle(k: _Kernels, grids: tuple[_DeviceLevel, ...]) -> None:
+    def smooth(grid: _DeviceLevel) -> None:
         links = (grid.east, grid.south, grid.inverse, grid.uniform)
         k.left[grid.blocks, _BLOCK](*links, grid.x, grid.b, grid.left)
         k.smooth[grid.blocks, _BLOCK](*links, grid.left, grid.x)

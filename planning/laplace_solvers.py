@@ -18,15 +18,15 @@ from numba import njit
 
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, NotConverged
 from waychair.maps.grid import cells_where
-from waychair.planning.conjugate_gradients import conjugate_gradients, length_of, rest_of
+from waychair.planning.conjugate_gradients import conjugate_gradients, norm_of, write_residual
 from waychair.planning.grid_graph import SIDES, Cell
-from waychair.planning.levels import levels_from, size_of_levels
-from waychair.planning.memory import LINE, borrowed
-from waychair.planning.patches import Place, patches_of
-from waychair.planning.slices import Parts, finished
+from waychair.planning.levels import levels_from, levels_size
+from waychair.planning.memory import LINE, borrowed_scratch_memory
+from waychair.planning.patches import CellRectangle, smoothing_patches
+from waychair.planning.slices import CountedSteps, finished
 from waychair.types import BoolArray, Float32Array, FloatArray, IntArray
 
-GoOn = Callable[[], bool]
+HasTime = Callable[[], bool]
 """Called between sweeps: returns whether there is time for more."""
 
 _BYTES = MappingProxyType({"gauss-seidel": 40, "sor": 40, "multigrid": 70, "direct": 2000, "gpu": 90})
@@ -66,7 +66,7 @@ PAPER_SOLVER = SolverOptions(solver="gauss-seidel", initial=0.5, tolerance=1e-6,
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
+class LaplaceProblem:
     """The input of a field: absorption (H, W) float32, 0 for free floor and infinite for obstacles, and the goal.
 
     Raises:
@@ -88,13 +88,13 @@ class Problem:
             raise GoalOccupied(f"the goal in column {column}, row {row} is occupied; choose a free cell")
 
 
-def problem_of(free: BoolArray, goal: Cell) -> Problem:
+def laplace_problem(free: BoolArray, goal: Cell) -> LaplaceProblem:
     """Return the problem of free cells (H, W) that absorb nothing."""
-    return Problem(np.where(free, np.float32(0.0), np.float32(np.inf)), goal)
+    return LaplaceProblem(np.where(free, np.float32(0.0), np.float32(np.inf)), goal)
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class LaplaceField:
     """The solution v (H, W) float64: 1 at the goal, 0 in obstacles. residual: |b - A v| / |b|; sweeps: their number."""
 
     v: FloatArray
@@ -103,11 +103,11 @@ class Field:
 
 
 def solve(
-    problem: Problem,
+    problem: LaplaceProblem,
     options: SolverOptions = SolverOptions(),
-    warm_start: Field | None = None,
-    go_on: GoOn | None = None,
-) -> Field:
+    warm_start: LaplaceField | None = None,
+    has_time: HasTime | None = None,
+) -> LaplaceField:
     """Return the field of a problem; with a `warm_start` of the same shape only the differences take time.
 
     Raises:
@@ -130,15 +130,15 @@ def solve(
         np.multiply(warm_start.v, free[1:-1, 1:-1], out=x[1:-1, 1:-1])
     elif options.initial:
         x[free] = options.initial
-    system = System(walls, x, b, options, go_on, warm_start is not None)
+    system = LinearSystem(walls, x, b, options, has_time, warm_start is not None)
     residual, sweeps = finished(run_solver(solver, system))
     v = x[1:-1, 1:-1]
     v[problem.goal] = 1.0
-    return Field(v, residual, sweeps)
+    return LaplaceField(v, residual, sweeps)
 
 
 @dataclass(frozen=True, slots=True)
-class System:
+class LinearSystem:
     """The linear system A x = b of cells (H, W) with absorption; infinite absorption is a wall.
 
     x and b (H + 2, W + 2) are 0 in walls and on the border; x is improved in place. `warm`: x is nearly right already.
@@ -148,11 +148,11 @@ class System:
     x: FloatArray
     b: FloatArray
     options: SolverOptions
-    go_on: GoOn | None = None
+    has_time: HasTime | None = None
     warm: bool = False
 
 
-def run_solver(solver: str, system: System) -> Parts[tuple[float, int]]:
+def run_solver(solver: str, system: LinearSystem) -> CountedSteps[tuple[float, int]]:
     """Improve x in place until A x = b; return the relative residual, and the sweeps.
 
     Raises:
@@ -168,7 +168,7 @@ def run_solver(solver: str, system: System) -> Parts[tuple[float, int]]:
     return residual, sweeps
 
 
-def relative_residual(problem: Problem, v: FloatArray) -> float:
+def relative_residual(problem: LaplaceProblem, v: FloatArray) -> float:
     """Return |b - A v| / |b| of values (H, W) that include the goal's 1, in plain array arithmetic."""
     free = np.isfinite(problem.absorption)
     free[problem.goal] = False
@@ -212,12 +212,12 @@ def chosen_solver(solver: str) -> str:
     return solver
 
 
-def _multigrid(system: System) -> Parts[tuple[float, int]]:
+def _multigrid(system: LinearSystem) -> CountedSteps[tuple[float, int]]:
     absorption, x, b, s = system.absorption, system.x, system.b, system.options
     sources = cells_where(b != 0.0)
     places = [_extent(sources)] if len(sources) else []
     rest_and_direction = (8 + 4) * x.size + 2 * LINE
-    with borrowed(size_of_levels(absorption.shape) + rest_and_direction) as memory:
+    with borrowed_scratch_memory(levels_size(absorption.shape) + rest_and_direction) as memory:
         rest = None
         if system.warm:
             rest = memory.framed(x.shape, np.float64)
@@ -227,23 +227,23 @@ def _multigrid(system: System) -> Parts[tuple[float, int]]:
             places += [changed] if changed is not None else []
         levels = levels_from(absorption, memory)
         yield 4 * x.size
-        patches, most, go_on = patches_of(levels, places), s.most_sweeps, system.go_on
-        solving = conjugate_gradients(absorption, levels, x, b, s.tolerance, most, go_on, patches, rest, memory)
+        patches, most, has_time = smoothing_patches(levels, places), s.most_sweeps, system.has_time
+        solving = conjugate_gradients(absorption, levels, x, b, s.tolerance, most, has_time, patches, rest, memory)
         return (yield from solving)
 
 
 def _solved_nearby(
     absorption: Float32Array, x: FloatArray, b: FloatArray, tolerance: float, rest: FloatArray
-) -> tuple[float, Place | None]:
+) -> tuple[float, CellRectangle | None]:
     """Improve x around the cells where it is wrong, in larger and larger squares.
 
     The effect of a local change fades with the distance. Return the residual, and the rectangle of the first error;
     None if the error was small but everywhere. Afterwards `rest` is the residual b - A x.
     """
-    whole = length_of(b) or 1.0
+    whole = norm_of(b) or 1.0
     before, changed = math.inf, None
     for around in _AROUND:
-        residual = rest_of(absorption, x, b, rest) / whole
+        residual = write_residual(absorption, x, b, rest) / whole
         if residual <= tolerance or residual > _FADES * before:
             return residual, changed
         before = residual
@@ -257,10 +257,10 @@ def _solved_nearby(
         if np.prod(high - low + 1) > 0.25 * x.size:
             return residual, changed
         _solve_square(absorption, x, rest, low, high, tolerance * whole)
-    return rest_of(absorption, x, b, rest) / whole, changed
+    return write_residual(absorption, x, b, rest) / whole, changed
 
 
-def _extent(cells: IntArray) -> Place:
+def _extent(cells: IntArray) -> CellRectangle:
     """Return first and last row and column of cells (N, 2)."""
     return cells.min(axis=0), cells.max(axis=0)
 
@@ -272,14 +272,14 @@ def _solve_square(
     inner = (slice(int(low[0]), int(high[0]) + 1), slice(int(low[1]), int(high[1]) + 1))
     part = np.ascontiguousarray(absorption[low[0] - 1 : high[0], low[1] - 1 : high[1]])
     b = np.pad(rest[inner], 1)
-    correction, size = np.zeros_like(b), length_of(b)
+    correction, size = np.zeros_like(b), norm_of(b)
     if size > 0.0:
         least = min(0.1 * enough / size, 0.5)
         finished(conjugate_gradients(part, levels_from(part), correction, b, least, 30))
         x[inner] += correction[1:-1, 1:-1]
 
 
-def _red_black(system: System) -> Parts[tuple[float, int]]:
+def _red_black(system: LinearSystem) -> CountedSteps[tuple[float, int]]:
     """Solve by successive over-relaxation; the default factor is the best one for an empty square of the map's side."""
     inverse, x, b = _inverse(system.absorption), system.x, system.b
     omega = system.options.omega or 2.0 / (1.0 + math.sin(math.pi / max(x.shape)))
@@ -291,7 +291,7 @@ def _red_black(system: System) -> Parts[tuple[float, int]]:
     return _swept(sweep, system)
 
 
-def _gauss_seidel(system: System) -> Parts[tuple[float, int]]:
+def _gauss_seidel(system: LinearSystem) -> CountedSteps[tuple[float, int]]:
     inverse = _inverse(system.absorption)
     return _swept(lambda: row_by_row(inverse, system.x, system.b), system)
 
@@ -302,13 +302,13 @@ def _inverse(absorption: Float32Array) -> FloatArray:
     return inverse
 
 
-def _swept(sweep: Callable[[], None], system: System) -> Parts[tuple[float, int]]:
-    x, b, options, go_on = system.x, system.b, system.options, system.go_on
-    whole, rest = length_of(b) or 1.0, np.zeros_like(b)
+def _swept(sweep: Callable[[], None], system: LinearSystem) -> CountedSteps[tuple[float, int]]:
+    x, b, options, has_time = system.x, system.b, system.options, system.has_time
+    whole, rest = norm_of(b) or 1.0, np.zeros_like(b)
     residual, done = math.inf, 0
     while True:
-        residual = rest_of(system.absorption, x, b, rest) / whole
-        if residual <= options.tolerance or done >= options.most_sweeps or (go_on is not None and not go_on()):
+        residual = write_residual(system.absorption, x, b, rest) / whole
+        if residual <= options.tolerance or done >= options.most_sweeps or (has_time is not None and not has_time()):
             return residual, done
         for _ in range(min(_BETWEEN, options.most_sweeps - done)):
             sweep()
@@ -339,7 +339,7 @@ def row_by_row(inverse: FloatArray, x: FloatArray, b: FloatArray) -> None:
             x[i, j] = inverse[i, j] * (b[i, j] + near)
 
 
-def _direct(system: System) -> Parts[tuple[float, int]]:
+def _direct(system: LinearSystem) -> CountedSteps[tuple[float, int]]:
     """Solve by sparse LU (SuperLU) without pivoting: a diagonally dominant matrix needs none."""
     from scipy.sparse import csc_matrix
     from scipy.sparse.linalg import splu
@@ -370,17 +370,17 @@ def _direct(system: System) -> Parts[tuple[float, int]]:
     return float(np.linalg.norm(rest) / (np.linalg.norm(b) or 1.0)), 1
 
 
-def _on_gpu(system: System) -> Parts[tuple[float, int]]:
+def _on_gpu(system: LinearSystem) -> CountedSteps[tuple[float, int]]:
     from waychair.planning.laplace_gpu import conjugate_gradients_on_gpu
 
     levels, s = levels_from(system.absorption), system.options
     yield system.x.size
     return conjugate_gradients_on_gpu(
-        system.absorption, levels, system.x, system.b, s.tolerance, s.most_sweeps, system.go_on
+        system.absorption, levels, system.x, system.b, s.tolerance, s.most_sweeps, system.has_time
     )
 
 
-_SOLVERS: Mapping[str, Callable[[System], Parts[tuple[float, int]]]] = MappingProxyType(
+_SOLVERS: Mapping[str, Callable[[LinearSystem], CountedSteps[tuple[float, int]]]] = MappingProxyType(
     {
         "gauss-seidel": _gauss_seidel,
         "sor": _red_black,

@@ -11,7 +11,7 @@ from waychair.geometry import compose
 from waychair.types import FloatArray, Path, Pose2
 
 
-class Manner(enum.Enum):
+class DrivingManner(enum.Enum):
     """How a leg is to be driven."""
 
     FREE = "free"  # by the dynamic window, which may leave the line
@@ -20,7 +20,7 @@ class Manner(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
+class DoorPassage:
     """A narrow place to drive straight through: the pose of its middle, x along the drive, and its width [m]."""
 
     map_from_door: Pose2
@@ -28,7 +28,7 @@ class Door:
 
 
 @dataclass(frozen=True, slots=True)
-class Leg:
+class PathLeg:
     """Poses in map with the body's headings; at its end the chair turns on the spot to the last heading.
 
     `backwards`: the leg is driven in reverse. `door`: the door of a door leg, which is straight and on the door's axis.
@@ -36,9 +36,9 @@ class Leg:
     """
 
     path: Path
-    manner: Manner = Manner.FREE
+    manner: DrivingManner = DrivingManner.FREE
     backwards: bool = False
-    door: Door | None = None
+    door: DoorPassage | None = None
     flows: bool = False
 
     def poses_in(self, frame_from_map: Pose2) -> FloatArray:
@@ -46,6 +46,6 @@ class Leg:
         return compose(frame_from_map.array(), self.path.poses)
 
 
-def whole(legs: tuple[Leg, ...]) -> Path:
+def joined_legs(legs: tuple[PathLeg, ...]) -> Path:
     """Return the legs joined to one path: two poses at one place are a stop, and a turn where their headings differ."""
     return Path(np.concatenate([leg.path.poses for leg in legs]))

@@ -17,8 +17,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numba import njit
 
-from waychair.planning.bands import in_bands
-from waychair.planning.memory import LINE, Memory, new_memory
+from waychair.planning.bands import over_rows
+from waychair.planning.memory import LINE, ScratchMemory, new_scratch_memory
 from waychair.types import Bytes, Float32Array, FloatArray
 
 AnyFloat: TypeAlias = Float32Array | FloatArray
@@ -54,7 +54,7 @@ elsewhere the array alignment would decide on vectorisation, and thereby on the 
 walls have infinite absorption."""
 
 
-class Level(NamedTuple):
+class MultigridLevel(NamedTuple):
     """One level's grid, (H + 2, W + 2) with its border.
 
     `east` and `south` hold the weights of the links to the next column and row (empty if `uniform`, then all 1);
@@ -69,28 +69,28 @@ class Level(NamedTuple):
     b: Float32Array
 
 
-def levels_from(absorption: Float32Array, memory: Memory | None = None) -> tuple[Level, ...]:
+def levels_from(absorption: Float32Array, memory: ScratchMemory | None = None) -> tuple[MultigridLevel, ...]:
     """Return the levels, finest first, of a grid with absorption (H, W); infinite absorption is a wall.
 
-    Their arrays are taken from `memory`, if given, which must have `size_of_levels` bytes.
+    Their arrays are taken from `memory`, if given, which must have `levels_size` bytes.
     """
     shapes = _shapes(absorption.shape)
-    memory = memory or new_memory(size_of_levels(absorption.shape))
+    memory = memory or new_scratch_memory(levels_size(absorption.shape))
     inverse = memory.framed(shapes[0])
-    in_bands(_begin, 0, absorption.shape[0], absorption.size, absorption, inverse)
+    over_rows(_begin, 0, absorption.shape[0], absorption.size, absorption, inverse)
     none = np.zeros((0, 0), np.float32)
-    levels = [Level(none, none, inverse, True, memory.framed(shapes[0]), memory.framed(shapes[0]))]
-    taken = _Taken(np.zeros((0, 0, 4), np.float32), np.zeros((0, 0), np.uint8), absorption)
+    levels = [MultigridLevel(none, none, inverse, True, memory.framed(shapes[0]), memory.framed(shapes[0]))]
+    taken = _CellAbsorption(np.zeros((0, 0, 4), np.float32), np.zeros((0, 0), np.uint8), absorption)
     for shape in shapes[1:]:
         coarser, taken = _coarser(levels[-1], taken, shape, memory)
         levels.append(coarser)
     return tuple(levels)
 
 
-def size_of_levels(shape: tuple[int, ...]) -> int:
+def levels_size(shape: tuple[int, ...]) -> int:
     """Return the size [bytes] of the levels of a grid (H, W)."""
     finest, *coarser = (height * width for height, width in _shapes(shape))
-    # inverse, x and b; coarser levels also have links and the arrays of `_Taken`
+    # inverse, x and b; coarser levels also have links and the arrays of `_CellAbsorption`
     numbers = 3 * finest + (5 + 5) * sum(coarser)
     return 4 * numbers + sum(coarser) + LINE * (3 + 8 * len(coarser))
 
@@ -103,7 +103,7 @@ def _shapes(shape: tuple[int, ...]) -> list[tuple[int, int]]:
     return shapes
 
 
-class _Taken(NamedTuple):
+class _CellAbsorption(NamedTuple):
     """The absorption of a level's cells (H, W): by walls (H, W, 4) to the east, south, west, north, and by themselves.
 
     `by_walls` is valid where `walled`. The uniform level, where every cell that is not free is a wall, has `itself`
@@ -115,14 +115,16 @@ class _Taken(NamedTuple):
     itself: Float32Array
 
 
-def _coarser(fine: Level, taken: _Taken, shape: tuple[int, int], memory: Memory) -> tuple[Level, _Taken]:
+def _coarser(
+    fine: MultigridLevel, taken: _CellAbsorption, shape: tuple[int, int], memory: ScratchMemory
+) -> tuple[MultigridLevel, _CellAbsorption]:
     """Return the next coarser level, of this shape, and its cells' absorption."""
     inner = (shape[0] - 2, shape[1] - 2)
     east, south, inverse, x, b = (memory.framed(shape) for _ in range(5))
-    coarser = Level(east, south, inverse, False, x, b)
-    new = _Taken(memory.take((*inner, 4)), memory.take(inner, np.uint8), memory.take(inner))
-    in_bands(_gather, 1, shape[0] - 1, fine.x.size, fine, taken, coarser, new)
-    in_bands(_invert, 1, shape[0] - 1, fine.x.size, coarser, new.itself)
+    coarser = MultigridLevel(east, south, inverse, False, x, b)
+    new = _CellAbsorption(memory.take((*inner, 4)), memory.take(inner, np.uint8), memory.take(inner))
+    over_rows(_gather, 1, shape[0] - 1, fine.x.size, fine, taken, coarser, new)
+    over_rows(_invert, 1, shape[0] - 1, fine.x.size, coarser, new.itself)
     return coarser, new
 
 
@@ -136,10 +138,10 @@ def _begin(absorption: Float32Array, inverse: Float32Array, first: int, stop: in
 
 @njit(cache=True, nogil=True)
 def _gather(
-    fine: Level,
-    taken: _Taken,
-    coarser: Level,
-    new: _Taken,
+    fine: MultigridLevel,
+    taken: _CellAbsorption,
+    coarser: MultigridLevel,
+    new: _CellAbsorption,
     first: int,
     stop: int,
 ) -> None:
@@ -153,7 +155,7 @@ def _gather(
             new.walled[row - 1, column - 1] = 0
             if i + 2 < height and j + 2 < width:
                 if fine.uniform:
-                    plain = _amid(free, i, j)
+                    plain = _is_inner(free, i, j)
                 else:
                     walled = taken.walled
                     plain = not (walled[i - 1, j - 1] | walled[i - 1, j] | walled[i, j - 1] | walled[i, j])
@@ -172,7 +174,9 @@ def _gather(
 
 
 @njit(cache=True, nogil=True)
-def _gather_cell(fine: Level, taken: _Taken, coarser: Level, new: _Taken, row: int, column: int) -> None:
+def _gather_cell(
+    fine: MultigridLevel, taken: _CellAbsorption, coarser: MultigridLevel, new: _CellAbsorption, row: int, column: int
+) -> None:
     """Fill a cell of the next level beside walls or at the far border, where it may have fewer than four fine cells."""
     height, width = fine.x.shape
     east, south, inverse = coarser.east, coarser.south, coarser.inverse
@@ -199,14 +203,14 @@ def _gather_cell(fine: Level, taken: _Taken, coarser: Level, new: _Taken, row: i
                     wall = taken.by_walls[i - 1, j - 1, d] if taken.walled[i - 1, j - 1] else np.float32(0.0)
                 if wall > 0:
                     outer = ((i if d % 2 else j) % 2 == 0) == (d < 2)
-                    weight = np.float32(_wall_of_coarser(float(wall), outer))
+                    weight = np.float32(_coarse_wall_weight(float(wall), outer))
                     new.by_walls[row - 1, column - 1, d] += weight
                     new.walled[row - 1, column - 1] = 1
                     inverse[row, column] += weight
 
 
 @njit(cache=True, nogil=True)
-def _invert(level: Level, itself: Float32Array, first: int, stop: int) -> None:
+def _invert(level: MultigridLevel, itself: Float32Array, first: int, stop: int) -> None:
     """Turn `inverse` into one over the diagonal in the free cells of rows."""
     east, south, inverse, one = level.east, level.south, level.inverse, np.float32(1.0)
     for i in range(first, stop):
@@ -217,7 +221,7 @@ def _invert(level: Level, itself: Float32Array, first: int, stop: int) -> None:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _amid(free: Float32Array, i: int, j: int) -> bool:
+def _is_inner(free: Float32Array, i: int, j: int) -> bool:
     """Return whether two by two cells and all cells beside them are free."""
     inner = free[i, j] > 0 and free[i, j + 1] > 0 and free[i + 1, j] > 0 and free[i + 1, j + 1] > 0
     rows = free[i - 1, j] > 0 and free[i - 1, j + 1] > 0 and free[i + 2, j] > 0 and free[i + 2, j + 1] > 0
@@ -226,7 +230,7 @@ def _amid(free: Float32Array, i: int, j: int) -> bool:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _wall_of_coarser(wall: float, outer: bool) -> float:
+def _coarse_wall_weight(wall: float, outer: bool) -> float:
     """Return a wall's weight for a coarse cell, from its weight for one of the fine cells.
 
     A wall's weight is one over its distance from the cell's middle. The coarse cell's middle is half a fine cell
@@ -237,7 +241,9 @@ def _wall_of_coarser(wall: float, outer: bool) -> float:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def passed_on(level: Level, x: Float32Array, above: int, here: int, below: int, i: int, j: int) -> np.float32:
+def neighbour_sum(
+    level: MultigridLevel, x: Float32Array, above: int, here: int, below: int, i: int, j: int
+) -> np.float32:
     """Return the weighted sum of a cell's neighbours; `above`, `here` and `below` are the indices of the rows in x.
 
     All arrays hold 0 in walls.
@@ -252,7 +258,7 @@ def passed_on(level: Level, x: Float32Array, above: int, here: int, below: int, 
 
 
 @njit(cache=True, nogil=True)
-def settle(level: Level) -> float:
+def solve_coarsest(level: MultigridLevel) -> float:
     """Solve a small level by repeated smoothing from x = 0; return the product of x and b."""
     x, b, inverse = level.x, level.b, level.inverse
     left = np.zeros_like(x)
@@ -260,10 +266,10 @@ def settle(level: Level) -> float:
     for _ in range(COARSEST_SWEEPS):
         for i in range(1, x.shape[0] - 1):
             for j in range(1, x.shape[1] - 1):
-                left[i, j] = inverse[i, j] * (b[i, j] + passed_on(level, x, i - 1, i, i + 1, i, j)) - x[i, j]
+                left[i, j] = inverse[i, j] * (b[i, j] + neighbour_sum(level, x, i - 1, i, i + 1, i, j)) - x[i, j]
         for i in range(1, x.shape[0] - 1):
             for j in range(1, x.shape[1] - 1):
-                near = inverse[i, j] * passed_on(level, left, i - 1, i, i + 1, i, j)
+                near = inverse[i, j] * neighbour_sum(level, left, i - 1, i, i + 1, i, j)
                 x[i, j] += OF_ITSELF * left[i, j] + OF_NEIGHBOURS * near
     return product_of_rows(b, x, 1, x.shape[0] - 1)
 

@@ -14,13 +14,13 @@ from numba import njit
 from numpy.typing import NDArray
 
 from waychair.planning.grid_graph import SIDES, Cell
-from waychair.planning.slices import Parts, chunks
+from waychair.planning.slices import CountedSteps, ranges_of
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray
 
 Indices: TypeAlias = NDArray[np.int32]
 
 
-def spread(absorption: Float32Array, barred: Bytes, goal: Cell) -> Parts[tuple[Indices, Indices]]:
+def breadth_first_order(absorption: Float32Array, barred: Bytes, goal: Cell) -> CountedSteps[tuple[Indices, Indices]]:
     """Return the cells connected to a goal: flat indices (N,) in breadth-first order, and neighbour numbers (N, 4).
 
     A cell's neighbour numbers are its neighbours' places in that order, -1 where no step leads: into a wall, or against
@@ -37,7 +37,7 @@ def spread(absorption: Float32Array, barred: Bytes, goal: Cell) -> Parts[tuple[I
         done = min(last, count)
         yield _STEP_PRICE * (done - first)
     numbers = np.empty((count, 4), np.int32)
-    for first, last in chunks(0, count, _CHUNK):
+    for first, last in ranges_of(0, count, _CHUNK):
         _number(absorption.shape, barred, place, order, numbers, first, last)
         yield _STEP_PRICE * (last - first)
     return order[:count].copy(), numbers
@@ -88,10 +88,10 @@ def _number(
 
 
 @njit(cache=True, nogil=True)
-def between(numbers: Indices, start: int, detour: int) -> BoolArray:
+def cells_near_shortest(numbers: Indices, start: int, detour: int) -> BoolArray:
     """Return (N,) which cells lie on a path from start to goal at most `detour` steps longer than the shortest.
 
-    numbers (N, 4) are those of `spread` without barred steps; `start` is the start's place in the order.
+    numbers (N, 4) are those of `breadth_first_order` without barred steps; `start` is the start's place in the order.
     """
     to_goal = np.zeros(len(numbers), np.int32)
     for k in range(1, len(numbers)):

@@ -26,7 +26,7 @@ from waychair.maps.distance_field import DistanceField, interpolated
 from waychair.planning.clearance import COMFORTABLE_MANOEUVRE, PLANNED
 from waychair.planning.footprint import Footprint, along_arc, footprint, free_time, in_cells, room
 from waychair.planning.grid_graph import NO_BARS
-from waychair.planning.slices import Slices, finished
+from waychair.planning.slices import Resumable, finished
 from waychair.types import Bytes, Float32Array, FloatArray, Pose2
 
 _STEP = 2.0
@@ -90,10 +90,10 @@ def manoeuvre(
     Raises:
         NoPath: the chair does not fit at one of the ends, or no such path was found.
     """
-    return finished(manoeuvre_in_slices(field, body, start, goal, attempt, barred, polish))
+    return finished(manoeuvre_resumably(field, body, start, goal, attempt, barred, polish))
 
 
-def manoeuvre_in_slices(
+def manoeuvre_resumably(
     field: DistanceField,
     body: ChairBody,
     start: Pose2,
@@ -101,7 +101,7 @@ def manoeuvre_in_slices(
     attempt: ManoeuvreAttempt = ManoeuvreAttempt(),
     barred: Bytes = NO_BARS,
     polish: int = POLISH,
-) -> Slices[FloatArray]:
+) -> Resumable[FloatArray]:
     """Do `manoeuvre` resumably, with a bounded part of the search at each step for use in a control loop."""
     shape = footprint(body, attempt.clearance, field)
     begin, end = in_cells(field, start), in_cells(field, goal)
@@ -113,7 +113,7 @@ def manoeuvre_in_slices(
             )
     cell = field.resolution
     axle = min(body.width / 2, body.rear, body.front) / cell
-    ways = _ways_to((field.metres / cell).astype(np.float32), end, attempt.bin / cell, axle)
+    ways = _distances_to((field.metres / cell).astype(np.float32), end, attempt.bin / cell, axle)
     yield
     prices = np.array(
         [
@@ -128,7 +128,7 @@ def manoeuvre_in_slices(
         ]
     )
     side = attempt.bin / cell
-    known = _begun(begin, ways, side, attempt.headings, MOST_STATES)
+    known = _new_search(begin, ways, side, attempt.headings, MOST_STATES)
     while _search(shape, barred, end, ways, side, prices, MOST_STATES, polish, CHECKS_PER_STEP, *known):
         yield
     if known.tally[_PARENT] < 0:
@@ -140,7 +140,7 @@ def manoeuvre_in_slices(
     return _poses(field, chain, start, goal)
 
 
-class _Known(NamedTuple):
+class _SearchState(NamedTuple):
     """The state of a search.
 
     best (rows, columns, headings): price of each bin, 0 for unknown (untouched pages then take no memory). states
@@ -161,13 +161,13 @@ class _Known(NamedTuple):
 _COUNT, _QUEUED, _COST, _PARENT, _KIND, _LEFT = range(6)
 
 
-def _begun(start: FloatArray, ways: FloatArray, side: float, headings: int, most: int) -> _Known:
+def _new_search(start: FloatArray, ways: FloatArray, side: float, headings: int, most: int) -> _SearchState:
     """Return the state of a search with the start alone; nothing is queued if the start is not connected."""
     capacity = most + 64
     states = np.empty((capacity, 6))
     states[0] = (*start, 2.0, 0.0, 0.0)
     reachable = ways[math.floor(start[1] / side), math.floor(start[0] / side)] < np.inf
-    return _Known(
+    return _SearchState(
         np.zeros((*ways.shape, headings), np.float32),
         states,
         np.zeros(capacity),
@@ -202,7 +202,7 @@ def _poses(field: DistanceField, chain: FloatArray, start: Pose2, goal: Pose2) -
 
 
 @njit(cache=True, nogil=True)
-def _ways_to(clearance: Float32Array, goal: FloatArray, side: float, least: float) -> FloatArray:
+def _distances_to(clearance: Float32Array, goal: FloatArray, side: float, least: float) -> FloatArray:
     """Return (rows, columns) each bin's distance [cells] to the goal over bins with a clearance [cells] of `least`.
 
     Eight neighbours, relaxed repeatedly in both directions until nothing changes; infinite where not connected.
@@ -258,8 +258,9 @@ def _search(
 ) -> bool:
     """Expand states until `slice_` pose checks have been done; return whether there are more states to expand.
 
-    The state is that of `_Known`. At most `most` states are made, and at most `polish` expanded once a path is known.
-    prices: reverse, turn, gear, greed, roomy, close (see the constants), the angle of a bin of headings, and steer.
+    The state is that of `_SearchState`. At most `most` states are made, and at most `polish` expanded once a path is
+    known. prices: reverse, turn, gear, greed, roomy, close (see the constants), the angle of a bin of headings, and
+    steer.
     """
     cell, greed, angle = shape.cell, prices[3], prices[6]
     rows, columns = ways.shape

@@ -23,7 +23,7 @@ LINE = 64
 _kept: list[NDArray[np.uint8]] = []
 
 
-class Memory:
+class ScratchMemory:
     """A block of memory that hands out its parts, each once."""
 
     def __init__(self, within: NDArray[np.uint8]) -> None:
@@ -44,13 +44,13 @@ class Memory:
         return framed
 
 
-def new_memory(size: int) -> Memory:
+def new_scratch_memory(size: int) -> ScratchMemory:
     """Return a new block of so many bytes."""
-    return Memory(np.empty(size, np.uint8))
+    return ScratchMemory(np.empty(size, np.uint8))
 
 
 @contextmanager
-def borrowed(size: int) -> Iterator[Memory]:
+def borrowed_scratch_memory(size: int) -> Iterator[ScratchMemory]:
     """Lend a block of so many bytes for one solve; its arrays must not be used afterwards."""
     try:
         within = _kept.pop()
@@ -59,7 +59,7 @@ def borrowed(size: int) -> Iterator[Memory]:
     if within.size < size:
         within = np.empty(size, np.uint8)
     try:
-        yield Memory(within)
+        yield ScratchMemory(within)
     finally:
         if not _kept and within.size <= _MOST_KEPT:
             _kept.append(within)

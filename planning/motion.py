@@ -92,7 +92,7 @@ class DwaSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class CommandedMotion:
     """The state of the commands so far: their acceleration [m/s^2, rad/s^2], and the last direction of travel.
 
     `direction` is 1 after driving forwards, -1 after driving backwards, 0 before either.
@@ -117,7 +117,7 @@ def measured(settings: DwaSettings, stops: StopTable | None) -> DwaSettings:
     )
 
 
-def motion_after(motion: Motion, command: Twist, following: Twist, settings: DwaSettings) -> Motion:
+def motion_after(motion: CommandedMotion, command: Twist, following: Twist, settings: DwaSettings) -> CommandedMotion:
     """Return the motion once `following` has been commanded after `command`; a standing chair no longer brakes.
 
     The acceleration is clipped to the comfortable limits. The limiter or the monitor may have cut the command harder;
@@ -127,7 +127,7 @@ def motion_after(motion: Motion, command: Twist, following: Twist, settings: Dwa
     turning = (following.omega - command.omega) / PERIOD
     change = Twist(_within(faster, settings.braking), _within(turning, settings.alpha))
     driving = abs(following.v) >= STANDING_V
-    return Motion(change, int(math.copysign(1, following.v)) if driving else motion.direction)
+    return CommandedMotion(change, int(math.copysign(1, following.v)) if driving else motion.direction)
 
 
 def _within(value: float, most: float) -> float:
@@ -156,7 +156,7 @@ def braking_hard(command: Twist, settings: DwaSettings) -> Twist:
     return braking(command, replace(settings, braking=hard, alpha=hard_alpha))
 
 
-def stopping(command: Twist, settings: DwaSettings, motion: Motion | None) -> Twist:
+def stopping(command: Twist, settings: DwaSettings, motion: CommandedMotion | None) -> Twist:
     """Return the command after one period of a comfortable stop: as `braking`, with limited jerk, never speeding up."""
     if motion is None:
         return braking(command, settings)
@@ -190,17 +190,19 @@ def stop_time(twist: Twist, settings: DwaSettings) -> float:
     return max(abs(twist.v) / settings.braking, abs(twist.omega) / settings.alpha)
 
 
-def towards(command: Twist, target: Twist, settings: DwaSettings, motion: Motion | None = None) -> Twist:
+def towards(command: Twist, target: Twist, settings: DwaSettings, motion: CommandedMotion | None = None) -> Twist:
     """Return the command after one period towards the target: straight in (v, omega), or with limited jerk."""
     return Twist(*_step(_limits(settings, motion), command.v, command.omega, target.v, target.omega))
 
 
-def towards_each(command: Twist, targets: FloatArray, settings: DwaSettings, motion: Motion | None) -> FloatArray:
+def towards_each(
+    command: Twist, targets: FloatArray, settings: DwaSettings, motion: CommandedMotion | None
+) -> FloatArray:
     """Return (N, 2) `towards` for each of many targets (N, 2) [m/s, rad/s]."""
     return _steps(_limits(settings, motion), command.v, command.omega, targets)
 
 
-class _Limits(NamedTuple):
+class _StepLimits(NamedTuple):
     """How a command may change in one period; `v` and `omega` are the present accelerations, used if `eased`."""
 
     period: float
@@ -214,14 +216,14 @@ class _Limits(NamedTuple):
     omega: float
 
 
-def _limits(settings: DwaSettings, motion: Motion | None) -> _Limits:
+def _limits(settings: DwaSettings, motion: CommandedMotion | None) -> _StepLimits:
     now = Twist() if motion is None else motion.acceleration
     s, eased = settings, motion is not None
-    return _Limits(PERIOD, s.acceleration, s.braking, s.alpha, s.jerk, s.alpha_jerk, eased, now.v, now.omega)
+    return _StepLimits(PERIOD, s.acceleration, s.braking, s.alpha, s.jerk, s.alpha_jerk, eased, now.v, now.omega)
 
 
 @njit(cache=True, nogil=True)
-def _step(limits: _Limits, v: float, omega: float, to_v: float, to_omega: float) -> tuple[float, float]:
+def _step(limits: _StepLimits, v: float, omega: float, to_v: float, to_omega: float) -> tuple[float, float]:
     dv, domega = to_v - v, to_omega - omega
     speeding_up = dv * v > 0 or v == 0
     longest = max(abs(dv) / (limits.acceleration if speeding_up else limits.braking), abs(domega) / limits.alpha)
@@ -235,7 +237,7 @@ def _step(limits: _Limits, v: float, omega: float, to_v: float, to_omega: float)
 
 
 @njit(cache=True, nogil=True)
-def _steps(limits: _Limits, v: float, omega: float, targets: FloatArray) -> FloatArray:
+def _steps(limits: _StepLimits, v: float, omega: float, targets: FloatArray) -> FloatArray:
     after = np.empty_like(targets)
     for i in range(len(targets)):
         after[i, 0], after[i, 1] = _step(limits, v, omega, targets[i, 0], targets[i, 1])

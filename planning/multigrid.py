@@ -13,10 +13,17 @@ from itertools import pairwise, repeat
 import numpy as np
 from numba import njit
 
-from waychair.planning.bands import in_bands, summed
-from waychair.planning.levels import OF_ITSELF, OF_NEIGHBOURS, Level, passed_on, product_of_row, settle
-from waychair.planning.patches import Patch, Patches, correct_after, correct_before
-from waychair.planning.slices import Parts, finished
+from waychair.planning.bands import over_rows, sum_over_rows
+from waychair.planning.levels import (
+    OF_ITSELF,
+    OF_NEIGHBOURS,
+    MultigridLevel,
+    neighbour_sum,
+    product_of_row,
+    solve_coarsest,
+)
+from waychair.planning.patches import SmoothingPatch, SmoothingPatches, correct_after, correct_before
+from waychair.planning.slices import CountedSteps, finished
 from waychair.types import Float32Array
 
 PASS = 5
@@ -24,13 +31,13 @@ PASS = 5
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _near(level: Level, rows: Float32Array, i: int, j: int) -> np.float32:
-    """Return `passed_on` for rows in a ring buffer of four."""
-    return passed_on(level, rows, (i - 1) & 3, i & 3, (i + 1) & 3, i, j)
+def _neighbour_sum(level: MultigridLevel, rows: Float32Array, i: int, j: int) -> np.float32:
+    """Return `neighbour_sum` for rows in a ring buffer of four."""
+    return neighbour_sum(level, rows, (i - 1) & 3, i & 3, (i + 1) & 3, i, j)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _begin_row(level: Level, u: Float32Array, i: int) -> None:
+def _begin_row(level: MultigridLevel, u: Float32Array, i: int) -> None:
     """Compute a row of the residual over the diagonal while x is 0; rows outside the level are 0, here and below."""
     if 0 < i < level.x.shape[0] - 1:
         for j in range(1, level.x.shape[1] - 1):
@@ -40,38 +47,40 @@ def _begin_row(level: Level, u: Float32Array, i: int) -> None:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _smooth_row(level: Level, u: Float32Array, x: Float32Array, i: int) -> None:
+def _smooth_row(level: MultigridLevel, u: Float32Array, x: Float32Array, i: int) -> None:
     """Compute a row of x smoothed from 0."""
     if 0 < i < level.x.shape[0] - 1:
         for j in range(1, level.x.shape[1] - 1):
-            x[i & 3, j] = OF_ITSELF * u[i & 3, j] + OF_NEIGHBOURS * (level.inverse[i, j] * _near(level, u, i, j))
+            x[i & 3, j] = OF_ITSELF * u[i & 3, j] + OF_NEIGHBOURS * (
+                level.inverse[i, j] * _neighbour_sum(level, u, i, j)
+            )
     else:
         x[i & 3] = 0.0
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _rest_row(level: Level, x: Float32Array, rest: Float32Array, i: int) -> None:
+def _residual_row(level: MultigridLevel, x: Float32Array, rest: Float32Array, i: int) -> None:
     """Compute a row of the residual b - A x."""
     if 0 < i < level.x.shape[0] - 1:
         for j in range(1, level.x.shape[1] - 1):
-            left = level.b[i, j] + _near(level, x, i, j) - x[i & 3, j] / level.inverse[i, j]
+            left = level.b[i, j] + _neighbour_sum(level, x, i, j) - x[i & 3, j] / level.inverse[i, j]
             rest[i & 3, j] = left if level.inverse[i, j] > 0 else np.float32(0.0)
     else:
         rest[i & 3] = 0.0
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _left_row(level: Level, x: Float32Array, u: Float32Array, i: int) -> None:
+def _scaled_residual_row(level: MultigridLevel, x: Float32Array, u: Float32Array, i: int) -> None:
     """Compute a row of b - A x over the diagonal."""
     if 0 < i < level.x.shape[0] - 1:
         for j in range(1, level.x.shape[1] - 1):
-            u[i & 3, j] = level.inverse[i, j] * (level.b[i, j] + _near(level, x, i, j)) - x[i & 3, j]
+            u[i & 3, j] = level.inverse[i, j] * (level.b[i, j] + _neighbour_sum(level, x, i, j)) - x[i & 3, j]
     else:
         u[i & 3] = 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _descend(level: Level, coarser: Level, first: int, stop: int) -> None:
+def _descend(level: MultigridLevel, coarser: MultigridLevel, first: int, stop: int) -> None:
     """Smooth from x = 0, and restrict the residual b - A x to rows of the coarser level's b; x itself is not kept.
 
     All is done in one sweep: each stage follows one row behind the stage that it needs.
@@ -82,7 +91,7 @@ def _descend(level: Level, coarser: Level, first: int, stop: int) -> None:
     for i in range(2 * first - 6, 2 * stop):
         _begin_row(level, u, i + 2)
         _smooth_row(level, u, x, i + 1)
-        _rest_row(level, x, rest, i)
+        _residual_row(level, x, rest, i)
         row = i // 2  # gathers four rows, the last of them odd
         if i % 2 == 1 and first <= row < stop:
             above, first, second, below = (i - 3) & 3, (i - 2) & 3, (i - 1) & 3, i & 3
@@ -95,7 +104,7 @@ def _descend(level: Level, coarser: Level, first: int, stop: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _ascend(coarser: Level, level: Level, first: int, stop: int) -> float:
+def _ascend(coarser: MultigridLevel, level: MultigridLevel, first: int, stop: int) -> float:
     """Compute rows of x: smoothed from 0 again, the coarser level's x added by interpolation, and smoothed once more.
 
     Return the rows' share of the product of x and b.
@@ -108,17 +117,19 @@ def _ascend(coarser: Level, level: Level, first: int, stop: int) -> float:
         _begin_row(level, u, i + 3)
         _smooth_row(level, u, x, i + 2)
         _add_row(coarser, level, x, i + 2, near, between)
-        _left_row(level, x, left, i + 1)
+        _scaled_residual_row(level, x, left, i + 1)
         if i >= first:
             for j in range(1, width - 1):
-                passed_on = level.inverse[i, j] * _near(level, left, i, j)
-                level.x[i, j] = x[i & 3, j] + OF_ITSELF * left[i & 3, j] + OF_NEIGHBOURS * passed_on
+                neighbour_sum = level.inverse[i, j] * _neighbour_sum(level, left, i, j)
+                level.x[i, j] = x[i & 3, j] + OF_ITSELF * left[i & 3, j] + OF_NEIGHBOURS * neighbour_sum
             total += product_of_row(level.b, level.x, i)
     return total
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _add_row(coarser: Level, level: Level, x: Float32Array, i: int, near: Float32Array, between: Float32Array) -> None:
+def _add_row(
+    coarser: MultigridLevel, level: MultigridLevel, x: Float32Array, i: int, near: Float32Array, between: Float32Array
+) -> None:
     """Add the interpolated x of the coarser level to a row; `near` and `between` are buffers for its rows."""
     e = coarser.x
     if 0 < i < level.x.shape[0] - 1:
@@ -133,22 +144,22 @@ def _add_row(coarser: Level, level: Level, x: Float32Array, i: int, near: Float3
             x[i & 3, j] += between[j] if level.inverse[i, j] > 0 else np.float32(0.0)
 
 
-def v_cycle(levels: tuple[Level, ...], patches: Patches = ()) -> None:
+def v_cycle(levels: tuple[MultigridLevel, ...], patches: SmoothingPatches = ()) -> None:
     """Solve the finest level's A x = b approximately from x = 0: its `b` is read, its `x` written."""
-    finished(v_cycle_in_parts(levels, patches))
+    finished(v_cycle_resumably(levels, patches))
 
 
-def v_cycle_in_parts(levels: tuple[Level, ...], patches: Patches = ()) -> Parts[float]:
+def v_cycle_resumably(levels: tuple[MultigridLevel, ...], patches: SmoothingPatches = ()) -> CountedSteps[float]:
     """Do `v_cycle` resumably, a level at a time; return the product of x and b."""
-    near: list[Sequence[Patch]] = [*patches, *repeat((), len(levels) - 1 - len(patches))]
+    near: list[Sequence[SmoothingPatch]] = [*patches, *repeat((), len(levels) - 1 - len(patches))]
     steps = [(level, coarser, seen_to) for (level, coarser), seen_to in zip(pairwise(levels), near, strict=True)]
     for level, coarser, seen_to in steps:
         correct_before(level, seen_to)
-        in_bands(_descend, 1, coarser.x.shape[0] - 1, level.x.size, level, coarser)
+        over_rows(_descend, 1, coarser.x.shape[0] - 1, level.x.size, level, coarser)
         yield 2 * level.x.size // PASS
-    product = settle(levels[-1])
+    product = solve_coarsest(levels[-1])
     for level, coarser, seen_to in reversed(steps):
-        product = summed(_ascend, 1, level.x.shape[0] - 1, level.x.size, coarser, level)
+        product = sum_over_rows(_ascend, 1, level.x.shape[0] - 1, level.x.size, coarser, level)
         product += correct_after(level, seen_to)
         yield 3 * level.x.size // PASS
     return product

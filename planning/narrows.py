@@ -18,7 +18,7 @@ from waychair.maps.grid import occupied
 from waychair.planning.clearance import PLANNED_TURN
 from waychair.planning.costmap import Costmap
 from waychair.planning.footprint import footprint, free_time
-from waychair.planning.legs import Door
+from waychair.planning.legs import DoorPassage
 from waychair.planning.smoothing import line_cost
 from waychair.types import BoolArray, FloatArray, Pose2
 
@@ -89,7 +89,9 @@ def legs_between_turns(costmap: Costmap, points: FloatArray, run_ends: BoolArray
     return [*legs, points[begin:]]
 
 
-def tight_doors(costmap: Costmap, points: FloatArray, narrow: float, widest: float) -> list[tuple[int, int, Door]]:
+def tight_doors(
+    costmap: Costmap, points: FloatArray, narrow: float, widest: float
+) -> list[tuple[int, int, DoorPassage]]:
     """Return the doors on a path that are at most `widest` [m] wide, with the first and last index of points in each.
 
     A door is a narrow place as in `line_up`. It points in the path's direction.
@@ -112,7 +114,7 @@ def tight_doors(costmap: Costmap, points: FloatArray, narrow: float, widest: flo
             direction = -direction
         heading = math.atan2(direction[1], direction[0])
         pose = costmap.grid.map_from_grid @ Pose2(centre[0] * cell, centre[1] * cell, heading)
-        doors.append((first, last, Door(pose, 2 * float(clearance[middle]) - cell)))
+        doors.append((first, last, DoorPassage(pose, 2 * float(clearance[middle]) - cell)))
     return doors
 
 

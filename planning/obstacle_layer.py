@@ -26,11 +26,12 @@ _Beams: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, BoolArray]
 
 
 CELL, DROP_CELL = 0.025, 0.05
-"""[m] Of the points of a layer in a square of this side one is kept; the second is for drop-offs and missing ground, which
-cameras see as areas."""
+"""[m] Of the points of a layer in a square of this side one is kept; the second is for drop-offs and missing ground,
+which cameras see as areas."""
 
 FORGOTTEN_AFTER_S, DROP_FORGOTTEN_AFTER_S = 5.0, 600.0
-"""[s] Points out of sight are forgotten after this time. Drop-offs stay where they are, so they are kept much longer."""
+"""[s] Points out of sight are forgotten after this time. Drop-offs stay where they are, so they are kept much
+longer."""
 
 PASSED_BY = 0.1
 """[m] A beam must go on this far past a point to clear it."""
@@ -230,7 +231,7 @@ def on_ground(directions: FloatArray, foot: FloatArray, met: BoolArray, told: Bo
     return rows[0, :count], rows[1, :count], rows[2, :count], hits[:count]
 
 
-def widened(points: FloatArray, margin: float) -> FloatArray:
+def with_circles(points: FloatArray, margin: float) -> FloatArray:
     """Return points (N, 2) [m] and, for each, eight more on a circle of `margin` [m] around it."""
     turns = np.linspace(0.0, math.tau, 8, endpoint=False)
     circle = margin * np.column_stack([np.cos(turns), np.sin(turns)])
@@ -241,7 +242,7 @@ def _seen_through(points: FloatArray, sight: Sight, cell: float) -> BoolArray:
     """Return (N,) which points some beam has passed, while no beam through them was stopped before or at them."""
     if len(points) == 0 or len(sight.bearings) == 0:
         return np.zeros(len(points), np.bool_)
-    return passed(
+    return passed_points(
         points - sight.origin,
         sight.bearings,
         sight.near,
@@ -254,7 +255,7 @@ def _seen_through(points: FloatArray, sight: Sight, cell: float) -> BoolArray:
 
 
 @njit(cache=True, nogil=True)
-def passed(
+def passed_points(
     points: FloatArray,
     bearings: FloatArray,
     near: FloatArray,

@@ -14,7 +14,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numba import njit
 
-from waychair.planning.levels import Level, passed_on, settle
+from waychair.planning.levels import MultigridLevel, neighbour_sum, solve_coarsest
 from waychair.types import Float32Array, IntArray
 
 _ROUND = 8
@@ -30,7 +30,7 @@ _LARGEST_SHARE = 1 / 16
 """Largest part of a grid's cells in a patch."""
 
 
-class Patch(NamedTuple):
+class SmoothingPatch(NamedTuple):
     """A rectangle of a level, with a border fixed at 0; `top` and `left` are the border's row and column.
 
     `part` is the level within. `first` is the solution found before the coarser levels, `given` the level's b before.
@@ -38,19 +38,19 @@ class Patch(NamedTuple):
 
     top: int
     left: int
-    part: Level
+    part: MultigridLevel
     first: Float32Array
     given: Float32Array
 
 
-Patches: TypeAlias = tuple[tuple[Patch, ...], ...]
+SmoothingPatches: TypeAlias = tuple[tuple[SmoothingPatch, ...], ...]
 """The patches of each level, finest first; levels beyond the last have none."""
 
-Place: TypeAlias = tuple[IntArray, IntArray]
+CellRectangle: TypeAlias = tuple[IntArray, IntArray]
 """A rectangle in the finest level: its first and last (row, column), (2,) each."""
 
 
-def patches_of(levels: Sequence[Level], places: Sequence[Place]) -> Patches:
+def smoothing_patches(levels: Sequence[MultigridLevel], places: Sequence[CellRectangle]) -> SmoothingPatches:
     """Return patches around places of a grid; none where they would not be worth their time."""
     finest = levels[0].x
     if finest.size < _WORTH:
@@ -65,7 +65,7 @@ def patches_of(levels: Sequence[Level], places: Sequence[Place]) -> Patches:
     return tuple(patches)
 
 
-def _patch(level: Level, low: IntArray, high: IntArray) -> Patch:
+def _patch(level: MultigridLevel, low: IntArray, high: IntArray) -> SmoothingPatch:
     """Return the patch around a rectangle of a level, cut at the level's border."""
     top, left = (int(at) for at in np.maximum(low - _ROUND, 1) - 1)
     bottom, right = (int(at) for at in np.minimum(high + _ROUND, np.array(level.x.shape) - 2) + 1)
@@ -75,16 +75,16 @@ def _patch(level: Level, low: IntArray, high: IntArray) -> Patch:
         links if level.uniform else np.ascontiguousarray(links[within]) for links in (level.east, level.south)
     )
     x, b, first, given = (np.zeros_like(inverse) for _ in range(4))
-    return Patch(top, left, Level(east, south, inverse, level.uniform, x, b), first, given)
+    return SmoothingPatch(top, left, MultigridLevel(east, south, inverse, level.uniform, x, b), first, given)
 
 
-def correct_before(level: Level, patches: Sequence[Patch]) -> None:
+def correct_before(level: MultigridLevel, patches: Sequence[SmoothingPatch]) -> None:
     """Solve for x in the patches in turn, and subtract A x from the level's b."""
     for patch in patches:
         _correct_before(level, patch)
 
 
-def correct_after(level: Level, patches: Sequence[Patch]) -> float:
+def correct_after(level: MultigridLevel, patches: Sequence[SmoothingPatch]) -> float:
     """Correct the level's x in the patches once more, in reverse order; add the first solution, and restore b.
 
     Return the resulting change of the product of x and b.
@@ -93,12 +93,12 @@ def correct_after(level: Level, patches: Sequence[Patch]) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _correct_before(level: Level, patch: Patch) -> None:
+def _correct_before(level: MultigridLevel, patch: SmoothingPatch) -> None:
     part, first, top, left = patch.part, patch.first, patch.top, patch.left
     height, width = part.x.shape
     patch.given[:] = level.b[top : top + height, left : left + width]
     part.b[:] = patch.given
-    settle(part)
+    solve_coarsest(part)
     first[:] = part.x
     for i in range(1, height - 1):
         for j in range(1, width - 1):
@@ -113,23 +113,23 @@ def _correct_before(level: Level, patch: Patch) -> None:
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _pass_on(level: Level, row: int, column: int, much: np.float32) -> None:
+def _pass_on(level: MultigridLevel, row: int, column: int, much: np.float32) -> None:
     """Add to a cell's b, unless the cell is a wall: there b stays 0."""
     if level.inverse[row, column] > 0:
         level.b[row, column] += much
 
 
 @njit(cache=True, nogil=True)
-def _correct_after(level: Level, patch: Patch) -> float:
+def _correct_after(level: MultigridLevel, patch: SmoothingPatch) -> float:
     part, x, top, left, change = patch.part, level.x, patch.top, patch.left, 0.0
     height, width = part.x.shape
     for i in range(1, height - 1):
         for j in range(1, width - 1):
             row, column = top + i, left + j
             if part.inverse[i, j] > 0:
-                near = passed_on(level, x, row - 1, row, row + 1, row, column)
+                near = neighbour_sum(level, x, row - 1, row, row + 1, row, column)
                 part.b[i, j] = level.b[row, column] + near - x[row, column] / part.inverse[i, j]
-    settle(part)
+    solve_coarsest(part)
     for i in range(height):
         for j in range(width):
             row, column = top + i, left + j

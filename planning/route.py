@@ -20,10 +20,10 @@ from waychair.planning.clearance import EXACT_BEND, HARD, MANOEUVRE, MANOEUVRE_T
 from waychair.planning.costmap import Costmap
 from waychair.planning.fine_field import fine_field
 from waychair.planning.footprint import fits, fits_each, footprint, free_time, in_cells
-from waychair.planning.legs import Door, Leg, Manner
-from waychair.planning.manoeuvre import ManoeuvreAttempt, manoeuvre_in_slices
-from waychair.planning.slices import Slices
-from waychair.planning.way_out import BY_HAND, way_out, why_cramped
+from waychair.planning.legs import DoorPassage, DrivingManner, PathLeg
+from waychair.planning.manoeuvre import ManoeuvreAttempt, manoeuvre_resumably
+from waychair.planning.slices import Resumable
+from waychair.planning.way_out import BY_HAND, leading_out_path, reason_for_cramped
 from waychair.types import BoolArray, Bytes, FloatArray, Path, Pose2
 
 _ROOMY = tuple(ManoeuvreAttempt(clearance, 0.05, 72) for clearance in MANOEUVRE)
@@ -56,7 +56,7 @@ DOCKING = 1.0
 """[m] Last part of a leg that is followed exactly, for an exact stop."""
 
 
-def door_leg(costmap: Costmap, door: Door, start: Pose2, goal: Pose2) -> Leg | None:
+def door_leg(costmap: Costmap, door: DoorPassage, start: Pose2, goal: Pose2) -> PathLeg | None:
     """Return the leg through a door on its axis, from lining up until the chair is through; None without room.
 
     A chair that already stands straight in the door starts there; a goal in the door ends the leg.
@@ -82,10 +82,10 @@ def door_leg(costmap: Costmap, door: Door, start: Pose2, goal: Pose2) -> Leg | N
         return None
     along = np.linspace(begin, end, math.ceil((end - begin) / 0.05) + 1)
     poses = np.array([(middle @ Pose2(float(x), 0.0, 0.0)).array() for x in along])
-    return Leg(Path(poses), Manner.DOOR, door=door)
+    return PathLeg(Path(poses), DrivingManner.DOOR, door=door)
 
 
-def checked(costmap: Costmap, start: Pose2, legs: list[Leg], banded: bool = False) -> Slices[list[Leg]]:
+def checked(costmap: Costmap, start: Pose2, legs: list[PathLeg], banded: bool = False) -> Resumable[list[PathLeg]]:
     """Return the legs with multi-point turns where the footprint does not fit; `start` is the pose before them.
 
     The search for a turn takes long; it is resumable. The bends of a rubber band (`banded`) may take all the room there
@@ -94,10 +94,10 @@ def checked(costmap: Costmap, start: Pose2, legs: list[Leg], banded: bool = Fals
     Raises:
         NoPath: the chair does not fit somewhere.
     """
-    done: list[Leg] = []
+    done: list[PathLeg] = []
     for leg in legs:
         parts = [leg]
-        if leg.manner is Manner.FREE:
+        if leg.manner is DrivingManner.FREE:
             parts = yield from _legs_of_leg(costmap, start, leg.path.poses)
         if banded:
             parts = [piece for part in parts for piece in _with_exact_bends(costmap, part)]
@@ -106,30 +106,30 @@ def checked(costmap: Costmap, start: Pose2, legs: list[Leg], banded: bool = Fals
     return done
 
 
-def _docked(leg: Leg) -> list[Leg]:
+def _docked(leg: PathLeg) -> list[PathLeg]:
     """Return a free leg cut so that its last metre, up to the stop, is exact; any other leg unchanged."""
-    if leg.manner is not Manner.FREE or leg.flows:
+    if leg.manner is not DrivingManner.FREE or leg.flows:
         return [leg]
     poses = leg.path.poses
     left = np.append(np.hypot(*np.diff(poses[:, :2], axis=0).T)[::-1].cumsum()[::-1], 0.0)
     if left[0] <= 1.5 * DOCKING:
-        return [Leg(leg.path, Manner.EXACT)]
+        return [PathLeg(leg.path, DrivingManner.EXACT)]
     k = int(np.searchsorted(-left, -DOCKING))
-    return [Leg(Path(poses[: k + 1]), flows=True), Leg(Path(poses[k:].copy()), Manner.EXACT)]
+    return [PathLeg(Path(poses[: k + 1]), flows=True), PathLeg(Path(poses[k:].copy()), DrivingManner.EXACT)]
 
 
-def _with_exact_bends(costmap: Costmap, leg: Leg) -> list[Leg]:
+def _with_exact_bends(costmap: Costmap, leg: PathLeg) -> list[PathLeg]:
     """Return a free leg with its tight bends cut out as exact legs; any other leg unchanged."""
     poses, done = leg.path.poses, 0
-    if leg.manner is not Manner.FREE or len(poses) < 3:
+    if leg.manner is not DrivingManner.FREE or len(poses) < 3:
         return [leg]
-    legs: list[Leg] = []
+    legs: list[PathLeg] = []
     for first, last in _tight_bends(costmap, poses):
         if first > done:
-            legs.append(Leg(Path(poses[done : first + 1].copy()), flows=True))
-        legs.append(Leg(Path(poses[first : last + 1].copy()), Manner.EXACT))
+            legs.append(PathLeg(Path(poses[done : first + 1].copy()), flows=True))
+        legs.append(PathLeg(Path(poses[first : last + 1].copy()), DrivingManner.EXACT))
         done = last
-    return legs if done == len(poses) - 1 else [*legs, Leg(Path(poses[done:]))]
+    return legs if done == len(poses) - 1 else [*legs, PathLeg(Path(poses[done:]))]
 
 
 def _tight_bends(costmap: Costmap, poses: FloatArray) -> list[tuple[int, int]]:
@@ -156,11 +156,11 @@ def _tight_bends(costmap: Costmap, poses: FloatArray) -> list[tuple[int, int]]:
     return found
 
 
-def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray) -> Slices[list[Leg]]:
+def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray) -> Resumable[list[PathLeg]]:
     """Return one free leg if it fits, else the legs that replace it."""
     tight = _tight_stretch(costmap, start, poses)
     if tight is None:
-        return [Leg(Path(poses))]
+        return [PathLeg(Path(poses))]
     first, last = tight
     for around in _ROUND:
         begin, end = _ends(costmap, poses, first, last, around)
@@ -168,17 +168,17 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray) -> Slices[li
         turned = yield from _manoeuvre(costmap, from_pose, Pose2(*poses[end]))
         if turned is None:
             continue
-        before = [Leg(Path(poses[: begin + 1]))] if begin > 0 else []
-        after: list[Leg] = []
+        before = [PathLeg(Path(poses[: begin + 1]))] if begin > 0 else []
+        after: list[PathLeg] = []
         if end < len(poses) - 1:
             after = yield from _legs_of_leg(costmap, Pose2(*poses[end]), poses[end:])
         return [*before, *_legs_of_manoeuvre(turned), *after]
     x, y, _ = poses[first]
     if not _stands_free(costmap, start):  # too near to an obstacle for any plan; the local planner may still get away
         near = fine_field(costmap.grid, start, costmap.body.circumscribed_radius + 0.3)
-        why = why_cramped(near, costmap.body, start, NOISE)
+        why = reason_for_cramped(near, costmap.body, start, NOISE)
         if why is None:
-            return [Leg(Path(poses))]
+            return [PathLeg(Path(poses))]
         raise NoPath(f"{why}; {BY_HAND}")
     raise NoPath(
         f"the chair does not fit round at ({x:.2f}, {y:.2f}), not even in several goes; clear the way or choose "
@@ -249,7 +249,7 @@ def _ends(costmap: Costmap, poses: FloatArray, first: int, last: int, around: fl
     return begin, end
 
 
-def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2) -> Slices[FloatArray | None]:
+def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2) -> Resumable[FloatArray | None]:
     """Return a multi-point turn with as much margin as there is room for; None if there is none.
 
     From a cramped place the chair is led out first, rather than keeping that little clearance all along.
@@ -260,7 +260,7 @@ def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2) -> Slices[FloatArray 
     turned = yield from _turned(field, body, begin, end, _ROOMY, barred)
     if turned is not None:
         return turned
-    out = yield from way_out(field, body, begin)
+    out = yield from leading_out_path(field, body, begin)
     if out is not None:
         turned = yield from _turned(field, body, Pose2(*out[-1]), end, _ROOMY, barred)
         if turned is not None:
@@ -275,20 +275,20 @@ def _turned(
     end: Pose2,
     attempts: Sequence[ManoeuvreAttempt],
     barred: Bytes,
-) -> Slices[FloatArray | None]:
+) -> Resumable[FloatArray | None]:
     for attempt in attempts:
         yield
         with suppress(NoPath):
-            return (yield from manoeuvre_in_slices(field, body, begin, end, attempt, barred))
+            return (yield from manoeuvre_resumably(field, body, begin, end, attempt, barred))
     return None
 
 
-def _legs_of_manoeuvre(poses: FloatArray) -> list[Leg]:
+def _legs_of_manoeuvre(poses: FloatArray) -> list[PathLeg]:
     """Return legs cut at turns on the spot and changes of direction; each leg ends in the heading of the next."""
     steps = np.diff(poses[:, :2], axis=0)
     along = steps[:, 0] * np.cos(poses[:-1, 2]) + steps[:, 1] * np.sin(poses[:-1, 2])
     gears = np.where((steps == 0.0).all(axis=1), 0, np.where(along < 0.0, -1, 1))
-    legs: list[Leg] = []
+    legs: list[PathLeg] = []
     begin = 0
     for k in range(1, len(gears) + 1):
         if k < len(gears) and gears[k] == gears[begin]:
@@ -297,6 +297,6 @@ def _legs_of_manoeuvre(poses: FloatArray) -> list[Leg]:
         if gears[begin] == 0 and legs:  # the leg before ends with this turn
             legs[-1].path.poses[-1, 2] = part[-1, 2]
         else:
-            legs.append(Leg(Path(part), Manner.EXACT, backwards=bool(gears[begin] < 0)))
+            legs.append(PathLeg(Path(part), DrivingManner.EXACT, backwards=bool(gears[begin] < 0)))
         begin = k
     return legs

@@ -19,7 +19,7 @@ from waychair.planning.costmap import Costmap
 from waychair.planning.footprint import Footprint, footprint, room
 from waychair.planning.grid_graph import Prices
 from waychair.planning.harmonic import LogField
-from waychair.planning.slices import Parts, chunks
+from waychair.planning.slices import CountedSteps, ranges_of
 from waychair.types import Float32Array, FloatArray
 
 SPACING = 0.1
@@ -42,7 +42,7 @@ def band(
     leaves: FloatArray | None = None,
     arrives: FloatArray | None = None,
     longest: float | None = None,
-) -> Parts[FloatArray]:
+) -> CountedSteps[FloatArray]:
     """Return points (M, 2) of the relaxed line of points (N, 2), columns and rows [cells]; parts take about 1 ms.
 
     Guarantees: no point enters an impassable cell; where the footprint fitted along the line, it still fits; where it
@@ -54,14 +54,14 @@ def band(
     line = resampled(points, SPACING / cell)
     if len(line) < 3:
         return line
-    most = length_of(points) if longest is None else longest
+    most = polyline_length(points) if longest is None else longest
     tries: list[tuple[float, tuple[FloatArray | None, FloatArray | None]]] = [(TENSION, (None, None))]
     if leaves is not None or arrives is not None:  # under full tension it would bend right at its end
         tries.insert(0, (_SLACK * TENSION, (leaves, arrives)))
     for tension, ends in tries:
         for share in (1.0, 0.25, 0.0):
             moved = yield from _relaxed(costmap, line, tension, share, ends)
-            if length_of(moved) <= most:
+            if polyline_length(moved) <= most:
                 return moved
     return line
 
@@ -76,7 +76,7 @@ def _relaxed(
     tension: float,
     share: float,
     ends: tuple[FloatArray | None, FloatArray | None],
-) -> Parts[FloatArray]:
+) -> CountedSteps[FloatArray]:
     """Return the line at rest under a share of the push; a fixed direction is an extra point beyond that end."""
     cell = costmap.grid.resolution
     shape = footprint(costmap.body, PLANNED_ON_PATH, costmap.field)
@@ -90,7 +90,7 @@ def _relaxed(
         if ends[1] is not None:
             line = np.concatenate([line, line[-1:] + step * ends[1]])
         free = 1 + before, len(line) - 1 - beyond
-        for begin, end in chunks(0, PASSES // _ROUNDS, max(1, _PART // len(line))):
+        for begin, end in ranges_of(0, PASSES // _ROUNDS, max(1, _PART // len(line))):
             still = _relax(costmap.prices, shape, costmap.clearance, line, *forces, SHARPEST, begin, end, *free)
             yield _POINT_PRICE * len(line) * (end - begin)
             if still:
@@ -134,7 +134,7 @@ def turning_angles(points: FloatArray) -> FloatArray:
     return np.abs(np.arctan2(np.sin(turns), np.cos(turns)))
 
 
-def length_of(points: FloatArray) -> float:
+def polyline_length(points: FloatArray) -> float:
     """Return the length of a polyline (N, 2), in the points' unit."""
     return float(np.hypot(*np.diff(points, axis=0).T).sum())
 

@@ -10,10 +10,10 @@ Result = TypeVar("Result")
 CELLS_PER_STEP = 2_000_000
 """Grid cells visited in one control period, about 6 ms of its 50."""
 
-Slices: TypeAlias = Generator[None, None, Result]
+Resumable: TypeAlias = Generator[None, None, Result]
 """A generator that yields wherever the control loop may interrupt the work."""
 
-Parts: TypeAlias = Generator[int, None, Result]
+CountedSteps: TypeAlias = Generator[int, None, Result]
 """A generator that yields, after each small part, how many grid cells that part has visited."""
 
 
@@ -27,12 +27,12 @@ def finished(work: Generator[object, None, Result]) -> Result:
             return result
 
 
-def chunks(first: int, stop: int, most: int) -> list[tuple[int, int]]:
+def ranges_of(first: int, stop: int, most: int) -> list[tuple[int, int]]:
     """Return the range from `first` to before `stop` cut into ranges of at most so many numbers."""
     return [(begin, min(begin + most, stop)) for begin in range(first, stop, most)]
 
 
-def sliced(work: Parts[Result], most: int) -> Slices[Result]:
+def in_time_slices(work: CountedSteps[Result], most: int) -> Resumable[Result]:
     """Return the work with a yield only once `most` cells have been visited since the last one."""
     visited = 0
     while True:

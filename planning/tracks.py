@@ -98,8 +98,8 @@ START_SPEED = 1.0
 """[m/s] Standard deviation of a new track's speed."""
 
 SUDDEN, SUDDEN_GATE = 6.0, 3.2
-"""[m/s^2] Standard deviation of the acceleration when somebody turns round or stops, and the squared Mahalanobis distance
-of the innovation that shows it (80 % of two degrees of freedom)."""
+"""[m/s^2] Standard deviation of the acceleration when somebody turns round or stops, and the squared Mahalanobis
+distance of the innovation that shows it (80 % of two degrees of freedom)."""
 
 GATE = 9.21
 """Squared Mahalanobis distance within which a cluster may be a track's: 99 % of two degrees of freedom."""
@@ -136,12 +136,12 @@ class Track:
     mark_ns: int = 0
 
     @property
-    def walked(self) -> bool:
+    def has_walked(self) -> bool:
         """Whether it has ever certainly moved by itself."""
         return self.moved_ns is not None
 
     @property
-    def walks(self) -> bool:
+    def is_walking(self) -> bool:
         """Whether it is walking, short pauses included."""
         return self.moved_within(PAUSE_S)
 
@@ -168,7 +168,7 @@ class Track:
         return np.array([*(self.position + seconds * self.velocity), *self.velocity, self.radius, self.speed_sigma])
 
 
-def moved_on(tracks: Iterable[Track], now_ns: int) -> tuple[Track, ...]:
+def tracks_at(tracks: Iterable[Track], now_ns: int) -> tuple[Track, ...]:
     """Return tracks of an older scan predicted to now: a beam is up to a tenth of a second old when it is used."""
     return tuple(
         replace(track, position=track.after(np.array([(now_ns - track.stamp_ns) * 1e-9]))[0], stamp_ns=now_ns)
@@ -176,7 +176,7 @@ def moved_on(tracks: Iterable[Track], now_ns: int) -> tuple[Track, ...]:
     )
 
 
-def seen_from(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[Track, ...]:
+def transformed_tracks(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[Track, ...]:
     """Return tracks transformed to another frame."""
     turn = rotation(frame_from_map.theta)
     both = np.kron(np.eye(2), turn)
@@ -202,7 +202,7 @@ class Tracker:
         self._next = 1
 
     @property
-    def lost(self) -> tuple[Track, ...]:
+    def recently_lost(self) -> tuple[Track, ...]:
         """People who walked and recently went out of sight, as last predicted."""
         return self._lost
 
@@ -225,13 +225,15 @@ class Tracker:
                 kept.append(_new_track(self._next, stamp_ns, middles[k], model))
                 self._next += 1
         gone = {track.number for track in self._tracks} - {track.number for track in kept}
-        lost = (*self._lost, *(track for track in self._tracks if track.number in gone and track.walks))
+        lost = (*self._lost, *(track for track in self._tracks if track.number in gone and track.is_walking))
         self._lost = tuple(track for track in lost if stamp_ns - track.seen_ns <= RECENTLY_S * 1e9)
         self._tracks = tuple(kept)
         return tuple(track for track in kept if track.seen >= CONFIRMED_AFTER)
 
 
-def room_round(tracks: Iterable[Track], room: float, pose: Pose2, body: ChairBody, spare: float) -> FloatArray:
+def personal_space_points(
+    tracks: Iterable[Track], room: float, pose: Pose2, body: ChairBody, spare: float
+) -> FloatArray:
     """Return (N, 2) points on circles of `room` [m] around people who move or have moved, as obstacles.
 
     Where a circle would reach a chair at `pose`, it is reduced to the distance between them less `spare` [m], so that
@@ -241,22 +243,22 @@ def room_round(tracks: Iterable[Track], room: float, pose: Pose2, body: ChairBod
     circle = np.column_stack([np.cos(turns), np.sin(turns)])
     circles = [np.empty((0, 2))]
     for track in tracks:
-        radius = min(room, gap(track.position, pose, body) - spare)
-        if track.walked and radius > 0.0:
+        radius = min(room, distance_to_body(track.position, pose, body) - spare)
+        if track.has_walked and radius > 0.0:
             circles.append(track.position + radius * circle)
     return np.concatenate(circles)
 
 
-def gap(point: FloatArray, pose: Pose2, body: ChairBody) -> float:
+def distance_to_body(point: FloatArray, pose: Pose2, body: ChairBody) -> float:
     """Return the distance [m] from a point (2,) to the outline of a chair, 0 within."""
     x, y = transform_points(pose.inverse(), point[None])[0]
     return math.hypot(max(x - body.front, -body.rear - x, 0.0), max(abs(y) - body.width / 2, 0.0))
 
 
-def may_be_behind(tracks: Iterable[Track], now_ns: int, pose: Pose2, body: ChairBody, way: float) -> bool:
+def person_may_be_behind(tracks: Iterable[Track], now_ns: int, pose: Pose2, body: ChairBody, way: float) -> bool:
     """Return whether somebody may be behind a chair at `pose` within a distance [m], moving on as fast as last seen."""
     for track in tracks:
-        if track.walked:
+        if track.has_walked:
             unseen_s = (now_ns - track.seen_ns) * 1e-9
             reach = track.radius + min(max(track.speed, _SLOWEST) * unseen_s, _FARTHEST)
             x, y = transform_points(pose.inverse(), track.position[None])[0]
@@ -357,7 +359,7 @@ def _after_turn(before: Track, expected: Track, middle: FloatArray, sigma: float
     """
     off = middle - expected.position
     spread = expected.covariance[:2, :2] + sigma**2 * np.eye(2)
-    if not before.walked or off @ np.linalg.solve(spread, off) < SUDDEN_GATE:
+    if not before.has_walked or off @ np.linalg.solve(spread, off) < SUDDEN_GATE:
         return expected
     return predicted(before, expected.stamp_ns, SUDDEN)
 
@@ -371,7 +373,7 @@ def _corrected(track: Track, middle: FloatArray, model: MoverModel) -> Track:
     if seen.seen < CONFIRMED_AFTER:
         return replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
     # a person known to walk needs no further proof
-    doubt = 0.0 if track.walked else 2.0 * seen.speed_sigma
+    doubt = 0.0 if track.has_walked else 2.0 * seen.speed_sigma
     displaced = _is_displaced(seen, model)
     if displaced or seen.stamp_ns - seen.mark_ns > DISPLACED_WITHIN_S * 1e9:
         seen = replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
@@ -385,7 +387,7 @@ def _is_displaced(track: Track, model: MoverModel) -> bool:
     distance = float(np.hypot(*gone))
     seconds = (track.stamp_ns - track.mark_ns) * 1e-9
     least, since = (
-        (model.still_walking, STILL_WALKING_FROM_S) if track.walked else (model.displacement, DISPLACED_FROM_S)
+        (model.still_walking, STILL_WALKING_FROM_S) if track.has_walked else (model.displacement, DISPLACED_FROM_S)
     )
     if distance <= least or seconds < since:
         return False

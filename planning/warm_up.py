@@ -16,7 +16,7 @@ from waychair.planning.fine_field import fine_field
 from waychair.planning.footprint import footprint, in_cells
 from waychair.planning.global_planner import GlobalPlanner
 from waychair.planning.manoeuvre import manoeuvre
-from waychair.planning.motion import DwaSettings, Motion, towards
+from waychair.planning.motion import CommandedMotion, DwaSettings, towards
 from waychair.planning.obstacle_layer import (
     EMPTY,
     any_nearer,
@@ -30,7 +30,7 @@ from waychair.planning.openings import openings
 from waychair.planning.slices import finished
 from waychair.planning.smoothing import line_cost
 from waychair.planning.tracks import Track, Tracker
-from waychair.planning.way_out import way_out
+from waychair.planning.way_out import leading_out_path
 from waychair.types import OccupancyGrid, Pose2, RgbdFrame, Twist
 
 _SIDE, _CELL = 6.0, 0.05
@@ -62,10 +62,20 @@ def warm_up() -> None:
     _look(middle)
     field = fine_field(grid, middle, _SIDE / 2)
     manoeuvre(field, CHAIR_A, middle, aside, polish=0)
-    finished(way_out(field, CHAIR_A, Pose2(_SIDE / 2, _CELL + CHAIR_A.width / 2 + CRAMPED / 2, 0.0)))
+    finished(leading_out_path(field, CHAIR_A, Pose2(_SIDE / 2, _CELL + CHAIR_A.width / 2 + CRAMPED / 2, 0.0)))
     Tracker().update(0, np.array([[1.0, 1.0]]))
     person = Track(0, 0, 0, 1, np.array([1.0, 1.0]), np.zeros(2), np.eye(4), 0.3)
-    choose(Pose2(middle.x, middle.y, -1.5), Twist(), path, field, CHAIR_A, DwaSettings(), False, Motion(), (person,))
+    choose(
+        Pose2(middle.x, middle.y, -1.5),
+        Twist(),
+        path,
+        field,
+        CHAIR_A,
+        DwaSettings(),
+        False,
+        CommandedMotion(),
+        (person,),
+    )
     fits_after(footprint(CHAIR_A, 0.0, field), in_cells(field, middle), np.zeros((1, 2)), np.zeros(1))
 
 

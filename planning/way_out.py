@@ -19,7 +19,7 @@ from waychair.geometry import compose, transform_points
 from waychair.maps.distance_field import DistanceField
 from waychair.planning.clearance import CRAMPED, LEAVING, LEAVING_DIP, LEFT
 from waychair.planning.footprint import Footprint, fits, footprint, in_cells, room
-from waychair.planning.slices import Slices
+from waychair.planning.slices import Resumable
 from waychair.types import FloatArray, Pose2
 
 BY_HAND = "drive it a little away from there by hand"
@@ -39,7 +39,7 @@ _REVERSE_PRICE, _GEAR_PRICE = 1.6, 0.5
 """Cost of a metre backwards in metres forwards, and of a change of direction [m]."""
 
 
-def way_out(field: DistanceField, body: ChairBody, start: Pose2) -> Slices[FloatArray | None]:
+def leading_out_path(field: DistanceField, body: ChairBody, start: Pose2) -> Resumable[FloatArray | None]:
     """Return poses (N, 3) [m, m, rad] in map, every 5 cm from the start to the nearest place with room; resumable.
 
     The path is a straight line, a turn, or a line and then a turn, each forwards or backwards. None when the chair has
@@ -70,7 +70,7 @@ def way_out(field: DistanceField, body: ChairBody, start: Pose2) -> Slices[Float
     return best
 
 
-def why_cramped(field: DistanceField, body: ChairBody, pose: Pose2, needed: float = CRAMPED) -> str | None:
+def reason_for_cramped(field: DistanceField, body: ChairBody, pose: Pose2, needed: float = CRAMPED) -> str | None:
     """Return a sentence on why a body at a pose has less clearance than needed [m]; None if it has enough."""
     if fits(body, needed, field, pose):
         return None

@@ -4,27 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 
-from waychair.planning.laplace_solvers import Problem, problem_of
-from waychair.planning.levels import COARSEST_SWEEPS, Level
-from waychair.planning.patches import Place
+from waychair.planning.laplace_solvers import LaplaceProblem, laplace_problem
+from waychair.planning.levels import COARSEST_SWEEPS, MultigridLevel
+from waychair.planning.patches import CellRectangle
 from waychair.types import Float32Array, FloatArray
 
 ROUND = 2
 """Cells round a place that are in its patch."""
 
 
-def scattered(seed: int, height: int = 37, width: int = 50, full: float = 0.2) -> Problem:
+def scattered(seed: int, height: int = 37, width: int = 50, full: float = 0.2) -> LaplaceProblem:
     """Free cells with obstacles strewn about, and a goal; some cells absorb."""
     rng = np.random.default_rng(seed)
     free = rng.random((height, width)) > full
     goal = (height // 2, width // 3)
     free[goal] = True
-    problem = problem_of(free, goal)
+    problem = laplace_problem(free, goal)
     problem.absorption[free & (rng.random(free.shape) < 0.1)] = 0.05
     return problem
 
 
-def walls_of(problem: Problem) -> Float32Array:
+def walls_of(problem: LaplaceProblem) -> Float32Array:
     """What its cells absorb, the goal as much as a wall."""
     walls = problem.absorption.copy()
     walls[problem.goal] = np.inf
@@ -37,7 +37,7 @@ def drawn(walls: Float32Array, seed: int) -> FloatArray:
     return np.where(free, np.random.default_rng(seed).normal(size=free.shape), 0.0)
 
 
-def plain_matrix(level: Level) -> FloatArray:
+def plain_matrix(level: MultigridLevel) -> FloatArray:
     """(N, N) of all cells of a level, its border's and its walls' rows and columns 0."""
     height, width = level.x.shape
     free = level.inverse > 0
@@ -58,7 +58,7 @@ def plain_matrix(level: Level) -> FloatArray:
     return matrix
 
 
-def plain_interpolation(coarse: Level, fine: Level) -> FloatArray:
+def plain_interpolation(coarse: MultigridLevel, fine: MultigridLevel) -> FloatArray:
     """(N, M) bilinear weights between the middles of cells, of the fine level's free cells and the coarse one's."""
     height, width = fine.x.shape
     columns = coarse.x.shape[1]
@@ -85,7 +85,7 @@ def plain_smoothing(matrix: FloatArray, x: FloatArray, b: FloatArray) -> FloatAr
     return x
 
 
-def plain_patch(level: Level, at: Place) -> FloatArray:
+def plain_patch(level: MultigridLevel, at: CellRectangle) -> FloatArray:
     """(N, N) what a patch of a level adds to x, by what is left."""
     matrix, shape = plain_matrix(level), level.x.shape
     within = np.zeros(shape, np.bool_)
@@ -101,7 +101,7 @@ def plain_patch(level: Level, at: Place) -> FloatArray:
     return adds
 
 
-def plain_cycle(levels: tuple[Level, ...], places: list[Place], b: FloatArray) -> FloatArray:
+def plain_cycle(levels: tuple[MultigridLevel, ...], places: list[CellRectangle], b: FloatArray) -> FloatArray:
     """A V-cycle with patches round places, of vectors (N,)."""
     matrix, x = plain_matrix(levels[0]), np.zeros_like(b)
     if len(levels) == 1:

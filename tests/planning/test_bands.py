@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from waychair.planning import bands as module
-from waychair.planning.bands import bands, in_bands, summed
-from waychair.planning.laplace_solvers import problem_of, solve
+from waychair.planning.bands import over_rows, row_ranges, sum_over_rows
+from waychair.planning.laplace_solvers import laplace_problem, solve
 from waychair.types import BoolArray, FloatArray
 
 LARGE = 1 << 20
@@ -18,7 +18,7 @@ LARGE = 1 << 20
 @pytest.mark.parametrize(("first", "stop"), [(0, 9), (1, 2), (5, 1000)])
 @pytest.mark.parametrize("cells", [10, LARGE])
 def test_every_row_is_in_one_band(first: int, stop: int, cells: int) -> None:
-    rows = [row for begin, end in bands(first, stop, cells) for row in range(begin, end)]
+    rows = [row for begin, end in row_ranges(first, stop, cells) for row in range(begin, end)]
     assert rows == list(range(first, stop))
 
 
@@ -29,7 +29,7 @@ def test_what_bands_write_and_give_is_put_together(cells: int) -> None:
         return float(values[first:stop].sum())
 
     values = np.arange(10.0)
-    assert summed(square, 2, 10, cells, values) == sum(k * k for k in range(2, 10))
+    assert sum_over_rows(square, 2, 10, cells, values) == sum(k * k for k in range(2, 10))
     assert values.tolist() == [0, 1, *(k * k for k in range(2, 10))]
 
 
@@ -39,7 +39,7 @@ def test_what_goes_wrong_in_the_second_band_is_told() -> None:
             raise ValueError("of the second band")
 
     with pytest.raises(ValueError, match="of the second band"):
-        in_bands(fails, 0, 10, LARGE)
+        over_rows(fails, 0, 10, LARGE)
 
 
 def floor(side: int = 400) -> BoolArray:
@@ -50,7 +50,7 @@ def floor(side: int = 400) -> BoolArray:
 
 
 def test_one_thread_finds_what_two_do(monkeypatch: pytest.MonkeyPatch) -> None:
-    problem = problem_of(floor(), (200, 133))
+    problem = laplace_problem(floor(), (200, 133))
     by_two = solve(problem)
     monkeypatch.setattr(module, "_helper", lambda: None)
     by_one = solve(problem)
@@ -59,7 +59,7 @@ def test_one_thread_finds_what_two_do(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def residual_of_solution() -> float:
-    return solve(problem_of(floor(), (200, 133))).residual
+    return solve(laplace_problem(floor(), (200, 133))).residual
 
 
 def test_a_process_that_was_forked_has_a_helper_of_its_own() -> None:

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 
 from waychair.planning.motion import (
     PERIOD,
+    CommandedMotion,
     DwaSettings,
-    Motion,
     braking_hard,
     motion_after,
     slowing_speed,
@@ -48,7 +48,7 @@ def test_the_speed_on_the_way_to_a_slow_place_leaves_just_the_way_for_half_the_b
 def test_a_stop_in_comfort_keeps_its_arc_and_ends_in_a_stand_with_limited_jerk(
     v: float, omega: float, a: float
 ) -> None:
-    command, motion, accelerations = Twist(v, omega), Motion(Twist(a)), [a]
+    command, motion, accelerations = Twist(v, omega), CommandedMotion(Twist(a)), [a]
     for _ in range(200):
         following = stopping(command, PROMPT, motion)
         motion, before, command = motion_after(motion, command, following, PROMPT), command, following
@@ -64,7 +64,7 @@ def test_a_stop_in_comfort_keeps_its_arc_and_ends_in_a_stand_with_limited_jerk(
 @given(st.floats(0.05, 0.8), st.floats(-0.2, 0.0))
 @settings(max_examples=60, deadline=None)
 def test_after_hard_braking_the_chair_backs_out_no_faster_than_it_is_to(v: float, target: float) -> None:
-    command, motion, slowest = Twist(v), Motion(), 0.0
+    command, motion, slowest = Twist(v), CommandedMotion(), 0.0
     for tick in range(200):
         following = braking_hard(command, PROMPT) if tick < 6 else towards(command, Twist(target), PROMPT, motion)
         motion, command = motion_after(motion, command, following, PROMPT), following
@@ -78,7 +78,7 @@ def test_after_hard_braking_the_chair_backs_out_no_faster_than_it_is_to(v: float
 def test_a_command_that_was_cut_for_a_moment_is_soon_what_it_was_and_no_stop(share: float, wanted: Twist) -> None:
     """As the collision monitor cuts it, at once: by more than the jerk could undo in time."""
     cut = Twist(share * wanted.v, share * wanted.omega)
-    motion, command = motion_after(Motion(), wanted, cut, PROMPT), cut
+    motion, command = motion_after(CommandedMotion(), wanted, cut, PROMPT), cut
     shares = []
     for _ in range(50):
         following = towards(command, wanted, PROMPT, motion)
@@ -91,8 +91,8 @@ def test_a_command_that_was_cut_for_a_moment_is_soon_what_it_was_and_no_stop(sha
 
 @given(st.floats(0.0, 0.4), st.floats(0.0, 0.8), st.floats(-1.5, 0.0))
 def test_hard_braking_is_not_carried_on_into_driving_the_other_way(v: float, target: float, a: float) -> None:
-    assert towards(Twist(v), Twist(target), PROMPT, Motion(Twist(a))).v >= 0.0
-    assert towards(Twist(-v), Twist(-target), PROMPT, Motion(Twist(-a))).v <= 0.0
+    assert towards(Twist(v), Twist(target), PROMPT, CommandedMotion(Twist(a))).v >= 0.0
+    assert towards(Twist(-v), Twist(-target), PROMPT, CommandedMotion(Twist(-a))).v <= 0.0
 
 
 def most_eased(left: float, change: float) -> float:
@@ -137,7 +137,7 @@ def test_steps_towards_many_targets_equal_a_plain_reference(
     v: float, omega: float, targets: list[tuple[float, float]], accelerations: tuple[float, float] | None
 ) -> None:
     command, now = Twist(v, omega), None if accelerations is None else Twist(*accelerations)
-    motion = None if now is None else Motion(now)
+    motion = None if now is None else CommandedMotion(now)
     found = towards_each(command, np.array(targets).reshape(-1, 2), PROMPT, motion)
     assert len(found) == len(targets)
     for step, target in zip(found.tolist(), targets, strict=True):

@@ -16,14 +16,14 @@ from waychair.maps.distance_field import DistanceField, distance_field, distance
 from waychair.planning import dwa
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.dwa import DwaResult, choose, rotate_to_heading
-from waychair.planning.dwa_kernels import first_free, fits_after, local_section, measure, people_ahead
+from waychair.planning.dwa_kernels import first_free, fits_after, local_section, measure, meetings_with_people
 from waychair.planning.footprint import along_arc, fits, footprint, free_time, in_cells, poses_in_cells
 from waychair.planning.global_planner import plan
 from waychair.planning.motion import (
     MIN_OMEGA,
     PERIOD,
+    CommandedMotion,
     DwaSettings,
-    Motion,
     braking,
     motion_after,
     slowing_speed,
@@ -276,7 +276,7 @@ def test_what_lies_beyond_the_field_is_not_driven_into() -> None:
     assert pose.x > 0.8
 
 
-STILL = Motion()
+STILL = CommandedMotion()
 
 
 def test_from_a_stand_the_acceleration_grows_by_the_jerk_alone() -> None:
@@ -298,7 +298,7 @@ def test_from_a_stand_the_acceleration_grows_by_the_jerk_alone() -> None:
 def test_jerk_limited_speeds_reach_their_target_without_passing_it_by_more_than_they_must(
     v: float, target: float, a: float
 ) -> None:
-    command, motion = Twist(v), Motion(Twist(a))
+    command, motion = Twist(v), CommandedMotion(Twist(a))
     speeds = [v]
     for _ in range(200):
         following = towards(command, Twist(target), PROMPT, motion)
@@ -313,7 +313,7 @@ def test_jerk_limited_speeds_reach_their_target_without_passing_it_by_more_than_
 
 def test_without_room_to_stop_jerk_holds_no_brake_back() -> None:
     field = DistanceField(np.zeros((100, 100), np.float32), CELL)
-    motion = Motion(Twist(0.5, 0.0), 1)
+    motion = CommandedMotion(Twist(0.5, 0.0), 1)
     result = choose(Pose2(2.5, 2.5), Twist(0.6), straight(Pose2(2.5, 2.5), 2.0), field, CHAIR_A, motion=motion)
     assert result.twist.v == pytest.approx(0.6 - 0.6 * 0.05)
 
@@ -331,7 +331,7 @@ def test_predicted_gaps_equal_a_plain_reference() -> None:
     shape = footprint(CHAIR_A, 0.0, field)
     people = np.array([[5.5 / CELL, 4.5 / CELL, -0.5 / CELL, -0.2 / CELL, 0.3, 0.2]])
     candidates = np.array([[0.5, 0.2], [0.0, 0.0], [-0.2, -0.4]])
-    rows = people_ahead(shape, in_cells(field, pose), candidates, people, 2.5)
+    rows = meetings_with_people(shape, in_cells(field, pose), candidates, people, 2.5)
     for (v, omega), (when, least) in zip(candidates, rows, strict=True):
         gaps = []
         for t in np.linspace(0.0, 2.5, 33):
@@ -348,7 +348,7 @@ def test_predicted_gaps_equal_a_plain_reference() -> None:
 def test_going_on_is_preferred_to_turning_back() -> None:
     field, pose = distance_field(hall()), Pose2(4.0, 4.0)
     results = [
-        choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT, motion=Motion(direction=direction))
+        choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT, motion=CommandedMotion(direction=direction))
         for direction in (1, -1)
     ]
     forwards, backwards = (result.candidates[:, 0] > 0 for result in results)
@@ -448,7 +448,7 @@ def test_a_section_begins_at_the_nearest_point_and_ends_after_its_length() -> No
 
 
 def test_a_chair_that_stops_to_turn_does_so_in_comfort_but_brakes_at_once_before_a_wall() -> None:
-    pose, command, motion = Pose2(4.0, 4.0), Twist(0.5), Motion()
+    pose, command, motion = Pose2(4.0, 4.0), Twist(0.5), CommandedMotion()
     free = rotate_to_heading(pose, command, 2.0, distance_field(hall()), CHAIR_A, PROMPT, motion)
     assert free.twist.v == pytest.approx(0.5 - PROMPT.jerk * PERIOD**2)
     front = 4.0 + CHAIR_A.front

@@ -17,7 +17,7 @@ from waychair.maps.distance_field import DistanceField, distance_field, distance
 from waychair.planning import dwa
 from waychair.planning.dwa import choose
 from waychair.planning.footprint import fits
-from waychair.planning.motion import PERIOD, DwaSettings, Motion, measured, motion_after
+from waychair.planning.motion import PERIOD, CommandedMotion, DwaSettings, measured, motion_after
 from waychair.types import BoolArray, Path, Pose2, Twist
 
 STOPS = StopTable(speeds=(0.2, 0.4, 0.6), distances=(0.12, 0.3, 0.6), turn_rate=0.9, turn_angle=0.8, delay_s=0.25)
@@ -34,7 +34,7 @@ def test_a_chair_that_answers_late_by_its_reaction_time_touches_nothing(seed: in
     field, limits = DistanceField(distances(obstacles, CELL), CELL), DwaSettings(reaction_time=0.15)
     ends = [np.linspace(start, rng.uniform(0.5, 5.5), 20) for start in (2.6, 3.0)]
     path = Path(np.column_stack([*ends, np.zeros(20)]))
-    pose, sent, motion = Pose2(2.6, 3.0, 0.0), [Twist()] * 4, Motion()
+    pose, sent, motion = Pose2(2.6, 3.0, 0.0), [Twist()] * 4, CommandedMotion()
     for _ in range(100):
         sent.append(choose(pose, sent[-1], path, field, body, limits, motion=motion).twist)
         motion = motion_after(motion, sent[-2], sent[-1], limits)
@@ -46,7 +46,7 @@ def test_a_chair_that_answers_late_by_its_reaction_time_touches_nothing(seed: in
 def test_the_window_reaches_as_far_as_limited_jerk_takes_the_command(acceleration: float) -> None:
     """In small steps: the acceleration grows by the jerk up to its limit, and with it the speed, for the window's time."""
     limits, pose, command = replace(PROMPT, jerk=0.7), Pose2(2.0, 4.0), Twist(0.2)
-    motion = Motion(Twist(acceleration))
+    motion = CommandedMotion(Twist(acceleration))
     result = choose(pose, command, straight(pose, 8.0), distance_field(hall()), CHAIR_A, limits, motion=motion)
     fastest, a = command.v, acceleration
     for _ in range(1000):

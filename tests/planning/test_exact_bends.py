@@ -10,7 +10,7 @@ import pytest
 from waychair.calibration.chair import CHAIR_A
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
-from waychair.planning.legs import Leg, Manner
+from waychair.planning.legs import DrivingManner, PathLeg
 from waychair.types import OccupancyGrid, Pose2
 
 CELL = 0.05
@@ -24,7 +24,7 @@ def corner(wide: float) -> OccupancyGrid:
     return OccupancyGrid(cells, CELL)
 
 
-def legs_round(wide: float, smooth: str) -> tuple[Leg, ...]:
+def legs_round(wide: float, smooth: str) -> tuple[PathLeg, ...]:
     planner = GlobalPlanner(Pose2(12.0 - wide / 2, 10.5, np.pi / 2), PlannerSettings(planner="harmonic", smooth=smooth))
     planner.replan(costmap_from_grid(corner(wide), CHAIR_A), Pose2(1.5, wide / 2, 0.0))
     return planner.legs
@@ -32,8 +32,15 @@ def legs_round(wide: float, smooth: str) -> tuple[Leg, ...]:
 
 def test_a_bend_of_a_corridor_is_exact_and_what_is_straight_is_free() -> None:
     legs = legs_round(2.0, "band")
-    free, exact = ([leg for leg in legs if leg.manner is manner] for manner in (Manner.FREE, Manner.EXACT))
-    assert [leg.manner for leg in legs] == [Manner.FREE, Manner.EXACT, Manner.FREE, Manner.EXACT]
+    free, exact = (
+        [leg for leg in legs if leg.manner is manner] for manner in (DrivingManner.FREE, DrivingManner.EXACT)
+    )
+    assert [leg.manner for leg in legs] == [
+        DrivingManner.FREE,
+        DrivingManner.EXACT,
+        DrivingManner.FREE,
+        DrivingManner.EXACT,
+    ]
     turns = [np.ptp(np.unwrap(leg.path.poses[:-1, 2])) for leg in legs]
     assert turns[1] > 1.2
     assert max(turns[0], turns[2], turns[3]) < 0.3
@@ -46,12 +53,12 @@ def test_a_bend_of_a_corridor_is_exact_and_what_is_straight_is_free() -> None:
 @pytest.mark.parametrize(("wide", "smooth"), [(5.0, "band"), (2.0, "taut")])
 def test_where_there_is_room_or_no_band_only_the_end_is_exact(wide: float, smooth: str) -> None:
     legs = legs_round(wide, smooth)
-    assert [leg.manner for leg in legs] == [Manner.FREE, Manner.EXACT]
+    assert [leg.manner for leg in legs] == [DrivingManner.FREE, DrivingManner.EXACT]
     assert legs[1].path.length() < 1.5
 
 
 def test_a_bend_beside_the_end_is_one_exact_leg_with_it() -> None:
     planner = GlobalPlanner(Pose2(11.0, 3.2, np.pi / 2), PlannerSettings(planner="harmonic"))
     planner.replan(costmap_from_grid(corner(2.0), CHAIR_A), Pose2(1.5, 1.0, 0.0))
-    assert [leg.manner for leg in planner.legs] == [Manner.FREE, Manner.EXACT]
+    assert [leg.manner for leg in planner.legs] == [DrivingManner.FREE, DrivingManner.EXACT]
     assert planner.legs[1].path.length() > 2.0

@@ -16,7 +16,6 @@ from waychair.maps.distance_field import DistanceField, distances
 from waychair.planning.arc_fan import free_times
 from waychair.planning.footprint import (
     along_arc,
-    beside,
     eased_footprint,
     fits,
     fits_each,
@@ -24,6 +23,7 @@ from waychair.planning.footprint import (
     free_time,
     in_cells,
     room,
+    side_clearance,
 )
 from waychair.types import BoolArray, FloatArray, Pose2
 
@@ -276,4 +276,4 @@ def test_beside_is_the_distance_from_the_long_sides() -> None:
     field = field_of(obstacles)
     shape = footprint(CHAIR_A, 0.0, field)
     x, y, _ = in_cells(field, Pose2(2.0, 2.0))
-    assert beside(shape, x, y, 1.0, 0.0) == pytest.approx(0.425, abs=1e-6)
+    assert side_clearance(shape, x, y, 1.0, 0.0) == pytest.approx(0.425, abs=1e-6)

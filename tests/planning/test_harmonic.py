@@ -22,18 +22,18 @@ from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, pla
 from waychair.planning.grid_graph import FREE_PRICE, Cell, directions_against
 from waychair.planning.harmonic import (
     LogField,
+    count_summits,
     descend,
     gradient,
     log_field,
-    log_field_in_parts,
+    log_field_resumably,
     streamline,
     summits,
-    summits_of,
 )
 from waychair.planning.harmonic_search import HarmonicSearch, absorption_from_prices
-from waychair.planning.laplace_solvers import SolverOptions, problem_of, solve
-from waychair.planning.log_relay import between, log_sweep, spread
-from waychair.planning.slices import finished, sliced
+from waychair.planning.laplace_solvers import SolverOptions, laplace_problem, solve
+from waychair.planning.log_relay import breadth_first_order, cells_near_shortest, log_sweep
+from waychair.planning.slices import finished, in_time_slices
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 REAL = ("real_intel", "real_freiburg-079")
@@ -79,9 +79,9 @@ def test_from_every_free_cell_connected_to_the_goal_the_descent_arrives(seed: in
     goal = (int(rng.integers(24)), int(rng.integers(31)))
     free[goal] = True
     with patch.object(harmonic, "STAGES", stages):
-        found = log_field(problem_of(free, goal))
+        found = log_field(laplace_problem(free, goal))
     np.testing.assert_array_equal(np.isfinite(found.logs), connected(free, goal))
-    assert summits_of(found) == 0
+    assert count_summits(found) == 0
     for row, column in np.argwhere(np.isfinite(found.logs))[::17]:
         cells = descend(found, (int(row), int(column)))
         assert tuple(cells[-1]) == goal
@@ -92,15 +92,15 @@ def test_from_every_free_cell_connected_to_the_goal_the_descent_arrives(seed: in
 def test_on_real_floors_the_descent_arrives_from_all_free_cells(name: str, data_dir: Path) -> None:
     free = load_free_cells(data_dir / "movingai" / f"{name}.map")
     cells = np.argwhere(free)
-    found = log_field(problem_of(free, (int(cells[0, 0]), int(cells[0, 1]))))
+    found = log_field(laplace_problem(free, (int(cells[0, 0]), int(cells[0, 1]))))
     assert found.connected == len(cells) == found.solved.sum()
     assert found.logs[free].min() < -80  # float32 ends at -87, and u = 1 - v at -37
-    assert summits_of(found) == 0
+    assert count_summits(found) == 0
     assert all_arrive(found)
 
 
 def test_a_corridor_too_long_for_float64_is_exact_in_logarithms() -> None:
-    found = log_field(problem_of(np.ones((1, 1500), np.bool_), (0, 0)))
+    found = log_field(laplace_problem(np.ones((1, 1500), np.bool_), (0, 0)))
     decay = math.log(2 + math.sqrt(3))
     assert found.logs[0, -1] < -1900  # of float64 the least is e^-745
     np.testing.assert_allclose(-np.diff(found.logs[0, 1:1400]), decay, rtol=1e-6)
@@ -109,7 +109,7 @@ def test_a_corridor_too_long_for_float64_is_exact_in_logarithms() -> None:
 def test_logs_are_those_of_the_exact_solution() -> None:
     free = np.random.default_rng(0).random((60, 70)) > 0.25
     free[30, 20] = True
-    problem = problem_of(free, (30, 20))
+    problem = laplace_problem(free, (30, 20))
     exact = solve(problem, SolverOptions(solver="direct"))
     with patch.object(harmonic, "TRUSTED", 1e-6):
         found = log_field(problem)
@@ -122,9 +122,9 @@ def test_a_warm_start_finds_what_a_cold_one_does() -> None:
     free = np.random.default_rng(3).random((60, 70)) > 0.25
     goal = (30, 20)
     free[goal] = True
-    first = log_field(problem_of(free, goal))
+    first = log_field(laplace_problem(free, goal))
     free[10:14, 40:44] = False
-    cold, warm = log_field(problem_of(free, goal)), log_field(problem_of(free, goal), warm_start=first)
+    cold, warm = log_field(laplace_problem(free, goal)), log_field(laplace_problem(free, goal), warm_start=first)
     told = np.isfinite(cold.logs)
     np.testing.assert_allclose(warm.logs[told], cold.logs[told], atol=1e-4)
     assert warm.sweeps < cold.sweeps
@@ -132,8 +132,8 @@ def test_a_warm_start_finds_what_a_cold_one_does() -> None:
 
 def test_stages_end_with_the_start_and_the_rest_still_leads_to_the_goal() -> None:
     free = np.ones((5, 400), np.bool_)
-    whole = log_field(problem_of(free, (2, 0)))
-    part = log_field(problem_of(free, (2, 0)), until=(2, 60))
+    whole = log_field(laplace_problem(free, (2, 0)))
+    part = log_field(laplace_problem(free, (2, 0)), until=(2, 60))
     assert part.stages < whole.stages
     assert part.solved.sum() < part.connected == free.size
     assert all_arrive(part)
@@ -145,13 +145,13 @@ def test_only_what_lies_on_a_short_enough_way_is_solved_and_every_descent_arrive
     goal, start, detour = (20, 5), (20, 50), 6
     free[goal] = free[start] = True
     with patch.object(harmonic, "DETOUR", detour):
-        part = log_field(problem_of(free, goal), until=start)
+        part = log_field(laplace_problem(free, goal), until=start)
     to_goal, to_start = steps_to(free, goal), steps_to(free, start)
     within = to_goal + to_start <= to_goal[start] + detour
     assert part.solved[start]
     assert not (part.solved & ~within).any()
     np.testing.assert_array_equal(between_on(free, goal, start, detour), within)
-    assert summits_of(part) == 0
+    assert count_summits(part) == 0
     assert all_arrive(part)
 
 
@@ -169,11 +169,13 @@ def steps_to(free: BoolArray, cell: Cell) -> FloatArray:
 
 
 def between_on(free: BoolArray, goal: Cell, start: Cell, detour: int) -> BoolArray:
-    """`between` on a grid (H, W)."""
-    order, numbers = finished(spread(problem_of(free, goal).absorption, np.empty((0, 0), np.uint8), goal))
+    """`cells_near_shortest` on a grid (H, W)."""
+    order, numbers = finished(
+        breadth_first_order(laplace_problem(free, goal).absorption, np.empty((0, 0), np.uint8), goal)
+    )
     at = int(np.flatnonzero(order == start[0] * free.shape[1] + start[1])[0])
     cells = np.zeros(free.shape, np.bool_)
-    cells.ravel()[order[between(numbers, at, detour)]] = True
+    cells.ravel()[order[cells_near_shortest(numbers, at, detour)]] = True
     return cells
 
 
@@ -210,10 +212,10 @@ def test_for_a_start_that_no_way_leads_from_nothing_is_solved() -> None:
 def test_a_field_solved_in_slices_is_that_solved_in_one_go() -> None:
     free = np.random.default_rng(3).random((60, 70)) > 0.25
     free[30, 20] = True
-    problem = problem_of(free, (30, 20))
+    problem = laplace_problem(free, (30, 20))
     whole = log_field(problem)
-    visits: list[int] = list(log_field_in_parts(problem))
-    slices = sliced(log_field_in_parts(problem), 50_000)
+    visits: list[int] = list(log_field_resumably(problem))
+    slices = in_time_slices(log_field_resumably(problem), 50_000)
     count = 0
     while True:
         try:
@@ -245,8 +247,8 @@ def test_a_field_abandoned_half_way_leaves_the_previous_one_unchanged(monkeypatc
 def test_sweeps_in_logarithms_do_what_plain_python_does() -> None:
     free = np.random.default_rng(5).random((9, 12)) > 0.2
     free[4, 4] = True
-    problem = problem_of(free, (4, 4))
-    order, numbers = finished(spread(problem.absorption, np.empty((0, 0), np.uint8), (4, 4)))
+    problem = laplace_problem(free, (4, 4))
+    order, numbers = finished(breadth_first_order(problem.absorption, np.empty((0, 0), np.uint8), (4, 4)))
     logs = -np.arange(len(order)) / 3.0
     plain = logs.copy()
     for k in range(1, len(order)):
@@ -259,7 +261,7 @@ def test_sweeps_in_logarithms_do_what_plain_python_does() -> None:
 
 
 def test_the_gradient_is_that_of_the_interpolated_field() -> None:
-    found = log_field(problem_of(np.ones((20, 20), np.bool_), (10, 14)))
+    found = log_field(laplace_problem(np.ones((20, 20), np.bool_), (10, 14)))
 
     def v(x: float, y: float) -> float:
         j, i = math.floor(x - 0.5), math.floor(y - 0.5)
@@ -278,7 +280,7 @@ def test_a_streamline_arrives_and_touches_no_wall(seed: int) -> None:
     rng = np.random.default_rng(seed)
     free = rng.random((40, 50)) > 0.25
     free[20, 25] = True
-    found = log_field(problem_of(free, (20, 25)))
+    found = log_field(laplace_problem(free, (20, 25)))
     for row, column in np.argwhere(np.isfinite(found.logs))[::97]:
         line = streamline(found, np.array([column + 0.3, row + 0.6]))
         assert line[-1].tolist() == [25.5, 20.5]
@@ -290,7 +292,7 @@ def test_a_streamline_arrives_and_touches_no_wall(seed: int) -> None:
 def test_a_start_that_is_not_connected_or_outside_is_refused() -> None:
     free = np.ones((10, 10), np.bool_)
     free[:, 5] = False
-    found = log_field(problem_of(free, (2, 2)))
+    found = log_field(laplace_problem(free, (2, 2)))
     for trace in (lambda cell: descend(found, cell), lambda cell: streamline(found, np.array(cell[::-1]) + 0.5)):
         with pytest.raises(NoPath, match="column 8, row 3 is not connected to the goal"):
             trace((3, 8))
@@ -304,11 +306,11 @@ def test_a_one_way_zone_is_never_gone_through_backwards() -> None:
     free[3, 15] = free[17, 15] = True  # two gaps; through the upper one only to the right, away from the goal
     barred = np.zeros(free.shape, np.uint8)
     barred[2:5, 13:18] = directions_against(0.0)
-    found = log_field(problem_of(free, (3, 3)), barred=barred)
+    found = log_field(laplace_problem(free, (3, 3)), barred=barred)
     cells = descend(found, (3, 25))
     assert tuple(cells[-1]) == (3, 3)
     assert [17, 15] in cells.tolist()
-    assert [3, 15] in descend(log_field(problem_of(free, (3, 3))), (3, 25)).tolist()
+    assert [3, 15] in descend(log_field(laplace_problem(free, (3, 3))), (3, 25)).tolist()
 
 
 def test_a_dear_floor_is_avoided() -> None:

@@ -1,4 +1,4 @@
-"""People who cross: where they will be bends the way a little, and what is shorter than going round is waited for."""
+"""People who cross: their prediction bends the path a little, and the chair waits where that is faster than a detour."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ import pytest
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.planning.costmap import costmap_from_grid
-from waychair.planning.forecast import ForecastSettings, People, arrival, predicted_occupancy, with_forecast
+from waychair.planning.forecast import ExpectedPeople, ForecastSettings, arrival, predicted_occupancy, with_forecast
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, plan
 from waychair.planning.keep_right import KeepRightSettings
 from waychair.planning.slices import finished
-from waychair.planning.tracks import Track, seen_from
+from waychair.planning.tracks import Track, transformed_tracks
 from waychair.types import OccupancyGrid, Pose2
 
 GRID = OccupancyGrid(np.zeros((120, 160), np.int8), 0.05, Pose2(-1.0, -1.0, 0.0))
@@ -24,8 +24,8 @@ def walker(x: float, y: float, vx: float, vy: float, sigma: float = 0.05) -> Tra
     return Track(1, 0, 0, 9, np.array([x, y]), np.array([vx, vy]), covariance, 0.3, 0)
 
 
-def among(*walkers: Track, radius: float = 0.4) -> People:
-    return People(walkers, radius)
+def among(*walkers: Track, radius: float = 0.4) -> ExpectedPeople:
+    return ExpectedPeople(walkers, radius)
 
 
 def two_ways(longer: float) -> OccupancyGrid:
@@ -98,13 +98,13 @@ def test_somebody_who_stands_in_the_way_is_waited_for_and_without_a_window_nobod
 START, GOAL = Pose2(1.0, 1.1, 0.0), Pose2(9.0, 1.1, 0.0)
 
 
-def planned(planner: str, people: People, longer: float) -> tuple[float, float, float]:
+def planned(planner: str, people: ExpectedPeople, longer: float) -> tuple[float, float, float]:
     """Lengths [m] of the direct way, of that among people, and of what their forecast alone would make of it."""
     costmap = costmap_from_grid(two_ways(longer), CHAIR_A)
     in_the_middle = KeepRightSettings(aside=0.0)  # so that the same way has the same length
     search = GlobalPlanner(GOAL, PlannerSettings(planner=planner, keep_right=in_the_middle))
     direct = search.replan(costmap, START)
-    chosen = finished(search.replan_among(costmap, lambda: START, people, 0.8))
+    chosen = finished(search.replan_among_people(costmap, lambda: START, people, 0.8))
     expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid))
     return direct.length(), chosen.length(), search.replan(expected, START).length()
 
@@ -131,7 +131,9 @@ def test_a_way_round_is_taken_when_it_is_sooner_than_waiting_and_not_when_it_is_
 def test_the_plan_in_force_is_the_one_that_was_chosen() -> None:
     costmap = costmap_from_grid(two_ways(0.2), CHAIR_A)
     search = GlobalPlanner(GOAL)
-    path = finished(search.replan_among(costmap, lambda: START, among(walker(3.4, -0.2, 0.0, 0.6), radius=0.7), 0.8))
+    path = finished(
+        search.replan_among_people(costmap, lambda: START, among(walker(3.4, -0.2, 0.0, 0.6), radius=0.7), 0.8)
+    )
     np.testing.assert_allclose(search.legs[-1].path.poses[-1], path.poses[-1])
     assert sum(leg.path.length() for leg in search.legs) == pytest.approx(path.length())
 
@@ -139,9 +141,9 @@ def test_the_plan_in_force_is_the_one_that_was_chosen() -> None:
 def test_tracks_seen_from_another_frame_are_the_same_people() -> None:
     track = walker(2.0, 1.0, 0.5, 0.0)
     map_from_odom = Pose2(1.0, -2.0, math.pi / 2)
-    (seen,) = seen_from(map_from_odom, [track])
+    (seen,) = transformed_tracks(map_from_odom, [track])
     np.testing.assert_allclose(seen.position, [0.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(seen.velocity, [0.0, 0.5], atol=1e-12)
-    (back,) = seen_from(map_from_odom.inverse(), [seen])
+    (back,) = transformed_tracks(map_from_odom.inverse(), [seen])
     np.testing.assert_allclose(back.row(1.5), track.row(1.5), atol=1e-12)
     np.testing.assert_allclose(back.covariance, track.covariance, atol=1e-12)

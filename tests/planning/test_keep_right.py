@@ -15,7 +15,7 @@ from waychair.calibration.chair import CHAIR_A
 from waychair.maps.zones import Rule, Zone
 from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.footprint import fits
-from waychair.planning.forecast import People
+from waychair.planning.forecast import ExpectedPeople
 from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
 from waychair.planning.keep_right import KeepRightSettings, kept_right
 from waychair.planning.slices import finished
@@ -130,8 +130,8 @@ def test_the_planner_keeps_right_among_people_and_in_the_middle_alone() -> None:
     costmap = costmap_from_grid(corridor(), CHAIR_A)
     somebody = walker(30.0, 1.0, -1.0, 0.0)
     search = GlobalPlanner(GOAL, PlannerSettings())
-    alone = finished(search.replan_among(costmap, lambda: START, People((), 0.7), 0.8))
-    among = finished(search.replan_among(costmap, lambda: START, People((somebody,), 0.7), 0.8))
+    alone = finished(search.replan_among_people(costmap, lambda: START, ExpectedPeople((), 0.7), 0.8))
+    among = finished(search.replan_among_people(costmap, lambda: START, ExpectedPeople((somebody,), 0.7), 0.8))
     middle, right = (path.poses[np.abs(path.poses[:, 0] - 5.0) < 1.0, 1] for path in (alone, among))
     np.testing.assert_allclose(middle, 1.0, atol=0.06)
     np.testing.assert_allclose(right, 0.6, atol=0.06)

@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 from tests.planning.plain_multigrid import drawn, plain_cycle, scattered, walls_of
 
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, MissingExtra, NotConverged
-from waychair.planning.conjugate_gradients import conjugate_gradients, rest_of
+from waychair.planning.conjugate_gradients import conjugate_gradients, write_residual
 from waychair.planning.laplace_gpu import gpu_at_hand
 from waychair.planning.laplace_solvers import (
     PAPER_SOLVER,
-    Problem,
+    LaplaceProblem,
     SolverOptions,
-    problem_of,
+    laplace_problem,
     relative_residual,
     relax,
     solve,
@@ -57,7 +57,7 @@ def test_values_lie_between_those_of_the_goal_and_of_obstacles() -> None:
 
 
 def test_a_narrow_corridor_decays_by_two_plus_root_three_a_cell() -> None:
-    found = solve(problem_of(np.ones((1, 15), np.bool_), (0, 0)), SolverOptions(solver="direct"))
+    found = solve(laplace_problem(np.ones((1, 15), np.bool_), (0, 0)), SolverOptions(solver="direct"))
     np.testing.assert_allclose(found.v[0, :8] / found.v[0, 1:9], 2 + math.sqrt(3), rtol=1e-5)
 
 
@@ -99,7 +99,7 @@ def test_the_kernels_do_what_plain_loops_do() -> None:
     x, b = drawn(walls, 0), drawn(walls, 1)
     free = np.pad(walls < np.inf, 1)
     rest, left = np.zeros_like(x), np.zeros_like(x)
-    assert rest_of(walls, x, b, rest) ** 2 == pytest.approx(float(np.vdot(rest, rest)))
+    assert write_residual(walls, x, b, rest) ** 2 == pytest.approx(float(np.vdot(rest, rest)))
     relaxed = x.copy()
     for i in range(1, x.shape[0] - 1):
         for j in range(1, x.shape[1] - 1):
@@ -140,13 +140,13 @@ def test_after_changed_cells_a_warm_start_finds_the_same_with_less_work_if_they_
         free[wall], free[:, wall] = False, False
         for door in (30, 100, 180, 250):
             free[wall, door : door + 6] = free[door : door + 6, wall] = True
-    before, rng = problem_of(free, goal), np.random.default_rng(1)
+    before, rng = laplace_problem(free, goal), np.random.default_rng(1)
     field = solve(before)
     changed = free.copy()
     cells = rng.integers(5, 275, (20, 2)) if apart else rng.integers(85, 125, (20, 2))
     changed[cells[:, 0], cells[:, 1]] ^= True
     changed[goal] = True
-    problem = problem_of(changed, goal)
+    problem = laplace_problem(changed, goal)
     cold, warm = solve(problem), solve(problem, SolverOptions(), field)
     assert warm.residual <= 1e-8
     assert warm.sweeps <= (cold.sweeps if apart else 1)
@@ -158,15 +158,15 @@ def test_a_goal_that_is_no_free_cell_is_refused() -> None:
     free = np.ones((4, 5), np.bool_)
     free[1, 2] = False
     with pytest.raises(GoalOccupied, match="column 2, row 1 is occupied; choose a free cell"):
-        problem_of(free, (1, 2))
+        laplace_problem(free, (1, 2))
     with pytest.raises(GoalOutsideMap, match="lies outside the map of 5 columns and 4 rows"):
-        problem_of(free, (4, 2))
+        laplace_problem(free, (4, 2))
 
 
 def test_a_map_that_takes_too_much_memory_is_refused_before_any_is_taken() -> None:
     absorption: Float32Array = np.broadcast_to(np.float32(0.0), (100_000, 100_000))
     with pytest.raises(MapTooLarge, match="a map of 10000000000 cells takes 700000 MB by multigrid"):
-        solve(Problem(absorption, (0, 0)))
+        solve(LaplaceProblem(absorption, (0, 0)))
 
 
 def test_no_convergence_in_the_sweeps_or_the_time_allowed_is_said() -> None:
@@ -174,13 +174,13 @@ def test_no_convergence_in_the_sweeps_or_the_time_allowed_is_said() -> None:
     with pytest.raises(NotConverged, match=r"after 3 sweeps of sor, not 1\.0e-08"):
         solve(problem, SolverOptions(solver="sor", most_sweeps=3))
     with pytest.raises(NotConverged, match="after 0 sweeps of multigrid"):
-        solve(problem, SolverOptions(), go_on=lambda: False)
+        solve(problem, SolverOptions(), has_time=lambda: False)
 
 
 def test_a_goal_walled_in_on_all_sides_has_a_field_of_its_own_cell() -> None:
     free: BoolArray = np.zeros((5, 5), np.bool_)
     free[2, 2] = free[0, 0] = True
-    found = solve(problem_of(free, (2, 2)))
+    found = solve(laplace_problem(free, (2, 2)))
     assert found.v.sum() == 1.0
 
 
@@ -238,7 +238,7 @@ def test_conjugate_gradients_leave_an_exact_answer_alone() -> None:
     walls = walls_of(scattered(10))
     x = drawn(walls, 0)
     b, none = np.zeros_like(x), np.zeros_like(x)
-    rest_of(walls, x, none, b)
+    write_residual(walls, x, none, b)
     b = -b
     residual, cycles = finished(conjugate_gradients(walls, levels_from(walls), x, b, 1e-15, 10))
     assert (residual, cycles) == (0.0, 0)

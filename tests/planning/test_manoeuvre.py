@@ -18,7 +18,7 @@ from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.fine_field import FINEST, fine_field
 from waychair.planning.footprint import fits
 from waychair.planning.global_planner import GlobalPlanner
-from waychair.planning.manoeuvre import ManoeuvreAttempt, manoeuvre, manoeuvre_in_slices
+from waychair.planning.manoeuvre import ManoeuvreAttempt, manoeuvre, manoeuvre_resumably
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 
@@ -155,7 +155,7 @@ def test_in_slices_the_same_path_is_found_and_no_slice_takes_many_more_checks_th
     start, goal = Pose2(3.5, 1.2, 0.05), Pose2(1.5, 1.25, math.pi)
     whole = manoeuvre(field, CHAIR_A, start, goal)
     monkeypatch.setattr(manoeuvre_module, "CHECKS_PER_STEP", part)
-    slices = manoeuvre_in_slices(field, CHAIR_A, start, goal)
+    slices = manoeuvre_resumably(field, CHAIR_A, start, goal)
     count = 0
     while True:
         try:

@@ -8,8 +8,8 @@ from tests.planning.plain_multigrid import scattered
 
 from waychair.planning import memory as module
 from waychair.planning.laplace_solvers import solve
-from waychair.planning.levels import levels_from, size_of_levels
-from waychair.planning.memory import borrowed, new_memory
+from waychair.planning.levels import levels_from, levels_size
+from waychair.planning.memory import borrowed_scratch_memory, new_scratch_memory
 
 
 @pytest.fixture(autouse=True)
@@ -18,7 +18,7 @@ def nothing_kept(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_parts_do_not_overlap() -> None:
-    memory = new_memory(1000)
+    memory = new_scratch_memory(1000)
     first, second, third = memory.take((3, 5)), memory.take((7,), np.uint8), memory.framed((4, 6), np.float64)
     first[:], second[:], third[1:-1, 1:-1] = 1.0, 2, 3.0
     assert (first == 1.0).all()
@@ -28,11 +28,11 @@ def test_parts_do_not_overlap() -> None:
 
 
 def test_what_was_given_back_is_lent_again_and_to_one_at_a_time() -> None:
-    with borrowed(1000) as memory:
+    with borrowed_scratch_memory(1000) as memory:
         first = memory.take((10,))
-    with borrowed(500) as memory:
+    with borrowed_scratch_memory(500) as memory:
         second = memory.take((10,))
-        with borrowed(1000) as other:
+        with borrowed_scratch_memory(1000) as other:
             third = other.take((10,))
     assert np.shares_memory(first, second)
     assert not np.shares_memory(second, third)
@@ -41,15 +41,15 @@ def test_what_was_given_back_is_lent_again_and_to_one_at_a_time() -> None:
 
 def test_very_much_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_MOST_KEPT", 100)
-    with borrowed(1000):
+    with borrowed_scratch_memory(1000):
         pass
     assert module._kept == []
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 200), (37, 50), (64, 64), (129, 7)])
 def test_levels_take_no_more_than_they_say(shape: tuple[int, int]) -> None:
-    size = size_of_levels(shape)
-    memory = new_memory(size + 64)
+    size = levels_size(shape)
+    memory = new_scratch_memory(size + 64)
     levels_from(np.zeros(shape, np.float32), memory)
     assert memory.take((64,), np.uint8).shape == (64,), "what was beyond them is left"
 

@@ -10,7 +10,7 @@ import pytest
 from waychair.calibration.chair import CHAIR_A
 from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.global_planner import GlobalPlanner, plan
-from waychair.planning.legs import Leg, Manner
+from waychair.planning.legs import DrivingManner, PathLeg
 from waychair.planning.narrows import line_up
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
@@ -93,7 +93,7 @@ def corridor_with_door(width: float) -> Costmap:
     return costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A)
 
 
-def legs(costmap: Costmap, start: Pose2, goal: Pose2) -> tuple[Leg, ...]:
+def legs(costmap: Costmap, start: Pose2, goal: Pose2) -> tuple[PathLeg, ...]:
     planner = GlobalPlanner(goal)
     planner.replan(costmap, start)
     return planner.legs
@@ -102,7 +102,7 @@ def legs(costmap: Costmap, start: Pose2, goal: Pose2) -> tuple[Leg, ...]:
 @pytest.mark.parametrize("start", [2.0, 10.0])
 def test_a_door_round_a_sharp_corner_is_lined_up_with_and_gone_through_straight(start: float) -> None:
     way = legs(corridor_with_door(0.9), Pose2(start, 2.0), Pose2(6.0, 5.0, math.pi / 2))
-    (k,) = (k for k, leg in enumerate(way) if leg.manner is Manner.DOOR)
+    (k,) = (k for k, leg in enumerate(way) if leg.manner is DrivingManner.DOOR)
     before, through = way[k - 1].path.poses, way[k].path.poses
     assert before[-1, 2] == pytest.approx(math.pi / 2, abs=0.05), "straight before the door"
     np.testing.assert_array_equal(before[-1, :2], through[0, :2])
@@ -114,17 +114,17 @@ def test_a_door_round_a_sharp_corner_is_lined_up_with_and_gone_through_straight(
 
 def test_a_wide_door_is_driven_to_in_a_curve() -> None:
     way = legs(corridor_with_door(2.0), Pose2(2.0, 2.0), Pose2(6.0, 5.0, math.pi / 2))
-    assert [leg.manner for leg in way] == [Manner.FREE, Manner.EXACT]
+    assert [leg.manner for leg in way] == [DrivingManner.FREE, DrivingManner.EXACT]
     assert way[0].flows
 
 
 def test_a_start_in_the_door_and_straight_goes_on_from_there_and_a_goal_in_it_ends_there() -> None:
     costmap = doorway(0.8)
     begin = legs(costmap, Pose2(5.0, 4.0, 0.02), Pose2(9.0, 4.0))
-    assert begin[0].manner is Manner.DOOR
+    assert begin[0].manner is DrivingManner.DOOR
     assert begin[0].path.poses[0, 0] == pytest.approx(5.0, abs=0.02)
     end = legs(costmap, Pose2(2.0, 4.0), Pose2(5.0, 4.0, 0.0))
-    (door,) = (leg for leg in end if leg.manner is Manner.DOOR)
+    (door,) = (leg for leg in end if leg.manner is DrivingManner.DOOR)
     assert door.path.poses[-1, 0] == pytest.approx(5.0, abs=0.02)
 
 
@@ -132,9 +132,9 @@ def test_where_no_door_was_found_the_narrow_place_is_planned_like_any_other_from
     costmap = doorway(0.8)
     planner = GlobalPlanner(Pose2(9.0, 4.0))
     planner.replan(costmap, Pose2(2.0, 4.0))
-    (leg,) = (leg for leg in planner.legs if leg.manner is Manner.DOOR)
+    (leg,) = (leg for leg in planner.legs if leg.manner is DrivingManner.DOOR)
     assert leg.door is not None
     planner.distrust(leg.door)
     path = planner.replan(costmap, Pose2(3.0, 4.2))
     assert path.poses[-1, 0] == pytest.approx(9.0)
-    assert not any(leg.manner is Manner.DOOR for leg in planner.legs)
+    assert not any(leg.manner is DrivingManner.DOOR for leg in planner.legs)

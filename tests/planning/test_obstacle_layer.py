@@ -18,7 +18,7 @@ from waychair.planning.obstacle_layer import (
     any_nearer,
     between_heights,
     on_ground,
-    passed,
+    passed_points,
     sight_from_depth,
     sight_from_points,
     sights_from_sonar,
@@ -128,7 +128,7 @@ def test_the_kernel_says_what_plain_numpy_says(seed: int, count: int) -> None:
     near = np.where(rng.random(count) < 0.3, rng.uniform(0, 4, count), 0.0)
     far, hits = near + rng.uniform(0, 6, count), rng.random(count) < 0.5
     arguments = points, bearings, near, far, hits, float(rng.uniform(0, 0.3)), 0.05, 0.1
-    assert passed(*arguments).tolist() == plain_passed(*arguments)
+    assert passed_points(*arguments).tolist() == plain_passed(*arguments)
 
 
 def plain_between_heights(

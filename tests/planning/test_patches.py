@@ -8,10 +8,10 @@ from tests.planning.plain_multigrid import ROUND, drawn, plain_cycle, scattered,
 
 from waychair.planning import patches as module
 from waychair.planning.conjugate_gradients import conjugate_gradients
-from waychair.planning.laplace_solvers import problem_of
-from waychair.planning.levels import Level, levels_from
-from waychair.planning.multigrid import v_cycle, v_cycle_in_parts
-from waychair.planning.patches import Patches, Place, patches_of
+from waychair.planning.laplace_solvers import laplace_problem
+from waychair.planning.levels import MultigridLevel, levels_from
+from waychair.planning.multigrid import v_cycle, v_cycle_resumably
+from waychair.planning.patches import CellRectangle, SmoothingPatches, smoothing_patches
 from waychair.planning.slices import finished
 from waychair.types import Float32Array, FloatArray
 
@@ -24,7 +24,7 @@ def small(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_ROUND", ROUND)
 
 
-def place(top: int, left: int, bottom: int, right: int) -> Place:
+def place(top: int, left: int, bottom: int, right: int) -> CellRectangle:
     return np.array([top, left]), np.array([bottom, right])
 
 
@@ -32,10 +32,10 @@ PLACES = [place(4, 5, 6, 6), place(5, 9, 5, 9), place(18, 1, 21, 3)]
 """Two that overlap with what lies round them, and one at a corner."""
 
 
-def made(seed: int = 5) -> tuple[Float32Array, tuple[Level, ...], Patches]:
+def made(seed: int = 5) -> tuple[Float32Array, tuple[MultigridLevel, ...], SmoothingPatches]:
     walls = walls_of(scattered(seed, 21, 30))
     levels = levels_from(walls)
-    return walls, levels, patches_of(levels, PLACES)
+    return walls, levels, smoothing_patches(levels, PLACES)
 
 
 @pytest.mark.usefixtures("small")
@@ -57,7 +57,7 @@ def test_with_patches_it_is_symmetric_and_positive_and_tells_its_product() -> No
 
     def cycled(b: FloatArray) -> FloatArray:
         levels[0].b[:] = b
-        product = finished(v_cycle_in_parts(levels, patches))
+        product = finished(v_cycle_resumably(levels, patches))
         x = levels[0].x.astype(np.float64)
         assert product == pytest.approx(np.vdot(b, x), rel=1e-5)
         return x
@@ -72,23 +72,23 @@ def test_what_stands_alone_on_an_open_floor_takes_fewer_cycles_with_a_patch_roun
     rng = np.random.default_rng(1)
     cells = np.array([400, 250]) + rng.integers(-20, 21, (20, 2))
     free[cells[:, 0], cells[:, 1]] = False
-    walls = walls_of(problem_of(free, goal))
+    walls = walls_of(laplace_problem(free, goal))
     b = np.zeros((side + 2, side + 2))
     for d, e in ((0, 1), (0, -1), (1, 0), (-1, 0)):
         b[goal[0] + 1 + d, goal[1] + 1 + e] = 1.0
     levels = levels_from(walls)
     places = [place(200, 300, 202, 302), (cells.min(axis=0) + 1, cells.max(axis=0) + 1)]
 
-    def cycles(patches: Patches) -> int:
+    def cycles(patches: SmoothingPatches) -> int:
         residual, count = finished(conjugate_gradients(walls, levels, np.zeros_like(b), b, 1e-8, 30, None, patches))
         assert residual <= 1e-8
         return count
 
-    assert cycles(patches_of(levels, places)) <= cycles(()) - 2
+    assert cycles(smoothing_patches(levels, places)) <= cycles(()) - 2
 
 
 def test_where_they_are_not_worth_their_time_there_are_none() -> None:
     levels = levels_from(walls_of(scattered(1, 60, 60)))
-    assert patches_of(levels, [place(30, 30, 31, 31)]) == ()
+    assert smoothing_patches(levels, [place(30, 30, 31, 31)]) == ()
     large = levels_from(np.zeros((520, 520), np.float32))
-    assert patches_of(large, [place(1, 1, 400, 400)])[0] == ()
+    assert smoothing_patches(large, [place(1, 1, 400, 400)])[0] == ()

@@ -20,12 +20,12 @@ from waychair.planning.costmap import Costmap, costmap_from_grid
 from waychair.planning.global_planner import PlannerSettings, plan
 from waychair.planning.grid_planner import plan_on_cells
 from waychair.planning.harmonic import log_field
-from waychair.planning.laplace_solvers import problem_of
+from waychair.planning.laplace_solvers import laplace_problem
 from waychair.planning.rubber_band import (
     _sharpest_about,
     band,
-    length_of,
     log_between,
+    polyline_length,
     resampled,
     turning_angles,
 )
@@ -44,7 +44,7 @@ def test_after_the_band_no_turn_is_sharp_no_way_longer_and_the_chair_fits(scene:
     lines = bands(scene)
     assert sharpest(lines.descent) > 35
     assert sharpest(lines.ours) <= 15
-    assert length_of(lines.ours) <= length_of(lines.descent)
+    assert polyline_length(lines.ours) <= polyline_length(lines.descent)
     assert rectangle_fits(lines.costmap, lines.ours)
     np.testing.assert_allclose(lines.ours[[0, -1]], lines.descent[[0, -1]])
 
@@ -53,7 +53,7 @@ def test_after_the_band_no_turn_is_sharp_no_way_longer_and_the_chair_fits(scene:
 def test_the_papers_band_softens_the_turns_and_shortens_the_way(scene: BandScene) -> None:
     lines = bands(scene)
     assert sharpest(lines.paper) < 0.6 * sharpest(lines.descent)
-    assert length_of(lines.paper) <= length_of(lines.descent)
+    assert polyline_length(lines.paper) <= polyline_length(lines.descent)
     rows, columns = np.floor(lines.paper[:, ::-1]).astype(int).T
     assert np.isfinite(lines.found.logs[rows, columns]).all()
 
@@ -72,7 +72,7 @@ def test_on_d_star_lites_paths_the_band_crosses_nothing_and_is_never_longer(seed
         return
     with patch.object(rubber_band, "PASSES", 100):
         line = finished(band(costmap, chain))
-    assert length_of(line) <= length_of(chain) + 1e-9
+    assert polyline_length(line) <= polyline_length(chain) + 1e-9
     fine = resampled(line, 0.2)
     rows, columns = np.floor(fine[:, ::-1]).astype(int).T
     assert (costmap.prices[rows, columns] > 0).all()
@@ -120,7 +120,7 @@ def test_turns_about_a_point_are_the_polylines() -> None:
 
 
 def test_log_between_middles_is_that_of_the_interpolated_field() -> None:
-    found = log_field(problem_of(np.ones((9, 9), np.bool_), (4, 6)))
+    found = log_field(laplace_problem(np.ones((9, 9), np.bool_), (4, 6)))
     v = np.exp(found.logs)
     x, y = 2.9, 3.7
     a, b = x - 2.5, y - 3.5

@@ -16,19 +16,19 @@ from waychair.types import Path, Pose2, Twist
 
 KERNELS = (
     dwa_kernels.measure,
-    dwa_kernels.people_ahead,
+    dwa_kernels.meetings_with_people,
     dwa_kernels.fits_after,
     footprint.free_time,
     footprint.room,
     manoeuvre._search,
-    manoeuvre._ways_to,
+    manoeuvre._distances_to,
     manoeuvre._chain,
     ground._beams,
     ground.follow_ground,
     obstacle_layer.any_nearer,
     obstacle_layer.between_heights,
     obstacle_layer.on_ground,
-    obstacle_layer.passed,
+    obstacle_layer.passed_points,
     openings._chords,
     way_out._shortest,
 )

@@ -13,9 +13,9 @@ from waychair.maps.distance_field import DistanceField
 from waychair.planning.costmap import costmap_from_grid
 from waychair.planning.fine_field import fine_field
 from waychair.planning.global_planner import GlobalPlanner
-from waychair.planning.legs import Manner
+from waychair.planning.legs import DrivingManner
 from waychair.planning.slices import finished
-from waychair.planning.way_out import way_out, why_cramped
+from waychair.planning.way_out import leading_out_path, reason_for_cramped
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 WALL, SIDE = 0.2, 5.0
@@ -55,7 +55,7 @@ def test_two_centimetres_from_the_wall_a_chair_finds_its_way_out_and_swings_no_e
     body: ChairBody, place: str
 ) -> None:
     start = parked(body, 0.02, place)
-    poses = finished(way_out(field_round(start), body, start))
+    poses = finished(leading_out_path(field_round(start), body, start))
     assert poses is not None
     assert poses[0] == pytest.approx(start.array())
     assert gaps(body, poses).min() > 0.008
@@ -69,7 +69,7 @@ def test_two_centimetres_from_the_wall_a_chair_finds_its_way_out_and_swings_no_e
 
 def test_the_end_that_swings_out_comes_nearer_by_no_more_than_a_third() -> None:
     start = parked(CHAIR_B, 0.028, "beside")
-    poses = finished(way_out(field_round(start), CHAIR_B, start))
+    poses = finished(leading_out_path(field_round(start), CHAIR_B, start))
     assert poses is not None
     assert 0.028 * 2 / 3 - 0.01 < gaps(CHAIR_B, poses).min() < 0.028, "every turn begins with a little"
 
@@ -77,14 +77,14 @@ def test_the_end_that_swings_out_comes_nearer_by_no_more_than_a_third() -> None:
 def test_who_has_room_or_touches_the_wall_or_is_boxed_in_is_not_led_out() -> None:
     for gap in (0.1, -0.01):
         start = parked(CHAIR_B, gap, "beside")
-        assert finished(way_out(field_round(start), CHAIR_B, start)) is None
+        assert finished(leading_out_path(field_round(start), CHAIR_B, start)) is None
     box = np.full((200, 200), 100, np.int8)
     body = CHAIR_B
     box[20 : 20 + math.ceil(body.width / 0.01) + 5, 20 : 20 + math.ceil(body.length / 0.01) + 5] = 0
     grid, start = OccupancyGrid(box, 0.01), Pose2(0.225 + body.rear, 0.225 + body.width / 2, 0.0)
     field = fine_field(grid, start, 2.0)
-    assert why_cramped(field, body, start) is not None
-    assert finished(way_out(field, body, start)) is None
+    assert reason_for_cramped(field, body, start) is not None
+    assert finished(leading_out_path(field, body, start)) is None
 
 
 def test_the_plan_of_a_parked_chair_leads_out_before_it_turns() -> None:
@@ -92,7 +92,7 @@ def test_the_plan_of_a_parked_chair_leads_out_before_it_turns() -> None:
     planner = GlobalPlanner(Pose2(2.5, 3.5, math.pi))
     planner.replan(costmap_from_grid(square(), CHAIR_B), start)
     first = planner.legs[0]
-    assert first.manner is Manner.EXACT
+    assert first.manner is DrivingManner.EXACT
     for leg in planner.legs:
         assert gaps(CHAIR_B, leg.path.poses).min() > 0.008
     assert gaps(CHAIR_B, first.path.poses[-1:])[0] > 0.03
@@ -108,4 +108,4 @@ def test_the_plan_of_a_parked_chair_leads_out_before_it_turns() -> None:
 def test_a_rider_is_told_on_which_side_there_is_no_room(x: float, y: float, theta: float, side: str | None) -> None:
     pose = Pose2(x, y, theta)
     why = None if side is None else f"what is {side} leaves the chair no room to turn"
-    assert why_cramped(field_round(pose), CHAIR_B, pose) == why
+    assert reason_for_cramped(field_round(pose), CHAIR_B, pose) == why
