@@ -227,7 +227,7 @@ def run_barn(
     """Run one world from start number `start`, which seeds the start offset, the noise and the odometry errors."""
     rng = np.random.default_rng(seed_from_names("barn", environment.name, start))
     truth = environment.start @ _start_error(rng)
-    way_scale, turn_scale = (1.0 + ODOMETRY_SCALE * rng.standard_normal(2)).tolist()
+    distance_scale, turn_scale = (1.0 + ODOMETRY_SCALE * rng.standard_normal(2)).tolist()
     lidar = Lidar(LIDAR, body, rng)
     scenery = scenery_from_slice(Slice(np.empty((0, 4)), np.empty(0, np.int64)))
     odom = Pose2()
@@ -250,36 +250,36 @@ def run_barn(
         plans, reason = navigation.plans, navigation.reason
         pending.append(navigation.twist)
         twist = pending.popleft()
-        way, turn = twist.v * PERIOD, twist.omega * PERIOD
+        distance, turn = twist.v * PERIOD, twist.omega * PERIOD
         for share in range(1, _STEPS + 1):
-            passed = truth @ arc(way * share / _STEPS, turn * share / _STEPS)
+            passed = truth @ arc(distance * share / _STEPS, turn * share / _STEPS)
             clearance = min(clearance, clearance_among(environment.cylinders, body, passed))
-        truth, odom = truth @ arc(way, turn), odom @ arc(way * way_scale, turn * turn_scale)
+        truth, odom = truth @ arc(distance, turn), odom @ arc(distance * distance_scale, turn * turn_scale)
         now_ns += TICK_NS
         poses.append(truth)
-        if began is None and _apart(truth, poses[0]) >= CLOCK_FROM:
+        if began is None and _distance(truth, poses[0]) >= CLOCK_FROM:
             began = now_ns
         if clearance <= 0.0:
             outcome = "contact"
-        elif _apart(truth, environment.goal) <= GOAL_TOLERANCE:
+        elif _distance(truth, environment.goal) <= GOAL_TOLERANCE:
             outcome = "success"
         elif navigation.stage is Stage.FAILED:
             break
     time_s = (now_ns - (began or 0)) * 1e-9
     optimal = environment.path_length / OPTIMAL_SPEED
     score = optimal / min(max(time_s, 2 * optimal), 8 * optimal) if outcome == "success" else 0.0
-    way_driven = np.array([pose.array() for pose in poses])
+    driven = np.array([pose.array() for pose in poses])
     return BarnRun(
         world=environment.name,
         start=start,
         outcome=outcome,
         time_s=time_s,
         score=score,
-        distance_m=float(np.hypot(*np.diff(way_driven[:, :2], axis=0).T).sum()),
+        distance_m=float(np.hypot(*np.diff(driven[:, :2], axis=0).T).sum()),
         clearance_m=clearance,
         plans=plans,
         reason=reason,
-        truth=way_driven,
+        truth=driven,
     )
 
 
@@ -320,7 +320,7 @@ def _share(runs: Sequence[BarnRun], outcome: str) -> float:
     return sum(run.outcome == outcome for run in runs) / len(runs)
 
 
-def _apart(first: Pose2, second: Pose2) -> float:
+def _distance(first: Pose2, second: Pose2) -> float:
     return math.hypot(first.x - second.x, first.y - second.y)
 
 

@@ -48,8 +48,7 @@ from waychair.trials.drive import (
     localise_by_joystick,
     simulated_chair,
 )
-from waychair.trials.record import drive_route
-from waychair.trials.revisits import true_trajectory
+from waychair.trials.record import drive_route, true_trajectory
 from waychair.trials.ride import RecordingSimulator, Ride, ride_of
 from waychair.types import FloatArray, Place, Pose2, Scan, WheelTicks
 

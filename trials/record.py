@@ -14,8 +14,9 @@ import numpy as np
 
 from waychair.calibration.chair import ChairBody, sonar_mounts
 from waychair.geometry import in_space
-from waychair.recording import RecordingWriter
+from waychair.recording import InputSettings, RecordingWriter, read_recording
 from waychair.ros_messages import CAMERA_FRAME, CAMERA_FROM_OPTICAL, IMU_FRAME, LASER_FRAME, SONAR_FRAME
+from waychair.rosbag_reader import BagSettings
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.pacing import Pacer
 from waychair.simulation.plant import PlantSettings
@@ -30,11 +31,15 @@ from waychair.types import (
     RgbdFrame,
     Scan,
     SonarReadings,
+    Trajectory,
     WheelTicks,
 )
 
 EPOCH_NS = 1_700_000_000 * 10**9
 """Stamp of the start of a simulated drive in a bag: real bags carry wall-clock stamps."""
+
+TRUTH = "/ground_truth/odom"
+"""Topic of the true poses in the bag of a simulated drive."""
 
 _Stamped = TypeVar("_Stamped", bound=Scan | Odometry | ImuSample | WheelTicks | RgbdFrame | SonarReadings)
 
@@ -117,6 +122,14 @@ def mounts_of(body: ChairBody, sonar_height: float) -> dict[str, Pose3]:
         CAMERA_FRAME: Pose3(optical.rotation @ CAMERA_FROM_OPTICAL.rotation.T, optical.translation),
         **{SONAR_FRAME.format(k): in_space(at, sonar_height) for k, at in enumerate(sonar_mounts(body))},
     }
+
+
+def true_trajectory(bag: Path) -> Trajectory:
+    """Return the true trajectory of a recorded simulated drive, in the world frame."""
+    recording = read_recording(bag, InputSettings(bag=BagSettings(odom_topic=TRUTH)))
+    readings = [reading for frame in recording.frames for reading in frame.wheels if isinstance(reading, Odometry)]
+    stamps = np.array([reading.stamp_ns for reading in readings], np.int64)
+    return Trajectory(stamps, np.array([reading.odom_from_base.array() for reading in readings]))
 
 
 def _wall_clock(message: _Stamped) -> _Stamped:

@@ -21,8 +21,7 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A
 from waychair.geometry import compose, invert, pose_from_array, wrap_angles
-from waychair.recording import InputSettings, read_recording
-from waychair.rosbag_reader import BagSettings
+from waychair.recording import read_recording
 from waychair.runtime.appearance_mapping import MemoryBuilder
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.simulation.camera import CameraSettings
@@ -33,10 +32,9 @@ from waychair.slam.edges import EdgeKind
 from waychair.slam.evaluation import poses_at, truth_errors
 from waychair.slam.mapper import MapperResult
 from waychair.slam.nodes import LOOPS, LinkKind
-from waychair.trials.record import drive_route
-from waychair.types import BoolArray, FloatArray, IntArray, Json, Odometry, Pose2, Trajectory
+from waychair.trials.record import drive_route, true_trajectory
+from waychair.types import BoolArray, FloatArray, IntArray, Json, Pose2, Trajectory
 
-TRUTH = "/ground_truth/odom"
 _NEAR, _TURN, _BEFORE_NS = 1.0, np.radians(30.0), 30_000_000_000
 _WRONG, _WRONG_TURN = 0.5, np.radians(15.0)
 _PAUSE = 10
@@ -80,14 +78,6 @@ def map_drive(bag: Path, *, camera: bool = True, settings: AppearanceSettings | 
     if appearance is not None:
         appearance.finish(live.mapper)
     return MappedDrive(result, appearance, true_trajectory(bag))
-
-
-def true_trajectory(bag: Path) -> Trajectory:
-    """Return the true trajectory of a recorded simulated drive, in the world frame."""
-    recording = read_recording(bag, InputSettings(bag=BagSettings(odom_topic=TRUTH)))
-    readings = [reading for frame in recording.frames for reading in frame.wheels if isinstance(reading, Odometry)]
-    stamps = np.array([reading.stamp_ns for reading in readings], np.int64)
-    return Trajectory(stamps, np.array([reading.odom_from_base.array() for reading in readings]))
 
 
 def trajectory_error(drive: MappedDrive) -> float:

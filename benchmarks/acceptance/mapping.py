@@ -21,7 +21,7 @@ from waychair.simulation.world import load_world
 from waychair.slam.evaluation import read_relations, relation_errors, truth_errors
 from waychair.slam.mapper import Mapper, MapperSettings, odometry_of
 from waychair.trials.map_score import wall_agreement
-from waychair.trials.revisits import true_trajectory
+from waychair.trials.record import true_trajectory
 from waychair.types import Json, Odometry, SensorFrame
 
 PASSES = 10

@@ -1,4 +1,4 @@
-"""A measurement of hours may be interrupted: what was done is taken up, and never that of other code."""
+"""Interrupted measurements reuse their results, but never those of other code."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from benchmarks.acceptance.runs import over_seeds
 
 
 def _noted(notes: Path, seed: int) -> int:
-    """The square of a seed; that it was asked for is noted."""
+    """Return the square of a seed, and note the call."""
     with notes.open("a") as file:
         file.write(f"{seed}\n")
     return seed * seed
@@ -36,7 +36,7 @@ def test_runs_of_another_name_are_others(tmp_path: Path, monkeypatch: pytest.Mon
 
 @pytest.fixture
 def checkout(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A repository with a file in each folder."""
+    """Create a repository with a file in each folder."""
     for name in (*runs._RUNS, "docs"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "file").write_text("one")

@@ -1,4 +1,4 @@
-"""`waychair` as a user types it. A process of its own spends a second or two on its imports, so few tests start one."""
+"""`waychair` as a user types it; few tests start a process, as its imports take a second or two."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ import pytest
 from waychair.cli.main import main
 
 WAYCHAIR = Path(sys.executable).parent / "waychair"
-"""The installed program, for tests of what only a process shows: that it can be started, interrupted and killed."""
+"""The installed program, for tests that start, interrupt or kill a process."""
 
 
 def waychair(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """What the program says and returns, run in this process; an error that it does not tell in a sentence is raised."""
+    """Run the program in this process and return its output and exit code; unexpected errors are raised."""
     command, said, told, code = [str(WAYCHAIR), *map(str, arguments)], io.StringIO(), io.StringIO(), 0
     with contextlib.ExitStack() as stack:
         stack.enter_context(pytest.MonkeyPatch.context()).setattr(sys, "argv", command)
@@ -34,13 +34,13 @@ def waychair(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
 
 
 def started(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    """The same of the installed program, in a process of its own."""
+    """Run the installed program in a separate process."""
     command = [str(WAYCHAIR), *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, check=False)
 
 
 def refused(done: subprocess.CompletedProcess[str]) -> str:
-    """The one sentence on standard error of a command that failed as it should."""
+    """Return the single sentence on standard error of a failed command."""
     assert done.returncode == 1, done.stdout
     assert "Traceback" not in done.stderr
     (sentence,) = [line for line in done.stderr.splitlines() if line.startswith("waychair: ")]

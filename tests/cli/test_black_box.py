@@ -1,4 +1,4 @@
-"""`waychair why` and `--box`: from a drive to its explanation, and one sentence for whatever is wrong."""
+"""`waychair why` and `--box`: from a drive to its explanation, and one sentence per error."""
 
 from __future__ import annotations
 

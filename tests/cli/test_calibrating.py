@@ -1,4 +1,4 @@
-"""`waychair calibrate`: a chair's file grows by what is measured, and refuses what does not belong to it."""
+"""`waychair calibrate`: results are added to a chair's file, and results of other chairs are refused."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _run(*arguments: str) -> None:
 
 @pytest.fixture(scope="module")
 def sweep_csv(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A sweep of a known chair, as somebody might have logged it."""
+    """Return the log of a sweep of a known chair."""
     log = sweep(SyntheticChair(), NEUTRAL, SweepSettings(levels=45, combined=2))
     path = tmp_path_factory.mktemp("sweep") / "sweep.csv"
     with path.open("w", newline="") as file:
@@ -182,7 +182,7 @@ def test_stops_of_a_simulated_chair_go_into_its_file_and_permit_more_than_a_craw
     assert permitted_speed(stops) > UNMEASURED_SPEED
 
 
-# --- a real chair: its board is the shipped firmware, and only time and what stands behind the cables are simulated
+# --- a real chair: its board is the shipped firmware; only time, plant and sensors are simulated
 
 
 @pytest.fixture(scope="module")
@@ -192,7 +192,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def rig(program: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[BoardRig]:
-    """A chair at the ports `board` and `sensors`, in its own time, and somebody who lets it drive."""
+    """Yield a chair at the ports `board` and `sensors`, in simulated time, with a confirmation on standard input."""
     with BoardRig(program) as rig:
         ports = {"--port": rig.board.transport, "--sensors": rig.sensors}
         monkeypatch.setattr(
@@ -348,7 +348,7 @@ def test_over_a_real_terminal_a_board_of_another_chair_is_refused_in_one_sentenc
 
 @pytest.fixture(scope="module")
 def squares(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bag of two squares either way round, and trajectory.tum beside it."""
+    """Return a bag of two squares in each direction, with trajectory.tum beside it."""
     folder = tmp_path_factory.mktemp("squares")
     simulator = Simulator(open_hall(WHEELS_HALL, 0.05), CHAIR_A, with_few_beams(SimulatorSettings(plant=PLANT)), 4)
     drive_route(simulator, CHAIR_A, square_both_ways(simulator.truth(), 1.5), folder / "squares.mcap")
@@ -356,7 +356,7 @@ def squares(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def _truth(folder: Path) -> Path:
-    """The truth of a bag as a trajectory, as mapping it would find it."""
+    """Write the true trajectory of a bag, as if it had been mapped."""
     stamps, poses = [], []
     with AnyReader([folder / "squares.mcap"]) as bag:
         wanted = [connection for connection in bag.connections if connection.topic == "/ground_truth/odom"]

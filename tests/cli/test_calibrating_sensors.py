@@ -1,4 +1,4 @@
-"""`waychair calibrate time` and `mask`: what they find is kept, what is wrong is one sentence."""
+"""`waychair calibrate time` and `mask`: results are stored, errors are one sentence."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from waychair.trials.learn_mask import MASK_HALL, scans_while_turning, with_legs
 
 
 def run(*arguments: str | Path) -> None:
-    """`waychair calibrate ...`."""
+    """Run `waychair calibrate ...`."""
     app(["calibrate", *map(str, arguments)], exit_on_error=False, result_action="return_value")
 
 
 @pytest.fixture(scope="module")
 def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A bag of a chair that turned once round, without an IMU."""
+    """Return a bag of a chair that turned once round, without an IMU."""
     bag = tmp_path_factory.mktemp("turned") / "turned.mcap"
     simulator = Simulator(open_hall(MASK_HALL, 0.05), CHAIR_A, with_legs(SimulatorSettings()), 1)
     with RecordingWriter(bag, CHAIR_A.base_from_laser) as writer:

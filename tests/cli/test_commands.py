@@ -1,4 +1,4 @@
-"""The commands as a user types them: what they write, and one clear sentence for whatever is wrong."""
+"""The commands as a user types them: their files, and one clear sentence per error."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from waychair.types import OccupancyGrid, Odometry, Pose2, Scan
 
 
 def room_scan(pose: Pose2, stamp_ns: int) -> Scan:
-    """A scan of a 10 x 6 m room with a pillar, from inside."""
+    """Return a scan inside a 10 x 6 m room with a pillar."""
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
     c, s = np.cos(angles + pose.theta), np.sin(angles + pose.theta)
     with np.errstate(divide="ignore"):
@@ -34,7 +34,7 @@ def room_scan(pose: Pose2, stamp_ns: int) -> Scan:
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A ROS 2 bag of a short drive through the room."""
+    """Return a ROS 2 bag of a short drive through the room."""
     path = tmp_path_factory.mktemp("bag") / "drive.mcap"
     with RecordingWriter(path, Pose2()) as writer:
         for k in range(40):
@@ -131,7 +131,7 @@ def test_what_the_computer_refuses_is_one_sentence(
 
 
 def test_an_output_that_takes_nothing_more_is_one_sentence_and_nothing_else() -> None:
-    for arguments in (("--version",), ("config",)):  # less and more than what is written at once
+    for arguments in (("--version",), ("config",)):  # less and more than one write
         with Path("/dev/full").open("w") as full:
             command = [str(WAYCHAIR), *arguments]
             done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
@@ -148,7 +148,7 @@ def test_a_place_in_a_wall_is_refused(tmp_path: Path) -> None:
 
 
 def bad_logs(folder: Path) -> dict[str, Path]:
-    """Inputs that cannot be mapped."""
+    """Return inputs that cannot be mapped."""
     texts = {"empty.clf": "", "noise.log": "\x01\x02 what is this", "noscan.clf": "PARAM a b\nODOM 0 0 0 0 0 0 1 h 1\n"}
     for name, text in texts.items():
         (folder / name).write_text(text)

@@ -1,4 +1,4 @@
-"""`waychair doctor`: every part is told with the command that mends it, and only what is needed is a failure."""
+"""`waychair doctor`: every missing part has a command, and only needed parts are failures."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ clouds = pytest.mark.skipif(importlib.util.find_spec("open3d") is None, reason="
 
 @pytest.fixture(scope="module")
 def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five seconds past a stairwell, with small pictures twice a second, recorded as a robot would."""
+    """Return a bag of five seconds past a stairwell, with small pictures twice a second."""
     path, world = tmp_path_factory.mktemp("bags") / "stairs.mcap", load_world("stairs")
     messages: list[SensorFrame | RgbdFrame] = []
     drive_with_pictures(world, world.route(), messages.append, camera_hz=2.0, size=(160, 120), until_ns=5_000_000_000)

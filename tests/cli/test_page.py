@@ -1,4 +1,4 @@
-"""Who may open the page, where it is served, and `waychair page` as somebody starts it."""
+"""The page's token, port and process, and `waychair page`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`waychair plan` and `waychair navigate`: a way, or one sentence with the remedy."""
+"""`waychair plan` and `waychair navigate`: a path, or one sentence with the remedy."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from waychair.types import Json, OccupancyGrid, Pose2
 
 @pytest.fixture(scope="module")
 def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two rooms with a door between them, and a closed cell in the corner."""
+    """Return a map of two rooms with a door between them, and a closed cell in the corner."""
     cells = np.zeros((120, 200), np.int8)
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
     cells[:50, 100], cells[72:, 100] = 100, 100
@@ -33,7 +33,7 @@ def flat(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("flat")
     save_map(folder, OccupancyGrid(cells, 0.05, Pose2(-1.0, -1.0, 0.0)))
     add_place(folder, "kitchen", Pose2(6.5, 1.0, 0.0))
-    add_place(folder, "nook", Pose2(0.0, 4.0, -1.57))  # room to turn in place: 0.95 m to the wall
+    add_place(folder, "nook", Pose2(0.0, 4.0, -1.57))  # space to turn on the spot: 0.95 m to the wall
     return folder
 
 
@@ -92,7 +92,7 @@ def benchmark(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def planned(capsys: pytest.CaptureFixture[str], map: Path, start: str, goal: str, planner: str = "dstar-lite") -> Json:
-    """What the command prints as JSON."""
+    """Return the command's JSON output."""
     plan_command(map=map, start=start, goal=goal, planner=planner, json=True)
     values: Json = json.loads(capsys.readouterr().out)
     return values
@@ -246,7 +246,7 @@ def test_queries_without_a_way_or_of_another_cost_are_named_and_fail(tmp_path: P
     done = waychair("plan", "--map", map, "--scen", scenario, "--json")
     assert "no path for query 2 of" in refused(done)
     assert [row["cost"] for row in json.loads(done.stdout)["queries"]] == [2.0, None]
-    scenario.write_text("version 1\n" + dearer)  # a potential does not lead along the cheapest way
+    scenario.write_text("version 1\n" + dearer)  # harmonic paths are not the cheapest
     assert waychair("plan", "--map", map, "--scen", scenario, "--planner", "harmonic").returncode == 0
     assert "from column 0, row 0 to column 2, row 2;" in refused(
         waychair("plan", "--map", map, "--start", "0,0", "--goal", "2,2")

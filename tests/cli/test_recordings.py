@@ -1,4 +1,4 @@
-"""Recordings on the command line: damaged and odd ones, stopped and resumed runs, localising and evaluating."""
+"""Recordings on the command line: damaged and odd ones, interrupted and resumed runs, localising, evaluating."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RESULTS = ("trajectory.tum", "map.pgm", "map.yaml", "graph.g2o", "config.yaml")
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A ROS 1 bag of a drive through the room, its motion and mount in /tf alone."""
+    """Return a ROS 1 bag of a drive through the room, with motion and mount only in /tf."""
     path = tmp_path_factory.mktemp("bag") / "drive.bag"
     bag = Bag(path, ros=1)
     turn = (0.0, 0.0, math.sin(0.1), math.cos(0.1))
@@ -68,7 +68,7 @@ def test_a_map_that_is_drawn_on_makes_way_for_no_other_one(drive: Path, tmp_path
 
 
 def carmen(path: Path, rows: list[tuple[float, str]]) -> Path:
-    """A CARMEN log with these stamps and ranges (all of a scan the same text, or the room's where it is empty)."""
+    """Write a CARMEN log with these stamps and ranges (one text for all beams; the room's if empty)."""
     lines = []
     for k, (stamp, text) in enumerate(rows):
         x = 2.0 + 0.1 * k
@@ -148,7 +148,7 @@ def test_a_run_that_is_killed_goes_on_and_gives_the_same_map(data_dir: Path, tmp
 
 
 def interrupted(recording: Recording, settings: MappingSettings, folder: Path, at: float) -> KeyboardInterrupt:
-    """Maps up to a share of the recording, where the user stops it."""
+    """Map up to a share of the recording, where the user interrupts it."""
 
     def stop(share: float) -> None:
         if share >= at:

@@ -100,7 +100,7 @@ def test_a_recording_holds_all_sensors_at_their_rates(plan: Path, tmp_path: Path
         for kind in ("color", "aligned_depth_to_color")
         for what in ("image_raw", "camera_info")
     }
-    assert rates == pytest.approx(expected, abs=2.5 / seconds)  # the ends of so short a drive cut samples off
+    assert rates == pytest.approx(expected, abs=2.5 / seconds)  # a short drive loses samples at its ends
 
 
 def test_a_machine_that_cannot_render_simulates_without_a_camera_and_says_so(plan: Path, tmp_path: Path) -> None:
@@ -139,7 +139,7 @@ def test_realtime_takes_the_time_that_is_simulated(plan: Path) -> None:
 
 
 def test_an_interrupted_simulation_keeps_its_recording_and_says_where(plan: Path, tmp_path: Path) -> None:
-    waychair("simulate", "--world", plan, "--route", "short", "--quiet")  # kernels are compiled now
+    waychair("simulate", "--world", plan, "--route", "short", "--quiet")  # compile the kernels
     bag = tmp_path / "drive.mcap"
     command = [str(WAYCHAIR), "simulate", "--world", str(plan), "--mode", "realtime", "--record", str(bag)]
     command.append("--no-camera")
@@ -201,5 +201,5 @@ def test_demo_drives_to_all_places_of_a_world_of_few(plan: Path, tmp_path: Path)
     assert [(leg.place, leg.reached, leg.contacts) for leg in demo.legs] == [("window", True, 0)]
     assert demo.world.startswith("hall")
     assert json.loads((tmp_path / "demo" / "map" / "report.json").read_text())["frames"] > 50
-    again = run_demo(tmp_path / "demo", seed=2, world=plan)  # a second run replaces the first one's recording
+    again = run_demo(tmp_path / "demo", seed=2, world=plan)  # a second run replaces the first recording
     assert again.legs[0].error_m == demo.legs[0].error_m

@@ -1,4 +1,4 @@
-"""What `waychair up` is to run, and what it refuses; and that commands for a running chair need one."""
+"""The processes of `waychair up`, its refusals, and commands without a running chair."""
 
 from __future__ import annotations
 

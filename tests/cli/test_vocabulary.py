@@ -1,4 +1,4 @@
-"""`waychair vocabulary`: a dictionary of a folder of pictures, one sentence where there is nothing to make it of."""
+"""`waychair vocabulary`: a vocabulary from a folder of pictures, and one sentence per error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from waychair.slam.vocabulary_training import load
 
 @pytest.fixture
 def pictures(tmp_path: Path) -> Path:
-    """Three pictures of blocks, one blank, and a file that is none."""
+    """Return a folder with three pictures of blocks, a blank one, and a file that is no picture."""
     folder = tmp_path / "pictures"
     folder.mkdir()
     rng = np.random.default_rng(0)

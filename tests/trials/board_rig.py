@@ -1,4 +1,4 @@
-"""A real chair as far as its cables can tell: the shipped firmware, a plant on its lines, sensors that print lines."""
+"""A simulated chair behind real cables: the shipped firmware, a plant on its lines, sensors that print text lines."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ STEP_MS = 10
 
 
 class BoardRig:
-    """The chair "ward 3" with an eight-pin stick; a context manager, and the clock of whoever drives it.
+    """The chair "ward 3" with an eight-pin joystick; a context manager, and the clock of its drives.
 
-    Time passes in `wait_until`. `events` are done once, at their time [ms] after the lines were first held.
+    Time passes in `wait_until`. Each of `events` runs once, at its time [ms] after the lines were first held.
     """
 
     def __init__(self, program: Path, settings: SimulatorSettings | None = None, side: float = 40.0) -> None:
@@ -66,7 +66,7 @@ class BoardRig:
             self._step()
 
     def drive(self, meter: SpeedMeter | None = None, limits: DriveLimits | None = None) -> BoardDrive:
-        """Greeted, not armed."""
+        """Return a drive whose board was greeted, but not armed."""
         return BoardDrive(
             self.board.transport,
             self.sensors,
@@ -78,7 +78,7 @@ class BoardRig:
         )
 
     def pull_sensors(self) -> None:
-        """The cable of the sensors comes off."""
+        """Unplug the sensors' cable."""
         self._printer.close()
 
     def _step(self) -> None:
@@ -92,7 +92,7 @@ class BoardRig:
         messages = self.simulator.advance(STEP_MS * 1_000_000)
         if not self.silent_sensors and self._printer.fileno() >= 0:
             told = [message for message in messages if isinstance(message, WheelTicks | ImuSample | Scan)]
-            with contextlib.suppress(BrokenPipeError):  # nobody listens any more
+            with contextlib.suppress(BrokenPipeError):  # the cable is closed
                 self._printer.sendall("".join(text_from_message(message) + "\n" for message in told).encode())
         if state.holder.name == "BOARD" and self._began_ms is None:
             self._began_ms = now_ms

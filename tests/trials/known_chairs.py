@@ -9,7 +9,7 @@ from waychair.simulation.plant import PlantSettings
 
 
 def known_model(plant: PlantSettings, bits: int = 8) -> FittedDac:
-    """What a perfect calibration would find of a chair A without S-curve or cuts."""
+    """Return the perfect calibration of a chair A without S-curve or cuts."""
     track, part = CHAIR_A.track, plant.family.speed
 
     def side(dead_band: float, gain: float) -> AxisSide:

@@ -37,7 +37,7 @@ TASK = BarnTask()
 
 
 def field_of(cylinders: list[tuple[float, float]], length: float = 10.0) -> BarnEnvironment:
-    """Posts of 7.5 cm radius between a start at the origin and a goal straight ahead."""
+    """Return posts of 7.5 cm radius between a start at the origin and a goal straight ahead."""
     posts = np.array([(x, y, 0.075) for x, y in cylinders]).reshape(-1, 3)
     return BarnEnvironment("made", posts, Pose2(), Pose2(length, 0.0, 0.0), length)
 
@@ -131,7 +131,7 @@ def test_bounds_beside_a_zero_are_those_of_the_rule_of_three() -> None:
 
 @pytest.mark.parametrize("body", ["jackal", "A"])
 def test_a_real_world_is_crossed_without_a_contact(data_dir: Path, body: str) -> None:
-    """A small sample of the bars: one world, with the longest ways round that the benchmark has."""
+    """A small sample of the acceptance figures: the world with the longest detours."""
     scale = 1.63 if body == "A" else 1.0
     navigator = navigator_settings(ROBOTS[body], 0.8 if body == "A" else 0.5, scale)
     environment = read_barn(data_dir / "barn" / "worlds" / "world_243.txt", scale)

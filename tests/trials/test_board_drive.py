@@ -1,4 +1,4 @@
-"""A chair behind its board is calibrated through the shipped firmware; whatever goes wrong lets go of its lines."""
+"""Calibration of a chair through the shipped firmware; every fault releases the lines."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_a_chair_is_calibrated_through_its_board_and_then_does_as_it_is_told(rig
     error = inverse_error(fit.model, PLANT, CHAIR_A, command_grid()[::2])
     assert error.max_v <= 0.015
     assert error.max_omega <= 0.025
-    assert PLANT.delay_s < fit.model.forward.delay_s < PLANT.delay_s + 0.06  # and the way to the lines
+    assert PLANT.delay_s < fit.model.forward.delay_s < PLANT.delay_s + 0.06  # plus the delay to the lines
     rig.wait_until(rig.now_ns() + 100_000_000)
     assert rig.lines[-1].holder is Holder.JOYSTICK
 

@@ -1,4 +1,4 @@
-"""Simulated chairs are calibrated by their own sensors, and then do as they are told."""
+"""Simulated chairs are calibrated by their own sensors, and then follow their commands."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ ENOUGH = FitSettings(min_levels=11, min_repetitions=1)
 
 @pytest.fixture(scope="module")
 def chair() -> ChairUnderTest:
-    """A chair of the form that is fitted."""
+    """A chair of the model's form."""
     return chair_in_hall(SETTINGS, CHAIR_A, SEED)
 
 
 @pytest.fixture(scope="module")
 def fit(chair: ChairUnderTest) -> DacFit:
-    """What a short sweep finds of it."""
+    """The fit of a short sweep."""
     return calibrate_dac(chair, SHORT, ENOUGH)
 
 
@@ -123,7 +123,7 @@ def test_the_stops_of_a_chair_permit_what_was_measured(chair: ChairUnderTest, fi
     assert {(s.v > 0.05) - (s.v < -0.05) for s in stops} == {-1, 0, 1}
     for stop in stops:
         if abs(stop.v) > 0.1:
-            # delay, then lag, then the controller's own ramp
+            # delay, then lag, then the controller's ramp
             least = abs(stop.v) * PLANT.delay_s + stop.v**2 / (2.0 * PLANT.deceleration)
             assert least < stop.distance_m < least + abs(stop.v) * 2.0 * PLANT.lag_s + 0.02
             assert table.distance(min(abs(stop.v), table.speeds[-1])) > stop.distance_m
@@ -187,7 +187,7 @@ def test_the_acceptance_has_twelve_chairs_inside_the_form_and_eight_outside() ->
 
 
 def test_a_chair_that_is_slower_in_reverse_is_stopped_from_its_fastest_forward(chair: ChairUnderTest) -> None:
-    """The model says half in reverse; what was never reached is not in the table's favour."""
+    """The model predicts half the speed in reverse; unreached speeds do not improve the table."""
     fast = AxisSide(gain=PLANT.forward_gain, dead_band=PLANT.forward_dead_band, limit=1.0)
     forward = AxisModel(neutral=chair.neutral[0], above=fast, below=replace(fast, limit=0.5))
     model = FittedDac(forward=replace(forward, delay_s=PLANT.delay_s, lag_s=PLANT.lag_s, ramp=PLANT.acceleration))

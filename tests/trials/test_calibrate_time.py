@@ -1,4 +1,4 @@
-"""Delays that simulated sensors are given are found again, to 5 ms, against the chair's gyro."""
+"""Injected delays of simulated sensors are found to 5 ms, against the chair's gyro."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ MS = 1_000_000
 
 
 def simulated(seed: int, *, camera: bool = False, plant: str = "kinematic") -> Simulator:
-    """A chair with a gyro in a small hall, and with a small camera."""
+    """Return a chair with a gyro in a small hall, optionally with a small camera."""
     settings = with_gyro(SimulatorSettings(plant_model=plant))
     if camera:
         settings = replace(settings, camera=CameraSettings(rate_hz=15.0, width=240, height=180))
@@ -32,7 +32,7 @@ def simulated(seed: int, *, camera: bool = False, plant: str = "kinematic") -> S
 
 
 def calibrated(simulator: Simulator, late: SensorDelays, seconds: float, seed: int) -> TimeCalibration:
-    """What is found of stamps that were made so late."""
+    """Return the calibration of stamps with injected delays."""
     added = SensorDelays(-late.lidar_ns, -late.wheels_ns, -late.camera_ns)
     calibrator = TimeCalibrator(CHAIR_A)
     for message in turns_to_and_fro(simulator, seconds, seed):

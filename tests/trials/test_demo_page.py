@@ -1,4 +1,4 @@
-"""The demo on a page: shown as it runs, and stopped for good by whoever looks on."""
+"""The demo on a page: visitors see it run and can stop it for good."""
 
 from __future__ import annotations
 
@@ -48,10 +48,10 @@ def plan(tmp_path: Path) -> Path:
 
 
 class Onlooker(DemoPage):
-    """Keeps what a page would have seen, and stops the drive to one place once it moves."""
+    """A page that collects all views, and stops the drive to one place once the chair moves."""
 
     def __init__(self, stops: str = "") -> None:
-        super().__init__(views_s=0.0, grids_s=0.0)  # all of them, however fast the computer
+        super().__init__(views_s=0.0, grids_s=0.0)  # every view, on any computer
         self.seen: list[ChairView] = []
         self._stops = stops
 

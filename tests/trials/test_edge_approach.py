@@ -1,4 +1,4 @@
-"""Edges of the floor are in the grid before the wheels come to them."""
+"""Drop-offs are in the grid before the wheels reach them."""
 
 from __future__ import annotations
 

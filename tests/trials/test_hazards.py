@@ -1,4 +1,4 @@
-"""Edges, glass, people and the ride: what is counted, and a small sample of `benchmarks.acceptance.hazards`."""
+"""Drop-offs, glass, people and ride comfort: the figures, and a small sample of `benchmarks.acceptance.hazards`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _ORIGIN = Pose2()
 
 
 def motion_of(v: FloatArray, omega: FloatArray, pose: Pose2 = _ORIGIN) -> TrueMotion:
-    """A chair that stays at a pose, whatever its twists (T,), every 10 ms."""
+    """Return the motion of a chair that stays at a pose with twists (T,), sampled every 10 ms."""
     stamps = 10_000_000 * np.arange(len(v), dtype=np.int64)
     poses = np.broadcast_to(pose.array(), (len(v), 3))
     return TrueMotion(stamps, poses, np.column_stack([v, omega]), np.full(len(v), math.inf))
@@ -104,11 +104,11 @@ def test_a_disc_that_comes_into_sight_beside_another_is_known_before_they_part()
 @pytest.mark.parametrize(
     ("at", "v", "omega", "speed"),
     [
-        ((1.2, 0.0), 0.5, 0.0, 0.5),  # ahead of a chair that comes on
-        ((1.2, 0.0), -0.5, 0.0, -0.5),  # ahead of one that backs away
+        ((1.2, 0.0), 0.5, 0.0, 0.5),  # ahead of an approaching chair
+        ((1.2, 0.0), -0.5, 0.0, -0.5),  # ahead of a reversing chair
         ((0.3, 0.6), 0.5, 0.0, 0.0),  # beside it
-        ((-0.6, 0.0), -0.2, 0.0, 0.2),  # behind one that reverses
-        ((0.75, 0.8), 0.0, 0.4, 0.3),  # beside the front of one that turns: omega times the lever of 0.75 m
+        ((-0.6, 0.0), -0.2, 0.0, 0.2),  # behind a reversing chair
+        ((0.75, 0.8), 0.0, 0.4, 0.3),  # beside the front of a turning chair: omega times the lever of 0.75 m
     ],
 )
 def test_the_closing_speed_is_that_of_the_nearest_point_of_the_outline(
@@ -164,7 +164,7 @@ def test_a_keep_out_zone_keeps_the_chair_off_an_edge_that_it_would_drive_over_wi
 
 
 def test_a_glass_door_that_stands_askew_to_the_sonars_is_heard_in_time() -> None:
-    """Along its wall and turning into it: at full speed the chair touched the pane at 0.27 m/s."""
+    """Regression: driving along the wall and turning into the door, the chair touched the pane at 0.27 m/s."""
     result = run_hazard(glass(Protection.SONAR, 31), 31)
     assert result.reached, result.reason
     assert not result.struck
@@ -197,7 +197,7 @@ def test_watching_changes_nothing_that_the_chair_is_told() -> None:
 def test_the_ride_of_a_steady_acceleration_and_a_curve_is_theirs() -> None:
     seconds = np.arange(0.0, 8.0, 0.01)
     faster = ride_of(motion_of(0.4 * np.clip(seconds - 2.0, 0.0, 2.0), np.zeros(len(seconds))))
-    assert faster.speeding_up == pytest.approx(0.4, rel=0.08)  # the filter swings a little beyond a corner
+    assert faster.speeding_up == pytest.approx(0.4, rel=0.08)  # the filter overshoots a little at a corner
     assert faster.slowing_down < 0.05
     curve = ride_of(motion_of(np.full(len(seconds), 0.8), np.full(len(seconds), 0.5)))
     assert curve.sideways == pytest.approx(0.4, rel=1e-3)

@@ -1,4 +1,4 @@
-"""Every kernel is loaded before a chair drives: one that is not stops its loop for a second when it is first needed."""
+"""All kernels are loaded before a chair drives; loading one during a drive would stop the loop for a second."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from waychair.types import Goal
 
 
 def kernels() -> set[tuple[str, str, int]]:
-    """Module and name of a chair's kernels in this process, and for how many types each is loaded."""
+    """Return module, name and number of loaded signatures of a chair's kernels in this process."""
     functions = (thing for thing in gc.get_objects() if isinstance(thing, Dispatcher))
     named = {(each.py_func.__module__, each.py_func.__name__, len(each.signatures)) for each in functions}
     return {
@@ -25,7 +25,7 @@ def kernels() -> set[tuple[str, str, int]]:
 
 
 def loaded_while_driving() -> set[tuple[str, str, int]]:
-    """Of 45 s along a corridor, past people."""
+    """Return the kernels loaded during 45 s along a corridor, past people."""
     hazard = to_the_lift(1)
     simulator = Simulator(hazard.world, hazard.body, replace(hazard.sensors, plant=randomised_settings(1).plant), 1)
     with simulated_chair(setup_of(hazard), simulator) as chair:

@@ -1,4 +1,4 @@
-"""A simulated chair learns its rider's legs, and loses little else."""
+"""A simulated chair masks its rider's legs, and few other beams."""
 
 from __future__ import annotations
 

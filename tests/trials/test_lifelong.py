@@ -1,4 +1,4 @@
-"""A small sample of `benchmarks.acceptance.lifelong`: three days in the clinic while furniture is moved."""
+"""A small sample of `benchmarks.acceptance.lifelong`: three sessions in the clinic with moving furniture."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def test_after_three_days_the_map_is_small_and_right_and_what_was_moved_is_gone(
 
 
 def standing(life: Lifelong, day: Session) -> float:
-    """Share of the pieces that stand now of which the map shows something."""
+    """Return the share of the present pieces that the map shows."""
     grid, origin = load_map(life.folder), Pose2(*life.sessions[0].truth.poses[0].tolist())
     shown = 0
     for piece in day.pieces:

@@ -1,6 +1,6 @@
-"""A page's chair in real time, over the shipped firmware: what is asked for is done, whoever asks and whatever fails.
+"""The live chair of a page, in real time over the shipped firmware: requests, answers and failures.
 
-Times are those of the simulated clock, so that a busy computer changes nothing.
+Times are simulated, so that a busy computer has no effect.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def hall() -> World:
 
 @contextmanager
 def live(folder: Path, countdown_s: float = 0.0, **options: bool) -> Iterator[LiveChair]:
-    """A chair in the hall, on a map of it whose frame begins at the chair's start."""
+    """Yield a chair in the hall, with a map whose origin is the chair's start."""
     world = hall()
     to_map = world.start.inverse()
     save_map(folder, OccupancyGrid(world.grid.cells, world.grid.resolution, to_map))
@@ -50,7 +50,7 @@ def live(folder: Path, countdown_s: float = 0.0, **options: bool) -> Iterator[Li
 
 
 def until(chair: LiveChair, true: Callable[[ChairView], bool], pages: tuple[str, ...] = ("page",)) -> ChairView:
-    """The first view of which something is true, while these pages are open."""
+    """Return the first view that satisfies a condition, while these pages are open."""
     ends = time.monotonic() + PATIENCE_S
     while not true(chair.view()):
         assert time.monotonic() < ends, chair.view()
@@ -84,7 +84,7 @@ def test_a_place_is_driven_to_once_somebody_says_yes_to_it(tmp_path: Path) -> No
         asked = until(chair, lambda view: len(view.path) > 1)
         assert (asked.waits, asked.goal, asked.mode) == (True, "near", DriveMode.MANUAL)
         assert chair.go("far").done
-        assert "far" in chair.confirm("near").sentence  # somebody chose another goal than the one that was seen
+        assert "far" in chair.confirm("near").sentence  # the goal was changed meanwhile
         assert chair.go("near").done
         assert chair.confirm("near").done
         counted = until(chair, lambda view: view.countdown_s is not None)
@@ -173,7 +173,7 @@ def test_what_is_drawn_is_in_the_files_and_in_force_and_can_be_undone(tmp_path: 
         assert erased is not None
         assert (grid.cells == 100).sum() > (erased.cells == 100).sum()
         until(chair, lambda view: view.map_revision == first.map_revision + 1)
-        until(chair, lambda view: view.health < drawn.health - 0.05)  # it knows its place by the map as it is now
+        until(chair, lambda view: view.health < drawn.health - 0.05)  # the localiser uses the changed map
         for left in (True, True, True, True, False):
             assert chair.layout().undoable
             assert chair.undo().done

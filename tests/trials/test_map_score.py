@@ -1,4 +1,4 @@
-"""The score of a map's walls: what it calls right, displaced, missing, and what it does not ask for."""
+"""The score of a map's walls: right, displaced, missing and unseen walls."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from waychair.types import OccupancyGrid, Pose2
 
 
 def room(resolution: float = 0.05) -> OccupancyGrid:
-    """4 x 3 m, walls 10 cm thick round free space."""
+    """Return a room of 4 x 3 m with walls of 10 cm."""
     cells = np.full((60, 80), 100, np.int8)
     cells[2:-2, 2:-2] = 0
     return OccupancyGrid(cells, resolution, Pose2(-1.0, 2.0, 0.0))
@@ -35,7 +35,7 @@ def test_a_displaced_wall_agrees_within_the_tolerance_only(shift: float, agrees:
 def test_a_wall_that_is_missing_is_counted_where_its_space_was_seen() -> None:
     truth = room()
     cells = truth.cells.copy()
-    cells[:2, :] = 0  # the lower wall taken for free
+    cells[:2, :] = 0  # the lower wall mapped as free
     score = wall_agreement(OccupancyGrid(cells, 0.05, truth.map_from_grid), truth, Pose2(), 0.05)
     assert score.true_cells == 1.0
     assert 0.6 < score.found_faces < 0.75

@@ -70,7 +70,7 @@ def test_a_start_where_the_chair_cannot_stand_is_told_as_it_was_given(
 ) -> None:
     with pytest.raises(error, match=said):
         navigate(hall(160), start, [Place("there", Pose2(4.0, 4.0))])
-    shifted = Pose2(1.0, -2.0, 0.5)  # of the world in the map
+    shifted = Pose2(1.0, -2.0, 0.5)  # pose of the world in the map
     world = world_from_grid(hall(160), Pose2(4.0, 4.0))
     begin = shifted @ start
     turned = OccupancyGrid(hall(160).cells, 0.05, shifted)
@@ -89,7 +89,7 @@ def test_a_chair_turns_beside_the_legs_of_a_table_that_are_on_its_map() -> None:
 
 
 def test_a_potential_leads_round_a_corner_and_through_a_door_without_a_stop() -> None:
-    """The band bends with a hand's breadth of room at the jamb, where the chair cut it and was caught: 58 s."""
+    """Regression: the band bent too close to the jamb, where the chair cut the corner and got stuck for 58 s."""
     clinic = load_world("small_clinic").without_people()
     behind = [Place("behind the door", Pose2(3.0, 3.0, 0.0))]
     (leg,) = navigate(clinic.grid, clinic.start, behind, 0, 0, clinic, planner=PlannerSettings(planner="harmonic"))

@@ -1,4 +1,4 @@
-"""A drive along a route: everything the simulator says is in its bag, and the truth beside it."""
+"""A drive along a route: its bag holds all messages of the simulator, and the true poses."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ROUTE = np.array([[2.0, 0.0]])
 
 
 class Straight(Simulator):
-    """Every tick goes 5 cm ahead and brings a message of each kind; a scan's stamp is that of its first beam."""
+    """A simulator that drives 5 cm per tick and sends a message of each kind; scans are stamped by their first beam."""
 
     def __init__(self) -> None:
         field = OccupancyGrid(np.zeros((80, 80), np.int8), 0.05, Pose2(-2.0, -2.0, 0.0))

@@ -1,4 +1,4 @@
-"""A small sample of `benchmarks.acceptance.floors`: a round of the dim basement, and the beginning of the alias world's drive."""
+"""A small sample of `benchmarks.acceptance.floors`: a round of the basement, and a part of the alias world's drive."""
 
 from __future__ import annotations
 

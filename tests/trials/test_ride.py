@@ -1,4 +1,4 @@
-"""What a ride is judged by: the weighting of ISO 2631-1, hard stops apart, and what the chair was told beside what it did."""
+"""Ride comfort: the weighting of ISO 2631-1, hard stops, and requested beside actual jerk."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SECONDS = np.arange(0.0, 12.0, 0.01)
 
 
 def ride(v: FloatArray, told: FloatArray | None = None) -> Ride:
-    """Of a straight drive at v (T,) [m/s] every 10 ms."""
+    """Return the comfort figures of a straight drive at v (T,) [m/s], sampled every 10 ms."""
     stamps = np.round(1e9 * SECONDS).astype(np.int64)
     twists = np.column_stack([v, np.zeros(len(v))])
     return ride_of(
@@ -25,7 +25,7 @@ def ride(v: FloatArray, told: FloatArray | None = None) -> Ride:
 
 
 def stopping(braking: float) -> FloatArray:
-    """A start that nobody feels, 0.8 m/s, and a stop at 8 s."""
+    """Return speeds with a gentle start, 0.8 m/s, and a stop at 8 s."""
     return np.clip(np.minimum(0.2 * SECONDS, 0.8 - braking * (SECONDS - 8.0)), 0.0, 0.8)
 
 
@@ -40,8 +40,8 @@ def test_a_stop_in_comfort_counts_as_jerk_and_a_hard_one_as_a_hard_stop() -> Non
     gentle, hard = ride(stopping(LIMITS.braking)), ride(stopping(LIMITS.emergency))
     assert gentle.hard_stops == 0
     assert hard.hard_stops == 1
-    assert gentle.jerk > 1.0  # braking begins and ends at once
-    assert hard.jerk < 1.0  # what is left is the start
+    assert gentle.jerk > 1.0  # braking starts and ends abruptly
+    assert hard.jerk < 1.0  # only the start counts
     assert hard.slowing_down > gentle.slowing_down
     assert hard.dose > gentle.dose
     assert hard.above_a_little >= hard.above_fairly

@@ -1,4 +1,4 @@
-"""Doors, the corner and the dead end: a small sample of what `benchmarks.acceptance.scenes` drives a hundred times."""
+"""Doors, the corner and the dead end: a small sample of `benchmarks.acceptance.scenes`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Sensors as lines of text: what is printed is read again, in any pieces, and what is no line is counted."""
+"""Sensors as lines of text: printed lines are read back, in any pieces, and invalid lines are counted."""
 
 from __future__ import annotations
 

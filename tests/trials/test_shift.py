@@ -1,4 +1,4 @@
-"""A chair that works for hours: what it did is counted, and adds up over the nights."""
+"""Working shifts: their figures, and their sum over several calls."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def test_nights_add_up_over_calls_and_each_shift_is_driven_once(
         return ""
 
     class Here:
-        """A pool without processes, so that what is driven is known here."""
+        """A pool that runs in this process, so that the test sees the drives."""
 
         def __init__(self, *_: object) -> None:
             self.map = map

@@ -1,4 +1,4 @@
-"""Simulated chairs under the closed loop: they drive straight on 8 bits, and stop when they are not what they were."""
+"""Simulated chairs under the speed loop: they drive straight on 8 bits, and stop when their response has changed."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ def deaf(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def lopsided(plant: PlantSettings, skew: float) -> PlantSettings:
-    """The chair after its motors have changed: the left one leads by `skew`, and the right one lags by as much."""
+    """Return the chair with unequal motors: the left one is faster by `skew`, the right one slower."""
     return dataclasses.replace(plant, forward_skew=plant.forward_skew + skew)
 
 
 def drive_of(plant: PlantSettings, known: PlantSettings | None = None) -> LoopDrive:
-    """A chair that was calibrated when it was as `known`."""
+    """Return a drive of a chair that was calibrated with the plant `known`."""
     return LoopDrive(known_model(known or plant), CHAIR_A, SimulatorSettings(plant=plant), 1)
 
 
 def until_fault(drive: LoopDrive, command: Twist, seconds: float) -> tuple[float, str]:
-    """Seconds of driving at this command until the loop stops the chair, and why."""
+    """Return the time [s] at this command until the loop stops the chair, and the reason."""
     for k in range(round(seconds / TICK_S)):
         part = min(1.0, (k + 1) * TICK_S * 0.5 / max(abs(command.v), abs(command.omega), 1e-9))
         drive.tick(Twist(part * command.v, part * command.omega))
@@ -99,7 +99,7 @@ def test_f20_a_chair_of_half_or_twice_the_gain_is_stopped(gain: float) -> None:
     assert "does not follow (F20)" in fault
     assert seconds < 4.0
     for _ in range(60):
-        drive.tick(Twist(0.9, 0.0))  # asked again and again, it stays where it is
+        drive.tick(Twist(0.9, 0.0))  # the chair does not move in spite of repeated commands
     assert abs(drive.simulator.twist().v) < 0.01
 
 
@@ -120,7 +120,7 @@ def test_f20_a_slope_that_is_too_steep_for_the_motors_is_stopped_at() -> None:
         if drive.loop.fault:
             break
     assert "F20" in drive.loop.fault
-    assert (start.inverse() @ drive.simulator.truth()).x > 0.5  # on the level it did follow
+    assert (start.inverse() @ drive.simulator.truth()).x > 0.5  # it did follow on the level
 
 
 def test_f20_a_brake_that_never_opens_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,4 +1,4 @@
-"""Where the demo's rider turns round, once the map is made and all is begun anew."""
+"""The demo rider's turn at the end of the mapping drive."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from waychair.trials.demo import WORLD, randomised_settings, return_route
 from waychair.types import FloatArray, Pose2
 
 END = Pose2(6.45, 7.12, 2.78)
-"""Where the mapping drive really ends on the second floor, beside lockers."""
+"""The true end of the mapping drive on the second floor, beside lockers."""
 
 
 def turns_round(route: FloatArray, seed: int) -> bool:
-    """Whether a rider gets under way back along a route, without touching anything."""
+    """Return whether a rider starts back along a route without a contact."""
     simulator = Simulator(
         replace(load_world(WORLD).without_people(), start=END), CHAIR_A, randomised_settings(seed), seed
     )

@@ -1,4 +1,4 @@
-"""Plans on paper, and what in a world breaks chairs, in words."""
+"""Pictures of worlds, and the lists of their hazards."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def with_block(low: float, high: float, material: str = "wood") -> World:
     [
         (PLAIN, ()),
         (with_block(0.0, 2.7), ()),
-        (with_block(2.05, 2.7), ()),  # a lintel is in nobody's way
+        (with_block(2.05, 2.7), ()),  # a lintel is no obstacle
         (with_block(0.70, 0.74), ("overhang",)),
         (with_block(0.0, 0.02), ("sill of 2 cm",)),
         (with_block(-2.0, -0.17), ()),  # a step, down in its pit
@@ -47,7 +47,7 @@ def test_hazards_are_named(world: World, expected: tuple[str, ...]) -> None:
 
 
 def pixels(world: World, colour: str) -> int:
-    """Of the world's picture, nearly of this colour."""
+    """Return the number of pixels of about this colour in the world's picture."""
     picture = cv2.imdecode(np.frombuffer(world_picture(world).png, np.uint8), cv2.IMREAD_COLOR)
     rgb = np.asarray(picture)[:, :, ::-1].astype(int)
     return int(np.all(np.abs(rgb - np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)) < 12, axis=2).sum())
