@@ -29,10 +29,10 @@ def _whole(kind: type, tokens: Sequence[Token]) -> Any:
     return cyclopts.convert(kind, [token.value for token in tokens])
 
 
-Count = Annotated[int, Parameter(converter=_whole, validator=validators.Number(gte=0))]
+NonNegativeInt = Annotated[int, Parameter(converter=_whole, validator=validators.Number(gte=0))]
 """A whole number from 0, such as a count or a seed."""
 
-Number = Annotated[int, Parameter(converter=_whole, validator=validators.Number(gte=1))]
+PositiveInt = Annotated[int, Parameter(converter=_whole, validator=validators.Number(gte=1))]
 """A whole number from 1."""
 
 
@@ -43,7 +43,7 @@ def _named(kind: type, tokens: Sequence[Token]) -> Any:
     return cyclopts.convert(kind, [token.value for token in tokens])
 
 
-Named = Annotated[Path, Parameter(converter=_named)]
+NonEmptyPath = Annotated[Path, Parameter(converter=_named)]
 """A path that is not empty."""
 
 

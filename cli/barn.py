@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import os
 
-from waychair.cli.arguments import Named, Number
+from waychair.cli.arguments import NonEmptyPath, PositiveInt
 
 
 def barn_command(
-    folder: Named,
+    folder: NonEmptyPath,
     *,
-    worlds: Number | None = None,
-    starts: Number = 1,
+    worlds: PositiveInt | None = None,
+    starts: PositiveInt = 1,
     speed: float = 0.5,
     body: str = "jackal",
     scale: float = 1.0,
-    jobs: Number | None = None,
+    jobs: PositiveInt | None = None,
     json: bool = False,
 ) -> None:
     """Run the BARN benchmark (drives through fields of cylinders without a map), and print the score.

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from waychair.cli.arguments import BadArgument, Count
+from waychair.cli.arguments import BadArgument, NonNegativeInt
 
 DEFAULT_BOXES = (Path("out/up/box"), Path("out/box"))
 """Default black boxes: that of the nodes, and that of a simulated drive in the guides."""
 
 
-def why_command(*, box: Path | None = None, last: Count = 1, json: bool = False, bag: Path | None = None) -> None:
+def why_command(
+    *, box: Path | None = None, last: NonNegativeInt = 1, json: bool = False, bag: Path | None = None
+) -> None:
     """Explain the chair's last stop: its state before, the cause, the consequences, and the remedy.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from cyclopts import App
 
-from waychair.cli.arguments import BadArgument, Count
+from waychair.cli.arguments import BadArgument, NonNegativeInt
 from waychair.cli.chair_options import ChairOptions, PlantName, PortOptions, SweepOptions
 
 if TYPE_CHECKING:
@@ -188,7 +188,7 @@ def stop_command(
     real: PortOptions = _REAL,
     plant: PlantName = "kinematic",
     fastest: float | None = None,
-    repetitions: Count = 3,
+    repetitions: NonNegativeInt = 3,
     log: Path | None = None,
 ) -> None:
     """Measure the chair's stopping distances, forward, in reverse and turning; the worst case is stored.

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 from cyclopts import Parameter
 
-from waychair.cli.arguments import Count
+from waychair.cli.arguments import NonNegativeInt
 
 if TYPE_CHECKING:
     from waychair.calibration.chair import ChairBody
@@ -46,7 +46,7 @@ class ChairOptions:
     """
 
     out: Path = Path("chair.json")
-    chair_sim: Count | None = None
+    chair_sim: NonNegativeInt | None = None
     chair: str = "A"
     quiet: bool = False
 
@@ -159,11 +159,11 @@ class SweepOptions:
         Seconds at neutral between two levels; longer rests keep the motors cooler.
     """
 
-    bits: Count = 12
+    bits: NonNegativeInt = 12
     volts_max: float = 3.3
     volts_min: float = 0.0
-    levels: Count = 89
-    repetitions: Count = 3
+    levels: NonNegativeInt = 89
+    repetitions: NonNegativeInt = 3
     swing: float = 1.2
     rest: float = 1.6
 

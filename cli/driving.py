@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from waychair.cli.arguments import Count
+from waychair.cli.arguments import NonNegativeInt
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
 def demo_command(
     *,
     out: Path = Path("out/demo"),
-    seed: Count = 0,
+    seed: NonNegativeInt = 0,
     world: str = "second_floor",
     surprises: bool = True,
     box: Path | None = None,
     headless: bool = False,
-    page_port: Count | None = None,
+    page_port: NonNegativeInt | None = None,
     quiet: bool = False,
 ) -> None:
     """Map a simulated floor by joystick, then let the chair localise itself on the map and drive to three places.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
-from waychair.cli.arguments import Count
+from waychair.cli.arguments import NonNegativeInt
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -171,7 +171,7 @@ def places_command(
     *,
     map: Path | None = None,
     add: Annotated[tuple[str, str] | None, Parameter(allow_leading_hyphen=True)] = None,
-    domain: Count | None = None,
+    domain: NonNegativeInt | None = None,
     namespace: str = "",
 ) -> None:
     """List the named places of a map, or add one.

@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from waychair.cli.arguments import Count
+from waychair.cli.arguments import NonNegativeInt
 
 _LOOK_S = 0.1
 
@@ -17,12 +17,12 @@ def page_command(
     *,
     sim: str = "small_clinic",
     map: Path | None = None,
-    port: Count = 8000,
+    port: NonNegativeInt = 8000,
     lan: bool = False,
     token: str | None = None,
     people: bool = True,
     camera: bool = False,
-    seed: Count = 0,
+    seed: NonNegativeInt = 0,
     box: Path | None = None,
     urgent: bool = False,
 ) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from waychair.cli.arguments import Count, Named
+from waychair.cli.arguments import NonEmptyPath, NonNegativeInt
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,14 +25,14 @@ Pose = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
 def plan_command(
     *,
-    map: Named,
+    map: NonEmptyPath,
     start: Pose | None = None,
     goal: Pose | None = None,
-    scen: Named | None = None,
+    scen: NonEmptyPath | None = None,
     planner: str = "dstar-lite",
     smooth: str = "auto",
     body: str = "A",
-    png: Named | None = None,
+    png: NonEmptyPath | None = None,
     json: bool = False,
 ) -> None:
     """Plan a path for the chair on a map, or over the cells of a Moving AI benchmark map.
@@ -300,12 +300,12 @@ def _json(values: object) -> str:
 def navigate_command(
     *,
     goal: Annotated[list[str], Parameter(allow_leading_hyphen=True)],
-    map: Named | None = None,
+    map: NonEmptyPath | None = None,
     world: str | None = None,
     start: Pose | None = None,
-    people: Count = 0,
+    people: NonNegativeInt = 0,
     sensors: bool = False,
-    seed: Count = 0,
+    seed: NonNegativeInt = 0,
     planner: str = "dstar-lite",
     smooth: str = "auto",
     box: Path | None = None,
@@ -362,9 +362,9 @@ def navigate_command(
     zones: tuple[Zone, ...] = ()
     if map is None:
         assert plan is not None
-        own, whose = {place.name: place for place in plan.places}, f"the world '{plan.name}'"
-        grid, goals = plan.grid, [_place_among(own, text, "--goal", whose) for text in goal]
-        begin = plan.start if start is None else _place_among(own, start, "--start", whose).pose
+        own, owner = {place.name: place for place in plan.places}, f"the world '{plan.name}'"
+        grid, goals = plan.grid, [_place_among(own, text, "--goal", owner) for text in goal]
+        begin = plan.start if start is None else _place_among(own, start, "--start", owner).pose
     else:
         grid, goals = load_map(map), [_place(map, text, "--goal") for text in goal]
         begin = _place(map, start or "0,0,0", "--start").pose
@@ -409,12 +409,12 @@ def _place(map: Path, text: str, option: str) -> Place:
     return _place_among(load_places(map), text, option)
 
 
-def _place_among(places: Mapping[str, Place], text: str, option: str, whose: str = "the map") -> Place:
-    """Return the place or pose that the text gives; `whose` names the owner of the places in errors."""
+def _place_among(places: Mapping[str, Place], text: str, option: str, owner: str = "the map") -> Place:
+    """Return the place or pose that the text gives; `owner` names the owner of the places in errors."""
     from waychair.cli.arguments import pose_from_text
     from waychair.maps.places import find
     from waychair.types import Place
 
     if text in places or (not text[:1].lstrip("-+.").isdigit() and "," not in text):
-        return find(places, text, whose)
+        return find(places, text, owner)
     return Place(text, pose_from_text(text, option))

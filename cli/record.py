@@ -9,7 +9,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from waychair.cli.arguments import Count
+from waychair.cli.arguments import NonNegativeInt
 
 NEEDED_TOPICS = ("/scan", "/odom", "/imu/data", "/tf_static")
 """Topics that `waychair map` needs, or without which it has to guess."""
@@ -19,7 +19,7 @@ def record_command(
     *,
     out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
     camera: bool = False,
-    domain: Count | None = None,
+    domain: NonNegativeInt | None = None,
     namespace: str = "",
 ) -> None:
     """Record the topics of a running chair into a ROS 2 bag until Ctrl-C, for `waychair map`.
@@ -47,7 +47,7 @@ def record_command(
     print(f"{done.path}: {done.seconds:.1f} s, {done.megabytes:.1f} MB in {sum(done.counts.values())} messages")
 
 
-def save_command(folder: Path, /, *, domain: Count | None = None, namespace: str = "") -> None:
+def save_command(folder: Path, /, *, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
     """Write the map of the running chair to a folder; also works during mapping.
 
     Parameters

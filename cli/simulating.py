@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from waychair.cli.arguments import BadArgument, Count, check_picture
+from waychair.cli.arguments import BadArgument, NonNegativeInt, check_picture
 from waychair.cli.chair_options import PlantName
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def simulate_command(
     level: str | None = None,
     route: str = "mapping",
     record: Path | None = None,
-    seed: Count = 0,
+    seed: NonNegativeInt = 0,
     mode: Literal["lockstep", "fast", "realtime"] = "fast",
     camera: bool | None = None,
     people: bool = True,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from waychair.cli.arguments import Count
+from waychair.cli.arguments import NonNegativeInt
 
 if TYPE_CHECKING:
     from waychair.ros.client import ChairClient
@@ -39,18 +39,18 @@ def up_command(
     start: Pose | None = None,
     camera: bool = True,
     people: bool = True,
-    seed: Count = 0,
+    seed: NonNegativeInt = 0,
     unattended: bool = False,
     urgent: bool = False,
     lan: bool = False,
-    domain: Count | None = None,
+    domain: NonNegativeInt | None = None,
     namespace: str = "",
     params: Path | None = None,
     out: Path = Path("out/up"),
     box: Path | None = None,
     no_box: Annotated[bool, Parameter(negative=())] = False,
     page: bool | None = None,
-    page_port: Count | None = None,
+    page_port: NonNegativeInt | None = None,
     page_lan: bool = False,
     token: str | None = None,
 ) -> None:
@@ -166,7 +166,7 @@ def up_command(
 
 
 def goto_command(
-    *goals: Pose, yes: bool = False, timeout: float = 600.0, domain: Count | None = None, namespace: str = ""
+    *goals: Pose, yes: bool = False, timeout: float = 600.0, domain: NonNegativeInt | None = None, namespace: str = ""
 ) -> None:
     """Send the running chair to places, one after the other.
 
@@ -207,7 +207,7 @@ def goto_command(
             print(f"{text}: reached, {at.x:.2f}, {at.y:.2f}, {at.theta:.2f}")
 
 
-def confirm_command(goal: Pose | None = None, /, *, domain: Count | None = None, namespace: str = "") -> None:
+def confirm_command(goal: Pose | None = None, /, *, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
     """Confirm the waiting goal for the rider, and no other goal that comes meanwhile.
 
     Parameters
@@ -232,7 +232,7 @@ def confirm_command(goal: Pose | None = None, /, *, domain: Count | None = None,
     print(f"{named}: {sentence}")
 
 
-def cancel_command(*, domain: Count | None = None, namespace: str = "") -> None:
+def cancel_command(*, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
     """Cancel the drive; the chair stops.
 
     Parameters
@@ -248,7 +248,7 @@ def cancel_command(*, domain: Count | None = None, namespace: str = "") -> None:
         print(client.cancel()[1])
 
 
-def pause_command(*, domain: Count | None = None, namespace: str = "") -> None:
+def pause_command(*, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
     """Pause the drive: the chair stops and keeps its goal until `waychair go-on`.
 
     Parameters
@@ -264,7 +264,7 @@ def pause_command(*, domain: Count | None = None, namespace: str = "") -> None:
         _say(client.pause())
 
 
-def go_on_command(*, domain: Count | None = None, namespace: str = "") -> None:
+def go_on_command(*, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
     """Continue the paused drive.
 
     Parameters
@@ -287,7 +287,7 @@ def _say(answer: tuple[bool, str]) -> None:
     print(sentence)
 
 
-def status_command(*, json: bool = False, domain: Count | None = None, namespace: str = "") -> None:
+def status_command(*, json: bool = False, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
     """Print the chair's pose and its certainty, the drive mode, and the reasons that prevent a drive.
 
     Parameters

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from waychair.cli.arguments import Count
+from waychair.cli.arguments import NonNegativeInt
 
 
 def vocabulary_command(
@@ -16,9 +16,9 @@ def vocabulary_command(
     /,
     *,
     output: Annotated[Path, Parameter(alias="-o")],
-    words: Count = 16_000,
+    words: NonNegativeInt = 16_000,
     detector: Literal["orb", "gftt_orb", "sift"] = "orb",
-    seed: Count = 1,
+    seed: NonNegativeInt = 1,
     quiet: bool = False,
 ) -> None:
     """Make a fixed vocabulary of visual words by clustering: k-majority of binary features, k-means of float ones.
