@@ -45,6 +45,14 @@ from waychair.geometry import in_space
 from waychair.maps.places import load_places
 from waychair.maps.zones import load_zones
 from waychair.ros import topics
+from waychair.ros.bridge_state import (
+    MAX_CLOCK_DIFFERENCE_NS,
+    BridgeDrive,
+    BridgePublishers,
+    LastMessage,
+    Localised,
+)
+from waychair.ros.commanders import NAVIGATOR_NODE, PAGE_NODE, Commanders
 from waychair.ros.description import robot_description, wheel_transforms
 from waychair.ros.drive_log import BridgeLog, TickRecord
 from waychair.ros.interface_types import interface_type
@@ -79,24 +87,13 @@ from waychair.runtime.page_watch import PageWatch
 from waychair.runtime.wheel_counts import WheelCounts
 from waychair.slam.localisation import Localisation, LocalisationState
 from waychair.topics import SCAN as SCAN_RATE
-from waychair.types import ChairStatus, DriveMode, Goal, JoystickInput, Odometry, Pose2, Twist, WheelTicks
-
-NAVIGATOR_NODE, PAGE_NODE = "navigator", "page"
-"""The only nodes whose speeds and whose joystick are obeyed."""
-
-SILENT_NS = 100_000_000
-"""A navigator or localiser that has been silent for so long is treated as dead."""
-
-MAX_CLOCK_DIFFERENCE_NS = 500_000_000
-"""A message whose stamp is farther from now was delayed, or is of another clock (F16)."""
+from waychair.types import ChairStatus, Goal, JoystickInput, Odometry, Pose2, Twist, WheelTicks
 
 _OPENING_S = 0.02  # longest time that a tick waits for opening the cable
 _AHEAD_NS = 50_000_000  # a request may be stamped so far ahead, since /clock is coarse
 _TICK_NS = 45_000_000  # without requests the node ticks this long after the last tick
-_RELEASE_NS = 2_000_000_000  # a page's joystick that is silent for so long has been released
 _WHEELS_HZ = 10.0
 _WATCH_HZ = 50.0
-_PUBLISHER_CHECK_NS = 200_000_000  # time between two checks of the publishers' names while their number is constant
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,20 +115,6 @@ class BridgeNodeSettings(BaseSettings):
     )
 
 
-@dataclass(slots=True)
-class _LastMessage:
-    """The last message from another node, and its arrival by the steady clock [ns]."""
-
-    value: Any = None
-    at_ns: int = field(default=-SILENT_NS * 1000)
-
-    def take(self, value: Any) -> None:
-        self.value, self.at_ns = value, time.monotonic_ns()
-
-    def is_silent(self, now_ns: int) -> bool:
-        return now_ns - self.at_ns > SILENT_NS
-
-
 class BridgeNode(ChairNode[BridgeNodeSettings]):
     """A node with a `DriveBase`, its heartbeat and its collision monitor."""
 
@@ -139,7 +122,6 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         super().__init__("bridge", BridgeNodeSettings)
         s = self.settings
         self._calibration = calibration = known_chair(s.calibration, s.chair)
-        self._ticks_per_turn = calibration.body.ticks_per_turn
         watched = Watched(calibration.body, s.monitor, calibration.stops, calibration.self_mask)
         monitor = MonitorProcess(watched)
         monitor.__enter__()
@@ -147,48 +129,37 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         cable = Reconnecting(lambda: transport_from_text(s.cable, "cable"), patience_s=_OPENING_S)
         zones = load_zones(Path(s.map_folder)) if s.map_folder else ()
         model = None if calibration.dac else DEFAULT
-        self._base = DriveBase(calibration, cable, Pose2(), s, model, monitor, zones)
+        self._base = DriveBase(
+            calibration=calibration, cable=cable, start=Pose2(), settings=s, model=model, monitor=monitor, zones=zones
+        )
         heartbeat = Heartbeat(self._base.bridge, cable)
         heartbeat.__enter__()
         self.at_end(lambda: heartbeat.__exit__(None, None, None))
         self._log = self._start_log()
 
-        self._request, self._command, self._localiser = (
-            _LastMessage(DriveRequest(0)),
-            _LastMessage(Twist()),
-            _LastMessage(),
-        )
-        self._goal_id, self._ended_goal_id = NO_GOAL, NO_GOAL
-        self._has_request = False
-        self._mode = DriveMode.MANUAL
-        self._ticked_ns = 0
-        self._last_report: DriveReport | None = None
-        self._last_stop = ""
+        self._request, self._command = LastMessage(DriveRequest(0)), LastMessage(Twist())
+        self._localised, self._drive = Localised(), BridgeDrive()
         self._page_watch = PageWatch()
-        self._joystick_held_ns: int | None = (
-            time.monotonic_ns()
-        )  # a page's joystick may be held since then; None: released
-        self._last_localisation: Localisation | None = None  # by the last localised scan
-        self._scan_stamp_ns, self._scan_steady_ns = (
-            0,
-            -MAX_CLOCK_DIFFERENCE_NS * 1000,
-        )  # by the scan's stamp, and by the steady clock
-        self._authorised = {
+        authorised = {
             self.resolve_topic_name(topics.COMMAND.name): NAVIGATOR_NODE,
             self.resolve_topic_name(topics.DRIVE_REQUEST.name): NAVIGATOR_NODE,
             self.resolve_topic_name(topics.PAGE_JOYSTICK.name): PAGE_NODE,
-        }  # the topics that move the chair, and the only node that may publish each
-        self._publisher_counts, self._checked_ns, self._intruder = [0] * len(self._authorised), 0, ""
-
-        self._send_odometry, self._send_transform = self.publisher(topics.ODOMETRY), self.publisher(topics.TF)
-        self._send_state, self._send_pose = self.publisher(topics.DRIVE_STATE), self.publisher(topics.INITIAL_POSE)
-        self._send_mounts = self.publisher(topics.TF_STATIC)
-        self._send_mounts(ros_messages.transforms(self.now_ns(), static_transforms(calibration.body)))
+        }
+        self._commanders = Commanders(self, authorised, time.monotonic_ns())
+        self._publish = BridgePublishers(
+            odometry=self.publisher(topics.ODOMETRY),
+            transform=self.publisher(topics.TF),
+            state=self.publisher(topics.DRIVE_STATE),
+            pose=self.publisher(topics.INITIAL_POSE),
+        )
+        self.publisher(topics.TF_STATIC)(ros_messages.transforms(self.now_ns(), static_transforms(calibration.body)))
         self.publisher(topics.ROBOT_DESCRIPTION)(robot_description(calibration.body))
-        self._wheels, self._counts = WheelTicks(0, 0, 0), WheelCounts(self._ticks_per_turn)
+        self._wheels, self._counts = WheelTicks(0, 0, 0), WheelCounts(self._calibration.body.ticks_per_turn)
         self.every(_WHEELS_HZ, self._publish_wheels)
         self.listen(
-            _best_effort(topics.JOINTS), lambda message: read_wheels(message, self._ticks_per_turn), self._take_wheels
+            _best_effort(topics.JOINTS),
+            lambda message: read_wheels(message, self._calibration.body.ticks_per_turn),
+            self._take_wheels,
         )
         self.listen(topics.IMU, lambda message: read_imu(message, s.imu_frame), self._take_sensor)
         self.listen(topics.SCAN, lambda message: read_scan(message, s.scan_frame), self._take_sensor)
@@ -231,7 +202,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         """Report the black box, the drive mode with the conditions against driving, and the board."""
         if self._log is not None:
             yield self._log.report()
-        last = self._last_report
+        last = self._drive.report
         if last is None:
             return
         first = last.halts[0][1] if last.halts else ""
@@ -273,25 +244,32 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
     def _publish_wheels(self) -> None:
         """Publish the wheels' rotation, for displays."""
         frames = wheel_transforms(self._calibration.body, self._wheels)
-        self._send_transform(ros_messages.transforms(self.now_ns(), frames))
+        self._publish.transform(ros_messages.transforms(self.now_ns(), frames))
 
     def _publish_odometry(self, odometry: Odometry) -> None:
         pose = odometry.odom_from_base
-        self._send_odometry(
+        self._publish.odometry(
             ros_messages.odometry(
-                odometry.stamp_ns, ODOM_FRAME, pose, odometry.twist, odometry.covariance, self._base.twist_covariance
+                stamp_ns=odometry.stamp_ns,
+                parent=ODOM_FRAME,
+                parent_from_base=pose,
+                twist=odometry.twist,
+                covariance=odometry.covariance,
+                twist_covariance=self._base.twist_covariance,
             )
         )
-        self._send_transform(transform(odometry.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
+        self._publish.transform(transform(odometry.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
 
     def _take_localisation(self, located: tuple[int, Localisation]) -> None:
         """Take the localiser's message; a repeated one is only a heartbeat."""
         stamp_ns, localisation = located
-        self._localiser.take(localisation)
-        self._scan_steady_ns = time.monotonic_ns() - (self.now_ns() - stamp_ns)
-        if stamp_ns != self._scan_stamp_ns and not SCAN_RATE.is_stale(self._scan_steady_ns, time.monotonic_ns()):
-            self._scan_stamp_ns, self._last_localisation = stamp_ns, localisation
-            self._base.locate(localisation, self._scan_steady_ns)
+        self._localised.heartbeat.take(localisation)
+        self._localised.steady_ns = time.monotonic_ns() - (self.now_ns() - stamp_ns)
+        if stamp_ns != self._localised.stamp_ns and not SCAN_RATE.is_stale(
+            self._localised.steady_ns, time.monotonic_ns()
+        ):
+            self._localised.stamp_ns, self._localised.last = stamp_ns, localisation
+            self._base.locate(localisation, self._localised.steady_ns)
 
     def _read_seat(self, message: Any) -> ChairStatus:
         return ChairStatus(self.now_ns(), seated=bool(message.data))
@@ -308,9 +286,9 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         """Process a request of the navigator, unless it was delayed on its way."""
         if not self._is_fresh(request.stamp_ns):
             return
-        if request.active and not self._has_request:
-            self._goal_id = self._ended_goal_id = request.goal_id
-        self._has_request = True
+        if request.active and not self._drive.requested:
+            self._drive.goal_id = self._drive.ended_goal_id = request.goal_id
+        self._drive.requested = True
         self._request.take(request)
         if request.scan_ns:
             self._base.note_mapped_legs(request.furniture, time.monotonic_ns() - (self.now_ns() - request.scan_ns))
@@ -323,88 +301,76 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
     def _watch(self) -> None:
         """Tick without a request, if none has come for a while or another node falls silent during a drive."""
         now_ns = time.monotonic_ns()
-        silent = self._request.is_silent(now_ns) or self._localiser.is_silent(now_ns)
-        if now_ns - self._ticked_ns > _TICK_NS or (silent and self._mode in DRIVEN):
+        silent = self._request.is_silent(now_ns) or self._localised.heartbeat.is_silent(now_ns)
+        if now_ns - self._drive.ticked_ns > _TICK_NS or (silent and self._drive.mode in DRIVEN):
             self._tick()
 
     def _tick(self) -> None:
         """Make one tick: decide the drive mode, send the command to the board, and publish the state."""
-        now_ns = self._ticked_ns = time.monotonic_ns()
+        now_ns = self._drive.ticked_ns = time.monotonic_ns()
         request: DriveRequest = self._request.value
-        if request.active and request.goal_id != self._goal_id:
-            self._goal_id = request.goal_id
+        if request.active and request.goal_id != self._drive.goal_id:
+            self._drive.goal_id = request.goal_id
             self._log_request("go", Goal(request.goal))
             self._base.request()
             if self.settings.confirm_goals:
                 self._base.confirm()
-        active = request.active and self._goal_id not in (NO_GOAL, self._ended_goal_id)
+        active = request.active and self._drive.goal_id not in (NO_GOAL, self._drive.ended_goal_id)
         verdict, telemetry = self._base.supervise(now_ns, active, self._halts(now_ns, active))
         fresh = active and request.driving and not self._command.is_silent(now_ns)
         asked = self._command.value if fresh else None
         driven = self._base.drive(now_ns, verdict, asked)
-        self._mode = verdict.mode
-        if self._mode not in DRIVEN:
+        self._drive.mode = verdict.mode
+        if self._drive.mode not in DRIVEN:
             self._page_watch.over()
         if self._base.stopped_after_push:
             self._relocalise()
         if active and (verdict.drops_goal or driven.ended):
-            self._ended_goal_id, self._last_stop = self._goal_id, driven.ended or verdict.reason
+            self._drive.ended_goal_id, self._drive.last_stop = self._drive.goal_id, driven.ended or verdict.reason
         if self._log is not None:
-            decided = TickRecord(now_ns, request, asked or Twist(), self._last_localisation, verdict, driven, telemetry)
+            decided = TickRecord(
+                now_ns=now_ns,
+                request=request,
+                asked=asked or Twist(),
+                located=self._localised.last,
+                verdict=verdict,
+                driven=driven,
+                telemetry=telemetry,
+            )
             self._log.add_tick(self._base, decided)
         lean = self._base.tilt
-        self._last_report = DriveReport(
-            self.now_ns(),
-            self._goal_id,
-            verdict.mode,
-            driven.ended or verdict.reason,
-            self._goal_id == self._ended_goal_id,
-            self._base.ready,
-            driven.command if driven.sent.active else None,
-            driven.ended,
-            tuple((halted.stop.id, halted.text) for halted in self._base.halts),
-            0.0 if lean is None else lean.roll,
-            0.0 if lean is None else lean.pitch,
-            request.scan_ns,
-            request.goal,
-            self._last_stop,
-            self._base.countdown_s(now_ns) or 0.0,
-            verdict.steered,
+        self._drive.report = DriveReport(
+            stamp_ns=self.now_ns(),
+            goal_id=self._drive.goal_id,
+            mode=verdict.mode,
+            reason=driven.ended or verdict.reason,
+            drops_goal=self._drive.goal_id == self._drive.ended_goal_id,
+            ready=self._base.ready,
+            command=driven.command if driven.sent.active else None,
+            ended=driven.ended,
+            halts=tuple((halted.stop.id, halted.text) for halted in self._base.halts),
+            roll=0.0 if lean is None else lean.roll,
+            pitch=0.0 if lean is None else lean.pitch,
+            scan_ns=request.scan_ns,
+            goal=request.goal,
+            last_stop=self._drive.last_stop,
+            countdown_s=self._base.countdown_s(now_ns) or 0.0,
+            steered=verdict.steered,
         )
-        self._send_state(drive_state(self._last_report))
+        self._publish.state(drive_state(self._drive.report))
 
     def _halts(self, now_ns: int, active: bool) -> list[Halt]:
         """Return the halts that only a chair of several processes has: silent nodes and additional commanders."""
         halts = [halt("open_network")] if self.settings.ignore_commands else []
-        if (active or self._mode in DRIVEN) and self._request.is_silent(now_ns):
+        if (active or self._drive.mode in DRIVEN) and self._request.is_silent(now_ns):
             halts.append(halt("navigator_silent"))
-        if self._localiser.is_silent(now_ns) or SCAN_RATE.is_stale(self._scan_steady_ns, now_ns):
+        if self._localised.heartbeat.is_silent(now_ns) or SCAN_RATE.is_stale(self._localised.steady_ns, now_ns):
             halts.append(halt("localiser_silent"))
-        self._check_publishers(now_ns)
-        if self._intruder:
-            halts.append(halt("two_commanders", self._intruder))
+        self._commanders.check(now_ns)
+        if self._commanders.intruder:
+            halts.append(halt("two_commanders", self._commanders.intruder))
         halts += self._page_watch.halts(now_ns)
         return halts
-
-    def _check_publishers(self, now_ns: int) -> None:
-        """Find an unauthorised or duplicate publisher of speeds, requests or a page's joystick.
-
-        A publisher is discovered before its first message, so that none of its messages is obeyed.
-        """
-        counts = [self.count_publishers(name) for name in self._authorised]
-        if self._joystick_held_ns is not None:  # until a page has been present, and silent for long enough
-            if not self._publisher_counts[-1]:
-                self._joystick_held_ns = now_ns
-            elif now_ns - self._joystick_held_ns >= _RELEASE_NS:
-                self._joystick_held_ns = None
-        if counts == self._publisher_counts and now_ns - self._checked_ns < _PUBLISHER_CHECK_NS:
-            return
-        self._publisher_counts, self._checked_ns, self._intruder = counts, now_ns, ""
-        for topic, sender in self._authorised.items():
-            names = [each.node_name for each in self.get_publishers_info_by_topic(topic)]
-            others = [name for name in names if name != sender]
-            if others or (len(names) > 1 and sender == NAVIGATOR_NODE):
-                self._intruder = others[0] if others else f"{len(names)} nodes named '{sender}'"
 
     def _serve(self, name: str, call: Callable[[], tuple[bool, str]]) -> None:
         """Offer a std_srvs/Trigger service that answers with success and a sentence."""
@@ -421,18 +387,13 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             self._log.note_request(value, goals)
 
     def _take_page_joystick(self, stick: JoystickInput | None) -> None:
-        """Take a page's joystick, unless the network is open or the message was delayed.
-
-        A joystick that may have been held before this node started counts only after a release or `_RELEASE_NS` of silence.
-        """
+        """Take a page's joystick, unless the network is open or the message was delayed."""
         now_ns = time.monotonic_ns()
-        self._check_publishers(now_ns)
+        self._commanders.check(now_ns)
         if stick is None or self.settings.ignore_commands:
-            self._joystick_held_ns = None
+            self._commanders.release_joystick()
             self._base.let_go(now_ns)
-        elif self._joystick_held_ns is not None:
-            self._joystick_held_ns = now_ns
-        elif self._is_fresh(stick.stamp_ns):
+        elif self._commanders.push_joystick(now_ns) and self._is_fresh(stick.stamp_ns):
             self._base.steer(stick.forward, stick.turn, now_ns)
 
     def _take_page_heartbeat(self, message: Any) -> None:
@@ -449,9 +410,9 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
 
     def _relocalise(self) -> None:
         """After a push by hand, restart the localiser at its pose if the scans confirm that pose only partly."""
-        located: Localisation | None = self._localiser.value
+        located: Localisation | None = self._localised.heartbeat.value
         if located is not None and located.state is LocalisationState.DEGRADED:
-            self._send_pose(pose_with_covariance(self.now_ns(), located.map_from_base))
+            self._publish.pose(pose_with_covariance(self.now_ns(), located.map_from_base))
 
     def _stop(self) -> tuple[bool, str]:
         self._log_request("stop")
@@ -466,24 +427,24 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
     def _confirm(self, goal_id: int, on_page: bool = False) -> tuple[bool, str]:
         """Confirm one goal for the rider; refuse if another goal has arrived meanwhile."""
         request: DriveRequest = self._request.value
-        if not request.active or self._goal_id in (NO_GOAL, self._ended_goal_id):
+        if not request.active or self._drive.goal_id in (NO_GOAL, self._drive.ended_goal_id):
             return False, "there is no goal to confirm: request one first"
-        if goal_id != self._goal_id:
+        if goal_id != self._drive.goal_id:
             return False, "the goal has changed since it was shown: look at the new goal, then confirm it"
-        if self._mode in DRIVEN:
+        if self._drive.mode in DRIVEN:
             return True, "the drive is under way"
         if on_page:
             self._page_watch.began(time.monotonic_ns())
         self._log_request("confirm")
         self._base.confirm()
         self._tick()
-        last = self._last_report
+        last = self._drive.report
         if last is not None and last.mode in DRIVEN:
             return True, "the drive begins"
         return False, "" if last is None else last.reason
 
     def _reset(self) -> tuple[bool, str]:
-        self._ended_goal_id = self._goal_id
+        self._drive.ended_goal_id = self._drive.goal_id
         self._log_request("reset")
         self._base.reset()
         return True, "the faults were reset; request the goal again"

@@ -41,14 +41,19 @@ def urdf(body: ChairBody) -> str:
     _add_base(robot, body)
     for frame, joint, (_, mount) in zip(WHEEL_FRAMES, WHEEL_JOINTS, _wheels(body, (0.0, 0.0)).items(), strict=True):
         _add_wheel(robot, frame, body.wheel_radius)
-        _add_joint(robot, joint, "continuous", BASE_FRAME, frame, mount, axis="0 1 0")
+        _add_joint(robot=robot, name=joint, kind="continuous", parent=BASE_FRAME, child=frame, at=mount, axis="0 1 0")
     for (parent, frame), mount in static_transforms(body).items():
         link = SubElement(robot, "link", name=frame)
         if parent == BASE_FRAME:
             _add_shape(
-                link, "visual", "box", Pose3(np.eye(3), np.zeros(3)), "sensor", size=_numbers([_SENSOR_SIZE] * 3)
+                link=link,
+                kind="visual",
+                shape="box",
+                at=Pose3(np.eye(3), np.zeros(3)),
+                material="sensor",
+                size=_numbers([_SENSOR_SIZE] * 3),
             )
-        _add_joint(robot, f"{frame}_joint", "fixed", parent, frame, mount)
+        _add_joint(robot=robot, name=f"{frame}_joint", kind="fixed", parent=parent, child=frame, at=mount)
     ElementTree.indent(robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(robot, encoding="unicode") + "\n"
 
@@ -83,7 +88,7 @@ def _add_base(robot: Element, body: ChairBody) -> None:
 def _add_layer(base: Element, kind: str, layer: BodyLayer, material: str = "") -> None:
     middle = np.array([(layer.front - layer.rear) / 2, 0.0, (layer.bottom + layer.top) / 2])
     size = (layer.front + layer.rear, 2 * layer.half_width, layer.top - layer.bottom)
-    _add_shape(base, kind, "box", Pose3(np.eye(3), middle), material, size=_numbers(size))
+    _add_shape(link=base, kind=kind, shape="box", at=Pose3(np.eye(3), middle), material=material, size=_numbers(size))
 
 
 def _add_wheel(robot: Element, frame: str, radius: float) -> None:
@@ -91,7 +96,15 @@ def _add_wheel(robot: Element, frame: str, radius: float) -> None:
     link = SubElement(robot, "link", name=frame)
     across = Pose3(Rotation.from_euler("x", math.pi / 2).as_matrix(), np.zeros(3))
     for kind, material in (("visual", "wheel"), ("collision", "")):
-        _add_shape(link, kind, "cylinder", across, material, radius=_numbers([radius]), length=_numbers([_WHEEL_WIDTH]))
+        _add_shape(
+            link=link,
+            kind=kind,
+            shape="cylinder",
+            at=across,
+            material=material,
+            radius=_numbers([radius]),
+            length=_numbers([_WHEEL_WIDTH]),
+        )
 
 
 def _add_shape(link: Element, kind: str, shape: str, at: Pose3, material: str, **sizes: str) -> None:

@@ -39,6 +39,23 @@ _JUMP = 0.05  # m and rad; a larger correction is reported as a jump, since a lo
 _MAX_SPEED_CHANGE = 0.5  # m/s and rad/s; largest increase of speed between two readings
 
 
+class _ContinuousOdometry:
+    """Joins odometry that restarts to the odometry before; `shift` is the offset since the last restart."""
+
+    def __init__(self) -> None:
+        self.shift = Pose2()
+        self._last: Odometry | None = None
+
+    def joined(self, odometry: Odometry, restarted: bool) -> Odometry:
+        """Return a reading, shifted; see `MapBuilder.add_odometry`."""
+        moved = replace(odometry, odom_from_base=self.shift @ odometry.odom_from_base)
+        if restarted and self._last is not None and not _is_reachable(self._last, moved):
+            self.shift = self._last.odom_from_base @ odometry.odom_from_base.inverse()
+            moved = replace(odometry, odom_from_base=self._last.odom_from_base)
+        self._last = moved
+        return moved
+
+
 class MapBuilder:
     """A `LiveMapping` that runs in a node's worker, one job at a time."""
 
@@ -60,8 +77,7 @@ class MapBuilder:
         self._busy = False
         self._left_out = 0  # frames with odometry before the first mapped one
         self._map_from_odom: Pose2 | None = None
-        self._odometry: Odometry | None = None
-        self._shift = Pose2()  # offset that joins restarted odometry to the odometry before
+        self._continuous = _ContinuousOdometry()
         self._sent_revision: tuple[int, int, int] | None = None
         self._folders: set[Path] = set()  # this map was saved there: places and zones drawn there belong to it
 
@@ -83,12 +99,7 @@ class MapBuilder:
         If the odometry seems to have restarted (`restarted`) and its pose is out of the chair's reach, it is shifted to
         continue where the last reading ended.
         """
-        moved = replace(odometry, odom_from_base=self._shift @ odometry.odom_from_base)
-        if restarted and self._odometry is not None and not _is_reachable(self._odometry, moved):
-            self._shift = self._odometry.odom_from_base @ odometry.odom_from_base.inverse()
-            moved = replace(odometry, odom_from_base=self._odometry.odom_from_base)
-        self._odometry = moved
-        self._queue_frames(self._synchroniser.add(topics.ODOMETRY, moved))
+        self._queue_frames(self._synchroniser.add(topics.ODOMETRY, self._continuous.joined(odometry, restarted)))
 
     def add_imu(self, sample: ImuSample) -> None:
         """Take a sample of the IMU, in the axes of the base."""
@@ -176,8 +187,15 @@ class MapBuilder:
         before, self._map_from_odom = self._map_from_odom, pose @ own.odom_from_base.inverse()
         moved = Pose2() if before is None else (before @ own.odom_from_base).inverse() @ pose
         jumped = max(abs(moved.x), abs(moved.y), abs(wrap_angle(moved.theta))) > _JUMP
-        now = self._map_from_odom @ self._shift
-        return frame.stamp_ns, Localisation(pose, now, mapper.inliers, state, mapper.inliers, jumped=jumped)
+        now = self._map_from_odom @ self._continuous.shift
+        return frame.stamp_ns, Localisation(
+            map_from_base=pose,
+            map_from_odom=now,
+            inliers=mapper.inliers,
+            state=state,
+            health=mapper.inliers,
+            jumped=jumped,
+        )
 
     def _grid_if_changed(self) -> OccupancyGrid | None:
         mapper = self._live.mapper

@@ -86,9 +86,9 @@ class NavigateAction:
         self._type = interface_type("nav2_msgs/action/NavigateToPose")
         self._goal: tuple[ServerGoalHandle, Future] | None = None
         server = ActionServer(
-            node,
-            self._type,
-            NAVIGATE_TO_POSE,
+            node=node,
+            action_type=self._type,
+            action_name=NAVIGATE_TO_POSE,
             execute_callback=self._execute,
             goal_callback=self._accept,
             cancel_callback=self._cancel,

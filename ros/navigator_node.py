@@ -24,7 +24,7 @@ import math
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Any
 
@@ -37,7 +37,7 @@ from waychair.control.stops import halt
 from waychair.control.supervisor import SupervisorVerdict
 from waychair.errors import ConfigError, WaychairError
 from waychair.maps.places import load_places
-from waychair.maps.zones import load_zones
+from waychair.maps.zones import Zone, load_zones
 from waychair.ros import topics
 from waychair.ros.active_state import offer_get_state
 from waychair.ros.interface_types import interface_type
@@ -75,7 +75,7 @@ from waychair.slam.tilt import Tilt
 from waychair.topics import CAMERA as CAMERA_RATE
 from waychair.topics import COMMAND as COMMAND_RATE
 from waychair.topics import SCAN as SCAN_RATE
-from waychair.types import Goal, OccupancyGrid, Odometry, Path, Pose2, RgbdFrame, Scan, SonarReadings, Twist
+from waychair.types import Goal, OccupancyGrid, Odometry, Path, Place, Pose2, RgbdFrame, Scan, SonarReadings, Twist
 
 _PERIOD_NS = round(1e9 / COMMAND_RATE.rate_hz)
 _FEEDBACK_EVERY = 4  # ticks
@@ -96,6 +96,42 @@ class NavigatorNodeSettings(PilotSettings):
     enable_stamped_cmd_vel: bool = stamped_field()
 
 
+@dataclass(slots=True)
+class _Layout:
+    """The map with its places and zones; `next_grid` waits for the end of the current drive."""
+
+    places: dict[str, Place]
+    zones: tuple[Zone, ...]
+    grid: OccupancyGrid | None = None
+    next_grid: OccupancyGrid | None = None
+
+
+@dataclass(slots=True)
+class _Latest:
+    """The latest inputs, and the times [ns] of the last ones by the steady clock; `scan_ns` is a scan's stamp."""
+
+    scan: Scan | None = None  # waits for its localisation
+    located: tuple[int, Localisation] | None = None
+    frame: RgbdFrame | None = None  # waits for the next tick
+    state: DriveReport | None = None
+    limit: float = math.inf
+    bridge_ns: int | None = None
+    scan_ns: int = 0  # of the last scan that was used
+    pose_ns: int | None = None  # when the chair's pose was last known
+    camera_ns: int | None = None
+
+
+@dataclass(slots=True)
+class _Drive:
+    """The current goal, the start of its drive by the steady clock, and the number of recoveries before it."""
+
+    goal: Pose2 = field(default_factory=Pose2)
+    goal_id: int = NO_GOAL
+    began_ns: int = 0
+    recoveries: int = 0
+    ticks: int = 0
+
+
 class NavigatorNode(ChairNode[NavigatorNodeSettings]):
     """A node with a `Pilot` on the mapper's map."""
 
@@ -104,31 +140,18 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         s = self.settings
         self._calibration = known_chair(s.calibration, s.chair)
         folder = FilePath(s.map_folder)
-        self._places = load_places(folder) if s.map_folder else {}
-        self._zones = load_zones(folder) if s.map_folder else ()
+        self._layout = _Layout(load_places(folder), load_zones(folder)) if s.map_folder else _Layout({}, ())
         self._pilot: Pilot | None = None
-        self._grid: OccupancyGrid | None = None
-        self._next_map: OccupancyGrid | None = None
         self._track = OdometryTrack()
-        self._scan: Scan | None = None
-        self._located: tuple[int, Localisation] | None = None
-        self._state: DriveReport | None = None
-        self._bridge_ns: int | None = None  # time of the bridge's last message, by the steady clock
-        self._scan_ns = 0  # stamp of the last scan that was used
-        self._pose_ns: int | None = None  # time when the chair's pose was last known, by the steady clock
-        self._frame: RgbdFrame | None = None
-        self._camera_ns: int | None = None  # time of the camera's last usable frame, by the steady clock
-        self._goal, self._goal_id, self._began_ns, self._ticks = Pose2(), NO_GOAL, 0, 0
-        self._recoveries = 0  # number of recoveries before this goal
+        self._latest, self._drive = _Latest(), _Drive()
         self._navigation: Navigation | None = None
-        self._limit = math.inf
 
         stamped = s.enable_stamped_cmd_vel
         self._send_command = self.publisher(topics.STAMPED_COMMAND if stamped else topics.COMMAND)
         self._send_request = self.publisher(topics.DRIVE_REQUEST)
         self._display = NavigationDisplay(self, self._calibration.body)
         self._send_places = self.publisher(topics.PLACES)
-        self._send_places(places(self.now_ns(), self._places))
+        self._send_places(places(self.now_ns(), self._layout.places))
         self.listen(topics.LAYOUT, lambda message: message, lambda message: self._reload_layout(), needed=False)
         self.listen(topics.MAP, read_occupancy_grid, self._take_map)
         with_true_stamp = self._calibration.with_true_stamp
@@ -173,8 +196,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if missing := self._missing_input(time.monotonic_ns()):
             raise ConfigError(missing)
         self._pilot.go(self._with_tolerances(goal))
-        self._goal, self._goal_id, self._began_ns = goal, goal_id, time.monotonic_ns()
-        self._recoveries = self._pilot.navigator.recovery.begun
+        self._drive.goal, self._drive.goal_id, self._drive.began_ns = goal, goal_id, time.monotonic_ns()
+        self._drive.recoveries = self._pilot.navigator.recovery.begun
 
     def cancel(self) -> None:
         """Give the goal up and stop; for the action and the service."""
@@ -183,7 +206,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _with_tolerances(self, goal: Pose2) -> Goal:
         """Return the goal, with the tolerances of the place at this pose if there is one."""
-        for place in self._places.values():
+        for place in self._layout.places.values():
             if math.hypot(place.pose.x - goal.x, place.pose.y - goal.y) < 0.01:
                 return Goal(goal, place.tolerance_m, place.tolerance_rad)
         return Goal(goal)
@@ -213,25 +236,32 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         return response
 
     def _limit_speed(self, limit: float) -> None:
-        self._limit = limit
+        self._latest.limit = limit
 
     def _take_map(self, grid: OccupancyGrid) -> None:
         """Use a new map at once, or after the current drive."""
-        self._next_map = grid
+        self._layout.next_grid = grid
         self._use_next_map()
 
     def _use_next_map(self) -> None:
-        if self._next_map is None or (self._pilot is not None and self._pilot.navigator.active):
+        if self._layout.next_grid is None or (self._pilot is not None and self._pilot.navigator.active):
             return
-        grid, self._next_map = self._next_map, None
-        self._grid = grid
+        grid, self._layout.next_grid = self._layout.next_grid, None
+        self._layout.grid = grid
         stops = self._calibration.stops
-        self._pilot = pilot = Pilot(grid, self._places, self._calibration.body, self.settings, stops, self._zones)
+        self._pilot = pilot = Pilot(
+            grid=grid,
+            places=self._layout.places,
+            body=self._calibration.body,
+            settings=self.settings,
+            stops=stops,
+            zones=self._layout.zones,
+        )
         self._show_map(pilot, grid)
         self.freeze_garbage_collection()
 
     def _show_map(self, pilot: Pilot, grid: OccupancyGrid) -> None:
-        zones = self._zones
+        zones = self._layout.zones
         self._display.draw(lambda: pilot.drawn(grid, zones).costmap())
 
     def _reload_layout(self) -> None:
@@ -240,11 +270,11 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             return
         folder = FilePath(self.settings.map_folder)
         try:
-            self._places, self._zones = load_places(folder), load_zones(folder)
+            self._layout.places, self._layout.zones = load_places(folder), load_zones(folder)
         except WaychairError as error:
             self.get_logger().error(f"{error}; places and zones stay unchanged")
             return
-        named, zones, pilot, grid = self._places, self._zones, self._pilot, self._grid
+        named, zones, pilot, grid = self._layout.places, self._layout.zones, self._pilot, self._layout.grid
         self._send_places(places(self.now_ns(), named))
         if pilot is not None and grid is not None:
             self.worker.submit(lambda: pilot.drawn(grid, zones), lambda drawn: pilot.redraw(drawn, named))
@@ -252,23 +282,23 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _take_odometry(self, odometry: Odometry) -> None:
         if self._track.take(odometry):
-            self._located = None  # the odometry restarted, so the old localisation is void
+            self._latest.located = None  # the odometry restarted, so the old localisation is void
 
     def _take_scan(self, scan: Scan) -> None:
-        self._scan = scan
+        self._latest.scan = scan
         self._pass_scan()
 
     def _take_localisation(self, located: tuple[int, Localisation]) -> None:
-        if self._located is None or located[0] != self._located[0]:
-            self._located = located
+        if self._latest.located is None or located[0] != self._latest.located[0]:
+            self._latest.located = located
             self._pass_scan()
 
     def _pass_scan(self) -> None:
         """Pass a scan to the pilot once its localisation has arrived."""
-        scan, located = self._scan, self._located
+        scan, located = self._latest.scan, self._latest.located
         if self._pilot is None or scan is None or located is None or scan.stamp_ns != located[0]:
             return
-        self._scan, self._scan_ns = None, scan.stamp_ns
+        self._latest.scan, self._latest.scan_ns = None, scan.stamp_ns
         self._timer.timer_period_ns = self._phase.message_arrived(time.monotonic_ns())
         self._pilot.see(self._calibration.masked(scan), located[1], self._track.twist)
 
@@ -294,31 +324,31 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _take_frame(self, frame: RgbdFrame | None) -> None:
         if frame is not None and has_valid_reading(frame):  # a frame without any depth is ignored
-            self._frame, self._camera_ns = self._calibration.with_true_stamp(frame), time.monotonic_ns()
+            self._latest.frame, self._latest.camera_ns = self._calibration.with_true_stamp(frame), time.monotonic_ns()
 
     def _process_camera(self) -> None:
         """Process the latest camera frame, just after a tick, since it takes much of the time to the next tick."""
-        frame, self._frame = self._frame, None
+        frame, self._latest.frame = self._latest.frame, None
         pose = None if frame is None else self._map_from_base(frame.stamp_ns)
         if frame is not None and self._pilot is not None and pose is not None:
-            state = self._state
+            state = self._latest.state
             lean = None if state is None else Tilt(frame.stamp_ns, state.roll, state.pitch)
             self._pilot.look(frame, pose, lean)
 
     def _map_from_base(self, stamp_ns: int) -> Pose2 | None:
         """Return the chair's pose at a stamp; None without current odometry or localisation."""
         odom_from_base = self._track.odom_from_base(stamp_ns)
-        if odom_from_base is None or self._located is None:
+        if odom_from_base is None or self._latest.located is None:
             return None
-        return self._located[1].map_from_odom @ odom_from_base
+        return self._latest.located[1].map_from_odom @ odom_from_base
 
     def _take_drive_state(self, report: DriveReport) -> None:
         """Take the bridge's report: its verdict about the drive, and the command that it sent."""
-        self._state, self._bridge_ns = report, time.monotonic_ns()
+        self._latest.state, self._latest.bridge_ns = report, time.monotonic_ns()
         pilot = self._pilot
-        if pilot is None or self._goal_id == NO_GOAL:
+        if pilot is None or self._drive.goal_id == NO_GOAL:
             return
-        mine = report.goal_id == self._goal_id
+        mine = report.goal_id == self._drive.goal_id
         if mine and pilot.navigator.active:
             pilot.obey(SupervisorVerdict(report.mode, report.reason, drops_goal=report.drops_goal))
         pilot.note_sent(report.command if mine else None)
@@ -341,18 +371,18 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         missing = self._missing_input(steady_ns)
         if missing and pilot is not None and pilot.navigator.active:
             pilot.drop(missing)
-        if pilot is None or pose is None or self._located is None or self._scan_is_stale(now_ns):
+        if pilot is None or pose is None or self._latest.located is None or self._scan_is_stale(now_ns):
             self._send(Twist(), self._request(now_ns))
             if pilot is None or not pilot.navigator.active:
                 self._display.clear()
             self._update_action()
             return
-        self._pose_ns = steady_ns
+        self._latest.pose_ns = steady_ns
         pilot.expire(steady_ns)
-        navigation = self._navigation = pilot.step(steady_ns, pose, self._located[1].map_from_odom)
+        navigation = self._navigation = pilot.step(steady_ns, pose, self._latest.located[1].map_from_odom)
         command = self._slowed(navigation.twist) if navigation.driving else Twist()
         self._send(command, self._request(now_ns, navigation))
-        map_from_odom = self._located[1].map_from_odom
+        map_from_odom = self._latest.located[1].map_from_odom
         self._display.show(navigation, pilot.navigator, map_from_odom, self._track.odom_from_base(now_ns))
         self._update_action(pose)
         self._use_next_map()
@@ -364,23 +394,23 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         navigator, last = self._pilot.navigator, navigation or self._navigation
         driving = navigator.active and navigation is not None and navigation.driving
         return DriveRequest(
-            now_ns,
-            self._goal_id,
-            navigator.active,
-            driving,
-            0 if navigation is None else self._scan_ns,
-            self._goal,
-            navigator.stage.value,
-            navigator.reason,
-            0 if last is None else last.plans,
-            self._pilot.mapped_legs,
+            stamp_ns=now_ns,
+            goal_id=self._drive.goal_id,
+            active=navigator.active,
+            driving=driving,
+            scan_ns=0 if navigation is None else self._latest.scan_ns,
+            goal=self._drive.goal,
+            stage=navigator.stage.value,
+            reason=navigator.reason,
+            plans=0 if last is None else last.plans,
+            furniture=self._pilot.mapped_legs,
         )
 
     def _missing_input(self, now_ns: int) -> str:
         """Return why a goal must be dropped: the bridge, the localisation or (if so configured) the camera is silent; or ''."""
-        if self._bridge_ns is None or now_ns - self._bridge_ns > _SILENT_NS:
+        if self._latest.bridge_ns is None or now_ns - self._latest.bridge_ns > _SILENT_NS:
             return "the bridge does not answer: wait until it is back, then request the goal again"
-        if self._pose_ns is None or now_ns - self._pose_ns > _SILENT_NS:
+        if self._latest.pose_ns is None or now_ns - self._latest.pose_ns > _SILENT_NS:
             return "the chair is not localised: wait until it is, then request the goal again"
         return halt("depth_stale").text if self._camera_is_silent(now_ns) and self._stops_without_camera else ""
 
@@ -390,15 +420,15 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _camera_is_silent(self, now_ns: int) -> bool:
         """Return whether a working camera has fallen silent, so that drop-offs go unseen (F13)."""
-        return self._camera_ns is not None and CAMERA_RATE.is_stale(self._camera_ns, now_ns)
+        return self._latest.camera_ns is not None and CAMERA_RATE.is_stale(self._latest.camera_ns, now_ns)
 
     def _scan_is_stale(self, now_ns: int) -> bool:
         """Return whether the last localised scan is too old for driving."""
-        return self._located is None or SCAN_RATE.is_stale(self._located[0], now_ns)
+        return self._latest.located is None or SCAN_RATE.is_stale(self._latest.located[0], now_ns)
 
     def _slowed(self, command: Twist) -> Twist:
         blind = self._camera_is_silent(time.monotonic_ns())
-        limit = min(self._limit, SLOW_SPEED) if blind else self._limit
+        limit = min(self._latest.limit, SLOW_SPEED) if blind else self._latest.limit
         share = min(1.0, limit / max(abs(command.v), 1e-9))
         return Twist(share * command.v, share * command.omega)
 
@@ -409,11 +439,11 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _update_action(self, pose: Pose2 | None = None) -> None:
         """Send the action's feedback periodically and at the end, and its result at once."""
-        self._ticks += 1
+        self._drive.ticks += 1
         if not self._action.active or self._pilot is None:
             return
         navigator = self._pilot.navigator
-        if not navigator.active or self._ticks % _FEEDBACK_EVERY == 0:
+        if not navigator.active or self._drive.ticks % _FEEDBACK_EVERY == 0:
             self._send_feedback(pose)
         if not navigator.active:
             self._action.end(reached=navigator.stage is Stage.ARRIVED, reason=navigator.reason)
@@ -422,9 +452,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         navigation = self._navigation
         if pose is None or navigation is None or self._pilot is None:
             return
-        recoveries = self._pilot.navigator.recovery.begun - self._recoveries
+        recoveries = self._pilot.navigator.recovery.begun - self._drive.recoveries
         left = _remaining_distance(navigation.path, pose)
-        elapsed_s = (time.monotonic_ns() - self._began_ns) * 1e-9
+        elapsed_s = (time.monotonic_ns() - self._drive.began_ns) * 1e-9
         seconds = left / max(self.settings.limiter.max_speed / 2, 0.05)
         self._action.tell(DriveFeedback(pose, elapsed_s, seconds, recoveries, left))
 

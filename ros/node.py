@@ -102,7 +102,7 @@ class ChairNode(Node, Generic[S]):
         needed: bool = True,
     ) -> Input[T]:
         """Subscribe to a topic (see `Input`); its state is reported on /diagnostics."""
-        self._inputs.append(Input(self, topic, read, take, refuse, needed=needed))
+        self._inputs.append(Input(node=self, topic=topic, read=read, take=take, refuse=refuse, needed=needed))
         return self._inputs[-1]
 
     def every(self, rate_hz: float, call: Callable[[], None]) -> Any:

@@ -99,11 +99,19 @@ class Lines:
 
 def drive_request(request: DriveRequest) -> Any:
     """Return a waychair_msgs/DriveRequest."""
-    head = header(request.stamp_ns, BASE_FRAME)
-    flags = request.active, request.driving
-    way = pose(request.goal), request.stage, request.reason, request.plans
-    furniture = np.ascontiguousarray(request.furniture, np.float32).ravel()
-    return make("waychair_msgs/msg/DriveRequest", head, request.goal_id, *flags, request.scan_ns, *way, furniture)
+    return make(
+        "waychair_msgs/msg/DriveRequest",
+        header=header(request.stamp_ns, BASE_FRAME),
+        goal_id=request.goal_id,
+        active=request.active,
+        driving=request.driving,
+        scan_ns=request.scan_ns,
+        goal=pose(request.goal),
+        stage=request.stage,
+        reason=request.reason,
+        plans=request.plans,
+        furniture=np.ascontiguousarray(request.furniture, np.float32).ravel(),
+    )
 
 
 def read_drive_request(message: Any) -> DriveRequest:
@@ -117,16 +125,16 @@ def read_drive_request(message: Any) -> DriveRequest:
     if len(furniture) % 2:
         raise MessageError(f"furniture has {len(furniture)} coordinates, which is odd: restart its sender")
     return DriveRequest(
-        stamp_of(message),
-        int(message.goal_id),
-        bool(message.active),
-        bool(message.driving),
-        int(message.scan_ns),
-        read_pose(message.goal),
-        str(message.stage),
-        str(message.reason),
-        int(message.plans),
-        furniture.reshape(-1, 2),
+        stamp_ns=stamp_of(message),
+        goal_id=int(message.goal_id),
+        active=bool(message.active),
+        driving=bool(message.driving),
+        scan_ns=int(message.scan_ns),
+        goal=read_pose(message.goal),
+        stage=str(message.stage),
+        reason=str(message.reason),
+        plans=int(message.plans),
+        furniture=furniture.reshape(-1, 2),
     )
 
 
@@ -135,24 +143,24 @@ def drive_state(report: DriveReport) -> Any:
     command = report.command
     return make(
         "waychair_msgs/msg/DriveState",
-        header(report.stamp_ns, BASE_FRAME),
-        report.goal_id,
-        pose(report.goal),
-        report.mode.value,
-        report.reason,
-        report.drops_goal,
-        report.ready,
-        command is not None,
-        twist(command or Twist()),
-        report.ended,
-        report.last_stop,
-        report.countdown_s,
-        report.steered,
-        [stop_id for stop_id, _ in report.halts],
-        [text for _, text in report.halts],
-        report.roll,
-        report.pitch,
-        report.scan_ns,
+        header=header(report.stamp_ns, BASE_FRAME),
+        goal_id=report.goal_id,
+        goal=pose(report.goal),
+        mode=report.mode.value,
+        reason=report.reason,
+        drops_goal=report.drops_goal,
+        ready=report.ready,
+        commanded=command is not None,
+        command=twist(command or Twist()),
+        ended=report.ended,
+        last_stop=report.last_stop,
+        countdown=report.countdown_s,
+        steered=report.steered,
+        halts=[stop_id for stop_id, _ in report.halts],
+        halt_texts=[text for _, text in report.halts],
+        roll=report.roll,
+        pitch=report.pitch,
+        scan_ns=report.scan_ns,
     )
 
 
@@ -164,22 +172,22 @@ def read_drive_state(message: Any) -> DriveReport:
     """
     require_finite("the chair's tilt or the countdown", message.roll, message.pitch, message.countdown)
     return DriveReport(
-        stamp_of(message),
-        int(message.goal_id),
-        _value(DriveMode, message.mode),
-        str(message.reason),
-        bool(message.drops_goal),
-        bool(message.ready),
-        read_twist(message.command) if message.commanded else None,
-        str(message.ended),
-        tuple(zip(message.halts, message.halt_texts, strict=False)),
-        float(message.roll),
-        float(message.pitch),
-        int(message.scan_ns),
-        read_pose(message.goal),
-        str(message.last_stop),
-        float(message.countdown),
-        bool(message.steered),
+        stamp_ns=stamp_of(message),
+        goal_id=int(message.goal_id),
+        mode=_value(DriveMode, message.mode),
+        reason=str(message.reason),
+        drops_goal=bool(message.drops_goal),
+        ready=bool(message.ready),
+        command=read_twist(message.command) if message.commanded else None,
+        ended=str(message.ended),
+        halts=tuple(zip(message.halts, message.halt_texts, strict=False)),
+        roll=float(message.roll),
+        pitch=float(message.pitch),
+        scan_ns=int(message.scan_ns),
+        goal=read_pose(message.goal),
+        last_stop=str(message.last_stop),
+        countdown_s=float(message.countdown),
+        steered=bool(message.steered),
     )
 
 
@@ -205,15 +213,15 @@ def localisation(stamp_ns: int, found: Localisation) -> Any:
     covariance = np.full(9, np.nan) if found.covariance is None else np.ravel(found.covariance)
     return make(
         "waychair_msgs/msg/Localisation",
-        header(stamp_ns, MAP_FRAME),
-        pose(found.map_from_odom),
-        pose(found.map_from_base),
-        pose(found.remaining),
-        found.state.value,
-        float(found.health),
-        float(found.inliers),
-        covariance.astype(np.float64),
-        found.jumped,
+        header=header(stamp_ns, MAP_FRAME),
+        map_from_odom=pose(found.map_from_odom),
+        map_from_base=pose(found.map_from_base),
+        remaining=pose(found.remaining),
+        state=found.state.value,
+        health=float(found.health),
+        inliers=float(found.inliers),
+        covariance=covariance.astype(np.float64),
+        jumped=found.jumped,
     )
 
 
@@ -227,14 +235,14 @@ def read_localisation(message: Any) -> tuple[int, Localisation]:
     require_finite("a localisation's health", message.health, message.inliers)
     covariance = np.array(message.covariance, np.float64).reshape(3, 3)
     return stamp_of(message), Localisation(
-        read_pose(message.map_from_base),
-        read_pose(message.map_from_odom),
-        float(message.inliers),
-        _value(LocalisationState, message.state),
-        float(message.health),
-        covariance if np.isfinite(covariance).all() else None,
-        read_pose(message.remaining),
-        bool(message.jumped),
+        map_from_base=read_pose(message.map_from_base),
+        map_from_odom=read_pose(message.map_from_odom),
+        inliers=float(message.inliers),
+        state=_value(LocalisationState, message.state),
+        health=float(message.health),
+        covariance=covariance if np.isfinite(covariance).all() else None,
+        remaining=read_pose(message.remaining),
+        jumped=bool(message.jumped),
     )
 
 

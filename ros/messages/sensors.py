@@ -175,17 +175,22 @@ def battery(status: ChairStatus) -> Any:
     percentage = nothing if status.battery is None else status.battery
     return make(
         "sensor_msgs/msg/BatteryState",
-        header(status.stamp_ns, ""),
-        *(nothing for _ in range(6)),
-        percentage,
-        kinds[status.charging],
-        _UNKNOWN,
-        _UNKNOWN,
-        status.battery is not None,
-        none,
-        none,
-        "",
-        "",
+        header=header(status.stamp_ns, ""),
+        voltage=nothing,
+        temperature=nothing,
+        current=nothing,
+        charge=nothing,
+        capacity=nothing,
+        design_capacity=nothing,
+        percentage=percentage,
+        power_supply_status=kinds[status.charging],
+        power_supply_health=_UNKNOWN,
+        power_supply_technology=_UNKNOWN,
+        present=status.battery is not None,
+        cell_voltage=none,
+        cell_temperature=none,
+        location="",
+        serial_number="",
     )
 
 

@@ -138,11 +138,11 @@ def _scan(stamp_ns: int, millimetres: FloatArray) -> Scan:
     ranges[:BLIND_BEAMS] = ranges[-BLIND_BEAMS:] = np.nan
     step = FIELD_OF_VIEW / (len(ranges) - 1)
     return Scan(
-        stamp_ns,
-        ranges,
-        -0.5 * FIELD_OF_VIEW,
-        step,
-        MIRROR_PERIOD * step / math.tau,
+        stamp_ns=stamp_ns,
+        ranges=ranges,
+        angle_min=-0.5 * FIELD_OF_VIEW,
+        angle_step=step,
+        time_step=MIRROR_PERIOD * step / math.tau,
         range_min=RANGE_MIN,
         range_max=RANGE_MAX,
     )

@@ -77,4 +77,14 @@ def _scan(fields: Sequence[bytes]) -> Scan:
         ranges[ranges > np.float32(farthest)] = np.inf
         ranges[ranges <= 0.0] = np.nan
     stamp_ns = stamp_from_text(fields[0].decode(errors="replace"))
-    return ascending(Scan(stamp_ns, ranges, angle_min, step, time_step, nearest, farthest))
+    return ascending(
+        Scan(
+            stamp_ns=stamp_ns,
+            ranges=ranges,
+            angle_min=angle_min,
+            angle_step=step,
+            time_step=time_step,
+            range_min=nearest,
+            range_max=farthest,
+        )
+    )

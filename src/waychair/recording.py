@@ -101,14 +101,29 @@ def read_recording(
     if is_rgbd_folder(path):
         folder, unread = read_rgbd_folder(path, settings.rgbd), Counter[str]()
         pictures = partial(frames_of, folder, unread)
-        return Recording(path, (), Pose2(), folder.source, folder.warnings, pictures, len(folder.pairs), unread)
+        return Recording(
+            path=path,
+            frames=(),
+            base_from_laser=Pose2(),
+            source=folder.source,
+            warnings=folder.warnings,
+            pictures=pictures,
+            picture_count=len(folder.pairs),
+            unread=unread,
+        )
     suffix = _bag_suffix(path)
     if suffix is not None:
         bag = read_bag(path, suffix, settings.bag, mounts, progress)
         pictures = partial(read_pictures, path, suffix, settings.bag)
         mount = partial(read_camera_mount, path, suffix, settings.bag)
         recording = Recording(
-            path, bag.frames, bag.base_from_laser, bag.source, bag.warnings, pictures, camera_mount=mount
+            path=path,
+            frames=bag.frames,
+            base_from_laser=bag.base_from_laser,
+            source=bag.source,
+            warnings=bag.warnings,
+            pictures=pictures,
+            camera_mount=mount,
         )
         return _checked(recording)
     if len(mounts) > 1:

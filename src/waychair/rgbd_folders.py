@@ -137,7 +137,14 @@ def read_rgbd_folder(path: Path, settings: RgbdSettings) -> RgbdFolder:
         warnings.append(doubt)
     scale = NUMBERED_DEPTH_SCALE if numbered else TUM_DEPTH_SCALE
     layout = "numbered colour and depth frames" if numbered else "TUM colour and depth folders"
-    return RgbdFolder(path, ascending, camera, scale, f"{layout}, camera by {known}", tuple(warnings))
+    return RgbdFolder(
+        path=path,
+        pairs=ascending,
+        camera=camera,
+        depth_scale=scale,
+        source=f"{layout}, camera by {known}",
+        warnings=tuple(warnings),
+    )
 
 
 def frames_of(folder: RgbdFolder, unread: Counter[str] | None = None) -> Iterator[RgbdFrame]:

@@ -43,13 +43,13 @@ def scan_from_message(message: Any) -> Scan | None:
         return None
     time_step, nearest, farthest = (float(v) for v in (message.time_increment, message.range_min, message.range_max))
     scan = Scan(
-        stamp_ns(message.header.stamp),
-        ranges,
-        float(message.angle_min),
-        step,
-        time_step if math.isfinite(time_step) else 0.0,
-        max(0.0, nearest),
-        farthest if farthest > 0.0 else math.inf,
+        stamp_ns=stamp_ns(message.header.stamp),
+        ranges=ranges,
+        angle_min=float(message.angle_min),
+        angle_step=step,
+        time_step=time_step if math.isfinite(time_step) else 0.0,
+        range_min=max(0.0, nearest),
+        range_max=farthest if farthest > 0.0 else math.inf,
     )
     return ascending(without_overflow_codes(scan))
 

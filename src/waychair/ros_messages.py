@@ -47,19 +47,18 @@ def serialised(message: Any) -> bytes | memoryview:
 
 def laser_scan(scan: Scan) -> Any:
     """Return a sensor_msgs/LaserScan."""
-    angle_max = scan.angle_min + scan.angle_step * (len(scan.ranges) - 1)
-    angles = (scan.angle_min, angle_max, scan.angle_step)
-    sweep_time = abs(scan.time_step) * len(scan.ranges)
     return make(
         "sensor_msgs/msg/LaserScan",
-        header(scan.stamp_ns, LASER_FRAME),
-        *angles,
-        scan.time_step,
-        sweep_time,
-        scan.range_min,
-        scan.range_max,
-        scan.ranges.astype(np.float32, copy=False),
-        np.zeros(0, np.float32),
+        header=header(scan.stamp_ns, LASER_FRAME),
+        angle_min=scan.angle_min,
+        angle_max=scan.angle_min + scan.angle_step * (len(scan.ranges) - 1),
+        angle_increment=scan.angle_step,
+        time_increment=scan.time_step,
+        scan_time=abs(scan.time_step) * len(scan.ranges),
+        range_min=scan.range_min,
+        range_max=scan.range_max,
+        ranges=scan.ranges.astype(np.float32, copy=False),
+        intensities=np.zeros(0, np.float32),
     )
 
 
@@ -91,13 +90,13 @@ def imu(sample: ImuSample) -> Any:
     """Return a sensor_msgs/Imu: rates and specific force with unknown covariances (zeros), no orientation."""
     return make(
         "sensor_msgs/msg/Imu",
-        header(sample.stamp_ns, IMU_FRAME),
-        make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0),
-        UNREPORTED,
-        vector(sample.gyro),
-        np.zeros(9),
-        vector(sample.accel),
-        np.zeros(9),
+        header=header(sample.stamp_ns, IMU_FRAME),
+        orientation=make("geometry_msgs/msg/Quaternion", 0.0, 0.0, 0.0, 1.0),
+        orientation_covariance=UNREPORTED,
+        angular_velocity=vector(sample.gyro),
+        angular_velocity_covariance=np.zeros(9),
+        linear_acceleration=vector(sample.accel),
+        linear_acceleration_covariance=np.zeros(9),
     )
 
 
@@ -123,17 +122,17 @@ def camera_info(frame: RgbdFrame) -> Any:
     k = np.asarray(frame.camera_matrix, np.float64)
     return make(
         "sensor_msgs/msg/CameraInfo",
-        header(frame.stamp_ns, OPTICAL_FRAME),
-        height,
-        width,
-        "plumb_bob",
-        np.zeros(5),
-        k.ravel(),
-        np.eye(3).ravel(),
-        np.hstack([k, np.zeros((3, 1))]).ravel(),
-        0,
-        0,
-        make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False),
+        header=header(frame.stamp_ns, OPTICAL_FRAME),
+        height=height,
+        width=width,
+        distortion_model="plumb_bob",
+        d=np.zeros(5),
+        k=k.ravel(),
+        r=np.eye(3).ravel(),
+        p=np.hstack([k, np.zeros((3, 1))]).ravel(),
+        binning_x=0,
+        binning_y=0,
+        roi=make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False),
     )
 
 
@@ -141,12 +140,13 @@ def sonar_range(stamp_ns: int, index: int, distance: float) -> Any:
     """Return a sensor_msgs/Range of one sonar, with its REP-117 codes."""
     return make(
         "sensor_msgs/msg/Range",
-        header(stamp_ns, SONAR_FRAME.format(index)),
-        _ULTRASOUND,
-        SONAR_CONE,
-        *SONAR_RANGE,
-        distance,
-        0.0,
+        header=header(stamp_ns, SONAR_FRAME.format(index)),
+        radiation_type=_ULTRASOUND,
+        field_of_view=SONAR_CONE,
+        min_range=SONAR_RANGE[0],
+        max_range=SONAR_RANGE[1],
+        range=distance,
+        variance=0.0,
     )
 
 
@@ -177,12 +177,21 @@ def _image(stamp_ns: int, pixels: Any, encoding: str) -> Any:
     height, width = pixels.shape[:2]
     row = pixels.nbytes // height
     data = np.ascontiguousarray(pixels).view(np.uint8).ravel()
-    return make("sensor_msgs/msg/Image", header(stamp_ns, OPTICAL_FRAME), height, width, encoding, 0, row, data)
+    return make(
+        "sensor_msgs/msg/Image",
+        header=header(stamp_ns, OPTICAL_FRAME),
+        height=height,
+        width=width,
+        encoding=encoding,
+        is_bigendian=0,
+        step=row,
+        data=data,
+    )
 
 
-def make(name: str, *fields: Any) -> Any:
-    """Return a message of the given type from its fields, in their order."""
-    return TYPES.types[name](*fields)
+def make(name: str, /, *fields: Any, **named: Any) -> Any:
+    """Return a message of the given type from its fields, in their order or by name."""
+    return TYPES.types[name](*fields, **named)
 
 
 def header(stamp_ns: int, frame: str) -> Any:

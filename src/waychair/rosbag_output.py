@@ -173,13 +173,13 @@ class BagOutput:
 def _offered(qos: Qos) -> BagQos:
     """Return the QoS as rosbag2 stores it."""
     return BagQos(
-        QosHistory.KEEP_LAST,
-        qos.depth,
-        QosReliability.RELIABLE if qos.reliable else QosReliability.BEST_EFFORT,
-        QosDurability.TRANSIENT_LOCAL if qos.latched else QosDurability.VOLATILE,
-        _FOREVER,
-        _FOREVER,
-        QosLiveliness.AUTOMATIC,
-        _FOREVER,
-        False,
+        history=QosHistory.KEEP_LAST,
+        depth=qos.depth,
+        reliability=QosReliability.RELIABLE if qos.reliable else QosReliability.BEST_EFFORT,
+        durability=QosDurability.TRANSIENT_LOCAL if qos.latched else QosDurability.VOLATILE,
+        deadline=_FOREVER,
+        lifespan=_FOREVER,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=_FOREVER,
+        avoid_ros_namespace_conventions=False,
     )

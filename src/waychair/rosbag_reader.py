@@ -123,7 +123,7 @@ def read_bag(
         rest = salvage_bag(path, suffix, damage)
         lost: Counter[str] = Counter()
         try:
-            contents = _read(path, rest, settings, mounts, progress, lost)
+            contents = _read(path=path, bag=rest, settings=settings, mounts=mounts, progress=progress, lost=lost)
         except NoScans:
             raise damage from None
         # A missing end is the reason of the damage, and no loss of messages.
@@ -150,14 +150,16 @@ def _read(
         raise RecordingError(
             f"{len(mounts)} mounts are given for the {len(topics.scans)} scan topics of {path}; give one for each"
         )
-    found = _collect(path, bag, topics, settings, mounts, progress, lost)
+    found = _collect(path=path, bag=bag, topics=topics, settings=settings, mounts=mounts, progress=progress, lost=lost)
     if found.skipped:
         warnings.append(f"{found.skipped} scans without beams or angles, or odometry without a pose, were left out")
     if found.unstamped:
         warnings.append(f"{found.unstamped} messages have no stamp: their time of recording is used instead")
     base = _base_frame(found, settings)
     odometry, name = _odometry(found, topics, base)
-    scans, mount = _scans(found, topics, base, odometry, mounts, settings, warnings)
+    scans, mount = _scans(
+        found=found, topics=topics, base=base, odometry=odometry, mounts=mounts, settings=settings, warnings=warnings
+    )
     frames = _frames(scans, odometry, _in_base_axes(found, base, warnings), warnings)
     source = f"ROS {'2' if bag.is2 else '1'} bag, scans {' and '.join(topics.scans)}, odometry {name}"
     return BagContents(frames, mount, source + (f", IMU {topics.imu}" if found.imu else ""), tuple(warnings))
@@ -166,8 +168,10 @@ def _read(
 def _choose(path: Path, bag: BagFile, settings: BagSettings, warnings: list[str]) -> _Topics:
     """Return the topics that the settings name, else the usual ones, else those with the most messages."""
     scans = _chosen_scans(path, bag, settings.scan_topics, warnings)
-    odom = _chosen(path, bag, ODOMETRY_TYPE, settings.odom_topic, ODOMETRY.name, warnings)
-    imu = _chosen(path, bag, IMU_TYPE, settings.imu_topic, IMU.name, warnings)
+    odom = _chosen(
+        path=path, bag=bag, msgtype=ODOMETRY_TYPE, asked=settings.odom_topic, usual=ODOMETRY.name, warnings=warnings
+    )
+    imu = _chosen(path=path, bag=bag, msgtype=IMU_TYPE, asked=settings.imu_topic, usual=IMU.name, warnings=warnings)
     for asked, chosen, kind in ((settings.odom_topic, odom, ODOMETRY_TYPE), (settings.imu_topic, imu, IMU_TYPE)):
         if asked and chosen is None:
             raise RecordingError(f"{path} holds no {kind} on {asked}, only {topic_list(bag)}")
@@ -177,8 +181,8 @@ def _choose(path: Path, bag: BagFile, settings: BagSettings, warnings: list[str]
 
 def _chosen_scans(path: Path, bag: BagFile, asked: Sequence[str], warnings: list[str]) -> tuple[str, ...]:
     if not asked:
-        usual = _chosen(path, bag, SCAN_TYPE, "", SCAN.name, warnings) or _chosen(
-            path, bag, CLOUD_TYPE, "", "", warnings
+        usual = _chosen(path=path, bag=bag, msgtype=SCAN_TYPE, asked="", usual=SCAN.name, warnings=warnings) or _chosen(
+            path=path, bag=bag, msgtype=CLOUD_TYPE, asked="", usual="", warnings=warnings
         )
         if usual is None:
             raise NoScans(f"{path} holds no {SCAN_TYPE}, only {topic_list(bag)}; give a bag with laser scans")
@@ -231,7 +235,14 @@ def _collect(
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(log_ns, 1_000_000_000)
                 found.unstamped += 1
             if connection.msgtype == CLOUD_TYPE:
-                _take_cloud(found, connection.topic, message, topics, settings, mounts)
+                _take_cloud(
+                    found=found,
+                    topic=connection.topic,
+                    message=message,
+                    topics=topics,
+                    settings=settings,
+                    mounts=mounts,
+                )
             else:
                 _take(found, connection, message)
             done += 1
@@ -279,7 +290,14 @@ def _take_cloud(
     sensor = matrix[:2, 3]
     inside = (in_base[:, 2] >= settings.cloud_low) & (in_base[:, 2] <= settings.cloud_high)
     flat = in_base[:, :2] - sensor
-    scan = scan_from_points(stamp, flat[inside], flat[~inside], BEAM_STEP, CLOUD_RANGE_MIN, CLOUD_RANGE_MAX)
+    scan = scan_from_points(
+        stamp_ns=stamp,
+        hits=flat[inside],
+        misses=flat[~inside],
+        step=BEAM_STEP,
+        range_min=CLOUD_RANGE_MIN,
+        range_max=CLOUD_RANGE_MAX,
+    )
     found.slices_at.setdefault(topic, Pose2(float(sensor[0]), float(sensor[1])))
     found.scans[topic].append(scan)
 

@@ -69,7 +69,16 @@ class SalvagedBag:
         self.lost.clear()  # `messages` counts them again
         nothing = ConnectionExtRosbag2("cdr", [])
         self._by_key = {
-            key: Connection(n, t.name, t.msgtype, t.definition, "", counts[key], nothing, self)
+            key: Connection(
+                id=n,
+                topic=t.name,
+                msgtype=t.msgtype,
+                msgdef=t.definition,
+                digest="",
+                msgcount=counts[key],
+                ext=nothing,
+                owner=self,
+            )
             for n, (key, t) in enumerate(topics.items())
         }
         self.connections = list(self._by_key.values())

@@ -55,7 +55,11 @@ def merged_scans(
         ends = [_in_base(member, pose, scan.stamp_ns, track) for member, pose in group]
         hits, misses = np.concatenate([hit for hit, _ in ends]), np.concatenate([empty for _, empty in ends])
         reach = max(member.range_max + np.hypot(pose.x, pose.y) for member, pose in group)
-        merged.append(scan_from_points(scan.stamp_ns, hits, misses, step, 0.0, float(reach)))
+        merged.append(
+            scan_from_points(
+                stamp_ns=scan.stamp_ns, hits=hits, misses=misses, step=step, range_min=0.0, range_max=float(reach)
+            )
+        )
     return merged
 
 

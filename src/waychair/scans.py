@@ -120,7 +120,15 @@ def scan_from_points(
     np.minimum.at(nearest, beams, distances[usable])
     ranges[beams] = nearest[beams]
     single: Float32Array = ranges.astype(np.float32)
-    return Scan(stamp_ns, single, -math.pi, math.tau / count, 0.0, range_min, range_max)
+    return Scan(
+        stamp_ns=stamp_ns,
+        ranges=single,
+        angle_min=-math.pi,
+        angle_step=math.tau / count,
+        time_step=0.0,
+        range_min=range_min,
+        range_max=range_max,
+    )
 
 
 def _beams(points: FloatArray, count: int) -> np.ndarray:

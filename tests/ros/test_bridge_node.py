@@ -135,6 +135,7 @@ def test_a_pages_stick_that_was_pushed_before_the_bridge_began_counts_once_it_wa
     ros: Harness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from waychair.ros import bridge_node
+    from waychair.ros.commanders import PAGE_NODE, Commanders
 
     obeyed: list[tuple[float, float]] = []
     now_ns = [10**9]
@@ -142,20 +143,16 @@ def test_a_pages_stick_that_was_pushed_before_the_bridge_began_counts_once_it_wa
     base = SimpleNamespace(let_go=lambda at: None, steer=lambda forward, turn, at: obeyed.append((forward, turn)))
 
     def begun() -> Any:
-        node: Any = SimpleNamespace(
+        counts: Any = SimpleNamespace(
+            pages=1, get_publishers_info_by_topic=lambda topic: [], count_publishers=lambda name: counts.pages
+        )
+        return SimpleNamespace(
             settings=bridge_node.BridgeNodeSettings(),
             _base=base,
-            _joystick_held_ns=now_ns[0],
             _is_fresh=lambda stamp_ns: True,
-            _authorised={"page_joystick": "page"},
-            _publisher_counts=[0],
-            _checked_ns=0,
-            _intruder="",
-            count_publishers=lambda name: 1,
-            get_publishers_info_by_topic=lambda topic: [],
-            _check_publishers=lambda at: bridge_node.BridgeNode._check_publishers(node, at),
+            _commanders=Commanders(counts, {"page_joystick": PAGE_NODE}, now_ns[0]),
+            counts=counts,
         )
-        return node
 
     def push(node: Any, after_s: float = 0.1) -> int:
         now_ns[0] += round(after_s * 1e9)
@@ -170,9 +167,9 @@ def test_a_pages_stick_that_was_pushed_before_the_bridge_began_counts_once_it_wa
     fresh = begun()
     for _ in range(30):  # ticks
         now_ns[0] += 100_000_000
-        fresh._check_publishers(now_ns[0])
+        fresh._commanders.check(now_ns[0])
     assert [push(fresh), push(fresh)] == [1, 2], "nobody has pushed while page and bridge were there"
-    fresh._publisher_counts = [2]
+    fresh.counts.pages = 2
     assert push(fresh) == 3, "a page that is started again is known"
 
 
@@ -212,7 +209,7 @@ def _contacts_of(states: Heard) -> set[str]:
 def test_f5_a_speed_that_is_no_number_takes_the_place_of_the_one_before(ros: Harness) -> None:
     from waychair.ros import bridge_node
 
-    heard = bridge_node._LastMessage(Twist(0.5, 0.0))
+    heard = bridge_node.LastMessage(Twist(0.5, 0.0))
     node: Any = SimpleNamespace(_command=heard)
     listening = Input(
         ros.node, topics.COMMAND, read_twist, heard.take, lambda: bridge_node.BridgeNode._take_invalid_speed(node)

@@ -133,6 +133,7 @@ def test_the_recoveries_that_are_told_are_those_of_this_drive(ros: Harness) -> N
         _navigation=SimpleNamespace(path=None, plans=9),
         _pilot=SimpleNamespace(navigator=SimpleNamespace(recovery=recovery), go=lambda goal: None),
         _action=SimpleNamespace(tell=told.append),
+        _drive=SimpleNamespace(),
         _missing_input=lambda now_ns: "",
         _with_tolerances=lambda goal: goal,
     )

@@ -21,20 +21,20 @@ def image(encoding: str, width: int, channels: int) -> Any:
 
 
 def test_a_picture_that_cannot_be_shown_ends_nothing_and_is_said() -> None:
-    port: Any = SimpleNamespace(_picture=None, _picture_problem="", _camera=object())
+    port: Any = SimpleNamespace(_pictures=SimpleNamespace(latest=None, problem="", subscription=object()))
 
     def report() -> Report:
         return next(iter(PagePort.reports(port)))
 
     PagePort._take_picture(port, image("rgb8", 64, 3))
-    assert port._picture[1].startswith(b"\xff\xd8")
+    assert port._pictures.latest[1].startswith(b"\xff\xd8")
     assert (report().level, report().message) == (DiagnosticLevel.OK, "")
     for bad in (image("nv21", 64, 2), image("yuv422_yuy2", 65, 2)):
-        port._picture = None
+        port._pictures.latest = None
         PagePort._take_picture(port, bad)
-        assert port._picture is None
+        assert port._pictures.latest is None
         assert report().level is DiagnosticLevel.WARN
         assert report().message.startswith("a picture cannot be read")
     PagePort._take_picture(port, image("mono8", 64, 1))
     assert report().level is DiagnosticLevel.OK
-    assert port._picture is not None
+    assert port._pictures.latest is not None
