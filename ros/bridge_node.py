@@ -98,7 +98,7 @@ _WATCH_HZ = 50.0
 
 @dataclass(frozen=True, slots=True)
 class BridgeNodeSettings(BaseSettings):
-    """The chair, the cable, the map whose zones apply, and the nodes that may command."""
+    """The chair, the cable, the map whose zones apply, the black box, and the acceptance of commands and goals."""
 
     calibration: str = calibration_field()
     chair: str = chair_field()

@@ -87,7 +87,7 @@ class Bag:
         self._writer.close()
 
     def room(self, stamp_ns: int, map_from_laser: Pose2, topic: str, frame: str, *, upside_down: bool = False) -> None:
-        """What a lidar of 240 degrees sees of the room."""
+        """Return the scan of a lidar of 240 degrees in the room."""
         angles = np.linspace(-2.0, 2.0, 241)
         ranges = room_ranges(map_from_laser, -angles if upside_down else angles)
         message = self.types["sensor_msgs/msg/LaserScan"](

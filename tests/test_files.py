@@ -108,7 +108,7 @@ def test_a_symbolic_link_stays_and_what_it_points_to_is_written(tmp_path: Path) 
 
 
 def test_a_folder_that_may_not_be_entered_is_named(tmp_path: Path) -> None:
-    """In a process of its own, which gives up being root, for whom no folder is closed."""
+    """In a process of its own that drops root, since root may enter every folder."""
     (tmp_path / "private").mkdir()
     (tmp_path / "private" / "a.txt").write_text("mine")
     tmp_path.chmod(0o755)

@@ -1,4 +1,4 @@
-"""Recordings in and out: the real logs, the formats told apart by content, and trajectories as TUM text."""
+"""Reading recordings: real logs, recognition of formats by content, and trajectories as TUM text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keys of old configuration files: each is explained in one sentence, whatever became of it."""
+"""Keys of old configuration files are explained in one sentence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A disk that fills up, and a user who interrupts: what was recorded so far stays, closed and readable."""
+"""A full disk, and an interrupt by the user: the recording so far is closed and stays readable."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def count(path: Path, topic: str = "/odom") -> int:
 
 
 def record_until_full(path: Path, most: int = 400) -> tuple[int, str]:
-    """Pictures and odometry until the writer refuses; how many it took, and what it said."""
+    """Write pictures and odometry until the writer refuses; return their number and the error."""
     taken = 0
     try:
         with RecordingWriter(path, Pose2()) as writer:
@@ -75,7 +75,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 def test_a_disk_that_really_fills_up_keeps_all_that_was_taken(
     small_disk: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rosbag_storage, "LEAST_FREE", 0)  # another program takes what is left between two looks
+    monkeypatch.setattr(rosbag_storage, "LEAST_FREE", 0)  # another program fills the disk between two checks
     taken, message = record_until_full(small_disk / name)
     assert 20 < taken < 110
     part = small_disk / name.replace("drive", "drive.part")

@@ -1,4 +1,4 @@
-"""A bag in the making: what was flushed can be read though nobody ever finished it, and the path is free until then."""
+"""An unfinished bag: flushed messages are readable, and the path stays free until the end."""
 
 from __future__ import annotations
 

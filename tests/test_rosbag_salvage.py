@@ -1,4 +1,4 @@
-"""Damaged bags: cut short anywhere, bytes changed anywhere; what can be read is read, and the damage is named."""
+"""Damaged bags, truncated or corrupted anywhere: the readable part is read, and the damage is named."""
 
 from __future__ import annotations
 

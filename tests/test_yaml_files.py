@@ -1,4 +1,4 @@
-"""YAML is read strictly, and whatever is wrong is the caller's named error in one sentence."""
+"""Strict YAML reading: every defect raises the caller's error, in one sentence."""
 
 from __future__ import annotations
 

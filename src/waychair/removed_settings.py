@@ -38,7 +38,7 @@ class RemovedKey(NamedTuple):
     new_name: str
 
     def sentence(self) -> str:
-        """Return what became of the key and what to do, as a clause."""
+        """Return the fate of the key and the remedy, as a clause."""
         if self.new_name:
             return f"'{self.name}' is now called '{self.new_name}': rename it"
         reason = f" ({self.setting.reason})" if self.setting.reason else ""
@@ -46,7 +46,7 @@ class RemovedKey(NamedTuple):
         return f"'{self.name}' is no longer a setting{always}{reason}; remove the line"
 
     def short(self) -> str:
-        """Return the key and what became of it, in a few words."""
+        """Return the key and its fate, in a few words."""
         if self.new_name:
             return f"'{self.name}' (now '{self.new_name}')"
         return f"'{self.name}' (always {self.setting.value})" if self.setting.value else f"'{self.name}' (removed)"

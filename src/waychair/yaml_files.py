@@ -143,8 +143,8 @@ def _refusal(where: str, error: yaml.YAMLError, failure: type[WaychairError]) ->
         context = f"{error.context}, " if (error.context or "").startswith("expected") else ""
         return failure(f"{where}{line}: {context}{problem}; correct the YAML there")
     if isinstance(error, yaml.reader.ReaderError):
-        return failure(f"{where} is not YAML: it holds the character {error.character:#04x}; write it anew")
-    return failure(f"{where} is not YAML: {' '.join(str(error).split())}; write it anew")
+        return failure(f"{where} is not YAML: it holds the character {error.character:#04x}; write it again")
+    return failure(f"{where} is not YAML: {' '.join(str(error).split())}; write it again")
 
 
 _QUOTES = reprlib.Repr()

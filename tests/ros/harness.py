@@ -1,4 +1,4 @@
-"""A node of the tests' own, by which they watch other processes; everything waits for what it needs, nothing sleeps."""
+"""The tests' own node, which observes other processes; tests wait for conditions and never sleep."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class Harness:
         return messages
 
     def publisher(self, topic: RosTopic, name: str = "") -> Callable[[Any], None]:
-        """What publishes plain messages on a topic that somebody listens to."""
+        """Return a function that publishes plain messages on a topic, once it has a subscriber."""
         sender = self.node.create_publisher(interface_type(topic.type), name or topic.name, profile(topic.qos))
         self.spin_until(lambda: sender.get_subscription_count() > 0, f"somebody to listen to {topic.name}")
         return lambda message: sender.publish(serialised(message))
@@ -95,7 +95,7 @@ class Harness:
         says: Callable[[Report], bool] = lambda report: True,
         meanwhile: Callable[[], None] | None = None,
     ) -> Report:
-        """The first report on /diagnostics whose name ends so and that says so."""
+        """Return the first report on /diagnostics with this end of its name for which `says` is true."""
         found: list[Report] = []
 
         def look(message: Any) -> None:
@@ -111,7 +111,7 @@ class Harness:
     def process(self, *command: str | Path) -> Iterator[subprocess.Popen[str]]:
         """A Python process of the same domain, which is gone at the end of the block.
 
-        It is interrupted and not killed: who is killed stays in everybody's list of nodes for the 20 s of a DDS lease.
+        It is interrupted and not killed: a killed process stays in all lists of nodes for the 20 s of a DDS lease.
         """
         running = subprocess.Popen(
             [sys.executable, *map(str, command)],

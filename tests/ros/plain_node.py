@@ -1,4 +1,4 @@
-"""A node with a few settings and inputs, as a process for tests: what `ChairNode` does for every node."""
+"""A node with a few settings and inputs, as a process for tests of `ChairNode`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bridge alone, told things by somebody who is not the navigator, or by another clock; without a board."""
+"""The bridge alone, without a board: messages of unauthorised nodes and of other clocks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ HOUR_NS = 3_600_000_000_000
 
 @dataclass
 class BridgeAlone:
-    """The process, and what it says."""
+    """The process, and its states."""
 
     ros: Harness
     states: Heard

@@ -1,4 +1,4 @@
-"""What the chair's own nodes say to each other, over the wire and back; no ROS is needed for that."""
+"""The messages between the chair's own nodes, over the wire and back, without ROS."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A program's client by itself: what it makes of silence, and of messages that cannot be read."""
+"""The client alone: silent nodes and unreadable messages."""
 
 from __future__ import annotations
 

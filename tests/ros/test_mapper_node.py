@@ -1,4 +1,4 @@
-"""The mapper in this process, told scans and odometry by the tests: other maps, and how well its place is known."""
+"""The mapper in this process with scans and odometry of the tests: other maps, and the certainty of the pose."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def room(folder: Path, across: int) -> Path:
 
 
 def scan_in(pose: Pose2, across_m: float, stamp_ns: int) -> Scan:
-    """What a lidar at a pose sees of a room."""
+    """Return the scan of a lidar at a pose in a room."""
     angles = -math.pi + np.arange(360) * (2 * math.pi / 360)
     c, s = np.cos(angles + pose.theta), np.sin(angles + pose.theta)
     with np.errstate(divide="ignore"):

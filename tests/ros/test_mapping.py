@@ -137,7 +137,7 @@ class Inline:
 
 
 class Room:
-    """A chair in a room of 6 x 4 m, whose messages go to a growing map."""
+    """A chair in a room of 6 x 4 m, with a `MapBuilder` for its messages."""
 
     def __init__(self) -> None:
         self.worker, self.found = Inline(), list[tuple[int, Localisation]]()
@@ -205,7 +205,7 @@ def test_a_drive_near_its_beginning_is_not_taken_for_a_new_one(room: Room) -> No
 
 
 def test_a_chair_in_another_room_is_lost_until_the_parts_join(room: Room) -> None:
-    """It was carried: what it sees has nothing to do with what it saw."""
+    """It was kidnapped: its new scans do not match the old ones."""
     for k in range(20):
         room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
     elsewhere = room.see(0, Pose2())

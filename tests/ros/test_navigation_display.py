@@ -69,7 +69,7 @@ def test_what_stands_near_has_the_costs_of_nav2s_inflation() -> None:
 
 
 class Shown:
-    """A display, its node's time, and what it has sent by topic."""
+    """A display, its node's time, and its sent messages by topic."""
 
     def __init__(self) -> None:
         self.now_ns, self.sent = 10**9, dict[str, list[Any]]()

@@ -1,4 +1,4 @@
-"""What every node of the chair does: settings as parameters, diagnostics, and a clean end."""
+"""The base class of all nodes: settings as parameters, diagnostics, and a clean end."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def plain_node(ros: Harness, *arguments: str) -> Iterator[PlainNode]:
 
 @contextmanager
 def sender(ros: Harness, topic: Any) -> Iterator[Callable[[Any], None]]:
-    """What sends plain messages, or bytes that are none, on a topic that somebody takes."""
+    """Yield a function that publishes plain messages, or invalid bytes, on a topic."""
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
 

@@ -1,4 +1,4 @@
-"""The ROS package and the layouts: what they name is there, by the names and QoS of the table of topics."""
+"""The ROS package and the layouts: everything they name exists, with the names and QoS of `ros.topics`."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ SERVICES = {"/stop", "/confirm", "/cancel"}
 
 @pytest.fixture
 def setup(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """What setup.py asks setuptools for."""
+    """Return the arguments of setuptools.setup in setup.py."""
     asked: dict[str, Any] = {}
     monkeypatch.setattr("setuptools.setup", lambda **given: asked.update(given))
     monkeypatch.chdir(PACKAGE)
@@ -64,7 +64,7 @@ def test_every_entry_point_is_a_node_that_there_is(setup: dict[str, Any]) -> Non
 
 
 class Said:
-    """Any class of ROS's launch: it keeps what it was given."""
+    """A stand-in for any class of ROS's launch: it keeps its arguments."""
 
     def __init__(self, *given: Any, **named: Any) -> None:
         self.given, self.named = given, named
@@ -72,7 +72,7 @@ class Said:
 
 @pytest.fixture
 def launch_file(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    """The launch file, where ROS's launch is not installed with names that only keep what they are given."""
+    """Load the launch file, with stand-ins where ROS's launch is not installed."""
     if not HAS_LAUNCH:
         for name, kinds in {
             "launch": ("LaunchDescription",),

@@ -48,7 +48,7 @@ def free_port() -> int:
 
 
 class Page:
-    """An open page: it answers all that it is sent; what it was told last is in `view`."""
+    """An open page: it answers all messages, and keeps the last one in `view`."""
 
     def __init__(self, port: int, name: str) -> None:
         self._port, self._name, self._ended = port, name, threading.Event()
@@ -136,7 +136,7 @@ def sets_off(stack: LiveStack, page: Page, there: Callable[[], bool]) -> None:
 
 
 def until_ready(stack: LiveStack, page: Page) -> None:
-    """Nothing stands against a drive, once what a busy computer did was reset."""
+    """Reset the faults of a busy computer until nothing prevents a drive."""
     reset_s = -10.0
 
     def ready() -> bool:
@@ -224,7 +224,7 @@ def test_a_page_steers_and_letting_go_stops(stack: LiveStack, page: Page) -> Non
             stack.spin(0.05)
         if turns(page):
             break
-        page.stick = None  # what a busy computer has interrupted counts once it was let go
+        page.stick = None  # a push interrupted by a busy computer counts only after a release
         stack.spin(1.0)
     assert (page.view["mode"], page.view["steered"]) == ("assisted", True)
     page.stick = None

@@ -1,4 +1,4 @@
-"""What a page shows of the camera, whatever that sends."""
+"""The camera's picture on a page, for valid and invalid messages."""
 
 from __future__ import annotations
 

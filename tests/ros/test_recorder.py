@@ -31,7 +31,7 @@ MOUNT = {("base_link", "laser"): in_space(Pose2(0.6, 0.1, 0.0), 0.3)}
 
 @contextmanager
 def senders(ros: Harness, *wanted: topics.RosTopic, namespace: str = "") -> Iterator[dict[str, Callable[[Any], None]]]:
-    """By the topics' names, what sends plain messages to a recorder that listens."""
+    """Return functions that publish plain messages to a recorder, by topic."""
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
 
@@ -74,7 +74,7 @@ def drive(ros: Harness, send: dict[str, Callable[[Any], None]], count: int = MES
 
 
 def assert_unbroken(recording: Recording, stamps: list[int]) -> None:
-    """Nothing is missing between the first and the last; the first few best-effort messages may find nobody yet."""
+    """No message is missing between the first and the last; the first best-effort messages may have no subscriber yet."""
     recorded = [frame.stamp_ns for frame in recording.frames]
     begin = stamps.index(recorded[0])
     whole = stamps[begin:]

@@ -1,4 +1,4 @@
-"""What killed processes leave in shared memory is cleared; the living keep theirs."""
+"""Shared memory of killed processes is removed; living processes keep theirs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SEGMENT, PORT = "fastrtps_0123456789abcdef", "fastrtps_port7411"
 
 
 def locks_of(pid: int) -> set[Path]:
-    """Of the segments that a process holds (proc(5)); what it closes while it is looked at is none."""
+    """Return the segments that a process holds (proc(5)), without any that it closes meanwhile."""
     held = set()
     for link in Path(f"/proc/{pid}/fd").iterdir():
         with suppress(FileNotFoundError):

@@ -1,4 +1,4 @@
-"""The simulated chair as a process of its own: what it sends, in whose time, and the board behind its cable."""
+"""The simulator node as a process: its messages, their clock, and the board behind its cable."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ PICTURES = (topics.COLOUR, topics.DEPTH, topics.COLOUR_INFO, topics.DEPTH_INFO)
 
 @dataclass
 class Simulation:
-    """The process, what it sent, and the name of its cable."""
+    """The process, its messages, and the path of its cable."""
 
     process: Any
     heard: dict[str, Heard]

@@ -50,7 +50,7 @@ pytestmark = ALONE
 
 GONE_MS, BACK_S = 150.0, 5.0
 SOON_MS = 100.0
-"""From a rider's Stop to free lines: a tick, and what the board and the messages take."""
+"""From a rider's Stop to released lines: a tick, plus the delays of the board and the messages."""
 
 FAR = Pose2(10.4, 4.5, 3.1415926)
 TRIES = 3
@@ -443,7 +443,7 @@ def elsewhere(stack: LiveStack) -> Pose2:
 
 
 def explained(stack: LiveStack, stop: str) -> str:
-    """What `why` says of the last stop, once the box holds it."""
+    """Return `why`'s account of the last stop, once the black box holds it."""
 
     def said() -> str:
         return command.waychair("why", "--box", box_of(stack)).stdout
