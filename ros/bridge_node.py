@@ -338,7 +338,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
                 telemetry=telemetry,
             )
             self._log.add_tick(self._base, decided)
-        lean = self._base.tilt
+        tilt = self._base.tilt
         self._drive.report = DriveReport(
             stamp_ns=self.now_ns(),
             goal_id=self._drive.goal_id,
@@ -349,8 +349,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             command=driven.command if driven.sent.active else None,
             ended=driven.ended,
             halts=tuple((halted.stop.id, halted.text) for halted in self._base.halts),
-            roll=0.0 if lean is None else lean.roll,
-            pitch=0.0 if lean is None else lean.pitch,
+            tilt=(0.0, 0.0) if tilt is None else (tilt.roll, tilt.pitch),
             scan_ns=request.scan_ns,
             goal=request.goal,
             last_stop=self._drive.last_stop,

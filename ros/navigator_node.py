@@ -332,8 +332,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         pose = None if frame is None else self._map_from_base(frame.stamp_ns)
         if frame is not None and self._pilot is not None and pose is not None:
             state = self._latest.state
-            lean = None if state is None else Tilt(frame.stamp_ns, state.roll, state.pitch)
-            self._pilot.look(frame, pose, lean)
+            tilt = None if state is None else Tilt(frame.stamp_ns, *state.tilt)
+            self._pilot.look(frame, pose, tilt)
 
     def _map_from_base(self, stamp_ns: int) -> Pose2 | None:
         """Return the chair's pose at a stamp; None without current odometry or localisation."""

@@ -471,7 +471,7 @@ class PagePort(DrawingPort):
             figures["share of the scan on walls"] = self._received.located[1].inliers
         if state is not None:
             figures["bridge, age [ms]"] = (now_ns - state.stamp_ns) * 1e-6
-            figures["lean, sideways [rad]"], figures["lean, ahead [rad]"] = state.roll, state.pitch
+            figures["lean, sideways [rad]"], figures["lean, ahead [rad]"] = state.tilt
         if self._received.grid is not None:
             figures["cells of the map"] = float(self._received.grid.cells.size)
         return figures

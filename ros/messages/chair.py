@@ -53,8 +53,8 @@ class DriveReport:
     """The bridge's report of a tick: drive mode, reason, goal and result.
 
     `command`: the command sent to the board, None while the lines are released. `drops_goal`: the goal is over. `ended`:
-    why bridge or board ended a drive. `halts`: ids and sentences of the conditions that prevent a drive. `roll` and
-    `pitch` [rad]: the chair's tilt. `scan_ns` and `goal`: from the request that the tick answers. `last_stop`: why the
+    why bridge or board ended a drive. `halts`: ids and sentences of the conditions that prevent a drive. `tilt`: the
+    chair's roll and pitch [rad]. `scan_ns` and `goal`: from the request that the tick answers. `last_stop`: why the
     last drive ended, or did not begin. `countdown_s`: time until the first motion of a confirmed drive, 0 for none.
     `steered`: a page's joystick drives.
     """
@@ -68,8 +68,7 @@ class DriveReport:
     command: Twist | None = None
     ended: str = ""
     halts: tuple[tuple[str, str], ...] = field(default=())
-    roll: float = 0.0
-    pitch: float = 0.0
+    tilt: tuple[float, float] = (0.0, 0.0)
     scan_ns: int = 0
     goal: Pose2 = field(default_factory=Pose2)
     last_stop: str = ""
@@ -158,8 +157,8 @@ def drive_state(report: DriveReport) -> Any:
         steered=report.steered,
         halts=[stop_id for stop_id, _ in report.halts],
         halt_texts=[text for _, text in report.halts],
-        roll=report.roll,
-        pitch=report.pitch,
+        roll=report.tilt[0],
+        pitch=report.tilt[1],
         scan_ns=report.scan_ns,
     )
 
@@ -181,8 +180,7 @@ def read_drive_state(message: Any) -> DriveReport:
         command=read_twist(message.command) if message.commanded else None,
         ended=str(message.ended),
         halts=tuple(zip(message.halts, message.halt_texts, strict=False)),
-        roll=float(message.roll),
-        pitch=float(message.pitch),
+        tilt=(float(message.roll), float(message.pitch)),
         scan_ns=int(message.scan_ns),
         goal=read_pose(message.goal),
         last_stop=str(message.last_stop),

@@ -47,7 +47,7 @@ def test_a_state_arrives_as_it_was_sent(
 ) -> None:
     command = Twist(0.4, -0.1) if flag else None
     sent = chair.DriveReport(
-        stamp_ns, goal_id, mode, text, flag, not flag, command, text, tuple(halts), 0.1, -0.2, stamp_ns // 2, goal, text
+        stamp_ns, goal_id, mode, text, flag, not flag, command, text, tuple(halts), (0.1, -0.2), stamp_ns // 2, goal, text
     )
     came = chair.read_drive_state(over_the_wire(chair.drive_state(sent)))
     assert near(came.goal, goal)
