@@ -96,7 +96,7 @@ def _write_residual(
 
 @njit(cache=True, nogil=True, inline="always")
 def _product(absorption: Float32Array, x: AnyFloat, i: int, j: int) -> float:
-    """Return A x in one cell, in float64 whatever x is; 0 in a wall."""
+    """Return A x in one cell, in float64 even if x is float32; 0 in a wall."""
     across = np.float64(x[i + 1, j + 2]) + np.float64(x[i + 1, j])
     along = np.float64(x[i + 2, j + 1]) + np.float64(x[i, j + 1])
     value = (4.0 + np.float64(absorption[i, j])) * np.float64(x[i + 1, j + 1]) - (across + along)

@@ -55,9 +55,7 @@ class PlannerSettings(Settings):
         Settings.__post_init__(self)
         grid_planner(self.planner)
         if self.smooth not in SMOOTHINGS:
-            raise ConfigError(
-                f"there is no way to smooth a path called '{self.smooth}'; choose {', '.join(SMOOTHINGS)}"
-            )
+            raise ConfigError(f"smooth = '{self.smooth}' is unknown; choose {', '.join(SMOOTHINGS)}")
 
     @property
     def smoothing(self) -> str:
@@ -190,7 +188,7 @@ class GlobalPlanner:
             self.cost = search.replan()
         except NoPath as error:
             raise NoPath(
-                f"no way wide enough for the chair leads from ({here.x:.2f}, {here.y:.2f}) to "
+                f"no path wide enough for the chair leads from ({here.x:.2f}, {here.y:.2f}) to "
                 f"({self.goal.x:.2f}, {self.goal.y:.2f}); clear the way or choose another goal"
             ) from error
         return search.path()

@@ -110,7 +110,7 @@ def plan_on_cells(prices: Prices, start: Cell, goal: Cell, planner: str = "dstar
         cost = search.replan()
     except NoPath as error:
         raise NoPath(
-            f"no way leads from column {start[1]}, row {start[0]} to column {goal[1]}, row {goal[0]}; "
+            f"no path leads from column {start[1]}, row {start[0]} to column {goal[1]}, row {goal[0]}; "
             "choose another goal"
         ) from error
     return GridPath(cost, search.path(), search.pops)

@@ -126,7 +126,7 @@ class HarmonicSearch:
     def path(self) -> IntArray:
         """Return the cells (N, 2) of the present plan; raises `NoPath`."""
         if self._cells is None:
-            raise NoPath("there is no plan in force; call replan first")
+            raise NoPath("there is no plan; call replan first")
         return self._cells
 
 

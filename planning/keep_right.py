@@ -66,7 +66,7 @@ def _has_room(points: FloatArray, costmap: Costmap, room: float) -> BoolArray:
     at = tuple(np.where(within[:, None], cells, 0).T)
     needed = costmap.body.width / 2 + room + costmap.grid.resolution / 2  # to the face of a wall, not to its middle
     roomy = within & (costmap.clearance[at] >= needed) & (costmap.grid.cells[at] != UNKNOWN)
-    if costmap.barred is not None:  # never into a one-way zone, whatever its direction
+    if costmap.barred is not None:  # never into a one-way zone, in any direction
         roomy &= costmap.barred[at] == 0
     by_pose: BoolArray = roomy.reshape(points.shape[:2])
     return by_pose

@@ -201,7 +201,7 @@ def _kernels() -> _Kernels:
 
     @jit
     def apply(absorption: Any, x: Any, into: Any) -> None:
-        # in float64, whatever x is
+        # in float64 even if x is float32
         j, i = cuda.grid(2)
         if 0 < i < x.shape[0] - 1 and 0 < j < x.shape[1] - 1:
             value = 0.0

@@ -181,7 +181,7 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray) -> Resumable
             return [PathLeg(Path(poses))]
         raise NoPath(f"{why}; {BY_HAND}")
     raise NoPath(
-        f"the chair does not fit round at ({x:.2f}, {y:.2f}), not even in several goes; clear the way or choose "
+        f"the chair does not fit at ({x:.2f}, {y:.2f}), not even with a multi-point turn; clear the way or choose "
         "another goal"
     )
 

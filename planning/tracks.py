@@ -70,9 +70,9 @@ MODELS: Mapping[str, MoverModel] = MappingProxyType({"people": PEOPLE, "robots":
 
 @dataclass(frozen=True, slots=True)
 class TrackSettings(Settings):
-    """What moves about where the chair drives."""
+    """The kind of moving things among which the chair drives."""
 
-    movers: str = setting("people", "", f"what is tracked: {' or '.join(MODELS)} (small discs)")
+    movers: str = setting("people", "", "kind of moving things to track: people, or robots (small discs)")
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)

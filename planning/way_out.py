@@ -22,7 +22,7 @@ from waychair.planning.footprint import Footprint, fits, footprint, in_cells, ro
 from waychair.planning.slices import Resumable
 from waychair.types import FloatArray, Pose2
 
-BY_HAND = "drive it a little away from there by hand"
+BY_HAND = "drive it a little away by hand"
 """Advice for a chair that cannot be led out."""
 
 
@@ -89,7 +89,7 @@ def reason_for_cramped(field: DistanceField, body: ChairBody, pose: Pose2, neede
         rows, columns = np.clip(cells[:, ::-1].astype(np.int64), 0, np.array(field.metres.shape) - 1).T
         return float(field.metres[rows, columns].min())
 
-    return f"what is {min(edges, key=away)} leaves the chair no room to turn"
+    return f"an obstacle {min(edges, key=away)} leaves the chair no room to turn"
 
 
 @njit(cache=True, nogil=True)

@@ -26,7 +26,7 @@ BAD = (
     ((0, 0), (1, 4), GoalOutsideMap, "the goal in column 4, row 1 lies outside the map of 4 columns and 3 rows"),
     ((0, 1), (1, 1), StartOccupied, "the start in column 1, row 0 is occupied"),
     ((1, 1), (0, 1), GoalOccupied, "the goal in column 1, row 0 is occupied"),
-    ((0, 0), (2, 3), NoPath, "no way leads from column 0, row 0 to column 3, row 2"),
+    ((0, 0), (2, 3), NoPath, "no path leads from column 0, row 0 to column 3, row 2"),
 )
 
 

@@ -380,5 +380,5 @@ def test_the_harmonic_planner_replans_round_what_has_come() -> None:
 def test_words_that_name_no_planner_or_smoothing_are_refused() -> None:
     with pytest.raises(ConfigError, match="there is no planner 'harmonics'"):
         PlannerSettings(planner="harmonics")
-    with pytest.raises(ConfigError, match="called 'rope'; choose auto, taut, band, none"):
+    with pytest.raises(ConfigError, match="smooth = 'rope' is unknown; choose auto, taut, band, none"):
         replace(PlannerSettings(), smooth="rope")

@@ -208,6 +208,6 @@ def test_who_went_out_of_sight_behind_the_chair_may_be_there_until_forgotten() -
     for k in range(20, 90):
         tracker.update(k * TICK_NS, np.empty((0, 2)))
         if k == 40:
-            assert person_may_be_behind(tracker.lost, k * TICK_NS, Pose2(), CHAIR_A, 0.4)
-            assert not person_may_be_behind(tracker.lost, k * TICK_NS, Pose2(0.0, 0.0, math.pi), CHAIR_A, 0.4)
-    assert not tracker.lost
+            assert person_may_be_behind(tracker.recently_lost, k * TICK_NS, Pose2(), CHAIR_A, 0.4)
+            assert not person_may_be_behind(tracker.recently_lost, k * TICK_NS, Pose2(0.0, 0.0, math.pi), CHAIR_A, 0.4)
+    assert not tracker.recently_lost

@@ -107,5 +107,5 @@ def test_the_plan_of_a_parked_chair_leads_out_before_it_turns() -> None:
 ])  # fmt: skip
 def test_a_rider_is_told_on_which_side_there_is_no_room(x: float, y: float, theta: float, side: str | None) -> None:
     pose = Pose2(x, y, theta)
-    why = None if side is None else f"what is {side} leaves the chair no room to turn"
+    why = None if side is None else f"an obstacle {side} leaves the chair no room to turn"
     assert reason_for_cramped(field_round(pose), CHAIR_B, pose) == why

@@ -45,7 +45,7 @@ def test_a_chair_without_any_room_says_on_which_side_and_stays_where_it_is() -> 
     touching = Pose2(4.2 - 0.004 - scene.body.front, 0.2 + 0.02 + scene.body.width / 2, 0.0)
     result = run_scene(replace(scene, world=replace(scene.world, start=touching)), 0)
     assert not result.reached
-    assert result.reason == "what is ahead leaves the chair no room to turn; drive it a little away from there by hand"
+    assert result.reason == "an obstacle ahead leaves the chair no room to turn; drive it a little away by hand"
     assert result.seconds < 5.0
     assert result.contacts == 0
 
