@@ -52,7 +52,14 @@ class DepthEvidence:
         for (x, y, theta), scan in zip(poses.tolist(), scans, strict=True):
             lens = Pose2(x, y, theta) @ Pose2(float(scan.origin[0]), float(scan.origin[1]))
             cells, kinds = stretch_cells(
-                lens.x, lens.y, lens.theta, scan.bearings, scan.near, scan.far, scan.kinds, self.settings.resolution
+                x=lens.x,
+                y=lens.y,
+                theta=lens.theta,
+                bearings=scan.bearings,
+                near=scan.near,
+                far=scan.far,
+                kinds=scan.kinds,
+                resolution=self.settings.resolution,
             )
             self.obstacles.put(*cells_of_kind(cells, kinds, OBSTACLE), remove=remove)
             self.drops.put(*cells_of_kind(cells, kinds, DROP_OFF), remove=remove)

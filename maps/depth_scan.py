@@ -131,18 +131,19 @@ def depth_scan(
     bearings = np.arctan2(view.directions[..., 1], view.directions[..., 0]).astype(np.float32)
     away = np.hypot(view.ends[..., 0] - view.lens[0], view.ends[..., 1] - view.lens[1])
     found = find_stretches(
-        view.kind, away, view.ends[..., 2], own, view.foot, bearings, lens_z=float(view.lens[2]),
-        beam=2.0 * view.half_angle, range_max=settings.range_max, tallest=TALLEST, support=_SUPPORT, least=LARGEST_STEP,
+        kind=view.kind, away=away, z=view.ends[..., 2], own=own, foot=view.foot, bearings=bearings,
+        lens_z=float(view.lens[2]), beam=2.0 * view.half_angle, range_max=settings.range_max, tallest=TALLEST,
+        support=_SUPPORT, least=LARGEST_STEP,
         slope=STEEPEST_SLOPE,
     )  # fmt: skip
     used = slice(found.used)
     return DepthScan(
-        frame.stamp_ns,
-        view.lens[:2].copy(),
-        found.bearings[used].copy(),
-        found.near[used].copy(),
-        found.far[used].copy(),
-        found.kinds[used].copy(),
+        stamp_ns=frame.stamp_ns,
+        origin=view.lens[:2].copy(),
+        bearings=found.bearings[used].copy(),
+        near=found.near[used].copy(),
+        far=found.far[used].copy(),
+        kinds=found.kinds[used].copy(),
     )
 
 

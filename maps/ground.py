@@ -24,7 +24,7 @@ LARGEST_STEP = 0.06
 """The largest step [m], up or down, that still counts as ground."""
 
 STEEPEST_SLOPE = 0.12
-"""The steepest slope [1], relative to the plane under the chair, that still counts as ground (a ramp of 1:12 and noise)."""
+"""The steepest slope [1] against the plane under the chair that still counts as ground (a ramp of 1:12, and noise)."""
 
 FARTHEST_GROUND = 3.5
 """Farther from the camera [m], beams are too flat to tell ground from a drop-off."""
@@ -72,7 +72,16 @@ def ground_view(frame: RgbdFrame, base_from_camera: Pose3, front: float, step: i
     )  # fmt: skip
     _keep_wide(kind, foot, LEAST_MISSING, step / float(frame.camera_matrix[0, 0]))
     half_angle = step / (2 * float(frame.camera_matrix[0, 0]))
-    return GroundView(frame.stamp_ns, kind, ends, foot, rim, directions, lens, half_angle)
+    return GroundView(
+        stamp_ns=frame.stamp_ns,
+        kind=kind,
+        ends=ends,
+        foot=foot,
+        rim=rim,
+        directions=directions,
+        lens=lens,
+        half_angle=half_angle,
+    )
 
 
 @njit(cache=True, nogil=True)

@@ -16,7 +16,7 @@ import yaml
 
 from waychair.errors import MapError, MapNotFound
 from waychair.files import is_file, is_folder, write_bytes, write_text
-from waychair.geometry import MAX_COORDINATE, MAX_ANGLE, is_possible_pose
+from waychair.geometry import MAX_ANGLE, MAX_COORDINATE, is_possible_pose
 from waychair.maps.erased import clear_erased, load_erased
 from waychair.maps.grid import OCCUPIED_FROM
 from waychair.maps.map_images import read_image
@@ -141,13 +141,13 @@ def load_info(path: Path) -> MapInfo:
     if low >= high:
         raise MapError(f"{path}: free_thresh {low} must be less than occupied_thresh {high}")
     return MapInfo(
-        path.parent / str(values["image"]),
-        _number(path, values, "resolution", 1e-6, 1e6),
-        _origin(path, values["origin"]),
-        mode,
-        _number(path, values, "negate", 0.0, 1.0, or_bool=True) != 0.0,
-        high,
-        low,
+        image=path.parent / str(values["image"]),
+        resolution=_number(path, values, "resolution", 1e-6, 1e6),
+        map_from_grid=_origin(path, values["origin"]),
+        mode=mode,
+        negate=_number(path=path, values=values, key="negate", low=0.0, high=1.0, or_bool=True) != 0.0,
+        occupied_thresh=high,
+        free_thresh=low,
     )
 
 
@@ -177,7 +177,8 @@ def _origin(path: Path, origin: Any) -> Pose2:
         raise MapError(f"{path}: origin is {quoted(origin)}; it must be [x, y, yaw] in metres and radians") from error
     if not is_possible_pose(x, y, theta):
         raise MapError(
-            f"{path}: origin is {quoted(origin)}; x and y may be up to {MAX_COORDINATE:g} m from 0, yaw {MAX_ANGLE:g} rad"
+            f"{path}: origin is {quoted(origin)}; x and y may be up to {MAX_COORDINATE:g} m from 0, "
+            f"yaw {MAX_ANGLE:g} rad"
         )
     return Pose2(x, y, theta)
 

@@ -295,7 +295,17 @@ def beam_ends(
     steps = last - poses
     steps[:, 2] = wrap_angles(steps[:, 2])
     steps /= np.maximum(np.array(counts) - 1, 1)[:, None]
-    _trace_ends(ends, kinds, ranges, np.array(counts), poses, steps, per_scan, settings.range_max, settings.open_range)
+    _trace_ends(
+        ends=ends,
+        kinds=kinds,
+        ranges=ranges,
+        counts=np.array(counts),
+        poses=poses,
+        steps=steps,
+        per_scan=per_scan,
+        range_max=settings.range_max,
+        open_range=settings.open_range,
+    )
     return ends, kinds
 
 

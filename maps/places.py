@@ -19,7 +19,7 @@ import yaml
 
 from waychair.errors import MapError, PlaceError, UnknownPlace
 from waychair.files import is_folder, path_exists, refuse_empty_file
-from waychair.geometry import MAX_COORDINATE, MAX_ANGLE, is_possible_pose, wrap_angle
+from waychair.geometry import MAX_ANGLE, MAX_COORDINATE, is_possible_pose, wrap_angle
 from waychair.maps.anchors import load_anchors, write_anchored
 from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside
 from waychair.types import OccupancyGrid, Place, Pose2

@@ -21,7 +21,7 @@ import yaml
 
 from waychair.errors import ZoneError
 from waychair.files import path_exists, refuse_empty_file
-from waychair.geometry import MAX_COORDINATE, MAX_ANGLE, transform_points, wrap_angle
+from waychair.geometry import MAX_ANGLE, MAX_COORDINATE, transform_points, wrap_angle
 from waychair.maps.anchors import Anchors, load_anchors, write_anchored
 from waychair.maps.places import places_path
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
@@ -246,7 +246,8 @@ def checked_polygon(at: str, corners: object) -> FloatArray:
         polygon = np.empty(0)
     if polygon.ndim != 2 or polygon.shape[1] != 2 or len(polygon) < 3 or not (np.abs(polygon) <= MAX_COORDINATE).all():
         raise ZoneError(
-            f"{at}: its polygon must be three or more corners [[x, y], ...], all of them numbers up to {MAX_COORDINATE:g}"
+            f"{at}: its polygon must be three or more corners [[x, y], ...], all of them numbers up to "
+            f"{MAX_COORDINATE:g}"
         )
     x, y = (polygon - polygon[0]).T
     if abs((x * np.roll(y, -1) - y * np.roll(x, -1)).sum()) < 1e-9:

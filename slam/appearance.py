@@ -21,13 +21,13 @@ from waychair.config import Settings, setting
 from waychair.errors import SensorError
 from waychair.geometry import pose_from_array, rotation, transform_points
 from waychair.slam.edges import Edge, EdgeKind
-from waychair.slam.features import Features, extract
+from waychair.slam.features import ImageFeatures, extract
 from waychair.slam.information import odometry_information
 from waychair.slam.loop_closure import MIN_LOOP_PATH, LoopRejection
 from waychair.slam.mapper import Mapper, twist_of
-from waychair.slam.memory import Memory
+from waychair.slam.memory import NodeMemory
 from waychair.slam.memory_settings import MemorySettings
-from waychair.slam.nodes import LOOPS, Evidence, Kept, Link, LinkKind, Node, WordIds, carried
+from waychair.slam.nodes import LOOPS, Link, LinkKind, Node, NodeScan, NodeStatus, WordIds, carried
 from waychair.slam.place_memory import PictureCost, PlaceMemory
 from waychair.slam.place_recognition import MIN_FEATURES, RecognitionSettings
 from waychair.slam.place_verification import (
@@ -52,8 +52,9 @@ MIN_INLIERS = 0.7
 """Least share of a scan's points on the surfaces of the other place."""
 
 NEAR_DISTANCE, NEAR_ANGLE = 1.0, 0.52
-"""A node in a known place is linked to an earlier one this near [m], [rad] (RTAB-Map's RGBD/ProximityPathFilteringRadius
-and, there 45 degrees, RGBD/ProximityAngle)."""
+"""A node in a known place is linked to an earlier one this near [m], [rad].
+
+RTAB-Map's RGBD/ProximityPathFilteringRadius and RGBD/ProximityAngle (there 45 degrees)."""
 
 _MOVED = 0.01  # [m] least shift of a node's frame by the mapper after which the node is re-attached
 
@@ -79,13 +80,13 @@ class _View:
     """The features of a picture that is waiting for its scan."""
 
     stamp_ns: int
-    features: Features
+    features: ImageFeatures
     camera: FloatArray
     extraction_s: float
 
 
 @dataclass(frozen=True, slots=True)
-class _Here:
+class _NewNode:
     """A new node: its key scan, its pose in the key scan's frame, its scan in its own frame, its picture."""
 
     id: int
@@ -99,7 +100,7 @@ class _Here:
         return mapper.keys.pose(self.key) @ self.key_from_node
 
 
-class Appearance:
+class AppearanceLoopClosure:
     """Pass every picture to `see`, and call `follow` after each frame of the mapper.
 
     `counts` holds the outcomes of pictures, `refused` and `loops` those of recognised places, `costs` the CPU time.
@@ -109,7 +110,7 @@ class Appearance:
         self,
         settings: AppearanceSettings,
         base_from_camera: Pose3,
-        memory: Memory | None = None,
+        memory: NodeMemory | None = None,
         vocabulary: Vocabulary | None = None,
     ) -> None:
         """Begin with an empty memory, or with that of earlier sessions.
@@ -118,16 +119,16 @@ class Appearance:
         `base_from_camera` is the mount of the optical frame.
         """
         self.settings = settings
-        self.places = PlaceMemory(settings.places, memory or Memory(settings.memory), vocabulary)
+        self.places = PlaceMemory(settings.places, memory or NodeMemory(settings.memory), vocabulary)
         self.memory, self.recognition = self.places.memory, self.places.recognition
         self.counts, self.refused, self.costs = self.places.counts, self.places.refused, self.places.costs
         self._mount = base_from_camera
         self._waiting: deque[_View] = deque()
         self._latest_ns: int | None = None
         self._last: int | None = None  # the newest node, on this map
-        self._torn: int | None = None  # number of torn edges so far
+        self._unknown_edges: int | None = None  # number of torn edges so far
         self._loops: int | None = None
-        self._bent_by: list[tuple[Edge, Link]] = []
+        self._closed_loops: list[tuple[Edge, Link]] = []
         self._rejected = 0
 
     @property
@@ -151,7 +152,7 @@ class Appearance:
             return
         self.take(picture.stamp_ns, features, pinhole(picture.camera_matrix), time.process_time() - started)
 
-    def take(self, stamp_ns: int, features: Features, camera: FloatArray, spent_s: float = 0.0) -> None:
+    def take(self, stamp_ns: int, features: ImageFeatures, camera: FloatArray, spent_s: float = 0.0) -> None:
         """Take in a picture's extracted features, its camera (4,) from `pinhole`, and the CPU time [s] of extraction.
 
         Unlike `see`, skip no picture.
@@ -179,38 +180,38 @@ class Appearance:
     def finish(self, mapper: Mapper) -> None:
         """Take over the graph after its last optimisation, and write everything to disk."""
         self._follow_graph(mapper)
-        self.memory.bend(mapper.keys.poses)
+        self.memory.move_anchors(mapper.keys.poses)
         self.memory.flush()
 
     def _include(self, mapper: Mapper, frame: SensorFrame, view: _View, key: int, pose: Pose2) -> PictureCost:
         """Run one update for a picture; return its cost."""
         started, memory = time.process_time(), self.memory
-        self._tear(mapper)
-        memory.bend(mapper.keys.poses)
-        self._hang_again(mapper)
+        self._start_map_if_unconnected(mapper)
+        memory.move_anchors(mapper.keys.poses)
+        self._reattach(mapper)
         new_id, before = self.places.next_id, time.process_time()
         words, new_words = self.places.words(view.features)
         words_s = time.process_time() - before
         motion = self._motion(pose)
-        here = self._here(mapper, frame, view, new_id, key, pose)
+        here = self._new_node(mapper=mapper, frame=frame, view=view, node=new_id, key=key, pose=pose)
         added = memory.add(
-            self._node(mapper, frame, view, words, pose),
-            odometry_information(motion or Pose2()),
-            key,
-            here.key_from_node,
+            node=self._node(mapper, frame, view, words, pose),
+            information=odometry_information(motion or Pose2()),
+            anchor=key,
+            anchor_from_node=here.key_from_node,
             motion=motion,
             new_words=new_words,
         )
-        self.places.obey(added.change)
+        self.places.apply_change(added.change)
         if added.id != new_id:  # the chair stands and sees the same view as before
             self.recognition.leave(new_id)
             self._last = added.id
         elif self._recognise(mapper, here) or not self._stands(motion, added.verdict):
             self._last = new_id
         else:
-            self.places.obey(memory.drop(new_id))
+            self.places.apply_change(memory.drop(new_id))
         spent_s = time.process_time() - started + view.extraction_s
-        self.places.obey(memory.transfer(1e3 * spent_s))
+        self.places.apply_change(memory.transfer(1e3 * spent_s))
         new = 0 if new_words is None else len(new_words[0])
         return PictureCost(1e3 * view.extraction_s, 1e3 * words_s, 1e3 * spent_s, int((words > 0).sum()), new)
 
@@ -221,14 +222,14 @@ class Appearance:
     def _stands(self, motion: Pose2 | None, verdict: RehearsalResult) -> bool:
         return motion is not None and verdict is RehearsalResult.DIFFERENT and not is_moving(motion)
 
-    def _here(self, mapper: Mapper, frame: SensorFrame, view: _View, node: int, key: int, pose: Pose2) -> _Here:
+    def _new_node(self, mapper: Mapper, frame: SensorFrame, view: _View, node: int, key: int, pose: Pose2) -> _NewNode:
         """Return the new node with its pose beside its key scan and the scan of the next frame, in the node's frame."""
         assert frame.scan is not None
         node_from_base = pose.inverse() @ mapper.pose()
         seen = scan_points(frame.scan, mapper.base_from_laser, mapper.settings.matching.range_max, twist_of(frame))
         normals = seen.normals @ rotation(node_from_base.theta).T
         scan = ScanPoints(transform_points(node_from_base, seen.points), normals)
-        return _Here(node, key, mapper.keys.pose(key).inverse() @ pose, scan, view)
+        return _NewNode(node, key, mapper.keys.pose(key).inverse() @ pose, scan, view)
 
     def _node(self, mapper: Mapper, frame: SensorFrame, view: _View, words: WordIds, pose: Pose2) -> Node:
         assert frame.scan is not None
@@ -239,18 +240,19 @@ class Appearance:
         features = view.features
         odometry = (mapper.odometry or mapper.pose()) @ node_from_base.inverse()
         return Node(
-            view.stamp_ns, odometry, words, features.pixels, features.points, features.descriptors,
-            evidence=Evidence(scan, first, last),
+            stamp_ns=view.stamp_ns, odom_from_base=odometry, words=words, pixels=features.pixels,
+            points=features.points, descriptors=features.descriptors,
+            evidence=NodeScan(scan, first, last),
         )  # fmt: skip
 
-    def _recognise(self, mapper: Mapper, here: _Here) -> bool:
+    def _recognise(self, mapper: Mapper, here: _NewNode) -> bool:
         """Return whether a loop was closed, or the node was linked to one in a known place."""
         result = self.places.recognise(here.id)
-        self.places.obey(self.memory.retrieve(result.hypothesis, here.pose(mapper)))
-        closed = result.closure is not None and self._close(mapper, here, result.closure)
-        return self._tie(mapper, here) or closed
+        self.places.apply_change(self.memory.retrieve(result.hypothesis, here.pose(mapper)))
+        closed = result.closure is not None and self._close_loop(mapper, here, result.closure)
+        return self._link_known_place(mapper, here) or closed
 
-    def _close(self, mapper: Mapper, here: _Here, place: int) -> bool:
+    def _close_loop(self, mapper: Mapper, here: _NewNode, place: int) -> bool:
         """Return whether features, scans and the graph confirm a likely place, and close the loop if so."""
         old = self.memory.node(place)
         found = register(features_of(old), here.view.features, here.view.camera)
@@ -265,14 +267,14 @@ class Appearance:
         edge = mapper.close_loop(key, map_from_here @ here.pose(mapper).inverse() @ mapper.pose())
         if isinstance(edge, LoopRejection):
             return self.places.refuse(here.id, place, edge.value)
-        self.memory.bend(mapper.keys.poses)
+        self.memory.move_anchors(mapper.keys.poses)
         information = carried(edge.information, here.key_from_node.inverse())
         link = self._link(place, here.id, LinkKind.GLOBAL, information)
-        self._bent_by.append((edge, link))
+        self._closed_loops.append((edge, link))
         self._follow_graph(mapper)
         return self.memory.skeleton.linked(place, here.id) is not None
 
-    def _confirm(self, mapper: Mapper, here: _Here, place: int, key: int, map_from_here: Pose2) -> bool:
+    def _confirm(self, mapper: Mapper, here: _NewNode, place: int, key: int, map_from_here: Pose2) -> bool:
         """Link a place that the map already has beside the node, if picture and scan agree; no edge is needed."""
         gap = here.pose(mapper).inverse() @ map_from_here
         if not self._agrees(gap):
@@ -283,19 +285,19 @@ class Appearance:
         self._link(place, here.id, LinkKind.GLOBAL, fit.information)
         return True
 
-    def _tie(self, mapper: Mapper, here: _Here) -> bool:
+    def _link_known_place(self, mapper: Mapper, here: _NewNode) -> bool:
         """Return whether the new node is linked by nearness; after a loop closure, also link the rest of the STM."""
         loops = mapper.keys.kinds[EdgeKind.LOOP]
         closed, self._loops = self._loops is not None and loops > self._loops, loops
-        tied = self._tie_node(mapper, here.id, here.key, here.scan)
+        linked = self._link_nearby(mapper, here.id, here.key, here.scan)
         for node in self.memory.stm[:-1] if closed else ():
             seen, key = self.memory.node(node).evidence, int(self.memory.skeleton.rows["anchor"][node])
             if seen is not None and not self.memory.skeleton.links(node, LOOPS):
                 scan = scan_points(seen.scan, seen.node_from_first, mapper.settings.matching.range_max)
-                self._tie_node(mapper, node, key, scan)
-        return tied
+                self._link_nearby(mapper, node, key, scan)
+        return linked
 
-    def _tie_node(self, mapper: Mapper, node: int, key: int, scan: ScanPoints) -> bool:
+    def _link_nearby(self, mapper: Mapper, node: int, key: int, scan: ScanPoints) -> bool:
         """Link a node to the nearest one of an earlier visit if its scan fits the surfaces there; return whether so."""
         memory = self.memory
         around = mapper.keys.path_lengths(key, MIN_LOOP_PATH)
@@ -323,24 +325,24 @@ class Appearance:
         """Unlink loops whose edges the back end has rejected, and link those again that it has restored."""
         self._rejected = len(mapper.keys.rejected)
         believed, memory = {id(edge) for edge in mapper.keys.edges}, self.memory
-        for edge, link in self._bent_by:
+        for edge, link in self._closed_loops:
             linked = memory.skeleton.linked(link.i, link.j) is not None
             if linked and id(edge) not in believed:
                 memory.unlink(link.i, link.j)
                 self.places.refuse(link.j, link.i, "the rest of the graph contradicts it")
-            gone = Kept.GONE in (memory.skeleton.kept(link.i), memory.skeleton.kept(link.j))
+            gone = NodeStatus.GONE in (memory.skeleton.kept(link.i), memory.skeleton.kept(link.j))
             if not linked and not gone and id(edge) in believed:
                 memory.link(link)
 
-    def _tear(self, mapper: Mapper) -> None:
+    def _start_map_if_unconnected(self, mapper: Mapper) -> None:
         """Start a new map in the memory if the mapper has lost its connection to the earlier frames."""
         torn = mapper.keys.kinds[EdgeKind.UNKNOWN]
-        if self._torn is not None and torn > self._torn and self._last is not None:
+        if self._unknown_edges is not None and torn > self._unknown_edges and self._last is not None:
             self.memory.start_map()
             self._last = None
-        self._torn = torn
+        self._unknown_edges = torn
 
-    def _hang_again(self, mapper: Mapper) -> None:
+    def _reattach(self, mapper: Mapper) -> None:
         """Move STM nodes with their frames, which the mapper places by odometry first and by their scan later."""
         for node in self.memory.stm:
             stamp_ns, anchor = int(self.memory.node(node).stamp_ns), int(self.memory.skeleton.rows["anchor"][node])
@@ -351,4 +353,4 @@ class Appearance:
             key_from_node = mapper.keys.pose(key).inverse() @ pose
             moved = self.memory.skeleton.anchor_from_node(node).inverse() @ key_from_node
             if key != anchor or math.hypot(moved.x, moved.y) > _MOVED:
-                self.memory.hang(node, key, key_from_node)
+                self.memory.attach(node, key, key_from_node)

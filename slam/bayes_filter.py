@@ -107,7 +107,16 @@ class BayesFilter:
         spare = max(0.0, 1.0 - float(shares.sum()))
         virtual = float(shares[0])
         least = (1.0 - 1e-9) * float(shares.min())
-        flow = _flow(rows, self._rows, self._shares, self._entries, self._belief, virtual, spare, least)
+        flow = _flow(
+            live=rows,
+            rows=self._rows,
+            shares=self._shares,
+            entries=self._entries,
+            belief=self._belief,
+            virtual=virtual,
+            spare=spare,
+            least=least,
+        )
         belief = self._belief
         to_virtual = virtual * belief[rows].sum() + VIRTUAL_STAYS * belief[0]
         from_virtual = (1.0 - VIRTUAL_STAYS) * belief[0] / len(rows)

@@ -61,7 +61,15 @@ def adjust(bundle: Bundle, camera: FloatArray, noise: NoiseModel, iterations: in
                 break
         else:
             damping *= 10.0
-    adjusted = Bundle(turns, shifts, bundle.free, points, bundle.frame, bundle.landmark, bundle.observed)
+    adjusted = Bundle(
+        rotations=turns,
+        translations=shifts,
+        free=bundle.free,
+        landmarks=points,
+        frame=bundle.frame,
+        landmark=bundle.landmark,
+        observed=bundle.observed,
+    )
     return adjusted, chi
 
 

@@ -51,7 +51,16 @@ def align_pictures(
         # pixels of a pyramid's level, and their depths, lie at multiples of its scale
         coarse, shrunken = np.ascontiguousarray(depth[::scale, ::scale]), camera / scale
         points, slopes, bright = slopes_kernel(before[level], coarse, shrunken)
-        loss, share = dense_kernel(points, slopes, bright, now[level], shrunken, turn, shift, _ITERATIONS)
+        loss, share = dense_kernel(
+            points=points,
+            slopes=slopes,
+            bright=bright,
+            now=now[level],
+            camera=shrunken,
+            turn=turn,
+            shift=shift,
+            iterations=_ITERATIONS,
+        )
     return DenseFit(Pose3(turn, shift), loss, share)
 
 

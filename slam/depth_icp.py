@@ -62,7 +62,15 @@ def refine_by_depth(old: Float32Array, new: Float32Array, camera: FloatArray, gu
     error, met, scatter = 0.0, 0, np.eye(3)
     for _ in range(_ITERATIONS):
         normal, gradient, error, met, scatter = meet_kernel(
-            old_points, old_normals, points, normals, camera, turn, shift, _MAX_DISTANCE, min_cosine
+            old_points=old_points,
+            old_normals=old_normals,
+            points=points,
+            normals=normals,
+            camera=camera,
+            turn=turn,
+            shift=shift,
+            max_distance=_MAX_DISTANCE,
+            min_cosine=min_cosine,
         )
         if met < max(50.0, _MIN_SHARE * len(points)):
             return IcpFit(guess, error, met / len(points), IcpRefusal.FEW_MEET)

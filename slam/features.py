@@ -77,7 +77,7 @@ class FeatureSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Features:
+class ImageFeatures:
     """N keypoints of one image, strongest first.
 
     pixels (N, 2) f32 [px] column, row; descriptors (N, 32) u8 or (N, 128) f32; points (N, 3) f32 [m] in the camera's
@@ -95,19 +95,19 @@ class Features:
     def __len__(self) -> int:
         return len(self.pixels)
 
-    def take(self, chosen: IntArray | BoolArray) -> Features:
+    def take(self, chosen: IntArray | BoolArray) -> ImageFeatures:
         """Return the keypoints of an index (K,) or a mask (N,)."""
-        return Features(
-            self.pixels[chosen],
-            self.descriptors[chosen],
-            self.points[chosen],
-            self.response[chosen],
-            self.octave[chosen],
-            self.angle[chosen],
+        return ImageFeatures(
+            pixels=self.pixels[chosen],
+            descriptors=self.descriptors[chosen],
+            points=self.points[chosen],
+            response=self.response[chosen],
+            octave=self.octave[chosen],
+            angle=self.angle[chosen],
         )
 
 
-def extract(frame: RgbdFrame, settings: FeatureSettings | None = None) -> Features:
+def extract(frame: RgbdFrame, settings: FeatureSettings | None = None) -> ImageFeatures:
     """Return the features of a frame.
 
     Features without depth are left out where the frame has any; without depth (empty, or nan everywhere) all `points`
@@ -129,7 +129,7 @@ def extract(frame: RgbdFrame, settings: FeatureSettings | None = None) -> Featur
     return found.take(np.isfinite(points[:, 2]))
 
 
-def features_of_image(gray: Bytes, settings: FeatureSettings, mask: Bytes | None = None) -> Features:
+def features_of_image(gray: Bytes, settings: FeatureSettings, mask: Bytes | None = None) -> ImageFeatures:
     """Return the features of a grey image (H, W) where `mask` (H, W) is not 0; all points are nan."""
     if settings.detector == "gftt_orb":
         keypoints, descriptors = _gftt_orb(gray, settings, mask)
@@ -140,24 +140,26 @@ def features_of_image(gray: Bytes, settings: FeatureSettings, mask: Bytes | None
     count = len(keypoints)
     table = np.array([(*k.pt, k.response, k.octave & 255, k.angle) for k in keypoints], np.float32)
     angle = np.deg2rad(table[:, 4])
-    found = Features(
-        table[:, :2],
-        descriptors,
-        np.full((count, 3), np.nan, np.float32),
-        table[:, 2],
-        table[:, 3].astype(np.uint8),
-        np.where(table[:, 4] < 0, np.float32(np.nan), angle),
+    found = ImageFeatures(
+        pixels=table[:, :2],
+        descriptors=descriptors,
+        points=np.full((count, 3), np.nan, np.float32),
+        response=table[:, 2],
+        octave=table[:, 3].astype(np.uint8),
+        angle=np.where(table[:, 4] < 0, np.float32(np.nan), angle),
     )
     strongest = np.argsort(-found.response, kind="stable")[: settings.max_features]
     return found.take(strongest)
 
 
-def no_features(settings: FeatureSettings) -> Features:
+def no_features(settings: FeatureSettings) -> ImageFeatures:
     """Return the empty features of a blank image."""
     descriptors = np.empty((0, 32), np.uint8) if settings.binary else np.empty((0, 128), np.float32)
     none, nothing = np.empty(0, np.float32), np.empty((0, 2), np.float32)
     points = np.empty((0, 3), np.float32)
-    return Features(nothing, descriptors, points, none, np.empty(0, np.uint8), none)
+    return ImageFeatures(
+        pixels=nothing, descriptors=descriptors, points=points, response=none, octave=np.empty(0, np.uint8), angle=none
+    )
 
 
 def gray_image(image: Bytes) -> Bytes:

@@ -81,7 +81,14 @@ class HammingIndex:
             return
         self._reserve(int(slots.max()) + 1, len(slots))
         self._cells = _insert(
-            words, slots, self._bits, self._slots, self._centres, self._counts, self._place, self._cells
+            words=words,
+            new_slots=slots,
+            bits=self._bits,
+            slots=self._slots,
+            centres=self._centres,
+            counts=self._counts,
+            place=self._place,
+            cells=self._cells,
         )
 
     def remove(self, slots: Int32Array) -> None:
@@ -99,7 +106,14 @@ class HammingIndex:
 
     def nearest(self, queries: Words64) -> tuple[Int32Array, Int32Array]:
         """Return slots and distances (N, 2) of the two nearest words found for queries (N, 4); else -1 and `FAR`."""
-        return _nearest(queries, self._bits, self._slots, self._centres, self._counts, self._cells)
+        return _nearest(
+            queries=queries,
+            bits=self._bits,
+            slots=self._slots,
+            centres=self._centres,
+            counts=self._counts,
+            cells=self._cells,
+        )
 
     def _reserve(self, slots: int, more: int) -> None:
         if slots > len(self._place):

@@ -65,7 +65,15 @@ class InvertedIndex:
         distinct, counts = np.unique(slots, return_counts=True)
         self._reserve(int(distinct[-1]) + 1 if len(distinct) else 0, len(distinct))
         self._free = _link(
-            distinct, counts, row, self._head, self._nodes, self._next, self._row, self._count, self._free
+            slots=distinct,
+            counts=counts,
+            row=row,
+            head=self._head,
+            nodes=self._nodes,
+            following=self._next,
+            rows=self._row,
+            count=self._count,
+            free=self._free,
         )
         self._spare -= len(distinct)
 
@@ -73,7 +81,15 @@ class InvertedIndex:
         """Remove a node; return its words (K,) that no other node shows."""
         row, slots = self._row_of.pop(node), np.unique(self._slots_of.pop(node))
         self._free_rows.append(row)
-        self._free = _unlink(slots, row, self._head, self._nodes, self._next, self._row, self._free)
+        self._free = _unlink(
+            slots=slots,
+            row=row,
+            head=self._head,
+            nodes=self._nodes,
+            following=self._next,
+            rows=self._row,
+            free=self._free,
+        )
         self._spare += len(slots)
         return self.unused(slots)
 
@@ -85,7 +101,14 @@ class InvertedIndex:
     def scores(self, slots: Int32Array, nodes: IntArray) -> FloatArray:
         """Return tf-idf scores (M,) of nodes (M,) for the words (N,) of another node."""
         totals = _scores(
-            np.unique(slots), len(self._row_of), self._head, self._nodes, self._next, self._row, self._count, self._size
+            slots=np.unique(slots),
+            memory=len(self._row_of),
+            head=self._head,
+            nodes=self._nodes,
+            following=self._next,
+            rows=self._row,
+            count=self._count,
+            size=self._size,
         )
         rows = np.fromiter((self._row_of[int(node)] for node in nodes), np.int64, len(nodes))
         return totals[rows]

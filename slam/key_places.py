@@ -12,9 +12,9 @@ from collections.abc import Collection, Sequence
 import numpy as np
 
 from waychair.geometry import pose_from_array
-from waychair.slam.features import Features
-from waychair.slam.memory import Memory
-from waychair.slam.nodes import Kept, Link, LinkKind, Node
+from waychair.slam.features import ImageFeatures
+from waychair.slam.memory import NodeMemory
+from waychair.slam.nodes import Link, LinkKind, Node, NodeStatus
 from waychair.slam.place_memory import PictureCost, PlaceMemory
 from waychair.slam.place_recognition import RecognitionSettings
 from waychair.slam.visual_map import KeyFrame
@@ -27,9 +27,9 @@ _BESIDE = 3  # key frames within this many numbers of each other show the same p
 
 
 class KeyPlaces:
-    """Call `add` for every key frame, and `bend` after a change of the map; key frames are identified by number."""
+    """Call `add` for every key frame, and `move_key_frames` after a change of the map. Key frames have numbers."""
 
-    def __init__(self, settings: RecognitionSettings, memory: Memory) -> None:
+    def __init__(self, settings: RecognitionSettings, memory: NodeMemory) -> None:
         """Begin with an empty memory, which then belongs to these key frames."""
         self.places = PlaceMemory(settings, memory)
         self.memory = memory
@@ -51,32 +51,39 @@ class KeyPlaces:
         """
         started, memory, number = time.process_time(), self.memory, len(self._node_of)
         self.places.counts["pictures"] += 1
-        memory.bend(poses)
+        memory.move_anchors(poses)
         node, here = self.places.next_id, pose_from_array(poses[-1])
         words, made = self.places.words(key.features)
         words_s = time.process_time() - started
         before = pose_from_array(poses[-2]) if number else here
         features = key.features
         added = memory.add(
-            Node(key.stamp_ns, here, words, features.pixels, features.points, features.descriptors),
-            information,
-            number,
-            Pose2(),
+            node=Node(
+                stamp_ns=key.stamp_ns,
+                odom_from_base=here,
+                words=words,
+                pixels=features.pixels,
+                points=features.points,
+                descriptors=features.descriptors,
+            ),
+            information=information,
+            anchor=number,
+            anchor_from_node=Pose2(),
             motion=before.inverse() @ here,
             new_words=made,
         )
-        self.places.obey(added.change)
+        self.places.apply_change(added.change)
         self._node_of.append(added.id)
         hypothesis = None
         if added.id == node:
             self._key_of[node] = number
             found = self.places.recognise(node)
-            self.places.obey(memory.retrieve(found.hypothesis, here))
+            self.places.apply_change(memory.retrieve(found.hypothesis, here))
             hypothesis = None if found.closure is None else self._key_of[found.closure]
         else:
             self.places.recognition.leave(node)
         spent_s = time.process_time() - started + extraction_s
-        self.places.obey(memory.transfer(1e3 * spent_s))
+        self.places.apply_change(memory.transfer(1e3 * spent_s))
         new = 0 if made is None else len(made[0])
         cost = PictureCost(1e3 * extraction_s, 1e3 * words_s, 1e3 * spent_s, int((words > 0).sum()), new)
         self.places.costs.append(cost)
@@ -86,7 +93,7 @@ class KeyPlaces:
         """Start a new map: the next key frame has no link to the previous one."""
         self.memory.start_map()
 
-    def likeliest(self, features: Features, excluded: Collection[int] = (), most: int = 3) -> list[int]:
+    def likeliest(self, features: ImageFeatures, excluded: Collection[int] = (), most: int = 3) -> list[int]:
         """Return the key frames most similar to a picture, best first, at most one per place."""
         out = {self._node_of[key] for key in excluded if key < len(self._node_of)}
         chosen: list[int] = []
@@ -99,35 +106,35 @@ class KeyPlaces:
     def link(self, old: int, new: int, kind: LinkKind, old_from_new: Pose3, information: FloatArray) -> None:
         """Link two key frames of one place: `old_from_new` of the optical frames, information (3, 3) of its shadow."""
         i, j = self._node_of[old], self._node_of[new]
-        if i != j and Kept.GONE not in (self.memory.skeleton.kept(i), self.memory.skeleton.kept(j)):
-            self.memory.link(Link(i, j, kind, shadow(old_from_new), information))
+        if i != j and NodeStatus.GONE not in (self.memory.skeleton.kept(i), self.memory.skeleton.kept(j)):
+            self.memory.link(Link(i, j, kind, planar_pose(old_from_new), information))
 
     def refuse(self, old: int, new: int, reason: str) -> None:
         """Record why two key frames do not show the same place."""
         self.places.refuse(self._node_of[new], self._node_of[old], reason)
 
-    def bend(self, poses: FloatArray) -> None:
+    def move_key_frames(self, poses: FloatArray) -> None:
         """Take over new shadows (K, 3) of the key frames."""
-        self.memory.bend(poses)
+        self.memory.move_anchors(poses)
 
     def finish(self, poses: FloatArray) -> None:
         """Take over the final shadows (K, 3), and write everything to disk."""
-        self.memory.bend(poses)
+        self.memory.move_anchors(poses)
         self.memory.flush()
 
 
-def shadow(map_from_camera: Pose3) -> Pose2:
+def planar_pose(map_from_camera: Pose3) -> Pose2:
     """Return the planar pose of an optical frame."""
     return (BASE_FROM_OPTICAL @ map_from_camera @ BASE_FROM_OPTICAL.inverse()).planar()
 
 
-def shadows(keys: Sequence[KeyFrame]) -> FloatArray:
+def planar_poses(keys: Sequence[KeyFrame]) -> FloatArray:
     """Return the planar poses (K, 3) [m, m, rad] of key frames in map."""
-    every = [shadow(key.camera_from_map.inverse()).array() for key in keys]
+    every = [planar_pose(key.camera_from_map.inverse()).array() for key in keys]
     return np.array(every, float).reshape(-1, 3)
 
 
-def on_floor(covariance: FloatArray) -> FloatArray:
+def planar_information(covariance: FloatArray) -> FloatArray:
     """Return the information (3, 3) of x, y, yaw of a base from a covariance (6, 6) of its optical frame's motion."""
     turn = BASE_FROM_OPTICAL.rotation
     way, angles = turn @ covariance[3:, 3:] @ turn.T, turn @ covariance[:3, :3] @ turn.T

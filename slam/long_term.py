@@ -24,10 +24,10 @@ import numpy as np
 from waychair.errors import LongTermDamaged, LongTermError
 from waychair.slam.long_term_file import (
     Batch,
-    Stored,
+    StoredMemory,
     connect,
-    damage,
-    prepare,
+    find_damage,
+    prepare_writer,
     quarantine,
     read_all,
     read_evidence,
@@ -35,13 +35,13 @@ from waychair.slam.long_term_file import (
     read_words,
     write,
 )
-from waychair.slam.nodes import Evidence, Node, unpack_evidence, unseal
+from waychair.slam.nodes import Node, NodeScan, unpack_evidence, unseal
 from waychair.types import Bytes, IntArray
 
 T = TypeVar("T")
 
 
-class LongTerm:
+class LongTermStore:
     """The memory's file. `notes` holds the findings on opening, `fault` the reason why writing has stopped."""
 
     def __init__(self, path: Path | None = None, most_bytes: int | None = None, patience_s: float = 1.0) -> None:
@@ -64,23 +64,23 @@ class LongTerm:
         self._done: Future[None] = Future()  # of the handed batches
         self._spill: sqlite3.Connection | None = None
         if path is not None:
-            self._make_sound(path)
+            self._move_damaged_aside(path)
         try:
             self._writer = connect(path)
-            prepare(self._writer, most_bytes)
+            prepare_writer(self._writer, most_bytes)
             self._reader = self._writer if path is None else connect(path)
         except sqlite3.Error as error:
             raise LongTermError(f"cannot use {path}: {error}; move it away, or choose another folder") from error
         self._thread = ThreadPoolExecutor(1, "long-term-memory") if path is not None else None
 
     @classmethod
-    def in_ram(cls, fault: LongTermError) -> LongTerm:
+    def in_ram(cls, fault: LongTermError) -> LongTermStore:
         """Return a memory without a file, because of a fault of the disk."""
         store = cls()
         store.fault = fault
         return store
 
-    def load(self) -> Stored:
+    def load(self) -> StoredMemory:
         """Return the content of earlier sessions, except the views themselves.
 
         Raises:
@@ -125,9 +125,11 @@ class LongTerm:
             return False
         except sqlite3.Error as error:
             where = f"cannot write {self.path}: {error}"
-            self.fault = LongTermError(f"{where}; what comes now is lost when the program ends: make room, start again")
+            self.fault = LongTermError(
+                f"{where}; new nodes are lost when the program ends: make room on the disk and restart"
+            )
             self._spill = connect(None)
-            prepare(self._spill, None)
+            prepare_writer(self._spill, None)
             _write_all(self._spill, self._handed)
         self._handed = []
         return True
@@ -144,7 +146,7 @@ class LongTerm:
             raise LongTermDamaged(f"node {node} is not in {self.path or 'RAM'}: a part of the memory was lost")
         return replace(found, evidence=self.evidence(node))
 
-    def evidence(self, node: int) -> Evidence | None:
+    def evidence(self, node: int) -> NodeScan | None:
         """Return only the scan of a node; None where it has none, or the node does not exist.
 
         Raises:
@@ -202,12 +204,12 @@ class LongTerm:
         if self._spill is not None:
             self._spill.close()
 
-    def _make_sound(self, path: Path) -> None:
+    def _move_damaged_aside(self, path: Path) -> None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise LongTermError(f"cannot write {path}: {error.strerror}; choose another folder") from error
-        wrong = damage(path)
+        wrong = find_damage(path)
         if wrong:
             aside = quarantine(path)
             self.notes = (f"{path} is damaged ({wrong}): it was moved to {aside}, and a new memory is begun",)
@@ -223,7 +225,7 @@ class LongTerm:
             raise LongTermDamaged(f"{what} {number} of {self.path} is damaged: {error}") from error
 
     def _unreadable(self, error: sqlite3.Error) -> LongTermError:
-        self.fault = self.fault or LongTermError(f"cannot read {self.path}: {error}; is the disk there?")
+        self.fault = self.fault or LongTermError(f"cannot read {self.path}: {error}; check that the disk is connected")
         return self.fault
 
     def _sources(self, number: int) -> list[sqlite3.Connection]:

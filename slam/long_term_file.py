@@ -47,7 +47,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class NodeState:
     """The changing part of a node: weight, awake or not, anchor.
 
     `parent` is 0, or in an older file the id of the node into which this one was merged.
@@ -68,7 +68,7 @@ class Batch:
     nodes: tuple[Node, ...] = ()
     rewritten: tuple[Node, ...] = ()
     """Nodes in the file whose words have new ids."""
-    states: tuple[State, ...] = ()
+    states: tuple[NodeState, ...] = ()
     links: tuple[Link, ...] = ()
     unlinked: tuple[tuple[int, int], ...] = ()
     gone: tuple[int, ...] = ()
@@ -87,12 +87,12 @@ class Batch:
 
 
 @dataclass(frozen=True, slots=True)
-class Stored:
+class StoredMemory:
     """The content of a file except the views themselves, without its `damaged` records."""
 
     nodes: tuple[tuple[int, int, int], ...] = ()
     """id, map id and stamp [ns], in ascending order."""
-    states: tuple[State, ...] = ()
+    states: tuple[NodeState, ...] = ()
     links: tuple[Link, ...] = ()
     anchors: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     damaged: int = 0
@@ -100,7 +100,7 @@ class Stored:
     """The highest id in use, damaged or not."""
 
 
-def damage(path: Path) -> str:
+def find_damage(path: Path) -> str:
     """Return the damage of the file in words; '' where it is sound, empty or missing.
 
     Raises:
@@ -125,7 +125,7 @@ def damage(path: Path) -> str:
         finally:
             connection.close()
     except sqlite3.OperationalError as error:
-        raise LongTermError(f"cannot open {path}: {error}; is another program using it?") from error
+        raise LongTermError(f"cannot open {path}: {error}; close any other program that uses it") from error
     except (sqlite3.DatabaseError, UnicodeDecodeError) as error:  # the message may quote damaged text
         return str(error)
     if application == 0 and schema == 0 and not tables:
@@ -166,7 +166,7 @@ def connect(path: Path | None) -> sqlite3.Connection:
     return connection
 
 
-def prepare(connection: sqlite3.Connection, most_bytes: int | None) -> None:
+def prepare_writer(connection: sqlite3.Connection, most_bytes: int | None) -> None:
     """Prepare a connection for writing, and create the tables if they are missing."""
     connection.execute("PRAGMA journal_mode=WAL")
     connection.execute("PRAGMA synchronous=FULL")
@@ -208,7 +208,7 @@ def write(connection: sqlite3.Connection, batch: Batch) -> None:
         raise
 
 
-def read_all(connection: sqlite3.Connection) -> Stored:
+def read_all(connection: sqlite3.Connection) -> StoredMemory:
     """Return everything but the views.
 
     Raises:
@@ -231,7 +231,7 @@ def read_all(connection: sqlite3.Connection) -> Stored:
     for number, pose in places.items():
         anchors[number] = pose
     last = connection.execute("SELECT max(id) FROM (SELECT id FROM nodes UNION SELECT id FROM states)").fetchone()[0]
-    return Stored(nodes, states, links, anchors, len(damaged), last or 0)
+    return StoredMemory(nodes=nodes, states=states, links=links, anchors=anchors, damaged=len(damaged), last=last or 0)
 
 
 def read_node(connection: sqlite3.Connection, node: int) -> Node | None:
@@ -246,7 +246,18 @@ def read_node(connection: sqlite3.Connection, node: int) -> Node | None:
         return None
     stamp, map_id, x, y, theta = _ABOUT.unpack(unseal(node, row[0]))
     words, pixels, points, descriptors, surface = unpack(unseal(node, row[1]))
-    return Node(stamp, Pose2(x, y, theta), words, pixels, points, descriptors, surface, None, node, map_id)
+    return Node(
+        stamp_ns=stamp,
+        odom_from_base=Pose2(x, y, theta),
+        words=words,
+        pixels=pixels,
+        points=points,
+        descriptors=descriptors,
+        surface=surface,
+        evidence=None,
+        id=node,
+        map_id=map_id,
+    )
 
 
 def read_evidence(connection: sqlite3.Connection, node: int) -> bytes | None:
@@ -281,15 +292,17 @@ def _node_of(node: int, about: bytes) -> tuple[int, int, int]:
     return node, map_id, stamp
 
 
-def _state_row(state: State) -> tuple[int, bytes]:
+def _state_row(state: NodeState) -> tuple[int, bytes]:
     pose = state.anchor_from_node
     data = _STATE.pack(state.weight, state.awake, state.anchor, pose.x, pose.y, pose.theta, state.parent)
     return state.id, seal(state.id, data)
 
 
-def _state_of(node: int, data: bytes) -> State:
+def _state_of(node: int, data: bytes) -> NodeState:
     weight, awake, anchor, x, y, theta, parent = _STATE.unpack(unseal(node, data))
-    return State(node, weight, awake, anchor, Pose2(x, y, theta), parent)
+    return NodeState(
+        id=node, weight=weight, awake=awake, anchor=anchor, anchor_from_node=Pose2(x, y, theta), parent=parent
+    )
 
 
 def _link_row(link: Link) -> tuple[int, int, bytes]:

@@ -9,7 +9,7 @@ Michaud 2013, 2019). So the work per frame depends on the awake nodes and not on
     memory.link(...)                                 # accepted loops
     slept = memory.transfer(spent_ms)                # WM -> LTM, when the frame took too long
 
-Each step returns the nodes that the vocabulary and the Bayes filter gain and lose (`Change`). A chair that only
+Each step returns the nodes that the vocabulary and the Bayes filter gain and lose (`MemoryChange`). A chair that only
 localises adds no nodes; `retrieve` and `transfer` then keep the WM to its surroundings.
 
 Nodes asleep keep their pose and links in RAM (`Skeleton`) and their scan on disk (`evidence`), so that the grid stays
@@ -20,19 +20,19 @@ from __future__ import annotations
 
 from collections import Counter, OrderedDict
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from waychair.errors import LongTermDamaged, LongTermError
 from waychair.slam.anchors import AnchorPoses
-from waychair.slam.long_term import LongTerm
+from waychair.slam.long_term import LongTermStore
 from waychair.slam.memory_journal import Journal
 from waychair.slam.memory_settings import MemoryCounts, MemorySettings
-from waychair.slam.nodes import LOOPS, Evidence, Kept, Link, LinkKind, Node, WordIds
+from waychair.slam.nodes import LOOPS, Link, LinkKind, Node, NodeScan, NodeStatus, WordIds
 from waychair.slam.rehearsal import RehearsalResult, rehearse
-from waychair.slam.retrieval import immunised, surroundings, wanted
+from waychair.slam.retrieval import immunised_nodes, nearby_nodes, nodes_to_wake
 from waychair.slam.skeleton import Skeleton
 from waychair.slam.transfer import NodesInRam, is_due, removable, with_intermediate
 from waychair.types import Bytes, FloatArray, IntArray, Pose2
@@ -45,7 +45,7 @@ CACHED_NODES = 200
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
+class MemoryChange:
     """Nodes that came and went: the vocabulary holds words of nodes in RAM (STM and WM), the Bayes filter the WM."""
 
     woken: tuple[Node, ...] = ()
@@ -57,7 +57,7 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True)
-class Added:
+class AddedNode:
     """The outcome of adding a node.
 
     `id` is the new node's, or the older node's if the new one was merged into it.
@@ -65,19 +65,39 @@ class Added:
 
     id: int
     verdict: RehearsalResult
-    change: Change
+    change: MemoryChange
 
 
-class Memory:
+class _SessionClock:
+    """The time [ns] since the first stamp of a session; it never goes back, even if stamps do."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+        self._start_ns: int | None = None
+
+    def tick(self, stamp_ns: int) -> None:
+        self._start_ns = stamp_ns if self._start_ns is None else self._start_ns
+        self.now_ns = max(self.now_ns, stamp_ns - self._start_ns)
+
+
+@dataclass(slots=True)
+class _Iteration:
+    """The nodes woken in this iteration, and those that must not be put to sleep in it."""
+
+    woken: list[int] = field(default_factory=list)
+    immunised: set[int] = field(default_factory=set)
+
+
+class NodeMemory:
     """Nodes and links, the memory that each node is in, and the rules by which nodes move.
 
     It reads no clock: time is that of the nodes' stamps since the first one of the session.
     """
 
-    def __init__(self, settings: MemorySettings | None = None, store: LongTerm | None = None) -> None:
+    def __init__(self, settings: MemorySettings | None = None, store: LongTermStore | None = None) -> None:
         """Load earlier sessions from the store: nodes that were awake are awake again, the rest asleep."""
         self.settings = settings or MemorySettings()
-        self.store = store or LongTerm()
+        self.store = store or LongTermStore()
         self.skeleton = Skeleton()
         self.map_id = 0
         self.last_closure = 0
@@ -88,22 +108,19 @@ class Memory:
         self._cache: OrderedDict[int, Node] = OrderedDict()
         self._counts: Counter[str] = Counter()
         self._anchors = AnchorPoses()
-        self._start_ns: int | None = None
-        self._now_ns = 0
+        self._clock = _SessionClock()
         self._localised = 0  # the older node of the latest loop closure
-        self._woken: list[int] = []  # in this iteration
-        self._immunised: set[int] = set()
-        self._asleep = 0
+        self._iteration = _Iteration()
         self._journal = Journal()
         self._restore()
 
     @classmethod
-    def opened(cls, path: Path, settings: MemorySettings | None = None, most_bytes: int | None = None) -> Memory:
+    def opened(cls, path: Path, settings: MemorySettings | None = None, most_bytes: int | None = None) -> NodeMemory:
         """Return a memory in a file or, if that cannot be used, in RAM: see `store.fault` and `store.notes`."""
         try:
-            return cls(settings, LongTerm(path, most_bytes))
+            return cls(settings, LongTermStore(path, most_bytes))
         except LongTermError as error:
-            return cls(settings, LongTerm.in_ram(error))
+            return cls(settings, LongTermStore.in_ram(error))
 
     @property
     def stm(self) -> tuple[int, ...]:
@@ -118,7 +135,7 @@ class Memory:
     @property
     def immunised(self) -> frozenset[int]:
         """The nodes that must not be put to sleep in this iteration."""
-        return frozenset(self._immunised)
+        return frozenset(self._iteration.immunised)
 
     @property
     def awake(self) -> tuple[Node, ...]:
@@ -127,7 +144,7 @@ class Memory:
 
     @property
     def anchors(self) -> FloatArray:
-        """The anchors' poses (A, 3), from the last `bend` or an earlier session."""
+        """The anchors' poses (A, 3), from the last `move_anchors` or an earlier session."""
         return self._anchors.poses
 
     def counts(self, words: int = 0) -> MemoryCounts:
@@ -167,20 +184,20 @@ class Memory:
         motion: Pose2 | None = None,
         intermediate: bool = False,
         new_words: tuple[IntArray, Bytes] | None = None,
-    ) -> Added:
+    ) -> AddedNode:
         """Add a new node to the STM, and move the STM's oldest nodes to the WM.
 
         Args:
             node: the view; the memory sets its `id` and `map_id`.
             information: (3, 3) of the motion from the previous node.
-            anchor: the key scan that it moves with, a row of the poses given to `bend`; by default its own id.
+            anchor: the key scan that it moves with, a row of the poses given to `move_anchors`; by default its own id.
             anchor_from_node: its pose in the anchor's frame.
             motion: its pose in the previous node's frame, where a scan knows better than odometry.
             intermediate: a node of which only the pose matters; it is never compared or counted.
             new_words: words that the vocabulary has made of it, ids (K,) and descriptors (K, D) as bytes.
         """
-        self._woken, self._immunised = [], set()
-        self._tick(node.stamp_ns)
+        self._iteration = _Iteration()
+        self._clock.tick(node.stamp_ns)
         node = replace(node, id=self.skeleton.count, map_id=self.map_id)
         before = self._stm[-1] if self._stm and self._awake[self._stm[-1]].map_id == self.map_id else None
         self.skeleton.add(
@@ -203,9 +220,9 @@ class Memory:
         change = self._overflow()
         self._journal.states.add(stands)
         self._write(self._awake[stands] if stands == node.id else None, new_words)
-        return Added(stands, verdict, change)
+        return AddedNode(stands, verdict, change)
 
-    def retrieve(self, hypothesis: int | None, here: Pose2, path: Sequence[int] = ()) -> Change:
+    def retrieve(self, hypothesis: int | None, here: Pose2, path: Sequence[int] = ()) -> MemoryChange:
         """Wake nodes that may be needed, refresh the age of near ones, and choose those that must stay awake.
 
         Args:
@@ -214,31 +231,35 @@ class Memory:
             path: nodes of the planned path, from the chair on.
         """
         if not self.settings.bounded and not self._asleep:
-            return Change()
+            return MemoryChange()
         newest = self._stm[-1] if self._stm else 0
-        around = surroundings(self.skeleton, self._anchors, here, newest, self._wm, path)
+        around = nearby_nodes(
+            skeleton=self.skeleton, anchors=self._anchors, here=here, newest=newest, wm=self._wm, path=path
+        )
         for later, node in enumerate(reversed(around.near)):
-            self.skeleton.rows["entered_ns"][node] = self._now_ns + later
-        woken = self._wake(wanted(self.skeleton, hypothesis, around)) if self._asleep else ()
-        self._woken = [node.id for node in woken]
+            self.skeleton.rows["entered_ns"][node] = self._clock.now_ns + later
+        woken = self._wake(nodes_to_wake(self.skeleton, hypothesis, around)) if self._asleep else ()
+        self._iteration.woken = [node.id for node in woken]
         if self.settings.bounded:
-            self._immunised = immunised(self.skeleton, hypothesis, around, self._awake.keys(), len(self._wm))
-            self._immunised |= {*self._woken, self._localised}
-        return Change(woken=woken, entered_wm=tuple(self._woken))
+            self._iteration.immunised = immunised_nodes(
+                self.skeleton, hypothesis, around, self._awake.keys(), len(self._wm)
+            )
+            self._iteration.immunised |= {*self._iteration.woken, self._localised}
+        return MemoryChange(woken=woken, entered_wm=tuple(self._iteration.woken))
 
-    def transfer(self, spent_ms: float = 0.0) -> Change:
+    def transfer(self, spent_ms: float = 0.0) -> MemoryChange:
         """Put nodes to sleep if a limit is exceeded: two more than were woken, so that the WM shrinks by one."""
         weight = self.skeleton.rows["weight"]
         if not self.settings.bounded or (self._stm and weight[self._stm[-1]] < 0):
-            return Change()
+            return MemoryChange()
         pictures = int((weight[np.fromiter(self._wm, np.int64)] >= 0).sum())
         if not is_due(spent_ms, pictures, self.settings):
-            return Change()
-        awake = NodesInRam(self._stm, self._wm, self.last_closure, self._immunised)
-        picked = removable(self.skeleton, awake, len(self._woken) + 2)
+            return MemoryChange()
+        awake = NodesInRam(self._stm, self._wm, self.last_closure, self._iteration.immunised)
+        picked = removable(self.skeleton, awake, len(self._iteration.woken) + 2)
         going = with_intermediate(self.skeleton, picked, self._wm)
         slept = tuple(self._put_to_sleep(node) for node in going)
-        return Change(slept=slept, left_wm=tuple(going))
+        return MemoryChange(slept=slept, left_wm=tuple(going))
 
     def link(self, link: Link) -> None:
         """Add a loop between two nodes, awake or asleep.
@@ -247,8 +268,10 @@ class Memory:
             ValueError: a node does not exist.
         """
         for end in (link.i, link.j):
-            if self.skeleton.kept(end) is Kept.GONE or link.i == link.j:
-                raise ValueError(f"a link joins two nodes, and {link.i}-{link.j} has none at its end {end}")
+            if self.skeleton.kept(end) is NodeStatus.GONE or link.i == link.j:
+                raise ValueError(
+                    f"cannot link the nodes {link.i} and {link.j}: node {end} does not exist, or both are one"
+                )
         self._link(link)
         if link.kind is LinkKind.GLOBAL:
             self._counts["closures"] += 1
@@ -262,7 +285,7 @@ class Memory:
         self._counts["closures"] -= link.kind is LinkKind.GLOBAL
         self._unlink(i, j)
 
-    def drop(self, node: int) -> Change:
+    def drop(self, node: int) -> MemoryChange:
         """Remove the newest node, as for a chair that has not moved. Its weight goes to the nodes of its loops.
 
         Raises:
@@ -275,23 +298,23 @@ class Memory:
         self._give_weight(node, parents)
         self._remove(node)
         self._counts["dropped"] += 1
-        return Change(slept=(gone,))
+        return MemoryChange(slept=(gone,))
 
     def rewrite(self, node: int, words: WordIds) -> None:
         """Give the words (K,) of an awake node new ids, as when it was woken."""
         self._awake[node] = replace(self._awake[node], words=words)
         self._journal.rewritten(self._awake[node])
 
-    def hang(self, node: int, anchor: int, anchor_from_node: Pose2) -> None:
+    def attach(self, node: int, anchor: int, anchor_from_node: Pose2) -> None:
         """Attach the node to another anchor."""
         self.skeleton.attach(node, anchor, anchor_from_node)
         self._journal.states.add(node)
 
-    def bend(self, anchors: FloatArray) -> None:
-        """Take over the anchors' poses (A, 3) [m, m, rad] in map, and move all nodes with them; see `AnchorPoses.stand`."""
+    def move_anchors(self, anchors: FloatArray) -> None:
+        """Take over the anchors' poses (A, 3) [m, m, rad] in map (see `AnchorPoses.update`), and move all nodes."""
         self._journal.moved(self._anchors.update(anchors))
 
-    def evidence(self, nodes: Iterable[int], beams: int = 20_000) -> Iterator[list[tuple[int, Evidence]]]:
+    def evidence(self, nodes: Iterable[int], beams: int = 20_000) -> Iterator[list[tuple[int, NodeScan]]]:
         """Yield the scans of nodes, asleep or not, in chunks of at most `beams` beams (one scan at least).
 
         Nodes without a scan, removed or unreadable ones are left out. No node is woken.
@@ -299,7 +322,7 @@ class Memory:
         Raises:
             LongTermError: the file cannot be read.
         """
-        chunk: list[tuple[int, Evidence]] = []
+        chunk: list[tuple[int, NodeScan]] = []
         held = 0
         for node in nodes:
             found = self._evidence(node)
@@ -344,7 +367,7 @@ class Memory:
         self._remove(new.id)
         return verdict, old
 
-    def _overflow(self) -> Change:
+    def _overflow(self) -> MemoryChange:
         """Move the STM's oldest nodes to the WM while it holds too many pictures."""
         weight = self.skeleton.rows["weight"]
         entered: list[int] = []
@@ -358,7 +381,7 @@ class Memory:
             del self._stm[0]
             self._enter_wm(node)
             entered.append(node)
-        return Change(slept=tuple(slept), entered_wm=tuple(entered))
+        return MemoryChange(slept=tuple(slept), entered_wm=tuple(entered))
 
     def _reduce(self, node: int, slept: list[Node]) -> bool:
         """Return whether the node has closed a loop; if so, connect its neighbours to the loop's node and remove it."""
@@ -392,8 +415,8 @@ class Memory:
         self.skeleton.remove(node)
 
     def _enter_wm(self, node: int) -> None:
-        self.skeleton.rows["kept"][node] = Kept.WM
-        self.skeleton.rows["entered_ns"][node] = self._now_ns
+        self.skeleton.rows["kept"][node] = NodeStatus.WM
+        self.skeleton.rows["entered_ns"][node] = self._clock.now_ns
         self._wm.add(node)
         self._counts["entered_wm"] += 1
 
@@ -404,8 +427,7 @@ class Memory:
             try:
                 found = self._cache.pop(node, None) or self.store.node(node)
             except LongTermDamaged:
-                self.skeleton.rows["kept"][node] = Kept.LOST
-                self._asleep -= 1
+                self.skeleton.rows["kept"][node] = NodeStatus.LOST
                 self._counts["unreadable"] += 1
                 continue
             except LongTermError:  # the disk is gone (see store.fault): the nodes stay asleep
@@ -413,24 +435,22 @@ class Memory:
             self._awake[node] = found
             self._enter_wm(node)
             self._journal.states.add(node)
-            self._asleep -= 1
             self._counts["retrieved"] += 1
             woken.append(found)
         return tuple(woken)
 
     def _put_to_sleep(self, node: int) -> Node:
         self._wm.remove(node)
-        self.skeleton.rows["kept"][node] = Kept.LTM
+        self.skeleton.rows["kept"][node] = NodeStatus.LTM
         self._journal.states.add(node)
-        self._asleep += 1
         self._counts["transferred"] += 1
         found = self._cache[node] = self._awake.pop(node)
         while len(self._cache) > CACHED_NODES:
             self._cache.popitem(last=False)
         return found
 
-    def _evidence(self, node: int) -> Evidence | None:
-        if self.skeleton.kept(node) is Kept.GONE:
+    def _evidence(self, node: int) -> NodeScan | None:
+        if self.skeleton.kept(node) is NodeStatus.GONE:
             return None
         here = self._awake.get(node) or self._cache.get(node)
         if here is not None:
@@ -448,10 +468,9 @@ class Memory:
         self.skeleton.unlink(i, j)
         self._journal.unlinked(i, j)
 
-    def _tick(self, stamp_ns: int) -> None:
-        """Advance the session's time, which never goes back even if stamps do."""
-        self._start_ns = stamp_ns if self._start_ns is None else self._start_ns
-        self._now_ns = max(self._now_ns, stamp_ns - self._start_ns)
+    @property
+    def _asleep(self) -> int:
+        return int((self.skeleton.rows["kept"] == NodeStatus.LTM).sum())
 
     def _write(self, added: Node | None = None, words: tuple[IntArray, Bytes] | None = None) -> None:
         """Write all changes in one transaction."""
@@ -470,15 +489,16 @@ class Memory:
                 continue
             self.skeleton.add(node, stamp_ns, map_id, state.anchor, state.anchor_from_node)
             self.skeleton.rows["weight"][node] = state.weight
-            self.skeleton.rows["kept"][node] = Kept.LTM
-            self._asleep += 1
+            self.skeleton.rows["kept"][node] = NodeStatus.LTM
         for link in stored.links:
-            if Kept.GONE not in (self.skeleton.kept(link.i), self.skeleton.kept(link.j)):
+            if NodeStatus.GONE not in (self.skeleton.kept(link.i), self.skeleton.kept(link.j)):
                 self.skeleton.link(link)
                 if link.kind is LinkKind.GLOBAL:
                     self.last_closure = max(self.last_closure, link.i, link.j)
         self.skeleton.reserve(stored.last + 1)
         self._anchors = AnchorPoses(stored.anchors)
-        self._wake([node for node, state in states.items() if state.awake and self.skeleton.kept(node) is Kept.LTM])
+        self._wake(
+            [node for node, state in states.items() if state.awake and self.skeleton.kept(node) is NodeStatus.LTM]
+        )
         self.map_id = max((map_id for _, map_id, _ in stored.nodes), default=-1) + 1
         self._counts.clear()

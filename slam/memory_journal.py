@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterable
 
 import numpy as np
 
-from waychair.slam.long_term_file import Batch, State
+from waychair.slam.long_term_file import Batch, NodeState
 from waychair.slam.nodes import Link, Node
 from waychair.slam.skeleton import Skeleton
 from waychair.types import Bytes, FloatArray, IntArray
@@ -89,6 +89,6 @@ class Journal:
         )
 
 
-def _state(skeleton: Skeleton, node: int, awake: bool) -> State:
+def _state(skeleton: Skeleton, node: int, awake: bool) -> NodeState:
     weight, anchor = int(skeleton.rows["weight"][node]), int(skeleton.rows["anchor"][node])
-    return State(node, weight, awake, anchor, skeleton.anchor_from_node(node))
+    return NodeState(node, weight, awake, anchor, skeleton.anchor_from_node(node))

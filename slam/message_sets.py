@@ -28,7 +28,7 @@ M = TypeVar("M", bound=Stamped)
 
 
 @dataclass(slots=True)
-class Counts:
+class MessageCounts:
     """Outcomes of a topic's messages; `received` is the sum of waiting messages and all counts but `out_of_order`.
 
     `used`: emitted in a set. `unmatched`: skipped for a better match. `dropped`: the queue was full. `late`: a later
@@ -50,7 +50,7 @@ class MessageQueue(Generic[M]):
 
     def __init__(self, most: int) -> None:
         self.waiting: list[M] = []
-        self.counts = Counts()
+        self.counts = MessageCounts()
         self.newest_ns: int | None = None
         self._most = most
         self._passed_ns: int | None = None  # messages up to this stamp are late

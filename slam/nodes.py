@@ -24,7 +24,7 @@ WordIds: TypeAlias = NDArray[np.int32]
 _SEAL = struct.Struct("<I")
 
 
-class Kept(enum.IntEnum):
+class NodeStatus(enum.IntEnum):
     """The memory that a node is in; each is in exactly one."""
 
     GONE = 0
@@ -89,7 +89,7 @@ def carried(information: FloatArray, a_from_b: Pose2) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class NodeScan:
     """A node's scan for the grid, and the laser's poses in the node's frame at its first and last beam."""
 
     scan: Scan
@@ -121,7 +121,7 @@ class Node:
     points: Float32Array = field(default_factory=_no_points)
     descriptors: Bytes | Float32Array = field(default_factory=lambda: np.empty((0, 32), np.uint8))
     surface: Float32Array = field(default_factory=lambda: np.empty((0, 2), np.float32))
-    evidence: Evidence | None = None
+    evidence: NodeScan | None = None
     id: int = 0
     map_id: int = 0
 
@@ -131,7 +131,7 @@ class Node:
         return not bool((self.words > 0).any())
 
 
-def pack_evidence(evidence: Evidence | None) -> bytes:
+def pack_evidence(evidence: NodeScan | None) -> bytes:
     """Return evidence as bytes, b'' for None."""
     if evidence is None:
         return b""
@@ -141,14 +141,22 @@ def pack_evidence(evidence: Evidence | None) -> bytes:
     return pack([np.array([scan.stamp_ns], np.int64), np.array([*numbers, *poses]), scan.ranges])
 
 
-def unpack_evidence(data: bytes) -> Evidence | None:
+def unpack_evidence(data: bytes) -> NodeScan | None:
     """Return the evidence that `pack_evidence` packed."""
     if not data:
         return None
     stamp, numbers, ranges = unpack(data)
     angle_min, angle_step, time_step, low, high, *poses = numbers.tolist()
-    scan = Scan(int(stamp[0]), ranges, angle_min, angle_step, time_step, low, high)
-    return Evidence(scan, Pose2(*poses[:3]), Pose2(*poses[3:]))
+    scan = Scan(
+        stamp_ns=int(stamp[0]),
+        ranges=ranges,
+        angle_min=angle_min,
+        angle_step=angle_step,
+        time_step=time_step,
+        range_min=low,
+        range_max=high,
+    )
+    return NodeScan(scan, Pose2(*poses[:3]), Pose2(*poses[3:]))
 
 
 def pack_features(node: Node) -> bytes:

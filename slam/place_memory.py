@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.errors import LongTermError
-from waychair.slam.features import Features
-from waychair.slam.memory import Change, Memory
+from waychair.slam.features import ImageFeatures
+from waychair.slam.memory import MemoryChange, NodeMemory
 from waychair.slam.nodes import Link, LinkKind, Node, WordIds
 from waychair.slam.place_recognition import PlaceRecognition, Recognition, RecognitionSettings
 from waychair.slam.vocabulary import IncrementalVocabulary, SleepingWords, Vocabulary
@@ -17,7 +17,7 @@ from waychair.types import Bytes, IntArray
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class RefusedPlace:
     """A refused match of a node with a place, and the reason."""
 
     node: int
@@ -39,12 +39,12 @@ class PictureCost:
 class PlaceMemory:
     """The memory with place recognition. `counts` holds outcomes of pictures, `costs` their CPU time."""
 
-    def __init__(self, settings: RecognitionSettings, memory: Memory, vocabulary: Vocabulary | None = None) -> None:
+    def __init__(self, settings: RecognitionSettings, memory: NodeMemory, vocabulary: Vocabulary | None = None) -> None:
         """Begin with the nodes that the memory holds of earlier sessions."""
         self.memory = memory
         self.recognition = PlaceRecognition(settings, vocabulary)
         self.counts: Counter[str] = Counter()
-        self.refused: list[Refused] = []
+        self.refused: list[RefusedPlace] = []
         self.costs: list[PictureCost] = []
         if isinstance(self.recognition.vocabulary, IncrementalVocabulary):
             self.recognition.vocabulary.begin_at(memory.store.newest_word() + 1)
@@ -61,7 +61,7 @@ class PlaceMemory:
         """The loops found by appearance that the memory holds now."""
         return tuple(link for link in self.memory.skeleton.every_link() if link.kind is LinkKind.GLOBAL)
 
-    def words(self, features: Features) -> tuple[WordIds, tuple[IntArray, Bytes] | None]:
+    def words(self, features: ImageFeatures) -> tuple[WordIds, tuple[IntArray, Bytes] | None]:
         """Return the words (N,) of the node to be added next, and its new words as the store keeps them."""
         vocabulary = self.recognition.vocabulary
         if not isinstance(vocabulary, IncrementalVocabulary):
@@ -82,7 +82,7 @@ class PlaceMemory:
         twins = {other: [loop for loop in loops if loop in awake] for other, (_, loops) in beside.items()}
         return self.recognition.recognise(node, neighbours, twins)
 
-    def obey(self, change: Change) -> None:
+    def apply_change(self, change: MemoryChange) -> None:
         """Update vocabulary and filter after a change of the memory."""
         for node in change.slept:
             self.recognition.leave(node.id)  # its words have been in the store since they were made
@@ -93,7 +93,7 @@ class PlaceMemory:
 
     def refuse(self, node: int, place: int, reason: str) -> bool:
         """Record why the place is not that of the node; return False."""
-        self.refused.append(Refused(node, place, reason))
+        self.refused.append(RefusedPlace(node, place, reason))
         return False
 
     def _recall(self, node: Node, since: int | None) -> None:

@@ -2,7 +2,7 @@
 
 The memory decides which nodes are in short-term memory (seen, not compared), in working memory (places) or asleep. Call
 `see` for a new node, `enter` when it leaves the short-term memory, `leave` when it goes to sleep and `wake` when it is
-called back. `photographs` runs a plain sequence of pictures without any limit.
+called back. `recognise_pictures` runs a plain sequence of pictures without any limit.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.slam.bayes_filter import BayesFilter, Links, best_place
-from waychair.slam.features import Features, FeatureSettings, features_of_image, gray_image
+from waychair.slam.features import FeatureSettings, ImageFeatures, features_of_image, gray_image
 from waychair.slam.hamming_index import Int32Array
 from waychair.slam.likelihood import normalised, tf_idf
 from waychair.slam.matching import Support, epipolar_support
@@ -69,7 +69,7 @@ class PlaceRecognition:
         self.belief = BayesFilter()
         self._places: dict[int, None] = {}  # in the order in which they entered
 
-    def see(self, node: int, features: Features) -> Int32Array:
+    def see(self, node: int, features: ImageFeatures) -> Int32Array:
         """Return the words (N,) of a new node's features; all `NO_WORD` if there are too few features."""
         if len(features) < MIN_FEATURES:
             return self._without_words(node, len(features))
@@ -108,7 +108,7 @@ class PlaceRecognition:
         places = np.fromiter(self._places, np.int64, len(self._places))
         likelihood = tf_idf(self.vocabulary.index, node, places)
         if len(places) == 0 or len(self.vocabulary.index.slots_of(node)) == 0:
-            reason = "no places yet" if len(places) == 0 else "too little to be seen"
+            reason = "no places yet" if len(places) == 0 else "too few features"
             return Recognition(node, places, likelihood, np.ones(1), reason=reason)
         posterior = self.belief.update(places, normalised(likelihood), neighbours, twins)
         best = best_place(places, posterior)
@@ -120,9 +120,18 @@ class PlaceRecognition:
             if not support.enough:
                 reason = f"{support.inliers} of {support.matches} matches fit one camera motion"
         closure = None if reason else hypothesis
-        return Recognition(node, places, likelihood, posterior, hypothesis, value, closure, reason)
+        return Recognition(
+            node=node,
+            places=places,
+            likelihood=likelihood,
+            posterior=posterior,
+            hypothesis=hypothesis,
+            value=value,
+            closure=closure,
+            reason=reason,
+        )
 
-    def likeliest(self, features: Features, most: int, excluded: Collection[int] = ()) -> list[int]:
+    def likeliest(self, features: ImageFeatures, most: int, excluded: Collection[int] = ()) -> list[int]:
         """Return the awake nodes most similar to a view by words alone, best first, the newest nodes included.
 
         For a lost chair: the earlier belief does not count, and the view is not added.
@@ -140,7 +149,7 @@ class PlaceRecognition:
         if places < 2:
             return "only one place"
         if value < self.settings.accept:
-            return f"{value:.2f} that the place is known: less than {self.settings.accept:g}"
+            return f"the probability {value:.2f} of a known place is less than {self.settings.accept:g}"
         return ""
 
     def _without_words(self, node: int, count: int) -> Int32Array:
@@ -148,7 +157,7 @@ class PlaceRecognition:
         return self.vocabulary.recall(node, words, self.vocabulary.no_words())
 
 
-def photographs(
+def recognise_pictures(
     images: Iterable[Bytes],
     settings: RecognitionSettings | None = None,
     vocabulary: Vocabulary | None = None,
@@ -161,7 +170,7 @@ def photographs(
     """
     settings = settings or RecognitionSettings()
     recognition = PlaceRecognition(settings, vocabulary)
-    seen: dict[int, Features] = {}
+    seen: dict[int, ImageFeatures] = {}
     recent: deque[int] = deque()
     neighbours: dict[int, list[int]] = {}
     twins: dict[int, list[int]] = {}
@@ -175,7 +184,7 @@ def photographs(
         if len(recent) > short_term:
             recognition.enter(recent.popleft())
 
-        def verify(place: int, features: Features = features) -> Support:
+        def verify(place: int, features: ImageFeatures = features) -> Support:
             return epipolar_support(features, seen[place])
 
         result = recognition.recognise(node, neighbours, twins, verify)

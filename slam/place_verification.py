@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.geometry import wrap_angles
-from waychair.slam.features import Features
+from waychair.slam.features import ImageFeatures
 from waychair.slam.information import match_information, rotated_information
 from waychair.slam.loop_closure import CHAIN_REACH
 from waychair.slam.mapper import LOCAL_REACH, Mapper, MapperSettings
-from waychair.slam.memory import Memory
-from waychair.slam.nodes import Kept, Node
+from waychair.slam.memory import NodeMemory
+from waychair.slam.nodes import Node, NodeStatus
 from waychair.slam.reference import ScanReference
 from waychair.slam.scan_matching import refine
 from waychair.slam.scan_points import MIN_POINTS, ScanPoints
@@ -23,7 +23,7 @@ _LATEST = 4  # newest nodes of a key scan that are considered; all of them stand
 
 
 @dataclass(frozen=True, slots=True)
-class Fit:
+class ScanFit:
     """The fit of a scan to surfaces: its pose, information (3, 3) in that pose's frame, share of points on them."""
 
     pose: Pose2
@@ -31,11 +31,18 @@ class Fit:
     inliers: float
 
 
-def features_of(node: Node) -> Features:
+def features_of(node: Node) -> ImageFeatures:
     """Return a node's features: pixels, descriptors and points; it keeps nothing else."""
     count = len(node.pixels)
     nothing = np.full(count, np.nan, np.float32)
-    return Features(node.pixels, node.descriptors, node.points, nothing, np.zeros(count, np.uint8), nothing)
+    return ImageFeatures(
+        pixels=node.pixels,
+        descriptors=node.descriptors,
+        points=node.points,
+        response=nothing,
+        octave=np.zeros(count, np.uint8),
+        angle=nothing,
+    )
 
 
 def motion_of_base(old_from_new: Pose3, base_from_camera: Pose3) -> Pose2:
@@ -43,7 +50,7 @@ def motion_of_base(old_from_new: Pose3, base_from_camera: Pose3) -> Pose2:
     return (base_from_camera @ old_from_new @ base_from_camera.inverse()).planar()
 
 
-def fit_to_keys(mapper: Mapper, key: int, scan: ScanPoints, guess: Pose2) -> Fit:
+def fit_to_keys(mapper: Mapper, key: int, scan: ScanPoints, guess: Pose2) -> ScanFit:
     """Fit a scan to the surfaces of a key scan and its reliably connected neighbours, from a guessed pose in map."""
     keys, settings = mapper.keys, mapper.settings
     members = sorted(keys.path_lengths(key, CHAIN_REACH))
@@ -51,14 +58,14 @@ def fit_to_keys(mapper: Mapper, key: int, scan: ScanPoints, guess: Pose2) -> Fit
     return _fit(reference, scan, guess, settings)
 
 
-def nearest_place(memory: Memory, anchors: Iterable[int], node: int, near: float, turn: float) -> int | None:
+def nearest_place(memory: NodeMemory, anchors: Iterable[int], node: int, near: float, turn: float) -> int | None:
     """Return the node outside the short-term memory that is nearest to a node, or None.
 
     Only nodes of the given anchors count, within `near` [m] and `turn` [rad] in the map.
     """
     skeleton = memory.skeleton
     every = np.array([other for anchor in anchors for other in skeleton.attached_to(anchor)[-_LATEST:]], np.int64)
-    ids = every[np.isin(skeleton.rows["kept"][every], (Kept.WM, Kept.LTM))]
+    ids = every[np.isin(skeleton.rows["kept"][every], (NodeStatus.WM, NodeStatus.LTM))]
     here = memory.poses([node])[0]
     if not len(ids):
         return None
@@ -69,8 +76,15 @@ def nearest_place(memory: Memory, anchors: Iterable[int], node: int, near: float
     return int(ids[best]) if np.isfinite(cost[best]) else None
 
 
-def _fit(reference: ScanReference, scan: ScanPoints, guess: Pose2, settings: MapperSettings) -> Fit:
+def _fit(reference: ScanReference, scan: ScanPoints, guess: Pose2, settings: MapperSettings) -> ScanFit:
     if len(scan) < MIN_POINTS:
-        return Fit(guess, np.zeros((3, 3)), 0.0)
-    pose, information, inliers, _ = refine(scan, reference, guess, guess, np.zeros((3, 3)), settings.matching)
-    return Fit(pose, rotated_information(match_information(information), -pose.theta), inliers)
+        return ScanFit(guess, np.zeros((3, 3)), 0.0)
+    pose, information, inliers, _ = refine(
+        scan=scan,
+        reference=reference,
+        start=guess,
+        guess=guess,
+        guess_information=np.zeros((3, 3)),
+        settings=settings.matching,
+    )
+    return ScanFit(pose, rotated_information(match_information(information), -pose.theta), inliers)

@@ -56,14 +56,14 @@ def fit_pose(
     turn, shift = guess.rotation.copy(), guess.translation.copy()
     sigma = np.array([noise.pixel, noise.inverse_depth, HUBER_WIDTH])
     chi, information = fit_kernel(
-        np.ascontiguousarray(points),
-        np.ascontiguousarray(observed),
-        camera,
-        turn,
-        shift,
-        sigma,
-        OUTLIER_CHI_SQUARE,
-        iterations,
+        points=np.ascontiguousarray(points),
+        observed=np.ascontiguousarray(observed),
+        camera=camera,
+        turn=turn,
+        shift=shift,
+        sigma=sigma,
+        limit=OUTLIER_CHI_SQUARE,
+        iterations=iterations,
     )
     return PoseFit(Pose3(turn, shift), chi <= OUTLIER_CHI_SQUARE, information)
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.slam.anchors import AnchorPoses
-from waychair.slam.nodes import IN_TIME, Kept
+from waychair.slam.nodes import IN_TIME, NodeStatus
 from waychair.slam.skeleton import ANY, Skeleton
 from waychair.types import IntArray, Pose2
 
@@ -21,12 +21,12 @@ LOCAL_RADIUS = 10.0  # [m] round the chair (RGBD/LocalRadius)
 LOCAL_IMMUNIZATION_RATIO = 0.25  # share of the WM kept awake round the chair (RGBD/LocalImmunizationRatio)
 PREDICTION_LEVELS = 17  # links from the hypothesis, as in Bayes/PredictionLC
 
-_ASLEEP = int(Kept.LTM)  # looked up often
+_ASLEEP = int(NodeStatus.LTM)  # looked up often
 _LATEST = 32  # newest nodes of an anchor that are considered
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class NearbyNodes:
     """The nodes round the chair: `near` in the WM, nearest first; `path` of the planned path; `here`, the newest node.
 
     `sleepers` are sleeping nodes within reach at places where no node is awake, nearest first.
@@ -38,24 +38,24 @@ class Surroundings:
     sleepers: Sequence[int] = field(default=())
 
 
-def surroundings(
+def nearby_nodes(
     skeleton: Skeleton,
     anchors: AnchorPoses,
     here: Pose2,
     newest: int,
     wm: Collection[int],
     path: Sequence[int],
-) -> Surroundings:
+) -> NearbyNodes:
     """Return the nodes within `LOCAL_RADIUS` of the chair at `here`.
 
     Sleeping nodes are included by place, unlike in RTAB-Map, which finds a sleeping node only through an awake one: a
     chair that returns to a place whose nodes are all asleep would recognise nothing.
     """
     near = _nearest(np.array(sorted(wm), np.int64), skeleton, anchors, here, LOCAL_RADIUS)
-    return Surroundings(newest, near, path, _sleepers(skeleton, anchors, here, newest, wm))
+    return NearbyNodes(newest, near, path, _sleepers(skeleton, anchors, here, newest, wm))
 
 
-def wanted(skeleton: Skeleton, hypothesis: int | None, around: Surroundings) -> list[int]:
+def nodes_to_wake(skeleton: Skeleton, hypothesis: int | None, around: NearbyNodes) -> list[int]:
     """Return the sleeping nodes to wake in this iteration, the most urgent first.
 
     First come nodes round the chair: those of the planned path, neighbours of near nodes, and their neighbours. Then
@@ -73,10 +73,10 @@ def wanted(skeleton: Skeleton, hypothesis: int | None, around: Surroundings) -> 
     return list(queue)
 
 
-def immunised(
+def immunised_nodes(
     skeleton: Skeleton,
     hypothesis: int | None,
-    around: Surroundings,
+    around: NearbyNodes,
     awake: Collection[int],
     wm_size: int,
 ) -> set[int]:
@@ -106,7 +106,7 @@ def immunised(
     return kept
 
 
-def _local(skeleton: Skeleton, around: Surroundings, most: int) -> list[int]:
+def _local(skeleton: Skeleton, around: NearbyNodes, most: int) -> list[int]:
     queue: dict[int, None] = {}
     kept = skeleton.rows["kept"]
 

@@ -12,18 +12,18 @@ import numpy as np
 
 from waychair.config import Settings
 from waychair.slam.depth_icp import refine_by_depth
-from waychair.slam.key_places import KeyPlaces, on_floor, shadows
-from waychair.slam.memory import Memory
+from waychair.slam.key_places import KeyPlaces, planar_information, planar_poses
+from waychair.slam.memory import NodeMemory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import LinkKind
 from waychair.slam.place_recognition import RecognitionSettings
 from waychair.slam.registration import Registration, angle_between, register
 from waychair.slam.spatial_graph import MAX_ERROR, SpatialEdge, solve_spatial
 from waychair.slam.visual_map import DEPTH_STEP, VisualMap
-from waychair.slam.visual_odometry import Track, Tracked, VisualOdometry, VisualOdometrySettings
+from waychair.slam.visual_odometry import TrackedPicture, TrackingState, VisualOdometry, VisualOdometrySettings
 from waychair.types import FloatArray, Pose3, RgbdFrame, Trajectory3
 
-_TORN = np.diag([1.0] * 3 + [25.0] * 3)  # covariance [rad^2], [m^2] of an unobserved motion
+_UNOBSERVED = np.diag([1.0] * 3 + [25.0] * 3)  # covariance [rad^2], [m^2] of an unobserved motion
 
 _LOOP_SHARED = 10  # key frames that share this many landmarks need no loop
 _MAX_BLAME = 2  # contradicted loops after which an older edge is left out
@@ -50,7 +50,7 @@ class RgbdMapperSettings(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class Loop:
+class VisualLoop:
     """A loop between two key frames of one place: `i_from_j`, its covariance (6, 6), and its number of inliers."""
 
     i: int
@@ -71,7 +71,7 @@ class RgbdMap:
     trajectory: Trajectory3
     pieces: tuple[int, ...]
     key_poses: tuple[Pose3, ...]
-    loops: tuple[Loop, ...]
+    loops: tuple[VisualLoop, ...]
     rejected: tuple[str, ...]
     states: dict[str, int]
     counts: dict[str, int]
@@ -79,7 +79,7 @@ class RgbdMap:
 
 
 @dataclass(frozen=True, slots=True)
-class _Hung:
+class _AttachedFrame:
     """A frame attached to a key frame, with which it moves."""
 
     stamp_ns: int
@@ -93,34 +93,34 @@ class RgbdMapper:
     Every key frame is a place of `places`, whose Bayes filter proposes an earlier one that it shows again.
     """
 
-    def __init__(self, settings: RgbdMapperSettings | None = None, memory: Memory | None = None) -> None:
+    def __init__(self, settings: RgbdMapperSettings | None = None, memory: NodeMemory | None = None) -> None:
         """Begin with a new memory, by default in RAM."""
         self.settings = settings or RgbdMapperSettings()
         words = replace(self.settings.places, features=self.settings.odometry.features)
-        self.places = KeyPlaces(words, memory or Memory(self.settings.memory))
+        self.places = KeyPlaces(words, memory or NodeMemory(self.settings.memory))
         self.odometry = VisualOdometry(self.settings.odometry, self.places.likeliest)
-        self.loops: list[Loop] = []
+        self.loops: list[VisualLoop] = []
         self.rejected: list[str] = []
         self.states: Counter[str] = Counter()
         self.seconds: defaultdict[str, float] = defaultdict(float)
-        self._frames: list[_Hung] = []
-        self._ties: list[list[tuple[int, int]]] = []  # by key frame: earlier ones that share most with it
+        self._frames: list[_AttachedFrame] = []
+        self._shared_with: list[list[tuple[int, int]]] = []  # by key frame: earlier ones that share most with it
         self.refused_icp = 0  # loops that ICP could not refine
         self._blamed: Counter[tuple[int, int]] = Counter()  # edges that contradicted a loop
         self._confirmed = 0
 
-    def process(self, frame: RgbdFrame) -> Tracked:
+    def process(self, frame: RgbdFrame) -> TrackedPicture:
         """Process a frame; return its pose and outcome."""
         with self._timed("odometry"):
             tracked = self.odometry.process(frame)
         self.states[tracked.state.value] += 1
         if tracked.key is not None:
-            self._ties.append(self._tied(tracked))
+            self._shared_with.append(self._most_shared(tracked))
             if tracked.key:  # the first is made again once the second picture shows the camera's motion
                 with self._timed("loops"):
-                    self._include(tracked.key, tracked.state is Track.STARTED)
+                    self._include(tracked.key, tracked.state is TrackingState.STARTED)
         if tracked.camera_from_map is not None:
-            self._hang(frame.stamp_ns, tracked)
+            self._attach(frame.stamp_ns, tracked)
         return tracked
 
     def finish(self) -> None:
@@ -128,13 +128,13 @@ class RgbdMapper:
         if self.odometry.map is not None:
             if not len(self.places):
                 self._include(0, True)
-            self.places.finish(shadows(self.map.key_frames))
+            self.places.finish(planar_poses(self.map.key_frames))
 
     def result(self) -> RgbdMap:
         """Return the map so far."""
         stamps = np.array([frame.stamp_ns for frame in self._frames], np.int64)
         keys = self.map.key_frames if self.odometry.map is not None else []
-        poses = [keys[hung.key].camera_from_map.inverse() @ hung.key_from_camera for hung in self._frames]
+        poses = [keys[attached.key].camera_from_map.inverse() @ attached.key_from_camera for attached in self._frames]
         trajectory = Trajectory3(
             stamps,
             np.array([pose.rotation for pose in poses]).reshape(-1, 3, 3),
@@ -149,14 +149,14 @@ class RgbdMapper:
             "loops_without_icp": self.refused_icp,
         }
         return RgbdMap(
-            trajectory,
-            tuple(keys[hung.key].piece for hung in self._frames),
-            tuple(key.camera_from_map.inverse() for key in keys),
-            tuple(self.loops),
-            tuple(self.rejected),
-            dict(self.states),
-            counts,
-            dict(self.seconds),
+            trajectory=trajectory,
+            pieces=tuple(keys[attached.key].piece for attached in self._frames),
+            key_poses=tuple(key.camera_from_map.inverse() for key in keys),
+            loops=tuple(self.loops),
+            rejected=tuple(self.rejected),
+            states=dict(self.states),
+            counts=counts,
+            seconds=dict(self.seconds),
         )
 
     @property
@@ -165,33 +165,33 @@ class RgbdMapper:
         assert self.odometry.map is not None
         return self.odometry.map
 
-    def _hang(self, stamp_ns: int, tracked: Tracked) -> None:
+    def _attach(self, stamp_ns: int, tracked: TrackedPicture) -> None:
         """Attach a frame to the latest key frame of its piece."""
         keys = self.map.key_frames
         key = max(number for number, own in enumerate(keys) if own.piece == self.odometry.piece)
         camera_from_map = keys[key].camera_from_map if tracked.key == key else tracked.camera_from_map
         assert camera_from_map is not None
-        self._frames.append(_Hung(stamp_ns, key, keys[key].camera_from_map @ camera_from_map.inverse()))
+        self._frames.append(_AttachedFrame(stamp_ns, key, keys[key].camera_from_map @ camera_from_map.inverse()))
 
-    def _tied(self, tracked: Tracked) -> list[tuple[int, int]]:
+    def _most_shared(self, tracked: TrackedPicture) -> list[tuple[int, int]]:
         """Return the earlier key frames that share most landmarks with a new one, and how many."""
         shared = self.map.sharing(tracked.landmarks)[: tracked.key]
         best = np.argsort(-shared, kind="stable")[:_NEIGHBOURS].tolist()
         return [(key, int(shared[key])) for key in best if shared[key] >= _LOOP_SHARED]
 
-    def _include(self, newest: int, torn: bool) -> None:
+    def _include(self, newest: int, unconnected: bool) -> None:
         """Make the newest key frame a place, and close a loop if an earlier one shows the same place."""
         hypothesis, keys = None, self.map.key_frames
         for key in range(len(self.places), newest + 1):
-            if torn and key:
+            if unconnected and key:
                 self.places.start_map()
-            step = self._step(dict(self._ties[key]).get(key - 1, 0))
+            step = self._step(dict(self._shared_with[key]).get(key - 1, 0))
             spent_s = self.odometry.extraction_s if key == newest else 0.0
-            hypothesis = self.places.add(keys[key], on_floor(step), shadows(keys[: key + 1]), spent_s)
+            hypothesis = self.places.add(keys[key], planar_information(step), planar_poses(keys[: key + 1]), spent_s)
         if hypothesis is not None:
-            self._look(hypothesis, newest)
+            self._check_place(hypothesis, newest)
 
-    def _look(self, old: int, new: int) -> bool:
+    def _check_place(self, old: int, new: int) -> bool:
         """Link two key frames, by the map if they share landmarks, else by a new loop; return whether it is done."""
         keys = self.map.key_frames
         if self.map.sharing(keys[new].landmarks)[old] >= _LOOP_SHARED:
@@ -202,16 +202,16 @@ class RgbdMapper:
             why = "too few features agree" if found.refusal is None else found.refusal.value
             self.places.refuse(old, new, why)
             return False
-        loop = Loop(old, new, self._refined(found, old, new), found.covariance, found.inliers)
+        loop = VisualLoop(old, new, self._refined(found, old, new), found.covariance, found.inliers)
         if self._is_known(loop):
             return self._confirm(old, new)
-        return self._close(loop)
+        return self._close_loop(loop)
 
     def _confirm(self, old: int, new: int) -> bool:
         """Link two places whose relative pose the map already has right."""
         keys = self.map.key_frames
         old_from_new = keys[old].camera_from_map @ keys[new].camera_from_map.inverse()
-        self.places.link(old, new, LinkKind.GLOBAL, old_from_new, on_floor(self._step(_MANY)))
+        self.places.link(old, new, LinkKind.GLOBAL, old_from_new, planar_information(self._step(_MANY)))
         self._confirmed += 1
         return True
 
@@ -228,14 +228,14 @@ class RgbdMapper:
         self.refused_icp += 1
         return found.old_from_new
 
-    def _is_known(self, loop: Loop) -> bool:
+    def _is_known(self, loop: VisualLoop) -> bool:
         """Return whether the map already has the relative pose of a loop."""
         a, b = self.map.key_frames[loop.i], self.map.key_frames[loop.j]
         now = a.camera_from_map @ b.camera_from_map.inverse()
         near = float(np.linalg.norm(now.translation - loop.i_from_j.translation)) <= _LOOP_DISTANCE
         return a.piece == b.piece and near and angle_between(now, loop.i_from_j) <= _LOOP_ANGLE
 
-    def _close(self, loop: Loop) -> bool:
+    def _close_loop(self, loop: VisualLoop) -> bool:
         """Add a loop if the map can be bent to it, and join landmarks of both ends; return whether it was added."""
         i, j = loop.i, loop.j
         keys = self.map.key_frames
@@ -256,12 +256,12 @@ class RgbdMapper:
         self.loops.append(loop)
         self.map.move(solution.poses)
         self.map.join(keys[j].piece, keys[i].piece)
-        self.odometry.resettle(keys[i].piece)
-        self.places.bend(shadows(keys))
-        self.places.link(i, j, LinkKind.GLOBAL, loop.i_from_j, on_floor(loop.covariance))
+        self.odometry.relocate_newest(keys[i].piece)
+        self.places.move_key_frames(planar_poses(keys))
+        self.places.link(i, j, LinkKind.GLOBAL, loop.i_from_j, planar_information(loop.covariance))
         return True
 
-    def _edges(self, loops: Sequence[Loop]) -> list[SpatialEdge]:
+    def _edges(self, loops: Sequence[VisualLoop]) -> list[SpatialEdge]:
         """Return the edges of the graph: between key frames that share landmarks, across unobserved motion, and loops.
 
         Edges that contradicted too many loops are left out (as in RTAB-Map's repair).
@@ -269,7 +269,7 @@ class RgbdMapper:
         keys = self.map.key_frames
         edges = []
         blamed = {pair for pair, times in self._blamed.items() if times >= _MAX_BLAME}
-        for j, every in enumerate(self._ties):
+        for j, every in enumerate(self._shared_with):
             ties = [(i, shared) for i, shared in every if (i, j) not in blamed]
             for i, shared in ties or ([(j - 1, 0)] if j else []):
                 i_from_j = keys[i].camera_from_map @ keys[j].camera_from_map.inverse()
@@ -280,7 +280,7 @@ class RgbdMapper:
     def _step(self, shared: int) -> FloatArray:
         """Return the covariance (6, 6) between two key frames by their number of shared landmarks: more with fewer."""
         if not shared:
-            return _TORN
+            return _UNOBSERVED
         doubt = max(1.0, _MANY / shared)
         return doubt**2 * np.diag([_STEP_ANGLE**2] * 3 + [_STEP_DISTANCE**2] * 3)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from waychair.slam.bundle_adjustment import Bundle, adjust
-from waychair.slam.features import Features
+from waychair.slam.features import ImageFeatures
 from waychair.slam.reprojection import OUTLIER_CHI_SQUARE, NoiseModel
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray, Pose3
 
@@ -37,7 +37,7 @@ class KeyFrame:
     pyramid: tuple[Bytes, ...]
     landmarks: IntArray
     observed: FloatArray
-    features: Features
+    features: ImageFeatures
     depth: Float32Array
     piece: int = 0
 
@@ -138,13 +138,13 @@ class VisualMap:
         frame, mark, source = np.concatenate(frames), np.concatenate(marks), np.concatenate(sources)
         order = np.argsort(mark, kind="stable")
         bundle = Bundle(
-            np.array([self.key_frames[key].camera_from_map.rotation for key in keys]),
-            np.array([self.key_frames[key].camera_from_map.translation for key in keys]),
-            np.array([key in moving for key in keys]),
-            self.points[landmarks],
-            frame[order],
-            mark[order],
-            np.concatenate(sights)[order],
+            rotations=np.array([self.key_frames[key].camera_from_map.rotation for key in keys]),
+            translations=np.array([self.key_frames[key].camera_from_map.translation for key in keys]),
+            free=np.array([key in moving for key in keys]),
+            landmarks=self.points[landmarks],
+            frame=frame[order],
+            landmark=mark[order],
+            observed=np.concatenate(sights)[order],
         )
         return bundle, source[order]
 

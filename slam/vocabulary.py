@@ -35,7 +35,7 @@ BINARY_WIDTH, FLOAT_WIDTH = 32, 128
 
 
 NEAREST_RATIO = 0.8
-"""A descriptor is its nearest word if that is nearer than this share of the second distance (RTAB-Map's Kp/NndrRatio)."""
+"""A descriptor is its nearest word if nearer than this share of the second one's distance (RTAB-Map's Kp/NndrRatio)."""
 
 
 @dataclass(frozen=True, slots=True)

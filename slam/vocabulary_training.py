@@ -30,7 +30,6 @@ ROUNDS = 10
 """Rounds of assigning descriptors and averaging, at most."""
 
 _MOST_DESCRIPTORS = 100_000  # drawn evenly if there are more
-_SEED = 1  # of the draws
 
 _FORMER_SETTINGS = {
     "quality": 0.001, "min_distance": 7.0, "block_size": 3, "min_strength": 2e-4, "fast_threshold": 10,
@@ -47,6 +46,9 @@ class TrainingSettings(Settings):
         16_000, "", "size of a trained vocabulary; more words tell places apart better and take longer", low=2,
         high=200_000,
     )  # fmt: skip
+    seed: int = setting(
+        1, "", "seed of the clustering; the same pictures and seed give the same words", low=0, high=2**31 - 1
+    )
 
 
 def train(
@@ -62,7 +64,7 @@ def train(
         VocabularyError: fewer than two distinct descriptors.
     """
     settings = settings or TrainingSettings()
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(settings.seed)
     if len(descriptors) > _MOST_DESCRIPTORS:
         descriptors = descriptors[np.sort(rng.choice(len(descriptors), _MOST_DESCRIPTORS, replace=False))]
     different = np.unique(descriptors, axis=0)

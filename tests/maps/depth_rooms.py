@@ -17,11 +17,11 @@ Box = tuple[float, float, float, float, float, float]
 """x, y and z from and to [m], in level axes under the chair."""
 
 Hole = tuple[float, float, float, float, float]
-"""x and y from and to, and how deep [m]."""
+"""x and y from and to, and depth [m]."""
 
 
 def picture(boxes: Sequence[Box] = (), holes: Sequence[Hole] = (), tilt: Tilt | None = None) -> RgbdFrame:
-    """What the camera of chair A sees; depth up to 8 m."""
+    """Return the picture of chair A's camera; depth up to 8 m."""
     lean = Pose3(np.eye(3) if tilt is None else tilt.level_from_base(), np.zeros(3))
     mount = lean @ CHAIR_A.base_from_camera
     columns, rows = np.meshgrid(np.arange(160.0), np.arange(120.0))
@@ -40,7 +40,7 @@ def scan_of_picture(frame: RgbdFrame, tilt: Tilt | None = None, settings: DepthS
 
 
 def _floor(rays: FloatArray, lens: FloatArray, holes: Sequence[Hole]) -> FloatArray:
-    """Depth of the floor, or within a hole of its bottom or its walls."""
+    """Return the depth of the floor, or within a hole that of its bottom or walls."""
     with np.errstate(divide="ignore"):
         depth = np.where(rays[..., 2] < 0.0, -lens[2] / rays[..., 2], np.inf)
     with np.errstate(invalid="ignore"):
@@ -57,7 +57,7 @@ def _floor(rays: FloatArray, lens: FloatArray, holes: Sequence[Hole]) -> FloatAr
 
 
 def _box(rays: FloatArray, lens: FloatArray, box: Box) -> FloatArray:
-    """Depth at which rays enter a box."""
+    """Return the depth at which rays enter a box."""
     low, high = np.array(box[::2]), np.array(box[1::2])
     with np.errstate(divide="ignore", invalid="ignore"):
         first, second = (low - lens) / rays, (high - lens) / rays

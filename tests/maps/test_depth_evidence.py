@@ -1,4 +1,4 @@
-"""Evidence of depth images is a sum of its own, moves with the graph, and makes stairwells lethal whatever a lidar says."""
+"""Depth evidence is a separate sum, moves with the graph, and keeps stairwells occupied against any lidar evidence."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ from waychair.types import OccupancyGrid, Pose2
 
 @pytest.fixture
 def parts() -> tuple[OccupancyGrid, OccupancyGrid, np.ndarray]:
-    """What the lidar saw, a smaller grid; what all saw; and where the floor ends."""
+    """The lidar's grid, which is smaller; the grid of all sensors; and its drop-offs."""
     cells = np.zeros((60, 80), np.int8)
     cells[:, 0] = 100
     whole = cells.copy()

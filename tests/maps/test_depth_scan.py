@@ -1,4 +1,4 @@
-"""A depth image tells where the floor is, what stands or hangs in the chair's way, and where the floor ends."""
+"""A depth image shows the floor, obstacles that stand or hang in the chair's way, and drop-offs."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ leans = st.builds(Tilt, st.just(1), st.floats(-0.06, 0.06), st.floats(-0.06, 0.0
 
 
 def told(scan: DepthScan, x: float, y: float) -> int:
-    """What is told of the cell at a point of the base frame; 0 is nothing."""
+    """Return the kind of the cell at a point of the base frame; 0: none."""
     lens = Pose2(float(scan.origin[0]), float(scan.origin[1]))
     cells, what = stretch_cells(lens.x, lens.y, 0.0, scan.bearings, scan.near, scan.far, scan.kinds, SIDE)
     here = np.all(cells == np.floor(np.array([x, y]) / SIDE).astype(int), axis=1)
@@ -116,7 +116,7 @@ def test_a_picture_that_tells_nothing_is_refused_with_the_reason() -> None:
 def plain_column(
     kind: list[int], away: list[float], z: list[float], foot: list[float], row: dict[str, float]
 ) -> list[tuple[int, float, float]]:
-    """Kind, near and far of the floor and drop-off stretches of one column on a level floor, in plain words."""
+    """Return kind, near and far of the floor and drop-off stretches of one column on a level floor."""
     found: list[tuple[int, float, float]] = []
     going = 0
     first = next((k for k, what in enumerate(kind) if what == GROUND), None)

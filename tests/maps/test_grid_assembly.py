@@ -1,4 +1,4 @@
-"""The grid follows its scans: whatever came, went and moved, it is what drawing everything anew gives."""
+"""The grid follows added, removed and moved scans, and always equals one drawn anew."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is remembered of scans: what stands still as in a map, what has gone no longer; the grid grows with the way."""
+"""The grid memory keeps obstacles that stay, forgets those that are gone, and grows with the drive."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ground is followed over ramps, ends at edges, and is missed where it ought to be seen."""
+"""The ground is followed over ramps, ends at drop-offs, and is missing where it should be seen."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def plain_follow(
     reach: float,
     missing: float,
 ) -> tuple[list[int], list[float], list[bool]]:
-    """One column in plain words: all that was ground bounds what may follow it."""
+    """A plain reference for one column: all ground so far limits the ground that may follow."""
     ground = [(begin, 0.0)]
     kind, foot, rim = [NOTHING] * len(away), [math.nan] * len(away), [False] * len(away)
     last_row, lost, hidden, before, run = -1, False, math.inf, (begin, 0.0), list[int]()

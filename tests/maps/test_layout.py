@@ -1,4 +1,4 @@
-"""What people draw on a map: kept in text, taken back, and moved with the map's nodes."""
+"""Drawings on a map: kept as text, undone, and moved with the map's nodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Moving AI benchmark files: what they hold, and one sentence for what is broken."""
+"""Moving AI benchmark files: their content, and one sentence for each fault."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Newer drives outweigh older ones in the grid: what was moved away fades, what nobody has looked at again stays."""
+"""Newer drives outweigh older ones in the grid: moved furniture fades, and cells that were not seen again stay."""
 
 from __future__ import annotations
 

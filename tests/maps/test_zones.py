@@ -1,4 +1,4 @@
-"""Zones from a text file: what they hold, and one sentence with the line for what is broken."""
+"""Zones from a text file: their content, and one sentence with the line for each fault."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_zones_are_read_as_they_were_written(tmp_path: Path) -> None:
         (f"ward: {{slow: 0.3, polygon: [[{'9' * 5000}, 1], [2, 2], [3, 3]]}}", "is no value"),
         (f"ward: {{slow: 0.3, polygon: [['{'9' * 400}', 1], [2, 2], [3, 3]]}}", r"numbers up to 1e\+06"),
         ("ward: {slow: 0.3, polygon: [[1.0e+19, 1], [2, 2], [3, 3]]}", r"numbers up to 1e\+06"),
-        ("[" * 3000, "more than 50 lists or mappings in each other"),
+        ("[" * 3000, "more than 50 nested lists or mappings"),
         ("ward: {slow: 0.3}", "three or more corners"),
         ("ward: {slow: 0.3, polygon: [[1, 1], [2, 2]]}", "three or more corners"),
         ("ward: {slow: 0.3, polygon: [[1, 1], [2, x], [3, 3]]}", "three or more corners"),
@@ -83,7 +83,7 @@ def test_zones_are_read_as_they_were_written(tmp_path: Path) -> None:
         ("ward: [1, 2]", "must be"),
         ("ward: {slow: !!python/name:os.system x}", "line 1: could not determine"),
         ("- ward", "must hold"),
-        ("ward: {slow: [", "mend the YAML"),
+        ("ward: {slow: [", "correct the YAML"),
     ],
 )
 def test_a_broken_file_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:

@@ -9,9 +9,9 @@ import pytest
 
 from waychair.slam import memory as memory_module
 from waychair.slam import retrieval
-from waychair.slam.memory import Memory
+from waychair.slam.memory import NodeMemory
 from waychair.slam.memory_settings import MemorySettings
-from waychair.slam.nodes import Evidence, Link, LinkKind, Node
+from waychair.slam.nodes import Link, LinkKind, Node, NodeScan
 from waychair.slam.skeleton import Skeleton
 from waychair.types import Pose2, Scan
 
@@ -34,13 +34,13 @@ def view(k: int, words: list[int] | None = None, x: float | None = None, second:
         rng.random((len(own), 3), np.float32),
         rng.integers(0, 256, (len(own), 32), dtype=np.uint8),
         rng.random((40, 2), np.float32),
-        Evidence(scan, Pose2(0.2), Pose2(0.21)),
+        NodeScan(scan, Pose2(0.2), Pose2(0.21)),
     )
 
 
-def corridor(length: int, settings: MemorySettings, memory: Memory | None = None) -> Memory:
+def corridor(length: int, settings: MemorySettings, memory: NodeMemory | None = None) -> NodeMemory:
     """A drive over so many nodes; nothing is woken or put to sleep."""
-    memory = memory or Memory(settings)
+    memory = memory or NodeMemory(settings)
     stand(memory, length)
     for k in range(1, length + 1):
         memory.add(view(k), SURE)
@@ -53,11 +53,11 @@ def set_limits(patch: pytest.MonkeyPatch, **constants: float) -> None:
         patch.setattr(_MODULES.get(name, retrieval), name, value)
 
 
-def stand(memory: Memory, length: int) -> None:
+def stand(memory: NodeMemory, length: int) -> None:
     """The anchors stand where the nodes are, each facing down the corridor."""
     anchors = np.zeros((length + 1, 3))
     anchors[:, 0] = np.arange(length + 1)
-    memory.bend(anchors)
+    memory.move_anchors(anchors)
 
 
 def loop(i: int, j: int, kind: LinkKind = LinkKind.GLOBAL) -> Link:

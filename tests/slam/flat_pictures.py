@@ -1,4 +1,4 @@
-"""What a camera one metre above the floor sees of the synthetic flat: its walls, papered with a texture of their own."""
+"""Pictures of the synthetic flat from one metre above the floor: its walls have textures of their own."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ CAMERA = np.array([260.0, 260.0, 159.5, 119.5])
 # a room of 4 x 3 x 4 m round the origin, optical axes: x right, y down, z forward; a box stands before the far wall
 _PLANES = [(axis, side * half) for axis, half in ((0, 2.0), (1, 1.5), (2, 2.0)) for side in (-1.0, 1.0)]
 _RANDOM = np.random.default_rng(5)
-# coarse and fine together, as real things are: what is fine alone looks like itself a few squares further
+# coarse and fine together, as real surfaces are: a fine texture alone repeats a few squares further
 _TEXTURE = sum(
     zoom(_RANDOM.uniform(0.0, share, (len(_PLANES) + 1, 240 // size, 240 // size)), (1, size, size), order=1)
     for size, share in ((1, 120.0), (3, 60.0), (10, 70.0))
@@ -31,7 +31,7 @@ def pose(turn: tuple[float, float, float] = (0, 0, 0), at: tuple[float, float, f
 
 
 def render(map_from_camera: Pose3, stamp_ns: int = 0, row_motion: FloatArray | None = None) -> RgbdFrame:
-    """What is seen from a pose. `row_motion` (6,): rotation [rad/s] and translation [m/s] of things before the camera,
+    """Return the picture from a pose. `row_motion` (6,): rotation [rad/s] and translation [m/s] of things before the camera,
     of which each row is exposed 0.05 ms later than the one above."""
     rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH].astype(float)
     rays = np.stack([(columns - CAMERA[2]) / CAMERA[0], (rows - CAMERA[3]) / CAMERA[1], np.ones_like(rows)], axis=-1)

@@ -1,4 +1,4 @@
-"""The camera's part of the mapper: loops closed by pictures and scans together, and pictures that show nothing."""
+"""Loop closure by appearance: loops confirmed by pictures and scans together, and blank pictures."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import pytest
 from tests.slam.corridor import set_limits
 from tests.slam.flat_pictures import BASE_FROM_CAMERA, picture_at
 from waychair.geometry import compose, invert
-from waychair.slam.appearance import Appearance, AppearanceSettings
+from waychair.slam.appearance import AppearanceLoopClosure, AppearanceSettings
 from waychair.slam.loop_closure import LoopRejection, LoopSettings
 from waychair.slam.mapper import Mapper, MapperSettings
-from waychair.slam.memory import Memory
+from waychair.slam.memory import NodeMemory
 from waychair.slam.memory_settings import MemorySettings
 from waychair.slam.nodes import IN_TIME, LOOPS, Link
 from waychair.types import FloatArray, Pose2, RgbdFrame, SensorFrame
@@ -35,7 +35,7 @@ PICTURES_ONLY = MapperSettings(loops=LoopSettings(spacing=100.0))
 
 
 def taken(number: int, pose: Pose2) -> RgbdFrame | None:
-    """What a sound camera sees."""
+    """Return the picture of a sound camera."""
     return _picture(pose, number * _STEP_NS)
 
 
@@ -50,11 +50,11 @@ def driven(
     camera: Camera = taken,
     mapping: MapperSettings = PICTURES_ONLY,
     settings: AppearanceSettings | None = None,
-    memory: Memory | None = None,
+    memory: NodeMemory | None = None,
     mapper: Mapper | None = None,
-) -> tuple[Mapper, Appearance]:
+) -> tuple[Mapper, AppearanceLoopClosure]:
     mapper = mapper or Mapper(mapping, Pose2())
-    appearance = Appearance(settings or AppearanceSettings(), BASE_FROM_CAMERA, memory)
+    appearance = AppearanceLoopClosure(settings or AppearanceSettings(), BASE_FROM_CAMERA, memory)
     for frame, pose in zip(*drive, strict=True):
         number = frame.stamp_ns // _STEP_NS
         mapper.process(frame)
@@ -65,14 +65,14 @@ def driven(
     return mapper, appearance
 
 
-def true_pose(drive: Drive, appearance: Appearance, node: int) -> Pose2:
+def true_pose(drive: Drive, appearance: AppearanceLoopClosure, node: int) -> Pose2:
     stamp = int(appearance.memory.skeleton.rows["stamp_ns"][node])
     at = next(k for k, frame in enumerate(drive[0]) if frame.stamp_ns == stamp)
     return Pose2(*drive[1][at].tolist())
 
 
-def false_links(drive: Drive, appearance: Appearance) -> list[Link]:
-    """Loops in the memory whose ends are not where they say."""
+def false_links(drive: Drive, appearance: AppearanceLoopClosure) -> list[Link]:
+    """Return the loops in the memory that contradict the true poses."""
     found = []
     for link in appearance.memory.skeleton.every_link():
         truth = true_pose(drive, appearance, link.i).inverse() @ true_pose(drive, appearance, link.j)
@@ -89,12 +89,12 @@ def worst_error(drive: Drive, mapper: Mapper) -> float:
 
 
 @pytest.fixture(scope="module")
-def seen(route: Drive) -> tuple[Mapper, Appearance]:
+def seen(route: Drive) -> tuple[Mapper, AppearanceLoopClosure]:
     return driven(route)
 
 
 def test_pictures_close_the_loop_that_the_lidar_does_not_look_for(
-    route: Drive, seen: tuple[Mapper, Appearance]
+    route: Drive, seen: tuple[Mapper, AppearanceLoopClosure]
 ) -> None:
     mapper, appearance = seen
     assert mapper.counts["loops_sighted"] >= 1
@@ -104,7 +104,7 @@ def test_pictures_close_the_loop_that_the_lidar_does_not_look_for(
 
 
 def test_links_in_time_are_what_was_driven_though_the_graph_bends_between(
-    route: Drive, seen: tuple[Mapper, Appearance]
+    route: Drive, seen: tuple[Mapper, AppearanceLoopClosure]
 ) -> None:
     links = [link for link in seen[1].memory.skeleton.every_link() if link.kind in IN_TIME]
     assert len(links) == len(seen[1].memory.skeleton.ids()) - 1
@@ -115,7 +115,9 @@ def test_links_in_time_are_what_was_driven_though_the_graph_bends_between(
         assert np.hypot(gap.x, gap.y) < 0.05
 
 
-def test_nodes_of_the_second_lap_are_linked_to_the_first(route: Drive, seen: tuple[Mapper, Appearance]) -> None:
+def test_nodes_of_the_second_lap_are_linked_to_the_first(
+    route: Drive, seen: tuple[Mapper, AppearanceLoopClosure]
+) -> None:
     memory = seen[1].memory
     late = route[0][len(route[0]) // 2].stamp_ns + 20 * _STEP_NS
     second = [node for node in memory.skeleton.ids() if memory.skeleton.rows["stamp_ns"][node] > late]
@@ -182,7 +184,7 @@ def test_black_pictures_say_nothing_and_close_nothing(route: Drive) -> None:
 
 
 def _delayed(number: int, truth: FloatArray, half: int) -> RgbdFrame | None:
-    """In the second lap the camera shows what was to be seen two metres further on."""
+    """In the second lap the camera shows the view from two metres further on."""
     at = min(number // 3 + 7, len(truth) - 1) if number // 3 > half else number // 3
     return _picture(Pose2(*truth[at].tolist()), number * _STEP_NS)
 
@@ -231,7 +233,7 @@ def test_a_memory_opened_again_knows_the_places_of_the_first_session(route: Driv
     lap = len(route[0]) // 2
     first = (route[0][:lap], route[1][:lap])
     mapping = MapperSettings(loops=LoopSettings(submap_spacing=100.0))
-    mapper, appearance = driven(first, mapping=mapping, memory=Memory.opened(tmp_path / "memory.db"))
+    mapper, appearance = driven(first, mapping=mapping, memory=NodeMemory.opened(tmp_path / "memory.db"))
     nodes, words = appearance.memory.skeleton.ids(), appearance.recognition.vocabulary
     appearance.finish(mapper)
     made, known = appearance.memory.store.newest_word(), len(mapper.keys)
@@ -240,7 +242,7 @@ def test_a_memory_opened_again_knows_the_places_of_the_first_session(route: Driv
     again, later = driven(
         first,
         settings=AppearanceSettings(memory=MemorySettings(reduce_graph=True)),
-        memory=Memory.opened(tmp_path / "memory.db", MemorySettings(reduce_graph=True)),
+        memory=NodeMemory.opened(tmp_path / "memory.db", MemorySettings(reduce_graph=True)),
         mapper=mapper.for_next_drive({}),
     )
     assert again.keys.reaches(again.frames[-1].key, known), "a loop by appearance has joined the two"
@@ -255,14 +257,14 @@ def test_a_memory_opened_again_knows_the_places_of_the_first_session(route: Driv
 
 @pytest.mark.parametrize("shape", [(240, 320, 4), (0, 0), (240,)])
 def test_a_picture_that_is_none_is_counted(shape: tuple[int, ...]) -> None:
-    appearance = Appearance(AppearanceSettings(), BASE_FROM_CAMERA)
+    appearance = AppearanceLoopClosure(AppearanceSettings(), BASE_FROM_CAMERA)
     sound = picture_at(Pose2(1.5, 1.5), 1)
     appearance.see(dataclasses.replace(sound, image=np.zeros(shape, np.uint8)))
     assert appearance.counts["pictures that cannot be used"] == 1
 
 
 def test_pictures_that_step_back_in_time_are_counted() -> None:
-    appearance = Appearance(AppearanceSettings(), BASE_FROM_CAMERA)
+    appearance = AppearanceLoopClosure(AppearanceSettings(), BASE_FROM_CAMERA)
     for stamp in (5_000_000_000, 4_000_000_000, 5_000_000_000):
         appearance.see(picture_at(Pose2(1.5, 1.5), stamp))
     assert appearance.counts["pictures"] == 1
@@ -270,7 +272,7 @@ def test_pictures_that_step_back_in_time_are_counted() -> None:
 
 
 def test_pictures_between_two_that_are_looked_at_are_passed_over() -> None:
-    appearance = Appearance(AppearanceSettings(detection_rate=1.0), BASE_FROM_CAMERA)
+    appearance = AppearanceLoopClosure(AppearanceSettings(detection_rate=1.0), BASE_FROM_CAMERA)
     sound = picture_at(Pose2(1.5, 1.5), 0)
     for k in range(30):
         appearance.see(dataclasses.replace(sound, stamp_ns=k * 100_000_000))

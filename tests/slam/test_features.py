@@ -1,4 +1,4 @@
-"""Features of images: what is found, what is not, and where it lies in space."""
+"""Features of images: textured and blank ones, and their points in space."""
 
 from __future__ import annotations
 

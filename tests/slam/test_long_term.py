@@ -1,4 +1,4 @@
-"""The file of the long-term memory: what is committed stays, what is damaged is set aside, and the chair drives on."""
+"""The file of the long-term memory: committed data stay, damaged files are set aside, and the chair drives on."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from hypothesis.extra import numpy as hnp
 
 from tests.slam.corridor import SURE, corridor, loop, set_limits, stand, view
 from waychair.errors import LongTermDamaged, LongTermError
-from waychair.slam.long_term import LongTerm
-from waychair.slam.long_term_file import Batch, State
-from waychair.slam.memory import Memory
+from waychair.slam.long_term import LongTermStore
+from waychair.slam.long_term_file import Batch, NodeState
+from waychair.slam.memory import NodeMemory
 from waychair.slam.memory_settings import MemorySettings
-from waychair.slam.nodes import Kept, Node, pack, pack_features, seal, unpack, unseal
+from waychair.slam.nodes import Node, NodeStatus, pack, pack_features, seal, unpack, unseal
 from waychair.types import Pose2
 
 BOUNDED = MemorySettings(working_memory_limit=5)
@@ -39,9 +39,9 @@ def _small_memory() -> Iterator[None]:
         yield
 
 
-def drive(path: Path, length: int = 30) -> Memory:
+def drive(path: Path, length: int = 30) -> NodeMemory:
     """A memory of a corridor in a file, most of which sleeps; it is open."""
-    memory = corridor(0, BOUNDED, Memory(BOUNDED, LongTerm(path)))
+    memory = corridor(0, BOUNDED, NodeMemory(BOUNDED, LongTermStore(path)))
     stand(memory, length)
     for k in range(1, length + 1):
         memory.add(view(k), SURE)
@@ -101,13 +101,13 @@ def test_a_seal_shows_any_changed_bit_and_any_other_number(body: bytes, number: 
 
 def test_nodes_come_back_from_the_file_as_they_were(tmp_path: Path) -> None:
     drive(tmp_path / "memory.db").close()
-    store = LongTerm(tmp_path / "memory.db")
+    store = LongTermStore(tmp_path / "memory.db")
     assert all(same(store.node(k), view(k)) for k in range(1, 31))
     store.close()
 
 
 def test_a_node_that_is_still_on_its_way_to_the_disk_can_be_read(tmp_path: Path) -> None:
-    store = LongTerm(tmp_path / "memory.db")
+    store = LongTermStore(tmp_path / "memory.db")
     node = Node(5, Pose2(), np.arange(10, dtype=np.int32), id=7)
     store.write(Batch(nodes=(node,)))
     assert store.node(7).words.tolist() == list(range(10))
@@ -118,15 +118,15 @@ def test_a_memory_goes_on_where_it_was_closed(tmp_path: Path) -> None:
     memory = drive(tmp_path / "memory.db", 30)
     memory.link(loop(3, 30))
     memory.add(view(31, view(30).words.tolist(), x=31.0), SURE)
-    awake, asleep, weight = set(memory.stm) | memory.wm, set(memory.skeleton.ids(Kept.LTM)), memory.weight(30)
+    awake, asleep, weight = set(memory.stm) | memory.wm, set(memory.skeleton.ids(NodeStatus.LTM)), memory.weight(30)
     links = {(link.i, link.j): link for link in memory.skeleton.every_link()}
     memory.close()
 
-    again = Memory(BOUNDED, LongTerm(tmp_path / "memory.db"))
+    again = NodeMemory(BOUNDED, LongTermStore(tmp_path / "memory.db"))
     assert again.wm == awake
     assert again.stm == ()
     assert {node.id for node in again.awake} == awake
-    assert set(again.skeleton.ids(Kept.LTM)) == asleep
+    assert set(again.skeleton.ids(NodeStatus.LTM)) == asleep
     assert again.weight(30) == weight == 1
     assert again.map_id == 1
     assert again.last_closure == 30
@@ -140,16 +140,16 @@ def test_a_memory_goes_on_where_it_was_closed(tmp_path: Path) -> None:
 
 def test_merged_nodes_leave_no_record_and_those_of_an_older_file_are_ignored(tmp_path: Path) -> None:
     path = tmp_path / "memory.db"
-    memory = Memory(store=LongTerm(path))
+    memory = NodeMemory(store=LongTermStore(path))
     memory.add(view(1), SURE)
     for second in range(5):
         memory.add(view(2, x=2.0, second=2 + second), SURE)
     memory.close()
-    store = LongTerm(path)
+    store = LongTermStore(path)
     assert len(store.load().nodes) == 2
-    store.write(Batch(nodes=(replace(view(3), id=3),), states=(State(3, 0, False, 3, Pose2(), parent=2),)))
+    store.write(Batch(nodes=(replace(view(3), id=3),), states=(NodeState(3, 0, False, 3, Pose2(), parent=2),)))
     store.close()
-    again = Memory(store=LongTerm(path))
+    again = NodeMemory(store=LongTermStore(path))
     assert again.skeleton.ids() == [1, 2]
     assert again.weight(2) == 4
     again.close()
@@ -162,7 +162,7 @@ def test_a_dropped_node_and_a_refused_loop_are_not_in_the_file(tmp_path: Path) -
     memory.unlink(1, 9)
     memory.drop(10)
     memory.close()
-    again = Memory(store=LongTerm(tmp_path / "memory.db"))
+    again = NodeMemory(store=LongTermStore(tmp_path / "memory.db"))
     assert again.skeleton.ids() == list(range(1, 10))
     assert again.skeleton.linked(1, 9) is None
     again.close()
@@ -171,7 +171,7 @@ def test_a_dropped_node_and_a_refused_loop_are_not_in_the_file(tmp_path: Path) -
 def test_words_that_nobody_uses_wait_in_the_file(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     descriptors = rng.integers(0, 256, (5, 32), dtype=np.uint8)
-    memory = Memory(store=LongTerm(tmp_path / "memory.db"))
+    memory = NodeMemory(store=LongTermStore(tmp_path / "memory.db"))
     memory.add(view(1), SURE, new_words=(np.arange(11, 16), descriptors))
     found, rows = memory.store.words(np.array([13, 99, 11]))
     assert found.tolist() == [13, 11]
@@ -185,7 +185,7 @@ def test_a_killed_process_loses_the_last_node_at_most(tmp_path: Path) -> None:
     seen: set[int] = set()
     for _ in range(5):
         added = killed_after(path, float(rng.uniform(0.05, 0.15)))
-        again = Memory(BOUNDED, LongTerm(path))
+        again = NodeMemory(BOUNDED, LongTermStore(path))
         there = set(again.skeleton.ids())
         assert seen <= there
         assert (seen | set(added)) - there <= set(added[-1:])
@@ -211,7 +211,7 @@ def killed_after(path: Path, seconds: float) -> list[int]:
 
 
 def map_for_ever(path: Path, tell: int) -> None:
-    memory = Memory(BOUNDED, LongTerm(path))
+    memory = NodeMemory(BOUNDED, LongTermStore(path))
     while True:
         number = memory.skeleton.count
         memory.add(view(number), SURE)
@@ -230,7 +230,7 @@ def test_a_file_that_is_no_database_is_moved_aside_and_the_chair_drives_on(tmp_p
     memory.close()
     assert (tmp_path / "memory.db.damaged-1").read_bytes() == what
     path.write_bytes(what)
-    LongTerm(path).close()
+    LongTermStore(path).close()
     assert (tmp_path / "memory.db.damaged-2").read_bytes() == what
 
 
@@ -245,7 +245,7 @@ def sound_file(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
 @given(data=st.data())
 def test_any_damage_is_set_aside_left_out_or_named(sound_file: bytes, tmp_path: Path, data: st.DataObject) -> None:
-    """Bytes overwritten or the end cut off: what is still given back is what was written, and the drive goes on."""
+    """Bytes are overwritten or the end cut off: readable records are unchanged, and the drive goes on."""
     path = tmp_path / "memory.db"
     for old in tmp_path.glob("memory.db*"):
         old.unlink()
@@ -257,8 +257,8 @@ def test_any_damage_is_set_aside_left_out_or_named(sound_file: bytes, tmp_path: 
     if data.draw(st.booleans()):
         del content[data.draw(st.integers(0, len(content) - 1)) :]
     path.write_bytes(bytes(content))
-    memory = Memory.opened(path, BOUNDED)
-    for node in memory.skeleton.ids(Kept.WM, Kept.LTM):
+    memory = NodeMemory.opened(path, BOUNDED)
+    for node in memory.skeleton.ids(NodeStatus.WM, NodeStatus.LTM):
         with contextlib.suppress(LongTermDamaged):
             assert same(memory.node(node), view(node))
     for _ in memory.evidence(memory.skeleton.ids()):
@@ -284,7 +284,7 @@ def test_a_damaged_view_is_left_out_and_its_place_stays_in_the_graph(tmp_path: P
     for _ in range(3):
         memory.add(view(memory.skeleton.count), SURE)
         memory.retrieve(None, Pose2(2.0))
-    assert memory.skeleton.kept(2) is Kept.LOST
+    assert memory.skeleton.kept(2) is NodeStatus.LOST
     assert memory.counts().unreadable == 1
     assert memory.skeleton.neighbours(2) == [3, 1]
     with pytest.raises(LongTermDamaged, match="node 2"):
@@ -299,7 +299,7 @@ def test_a_database_of_another_program_is_left_alone(tmp_path: Path) -> None:
     other.close()
     before = path.read_bytes()
     with pytest.raises(LongTermError, match="another program"):
-        LongTerm(path)
+        LongTermStore(path)
     assert path.read_bytes() == before
 
 
@@ -310,15 +310,15 @@ def test_a_file_of_a_newer_program_is_left_alone(tmp_path: Path) -> None:
         other.execute("PRAGMA user_version = 99")
     other.close()
     with pytest.raises(LongTermError, match="schema 99"):
-        LongTerm(path)
+        LongTermStore(path)
 
 
 def test_a_folder_that_cannot_be_written_is_named_and_the_memory_lives_in_ram(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder", encoding="utf-8")
     path = tmp_path / "file" / "memory.db"
     with pytest.raises(LongTermError, match="choose another folder"):
-        LongTerm(path)
-    memory = Memory.opened(path, BOUNDED)
+        LongTermStore(path)
+    memory = NodeMemory.opened(path, BOUNDED)
     assert "choose another folder" in str(memory.store.fault)
     stand(memory, 30)
     for k in range(1, 31):
@@ -329,7 +329,7 @@ def test_a_folder_that_cannot_be_written_is_named_and_the_memory_lives_in_ram(tm
     memory.close()
 
 
-def full(memory: Memory, begin: int) -> None:
+def full(memory: NodeMemory, begin: int) -> None:
     for k in range(begin, begin + 60):
         memory.add(view(k), SURE)
         memory.transfer()
@@ -337,7 +337,7 @@ def full(memory: Memory, begin: int) -> None:
 
 def test_a_full_disk_is_named_nothing_is_lost_in_ram_and_nothing_is_broken_on_disk(tmp_path: Path) -> None:
     path = tmp_path / "memory.db"
-    memory = Memory(BOUNDED, LongTerm(path, most_bytes=80_000))
+    memory = NodeMemory(BOUNDED, LongTermStore(path, most_bytes=80_000))
     stand(memory, 100)
     full(memory, 1)
     memory.flush()
@@ -347,7 +347,7 @@ def test_a_full_disk_is_named_nothing_is_lost_in_ram_and_nothing_is_broken_on_di
     assert all(same(memory.node(k), view(k)) for k in range(1, 61))
     assert sum(len(chunk) for chunk in memory.evidence(range(1, 61))) == 60
     memory.close()
-    again = Memory(BOUNDED, LongTerm(path))
+    again = NodeMemory(BOUNDED, LongTermStore(path))
     there = again.skeleton.ids()
     assert there == list(range(1, len(there) + 1))
     assert 5 < len(there) < 60
@@ -360,7 +360,7 @@ def test_a_write_that_the_system_cuts_off_breaks_nothing(tmp_path: Path) -> None
     path = tmp_path / "memory.db"
     before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    memory = Memory(BOUNDED, LongTerm(path))
+    memory = NodeMemory(BOUNDED, LongTermStore(path))
     stand(memory, 100)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, before[1]))
@@ -372,7 +372,7 @@ def test_a_write_that_the_system_cuts_off_breaks_nothing(tmp_path: Path) -> None
     assert memory.store.fault is not None
     assert all(same(memory.node(k), view(k)) for k in range(1, 61))
     memory.close()
-    again = Memory(BOUNDED, LongTerm(path))
+    again = NodeMemory(BOUNDED, LongTermStore(path))
     assert again.store.notes == ()
     assert all(same(again.node(k), view(k)) for k in again.skeleton.ids())
     again.close()
@@ -380,11 +380,11 @@ def test_a_write_that_the_system_cuts_off_breaks_nothing(tmp_path: Path) -> None
 
 def test_a_disk_that_hangs_does_not_stop_the_chair_and_nothing_is_lost(tmp_path: Path) -> None:
     path = tmp_path / "memory.db"
-    memory = Memory(BOUNDED, LongTerm(path, patience_s=0.01))
+    memory = NodeMemory(BOUNDED, LongTermStore(path, patience_s=0.01))
     memory.add(view(1), SURE)
     memory.flush()
     other = sqlite3.connect(path, isolation_level=None)
-    other.execute("BEGIN IMMEDIATE")  # nobody else can write now
+    other.execute("BEGIN IMMEDIATE")  # no other connection can write now
     for k in range(2, 21):
         memory.add(view(k), SURE)
         memory.transfer()
@@ -393,13 +393,13 @@ def test_a_disk_that_hangs_does_not_stop_the_chair_and_nothing_is_lost(tmp_path:
     other.close()
     memory.close()
     assert memory.store.fault is None
-    store = LongTerm(path)
+    store = LongTermStore(path)
     assert [node for node, _, _ in store.load().nodes] == list(range(1, 21))
     store.close()
 
 
 def test_words_given_other_numbers_survive_a_full_disk(tmp_path: Path) -> None:
-    memory = Memory(BOUNDED, LongTerm(tmp_path / "memory.db", most_bytes=80_000))
+    memory = NodeMemory(BOUNDED, LongTermStore(tmp_path / "memory.db", most_bytes=80_000))
     full(memory, 1)
     memory.flush()
     assert memory.store.fault is not None
@@ -413,7 +413,7 @@ def test_words_given_other_numbers_survive_a_full_disk(tmp_path: Path) -> None:
 
 def test_two_programs_do_not_write_over_each_other(tmp_path: Path) -> None:
     path = tmp_path / "memory.db"
-    a, b = Memory(BOUNDED, LongTerm(path)), Memory(BOUNDED, LongTerm(path))
+    a, b = NodeMemory(BOUNDED, LongTermStore(path)), NodeMemory(BOUNDED, LongTermStore(path))
     a.add(view(1), SURE)
     a.flush()
     b.add(view(2), SURE)
@@ -421,19 +421,19 @@ def test_two_programs_do_not_write_over_each_other(tmp_path: Path) -> None:
     assert "UNIQUE" in str(b.store.fault)
     a.close()
     b.close()
-    store = LongTerm(path)
+    store = LongTermStore(path)
     assert same(store.node(1), view(1))
     store.close()
 
 
 def test_what_is_written_in_one_transaction_is_there_as_a_whole_or_not_at_all(tmp_path: Path) -> None:
-    store = LongTerm(tmp_path / "memory.db")
+    store = LongTermStore(tmp_path / "memory.db")
     good = Node(1, Pose2(), id=1)
     store.write(Batch(nodes=(good,)))
-    store.write(Batch(nodes=(Node(2, Pose2(), id=2), good), states=(State(2, 0, True, 0, Pose2()),)))
+    store.write(Batch(nodes=(Node(2, Pose2(), id=2), good), states=(NodeState(2, 0, True, 0, Pose2()),)))
     store.close()
     assert store.fault is not None
-    again = LongTerm(tmp_path / "memory.db")
+    again = LongTermStore(tmp_path / "memory.db")
     assert [node for node, _, _ in again.load().nodes] == [1]
     assert again.load().states == ()
     again.close()

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.slam.features import Features, FeatureSettings, features_of_image, no_features
+from waychair.slam.features import FeatureSettings, ImageFeatures, features_of_image, no_features
 from waychair.slam.hamming_index import Int32Array
 from waychair.slam.matching import Support, distances_between, epipolar_support, mutual_matches
-from waychair.slam.place_recognition import PlaceRecognition, RecognitionSettings, photographs
+from waychair.slam.place_recognition import PlaceRecognition, RecognitionSettings, recognise_pictures
 from waychair.slam.vocabulary import NO_WORD, FixedVocabulary
 from waychair.slam.vocabulary_training import TrainingSettings, train
 from waychair.types import Bytes, Float32Array
@@ -35,7 +35,7 @@ def place(seed: int, shift: int = 0) -> Bytes:
     return (image + noise).clip(0, 255).astype(np.uint8)
 
 
-def seen(image: Bytes) -> Features:
+def seen(image: Bytes) -> ImageFeatures:
     return features_of_image(image, RecognitionSettings().features)
 
 
@@ -85,7 +85,7 @@ def test_matches_that_no_motion_explains_are_not_enough() -> None:
 
 def test_two_rounds_through_the_same_places_close_on_the_right_ones() -> None:
     images = [place(k, shift) for shift in (0, 2) for k in range(20)]
-    results = list(photographs(images, short_term=5))
+    results = list(recognise_pictures(images, short_term=5))
     closures = {r.node: r.closure for r in results if r.closure is not None}
     assert all(node - closure == 20 for node, closure in closures.items())
     assert len(closures) >= 18
@@ -99,10 +99,10 @@ def test_two_rounds_through_the_same_places_close_on_the_right_ones() -> None:
 def test_bare_black_and_overexposed_pictures_are_no_place_and_change_no_belief() -> None:
     images = [place(k, shift) for shift in (0, 2) for k in range(12)]
     blanks = [np.full((240, 320), level, np.uint8) for level in (0, 90, 255)]
-    results = list(photographs(images[:16] + blanks + images[16:], short_term=5))
+    results = list(recognise_pictures(images[:16] + blanks + images[16:], short_term=5))
     for result in results[16:19]:
         assert result.closure is None
-        assert result.reason == "too little to be seen"
+        assert result.reason == "too few features"
     after = results[19]
     assert after.closure == 5
     assert not any(r.hypothesis in (17, 18, 19) for r in results)
@@ -183,7 +183,9 @@ def test_other_features_and_a_fixed_dictionary_find_places_too(detector: str) ->
     described = [features_of_image(image, features).descriptors for image in images[:7]]
     fixed = FixedVocabulary(train(np.concatenate(described), TrainingSettings(words=300), rounds=3))
     for vocabulary in (None, fixed):
-        lags = [r.node - r.closure for r in photographs(images, settings, vocabulary, 3) if r.closure is not None]
+        lags = [
+            r.node - r.closure for r in recognise_pictures(images, settings, vocabulary, 3) if r.closure is not None
+        ]
         assert len(lags) >= 5
         assert set(lags) == {7}
 
@@ -193,7 +195,7 @@ def test_real_photographs_of_the_second_lap_close_on_the_first(data_dir: Path) -
     folder = data_dir / "places_rtabmap" / "images"
     chosen = [*range(1, 24), *range(41, 62)]
     images = [cv2.imread(str(folder / f"{i}.jpg"), cv2.IMREAD_GRAYSCALE) for i in chosen]
-    results = list(photographs(images))
+    results = list(recognise_pictures(images))
     closures = [(chosen[r.node - 1], chosen[r.closure - 1]) for r in results if r.closure is not None]
     assert all(39 <= later - earlier <= 43 for later, earlier in closures)
     assert len(closures) >= 18

@@ -1,4 +1,4 @@
-"""The map of pictures: loops join what was seen apart, every placed frame has a pose, real pictures within the bars."""
+"""The RGB-D mapper: loops join separate pieces, every placed frame has a pose, real pictures within the limits."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from waychair.rgbd_folders import RgbdSettings, read_truth
 from waychair.runtime.rgbd_mapping import RgbdMappingSettings, map_pictures, save_pictures_map
 from waychair.slam import memory, rgbd_mapper, visual_odometry
 from waychair.slam.features import FeatureSettings, extract
-from waychair.slam.key_places import KeyPlaces, on_floor, shadow, shadows
-from waychair.slam.memory import Memory
+from waychair.slam.key_places import KeyPlaces, planar_information, planar_pose, planar_poses
+from waychair.slam.memory import NodeMemory
 from waychair.slam.place_recognition import RecognitionSettings
 from waychair.slam.registration import angle_between
 from waychair.slam.rgbd_mapper import RgbdMapper
 from waychair.slam.spatial_graph import SpatialEdge, solve_spatial
 from waychair.slam.visual_map import KeyFrame
-from waychair.slam.visual_odometry import Track
+from waychair.slam.visual_odometry import TrackingState
 from waychair.types import Pose2, Pose3, RgbdFrame, Trajectory3
 
 STEP = 66_000_000
@@ -37,7 +37,7 @@ def test_a_piece_begun_elsewhere_is_joined_when_the_camera_comes_back(monkeypatc
     second = [render(pose((0, 1.9 - 0.05 * k, 0)), (60 + k) * STEP) for k in range(36)]
     mapper = RgbdMapper()
     states = [mapper.process(frame).state for frame in [*first, *second]]
-    assert states[6] is Track.STARTED
+    assert states[6] is TrackingState.STARTED
     result = mapper.result()
     assert set(result.pieces) == {0}
     assert len(result.loops) >= 1
@@ -58,13 +58,13 @@ def test_no_frames_give_an_empty_map() -> None:
 def places_of(poses: list[Pose3]) -> KeyPlaces:
     """Key frames at these poses."""
     settings = FeatureSettings(upright=False)
-    places, keys = KeyPlaces(RecognitionSettings(features=settings), Memory()), list[KeyFrame]()
+    places, keys = KeyPlaces(RecognitionSettings(features=settings), NodeMemory()), list[KeyFrame]()
     for k, at in enumerate(poses):
         frame = render(at, k * STEP)
         nothing = np.empty(0, np.int64), np.empty((0, 4))
         pyramid, depth = (frame.image,), frame.depth[::4, ::4]
         keys.append(KeyFrame(frame.stamp_ns, at.inverse(), pyramid, *nothing, extract(frame, settings), depth))
-        places.add(keys[-1], np.eye(3), shadows(keys), 0.0)
+        places.add(keys[-1], np.eye(3), planar_poses(keys), 0.0)
     return places
 
 
@@ -87,9 +87,9 @@ def test_a_picture_that_is_only_looked_up_teaches_the_dictionary_nothing() -> No
 def test_the_shadow_of_a_level_camera_is_where_a_base_under_it_would_be() -> None:
     """The optical frame looks along z and turns about its y axis, which points down."""
     ahead_and_left = pose((0, -0.3, 0), (-0.2, 0.5, 1.0))
-    assert shadow(ahead_and_left).array() == pytest.approx([1.0, 0.2, 0.3])
+    assert planar_pose(ahead_and_left).array() == pytest.approx([1.0, 0.2, 0.3])
     covariance = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])  # x, y, z of the optical frame: turns, then ways
-    np.testing.assert_allclose(np.linalg.inv(on_floor(covariance)), np.diag([6.0, 4.0, 2.0]))
+    np.testing.assert_allclose(np.linalg.inv(planar_information(covariance)), np.diag([6.0, 4.0, 2.0]))
 
 
 def test_a_camera_that_goes_round_again_makes_hardly_any_key_frames_more() -> None:
@@ -158,7 +158,7 @@ def test_the_real_numbered_frames_are_within_the_bar_and_written(data_dir: Path,
     assert rmse(mapping.result.trajectory, read_truth(folder)) < 0.03
     save_pictures_map(tmp_path, mapping, RgbdMappingSettings())
     assert {file.name for file in tmp_path.iterdir()} == {"trajectory.tum", "config.yaml", "report.json", "memory.db"}
-    kept = Memory.opened(tmp_path / "memory.db")
+    kept = NodeMemory.opened(tmp_path / "memory.db")
     counts = mapping.report["memory"]["memory"]
     assert len(kept.skeleton.ids()) == counts["stm"] + counts["wm"] > 5
     assert len(kept.node(1).words) > 100

@@ -1,4 +1,4 @@
-"""The dictionary: words made, shared, forgotten and recalled; its search and its inverted index; the fixed one."""
+"""The vocabulary: words made, shared, forgotten and recalled; its search and inverted index; the fixed vocabulary."""
 
 from __future__ import annotations
 
