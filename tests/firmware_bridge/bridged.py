@@ -24,7 +24,7 @@ BOARD = BoardSettings(family=Family.EIGHT_PIN_3V3, dac_bits=8)
 
 
 class Bridged:
-    """A computer that sends `speeds` at 20 Hz and beats in between; `lines` is what the chair's controller sees."""
+    """A computer that sends `speeds` at 20 Hz and beats in between; `lines` are the voltages at the chair's controller."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class Bridged:
         return self.lines
 
     def run(self, ms: int, speeds: WheelSpeeds | None) -> SentCommand:
-        """Ticks of the control loop for so long; what the last one sent."""
+        """Run control ticks for this time; return the last `Sent`."""
         for _ in range(ms // TICK_MS):
             sent = self.send(speeds)
             self.live(TICK_MS)
@@ -96,7 +96,7 @@ class Bridged:
 
     @property
     def joystick_is_live(self) -> bool:
-        """Whether the lines read what the rider's stick says, and the rider holds them."""
+        """Whether the lines have the voltages of the rider's stick, and the rider holds them."""
         stick = (self.inputs.joystick_forward_mv, self.inputs.joystick_turn_mv)
         return self.lines.holder is Holder.JOYSTICK and (self.lines.forward_mv, self.lines.turn_mv) == stick
 

@@ -1,6 +1,6 @@
 /* Fuzz target and driver: the whole board loop on bytes that grow out of valid frames wherever they reach new code.
  *
- *   fuzz BYTES SEED      feeds so many bytes in all; prints what it covered; aborts on the first broken promise
+ *   fuzz BYTES SEED      feeds this many bytes in all; prints the coverage; aborts on the first broken promise
  *
  * The firmware's objects call __sanitizer_cov_trace_pc (gcc and clang: -fsanitize-coverage=trace-pc) on every edge; an
  * input that reaches a new one joins the corpus. Built with AddressSanitizer. The target has libFuzzer's name, so that
@@ -234,7 +234,7 @@ static sample changed(const sample *from)
         append(&result, from->bytes, at);
         append(&result, from->bytes + at, draw(from->length - at + 1));
         break;
-    case 2: /* a frame that is right but for what it says, between two others */
+    case 2: /* a valid frame with a wrong content, between two others */
         while (at < from->length && from->bytes[at++] != 0)
             continue;
         append(&result, from->bytes, at);
@@ -274,7 +274,7 @@ int main(int count, char **words)
     sample first = {.length = 0};
     first.length = put_hello(first.bytes);
     corpus[corpus_count++] = first;
-    LLVMFuzzerTestOneInput(first.bytes, 0); /* what the way to DRIVE by the book covers is no merit of an input */
+    LLVMFuzzerTestOneInput(first.bytes, 0); /* the coverage of the normal way to DRIVE is not credited to an input */
     memset(seen, 0, sizeof seen);
     unsigned long long fed = 0;
     for (unsigned long long runs = 0; fed < total; runs++) {

@@ -1,4 +1,4 @@
-"""Mutation run: small wrong changes to the portable firmware, each of which some test must notice.
+"""Mutation run: small wrong changes to the portable firmware; a test must detect each of them.
 
     python -m tests.firmware_bridge.mutation [--sample N]
 
@@ -71,7 +71,7 @@ class Mutant:
     occurrence: int
 
     def name(self) -> str:
-        """How it is called in survivors.txt, whatever line it stands on."""
+        """Its name in survivors.txt, independent of its line."""
         again = f" ({self.occurrence})" if self.occurrence > 1 else ""
         return f"{self.file}: {_bare(self.original)}  =>  {_bare(self.changed) or 'nothing'}{again}"
 
@@ -144,7 +144,7 @@ def compile_objects(firmware: Path, folder: Path, sources: Sequence[str]) -> dic
 
 
 def run(chosen: Sequence[Mutant]) -> list[tuple[Mutant, str]]:
-    """Every mutant with what became of it."""
+    """Return every mutant with its fate."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         originals = compile_objects(FIRMWARE, folder, (*SOURCES, "rig.c"))
@@ -185,7 +185,7 @@ def _bare(line: str) -> str:
 
 
 def main() -> int:
-    """Run and say what survived; status 1 when a survivor has no explanation, or an explanation no survivor."""
+    """Run and print the survivors; status 1 when a survivor has no explanation, or an explanation no survivor."""
     parser = argparse.ArgumentParser(description="Mutation run over the portable firmware")
     parser.add_argument("--sample", type=int, help="only so many mutants, drawn with a fixed seed")
     arguments = parser.parse_args()

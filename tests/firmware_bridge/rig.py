@@ -193,7 +193,7 @@ def load_core(library: Path) -> ctypes.CDLL:
 
 
 class Rig:
-    """One safety core, its clock and its surroundings: lines that read what they are told unless a test says otherwise.
+    """One safety core, its clock and its surroundings: lines have the commanded voltages unless a test says otherwise.
 
     `read_back` bends what the lines read, given (axis, mV); `stick` and `reference` are [mV].
     """
@@ -225,7 +225,7 @@ class Rig:
         return config
 
     def lines(self) -> tuple[int, int]:
-        """What is on the chair's lines [mV] by who holds them."""
+        """Voltages of the chair's lines [mV] by their holder."""
         held = {JOYSTICK: self.stick, BOARD: list(self.out.line_mv), CUT: [self.reference] * 2}[self.out.holder]
         return held[0], held[1]
 
@@ -308,5 +308,5 @@ def bent(axis: int, mv: int) -> Callable[[int, int], int]:
 
 
 def forced(axis: int, mv: int) -> Callable[[int, int], int]:
-    """A read-back that is `mv` on one axis whatever it should be."""
+    """A read-back of `mv` on one axis, whatever was commanded."""
     return lambda at, true: mv if at == axis else true

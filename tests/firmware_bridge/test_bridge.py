@@ -1,4 +1,4 @@
-"""The last gate on the computer, over the shipped firmware: what passes, what lets the lines go, what was really sent."""
+"""The bridge with the shipped firmware: commands that pass, causes of a release, and the values really sent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the board says is wrong, over the shipped firmware: who is told, what ends, and what a reset takes."""
+"""Faults reported by the board, with the shipped firmware: messages, the end of a drive, and resets."""
 
 from __future__ import annotations
 

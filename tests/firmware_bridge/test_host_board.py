@@ -1,4 +1,4 @@
-"""The shipped firmware as a program in lockstep: what the chair's lines read when anything around it breaks or dies."""
+"""The shipped firmware as a program in lockstep: the chair's lines when parts around it break or die."""
 
 from __future__ import annotations
 

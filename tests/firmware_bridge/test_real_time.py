@@ -1,4 +1,4 @@
-"""The same bridge over every cable, in real time, and processes that stop: what happens is asserted, not how fast."""
+"""The same bridge over every cable, in real time, and processes that stop: the tests assert results, not times."""
 
 from __future__ import annotations
 

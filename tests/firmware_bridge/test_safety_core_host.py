@@ -1,4 +1,4 @@
-"""Faults of the computer and its cable, F1, F3, F4, F5, F7, F16, F22: the joystick is live at once, whatever happens."""
+"""Faults of the computer and its cable, F1, F3, F4, F5, F7, F16, F22: the joystick is live at once in every case."""
 
 from __future__ import annotations
 

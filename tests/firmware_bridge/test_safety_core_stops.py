@@ -1,4 +1,4 @@
-"""E-stop, override, a failing board and faults that meet, F18, F19, F29: who gets the lines, and how soon."""
+"""E-stop, override, a failing board and faults that meet, F18, F19, F29: the holder of the lines, and how soon."""
 
 from __future__ import annotations
 

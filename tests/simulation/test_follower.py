@@ -1,4 +1,4 @@
-"""The rider who knows the way."""
+"""The simulated rider on a route."""
 
 from __future__ import annotations
 

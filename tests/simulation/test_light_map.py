@@ -37,7 +37,7 @@ def _lit(blocks: tuple[Block, ...], lamps: tuple[Lamp, ...], finish: Finish = DA
 
 
 def _floor_light(light: LightMap, x: float, y: float) -> float:
-    """Red light on the floor of a hall of one piece, whose corners come first."""
+    """Red light on the floor of a hall of one piece; its corners come first."""
     rows, columns = light.texels.shape[:2]
     low, high = light.coordinates[0].min(axis=0), light.coordinates[0].max(axis=0)
     column, row = (low + (high - low) * np.array([x, y]) / 4.0) * (columns, rows) - 0.5

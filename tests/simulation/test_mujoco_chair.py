@@ -274,7 +274,7 @@ def test_the_imu_feels_what_the_chair_does() -> None:
         turned.append(drive.chair.angular_rate[2])
     forces, after = np.array(felt), drive.chair.twist
     assert sum(turned) * 0.005 == pytest.approx(drive.chair.pose.theta - drive.start.theta, abs=2e-3)
-    # Ahead of the axle the way round the curve pulls to its middle, so the speed is what is left over of the sum.
+    # Ahead of the axle the way round the curve pulls to its middle, so the speed is the rest of the sum.
     centripetal = np.array(turned) ** 2 * CHAIR_A.imu_x
     assert (forces[:, 0] + centripetal).sum() * 0.005 == pytest.approx(after.v - before.v, abs=0.02)
     assert forces[-200:, 1].mean() == pytest.approx(after.v * after.omega, rel=0.05)

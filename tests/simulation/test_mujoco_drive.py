@@ -1,4 +1,4 @@
-"""The physical chair in a world: the simulator, the rider who knows the way, and a whole `Chair` drive it unchanged."""
+"""The physical chair in a world: the simulator, the rider on a route, and a whole `Chair` drive it unchanged."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PHYSICAL = SimulatorSettings(plant_model="mujoco")
 
 
 def _hall(distance: float = 3.0) -> World:
-    """An open hall whose one wall faces the chair, `distance` [m] ahead of the axle."""
+    """An open hall with one wall in front of the chair, `distance` [m] ahead of the axle."""
     cells = np.zeros((200, 200), np.int8)
     cells[:, 40 + round(distance / 0.05)] = 100
     return world_from_grid(OccupancyGrid(cells, 0.05), Pose2(2.0, 5.0, 0.0))

@@ -1,4 +1,4 @@
-"""The kinematic chair: what joystick volts do to it."""
+"""The kinematic chair: its motion by joystick volts."""
 
 from __future__ import annotations
 

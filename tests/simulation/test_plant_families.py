@@ -1,4 +1,4 @@
-"""What controllers do beyond gains and ramps, each as the rider of a kinematic chair would notice it."""
+"""Effects of controllers beyond gains and ramps, as the rider of a kinematic chair notices them."""
 
 from __future__ import annotations
 

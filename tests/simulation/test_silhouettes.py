@@ -1,4 +1,4 @@
-"""People as circles: what lidar and sonars see of them."""
+"""The circles of people for lidar and sonars."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ SECOND = 1_000_000_000
 
 
 def _hall(distance: float = 3.0) -> World:
-    """An open hall whose one wall faces the chair, `distance` [m] ahead of the axle."""
+    """An open hall with one wall in front of the chair, `distance` [m] ahead of the axle."""
     cells = np.zeros((200, 200), np.int8)
     cells[:, 40 + round(distance / 0.05)] = 100
     return world_from_grid(OccupancyGrid(cells, 0.05), Pose2(2.0, 5.0, 0.0))

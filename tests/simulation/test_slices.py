@@ -1,4 +1,4 @@
-"""Slices of a world: the outline of what stands at one height, without what nobody can see."""
+"""Slices of a world: the outline at one height, without hidden stretches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sonars: where they sit, what echoes, and REP-117's codes."""
+"""The sonars: their mounts, their echoes, and REP-117's codes."""
 
 from __future__ import annotations
 

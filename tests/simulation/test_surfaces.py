@@ -25,7 +25,7 @@ def _world(**parts: object) -> World:
 
 
 def _faces(world: World) -> Surfaces:
-    """The faces of what stands in it, without floor and ceiling."""
+    """The faces of the things in a world, without floor and ceiling."""
     all_of_them, empty = surfaces_from_world(world, NAMES), surfaces_from_world(_world(), NAMES)
     n = len(empty.seeds)
     s = all_of_them

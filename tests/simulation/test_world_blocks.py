@@ -43,7 +43,7 @@ def _world(tmp_path: Path, more: str = "", plan: str = PLAN) -> World:
 
 
 def _spans(blocks: Sequence[Block]) -> set[tuple[float, float, float, float, str]]:
-    """Of blocks along x: from where to where, how high, and of what."""
+    """Blocks along x: begin, end, heights and material."""
     return {
         (
             round(b.middle.x - b.length / 2, 6),

@@ -1,4 +1,4 @@
-"""The worlds that ship: what each of them promises, and that chairs fit into them."""
+"""The worlds that ship: their promises, and that chairs fit into them."""
 
 from __future__ import annotations
 
