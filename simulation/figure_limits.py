@@ -10,7 +10,6 @@ class Motor:
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping
 from typing import Any, NamedTuple, get_type_hints
@@ -25,12 +24,16 @@ class Limits(NamedTuple):
     high: float
 
 
-@functools.cache
+_FOUND: dict[type, Mapping[str, Limits]] = {}  # by dataclass: resolving type hints takes long
+
+
 def limits_of(kind: type) -> Mapping[str, Limits]:
     """Return the limits of a dataclass's fields, for those that have limits."""
-    hints = get_type_hints(kind, include_extras=True)
-    annotations = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
-    return {name: limits for name, found in annotations.items() for limits in found if isinstance(limits, Limits)}
+    if kind not in _FOUND:
+        hints = get_type_hints(kind, include_extras=True)
+        metadata = {name: getattr(hint, "__metadata__", ()) for name, hint in hints.items()}
+        _FOUND[kind] = {name: each for name, found in metadata.items() for each in found if isinstance(each, Limits)}
+    return _FOUND[kind]
 
 
 def check_limits(figures: Any) -> None:
