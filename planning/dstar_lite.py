@@ -179,7 +179,7 @@ class DStarLite:
 
     def _aimed(self, k_m: int) -> _KeyBasis:
         row, column = divmod(self._start, self._stride)
-        return _KeyBasis(self._goal, self._start, row, column, k_m, self._stride)
+        return _KeyBasis(goal=self._goal, start=self._start, row=row, column=column, k_m=k_m, stride=self._stride)
 
     def _account_for_motion(self) -> None:
         """Raise k_m by the heuristic distance moved, so that all queued keys stay lower bounds without reordering."""

@@ -142,8 +142,19 @@ def choose(
     section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * HORIZON + 0.5)
 
     def turned_to(heading: float) -> DwaResult:
-        turn = _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
-        return _unless_meeting(turn, ahead, command, tracks, shape, distances, settings)
+        turn = _rotate(
+            pose=pose,
+            ahead=ahead,
+            command=command,
+            heading=heading,
+            shape=shape,
+            distances=distances,
+            settings=settings,
+            motion=motion,
+        )
+        return _unless_meeting(
+            turn=turn, ahead=ahead, command=command, tracks=tracks, shape=shape, distances=distances, settings=settings
+        )
 
     tolerance = settings.tolerances.release if in_position else settings.tolerances.position
     if math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance:
@@ -156,8 +167,18 @@ def choose(
 
     fastest = min(fastest, slowing_speed(remaining, 0.0, settings))
     candidates = _window(command, max(fastest, MIN_SPEED), body, settings, motion)
-    measures = _measures(candidates, ahead, command, section, shape, distances, settings)
-    measures = _with_people(measures, ahead, tracks, shape, distances, settings)
+    measures = _measures(
+        candidates=candidates,
+        ahead=ahead,
+        command=command,
+        section=section,
+        shape=shape,
+        distances=distances,
+        settings=settings,
+    )
+    measures = _with_people(
+        measures=measures, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings
+    )
     if motion is not None:
         measures = replace(measures, reversal=(candidates[:, 0] * motion.direction < 0).astype(np.float64))
     if ease > settings.clearance:  # the outline itself may be too near: admit arcs to more clearance only
@@ -168,8 +189,19 @@ def choose(
     longest = min(settings.max_speed * HORIZON, _FAR)
     scores = weighted_score(measures, settings.people_weight, longest, settings.max_speed)
     scores = np.where(measures.admissible, scores, -np.inf)
-    best = _best(candidates, scores, ahead, command, shape, distances, settings, motion)
-    if best.blocked and _meets_somebody(command, ahead, tracks, shape, distances, settings):
+    best = _best(
+        candidates=candidates,
+        scores=scores,
+        ahead=ahead,
+        command=command,
+        shape=shape,
+        distances=distances,
+        settings=settings,
+        motion=motion,
+    )
+    if best.blocked and _meets_somebody(
+        command=command, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings
+    ):
         return replace(best, twist=braking_hard(command, settings))
     return best
 
@@ -191,7 +223,16 @@ def rotate_to_heading(
     """
     shape = footprint(body, settings.clearance, distances)
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
-    return _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
+    return _rotate(
+        pose=pose,
+        ahead=ahead,
+        command=command,
+        heading=heading,
+        shape=shape,
+        distances=distances,
+        settings=settings,
+        motion=motion,
+    )
 
 
 def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
@@ -304,7 +345,9 @@ def _with_people(
     """
     if not tracks:
         return measures
-    spares, gaps = _avoid_people(measures.candidates, ahead, tracks, shape, distances, settings)
+    spares, gaps = _avoid_people(
+        candidates=measures.candidates, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings
+    )
     here = (ahead.x, ahead.y)
     if any(t.speed > NO_TURNING_SPEED and math.dist(t.position, here) < NO_TURNING_WITHIN for t in tracks):
         spares &= (measures.candidates[:, 0] != 0.0) | (measures.candidates[:, 1] == 0.0)
@@ -324,7 +367,9 @@ def _unless_meeting(
     if not tracks or standing(turn.twist):
         return turn
     tried = np.array([[turn.twist.v, turn.twist.omega]])
-    if _avoid_people(tried, ahead, tracks, shape, distances, settings)[0][0]:
+    if _avoid_people(candidates=tried, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings)[
+        0
+    ][0]:
         return turn
     return replace(turn, twist=braking(command, settings), blocked=True)
 
@@ -339,7 +384,14 @@ def _avoid_people(
 ) -> tuple[BoolArray, FloatArray]:
     """Return (N,) whether candidates meet nobody too soon, and (N,) their least gaps [m]; see `_with_people`."""
     needed = np.minimum(_time_needed(candidates, settings), HORIZON)
-    met = _meetings(np.concatenate([candidates, np.zeros((1, 2))]), ahead, tracks, shape, distances, settings)
+    met = _meetings(
+        candidates=np.concatenate([candidates, np.zeros((1, 2))]),
+        ahead=ahead,
+        tracks=tracks,
+        shape=shape,
+        distances=distances,
+        settings=settings,
+    )
     met, stood = met[:-1], met[-1]
     stands = (candidates == 0.0).all(axis=1)
     in_time = met[:, 0] > needed + STANDING_BEFORE_S
@@ -360,7 +412,12 @@ def _meets_somebody(
     if not tracks or standing(command):
         return False
     present = np.array([[command.v, command.omega]])
-    return bool(_meetings(present, ahead, tracks, shape, distances, settings)[0, 0] < stop_time(command, settings))
+    return bool(
+        _meetings(candidates=present, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings)[
+            0, 0
+        ]
+        < stop_time(command, settings)
+    )
 
 
 def _meetings(

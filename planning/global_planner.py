@@ -164,7 +164,13 @@ class GlobalPlanner:
             here = start()
             cells = self._cells(costmap, here)
             legs = yield from _legs_from_cells(
-                costmap, cells, here, self.goal, self.settings, self._narrow, self._distrusted
+                costmap=costmap,
+                cells=cells,
+                start=here,
+                goal=self.goal,
+                settings=self.settings,
+                narrow=self._narrow,
+                distrusted=self._distrusted,
             )
         finally:
             self.valid_from_anywhere = False
@@ -302,7 +308,13 @@ def _legs_from_cells(
             chunk = np.concatenate([chunk if bent is None else bent, entry[None]])
             heading = float(through.path.poses[0, 2])
             legs += yield from _free_legs(
-                costmap, chunk, heading, settings, narrow, leaves, straight_in=bent is not None
+                costmap=costmap,
+                points=chunk,
+                heading=heading,
+                settings=settings,
+                narrow=narrow,
+                leaves=leaves,
+                straight_in=bent is not None,
             )
         legs.append(through)
         here = Pose2(*through.path.poses[-1])
@@ -314,7 +326,9 @@ def _legs_from_cells(
         leaves = None if bent is None else float(through.path.poses[-1, 2])
         beyond = beyond if bent is None else bent[::-1]
         taut = np.concatenate([taut[:begin], leaving[None], beyond])
-    legs += yield from _free_legs(costmap, taut[begin:], goal.theta, settings, narrow, leaves)
+    legs += yield from _free_legs(
+        costmap=costmap, points=taut[begin:], heading=goal.theta, settings=settings, narrow=narrow, leaves=leaves
+    )
     _join(legs)
     return legs
 

@@ -102,7 +102,11 @@ def log_field(
 
     Arguments and errors are those of `log_field_resumably`.
     """
-    return finished(log_field_resumably(problem, settings, warm_start, until, barred, has_time))
+    return finished(
+        log_field_resumably(
+            problem=problem, settings=settings, warm_start=warm_start, until=until, barred=barred, has_time=has_time
+        )
+    )
 
 
 def log_field_resumably(
@@ -134,7 +138,15 @@ def log_field_resumably(
         wanted = order if until is None else order[_between(order, numbers, absorption.shape, until, DETOUR)]
         mask = _mask(absorption.shape, wanted)
         yield 4 * len(order)
-        stages, sweeps = yield from _staged(problem, mask, logs, settings.options, warm_start, until, has_time)
+        stages, sweeps = yield from _staged(
+            problem=problem,
+            wanted=mask,
+            logs=logs,
+            options=settings.options,
+            warm_start=warm_start,
+            until=until,
+            has_time=has_time,
+        )
         solved = np.isfinite(logs)
     else:
         solved = _mask(absorption.shape, order)
@@ -142,7 +154,9 @@ def log_field_resumably(
     smoothing = _SMOOTHING if barred is None else _DIRECTED_SWEEPS
     yield from _finish(in_order, numbers, absorption.ravel()[order], smoothing)
     logs.ravel()[order] = in_order
-    return LogField(logs, problem.goal, len(order), solved, stages, sweeps, bars)
+    return LogField(
+        logs=logs, goal=problem.goal, connected=len(order), solved=solved, stages=stages, sweeps=sweeps, barred=bars
+    )
 
 
 def _between(order: Indices, numbers: Indices, shape: tuple[int, ...], start: Cell, detour: int) -> BoolArray:

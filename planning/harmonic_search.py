@@ -90,7 +90,14 @@ class HarmonicSearch:
         if self._field is None or self._stale or not (self._start == self._solved_for or self._solved_near()):
             problem = LaplaceProblem(absorption_from_prices(self._prices), self._goal)
             start = self._start
-            work = log_field_resumably(problem, self._settings, self._field, start, self._barred, has_time)
+            work = log_field_resumably(
+                problem=problem,
+                settings=self._settings,
+                warm_start=self._field,
+                until=start,
+                barred=self._barred,
+                has_time=has_time,
+            )
             found = yield from in_time_slices(work, CELLS_PER_STEP)
             self._field, self._solved_for, self._stale = found, start, False
             self.pops += found.sweeps * found.connected

@@ -108,7 +108,9 @@ def _on_device(level: MultigridLevel) -> _DeviceLevel:
     east, south, inverse, x, b, left = (
         cuda.to_device(np.ascontiguousarray(part)) for part in (*links, level.inverse, level.x, level.b, level.x)
     )
-    return _DeviceLevel(east, south, inverse, level.uniform, x, b, left, blocks)
+    return _DeviceLevel(
+        east=east, south=south, inverse=inverse, uniform=level.uniform, x=x, b=b, left=left, blocks=blocks
+    )
 
 
 def _v_cycle(k: _Kernels, grids: tuple[_DeviceLevel, ...]) -> None:
@@ -269,4 +271,16 @@ def _kernels() -> _Kernels:
         if own == 0:
             cuda.atomic.add(into, 0, parts[0])
 
-    return _Kernels(clear, left, smooth, settle, apply, gather, prolong, add, turn, rough, dot)
+    return _Kernels(
+        clear=clear,
+        left=left,
+        smooth=smooth,
+        settle=settle,
+        apply=apply,
+        gather=gather,
+        prolong=prolong,
+        add=add,
+        turn=turn,
+        rough=rough,
+        dot=dot,
+    )

@@ -130,7 +130,7 @@ def solve(
         np.multiply(warm_start.v, free[1:-1, 1:-1], out=x[1:-1, 1:-1])
     elif options.initial:
         x[free] = options.initial
-    system = LinearSystem(walls, x, b, options, has_time, warm_start is not None)
+    system = LinearSystem(absorption=walls, x=x, b=b, options=options, has_time=has_time, warm=warm_start is not None)
     residual, sweeps = finished(run_solver(solver, system))
     v = x[1:-1, 1:-1]
     v[problem.goal] = 1.0
@@ -228,7 +228,18 @@ def _multigrid(system: LinearSystem) -> CountedSteps[tuple[float, int]]:
         levels = levels_from(absorption, memory)
         yield 4 * x.size
         patches, most, has_time = smoothing_patches(levels, places), s.most_sweeps, system.has_time
-        solving = conjugate_gradients(absorption, levels, x, b, s.tolerance, most, has_time, patches, rest, memory)
+        solving = conjugate_gradients(
+            absorption=absorption,
+            levels=levels,
+            x=x,
+            b=b,
+            tolerance=s.tolerance,
+            most=most,
+            has_time=has_time,
+            patches=patches,
+            rest=rest,
+            memory=memory,
+        )
         return (yield from solving)
 
 
@@ -256,7 +267,7 @@ def _solved_nearby(
         low, high = np.maximum(first - around, 1), np.minimum(last + around, np.array(x.shape) - 2)
         if np.prod(high - low + 1) > 0.25 * x.size:
             return residual, changed
-        _solve_square(absorption, x, rest, low, high, tolerance * whole)
+        _solve_square(absorption=absorption, x=x, rest=rest, low=low, high=high, enough=tolerance * whole)
     return write_residual(absorption, x, b, rest) / whole, changed
 
 
@@ -275,7 +286,9 @@ def _solve_square(
     correction, size = np.zeros_like(b), norm_of(b)
     if size > 0.0:
         least = min(0.1 * enough / size, 0.5)
-        finished(conjugate_gradients(part, levels_from(part), correction, b, least, 30))
+        finished(
+            conjugate_gradients(absorption=part, levels=levels_from(part), x=correction, b=b, tolerance=least, most=30)
+        )
         x[inner] += correction[1:-1, 1:-1]
 
 
@@ -376,7 +389,13 @@ def _on_gpu(system: LinearSystem) -> CountedSteps[tuple[float, int]]:
     levels, s = levels_from(system.absorption), system.options
     yield system.x.size
     return conjugate_gradients_on_gpu(
-        system.absorption, levels, system.x, system.b, s.tolerance, s.most_sweeps, system.has_time
+        absorption=system.absorption,
+        levels=levels,
+        x=system.x,
+        b=system.b,
+        tolerance=s.tolerance,
+        most=s.most_sweeps,
+        has_time=system.has_time,
     )
 
 

@@ -79,7 +79,11 @@ def levels_from(absorption: Float32Array, memory: ScratchMemory | None = None) -
     inverse = memory.framed(shapes[0])
     over_rows(_begin, 0, absorption.shape[0], absorption.size, absorption, inverse)
     none = np.zeros((0, 0), np.float32)
-    levels = [MultigridLevel(none, none, inverse, True, memory.framed(shapes[0]), memory.framed(shapes[0]))]
+    levels = [
+        MultigridLevel(
+            east=none, south=none, inverse=inverse, uniform=True, x=memory.framed(shapes[0]), b=memory.framed(shapes[0])
+        )
+    ]
     taken = _CellAbsorption(np.zeros((0, 0, 4), np.float32), np.zeros((0, 0), np.uint8), absorption)
     for shape in shapes[1:]:
         coarser, taken = _coarser(levels[-1], taken, shape, memory)
@@ -121,7 +125,7 @@ def _coarser(
     """Return the next coarser level, of this shape, and its cells' absorption."""
     inner = (shape[0] - 2, shape[1] - 2)
     east, south, inverse, x, b = (memory.framed(shape) for _ in range(5))
-    coarser = MultigridLevel(east, south, inverse, False, x, b)
+    coarser = MultigridLevel(east=east, south=south, inverse=inverse, uniform=False, x=x, b=b)
     new = _CellAbsorption(memory.take((*inner, 4)), memory.take(inner, np.uint8), memory.take(inner))
     over_rows(_gather, 1, shape[0] - 1, fine.x.size, fine, taken, coarser, new)
     over_rows(_invert, 1, shape[0] - 1, fine.x.size, coarser, new.itself)

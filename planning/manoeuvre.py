@@ -90,7 +90,11 @@ def manoeuvre(
     Raises:
         NoPath: the chair does not fit at one of the ends, or no such path was found.
     """
-    return finished(manoeuvre_resumably(field, body, start, goal, attempt, barred, polish))
+    return finished(
+        manoeuvre_resumably(
+            field=field, body=body, start=start, goal=goal, attempt=attempt, barred=barred, polish=polish
+        )
+    )
 
 
 def manoeuvre_resumably(
@@ -168,13 +172,13 @@ def _new_search(start: FloatArray, ways: FloatArray, side: float, headings: int,
     states[0] = (*start, 2.0, 0.0, 0.0)
     reachable = ways[math.floor(start[1] / side), math.floor(start[0] / side)] < np.inf
     return _SearchState(
-        np.zeros((*ways.shape, headings), np.float32),
-        states,
-        np.zeros(capacity),
-        np.full(capacity, -1, np.int64),
-        np.zeros(capacity),
-        np.zeros(capacity, np.int64),
-        np.array([1.0, float(reachable), np.inf, -1.0, 0.0, np.inf]),
+        best=np.zeros((*ways.shape, headings), np.float32),
+        states=states,
+        costs=np.zeros(capacity),
+        parents=np.full(capacity, -1, np.int64),
+        heap_keys=np.zeros(capacity),
+        heap_ids=np.zeros(capacity, np.int64),
+        tally=np.array([1.0, float(reachable), np.inf, -1.0, 0.0, np.inf]),
     )
 
 

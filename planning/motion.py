@@ -219,7 +219,17 @@ class _StepLimits(NamedTuple):
 def _limits(settings: DwaSettings, motion: CommandedMotion | None) -> _StepLimits:
     now = Twist() if motion is None else motion.acceleration
     s, eased = settings, motion is not None
-    return _StepLimits(PERIOD, s.acceleration, s.braking, s.alpha, s.jerk, s.alpha_jerk, eased, now.v, now.omega)
+    return _StepLimits(
+        period=PERIOD,
+        acceleration=s.acceleration,
+        braking=s.braking,
+        alpha=s.alpha,
+        jerk=s.jerk,
+        alpha_jerk=s.alpha_jerk,
+        eased=eased,
+        v=now.v,
+        omega=now.omega,
+    )
 
 
 @njit(cache=True, nogil=True)

@@ -101,7 +101,15 @@ def sight_from_points(stamp_ns: int, origin: FloatArray, ends: FloatArray, hits:
     """Return a planar sensor's observation from the ends (N, 2) [m] in map of its beams."""
     away = ends - origin
     far = np.hypot(*away.T)
-    return Sight(stamp_ns, origin, np.arctan2(away[:, 1], away[:, 0]), np.zeros(len(far)), far, hits, half_angle)
+    return Sight(
+        stamp_ns=stamp_ns,
+        origin=origin,
+        bearings=np.arctan2(away[:, 1], away[:, 0]),
+        near=np.zeros(len(far)),
+        far=far,
+        hits=hits,
+        half_angle=half_angle,
+    )
 
 
 def sights_from_sonar(
@@ -127,7 +135,17 @@ def sights_from_sonar(
         hits = np.full(len(parts), distance <= range_max)
         bearings = wrap_angles(parts + sonar.theta)
         origin = np.array([sonar.x, sonar.y])
-        sights.append(Sight(readings.stamp_ns, origin, bearings, np.zeros(len(parts)), far, hits, spacing / 2))
+        sights.append(
+            Sight(
+                stamp_ns=readings.stamp_ns,
+                origin=origin,
+                bearings=bearings,
+                near=np.zeros(len(parts)),
+                far=far,
+                hits=hits,
+                half_angle=spacing / 2,
+            )
+        )
     return sights
 
 
@@ -204,7 +222,15 @@ def _sight(view: GroundView, map_from_base: Pose2, beams: _Beams) -> Sight:
     """Return beams from the lens of a view's camera as an observation."""
     bearings, near, far, hits = beams
     origin = transform_points(map_from_base, view.lens[None, :2])[0]
-    return Sight(view.stamp_ns, origin, bearings, near, far, hits, view.half_angle)
+    return Sight(
+        stamp_ns=view.stamp_ns,
+        origin=origin,
+        bearings=bearings,
+        near=near,
+        far=far,
+        hits=hits,
+        half_angle=view.half_angle,
+    )
 
 
 _FLOOR_AROUND = 0.12

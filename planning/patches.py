@@ -75,7 +75,13 @@ def _patch(level: MultigridLevel, low: IntArray, high: IntArray) -> SmoothingPat
         links if level.uniform else np.ascontiguousarray(links[within]) for links in (level.east, level.south)
     )
     x, b, first, given = (np.zeros_like(inverse) for _ in range(4))
-    return SmoothingPatch(top, left, MultigridLevel(east, south, inverse, level.uniform, x, b), first, given)
+    return SmoothingPatch(
+        top,
+        left,
+        MultigridLevel(east=east, south=south, inverse=inverse, uniform=level.uniform, x=x, b=b),
+        first,
+        given,
+    )
 
 
 def correct_before(level: MultigridLevel, patches: Sequence[SmoothingPatch]) -> None:

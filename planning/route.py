@@ -257,15 +257,17 @@ def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2) -> Resumable[FloatArr
     body, middle = costmap.body, Pose2((begin.x + end.x) / 2, (begin.y + end.y) / 2, 0.0)
     field = fine_field(costmap.grid, middle, math.hypot(end.x - begin.x, end.y - begin.y) / 2 + 2 * body.length)
     barred = costmap.barred_on(field)
-    turned = yield from _turned(field, body, begin, end, _ROOMY, barred)
+    turned = yield from _turned(field=field, body=body, begin=begin, end=end, attempts=_ROOMY, barred=barred)
     if turned is not None:
         return turned
     out = yield from leading_out_path(field, body, begin)
     if out is not None:
-        turned = yield from _turned(field, body, Pose2(*out[-1]), end, _ROOMY, barred)
+        turned = yield from _turned(
+            field=field, body=body, begin=Pose2(*out[-1]), end=end, attempts=_ROOMY, barred=barred
+        )
         if turned is not None:
             return np.concatenate([out[:-1], turned])
-    return (yield from _turned(field, body, begin, end, _TIGHT, barred))
+    return (yield from _turned(field=field, body=body, begin=begin, end=end, attempts=_TIGHT, barred=barred))
 
 
 def _turned(
@@ -279,7 +281,11 @@ def _turned(
     for attempt in attempts:
         yield
         with suppress(NoPath):
-            return (yield from manoeuvre_resumably(field, body, begin, end, attempt, barred))
+            return (
+                yield from manoeuvre_resumably(
+                    field=field, body=body, start=begin, goal=end, attempt=attempt, barred=barred
+                )
+            )
     return None
 
 

@@ -334,7 +334,9 @@ def predicted(track: Track, stamp_ns: int, acceleration: float) -> Track:
     move[0, 2] = move[1, 3] = dt
     push = np.array([[dt**2 / 2, 0.0], [0.0, dt**2 / 2], [dt, 0.0], [0.0, dt]])
     state, covariance = predict(_state(track), track.covariance, move, acceleration**2 * push @ push.T)
-    return _with_state(track, stamp_ns, track.seen_ns, track.seen, state, covariance)
+    return _with_state(
+        track=track, stamp_ns=stamp_ns, seen_ns=track.seen_ns, seen=track.seen, state=state, covariance=covariance
+    )
 
 
 def associate(tracks: tuple[Track, ...], middles: FloatArray, sigma: float) -> dict[int, int]:
@@ -369,7 +371,14 @@ def _corrected(track: Track, middle: FloatArray, model: MoverModel) -> Track:
 
     noise, sees = model.sigma**2 * np.eye(2), np.eye(2, 4)
     state, covariance = update(_state(track), track.covariance, middle, noise, sees)
-    seen = _with_state(track, track.stamp_ns, track.stamp_ns, track.seen + 1, state, covariance)
+    seen = _with_state(
+        track=track,
+        stamp_ns=track.stamp_ns,
+        seen_ns=track.stamp_ns,
+        seen=track.seen + 1,
+        state=state,
+        covariance=covariance,
+    )
     if seen.seen < CONFIRMED_AFTER:
         return replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
     # a person known to walk needs no further proof
@@ -396,7 +405,16 @@ def _is_displaced(track: Track, model: MoverModel) -> bool:
 
 def _new_track(number: int, stamp_ns: int, middle: FloatArray, model: MoverModel) -> Track:
     covariance = np.diag([model.sigma**2] * 2 + [START_SPEED**2] * 2)
-    return Track(number, stamp_ns, stamp_ns, 1, middle, np.zeros(2), covariance, model.radius)
+    return Track(
+        number=number,
+        stamp_ns=stamp_ns,
+        seen_ns=stamp_ns,
+        seen=1,
+        position=middle,
+        velocity=np.zeros(2),
+        covariance=covariance,
+        radius=model.radius,
+    )
 
 
 def _state(track: Track) -> FloatArray:

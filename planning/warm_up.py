@@ -64,17 +64,26 @@ def warm_up() -> None:
     manoeuvre(field, CHAIR_A, middle, aside, polish=0)
     finished(leading_out_path(field, CHAIR_A, Pose2(_SIDE / 2, _CELL + CHAIR_A.width / 2 + CRAMPED / 2, 0.0)))
     Tracker().update(0, np.array([[1.0, 1.0]]))
-    person = Track(0, 0, 0, 1, np.array([1.0, 1.0]), np.zeros(2), np.eye(4), 0.3)
+    person = Track(
+        number=0,
+        stamp_ns=0,
+        seen_ns=0,
+        seen=1,
+        position=np.array([1.0, 1.0]),
+        velocity=np.zeros(2),
+        covariance=np.eye(4),
+        radius=0.3,
+    )
     choose(
-        Pose2(middle.x, middle.y, -1.5),
-        Twist(),
-        path,
-        field,
-        CHAIR_A,
-        DwaSettings(),
-        False,
-        CommandedMotion(),
-        (person,),
+        pose=Pose2(middle.x, middle.y, -1.5),
+        command=Twist(),
+        path=path,
+        distances=field,
+        body=CHAIR_A,
+        settings=DwaSettings(),
+        in_position=False,
+        motion=CommandedMotion(),
+        tracks=(person,),
     )
     fits_after(footprint(CHAIR_A, 0.0, field), in_cells(field, middle), np.zeros((1, 2)), np.zeros(1))
 
