@@ -142,16 +142,7 @@ def choose(
     section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * HORIZON + 0.5)
 
     def turned_to(heading: float) -> DwaResult:
-        turn = _rotate(
-            pose=pose,
-            ahead=ahead,
-            command=command,
-            heading=heading,
-            shape=shape,
-            distances=distances,
-            settings=settings,
-            motion=motion,
-        )
+        turn = _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
         return _unless_meeting(
             turn=turn, ahead=ahead, command=command, tracks=tracks, shape=shape, distances=distances, settings=settings
         )
@@ -189,16 +180,7 @@ def choose(
     longest = min(settings.max_speed * HORIZON, _FAR)
     scores = weighted_score(measures, settings.people_weight, longest, settings.max_speed)
     scores = np.where(measures.admissible, scores, -np.inf)
-    best = _best(
-        candidates=candidates,
-        scores=scores,
-        ahead=ahead,
-        command=command,
-        shape=shape,
-        distances=distances,
-        settings=settings,
-        motion=motion,
-    )
+    best = _best(candidates, scores, ahead, command, shape, distances, settings, motion)
     if best.blocked and _meets_somebody(
         command=command, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings
     ):
@@ -223,16 +205,7 @@ def rotate_to_heading(
     """
     shape = footprint(body, settings.clearance, distances)
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
-    return _rotate(
-        pose=pose,
-        ahead=ahead,
-        command=command,
-        heading=heading,
-        shape=shape,
-        distances=distances,
-        settings=settings,
-        motion=motion,
-    )
+    return _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
 
 
 def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
