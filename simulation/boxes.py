@@ -40,14 +40,22 @@ class Bins(NamedTuple):
 def bins_from_boxes(boxes: FloatArray) -> Bins:
     """Return the bins of boxes (N, 6), about four bins for every box."""
     if not len(boxes):
-        return Bins(0.0, 0.0, 1.0, 1, 1, np.zeros(2, np.int64), np.zeros(0, np.int64))
+        return Bins(x=0.0, y=0.0, side=1.0, rows=1, cols=1, starts=np.zeros(2, np.int64), items=np.zeros(0, np.int64))
     c, s = np.abs(boxes[:, 2:4].T)
     reach = np.stack([boxes[:, 4] * c + boxes[:, 5] * s, boxes[:, 4] * s + boxes[:, 5] * c], axis=1)
     low = (boxes[:, :2] - reach).min(axis=0) - REACH_OVER
     size = (boxes[:, :2] + reach).max(axis=0) + REACH_OVER - low
     side = float(max(SMALLEST_BIN, math.sqrt(size[0] * size[1] / len(boxes)) / 2, size.max() / 1000.0))
     cols, rows = (int(count) for count in np.floor(size / side) + 1)
-    empty = Bins(float(low[0]), float(low[1]), side, rows, cols, np.zeros(0, np.int64), np.zeros(0, np.int64))
+    empty = Bins(
+        x=float(low[0]),
+        y=float(low[1]),
+        side=side,
+        rows=rows,
+        cols=cols,
+        starts=np.zeros(0, np.int64),
+        items=np.zeros(0, np.int64),
+    )
     starts, items = _filled(boxes, empty)
     return empty._replace(starts=starts, items=items)
 

@@ -101,9 +101,17 @@ class RgbdCamera:
         image = noisy_image(colour, sigma, self._normal, rows[0])
         focal = float(self._renderer.camera_matrix[0, 0])
         depth = measured_depth(
-            picture.depth, picture.colour[..., 3], self._normal, self._uniform, rows[1:],
-            DEPTH_MIN, s.depth_max, s.noise * DEPTH_SIGMA, DEPTH_SLOPE / focal, 1.0 - s.noise * DEPTH_SPECKLE,
-        )  # fmt: skip
+            depth=picture.depth,
+            returns=picture.colour[..., 3],
+            normal=self._normal,
+            uniform=self._uniform,
+            starts=rows[1:],
+            nearest=DEPTH_MIN,
+            farthest=s.depth_max,
+            sigma=s.noise * DEPTH_SIGMA,
+            slope=DEPTH_SLOPE / focal,
+            kept=1.0 - s.noise * DEPTH_SPECKLE,
+        )
         self._adapt(picture, stamp_ns)
         return RgbdFrame(stamp_ns, image, depth, self._renderer.camera_matrix)
 

@@ -96,13 +96,15 @@ def body_meshes(people: Sequence[PersonState], looks: Sequence[str]) -> BodyMesh
     upward = RINGS[:, 2, None] * outward[:, None, :, 2] + ends_up
     each = len(RINGS) * len(angles)
     return BodyMeshes(
-        positions.reshape(-1, 3),
-        on_surface.reshape(-1, 2),
-        upward.reshape(-1),
-        np.repeat(np.array([looks.index(PARTS[limb.part]) for _, _, limb in limbs], np.int64), each),
-        np.repeat(np.array([_seed(people[owner], number, limb.part) for owner, number, limb in limbs], np.int64), each),
-        np.repeat(np.array([owner for owner, _, _ in limbs], np.int64), each),
-        (np.arange(len(limbs))[:, None, None] * each + _triangles()).reshape(-1, 3),
+        positions=positions.reshape(-1, 3),
+        on_surface=on_surface.reshape(-1, 2),
+        upward=upward.reshape(-1),
+        looks=np.repeat(np.array([looks.index(PARTS[limb.part]) for _, _, limb in limbs], np.int64), each),
+        seeds=np.repeat(
+            np.array([_seed(people[owner], number, limb.part) for owner, number, limb in limbs], np.int64), each
+        ),
+        owners=np.repeat(np.array([owner for owner, _, _ in limbs], np.int64), each),
+        triangles=(np.arange(len(limbs))[:, None, None] * each + _triangles()).reshape(-1, 3),
     )
 
 

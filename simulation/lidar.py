@@ -136,15 +136,15 @@ class Lidar:
         """
         seconds = ((np.asarray(times_ns, np.int64) - stamp_ns) * 1e-9).astype(np.float64)
         ranges = cast_sweep(
-            scenery,
-            np.ascontiguousarray(circles_begin, np.float64),
-            np.ascontiguousarray(circles_end, np.float64),
-            seconds,
-            np.ascontiguousarray(poses, np.float64),
-            self._mount,
-            self._angles,
-            self._delays,
-            self._optics,
+            scenery=scenery,
+            circles_begin=np.ascontiguousarray(circles_begin, np.float64),
+            circles_end=np.ascontiguousarray(circles_end, np.float64),
+            times=seconds,
+            poses=np.ascontiguousarray(poses, np.float64),
+            mount=self._mount,
+            angles=self._angles,
+            delays=self._delays,
+            optics=self._optics,
         )
         return self._scan_of(ranges, stamp_ns)
 
@@ -159,16 +159,16 @@ class Lidar:
     ) -> Scan:
         """Return `scan` for a tilting chair: poses (M, 12) are rows of `row_from_pose` at times_ns (M,)."""
         ranges = cast_tilted(
-            terrain,
-            np.ascontiguousarray(circles_begin, np.float64),
-            np.ascontiguousarray(circles_end, np.float64),
-            ((np.asarray(times_ns, np.int64) - stamp_ns) * 1e-9).astype(np.float64),
-            np.ascontiguousarray(poses, np.float64),
-            self._mount_in_space,
-            self._angles,
-            self._delays,
-            self._optics,
-            MOST_MIRRORS,
+            terrain=terrain,
+            circles_begin=np.ascontiguousarray(circles_begin, np.float64),
+            circles_end=np.ascontiguousarray(circles_end, np.float64),
+            times=((np.asarray(times_ns, np.int64) - stamp_ns) * 1e-9).astype(np.float64),
+            poses=np.ascontiguousarray(poses, np.float64),
+            mount=self._mount_in_space,
+            angles=self._angles,
+            delays=self._delays,
+            optics=self._optics,
+            most_mirrors=MOST_MIRRORS,
         )
         return self._scan_of(ranges, stamp_ns)
 
@@ -190,7 +190,14 @@ class Lidar:
         self, scenery: Scenery, map_from_base: Pose2, stamp_ns: int, circles: FloatArray = NO_CIRCLES
     ) -> Scan:
         """Return the scan of a chair at rest among circles (K, 3) at rest."""
-        return self.scan(scenery, np.array([stamp_ns]), map_from_base.array()[None], stamp_ns, circles, circles)
+        return self.scan(
+            scenery=scenery,
+            times_ns=np.array([stamp_ns]),
+            poses=map_from_base.array()[None],
+            stamp_ns=stamp_ns,
+            circles_begin=circles,
+            circles_end=circles,
+        )
 
     def _record_pose(self, pose: Pose2, leaning: TiltedPose | None, now_ns: int) -> None:
         self._times_ns.append(now_ns)
@@ -206,9 +213,23 @@ class Lidar:
         if len(self._leaning) == len(times_ns):
             poses = np.array([row_from_pose(leaning.map_from_base) for leaning in self._leaning])
             terrain = self._leaning[-1].terrain
-            scan = self.scan_in_space(terrain, times_ns, poses, begun_ns, people_then, people_now)
+            scan = self.scan_in_space(
+                terrain=terrain,
+                times_ns=times_ns,
+                poses=poses,
+                stamp_ns=begun_ns,
+                circles_begin=people_then,
+                circles_end=people_now,
+            )
         else:
-            scan = self.scan(scenery, times_ns, np.array(self._poses), begun_ns, people_then, people_now)
+            scan = self.scan(
+                scenery=scenery,
+                times_ns=times_ns,
+                poses=np.array(self._poses),
+                stamp_ns=begun_ns,
+                circles_begin=people_then,
+                circles_end=people_now,
+            )
         self._times_ns, self._poses, self._leaning = [], [], []
         return scan
 
@@ -236,7 +257,14 @@ def _ranges_to_rider(body: ChairBody, angles: FloatArray) -> FloatArray:
     circles, mount = rider_legs(body), body.base_from_laser
     ranges = [
         nearest_circle(
-            circles, circles, 0.0, mount.x, mount.y, math.cos(mount.theta + angle), math.sin(mount.theta + angle), 0.0
+            begin=circles,
+            end=circles,
+            part=0.0,
+            x=mount.x,
+            y=mount.y,
+            dx=math.cos(mount.theta + angle),
+            dy=math.sin(mount.theta + angle),
+            after=0.0,
         )
         for angle in angles
     ]
@@ -277,7 +305,17 @@ def cast_sweep(
         y = poses[k, 1] + part * (poses[nxt, 1] - poses[k, 1]) + s * mount[0] + c * mount[1]
         moved = delays[i] / sweep if sweep > 0.0 else 0.0
         beam = theta + mount[2] + angles[i]
-        ranges[i] = _trace(scenery, circles_begin, circles_end, moved, x, y, math.cos(beam), math.sin(beam), optics)
+        ranges[i] = _trace(
+            scenery=scenery,
+            begin=circles_begin,
+            end=circles_end,
+            moved=moved,
+            x=x,
+            y=y,
+            dx=math.cos(beam),
+            dy=math.sin(beam),
+            optics=optics,
+        )
     return ranges
 
 
@@ -301,8 +339,10 @@ def _trace(
     """
     way, after, mirrors = 0.0, 0.0, 0
     for _ in range(_MOST_SURFACES):
-        circle = nearest_circle(begin, end, moved, x, y, dx, dy, after)
-        distance, hit = nearest_segment(scenery, x, y, dx, dy, after, min(optics.reach - way, circle))
+        circle = nearest_circle(begin=begin, end=end, part=moved, x=x, y=y, dx=dx, dy=dy, after=after)
+        distance, hit = nearest_segment(
+            scenery=scenery, x=x, y=y, dx=dx, dy=dy, after=after, limit=min(optics.reach - way, circle)
+        )
         if hit < 0:
             return way + circle if way + circle <= optics.reach else math.inf
         way += distance

@@ -78,7 +78,18 @@ def light_map(
         inset = np.minimum(_NEAR, extents[i] / 4)
         u, v = (np.linspace(low[i, k] + inset[k], high[i, k] - inset[k], nodes[i, k]) for k in (0, 1))
         touching = boxes[np.hypot(*(boxes[:, :2] - middles[i, :2]).T) < radii[i] + half_diagonals + 2 * _NEAR]
-        light_face(window, surfaces.anchors[i], surfaces.axes[i], u, v, lamp_rows, boxes, starts, near, touching)
+        light_face(
+            window=window,
+            anchor=surfaces.anchors[i],
+            axes=surfaces.axes[i],
+            u=u,
+            v=v,
+            lamps=lamp_rows,
+            boxes=boxes,
+            starts=starts,
+            near=near,
+            touching=touching,
+        )
     size = np.array([ATLAS_WIDTH, rows])
     part = (surfaces.outlines - low[:, None]) / extents[:, None]
     coordinates = (origins[:, None] + 0.5 + part * (nodes[:, None] - 1)) / size
@@ -152,7 +163,15 @@ def light_face(
             point = anchor + u[column] * axes[0] + v[row] * axes[1] + _NEAR * normal
             buried[row, column] = _is_inside(point, touching)
             if not buried[row, column]:
-                _add_light(window[row, column], point, normal, lamps, boxes, starts, near)
+                _add_light(
+                    light=window[row, column],
+                    point=point,
+                    normal=normal,
+                    lamps=lamps,
+                    boxes=boxes,
+                    starts=starts,
+                    near=near,
+                )
     left = buried.sum()
     while 0 < left < rows * columns:
         left = _fill_from_neighbours(window, buried)

@@ -97,12 +97,12 @@ class SimulatedPeople:
         """All people now, in the order of the plans."""
         return tuple(
             PersonState(
-                Pose2(float(person["x"]), float(person["y"]), wrap_angle(float(person["heading"]))),
-                math.hypot(person["vx"], person["vy"]),
-                float((phase + person["walked"] * math.tau / STRIDE) % math.tau),
-                plan.radius,
-                plan.behaviour,
-                int(seed),
+                pose=Pose2(float(person["x"]), float(person["y"]), wrap_angle(float(person["heading"]))),
+                speed=math.hypot(person["vx"], person["vy"]),
+                stride=float((phase + person["walked"] * math.tau / STRIDE) % math.tau),
+                radius=plan.radius,
+                behaviour=plan.behaviour,
+                seed=int(seed),
             )
             for plan, person, phase, seed in zip(self._plans, self._people, self._phases, self._seeds, strict=True)
         )

@@ -74,18 +74,40 @@ def pose_on_wall(wall: PlanWall, at: float) -> Pose2:
 
 def door_block(middle: Pose2, width: float, thickness: float, ceiling: float, material: str, seed: int = 0) -> Block:
     """Return the leaf of a closed door, as thick as its wall."""
-    return Block(middle, width, thickness, 0.0, min(DOOR_HEIGHT, ceiling), material, seed)
+    return Block(
+        middle=middle,
+        length=width,
+        width=thickness,
+        low=0.0,
+        high=min(DOOR_HEIGHT, ceiling),
+        material=material,
+        seed=seed,
+    )
 
 
 def _wall(wall: PlanWall, material: str, ceiling: float) -> list[Block]:
     """Return a wall's pieces between the doors, then a lintel above each door, then the leaves of closed doors."""
     blocks = [
-        Block(pose_on_wall(wall, (begin + end) / 2), end - begin, wall.thickness, 0.0, ceiling, material)
+        Block(
+            middle=pose_on_wall(wall, (begin + end) / 2),
+            length=end - begin,
+            width=wall.thickness,
+            low=0.0,
+            high=ceiling,
+            material=material,
+        )
         for begin, end in solid_pieces(wall)
     ]
     if ceiling > DOOR_HEIGHT:
         blocks += [
-            Block(pose_on_wall(wall, door.at), door.width, wall.thickness, DOOR_HEIGHT, ceiling, material)
+            Block(
+                middle=pose_on_wall(wall, door.at),
+                length=door.width,
+                width=wall.thickness,
+                low=DOOR_HEIGHT,
+                high=ceiling,
+                material=material,
+            )
             for door in wall.doors
         ]
     return blocks + [
@@ -110,7 +132,14 @@ def _table(table: PlanTable) -> list[Block]:
     return [
         Block(middle, *table.size, under, table.height, table.material),
         *(
-            Block(middle @ Pose2(x, y), table.legs, table.legs, 0.0, under, table.material)
+            Block(
+                middle=middle @ Pose2(x, y),
+                length=table.legs,
+                width=table.legs,
+                low=0.0,
+                high=under,
+                material=table.material,
+            )
             for x in (-out_x, out_x)
             for y in (-out_y, out_y)
         ),
@@ -123,12 +152,12 @@ def _steps(stairs: PlanStairs) -> list[Block]:
     tread, depth = length / stairs.steps, stairs.steps * stairs.rise
     return [
         Block(
-            middle @ Pose2((k + 0.5) * tread - length / 2, 0.0),
-            tread,
-            stairs.width,
-            -depth,
-            -(k + 1) * stairs.rise,
-            stairs.material,
+            middle=middle @ Pose2((k + 0.5) * tread - length / 2, 0.0),
+            length=tread,
+            width=stairs.width,
+            low=-depth,
+            high=-(k + 1) * stairs.rise,
+            material=stairs.material,
         )
         for k in range(stairs.steps - 1)
     ]

@@ -132,9 +132,20 @@ def people_from_plan(plan: FloorPlan, building: str, grid: OccupancyGrid) -> tup
             taken = [(*plan.start[:2], CLEAR_OF_START), *((*other.path[0], other.radius) for other in people)]
             rng = np.random.default_rng(seed_from_names(building, plan.name, "people", i))
             start = np.array(plan.start[:2])
-            paths = list(_random_points(grid, start, np.array(taken), person.radius, person.count, rng)[:, None])
+            paths = list(
+                _random_points(
+                    grid=grid, start=start, taken=np.array(taken), radius=person.radius, count=person.count, rng=rng
+                )[:, None]
+            )
         people += [
-            PersonPlan(Behaviour(person.behaviour), path, person.speed, person.yields, person.radius, person.trigger)
+            PersonPlan(
+                behaviour=Behaviour(person.behaviour),
+                path=path,
+                speed=person.speed,
+                yields=person.yields,
+                radius=person.radius,
+                trigger=person.trigger,
+            )
             for path in paths
         ]
     return tuple(people)

@@ -358,7 +358,7 @@ class Simulator:
 
 def _plant(world: World, pose: Pose2, body: ChairBody, settings: SimulatorSettings, rng: np.random.Generator) -> Plant:
     if settings.plant_model == "mujoco":
-        return MujocoChair(world, body, settings.plant, settings.mujoco, rng, pose)
+        return MujocoChair(world=world, body=body, plant=settings.plant, settings=settings.mujoco, rng=rng, pose=pose)
     return KinematicChair(body, settings.plant, rng, pose)
 
 

@@ -60,7 +60,14 @@ class Sonars:
         """Return ranges (8,) in the order of `sonar_mounts`, by REP-117: +inf no echo, -inf too close."""
         s = self._settings
         sonars = compose(map_from_base.array(), self._mounts)
-        ranges = first_echoes(scenery, bodies(people), sonars, self._fan, math.cos(INCIDENCE), s.range_max)
+        ranges = first_echoes(
+            scenery=scenery,
+            circles=bodies(people),
+            sonars=sonars,
+            fan=self._fan,
+            straight=math.cos(INCIDENCE),
+            reach=s.range_max,
+        )
         noise = self._rng.standard_normal(len(ranges))
         heard, place = self._rng.random((2, len(ranges)))
         ranges += SIGMA * noise
@@ -86,8 +93,10 @@ def first_echoes(
         x, y = sonars[i, 0], sonars[i, 1]
         for angle in fan:
             dx, dy = math.cos(sonars[i, 2] + angle), math.sin(sonars[i, 2] + angle)
-            circle = nearest_circle(circles, circles, 0.0, x, y, dx, dy, 0.0)
-            distance, hit = nearest_segment(scenery, x, y, dx, dy, 0.0, min(reach, circle, ranges[i]))
+            circle = nearest_circle(begin=circles, end=circles, part=0.0, x=x, y=y, dx=dx, dy=dy, after=0.0)
+            distance, hit = nearest_segment(
+                scenery=scenery, x=x, y=y, dx=dx, dy=dy, after=0.0, limit=min(reach, circle, ranges[i])
+            )
             if hit < 0:
                 if circle <= reach:
                     ranges[i] = min(ranges[i], circle)

@@ -77,7 +77,17 @@ def surfaces_from_world(world: World, looks: Sequence[str]) -> Surfaces:
         faces += _pit_faces(pit, world.finish.floor)
     faces += [_poster_face(poster) for poster in world.posters]
     for lamp in world.lamps:
-        faces.append(_level_face(Pose2(lamp.x, lamp.y), LAMP_SIDE, LAMP_SIDE, lamp.z, "lamp", 0, up=False))
+        faces.append(
+            _level_face(
+                middle=Pose2(lamp.x, lamp.y),
+                length=LAMP_SIDE,
+                width=LAMP_SIDE,
+                height=lamp.z,
+                look="lamp",
+                seed=0,
+                up=False,
+            )
+        )
     return Surfaces(
         np.array([face.anchor for face in faces]),
         np.array([face.axes for face in faces]),
@@ -89,13 +99,36 @@ def surfaces_from_world(world: World, looks: Sequence[str]) -> Surfaces:
 
 def _block_faces(block: Block, ceiling: float) -> Iterator[Face]:
     """Yield four sides, and top and bottom unless they touch the ceiling or the floor."""
-    sides = _side_faces(block.middle, block.length, block.width, block.low, block.high, block.material, block.seed)
+    sides = _side_faces(
+        middle=block.middle,
+        length=block.length,
+        width=block.width,
+        low=block.low,
+        high=block.high,
+        look=block.material,
+        seed=block.seed,
+    )
     yield from sides
     if block.high < ceiling - 0.01:
-        yield _level_face(block.middle, block.length, block.width, block.high, block.material, _mixed(block.seed, 4))
+        yield _level_face(
+            middle=block.middle,
+            length=block.length,
+            width=block.width,
+            height=block.high,
+            look=block.material,
+            seed=_mixed(block.seed, 4),
+        )
     if block.low > 0.01:
         seed = _mixed(block.seed, 5)
-        yield _level_face(block.middle, block.length, block.width, block.low, block.material, seed, up=False)
+        yield _level_face(
+            middle=block.middle,
+            length=block.length,
+            width=block.width,
+            height=block.low,
+            look=block.material,
+            seed=seed,
+            up=False,
+        )
 
 
 def _slope_faces(slope: Slope) -> Iterator[Face]:
@@ -122,9 +155,13 @@ def _slope_faces(slope: Slope) -> Iterator[Face]:
 def _pit_faces(pit: Pit, floor: str) -> Iterator[Face]:
     """Yield a pit's four walls, facing inwards, and its bottom."""
     seed = seed_from_names("pit", f"{pit.middle.x:.3f}", f"{pit.middle.y:.3f}")
-    for face in _side_faces(pit.middle, pit.length, pit.width, -pit.depth, 0.0, "concrete", seed):
+    for face in _side_faces(
+        middle=pit.middle, length=pit.length, width=pit.width, low=-pit.depth, high=0.0, look="concrete", seed=seed
+    ):
         yield Face(face.anchor, face.axes * [[-1.0], [1.0]], face.outline, face.look, face.seed)
-    yield _level_face(pit.middle, pit.length, pit.width, -pit.depth, floor, _mixed(seed, 4))
+    yield _level_face(
+        middle=pit.middle, length=pit.length, width=pit.width, height=-pit.depth, look=floor, seed=_mixed(seed, 4)
+    )
 
 
 def _poster_face(poster: Poster) -> Face:

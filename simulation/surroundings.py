@@ -48,7 +48,7 @@ def walls_from_grid(grid: OccupancyGrid) -> Walls:
     grid_from_padded = Pose2(-grid.resolution, -grid.resolution, 0.0)
     padded_from_map = (grid.map_from_grid @ grid_from_padded).inverse()
     c, s = math.cos(padded_from_map.theta), math.sin(padded_from_map.theta)
-    return Walls(solid, grid.resolution, padded_from_map.x, padded_from_map.y, c, s)
+    return Walls(solid=solid, resolution=grid.resolution, x=padded_from_map.x, y=padded_from_map.y, cosine=c, sine=s)
 
 
 def chair_rectangle(body: ChairBody, map_from_base: Pose2, twist: Twist) -> ChairRectangle:

@@ -112,7 +112,16 @@ def cast_tilted(
         ahead = rotation @ (mount[:9].copy().reshape(3, 3) @ beam)
         ahead /= math.sqrt(ahead[0] ** 2 + ahead[1] ** 2 + ahead[2] ** 2)
         moved = delays[i] / sweep if sweep > 0.0 else 0.0
-        ranges[i] = _trace(terrain, circles_begin, circles_end, moved, start, ahead, optics, most_mirrors)
+        ranges[i] = _trace(
+            terrain=terrain,
+            begin=circles_begin,
+            end=circles_end,
+            moved=moved,
+            start=start,
+            ahead=ahead,
+            optics=optics,
+            most_mirrors=most_mirrors,
+        )
     return ranges
 
 
@@ -134,8 +143,12 @@ def _trace(
     way, after, mirrors = 0.0, 0.0, 0
     for _ in range(_MOST_SURFACES):
         flat = math.hypot(dx, dy)
-        circle = nearest_circle(begin, end, moved, x, y, dx / flat, dy / flat, after) / flat
-        distance, hit, nx, ny, nz = nearest_face(terrain, x, y, z, dx, dy, dz, after, min(reach - way, circle))
+        circle = (
+            nearest_circle(begin=begin, end=end, part=moved, x=x, y=y, dx=dx / flat, dy=dy / flat, after=after) / flat
+        )
+        distance, hit, nx, ny, nz = nearest_face(
+            terrain=terrain, x=x, y=y, z=z, dx=dx, dy=dy, dz=dz, after=after, limit=min(reach - way, circle)
+        )
         if hit == NOTHING:
             return way + circle if way + circle <= reach else math.inf
         way += distance

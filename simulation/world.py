@@ -113,7 +113,16 @@ class World:
                 raise WorldError(f"'{self.name}' has no door '{name}': {known}")
             door, seed = doors[name], seed_from_names(self.name, self.level, "doors", name)
             fill_rectangle(cells, self.grid, door.middle, door.width, door.thickness)
-            leaves.append(door_block(door.middle, door.width, door.thickness, self.finish.height, "wood", seed))
+            leaves.append(
+                door_block(
+                    middle=door.middle,
+                    width=door.width,
+                    thickness=door.thickness,
+                    ceiling=self.finish.height,
+                    material="wood",
+                    seed=seed,
+                )
+            )
         closed = replace(self, grid=replace(self.grid, cells=cells), blocks=(*self.blocks, *leaves))
         _check_poses(closed, _error_without_lines(self.name))
         return closed
