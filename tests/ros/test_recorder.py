@@ -92,7 +92,7 @@ def test_a_recorder_that_is_asked_to_end_leaves_every_message_at_the_path(ros: H
         code, output = ended(process)
     assert code == 0, output
     assert f"{path}: " in output
-    assert "nothing has come on /imu/data" in output
+    assert "nothing was received on /imu/data" in output
     assert "/scan" not in output.replace("recording", "")
     assert [file.name for file in tmp_path.iterdir()] == ["drive.mcap"]
     recording = read_recording(path)
