@@ -126,7 +126,7 @@ class AppearanceLoopClosure:
         self._waiting: deque[_View] = deque()
         self._latest_ns: int | None = None
         self._last: int | None = None  # the newest node, on this map
-        self._unknown_edges: int | None = None  # number of torn edges so far
+        self._unknown_edges: int | None = None  # edges of unknown motion so far
         self._loops: int | None = None
         self._closed_loops: list[tuple[Edge, Link]] = []
         self._rejected = 0
@@ -336,11 +336,11 @@ class AppearanceLoopClosure:
 
     def _start_map_if_unconnected(self, mapper: Mapper) -> None:
         """Start a new map in the memory if the mapper has lost its connection to the earlier frames."""
-        torn = mapper.keys.kinds[EdgeKind.UNKNOWN]
-        if self._unknown_edges is not None and torn > self._unknown_edges and self._last is not None:
+        unknown = mapper.keys.kinds[EdgeKind.UNKNOWN]
+        if self._unknown_edges is not None and unknown > self._unknown_edges and self._last is not None:
             self.memory.start_map()
             self._last = None
-        self._unknown_edges = torn
+        self._unknown_edges = unknown
 
     def _reattach(self, mapper: Mapper) -> None:
         """Move STM nodes with their frames, which the mapper places by odometry first and by their scan later."""
