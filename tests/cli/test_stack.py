@@ -125,7 +125,7 @@ def test_status_of_a_chair_that_does_not_run_is_one_sentence() -> None:
         timeout=120.0,
     )
     assert told.returncode == 1
-    assert told.stderr == "waychair: no bridge says anything within 5 s: start the chair with `waychair up`\n"
+    assert told.stderr == "waychair: no message from the bridge within 5 s: start the chair with `waychair up`\n"
 
 
 def test_a_map_that_is_none_or_has_a_zone_of_another_place_is_refused_before_any_node_starts(tmp_path: Path) -> None:
