@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from waychair.config import Settings, setting
+from waychair.calibration.measured import Measured, measured
 from waychair.errors import NotMonotone
 
 WITHIN_LIMIT = 0.98
@@ -22,16 +22,16 @@ WITHIN_LIMIT = 0.98
 
 
 @dataclass(frozen=True, slots=True)
-class AxisSide(Settings):
+class AxisSide(Measured):
     """One direction of an axis; its speeds are in m/s (forward) or rad/s (turn), all positive."""
 
-    dead_band: float = setting(0.0945, "V", "from neutral to where it starts to move", low=0.0, high=5.0)
-    gain: float = setting(1.3, "speed/V", "slope at the edge of the dead band", low=1e-3, high=1e3)
-    curve: float = setting(0.0, "speed/V^2", "half the change of slope per volt", low=-1e3, high=1e3)
-    limit: float = setting(1.4, "speed", "greatest speed", low=1e-3, high=100.0)
+    dead_band: float = measured(0.0945, "V", "from neutral to where it starts to move", low=0.0, high=5.0)
+    gain: float = measured(1.3, "speed/V", "slope at the edge of the dead band", low=1e-3, high=1e3)
+    curve: float = measured(0.0, "speed/V^2", "half the change of slope per volt", low=-1e3, high=1e3)
+    limit: float = measured(1.4, "speed", "greatest speed", low=1e-3, high=100.0)
 
     def __post_init__(self) -> None:
-        Settings.__post_init__(self)
+        Measured.__post_init__(self)
         if self.gain * self.gain + 4.0 * self.curve * self.limit <= 0.0:
             raise NotMonotone(
                 f"the speed curve with gain = {self.gain:g} and curve = {self.curve:g} turns back before it reaches "
@@ -61,22 +61,22 @@ class AxisSide(Settings):
 
 
 @dataclass(frozen=True, slots=True)
-class AxisModel(Settings):
+class AxisModel(Measured):
     """Both directions of one axis, and its response to a step of the stick: a delay, a ramp and a first-order lag.
 
     `sign` is 1 if volts above neutral drive forward or turn left, and -1 if they do the opposite.
     """
 
-    neutral: float = setting(1.65, "V", "measured on the original stick at rest", low=0.0, high=12.0)
-    sign: int = setting(1, "", "1: volts above neutral are forward or left; -1: below", low=-1, high=1)
+    neutral: float = measured(1.65, "V", "measured on the original stick at rest", low=0.0, high=12.0)
+    sign: int = measured(1, "", "1: volts above neutral are forward or left; -1: below", low=-1, high=1)
     above: AxisSide = field(default_factory=AxisSide)
     below: AxisSide = field(default_factory=AxisSide)
-    delay_s: float = setting(0.0, "s", "from the stick to the first effect", low=0.0, high=1.0)
-    lag_s: float = setting(0.0, "s", "time constant after the ramp", low=0.0, high=2.0)
-    ramp: float = setting(100.0, "speed/s", "steepest change of speed when speeding up", low=0.01, high=100.0)
+    delay_s: float = measured(0.0, "s", "from the stick to the first effect", low=0.0, high=1.0)
+    lag_s: float = measured(0.0, "s", "time constant after the ramp", low=0.0, high=2.0)
+    ramp: float = measured(100.0, "speed/s", "steepest change of speed when speeding up", low=0.01, high=100.0)
 
     def __post_init__(self) -> None:
-        Settings.__post_init__(self)
+        Measured.__post_init__(self)
         if self.sign == 0:
             raise NotMonotone("sign = 0 gives the axis no direction: it must be 1 or -1")
 

@@ -19,11 +19,11 @@ from waychair.calibration.camera import Extrinsics
 from waychair.calibration.chair import CHAIR_A, ChairBody
 from waychair.calibration.fitted_dac import FittedDac
 from waychair.calibration.imu import ImuCalibration
+from waychair.calibration.measured import Measured, measured
 from waychair.calibration.self_mask import SelfMask
 from waychair.calibration.stopping import StopTable
 from waychair.calibration.time_offset import SensorDelays, without_delay
 from waychair.calibration.wheels import WheelCalibration
-from waychair.config import Settings, setting
 from waychair.errors import CalibrationDamaged, CalibrationError, CalibrationMismatch, ConfigError
 from waychair.files import write_json
 from waychair.types import Json, Pose3, Scan
@@ -35,12 +35,12 @@ SCHEMA = 1
 
 
 @dataclass(frozen=True, slots=True)
-class CameraMount(Settings):
+class CameraMount(Measured):
     """The transform `camera_from_laser` as numbers for the file."""
 
-    rotation: tuple[tuple[float, float, float], ...] = setting((), "", "rows of the rotation")
-    translation: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "m", "the laser's origin in the camera's frame")
-    rms_m: float = setting(0.0, "m", "of the points about their planes", low=0.0, high=1.0)
+    rotation: tuple[tuple[float, float, float], ...] = measured((), "", "rows of the rotation")
+    translation: tuple[float, float, float] = measured((0.0, 0.0, 0.0), "m", "the laser's origin in the camera's frame")
+    rms_m: float = measured(0.0, "m", "of the points about their planes", low=0.0, high=1.0)
 
     @property
     def camera_from_laser(self) -> Pose3:

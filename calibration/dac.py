@@ -27,7 +27,7 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-from waychair.config import Settings, setting
+from waychair.calibration.measured import Measured, measured
 from waychair.errors import CalibrationError, ConfigError
 from waychair.types import WheelSpeeds
 
@@ -63,22 +63,22 @@ class DacModel(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class LinearDac(Settings):
+class LinearDac(Measured):
     """Counts of the forward and turn axes as a linear function of the wheel speeds, about a neutral."""
 
-    forward_left: float = setting(28.2122, "counts s/m", "forward axis per left wheel speed", low=-1e4, high=1e4)
-    forward_right: float = setting(30.1732, "counts s/m", "forward axis per right wheel speed", low=-1e4, high=1e4)
-    turn_left: float = setting(57.0194, "counts s/m", "turn axis per left wheel speed", low=-1e4, high=1e4)
-    turn_right: float = setting(-58.6717, "counts s/m", "turn axis per right wheel speed", low=-1e4, high=1e4)
-    neutral: float = setting(127.5, "counts", "both axes at rest", low=0.0, high=65535.0)
-    dead_band_forward: float = setting(7.3, "counts", "from neutral to where the chair starts to drive", low=0.0)
-    dead_band_turn: float = setting(7.3, "counts", "from neutral to where the chair starts to turn", low=0.0)
-    swing: float = setting(92.7, "counts", "farthest from neutral on either axis (1.2 V)", low=1.0, high=65535.0)
-    counts_max: int = setting(255, "counts", "largest value of the converter (8 bit)", low=1, high=65535)
-    volts_max: float = setting(3.3, "V", "output at the largest value", low=0.5, high=12.0)
+    forward_left: float = measured(28.2122, "counts s/m", "forward axis per left wheel speed", low=-1e4, high=1e4)
+    forward_right: float = measured(30.1732, "counts s/m", "forward axis per right wheel speed", low=-1e4, high=1e4)
+    turn_left: float = measured(57.0194, "counts s/m", "turn axis per left wheel speed", low=-1e4, high=1e4)
+    turn_right: float = measured(-58.6717, "counts s/m", "turn axis per right wheel speed", low=-1e4, high=1e4)
+    neutral: float = measured(127.5, "counts", "both axes at rest", low=0.0, high=65535.0)
+    dead_band_forward: float = measured(7.3, "counts", "from neutral to where the chair starts to drive", low=0.0)
+    dead_band_turn: float = measured(7.3, "counts", "from neutral to where the chair starts to turn", low=0.0)
+    swing: float = measured(92.7, "counts", "farthest from neutral on either axis (1.2 V)", low=1.0, high=65535.0)
+    counts_max: int = measured(255, "counts", "largest value of the converter (8 bit)", low=1, high=65535)
+    volts_max: float = measured(3.3, "V", "output at the largest value", low=0.5, high=12.0)
 
     def __post_init__(self) -> None:
-        Settings.__post_init__(self)
+        Measured.__post_init__(self)
         if abs(self.determinant) < 1e-6:
             raise ConfigError("the four counts-per-speed coefficients cannot be inverted: measure both axes again")
         for name, dead_band in (("forward", self.dead_band_forward), ("turn", self.dead_band_turn)):

@@ -18,8 +18,7 @@ from waychair.calibration.drive_log import Holds, SweepLog, steady_holds
 from waychair.calibration.fit_steps import AXES, StepResponse, fit_steps
 from waychair.calibration.fitted_dac import LEAST_LEFT, FittedDac
 from waychair.calibration.levels import MOVING, SideLevels, SweepLevel, refuse_creeping, sides_of, sweep_levels
-from waychair.calibration.sweep import NEAR_NEUTRAL
-from waychair.config import Settings, setting
+from waychair.calibration.sweep import MEASURE_S, NEAR_NEUTRAL
 from waychair.errors import NotRepeatable, ThinData
 from waychair.types import FloatArray
 
@@ -30,19 +29,19 @@ _MOST_DRIFT = 0.10
 _COUPLING = slice(4 * _PER_SIDE, 4 * _PER_SIDE + 4)  # v_per_turn, turn_per_v, turn_fade, speed_cut
 
 
-@dataclass(frozen=True, slots=True)
-class FitSettings(Settings):
-    """The least data for a fit, and the expected noise."""
+STEADY = (0.08, 0.20)
+"""m/s, rad/s; a larger change within a hold's measured part means that the chair had not settled."""
 
-    min_levels: int = setting(45, "", "levels on each axis alone", low=5, high=1001)
-    min_repetitions: int = setting(3, "", "times that each of them was driven, on average", low=1, high=100)
-    measure_s: float = setting(1.0, "s", "last part of each hold that is averaged", low=0.1, high=10.0)
-    steady_v: float = setting(
-        0.08, "m/s", "change within that part of a chair that has not settled", low=1e-3, high=1.0
-    )
-    steady_omega: float = setting(0.20, "rad/s", "as above, of turning", low=1e-3, high=2.0)
-    noise_v: float = setting(0.012, "m/s", "beyond this a speed begins to count as an outlier", low=1e-4, high=1.0)
-    noise_omega: float = setting(0.025, "rad/s", "as above, of turning", low=1e-4, high=1.0)
+NOISE = (0.012, 0.025)
+"""m/s, rad/s; a speed begins to count as an outlier beyond this residual."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeastData:
+    """The least data for a fit: levels on each axis alone, and their mean number of repetitions."""
+
+    levels: int = 45
+    repetitions: int = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +77,7 @@ class DacFit:
         return self.model.forward.margin, self.model.turn.margin
 
 
-def fit_dac(log: SweepLog, neutral: tuple[float, float], track: float, settings: FitSettings | None = None) -> DacFit:
+def fit_dac(log: SweepLog, neutral: tuple[float, float], track: float, least: LeastData | None = None) -> DacFit:
     """Fit the model of a chair on the floor whose neutral (forward, turn) [V] was measured on the original stick.
 
     Raises:
@@ -87,15 +86,15 @@ def fit_dac(log: SweepLog, neutral: tuple[float, float], track: float, settings:
         NotRepeatable: the chair was faster or slower at the beginning or the end of the sweep than in between.
         CalibrationError: the chair moves at its neutral, or an axis does not move at all.
     """
-    settings = settings or FitSettings()
+    least = least or LeastData()
     refuse_creeping(log, neutral, NEAR_NEUTRAL)
-    holds = steady_holds(log, settings.measure_s, (settings.steady_v, settings.steady_omega))
+    holds = steady_holds(log, MEASURE_S, STEADY)
     levels = tuple(sweep_levels(holds, axis, neutral, NEAR_NEUTRAL) for axis in (0, 1))
     for axis, found in enumerate(levels):
-        _refuse_thin(axis, found, holds, settings)
+        _refuse_thin(axis, found, holds, least)
     sides = [side for axis in (0, 1) for side in sides_of(levels[axis], axis, neutral[axis])]
     start, low, high = _bounds(sides)
-    noise = np.array([settings.noise_v, settings.noise_omega])
+    noise = np.array(NOISE)
 
     def residuals(p: FloatArray) -> FloatArray:
         missed: FloatArray = ((_predicted(p, sides, holds.volts, neutral) - holds.twists) / noise).ravel()
@@ -144,17 +143,17 @@ def _drift(first: float, last: float) -> str:
     )
 
 
-def _refuse_thin(axis: int, levels: tuple[SweepLevel, ...], holds: Holds, settings: FitSettings) -> None:
-    if len(levels) < settings.min_levels:
+def _refuse_thin(axis: int, levels: tuple[SweepLevel, ...], holds: Holds, least: LeastData) -> None:
+    if len(levels) < least.levels:
         raise ThinData(
             f"{len(levels)} levels on the {AXES[axis]} axis alone are too few ({holds.unsettled} holds had not "
-            f"settled, {holds.short} stretches were too short for one): drive at least {settings.min_levels}"
+            f"settled, {holds.short} stretches were too short for one): drive at least {least.levels}"
         )
     driven = sum(level.repetitions for level in levels) / len(levels)
-    if driven < settings.min_repetitions - 0.2:  # the steps that a sweep begins with are driven once
+    if driven < least.repetitions - 0.2:  # the steps that a sweep begins with are driven once
         raise ThinData(
             f"each level of the {AXES[axis]} axis was driven {driven:.1f} times on average: drive it at least "
-            f"{settings.min_repetitions} times"
+            f"{least.repetitions} times"
         )
 
 

@@ -20,7 +20,7 @@ from typing import TypeAlias
 
 from waychair.calibration.axis_model import AxisModel, AxisSide
 from waychair.calibration.dac import nearest, refuse_outside, refuse_unless_finite
-from waychair.config import Settings, setting
+from waychair.calibration.measured import Measured, measured
 from waychair.errors import ConfigError, NotMonotone
 from waychair.types import Twist, WheelSpeeds
 
@@ -38,22 +38,22 @@ _TURN = AxisSide(gain=2.5, limit=2.6)
 
 
 @dataclass(frozen=True, slots=True)
-class FittedDac(Settings):
+class FittedDac(Measured):
     """A `DacModel` fitted to one chair and one converter."""
 
-    bits: int = setting(12, "", "resolution of the converter", low=8, high=16)
-    volts_max: float = setting(3.3, "V", "output at the largest count", low=0.5, high=12.0)
-    volts_min: float = setting(0.0, "V", "output at count 0: above 0 behind a gain stage", low=0.0, high=11.0)
-    track: float = setting(0.54, "m", "between the wheels whose speeds are given", low=0.1, high=1.5)
+    bits: int = measured(12, "", "resolution of the converter", low=8, high=16)
+    volts_max: float = measured(3.3, "V", "output at the largest count", low=0.5, high=12.0)
+    volts_min: float = measured(0.0, "V", "output at count 0: above 0 behind a gain stage", low=0.0, high=11.0)
+    track: float = measured(0.54, "m", "between the wheels whose speeds are given", low=0.1, high=1.5)
     forward: AxisModel = field(default_factory=AxisModel)
     turn: AxisModel = field(default_factory=lambda: AxisModel(sign=-1, above=_TURN, below=_TURN))
-    v_per_turn: float = setting(0.0, "m", "speed that comes with each rad/s of turning", low=-0.5, high=0.5)
-    turn_per_v: float = setting(0.0, "rad/m", "turning that comes with each m/s of driving", low=-2.0, high=2.0)
-    turn_fade: float = setting(0.0, "s/m", "part of the turn lost per m/s of driving", low=-2.0, high=2.0)
-    speed_cut: float = setting(0.0, "s/rad", "part of the speed lost per rad/s of turning", low=-2.0, high=2.0)
+    v_per_turn: float = measured(0.0, "m", "speed that comes with each rad/s of turning", low=-0.5, high=0.5)
+    turn_per_v: float = measured(0.0, "rad/m", "turning that comes with each m/s of driving", low=-2.0, high=2.0)
+    turn_fade: float = measured(0.0, "s/m", "part of the turn lost per m/s of driving", low=-2.0, high=2.0)
+    speed_cut: float = measured(0.0, "s/rad", "part of the speed lost per rad/s of turning", low=-2.0, high=2.0)
 
     def __post_init__(self) -> None:
-        Settings.__post_init__(self)
+        Measured.__post_init__(self)
         if self.volts_min >= self.volts_max:
             raise ConfigError(f"volts_min = {self.volts_min:g} V must lie below volts_max = {self.volts_max:g} V")
         if abs(1.0 - self.v_per_turn * self.turn_per_v) < LEAST_LEFT:
@@ -178,12 +178,8 @@ class FittedDac(Settings):
         return min(max(count, 0), self.counts_max)
 
 
-@dataclass(frozen=True, slots=True)
-class DeadBandSettings(Settings):
-    """Speeds at which an axis crosses its dead band."""
-
-    enter_v: float = setting(0.010, "m/s", "speed asked for at which the forward axis leaves a side", low=0.0, high=0.2)
-    enter_omega: float = setting(0.025, "rad/s", "as above, of the turn axis", low=0.0, high=0.5)
+ENTER_V, ENTER_OMEGA = 0.010, 0.025
+"""m/s, rad/s; speed to the other side at which an axis crosses its dead band."""
 
 
 class DeadBand:
@@ -194,9 +190,8 @@ class DeadBand:
     it does nothing, until a larger speed to the other side is asked for. Rest on both axes is neutral at once.
     """
 
-    def __init__(self, model: FittedDac, settings: DeadBandSettings | None = None) -> None:
+    def __init__(self, model: FittedDac) -> None:
         self.model = model
-        self._settings = settings or DeadBandSettings()
         self._sides: Sides = (0, 0)
 
     @property
@@ -206,14 +201,14 @@ class DeadBand:
 
     def counts_from_wheel_speeds(self, speeds: WheelSpeeds) -> tuple[int, int]:
         """Return the counts for wheel speeds [m/s], given the sides of the call before; see `DacModel`."""
-        model, s = self.model, self._settings
+        model = self.model
         if speeds == WheelSpeeds():
             self._sides = (0, 0)
             return model.neutral_counts()
         twist = model.twist_from_wheel_speeds(speeds)
         refuse_unless_finite(speeds, twist.v, twist.omega)
         v, omega = model.axis_speeds(twist)
-        self._sides = _side_after(self._sides[0], v, s.enter_v), _side_after(self._sides[1], omega, s.enter_omega)
+        self._sides = _side_after(self._sides[0], v, ENTER_V), _side_after(self._sides[1], omega, ENTER_OMEGA)
         return model.counts_from_axis_speeds(v, omega, self._sides)
 
     def wheel_speeds_from_counts(self, forward: int, turn: int) -> WheelSpeeds:

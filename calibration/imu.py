@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
+from waychair.calibration.measured import Measured, measured
 from waychair.errors import CalibrationError, ThinData
 from waychair.types import FloatArray, ImuSample
 
@@ -28,15 +28,15 @@ _TO_INSTABILITY = 0.664  # sqrt(2 ln 2 / pi): least Allan deviation over the ins
 
 
 @dataclass(frozen=True, slots=True)
-class ImuCalibration(Settings):
+class ImuCalibration(Measured):
     """Biases of x, y and z, axes as base, and the worst axis' noise."""
 
-    gyro_bias: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "rad/s", "reading at rest")
-    accel_bias: tuple[float, float, float] = setting((0.0, 0.0, 0.0), "m/s^2", "reading at rest, less gravity upwards")
-    gyro_noise: float = setting(0.0, "rad/s/sqrt(Hz)", "density of the white noise", low=0.0, high=1.0)
-    accel_noise: float = setting(0.0, "m/s^2/sqrt(Hz)", "density of the white noise", low=0.0, high=10.0)
-    gyro_instability: float = setting(0.0, "rad/s", "of the bias", low=0.0, high=1.0)
-    accel_instability: float = setting(0.0, "m/s^2", "of the bias", low=0.0, high=10.0)
+    gyro_bias: tuple[float, float, float] = measured((0.0, 0.0, 0.0), "rad/s", "reading at rest")
+    accel_bias: tuple[float, float, float] = measured((0.0, 0.0, 0.0), "m/s^2", "reading at rest, less gravity upwards")
+    gyro_noise: float = measured(0.0, "rad/s/sqrt(Hz)", "density of the white noise", low=0.0, high=1.0)
+    accel_noise: float = measured(0.0, "m/s^2/sqrt(Hz)", "density of the white noise", low=0.0, high=10.0)
+    gyro_instability: float = measured(0.0, "rad/s", "of the bias", low=0.0, high=1.0)
+    accel_instability: float = measured(0.0, "m/s^2", "of the bias", low=0.0, high=10.0)
 
 
 def imu_at_rest(samples: Sequence[ImuSample]) -> ImuCalibration:

@@ -8,7 +8,6 @@ import numpy as np
 
 from waychair.calibration.drive_log import Holds, SweepLog, steady_holds
 from waychair.calibration.fit_steps import AXES
-from waychair.config import Settings, setting
 from waychair.errors import CalibrationError, NotMonotone, ThinData
 from waychair.types import FloatArray
 
@@ -134,12 +133,8 @@ def _refuse_falling(where: str, axis: int, beyond: FloatArray, amounts: FloatArr
         )
 
 
-@dataclass(frozen=True, slots=True)
-class BlocksSettings(Settings):
-    """Settings for reading a sweep on blocks."""
-
-    measure_s: float = setting(0.5, "s", "last part of each hold that is averaged", low=0.1, high=10.0)
-    min_levels: int = setting(10, "", "levels on each axis alone", low=4, high=1001)
+BLOCKS_MEASURE_S, BLOCKS_LEVELS = 0.5, 10
+"""s, count; on blocks: last part of each hold that is averaged, and fewest levels on each axis alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,24 +147,21 @@ class OnBlocks:
     dead_band_below: float
 
 
-def on_blocks(
-    log: SweepLog, neutral: tuple[float, float], near: float, settings: BlocksSettings | None = None
-) -> tuple[OnBlocks, OnBlocks]:
+def on_blocks(log: SweepLog, neutral: tuple[float, float], near: float) -> tuple[OnBlocks, OnBlocks]:
     """Return neutral, direction and dead bands of both axes from a sweep with raised wheels.
 
     The speeds are without load and ground, so only motion and its direction are used.
 
     Raises:
-        ThinData, NotMonotone, CalibrationError: as `sides_of` and `refuse_creeping`; fewer levels than `min_levels`.
+        ThinData, NotMonotone, CalibrationError: as `sides_of` and `refuse_creeping`; fewer levels than `BLOCKS_LEVELS`.
     """
-    settings = settings or BlocksSettings()
     refuse_creeping(log, neutral, near)
-    holds = steady_holds(log, settings.measure_s, (0.3, 1.0))
+    holds = steady_holds(log, BLOCKS_MEASURE_S, (0.3, 1.0))
     found = []
     for axis in (0, 1):
         levels = sweep_levels(holds, axis, neutral, near)
-        if len(levels) < settings.min_levels:
-            raise ThinData(f"{len(levels)} levels on the {AXES[axis]} axis are too few: drive {settings.min_levels}")
+        if len(levels) < BLOCKS_LEVELS:
+            raise ThinData(f"{len(levels)} levels on the {AXES[axis]} axis are too few: drive {BLOCKS_LEVELS}")
         above, below = sides_of(levels, axis, neutral[axis])
         found.append(OnBlocks(neutral[axis], above.sign, above.edge, below.edge))
     return found[0], found[1]

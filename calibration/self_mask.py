@@ -13,13 +13,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from waychair.calibration.chair import ChairBody
-from waychair.config import Settings, setting
+from waychair.calibration.measured import Measured, measured
 from waychair.errors import CalibrationError, ConfigError, ThinData
 from waychair.types import BoolArray, FloatArray, Scan
 
 
 @dataclass(frozen=True, slots=True)
-class SelfMask(Settings):
+class SelfMask(Measured):
     """Sectors of the lidar's view that see the chair itself, by angle, so that they hold for any number of beams.
 
     Sector k is from `begins[k]` to `ends[k]` [rad, laser frame] and sees the chair within `reaches[k]` [m]. All its
@@ -27,13 +27,13 @@ class SelfMask(Settings):
     loose clothes or a moved knee; the others pass.
     """
 
-    begins: tuple[float, ...] = setting((), "rad", "where each sector begins, ascending")
-    ends: tuple[float, ...] = setting((), "rad", "where it ends")
-    reaches: tuple[float, ...] = setting((), "m", "how far the chair reaches in it")
-    margin: float = setting(math.radians(3.0), "rad", "beside each sector", low=0.0, high=0.5)
+    begins: tuple[float, ...] = measured((), "rad", "where each sector begins, ascending")
+    ends: tuple[float, ...] = measured((), "rad", "where it ends")
+    reaches: tuple[float, ...] = measured((), "m", "how far the chair reaches in it")
+    margin: float = measured(math.radians(3.0), "rad", "beside each sector", low=0.0, high=0.5)
 
     def __post_init__(self) -> None:
-        Settings.__post_init__(self)
+        Measured.__post_init__(self)
         edges = [edge for sector in zip(self.begins, self.ends, strict=False) for edge in sector]
         if not len(self.begins) == len(self.ends) == len(self.reaches) or edges != sorted(edges):
             raise ConfigError("a self-mask's sectors are impossible: they must ascend, each with its end and its reach")
@@ -55,23 +55,34 @@ class SelfMask(Settings):
         return replace(scan, ranges=np.where(self.hides(scan), np.float32(math.nan), scan.ranges))
 
 
-@dataclass(frozen=True, slots=True)
-class SelfMaskSettings(Settings):
-    """Conditions for a beam to count as ending on the chair itself."""
+BEYOND = 0.15
+"""m; largest distance by which parts of the chair or its rider stick out of the footprint."""
 
-    beyond: float = setting(0.15, "m", "own parts may stick out of the chair's outline by this", low=0.0, high=1.0)
-    spread: float = setting(0.06, "m", "ranges of an own part stay within this, but for outliers", low=0.005, high=0.5)
-    often: float = setting(0.7, "", "part of the scans in which an own part is seen", low=0.5, high=1.0)
-    sometimes: float = setting(0.15, "", "beside an own part, what is seen so often belongs to it", low=0.02, high=1.0)
-    grow: float = setting(math.radians(5.0), "rad", "how far it may go on beside", low=0.0, high=0.5)
-    slack: float = setting(0.05, "m", "added to the reach that was seen", low=0.0, high=0.5)
-    margin: float = setting(math.radians(3.0), "rad", "beside each sector, near readings are masked", low=0.0, high=0.5)
-    most: float = setting(0.7, "", "a lidar that sees more than this part of itself is of no use", low=0.1, high=1.0)
-    moved: float = setting(0.3, "m", "ranges of the surroundings must change by this", low=0.05, high=5.0)
-    least_scans: int = setting(50, "", "fewest scans", low=10, high=100_000)
+SPREAD = 0.06
+"""m; ranges of an own part stay within this, except for outliers."""
+
+OFTEN, SOMETIMES = 0.7, 0.15
+"""Shares of the scans in which an own part is seen: OFTEN for its core, SOMETIMES for beams beside it."""
+
+GROW = math.radians(5.0)
+"""rad; largest extension of a sector by beams that sometimes see the own part."""
+
+SLACK = 0.05
+"""m; added to the own part's reach."""
+
+MARGIN = math.radians(3.0)
+"""rad; beside a sector, near ranges are hidden, too."""
+
+MOST_HIDDEN = 0.7
+"""Largest share of the lidar's beams that may see the chair itself."""
+
+SWING = 0.3
+"""m; the ranges of the surroundings must change by this, so that the chair has turned."""
+
+LEAST_SCANS = 50
 
 
-def learn_self_mask(scans: Sequence[Scan], body: ChairBody, settings: SelfMaskSettings | None = None) -> SelfMask:
+def learn_self_mask(scans: Sequence[Scan], body: ChairBody) -> SelfMask:
     """Learn the mask of a lidar from scans of a chair that turns, at best a full circle, or drives about.
 
     Scans may differ in their number of beams.
@@ -80,25 +91,24 @@ def learn_self_mask(scans: Sequence[Scan], body: ChairBody, settings: SelfMaskSe
         ThinData: there are too few scans, or the chair stood still.
         CalibrationError: nearly all of the lidar's beams see the chair.
     """
-    s = settings or SelfMaskSettings()
-    if len(scans) < s.least_scans:
-        raise ThinData(f"{len(scans)} scans are too few to tell the chair from a room: record {s.least_scans} or more")
+    if len(scans) < LEAST_SCANS:
+        raise ThinData(f"{len(scans)} scans are too few to tell the chair from a room: record {LEAST_SCANS} or more")
     angles, ranges = _by_angle(scans)
-    limits = outline_reach(angles, body, s.beyond)
+    limits = outline_reach(angles, body, BEYOND)
     near = (ranges <= limits) & ~np.isnan(ranges)  # -inf is so close that it must be the chair
     ends = np.maximum(ranges, 0.0)
     typical = _medians(ends, near)
-    steady = near & (np.abs(ends - typical) <= s.spread)
+    steady = near & (np.abs(ends - typical) <= SPREAD)
     told = np.maximum((~np.isnan(ranges)).sum(axis=0), 1)
-    own = steady.sum(axis=0) / told >= s.often
-    _refuse_standstill(ranges, own, s)
-    own = _grown(own, near.sum(axis=0) / told >= s.sometimes, round(s.grow / (angles[1] - angles[0])))
-    if (share := float(own.mean())) > s.most:
+    own = steady.sum(axis=0) / told >= OFTEN
+    _refuse_standstill(ranges, own)
+    own = _grown(own, near.sum(axis=0) / told >= SOMETIMES, round(GROW / (angles[1] - angles[0])))
+    if (share := float(own.mean())) > MOST_HIDDEN:
         raise CalibrationError(f"{share:.0%} of the lidar's beams end on the chair itself: mount it where it sees more")
-    farthest = np.where(near, ranges, -math.inf).max(axis=0) + s.slack
+    farthest = np.where(near, ranges, -math.inf).max(axis=0) + SLACK
     # The footprint holds nothing but the chair, so mixed pixels between its parts and a wall are the chair's, too.
-    reaches = np.clip(farthest, np.maximum(outline_reach(angles, body, 0.0), s.slack), np.maximum(limits, s.slack))
-    return _sectors(angles, own, reaches, s.margin)
+    reaches = np.clip(farthest, np.maximum(outline_reach(angles, body, 0.0), SLACK), np.maximum(limits, SLACK))
+    return _sectors(angles, own, reaches, MARGIN)
 
 
 def _by_angle(scans: Sequence[Scan]) -> tuple[FloatArray, FloatArray]:
@@ -139,14 +149,14 @@ def outline_reach(angles: FloatArray, body: ChairBody, beyond: float) -> FloatAr
     return np.maximum(limits, 0.0)
 
 
-def _refuse_standstill(ranges: FloatArray, own: BoolArray, s: SelfMaskSettings) -> None:
+def _refuse_standstill(ranges: FloatArray, own: BoolArray) -> None:
     """Refuse scans of a parked chair, in which a wall beside it would be taken for its rider."""
     others = np.where(np.isfinite(ranges), ranges, np.nan)[:, ~own]
     told = others[:, (~np.isnan(others)).sum(axis=0) > 0.5 * len(ranges)]
     if not told.size:
         raise ThinData("the lidar sees nothing but the chair: record in a room whose walls it sees")
     swing = np.nanquantile(told, 0.9, axis=0) - np.nanquantile(told, 0.1, axis=0)
-    if (part := float((swing > s.moved).mean())) < 0.5:
+    if (part := float((swing > SWING).mean())) < 0.5:
         raise ThinData(
             f"the ranges of only {part:.0%} of the lidar's beams changed: turn the chair a full circle while recording"
         )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from waychair.calibration.measured import Measured, measured
 from waychair.config import Settings, setting
 from waychair.errors import CalibrationError, ThinData
 from waychair.types import FloatArray
@@ -27,15 +28,19 @@ _BEGUN = 0.95  # remaining share of the speed at which a stop's delay ends
 
 @dataclass(frozen=True, slots=True)
 class StopSettings(Settings):
-    """The stops to measure, and the margin on the worst of them."""
+    """The stops to measure."""
 
-    slowest: float = setting(0.2, "m/s", "first speed", low=0.05, high=1.0)
-    step: float = setting(0.2, "m/s", "between speeds", low=0.05, high=1.0)
-    fastest: float = setting(4.0, "m/s", "last speed, if the chair is so fast", low=0.2, high=4.0)
-    turn_rate: float = setting(0.6, "rad/s", "of the stops while turning", low=0.1, high=3.0)
-    repetitions: int = setting(3, "", "stops of each kind", low=1, high=50)
-    margin: float = setting(0.2, "", "added to the worst distance, part of it", low=0.0, high=2.0)
-    margin_m: float = setting(0.03, "m", "added as well", low=0.0, high=1.0)
+    slowest: float = setting(0.2, "m/s", "lowest measured speed", low=0.05, high=1.0)
+    step: float = setting(0.2, "m/s", "step between measured speeds; smaller: more stops", low=0.05, high=1.0)
+    fastest: float = setting(
+        4.0, "m/s", "highest measured speed; slower chairs stop from their own top speed", low=0.2, high=4.0
+    )
+    turn_rate: float = setting(0.6, "rad/s", "turn rate of the stops while turning", low=0.1, high=3.0)
+    repetitions: int = setting(3, "", "number of stops of each kind; more: a safer worst case", low=1, high=50)
+
+
+MARGIN, MARGIN_M = 0.2, 0.03
+"""Share and m; both are added to the worst measured distance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,20 +55,20 @@ class MeasuredStop:
 
 
 @dataclass(frozen=True, slots=True)
-class StopTable(Settings):
+class StopTable(Measured):
     """Worst stops with margin: `distances` [m] that any part of the chair needs to stop from `speeds` [m/s], rising.
 
     `turn_angle` is the turn to rest from spinning at `turn_rate`; `delay_s` is the worst delay.
     """
 
-    speeds: tuple[float, ...] = setting((), "m/s", "measured, of the axle")
-    distances: tuple[float, ...] = setting((), "m", "worst way to rest, with margin")
-    turn_rate: float = setting(0.0, "rad/s", "fastest spin whose stop was measured", low=0.0, high=10.0)
-    turn_angle: float = setting(0.0, "rad", "worst turn to rest from it, with margin", low=0.0, high=20.0)
-    delay_s: float = setting(0.0, "s", "worst time from Stop to the first effect", low=0.0, high=5.0)
+    speeds: tuple[float, ...] = measured((), "m/s", "measured, of the axle")
+    distances: tuple[float, ...] = measured((), "m", "worst way to rest, with margin")
+    turn_rate: float = measured(0.0, "rad/s", "fastest spin whose stop was measured", low=0.0, high=10.0)
+    turn_angle: float = measured(0.0, "rad", "worst turn to rest from it, with margin", low=0.0, high=20.0)
+    delay_s: float = measured(0.0, "s", "worst time from Stop to the first effect", low=0.0, high=5.0)
 
     def __post_init__(self) -> None:
-        Settings.__post_init__(self)
+        Measured.__post_init__(self)
         values = (*self.speeds, *self.distances)
         rising = all(a < b for a, b in zip(self.speeds, self.speeds[1:], strict=False))
         longer = all(a <= b for a, b in zip(self.distances, self.distances[1:], strict=False))
@@ -164,12 +169,12 @@ def stop_table(stops: Iterable[MeasuredStop], corner_m: float, settings: StopSet
         raise ThinData(
             f"stops from {len(speeds)} speeds and {len(spins)} spins are too few: measure two speeds and a spin or more"
         )
-    more = 1.0 + settings.margin
+    more = 1.0 + MARGIN
     return StopTable(
         speeds=tuple(speeds),
-        distances=tuple((np.maximum.accumulate(distances) * more + settings.margin_m).tolist()),
+        distances=tuple((np.maximum.accumulate(distances) * more + MARGIN_M).tolist()),
         turn_rate=max(abs(s.omega) for s in spins),
-        turn_angle=max(s.angle_rad for s in spins) * more + settings.margin_m / corner_m,
+        turn_angle=max(s.angle_rad for s in spins) * more + MARGIN_M / corner_m,
         delay_s=max(s.delay_s for s in stops),
     )
 

@@ -24,6 +24,10 @@ NEAR_NEUTRAL = 0.03
 """V; an axis so near to its measured neutral is at rest, because every chair's dead band is wider."""
 
 
+MEASURE_S = 1.0
+"""s; last part of each hold, in which the speed is measured."""
+
+
 class Sample(NamedTuple):
     """One measurement of the chair's speed: ns, m/s, rad/s."""
 
@@ -51,14 +55,23 @@ class SweepSettings(Settings):
     """The converter, and the levels to drive."""
 
     bits: int = setting(12, "", "resolution of the converter", low=8, high=16)
-    volts_max: float = setting(3.3, "V", "output at the largest count", low=0.5, high=12.0)
-    volts_min: float = setting(0.0, "V", "output at count 0: above 0 behind a gain stage", low=0.0, high=11.0)
-    swing: float = setting(1.2, "V", "farthest from neutral on either axis", low=0.2, high=5.0)
-    levels: int = setting(89, "", "levels on each axis, both directions together", low=5, high=1001)
-    repetitions: int = setting(3, "", "times that each level is driven", low=1, high=100)
-    combined: int = setting(4, "", "levels of each axis that are driven together", low=0, high=20)
-    measure_s: float = setting(1.0, "s", "of each hold that is measured", low=0.1, high=10.0)
-    rest_s: float = setting(1.6, "s", "at neutral between two holds", low=0.1, high=10.0)
+    volts_max: float = setting(3.3, "V", "converter's output at its largest count", low=0.5, high=12.0)
+    volts_min: float = setting(
+        0.0, "V", "converter's output at count 0; above 0 behind a gain stage", low=0.0, high=11.0
+    )
+    swing: float = setting(
+        1.2,
+        "V",
+        "largest distance from neutral on either axis; larger: the sweep goes up to higher speeds",
+        low=0.2,
+        high=5.0,
+    )
+    levels: int = setting(
+        89, "", "levels on each axis, both directions together; more: a finer model, a longer sweep", low=5, high=1001
+    )
+    repetitions: int = setting(3, "", "number of times that each level is driven; more: less noise", low=1, high=100)
+    combined: int = setting(4, "", "levels of each axis that are driven together with the other's", low=0, high=20)
+    rest_s: float = setting(1.6, "s", "rest at neutral between two holds; longer: cooler motors", low=0.1, high=10.0)
 
 
 def sweep(
@@ -84,7 +97,7 @@ def sweep(
     fastest = np.abs(log.twists).max(axis=0) / 0.6
     plan = list(_levels(settings))
     for done, (forward, turn) in enumerate(plan):
-        runner.pair(forward, turn, _settling_s(responses, fastest.tolist(), forward, turn) + settings.measure_s)
+        runner.pair(forward, turn, _settling_s(responses, fastest.tolist(), forward, turn) + MEASURE_S)
         progress((done + 1) / len(plan))
     return runner.recorder.log()
 
@@ -187,7 +200,7 @@ class _Runner:
     def pair(self, forward: float, turn: float, seconds: float) -> None:
         """Drive a level and its opposite, with a rest after each."""
         for direction in (1.0, -1.0):
-            self.hold(direction * forward, direction * turn, max(seconds, 2.0 * self._settings.measure_s))
+            self.hold(direction * forward, direction * turn, max(seconds, 2.0 * MEASURE_S))
             self.hold(0.0, 0.0, self._settings.rest_s)
 
     def hold(self, forward: float, turn: float, seconds: float) -> None:

@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from waychair.config import Settings, setting
+from waychair.calibration.measured import Measured, measured
 from waychair.errors import CalibrationError, ThinData
 from waychair.types import BoolArray, FloatArray, ImuSample, IntArray, Odometry, RgbdFrame, Scan, WheelTicks
 
@@ -30,26 +30,31 @@ _LEAST_GRAVITY = 5.0  # m/s^2; with a smaller reading there is no accelerometer,
 
 
 @dataclass(frozen=True, slots=True)
-class SensorDelays(Settings):
+class SensorDelays(Measured):
     """Delays of each sensor's stamps against the gyro's; negative if they are early."""
 
-    lidar_ns: int = setting(0, "ns", "of scans", low=-1_000_000_000, high=1_000_000_000)
-    wheels_ns: int = setting(0, "ns", "of encoder counts or wheel odometry", low=-1_000_000_000, high=1_000_000_000)
-    camera_ns: int = setting(0, "ns", "of pictures", low=-1_000_000_000, high=1_000_000_000)
+    lidar_ns: int = measured(0, "ns", "of scans", low=-1_000_000_000, high=1_000_000_000)
+    wheels_ns: int = measured(0, "ns", "of encoder counts or wheel odometry", low=-1_000_000_000, high=1_000_000_000)
+    camera_ns: int = measured(0, "ns", "of pictures", low=-1_000_000_000, high=1_000_000_000)
 
 
-@dataclass(frozen=True, slots=True)
-class TimeOffsetSettings(Settings):
-    """The range of the search, and the conditions for accepting a delay."""
+EARLIEST_S, LATEST_S, STEP_S = -0.25, 0.25, 0.01
+"""s; range and step of the search for a delay, before its refinement."""
 
-    earliest_s: float = setting(-0.25, "s", "least delay that is looked for", low=-1.0, high=0.0)
-    latest_s: float = setting(0.25, "s", "greatest delay that is looked for", low=0.01, high=1.0)
-    step_s: float = setting(0.01, "s", "of the search, before the refinement", low=0.0005, high=0.05)
-    span_s: float = setting(0.25, "s", "turns are taken over about this time", low=0.02, high=5.0)
-    least_rate: float = setting(0.03, "rad/s", "least change (one sigma) of the yaw rate", low=0.001, high=5.0)
-    most_sigma_s: float = setting(0.004, "s", "a delay must be known to this (one sigma)", low=0.0001, high=1.0)
-    least_correlation: float = setting(0.9, "", "of a sensor's turns with the gyro's", low=0.0, high=1.0)
-    outlier: float = setting(4.0, "", "turns are left out beyond so many sigmas", low=2.0, high=100.0)
+SPAN_S = 0.25
+"""s; turns are taken over about this time."""
+
+LEAST_RATE = 0.03
+"""rad/s; least change (one sigma) of the yaw rate."""
+
+MOST_SIGMA_S = 0.004
+"""s; a delay must be known to this (one sigma)."""
+
+LEAST_CORRELATION = 0.9
+"""Least correlation of a sensor's turns with the gyro's."""
+
+OUTLIER = 4.0
+"""Sigmas; turns with larger residuals are left out."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +86,6 @@ def without_delay(message: T, delays: SensorDelays) -> T:
     return dataclasses.replace(message, stamp_ns=message.stamp_ns - late) if late else message  # type: ignore[type-var, attr-defined]
 
 
-def apply_delays(messages: Iterable[T], delays: SensorDelays) -> tuple[T, ...]:
-    """Return the messages of all sensors with corrected stamps, sorted by them."""
-    mended = [without_delay(message, delays) for message in messages]
-    return tuple(sorted(mended, key=lambda message: message.stamp_ns))  # type: ignore[attr-defined]
-
-
 def heading_from_gyro(samples: Sequence[ImuSample]) -> Heading:
     """Return the integral of the gyro's rate about the vertical; the gyro's bias does not matter here.
 
@@ -110,44 +109,43 @@ def heading_from_gyro(samples: Sequence[ImuSample]) -> Heading:
     return Heading(stamps, np.concatenate([[0.0], np.cumsum(steps)]))
 
 
-def time_offset(heading: Heading, gyro: Heading, sensor: str, settings: TimeOffsetSettings | None = None) -> TimeOffset:
+def time_offset(heading: Heading, gyro: Heading, sensor: str) -> TimeOffset:
     """Return the delay of a sensor's stamps at which its turns fit the gyro's best, up to a scale and a bias.
 
     Raises:
         ThinData: too few turns, or the yaw rate hardly changed.
         CalibrationError: the turns agree at no delay, or only at one beyond the search range.
     """
-    s = settings or TimeOffsetSettings()
-    turns = _turns(heading, gyro, s)
+    turns = _turns(heading, gyro)
     if len(turns.turns) < LEAST_TURNS:
         raise ThinData(
             f"{len(turns.turns)} turns seen by the {sensor} beside the gyro's are too few: record for longer"
         )
-    if (change := turns.change()) < s.least_rate:
+    if (change := turns.change()) < LEAST_RATE:
         raise ThinData(
-            f"the yaw rate changed by {change:.2f} rad/s only, {s.least_rate:g} are needed: "
+            f"the yaw rate changed by {change:.2f} rad/s only, {LEAST_RATE:g} are needed: "
             "turn left and right repeatedly"
         )
-    residuals = turns.residuals(_best(turns, s))
+    residuals = turns.residuals(_best(turns))
     spread = max(1.4826 * float(np.median(np.abs(residuals))), 1e-9)
-    turns = turns.only(np.abs(residuals) <= s.outlier * spread)
-    delay = _best(turns, s)
+    turns = turns.only(np.abs(residuals) <= OUTLIER * spread)
+    delay = _best(turns)
     residuals = turns.residuals(delay)
     correlation = math.sqrt(max(0.0, 1.0 - float(np.var(residuals)) / float(np.var(turns.turns))))
-    if correlation < s.least_correlation:
+    if correlation < LEAST_CORRELATION:
         raise CalibrationError(
             f"the turns seen by the {sensor} do not follow the gyro's (correlation {correlation:.2f}, "
-            f"{s.least_correlation:g} is needed): check how both are mounted, and record in a room that stands still"
+            f"{LEAST_CORRELATION:g} is needed): check how both are mounted, and record in a room that stands still"
         )
-    if not s.earliest_s + s.step_s < delay < s.latest_s - s.step_s:
+    if not EARLIEST_S + STEP_S < delay < LATEST_S - STEP_S:
         raise CalibrationError(
             f"the stamps of the {sensor} are off by {1e3 * delay:.0f} ms or more, beyond the search range "
-            f"({1e3 * s.earliest_s:.0f} to {1e3 * s.latest_s:.0f} ms): set its clock first"
+            f"({1e3 * EARLIEST_S:.0f} to {1e3 * LATEST_S:.0f} ms): set its clock first"
         )
     rms = math.sqrt(float(np.mean(residuals**2)))
-    if (sigma := _sigma(turns, delay, rms, s)) > s.most_sigma_s:
+    if (sigma := _sigma(turns, delay, rms)) > MOST_SIGMA_S:
         raise ThinData(
-            f"the delay of the {sensor} is known to {1e3 * sigma:.1f} ms only, {1e3 * s.most_sigma_s:g} ms are needed: "
+            f"the delay of the {sensor} is known to {1e3 * sigma:.1f} ms only, {1e3 * MOST_SIGMA_S:g} ms are needed: "
             "record for longer, with more turns to and fro"
         )
     return TimeOffset(round(1e9 * delay), round(1e9 * sigma), len(residuals), correlation, rms)
@@ -198,36 +196,36 @@ def _delay_of(message: object, delays: SensorDelays) -> int:
     return delays.camera_ns if isinstance(message, RgbdFrame) else 0
 
 
-def _turns(heading: Heading, gyro: Heading, s: TimeOffsetSettings) -> _Turns:
-    """Return the turns over stretches of about `span_s` from each stamp on, if the gyro covers them at any delay."""
+def _turns(heading: Heading, gyro: Heading) -> _Turns:
+    """Return the turns over stretches of about `SPAN_S` from each stamp on, if the gyro covers them at any delay."""
     times = (gyro.stamps_ns - gyro.stamps_ns[0]) * 1e-9
     seconds = (heading.stamps_ns - gyro.stamps_ns[0]) * 1e-9
     period = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
-    stride = max(1, round(s.span_s / period)) if period > 0.0 else 1
+    stride = max(1, round(SPAN_S / period)) if period > 0.0 else 1
     pieces = np.cumsum(np.isnan(heading.headings))
     begin, end = seconds[:-stride], seconds[stride:]
     turns = heading.headings[stride:] - heading.headings[:-stride]
     usable = np.isfinite(turns) & (pieces[stride:] == pieces[:-stride])
     usable &= np.abs(end - begin - stride * period) < 0.5 * stride * period
-    usable &= (begin - s.latest_s >= 0.0) & (end - s.earliest_s <= times[-1])
+    usable &= (begin - LATEST_S >= 0.0) & (end - EARLIEST_S <= times[-1])
     return _Turns(begin[usable], end[usable], turns[usable], times, gyro.headings, stride)
 
 
-def _best(turns: _Turns, s: TimeOffsetSettings) -> float:
+def _best(turns: _Turns) -> float:
     """Return the delay [s] of the least misfit: the best of a grid, refined between its neighbours (Brent's method)."""
-    grid = np.arange(s.earliest_s, s.latest_s + 0.5 * s.step_s, s.step_s)
+    grid = np.arange(EARLIEST_S, LATEST_S + 0.5 * STEP_S, STEP_S)
     best = float(grid[np.argmin([turns.misfit(float(delay)) for delay in grid])])
-    bounds = (best - s.step_s, best + s.step_s)
+    bounds = (best - STEP_S, best + STEP_S)
     return float(minimize_scalar(turns.misfit, bounds=bounds, method="bounded", options={"xatol": 1e-6}).x)
 
 
-def _sigma(turns: _Turns, delay: float, rms: float, s: TimeOffsetSettings) -> float:
+def _sigma(turns: _Turns, delay: float, rms: float) -> float:
     """Return the standard deviation [s] from the misfit's curvature, at most the width of the search.
 
     Overlapping stretches count as one, as if their residuals were equal. That is right if a sensor's heading drifts,
     and too large if it is merely noisy.
     """
-    step = 0.5 * s.step_s
+    step = 0.5 * STEP_S
     curvature = (turns.misfit(delay + step) - 2.0 * turns.misfit(delay) + turns.misfit(delay - step)) / step**2
-    widest = s.latest_s - s.earliest_s
+    widest = LATEST_S - EARLIEST_S
     return min(widest, rms * math.sqrt(2.0 * turns.overlap / curvature)) if curvature > 0.0 else widest

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
+from waychair.calibration.measured import Measured, measured
 from waychair.errors import CalibrationError, ThinData
 from waychair.geometry import wrap_angles
 from waychair.types import FloatArray, IntArray
@@ -25,14 +25,14 @@ _COUNTS = 2**32
 
 
 @dataclass(frozen=True, slots=True)
-class WheelCalibration(Settings):
+class WheelCalibration(Measured):
     """Effective radii and track, and the rms of the poses' residuals."""
 
-    left_radius: float = setting(0.165, "m", "left drive wheel", low=0.02, high=0.6)
-    right_radius: float = setting(0.165, "m", "right drive wheel", low=0.02, high=0.6)
-    track: float = setting(0.54, "m", "effective distance between the wheels' contacts", low=0.1, high=1.5)
-    rms_m: float = setting(0.0, "m", "of the way over a stretch", low=0.0, high=1.0)
-    rms_rad: float = setting(0.0, "rad", "of the turn over a stretch", low=0.0, high=1.0)
+    left_radius: float = measured(0.165, "m", "left drive wheel", low=0.02, high=0.6)
+    right_radius: float = measured(0.165, "m", "right drive wheel", low=0.02, high=0.6)
+    track: float = measured(0.54, "m", "effective distance between the wheels' contacts", low=0.1, high=1.5)
+    rms_m: float = measured(0.0, "m", "of the way over a stretch", low=0.0, high=1.0)
+    rms_rad: float = measured(0.0, "rad", "of the turn over a stretch", low=0.0, high=1.0)
 
     @property
     def radius(self) -> float:

@@ -11,7 +11,7 @@ import numpy as np
 
 from waychair.calibration.chair import CHAIR_A, ChairBody
 from waychair.calibration.dac import DEFAULT, DacModel
-from waychair.calibration.fit_dac import DacFit, FitSettings, fit_dac
+from waychair.calibration.fit_dac import DacFit, LeastData, fit_dac
 from waychair.calibration.fit_steps import StepResponse
 from waychair.calibration.fitted_dac import FittedDac
 from waychair.calibration.stopping import (
@@ -69,7 +69,7 @@ def chair_in_hall(settings: SimulatorSettings, body: ChairBody, seed: int, *, en
 def calibrate_dac(
     chair: ChairUnderTest,
     plan: SweepSettings | None = None,
-    fitting: FitSettings | None = None,
+    fitting: LeastData | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> DacFit:
     """Sweep a chair's volts and return the model fitted to its speeds.

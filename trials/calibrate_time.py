@@ -12,7 +12,6 @@ from waychair.calibration.time_offset import (
     Heading,
     SensorDelays,
     TimeOffset,
-    TimeOffsetSettings,
     heading_from_gyro,
     time_offset,
 )
@@ -43,9 +42,8 @@ class TimeCalibration:
 class TimeCalibrator:
     """Collects the sensors' messages of a drive with turns; of the pictures it keeps only the last."""
 
-    def __init__(self, body: ChairBody, settings: TimeOffsetSettings | None = None) -> None:
+    def __init__(self, body: ChairBody) -> None:
         self._body = body
-        self._settings = settings or TimeOffsetSettings()
         self._samples: list[ImuSample] = []
         self._wheels: list[WheelTicks | Odometry] = []
         self._scans: list[Scan] = []
@@ -92,7 +90,7 @@ class TimeCalibrator:
         return TimeCalibration(SensorDelays(**delays), offsets, tuple(problems))
 
     def _of(self, heading: Heading, gyro: Heading, sensor: str) -> TimeOffset:
-        return time_offset(heading, gyro, sensor, self._settings)
+        return time_offset(heading, gyro, sensor)
 
     def _of_lidar(self, gyro: Heading) -> TimeOffset:
         """Estimate the lidar's delay twice; the second pass deskews the scans with the delay of the first."""

@@ -11,7 +11,7 @@ import pytest
 from tests.calibration.synthetic import NEUTRAL, TRUE, SyntheticChair
 from waychair.calibration.dac_plot import plot_fit
 from waychair.calibration.drive_log import SweepLog
-from waychair.calibration.fit_dac import DacFit, FitSettings, fit_dac
+from waychair.calibration.fit_dac import DacFit, LeastData, fit_dac
 from waychair.calibration.fit_steps import fit_steps
 from waychair.calibration.fitted_dac import FittedDac
 from waychair.calibration.levels import on_blocks
@@ -20,7 +20,7 @@ from waychair.errors import CalibrationError, NotMonotone, NotRepeatable, ThinDa
 from waychair.types import Twist, WheelSpeeds
 
 PLAN = SweepSettings(levels=45, repetitions=1, combined=3)
-ENOUGH = FitSettings(min_repetitions=1)
+ENOUGH = LeastData(repetitions=1)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def test_a_drift_is_named_by_its_direction(log: SweepLog, factors: tuple[float, 
 
 def test_too_few_levels_are_refused(log: SweepLog) -> None:
     with pytest.raises(ThinData, match=r"forward axis alone are too few .*at least 60"):
-        fit_dac(log, NEUTRAL, TRUE.track, FitSettings(min_levels=60, min_repetitions=1))
+        fit_dac(log, NEUTRAL, TRUE.track, LeastData(levels=60, repetitions=1))
 
 
 def test_too_few_repetitions_are_refused(log: SweepLog) -> None:

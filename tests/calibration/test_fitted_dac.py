@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from tests.calibration.synthetic import TRUE
 from waychair.calibration.dac import DEFAULT, DacModel
-from waychair.calibration.fitted_dac import DeadBand, DeadBandSettings, FittedDac
+from waychair.calibration.fitted_dac import ENTER_OMEGA, ENTER_V, DeadBand, FittedDac
 from waychair.errors import CalibrationError, ConfigError, NotMonotone
 from waychair.types import Twist, WheelSpeeds
 
@@ -126,7 +126,7 @@ def test_an_axis_waits_at_the_edge_where_it_does_nothing() -> None:
 @pytest.mark.parametrize("omega", [0.0251, 0.1, 1.0])
 def test_the_other_side_is_taken_when_asked_for_in_earnest(omega: float) -> None:
     model = replace(TRUE, v_per_turn=0.0, turn_per_v=0.0, turn_fade=0.0)
-    held = DeadBand(model, DeadBandSettings(enter_omega=0.025))
+    held = DeadBand(model)
     held.counts_from_wheel_speeds(_wheels(0.1, 0.3))
     assert held.counts_from_wheel_speeds(_wheels(0.1, -omega)) == model.counts_from_wheel_speeds(_wheels(0.1, -omega))
 
@@ -140,12 +140,12 @@ def test_rest_is_neutral_at_once_and_forgets_the_sides() -> None:
 
 @given(st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-1.2, 1.2)), min_size=1, max_size=20))
 def test_memory_changes_a_speed_by_less_than_what_it_takes_to_change_sides(demands: list[tuple[float, float]]) -> None:
-    held, s = DeadBand(TRUE), DeadBandSettings()
+    held = DeadBand(TRUE)
     for v, omega in demands:
         counts = held.counts_from_wheel_speeds(_wheels(v, omega))
         reached = held.model.twist_from_wheel_speeds(held.wheel_speeds_from_counts(*counts))
-        assert abs(reached.v - v) < s.enter_v + 0.01 * s.enter_omega + 0.002
-        assert abs(reached.omega - omega) < s.enter_omega + 0.1 * s.enter_v + 0.005
+        assert abs(reached.v - v) < ENTER_V + 0.01 * ENTER_OMEGA + 0.002
+        assert abs(reached.omega - omega) < ENTER_OMEGA + 0.1 * ENTER_V + 0.005
 
 
 @pytest.mark.parametrize("model", [DEFAULT, TRUE, DeadBand(TRUE)])

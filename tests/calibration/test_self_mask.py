@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.self_mask import SelfMask, SelfMaskSettings, learn_self_mask
+from waychair.calibration.self_mask import SelfMask, learn_self_mask
 from waychair.errors import CalibrationError, ConfigError, ThinData
 from waychair.types import BoolArray, FloatArray, Scan
 
@@ -131,7 +131,7 @@ def test_too_few_scans_and_a_buried_lidar_are_refused() -> None:
     with pytest.raises(CalibrationError, match="mount it where it sees more"):
         learn_self_mask(as_scans(ranges), CHAIR_A)
     with pytest.raises(ThinData, match="nothing but the chair"):
-        learn_self_mask(as_scans(np.full((120, 471), np.nan)), CHAIR_A, SelfMaskSettings(most=1.0))
+        learn_self_mask(as_scans(np.full((120, 471), np.nan)), CHAIR_A)
 
 
 @pytest.mark.parametrize(

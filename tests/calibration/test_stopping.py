@@ -71,11 +71,11 @@ def test_the_table_is_the_worst_of_all_directions_plus_the_margin() -> None:
         MeasuredStop(0.61, 0.5, 0.20, 0.40, 0.2),
         MeasuredStop(0.0, 0.6, 0.10, 0.0, 0.3),
     ]
-    table = stop_table(stops, 0.8, StopSettings(margin=0.5, margin_m=0.04))
+    table = stop_table(stops, 0.8)
     assert table.speeds == (0.30, 0.60)
-    assert table.distances == pytest.approx((0.14 * 1.5 + 0.04, (0.40 + 0.2 * 0.8) * 1.5 + 0.04))
+    assert table.distances == pytest.approx((0.14 * 1.2 + 0.03, (0.40 + 0.2 * 0.8) * 1.2 + 0.03))
     assert table.delay_s == 0.20
-    assert (table.turn_rate, table.turn_angle) == pytest.approx((0.6, 0.3 * 1.5 + 0.04 / 0.8))
+    assert (table.turn_rate, table.turn_angle) == pytest.approx((0.6, 0.3 * 1.2 + 0.03 / 0.8))
 
 
 def test_stops_from_one_speed_or_without_a_spin_are_too_few() -> None:

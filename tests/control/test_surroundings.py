@@ -154,7 +154,7 @@ def test_what_shows_of_the_glass_that_a_zone_is_drawn_round_is_nobody() -> None:
     seen = around(Zone("glass", Rule.KEEP_OUT, pane))
     assert len(seen.unmapped(someone(6.05))) == 0
     assert len(seen.unmapped(someone(5.5))) == 9
-    assert not DrawnMap(hall(), CHAIR_A, [Zone("glass", Rule.KEEP_OUT, pane)]).shows(someone(6.05), 0.1).any()
+    assert not DrawnMap(hall(), CHAIR_A, [Zone("glass", Rule.KEEP_OUT, pane)]).is_mapped(someone(6.05), 0.1).any()
 
 
 def floor(edge: float, depth: float, slope: float = 0.0) -> RgbdFrame:

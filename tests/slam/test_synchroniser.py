@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.calibration.time_offset import SensorDelays, apply_delays
+from waychair.calibration.time_offset import SensorDelays
 from waychair.errors import ConfigError
 from waychair.slam.synchroniser import QUEUE, Synchroniser, SynchroniserSettings, frames_with_delays
 from waychair.topics import CAMERA, IMU, MAP, ODOMETRY, SCAN, SONAR, WHEELS, Topic
@@ -220,12 +220,6 @@ def test_known_delays_are_taken_out_of_a_recordings_frames() -> None:
     stamps = [reading.stamp_ns for frame in mended for reading in frame.wheels]
     assert all(a < b for a, b in pairwise(stamps))
     assert frames_with_delays(frames, SensorDelays()) == tuple(frames)
-
-
-def test_messages_without_delay_come_in_the_order_of_their_true_times() -> None:
-    late = SensorDelays(lidar_ns=70 * MS, camera_ns=30 * MS)
-    mended = apply_delays([scan(170), picture(140), ticks(90), sample(105)], late)
-    assert [message.stamp_ns // MS for message in mended] == [90, 100, 105, 110]
 
 
 def test_frames_that_still_waited_when_the_clock_was_set_back_come_out_first() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from tests.trials.board_rig import PLANT, BoardRig
 from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.fit_dac import FitSettings
+from waychair.calibration.fit_dac import LeastData
 from waychair.calibration.sweep import SweepSettings
 from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError, WaychairError
 from waychair.firmware_bridge.board import Defect, build_board
@@ -24,7 +24,7 @@ from waychair.trials.simulated_drive import with_gyro
 from waychair.types import JoystickInput
 
 SHORT = SweepSettings(levels=7, repetitions=1, combined=1)
-ENOUGH = FitSettings(min_levels=8, min_repetitions=1)
+ENOUGH = LeastData(levels=8, repetitions=1)
 AHEAD = (PLANT.neutral_volts + 0.4, PLANT.neutral_volts)
 
 

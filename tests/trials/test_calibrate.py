@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from waychair.calibration.axis_model import AxisModel, AxisSide
 from waychair.calibration.chair import CHAIR_A
 from waychair.calibration.dac import DEFAULT
-from waychair.calibration.fit_dac import DacFit, FitSettings
+from waychair.calibration.fit_dac import DacFit, LeastData
 from waychair.calibration.fitted_dac import FittedDac
 from waychair.calibration.stopping import StopSettings, permitted_speed
 from waychair.calibration.sweep import SweepSettings
@@ -52,7 +52,7 @@ SEED = 4
 PLANT = randomised(PlantSettings(), SEED)
 SETTINGS = SimulatorSettings(plant=PLANT)
 SHORT = SweepSettings(levels=11, repetitions=1, combined=2)
-ENOUGH = FitSettings(min_levels=11, min_repetitions=1)
+ENOUGH = LeastData(levels=11, repetitions=1)
 
 
 @pytest.fixture(scope="module")
@@ -88,7 +88,7 @@ def test_delay_lag_and_ramps_are_found_from_the_steps(fit: DacFit) -> None:
 
 def test_a_chair_without_encoders_is_calibrated_by_lidar_and_gyro() -> None:
     blind = chair_in_hall(SETTINGS, CHAIR_A, SEED, encoders=False)
-    found = calibrate_dac(blind, replace(SHORT, levels=5, combined=1), replace(ENOUGH, min_levels=6))
+    found = calibrate_dac(blind, replace(SHORT, levels=5, combined=1), replace(ENOUGH, levels=6))
     error = inverse_error(found.model, PLANT, CHAIR_A, command_grid()[::3])
     assert error.max_v <= 0.040
     assert error.max_omega <= 0.060
