@@ -1,4 +1,4 @@
-"""Problems for multigrid, and plain dense references of what it does, for grids of some hundred cells."""
+"""Problems for multigrid, and plain dense references for it, on grids of a few hundred cells."""
 
 from __future__ import annotations
 

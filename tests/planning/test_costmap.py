@@ -1,4 +1,4 @@
-"""Where the chair may go and what it costs."""
+"""The costmap: where the chair may go, and at which price."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""D* Lite must always cost what Dijkstra costs, whatever closed, opened or moved before."""
+"""D* Lite always finds the cost that Dijkstra finds, after any changes of cells and start."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Whatever a chair is like: its delay, its jerk, its measured way to rest, and its outline at other heights."""
+"""The dynamic window for different chairs: delay, jerk, measured stops, and outlines at other heights."""
 
 from __future__ import annotations
 

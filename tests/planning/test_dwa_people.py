@@ -1,4 +1,4 @@
-"""People who walk about, as the local planner foresees them."""
+"""The dynamic window among predicted people."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a rubber band bends with little room, the chair keeps to it exactly: who cuts such a bend is caught in it."""
+"""Tight bends of a rubber band are followed exactly: a chair that cuts such a bend gets stuck in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The harmonic field: no descent is trapped, however long the map, and whoever cannot arrive is told so."""
+"""The harmonic field: no descent is trapped on maps of any length, and an unreachable goal is an error."""
 
 from __future__ import annotations
 

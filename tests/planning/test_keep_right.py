@@ -1,4 +1,4 @@
-"""Aside where people are about: by how much, from what, and back."""
+"""Keeping to one side when people are about: how far, where, and back."""
 
 from __future__ import annotations
 

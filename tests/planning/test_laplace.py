@@ -1,4 +1,4 @@
-"""Laplace's equation: all solvers agree, what changed is found anew, and what cannot be solved is said."""
+"""Laplace's equation: all solvers agree, changes are solved anew, and failures are errors."""
 
 from __future__ import annotations
 

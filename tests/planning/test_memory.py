@@ -1,4 +1,4 @@
-"""Memory of one solve after the other: no part is handed out twice, and what is left in it does no harm."""
+"""Scratch memory of successive solves: no part is handed out twice, and old contents do no harm."""
 
 from __future__ import annotations
 

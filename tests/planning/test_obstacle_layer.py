@@ -1,4 +1,4 @@
-"""What is seen is marked, what is seen through is cleared, what is out of sight fades."""
+"""Obstacle layers: seen points are marked, passed points cleared, points out of sight forgotten."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's equations as they are printed, with what they do and do not do."""
+"""The source paper's dynamic window as printed, with its flaws."""
 
 from __future__ import annotations
 

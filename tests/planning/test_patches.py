@@ -1,4 +1,4 @@
-"""What is seen to by itself in a multigrid cycle: the cycle stays symmetric, and fewer of them are needed."""
+"""Extra local smoothing in a multigrid cycle: the cycle stays symmetric, and fewer cycles are needed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a path may begin and end, and what is said where it may not."""
+"""Where a path may begin and end, and the errors where it may not."""
 
 from __future__ import annotations
 
