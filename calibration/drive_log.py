@@ -81,7 +81,14 @@ def read_sweep_log(path: Path, bits: int, volts_max: float, volts_min: float = 0
     if (back := np.flatnonzero(np.diff(stamps) <= 0)).size:
         raise CalibrationError(f"{path}, sample {back[0] + 2}: the stamp does not rise; sort the lines by time")
     counts = np.array([row[1:3] for row in rows], np.int64)
-    return SweepLog(stamps, counts, np.array([row[3:] for row in rows], float), bits, volts_max, volts_min)
+    return SweepLog(
+        stamps_ns=stamps,
+        counts=counts,
+        twists=np.array([row[3:] for row in rows], float),
+        bits=bits,
+        volts_max=volts_max,
+        volts_min=volts_min,
+    )
 
 
 def write_sweep_log(path: Path, log: SweepLog) -> None:

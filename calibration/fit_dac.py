@@ -102,9 +102,9 @@ def fit_dac(log: SweepLog, neutral: tuple[float, float], track: float, least: Le
 
     fit = least_squares(residuals, start, bounds=(low, high), x_scale=high - low, loss="soft_l1")
     steps = (fit_steps(log, 0, neutral, NEAR_NEUTRAL), fit_steps(log, 1, neutral, NEAR_NEUTRAL))
-    model = _model(fit.x, sides, log, neutral, track, steps)
+    model = _model(p=fit.x, sides=sides, log=log, neutral=neutral, track=track, steps=steps)
     _refuse_drift(model, holds, neutral)
-    return _report(model, levels, holds, neutral, noise, steps)
+    return _report(model=model, levels=levels, holds=holds, neutral=neutral, noise=noise, steps=steps)
 
 
 def _refuse_drift(model: FittedDac, holds: Holds, neutral: tuple[float, float]) -> None:

@@ -208,7 +208,9 @@ def _turns(heading: Heading, gyro: Heading) -> _Turns:
     usable = np.isfinite(turns) & (pieces[stride:] == pieces[:-stride])
     usable &= np.abs(end - begin - stride * period) < 0.5 * stride * period
     usable &= (begin - LATEST_S >= 0.0) & (end - EARLIEST_S <= times[-1])
-    return _Turns(begin[usable], end[usable], turns[usable], times, gyro.headings, stride)
+    return _Turns(
+        begin=begin[usable], end=end[usable], turns=turns[usable], times=times, headings=gyro.headings, overlap=stride
+    )
 
 
 def _best(turns: _Turns) -> float:

@@ -187,7 +187,14 @@ class Monitor:
                 share, contact_s = passing, passing_contact_s
         if not _stands(measured):
             self._gives_way_since_ns = None
-        return MonitorVerdict(now_ns, scan_ns, command, share, contact_s, "" if share > 0.0 else "obstacle")
+        return MonitorVerdict(
+            stamp_ns=now_ns,
+            scan_ns=scan_ns,
+            twist=command,
+            share=share,
+            contact_s=contact_s,
+            stop="" if share > 0.0 else "obstacle",
+        )
 
     def _is_mapped(self, points: FloatArray, measured: Twist, now_ns: int) -> BoolArray:
         """Return a mask (N,) of points (N, 2) [m] in base that lie at mapped slim objects."""

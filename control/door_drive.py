@@ -114,7 +114,18 @@ class DoorDrive:
         line = compose(self.watch.odom_from_door.array(), self._line)
         tracking = self._within if self._entered else APPROACHING
         done = self._in_position
-        choice = track(pose, command, line, False, distances, self._body, limits, tracking, done, motion)
+        choice = track(
+            pose=pose,
+            command=command,
+            poses=line,
+            backwards=False,
+            distances=distances,
+            body=self._body,
+            limits=limits,
+            gains=tracking,
+            in_position=done,
+            motion=motion,
+        )
         self._in_position = choice.in_position
         return choice
 
@@ -143,7 +154,15 @@ class DoorDrive:
             clearance=0.0,
         )
         heading = self.watch.odom_from_door.theta
-        turned = rotate_to_heading(pose, command, heading, distances, self._body, limits, motion)
+        turned = rotate_to_heading(
+            pose=pose,
+            command=command,
+            heading=heading,
+            distances=distances,
+            body=self._body,
+            settings=limits,
+            motion=motion,
+        )
         self._lined_up = turned.arrived
         return None if turned.arrived else turned
 
@@ -168,7 +187,15 @@ class DoorDrive:
         steps = np.linspace(at.x + 0.1, self._turn_back, 12)
         line = np.column_stack([steps, np.zeros((12, 2))])
         odom_line: FloatArray = compose(self.watch.odom_from_door.array(), line)
-        choice = track(pose, command, odom_line, True, distances, self._longer, limits)
+        choice = track(
+            pose=pose,
+            command=command,
+            poses=odom_line,
+            backwards=True,
+            distances=distances,
+            body=self._longer,
+            limits=limits,
+        )
         if limits.max_reverse == 0.0 and not choice.in_position:
             return choice
         if choice.in_position or choice.blocked:

@@ -101,29 +101,29 @@ class LegDrive:
         if self.leg.manner is DrivingManner.FREE:
             path = Path(compose(view.odom_from_map.array(), self._poses))
             choice = choose(
-                view.pose,
-                view.command,
-                path,
-                view.local(),
-                self._body,
-                limits,
-                self.in_position,
-                view.motion,
-                view.tracks,
-                self._fastest(view, limits),
+                pose=view.pose,
+                command=view.command,
+                path=path,
+                distances=view.local(),
+                body=self._body,
+                settings=limits,
+                in_position=self.in_position,
+                motion=view.motion,
+                tracks=view.tracks,
+                fastest=self._fastest(view, limits),
             )
             if self.leg.flows and self._passes(view):
                 choice = replace(choice, arrived=True)
         elif self.leg.manner is DrivingManner.EXACT:
             poses = self.leg.poses_in(view.odom_from_map)
             choice = track(
-                view.pose,
-                view.command,
-                poses,
-                self.leg.backwards,
-                self._near_field(view, None),
-                self._body,
-                limits,
+                pose=view.pose,
+                command=view.command,
+                poses=poses,
+                backwards=self.leg.backwards,
+                distances=self._near_field(view, None),
+                body=self._body,
+                limits=limits,
                 in_position=self.in_position,
                 motion=view.motion,
             )
@@ -190,5 +190,13 @@ class LegDrive:
             points = transform_points(map_from_odom, points)
             reach = self._body.circumscribed_radius + 0.5
             layered = [(layer, transform_points(map_from_odom, seen)) for layer, seen in view.layered]
-            self._near = fine_field(self._grid, map_from_odom @ view.pose, reach, points, opening, WALL_WITHIN, layered)
+            self._near = fine_field(
+                grid=self._grid,
+                centre=map_from_odom @ view.pose,
+                reach=reach,
+                points=points,
+                opening=opening,
+                known_within=WALL_WITHIN,
+                layered=layered,
+            )
         return self._near.seen_from(view.odom_from_map)

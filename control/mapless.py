@@ -129,10 +129,26 @@ class MaplessNavigator:
     def _choose(self, now_ns: int, pose: Pose2, path: Path, local: DistanceField) -> DwaResult:
         """Follow the path; if that has been impossible for a while, first back out along the chair's trail."""
         dwa, remaining = self._settings.dwa, None if self._in_position else path.length()
-        backing = self._recovery.step(now_ns, pose, remaining, self._command, lambda: local, self._body, dwa)
+        backing = self._recovery.step(
+            now_ns=now_ns,
+            pose=pose,
+            remaining=remaining,
+            command=self._command,
+            local=lambda: local,
+            body=self._body,
+            settings=dwa,
+        )
         if backing is not None:
             return backing
-        choice = choose(pose, self._command, path, local, self._body, dwa, in_position=self._in_position)
+        choice = choose(
+            pose=pose,
+            command=self._command,
+            path=path,
+            distances=local,
+            body=self._body,
+            settings=dwa,
+            in_position=self._in_position,
+        )
         self._in_position = choice.in_position
         return choice
 
@@ -147,4 +163,6 @@ class MaplessNavigator:
 
     def _navigation(self, twist: Twist, choice: DwaResult | None = None) -> Navigation:
         self._command = twist
-        return Navigation(self._stage, twist, self._reason, self._path, self._plans, choice)
+        return Navigation(
+            stage=self._stage, twist=twist, reason=self._reason, path=self._path, plans=self._plans, choice=choice
+        )

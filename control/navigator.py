@@ -236,7 +236,15 @@ class Navigator:
             obstacles = without_mixed_pixels(obstacles, laser, MIXED_PIXEL_GAP)
             self._surroundings.see(now_ns, pose, obstacles, beyond)
             stood_s, seen_ns = self.recovery.standing_s(now_ns), now_ns if seen_ns is None else seen_ns
-            self._people.see(now_ns, pose, obstacles, odom_from_map, self._surroundings, stood_s, seen_ns)
+            self._people.see(
+                now_ns=now_ns,
+                pose=pose,
+                obstacles=obstacles,
+                odom_from_map=odom_from_map,
+                surroundings=self._surroundings,
+                stood_s=stood_s,
+                seen_ns=seen_ns,
+            )
             self._among_people = self._people.someone_walks_near(odom_from_map @ pose)
         if self._planner is None or not self.active:
             return self._navigation(Twist())
@@ -269,16 +277,16 @@ class Navigator:
         """Return the input of the present leg's drive, in odom."""
 
         return View(
-            odom_from_map @ pose,
-            self._command,
-            lambda: self.local_distances.seen_from(odom_from_map),  # computed only if the leg needs it
-            odom_from_map,
-            None if obstacles is None else transform_points(odom_from_map, obstacles),
-            transform_points(odom_from_map, self._surroundings.unscanned()),
-            None if self._jumping else self._motion,  # after a jump, braking is not limited for comfort
-            self._people.predicted(now_ns, odom_from_map @ pose),
-            self._surroundings.has_sonars,
-            tuple(
+            pose=odom_from_map @ pose,
+            command=self._command,
+            local=lambda: self.local_distances.seen_from(odom_from_map),  # computed only if the leg needs it
+            odom_from_map=odom_from_map,
+            seen=None if obstacles is None else transform_points(odom_from_map, obstacles),
+            unscanned=transform_points(odom_from_map, self._surroundings.unscanned()),
+            motion=None if self._jumping else self._motion,  # after a jump, braking is not limited for comfort
+            tracks=self._people.predicted(now_ns, odom_from_map @ pose),
+            has_sonars=self._surroundings.has_sonars,
+            layered=tuple(
                 (layer, transform_points(odom_from_map, seen)) for layer, seen in self._surroundings.in_narrow_layers()
             ),
         )
@@ -288,14 +296,14 @@ class Navigator:
         tries, backed = self.recovery.tries, self.recovery.backing
         behind = self._people.someone_behind(now_ns, view.pose)
         backing = self.recovery.step(
-            now_ns,
-            view.pose,
-            self._remaining(pose),
-            self._command,
-            view.local,
-            self._body,
-            self._dwa,
-            behind or self._people.someone_passes_near(view.pose),
+            now_ns=now_ns,
+            pose=view.pose,
+            remaining=self._remaining(pose),
+            command=self._command,
+            local=view.local,
+            body=self._body,
+            settings=self._dwa,
+            waits=behind or self._people.someone_passes_near(view.pose),
         )
         if backing is not None:
             return backing
@@ -368,7 +376,16 @@ class Navigator:
     def _navigation(self, twist: Twist, choice: DwaResult | None = None) -> Navigation:
         self._command = twist
         leg = self._legs[0] if self._legs and self.active else None
-        return Navigation(self._stage, twist, self._reason, self._path, self._plans, choice, leg, len(self._goals))
+        return Navigation(
+            stage=self._stage,
+            twist=twist,
+            reason=self._reason,
+            path=self._path,
+            plans=self._plans,
+            choice=choice,
+            leg=leg,
+            goals=len(self._goals),
+        )
 
     def _halt(self, now_ns: int, why: str, choice: DwaResult | None = None) -> Navigation:
         """Brake and wait; give up when the patience is over."""
@@ -515,7 +532,14 @@ class Navigator:
         """Plan a path over a costmap among walking people."""
         assert self._planner is not None
         people, cruise = self._people.expected_people(self._map_from_odom), self.settings.dwa.max_speed
-        return self._planner.replan_among_people(costmap, self._pose, people, cruise, self._among_people, self._until(now_ns))
+        return self._planner.replan_among_people(
+            costmap=costmap,
+            start=self._pose,
+            people=people,
+            cruise=cruise,
+            near=self._among_people,
+            has_time=self._until(now_ns),
+        )
 
     def _pose(self) -> Pose2:
         """Return the chair's pose now, in map."""

@@ -160,7 +160,9 @@ class Recovery:
         s = self._settings
         times = min(self.tries, _FARTHEST)
         way, longest_s = times * BACKING_LENGTH, times * s.progress_time
-        choice = back_up(pose, command, trail, near, shape, settings, way + 0.1)
+        choice = back_up(
+            pose=pose, command=command, trail=trail, distances=near, shape=shape, settings=settings, way=way + 0.1
+        )
         backed = math.hypot(pose.x - origin.x, pose.y - origin.y)
         lasted = (now_ns - since) * 1e-9
         self._blocked_since = (self._blocked_since or now_ns) if choice.blocked else None

@@ -148,16 +148,34 @@ def track(
     def with_margin(margin: float, turn_from: float) -> DwaResult:
         kept = replace(limits, clearance=margin)
         if in_position or at.remaining <= END_TOLERANCE:
-            turned = rotate_to_heading(pose, command, float(poses[-1, 2]), distances, body, kept, motion)
+            turned = rotate_to_heading(
+                pose=pose,
+                command=command,
+                heading=float(poses[-1, 2]),
+                distances=distances,
+                body=body,
+                settings=kept,
+                motion=motion,
+            )
             return replace(turned, in_position=True)
         if abs(at.heading) > turn_from:
             heading = wrap_angle(ahead.theta - at.heading)
-            turned = rotate_to_heading(pose, command, heading, distances, body, kept, motion)
+            turned = rotate_to_heading(
+                pose=pose,
+                command=command,
+                heading=heading,
+                distances=distances,
+                body=body,
+                settings=kept,
+                motion=motion,
+            )
             return replace(turned, arrived=False)
         if backwards and limits.max_reverse == 0.0:
             return _halted(ahead, command, np.zeros((0, 2)), kept)
         wanted = _feedback(at, backwards, _until_steady(command, backwards, kept, motion), kept, gains)
-        return _admitted(ahead, command, wanted, distances, body, kept, motion)
+        return _admitted(
+            ahead=ahead, command=command, wanted=wanted, distances=distances, body=body, limits=kept, motion=motion
+        )
 
     def turning_from(heading: float) -> DwaResult:
         result = with_margin(TRACKED, heading)

@@ -122,7 +122,7 @@ def test_a_chair_that_slows_down_into_turns_and_turns_less_at_speed_is_found() -
 @pytest.mark.parametrize(
     ("factors", "says"),
     [
-        ((1.0, 0.78), "slower at the end of the sweep than at its beginning, as motors that grow hot"),
+        ((1.0, 0.78), "slower at the end of the sweep than at its beginning, because of hot motors"),
         ((1.0, 1.28), "faster at the end of the sweep than at its beginning, as if its speed dial"),
     ],
 )
