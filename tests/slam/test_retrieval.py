@@ -168,7 +168,7 @@ def test_the_woken_and_the_last_loop_are_immunised(monkeypatch: pytest.MonkeyPat
     woken = memory.retrieve(3, Pose2(-50.0))
     assert [node.id for node in woken.woken] == [2]
     assert woken.entered_wm == (2,)
-    assert {2, 20} <= memory.immunised_nodes
+    assert {2, 20} <= memory.immunised
     assert 2 not in memory.transfer().left_wm
 
 
@@ -199,7 +199,7 @@ def test_words_that_were_given_other_numbers_are_kept_through_sleep(monkeypatch:
 def test_with_no_limit_and_nobody_asleep_nothing_is_looked_for() -> None:
     memory = corridor(20, MemorySettings())
     assert memory.retrieve(3, Pose2()).woken == ()
-    assert memory.immunised_nodes == frozenset()
+    assert memory.immunised == frozenset()
 
 
 def test_a_chair_that_only_localises_keeps_the_places_round_it_awake(monkeypatch: pytest.MonkeyPatch) -> None:
