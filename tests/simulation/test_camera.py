@@ -20,6 +20,8 @@ from waychair.geometry import in_space
 from waychair.simulation.camera import (
     ADAPTATION,
     DEPTH_MIN,
+    EXPOSURE_MAX,
+    GAIN_MAX,
     NOISE_STEP,
     TARGET_GREY,
     CameraSettings,
@@ -157,8 +159,8 @@ def test_a_dim_scene_takes_the_longest_exposure_and_gain() -> None:
         exposures[name] = (camera.exposure, camera.gain)
         renderer.release()
     assert exposures["second_floor"][1] == 1.0
-    assert exposures["basement"][0] == SMALL.exposure_max
-    assert 1.0 < exposures["basement"][1] < SMALL.gain_max
+    assert exposures["basement"][0] == EXPOSURE_MAX
+    assert 1.0 < exposures["basement"][1] < GAIN_MAX
 
 
 def test_exposure_follows_a_change_by_its_time_constant(small: tuple[World, Renderer]) -> None:
