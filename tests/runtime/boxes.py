@@ -9,9 +9,9 @@ from pathlib import Path
 
 from tests.runtime.riding import FAR, Ride
 from waychair.calibration.calibration_file import ChairCalibration
-from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.firmware_bridge.protocol import HelloReply
-from waychair.runtime.black_box import BlackBox, BlackBoxSettings, LoggedChair
+from waychair.runtime.black_box.recorder import BlackBox, BlackBoxSettings, LoggedChair
 from waychair.runtime.chair import ChairSettings, ChairState
 from waychair.runtime.drive_base import ChairMessage
 from waychair.trials.drive import simulated_chair
@@ -58,7 +58,7 @@ def wait_for(box: BlackBox, most: int = 50) -> None:
 def driven(script: Callable[[Ride], None], ride: Ride | None = None) -> Drive:
     """The drive that a script makes in the hall; FAR is the place 'lift'."""
     ride, drive = ride or Ride(), Drive()
-    with simulated_chair(ride.setting, ride.simulator, drive) as ride.chair:
+    with simulated_chair(ride.setup, ride.simulator, drive) as ride.chair:
         script(ride)
     return drive
 

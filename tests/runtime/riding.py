@@ -11,16 +11,16 @@ from unittest.mock import patch
 
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.dac import DEFAULT
-from waychair.maps.zones import Zone
-from waychair.planning import dwa
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.dac import DEFAULT
+from waychair.maps.drawn.zones import Zone
+from waychair.planning.window import dwa
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.drive_base import ChairMessage
-from waychair.simulation.lidar import LidarSettings
-from waychair.simulation.scene import Block, PersonPlan, Pit
+from waychair.simulation.sensors.lidar import LidarSettings
+from waychair.simulation.scene.scene import Block, PersonPlan, Pit
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.simulation.world import World, world_from_grid
+from waychair.simulation.plan.world import World, world_from_grid
 from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair, start_drive
 from waychair.types import DriveMode, Goal, OccupancyGrid, Pose2
 

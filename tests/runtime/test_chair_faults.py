@@ -11,15 +11,15 @@ import pytest
 
 from tests.runtime.riding import FAR, Ride
 from waychair.calibration.calibration_file import ChairCalibration
-from waychair.control.fitness import FitnessSettings
-from waychair.control.navigator import Stage
-from waychair.control.supervisor import SupervisorSettings
+from waychair.control.safety.fitness import FitnessSettings
+from waychair.control.drive.navigator import Stage
+from waychair.control.safety.supervisor import SupervisorSettings
 from waychair.firmware_bridge.bridge import BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.runtime.chair import Chair, ChairSettings
 from waychair.runtime.drive_base import ChairMessage
-from waychair.simulation.imu import ImuSettings
-from waychair.simulation.scene import Behaviour, PersonPlan
+from waychair.simulation.sensors.imu import ImuSettings
+from waychair.simulation.scene.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.drive import advance_tick
 from waychair.types import ChairStatus, DriveMode, ImuSample, JoystickInput, Scan, Twist, WheelTicks
@@ -153,7 +153,7 @@ def test_f5_a_speed_that_is_none_brakes_in_the_same_tick(
     monkeypatch.setattr(navigator, "step", lambda **given: replace(sane(**given), twist=asked))
     after = ride.tick().command
     assert after is not None
-    assert after.v == pytest.approx(before.v - ride.setting.chair.limiter.emergency * 0.05, abs=1e-6)
+    assert after.v == pytest.approx(before.v - ride.setup.chair.limiter.emergency * 0.05, abs=1e-6)
     ride.tick(40)
     assert ride.stands
 
@@ -395,7 +395,7 @@ def test_a_chair_whose_stops_were_not_measured_crawls() -> None:
         board = ride.simulator._board
         assert board is not None
         ride.chair = Chair(
-            ride.setting.grid,
+            ride.setup.grid,
             {},
             ChairCalibration("A", ""),
             Reconnecting(lambda: board.transport),

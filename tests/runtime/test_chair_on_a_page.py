@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.runtime.riding import FAR, START, Ride
-from waychair.control.supervisor import SupervisorSettings
+from waychair.control.safety.supervisor import SupervisorSettings
 from waychair.firmware_bridge.protocol import Holder
-from waychair.maps.zones import Rule, Zone, zone_contains
+from waychair.maps.drawn.zones import Rule, Zone, zone_contains
 from waychair.runtime.chair import ChairSettings
 from waychair.runtime.chair_story import obstacles_of
 from waychair.runtime.drive_base import ChairMessage
@@ -166,7 +166,7 @@ def test_a_zone_that_is_drawn_during_a_drive_is_driven_round_at_once() -> None:
     with Ride() as ride:
         ride.drive()
         zone = Zone("wet", Rule.KEEP_OUT, np.array([[4.5, 1.6], [5.5, 1.6], [5.5, 3.0], [4.5, 3.0]]))
-        grid = ride.setting.grid
+        grid = ride.setup.grid
         ride.chair.redraw(ride.chair.drawn(grid, (zone,)), (zone,), {})
         outline = []
         for _ in range(500):
@@ -183,7 +183,7 @@ def test_a_zone_over_the_goal_ends_the_drive_and_taking_it_back_does_not_resume_
     with Ride() as ride:
         ride.drive()
         zone = Zone("wet", Rule.KEEP_OUT, np.array([[9.0, 1.5], [11.0, 1.5], [11.0, 3.5], [9.0, 3.5]]))
-        grid = ride.setting.grid
+        grid = ride.setup.grid
         ride.chair.redraw(ride.chair.drawn(grid, (zone,)), (zone,), {})
         ride.tick(60)
         assert ride.stands
@@ -199,7 +199,7 @@ def test_a_slow_zone_that_is_drawn_slows_the_drive_under_way() -> None:
         ride.drive(110)
         assert ride.speed > 0.4
         zone = Zone("ward", Rule.SLOW, np.array([[0.0, 0.0], [12.0, 0.0], [12.0, 5.0], [0.0, 5.0]]), 0.25)
-        ride.chair.redraw(ride.chair.drawn(ride.setting.grid, (zone,)), (zone,), {})
+        ride.chair.redraw(ride.chair.drawn(ride.setup.grid, (zone,)), (zone,), {})
         ride.tick(60)
         assert 0.1 < ride.speed < 0.3
 

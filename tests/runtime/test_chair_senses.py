@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from tests.runtime.riding import FAR, Ride
-from waychair.calibration.chair import CHAIR_A
-from waychair.control.navigator import Stage
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.drive.navigator import Stage
 from waychair.geometry import transform_points
-from waychair.maps.zones import Rule, Zone, zone_contains
-from waychair.simulation.camera import CameraSettings
-from waychair.simulation.plant import PlantSettings
-from waychair.simulation.renderer import renderer_problem
-from waychair.simulation.scene import Block, Pit
+from waychair.maps.drawn.zones import Rule, Zone, zone_contains
+from waychair.simulation.sensors.camera import CameraSettings
+from waychair.simulation.plant.plant import PlantSettings
+from waychair.simulation.sensors.renderer import renderer_problem
+from waychair.simulation.scene.scene import Block, Pit
 from waychair.simulation.simulator import SimulatorSettings
-from waychair.simulation.sonar import SonarSettings
+from waychair.simulation.sensors.sonar import SonarSettings
 from waychair.trials.drive import start_drive
 from waychair.types import Goal, Pose2
 

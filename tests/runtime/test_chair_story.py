@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.control.navigator import Stage
-from waychair.control.stops import STOPS, halt, halt_as_told
+from waychair.control.drive.navigator import Stage
+from waychair.control.safety.stops import STOPS, halt, halt_as_told
 from waychair.errors import ZoneError
-from waychair.maps.zones import Rule, Zone
+from waychair.maps.drawn.zones import Rule, Zone
 from waychair.runtime.chair_port import Obstacle
 from waychair.runtime.chair_story import DriveFacts, check_zone, next_action, obstacle_of, obstacles_of
 from waychair.runtime.sentences import driving_sentence, next_turn, path_ahead, sentence

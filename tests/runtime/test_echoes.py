@@ -10,11 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.runtime.riding import FAR, Ride
-from waychair.control.navigator import Stage
+from waychair.control.drive.navigator import Stage
 from waychair.runtime.echoes import EchoFilter
-from waychair.simulation import sonar
+from waychair.simulation.sensors import sonar
 from waychair.simulation.simulator import SimulatorSettings
-from waychair.simulation.sonar import SonarSettings
+from waychair.simulation.sensors.sonar import SonarSettings
 from waychair.trials.drive import start_drive
 from waychair.types import SonarReadings
 

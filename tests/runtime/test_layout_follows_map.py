@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.runtime.test_sessions import Drive, joined, mapped, part
-from waychair.maps.anchors import load_nodes
-from waychair.maps.layout import DrawingEditor
-from waychair.maps.places import load_places, save_places
-from waychair.maps.zones import Rule, Zone, load_zones
+from tests.offline.test_sessions import Drive, joined, mapped, part
+from waychair.maps.drawn.anchors import load_nodes
+from waychair.maps.folders.map_drawing import DrawingEditor
+from waychair.maps.drawn.places import load_places, save_places
+from waychair.maps.drawn.zones import Rule, Zone, load_zones
 from waychair.types import Place, Pose2
 
 

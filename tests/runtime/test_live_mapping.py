@@ -9,17 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import ChairBody
+from waychair.calibration.chair_body import ChairBody
 from waychair.errors import NoScans
 from waychair.geometry import compose
-from waychair.maps import grid_assembly
-from waychair.maps.grid import cells_from_points
-from waychair.maps.map_files import load_map
-from waychair.maps.occupancy import build_grid
-from waychair.recording import Recording, read_recording
+from waychair.maps.layers import grid_assembly
+from waychair.maps.grid.cells import cells_from_points
+from waychair.maps.folders.map_files import load_map
+from waychair.maps.grid.occupancy import build_grid
+from waychair.recordings.recording import Recording, read_recording
 from waychair.runtime.live_mapping import LiveMapping
-from waychair.runtime.mapping import MappingSettings, live_result, map_recording, save_mapping
-from waychair.slam.graph import EdgeKind
+from waychair.offline.mapping import MappingSettings, live_result, map_recording, save_mapping
+from waychair.slam.graph.graph_optimisation import EdgeKind
 from waychair.types import FloatArray, ImuSample, OccupancyGrid, Odometry, Pose2, Scan, SensorFrame, Twist, WheelTicks
 
 Drive = tuple[list[SensorFrame], FloatArray]

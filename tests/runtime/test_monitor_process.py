@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from tests.firmware_bridge.bridged import Bridged
-from waychair.calibration.chair import CHAIR_B
-from waychair.calibration.self_mask import SelfMask
-from waychair.calibration.stopping import StopTable
-from waychair.control.collision_monitor import MonitorSettings, MonitorVerdict, stale_stop
+from waychair.calibration.chair_body import CHAIR_B
+from waychair.calibration.fits.self_mask import SelfMask
+from waychair.calibration.fits.stopping import StopTable
+from waychair.control.safety.collision_monitor import MonitorSettings, MonitorVerdict, stale_stop
 from waychair.firmware_bridge.board import board_program
 from waychair.firmware_bridge.protocol import Holder
 from waychair.runtime.monitor_process import (

@@ -7,8 +7,8 @@ from itertools import pairwise
 import pytest
 
 from tests.runtime.riding import FAR, Ride
-from waychair.control.navigator import Stage
-from waychair.planning.motion import DwaSettings
+from waychair.control.drive.navigator import Stage
+from waychair.planning.window.motion_limits import DwaSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.types import JoystickInput
 

@@ -7,9 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.runtime.pilot import Pilot, PilotSettings
-from waychair.slam.localisation import Localisation, LocalisationState
+from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.types import OccupancyGrid, Pose2, Scan, Twist
 
 

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waychair.errors import BoxError
-from waychair.runtime.black_box_file import (
+from waychair.runtime.black_box.box_file import (
     BoardIdentity,
     LogEnd,
     LoggedHalt,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from waychair.runtime.black_box_events import BlackBoxEvent, Gravity
-from waychair.runtime.black_box_file import LogHeader
-from waychair.runtime.black_box_store import BoxLimits, Part, PartStore, Segment, parts_of
+from waychair.runtime.black_box.box_events import BlackBoxEvent, Gravity
+from waychair.runtime.black_box.box_file import LogHeader
+from waychair.runtime.black_box.box_store import BoxLimits, Part, PartStore, Segment, parts_of
 
 HEAD = LogHeader("0123456789abcdef", 0, "0.1", "", {}, "", {})
 SECOND_NS = 1_000_000_000

@@ -12,18 +12,18 @@ import pytest
 
 from tests.runtime.boxes import Drive, driven, logged
 from tests.runtime.riding import Ride
-from tests.runtime.test_black_box_file import HEAD, moment_at
+from tests.runtime.black_box.test_box_file import HEAD, moment_at
 from tests.runtime.test_chair_faults import only
-from waychair.control.stops import STOPS
+from waychair.control.safety.stops import STOPS
 from waychair.errors import BoxError
-from waychair.recording import read_recording
-from waychair.runtime.black_box_bag import write_bag
-from waychair.runtime.black_box_events import OTHER_EVENTS
-from waychair.runtime.black_box_file import Log, LogEnd, Moment, encoded, read_log
-from waychair.runtime.black_box_store import segment_files
-from waychair.runtime.why import Explanation, explain, last_stops, sentences
-from waychair.runtime.why_evidence import LOOK_AT, LogCursor, evidence, look_at, remedy_of
-from waychair.simulation.scene import Block
+from waychair.recordings.recording import read_recording
+from waychair.runtime.black_box.box_to_bag import write_bag
+from waychair.runtime.black_box.box_events import OTHER_EVENTS
+from waychair.runtime.black_box.box_file import Log, LogEnd, Moment, encoded, read_log
+from waychair.runtime.black_box.box_store import segment_files
+from waychair.runtime.black_box.why import Explanation, explain, last_stops, sentences
+from waychair.runtime.black_box.why_evidence import LOOK_AT, LogCursor, evidence, look_at, remedy_of
+from waychair.simulation.scene.scene import Block
 from waychair.trials.record import mounts_of
 from waychair.types import Goal, JoystickInput, Pose2, Scan, WheelTicks
 

@@ -21,14 +21,15 @@ from tests.runtime.riding import Ride
 from tests.runtime.test_chair_faults import only
 from waychair.calibration.calibration_file import content_hash, load_calibration
 from waychair.config import load
-from waychair.control.supervisor import DRIVEN
+from waychair.control.safety.supervisor import DRIVEN
 from waychair.errors import BoxError
 from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, LAYOUT_HASH
-from waychair.runtime import black_box, black_box_store
-from waychair.runtime.black_box import BlackBox, BlackBoxSettings
-from waychair.runtime.black_box_events import EventDetector
-from waychair.runtime.black_box_file import Moment, read_log, tick_from_state
-from waychair.runtime.black_box_store import is_written, parts_of, segment_files
+from waychair.runtime.black_box import recorder as black_box
+from waychair.runtime.black_box import box_store as black_box_store
+from waychair.runtime.black_box.recorder import BlackBox, BlackBoxSettings
+from waychair.runtime.black_box.box_events import EventDetector
+from waychair.runtime.black_box.box_file import Moment, read_log, tick_from_state
+from waychair.runtime.black_box.box_store import is_written, parts_of, segment_files
 from waychair.runtime.chair import ChairSettings
 from waychair.types import ImuSample, RgbdFrame, WheelTicks
 
@@ -309,7 +310,7 @@ import pickle, sys, time
 from dataclasses import replace
 from pathlib import Path
 from tests.runtime.boxes import LOGGED_CHAIR
-from waychair.runtime.black_box import BlackBox
+from waychair.runtime.black_box.recorder import BlackBox
 notes = pickle.loads(Path(sys.argv[2]).read_bytes())
 with BlackBox(Path(sys.argv[1]), LOGGED_CHAIR) as box:
     began = time.monotonic()
