@@ -13,11 +13,11 @@ demo:  ## map a floor by joystick, find oneself on the map, drive to three place
 
 seeds:  ## twenty seeds of the demo; interrupted, it goes on where it was
 	@bash .ci/setup dev
-	@$(PYTHON_BIN)/python -m benchmarks.acceptance demo
+	@$(PYTHON_BIN)/python -m evaluation demo
 
 night:  ## adds hours of simulated driving to those there are: make night HOURS=8
 	@bash .ci/setup dev
-	@NIGHT_HOURS=$(or $(HOURS),4) $(PYTHON_BIN)/python -m benchmarks.acceptance nights
+	@NIGHT_HOURS=$(or $(HOURS),4) $(PYTHON_BIN)/python -m evaluation nights
 
 test: lint  ## everything that CI runs
 	@$(PYTHON_BIN)/pytest -q -n auto
@@ -32,11 +32,11 @@ lint:
 
 acceptance:  ## the figures an issue asks for, in full: make acceptance NAME=intel (or: make acceptance intel)
 	@bash .ci/setup dev
-	@$(PYTHON_BIN)/python -m benchmarks.acceptance $(or $(filter-out acceptance,$(MAKECMDGOALS)),$(NAME))
+	@$(PYTHON_BIN)/python -m evaluation $(or $(filter-out acceptance,$(MAKECMDGOALS)),$(NAME))
 
 bench:  ## speed, as medians and ratios against plain baselines
 	@bash .ci/setup dev
-	@for f in benchmarks/*.py; do [ "$$f" = benchmarks/__init__.py ] || $(PYTHON_BIN)/python -m $$(echo $${f%.py} | tr / .) || exit 1; done
+	@for f in evaluation/speed/*.py; do [ "$$f" = evaluation/speed/__init__.py ] || $(PYTHON_BIN)/python -m $$(echo $${f%.py} | tr / .) || exit 1; done
 
 format:
 	@$(PYTHON_BIN)/ruff check --fix .

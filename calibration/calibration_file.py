@@ -15,15 +15,15 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 
-from waychair.calibration.camera import Extrinsics
-from waychair.calibration.chair import CHAIR_A, ChairBody
-from waychair.calibration.fitted_dac import FittedDac
-from waychair.calibration.imu import ImuCalibration
+from waychair.calibration.chair_body import CHAIR_A, ChairBody
+from waychair.calibration.fits.camera_mount import Extrinsics
+from waychair.calibration.fits.fitted_dac import FittedDac
+from waychair.calibration.fits.imu_at_rest import ImuCalibration
+from waychair.calibration.fits.self_mask import SelfMask
+from waychair.calibration.fits.stopping import StopTable
+from waychair.calibration.fits.time_offset import SensorDelays, without_delay
+from waychair.calibration.fits.wheels import WheelCalibration
 from waychair.calibration.measured import Measured, measured
-from waychair.calibration.self_mask import SelfMask
-from waychair.calibration.stopping import StopTable
-from waychair.calibration.time_offset import SensorDelays, without_delay
-from waychair.calibration.wheels import WheelCalibration
 from waychair.errors import CalibrationDamaged, CalibrationError, CalibrationMismatch, ConfigError
 from waychair.files import write_json
 from waychair.types import Json, Pose3, Scan

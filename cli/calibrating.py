@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Literal
 
 from cyclopts import App
 
-from waychair.cli.arguments import BadArgument, NonNegativeInt
-from waychair.cli.chair_options import ChairOptions, PlantName, PortOptions, SweepOptions
+from waychair.cli.options.arguments import BadArgument, NonNegativeInt
+from waychair.cli.options.chair_options import ChairOptions, PlantName, PortOptions, SweepOptions
 
 if TYPE_CHECKING:
-    from waychair.calibration.chair import ChairBody
-    from waychair.calibration.drive_log import SweepLog
-    from waychair.calibration.fit_dac import DacFit
-    from waychair.calibration.fitted_dac import FittedDac
-    from waychair.calibration.levels import OnBlocks
-    from waychair.calibration.stopping import MeasuredStop, StopSettings, StopTable
-    from waychair.calibration.sweep import SweepSettings
+    from waychair.calibration.chair_body import ChairBody
+    from waychair.calibration.fits.drive_log import SweepLog
+    from waychair.calibration.fits.fit_dac import DacFit
+    from waychair.calibration.fits.fitted_dac import FittedDac
+    from waychair.calibration.fits.stick_levels import OnBlocks
+    from waychair.calibration.fits.stopping import MeasuredStop, StopSettings, StopTable
+    from waychair.calibration.fits.sweep import SweepSettings
     from waychair.trials.calibrate import ChairUnderTest
 
 calibrate_app = App(name="calibrate", help="Measure a chair and store the results in its calibration file.")
@@ -80,10 +80,10 @@ def dac_command(
     plot
         File for a picture of the fit.
     """
-    from waychair.calibration.dac_plot import plot_fit
-    from waychair.calibration.fit_dac import fit_dac
-    from waychair.calibration.levels import on_blocks
-    from waychair.calibration.sweep import NEAR_NEUTRAL
+    from waychair.calibration.fits.dac_plot import plot_fit
+    from waychair.calibration.fits.fit_dac import fit_dac
+    from waychair.calibration.fits.stick_levels import on_blocks
+    from waychair.calibration.fits.sweep import NEAR_NEUTRAL
 
     if csv is not None:
         if neutral is None or chair_id is None or options.chair_sim is not None or real.port is not None:
@@ -108,7 +108,7 @@ def dac_command(
 def _sweep_from_csv(
     options: ChairOptions, plan: SweepOptions, csv: Path, neutral: tuple[float, float], name: str
 ) -> _Sweep:
-    from waychair.calibration.drive_log import read_sweep_log
+    from waychair.calibration.fits.drive_log import read_sweep_log
 
     options.refuse_other_chair(name)
     return _Sweep(name, options.body(), neutral, read_sweep_log(csv, plan.bits, plan.volts_max, plan.volts_min))
@@ -128,7 +128,7 @@ def _sweep_of_simulated(
 def _sweep_of_real(
     options: ChairOptions, real: PortOptions, plan: SweepSettings, name: str, log: Path | None
 ) -> _Sweep:
-    from waychair.cli.real_chair import armed_chair
+    from waychair.cli.options.real_chair import armed_chair
     from waychair.trials.board_drive import plan_for_board
     from waychair.trials.calibrate import ChairUnderTest
 
@@ -146,8 +146,8 @@ def _sweep_of_real(
 
 
 def _swept(options: ChairOptions, chair: ChairUnderTest, plan: SweepSettings, log: Path | None) -> SweepLog:
-    from waychair.calibration.sweep import Recorder, sweep
-    from waychair.cli.real_chair import keeping
+    from waychair.calibration.fits.sweep import Recorder, sweep
+    from waychair.cli.options.real_chair import keeping
 
     recorder = Recorder(chair.drive, plan.bits, plan.volts_max, plan.volts_min)
     with keeping(log, recorder), options.progress("sweeping") as show:
@@ -208,8 +208,8 @@ def stop_command(
         NAME.part.
     """
     from waychair.calibration.calibration_file import load_calibration
-    from waychair.calibration.stopping import StopSettings
-    from waychair.cli.real_chair import armed_chair
+    from waychair.calibration.fits.stopping import StopSettings
+    from waychair.cli.options.real_chair import armed_chair
     from waychair.errors import CalibrationError
     from waychair.trials.calibrate import ChairUnderTest, chair_in_hall
 
@@ -233,8 +233,8 @@ def stop_command(
 def _stopped(
     options: ChairOptions, chair: ChairUnderTest, model: FittedDac, plan: StopSettings, log: Path | None
 ) -> tuple[StopTable, tuple[MeasuredStop, ...]]:
-    from waychair.calibration.sweep import Recorder
-    from waychair.cli.real_chair import keeping
+    from waychair.calibration.fits.sweep import Recorder
+    from waychair.cli.options.real_chair import keeping
     from waychair.trials.calibrate import calibrate_stops
 
     recorder = Recorder(chair.drive, model.bits, model.volts_max, model.volts_min)
@@ -243,7 +243,7 @@ def _stopped(
 
 
 def _print_stops(options: ChairOptions, table: StopTable, stops: tuple[MeasuredStop, ...]) -> None:
-    from waychair.calibration.stopping import permitted_speed
+    from waychair.calibration.fits.stopping import permitted_speed
 
     for speed, distance in zip(table.speeds, table.distances, strict=True):
         options.say(f"from {speed:.2f} m/s within {distance:.2f} m")

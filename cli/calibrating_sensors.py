@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from waychair.cli.arguments import BadArgument
-from waychair.cli.chair_options import ChairOptions
+from waychair.cli.options.arguments import BadArgument
+from waychair.cli.options.chair_options import ChairOptions
 
 if TYPE_CHECKING:
-    from waychair.calibration.chair import ChairBody
-    from waychair.recording import Recording
+    from waychair.calibration.chair_body import ChairBody
+    from waychair.recordings.recording import Recording
     from waychair.trials.calibrate_time import TimeCalibrator
     from waychair.types import Scan
 
@@ -92,7 +92,7 @@ def mask_command(
     """
     import math
 
-    from waychair.calibration.self_mask import learn_self_mask
+    from waychair.calibration.fits.self_mask import learn_self_mask
 
     if recording is not None:
         name, read = _recorded(recording, chair_id, options)
@@ -113,7 +113,7 @@ def mask_command(
 
 def _recorded(path: Path, chair_id: str | None, options: ChairOptions) -> tuple[str, Recording]:
     """Return the chair's name and its recording."""
-    from waychair.recording import read_recording
+    from waychair.recordings.recording import read_recording
 
     if chair_id is None or options.chair_sim is not None:
         raise BadArgument("a recording needs --chair-id NAME of its chair, and no --chair-sim")
@@ -134,7 +134,7 @@ def _turned(
     options: ChairOptions, seconds: float, camera: bool, inject: tuple[float, float, float]
 ) -> tuple[ChairBody, TimeCalibrator]:
     """Turn a simulated chair left and right; return its body and a calibrator with its messages."""
-    from waychair.calibration.time_offset import SensorDelays, without_delay
+    from waychair.calibration.fits.time_offset import SensorDelays, without_delay
     from waychair.simulation.simulator import Simulator, with_all_sensors
     from waychair.trials.calibrate_time import TIME_HALL, TimeCalibrator, turns_to_and_fro
     from waychair.trials.halls import open_hall

@@ -50,7 +50,7 @@ def doctor_command() -> None:
     from rich.markup import escape
     from rich.table import Column, Table
 
-    from waychair.cli.tables import print_table
+    from waychair.cli.options.tables import print_table
 
     found = examine()
     table = Table("part", "state", "for", Column("command", overflow="fold"))
@@ -124,7 +124,9 @@ def _installed(requirement: str) -> bool:
 
 def _camera() -> Check:
     """Check rendering in a separate process, as a broken driver may crash it."""
-    program = "import sys; from waychair.simulation.renderer import renderer_problem; sys.exit(renderer_problem())"
+    program = (
+        "import sys; from waychair.simulation.sensors.renderer import renderer_problem; sys.exit(renderer_problem())"
+    )
     purpose, remedy = "simulated camera", "sudo apt-get install libegl1 libgl1-mesa-dri"
     if find_spec("moderngl") is None:
         return Check("EGL", PartState.OPTIONAL, purpose, "pip install moderngl")

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from waychair.cli.arguments import NonNegativeInt
+from waychair.cli.options.arguments import NonNegativeInt
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -85,7 +85,7 @@ def demo_command(
 @contextmanager
 def _shown(page: DemoPage, headless: bool, port: int | None, console: Console) -> Iterator[None]:
     """Serve the demo's page while the block runs."""
-    from waychair.cli.page_process import has_ui, port_of_page
+    from waychair.cli.options.page_process import has_ui, port_of_page
     from waychair.ui.server import page_server
 
     if headless:

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from waychair.cli.recordings import RecordingOptions, stages
+from waychair.cli.options.recording_options import RecordingOptions, stages
 
 if TYPE_CHECKING:
-    from waychair.slam.evaluation import Errors
+    from waychair.slam.trajectory_errors import Errors
 
 AS_RECORDED = RecordingOptions()
 
@@ -49,10 +49,10 @@ def localize_command(
     from dataclasses import replace
 
     from waychair import config as configuration
-    from waychair.cli.arguments import BadArgument, pose_from_text
-    from waychair.maps.depth_layer import load_depth_layer, scanned_part
-    from waychair.maps.map_files import load_map
-    from waychair.runtime.localising import LocalisingSettings, localise_recording, save_localised
+    from waychair.cli.options.arguments import BadArgument, pose_from_text
+    from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
+    from waychair.maps.folders.map_files import load_map
+    from waychair.offline.localising import LocalisingSettings, localise_recording, save_localised
 
     settings = LocalisingSettings() if config is None else configuration.load(LocalisingSettings, config)
     settings = replace(settings, input=reading.over(settings.input))
@@ -103,9 +103,9 @@ def evaluate_command(
     import json as text
     from dataclasses import asdict
 
-    from waychair.cli.arguments import BadArgument, pose_from_text
-    from waychair.recording import read_tum
-    from waychair.slam.evaluation import read_relations, relation_errors, truth_errors
+    from waychair.cli.options.arguments import BadArgument, pose_from_text
+    from waychair.recordings.recording import read_tum
+    from waychair.slam.trajectory_errors import read_relations, relation_errors, truth_errors
 
     if (relations is None) == (truth is None):
         raise BadArgument("give either --relations or --truth")

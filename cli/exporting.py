@@ -17,7 +17,7 @@ def export_command(source: Path, /, *, ply: Path, voxel: float = 0.02) -> None:
     voxel
         Side of the cubes, in metres, that keep one point each.
     """
-    from waychair.runtime.cloud_export import CloudSettings, export_cloud
+    from waychair.offline.cloud_export import CloudSettings, export_cloud
 
     done = export_cloud(source, ply, CloudSettings(voxel=voxel))
     print(

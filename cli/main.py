@@ -21,8 +21,10 @@ app = App(
     default_parameter=Parameter(negative_iterable=()),  # no --empty-goal beside --goal
     suppress_keyboard_interrupt=False,  # `main` prints the notes of an interrupt
 )
-app.command("waychair.cli.mapping:map_command", name="map", help="Make a map of a recording.")
-app.command("waychair.cli.mapping:places_command", name="places", help="List the named places of a map, or add one.")
+app.command("waychair.cli.mapping_commands:map_command", name="map", help="Make a map of a recording.")
+app.command(
+    "waychair.cli.mapping_commands:places_command", name="places", help="List the named places of a map, or add one."
+)
 app.command(
     "waychair.cli.evaluating:localize_command", name="localize", help="Localise the chair of a recording on a map."
 )
@@ -42,21 +44,31 @@ app.command(
     help="Drive a simulated chair in real time by a page in the browser.",
 )
 app.command(
-    "waychair.cli.black_box:why_command",
+    "waychair.cli.black_box_command:why_command",
     name="why",
     help="Explain the chair's last stop from its black box.",
 )
-app.command("waychair.cli.stack:up_command", name="up", help="Start all ROS 2 nodes of a chair, real or simulated.")
-app.command("waychair.cli.stack:goto_command", name="goto", help="Send the running chair to places.")
-app.command("waychair.cli.record:record_command", name="record", help="Record a running chair's topics into a bag.")
-app.command("waychair.cli.record:save_command", name="save", help="Write the map of the running chair to a folder.")
-app.command("waychair.cli.stack:confirm_command", name="confirm", help="Confirm the waiting goal for the rider.")
-app.command("waychair.cli.stack:pause_command", name="pause", help="Pause the running chair's drive.")
-app.command("waychair.cli.stack:go_on_command", name="go-on", help="Continue the paused drive.")
-app.command("waychair.cli.stack:cancel_command", name="cancel", help="Cancel the running chair's drive.")
-app.command("waychair.cli.stack:status_command", name="status", help="Print the running chair's pose and state.")
 app.command(
-    "waychair.cli.barn:barn_command",
+    "waychair.cli.stack_commands:up_command", name="up", help="Start all ROS 2 nodes of a chair, real or simulated."
+)
+app.command("waychair.cli.stack_commands:goto_command", name="goto", help="Send the running chair to places.")
+app.command(
+    "waychair.cli.record_commands:record_command", name="record", help="Record a running chair's topics into a bag."
+)
+app.command(
+    "waychair.cli.record_commands:save_command", name="save", help="Write the map of the running chair to a folder."
+)
+app.command(
+    "waychair.cli.stack_commands:confirm_command", name="confirm", help="Confirm the waiting goal for the rider."
+)
+app.command("waychair.cli.stack_commands:pause_command", name="pause", help="Pause the running chair's drive.")
+app.command("waychair.cli.stack_commands:go_on_command", name="go-on", help="Continue the paused drive.")
+app.command("waychair.cli.stack_commands:cancel_command", name="cancel", help="Cancel the running chair's drive.")
+app.command(
+    "waychair.cli.stack_commands:status_command", name="status", help="Print the running chair's pose and state."
+)
+app.command(
+    "waychair.cli.barn_command:barn_command",
     name="barn",
     help="Run the BARN benchmark (drives without a map), and print the score.",
 )
@@ -67,7 +79,7 @@ app.command(
     help="Drive a simulated chair along a route of a world, and record it.",
 )
 app.command(
-    "waychair.cli.vocabulary:vocabulary_command",
+    "waychair.cli.vocabulary_command:vocabulary_command",
     name="vocabulary",
     help="Make a vocabulary of visual words from pictures.",
 )

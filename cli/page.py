@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-from waychair.cli.arguments import NonNegativeInt
+from waychair.cli.options.arguments import NonNegativeInt
 
 _LOOK_S = 0.1
 
@@ -54,8 +54,8 @@ def page_command(
     urgent
         Real-time priority for the chair, if the system grants it; useful on a busy computer.
     """
-    from waychair.cli.page_process import page_address, page_token
-    from waychair.cli.stack import WARNING
+    from waychair.cli.options.page_process import page_address, page_token
+    from waychair.cli.stack_commands import WARNING
     from waychair.runtime.processes import signalled
     from waychair.trials.live_chair import LiveChair
     from waychair.ui.server import page_server

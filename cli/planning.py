@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from waychair.cli.arguments import NonEmptyPath, NonNegativeInt
+from waychair.cli.options.arguments import NonEmptyPath, NonNegativeInt
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from waychair.maps.zones import Zone
-    from waychair.planning.costmap import Costmap
-    from waychair.planning.global_planner import PlannerSettings
-    from waychair.runtime.report import PngFigure
+    from waychair.maps.drawn.zones import Zone
+    from waychair.offline.report import PngFigure
+    from waychair.planning.grid.costmap import Costmap
+    from waychair.planning.route.global_planner import PlannerSettings
     from waychair.types import BoolArray, IntArray, Place
     from waychair.types import Path as Poses
 
@@ -59,9 +59,9 @@ def plan_command(
     json
         Print JSON.
     """
-    from waychair.cli.arguments import BadArgument, check_picture
-    from waychair.maps.map_files import load_info, yaml_path
-    from waychair.maps.moving_ai import SUFFIX, is_moving_ai
+    from waychair.cli.options.arguments import BadArgument, check_picture
+    from waychair.maps.folders.map_files import load_info, yaml_path
+    from waychair.maps.grid.moving_ai import SUFFIX, is_moving_ai
 
     on_cells = is_moving_ai(map)
     if scen is not None and (start, goal, png) != (None, None, None):
@@ -92,16 +92,16 @@ def _plan_for_the_chair(
     """Plan a path in metres for the chair's footprint, and print it."""
     import time
 
-    from waychair.calibration.chair import BODIES
-    from waychair.cli.arguments import BadArgument
-    from waychair.maps.map_files import load_map
-    from waychair.maps.zones import check_zones, load_zones
-    from waychair.planning.costmap import check_free_space, costmap_from_grid
-    from waychair.planning.global_planner import GlobalPlanner, PlannerSettings, check_goal
-    from waychair.planning.grid_planner import HARMONIC
-    from waychair.planning.path_ends import check_start
-    from waychair.runtime.planning_report import turn_histogram
-    from waychair.runtime.report import path_picture, write_png
+    from waychair.calibration.chair_body import BODIES
+    from waychair.cli.options.arguments import BadArgument
+    from waychair.maps.drawn.zones import check_zones, load_zones
+    from waychair.maps.folders.map_files import load_map
+    from waychair.offline.planning_report import turn_histogram
+    from waychair.offline.report import path_picture, write_png
+    from waychair.planning.grid.costmap import check_free_space, costmap_from_grid
+    from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings, check_goal
+    from waychair.planning.route.grid_planner import HARMONIC
+    from waychair.planning.route.path_ends import check_start
 
     if body not in BODIES:
         raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
@@ -135,12 +135,12 @@ def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: Planne
     """Return a picture of the potential, with the path and the default planner's path."""
     import numpy as np
 
-    from waychair.maps.grid import cells_from_points
-    from waychair.planning.global_planner import PlannerSettings, plan
-    from waychair.planning.harmonic import log_field
-    from waychair.planning.harmonic_search import absorption_from_prices
-    from waychair.planning.laplace_solvers import LaplaceProblem
-    from waychair.runtime.planning_report import potential_picture
+    from waychair.maps.grid.cells import cells_from_points
+    from waychair.offline.planning_report import potential_picture
+    from waychair.planning.harmonic.harmonic_field import log_field
+    from waychair.planning.harmonic.harmonic_search import absorption_from_prices
+    from waychair.planning.harmonic.laplace_solvers import LaplaceProblem
+    from waychair.planning.route.global_planner import PlannerSettings, plan
 
     row, column = cells_from_points(costmap.grid, np.array([[end.pose.x, end.pose.y]]))[0].tolist()
     found = log_field(LaplaceProblem(absorption_from_prices(costmap.prices), (row, column)))
@@ -155,10 +155,10 @@ def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | N
 
     import numpy as np
 
-    from waychair.maps.moving_ai import load_free_cells
-    from waychair.planning.grid_graph import FREE_PRICE
-    from waychair.planning.grid_planner import plan_on_cells
-    from waychair.runtime.report import write_png
+    from waychair.maps.grid.moving_ai import load_free_cells
+    from waychair.offline.report import write_png
+    from waychair.planning.grid.grid_graph import FREE_PRICE
+    from waychair.planning.route.grid_planner import plan_on_cells
 
     free = load_free_cells(map)
     ends = _cell(start, "--start"), _cell(goal, "--goal")
@@ -177,9 +177,9 @@ def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], pla
     """Return a picture of a path over cells, with y upwards and 1 m per cell; for harmonic also the potential."""
     import numpy as np
 
-    from waychair.planning.grid_graph import FREE_PRICE
-    from waychair.planning.grid_planner import HARMONIC, plan_on_cells
-    from waychair.runtime.report import path_picture
+    from waychair.offline.report import path_picture
+    from waychair.planning.grid.grid_graph import FREE_PRICE
+    from waychair.planning.route.grid_planner import HARMONIC, plan_on_cells
     from waychair.types import OccupancyGrid, Place, Pose2
     from waychair.types import Path as Poses
 
@@ -194,9 +194,9 @@ def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], pla
     marks = [Place(name, Pose2(*path.poses[i].tolist())) for name, i in zip(names, (0, -1), strict=True)]
     if planner != HARMONIC:
         return path_picture(grid, path, marks)
-    from waychair.planning.harmonic import log_field
-    from waychair.planning.laplace_solvers import laplace_problem
-    from waychair.runtime.planning_report import potential_picture
+    from waychair.offline.planning_report import potential_picture
+    from waychair.planning.harmonic.harmonic_field import log_field
+    from waychair.planning.harmonic.laplace_solvers import laplace_problem
 
     (i, j), (row, column) = cells[[0, -1]].tolist()
     prices = np.where(free, FREE_PRICE, 0).astype(np.int32)
@@ -224,9 +224,9 @@ def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
     import numpy as np
 
     from waychair.errors import NoPath, PlanningError
-    from waychair.maps.moving_ai import check_queries, load_free_cells, load_queries
-    from waychair.planning.grid_graph import FREE_PRICE
-    from waychair.planning.grid_planner import HARMONIC, plan_on_cells
+    from waychair.maps.grid.moving_ai import check_queries, load_free_cells, load_queries
+    from waychair.planning.grid.grid_graph import FREE_PRICE
+    from waychair.planning.route.grid_planner import HARMONIC, plan_on_cells
 
     free, queries = load_free_cells(map), load_queries(scen)
     check_queries(queries, free)
@@ -267,22 +267,22 @@ def _load_kernels(planner: str) -> None:
     """Plan once to load the compiled kernels, so that this does not count in the measured times."""
     import numpy as np
 
-    from waychair.planning.grid_graph import FREE_PRICE
-    from waychair.planning.grid_planner import plan_on_cells
+    from waychair.planning.grid.grid_graph import FREE_PRICE
+    from waychair.planning.route.grid_planner import plan_on_cells
 
     plan_on_cells(np.full((1, 2), FREE_PRICE, np.int32), (0, 0), (0, 1), planner)
 
 
 def _per_cell() -> int:
     """Return the cost of a straight step, to express costs in cells."""
-    from waychair.planning.grid_graph import STRAIGHT
+    from waychair.planning.grid.grid_graph import STRAIGHT
 
     return STRAIGHT
 
 
 def _cell(text: str, option: str) -> tuple[int, int]:
     """Return (row, column) of `column,row`."""
-    from waychair.cli.arguments import BadArgument
+    from waychair.cli.options.arguments import BadArgument
 
     try:
         column, row = (int(part) for part in text.split(","))
@@ -341,13 +341,13 @@ def navigate_command(
     from rich.console import Console
     from rich.table import Table
 
-    from waychair.cli.arguments import BadArgument
+    from waychair.cli.options.arguments import BadArgument
     from waychair.errors import StartOccupied, StartOutsideMap
-    from waychair.maps.depth_layer import load_depth_layer, scanned_part
-    from waychair.maps.map_files import load_map
-    from waychair.maps.zones import check_zones, load_zones
-    from waychair.planning.global_planner import PlannerSettings
-    from waychair.simulation.world import load_world
+    from waychair.maps.drawn.zones import check_zones, load_zones
+    from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
+    from waychair.maps.folders.map_files import load_map
+    from waychair.planning.route.global_planner import PlannerSettings
+    from waychair.simulation.plan.world import load_world
     from waychair.trials.demo_report import HEADER, IN_TERMINAL, row
     from waychair.trials.navigate import navigate
     from waychair.types import Pose2
@@ -404,15 +404,15 @@ def navigate_command(
 
 def _place(map: Path, text: str, option: str) -> Place:
     """Return the map's place of this name, or the pose that the text gives, named by the text."""
-    from waychair.maps.places import load_places
+    from waychair.maps.drawn.places import load_places
 
     return _place_among(load_places(map), text, option)
 
 
 def _place_among(places: Mapping[str, Place], text: str, option: str, owner: str = "the map") -> Place:
     """Return the place or pose that the text gives; `owner` names the owner of the places in errors."""
-    from waychair.cli.arguments import pose_from_text
-    from waychair.maps.places import find
+    from waychair.cli.options.arguments import pose_from_text
+    from waychair.maps.drawn.places import find
     from waychair.types import Place
 
     if text in places or (not text[:1].lstrip("-+.").isdigit() and "," not in text):

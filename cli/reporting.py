@@ -19,9 +19,9 @@ def report_command(*, paper: Annotated[tuple[Path, ...], Parameter(consume_multi
     """
     from rich.table import Table
 
-    from waychair.cli.arguments import BadArgument
-    from waychair.cli.tables import print_table
-    from waychair.runtime.paper_tables import paper_tables, read_report
+    from waychair.cli.options.arguments import BadArgument
+    from waychair.cli.options.tables import print_table
+    from waychair.offline.paper_tables import paper_tables, read_report
 
     if not 1 <= len(paper) <= 2:
         raise BadArgument(f"--paper takes one or two map folders, not {len(paper)}")

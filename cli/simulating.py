@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from waychair.cli.arguments import BadArgument, NonNegativeInt, check_picture
-from waychair.cli.chair_options import PlantName
+from waychair.cli.options.arguments import BadArgument, NonNegativeInt, check_picture
+from waychair.cli.options.chair_options import PlantName
 
 if TYPE_CHECKING:
     from waychair.simulation.pacing import Pacer
+    from waychair.simulation.plan.world import World
     from waychair.simulation.simulator import Simulator
-    from waychair.simulation.world import World
     from waychair.trials.record import RouteDrive
     from waychair.types import FloatArray
 
@@ -32,9 +32,9 @@ def worlds_command(name: str | None = None, /, *, level: str | None = None, pict
     """
     from rich.table import Column, Table
 
-    from waychair.cli.tables import print_table
-    from waychair.runtime.report import write_png
-    from waychair.simulation.world import levels_of, load_world, shipped_worlds
+    from waychair.cli.options.tables import print_table
+    from waychair.offline.report import write_png
+    from waychair.simulation.plan.world import levels_of, load_world, shipped_worlds
     from waychair.trials.world_plan import world_picture
 
     check_picture(picture, "--picture")
@@ -56,7 +56,7 @@ def worlds_command(name: str | None = None, /, *, level: str | None = None, pict
 
 def _row(world: World, brief: bool) -> tuple[str, ...]:
     """Return a level's table row; `brief` counts the doors instead of naming them."""
-    from waychair.simulation.world import MARGIN
+    from waychair.simulation.plan.world import MARGIN
     from waychair.trials.record import route_length
     from waychair.trials.world_plan import hazard_names
 
@@ -122,7 +122,7 @@ def simulate_command(
         Print nothing but errors and warnings.
     """
     from waychair.simulation.pacing import PaceMode, Pacer
-    from waychair.simulation.world import load_world
+    from waychair.simulation.plan.world import load_world
 
     place = load_world(world, level)
     place = place if people else place.without_people()
@@ -146,8 +146,8 @@ def _simulator(
     place: World, chair: str, plant: PlantName, seed: int, *, sensors: bool, camera: bool | None
 ) -> Simulator:
     """Return the simulator of this seed's chair; warn on standard error if a wanted camera is not available."""
-    from waychair.simulation.camera import CameraSettings
-    from waychair.simulation.chair_file import load_chair, randomised_chair
+    from waychair.simulation.plant.chair_file import load_chair, randomised_chair
+    from waychair.simulation.sensors.camera import CameraSettings
     from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 
     made = randomised_chair(load_chair(chair), seed)

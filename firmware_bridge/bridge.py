@@ -14,7 +14,7 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from waychair.calibration.dac import (
+from waychair.calibration.fits.dac import (
     DacModel,
     counts_from_wheel_speeds,
     nearest,

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from waychair.calibration.dac import DEFAULT
+from waychair.calibration.fits.dac import DEFAULT
 from waychair.errors import BridgeError
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.heartbeat import urgent

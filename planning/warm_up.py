@@ -6,18 +6,18 @@ from functools import cache
 
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.maps.ground import ground_view
-from waychair.planning.clearance import CRAMPED
-from waychair.planning.costmap import LiveCostmap
-from waychair.planning.dwa import choose
-from waychair.planning.dwa_kernels import fits_after
-from waychair.planning.fine_field import fine_field
-from waychair.planning.footprint import footprint, in_cells
-from waychair.planning.global_planner import GlobalPlanner
-from waychair.planning.manoeuvre import manoeuvre
-from waychair.planning.motion import CommandedMotion, DwaSettings, towards
-from waychair.planning.obstacle_layer import (
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.maps.depth.ground import ground_view
+from waychair.planning.body.clearance import CRAMPED
+from waychair.planning.body.footprint import footprint, in_cells
+from waychair.planning.grid.costmap import LiveCostmap
+from waychair.planning.grid.fine_distances import fine_field
+from waychair.planning.grid.resumable import finished
+from waychair.planning.grid.smoothing import line_cost
+from waychair.planning.route.global_planner import GlobalPlanner
+from waychair.planning.route.leaving_a_wall import leading_out_path
+from waychair.planning.route.multi_point_turn import manoeuvre
+from waychair.planning.seen.obstacle_layer import (
     EMPTY,
     any_nearer,
     sight_from_depth,
@@ -26,11 +26,11 @@ from waychair.planning.obstacle_layer import (
     sight_of_missing_ground,
     updated,
 )
-from waychair.planning.openings import openings
-from waychair.planning.slices import finished
-from waychair.planning.smoothing import line_cost
-from waychair.planning.tracks import Track, Tracker
-from waychair.planning.way_out import leading_out_path
+from waychair.planning.seen.openings import openings
+from waychair.planning.seen.person_tracks import Track, Tracker
+from waychair.planning.window.dwa import choose
+from waychair.planning.window.dwa_kernels import fits_after
+from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, towards
 from waychair.types import OccupancyGrid, Pose2, RgbdFrame, Twist
 
 _SIDE, _CELL = 6.0, 0.05

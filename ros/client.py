@@ -39,7 +39,7 @@ from waychair.ros.messages.chair import (
 )
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_pose_stamped
 from waychair.ros.messages.wire import deserialised, native, serialised
-from waychair.slam.localisation import Localisation
+from waychair.slam.localising.localisation import Localisation
 from waychair.types import Place, Pose2
 
 T = TypeVar("T")

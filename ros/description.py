@@ -15,9 +15,9 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from waychair.calibration.chair import BodyLayer, ChairBody
+from waychair.calibration.chair_body import BodyLayer, ChairBody
+from waychair.recordings.bags.ros_messages import BASE_FRAME, WHEEL_JOINTS, make
 from waychair.ros.mounts import static_transforms
-from waychair.ros_messages import BASE_FRAME, WHEEL_JOINTS, make
 from waychair.types import Pose3, WheelTicks
 
 WHEEL_FRAMES = tuple(joint.replace("_joint", "_link") for joint in WHEEL_JOINTS)

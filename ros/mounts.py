@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from waychair.calibration.chair import ChairBody
-from waychair.ros_messages import BASE_FRAME, CAMERA_FRAME, CAMERA_FROM_OPTICAL, OPTICAL_FRAME
+from waychair.calibration.chair_body import ChairBody
+from waychair.recordings.bags.ros_messages import BASE_FRAME, CAMERA_FRAME, CAMERA_FROM_OPTICAL, OPTICAL_FRAME
 from waychair.trials.record import mounts_of
 from waychair.types import Pose3
 

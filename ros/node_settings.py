@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from waychair.config import setting
-from waychair.ros_messages import IMU_FRAME, LASER_FRAME
+from waychair.recordings.bags.ros_messages import IMU_FRAME, LASER_FRAME
 
 
 def calibration_field() -> str:

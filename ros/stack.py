@@ -10,14 +10,14 @@ import yaml
 
 from waychair.errors import ConfigError
 from waychair.files import write_text
-from waychair.maps.erased import clear_erased, load_erased
-from waychair.maps.layout import forget
-from waychair.maps.map_files import MAP_YAML, load_map, save_map, yaml_path
-from waychair.maps.places import save_places
+from waychair.maps.drawn.erased import clear_erased, load_erased
+from waychair.maps.drawn.places import save_places
+from waychair.maps.folders.map_drawing import forget
+from waychair.maps.folders.map_files import MAP_YAML, load_map, save_map, yaml_path
 from waychair.ros.environment import namespace_arguments
 from waychair.runtime.last_pose import remember_pose
 from waychair.runtime.processes import Process
-from waychair.simulation.world import World, load_world
+from waychair.simulation.plan.world import World, load_world
 from waychair.types import Pose2
 
 BOARD_LINK = "board"
@@ -28,7 +28,7 @@ MADE_MAP = "made_map"
 
 _POSE_FILE, _TRUTH_FILE = "pose.json", "simulated_pose.json"
 
-_PAGE, _PAGE_MODULE = "page", "waychair.cli.page_process"
+_PAGE, _PAGE_MODULE = "page", "waychair.cli.options.page_process"
 """The module that combines the page's node and the web server, which do not import each other."""
 
 COUNTDOWN_S = 3.0
@@ -155,5 +155,5 @@ def _process(name: str, values: Mapping[str, object], folder: Path, stack: Stack
     given = tuple(word for file in files for word in ("--params-file", str(file)))
     named = namespace_arguments(stack.namespace)
     priority = _PRIORITIES.get(name, 0) if stack.urgent else 0
-    module = _PAGE_MODULE if name == _PAGE else f"waychair.ros.{name}_node"
+    module = _PAGE_MODULE if name == _PAGE else f"waychair.ros.nodes.{name}_node"
     return Process(name, module, ("--ros-args", *named, *given), priority, vital=name != _PAGE)

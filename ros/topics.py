@@ -1,6 +1,6 @@
 """Topics of the chair's nodes: names, types, frames and QoS as Nav2, RViz and Foxglove users expect them.
 
-`waychair.ros_topics` defines the topics that bags hold too. Names are relative, so that namespaces and remapping work.
+`waychair.recordings.bags.ros_topics` defines the topics that bags hold too. Names are relative, so that namespaces and remapping work.
 Names with a leading slash are absolute, as in tf2_ros, diagnostic_updater and rclcpp; Nav2's launch files remap them.
 """
 
@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import Any
 
 from waychair import topics
-from waychair.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FRAME
-from waychair.ros_topics import (
+from waychair.recordings.bags.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FRAME
+from waychair.recordings.bags.ros_topics import (
     COLOUR,
     COLOUR_INFO,
     DEPTH,

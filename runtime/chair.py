@@ -15,20 +15,26 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from waychair.calibration.calibration_file import ChairCalibration
-from waychair.calibration.dac import DacModel
-from waychair.control.navigator import Navigation, Navigator
-from waychair.control.stops import Halt
-from waychair.control.supervisor import SupervisorVerdict
+from waychair.calibration.fits.dac import DacModel
+from waychair.control.drive.navigator import Navigation, Navigator
+from waychair.control.safety.stops import Halt
+from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.protocol import HelloReply
 from waychair.firmware_bridge.transports import Reconnecting
-from waychair.maps.zones import Zone
-from waychair.planning.drawn_map import DrawnMap
+from waychair.maps.drawn.zones import Zone
+from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.monitor_process import MonitorPort
 from waychair.runtime.pilot import Pilot, PilotSettings
-from waychair.slam.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings, prepared_map
-from waychair.slam.recovery import SavedMap
+from waychair.slam.localising.kidnap_recovery import SavedMap
+from waychair.slam.localising.localiser import (
+    Localisation,
+    LocalisationState,
+    Localiser,
+    LocaliserSettings,
+    prepared_map,
+)
 from waychair.types import (
     Goal,
     OccupancyGrid,

@@ -7,13 +7,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from waychair.control.navigator import Stage
+from waychair.control.drive.navigator import Stage
 from waychair.geometry import transform_points
 from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_port import ChairView
 from waychair.runtime.chair_story import DriveFacts, next_action, obstacles_of, shown_points
 from waychair.runtime.sentences import sentence
-from waychair.slam.localisation import LocalisationState
+from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import FloatArray, Pose2, Scan
 
 

@@ -12,8 +12,8 @@ from typing import Protocol
 
 import numpy as np
 
-from waychair.maps.zones import Zone
-from waychair.slam.localisation import LocalisationState
+from waychair.maps.drawn.zones import Zone
+from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Place, Pose2, Twist
 
 ANSWER_S = 2.0

@@ -8,15 +8,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from waychair.control.navigator import Stage
-from waychair.control.stops import STOPS, Halt
-from waychair.control.supervisor import DRIVEN
+from waychair.control.drive.navigator import Stage
+from waychair.control.safety.stops import STOPS, Halt
+from waychair.control.safety.supervisor import DRIVEN
 from waychair.errors import ZoneError
 from waychair.geometry import transform_points
-from waychair.maps.zones import Rule, Zone, zone_contains
+from waychair.maps.drawn.zones import Rule, Zone, zone_contains
 from waychair.runtime.chair_port import Obstacle
 from waychair.runtime.sentences import driving_sentence, sentence
-from waychair.slam.scan_points import scan_points
+from waychair.slam.scan.scan_points import scan_points
 from waychair.types import DriveMode, FloatArray, Pose2, Scan, Twist
 
 _POINTS = 360

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError
 from waychair.geometry import wrap_angle
-from waychair.maps.depth_scan import DepthScan, DepthSettings, depth_scan, frame_problem
-from waychair.maps.occupancy import OccupancySettings
-from waychair.maps.session_grid import SessionDepth
-from waychair.slam.mapper import Mapper
-from waychair.slam.tilt import Tilt
+from waychair.maps.depth.depth_scan import DepthScan, DepthSettings, depth_scan, frame_problem
+from waychair.maps.grid.occupancy import OccupancySettings
+from waychair.maps.layers.session_grid import SessionDepth
+from waychair.slam.mapping.mapper import Mapper
+from waychair.slam.odometry.tilt import Tilt
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Pose3, RgbdFrame
 
 USES = ("on", "off", "only")

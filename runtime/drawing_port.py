@@ -5,12 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from waychair.maps.layout import DrawingEditor
-from waychair.maps.places import check_place
-from waychair.maps.zones import Zone
+from waychair.maps.drawn.places import check_place
+from waychair.maps.drawn.zones import Zone
+from waychair.maps.folders.map_drawing import DrawingEditor
 from waychair.runtime.chair_port import Answer, ChairView
 from waychair.runtime.chair_story import check_zone
-from waychair.slam.localisation import LocalisationState
+from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import FloatArray, OccupancyGrid, Place
 
 

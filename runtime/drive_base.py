@@ -15,29 +15,36 @@ from typing import TypeAlias
 import numpy as np
 
 from waychair.calibration.calibration_file import ChairCalibration
-from waychair.calibration.dac import DEFAULT, DacModel
-from waychair.calibration.fitted_dac import DeadBand, FittedDac
-from waychair.calibration.stopping import permitted_speed
+from waychair.calibration.fits.dac import DEFAULT, DacModel
+from waychair.calibration.fits.fitted_dac import DeadBand, FittedDac
+from waychair.calibration.fits.stopping import permitted_speed
 from waychair.config import Settings
-from waychair.control.closed_loop import ClosedLoop
-from waychair.control.collision_monitor import SILENT_MS, MonitorSettings, is_silent, permitted_share, stale_stop
-from waychair.control.fitness import Fitness, FitnessSettings
-from waychair.control.kinematics import saturate, twist_from_wheel_speeds, wheel_speeds_from_twist
-from waychair.control.limiter import Limiter, LimiterSettings, is_possible
-from waychair.control.pushing import Pushing
-from waychair.control.speed_loop import SpeedLoopSettings
-from waychair.control.steering import Steering, SteeringSettings
-from waychair.control.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
-from waychair.control.supervisor import DRIVEN, Override, Situation, SupervisorSettings, SupervisorVerdict, supervise
-from waychair.control.unseen import Sector, UnseenSettings, sectors_of_scan, sight_share
+from waychair.control.drive.steering import Steering, SteeringSettings
+from waychair.control.safety.collision_monitor import SILENT_MS, MonitorSettings, is_silent, permitted_share, stale_stop
+from waychair.control.safety.fitness import Fitness, FitnessSettings
+from waychair.control.safety.pushing import Pushing
+from waychair.control.safety.sight_speed import Sector, UnseenSettings, sectors_of_scan, sight_share
+from waychair.control.safety.stops import STOPS, Braking, Halt, Severity, board_halt, halt, halt_as_told
+from waychair.control.safety.supervisor import (
+    DRIVEN,
+    Override,
+    Situation,
+    SupervisorSettings,
+    SupervisorVerdict,
+    supervise,
+)
+from waychair.control.speed.closed_loop import ClosedLoop
+from waychair.control.speed.kinematics import saturate, twist_from_wheel_speeds, wheel_speeds_from_twist
+from waychair.control.speed.limiter import Limiter, LimiterSettings, is_possible
+from waychair.control.speed.speed_loop import SpeedLoopSettings
 from waychair.firmware_bridge.bridge import LATE_MS, Bridge, BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import arc, transform_points
-from waychair.maps.zones import Zone, zone_speed_limit
+from waychair.maps.drawn.zones import Zone, zone_speed_limit
 from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
-from waychair.slam.localisation import Localisation
-from waychair.slam.odometry import OdometryFilter
-from waychair.slam.tilt import Tilt, TiltFilter
+from waychair.slam.localising.localisation import Localisation
+from waychair.slam.odometry.odometry_filter import OdometryFilter
+from waychair.slam.odometry.tilt import Tilt, TiltFilter
 from waychair.types import (
     ChairStatus,
     DriveMode,

@@ -10,18 +10,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A, ChairBody
+from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import NoScans
-from waychair.maps.depth_evidence import merge_sensors
-from waychair.maps.depth_layer import depth_layer
-from waychair.maps.occupancy import EvidenceGrid, OccupancySettings
-from waychair.maps.session_grid import SessionGrid
+from waychair.maps.depth.depth_evidence import merge_sensors
+from waychair.maps.folders.depth_layer import depth_layer
+from waychair.maps.grid.occupancy import EvidenceGrid, OccupancySettings
+from waychair.maps.layers.session_grid import SessionGrid
 from waychair.runtime.depth_mapping import DepthMapping, DepthMappingSettings
-from waychair.slam.dead_reckoning import DeadReckoning
-from waychair.slam.mapper import Mapper, MapperResult, MapperSettings, odometry_of, twist_of
-from waychair.slam.odometry_model import OdometrySettings
-from waychair.slam.scan_points import sweep_motion
+from waychair.slam.mapping.mapper import Mapper, MapperResult, MapperSettings, odometry_of, twist_of
+from waychair.slam.odometry.dead_reckoning import DeadReckoning
+from waychair.slam.odometry.odometry_model import OdometrySettings
+from waychair.slam.scan.scan_points import sweep_motion
 from waychair.types import OccupancyGrid, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
 
 

@@ -24,10 +24,10 @@ from typing import Protocol, Self
 import msgspec
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A, ChairBody
-from waychair.calibration.self_mask import SelfMask
-from waychair.calibration.stopping import StopTable
-from waychair.control.collision_monitor import Monitor, MonitorSettings, MonitorVerdict
+from waychair.calibration.chair_body import CHAIR_A, ChairBody
+from waychair.calibration.fits.self_mask import SelfMask
+from waychair.calibration.fits.stopping import StopTable
+from waychair.control.safety.collision_monitor import Monitor, MonitorSettings, MonitorVerdict
 from waychair.firmware_bridge.heartbeat import urgent
 from waychair.types import FloatArray, Scan, Twist
 

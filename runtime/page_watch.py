@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from waychair.control.stops import Halt, halt
+from waychair.control.safety.stops import Halt, halt
 
 GONE_NS = 700_000_000
 """Pages that have been silent for longer are gone. With the broadcaster's delay (`ui.broadcaster`) and a tick that is

@@ -11,21 +11,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from waychair.calibration.chair import ChairBody
-from waychair.calibration.stopping import StopTable, permitted_speed
+from waychair.calibration.chair_body import ChairBody
+from waychair.calibration.fits.stopping import StopTable, permitted_speed
 from waychair.config import setting
-from waychair.control.collision_monitor import MAPPED_WITHIN, points_now, slim_beams
-from waychair.control.navigator import Navigation, Navigator, NavigatorSettings, Stage
-from waychair.control.supervisor import SupervisorVerdict
+from waychair.control.drive.navigator import Navigation, Navigator, NavigatorSettings, Stage
+from waychair.control.safety.collision_monitor import MAPPED_WITHIN, points_now, slim_beams
+from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.geometry import transform_points
-from waychair.maps.zones import Zone
-from waychair.planning.drawn_map import DrawnMap
-from waychair.planning.motion import measured
+from waychair.maps.drawn.zones import Zone
+from waychair.planning.grid.drawn_map import DrawnMap
+from waychair.planning.window.motion_limits import measured
 from waychair.runtime.drive_base import BaseSettings
 from waychair.runtime.echoes import EchoFilter
-from waychair.slam.localisation import Localisation, LocalisationState
-from waychair.slam.scan_points import beam_ends
-from waychair.slam.tilt import Tilt
+from waychair.slam.localising.localisation import Localisation, LocalisationState
+from waychair.slam.odometry.tilt import Tilt
+from waychair.slam.scan.scan_points import beam_ends
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, RgbdFrame, Scan, SonarReadings, Twist
 
 

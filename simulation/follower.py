@@ -12,13 +12,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from waychair.calibration.chair import ChairBody
+from waychair.calibration.chair_body import ChairBody
 from waychair.errors import WorldError
 from waychair.geometry import wrap_angle
-from waychair.simulation.contact import person_distance
-from waychair.simulation.kinematic_chair import moved
-from waychair.simulation.plant import PlantSettings, joystick_from_volts, volts_from_twist
-from waychair.simulation.scene import PersonState
+from waychair.simulation.plant.kinematic_chair import moved
+from waychair.simulation.plant.plant import PlantSettings, joystick_from_volts, volts_from_twist
+from waychair.simulation.scene.contact import person_distance
+from waychair.simulation.scene.scene import PersonState
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.types import FloatArray, JoystickInput, Pose2, Twist
 

@@ -15,12 +15,17 @@ from typing import TypeAlias
 
 import numpy as np
 
-from waychair.calibration.chair import ChairBody
+from waychair.calibration.chair_body import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, WorldError
 from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, at_rest
-from waychair.simulation.camera import CameraSettings, RgbdCamera
-from waychair.simulation.contact import (
+from waychair.simulation.people.people import CONTACT_GAP, SimulatedPeople
+from waychair.simulation.plan.world import World
+from waychair.simulation.plant.kinematic_chair import KinematicChair
+from waychair.simulation.plant.mujoco_chair import MujocoChair, substeps
+from waychair.simulation.plant.mujoco_model import MujocoSettings
+from waychair.simulation.plant.plant import Plant, PlantSettings, volts_from_joystick, volts_from_twist
+from waychair.simulation.scene.contact import (
     Contact,
     ContactKind,
     clearance,
@@ -30,20 +35,15 @@ from waychair.simulation.contact import (
     person_distance,
     solid_from_blocks,
 )
-from waychair.simulation.imu import Imu, ImuSettings
-from waychair.simulation.kinematic_chair import KinematicChair
-from waychair.simulation.lidar import Lidar, LidarSettings
-from waychair.simulation.mujoco_chair import MujocoChair, substeps
-from waychair.simulation.mujoco_model import MujocoSettings
-from waychair.simulation.people import CONTACT_GAP, SimulatedPeople
-from waychair.simulation.plant import Plant, PlantSettings, volts_from_joystick, volts_from_twist
-from waychair.simulation.rays import scenery_from_slice
-from waychair.simulation.renderer import Renderer, camera_matrix, renderer_problem
-from waychair.simulation.scene import PersonPlan, PersonState
-from waychair.simulation.slices import slice_at
-from waychair.simulation.sonar import Sonars, SonarSettings
-from waychair.simulation.tilted_rays import TiltedPose, terrain_from_world
-from waychair.simulation.world import World
+from waychair.simulation.scene.scene import PersonPlan, PersonState
+from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera
+from waychair.simulation.sensors.height_slices import slice_at
+from waychair.simulation.sensors.imu import Imu, ImuSettings
+from waychair.simulation.sensors.lidar import Lidar, LidarSettings
+from waychair.simulation.sensors.rays import scenery_from_slice
+from waychair.simulation.sensors.renderer import Renderer, camera_matrix, renderer_problem
+from waychair.simulation.sensors.sonar import Sonars, SonarSettings
+from waychair.simulation.sensors.tilted_rays import TiltedPose, terrain_from_world
 from waychair.topics import CAMERA, IMU, SONAR, WHEELS
 from waychair.types import ImuSample, JoystickInput, Pose2, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
 

@@ -61,7 +61,9 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
     """Say which tests were skipped and why; under `WAYCHAIR_REQUIRE_ALL=1` say which reasons fail the run."""
     for reason, tests in sorted(_skipped.items()):
         kind = "may be skipped" if reason.startswith(MAY_BE_SKIPPED) else "MISSING"
-        terminalreporter.write_line(f"skipped ({kind}): {len(tests)}: {reason}: {tests[0]}" + (" ..." * (len(tests) > 1)))
+        terminalreporter.write_line(
+            f"skipped ({kind}): {len(tests)}: {reason}: {tests[0]}" + (" ..." * (len(tests) > 1))
+        )
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

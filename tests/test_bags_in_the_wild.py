@@ -15,9 +15,9 @@ import pytest
 from tests.bags import SECOND, Bag, off_the_walls, room_ranges
 from waychair.errors import ConfigError, NoScans, RecordingError
 from waychair.geometry import transform_points
-from waychair.recording import InputSettings, Recording, read_recording
-from waychair.rosbag_reader import BagSettings
-from waychair.scans import beam_ends
+from waychair.recordings.bags.rosbag_reader import BagSettings
+from waychair.recordings.recording import InputSettings, Recording, read_recording
+from waychair.recordings.scans import beam_ends
 from waychair.types import Odometry, Pose2, RgbdFrame
 
 LEVEL = (0.0, 0.0, 0.0, 1.0)

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from waychair import config
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError
-from waychair.runtime.mapping import MappingSettings
+from waychair.offline.mapping import MappingSettings
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waychair.control.navigator import Stage
-from waychair.control.supervisor import SupervisorSettings
+from waychair.control.drive.navigator import Stage
+from waychair.control.safety.supervisor import SupervisorSettings
 from waychair.firmware_bridge.board import Defect
-from waychair.recording import read_recording
+from waychair.offline.mapping import MappingSettings, map_recording
+from waychair.recordings.recording import read_recording
 from waychair.runtime.chair import ChairSettings, ChairState
-from waychair.runtime.mapping import MappingSettings, map_recording
+from waychair.simulation.plan.world import load_world
 from waychair.simulation.simulator import Simulator
-from waychair.simulation.world import load_world
 from waychair.trials.demo import SMALL_WORLD, Demo, randomised_settings, run_demo
 from waychair.trials.demo_report import write_report
 from waychair.trials.drive import advance_tick, simulated_chair, start_drive

@@ -11,8 +11,8 @@ import pytest
 from waychair import removed_settings
 from waychair.config import Settings, from_mapping, load, setting
 from waychair.errors import ConfigError
+from waychair.offline.mapping import MappingSettings
 from waychair.removed_settings import TABLE, read_table
-from waychair.runtime.mapping import MappingSettings
 
 ROWS = """# a comment
 BaseSettings.old\tconstant\t0.2 m\tno chair needs another one

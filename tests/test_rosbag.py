@@ -12,8 +12,8 @@ import pytest
 
 from tests.bags import SECOND, Bag
 from waychair.errors import NoScans, OutputError, RecordingDamaged, RecordingError
-from waychair.recording import InputSettings, Recording, RecordingWriter, read_recording
-from waychair.rosbag_reader import BagSettings
+from waychair.recordings.bags.rosbag_reader import BagSettings
+from waychair.recordings.recording import InputSettings, Recording, RecordingWriter, read_recording
 from waychair.types import Odometry, Pose2, Scan, Twist
 
 START_NS = 1_700_000_000 * SECOND

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
-from waychair import rosbag_storage, rosbag_writer
 from waychair.errors import OutputError
-from waychair.recording import RecordingWriter
+from waychair.recordings.bags import rosbag_storage, rosbag_writer
+from waychair.recordings.recording import RecordingWriter
 from waychair.types import Odometry, Pose2, RgbdFrame, Scan
 
 START_NS = 1_700_000_000 * 10**9
@@ -75,7 +75,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 def test_a_disk_that_really_fills_up_keeps_all_that_was_taken(
     small_disk: Path, name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(rosbag_storage, "LEAST_FREE", 0)  # another program fills the disk between two checks
+    monkeypatch.setattr(rosbag_storage, "MIN_FREE", 0)  # another program fills the disk between two checks
     taken, message = record_until_full(small_disk / name)
     assert 20 < taken < 110
     part = small_disk / name.replace("drive", "drive.part")

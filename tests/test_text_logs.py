@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waychair import coreslam
 from waychair.errors import NoScans, RecordingDamaged
-from waychair.recording import InputSettings, read_recording
-from waychair.slam.reference import reference_from_points
-from waychair.slam.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
-from waychair.slam.scan_points import scan_points
+from waychair.recordings.recording import InputSettings, read_recording
+from waychair.recordings.text import coreslam
+from waychair.slam.scan.reference_surfaces import reference_from_points
+from waychair.slam.scan.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
+from waychair.slam.scan.scan_points import scan_points
 from waychair.types import FloatArray, Odometry, Pose2, SensorFrame
 
 

@@ -27,21 +27,21 @@ from types import MappingProxyType
 import numpy as np
 from scipy.stats import beta
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
-from waychair.control.mapless import MaplessNavigator, MaplessSettings
-from waychair.control.navigator import Stage
-from waychair.control.recovery import RecoverySettings
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
+from waychair.control.drive.mapless import MaplessNavigator, MaplessSettings
+from waychair.control.drive.navigator import Stage
+from waychair.control.drive.recovery import RecoverySettings
 from waychair.errors import ConfigError, WorkerLost, WorldError
 from waychair.files import is_folder
 from waychair.geometry import arc
-from waychair.maps.occupancy import OccupancySettings
-from waychair.planning.clearance import ClearanceSettings
-from waychair.planning.motion import DwaSettings
-from waychair.simulation.imports import BarnEnvironment, read_barn
-from waychair.simulation.lidar import Lidar, LidarSettings
-from waychair.simulation.rays import scenery_from_slice
-from waychair.simulation.scene import Slice
-from waychair.simulation.seeds import seed_from_names
+from waychair.maps.grid.occupancy import OccupancySettings
+from waychair.planning.body.clearance import ClearanceSettings
+from waychair.planning.window.motion_limits import DwaSettings
+from waychair.simulation.plan.imports import BarnEnvironment, read_barn
+from waychair.simulation.scene.scene import Slice
+from waychair.simulation.scene.seeds import seed_from_names
+from waychair.simulation.sensors.lidar import Lidar, LidarSettings
+from waychair.simulation.sensors.rays import scenery_from_slice
 from waychair.topics import COMMAND
 from waychair.types import FloatArray, Json, Pose2, Twist
 

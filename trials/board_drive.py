@@ -15,7 +15,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from waychair.calibration.sweep import Sample, SweepSettings
+from waychair.calibration.fits.sweep import Sample, SweepSettings
 from waychair.config import Settings, setting
 from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError
 from waychair.firmware_bridge.advice import fault_names, handshake_problem

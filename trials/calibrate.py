@@ -9,12 +9,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A, ChairBody
-from waychair.calibration.dac import DEFAULT, DacModel
-from waychair.calibration.fit_dac import DacFit, LeastData, fit_dac
-from waychair.calibration.fit_steps import StepResponse
-from waychair.calibration.fitted_dac import FittedDac
-from waychair.calibration.stopping import (
+from waychair.calibration.chair_body import CHAIR_A, ChairBody
+from waychair.calibration.fits.dac import DEFAULT, DacModel
+from waychair.calibration.fits.fit_dac import DacFit, LeastData, fit_dac
+from waychair.calibration.fits.fit_steps import StepResponse
+from waychair.calibration.fits.fitted_dac import FittedDac
+from waychair.calibration.fits.stopping import (
     MeasuredStop,
     StopSettings,
     StopTable,
@@ -22,12 +22,12 @@ from waychair.calibration.stopping import (
     stop_table,
     stops_to_measure,
 )
-from waychair.calibration.sweep import LineDrive, SweepSettings, sweep
-from waychair.control.kinematics import wheel_speeds_from_twist
+from waychair.calibration.fits.sweep import LineDrive, SweepSettings, sweep
+from waychair.control.speed.kinematics import wheel_speeds_from_twist
 from waychair.errors import CalibrationError
-from waychair.simulation.kinematic_chair import KinematicChair
-from waychair.simulation.plant import PlantSettings, families, randomised, volts_from_joystick
-from waychair.simulation.plant_families import PlantFamily
+from waychair.simulation.plant.kinematic_chair import KinematicChair
+from waychair.simulation.plant.plant import PlantSettings, families, randomised, volts_from_joystick
+from waychair.simulation.plant.plant_families import PlantFamily
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.halls import open_hall
 from waychair.trials.measured_speeds import EncoderSpeeds, ScanSpeeds

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import numpy as np
 
-from waychair.calibration.camera import Extrinsics, PlaneView, extrinsics_from_planes
-from waychair.calibration.chair import ChairBody
-from waychair.calibration.imu import ImuCalibration, imu_at_rest
-from waychair.calibration.planes import Plane, planes_from_depth
-from waychair.calibration.wheels import WheelCalibration, wheels_from_drive
+from waychair.calibration.chair_body import ChairBody
+from waychair.calibration.fits.camera_mount import Extrinsics, PlaneView, extrinsics_from_planes
+from waychair.calibration.fits.imu_at_rest import ImuCalibration, imu_at_rest
+from waychair.calibration.fits.planes import Plane, planes_from_depth
+from waychair.calibration.fits.wheels import WheelCalibration, wheels_from_drive
 from waychair.errors import CalibrationError, MissingExtra
 from waychair.geometry import arc, pose_from_array, transform_points
-from waychair.recording import read_recording, read_tum
+from waychair.recordings.recording import read_recording, read_tum
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
-from waychair.slam.localiser import Localiser, LocaliserSettings
+from waychair.slam.localising.localiser import Localiser, LocaliserSettings
 from waychair.trials.halls import open_hall
 from waychair.trials.measured_speeds import EncoderSpeeds
 from waychair.trials.recorded_sensors import imu_samples_of, wheel_ticks_of

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waychair.calibration.chair import ChairBody
-from waychair.calibration.time_offset import (
+from waychair.calibration.chair_body import ChairBody
+from waychair.calibration.fits.time_offset import (
     Heading,
     SensorDelays,
     TimeOffset,
@@ -16,7 +16,7 @@ from waychair.calibration.time_offset import (
     time_offset,
 )
 from waychair.errors import CalibrationError, ThinData
-from waychair.simulation.plant import volts_from_twist
+from waychair.simulation.plant.plant import volts_from_twist
 from waychair.simulation.simulator import SensorMessage, Simulator
 from waychair.trials.headings import CameraHeading, heading_from_scans, heading_from_wheels
 from waychair.trials.simulated_drive import hold_lines

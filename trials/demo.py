@@ -17,26 +17,26 @@ from pathlib import Path
 
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.dac import DEFAULT
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.dac import DEFAULT
 from waychair.errors import PlanningError
 from waychair.firmware_bridge.board import HostBoard, board_program
 from waychair.geometry import wrap_angle
-from waychair.maps.distance_field import are_within, distance_field
-from waychair.maps.map_files import load_map
-from waychair.maps.places import load_places, save_places
-from waychair.maps.zones import load_zones
-from waychair.planning.costmap import costmap_from_grid
-from waychair.planning.global_planner import plan
+from waychair.maps.drawn.places import load_places, save_places
+from waychair.maps.drawn.zones import load_zones
+from waychair.maps.folders.map_files import load_map
+from waychair.maps.grid.distance_field import are_within, distance_field
+from waychair.offline.mapping import Mapping, MappingSettings, live_result, save_mapping
+from waychair.planning.grid.costmap import costmap_from_grid
+from waychair.planning.route.global_planner import plan
 from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.live_mapping import LiveMapping
-from waychair.runtime.mapping import Mapping, MappingSettings, live_result, save_mapping
 from waychair.simulation.follower import Follower
-from waychair.simulation.plant import PlantSettings, randomised
+from waychair.simulation.plan.world import World, load_world
+from waychair.simulation.plant.plant import PlantSettings, randomised
 from waychair.simulation.simulator import SensorMessage, SimulatorSettings
-from waychair.simulation.world import World, load_world
-from waychair.slam.evaluation import TruthErrors, truth_errors
-from waychair.slam.synchroniser import Synchroniser
+from waychair.slam.frames.frame_synchroniser import Synchroniser
+from waychair.slam.trajectory_errors import TruthErrors, truth_errors
 from waychair.topics import SCAN, WHEELS
 from waychair.trials.drive import (
     DriveRecord,

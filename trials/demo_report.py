@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from waychair.control.limiter import LimiterSettings
+from waychair.control.speed.limiter import LimiterSettings
 from waychair.files import write_json
-from waychair.runtime.mapping import peak_memory_mb
-from waychair.runtime.report import (
+from waychair.offline.mapping import peak_memory_mb
+from waychair.offline.report import (
     COLOURS,
     PngFigure,
     Table,
@@ -21,7 +21,7 @@ from waychair.runtime.report import (
     write_page,
     write_png,
 )
-from waychair.slam.graph import EdgeKind
+from waychair.slam.graph.graph_optimisation import EdgeKind
 from waychair.trials.demo import Demo
 from waychair.trials.drive import DriveRecord
 from waychair.trials.ride import ride_row

@@ -15,19 +15,19 @@ from pathlib import Path
 import numpy as np
 
 from waychair.calibration.calibration_file import ChairCalibration
-from waychair.calibration.chair import ChairBody
-from waychair.calibration.dac import DacModel
-from waychair.calibration.stopping import StopTable
-from waychair.control.navigator import Stage
+from waychair.calibration.chair_body import ChairBody
+from waychair.calibration.fits.dac import DacModel
+from waychair.calibration.fits.stopping import StopTable
+from waychair.control.drive.navigator import Stage
 from waychair.firmware_bridge.board import BoardSettings, HostBoard, board_program
 from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.geometry import wrap_angle
-from waychair.maps.zones import Zone
-from waychair.runtime.black_box import BlackBox, LoggedChair
+from waychair.maps.drawn.zones import Zone
+from waychair.runtime.black_box.recorder import BlackBox, LoggedChair
 from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher
 from waychair.simulation.follower import Follower, StallCheck
 from waychair.simulation.simulator import SensorMessage, Simulator
-from waychair.slam.localiser import LocalisationState
+from waychair.slam.localising.localiser import LocalisationState
 from waychair.topics import COMMAND
 from waychair.trials.simulated_stops import simulated_calibration
 from waychair.types import FloatArray, Goal, JoystickInput, OccupancyGrid, Place, Pose2

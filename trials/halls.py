@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from waychair.simulation.world import World, world_from_grid
+from waychair.simulation.plan.world import World, world_from_grid
 from waychair.types import OccupancyGrid, Pose2
 
 

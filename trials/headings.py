@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from waychair.calibration.chair import ChairBody
-from waychair.calibration.time_offset import Heading
-from waychair.slam.reference import ScanReference, reference_from_points
-from waychair.slam.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
-from waychair.slam.scan_points import MIN_POINTS, ScanPoints, scan_points
+from waychair.calibration.chair_body import ChairBody
+from waychair.calibration.fits.time_offset import Heading
+from waychair.slam.scan.reference_surfaces import ScanReference, reference_from_points
+from waychair.slam.scan.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
+from waychair.slam.scan.scan_points import MIN_POINTS, ScanPoints, scan_points
 from waychair.types import Bytes, FloatArray, Odometry, Pose2, RgbdFrame, Scan, Twist, WheelTicks
 
 _COUNTS = 2**32  # encoder counters wrap here

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from waychair.calibration.self_mask import SelfMask
-from waychair.simulation.plant import volts_from_twist
-from waychair.simulation.silhouettes import rider_legs
+from waychair.calibration.fits.self_mask import SelfMask
+from waychair.simulation.plant.plant import volts_from_twist
+from waychair.simulation.sensors.silhouettes import rider_legs
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.simulated_drive import hold_lines
 from waychair.types import Scan, Twist

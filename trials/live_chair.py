@@ -24,24 +24,24 @@ from typing import Self
 import cv2
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.dac import DEFAULT
-from waychair.control.supervisor import SupervisorSettings
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.dac import DEFAULT
+from waychair.control.safety.supervisor import SupervisorSettings
 from waychair.errors import WaychairError
 from waychair.firmware_bridge.heartbeat import urgent
-from waychair.maps.depth_layer import load_depth_layer, scanned_part
-from waychair.maps.layout import DrawingEditor
-from waychair.maps.map_files import load_map, save_map
-from waychair.maps.places import save_places
-from waychair.planning.drawn_map import DrawnMap
+from waychair.maps.drawn.places import save_places
+from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
+from waychair.maps.folders.map_drawing import DrawingEditor
+from waychair.maps.folders.map_files import load_map, save_map
+from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, LayoutView
 from waychair.runtime.drawing_port import DrawingPort
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
+from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
-from waychair.simulation.world import World, load_world
-from waychair.slam.localisation import LocalisationState
+from waychair.slam.localising.localisation import LocalisationState
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, black_box, simulated_chair
 from waychair.trials.real_time import RealTimeLoop

@@ -9,20 +9,20 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.dac import DEFAULT
-from waychair.control.navigator import NavigatorSettings
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.dac import DEFAULT
+from waychair.control.drive.navigator import NavigatorSettings
 from waychair.errors import StartOccupied, StartOutsideMap, WorldError
-from waychair.maps.distance_field import distance_field
-from waychair.maps.grid import OCCUPIED_FROM, cells_from_points, inside, points_from_cells
-from waychair.maps.zones import Zone
-from waychair.planning.costmap import check_free_space, costmap_from_grid
-from waychair.planning.global_planner import PlannerSettings
+from waychair.maps.drawn.zones import Zone
+from waychair.maps.grid.cells import OCCUPIED_FROM, cells_from_points, inside, points_from_cells
+from waychair.maps.grid.distance_field import distance_field
+from waychair.planning.grid.costmap import check_free_space, costmap_from_grid
+from waychair.planning.route.global_planner import PlannerSettings
 from waychair.runtime.chair import ChairSettings
-from waychair.simulation.contact import in_contact, solid_from_blocks
-from waychair.simulation.scene import Behaviour, PersonPlan
+from waychair.simulation.plan.world import World, world_from_grid
+from waychair.simulation.scene.contact import in_contact, solid_from_blocks
+from waychair.simulation.scene.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import Simulator, with_all_sensors
-from waychair.simulation.world import World, world_from_grid
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveRecord, DriveSetup, drive_to_places
 from waychair.types import OccupancyGrid, Place, Pose2

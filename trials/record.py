@@ -12,16 +12,16 @@ from typing import TypeVar
 
 import numpy as np
 
-from waychair.calibration.chair import ChairBody, sonar_mounts
+from waychair.calibration.chair_body import ChairBody, sonar_mounts
 from waychair.geometry import in_space
-from waychair.recording import InputSettings, RecordingWriter, read_recording
-from waychair.ros_messages import CAMERA_FRAME, CAMERA_FROM_OPTICAL, IMU_FRAME, LASER_FRAME, SONAR_FRAME
-from waychair.rosbag_reader import BagSettings
+from waychair.recordings.bags.ros_messages import CAMERA_FRAME, CAMERA_FROM_OPTICAL, IMU_FRAME, LASER_FRAME, SONAR_FRAME
+from waychair.recordings.bags.rosbag_reader import BagSettings
+from waychair.recordings.recording import InputSettings, RecordingWriter, read_recording
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.pacing import Pacer
-from waychair.simulation.plant import PlantSettings
+from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.simulator import SensorMessage, Simulator
-from waychair.slam.odometry import OdometryFilter
+from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.types import (
     FloatArray,
     ImuSample,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from waychair.errors import RecordingDamaged, RecordingError, RecordingNotFound
-from waychair.rosbag_file import bag_suffix, iterate_messages, open_bag
+from waychair.recordings.bags.rosbag_file import bag_suffix, iterate_messages, open_bag
 from waychair.types import ImuSample, WheelTicks
 
 _JOINTS = "sensor_msgs/msg/JointState"

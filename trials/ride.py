@@ -22,10 +22,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.signal import bilinear, butter, lfilter, sosfilt, sosfiltfilt
 
-from waychair.calibration.chair import ChairBody
-from waychair.control.limiter import LimiterSettings
+from waychair.calibration.chair_body import ChairBody
+from waychair.control.speed.limiter import LimiterSettings
+from waychair.simulation.plan.world import World
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
-from waychair.simulation.world import World
 from waychair.types import BoolArray, FloatArray, IntArray, Json, Pose2, Twist
 
 FILTER_HZ = 2.0

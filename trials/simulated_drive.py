@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 
-from waychair.calibration.sweep import Sample
+from waychair.calibration.fits.sweep import Sample
 from waychair.errors import WorldError
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
 from waychair.topics import COMMAND, IMU

@@ -7,9 +7,9 @@ from functools import lru_cache
 import numpy as np
 
 from waychair.calibration.calibration_file import ChairCalibration
-from waychair.calibration.chair import ChairBody
-from waychair.calibration.dac import DEFAULT, counts_from_wheel_speeds, neutral_counts, volts_from_counts
-from waychair.calibration.stopping import (
+from waychair.calibration.chair_body import ChairBody
+from waychair.calibration.fits.dac import DEFAULT, counts_from_wheel_speeds, neutral_counts, volts_from_counts
+from waychair.calibration.fits.stopping import (
     MeasuredStop,
     StopSettings,
     StopTable,
@@ -17,9 +17,9 @@ from waychair.calibration.stopping import (
     stop_table,
     stops_to_measure,
 )
-from waychair.control.kinematics import wheel_speeds_from_twist
-from waychair.simulation.kinematic_chair import KinematicChair
-from waychair.simulation.plant import PlantSettings
+from waychair.control.speed.kinematics import wheel_speeds_from_twist
+from waychair.simulation.plant.kinematic_chair import KinematicChair
+from waychair.simulation.plant.plant import PlantSettings
 from waychair.types import Twist
 
 _PLAN = StopSettings(slowest=0.2, step=0.2, fastest=1.2, repetitions=1)

@@ -6,17 +6,17 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from evaluation.scenes.hazards import MOVING_SPEED, hall_plan
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.dac import DEFAULT
-from waychair.control.limiter import LimiterSettings
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.dac import DEFAULT
+from waychair.control.speed.limiter import LimiterSettings
 from waychair.geometry import transform_points
-from waychair.simulation.scene import Behaviour, PersonPlan
-from waychair.simulation.world import world_from_plan
+from waychair.simulation.plan.world import world_from_plan
+from waychair.simulation.scene.scene import Behaviour, PersonPlan
 from waychair.topics import COMMAND
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair, start_drive
-from waychair.trials.hazards import MOVING_SPEED, hall_plan
 from waychair.trials.ride import RecordingSimulator, Ride, ride_of
 from waychair.types import Goal, Place, Pose2
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.geometry import rectangle, transform_points
-from waychair.runtime.report import COLOURS, PngFigure, draw_map, draw_outline, draw_places, new_figure, png_from_figure
-from waychair.simulation.scene import MATERIALS, Block, Pit, Reflection, Slope
-from waychair.simulation.world import World
+from waychair.offline.report import COLOURS, PngFigure, draw_map, draw_outline, draw_places, new_figure, png_from_figure
+from waychair.simulation.plan.world import World
+from waychair.simulation.scene.scene import MATERIALS, Block, Pit, Reflection, Slope
 from waychair.trials.record import route_length
 from waychair.types import FloatArray
 

@@ -19,7 +19,7 @@ from typing import TypeVar
 from waychair.runtime.chair_port import Answer, ChairPort
 from waychair.types import Json, OccupancyGrid
 from waychair.ui.commands import RELEASE, STICK, STOP, obey
-from waychair.ui.wire import encoded, grid_picture, layout_message, map_message, view_message
+from waychair.ui.page_messages import encoded, grid_picture, layout_message, map_message, view_message
 
 T = TypeVar("T")
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from waychair.errors import WaychairError
 from waychair.geometry import wrap_angle
-from waychair.maps.zones import SLOWEST, Rule, Zone
+from waychair.maps.drawn.zones import SLOWEST, Rule, Zone
 from waychair.runtime.chair_port import Answer, ChairPort
 from waychair.types import Place, Pose2
 

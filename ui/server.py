@@ -28,7 +28,7 @@ from waychair.runtime.chair_port import ChairPort
 from waychair.ui.broadcaster import Broadcaster, CommandRunner, OpenPage
 from waychair.ui.commands import COMMANDS, STICK
 from waychair.ui.guard import API, LIVE, RequestGuard, is_token
-from waychair.ui.wire import THEMES
+from waychair.ui.page_messages import THEMES
 
 if TYPE_CHECKING:
     import uvicorn

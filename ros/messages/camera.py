@@ -9,8 +9,8 @@ from typing import Any
 import cv2
 
 from waychair.errors import MessageError, RecordingError
+from waychair.recordings.bags.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
 from waychair.ros.messages.wire import require_finite, stamp_of
-from waychair.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
 from waychair.types import RgbdFrame
 
 _WAITING = 8  # stamps for which only colour or depth has arrived

@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from waychair.control.stops import halt
-from waychair.control.supervisor import DRIVEN
+from waychair.control.safety.stops import halt
+from waychair.control.safety.supervisor import DRIVEN
 from waychair.errors import MessageError
 from waychair.firmware_bridge.protocol import Holder
+from waychair.recordings.bags.ros_messages import BASE_FRAME, MAP_FRAME, header, make
 from waychair.ros.messages.motion import pose, read_pose, read_twist, twist
 from waychair.ros.messages.wire import require_finite, require_frame, stamp_of
-from waychair.ros_messages import BASE_FRAME, MAP_FRAME, header, make
-from waychair.slam.localisation import Localisation, LocalisationState
+from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.types import DriveMode, FloatArray, Place, Pose2, Twist
 
 NO_GOAL = 0

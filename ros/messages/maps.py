@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from waychair.errors import MessageError
+from waychair.recordings.bags.ros_messages import MAP_FRAME, header, make
 from waychair.ros.messages.motion import pose, read_pose
 from waychair.ros.messages.wire import require_frame
-from waychair.ros_messages import MAP_FRAME, header, make
 from waychair.types import UNKNOWN, OccupancyGrid
 
 _OCCUPIED = 100

@@ -9,9 +9,8 @@ import numpy as np
 
 from waychair.errors import MessageError
 from waychair.geometry import MAX_COORDINATE, is_possible_pose
-from waychair.ros.messages.wire import require_finite, require_frame, stamp_of
-from waychair.ros_decoding import odometry_from_message
-from waychair.ros_messages import (
+from waychair.recordings.bags.ros_decoding import odometry_from_message
+from waychair.recordings.bags.ros_messages import (
     BASE_FRAME,
     MAP_FRAME,
     ODOM_FRAME,
@@ -21,7 +20,8 @@ from waychair.ros_messages import (
     transforms,
     vector,
 )
-from waychair.ros_transforms import BASE_FRAMES, frame_name, planar, pose_matrix
+from waychair.recordings.bags.ros_transforms import BASE_FRAMES, frame_name, planar, pose_matrix
+from waychair.ros.messages.wire import require_finite, require_frame, stamp_of
 from waychair.types import FloatArray, Odometry, Path, Pose2, Pose3, Twist
 
 _PLANAR = np.ix_([0, 1, 5], [0, 1, 5])  # x, y and yaw among x, y, z, roll, pitch, yaw

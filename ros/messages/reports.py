@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from waychair.errors import MessageError
+from waychair.recordings.bags.ros_messages import header, make
 from waychair.ros.messages.wire import stamp_of
-from waychair.ros_messages import header, make
 
 
 class DiagnosticLevel(enum.IntEnum):

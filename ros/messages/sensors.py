@@ -1,6 +1,6 @@
 """Decoding messages of sensors and drivers: scans, IMU samples, wheels, sonars, joystick and battery.
 
-Invalid messages raise a `MessageError` that names the defect. `waychair.ros_messages` encodes the messages that bags hold
+Invalid messages raise a `MessageError` that names the defect. `waychair.recordings.bags.ros_messages` encodes the messages that bags hold
 too; the other encoders are here.
 """
 
@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from waychair.errors import MessageError
+from waychair.recordings.bags.ros_decoding import imu_from_message, scan_from_message
+from waychair.recordings.bags.ros_messages import IMU_FRAME, LASER_FRAME, UNREPORTED, WHEEL_JOINTS, header, make
+from waychair.recordings.bags.ros_transforms import frame_name
 from waychair.ros.messages.wire import require_finite, stamp_of
-from waychair.ros_decoding import imu_from_message, scan_from_message
-from waychair.ros_messages import IMU_FRAME, LASER_FRAME, UNREPORTED, WHEEL_JOINTS, header, make
-from waychair.ros_transforms import frame_name
 from waychair.types import ChairStatus, ImuSample, JoystickInput, Scan, SonarReadings, WheelTicks
 
 _COUNTS = 2**32

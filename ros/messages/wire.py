@@ -1,6 +1,6 @@
 """Conversion of ROS messages between bytes, plain objects and rclpy's classes, and common checks of incoming ones.
 
-Nodes publish bytes, made from a plain message (`waychair.ros_messages`, as in a bag), and subscribe to bytes likewise.
+Nodes publish bytes, made from a plain message (`waychair.recordings.bags.ros_messages`, as in a bag), and subscribe to bytes likewise.
 Compared with rclpy's own classes, that takes half of the CPU time for scans and IMU samples, a third for an outgoing
 picture, and a seventieth for an incoming picture. Only actions and services need rclpy's classes: `native`, `plain`.
 """
@@ -15,10 +15,10 @@ from rosbags.serde import SerdeError
 from rosbags.typesys import get_types_from_msg
 
 from waychair.errors import MessageError
+from waychair.recordings.bags.ros_messages import TYPES
+from waychair.recordings.bags.ros_transforms import frame_name
 from waychair.ros.interface_builder import TEXTS
 from waychair.ros.interface_types import interface_type
-from waychair.ros_messages import TYPES
-from waychair.ros_transforms import frame_name
 
 _NANOSECONDS = 1_000_000_000
 _BROKEN = (SerdeError, struct.error, ValueError, IndexError, AssertionError)  # a decoder's errors on damaged bytes

@@ -12,7 +12,7 @@ NODES = ("simulator", "bridge", "mapper", "navigator", "recorder")
 
 setup(
     name=NAME,
-    version="0.1.0",
+    version="0.2.0",
     description="Entry points and a launch file for the nodes of waychair",
     license="Apache-2.0",
     packages=[],
@@ -22,5 +22,5 @@ setup(
         (f"share/{NAME}", ["package.xml"]),
         (f"share/{NAME}/launch", sorted(str(path) for path in Path("launch").glob("*.launch.py"))),
     ],
-    entry_points={"console_scripts": [f"{node} = waychair.ros.{node}_node:main" for node in NODES]},
+    entry_points={"console_scripts": [f"{node} = waychair.ros.nodes.{node}_node:main" for node in NODES]},
 )

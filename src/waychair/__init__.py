@@ -4,4 +4,4 @@ Reading order: `types` (the message types), `slam.mapper` (one scan), `control.n
 (the whole chair, one tick). The core does not need ROS. This module imports nothing heavy.
 """
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"

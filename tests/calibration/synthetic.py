@@ -7,9 +7,9 @@ from collections import deque
 
 import numpy as np
 
-from waychair.calibration.axis_model import AxisModel, AxisSide
-from waychair.calibration.fitted_dac import FittedDac
-from waychair.calibration.sweep import Sample
+from waychair.calibration.fits.axis_model import AxisModel, AxisSide
+from waychair.calibration.fits.fitted_dac import FittedDac
+from waychair.calibration.fits.sweep import Sample
 
 STEP_S = 0.01
 

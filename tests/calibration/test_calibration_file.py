@@ -21,13 +21,13 @@ from waychair.calibration.calibration_file import (
     save_calibration,
     update_calibration,
 )
-from waychair.calibration.camera import Extrinsics
-from waychair.calibration.chair import CHAIR_B
-from waychair.calibration.imu import ImuCalibration
-from waychair.calibration.self_mask import SelfMask
-from waychair.calibration.stopping import StopTable
-from waychair.calibration.time_offset import SensorDelays
-from waychair.calibration.wheels import WheelCalibration
+from waychair.calibration.chair_body import CHAIR_B
+from waychair.calibration.fits.camera_mount import Extrinsics
+from waychair.calibration.fits.imu_at_rest import ImuCalibration
+from waychair.calibration.fits.self_mask import SelfMask
+from waychair.calibration.fits.stopping import StopTable
+from waychair.calibration.fits.time_offset import SensorDelays
+from waychair.calibration.fits.wheels import WheelCalibration
 from waychair.errors import CalibrationDamaged, CalibrationError, CalibrationMismatch
 from waychair.types import Pose3
 

@@ -19,12 +19,12 @@ from rosbags.highlevel import AnyReader
 from tests.calibration.synthetic import NEUTRAL, TRUE, SyntheticChair
 from tests.trials.board_rig import PLANT, BoardRig
 from waychair.calibration.calibration_file import ChairCalibration, load_calibration, save_calibration
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.drive_log import COLUMNS, read_sweep_log
-from waychair.calibration.stopping import UNMEASURED_SPEED, permitted_speed
-from waychair.calibration.sweep import SweepSettings, sweep
-from waychair.cli.arguments import BadArgument
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.drive_log import COLUMNS, read_sweep_log
+from waychair.calibration.fits.stopping import UNMEASURED_SPEED, permitted_speed
+from waychair.calibration.fits.sweep import SweepSettings, sweep
 from waychair.cli.main import app
+from waychair.cli.options.arguments import BadArgument
 from waychair.errors import (
     BridgeError,
     CalibrationDamaged,
@@ -37,7 +37,7 @@ from waychair.errors import (
 )
 from waychair.firmware_bridge.board import build_board
 from waychair.firmware_bridge.transports import open_pseudo_terminal
-from waychair.recording import write_tum
+from waychair.recordings.recording import write_tum
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.calibrate_sensors import WHEELS_HALL, square_both_ways
 from waychair.trials.halls import open_hall

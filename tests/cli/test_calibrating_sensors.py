@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 from waychair.calibration.calibration_file import load_calibration
-from waychair.calibration.chair import CHAIR_A
-from waychair.cli.arguments import BadArgument
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.cli.main import app
+from waychair.cli.options.arguments import BadArgument
 from waychair.errors import CalibrationMismatch, RecordingDamaged, RecordingNotFound, ThinData, WaychairError
-from waychair.recording import RecordingWriter
+from waychair.recordings.recording import RecordingWriter
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.halls import open_hall
 from waychair.trials.learn_mask import MASK_HALL, scans_while_turning, with_legs

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from tests.cli.command import WAYCHAIR, refused, started, waychair
-from waychair.maps.map_files import load_map, save_map
-from waychair.recording import RecordingWriter, read_tum
+from waychair.maps.folders.map_files import load_map, save_map
+from waychair.recordings.recording import RecordingWriter, read_tum
 from waychair.types import OccupancyGrid, Odometry, Pose2, Scan
 
 

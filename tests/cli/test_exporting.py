@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluation.scenes.depth_drive import drive_with_pictures
 
-from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.cli.main import app
 from waychair.errors import MapError, MissingExtra, NoPictures, RecordingNotFound
-from waychair.recording import RecordingWriter, read_recording
-from waychair.runtime import cloud_export
-from waychair.runtime.cloud_export import CloudSettings, PosedImage, coloured_points, export_cloud
-from waychair.simulation.renderer import renderer_problem
-from waychair.simulation.world import load_world
-from waychair.trials.depth_drive import drive_with_pictures
+from waychair.offline import cloud_export
+from waychair.offline.cloud_export import CloudSettings, PosedImage, coloured_points, export_cloud
+from waychair.recordings.recording import RecordingWriter, read_recording
+from waychair.simulation.plan.world import load_world
+from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.trials.record import mounts_of
 from waychair.types import Pose3, RgbdFrame, SensorFrame
 

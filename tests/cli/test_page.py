@@ -19,10 +19,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.cli.arguments import BadArgument
-from waychair.cli.page_process import page_address, page_token, port_of_page
-from waychair.maps.layout import DrawingEditor
-from waychair.maps.places import load_places
+from waychair.cli.options.arguments import BadArgument
+from waychair.cli.options.page_process import page_address, page_token, port_of_page
+from waychair.maps.drawn.places import load_places
+from waychair.maps.folders.map_drawing import DrawingEditor
 from waychair.ros.stack import Stack, processes
 from waychair.runtime.processes import Process, Supervision
 from waychair.types import Place, Pose2
@@ -112,7 +112,7 @@ def test_what_cannot_be_is_said_in_one_sentence(options: tuple[str, ...], said: 
 
 def test_the_page_is_a_process_that_the_chair_can_do_without_and_announces_each_drive(tmp_path: Path) -> None:
     *others, page = processes(Stack(tmp_path, world="small_clinic", page_port=8123))
-    assert (page.name, page.module, page.vital) == ("page", "waychair.cli.page_process", False)
+    assert (page.name, page.module, page.vital) == ("page", "waychair.cli.options.page_process", False)
     assert all(row.vital for row in others)
     assert "port: 8123" in (tmp_path / "page.yaml").read_text()
     assert "supervisor.countdown_s: 3.0" in (tmp_path / "bridge.yaml").read_text()

@@ -16,10 +16,10 @@ import pytest
 from tests.cli.command import refused, waychair
 from waychair.cli.planning import plan_command
 from waychair.errors import NoFreeSpace, NoPath, WaychairError, ZoneError
-from waychair.maps.map_files import save_map
-from waychair.maps.places import add_place
-from waychair.planning.grid_planner import plan_on_cells
-from waychair.planning.grid_search import GridPath
+from waychair.maps.drawn.places import add_place
+from waychair.maps.folders.map_files import save_map
+from waychair.planning.grid.grid_search import GridPath
+from waychair.planning.route.grid_planner import plan_on_cells
 from waychair.types import Json, OccupancyGrid, Pose2
 
 
@@ -186,7 +186,7 @@ def test_the_time_of_a_query_is_without_that_of_loading_the_kernels(
                 pass
         return plan_on_cells(*arguments)
 
-    monkeypatch.setattr("waychair.planning.grid_planner.plan_on_cells", slow_at_first)
+    monkeypatch.setattr("waychair.planning.route.grid_planner.plan_on_cells", slow_at_first)
     assert planned(capsys, benchmark, "4,0", "4,3")["ms"] < 100
 
 

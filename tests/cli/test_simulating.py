@@ -16,9 +16,9 @@ from rosbags.highlevel import AnyReader
 
 from tests.cli.command import WAYCHAIR, refused, waychair
 from tests.halls import BOXES, hall_plan
-from waychair.recording import read_recording
-from waychair.simulation.renderer import renderer_problem
-from waychair.simulation.world import shipped_worlds
+from waychair.recordings.recording import read_recording
+from waychair.simulation.plan.world import shipped_worlds
+from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.trials.demo import run_demo
 from waychair.types import Odometry
 

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.control.test_collision_monitor import BEAMS, MS, NOTHING, VIEW, scan_of
-from waychair.calibration.chair import CHAIR_A
-from waychair.control.collision_monitor import Monitor
-from waychair.control.stops import STOPS
+from tests.control.safety.test_collision_monitor import BEAMS, MS, NOTHING, VIEW, scan_of
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.safety.collision_monitor import Monitor
+from waychair.control.safety.stops import STOPS
 from waychair.types import Scan, Twist
 
 

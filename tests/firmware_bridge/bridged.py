@@ -7,7 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from waychair.calibration.dac import DEFAULT, DacModel
+from waychair.calibration.fits.dac import DEFAULT, DacModel
 from waychair.errors import TransportError
 from waychair.firmware_bridge.board import BoardInputs, BoardSettings, HostBoard, LineState, at_rest
 from waychair.firmware_bridge.bridge import Bridge, BridgeSettings

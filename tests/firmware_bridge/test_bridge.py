@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tests.firmware_bridge.bridged import BOARD, GOOD, MS, NEUTRAL_MV, TICK_MS, Bridged
-from waychair.calibration.dac import DEFAULT, LinearDac
-from waychair.calibration.fitted_dac import FittedDac
+from waychair.calibration.fits.dac import DEFAULT, LinearDac
+from waychair.calibration.fits.fitted_dac import FittedDac
 from waychair.firmware_bridge import bridge as bridge_module
 from waychair.firmware_bridge.board import BoardSettings
 from waychair.firmware_bridge.bridge import TAKEN_OVER

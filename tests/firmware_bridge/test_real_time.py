@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from waychair.calibration.dac import DEFAULT
+from waychair.calibration.fits.dac import DEFAULT
 from waychair.firmware_bridge.board import HostBoard, at_rest
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.fail_safe import BUDGET_MS

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.maps.depth_scan import DepthScan, DepthSettings, depth_scan
-from waychair.slam.tilt import Tilt
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.maps.depth.depth_scan import DepthScan, DepthSettings, depth_scan
+from waychair.slam.odometry.tilt import Tilt
 from waychair.types import FloatArray, Pose3, RgbdFrame
 
 CAMERA = np.array([[116.0, 0.0, 79.5], [0.0, 116.0, 59.5], [0.0, 0.0, 1.0]])

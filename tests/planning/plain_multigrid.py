@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from waychair.planning.laplace_solvers import LaplaceProblem, laplace_problem
-from waychair.planning.levels import COARSEST_SWEEPS, MultigridLevel
-from waychair.planning.patches import CellRectangle
+from waychair.planning.harmonic.laplace_solvers import LaplaceProblem, laplace_problem
+from waychair.planning.harmonic.multigrid_levels import COARSEST_SWEEPS, MultigridLevel
+from waychair.planning.harmonic.multigrid_patches import CellRectangle
 from waychair.types import Float32Array, FloatArray
 
 ROUND = 2

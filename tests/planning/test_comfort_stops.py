@@ -9,7 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from waychair.planning.motion import (
+from waychair.planning.window.motion_limits import (
     PERIOD,
     CommandedMotion,
     DwaSettings,

@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.planning.costmap import costmap_from_grid
-from waychair.planning.global_planner import GlobalPlanner, PlannerSettings
-from waychair.planning.legs import DrivingManner, PathLeg
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.planning.grid.costmap import costmap_from_grid
+from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings
+from waychair.planning.route.legs import DrivingManner, PathLeg
 from waychair.types import OccupancyGrid, Pose2
 
 CELL = 0.05

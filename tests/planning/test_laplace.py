@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.planning.plain_multigrid import drawn, plain_cycle, scattered, walls_of
 
+from tests.planning.plain_multigrid import drawn, plain_cycle, scattered, walls_of
 from waychair.errors import ConfigError, GoalOccupied, GoalOutsideMap, MapTooLarge, MissingExtra, NotConverged
-from waychair.planning.conjugate_gradients import conjugate_gradients, write_residual
-from waychair.planning.laplace_gpu import gpu_at_hand
-from waychair.planning.laplace_solvers import (
+from waychair.planning.grid.resumable import finished
+from waychair.planning.harmonic.conjugate_gradients import conjugate_gradients, write_residual
+from waychair.planning.harmonic.laplace_gpu import gpu_at_hand
+from waychair.planning.harmonic.laplace_solvers import (
     PAPER_SOLVER,
     LaplaceProblem,
     SolverOptions,
@@ -25,9 +26,8 @@ from waychair.planning.laplace_solvers import (
     relax,
     solve,
 )
-from waychair.planning.levels import levels_from
-from waychair.planning.multigrid import v_cycle
-from waychair.planning.slices import finished
+from waychair.planning.harmonic.multigrid import v_cycle
+from waychair.planning.harmonic.multigrid_levels import levels_from
 from waychair.types import BoolArray, Float32Array, FloatArray
 
 
@@ -198,10 +198,10 @@ def test_without_a_gpu_it_is_refused_and_auto_takes_the_processor() -> None:
 
 ON_THE_SIMULATOR = """
 import numpy as np
-from waychair.planning.laplace_gpu import conjugate_gradients_on_gpu, gpu_at_hand
-from waychair.planning.conjugate_gradients import conjugate_gradients
-from waychair.planning.levels import levels_from
-from waychair.planning.slices import finished
+from waychair.planning.harmonic.laplace_gpu import conjugate_gradients_on_gpu, gpu_at_hand
+from waychair.planning.harmonic.conjugate_gradients import conjugate_gradients
+from waychair.planning.harmonic.multigrid_levels import levels_from
+from waychair.planning.grid.resumable import finished
 assert gpu_at_hand()
 rng = np.random.default_rng(0)
 walls = np.where(rng.random((7, 9)) > 0.2, rng.choice([0.0, 0.05], (7, 9)), np.inf).astype(np.float32)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.geometry import wrap_angle
-from waychair.maps.distance_field import DistanceField
-from waychair.planning.dwa import rotate_to_heading
-from waychair.planning.footprint import along_arc
-from waychair.planning.motion import DwaSettings, GoalTolerances
+from waychair.maps.grid.distance_field import DistanceField
+from waychair.planning.body.footprint import along_arc
+from waychair.planning.window.dwa import rotate_to_heading
+from waychair.planning.window.motion_limits import DwaSettings, GoalTolerances
 from waychair.types import Pose2, Twist
 
 OPEN = DistanceField(np.full((300, 300), 5.0, np.float32), 0.02, Pose2(-3.0, -3.0, 0.0))

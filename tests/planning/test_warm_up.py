@@ -6,12 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from waychair.calibration.chair import CHAIR_B, BodyLayer
-from waychair.maps import ground
-from waychair.maps.distance_field import DistanceField, distances
-from waychair.planning import dwa_kernels, footprint, manoeuvre, obstacle_layer, openings, way_out
-from waychair.planning.dwa import choose
+from waychair.calibration.chair_body import CHAIR_B, BodyLayer
+from waychair.maps.depth import ground
+from waychair.maps.grid.distance_field import DistanceField, distances
+from waychair.planning.body import footprint
+from waychair.planning.route import leaving_a_wall as way_out
+from waychair.planning.route import multi_point_turn as manoeuvre
+from waychair.planning.seen import obstacle_layer, openings
 from waychair.planning.warm_up import warm_up
+from waychair.planning.window import dwa_kernels
+from waychair.planning.window.dwa import choose
 from waychair.types import Path, Pose2, Twist
 
 KERNELS = (

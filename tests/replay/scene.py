@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from evaluation.runs.replay import Tape, record_tape
 
 from tests.runtime.riding import LIDAR, hall
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.dac import DEFAULT
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.dac import DEFAULT
 from waychair.runtime.chair import Chair, ChairSettings
-from waychair.simulation.imu import ImuSettings
-from waychair.simulation.scene import Behaviour, Block, PersonPlan
+from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan
+from waychair.simulation.sensors.imu import ImuSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.drive import DriveSetup
-from waychair.trials.replay import Tape, record_tape
 from waychair.types import Goal, JoystickInput, Pose2
 
 TICKS = 560

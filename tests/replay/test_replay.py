@@ -10,10 +10,7 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-
-from tests.replay.scene import setup, taped
-from waychair.errors import BoxError, ConfigError
-from waychair.trials.replay import (
+from evaluation.runs.replay import (
     IGNORED,
     TOLERANCES,
     Row,
@@ -26,6 +23,9 @@ from waychair.trials.replay import (
     save_reference,
     save_tape,
 )
+
+from tests.replay.scene import setup, taped
+from waychair.errors import BoxError, ConfigError
 from waychair.types import Pose2
 
 HERE = Path(__file__).resolve().parent

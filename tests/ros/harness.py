@@ -18,7 +18,7 @@ from waychair.ros.environment import ros_environment
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.reports import Report, read_diagnostics
 from waychair.ros.messages.wire import deserialised, plain, serialised
-from waychair.ros.node import ChairNode
+from waychair.ros.nodes.node import ChairNode
 from waychair.ros.topics import DIAGNOSTICS, RosTopic, profile
 
 PATIENCE_S = 40.0

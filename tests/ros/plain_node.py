@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from waychair.config import Settings, setting
 from waychair.ros.messages.sensors import read_scan
-from waychair.ros.node import ChairNode, run_node
+from waychair.ros.nodes.node import ChairNode, run_node
 from waychair.ros.topics import SCAN
 
 

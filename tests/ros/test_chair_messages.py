@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.control.stops import halt
+from waychair.control.safety.stops import halt
 from waychair.errors import MessageError
 from waychair.ros.messages import chair, wire
 from waychair.types import DriveMode, Pose2, Twist
@@ -47,7 +47,19 @@ def test_a_state_arrives_as_it_was_sent(
 ) -> None:
     command = Twist(0.4, -0.1) if flag else None
     sent = chair.DriveReport(
-        stamp_ns, goal_id, mode, text, flag, not flag, command, text, tuple(halts), (0.1, -0.2), stamp_ns // 2, goal, text
+        stamp_ns,
+        goal_id,
+        mode,
+        text,
+        flag,
+        not flag,
+        command,
+        text,
+        tuple(halts),
+        (0.1, -0.2),
+        stamp_ns // 2,
+        goal,
+        text,
     )
     came = chair.read_drive_state(over_the_wire(chair.drive_state(sent)))
     assert near(came.goal, goal)

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from waychair.calibration.chair import BODIES, BodyLayer, ChairBody
+from waychair.calibration.chair_body import BODIES, BodyLayer, ChairBody
+from waychair.recordings.bags.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FRAME, WHEEL_JOINTS
 from waychair.ros import topics
 from waychair.ros.description import WHEEL_FRAMES, robot_description, urdf, wheel_transforms
 from waychair.ros.messages.wire import deserialised, serialised
 from waychair.ros.mounts import static_transforms
 from waychair.ros.topics import RosTopic
-from waychair.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FRAME, WHEEL_JOINTS
 from waychair.types import FloatArray, Pose3, WheelTicks
 
 ANGLES = st.floats(-1.4, 1.4)

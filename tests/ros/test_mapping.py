@@ -16,17 +16,17 @@ import pytest
 from tests.ros.realtime import ALONE
 from tests.ros.transforms import read_transforms
 from waychair.geometry import in_space
-from waychair.maps.layout import DrawingEditor
-from waychair.maps.map_files import load_map, save_map
-from waychair.maps.places import add_place, load_places
-from waychair.recording import read_recording, read_tum
+from waychair.maps.drawn.places import add_place, load_places
+from waychair.maps.folders.map_drawing import DrawingEditor
+from waychair.maps.folders.map_files import load_map, save_map
+from waychair.offline.mapping import MappingSettings, map_recording
+from waychair.recordings.recording import read_recording, read_tum
 from waychair.ros import topics
-from waychair.ros.growing_map import MAX_QUEUED, MapBuilder
 from waychair.ros.messages import sensors
 from waychair.ros.messages.chair import read_localisation
+from waychair.ros.nodes.growing_map import MAX_QUEUED, MapBuilder
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.runtime.mapping import MappingSettings, map_recording
-from waychair.slam.localiser import Localisation, LocalisationState
+from waychair.slam.localising.localiser import Localisation, LocalisationState
 from waychair.types import FloatArray, ImuSample, JoystickInput, OccupancyGrid, Odometry, Pose2, Scan, Twist
 
 if TYPE_CHECKING:
@@ -71,11 +71,11 @@ def test_the_map_of_the_recorded_bag_is_the_live_one(ros: Harness, tmp_path: Pat
     mapping = ("-p", f"save_folder:={kept}")
     simulated = ("-p", "world:=small_clinic", "-p", "people:=false", "-p", "camera:=false")
     with (
-        ros.process("-m", "waychair.ros.recorder_node", "--ros-args", "-p", f"bag:={bag}") as recorder,
-        ros.process("-m", "waychair.ros.mapper_node", "--ros-args", *mapping) as mapper,
+        ros.process("-m", "waychair.ros.nodes.recorder_node", "--ros-args", "-p", f"bag:={bag}") as recorder,
+        ros.process("-m", "waychair.ros.nodes.mapper_node", "--ros-args", *mapping) as mapper,
     ):
         ros.spin_until(lambda: ros.node.count_subscribers("imu/data") == 2, "recorder and mapper")
-        with ros.process("-m", "waychair.ros.simulator_node", "--ros-args", *simulated):
+        with ros.process("-m", "waychair.ros.nodes.simulator_node", "--ros-args", *simulated):
             ros.spin_until(lambda: len(found) > 5, "the first places")
             ros.spin_until(lambda: way() > WAY_M, "the drive", push(0.5, 0.05))
             ros.spin_until(lambda: abs(truth[-1].twist.twist.linear.x) < 0.01, "the chair to rest")
@@ -288,15 +288,17 @@ def test_before_the_first_scan_there_is_no_map_to_save(room: Room, tmp_path: Pat
 
 def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harness, tmp_path: Path) -> None:
     from tests.ros.harness import ended
-    from waychair.maps.places import save_places
-    from waychair.simulation.world import load_world
+    from waychair.maps.drawn.places import save_places
+    from waychair.simulation.plan.world import load_world
 
     world = load_world("small_clinic")
     save_map(tmp_path / "map", world.grid)
     save_places(tmp_path / "map", {place.name: place for place in world.places})
     save = ("-c", "from waychair.cli.main import main; main()", "save")
     (tmp_path / "file").touch()
-    with ros.process("-m", "waychair.ros.mapper_node", "--ros-args", "-p", f"map_folder:={tmp_path / 'map'}") as mapper:
+    with ros.process(
+        "-m", "waychair.ros.nodes.mapper_node", "--ros-args", "-p", f"map_folder:={tmp_path / 'map'}"
+    ) as mapper:
         with ros.process(*save, tmp_path / "copy") as saver:
             output, _ = saver.communicate(timeout=60.0)
         assert saver.returncode == 0, output
@@ -310,10 +312,10 @@ def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harnes
 
 
 def test_a_mapper_on_another_clock_takes_no_scan_and_says_why(ros: Harness, tmp_path: Path) -> None:
+    from waychair.recordings.bags.ros_messages import header, make
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
-    from waychair.ros_messages import header, make
-    from waychair.simulation.world import load_world
+    from waychair.simulation.plan.world import load_world
 
     save_map(tmp_path / "map", load_world("small_clinic").grid)
     found, topic = ros.heard(topics.LOCALISATION), topics.CLOCK
@@ -326,8 +328,8 @@ def test_a_mapper_on_another_clock_takes_no_scan_and_says_why(ros: Harness, tmp_
     simulated = ("-p", "world:=small_clinic", "-p", "people:=false", "-p", "camera:=false")
     localising = ("-p", f"map_folder:={tmp_path / 'map'}", "-p", "use_sim_time:=true")
     with (
-        ros.process("-m", "waychair.ros.simulator_node", "--ros-args", *simulated),
-        ros.process("-m", "waychair.ros.mapper_node", "--ros-args", *localising),
+        ros.process("-m", "waychair.ros.nodes.simulator_node", "--ros-args", *simulated),
+        ros.process("-m", "waychair.ros.nodes.mapper_node", "--ros-args", *localising),
     ):
         ros.report(
             "mapper: input scan", lambda report: "set use_sim_time alike" in report.message, tick(60_000_000_000)

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from tests.ros.transforms import read_transforms
-from waychair import ros_messages
 from waychair.errors import MessageError
 from waychair.geometry import in_space
+from waychair.recordings.bags import ros_messages
 from waychair.ros.messages import camera, maps, motion, reports, sensors, wire
 from waychair.types import (
     ChairStatus,

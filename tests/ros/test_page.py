@@ -22,12 +22,12 @@ for needed in ("rclpy", "fastapi", "websockets"):
     if importlib.util.find_spec(needed) is None:
         pytest.skip(f"{needed} is not installed", allow_module_level=True)
 
-from benchmarks.acceptance.live_stack import LiveStack, gone_after, jitter_ms
+from evaluation.runs.live_stack import LiveStack, gone_after, jitter_ms
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import connect
 
-from waychair.maps.places import load_places
-from waychair.maps.zones import load_zones
+from waychair.maps.drawn.places import load_places
+from waychair.maps.drawn.zones import load_zones
 from waychair.runtime.sentences import sentence
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ import numpy as np
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 
-from waychair import ros_messages
 from waychair.geometry import in_space
-from waychair.recording import Recording, read_recording
+from waychair.recordings.bags import ros_messages
+from waychair.recordings.recording import Recording, read_recording
 from waychair.ros import topics
 from waychair.ros.messages.reports import Report
 from waychair.types import Pose2, Scan, Twist
@@ -107,7 +107,7 @@ def test_a_recorder_that_is_asked_to_end_leaves_every_message_at_the_path(ros: H
 def test_a_recorder_that_is_killed_leaves_all_but_the_last_second(ros: Harness, tmp_path: Path) -> None:
     path, ward = tmp_path / "drive.mcap", "/killed"  # of its own: for others it seems to listen for another 20 s
     arguments = ("--ros-args", "-p", f"bag:={path}", "-r", f"__ns:={ward}")
-    with ros.process("-m", "waychair.ros.recorder_node", *arguments) as process:
+    with ros.process("-m", "waychair.ros.nodes.recorder_node", *arguments) as process:
         with senders(ros, topics.SCAN, topics.ODOMETRY, topics.TF_STATIC, namespace=ward) as send:
             stamps = drive(ros, send)
             (aside,) = tmp_path.glob(".drive.*/drive/drive.mcap")
@@ -148,7 +148,7 @@ def test_who_records_nobody_is_told_so_and_leaves_nothing(ros: Harness, tmp_path
     from tests.ros.harness import ended
 
     arguments = ("--ros-args", "-p", f"bag:={tmp_path / 'drive.db3'}", "-r", "__ns:=/nowhere")
-    with ros.process("-m", "waychair.ros.recorder_node", *arguments) as process:
+    with ros.process("-m", "waychair.ros.nodes.recorder_node", *arguments) as process:
         ros.report("/nowhere/recorder: recording")
         code, output = ended(process, signal.SIGTERM)
     assert code == 2

@@ -20,18 +20,19 @@ import pytest
 
 from tests.cli import command
 from tests.ros.realtime import ALONE
-from waychair.calibration.chair import CHAIR_A
-from waychair.control.limiter import LimiterSettings
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.speed.limiter import LimiterSettings
 from waychair.geometry import transform_points
-from waychair.maps.distance_field import are_within, distance_field
-from waychair.maps.grid import cells_from_points
+from waychair.maps.grid.cells import cells_from_points
+from waychair.maps.grid.distance_field import are_within, distance_field
 from waychair.types import Pose2
 
 if importlib.util.find_spec("rclpy") is None:
     pytest.skip("ROS is not installed (no rclpy)", allow_module_level=True)
 
-from benchmarks.acceptance.live_stack import LiveStack, Seen, gone_after, jitter_ms, kill, waychair
+from evaluation.runs.live_stack import LiveStack, Seen, gone_after, jitter_ms, kill, waychair
 
+from waychair.recordings.bags.ros_messages import header, make
 from waychair.ros import topics
 from waychair.ros.client import TaskResult
 from waychair.ros.interface_types import interface_type
@@ -40,7 +41,6 @@ from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, twi
 from waychair.ros.messages.reports import DiagnosticLevel, read_diagnostics
 from waychair.ros.messages.wire import deserialised, native, serialised
 from waychair.ros.topics import RELIABLE, RosTopic
-from waychair.ros_messages import header, make
 from waychair.types import Twist
 
 if TYPE_CHECKING:

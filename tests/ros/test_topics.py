@@ -11,11 +11,11 @@ import pytest
 
 from waychair import topics as nouns
 from waychair.errors import ConfigError
+from waychair.recordings.bags.ros_messages import TYPES
 from waychair.ros import topics
 from waychair.ros.environment import PROFILE, namespace_arguments, ros_environment
 from waychair.ros.interface_builder import TEXTS
 from waychair.ros.topics import LATCHED, RELIABLE, SENSOR_DATA, RosTopic, profile
-from waychair.ros_messages import TYPES
 
 TABLE = [value for value in vars(topics).values() if isinstance(value, RosTopic)] + [topics.sonar(k) for k in range(8)]
 

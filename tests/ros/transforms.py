@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from waychair.recordings.bags.ros_transforms import pose_matrix
 from waychair.ros.messages.wire import stamp_of
-from waychair.ros_transforms import pose_matrix
 from waychair.types import Pose3
 
 

@@ -17,10 +17,10 @@ from waychair.maps.drawn.zones import Zone
 from waychair.planning.window import dwa
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.drive_base import ChairMessage
-from waychair.simulation.sensors.lidar import LidarSettings
-from waychair.simulation.scene.scene import Block, PersonPlan, Pit
-from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.simulation.plan.world import World, world_from_grid
+from waychair.simulation.scene.scene import Block, PersonPlan, Pit
+from waychair.simulation.sensors.lidar import LidarSettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair, start_drive
 from waychair.types import DriveMode, Goal, OccupancyGrid, Pose2
 

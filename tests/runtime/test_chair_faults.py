@@ -11,15 +11,15 @@ import pytest
 
 from tests.runtime.riding import FAR, Ride
 from waychair.calibration.calibration_file import ChairCalibration
-from waychair.control.safety.fitness import FitnessSettings
 from waychair.control.drive.navigator import Stage
+from waychair.control.safety.fitness import FitnessSettings
 from waychair.control.safety.supervisor import SupervisorSettings
 from waychair.firmware_bridge.bridge import BridgeSettings
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.runtime.chair import Chair, ChairSettings
 from waychair.runtime.drive_base import ChairMessage
-from waychair.simulation.sensors.imu import ImuSettings
 from waychair.simulation.scene.scene import Behaviour, PersonPlan
+from waychair.simulation.sensors.imu import ImuSettings
 from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.drive import advance_tick
 from waychair.types import ChairStatus, DriveMode, ImuSample, JoystickInput, Scan, Twist, WheelTicks

@@ -12,12 +12,12 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.drive.navigator import Stage
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Rule, Zone, zone_contains
-from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.plant.plant import PlantSettings
-from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.scene.scene import Block, Pit
-from waychair.simulation.simulator import SimulatorSettings
+from waychair.simulation.sensors.camera import CameraSettings
+from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.sensors.sonar import SonarSettings
+from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.drive import start_drive
 from waychair.types import Goal, Pose2
 

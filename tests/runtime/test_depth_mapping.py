@@ -10,24 +10,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from evaluation.scenes.depth_drive import drive_with_pictures, with_hazards
+from evaluation.scenes.depth_score import depth_score
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import ConfigError, NoPictures, RecordingError
 from waychair.geometry import transform_points
-from waychair.maps.folders.depth_layer import drop_offs, load_depth_layer
 from waychair.maps.depth.depth_scan import DepthSettings
-from waychair.maps.grid.cells import cells_from_points, occupied
+from waychair.maps.folders.depth_layer import drop_offs, load_depth_layer
 from waychair.maps.folders.map_files import load_map
+from waychair.maps.grid.cells import cells_from_points, occupied
+from waychair.offline.mapping import Mapping, MappingSettings, map_recording, save_mapping
 from waychair.recordings.recording import Recording
 from waychair.runtime.depth_mapping import DepthMapping, DepthMappingSettings
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.offline.mapping import Mapping, MappingSettings, map_recording, save_mapping
-from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.plan.world import World, load_world
-from waychair.slam.trajectory_errors import truth_errors
+from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.slam.odometry.tilt import Tilt
-from evaluation.scenes.depth_drive import drive_with_pictures, with_hazards
-from evaluation.scenes.depth_score import depth_score
+from waychair.slam.trajectory_errors import truth_errors
 from waychair.types import FloatArray, RgbdFrame, SensorFrame, Trajectory
 
 pytestmark = pytest.mark.skipif(renderer_problem() is not None, reason="this machine cannot render pictures")

@@ -13,8 +13,8 @@ from tests.runtime.riding import FAR, Ride
 from waychair.control.drive.navigator import Stage
 from waychair.runtime.echoes import EchoFilter
 from waychair.simulation.sensors import sonar
-from waychair.simulation.simulator import SimulatorSettings
 from waychair.simulation.sensors.sonar import SonarSettings
+from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.drive import start_drive
 from waychair.types import SonarReadings
 

@@ -9,9 +9,9 @@ import pytest
 
 from tests.offline.test_sessions import Drive, joined, mapped, part
 from waychair.maps.drawn.anchors import load_nodes
-from waychair.maps.folders.map_drawing import DrawingEditor
 from waychair.maps.drawn.places import load_places, save_places
 from waychair.maps.drawn.zones import Rule, Zone, load_zones
+from waychair.maps.folders.map_drawing import DrawingEditor
 from waychair.types import Place, Pose2
 
 

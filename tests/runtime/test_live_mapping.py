@@ -12,13 +12,13 @@ import pytest
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import NoScans
 from waychair.geometry import compose
-from waychair.maps.layers import grid_assembly
-from waychair.maps.grid.cells import cells_from_points
 from waychair.maps.folders.map_files import load_map
+from waychair.maps.grid.cells import cells_from_points
 from waychair.maps.grid.occupancy import build_grid
+from waychair.maps.layers import grid_assembly
+from waychair.offline.mapping import MappingSettings, live_result, map_recording, save_mapping
 from waychair.recordings.recording import Recording, read_recording
 from waychair.runtime.live_mapping import LiveMapping
-from waychair.offline.mapping import MappingSettings, live_result, map_recording, save_mapping
 from waychair.slam.graph.graph_optimisation import EdgeKind
 from waychair.types import FloatArray, ImuSample, OccupancyGrid, Odometry, Pose2, Scan, SensorFrame, Twist, WheelTicks
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.errors import WorldError
 from waychair.simulation.follower import Follower, follow
-from waychair.simulation.plant import PlantSettings, randomised
-from waychair.simulation.scene import Behaviour, PersonPlan, PersonState
+from waychair.simulation.plan.world import load_world, world_from_grid
+from waychair.simulation.plant.plant import PlantSettings, randomised
+from waychair.simulation.scene.scene import Behaviour, PersonPlan, PersonState
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.simulation.world import load_world, world_from_grid
 from waychair.types import OccupancyGrid, Pose2, Scan
 
 NOMINAL = PlantSettings()

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A, ChairBody
+from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.geometry import transform_points, wrap_angle
-from waychair.simulation.people import CONTACT_GAP, HEADING_NS, SimulatedPeople
-from waychair.simulation.scene import Behaviour, PersonPlan, PersonState
+from waychair.simulation.people.people import CONTACT_GAP, HEADING_NS, SimulatedPeople
+from waychair.simulation.scene.scene import Behaviour, PersonPlan, PersonState
 from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
 
 TICK_NS = 50_000_000

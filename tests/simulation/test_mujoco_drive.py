@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
-from waychair.calibration.dac import DEFAULT
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
+from waychair.calibration.fits.dac import DEFAULT
 from waychair.config import dump, from_mapping
 from waychair.errors import ConfigError
 from waychair.simulation.follower import Follower, follow
-from waychair.simulation.lidar import LidarSettings
-from waychair.simulation.mujoco_model import MujocoSettings
-from waychair.simulation.plant import PlantSettings, randomised
+from waychair.simulation.plan.world import World, load_world, world_from_grid
+from waychair.simulation.plant.mujoco_model import MujocoSettings
+from waychair.simulation.plant.plant import PlantSettings, randomised
+from waychair.simulation.sensors.lidar import LidarSettings
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
-from waychair.simulation.world import World, load_world, world_from_grid
 from waychair.trials.drive import DriveSetup, drive_to_places
 from waychair.types import JoystickInput, OccupancyGrid, Pose2, Scan
 

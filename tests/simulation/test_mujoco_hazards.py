@@ -8,14 +8,14 @@ import math
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.simulation.chair_file import CHAIRS, SimulatedChair
-from waychair.simulation.mujoco_chair import MujocoChair
-from waychair.simulation.mujoco_model import MujocoSettings
-from waychair.simulation.plant import PlantSettings, volts_from_twist
-from waychair.simulation.plant_families import PlantFamily
-from waychair.simulation.scene import Block, Pit, Slope
-from waychair.simulation.world import World
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.simulation.plan.world import World
+from waychair.simulation.plant.chair_file import CHAIRS, SimulatedChair
+from waychair.simulation.plant.mujoco_chair import MujocoChair
+from waychair.simulation.plant.mujoco_model import MujocoSettings
+from waychair.simulation.plant.plant import PlantSettings, volts_from_twist
+from waychair.simulation.plant.plant_families import PlantFamily
+from waychair.simulation.scene.scene import Block, Pit, Slope
 from waychair.types import OccupancyGrid, Pose2, Twist
 
 EVEN = PlantSettings(

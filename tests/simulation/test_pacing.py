@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from waychair.errors import DriverSilent
 from waychair.simulation.pacing import PaceMode, Pacer
-from waychair.simulation.pseudo_terminal import PseudoTerminal
+from waychair.simulation.plant.pseudo_terminal import PseudoTerminal
 
 MS = 1_000_000
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.errors import ConfigError, WorldError
-from waychair.simulation.lidar import LidarSettings
+from waychair.simulation.plan.world import World, load_world, world_from_grid
+from waychair.simulation.sensors.lidar import LidarSettings
 from waychair.simulation.simulator import CONTACT_ENDS, SensorMessage, Simulator, SimulatorSettings
-from waychair.simulation.world import World, load_world, world_from_grid
 from waychair.types import JoystickInput, OccupancyGrid, Pose2, Scan, Twist, WheelTicks
 
 SECOND = 1_000_000_000

@@ -12,16 +12,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import WorldError
 from waychair.simulation import simulator as module
-from waychair.simulation.camera import CameraSettings
-from waychair.simulation.contact import ContactKind
-from waychair.simulation.imu import ImuSettings
-from waychair.simulation.renderer import renderer_problem
-from waychair.simulation.scene import Behaviour, PersonPlan
+from waychair.simulation.plan.world import World, load_world, world_from_grid
+from waychair.simulation.scene.contact import ContactKind
+from waychair.simulation.scene.scene import Behaviour, PersonPlan
+from waychair.simulation.sensors.camera import CameraSettings
+from waychair.simulation.sensors.imu import ImuSettings
+from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings, with_all_sensors
-from waychair.simulation.world import World, load_world, world_from_grid
 from waychair.types import ImuSample, OccupancyGrid, Pose2, RgbdFrame, Scan, SonarReadings, WheelTicks
 
 SECOND = 1_000_000_000

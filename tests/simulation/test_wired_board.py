@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.dac import DEFAULT
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.dac import DEFAULT
 from waychair.firmware_bridge.board import BoardSettings, HostBoard, build_board
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.protocol import Family
 from waychair.firmware_bridge.transports import Reconnecting
-from waychair.simulation.lidar import LidarSettings
-from waychair.simulation.plant import PlantSettings
+from waychair.simulation.plan.world import load_world
+from waychair.simulation.plant.plant import PlantSettings
+from waychair.simulation.sensors.lidar import LidarSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.simulation.world import load_world
 from waychair.types import JoystickInput, SentCommand, WheelSpeeds
 
 BEAT_NS = 10_000_000

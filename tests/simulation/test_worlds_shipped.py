@@ -12,17 +12,17 @@ import pytest
 from msgspec import structs
 from scipy.ndimage import distance_transform_edt
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.geometry import transform_points
-from waychair.maps.grid import cells_from_points, occupied
-from waychair.simulation.contact import in_contact, solid_from_blocks
-from waychair.simulation.lidar import LidarSettings
-from waychair.simulation.plan_file import load_building
-from waychair.simulation.plant import PlantSettings, randomised
-from waychair.simulation.scene import MATERIALS, Behaviour, Reflection
+from waychair.maps.grid.cells import cells_from_points, occupied
+from waychair.simulation.plan.plan_file import load_building
+from waychair.simulation.plan.world import WORLDS, World, levels_of, load_world, shipped_worlds, world_from_plan
+from waychair.simulation.plant.plant import PlantSettings, randomised
+from waychair.simulation.scene.contact import in_contact, solid_from_blocks
+from waychair.simulation.scene.scene import MATERIALS, Behaviour, Reflection
+from waychair.simulation.sensors.height_slices import slice_at
+from waychair.simulation.sensors.lidar import LidarSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.simulation.slices import slice_at
-from waychair.simulation.world import WORLDS, World, levels_of, load_world, shipped_worlds, world_from_plan
 from waychair.trials.record import drive_route, route_length
 from waychair.types import FloatArray, Pose2
 

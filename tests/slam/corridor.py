@@ -7,12 +7,12 @@ import math
 import numpy as np
 import pytest
 
-from waychair.slam import memory as memory_module
-from waychair.slam import retrieval
-from waychair.slam.memory import NodeMemory
-from waychair.slam.memory_settings import MemorySettings
-from waychair.slam.nodes import Link, LinkKind, Node, NodeScan
-from waychair.slam.skeleton import Skeleton
+from waychair.slam.memory import memory_manager as memory_module
+from waychair.slam.memory import retrieval
+from waychair.slam.memory.memory_manager import NodeMemory
+from waychair.slam.memory.memory_settings import MemorySettings
+from waychair.slam.memory.nodes import Link, LinkKind, Node, NodeScan
+from waychair.slam.memory.skeleton import Skeleton
 from waychair.types import Pose2, Scan
 
 SECOND = 1_000_000_000

@@ -7,18 +7,18 @@ import pytest
 
 from tests.slam.conftest import scan_at
 from waychair.geometry import transform_points
-from waychair.slam.edges import Edge, EdgeKind
-from waychair.slam.information import (
+from waychair.slam.graph.edges import Edge, EdgeKind
+from waychair.slam.graph.information import (
     MATCH_POSITION_SIGMA,
     match_information,
     odometry_information,
     rotated_information,
     unknown_information,
 )
-from waychair.slam.loop_closure import LoopSettings, candidates, graph_distances, uncertain_submaps
-from waychair.slam.reference import ScanReference, reference_from_points
-from waychair.slam.scan_matching import crossed_share
-from waychair.slam.scan_points import scan_points
+from waychair.slam.mapping.loop_closure import LoopSettings, candidates, graph_distances, uncertain_submaps
+from waychair.slam.scan.reference_surfaces import ScanReference, reference_from_points
+from waychair.slam.scan.scan_matching import crossed_share
+from waychair.slam.scan.scan_points import scan_points
 from waychair.types import Pose2
 
 HERE = Pose2(1.5, 1.5, 0.4)
@@ -50,7 +50,7 @@ def test_people_round_the_chair_hide_walls_but_contradict_none() -> None:
 def test_an_edge_of_unknown_motion_is_too_long_for_a_window_and_leads_to_submap_search(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("waychair.slam.loop_closure._SUBMAP_SCANS", 10)
+    monkeypatch.setattr("waychair.slam.mapping.loop_closure._SUBMAP_SCANS", 10)
     settings = LoopSettings()
     poses = np.array([[0.2 * k, 0.0, 0.0] for k in range(41)])
     kinds = [EdgeKind.UNKNOWN if k == 29 else EdgeKind.MATCH for k in range(40)]

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from waychair.geometry import compose
-from waychair.recording import Recording, read_recording, write_tum
-from waychair.runtime.mapping import Mapping, MappingSettings, map_recording
-from waychair.slam.graph import EdgeKind
-from waychair.slam.mapper import Mapper, MapperSettings
-from waychair.slam.scan_points import scan_points
+from waychair.offline.mapping import Mapping, MappingSettings, map_recording
+from waychair.recordings.recording import Recording, read_recording, write_tum
+from waychair.slam.graph.graph_optimisation import EdgeKind
+from waychair.slam.mapping.mapper import Mapper, MapperSettings
+from waychair.slam.scan.scan_points import scan_points
 from waychair.types import FloatArray
 
 

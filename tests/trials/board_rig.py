@@ -10,11 +10,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.firmware_bridge.board import BoardInputs, BoardSettings, HostBoard, LineState
 from waychair.firmware_bridge.protocol import Family
 from waychair.firmware_bridge.transports import DescriptorTransport
-from waychair.simulation.plant import PlantSettings, randomised, volts_from_joystick
+from waychair.simulation.plant.plant import PlantSettings, randomised, volts_from_joystick
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.board_drive import BoardDrive, DriveLimits
 from waychair.trials.halls import open_hall

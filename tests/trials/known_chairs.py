@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from waychair.calibration.axis_model import AxisModel, AxisSide
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.fitted_dac import FittedDac
-from waychair.simulation.plant import PlantSettings
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.axis_model import AxisModel, AxisSide
+from waychair.calibration.fits.fitted_dac import FittedDac
+from waychair.simulation.plant.plant import PlantSettings
 
 
 def known_model(plant: PlantSettings, bits: int = 8) -> FittedDac:

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from waychair.cli.barn import barn_command
-from waychair.control.mapless import MaplessNavigator
-from waychair.control.navigator import Stage
+from waychair.cli.barn_command import barn_command
+from waychair.control.drive.mapless import MaplessNavigator
+from waychair.control.drive.navigator import Stage
 from waychair.errors import ConfigError, WorkerLost, WorldError
-from waychair.simulation.imports import BarnEnvironment, read_barn
+from waychair.simulation.plan.imports import BarnEnvironment, read_barn
 from waychair.trials.barn import (
     JACKAL,
     ROBOTS,

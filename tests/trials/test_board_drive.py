@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from tests.trials.board_rig import PLANT, BoardRig
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.fit_dac import LeastData
-from waychair.calibration.sweep import SweepSettings
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.fit_dac import LeastData
+from waychair.calibration.fits.sweep import SweepSettings
 from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError, WaychairError
 from waychair.firmware_bridge.board import Defect, build_board
 from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, BoardState, Family, Holder

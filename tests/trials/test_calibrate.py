@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from waychair.calibration.axis_model import AxisModel, AxisSide
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.dac import DEFAULT
-from waychair.calibration.fit_dac import DacFit, LeastData
-from waychair.calibration.fitted_dac import FittedDac
-from waychair.calibration.stopping import StopSettings, permitted_speed
-from waychair.calibration.sweep import SweepSettings
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.axis_model import AxisModel, AxisSide
+from waychair.calibration.fits.dac import DEFAULT
+from waychair.calibration.fits.fit_dac import DacFit, LeastData
+from waychair.calibration.fits.fitted_dac import FittedDac
+from waychair.calibration.fits.stopping import StopSettings, permitted_speed
+from waychair.calibration.fits.sweep import SweepSettings
 from waychair.errors import WorldError
-from waychair.recording import RecordingWriter
-from waychair.simulation.camera import CameraSettings
-from waychair.simulation.imu import ImuErrors
-from waychair.simulation.plant import PlantSettings, randomised
+from waychair.recordings.recording import RecordingWriter
+from waychair.simulation.plant.plant import PlantSettings, randomised
+from waychair.simulation.sensors.camera import CameraSettings
+from waychair.simulation.sensors.imu import ImuErrors
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.trials.calibrate import (
     ChairUnderTest,

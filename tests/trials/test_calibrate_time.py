@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.time_offset import SensorDelays, TimeOffset, without_delay
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.time_offset import SensorDelays, TimeOffset, without_delay
 from waychair.errors import CalibrationError, ThinData
-from waychair.recording import RecordingWriter, read_recording
-from waychair.simulation.camera import CameraSettings
-from waychair.simulation.renderer import renderer_problem
+from waychair.recordings.recording import RecordingWriter, read_recording
+from waychair.simulation.sensors.camera import CameraSettings
+from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.calibrate_time import TIME_HALL, TimeCalibration, TimeCalibrator, merged, turns_to_and_fro
 from waychair.trials.halls import open_hall

@@ -6,12 +6,12 @@ import gc
 from dataclasses import replace
 from multiprocessing import get_context
 
+from evaluation.scenes.hazards import setup_of, to_the_lift
 from numba.core.dispatcher import Dispatcher
 
 from waychair.simulation.simulator import Simulator
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import advance_tick, simulated_chair, start_drive
-from waychair.trials.hazards import setup_of, to_the_lift
 from waychair.types import Goal
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
-from waychair.calibration.self_mask import learn_self_mask
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
+from waychair.calibration.fits.self_mask import learn_self_mask
+from waychair.simulation.plan.world import load_world
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.simulation.world import load_world
-from waychair.slam.scan_points import scan_points
+from waychair.slam.scan.scan_points import scan_points
 from waychair.trials.halls import open_hall
 from waychair.trials.learn_mask import MASK_HALL, scans_while_turning, score_mask, with_legs
 

@@ -16,12 +16,12 @@ import pytest
 
 from waychair.errors import WaychairError
 from waychair.firmware_bridge.protocol import Holder
-from waychair.maps.map_files import save_map
-from waychair.maps.places import load_places, save_places
-from waychair.maps.zones import Rule, Zone, load_zones
+from waychair.maps.drawn.places import load_places, save_places
+from waychair.maps.drawn.zones import Rule, Zone, load_zones
+from waychair.maps.folders.map_files import save_map
 from waychair.runtime.chair_port import ChairPort, ChairView
-from waychair.simulation.world import World, world_from_grid
-from waychair.slam.localisation import LocalisationState
+from waychair.simulation.plan.world import World, world_from_grid
+from waychair.slam.localising.localisation import LocalisationState
 from waychair.trials.live_chair import LiveChair
 from waychair.types import DriveMode, JoystickInput, OccupancyGrid, Place, Pose2
 

@@ -9,16 +9,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A
-from waychair.calibration.dac import DEFAULT
-from waychair.control.navigator import NavigatorSettings
-from waychair.control.recovery import RecoverySettings
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.dac import DEFAULT
+from waychair.control.drive.navigator import NavigatorSettings
+from waychair.control.drive.recovery import RecoverySettings
 from waychair.errors import StartOccupied, StartOutsideMap, WaychairError, WorldError
-from waychair.planning.global_planner import PlannerSettings
+from waychair.planning.route.global_planner import PlannerSettings
 from waychair.runtime.chair import ChairSettings
-from waychair.simulation.scene import Behaviour, PersonPlan
+from waychair.simulation.plan.world import load_world, world_from_grid
+from waychair.simulation.scene.scene import Behaviour, PersonPlan
 from waychair.simulation.simulator import Simulator
-from waychair.simulation.world import load_world, world_from_grid
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, drive_to_places
 from waychair.trials.navigate import navigate, with_closed_borders, with_walkers

@@ -12,12 +12,12 @@ import pytest
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
-from waychair.calibration.chair import CHAIR_A, CHAIR_B, ChairBody
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.geometry import compose
-from waychair.recording import read_recording
+from waychair.recordings.recording import read_recording
 from waychair.simulation.pacing import Pacer
+from waychair.simulation.plan.world import load_world, world_from_grid
 from waychair.simulation.simulator import Simulator
-from waychair.simulation.world import load_world, world_from_grid
 from waychair.trials.record import EPOCH_NS, drive_route, mounts_of
 from waychair.types import ImuSample, OccupancyGrid, Odometry, Pose2, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from waychair.control.limiter import LimiterSettings
+from waychair.control.speed.limiter import LimiterSettings
 from waychair.trials.ride import Ride, TrueMotion, ride_of, weighted, worst_of
 from waychair.types import FloatArray
 

@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from waychair.calibration.chair import CHAIR_A
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import WorldError
 from waychair.simulation.follower import Follower, follow
-from waychair.simulation.plant import PlantSettings
+from waychair.simulation.plan.world import load_world
+from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.simulator import Simulator
-from waychair.simulation.world import load_world
 from waychair.trials.demo import WORLD, randomised_settings, return_route
 from waychair.types import FloatArray, Pose2
 

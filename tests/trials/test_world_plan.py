@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from waychair.simulation.scene import Behaviour, Block, PersonPlan, Pit, Slope
-from waychair.simulation.world import World, world_from_grid
+from waychair.simulation.plan.world import World, world_from_grid
+from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan, Pit, Slope
 from waychair.trials.world_plan import OVERHANG, PERSON, PIT, RAMP, hazard_names, world_picture
 from waychair.types import OccupancyGrid, Pose2
 

@@ -8,8 +8,8 @@ import pytest
 
 from tests.ui.driving import pose_of
 from tests.ui.noted import Noted
-from waychair.maps.places import load_places, save_places
-from waychair.maps.zones import Rule
+from waychair.maps.drawn.places import load_places, save_places
+from waychair.maps.drawn.zones import Rule
 from waychair.runtime.chair_port import Answer
 from waychair.trials.live_chair import LiveChair
 from waychair.types import Place, Pose2

@@ -11,7 +11,7 @@ import pytest
 
 from tests.ui.driving import page_at, pose_of, press_map, ready_page, until
 from tests.ui.noted import Noted
-from waychair.maps.zones import Rule
+from waychair.maps.drawn.zones import Rule
 from waychair.types import DriveMode, Place, Pose2
 from waychair.ui.server import page_server
 

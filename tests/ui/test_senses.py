@@ -11,7 +11,7 @@ import pytest
 from tests.ui.conftest import COUNTDOWN_S, WORLD
 from tests.ui.driving import page_at, put_place, ready_page, until
 from tests.ui.noted import Noted
-from waychair.simulation.renderer import renderer_problem
+from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.trials.live_chair import LiveChair
 from waychair.ui.server import page_server
 

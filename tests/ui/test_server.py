@@ -20,14 +20,14 @@ from starlette.websockets import WebSocketDisconnect
 
 from tests.ui.noted import Noted
 from waychair.errors import ConfigError, OutputError
-from waychair.maps.zones import Rule, Zone
+from waychair.maps.drawn.zones import Rule, Zone
 from waychair.runtime.chair_port import Answer
 from waychair.trials.live_chair import LiveChair
 from waychair.types import OccupancyGrid, Pose2
 from waychair.ui.commands import COMMANDS, STICK, obey
 from waychair.ui.guard import is_host, is_token
+from waychair.ui.page_messages import MOST_POINTS, THEMES, grid_picture
 from waychair.ui.server import UNAUTHORISED, app, page_server
-from waychair.ui.wire import MOST_POINTS, THEMES, grid_picture
 
 HERE = "http://127.0.0.1:8000"
 TOKEN = "a token nobody guesses"

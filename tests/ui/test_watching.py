@@ -13,7 +13,7 @@ import pytest
 
 from waychair.runtime.chair_port import ChairView, LayoutView
 from waychair.runtime.page_watch import PageWatch
-from waychair.slam.localisation import LocalisationState
+from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Twist
 from waychair.ui.broadcaster import VIEW_S, WATCH_S, Broadcaster, OpenPage
 

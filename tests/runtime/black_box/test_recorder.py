@@ -24,12 +24,12 @@ from waychair.config import load
 from waychair.control.safety.supervisor import DRIVEN
 from waychair.errors import BoxError
 from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, LAYOUT_HASH
-from waychair.runtime.black_box import recorder as black_box
 from waychair.runtime.black_box import box_store as black_box_store
-from waychair.runtime.black_box.recorder import BlackBox, BlackBoxSettings
+from waychair.runtime.black_box import recorder as black_box
 from waychair.runtime.black_box.box_events import EventDetector
 from waychair.runtime.black_box.box_file import Moment, read_log, tick_from_state
 from waychair.runtime.black_box.box_store import is_written, parts_of, segment_files
+from waychair.runtime.black_box.recorder import BlackBox, BlackBoxSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.types import ImuSample, RgbdFrame, WheelTicks
 

@@ -10,17 +10,17 @@ from pathlib import Path
 
 import pytest
 
+from tests.runtime.black_box.test_box_file import HEAD, moment_at
 from tests.runtime.boxes import Drive, driven, logged
 from tests.runtime.riding import Ride
-from tests.runtime.black_box.test_box_file import HEAD, moment_at
 from tests.runtime.test_chair_faults import only
 from waychair.control.safety.stops import STOPS
 from waychair.errors import BoxError
 from waychair.recordings.recording import read_recording
-from waychair.runtime.black_box.box_to_bag import write_bag
 from waychair.runtime.black_box.box_events import OTHER_EVENTS
 from waychair.runtime.black_box.box_file import Log, LogEnd, Moment, encoded, read_log
 from waychair.runtime.black_box.box_store import segment_files
+from waychair.runtime.black_box.box_to_bag import write_bag
 from waychair.runtime.black_box.why import Explanation, explain, last_stops, sentences
 from waychair.runtime.black_box.why_evidence import LOOK_AT, LogCursor, evidence, look_at, remedy_of
 from waychair.simulation.scene.scene import Block

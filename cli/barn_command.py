@@ -1,0 +1,68 @@
+"""The BARN benchmark on the command line."""
+
+from __future__ import annotations
+
+import os
+
+from waychair.cli.options.arguments import NonEmptyPath, PositiveInt
+
+
+def barn_command(
+    folder: NonEmptyPath,
+    *,
+    worlds: PositiveInt | None = None,
+    starts: PositiveInt = 1,
+    speed: float = 0.5,
+    body: str = "jackal",
+    scale: float = 1.0,
+    jobs: PositiveInt | None = None,
+    json: bool = False,
+) -> None:
+    """Run the BARN benchmark (drives through fields of cylinders without a map), and print the score.
+
+    Parameters
+    ----------
+    folder
+        Folder of the world_NNN.txt files, or a folder with a subfolder `worlds` of them.
+    worlds
+        Number of worlds, evenly spread over the folder; default all.
+    starts
+        Runs per world, each from a different seeded start.
+    speed
+        Top speed [m/s].
+    body
+        jackal (the benchmark's robot), or chair A or B.
+    scale
+        Scale of all lengths of the worlds, including the cylinders.
+    jobs
+        Number of processes; default one per core.
+    json
+        Print JSON, with a row per world.
+    """
+    import json as text
+
+    from rich.console import Console
+    from rich.progress import Progress
+    from rich.table import Table
+
+    from waychair.cli.options.tables import print_table
+    from waychair.trials.barn import BarnTask, report, run_worlds, worlds_in
+
+    task = BarnTask(body=body, speed=speed, scale=scale, starts=starts)
+    paths = worlds_in(folder, worlds)
+    with Progress(console=Console(stderr=True), transient=True, disable=json) as bar:
+        shown = bar.add_task("driving", total=1.0)
+        runs = run_worlds(paths, task, jobs or os.cpu_count() or 1, lambda share: bar.update(shown, completed=share))
+    result = report(runs, task)
+    if json:
+        print(text.dumps(result, indent=2, allow_nan=False))
+        return
+    columns = ("world", "score", "success", "contact", "timeout", "time_s", "least_clearance_m")
+    table = Table(*columns, title=f"BARN, body {body}, {speed:g} m/s, scale {scale:g}")
+    for row in result["worlds"]:
+        table.add_row(row["world"], *(f"{row[key]:.3f}" for key in columns[1:]))
+    print_table(table)
+    print(
+        f"score {result['score']:.4f}, success {result['success']:.3f}, contact {result['contact']:.4f} "
+        f"(below {result['contact_below']:.4f} with 95 % confidence), timeout {result['timeout']:.3f} of {result['runs']} runs"
+    )

@@ -1,0 +1,110 @@
+"""Options, progress bars and warnings shared by the commands that read a recording."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from cyclopts import Parameter
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from waychair.recordings.recording import InputSettings, Recording
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, kw_only=True)
+class RecordingOptions:
+    """Options for reading a recording.
+
+    Parameters
+    ----------
+    base_from_laser
+        Mount of the lidar: X,Y,YAW in metres and radians, with ",upside-down" appended for a hanging lidar; once per
+        --scan. The default in a bag is its /tf. In a CARMEN log it also selects the robot's pose as odometry (by
+        default the base is the laser).
+    scan
+        Topic of the laser scans or point clouds in a bag; several lidars are merged.
+    odom
+        Topic of the odometry in a bag; default /tf if there is none.
+    imu
+        Topic of the inertial unit in a bag.
+    camera
+        Camera of a folder of pictures: fr1, fr2, fr3 (TUM RGB-D), or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]] in pixels; default
+        from a file in the folder or from the folder's name.
+    """
+
+    base_from_laser: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = ()
+    scan: tuple[str, ...] = ()
+    odom: str | None = None
+    imu: str | None = None
+    camera: str | None = None
+
+    def over(self, settings: InputSettings) -> InputSettings:
+        """Return the settings, overridden by these options."""
+        bag = settings.bag
+        bag = replace(
+            bag,
+            scan_topics=self.scan or bag.scan_topics,
+            odom_topic=self.odom or bag.odom_topic,
+            imu_topic=self.imu or bag.imu_topic,
+        )
+        rgbd = replace(settings.rgbd, camera=self.camera or settings.rgbd.camera)
+        return replace(settings, bag=bag, rgbd=rgbd, mounts=self.base_from_laser or settings.mounts)
+
+
+class Stages:
+    """Progress bars with the remaining time of each stage, and warnings, on standard error."""
+
+    def __init__(self, bar: Progress) -> None:
+        self._bar = bar
+
+    def stage(self, name: str) -> Callable[[float], None]:
+        """Add a bar; return the callback for the share (0 to 1) that is done."""
+        task = self._bar.add_task(name, total=1.0)
+        return lambda share: self._bar.update(task, completed=share)
+
+    def warn(self, warnings: tuple[str, ...] | list[str]) -> None:
+        """Print each warning on a line."""
+        for warning in warnings:
+            self._bar.console.print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
+
+    def read(self, path: Path, settings: InputSettings) -> Recording:
+        """Read a recording and print its warnings."""
+        from waychair.recordings.recording import read_recording
+
+        recording = read_recording(path, settings, progress=self.stage("reading"))
+        self.warn(recording.warnings)
+        return recording
+
+
+@contextmanager
+def stages(quiet: bool) -> Iterator[Stages]:
+    """Show progress while the block runs; with `quiet` only errors."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    console = Console(file=sys.stderr, quiet=quiet)
+    with Progress(
+        *columns, TextColumn("so far"), TimeElapsedColumn(), console=console, transient=True, disable=quiet
+    ) as bar:
+        yield Stages(bar)

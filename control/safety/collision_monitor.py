@@ -1,0 +1,484 @@
+"""The collision monitor: it checks each command against the raw scan and slows or stops the chair.
+
+Every point of the latest scan is followed, in the chair's own frame, along the circle on which it comes nearer while
+the chair drives the commanded arc; contact is where that circle enters the footprint. If the time to contact is shorter
+than an emergency stop, the chair must stop. If it is shorter than a comfortable stop, the chair must slow down. So the
+zones scale with the speed and bend with the turn.
+
+The clearance round the footprint grows with the speed. At a crawl it is as narrow as a doorway needs. A point within
+the clearance of a faster drive does not stop the chair but slows it down until the clearance is free. Ahead of the
+chair the clearance is longer.
+
+A lidar at the height of shins sees legs, and a person's body reaches beyond them. So a slim object that stands free is
+taken for legs and gets a longer and wider clearance, at any speed. Where the space is too narrow for that, as in many
+corridors, the chair stops and gives way; a person still there after a while is passed at the smaller clearance, at a
+crawl.
+
+The monitor uses no planner, no map and no pose. It knows one thing from the map: a caller that is sure of the chair's
+pose may tell it the places of mapped slim objects, such as table legs, in base (`note_mapped_legs`). Slim points at
+those places lose the legs' extra clearance. They are still obstacles, with the same clearance as anything else.
+
+The monitor also checks the lidar: a lidar that is silent, sees too little or repeats one scan stops the chair. A
+verdict carries its own stamp and its scan's. The caller asks for a fresh verdict before it lets speed through
+(`stale_stop`), so that a dead monitor stops the chair, too. `Monitor` is a pure function of its inputs. A process of
+its own calls it by a timer (`runtime.monitor_process`), and the simulator calls it in lockstep.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.calibration.fits.self_mask import SelfMask, outline_reach
+from waychair.calibration.fits.stopping import StopTable
+from waychair.config import Settings, setting
+from waychair.control.safety.arc_entry import entry_times
+from waychair.geometry import arcs, transform_points
+from waychair.planning.body.clearance import (
+    CRAWL_SPEED,
+    FULL_SPEED,
+    MONITORED_AHEAD_AT_CRAWL,
+    MONITORED_AHEAD_AT_FULL_SPEED,
+    MONITORED_AT_CRAWL,
+    MONITORED_AT_FULL_SPEED,
+)
+from waychair.planning.body.personal_space import GIVE_WAY_S, LEG_WIDTH, LegClearanceSettings
+from waychair.recordings.scans import without_overflow_codes
+from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Scan, Twist
+
+VERDICT_MS, SCAN_MS, SILENT_MS = 150, 300, 500
+"""ms; no speed passes on an older verdict or a verdict on an older scan; a monitor silent for longer ends a drive."""
+
+MAPPED_WITHIN, MAPPED_MS = 0.1, 400
+"""m, ms; slim points so near to a mapped slim object belong to it; its place is forgotten after so long."""
+
+LEAST_POINTS = 3
+"""Fewest points of an obstacle; fewer are noise."""
+
+BLIND_S, LEAST_COVERAGE = 0.4, 0.8
+"""s, share; a beam without a range for so long is blind, and so large a share of the beams must not be blind."""
+
+SLOWING, SLOWING_ALPHA = 0.6, 0.8
+"""m/s^2, rad/s^2; braking in comfort, by which the chair begins to slow down."""
+
+JUDGED_WITHIN_V, JUDGED_WITHIN_OMEGA = 0.1, 0.2
+"""m/s, rad/s; a command farther than this beyond the judged one counts as not judged."""
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorSettings(Settings):
+    """The chair's emergency braking before its stops were measured, and the extra clearance to legs."""
+
+    reaction_s: float = setting(
+        0.3,
+        "s",
+        "time from a verdict to the first braking, without measured stops; longer: it brakes earlier",
+        low=0.0,
+        high=2.0,
+    )
+    emergency: float = setting(
+        1.5, "m/s^2", "emergency braking without measured stops; larger: it brakes later", low=0.2, high=4.0
+    )
+    emergency_alpha: float = setting(
+        1.5,
+        "rad/s^2",
+        "emergency braking of a turn without measured stops; larger: it brakes later",
+        low=0.2,
+        high=10.0,
+    )
+    legs: LegClearanceSettings = field(default_factory=LegClearanceSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorVerdict:
+    """The monitor's finding at `stamp_ns` about the commanded `twist`, from a scan stamped `scan_ns` (None: no scan).
+
+    `share` in [0, 1] of the twist may be driven. `stop` is "" or the id of a row of `stops.STOPS`. `contact_s` is the
+    driving time [s] until contact, +inf without one.
+    """
+
+    stamp_ns: int
+    scan_ns: int | None
+    twist: Twist
+    share: float
+    contact_s: float = math.inf
+    stop: str = ""
+
+
+class Monitor:
+    """The monitor with its memory: the latest scan, each beam's last valid range, and how long scans have been the
+    same.
+
+    A beam without a range is not blind at once. In real buildings one beam in three may see nothing for a moment, past
+    glass or down a hall (recordings of Intel, Freiburg 079 and Malaga), but the beams change as the chair moves.
+    """
+
+    def __init__(
+        self,
+        body: ChairBody,
+        settings: MonitorSettings | None = None,
+        stops: StopTable | None = None,
+        mask: SelfMask | None = None,
+    ) -> None:
+        """`stops` are the measured stopping distances; `mask` hides the chair's own parts from the lidar."""
+        self._body, self._stops, self._mask = body, stops, mask
+        self._settings = settings or MonitorSettings()
+        self._scan: Scan | None = None
+        self._hidden: BoolArray = np.zeros(0, np.bool_)
+        self._slim: BoolArray = np.zeros(0, np.bool_)
+        self._measured_ns: IntArray = np.zeros(0, np.int64)  # each beam's last valid range
+        self._same_since_ns: int | None = None
+        self._blindness = ""
+        self._gives_way_since_ns: int | None = None
+        self._gave_way_ns: int | None = None  # the latest tick in which the chair gave way
+        self._passes_until_ns: int | None = None
+        self._mapped_legs: FloatArray = np.empty((0, 2))
+        self._mapped_legs_ns: int | None = None
+
+    def note_mapped_legs(self, mapped: FloatArray, stamp_ns: int) -> None:
+        """Take in mapped slim objects (N, 2) [m] in base at `stamp_ns`, from a caller that is sure of the chair's pose.
+
+        Slim points near them do not count as a person's legs for as long as this information is fresh.
+        """
+        self._mapped_legs, self._mapped_legs_ns = mapped, stamp_ns
+
+    def see(self, scan: Scan) -> None:
+        """Take in a scan, as the lidar gave it."""
+        scan = without_near_field(without_overflow_codes(scan), self._body)
+        before, self._scan = self._scan, scan
+        count, longest_ns = len(scan.ranges), round(BLIND_S * 1e9)
+        self._hidden = np.zeros(count, np.bool_) if self._mask is None else self._mask.hides(scan)
+        if before is None or not len(before.ranges):
+            self._measured_ns = np.full(count, scan.stamp_ns)  # all beams count as seeing at first
+        elif len(before.ranges) != count:  # another number of beams over the same field of view
+            self._measured_ns = self._measured_ns[np.arange(count) * len(before.ranges) // count]
+        self._measured_ns = np.where(np.isfinite(scan.ranges), scan.stamp_ns, self._measured_ns)
+        silent = scan.stamp_ns - self._measured_ns[~self._hidden] >= longest_ns
+        same = before is not None and np.array_equal(before.ranges, scan.ranges, equal_nan=True)
+        self._same_since_ns = _since(self._same_since_ns, same, scan.stamp_ns if before is None else before.stamp_ns)
+        self._slim = slim_beams(scan, self._hidden)
+        self._blindness = ""
+        if self._same_since_ns is not None and scan.stamp_ns - self._same_since_ns >= longest_ns:
+            self._blindness = "lidar_frozen"
+        if not silent.size or 1.0 - silent.mean() < LEAST_COVERAGE:
+            self._blindness = "lidar_blind"
+
+    def judge(self, command: Twist, measured: Twist, now_ns: int) -> MonitorVerdict:
+        """Return the verdict on a command now, the scan moved on by the chair's `measured` motion since."""
+        scan = self._scan
+        scan_ns = None if scan is None else scan.stamp_ns
+        if self._blindness:
+            return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop=self._blindness)
+        if scan is None or not _is_fresh(scan_ns, SCAN_MS, now_ns):
+            return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="lidar_late")
+        if not all(map(math.isfinite, (command.v, command.omega, measured.v, measured.omega))):
+            return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="obstacle")
+        valid = valid_beams(scan, self._hidden)
+        points = points_now(scan, valid, self._body, measured, now_ns)
+        slim = self._slim[valid]
+        slim[slim] = ~self._is_mapped(points[slim], measured, now_ns)
+        share, contact_s = self._permitted(points, slim, command)
+        if share == 0.0 and slim.any():
+            passing, passing_contact_s = self._permitted(points, slim, command, gave_way=True)
+            if passing > 0.0 and self._has_given_way(measured, now_ns):
+                share, contact_s = passing, passing_contact_s
+        if not _stands(measured):
+            self._gives_way_since_ns = None
+        return MonitorVerdict(
+            stamp_ns=now_ns,
+            scan_ns=scan_ns,
+            twist=command,
+            share=share,
+            contact_s=contact_s,
+            stop="" if share > 0.0 else "obstacle",
+        )
+
+    def _is_mapped(self, points: FloatArray, measured: Twist, now_ns: int) -> BoolArray:
+        """Return a mask (N,) of points (N, 2) [m] in base that lie at mapped slim objects."""
+        stamp_ns = self._mapped_legs_ns
+        if stamp_ns is None or not len(self._mapped_legs) or not _is_fresh(stamp_ns, MAPPED_MS, now_ns):
+            return np.zeros(len(points), np.bool_)
+        seconds = (now_ns - stamp_ns) * 1e-9
+        (moved,) = arcs(np.array([measured.v * seconds]), np.array([measured.omega * seconds]))
+        known = transform_points(Pose2(*moved).inverse(), self._mapped_legs)
+        gaps = np.hypot(*(points[:, None] - known[None]).transpose(2, 0, 1))
+        near: BoolArray = gaps.min(axis=1) <= MAPPED_WITHIN
+        return near
+
+    def _permitted(
+        self, points: FloatArray, slim: BoolArray, command: Twist, gave_way: bool = False
+    ) -> tuple[float, float]:
+        """Return the permitted share of a command, 0 to stop, and its contact time; at most a crawl if it
+        `gave_way`."""
+        s, share, contact_s = self._settings, 0.0, math.inf
+        considered = judged_shares(command, self._body)
+        for pace in considered[-1:] if gave_way else considered:
+            contact_s = self._contact_s(points, slim, command, float(pace), gave_way)
+            share = max(share, min(float(pace), slow_share(contact_s, command, s)))
+            if share >= 1.0:
+                return 1.0, contact_s
+        if contact_s < stop_seconds(command, s, self._stops):  # with the clearance of a crawl
+            return 0.0, contact_s
+        return share, contact_s
+
+    def _has_given_way(self, measured: Twist, now_ns: int) -> bool:
+        """Return whether the chair has stood long enough before legs in its way; called in every tick with such legs.
+
+        The chair passes until the legs have not been in its way for a moment. It gives way anew to people that come
+        later.
+        """
+        if self._gave_way_ns is not None and now_ns - self._gave_way_ns > _OTHERS_NS:
+            self._gives_way_since_ns = None
+        self._gave_way_ns = now_ns
+        if self._passes_until_ns is None or now_ns > self._passes_until_ns:
+            if _stands(measured) and self._gives_way_since_ns is None:
+                self._gives_way_since_ns = now_ns
+            since_ns = self._gives_way_since_ns
+            if since_ns is None or now_ns - since_ns < GIVE_WAY_S * 1e9:
+                return False
+        self._passes_until_ns = now_ns + _PAST_NS
+        return True
+
+    def _contact_s(
+        self, points: FloatArray, slim: BoolArray, command: Twist, pace: float, gave_way: bool = False
+    ) -> float:
+        """Return the driving time [s] until contact with enough points to be an obstacle."""
+        if len(points) < LEAST_POINTS:
+            return math.inf
+        legs = self._settings.legs
+        times = contact_times(points, slim, command, self._body, legs, pace=pace, gave_way=gave_way)
+        return float(np.partition(times, LEAST_POINTS - 1)[LEAST_POINTS - 1])
+
+
+_PAST_NS = 1_000_000_000
+"""ns; legs that were not in the way for so long are past."""
+
+_OTHERS_NS = 5_000_000_000
+"""ns; legs in the way again after so long are somebody else's."""
+
+
+def _stands(twist: Twist) -> bool:
+    """Return whether a measured twist is a standstill within noise."""
+    return abs(twist.v) < 0.03 and abs(twist.omega) < 0.06
+
+
+def stale_stop(verdict: MonitorVerdict | None, now_ns: int) -> str:
+    """Return the id of the stop that forbids any speed now, or "" if verdict and scan are fresh."""
+    if not _is_fresh(None if verdict is None else verdict.stamp_ns, VERDICT_MS, now_ns):
+        return "monitor_silent"
+    if not _is_fresh(None if verdict is None else verdict.scan_ns, SCAN_MS, now_ns):
+        return "lidar_late"
+    return ""
+
+
+def is_silent(verdict: MonitorVerdict | None, now_ns: int) -> bool:
+    """Return whether the monitor has been silent for so long that the drive ends."""
+    return not _is_fresh(None if verdict is None else verdict.stamp_ns, SILENT_MS, now_ns)
+
+
+def permitted_share(command: Twist, verdict: MonitorVerdict) -> float:
+    """Return the share of a command that a verdict permits; the verdict may be of a command one or two ticks older.
+
+    It is 0 for a command in another direction than the judged one, or well beyond it, because that was not judged.
+    """
+    judged = verdict.twist
+    for value, known, slack in (
+        (command.v, judged.v, JUDGED_WITHIN_V),
+        (command.omega, judged.omega, JUDGED_WITHIN_OMEGA),
+    ):
+        if not min(known, 0.0) - slack <= value <= max(known, 0.0) + slack:
+            return 0.0
+    return verdict.share
+
+
+def without_near_field(scan: Scan, body: ChairBody) -> Scan:
+    """Return the scan without ranges below its least range, which are errors or mean "too close" (-inf).
+
+    A beam that is too close becomes a point just outside the footprint where the footprint's edge is nearer than the
+    least range. Elsewhere it is the chair itself or dirt on the lidar, and becomes invalid.
+    """
+    near = scan.ranges < max(scan.range_min, 0.0)
+    if not near.any():
+        return scan
+    edge = outline_reach(scan.angles(), body, _OUTSIDE)
+    stands = near & np.isneginf(scan.ranges) & (edge <= scan.range_min)
+    ranges = np.where(stands, edge, np.where(near, math.nan, scan.ranges)).astype(np.float32)
+    return replace(scan, ranges=ranges, range_min=0.0)
+
+
+_OUTSIDE = 0.005
+"""m; an object too close to be measured is placed so far outside the footprint."""
+
+
+def valid_beams(scan: Scan, hidden: BoolArray) -> BoolArray:
+    """Return a mask (N,) of beams with a valid range that is not the chair itself."""
+    valid: BoolArray = np.isfinite(scan.ranges) & ~hidden
+    valid[valid] &= (scan.ranges[valid] >= max(scan.range_min, 0.0)) & (scan.ranges[valid] <= scan.range_max)
+    return valid
+
+
+def slim_beams(scan: Scan, hidden: BoolArray) -> BoolArray:
+    """Return a mask (N,) of beams that end on a slim object standing free: nothing beside it in the view is as near."""
+    slim = np.zeros(len(scan.ranges), np.bool_)
+    beams = np.flatnonzero(valid_beams(scan, hidden))
+    if len(beams) < 2:
+        return slim
+    r, angles = scan.ranges[beams].astype(np.float64), scan.angles()[beams]
+    points = np.column_stack([r * np.cos(angles), r * np.sin(angles)])
+    breaks = 1 + np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > _APART)
+    first = np.concatenate([[0], breaks])
+    last = np.concatenate([breaks, [len(beams)]]) - 1
+    beside = np.concatenate([[math.inf], r, [math.inf]])
+    open_so_far = np.cumsum(np.isposinf(scan.ranges))[beams]
+    opens = np.concatenate([[False], np.diff(open_so_far) > 0, [False]])  # free beams before each beam, and at the end
+    before = np.where(opens[first], math.inf, beside[first])
+    after = np.where(opens[last + 1], math.inf, beside[last + 2])
+    width = np.hypot(*(points[last] - points[first]).T)
+    stands = (before > r[first] + _APART) & (after > r[last] + _APART)
+    legs = stands & (width <= LEG_WIDTH) & (last - first + 1 >= LEAST_POINTS)
+    slim[beams] = np.repeat(legs, last - first + 1)
+    return slim
+
+
+_APART = 0.12
+"""m; neighbouring beams that end farther apart end on different objects."""
+
+
+def points_now(scan: Scan, valid: BoolArray, body: ChairBody, measured: Twist, now_ns: int) -> FloatArray:
+    """Return the points (N, 2) [m] of a scan's beams `valid` in base now.
+
+    Each beam is moved on by the chair's `measured` twist [m/s, rad/s] since its own time.
+    """
+    ranges = scan.ranges.astype(np.float64)
+    r, angles = ranges[valid], scan.angles()[valid]
+    points = transform_points(body.base_from_laser, np.column_stack([r * np.cos(angles), r * np.sin(angles)]))
+    seconds: FloatArray = (now_ns - scan.stamp_ns) * 1e-9 - scan.time_step * np.flatnonzero(valid).astype(np.float64)
+    x, y, theta = arcs(measured.v * seconds, measured.omega * seconds).T
+    c, s = np.cos(theta), np.sin(theta)
+    dx, dy = points[:, 0] - x, points[:, 1] - y
+    return np.column_stack([c * dx + s * dy, c * dy - s * dx])
+
+
+def judged_shares(command: Twist, body: ChairBody) -> FloatArray:
+    """Return the shares of a command to judge it at, from the whole command down to a crawl, evenly spaced."""
+    slowest = min(1.0, CRAWL_SPEED / max(_fastest(command, body), 1e-9))
+    return np.linspace(1.0, slowest, _PACES) if slowest < 1.0 else np.ones(1)
+
+
+_PACES = 4
+"""Number of such shares; a command at a crawl has one."""
+
+
+def margins(command: Twist, body: ChairBody, pace: float = 1.0) -> tuple[float, float]:
+    """Return the clearance [m] on all sides, and the extra one in the direction of travel, at a share of a command."""
+    share = min(max((pace * _fastest(command, body) - CRAWL_SPEED) / (FULL_SPEED - CRAWL_SPEED), 0.0), 1.0)
+    return (
+        MONITORED_AT_CRAWL + share * (MONITORED_AT_FULL_SPEED - MONITORED_AT_CRAWL),
+        MONITORED_AHEAD_AT_CRAWL + share * (MONITORED_AHEAD_AT_FULL_SPEED - MONITORED_AHEAD_AT_CRAWL),
+    )
+
+
+def _fastest(command: Twist, body: ChairBody) -> float:
+    """Return the larger of the driving speed and the farthest corner's speed in turning [m/s]."""
+    return max(abs(command.v), abs(command.omega) * body.circumscribed_radius)
+
+
+def contact_times(
+    points: FloatArray,
+    legs: BoolArray,
+    command: Twist,
+    body: ChairBody,
+    leg_clearance: LegClearanceSettings,
+    *,
+    pace: float = 1.0,
+    gave_way: bool = False,
+) -> FloatArray:
+    """Return the driving times (N,) [s] until contact of a command's arc with points (N, 2) [m] in base; +inf if never.
+
+    The footprint is grown by the `margins` of a share `pace` of the command's speed, and by more for points of `legs`
+    (N,), less once the chair `gave_way`; the time is that of the whole command. A point already within the grown
+    footprint is in contact now if it comes nearer by more than a centimetre in the next second; driving along it or
+    away from it is free. A point well within the footprint itself is in contact at once for any command that moves the
+    chair.
+    """
+    s, x, y = leg_clearance, points[:, 0], points[:, 1]
+    beside, besides_ahead = margins(command, body, pace)
+    to_come = legs & ((x > body.front) | (x < -body.rear))
+    beside_legs, ahead_of_legs = (s.beside_after, s.ahead_after) if gave_way else (s.beside, s.ahead)
+    # a corner that swings faster than the chair drives approaches people beside the chair
+    swings = abs(command.omega) * body.circumscribed_radius > abs(command.v)
+    around = beside + np.where(legs & swings, s.turning, 0.0)
+    half = body.width / 2 + np.maximum(around, beside + np.where(to_come, beside_legs, 0.0))
+    ahead = beside + np.where(legs, max(besides_ahead, ahead_of_legs), besides_ahead)
+    front = body.front + np.maximum(around, ahead if command.v > 0.0 else 0.0)
+    rear = body.rear + np.maximum(around, ahead if command.v < 0.0 else 0.0)
+    # move the side nearest to a point inwards until the point lies a centimetre outside
+    gaps = np.stack([front - x, rear + x, half - np.abs(y)])
+    nearest, within = gaps.argmin(axis=0), gaps.min(axis=0)
+    shrink = np.maximum(within + _CLOSER, 0.0)
+    sides = [side - np.where(nearest == row, shrink, 0.0) for row, side in enumerate((front, rear, half))]
+    times = entry_times(x, y, command, *sides)
+    times = np.where((within > 0.0) & (times < _SOON), 0.0, times)
+    deep = np.minimum(np.minimum(body.front - x, body.rear + x), body.width / 2 - np.abs(y)) > _DEEP
+    moves = abs(command.v) > 0.0 or abs(command.omega) > 0.0
+    return np.where(deep & moves, 0.0, times)
+
+
+_CLOSER = 0.01
+"""m; a point within the zone counts when it comes nearer by more than a lidar's noise and one step of the chair."""
+
+_SOON = 1.0
+"""s; it counts when it does so within this time, so that the chair cannot creep up to it in small steps."""
+
+_DEEP = 0.05
+"""m; a point so far inside the footprint is no noise at its edge."""
+
+
+def stop_seconds(command: Twist, settings: MonitorSettings, stops: StopTable | None = None) -> float:
+    """Return the driving time [s] at full speed over the distance of an emergency stop.
+
+    Braking both speeds in proportion keeps the arc, and its distance is half the braking time at full speed. A measured
+    stop counts where it is longer than the one reckoned from the settings.
+    """
+    v, omega = abs(command.v), abs(command.omega)
+    reckoned = settings.reaction_s + 0.5 * max(v / settings.emergency, omega / settings.emergency_alpha)
+    if stops is None:
+        return reckoned
+    fastest = stops.speeds[-1]
+    known = min(max(v, 1e-6), fastest)
+    straight = stops.distance(known) / known * max(1.0, v / fastest) if v > 0.0 else 0.0
+    turning = (
+        stops.turn_angle / stops.turn_rate * max(1.0, omega / stops.turn_rate) if omega and stops.turn_rate else 0.0
+    )
+    return max(reckoned, straight, turning)
+
+
+def slow_share(contact_s: float, command: Twist, settings: MonitorSettings) -> float:
+    """Return the share of a command at which the chair stops comfortably before a contact after `contact_s` [s].
+
+    At a share k the stop covers k reaction + k^2 T of the command's driving time, T being half the braking time. The
+    greatest allowed k makes that equal to contact_s.
+    """
+    half = 0.5 * max(abs(command.v) / SLOWING, abs(command.omega) / SLOWING_ALPHA)
+    if math.isinf(contact_s) or half == 0.0:
+        return 1.0
+    reaction = settings.reaction_s
+    return min(1.0, (math.sqrt(reaction * reaction + 4.0 * half * contact_s) - reaction) / (2.0 * half))
+
+
+def _is_fresh(stamp_ns: int | None, longest_ms: int, now_ns: int) -> bool:
+    """Return whether a stamp is at most `longest_ms` old, and not in the future by more than two ticks."""
+    return stamp_ns is not None and -_AHEAD_NS <= now_ns - stamp_ns <= longest_ms * 1_000_000
+
+
+_AHEAD_NS = 100_000_000
+
+
+def _since(since_ns: int | None, so: bool, stamp_ns: int) -> int | None:
+    """Return the start of the time over which a condition has held, None if it does not hold."""
+    if not so:
+        return None
+    return stamp_ns if since_ns is None else since_ns

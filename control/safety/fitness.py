@@ -1,0 +1,172 @@
+"""Checks whether the chair is fit to drive: sensor ages, tilt, seat, charger, battery and localisation.
+
+Each row of the fault table that needs no planner is judged here (F11, F13, F15, F23, F24) and named by `stops`. A fault
+that ends or prevents a drive is a `Halt`; a fault that only slows a drive is a speed limit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import TypeAlias
+
+import numpy as np
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.config import Settings, setting
+from waychair.control.safety.stops import Halt, halt
+from waychair.errors import ConfigError
+from waychair.slam.localising.localiser import Localisation, LocalisationState
+from waychair.slam.odometry.tilt import TiltFilter
+from waychair.topics import CAMERA, IMU, SCAN, STATUS, WHEELS
+from waychair.types import ChairStatus, ImuSample, Pose2, RgbdFrame, Scan, Twist, WheelTicks
+
+_CONTACTS = ("seated", "charging", "battery")
+"""Fields of `ChairStatus` whose last known value is kept, because each message may hold only some of them."""
+
+REACTIONS = ("slow", "stop")
+"""Possible reactions of a drive to a sensor that it can do without falling silent."""
+
+SLOW_SPEED = 0.3
+"""m/s; speed of a drive that is slow for want of a sensor, of a certain pose or of level ground."""
+
+SLOW_TILT, MOST_TILT, TILTED_S = 0.09, 0.14, 0.2
+"""rad, rad, s; a tilt beyond the first, a little steeper than a ramp of 1:12, slows a drive. Beyond the second, 8 degrees,
+chairs begin to slide or tip: after the third, so that no sill counts, it ends a drive."""
+
+POSE_JUMP = 0.5
+"""m; a localised pose that jumps farther was wrong before."""
+
+Sensed: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | ChairStatus
+
+
+@dataclass(frozen=True, slots=True)
+class FitnessSettings(Settings):
+    """Limits, and the contacts that are fitted to the chair."""
+
+    seat_switch: bool = setting(False, "", "a seat switch is fitted: without word from it nothing drives")
+    power_monitor: bool = setting(False, "", "battery and charger are monitored: as above")
+    least_battery: float = setting(0.15, "", "with less charge no new drive begins", low=0.0, high=1.0)
+    imu_silent: str = setting("slow", "", "an IMU falls silent during a drive: slow or stop")
+    depth_silent: str = setting("slow", "", "a depth camera falls silent, drop-offs are unseen: slow or stop")
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        for name in ("imu_silent", "depth_silent"):
+            if getattr(self, name) not in REACTIONS:
+                raise ConfigError(f"{name} = '{getattr(self, name)}' is unknown: take {' or '.join(REACTIONS)}")
+
+
+def has_valid_reading(message: Sensed) -> bool:
+    """Return whether a message holds any valid reading; of a depth image every sixteenth pixel is checked."""
+    if isinstance(message, ImuSample):
+        return all(map(math.isfinite, (*message.accel.tolist(), *message.gyro.tolist())))
+    return not isinstance(message, RgbdFrame) or bool(np.isfinite(message.depth[::4, ::4]).any())
+
+
+class Fitness:
+    """The latest stamp of each sensor, the chair's lean, and its latest localised pose."""
+
+    def __init__(self, body: ChairBody, settings: FitnessSettings | None = None) -> None:
+        self._settings = settings or FitnessSettings()
+        self._tilt = TiltFilter(body)
+        self._heard_ns: dict[type, int] = {}
+        self._status = ChairStatus(0)  # each contact's last value
+        self._contact_ns: dict[str, int] = {}
+        self._tilted_since_ns: int | None = None
+        self._lean = 0.0
+        self._localisation: Localisation | None = None
+        self._jump_m = 0.0
+
+    def hear(self, message: Sensed, twist: Twist) -> None:
+        """Take in a sensor's message while the chair moved by `twist`; the IMU's axes are the base's.
+
+        A message without a valid reading counts as silence.
+        """
+        if not has_valid_reading(message):
+            return
+        self._heard_ns[type(message)] = message.stamp_ns
+        if isinstance(message, ChairStatus):
+            known = {name: value for name in _CONTACTS if (value := getattr(message, name)) is not None}
+            self._status = replace(self._status, **known)
+            self._contact_ns |= dict.fromkeys(known, message.stamp_ns)
+        elif isinstance(message, ImuSample):
+            tilt = self._tilt.update(message, twist)
+            lean = math.acos(min(1.0, max(-1.0, math.cos(tilt.roll) * math.cos(tilt.pitch))))
+            if lean <= MOST_TILT:
+                self._tilted_since_ns = None
+            elif self._tilted_since_ns is None:
+                self._tilted_since_ns = message.stamp_ns
+            self._lean = lean
+
+    def locate(self, localisation: Localisation, odom_from_base: Pose2) -> None:
+        """Take in the localised pose now; a jump since the last call is remembered until `settle`."""
+        before, self._localisation = self._localisation, localisation
+        if before is None:
+            return
+        expected = before.map_from_odom @ odom_from_base
+        found = localisation.map_from_odom @ odom_from_base
+        pending = math.hypot(localisation.remaining.x, localisation.remaining.y)
+        self._jump_m = max(self._jump_m, pending, math.hypot(found.x - expected.x, found.y - expected.y))
+
+    def settle(self) -> None:
+        """Forget jumps of the pose, because nothing drives."""
+        self._jump_m = 0.0
+
+    def halts(self, now_ns: int) -> tuple[Halt, ...]:
+        """Return the faults that end a drive or keep one from beginning."""
+        return (*self._silent(now_ns), *self._contacts(now_ns), *self._lost(), *self._steep(now_ns))
+
+    def speed_limit(self, now_ns: int) -> float:
+        """Return the highest speed [m/s] of a drive that may go on; +inf when all is well."""
+        missed = self._is_missed(ImuSample, now_ns) or self._is_missed(RgbdFrame, now_ns)
+        doubtful = self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
+        return SLOW_SPEED if missed or doubtful or self._lean > SLOW_TILT else math.inf
+
+    def _is_missed(self, sensor: type[ImuSample | RgbdFrame], now_ns: int) -> bool:
+        """Return whether a sensor that the chair can do without was heard before and has fallen silent."""
+        topic = IMU if sensor is ImuSample else CAMERA
+        heard = self._heard_ns.get(sensor)
+        return heard is not None and topic.is_stale(heard, now_ns)
+
+    def _silent(self, now_ns: int) -> tuple[Halt, ...]:
+        """Return the halts of F11 and F13: silent sensors."""
+        s, halts = self._settings, []
+        if SCAN.is_stale(self._heard_ns.get(Scan), now_ns):
+            halts.append(halt("lidar_stale"))
+        if WHEELS.is_stale(self._heard_ns.get(WheelTicks), now_ns):
+            halts.append(halt("wheels_stale"))
+        if s.imu_silent == "stop" and self._is_missed(ImuSample, now_ns):
+            halts.append(halt("imu_stale"))
+        if s.depth_silent == "stop" and self._is_missed(RgbdFrame, now_ns):
+            halts.append(halt("depth_stale"))
+        return tuple(halts)
+
+    def _contacts(self, now_ns: int) -> tuple[Halt, ...]:
+        """Return the halts of F24 and the seat switch; a contact's last value counts even if it is not set as
+        fitted."""
+        s, status, halts = self._settings, self._status, []
+        fitted = (("seated", s.seat_switch), ("charging", s.power_monitor))
+        if any(is_fitted and STATUS.is_stale(self._contact_ns.get(name), now_ns) for name, is_fitted in fitted):
+            halts.append(halt("status_stale"))
+        if status.charging:
+            halts.append(halt("charging"))
+        if status.seated is False:
+            halts.append(halt("seat_empty"))
+        if status.battery is not None and not status.battery >= s.least_battery:
+            halts.append(halt("battery_low", f"{100.0 * status.battery:.0f} %"))
+        return tuple(halts)
+
+    def _lost(self) -> tuple[Halt, ...]:
+        """Return the halts of F15: a lost or jumping pose."""
+        if self._localisation is not None and self._localisation.lost:
+            return (halt("lost"),)
+        if self._jump_m > POSE_JUMP:
+            return (halt("pose_jump", f"{self._jump_m:.1f} m away"),)
+        return ()
+
+    def _steep(self, now_ns: int) -> tuple[Halt, ...]:
+        """Return the halts of F23: tilt."""
+        if self._tilted_since_ns is None or now_ns - self._tilted_since_ns < TILTED_S * 1e9:
+            return ()
+        return (halt("tilt", f"{math.degrees(self._lean):.0f} degrees"),)

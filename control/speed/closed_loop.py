@@ -1,0 +1,87 @@
+"""Speed control of the chair and its fault checks, from the wanted twist to the twist that is sent.
+
+In each tick the speed loop trims the command, and two watches compare the sent command with the chair's motion. A fault
+commands exactly 0 until it is acknowledged.
+"""
+
+from __future__ import annotations
+
+from waychair.calibration.fits.dac import DacModel
+from waychair.calibration.fits.stopping import StopTable
+from waychair.control.speed.following_faults import FollowingWatch
+from waychair.control.speed.gain_watch import GainWatch
+from waychair.control.speed.kinematics import twist_from_wheel_speeds
+from waychair.control.speed.speed_loop import SpeedLoop, SpeedLoopSettings, chair_response
+from waychair.types import SentCommand, Twist
+
+
+class ClosedLoop:
+    """The speed loop and its watches."""
+
+    def __init__(
+        self,
+        model: DacModel,
+        track: float,
+        settings: SpeedLoopSettings | None = None,
+        stops: StopTable | None = None,
+    ) -> None:
+        """Take delays and lags from the calibration (`model` and `stops`) as far as there is one; see `chair_response`.
+
+        `track` [m] is the distance between the chair's drive wheels.
+        """
+        self._response = chair_response(model, stops)
+        self._track = track
+        self._loop = SpeedLoop(settings, track, self._response)
+        self.acknowledge()
+
+    @property
+    def fault(self) -> str:
+        """The reason for which the chair must not be driven, with its remedy; empty when it may be."""
+        return self._following.fault or self._gain_watch.fault
+
+    @property
+    def speed_limit(self) -> float:
+        """Highest allowed speed [m/s] now; +inf while the gains are trusted."""
+        return self._gain_watch.speed_limit
+
+    @property
+    def gains(self) -> tuple[float, float]:
+        """Estimated gains of the forward and the turn axis; 1 as calibrated."""
+        return self._gain_watch.gains
+
+    def acknowledge(self) -> None:
+        """Clear the fault, which somebody has dealt with, and start both watches again."""
+        forward, turn = self._response.forward, self._response.turn
+        self._gain_watch = GainWatch(forward, turn)
+        self._following = FollowingWatch(forward, turn, self._track)
+
+    def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: SentCommand | None = None) -> Twist:
+        """Return the twist to send in this tick, exactly 0 while there is a `fault`.
+
+        `command` None means that the computer does not drive. `measured` is the mean twist since the last call, and
+        `sent` is the result of the twist that was returned then.
+        """
+        held = sent is not None and sent.active
+        sent_twist = twist_from_wheel_speeds(sent.wheel_speeds, self._track) if sent is not None and held else Twist()
+        if self.fault:
+            command = None
+        if command is not None:
+            command = _slowed(command, self.speed_limit)
+        twist = self._loop.step(command, measured, now_ns, sent if held else None)
+        steady = held and not self._loop.waiting and not self._loop.casters_swing
+        # a chair that stands although it is commanded to drive is stuck, not slow
+        self._gain_watch.step(sent_twist, measured, now_ns, judged=steady and self._loop.moves(measured))
+        if not held:
+            self._following.released()
+        elif sent_twist == Twist():
+            self._following.at_neutral(measured, now_ns)
+        else:
+            expected = None if self._loop.waiting else self._loop.expected
+            self._following.driving(sent_twist, expected, measured, now_ns)
+        return Twist() if self.fault else twist
+
+
+def _slowed(command: Twist, limit: float) -> Twist:
+    """Return the twist of the same arc at no more than `limit` [m/s]."""
+    scale = min(1.0, limit / max(abs(command.v), 1e-9))
+    return Twist(scale * command.v, scale * command.omega)

@@ -1,0 +1,1 @@
+"""Figures of planning and driving. Begin with `scenes.py`."""

@@ -1,0 +1,1 @@
+"""Figures of mapping, localisation and memory. Begin with `logs.py`."""

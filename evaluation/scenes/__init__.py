@@ -1,0 +1,1 @@
+"""Scenes that score a mapper or a driving chair. Begin with `tight_places.py`."""

@@ -1,0 +1,1 @@
+"""Occupancy grids: cells, evidence from scans, distances, images. Begin with `cells.py`."""

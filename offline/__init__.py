@@ -1,0 +1,1 @@
+"""Recordings become map folders, trajectories, point clouds and reports. Begin with `mapping.py`."""

@@ -1,0 +1,200 @@
+"""Export of a recording's key frames as a coloured point cloud in a PLY file."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.config import Settings, setting
+from waychair.errors import MapError, MissingExtra, NoPictures
+from waychair.files import replacing
+from waychair.geometry import in_space, interpolate, pose_from_array
+from waychair.maps.depth.depth_scan import DepthSettings, frame_problem
+from waychair.maps.folders.map_files import yaml_path
+from waychair.offline.depth_recording import mount_of_camera
+from waychair.offline.mapping import MappingSettings, map_recording
+from waychair.offline.rgbd_mapping import RgbdMappingSettings, map_pictures
+from waychair.recordings.recording import Recording, read_recording, read_tum
+from waychair.recordings.rgbd_folders import is_rgbd_folder
+from waychair.recordings.text.carmen import stamp_from_text
+from waychair.runtime.depth_mapping import DepthMapping
+from waychair.slam.camera.picture_registration import angle_between
+from waychair.slam.odometry.dead_reckoning import DeadReckoning
+from waychair.types import Bytes, FloatArray, Pose3, RgbdFrame, Trajectory, Trajectory3
+
+_STEP = 2  # pixels; a point is taken from every second column and row, since voxels merge neighbours anyway
+_KEY_DISTANCE = 0.3  # m; distance after which an image becomes a key frame
+_KEY_ANGLE = math.radians(15)  # rad; turn after which an image becomes a key frame
+_MAX_GAP_S = 0.5  # s; greatest time between the two poses around an image
+
+
+@dataclass(frozen=True, slots=True)
+class CloudSettings(Settings):
+    """Selection of the images and pixels of a cloud."""
+
+    voxel: float = setting(
+        0.02, "m", "side of the cubes with one point each; larger gives a coarser and smaller file", low=0.001, high=1.0
+    )
+    range_max: float = setting(
+        4.0, "m", "points farther from the camera are left out; larger adds noisier points", low=0.2, high=50.0
+    )
+    view: DepthSettings = field(default_factory=DepthSettings)
+
+
+@dataclass(frozen=True, slots=True)
+class PosedImage:
+    """An image and the pose of its optical frame in map."""
+
+    picture: RgbdFrame
+    map_from_camera: Pose3
+
+
+@dataclass(frozen=True, slots=True)
+class ExportCounts:
+    """Numbers of a cloud: key frames in it, images read, and points."""
+
+    key_frames: int
+    pictures: int
+    points: int
+
+
+def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None) -> ExportCounts:
+    """Write the cloud of a recording, which is mapped first, or of a map folder, whose recording must still exist.
+
+    Raises:
+        MissingExtra: Open3D, which makes and writes clouds, is not installed.
+        NoPictures: no image with depth has a pose.
+        MapError: the map does not name its recording.
+        RecordingError: the recording cannot be read, or is missing.
+        OutputError: the file cannot be written.
+    """
+    s, clouds = settings or CloudSettings(), _open3d()
+    sum_, pictures, keys, last = clouds.geometry.PointCloud(), 0, 0, None
+    for posed in _posed(source):
+        pictures += 1
+        if frame_problem(posed.picture, s.view) is not None or not _is_key(last, posed.map_from_camera):
+            continue
+        last, keys = posed.map_from_camera, keys + 1
+        points, colours = coloured_points(posed, s)
+        seen = clouds.geometry.PointCloud(clouds.utility.Vector3dVector(points))
+        seen.colors = clouds.utility.Vector3dVector(colours)
+        sum_ = (sum_ + seen.voxel_down_sample(s.voxel)).voxel_down_sample(s.voxel)
+    if not keys:
+        raise NoPictures(f"no picture with depth of {source} has a pose, so there is no cloud to write")
+    with replacing(ply.with_suffix(".ply")) as aside:
+        if not clouds.io.write_point_cloud(str(aside), sum_):
+            raise OSError(f"Open3D cannot write {aside.name}")
+    return ExportCounts(keys, pictures, len(sum_.points))
+
+
+def coloured_points(posed: PosedImage, settings: CloudSettings) -> tuple[FloatArray, FloatArray]:
+    """Return points (N, 3) [m] in map of an image's depths, and their colours (N, 3) in [0, 1]."""
+    s, picture = settings, posed.picture
+    depth = picture.depth[::_STEP, ::_STEP].astype(np.float64)
+    rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0.0) & (depth < s.range_max))
+    pixels = np.stack([columns * _STEP, rows * _STEP, np.ones(len(rows))], axis=-1).astype(np.float64)
+    rays: FloatArray = pixels @ np.linalg.inv(picture.camera_matrix).T
+    pose = posed.map_from_camera
+    seen: FloatArray = rays * depth[rows, columns][:, None]
+    points: FloatArray = seen @ pose.rotation.T + pose.translation
+    image: Bytes = picture.image[::_STEP, ::_STEP][rows, columns]
+    colours: FloatArray = (image if image.ndim == 2 else np.repeat(image[:, None], 3, axis=1)) / 255.0
+    return points, colours
+
+
+def _open3d() -> Any:
+    try:
+        open3d = importlib.import_module("open3d")
+    except ImportError as error:
+        raise MissingExtra(
+            f"clouds are made by Open3D, which cannot be used ({error}): pip install 'waychair[clouds]'"
+        ) from error
+    return open3d
+
+
+def _is_key(last: Pose3 | None, here: Pose3) -> bool:
+    if last is None:
+        return True
+    away = float(np.linalg.norm(here.translation - last.translation))
+    return away >= _KEY_DISTANCE or angle_between(last, here) >= _KEY_ANGLE
+
+
+def _posed(source: Path) -> Iterator[PosedImage]:
+    """Yield the images of a recording, or of a map's recording, that have a pose, in order."""
+    report = yaml_path(source).with_name("report.json")
+    folder = report.parent if (report.parent / "trajectory.tum").is_file() and report.is_file() else None
+    recording = read_recording(source if folder is None else _recording_of(report))
+    if is_rgbd_folder(recording.path):
+        if folder is None:
+            way = map_pictures(recording, RgbdMappingSettings()).result.trajectory
+        else:
+            way = _poses_in_space(folder / "trajectory.tum")
+        yield from _in_space(recording, way)
+        return
+    mount, amiss = mount_of_camera(recording, MappingSettings().depth)
+    if mount is None:
+        raise NoPictures(amiss[0] if amiss else f"{recording.path} holds no pictures with depth")
+    if folder is None:
+        flat = map_recording(recording, MappingSettings(vision="off")).result.trajectory
+    else:
+        flat = read_tum(folder / "trajectory.tum")
+    yield from _on_floor(recording, mount, flat)
+
+
+def _poses_in_space(path: Path) -> Trajectory3:
+    """Read a trajectory that `waychair map` has written for a folder of images."""
+    from scipy.spatial.transform import Rotation
+
+    stamps, rows = [], []
+    try:
+        for line in path.read_text(encoding="utf-8").splitlines():
+            stamp, *numbers = line.split()
+            stamps.append(stamp_from_text(stamp))
+            rows.append([float(number) for number in numbers])
+        values = np.array(rows).reshape(-1, 7)
+        turns = Rotation.from_quat(values[:, 3:]).as_matrix()
+    except (OSError, ValueError) as error:
+        raise MapError(f"{path} is not `stamp x y z qx qy qz qw` lines ({error}): make the map again") from error
+    return Trajectory3(np.array(stamps, np.int64), turns, values[:, :3])
+
+
+def _recording_of(report: Path) -> Path:
+    try:
+        return Path(str(json.loads(report.read_text(encoding="utf-8"))["input"]))
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise MapError(f"{report} does not say which recording the map was made of: make the map again") from error
+
+
+def _in_space(recording: Recording, way: Trajectory3) -> Iterator[PosedImage]:
+    """Yield images of a folder, whose trajectory has the images' own stamps."""
+    at = {stamp // 1000: k for k, stamp in enumerate(way.stamps_ns.tolist())}
+    for picture in recording.pictures():
+        k = at.get(picture.stamp_ns // 1000)
+        if k is not None:
+            yield PosedImage(picture, Pose3(way.rotations[k], way.positions[k]))
+
+
+def _on_floor(recording: Recording, mount: Pose3, way: Trajectory) -> Iterator[PosedImage]:
+    """Yield images of a bag, with poses between those of its scans and the tilt from its IMU."""
+    leaning, reckoning = DepthMapping(MappingSettings().depth, mount, CHAIR_A.front), DeadReckoning(CHAIR_A)
+    for frame in recording.frames:
+        reckoning.update(replace(frame, scan=None))
+        leaning.note_tilt(reckoning.tilt)
+    order = np.argsort(way.stamps_ns, kind="stable")
+    stamps, poses = way.stamps_ns[order], way.poses[order]
+    for picture in recording.pictures():
+        after = int(np.searchsorted(stamps, picture.stamp_ns))
+        if after in (0, len(stamps)) or stamps[after] - stamps[after - 1] > _MAX_GAP_S * 1e9:
+            continue
+        part = (picture.stamp_ns - int(stamps[after - 1])) / max(1, int(stamps[after] - stamps[after - 1]))
+        pose = interpolate(pose_from_array(poses[after - 1]), pose_from_array(poses[after]), part)
+        lean = Pose3(leaning.tilt_at(picture.stamp_ns).level_from_base(), np.zeros(3))
+        yield PosedImage(picture, in_space(pose) @ lean @ mount)

@@ -1,0 +1,317 @@
+"""Multi-session mapping: several drives through one building, on different days, become one map.
+
+The data from which a map is drawn are saved beside it (`session.npz`): the graph of key scans, with the scans and depth
+images anchored to them. A further drive continues that graph. While its start on the map is unknown, its key scans form
+a graph of their own; the first accepted loop closure, by pictures and scans or by scans alone, joins the two. Then the
+drive is mapped again from its beginning with that start known. Known ground is then covered by existing key scans, and
+the graph grows only where the drive saw new ground.
+
+A key scan whose surroundings have changed is renewed by the latest scan that it covered. `maps.session_grid` forgets
+things that were moved away.
+"""
+
+from __future__ import annotations
+
+import math
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from waychair.errors import OutputError, SessionError
+from waychair.files import replacing
+from waychair.maps.depth.depth_scan import DepthScan
+from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.slam.graph.edges import EdgeKind
+from waychair.slam.localising.localiser import LocalisationState, Localiser, LocaliserSettings
+from waychair.slam.mapping.checkpoint import object_from_state, state_of
+from waychair.slam.mapping.mapper import CERTAIN_PATH, Mapper, twist_of
+from waychair.slam.scan.scan_points import ScanPoints, scan_points
+from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, Pose3, Scan, SensorFrame
+
+SESSION = "session.npz"
+"""Name of the session's file in a map folder."""
+
+_MOUNT, _MOUNT_TURN = 0.05, math.radians(3.0)  # [m], [rad] greatest difference between mounts of one chair
+_NEAR, _ALIKE = 0.15, 0.85  # [m] greatest distance to the same surface; least share of such points without a change
+
+
+@dataclass(frozen=True, slots=True)
+class KeptScan:
+    """A scan of the grid: its session, its key scan, and the lidar's poses (2, 3) from there at first and last beam."""
+
+    session: int
+    scan: Scan
+    key: int
+    key_from_laser: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class KeptPicture:
+    """A depth image of the grid: its session, its depth scan, its key scan, and the chair's pose (3,) from there."""
+
+    session: int
+    told: DepthScan
+    key: int
+    key_from_base: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class MapState:
+    """The state from which a further drive continues. `scans` are those of the mapper's frames, in order."""
+
+    mapper: Mapper
+    sessions: int
+    laser_height: float
+    base_from_camera: tuple[FloatArray, FloatArray] | None
+    features: str
+    scans: tuple[KeptScan, ...]
+    pictures: tuple[KeptPicture, ...]
+
+
+def state_of_map(live: LiveMapping, base_from_camera: Pose3 | None, features: str) -> MapState:
+    """Return the state of a settled mapping; `features` names the pictures' feature detector."""
+    mapper = live.mapper
+    numbers = sorted(mapper.key_frames + [frame for latest in mapper.covered_frames for frame in latest])
+    scans = [KeptScan(*live.scans.attached(number)) for number in numbers]
+    of_frame = dict(zip(numbers, scans, strict=True))
+    pictures = tuple(KeptPicture(*hung) for hung in live.depth.kept_images())
+    camera = None if base_from_camera is None else (base_from_camera.rotation, base_from_camera.translation)
+    return MapState(
+        mapper=mapper.for_next_drive(_renewed(mapper, of_frame)),
+        sessions=live.scans.session + 1,
+        laser_height=live.settings.laser_height,
+        base_from_camera=camera,
+        features=features,
+        scans=tuple(scans),
+        pictures=pictures,
+    )
+
+
+def save_state(folder: Path, state: MapState) -> None:
+    """Write a state to a map folder.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    with replacing(folder / SESSION) as aside, aside.open("wb") as file:
+        np.savez(file, **state_of(state))  # type: ignore[arg-type]
+
+
+def session_folder(map: Path) -> Path:
+    """Return the folder of a map that is given by its folder or its map.yaml.
+
+    Raises:
+        SessionError: there is no such folder.
+    """
+    folder = map.parent if map.name == "map.yaml" else map
+    if not folder.is_dir():
+        raise SessionError(f"there is no map folder {folder} to join the drive to: give that of an earlier drive's map")
+    return folder
+
+
+def load_state(folder: Path) -> MapState:
+    """Read the state of a map folder.
+
+    Raises:
+        SessionError: there is none, or it is damaged or of another version.
+    """
+    path = folder / SESSION
+    try:
+        with np.load(path, allow_pickle=False) as state:
+            return object_from_state(state, MapState)
+    except FileNotFoundError as error:
+        raise SessionError(f"{folder} holds no {SESSION} to go on from: map its recording again to get one") from error
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise SessionError(f"{path} is damaged or of another version ({error}): map its recording again") from error
+
+
+def check_sensors(
+    state: MapState,
+    base_from_laser: Pose2,
+    settings: LiveMappingSettings,
+    base_from_camera: Pose3 | None,
+    features: str,
+) -> None:
+    """Compare the sensors of a drive with those of a map.
+
+    Raises:
+        SessionError: they are mounted differently, or use another feature detector.
+    """
+    gap = state.mapper.base_from_laser.inverse() @ base_from_laser
+    height = settings.laser_height - state.laser_height
+    if math.hypot(gap.x, gap.y, height) > _MOUNT or abs(gap.theta) > _MOUNT_TURN:
+        then, now = (
+            "({:.2f} m, {:.2f} m, {:.2f} rad) at {:.2f} m".format(*pose.array(), up)
+            for pose, up in (
+                (state.mapper.base_from_laser, state.laser_height),
+                (base_from_laser, settings.laser_height),
+            )
+        )
+        raise SessionError(f"the map was made with the laser {then}, this drive has it {now}: map it by itself")
+    if state.base_from_camera is None or base_from_camera is None:
+        return
+    rotation, translation = state.base_from_camera
+    moved = float(np.linalg.norm(base_from_camera.translation - translation))
+    turned = math.acos(min(1.0, max(-1.0, (float(np.trace(rotation.T @ base_from_camera.rotation)) - 1.0) / 2.0)))
+    if moved > _MOUNT or turned > _MOUNT_TURN:
+        raise SessionError(
+            f"the map's camera was mounted elsewhere, by {moved:.2f} m and {turned:.2f} rad: map the drive by itself"
+        )
+    if state.features != features:
+        raise SessionError(
+            f"the map was made with {state.features} features, this drive with {features}: set the detector in --config"
+        )
+
+
+def continue_map(live: LiveMapping, state: MapState) -> OccupancyGrid:
+    """Let a new mapping continue an earlier map; return the grid of its scans. The mapping takes over the state."""
+    live.continue_map(state.mapper, state.sessions)
+    for number, kept in enumerate(state.scans):
+        live.scans.begin(kept.session)
+        first, last = kept.key_from_laser
+        live.scans.add(number, kept.scan, kept.key, first, last)
+    live.scans.begin(state.sessions)
+    for picture in state.pictures:
+        live.depth.assembly.begin(picture.session)
+        live.depth.anchor(picture.told, picture.key, picture.key_from_base)
+    live.depth.assembly.begin(state.sessions)
+    live.scans.move_nodes(live.mapper.keys.poses, np.zeros(2))
+    live.scans.settle()
+    return live.scans.grid()
+
+
+class DriveJoiner:
+    """Joins a drive to the map of earlier ones by scans alone, and notes whether the two graphs are connected.
+
+    The localiser searches for the chair on the saved grid (`slam.localiser`), as after switching on. Its poses become
+    candidates for loop closures, which have to pass the usual tests at two places some distance apart.
+    """
+
+    def __init__(self, grid: OccupancyGrid, mapper: Mapper) -> None:
+        """`grid` is the grid of the earlier map, whose key scans the mapper holds."""
+        self.joined = False
+        self._known = len(mapper.keys)
+        self._localiser = Localiser(grid, mapper.base_from_laser, None, LocaliserSettings())
+        self._loops = -1
+
+    def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
+        """Look for a loop closure; call it after `mapper.process` and after the loops by pictures."""
+        if self.joined or frame.scan is None:
+            return
+        # the mapper's pose, from scan matching, is better odometry than the wheels'
+        found = self._localiser.process(frame.scan, mapper.pose(), twist_of(frame))
+        if found.state is LocalisationState.OK:
+            here = found.map_from_base @ found.remaining
+            mapper.close_loop(nearest_key(mapper, here, self._known)[0], here)
+        self._check(mapper)
+
+    def _check(self, mapper: Mapper) -> None:
+        """Check after each loop closure whether the graph connects the chair to a key scan of earlier drives."""
+        closed = mapper.keys.kinds[EdgeKind.LOOP]
+        if not self.joined and closed != self._loops:
+            self.joined = mapper.keys.reaches(mapper.frames[-1].key, self._known)
+            self._loops = closed
+
+
+def nearest_key(mapper: Mapper, pose: Pose2, known: int) -> tuple[int, float]:
+    """Return the index of the key scan nearest to a pose among the first `known`, and its distance [m]."""
+    away = np.hypot(*(mapper.keys.poses[:known, :2] - (pose.x, pose.y)).T)
+    nearest = int(np.argmin(away))
+    return nearest, float(away[nearest])
+
+
+def beginning(
+    mapper: Mapper, grid: OccupancyGrid, frames: Sequence[SensorFrame], follow: Callable[[Mapper, SensorFrame], None]
+) -> tuple[int, Pose2] | None:
+    """Return where a drive begins on a map: the key scan nearest to its first frame, and that frame's pose from there.
+
+    None where it begins outside the map. The mapper continues the map of the grid and has seen nothing else; `follow`
+    is called after each frame, for loop closures by pictures.
+
+    Raises:
+        SessionError: the drive is nowhere recognised on the map.
+    """
+    known, joiner = len(mapper.keys), DriveJoiner(grid, mapper)
+    for frame in frames:
+        mapper.process(frame)
+        follow(mapper, frame)
+        joiner.follow(mapper, frame)
+        if joiner.joined:
+            break
+    else:
+        raise SessionError(
+            "the drive was recognised nowhere on the map: record one that passes over mapped ground, or map it by itself"
+        )
+    first = mapper.frames[mapper.earlier_frames]
+    pose = mapper.keys.pose(first.key) @ first.key_from_base
+    nearest, away = nearest_key(mapper, pose, known)
+    if away > CERTAIN_PATH:
+        return None
+    return nearest, mapper.keys.pose(nearest).inverse() @ pose
+
+
+@contextmanager
+def replaced_folder(folder: Path, like: Path) -> Iterator[Path]:
+    """Yield a copy of `like` that replaces `folder` when the block ends without an error, and is removed otherwise.
+
+    So a failed join leaves the existing map as it was.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    folder = folder.absolute()
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as work:
+            aside = Path(work) / "new"
+            shutil.copytree(like, aside)
+            yield aside
+            if folder.exists():
+                before = Path(work) / "before"
+                folder.rename(before)
+                try:
+                    aside.rename(folder)
+                except OSError:
+                    before.rename(folder)
+                    raise
+            else:
+                aside.rename(folder)
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {error.strerror or error}; choose another folder") from error
+
+
+def _renewed(mapper: Mapper, scans: dict[int, KeptScan]) -> dict[int, ScanPoints]:
+    """Return new surfaces of the key scans whose surroundings have changed, from the latest scan that each covered.
+
+    Points that are no longer seen are left out, new ones are added.
+    """
+    renewed = {}
+    for key, latest in enumerate(mapper.covered_frames):
+        if not latest or latest[-1] < mapper.earlier_frames:
+            continue
+        kept = scans[latest[-1]]
+        seen = scan_points(kept.scan, Pose2(*kept.key_from_laser[0].tolist()), mapper.settings.matching.range_max)
+        before = mapper.keys.store[key]
+        if not len(before) or not len(seen):
+            continue
+        there = _beside(before.points, seen.points)
+        known = _beside(seen.points, before.points)
+        if min(there.mean(), known.mean()) < _ALIKE:
+            # unchanged points keep their place: placed anew each day they would drift
+            points = np.concatenate([before.points[there], seen.points[~known]])
+            renewed[key] = ScanPoints(points, np.concatenate([before.normals[there], seen.normals[~known]]))
+    return renewed
+
+
+def _beside(points: FloatArray, surface: FloatArray) -> BoolArray:
+    """Return (N,) whether points (N, 2) lie near a point of a surface (M, 2)."""
+    away, _ = cKDTree(surface).query(points, distance_upper_bound=_NEAR)
+    near: BoolArray = away <= _NEAR
+    return near

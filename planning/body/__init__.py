@@ -1,0 +1,1 @@
+"""The chair's footprint, and the policies of clearance and personal space. Begin with `clearance.py`."""

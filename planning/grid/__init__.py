@@ -1,0 +1,1 @@
+"""Shortest paths over cells: costmap, D* Lite and its plain references. Begin with `costmap.py`."""

@@ -1,0 +1,212 @@
+"""The costmap: the price of driving through each cell, impassable near obstacles, high beside them, low in the open.
+
+Its layers, from below, are the map, the zones, and present sensor data at the heights at which the chair has an outline
+of its own. A costmap knows the chair's half width alone, which every heading needs; the local planner checks the whole
+footprint. Unknown cells are passable at a price (the source paper's section 3.3.1 takes them as free).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.calibration.chair_body import BodyLayer, ChairBody
+from waychair.errors import NoFreeSpace
+from waychair.maps.drawn.zones import Rule, Zone, keep_out_cells, zone_cells
+from waychair.maps.grid.cells import OCCUPIED_FROM, cells_under, cells_where, occupied
+from waychair.maps.grid.distance_field import DistanceField, near_distances, update_near
+from waychair.planning.body.clearance import COMFORTABLE, PLANNED, TOLD_APART
+from waychair.planning.grid.grid_graph import FREE_PRICE, MAX_PRICE, NO_BARS, Prices, directions_against
+from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, IntArray, OccupancyGrid
+
+WALL_PRICE = 5000
+"""[per mille] Price added where the chair just fits: a detour in the open of up to six times the length is cheaper."""
+
+UNKNOWN_PRICE = 9000
+"""[per mille] Price added to an unknown cell: ten times as dear as a free one."""
+
+CRUISE = 0.8
+"""[m/s] Speed in the open; the price of a slow zone is the ratio of this to the zone's speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Costmap:
+    """Prices (H, W) int32 and clearance (H, W) float32 [m] of a grid's cells.
+
+    Prices are per mille of a free cell's price; 0 is impassable. Clearance is measured between cell centres (see
+    `maps.distance_field`) to obstacles for the whole outline: map, keep-out zone or live, up to `TOLD_APART` at least.
+    `grid` holds the live obstacles and keep-out zones too, and the geometry; `body` is the chair that the prices are
+    for. `barred` (H, W) has one bit per direction as in `grid_graph` for the one-way zones, if there are any.
+    """
+
+    prices: Prices
+    clearance: Float32Array
+    grid: OccupancyGrid
+    body: ChairBody
+    barred: Bytes | None = None
+
+    @property
+    def field(self) -> DistanceField:
+        """The clearance with its geometry, for the local planner."""
+        return DistanceField(self.clearance, self.grid.resolution, self.grid.map_from_grid)
+
+    def barred_on(self, field: DistanceField) -> Bytes:
+        """Return `barred` on the cells of a finer field that divides this grid's; (0, 0) without a one-way zone."""
+        if self.barred is None:
+            return NO_BARS
+        parts = round(self.grid.resolution / field.resolution)
+        corner = self.grid.map_from_grid.inverse() @ field.map_from_grid
+        top, left = round(corner.y / self.grid.resolution), round(corner.x / self.grid.resolution)
+        height, width = field.metres.shape
+        part = self.barred[top : top + height // parts, left : left + width // parts]
+        return part.repeat(parts, axis=0).repeat(parts, axis=1)
+
+
+def costmap_from_grid(
+    grid: OccupancyGrid,
+    body: ChairBody,
+    live_points: FloatArray | None = None,
+    zones: Sequence[Zone] = (),
+    comfortable: float = COMFORTABLE,
+) -> Costmap:
+    """Return the costmap of a grid with its zones and present obstacles; see `LiveCostmap.costmap`."""
+    return LiveCostmap(grid, body, zones, comfortable).costmap(live_points)
+
+
+def check_free_space(costmap: Costmap) -> None:
+    """Refuse a costmap without a passable cell, or without a cell known to be free.
+
+    Raises:
+        NoFreeSpace: either is the case.
+    """
+    if not costmap.prices.any():
+        raise NoFreeSpace(
+            f"the map has no free space for a chair {costmap.body.width:.2f} m wide; map the building again, or remove "
+            "its keep-out zones"
+        )
+    if not (costmap.grid.cells.view(np.uint8) < OCCUPIED_FROM).any():  # unknown cells are 255
+        raise NoFreeSpace("no cell of the map is known to be free; map the building again, or correct its thresholds")
+
+
+class LiveCostmap:
+    """The costmap of a fixed map under live obstacles; only the surroundings of changed cells are computed anew."""
+
+    def __init__(
+        self, grid: OccupancyGrid, body: ChairBody, zones: Sequence[Zone] = (), comfortable: float = COMFORTABLE
+    ) -> None:
+        """`comfortable` [m]: the clearance from which a cell costs no more than open floor."""
+        self._body, self._comfortable = body, comfortable
+        self._grid = closed_off(grid, zones)
+        self._reach = max(TOLD_APART, comfortable, body.circumscribed_radius)
+        self._fixed = occupied(self._grid)
+        self._solid = self._fixed.copy()
+        self._clearance = near_distances(self._fixed, grid.resolution, self._reach)
+        self._added = _added_prices(grid, zones)
+        self._barred = _barred_directions(grid, zones)
+        everywhere = (slice(None), slice(None))
+        self._prices = np.empty(grid.cells.shape, np.int32)
+        self._prices[everywhere] = self._priced(self._clearance, everywhere)
+
+    def costmap(
+        self, live_points: FloatArray | None = None, layered: Sequence[tuple[BodyLayer, FloatArray]] = ()
+    ) -> Costmap:
+        """Return the costmap with `live_points` (N, 2) [m] in map as obstacles; those outside the map are ignored.
+
+        `layered` obstacles exist only at the heights of one layer of the body; only that layer's outline has to pass
+        them. A cell is impassable when a wall's face, half a cell nearer than its centre, leaves less than the half
+        width and the planned clearance. From there the price falls with the square of the clearance still missing to
+        the comfortable one, so that the middle of a door or corridor is cheapest.
+        """
+        cell = self._grid.resolution
+        solid = self._fixed | _marked(self._grid, live_points)
+        changed = cells_where(solid != self._solid)
+        if len(changed):
+            self._solid = solid
+            self._clearance = self._clearance.copy()  # earlier costmaps keep theirs
+            self._prices = self._prices.copy()
+            for window in update_near(self._clearance, solid, changed, cell, self._reach):
+                self._prices[window] = self._priced(self._clearance[window], window)
+        cells = self._grid.cells
+        if (solid & ~self._fixed).any():
+            cells = cells.copy()
+            cells[solid & ~self._fixed] = 100
+        grid = OccupancyGrid(cells, cell, self._grid.map_from_grid)
+        prices, clearance = self._prices, self._clearance
+        for layer, points in layered:
+            seen = cells_under(self._grid, points)
+            if len(seen):
+                if prices is self._prices:
+                    prices, clearance = prices.copy(), clearance.copy()
+                self._over(prices, clearance, layer, seen)
+        return Costmap(prices, clearance, grid, self._body, self._barred)
+
+    def _over(self, prices: Prices, clearance: Float32Array, layer: BodyLayer, cells: IntArray) -> None:
+        """Update prices and clearance for occupied cells (N, 2) that concern one layer of the body only.
+
+        The layer is narrower than the whole outline; by that difference its obstacles count as farther away.
+        """
+        body, reach = self._body, math.ceil(self._reach / self._grid.resolution)
+        (top, left), (bottom, right) = np.maximum(cells.min(axis=0) - reach, 0), cells.max(axis=0) + reach + 1
+        near = slice(top, bottom), slice(left, right)
+        mask = np.zeros(prices[near].shape, np.bool_)
+        mask[cells[:, 0] - top, cells[:, 1] - left] = True
+        away = near_distances(mask, self._grid.resolution, self._reach)
+        beside = body.width / 2 - layer.half_width
+        all_round = min(beside, body.front - layer.front, body.rear - layer.rear)
+        layer_prices = self._priced(away + np.float32(beside), near)
+        shut = (prices[near] == 0) | (layer_prices == 0)
+        prices[near] = np.where(shut, 0, np.maximum(prices[near], layer_prices))
+        clearance[near] = np.minimum(clearance[near], away + np.float32(all_round))
+
+    def _priced(self, clearance: Float32Array, window: tuple[slice, slice]) -> Prices:
+        """Return the prices of a window's cells."""
+        needed = self._body.width / 2 + PLANNED + self._grid.resolution / 2
+        missing = (self._comfortable - clearance) / max(self._comfortable - needed, 1e-6)
+        prices = self._added[window] + WALL_PRICE * np.clip(missing, 0.0, 1.0) ** 2
+        # Clearances are float32: this tolerance lets a cell at exactly the needed distance pass.
+        prices[clearance < needed - 1e-5] = 0
+        rounded: Prices = np.minimum(np.rint(prices), MAX_PRICE).astype(np.int32)
+        return rounded
+
+
+def closed_off(grid: OccupancyGrid, zones: Sequence[Zone]) -> OccupancyGrid:
+    """Return the grid with its keep-out zones occupied; the grid itself where there are none."""
+    closed = keep_out_cells(zones, grid)
+    if not closed.any():
+        return grid
+    return OccupancyGrid(np.where(closed, np.int8(100), grid.cells), grid.resolution, grid.map_from_grid)
+
+
+def _added_prices(grid: OccupancyGrid, zones: Sequence[Zone]) -> Float32Array:
+    """Return (H, W) each cell's price without obstacles: unknown cells cost more, slow zones in proportion to time."""
+    prices = np.full(grid.cells.shape, FREE_PRICE, np.float32)
+    for zone in zones:
+        if zone.rule is Rule.SLOW:
+            part, within = zone_cells(zone, grid)
+            price = np.float32(FREE_PRICE * max(CRUISE / zone.value, 1.0))
+            prices[part] = np.where(within, np.maximum(prices[part], price), prices[part])
+    prices[grid.cells == UNKNOWN] += UNKNOWN_PRICE
+    return prices
+
+
+def _barred_directions(grid: OccupancyGrid, zones: Sequence[Zone]) -> Bytes | None:
+    """Return (H, W) forbidden directions of travel as bits; None where there is no one-way zone."""
+    if not any(zone.rule is Rule.ONE_WAY for zone in zones):
+        return None
+    barred = np.zeros(grid.cells.shape, np.uint8)
+    for zone in zones:
+        if zone.rule is Rule.ONE_WAY:
+            part, within = zone_cells(zone, grid)
+            barred[part] |= within * np.uint8(directions_against(zone.value - grid.map_from_grid.theta))
+    return barred
+
+
+def _marked(grid: OccupancyGrid, points: FloatArray | None) -> BoolArray:
+    """Return (H, W) the cells under points (N, 2) [m] in map; points outside are ignored."""
+    mask = np.zeros(grid.cells.shape, np.bool_)
+    if points is not None and len(points):
+        mask[tuple(cells_under(grid, points).T)] = True
+    return mask

@@ -1,0 +1,72 @@
+"""Keeping to one side of a corridor, as people do, so that oncoming people can pass on the other.
+
+A wheelchair in the middle of a corridor of 2 m leaves 0.7 m on either side. Hardly anybody squeezes past there: people
+stop in front of the chair, and the chair in front of them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.config import Settings, setting
+from waychair.geometry import arc_lengths, limit_slope
+from waychair.maps.grid.cells import cells_from_points, inside
+from waychair.planning.body.personal_space import PASSING, PASSING_OPEN
+from waychair.planning.grid.costmap import Costmap
+from waychair.types import UNKNOWN, BoolArray, FloatArray, Path
+
+
+@dataclass(frozen=True, slots=True)
+class KeepRightSettings(Settings):
+    """The side of a corridor on which people pass each other."""
+
+    aside: float = setting(
+        0.4,
+        "m",
+        "distance to the right by which a path in a corridor moves when people are about; negative: to the left",
+        low=-2.0,
+        high=2.0,
+    )
+
+
+SLOPE = 0.3
+"""[m/m] Slope of the path to the side and back: a gentle swerve at walking speed."""
+
+
+_STEP = 0.05
+"""Distance [m] between two tested places from the path to the side."""
+
+
+def kept_right(path: Path, costmap: Costmap, settings: KeepRightSettings = KeepRightSettings()) -> Path:
+    """Return the path moved to the side as far as there is room, except in the open; ends and last heading stay."""
+    poses = path.poses
+    if len(poses) < 3 or settings.aside == 0.0:
+        return path
+    side = math.copysign(1.0, settings.aside) * np.column_stack([np.sin(poses[:, 2]), -np.cos(poses[:, 2])])
+    steps = np.arange(1, round(abs(settings.aside) / _STEP) + 1) * _STEP
+    roomy = _has_room(poses[:, None, :2] + steps[:, None] * side[:, None], costmap, PASSING)
+    aside = _STEP * np.logical_and.accumulate(roomy, axis=1).sum(axis=1)
+    aside[_has_room(poses[:, None, :2], costmap, PASSING_OPEN - costmap.body.width / 2)[:, 0]] = 0.0
+    aside[[0, -1]] = 0.0
+    moved = poses.copy()
+    eased = limit_slope(aside, SLOPE * arc_lengths(poses[:, :2]))
+    moved[:, :2] += eased[:, None] * side
+    ahead = np.diff(moved[:, :2], axis=0)
+    moved[:-1, 2] = np.where(ahead.any(axis=1), np.arctan2(ahead[:, 1], ahead[:, 0]), moved[:-1, 2])
+    return Path(moved)
+
+
+def _has_room(points: FloatArray, costmap: Costmap, room: float) -> BoolArray:
+    """Return (N, S) whether points (N, S, 2) [m] in map are on known floor with `room` [m] beside the chair."""
+    cells = cells_from_points(costmap.grid, points.reshape(-1, 2))
+    within = inside(costmap.grid, cells)
+    at = tuple(np.where(within[:, None], cells, 0).T)
+    needed = costmap.body.width / 2 + room + costmap.grid.resolution / 2  # to the face of a wall, not to its middle
+    roomy = within & (costmap.clearance[at] >= needed) & (costmap.grid.cells[at] != UNKNOWN)
+    if costmap.barred is not None:  # never into a one-way zone, in any direction
+        roomy &= costmap.barred[at] == 0
+    by_pose: BoolArray = roomy.reshape(points.shape[:2])
+    return by_pose

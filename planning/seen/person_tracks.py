@@ -1,0 +1,435 @@
+"""Tracking of people: Kalman tracks of lidar points that the map does not explain.
+
+Points that touch form a cluster, and slim clusters close together are the legs of one person. Clusters are assigned to
+tracks by global nearest neighbour within a gate. Each track is a Kalman filter of constant velocity with white noise
+acceleration (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, sections
+6.2 and 6.3). A track is confirmed after enough sightings, and dropped when it has not been seen for a while. People too
+slow for the uncertainty of their speed are recognised by the distance they have walked.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+import numpy as np
+from numba import njit
+from scipy.optimize import linear_sum_assignment
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.config import Settings, setting
+from waychair.errors import ConfigError
+from waychair.geometry import rotation, transform_points
+from waychair.planning.body.personal_space import PERSON_RADIUS
+from waychair.types import FloatArray, IntArray, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class MoverModel:
+    """Sizes and motion of the moving things that are tracked; the defaults are people's."""
+
+    radius: float = PERSON_RADIUS
+    """[m] Radius in predictions."""
+    largest: float = 1.2
+    """[m] A cluster wider than this is no person."""
+    link: float = 0.55
+    """[m] Legs nearer than this to each other belong to one person."""
+    apart: float = 0.6
+    """[m] No new track begins nearer than this to an existing one."""
+    acceleration: float = 1.0
+    """[m/s^2] Standard deviation of the acceleration."""
+    sigma: float = 0.08
+    """[m] Standard deviation of a cluster's middle about the person's: legs swing."""
+    walking: float = 0.2
+    """[m/s] A certain speed above this shows that a track moves by itself."""
+    displacement: float = 0.3
+    """[m] So does a displacement above this, if it goes on."""
+    still_walking: float = 0.15
+    """[m] Displacement above which a track that has walked before is still walking."""
+
+
+PEOPLE = MoverModel()
+
+SMALL_ROBOTS = MoverModel(
+    radius=0.15,
+    largest=0.6,
+    link=0.05,
+    apart=0.25,  # two of them may touch
+    acceleration=0.3,
+    sigma=0.05,
+    walking=0.1,  # they drift at 0.15 m/s, no faster than furniture seems to
+    displacement=0.15,
+    still_walking=0.08,
+)
+"""Discs of 0.3 m that drift slowly, among which a robot of their size drives."""
+
+MODELS: Mapping[str, MoverModel] = MappingProxyType({"people": PEOPLE, "robots": SMALL_ROBOTS})
+
+
+@dataclass(frozen=True, slots=True)
+class TrackSettings(Settings):
+    """The kind of moving things among which the chair drives."""
+
+    movers: str = setting("people", "", "kind of moving things to track: people, or robots (small discs)")
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.movers not in MODELS:
+            raise ConfigError(f"movers = '{self.movers}' is unknown; choose {' or '.join(MODELS)}")
+
+    @property
+    def model(self) -> MoverModel:
+        """Sizes and motion of the movers."""
+        return MODELS[self.movers]
+
+
+TOUCH, LEG = 0.15, 0.22
+"""[m] Points nearer than the first belong to one cluster; a cluster no wider than the second may be one leg of two."""
+
+LEAST_POINTS = 3
+"""Least number of points of a person's cluster; fewer are noise."""
+
+DISPLACED_FROM_S, DISPLACED_WITHIN_S, STILL_WALKING_FROM_S = 1.5, 10.0, 0.5
+"""[s] Shortest and longest time of a displacement that shows walking, and the shortest for a track that has walked."""
+
+START_SPEED = 1.0
+"""[m/s] Standard deviation of a new track's speed."""
+
+SUDDEN, SUDDEN_GATE = 6.0, 3.2
+"""[m/s^2] Standard deviation of the acceleration when somebody turns round or stops, and the squared Mahalanobis
+distance of the innovation that shows it (80 % of two degrees of freedom)."""
+
+GATE = 9.21
+"""Squared Mahalanobis distance within which a cluster may be a track's: 99 % of two degrees of freedom."""
+
+CONFIRMED_AFTER = 4
+"""Number of sightings after which a track is confirmed."""
+
+DROPPED_AFTER_S, RECENTLY_S = 0.8, 5.0
+"""[s] A track unseen for the first is dropped; if it was walking, it counts as possibly near for the second."""
+
+PAUSE_S = 2.0
+"""[s] A person who stands for less is still walking."""
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """A tracked person: position (2,) [m], velocity (2,) [m/s], and the covariance (4, 4) of x, y, vx, vy.
+
+    `seen` counts the sightings, the last at `seen_ns`; the state is of `stamp_ns`. radius [m]. `moved_ns`: when it last
+    certainly moved by itself, so that it is no furniture; None for never. `mark` (2,) [m] is its position at `mark_ns`,
+    from which its displacement is measured.
+    """
+
+    number: int
+    stamp_ns: int
+    seen_ns: int
+    seen: int
+    position: FloatArray
+    velocity: FloatArray
+    covariance: FloatArray
+    radius: float
+    moved_ns: int | None = None
+    mark: FloatArray = field(default_factory=lambda: np.zeros(2))
+    mark_ns: int = 0
+
+    @property
+    def has_walked(self) -> bool:
+        """Whether it has ever certainly moved by itself."""
+        return self.moved_ns is not None
+
+    @property
+    def is_walking(self) -> bool:
+        """Whether it is walking, short pauses included."""
+        return self.moved_within(PAUSE_S)
+
+    def moved_within(self, seconds: float) -> bool:
+        """Return whether it has moved by itself in the last so many seconds."""
+        return self.moved_ns is not None and self.stamp_ns - self.moved_ns <= seconds * 1e9
+
+    @property
+    def speed(self) -> float:
+        """Its speed [m/s]."""
+        return float(np.hypot(*self.velocity))
+
+    @property
+    def speed_sigma(self) -> float:
+        """Standard deviation of its speed [m/s]."""
+        return math.sqrt(max(float(np.trace(self.covariance[2:, 2:])) / 2, 0.0))
+
+    def after(self, seconds: FloatArray) -> FloatArray:
+        """Return its predicted positions (T, 2) [m] after so many seconds (T,)."""
+        return self.position + seconds[:, None] * self.velocity
+
+    def row(self, seconds: float) -> FloatArray:
+        """Return (6,): x, y [m] after so many seconds, vx, vy [m/s], radius [m] and its growth [m/s], one sigma."""
+        return np.array([*(self.position + seconds * self.velocity), *self.velocity, self.radius, self.speed_sigma])
+
+
+def tracks_at(tracks: Iterable[Track], now_ns: int) -> tuple[Track, ...]:
+    """Return tracks of an older scan predicted to now: a beam is up to a tenth of a second old when it is used."""
+    return tuple(
+        replace(track, position=track.after(np.array([(now_ns - track.stamp_ns) * 1e-9]))[0], stamp_ns=now_ns)
+        for track in tracks
+    )
+
+
+def transformed_tracks(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[Track, ...]:
+    """Return tracks transformed to another frame."""
+    turn = rotation(frame_from_map.theta)
+    both = np.kron(np.eye(2), turn)
+    return tuple(
+        replace(
+            track,
+            position=transform_points(frame_from_map, track.position[None])[0],
+            velocity=turn @ track.velocity,
+            covariance=both @ track.covariance @ both.T,
+            mark=transform_points(frame_from_map, track.mark[None])[0],
+        )
+        for track in tracks
+    )
+
+
+class Tracker:
+    """The tracks, updated from scan to scan in a frame without jumps."""
+
+    def __init__(self, model: MoverModel = PEOPLE) -> None:
+        self._model = model
+        self._tracks: tuple[Track, ...] = ()
+        self._lost: tuple[Track, ...] = ()
+        self._next = 1
+
+    @property
+    def recently_lost(self) -> tuple[Track, ...]:
+        """People who walked and recently went out of sight, as last predicted."""
+        return self._lost
+
+    def update(self, stamp_ns: int, points: FloatArray) -> tuple[Track, ...]:
+        """Return the confirmed tracks after a scan with unexplained points (N, 2) [m]."""
+        model = self._model
+        expected = tuple(predicted(track, stamp_ns, model.acceleration) for track in self._tracks)
+        middles = clusters(points, model)
+        taken = associate(expected, middles, model.sigma)
+        kept = [
+            _corrected(_after_turn(self._tracks[i], track, middles[taken[i]], model.sigma), middles[taken[i]], model)
+            if i in taken
+            else track
+            for i, track in enumerate(expected)
+            if i in taken or stamp_ns - track.seen_ns <= DROPPED_AFTER_S * 1e9
+        ]
+        for k in sorted(set(range(len(middles))) - set(taken.values())):
+            # A cluster as near to a person as one leg to the other is no second person.
+            if all(math.dist(track.position, middles[k]) > model.apart for track in kept):
+                kept.append(_new_track(self._next, stamp_ns, middles[k], model))
+                self._next += 1
+        gone = {track.number for track in self._tracks} - {track.number for track in kept}
+        lost = (*self._lost, *(track for track in self._tracks if track.number in gone and track.is_walking))
+        self._lost = tuple(track for track in lost if stamp_ns - track.seen_ns <= RECENTLY_S * 1e9)
+        self._tracks = tuple(kept)
+        return tuple(track for track in kept if track.seen >= CONFIRMED_AFTER)
+
+
+def personal_space_points(
+    tracks: Iterable[Track], room: float, pose: Pose2, body: ChairBody, spare: float
+) -> FloatArray:
+    """Return (N, 2) points on circles of `room` [m] around people who move or have moved, as obstacles.
+
+    Where a circle would reach a chair at `pose`, it is reduced to the distance between them less `spare` [m], so that
+    the chair can leave but come no nearer.
+    """
+    turns = np.linspace(0.0, math.tau, _ROUND, endpoint=False)
+    circle = np.column_stack([np.cos(turns), np.sin(turns)])
+    circles = [np.empty((0, 2))]
+    for track in tracks:
+        radius = min(room, distance_to_body(track.position, pose, body) - spare)
+        if track.has_walked and radius > 0.0:
+            circles.append(track.position + radius * circle)
+    return np.concatenate(circles)
+
+
+def distance_to_body(point: FloatArray, pose: Pose2, body: ChairBody) -> float:
+    """Return the distance [m] from a point (2,) to the outline of a chair, 0 within."""
+    x, y = transform_points(pose.inverse(), point[None])[0]
+    return math.hypot(max(x - body.front, -body.rear - x, 0.0), max(abs(y) - body.width / 2, 0.0))
+
+
+def person_may_be_behind(tracks: Iterable[Track], now_ns: int, pose: Pose2, body: ChairBody, way: float) -> bool:
+    """Return whether somebody may be behind a chair at `pose` within a distance [m], moving on as fast as last seen."""
+    for track in tracks:
+        if track.has_walked:
+            unseen_s = (now_ns - track.seen_ns) * 1e-9
+            reach = track.radius + min(max(track.speed, _SLOWEST) * unseen_s, _FARTHEST)
+            x, y = transform_points(pose.inverse(), track.position[None])[0]
+            beyond = max(x + body.rear, -body.rear - way - x, 0.0)
+            if math.hypot(beyond, max(abs(y) - body.width / 2, 0.0)) < reach and x < 0.0:
+                return True
+    return False
+
+
+_SLOWEST, _FARTHEST = 0.1, 1.0
+"""Least speed [m/s] assumed for a person out of sight, and the farthest [m] that person may have got."""
+
+_ROUND = 48
+"""Points of a circle of personal space, 5 cm apart."""
+
+
+def clusters(points: FloatArray, model: MoverModel) -> FloatArray:
+    """Return (K, 2) middles [m] of the clusters or pairs of legs among points (N, 2) [m] that may be a person."""
+    if len(points) == 0:
+        return np.empty((0, 2))
+    things = _linked(points, TOUCH)
+    slim = np.array([np.hypot(*np.ptp(thing, axis=0)) <= LEG for thing in things])
+    legs = [thing for thing, leg in zip(things, slim, strict=True) if leg]
+    bodies = [thing for thing, leg in zip(things, slim, strict=True) if not leg]
+    if legs:
+        bodies += _linked(np.concatenate(legs), model.link)
+    middles = []
+    for group in bodies:
+        low, high = group.min(axis=0), group.max(axis=0)
+        if len(group) >= LEAST_POINTS and np.hypot(*(high - low)) <= model.largest:
+            middles.append((low + high) / 2)
+    return np.array(middles).reshape(-1, 2)
+
+
+def _linked(points: FloatArray, link: float) -> list[FloatArray]:
+    """Return points (N, 2) [m] split into groups connected by steps of at most a link [m]."""
+    labels = linked_groups(points, link)
+    return [points[labels == label] for label in range(labels.max() + 1)]
+
+
+@njit(cache=True)
+def linked_groups(points: FloatArray, link: float) -> IntArray:
+    """Return (N,) the group of each of points (N, 2) [m]; steps of at most a link [m] connect the points of a group.
+
+    Groups are numbered in the order of their first points. All pairs are tested: a scan has few unexplained points.
+    """
+    labels = np.full(len(points), -1, np.int64)
+    waiting = np.empty(len(points), np.int64)
+    groups = 0
+    for first in range(len(points)):
+        if labels[first] >= 0:
+            continue
+        labels[first], waiting[0], count = groups, first, 1
+        while count:
+            count -= 1
+            i = waiting[count]
+            for j in range(len(points)):
+                if labels[j] < 0:
+                    dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+                    if dx * dx + dy * dy <= link * link:
+                        labels[j], waiting[count] = groups, j
+                        count += 1
+        groups += 1
+    return labels
+
+
+def predicted(track: Track, stamp_ns: int, acceleration: float) -> Track:
+    """Return the track predicted to a later time, with an acceleration [m/s^2] as white noise, one sigma."""
+    from filterpy.kalman import predict
+
+    dt = (stamp_ns - track.stamp_ns) * 1e-9
+    move = np.eye(4)
+    move[0, 2] = move[1, 3] = dt
+    push = np.array([[dt**2 / 2, 0.0], [0.0, dt**2 / 2], [dt, 0.0], [0.0, dt]])
+    state, covariance = predict(_state(track), track.covariance, move, acceleration**2 * push @ push.T)
+    return _with_state(
+        track=track, stamp_ns=stamp_ns, seen_ns=track.seen_ns, seen=track.seen, state=state, covariance=covariance
+    )
+
+
+def associate(tracks: tuple[Track, ...], middles: FloatArray, sigma: float) -> dict[int, int]:
+    """Return the index of the cluster (K, 2) of each track: the least sum of Mahalanobis distances, within the gate."""
+    if not tracks or not len(middles):
+        return {}
+    distances = np.empty((len(tracks), len(middles)))
+    for i, track in enumerate(tracks):
+        spread = np.linalg.inv(track.covariance[:2, :2] + sigma**2 * np.eye(2))
+        off = middles - track.position
+        distances[i] = np.einsum("ki,ij,kj->k", off, spread, off)
+    # An assignment outside the gate costs more than any sum within.
+    outside = distances > GATE
+    rows, cols = linear_sum_assignment(np.where(outside, GATE * (min(distances.shape) + 1), distances))
+    return {int(i): int(k) for i, k in zip(rows, cols, strict=True) if not outside[i, k]}
+
+
+def _after_turn(before: Track, expected: Track, middle: FloatArray, sigma: float) -> Track:
+    """Return the prediction; if the innovation shows that the person turned or stopped, with more acceleration noise.
+
+    The filter of constant velocity alone would take half a second to follow.
+    """
+    off = middle - expected.position
+    spread = expected.covariance[:2, :2] + sigma**2 * np.eye(2)
+    if not before.has_walked or off @ np.linalg.solve(spread, off) < SUDDEN_GATE:
+        return expected
+    return predicted(before, expected.stamp_ns, SUDDEN)
+
+
+def _corrected(track: Track, middle: FloatArray, model: MoverModel) -> Track:
+    from filterpy.kalman import update
+
+    noise, sees = model.sigma**2 * np.eye(2), np.eye(2, 4)
+    state, covariance = update(_state(track), track.covariance, middle, noise, sees)
+    seen = _with_state(
+        track=track,
+        stamp_ns=track.stamp_ns,
+        seen_ns=track.stamp_ns,
+        seen=track.seen + 1,
+        state=state,
+        covariance=covariance,
+    )
+    if seen.seen < CONFIRMED_AFTER:
+        return replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
+    # a person known to walk needs no further proof
+    doubt = 0.0 if track.has_walked else 2.0 * seen.speed_sigma
+    displaced = _is_displaced(seen, model)
+    if displaced or seen.stamp_ns - seen.mark_ns > DISPLACED_WITHIN_S * 1e9:
+        seen = replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
+    moves = displaced or seen.speed > max(model.walking, doubt)
+    return replace(seen, moved_ns=seen.stamp_ns if moves else track.moved_ns)
+
+
+def _is_displaced(track: Track, model: MoverModel) -> bool:
+    """Return whether it has truly left its mark, and not only shows another side or part of itself."""
+    gone = track.position - track.mark
+    distance = float(np.hypot(*gone))
+    seconds = (track.stamp_ns - track.mark_ns) * 1e-9
+    least, since = (
+        (model.still_walking, STILL_WALKING_FROM_S) if track.has_walked else (model.displacement, DISPLACED_FROM_S)
+    )
+    if distance <= least or seconds < since:
+        return False
+    return float(track.velocity @ gone) / distance > 0.3 * distance / seconds
+
+
+def _new_track(number: int, stamp_ns: int, middle: FloatArray, model: MoverModel) -> Track:
+    covariance = np.diag([model.sigma**2] * 2 + [START_SPEED**2] * 2)
+    return Track(
+        number=number,
+        stamp_ns=stamp_ns,
+        seen_ns=stamp_ns,
+        seen=1,
+        position=middle,
+        velocity=np.zeros(2),
+        covariance=covariance,
+        radius=model.radius,
+    )
+
+
+def _state(track: Track) -> FloatArray:
+    return np.concatenate([track.position, track.velocity])
+
+
+def _with_state(
+    track: Track, stamp_ns: int, seen_ns: int, seen: int, state: FloatArray, covariance: FloatArray
+) -> Track:
+    return replace(
+        track,
+        stamp_ns=stamp_ns,
+        seen_ns=seen_ns,
+        seen=seen,
+        position=state[:2],
+        velocity=state[2:],
+        covariance=covariance,
+    )

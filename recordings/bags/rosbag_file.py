@@ -1,0 +1,129 @@
+"""Opening ROS bags, intact or damaged, and iterating over their topics and messages."""
+
+from __future__ import annotations
+
+import tempfile
+from collections import Counter
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Connection
+from rosbags.typesys import Stores, get_typestore
+
+from waychair.errors import RecordingDamaged
+from waychair.recordings.bags.rosbag_salvage import SalvagedBag
+
+SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3": ".db3"}
+"""The suffix of each kind of bag file, by its magic bytes."""
+
+_LONGEST_REASON = 200  # characters
+
+
+class BagFile(Protocol):
+    """The common interface of an intact and a salvaged bag."""
+
+    is2: bool
+    connections: list[Connection]
+
+    def messages(self, connections: Collection[Connection]) -> Iterator[tuple[Connection, int, bytes]]: ...
+
+    def deserialize(self, rawdata: bytes, typ: str) -> Any: ...
+
+
+def bag_suffix(head: bytes) -> str | None:
+    """Return `.bag`, `.mcap` or `.db3` by the first bytes of a file; None for anything else."""
+    return next((suffix for magic, suffix in SUFFIXES.items() if head.startswith(magic)), None)
+
+
+@contextmanager
+def open_bag(path: Path, suffix: str) -> Iterator[BagFile]:
+    """Yield the opened bag of the given kind ('' for the folder of a ROS 2 bag).
+
+    rosbags goes by the file's suffix, so a file with another suffix is opened through a link with the right one.
+
+    Raises:
+        RecordingDamaged: the bag cannot be opened.
+    """
+    with ExitStack() as stack:
+        if path.suffix != suffix and not path.is_dir():
+            link = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"bag{suffix}"
+            link.symlink_to(path.resolve())
+        else:
+            link = path
+        try:
+            reader = AnyReader([link], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            stack.enter_context(reader)
+        # Damaged bytes raise many kinds of errors in the parser: struct, key, index, decode, sqlite and its own.
+        except Exception as error:
+            raise damage_error(path, error) from error
+        yield reader
+
+
+def iterate_messages(
+    path: Path, bag: BagFile, connections: Collection[Connection], lost: Counter[str] | None = None
+) -> Iterator[tuple[Connection, int, Any]]:
+    """Yield connection, time of logging [ns] and message, in bag order.
+
+    If `lost` is given, messages that cannot be decoded are counted there and left out.
+
+    Raises:
+        RecordingDamaged: a message cannot be read.
+    """
+    if not connections:
+        return
+    raw = bag.messages(connections)
+    while True:
+        try:
+            connection, log_ns, data = next(raw)
+        except StopIteration:
+            return
+        except Exception as error:  # as in `open_bag`
+            raise damage_error(path, error) from error
+        try:
+            message = bag.deserialize(data, connection.msgtype)
+        except Exception as error:
+            if lost is None:
+                raise damage_error(path, error) from error
+            lost["messages"] += 1
+            continue
+        yield connection, log_ns, message
+
+
+def counts_by_topic(bag: BagFile, *msgtypes: str) -> dict[str, int]:
+    """Return the number of messages of these types by topic."""
+    counts: dict[str, int] = {}
+    for connection in bag.connections:
+        if connection.msgtype in msgtypes:
+            counts[connection.topic] = counts.get(connection.topic, 0) + connection.msgcount
+    return counts
+
+
+def topic_list(bag: BagFile) -> str:
+    """Return all topics with their types, as text for an error message."""
+    topics = sorted({f"{connection.topic} ({connection.msgtype})" for connection in bag.connections})
+    return ", ".join(topics) or "no topics at all"
+
+
+def damage_error(path: Path, error: Exception) -> RecordingDamaged:
+    """Return the error for a damaged bag, as one sentence."""
+    reason = " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_REASON].rstrip(":. ")
+    repair = "repair it (rosbag reindex, ros2 bag reindex, mcap recover) or copy it again from its source"
+    return RecordingDamaged(f"{path} is a damaged bag ({reason}); {repair}")
+
+
+def salvage_bag(path: Path, suffix: str, damage: RecordingDamaged) -> SalvagedBag:
+    """Return the readable part of a damaged bag.
+
+    Raises:
+        RecordingDamaged: `damage`, because nothing can be read.
+    """
+    try:
+        bag = SalvagedBag(path, suffix)
+    except Exception as error:
+        raise damage from error
+    if not bag.connections:
+        raise damage
+    return bag

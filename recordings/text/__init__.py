@@ -1,0 +1,1 @@
+"""Laser logs as text: CARMEN, CoreSLAM and rows of ranges. Begin with `carmen.py`."""

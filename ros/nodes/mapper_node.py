@@ -1,0 +1,379 @@
+"""The mapper node: it localises the chair on a given map, or makes a map.
+
+| takes | |
+|---|---|
+| scan, odom | scans to match, and dead reckoning |
+| imu/data | while mapping: turn rate and tilt |
+| initialpose | the chair's pose, from the rider |
+
+| sends | |
+|---|---|
+| map | on change; latched |
+| /tf | map -> odom, at 25 Hz, so that nobody waits for it |
+| localisation, amcl_pose | the pose of each scan, and its reliability |
+
+Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs), `reinitialize_global_localization` (std_srvs/Empty), and
+`amcl/get_state` (lifecycle_msgs) for scripts that wait for Nav2's localiser. `load_map` does not change the places and
+zones of the other nodes, which come from the `map_folder` that they were started with.
+
+With a map it localises, starting from the pose saved by its last run, else by global localisation. Without a map it makes
+one, the same as `waychair map` from a bag of the same drive.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections import deque
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+from rclpy.task import Future
+
+from waychair.config import Settings, setting
+from waychair.errors import ConfigError, MapNotFound, OutputError, WaychairError
+from waychair.geometry import in_space
+from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
+from waychair.maps.folders.map_files import load_map
+from waychair.offline.map_folders import copy_map
+from waychair.recordings.bags.ros_messages import MAP_FRAME, ODOM_FRAME
+from waychair.ros import topics
+from waychair.ros.interface_types import interface_type
+from waychair.ros.messages.chair import localisation
+from waychair.ros.messages.maps import occupancy_grid
+from waychair.ros.messages.motion import (
+    pose_with_covariance,
+    read_odometry,
+    read_pose_with_covariance,
+    transform,
+)
+from waychair.ros.messages.reports import DiagnosticLevel, Report
+from waychair.ros.messages.sensors import read_imu, read_scan
+from waychair.ros.messages.wire import native
+from waychair.ros.node_settings import (
+    calibration_field,
+    chair_field,
+    imu_frame_field,
+    map_folder_field,
+    scan_frame_field,
+)
+from waychair.ros.nodes.active_state import offer_get_state
+from waychair.ros.nodes.inputs import CLOCK_ERROR_NS
+from waychair.ros.nodes.known_chair import known_chair
+from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.ros.topics import RosTopic
+from waychair.runtime.last_pose import remember_pose, remembered_pose
+from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.runtime.odometry_track import OdometryTrack
+from waychair.slam.localising.localiser import (
+    Localisation,
+    LocalisationState,
+    Localiser,
+    LocaliserSettings,
+    prepared_map,
+)
+from waychair.types import Odometry, Pose2, Scan
+
+if TYPE_CHECKING:
+    from waychair.ros.nodes.growing_map import MapBuilder
+
+_HEARTBEAT_HZ = 25.0
+_MAP_HZ = 0.5
+_PATIENCE_S = 2.0
+_SAVE_POSE_HZ = 4.0
+_MOVED = 0.05  # m and rad; smaller changes of the pose are not saved
+_ANYWHERE = np.diag([1e4, 1e4, math.pi**2])  # m2, m2, rad2: covariance of an unknown pose
+
+
+@dataclass(frozen=True, slots=True)
+class MapperNodeSettings(Settings):
+    """The map to localise on, or how to make one."""
+
+    map_folder: str = map_folder_field()
+    calibration: str = calibration_field()
+    chair: str = chair_field()
+    pose_file: str = setting(
+        "", "", "file in which the chair's pose is kept from one run to the next; empty: localise globally at the start"
+    )
+    save_folder: str = setting(
+        "", "", "folder to which a map that is being made is saved when the node ends; empty: only on request"
+    )
+    scan_frame: str = scan_frame_field()
+    imu_frame: str = imu_frame_field()
+    localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
+    live: LiveMappingSettings = field(default_factory=LiveMappingSettings)
+
+
+class MapperNode(ChairNode[MapperNodeSettings]):
+    """A node with a `Localiser` or a `MapBuilder`."""
+
+    def __init__(self, arguments: Sequence[str] | None = None) -> None:
+        super().__init__("mapper", MapperNodeSettings, arguments=arguments)
+        s = self.settings
+        calibration = known_chair(s.calibration, s.chair)
+        self._calibration, self._body = calibration, calibration.body
+        self._track = OdometryTrack()
+        self._waiting: deque[Scan] = deque(maxlen=5)
+        self._localisation: tuple[int, Localisation] | None = None
+        self._saved_pose: Pose2 | None = None
+        self._send_map, self._send_pose = self.publisher(topics.MAP), self.publisher(topics.POSE)
+        self._send_transform, self._send_localisation = self.publisher(topics.TF), self.publisher(topics.LOCALISATION)
+        self._localiser: Localiser | None = None
+        self._builder: MapBuilder | None = None
+        if s.map_folder:
+            self._localise_on(Path(s.map_folder), self._first_pose())
+        else:
+            self._builder = self._begin_map()
+        odometry, scan = topics.ODOMETRY, topics.SCAN
+        if self._builder is not None:
+            odometry, scan = _lossless(odometry), _lossless(scan)
+        with_true_stamp = calibration.with_true_stamp
+        self.listen(odometry, lambda message: with_true_stamp(read_odometry(message)), self._take_odometry)
+        self.listen(scan, lambda message: with_true_stamp(read_scan(message, s.scan_frame)), self._take_scan)
+        self.listen(
+            topics.INITIAL_POSE, read_pose_with_covariance, lambda given: self._set_pose(given[0]), needed=False
+        )
+        self.create_service(interface_type("nav2_msgs/srv/LoadMap"), "map_server/load_map", self._load)
+        self.listen(topics.LAYOUT, lambda message: message, lambda message: self._reload_map(), needed=False)
+        self.create_service(
+            interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization", self._global_localisation
+        )
+        offer_get_state("amcl", self, lambda: self._localisation is not None)
+        own = MutuallyExclusiveCallbackGroup()  # so that other callbacks run while a map is saved
+        self.create_service(
+            interface_type("nav2_msgs/srv/SaveMap"), "map_saver/save_map", self._save, callback_group=own
+        )
+        self.every(_HEARTBEAT_HZ, self._repeat)
+        self.every(_SAVE_POSE_HZ, self._save_pose)
+
+    def _begin_map(self) -> MapBuilder:
+        """Begin a map, like `waychair map` from a bag of the same drive."""
+        from waychair.ros.nodes.growing_map import MapBuilder  # late, since localisation does not need it
+
+        s = self.settings
+        if s.save_folder:
+            self.at_end(self._finish_map)  # runs after the end of the worker, which is started later
+        builder = MapBuilder(
+            self.worker, lambda: LiveMapping(s.live, self._body.base_from_laser, self._body), self._publish
+        )
+        self.listen(
+            _lossless(topics.IMU), lambda message: read_imu(message, s.imu_frame), builder.add_imu, needed=False
+        )
+        self.every(_MAP_HZ, self._publish_map)
+        return builder
+
+    def reports(self) -> Iterable[Report]:
+        """Report the localisation's state, and whether mapping keeps up."""
+        if self._builder is not None:
+            yield self._builder.report()
+        if self._localisation is None:
+            yield Report("localisation", DiagnosticLevel.STALE, "no scan with odometry has arrived yet")
+            return
+        found = self._localisation[1]
+        levels = {LocalisationState.OK: DiagnosticLevel.OK, LocalisationState.DEGRADED: DiagnosticLevel.WARN}
+        pose = found.map_from_base
+        values = (
+            ("state", found.state.value),
+            ("health", f"{found.health:.3f}"),
+            ("pose", f"{pose.x:.3f}, {pose.y:.3f}, {pose.theta:.4f}"),
+        )
+        message = "" if found.state is LocalisationState.OK else f"the localisation is {found.state.value}"
+        yield Report("localisation", levels.get(found.state, DiagnosticLevel.ERROR), message, values)
+
+    def _localise_on(self, folder: Path, start: Pose2 | None) -> None:
+        """Localise on a saved map.
+
+        Raises:
+            MapError: the map cannot be read.
+        """
+        grid = load_map(folder)
+        scanned = scanned_part(grid, load_depth_layer(folder, grid))
+        self._folder, self._grid = folder, grid
+        self._localiser = Localiser(scanned, self._body.base_from_laser, start, self.settings.localiser)
+        self._localisation = self._saved_pose = None  # these belong to another map
+        self._send_map(occupancy_grid(self.now_ns(), grid))
+
+    def _first_pose(self) -> Pose2 | None:
+        """Return the pose of this node's last run; None: unknown."""
+        s = self.settings
+        try:
+            return remembered_pose(Path(s.pose_file), Path(s.map_folder)) if s.pose_file else None
+        except ConfigError as error:
+            self.get_logger().warning(f"{error}; until then the chair localises itself globally")
+            return None
+
+    def _save_pose(self) -> None:
+        """Save the chair's pose unless it is lost."""
+        s = self.settings
+        if not s.pose_file or self._localiser is None or self._localisation is None:
+            return
+        found = self._localisation[1]
+        if found.state is LocalisationState.LOST:
+            return
+        pose, before = found.map_from_base, self._saved_pose
+        if before is not None and max(map(abs, (before.inverse() @ pose).array())) < _MOVED:
+            return
+        self._saved_pose = pose
+        try:
+            remember_pose(Path(s.pose_file), self._folder, pose)
+        except OutputError as error:
+            self.get_logger().warning(str(error), throttle_duration_sec=60.0)
+
+    def _set_pose(self, pose: Pose2) -> None:
+        """Restart the localiser at a pose given by the rider."""
+        if self._localiser is None:
+            self.get_logger().warning("the initial pose is ignored while a map is being made")
+            return
+        self._localiser.restart(pose)
+
+    def _global_localisation(self, request: Any, response: Any) -> Any:
+        """Start global localisation, as the service of Nav2's localiser does."""
+        if self._localiser is not None:
+            self._localiser.restart(None)
+        return response
+
+    def _reload_map(self) -> None:
+        """Reload the map, of which parts may have been erased."""
+        localiser = self._localiser
+        if localiser is None:
+            return
+        try:
+            grid = load_map(self._folder)
+            if np.array_equal(grid.cells, self._grid.cells):
+                return
+            scanned = scanned_part(grid, load_depth_layer(self._folder, grid))
+        except WaychairError as error:
+            self.get_logger().error(f"{error}; the map stays unchanged")
+            return
+        self._grid = grid
+        self._send_map(occupancy_grid(self.now_ns(), grid))
+        self.worker.submit(lambda: prepared_map(scanned, self.settings.localiser), localiser.replace_map)
+
+    def _take_odometry(self, odometry: Odometry) -> None:
+        restarted = self._track.take(odometry)
+        if self._builder is not None:
+            self._builder.add_odometry(odometry, restarted)
+            return
+        if restarted:
+            self._restart_localiser()
+        self._localise_waiting(odometry.stamp_ns)
+
+    def _take_scan(self, scan: Scan) -> None:
+        """Localise a scan once the odometry has reached its stamp and earlier scans are done."""
+        if self._builder is not None:
+            self._builder.add_scan(self._calibration.masked(scan))
+            return
+        if abs(self.now_ns() - scan.stamp_ns) > CLOCK_ERROR_NS:
+            return  # another clock: its transforms would be useless; the input reports it, and the chair does not drive
+        if self._waiting and scan.stamp_ns <= self._waiting[-1].stamp_ns:
+            self._waiting.clear()  # the clock was set back
+        self._waiting.append(scan)
+        if self._track.odom_from_base(scan.stamp_ns) is not None:
+            self._localise_waiting(scan.stamp_ns)
+
+    def _localise_waiting(self, until_ns: int) -> None:
+        while self._waiting and self._waiting[0].stamp_ns <= until_ns:
+            self._localise(self._waiting.popleft())
+
+    def _restart_localiser(self) -> None:
+        """Restart the localiser at the last pose, because the odometry restarted."""
+        if self._localiser is None or self._localisation is None or self._localisation[1].lost:
+            return
+        self.get_logger().warning("the odometry restarted: localisation restarts at the last pose")
+        self._localiser.restart(self._localisation[1].map_from_base)
+
+    def _localise(self, raw: Scan) -> None:
+        odom_from_base = self._track.odom_from_base(raw.stamp_ns)
+        if odom_from_base is None or self._localiser is None:
+            return
+        scan = self._calibration.masked(raw)
+        self._publish(scan.stamp_ns, self._localiser.process(scan, odom_from_base, self._track.twist))
+
+    def _publish(self, stamp_ns: int, found: Localisation) -> None:
+        self._localisation = stamp_ns, found
+        self._send_localisation(localisation(stamp_ns, found))
+        known = found.covariance is not None and found.state is not LocalisationState.LOST
+        covariance = found.covariance if known else _ANYWHERE
+        self._send_pose(pose_with_covariance(stamp_ns, found.map_from_base, covariance))
+
+    def _repeat(self) -> None:
+        """Repeat the localisation as a heartbeat, and keep the transform fresh."""
+        if self._localisation is None:
+            return
+        stamp_ns, found = self._localisation
+        self._send_localisation(localisation(stamp_ns, found))
+        self._send_transform(transform(self.now_ns(), MAP_FRAME, ODOM_FRAME, in_space(found.map_from_odom)))
+
+    def _publish_map(self) -> None:
+        if self._builder is not None:
+            self._builder.send_grid(lambda grid: self._send_map(occupancy_grid(self.now_ns(), grid)))
+
+    def _load(self, request: Any, response: Any) -> Any:
+        """Serve nav2_msgs/srv/LoadMap; the URL is that of a map folder or its map.yaml."""
+        if self._builder is not None:
+            self.get_logger().error("a map is being made: save it, then restart the chair with the other map")
+            response.result = response.RESULT_UNDEFINED_FAILURE
+            return response
+        try:
+            self._localise_on(Path(request.map_url.removeprefix("file://")), None)
+        except WaychairError as error:
+            self.get_logger().error(str(error))
+            missing = isinstance(error, MapNotFound)
+            response.result = response.RESULT_MAP_DOES_NOT_EXIST if missing else response.RESULT_INVALID_MAP_DATA
+            return response
+        self.get_logger().warning(
+            f"the map was loaded from {self._folder}; places and zones stay those of each node's map_folder"
+        )
+        response.map = native(occupancy_grid(self.now_ns(), self._grid))
+        response.result = response.RESULT_SUCCESS
+        return response
+
+    async def _save(self, request: Any, response: Any) -> Any:
+        """Serve nav2_msgs/srv/SaveMap: save this node's map with all its files to the folder that the URL names.
+
+        Topic, format, mode and thresholds of the request are ignored.
+        """
+        folder = Path(request.map_url.removeprefix("file://"))
+        saved: Any = Future()
+        if self._builder is not None:
+            self._builder.save(folder, saved.set_result)
+        else:
+            self.worker.submit(lambda: self._copy_map(folder), saved.set_result)
+        trouble = await saved
+        if trouble:
+            self.get_logger().error(trouble)
+        response.result = not trouble
+        return response
+
+    def _copy_map(self, folder: Path) -> str:
+        """Copy the map's files to a folder; return an error sentence, or ''."""
+        try:
+            copy_map(self._folder, folder)
+        except WaychairError as error:
+            return str(error)
+        return ""
+
+    def _finish_map(self) -> None:
+        """Save the map that was being made, at the node's end."""
+        if self._builder is not None:
+            trouble = self._builder.finish(Path(self.settings.save_folder))
+            if trouble:
+                self.get_logger().error(trouble)
+
+
+def _lossless(topic: RosTopic) -> RosTopic:
+    """Return the topic with a queue that loses nothing while this process is busy for `_PATIENCE_S`."""
+    return replace(topic, qos=replace(topic.qos, depth=round(_PATIENCE_S * topic.rate_hz)))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the node's process, and return its exit code."""
+    return run_node(MapperNode, arguments)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,65 @@
+"""The page node: it connects the rider's page to the chair's nodes (`page_port`).
+
+| takes | |
+|---|---|
+| drive_state, drive_request, localisation, odom, scan, plan, people, map, places | for display |
+| camera/... | only while a page shows its pictures |
+
+| sends | |
+|---|---|
+| page_joystick, page_watch | a page's joystick while it is held; a heartbeat while a page with a Stop button is open |
+| stop, initialpose, layout_changed | requests of a page |
+
+It calls `confirm`, `pause`, `go_on`, `cancel`, `stop`, `reset_faults`, `reinitialize_global_localization`, and navigate_to_pose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+
+from waychair.config import Settings, setting
+from waychair.ros.messages.reports import Report
+from waychair.ros.node_settings import calibration_field, chair_field, map_folder_field, scan_frame_field
+from waychair.ros.nodes.known_chair import known_chair
+from waychair.ros.nodes.node import ChairNode
+from waychair.ros.nodes.page_port import PagePort
+from waychair.runtime.chair_port import ChairPort
+
+_CAMERA_CHECK_HZ = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class PageNodeSettings(Settings):
+    """The chair, the map's folder, and the address of the page."""
+
+    calibration: str = calibration_field()
+    chair: str = chair_field()
+    map_folder: str = map_folder_field()
+    scan_frame: str = scan_frame_field()
+    host: str = setting(
+        "127.0.0.1", "", "address on which the page is served; 0.0.0.0: on all networks of this computer"
+    )
+    port: int = setting(8000, "", "TCP port on which the page is served", low=1, high=65535)
+
+
+class PageNode(ChairNode[PageNodeSettings]):
+    """A node with a `PagePort` and the web server of its page."""
+
+    def __init__(self, serve: Callable[[ChairPort, PageNodeSettings], AbstractContextManager[str]]) -> None:
+        """Start the page with `serve`, a context manager that yields the page's address."""
+        super().__init__("page", PageNodeSettings)
+        s = self.settings
+        folder = Path(s.map_folder) if s.map_folder else None
+        self._port = port = PagePort(self, known_chair(s.calibration, s.chair), folder, s.scan_frame)
+        self.every(_CAMERA_CHECK_HZ, port.update_camera)
+        server = serve(port, s)
+        address = server.__enter__()
+        self.at_end(lambda: server.__exit__(None, None, None))
+        self.get_logger().info(f"the page is at {address.partition('#')[0]}")
+
+    def reports(self) -> Iterable[Report]:
+        """Report whether the camera's pictures can be shown."""
+        return self._port.reports()

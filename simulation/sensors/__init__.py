@@ -1,0 +1,1 @@
+"""Lidar, camera, IMU and sonars, with the rays and the renderer behind them. Begin with `lidar.py`."""

@@ -1,0 +1,1 @@
+"""Pictures: features, matching, registration and visual odometry. Begin with `features.py`."""

@@ -1,0 +1,1 @@
+"""Sensor messages become frames of one time, and mounts are checked. Begin with `frame_synchroniser.py`."""

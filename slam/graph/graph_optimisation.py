@@ -1,0 +1,22 @@
+"""Public interface of the pose graph: nodes and edges as plain data, their optimisation, and g2o files.
+
+The parts are `edges` (the data), `least_squares` (gtsam), `synchronisation` (initialisation and optimality proofs),
+`robust` (false loops), `pose_graph` (incremental optimisation) and `graph_files` (g2o).
+"""
+
+from waychair.slam.graph.edges import Edge, EdgeKind, chi_square, residuals
+from waychair.slam.graph.g2o_files import read_g2o, write_g2o
+from waychair.slam.graph.robust_optimisation import RejectedLoop, RejectionReason, Solution, solve
+
+__all__ = [
+    "Edge",
+    "EdgeKind",
+    "RejectedLoop",
+    "RejectionReason",
+    "Solution",
+    "chi_square",
+    "read_g2o",
+    "residuals",
+    "solve",
+    "write_g2o",
+]

@@ -1,0 +1,1 @@
+"""The mapper: key scans, loop closures by scans and by pictures, checkpoints. Begin with `mapper.py`."""

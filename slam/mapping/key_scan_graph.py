@@ -1,0 +1,167 @@
+"""The key scans of a map: their surface points, their poses, and the edges between them."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from waychair.geometry import rotation, transform_points, wrap_angles
+from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, RejectedLoop
+from waychair.slam.graph.pose_graph import PoseGraph
+from waychair.slam.scan.reference_surfaces import ScanReference, reference_from_scans
+from waychair.slam.scan.scan_matching import BEAM_SIGMA
+from waychair.slam.scan.scan_points import ScanPoints, ScanStore
+from waychair.types import FloatArray, IntArray, Pose2
+
+
+class KeyGraph:
+    """A pose graph whose node k is key scan k."""
+
+    def __init__(self) -> None:
+        self.store = ScanStore()
+        self._graph = PoseGraph()
+        self._neighbours: list[set[int]] = []
+        self._rejected_count = 0
+        self.kinds: Counter[EdgeKind] = Counter()
+        """Number of accepted edges of each kind."""
+
+    def __len__(self) -> int:
+        return len(self.store)
+
+    @property
+    def poses(self) -> FloatArray:
+        """Poses (N, 3) [m, m, rad] of the base at each key scan, in the map frame."""
+        return self._graph.poses
+
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """The accepted edges, which determine the poses."""
+        return self._graph.edges
+
+    @property
+    def rejected(self) -> tuple[RejectedLoop, ...]:
+        """The rejected loops, with reasons."""
+        return self._graph.rejected
+
+    def pose(self, node: int) -> Pose2:
+        """Return `map_from_base` of a key scan."""
+        x, y, theta = self.poses[node].tolist()
+        return Pose2(x, y, theta)
+
+    def add(self, scan: ScanPoints, edge: Edge | None) -> int:
+        """Add a key scan at the end of its edge (at the origin without an edge); return its node."""
+        pose = Pose2() if edge is None else self.pose(edge.i) @ edge.i_from_j
+        self._neighbours.append(set())
+        self._graph.add(pose.array()[None], [] if edge is None else [edge])
+        if edge is not None:
+            self._count_edge(edge)
+        return self.store.append(scan)
+
+    def link(self, edge: Edge) -> None:
+        """Add an edge between two existing key scans; the poses follow at the next `optimise`."""
+        self._graph.add(np.empty((0, 3)), [edge])
+        self._count_edge(edge)
+
+    def optimise(self) -> None:
+        """Optimise the poses incrementally for all edges so far."""
+        self._graph.update()
+        self._drop_rejected()
+
+    def optimise_fully(self) -> None:
+        """Optimise the whole graph, and check every rejected loop again."""
+        self._graph.solve()
+        self._drop_rejected()
+
+    def _count_edge(self, edge: Edge) -> None:
+        self.kinds[edge.kind] += 1
+        if edge.kind is EdgeKind.UNKNOWN:  # the chair did not drive along this edge
+            return
+        self._neighbours[edge.i].add(edge.j)
+        self._neighbours[edge.j].add(edge.i)
+
+    def _drop_rejected(self) -> None:
+        """Remove rejected loops from the paths through the graph."""
+        if len(self.rejected) == self._rejected_count == 0:
+            return
+        self._rejected_count = len(self.rejected)
+        self._neighbours = [set() for _ in self._neighbours]
+        self.kinds.clear()
+        for edge in self.edges:
+            self._count_edge(edge)
+
+    def for_next_drive(self, renewed: Mapping[int, ScanPoints]) -> KeyGraph:
+        """Return a copy for another drive: with the present poses, without rejected loops and optimisation history, and
+        with the newer surfaces `renewed` of some key scans."""
+        graph = KeyGraph()
+        for node in range(len(self)):
+            graph.store.append(renewed.get(node, self.store[node]))
+            graph._neighbours.append(set())
+        graph._graph.add(self.poses.copy(), self.edges)
+        for edge in self.edges:
+            graph._count_edge(edge)
+        return graph
+
+    def reaches(self, node: int, before: int) -> bool:
+        """Return whether a path along the edges leads from a key scan to one whose number is below `before`."""
+        seen, waiting = {node}, [node]
+        while waiting:
+            here = waiting.pop()
+            if here < before:
+                return True
+            fresh = self._neighbours[here] - seen
+            seen |= fresh
+            waiting += fresh
+        return False
+
+    def reference(
+        self, members: Sequence[int] | IntArray, centre: FloatArray, reach: float, resolution: float
+    ) -> ScanReference:
+        """Return the surfaces of some key scans within `reach` [m] of the centre (2,) [m] in the map frame, in cells of side
+        `resolution` [m]."""
+        return reference_from_scans(
+            self.store, self.poses, members=members, centre=centre, reach=reach, resolution=resolution, sigma=BEAM_SIGMA
+        )
+
+    def joined_points(self, members: Sequence[int], base: Pose2, cell: float) -> ScanPoints:
+        """Return the joined points of some key scans in the frame of `base`, one point per cell of side `cell` [m]."""
+        points, normals = [], []
+        for node in members:
+            base_from_node = base.inverse() @ self.pose(node)
+            scan = self.store[node]
+            points.append(transform_points(base_from_node, scan.points))
+            normals.append(scan.normals @ rotation(base_from_node.theta).T)
+        every, facing = np.concatenate(points), np.concatenate(normals)
+        _, first = np.unique(np.floor(every / cell).astype(np.int64), axis=0, return_index=True)
+        return ScanPoints(np.ascontiguousarray(every[first]), np.ascontiguousarray(facing[first]))
+
+    def path_lengths(self, node: int, limit: float) -> dict[int, float]:
+        """Return the lengths [m] of the shortest paths along the edges, from a key scan to those within `limit` [m]."""
+        poses, path_lengths, queue = self.poses, {node: 0.0}, [(0.0, node)]
+        while queue:
+            driven, here = heapq.heappop(queue)
+            if driven > path_lengths[here]:
+                continue
+            for there in self._neighbours[here]:
+                length = driven + math.dist(poses[here, :2], poses[there, :2])
+                if length < min(limit, path_lengths.get(there, math.inf)):
+                    path_lengths[there] = length
+                    heapq.heappush(queue, (length, there))
+        return path_lengths
+
+    def covering_key(self, node: int, pose: Pose2, max_path: float, distance: float, angle: float) -> int | None:
+        """Return the nearest key scan that covers the view from a pose, or None.
+
+        It lies within `distance` [m] and `angle` [rad] of the pose, and within `max_path` [m] of `node` along the edges, so
+        that the relative pose of the two is well known.
+        """
+        poses, path_lengths = self.poses, self.path_lengths(node, max_path)
+        nodes = np.array(sorted(path_lengths))
+        away = np.hypot(*(poses[nodes, :2] - (pose.x, pose.y)).T)
+        turned = np.abs(wrap_angles(poses[nodes, 2] - pose.theta))
+        cost = np.where((away < distance) & (turned < angle), away / distance + turned / angle, math.inf)
+        best = int(np.argmin(cost))
+        return int(nodes[best]) if math.isfinite(cost[best]) else None

@@ -1,0 +1,347 @@
+"""Loop closure: candidates for a revisited place, and the scan matches that verify them.
+
+A nearby candidate is a run of earlier key scans that is close in the map, while its path through the graph is long. Its
+uncertainty, and so the search window, grows with that path. Where whole views do not match, because the chair returned
+with another heading, the small common part has to match (`partial_overlap`), twice, some distance apart. Where the
+window would be too large to search, after long drift or when the chair was kidnapped, whole submaps are searched, and a
+place found there counts only when a second find, some distance on, agrees. A loop is accepted by geometry (enough of the
+query lies on the reference's surfaces, no second place fits nearly as well), never by the likelihood alone.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from waychair.config import Settings, setting
+from waychair.geometry import wrap_angle
+from waychair.slam.graph.edges import Edge, EdgeKind
+from waychair.slam.graph.information import match_information, rotated_information
+from waychair.slam.mapping.key_scan_graph import KeyGraph
+from waychair.slam.scan import partial_overlap as overlap
+from waychair.slam.scan.partial_overlap import find_partial_overlap, known_ground
+from waychair.slam.scan.reference_surfaces import ScanReference
+from waychair.slam.scan.scan_matching import MatchSettings, Window, correlative_search, refine
+from waychair.slam.scan.submap_search import SubmapHypothesis, SubmapPyramids, global_candidates
+from waychair.types import FloatArray, IntArray, Pose2
+
+_UNKNOWN_LENGTH = 1e4
+"""Length [m] of an edge of unknown motion; longer than any path."""
+
+_QUERY_CELL = 0.1
+
+
+MIN_LOOP_PATH = 5.0  # m; shortest path through the graph that counts as a loop
+CHAIN_REACH = 4.0  # m; key scans of a chain this near to its nearest one are matched against
+_RADIUS = 4.0  # m; a candidate lies within this distance, beyond the uncertainty
+_TURN_DRIFT = 0.01  # rad/m; growth of the heading's uncertainty per metre of the path
+_MIN_WINDOW, _MAX_WINDOW = 0.3, 4.0  # m; smallest and largest half window of the search
+_MAX_ANGLE = 0.7  # rad; largest half window of the heading
+_CHAINS = 2  # candidates tried at each search
+_QUERY_SCANS = 6  # latest key scans that are matched together
+_MIN_RESPONSE = 0.5  # least mean likelihood
+_MIN_INLIERS = 0.7  # least share of points on the reference's surfaces
+_SUBMAP_SCANS = 40  # key scans of a submap that is searched as a whole
+_SUBMAP_QUERY = 15  # latest key scans that are searched for in submaps
+_AGREE_DISTANCE, _AGREE_ANGLE = 0.5, 0.15  # m, rad; two finds this near agree
+_MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSettings(Settings):
+    """Where and how often loops are searched."""
+
+    drift: float = setting(
+        0.03, "m/m", "assumed odometry drift per metre; a larger value searches wider and closes loops after longer drives",
+        low=0.0, high=1.0,
+    )  # fmt: skip
+    spacing: float = setting(
+        0.5, "m", "distance driven between two loop searches; a larger value saves time and may miss loops",
+        low=0.0, high=100.0,
+    )  # fmt: skip
+    submap_spacing: float = setting(
+        2.0, "m", "distance driven between two searches of whole submaps; a larger value saves time, but a kidnapped chair "
+        "finds its map later", low=0.0, high=100.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class LoopCandidate:
+    """A run of earlier key scans: its nearest node, its members, and the half sizes of the search window [m], [rad]."""
+
+    nearest: int
+    members: IntArray
+    window: float
+    angle: float
+
+
+def graph_distances(poses: FloatArray, edges: Sequence[Edge], node: int) -> FloatArray:
+    """Return the length (N,) [m] of the shortest path along the edges from a node to every node."""
+    i = np.array([edge.i for edge in edges], np.int64)
+    j = np.array([edge.j for edge in edges], np.int64)
+    unknown = np.array([edge.kind is EdgeKind.UNKNOWN for edge in edges], bool)
+    lengths = np.hypot(*(poses[i, :2] - poses[j, :2]).T) + 1e-3 + _UNKNOWN_LENGTH * unknown
+    graph = csr_matrix((lengths, (i, j)), shape=(len(poses), len(poses)))
+    distances: FloatArray = dijkstra(graph, directed=False, indices=node)
+    return distances
+
+
+def candidates(poses: FloatArray, path_lengths: FloatArray, settings: LoopSettings) -> tuple[LoopCandidate, ...]:
+    """Return the chains of nodes to which the last node may have returned, nearest first.
+
+    `path_lengths` (R,) [m] are the path lengths along the edges from the last of `poses` (N, 3) to the first R nodes, R < N.
+    """
+    recent = len(path_lengths)
+    if recent < 1:
+        return ()
+    away = np.hypot(*(poses[:recent, :2] - poses[-1, :2]).T)
+    windows = np.clip(settings.drift * path_lengths, _MIN_WINDOW, _MAX_WINDOW)
+    reached = settings.drift * path_lengths <= _MAX_WINDOW
+    near = np.flatnonzero((away < _RADIUS + windows) & (path_lengths > MIN_LOOP_PATH) & reached)
+    if len(near) == 0:
+        return ()
+    found = []
+    for chain in np.split(near, np.flatnonzero(np.diff(near) > 3) + 1):
+        nearest = int(chain[np.argmin(away[chain])])
+        low = max(0, chain[0] - 5)
+        members = np.arange(low, min(recent, chain[-1] + 6))
+        reach = np.hypot(*(poses[members, :2] - poses[nearest, :2]).T)
+        angle = min(_MAX_ANGLE, 0.15 + _TURN_DRIFT * path_lengths[nearest])
+        found.append(LoopCandidate(nearest, members[reach < CHAIN_REACH], float(windows[nearest]), float(angle)))
+    found.sort(key=lambda candidate: float(away[candidate.nearest]))
+    return tuple(found[:_CHAINS])
+
+
+def uncertain_submaps(path_lengths: FloatArray, settings: LoopSettings) -> dict[int, IntArray]:
+    """Return the finished submaps that are too uncertain for a window: their members by submap number."""
+    size, uncertain = _SUBMAP_SCANS, settings.drift * path_lengths > _MAX_WINDOW
+    members = {k: np.arange(k * size, (k + 1) * size) for k in range(len(path_lengths) // size)}
+    return {k: nodes for k, nodes in members.items() if uncertain[nodes].all()}
+
+
+@dataclass(frozen=True, slots=True)
+class _Find:
+    """A find of a search: at key scan `node` the chair was at `pose` in the present map."""
+
+    node: int
+    pose: Pose2
+
+
+class LoopRejection(enum.Enum):
+    """Why a loop is not accepted."""
+
+    CONTRADICTED = "it contradicts the driven path"
+    POOR_FIT = "the scans do not fit there"
+    AMBIGUOUS = "the scans fit at two places nearly as well"
+    BETTER_ELSEWHERE = "the scans fit better at another place within the drift"
+    FEW_INLIERS = "too few points of the scans lie on the surfaces there"
+    UNCONFIRMED = "the position is too uncertain, and no second find agrees"
+    FEW_KEY_SCANS = "too few key scans since the start or a kidnapping"
+
+
+class LoopCloser:
+    """Searches for loops while the chair drives; `counts` holds the number of searches, finds and rejections."""
+
+    def __init__(
+        self,
+        settings: LoopSettings,
+        matching: MatchSettings,
+        reach: float,
+        base_from_laser: Pose2,
+    ) -> None:
+        """`reach` [m]: half side of a reference beyond the window and the chain's size."""
+        self.counts: Counter[str] = Counter()
+        self._settings, self._matching, self._reach = settings, matching, reach
+        self._pyramids = SubmapPyramids()
+        self._base_from_laser = base_from_laser
+        self._since_search = self._since_submaps = self._since_overlap = self._since_loop = math.inf
+        self._submap_find: _Find | None = None
+        self._overlap_finds: list[_Find] = []
+        self._recognised: _Find | None = None
+
+    def add_distance(self, distance: float) -> None:
+        """Add the distance driven [m] since the last call."""
+        self._since_search += distance
+        self._since_submaps += distance
+        self._since_overlap += distance
+        self._since_loop += distance
+
+    def loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
+        """Return edges that close loops at the last key scan; `recent` are the latest key scans in driving order."""
+        settings = self._settings
+        known = len(keys) - len(recent)
+        if self._since_search < settings.spacing or known < 1 or len(recent) < _QUERY_SCANS:
+            return []
+        self._since_search = 0.0
+        path_lengths = graph_distances(keys.poses, keys.edges, len(keys) - 1)[:known]
+        near = candidates(keys.poses, path_lengths, settings)
+        found = [self._verified(keys, recent, candidate) for candidate in near]
+        edges = [edge for edge in found if isinstance(edge, Edge)]
+        if not edges and near and self._is_overlap_search_due():
+            edges = self._partial_overlap_edges(keys, recent, near)
+        enough = len(recent) >= _SUBMAP_QUERY and self._since_submaps >= settings.submap_spacing
+        if not edges and enough:
+            edge = self._submap_edge(keys, recent, path_lengths)
+            edges = [edge] if isinstance(edge, Edge) else []
+        self.counts["loops_closed"] += len(edges)
+        if edges:
+            self._since_loop = 0.0
+        return edges
+
+    def verify_recognised(
+        self, keys: KeyGraph, recent: Sequence[int], old: int, map_from_base: Pose2
+    ) -> Edge | LoopRejection:
+        """Return the edge to an old key scan for a place that another sensor, such as the camera, has recognised.
+
+        `map_from_base` is the pose, by that sensor, at the last of the key scans `recent`. It must lie within the drift
+        of the path through the graph or, where that drift exceeds the largest window, agree with the find before it.
+        The scans must also fit the surfaces round the old key scan there, as for any loop, and fit no better anywhere
+        else within the drift. Where they fit equally well all along a corridor, the other sensor decides.
+        """
+        settings, here = self._settings, recent[-1]
+        if len(recent) < _QUERY_SCANS:
+            return LoopRejection.FEW_KEY_SCANS
+        path_length = float(graph_distances(keys.poses, keys.edges, here)[old])
+        gap = keys.pose(here).inverse() @ map_from_base
+        drift, before, find = settings.drift * path_length, self._recognised, _Find(here, map_from_base)
+        angle = min(_MAX_ANGLE, 0.15 + _TURN_DRIFT * path_length)
+        if drift > _MAX_WINDOW:
+            self._recognised = find
+            apart = before is not None and math.dist(*(keys.poses[k, :2] for k in (before.node, here)))
+            if before is None or apart < settings.spacing or not self._agree(keys, before, find):
+                return LoopRejection.UNCONFIRMED
+        elif math.hypot(gap.x, gap.y) > _MIN_WINDOW + drift or abs(gap.theta) > angle:
+            return LoopRejection.CONTRADICTED
+        latest = set(recent[-_SUBMAP_QUERY:])
+        near = [node for node in sorted(keys.path_lengths(old, CHAIN_REACH)) if node not in latest]
+        candidate = LoopCandidate(old, np.array(near, np.int64), _MIN_WINDOW, _AGREE_ANGLE)
+        rivals = None if drift > _MAX_WINDOW else Window(_MIN_WINDOW + drift, angle)
+        return self._verified(keys, recent, candidate, map_from_base, rivals)
+
+    def _verified(
+        self,
+        keys: KeyGraph,
+        recent: Sequence[int],
+        candidate: LoopCandidate,
+        guess: Pose2 | None = None,
+        rivals: Window | None = None,
+    ) -> Edge | LoopRejection:
+        """Return the edge if the latest key scans together fit the candidate's surfaces at one pose only.
+
+        The search is centred on the guess, by default the present pose. With `rivals`, a window round the present pose,
+        no pose in that window may fit better.
+        """
+        self.counts["loops_tried"] += 1
+        matching, base = self._matching, keys.pose(recent[-1])
+        query = keys.joined_points(recent[-_QUERY_SCANS:], base, _QUERY_CELL)
+        reference = self._reference_of(keys, candidate, candidate.window if rivals is None else rivals.distance)
+        window, guess = Window(candidate.window, candidate.angle), guess or base
+        coarse, response = correlative_search(query.points, reference, guess, window, floor=_MIN_RESPONSE)
+        if response < _MIN_RESPONSE:
+            return LoopRejection.POOR_FIT
+        floor = _MAX_AMBIGUITY * response
+        if correlative_search(query.points, reference, guess, window, floor=floor, excluded=coarse)[1] > 0:
+            self.counts["loops_ambiguous"] += 1
+            return LoopRejection.AMBIGUOUS
+        if rivals is not None:
+            floor = response / _MAX_AMBIGUITY
+            if correlative_search(query.points, reference, base, rivals, floor=floor, excluded=coarse)[1] > 0:
+                return LoopRejection.BETTER_ELSEWHERE
+        pose, information, inliers, _ = refine(
+            query, reference, start=coarse, guess=coarse, guess_information=np.zeros((3, 3)), settings=matching
+        )
+        if inliers < _MIN_INLIERS:
+            self.counts["loops_rejected"] += 1
+            return LoopRejection.FEW_INLIERS
+        return self._edge(keys, recent[-1], candidate, pose, information)
+
+    def _reference_of(self, keys: KeyGraph, candidate: LoopCandidate, window: float) -> ScanReference:
+        """Return a candidate's surfaces, as far as they are visible from anywhere in a window [m]."""
+        reach = window + CHAIN_REACH + self._reach
+        return keys.reference(candidate.members, keys.poses[candidate.nearest], reach, self._matching.resolution)
+
+    def _edge(self, keys: KeyGraph, node: int, candidate: LoopCandidate, pose: Pose2, information: FloatArray) -> Edge:
+        """Return the edge from the candidate to a key scan at `pose`, by a match with this information (3, 3)."""
+        nearest_from_node = keys.pose(candidate.nearest).inverse() @ pose
+        known = rotated_information(match_information(information), -pose.theta)
+        return Edge(candidate.nearest, node, nearest_from_node, known, EdgeKind.LOOP)
+
+    def _is_overlap_search_due(self) -> bool:
+        """Return whether the costly search for partial overlap is due: whole views have closed no loop for a while."""
+        return self._since_loop >= overlap.PATIENCE and self._since_overlap >= overlap.SPACING
+
+    def _partial_overlap_edges(
+        self, keys: KeyGraph, recent: Sequence[int], near: tuple[LoopCandidate, ...]
+    ) -> list[Edge]:
+        """Return the edges to candidates found by partial overlap, where two finds agree."""
+        node = len(keys) - 1
+        self._since_overlap, before, self._overlap_finds = 0.0, self._overlap_finds, []
+        base = keys.pose(node)
+        query = keys.joined_points(recent[-overlap.QUERY_SCANS :], base, _QUERY_CELL)
+        edges = []
+        for candidate in near:
+            self.counts["glimpses_tried"] += 1
+            window = Window(min(overlap.WIDENING * candidate.window, overlap.MAX_WINDOW), candidate.angle)
+            reference = self._reference_of(keys, candidate, window.distance)
+            every = -(-len(candidate.members) // overlap.DRAWN_SCANS)
+            known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
+            found = find_partial_overlap(
+                query, reference, known=known, guess=base, window=window, matching=self._matching
+            )
+            if found is None:
+                continue
+            self.counts["glimpses"] += 1
+            find = _Find(node, found.pose)
+            self._overlap_finds.append(find)
+            if found.inliers >= overlap.MIN_INLIERS and any(self._agree(keys, earlier, find) for earlier in before):
+                edges.append(self._edge(keys, node, candidate, found.pose, found.information))
+        return edges
+
+    def _submap_edge(
+        self, keys: KeyGraph, recent: Sequence[int], path_lengths: FloatArray
+    ) -> Edge | LoopRejection | None:
+        """Return the edge to a submap that is too uncertain for a window, when two finds agree."""
+        node = len(keys) - 1
+        submaps = uncertain_submaps(path_lengths, self._settings)
+        if not submaps:
+            return None
+        self._since_submaps = 0.0
+        self.counts["submap_searches"] += 1
+        base = keys.pose(node)
+        query = keys.joined_points(recent[-_SUBMAP_QUERY:], base, _QUERY_CELL)
+        found = global_candidates(keys.store, keys.poses, submaps, query.points, self._pyramids)
+        before, self._submap_find = self._submap_find, None
+        if not found or self._ambiguous(found):
+            return None
+        pose = found[0].map_from_base
+        self._submap_find = _Find(node, pose)
+        if before is None or not self._agree(keys, before, self._submap_find):
+            return None
+        members = submaps[found[0].submap]
+        nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
+        near = LoopCandidate(nearest, members, _MIN_WINDOW, _AGREE_ANGLE)
+        return self._verified(keys, recent, near, pose)
+
+    def _ambiguous(self, found: tuple[SubmapHypothesis, ...]) -> bool:
+        """Return whether a second place, in any submap, fits nearly as well as the best."""
+        best = found[0]
+        for other in found[1:]:
+            gap = best.map_from_base.inverse() @ other.map_from_base
+            apart = math.hypot(gap.x, gap.y) > _AGREE_DISTANCE or abs(gap.theta) > _AGREE_ANGLE
+            if apart and other.response > _MAX_AMBIGUITY * best.response:
+                return True
+        return False
+
+    def _agree(self, keys: KeyGraph, before: _Find, now: _Find) -> bool:
+        """Return whether the motion between two finds equals the motion that was driven."""
+        driven = keys.pose(before.node).inverse() @ keys.pose(now.node)
+        gap = (before.pose @ driven).inverse() @ now.pose
+        near = math.hypot(gap.x, gap.y) < _AGREE_DISTANCE
+        return near and abs(wrap_angle(gap.theta)) < _AGREE_ANGLE

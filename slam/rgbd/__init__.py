@@ -1,0 +1,1 @@
+"""Mapping by colour and depth alone. Begin with `rgbd_mapper.py`."""

@@ -1,0 +1,430 @@
+"""Scan matching: a branch and bound correlative search, refined by point-to-line least squares.
+
+The search (Olson 2009; Hess et al. 2016) has no local minima: it returns the best pose of its window, to one cell and one
+angle step. The refinement then minimises the point-to-line distances together with the distance to the odometry's guess.
+Along a bare corridor, where the scan gives no information, the odometry decides.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numba import njit
+
+from waychair.angles import wrapped
+from waychair.config import Settings, setting
+from waychair.geometry import pose_from_array, transform_points, wrap_angles
+from waychair.slam.scan.reference_surfaces import LEVELS, ScanReference, Slots
+from waychair.slam.scan.scan_points import ScanPoints
+from waychair.types import Bytes, FloatArray, Pose2
+
+WIDE, NARROW = 0.3, 0.1
+"""First and last width [m] of the refinement's kernel."""
+
+CROSSING_DEPTH = 0.3
+"""A beam has crossed a surface that lies at least so far [m] before its end."""
+
+_GAP = 0.05  # [rad]; a larger angle between two beams is a gap
+
+UNKNOWN_VARIANCE = 100.0
+"""Variance [m^2], [rad^2] of a direction in which a scan gives no information."""
+
+
+BEAM_SIGMA = 0.06
+"""Spread [m] of a beam's end about the surface."""
+
+DISTANCE_PENALTY, ANGLE_PENALTY = 0.15, 0.10
+"""Score lost per metre [1/m] and per radian [1/rad] away from the guess."""
+
+_INLIER_DISTANCE = 0.15  # m; a point nearer to a surface supports the match
+_MAX_ITERATIONS = 20  # least-squares steps
+_MIN_COMPLEXITY = 0.003  # below this share of surfaces that face the weak direction, the guess decides there
+_COVARIANCE_SCALE = 2.0  # covariance of a match over the inverse of its information; see `calibrated_covariance`
+
+
+@dataclass(frozen=True, slots=True)
+class MatchSettings(Settings):
+    """How a scan is matched with a reference."""
+
+    resolution: float = setting(
+        0.05, "m", "cell side of scan matching; a larger cell is faster and less accurate", low=0.01, high=0.5
+    )
+    range_max: float = setting(
+        20.0, "m", "lidar beams beyond this range are not matched; reduce it for a lidar that errs at long range",
+        low=1.0, high=200.0,
+    )  # fmt: skip
+    point_noise: float = setting(
+        0.03, "m", "standard deviation of a lidar point about its surface; a larger value gives odometry more weight",
+        low=0.001, high=1.0,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Half sizes of the search window: distance [m] in x and y, angle [rad]."""
+
+    distance: float
+    angle: float
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """The best fit of a scan.
+
+    - `response` in [0, 1]: mean likelihood of the beams' ends.
+    - `inliers` in [0, 1]: share of the points on a surface; `rms` [m]: their distance to it.
+    - `information` (3, 3) of x, y [1/m^2], theta [1/rad^2] in the map frame, from the scan alone.
+    - `covariance` (3, 3) [m^2, m rad, rad^2]: realistic errors (see `calibrated_covariance`).
+    - `complexity` in [0, 0.5]: share of the matched surfaces that face the weakest direction, 0 between parallel walls.
+    - `degenerate`: the complexity is so low that the pose along the weakest direction is the guess's.
+    """
+
+    pose: Pose2
+    response: float
+    inliers: float
+    rms: float
+    information: FloatArray
+    covariance: FloatArray = field(
+        default_factory=lambda: np.diag([UNKNOWN_VARIANCE, UNKNOWN_VARIANCE, UNKNOWN_VARIANCE])
+    )
+    complexity: float = 0.0
+    degenerate: bool = True
+
+
+def match(
+    scan: ScanPoints,
+    reference: ScanReference,
+    guess: Pose2,
+    guess_information: FloatArray,
+    window: Window,
+    settings: MatchSettings,
+) -> Match:
+    """Return the pose in the map at which the scan fits the reference best, near a guess with information (3, 3).
+
+    For a scan without points, response and inliers are 0 and the pose is the guess.
+    """
+    if len(scan) == 0:
+        return Match(guess, 0.0, 0.0, math.inf, np.zeros((3, 3)))
+    coarse, response = correlative_search(scan.points, reference, guess, window)
+    pose, information, inliers, rms = refine(
+        scan, reference, start=coarse, guess=guess, guess_information=guess_information, settings=settings
+    )
+    complexity, strong = weakest_direction(information)
+    degenerate = complexity < _MIN_COMPLEXITY
+    if degenerate:
+        pose, information = _without_weak_direction(pose, information, guess, strong)
+    covariance = calibrated_covariance(information)
+    return Match(
+        pose=pose,
+        response=response,
+        inliers=inliers,
+        rms=rms,
+        information=information,
+        covariance=covariance,
+        complexity=complexity,
+        degenerate=degenerate,
+    )
+
+
+def weakest_direction(information: FloatArray) -> tuple[float, FloatArray]:
+    """Return the structural complexity, and the unit vector (2,) of the best known direction.
+
+    The complexity is the smaller eigenvalue of the position's information (3, 3) over the sum of both. For point-to-line
+    distances that is the weighted share of surfaces that face this direction, as in RTAB-Map's ICP; 0 without surfaces.
+    """
+    values, vectors = np.linalg.eigh(information[:2, :2])
+    total = float(values.sum())
+    return (float(max(values[0], 0.0)) / total if total > 0.0 else 0.0), vectors[:, 1]
+
+
+def calibrated_covariance(information: FloatArray) -> FloatArray:
+    """Return the realistic covariance (3, 3) of a match.
+
+    Least squares assume independent errors, but the points of one wall share their errors, so the inverse of the
+    information is too small by a factor (`_COVARIANCE_SCALE`). It was measured by matching disjoint halves of the beams
+    against disjoint halves of the key scans: 0.2 on the Intel lab and 1.9 on Freiburg 079.
+    """
+    least = np.eye(3) / UNKNOWN_VARIANCE
+    return np.asarray(_COVARIANCE_SCALE * np.linalg.inv(information + least), np.float64)
+
+
+def _without_weak_direction(
+    pose: Pose2, information: FloatArray, guess: Pose2, strong: FloatArray
+) -> tuple[Pose2, FloatArray]:
+    """Return the pose moved from the guess along the strong direction only, and the information without the weak one.
+
+    A few wrong normals in a corridor look like information along it (solution remapping, Zhang, Kaess and Singh 2016).
+    """
+    keep = np.eye(3)
+    keep[:2, :2] = np.outer(strong, strong)
+    x, y = (guess.x, guess.y) + keep[:2, :2] @ (pose.x - guess.x, pose.y - guess.y)
+    return Pose2(float(x), float(y), pose.theta), keep @ information @ keep
+
+
+def correlative_search(
+    points: FloatArray,
+    reference: ScanReference,
+    guess: Pose2,
+    window: Window,
+    *,
+    floor: float = 0.0,
+    excluded: Pose2 | None = None,
+    penalised: bool = True,
+) -> tuple[Pose2, float]:
+    """Return the best pose of the window and its response; the guess and 0 when no pose scores above `floor`.
+
+    With `excluded`, poses within 0.5 m and 15 degrees of it do not count: the result is the runner-up, whose response tells
+    how ambiguous the winner is. Unless `penalised` is False, poses lose score with their distance from the guess.
+    """
+    radii = np.hypot(points[:, 0], points[:, 1])
+    fifth = len(radii) - 1 - len(radii) // 5
+    far = max(1.0, float(np.partition(radii, fifth)[fifth]))  # four fifths of the beams end nearer
+    angle_step = math.acos(1 - reference.resolution**2 / (2 * far**2))
+    angle_count = max(1, math.ceil(window.angle / angle_step))
+    cells = max(1, math.ceil(window.distance / reference.resolution))
+    penalties = (DISTANCE_PENALTY, ANGLE_PENALTY) if penalised else (0.0, 0.0)
+    excluded_pose = np.full(3, np.nan) if excluded is None else excluded.array()
+    pose, response = _search(
+        points, reference.bounds, reference.origin, reference.resolution, guess.array(), cells, angle_count,
+        angle_step, *penalties, floor, excluded_pose,
+    )  # fmt: skip
+    return pose_from_array(pose), response
+
+
+def refine(
+    scan: ScanPoints,
+    reference: ScanReference,
+    start: Pose2,
+    guess: Pose2,
+    guess_information: FloatArray,
+    settings: MatchSettings,
+    *,
+    reach: float = WIDE,
+) -> tuple[Pose2, FloatArray, float, float]:
+    """Minimise the point-to-line distances plus the distance to the guess, from `start`.
+
+    `reach` [m] is the kernel's first width, the largest distance of surfaces at the start; a small one is faster.
+    Return the pose, the information (3, 3) of the scan alone, the share of inliers and their rms distance [m].
+    """
+    pose, information, inliers, rms = _refine(
+        scan.points, scan.normals, reference.surfaces, reference.slots, reference.origin, reference.resolution,
+        start.array(), guess.array(), guess_information, settings.point_noise, _INLIER_DISTANCE,
+        _MAX_ITERATIONS, reach,
+    )  # fmt: skip
+    pose[2] = wrap_angles(pose[2:])[0]
+    return pose_from_array(pose), information, inliers, rms
+
+
+def crossed_share(scan: ScanPoints, base_from_laser: Pose2, reference: ScanReference, pose: Pose2) -> float:
+    """Return the share in [0, 1] of the reference's surfaces that the scan's beams, from this pose, cross.
+
+    Only surfaces on a beam count: those before its end by more than `CROSSING_DEPTH` (crossed) and those at its end. A new place
+    or people round the chair hide surfaces but cross none; at a wrong pose beams cross many. 0 without such surfaces.
+    """
+    beams = transform_points(base_from_laser.inverse(), scan.points)
+    bearing = np.arctan2(beams[:, 1], beams[:, 0])
+    order = np.argsort(bearing)
+    bearing, ranges = bearing[order], np.hypot(beams[order, 0], beams[order, 1])
+    surfaces = transform_points((pose @ base_from_laser).inverse(), reference.surfaces[1:, :2])
+    towards, away = np.arctan2(surfaces[:, 1], surfaces[:, 0]), np.hypot(surfaces[:, 0], surfaces[:, 1])
+    above = np.clip(np.searchsorted(bearing, towards), 1, len(bearing) - 1)
+    close = bearing[above] - bearing[above - 1] < _GAP
+    between = close & (towards >= bearing[above - 1]) & (towards <= bearing[above])
+    nearer = np.minimum(ranges[above], ranges[above - 1])[between]
+    looked_through = int((away[between] < nearer - CROSSING_DEPTH).sum())
+    looked_at = int((np.abs(away[between] - nearer) <= CROSSING_DEPTH).sum())
+    return looked_through / max(1, looked_through + looked_at)
+
+
+@njit(cache=True)
+def _score(level: Bytes, rows: np.ndarray, cols: np.ndarray, row: int, col: int) -> int:
+    """Return the sum of the level's values at the points, shifted by (row, col) cells; 0 outside the grid."""
+    height, width = level.shape
+    total = 0
+    for i in range(len(rows)):
+        r, c = rows[i] + row, cols[i] + col
+        if 0 <= r < height and 0 <= c < width:
+            total += level[r, c]
+    return total
+
+
+@njit(cache=True)
+def _search(
+    points: FloatArray,
+    bounds: Bytes,
+    origin: FloatArray,
+    resolution: float,
+    guess: FloatArray,
+    cells: int,
+    angle_count: int,
+    angle_step: float,
+    distance_penalty: float,
+    angle_penalty: float,
+    floor: float,
+    excluded: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Search depth-first by branch and bound over (angle, row, col); see `correlative_search`."""
+    full = 255.0 * len(points)
+    top = 0
+    while top < LEVELS - 1 and 2 ** (top + 1) <= cells:
+        top += 1
+    block = 2**top
+    blocks = 2 * cells // block + 1
+    angles = 2 * angle_count + 1
+    rows = np.empty((angles, len(points)), np.int32)
+    cols = np.empty((angles, len(points)), np.int32)
+    bound = np.empty(angles * blocks * blocks)
+    for a in range(angles):
+        theta = guess[2] + (a - angle_count) * angle_step
+        c, s = math.cos(theta), math.sin(theta)
+        for i in range(len(points)):
+            x = guess[0] + c * points[i, 0] - s * points[i, 1] - origin[0]
+            y = guess[1] + s * points[i, 0] + c * points[i, 1] - origin[1]
+            rows[a, i] = math.floor(y / resolution)
+            cols[a, i] = math.floor(x / resolution)
+        loss = angle_penalty * abs(a - angle_count) * angle_step
+        for br in range(blocks):
+            for bc in range(blocks):
+                value = _score(bounds[top], rows[a], cols[a], br * block - cells, bc * block - cells) / full
+                bound[(a * blocks + br) * blocks + bc] = value - loss
+    best, best_pose, best_raw = floor, guess.copy(), 0.0
+    stack = np.empty((4 * LEVELS + 8, 3), np.int64)
+    for entry in np.argsort(-bound):
+        if bound[entry] <= best:
+            break
+        a = entry // (blocks * blocks)
+        turn = (a - angle_count) * angle_step
+        near_angle = abs(wrapped(guess[2] + turn - excluded[2])) < 0.26
+        loss = angle_penalty * abs(turn)
+        depth = 1
+        stack[0] = (top, (entry // blocks) % blocks * block - cells, entry % blocks * block - cells)
+        while depth > 0:
+            depth -= 1
+            h, row, col = stack[depth]
+            if row > cells or col > cells:  # the last block may reach beyond the window
+                continue
+            raw = _score(bounds[h], rows[a], cols[a], row, col) / full
+            if raw - loss <= best:
+                continue
+            if h > 0:
+                half = 2 ** (h - 1)
+                for dr in (half, 0):
+                    for dc in (half, 0):
+                        stack[depth] = (h - 1, row + dr, col + dc)
+                        depth += 1
+                continue
+            x, y = guess[0] + col * resolution, guess[1] + row * resolution
+            if near_angle and math.hypot(x - excluded[0], y - excluded[1]) < 0.5:
+                continue
+            value = raw - loss - distance_penalty * math.hypot(row, col) * resolution
+            if value > best:
+                best, best_raw = value, raw
+                best_pose[0], best_pose[1], best_pose[2] = x, y, guess[2] + turn
+    return best_pose, best_raw
+
+
+@njit(cache=True)
+def nearest_surface(
+    surfaces: FloatArray,
+    slots: Slots,
+    resolution: float,
+    row: int,
+    col: int,
+    reach: int,
+    x: float,
+    y: float,
+    nx: float,
+    ny: float,
+) -> int:
+    """Return the slot of the nearest surface (by its mean point) with a similar normal, within `reach` cells; 0 for none.
+
+    The search goes ring by ring round the cell: a surface's mean point lies in its cell, so surfaces of ring n are at
+    least n - 1 cells away.
+    """
+    best, found = 1e18, 0
+    height, width = slots.shape[0], slots.shape[1]
+    for ring in range(reach + 1):
+        if found > 0 and ((ring - 1) * resolution) ** 2 >= best:
+            break
+        for r in range(max(0, row - ring), min(height - 1, row + ring) + 1):
+            step = 1 if abs(r - row) == ring else 2 * ring  # the whole side, or its two ends
+            for c in range(col - ring, col + ring + 1, step):
+                if not 0 <= c < width:
+                    continue
+                for side in range(2):
+                    slot = slots[r, c, side]
+                    if slot == 0 or surfaces[slot, 2] * nx + surfaces[slot, 3] * ny < 0.7:
+                        continue
+                    distance = (surfaces[slot, 0] - x) ** 2 + (surfaces[slot, 1] - y) ** 2
+                    if distance < best:
+                        best, found = distance, slot
+    return found
+
+
+@njit(cache=True)
+def _refine(
+    points: FloatArray,
+    normals: FloatArray,
+    surfaces: FloatArray,
+    slots: Slots,
+    origin: FloatArray,
+    resolution: float,
+    start: FloatArray,
+    guess: FloatArray,
+    guess_information: FloatArray,
+    noise: float,
+    inlier_distance: float,
+    max_iterations: int,
+    widest: float,
+) -> tuple[FloatArray, FloatArray, float, float]:
+    """Run Gauss-Newton with a Geman-McClure kernel whose width shrinks with the iterations; see `refine`."""
+    pose = start.copy()
+    information = np.zeros((3, 3))
+    step = np.ones(3)
+    usable, close, square = 0, 0, 0.0
+    for iteration in range(max_iterations):
+        kernel = max(NARROW, widest * 0.7**iteration)
+        reach = math.ceil(max(0.15, 2.0 * kernel / (1 + iteration)) / resolution)
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        information[:] = 0.0
+        gradient = np.zeros(3)
+        usable, close, square = 0, 0, 0.0
+        for i in range(len(points)):
+            if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
+                continue
+            usable += 1
+            rx, ry = c * points[i, 0] - s * points[i, 1], s * points[i, 0] + c * points[i, 1]
+            x, y = pose[0] + rx, pose[1] + ry
+            nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
+            row, col = math.floor((y - origin[1]) / resolution), math.floor((x - origin[0]) / resolution)
+            slot = nearest_surface(surfaces, slots, resolution, row, col, reach, x, y, nx, ny)
+            if slot == 0:
+                continue
+            mx, my = surfaces[slot, 2], surfaces[slot, 3]
+            residual = mx * (x - surfaces[slot, 0]) + my * (y - surfaces[slot, 1])
+            if abs(residual) < inlier_distance:
+                close += 1
+                square += residual * residual
+            weight = (kernel**2 / (kernel**2 + residual**2)) ** 2 / noise**2
+            turn = my * rx - mx * ry
+            information[0, 0] += weight * mx * mx
+            information[0, 1] += weight * mx * my
+            information[0, 2] += weight * mx * turn
+            information[1, 1] += weight * my * my
+            information[1, 2] += weight * my * turn
+            information[2, 2] += weight * turn * turn
+            gradient[0] += weight * mx * residual
+            gradient[1] += weight * my * residual
+            gradient[2] += weight * turn * residual
+        information[1, 0], information[2, 0] = information[0, 1], information[0, 2]
+        information[2, 1] = information[1, 2]
+        away = pose - guess
+        away[2] = wrapped(away[2])
+        pull = -(gradient + guess_information @ away)
+        step[:] = np.linalg.solve(information + guess_information + 1e-6 * np.eye(3), pull)
+        pose += step
+        if kernel == NARROW and math.hypot(step[0], step[1]) < 1e-4 and abs(step[2]) < 1e-5:
+            break
+    return pose, information, close / max(1, usable), math.sqrt(square / max(1, close))

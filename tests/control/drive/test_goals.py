@@ -1,0 +1,30 @@
+"""Goals that no chair can drive to are refused with a reason, and the present one stays."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from tests.control.drive.test_navigator import drive, hall, navigator
+from waychair.control.drive.navigator import Stage
+from waychair.errors import GoalOutsideMap
+from waychair.types import Goal, Pose2, Twist
+
+
+@pytest.mark.parametrize("bad", [Pose2(4.0, 2.0, math.inf), Pose2(math.nan, 2.0), Pose2(1e300, 2.0)])
+def test_a_goal_that_is_on_no_map_is_refused_at_once_and_the_present_one_stays(bad: Pose2) -> None:
+    pilot = navigator(hall())
+    pilot.go(Goal("lift"))
+    with pytest.raises(GoalOutsideMap, match="is on no map"):
+        pilot.go(Goal(bad))
+    assert drive(pilot, Pose2(2.0, 2.0), 40)[0][-1].stage is Stage.ARRIVED
+
+
+def test_on_a_map_without_free_space_the_chair_stands_and_says_so() -> None:
+    pilot = navigator(hall((0.0, 0.0, 12.0, 8.0)))
+    pilot.go(Goal(Pose2(4.0, 2.0)))
+    (state, *_), _ = drive(pilot, Pose2(2.0, 2.0), 1)
+    assert state.stage is Stage.FAILED
+    assert "the map has no free space for a chair" in state.reason
+    assert state.twist == Twist()

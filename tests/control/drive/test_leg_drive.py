@@ -1,0 +1,57 @@
+"""How fast a leg is driven: with sonars, slowly into gaps in which there may be glass, which they hear late."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.drive.leg_drive import LegDrive, View
+from waychair.maps.grid.distance_field import DistanceField, distance_field
+from waychair.planning.route.legs import PathLeg
+from waychair.planning.window.motion_limits import DwaSettings
+from waychair.types import OccupancyGrid, Path, Pose2, Twist
+
+CELL, GAP, MIDDLE = 0.05, 6.0, 4.0
+THERE = GAP - CHAIR_A.front
+"""Where the front is in the gap."""
+
+
+def gapped() -> OccupancyGrid:
+    """12 x 8 m with a wall of 0.15 m from x = 6 m on, and a gap of 1.2 m in it round y = 4 m."""
+    cells = np.zeros((160, 240), np.int8)
+    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
+    cells[:, 120:123] = 100
+    cells[68:92, 120:123] = 0
+    return OccupancyGrid(cells, CELL)
+
+
+def driven(x: float, has_sonars: bool, speed: float = 0.8) -> float:
+    """Speed [m/s] 1 s after a speed at x [m] on the way through the gap."""
+    grid = gapped()
+    way = np.column_stack([np.arange(1.0, 11.0, CELL), np.full(200, MIDDLE), np.zeros(200)])
+    leg = LegDrive([PathLeg(Path(way))], grid, CHAIR_A)
+    free = distance_field(grid)
+
+    def local() -> DistanceField:
+        return free
+
+    pose, command = Pose2(x, MIDDLE, 0.0), Twist(speed, 0.0)
+    for _ in range(20):
+        command = leg.step(View(pose, command, local, Pose2(), None, has_sonars=has_sonars), DwaSettings()).twist
+        pose = pose @ Pose2(command.v * 0.05, 0.0, command.omega * 0.05)
+    return command.v
+
+
+def test_with_sonars_a_chair_is_slow_before_a_gap_until_its_front_is_through() -> None:
+    assert driven(THERE - 0.8, has_sonars=True, speed=0.4) < 0.42
+    assert driven(THERE - 0.4, has_sonars=True, speed=0.4) < 0.42
+    assert driven(THERE + 0.4, has_sonars=True, speed=0.4) > 0.5
+
+
+def test_it_slows_down_in_time_and_no_sooner() -> None:
+    assert driven(THERE - 1.2, has_sonars=True) < 0.6
+    assert driven(2.0, has_sonars=True) > 0.75
+
+
+def test_without_sonars_it_goes_on() -> None:
+    assert driven(THERE - 0.8, has_sonars=False) > 0.75

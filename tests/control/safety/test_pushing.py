@@ -1,0 +1,61 @@
+"""A chair that is pushed by hand is told from one that rolls out, and from one that its rider drives."""
+
+from __future__ import annotations
+
+from waychair.control.safety.pushing import Pushing
+from waychair.types import JoystickInput, Odometry, Pose2
+
+MS = 1_000_000
+
+
+def told(pushing: Pushing, ms: int, x: float, released: bool = True, stick: float = 0.0) -> bool:
+    return pushing.update(ms * MS, released, JoystickInput(0, stick), Odometry(ms * MS, Pose2(x)))
+
+
+def stands(pushing: Pushing, from_ms: int, x: float, seconds: float = 1.5) -> list[bool]:
+    return [told(pushing, from_ms + k * 50, x) for k in range(round(20 * seconds))]
+
+
+def test_a_standing_chair_that_moves_is_pushed_until_it_has_stood_again() -> None:
+    pushing = Pushing()
+    assert not any(stands(pushing, 0, 0.0))
+    assert not pushing.pushed
+    told(pushing, 2000, 0.04)
+    assert not pushing.pushed
+    told(pushing, 2050, 0.06)
+    assert pushing.pushed
+    assert stands(pushing, 2100, 0.06).count(True) == 1
+    assert not pushing.pushed
+
+
+def test_a_chair_that_rolls_out_is_not_pushed() -> None:
+    pushing = Pushing()
+    stands(pushing, 0, 0.0)
+    told(pushing, 2000, 0.5, released=False)
+    for k in range(20):
+        told(pushing, 2050 + 50 * k, 0.5 + 0.03 * k)
+        assert not pushing.pushed
+
+
+def test_who_drives_by_joystick_does_not_push() -> None:
+    pushing = Pushing()
+    stands(pushing, 0, 0.0)
+    for k in range(20):
+        told(pushing, 2000 + 50 * k, 0.05 * k, stick=0.5)
+        assert not pushing.pushed
+
+
+def test_without_word_of_stick_or_wheels_nothing_is_claimed() -> None:
+    pushing = Pushing()
+    stands(pushing, 0, 0.0)
+    assert not pushing.update(3000 * MS, True, None, Odometry(0, Pose2(5.0)))
+    assert not pushing.update(3050 * MS, True, JoystickInput(0), None)
+    assert not pushing.pushed
+
+
+def test_a_stick_that_rests_as_far_off_as_was_set_is_no_hand_on_it() -> None:
+    for at_rest, pushed in ((0.2, True), (0.1, False)):
+        pushing = Pushing(at_rest=at_rest)
+        for k in range(60):
+            told(pushing, 50 * k, 0.0 if k < 50 else 0.2, stick=0.15)
+        assert pushing.pushed is pushed

@@ -1,0 +1,65 @@
+"""Loop and watches together: a fault is a stop until it is acknowledged, and doubts slow the chair on its arc."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from waychair.calibration.fits.dac import DEFAULT
+from waychair.control.speed.closed_loop import ClosedLoop
+from waychair.control.speed.kinematics import wheel_speeds_from_twist
+from waychair.types import SentCommand, Twist
+
+TICK = 50_000_000
+TRACK = 0.54
+
+
+def sent(twist: Twist, active: bool = True) -> SentCommand:
+    """What went out, by the calibration."""
+    return SentCommand(0, wheel_speeds_from_twist(twist, TRACK), 0, 0, 0.0, 0.0, active)
+
+
+def driven(loop: ClosedLoop, commands: list[Twist], gain: float) -> Twist:
+    """The last twist asked for, of a chair that does `gain` times what it is told, at once."""
+    told: SentCommand | None = None
+    measured = asked = Twist()
+    for k, command in enumerate(commands):
+        asked = loop.step(command, measured, k * TICK, told)
+        told = sent(asked)
+        measured = Twist(gain * asked.v, gain * asked.omega)
+    return asked
+
+
+def test_a_chair_that_follows_is_driven_as_commanded() -> None:
+    loop = ClosedLoop(DEFAULT, TRACK)
+    asked = driven(loop, [Twist(0.5, 0.2)] * 100, 1.0)
+    assert (asked.v, asked.omega) == pytest.approx((0.5, 0.2), abs=0.01)
+    assert (loop.fault, loop.speed_limit) == ("", math.inf)
+
+
+def test_a_fault_is_exactly_a_stop_until_it_is_acknowledged() -> None:
+    loop = ClosedLoop(DEFAULT, TRACK)
+    assert driven(loop, [Twist(0.5, 0.0)] * 100, 0.0) == Twist()
+    assert "F20" in loop.fault
+    for k in range(100, 140):
+        assert loop.step(Twist(0.5, 0.0), Twist(), k * TICK, sent(Twist())) == Twist()
+    loop.acknowledge()
+    assert loop.fault == ""
+    assert loop.step(Twist(0.5, 0.0), Twist(), 140 * TICK, sent(Twist())).v == pytest.approx(0.5)
+
+
+def test_a_doubtful_gain_slows_the_chair_and_keeps_its_arc() -> None:
+    loop = ClosedLoop(DEFAULT, TRACK)
+    asked = driven(loop, [Twist(0.6, 0.0)] * 100 + [Twist(0.6, 0.3)] * 100, 0.72)
+    assert loop.fault == ""
+    assert loop.speed_limit == 0.3
+    assert 0.72 * asked.v == pytest.approx(0.3, abs=0.01)
+    assert 0.72 * asked.omega == pytest.approx(0.15, abs=0.01)
+
+
+def test_nobody_drives_is_no_motion_and_a_riders_motion_no_fault() -> None:
+    loop = ClosedLoop(DEFAULT, TRACK)
+    for k in range(100):
+        assert loop.step(None, Twist(0.9, 1.0), k * TICK, sent(Twist(), active=False)) == Twist()
+    assert (loop.fault, loop.gains) == ("", (1.0, 1.0))

@@ -1,0 +1,213 @@
+"""People are found, followed, and let go of."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.sparse.csgraph import connected_components
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.geometry import transform_points
+from waychair.maps.grid.cells import cells_from_points
+from waychair.planning.body.personal_space import PersonalSpaceSettings
+from waychair.planning.seen import person_tracks as tracks_module
+from waychair.planning.seen.person_tracks import (
+    CONFIRMED_AFTER,
+    PAUSE_S,
+    PEOPLE,
+    Track,
+    Tracker,
+    associate,
+    clusters,
+    linked_groups,
+    person_may_be_behind,
+    personal_space_points,
+    predicted,
+)
+from waychair.simulation.people.people import SimulatedPeople
+from waychair.simulation.scene.scene import Behaviour, PersonPlan, Slice
+from waychair.simulation.sensors.lidar import Lidar, LidarSettings
+from waychair.simulation.sensors.rays import scenery_from_slice
+from waychair.simulation.sensors.silhouettes import legs
+from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
+
+TICK_NS = 100_000_000
+
+
+def blob(x: float, y: float, count: int = 8) -> FloatArray:
+    angles = np.linspace(0, math.tau, count, endpoint=False)
+    return np.column_stack([x + 0.12 * np.cos(angles), y + 0.12 * np.sin(angles)])
+
+
+def test_two_legs_are_one_person_and_a_wall_is_none() -> None:
+    wall = np.column_stack([np.linspace(0, 3, 60), np.full(60, 5.0)])
+    points = np.concatenate([blob(1.0, 1.0), blob(1.0, 1.35), blob(4.0, 2.0), wall, [[8.0, 8.0]]])
+    middles = clusters(points, PEOPLE)
+    np.testing.assert_allclose(sorted(middles.tolist()), [[1.0, 1.175], [4.0, 2.0]], atol=0.01)
+    assert clusters(np.empty((0, 2)), PEOPLE).shape == (0, 2)
+
+
+@given(
+    points=arrays(np.float64, st.tuples(st.integers(0, 40), st.just(2)), elements=st.floats(-2.0, 2.0)),
+    link=st.floats(0.01, 1.0),
+)
+def test_groups_are_the_connected_components_of_the_links(points: FloatArray, link: float) -> None:
+    near = ((points[:, None] - points[None]) ** 2).sum(axis=2) <= link * link
+    _, labels = connected_components(near, directed=False)
+    assert linked_groups(points, link).tolist() == labels.tolist()
+
+
+def test_a_walker_is_believed_after_some_sightings_and_its_velocity_found() -> None:
+    tracker = Tracker()
+    counts = []
+    for k in range(30):
+        tracks = tracker.update(k * TICK_NS, blob(0.1 * k, 2.0 - 0.05 * k))
+        counts.append(len(tracks))
+    assert counts[:CONFIRMED_AFTER] == [0] * (CONFIRMED_AFTER - 1) + [1]
+    assert set(counts[CONFIRMED_AFTER:]) == {1}
+    np.testing.assert_allclose(tracks[0].velocity, [1.0, -0.5], atol=0.05)
+    np.testing.assert_allclose(tracks[0].position, [2.9, 0.55], atol=0.05)
+
+
+def test_somebody_who_turns_round_is_noticed_twice_as_soon_as_by_constant_velocity(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def scans_until_noticed() -> int:
+        tracker, x = Tracker(), 0.0
+        for k in range(40):
+            x += 0.08 if k < 20 else -0.08
+            tracks = tracker.update(k * TICK_NS, blob(x, 0.0))
+            if k >= 20 and tracks[0].velocity[0] < -0.4:
+                return k - 19
+        return 20
+
+    assert scans_until_noticed() <= 3
+    monkeypatch.setattr(tracks_module, "SUDDEN_GATE", 100.0)
+    assert scans_until_noticed() >= 6
+
+
+def test_somebody_who_walks_on_evenly_is_followed_no_less_smoothly_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(2)
+    noise = [0.04 * rng.standard_normal(2) for _ in range(40)]
+    speeds = []
+    for gate in (tracks_module.SUDDEN_GATE, 100.0):
+        monkeypatch.setattr(tracks_module, "SUDDEN_GATE", gate)
+        tracker = Tracker()
+        tracks = [tracker.update(k * TICK_NS, blob(0.08 * k, 0.0) + noise[k]) for k in range(40)]
+        speeds.append(np.std([track.velocity[0] for (track,) in tracks[15:]]))
+    assert speeds[0] < 1.5 * speeds[1]
+
+
+def test_who_is_hidden_for_a_moment_keeps_its_number_and_who_is_gone_is_forgotten() -> None:
+    tracker = Tracker()
+    nothing = np.empty((0, 2))
+    for k in range(20):
+        tracks = tracker.update(k * TICK_NS, blob(0.1 * k, 0.0) if k not in (12, 13, 14) else nothing)
+    assert [track.number for track in tracks] == [1]
+    for k in range(20, 30):
+        tracks = tracker.update(k * TICK_NS, nothing)
+    assert tracks == ()
+
+
+def test_two_who_pass_each_other_keep_their_numbers() -> None:
+    tracker = Tracker()
+    for k in range(60):
+        tracks = tracker.update(k * TICK_NS, np.concatenate([blob(-3 + 0.1 * k, 0.0), blob(3 - 0.1 * k, 0.9)]))
+    velocities = {track.number: float(track.velocity[0]) for track in tracks}
+    assert velocities == {1: pytest.approx(1.0, abs=0.1), 2: pytest.approx(-1.0, abs=0.1)}
+
+
+def test_what_lies_outside_of_every_gate_is_given_to_no_track() -> None:
+    track = Track(1, 0, 0, 5, np.zeros(2), np.zeros(2), 0.01 * np.eye(4), 0.3)
+    assert associate((track,), np.array([[5.0, 0.0]]), PEOPLE.sigma) == {}
+    assert associate((track,), np.array([[5.0, 0.0], [0.1, 0.0]]), PEOPLE.sigma) == {0: 1}
+    assert associate((), np.array([[5.0, 0.0]]), PEOPLE.sigma) == {}
+
+
+def test_prediction_equals_constant_velocity_with_white_acceleration() -> None:
+    covariance = np.diag([0.04, 0.04, 0.25, 0.25])
+    track = Track(1, 0, 0, 5, np.array([1.0, 2.0]), np.array([0.5, -1.0]), covariance, 0.3)
+    later = predicted(track, 500_000_000, PEOPLE.acceleration)
+    np.testing.assert_allclose(later.position, [1.25, 1.5])
+    np.testing.assert_allclose(later.velocity, track.velocity)
+    expected = 0.04 + 0.25 * 0.25 + 0.5**4 / 4 * PEOPLE.acceleration**2
+    assert later.covariance[0, 0] == pytest.approx(expected)
+
+
+def test_the_simulators_people_are_found_by_the_simulators_lidar() -> None:
+    """Three who walk to and fro in an empty hall, a chair that stands: two legs each, swinging."""
+    grid = OccupancyGrid(np.zeros((240, 240), np.int8), 0.05)
+    ways = [[[3.0, 4.0], [9.0, 4.0]], [[9.0, 6.0], [3.0, 6.5]], [[5.0, 9.0], [7.0, 9.0]]]
+    plans = [PersonPlan(Behaviour.PATH, np.array(way), 1.0) for way in ways]
+    pose = Pose2(2.0, 6.0)
+    people = SimulatedPeople(plans, grid, CHAIR_A, np.random.default_rng(4))
+    lidar = Lidar(LidarSettings(rate_hz=10.0, sweep_s=0.0, faults=False), CHAIR_A, np.random.default_rng(5))
+    nothing = scenery_from_slice(Slice(np.empty((0, 4)), np.empty(0, np.int64)))
+    tracker, errors, seen = Tracker(), [], []
+    for k in range(80):
+        people.step(TICK_NS, pose, Twist())
+        scan = lidar.scan_at_rest(nothing, pose, k * TICK_NS, legs(people.states))
+        hit = np.isfinite(scan.ranges)
+        ranges, angles = scan.ranges[hit].astype(np.float64), scan.angles()[hit]
+        points = np.column_stack([ranges * np.cos(angles), ranges * np.sin(angles)])
+        at = transform_points(pose @ CHAIR_A.base_from_laser, points)
+        assert (cells_from_points(grid, at) >= 0).all()
+        tracks = tracker.update(k * TICK_NS, at)
+        seen.append(len(tracks))
+        for person in people.states:
+            away = [math.dist(track.position, (person.pose.x, person.pose.y)) for track in tracks]
+            errors.append(min(away, default=math.inf))
+    assert np.median(seen[10:]) == 3
+    assert np.percentile(errors[60:], 90) < 0.25
+
+
+def test_who_pauses_is_on_the_way_and_who_stays_stands_but_is_a_person_still() -> None:
+    tracker = Tracker()
+    for k in range(20):
+        (walker, *_) = tracker.update(k * TICK_NS, blob(0.1 * k, 0.0)) or (None,)
+    assert walker is not None
+    assert walker.is_walking
+    walks = [tracker.update(k * TICK_NS, blob(1.9, 0.0))[0].is_walking for k in range(20, 60)]
+    assert walks[: round(PAUSE_S * 10) - 2] == [True] * (round(PAUSE_S * 10) - 2)
+    assert not any(walks[30:])
+    assert tracker.update(60 * TICK_NS, blob(1.9, 0.0))[0].has_walked
+
+
+@pytest.mark.parametrize("ahead", [0.02, 0.1, 0.3, 1.0])
+def test_the_room_of_a_person_never_holds_the_chair(ahead: float) -> None:
+    pose = Pose2(1.0, 2.0, 0.7)
+    middle = transform_points(pose, np.array([[CHAIR_A.front + ahead, 0.1]]))[0]
+    track = Track(1, 0, 0, 9, middle, np.zeros(2), np.eye(4), 0.3, moved_ns=0)
+    room = transform_points(
+        pose.inverse(), personal_space_points([track], PersonalSpaceSettings().radius, pose, CHAIR_A, 0.06)
+    )
+    outside = np.maximum(room[:, 0] - CHAIR_A.front, np.abs(room[:, 1]) - CHAIR_A.width / 2)
+    assert (outside >= 0.06 - 1e-9).all()
+    assert (len(room) > 0) == (ahead > 0.06)
+    if ahead > 0.5:
+        np.testing.assert_allclose(np.hypot(*(room - (CHAIR_A.front + ahead, 0.1)).T), PersonalSpaceSettings().radius)
+
+
+def test_who_drifts_slowly_is_known_by_the_way_made_and_what_stands_is_not() -> None:
+    tracker = Tracker()
+    for k in range(50):
+        stands, drifts = blob(0.0, 5.0), blob(0.015 * k, 0.0)
+        tracks = tracker.update(k * TICK_NS, np.concatenate([stands, drifts]))
+    assert [track.has_walked for track in sorted(tracks, key=lambda each: float(each.position[1]))] == [True, False]
+
+
+def test_who_went_out_of_sight_behind_the_chair_may_be_there_until_forgotten() -> None:
+    tracker = Tracker()
+    for k in range(20):
+        tracker.update(k * TICK_NS, blob(0.1 * k - 3.0, 0.0))
+    for k in range(20, 90):
+        tracker.update(k * TICK_NS, np.empty((0, 2)))
+        if k == 40:
+            assert person_may_be_behind(tracker.recently_lost, k * TICK_NS, Pose2(), CHAIR_A, 0.4)
+            assert not person_may_be_behind(tracker.recently_lost, k * TICK_NS, Pose2(0.0, 0.0, math.pi), CHAIR_A, 0.4)
+    assert not tracker.recently_lost

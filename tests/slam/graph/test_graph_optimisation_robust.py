@@ -1,0 +1,184 @@
+"""Robust pose graphs: false loops on a real graph, bad starts, proofs of optimality, incremental optimisation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from waychair.errors import GraphError
+from waychair.geometry import compose
+from waychair.slam.graph.edges import EdgeArrays, chi_square, edge_arrays
+from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, RejectionReason, read_g2o, solve
+from waychair.slam.graph.least_squares import least_squares
+from waychair.slam.graph.pose_graph import PoseGraph
+from waychair.slam.graph.pose_synchronisation import isotropic, lower_bound, polished, sesync_objective, spectral_poses
+from waychair.slam.graph.robust_optimisation import chained_poses
+from waychair.types import FloatArray, Pose2
+
+
+def rmse(poses: FloatArray, truth: FloatArray) -> float:
+    return float(np.sqrt(((poses - truth)[:, :2] ** 2).sum(axis=1).mean()))
+
+
+@pytest.fixture(scope="module")
+def intel(data_dir: Path) -> tuple[FloatArray, tuple[Edge, ...], FloatArray]:
+    """Odometry's start, edges and the clean optimum of the first 600 nodes of the Intel graph."""
+    poses, every = read_g2o(data_dir / "posegraphs" / "intel.g2o.gz")
+    edges = tuple(edge for edge in every if max(edge.i, edge.j) < 600)
+    start = chained_poses(poses[:600], edges)
+    return start, edges, least_squares(start, edge_arrays(edges))
+
+
+@pytest.fixture(scope="module")
+def mit(data_dir: Path) -> tuple[FloatArray, EdgeArrays]:
+    poses, edges = read_g2o(data_dir / "posegraphs" / "MIT.g2o.gz")
+    return poses, edge_arrays(edges)
+
+
+def drawn_false_loops(clean: FloatArray, information: FloatArray, group: int, count: int) -> list[Edge]:
+    """Loops at random poses within 10 m, in groups that join consecutive nodes and agree with each other."""
+    rng, drawn = np.random.default_rng(0), []
+    while len(drawn) < count:
+        i = int(rng.integers(0, 200))
+        j = int(rng.integers(300, 600 - group))
+        there = Pose2(*rng.uniform(-10, 10, 2).tolist(), float(rng.uniform(-3, 3)))
+        for k in range(group):
+            from_second = Pose2(*clean[j].tolist()).inverse() @ Pose2(*clean[j + k].tolist())
+            to_first = Pose2(*clean[i + k].tolist()).inverse() @ Pose2(*clean[i].tolist())
+            drawn.append(Edge(i + k, j + k, to_first @ there @ from_second, information, EdgeKind.LOOP))
+    return drawn
+
+
+@pytest.mark.parametrize("group", [1, 10])
+def test_false_loops_do_not_move_the_optimum_and_are_named(
+    intel: tuple[FloatArray, tuple[Edge, ...], FloatArray], group: int
+) -> None:
+    start, edges, clean = intel
+    false = drawn_false_loops(clean, edges[-1].information, group, 20)
+    solution = solve(start, (*edges, *false))
+    assert rmse(solution.poses, clean) < 0.1
+    assert {id(item.edge) for item in solution.rejected} == {id(edge) for edge in false}
+    assert all(
+        item.chi_square >= item.limit and item.reason is RejectionReason.CONTRADICTED for item in solution.rejected
+    )
+    told = [str(item) for item in solution.rejected]
+    assert told[0].startswith(f"loop {false[0].i}-{false[0].j}: the rest of the graph contradicts it (chi-square ")
+
+
+def test_no_true_loop_is_lost_where_none_is_false(intel: tuple[FloatArray, tuple[Edge, ...], FloatArray]) -> None:
+    start, edges, clean = intel
+    solution = solve(start, edges)
+    assert solution.accepted.all()
+    assert solution.rejected == ()
+    assert rmse(solution.poses, clean) < 0.01
+
+
+def test_a_start_in_the_wrong_valley_is_left_for_the_proven_optimum(mit: tuple[FloatArray, EdgeArrays]) -> None:
+    poses, edges = mit
+    assert sesync_objective(poses, edges) > 1e5
+    solved = least_squares(poses, isotropic(edges))
+    value = sesync_objective(solved, edges)
+    proven = lower_bound(polished(solved, edges), edges)
+    assert value == pytest.approx(61.154, abs=0.01)
+    assert proven <= value * (1 + 1e-9)
+    assert value < 1.0001 * proven
+
+
+def test_a_local_optimum_gets_no_proof(mit: tuple[FloatArray, EdgeArrays]) -> None:
+    poses, edges = mit
+    stuck = poses
+    for _ in range(3):
+        stuck = polished(stuck, edges)
+    assert sesync_objective(stuck, edges) > 100
+    assert lower_bound(stuck, edges) < 61.16
+
+
+def test_exact_edges_give_the_poses_without_a_guess() -> None:
+    rng = np.random.default_rng(2)
+    truth = np.column_stack([rng.uniform(-5, 5, (30, 2)), rng.uniform(-3, 3, 30)])
+    truth[0] = 0.0
+    pairs = [(k, k + 1) for k in range(29)] + [(0, 10), (5, 25), (29, 2)]
+    edges = edge_arrays([measured(truth, i, j, EdgeKind.MATCH) for i, j in pairs])
+    assert spectral_poses(edges, 30) == pytest.approx(truth, abs=1e-3)
+    assert sesync_objective(truth, edges) == pytest.approx(0.0, abs=1e-15)
+
+
+def measured(truth: FloatArray, i: int, j: int, kind: EdgeKind, off: Pose2 | None = None) -> Edge:
+    relative = Pose2(*truth[i].tolist()).inverse() @ Pose2(*truth[j].tolist()) @ (off or Pose2())
+    return Edge(i, j, relative, np.diag([1e4, 1e4, 1e4]), kind)
+
+
+def grown(edges: tuple[Edge, ...] | list[Edge], start: FloatArray) -> PoseGraph:
+    """A graph fed node by node, each node placed by its first edge."""
+    graph = PoseGraph()
+    graph.add(start[:1], [])
+    for node in range(1, len(start)):
+        new = [edge for edge in edges if max(edge.i, edge.j) == node]
+        new.sort(key=lambda edge: edge.kind is EdgeKind.LOOP)
+        graph.add(compose(graph.poses[node - 1], new[0].i_from_j.array())[None], new)
+        graph.update()
+    return graph
+
+
+def test_the_incremental_graph_agrees_with_the_batch_solution(
+    intel: tuple[FloatArray, tuple[Edge, ...], FloatArray],
+) -> None:
+    start, edges, _ = intel
+    start, edges = start[:300], tuple(edge for edge in edges if max(edge.i, edge.j) < 300)
+    clean = least_squares(start, edge_arrays(edges))
+    graph = grown(edges, start)
+    assert rmse(graph.poses, clean) < 0.03
+    assert rmse(graph.solve().poses, clean) < 0.01
+    assert {id(edge) for edge in graph.edges} == {id(edge) for edge in edges}
+    assert graph.rejected == ()
+
+
+def laps() -> tuple[FloatArray, list[Edge]]:
+    """True poses of two laps round a circle and their odometry with small errors, with loops between the laps."""
+    angles = np.linspace(0, 4 * np.pi, 80, endpoint=False)
+    truth = np.column_stack([5 * np.cos(angles), 5 * np.sin(angles), np.remainder(angles + np.pi / 2, 2 * np.pi)])
+    edges = [measured(truth, k, k + 1, EdgeKind.MATCH, Pose2(0.003, 0, 0.004)) for k in range(79)]
+    edges += [measured(truth, k, k + 40, EdgeKind.LOOP) for k in range(0, 40, 4)]
+    return truth, edges
+
+
+def test_a_false_loop_is_left_out_while_driving_and_a_removed_one_is_remembered() -> None:
+    truth, edges = laps()
+    false = measured(truth, 3, 70, EdgeKind.LOOP, Pose2(4.0, -3.0, 1.0))
+    graph = grown([*edges, false], truth)
+    assert [item.edge for item in graph.rejected] == [false]
+    assert rmse(graph.poses, truth) < 0.1
+    graph.remove([edges[-1]])
+    graph.update()
+    assert {item.reason for item in graph.rejected} == {RejectionReason.CONTRADICTED, RejectionReason.REMOVED}
+    assert rmse(graph.poses, truth) < 0.1
+    assert edges[-1] not in graph.edges
+    with pytest.raises(GraphError, match="not in the graph"):
+        graph.remove([edges[-1]])
+
+
+def test_nothing_is_solved_while_no_loop_closes() -> None:
+    truth, edges = laps()
+    graph = grown(edges[:30], truth[:31])
+    reckoned_poses = chained_poses(truth[:31], edges[:30])
+    assert graph.poses == pytest.approx(reckoned_poses)
+
+
+def test_graphs_that_make_no_sense_are_refused() -> None:
+    truth, edges = laps()
+    with pytest.raises(GraphError, match="no edges connect node 50"):
+        solve(truth, [edge for edge in edges if edge.j != 50 and edge.i not in (49, 50)])
+    with pytest.raises(GraphError, match="names node 79 of a graph of 40"):
+        solve(truth[:40], edges)
+    broken = Edge(0, 5, Pose2(float("nan"), 0, 0), np.eye(3), EdgeKind.LOOP)
+    with pytest.raises(GraphError, match="not finite"):
+        solve(truth, [*edges, broken])
+    graph = PoseGraph()
+    graph.add(truth[:2], edges[:1])
+    for bad in (broken, Edge(1, 1, Pose2(), np.eye(3), EdgeKind.LOOP), Edge(0, 9, Pose2(), np.eye(3), EdgeKind.MATCH)):
+        with pytest.raises(GraphError):
+            graph.add(truth[2:6], [edges[1], bad])
+    assert len(graph.poses) == 2
+    assert chi_square(truth, edges[-3:]) == pytest.approx(np.zeros(3), abs=1e-9)
