@@ -266,7 +266,6 @@ def test_a_full_or_broken_disk_ends_the_log_with_one_diagnostic(
     assert len(log.ticks) > 5
 
 
-@pytest.mark.usefixtures("short_segments")
 def test_the_log_before_a_full_disk_names_the_reason_of_its_end(
     quiet: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -278,7 +277,7 @@ def test_the_log_before_a_full_disk_names_the_reason_of_its_end(
         quiet.tell(box)
         wait_for(box, 0)
         monkeypatch.setattr(black_box_store, "LEAST_FREE", 1 << 62)
-        later = Drive({}, [(heard, replace(s, stamp_ns=s.stamp_ns + 10**10), b) for heard, s, b in quiet.notes])
+        later = Drive({}, [(heard, replace(s, stamp_ns=s.stamp_ns + 3 * 10**10), b) for heard, s, b in quiet.notes])
         later.tell(box)
     log = read_log(segment_files(tmp_path))
     assert log.end is not None
@@ -329,7 +328,7 @@ def test_after_kill_9_less_than_a_second_is_missing_and_the_next_run_keeps_the_e
 
     box, notes = tmp_path / "box", tmp_path / "notes"
     notes.write_bytes(pickle.dumps(quiet.notes))
-    root = Path(__file__).resolve().parents[2]
+    root = Path(__file__).resolve().parents[3]
     command = [sys.executable, "-c", VICTIM, str(box), str(notes)]
     victim = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=root)
     assert victim.stdout is not None
