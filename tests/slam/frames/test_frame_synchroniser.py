@@ -187,7 +187,7 @@ def test_topics_that_make_no_frames_are_refused(topics: tuple[Topic, ...], words
 
 
 def test_a_topic_that_was_not_announced_is_refused() -> None:
-    with pytest.raises(ConfigError, match="no topic 'imu/data'"):
+    with pytest.raises(ConfigError, match="unknown topic 'imu/data'"):
         Synchroniser((SCAN,)).add(IMU, sample(0))
 
 
