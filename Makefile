@@ -1,10 +1,11 @@
 # Two commands: `make demo` and `make test`. Each does all its own set-up in .venv; the second time takes no set-up.
 PYTHON_BIN := .venv/bin
 NAME ?= all
-REALTIME := WAYCHAIR_REALTIME=1 $(PYTHON_BIN)/pytest -q \
-	tests/ros/test_stack.py tests/ros/test_mapping.py tests/ros/test_page.py tests/ui/test_browser.py
+REALTIME := WAYCHAIR_REALTIME=1 $(PYTHON_BIN)/pytest -q tests/ros tests/ui
+# Each worker begins with a run of neighbouring tests, which share fixtures, and takes over from the other at the end.
+PARALLEL := -n auto --dist worksteal
 
-.PHONY: demo seeds night test lint acceptance bench format clean
+.PHONY: demo seeds night test nightly lint acceptance bench format clean
 .DEFAULT_GOAL := test
 
 demo:  ## map a floor by joystick, find oneself on the map, drive to three places; ends in out/demo/report.html
@@ -20,8 +21,13 @@ night:  ## adds hours of simulated driving to those there are: make night HOURS=
 	@NIGHT_HOURS=$(or $(HOURS),4) $(PYTHON_BIN)/python -m evaluation nights
 
 test: lint  ## everything that CI runs
-	@$(PYTHON_BIN)/pytest -q -n auto
-	@$(REALTIME) || { echo "what failed in real time, once more: another program may have kept the processors"; $(REALTIME) --lf; }
+	@$(PYTHON_BIN)/pytest -q $(PARALLEL)
+	@$(REALTIME) -m "realtime and not nightly"
+
+nightly:  ## what repeats on a larger scale the checks of `make test`; it takes an hour
+	@bash .ci/setup dev
+	@$(PYTHON_BIN)/pytest -q $(PARALLEL) -m nightly
+	@$(REALTIME) -m "realtime and nightly"
 
 lint:
 	@bash .ci/setup dev

@@ -36,6 +36,17 @@ MAY_BE_SKIPPED = (
 )
 """Reasons that `.ci/run` accepts. It fails where a browser, a camera, ROS, the firmware or the recordings are missing."""
 
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Skip the tests that keep real time, unless this run is for them."""
+    if os.environ.get("WAYCHAIR_REALTIME") == "1":
+        return
+    alone = pytest.mark.skip(reason="keeps real time: run by itself, with WAYCHAIR_REALTIME=1")
+    for item in items:
+        if item.get_closest_marker("realtime"):
+            item.add_marker(alone)
+
+
 _skipped: defaultdict[str, list[str]] = defaultdict(list)
 
 

@@ -225,6 +225,7 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.nightly
 def test_the_demo_needs_no_recording_and_drives_a_world_that_ships(tmp_path: Path) -> None:
     command = [str(WAYCHAIR), "demo", "--world", "corridor_t", "--no-surprises", "--headless"]
     command += ["--out", str(tmp_path / "demo")]

@@ -196,6 +196,7 @@ def test_a_route_through_a_wall_of_the_chairs_width_is_refused_where_it_touches(
     assert "touched something at" in refused(waychair("simulate", "--world", plan, "--route", "short"))
 
 
+@pytest.mark.nightly
 def test_demo_drives_to_all_places_of_a_world_of_few(plan: Path, tmp_path: Path) -> None:
     demo = run_demo(tmp_path / "demo", seed=2, world=plan)
     assert [(leg.place, leg.reached, leg.contacts) for leg in demo.legs] == [("window", True, 0)]

@@ -103,7 +103,7 @@ def folder(day_one: tuple[Path, Mapping, Trajectory], tmp_path: Path) -> Path:
     return tmp_path / "map"
 
 
-@pytest.mark.parametrize("first", [0, 130, 215])
+@pytest.mark.parametrize("first", [0, *(pytest.param(k, marks=pytest.mark.nightly) for k in (130, 215))])
 def test_a_drive_of_another_day_becomes_part_of_the_map(
     drive: Drive, day_one: tuple[Path, Mapping, Trajectory], folder: Path, first: int
 ) -> None:
@@ -134,17 +134,18 @@ def test_a_drive_that_begins_on_new_ground_is_joined_where_it_meets_the_map(driv
     assert both.report["grid"]["known_m2"] > one.report["grid"]["known_m2"]
 
 
+@pytest.mark.parametrize("days", [2, pytest.param(3, marks=pytest.mark.nightly)])
 def test_day_after_day_the_map_does_not_grow(
-    drive: Drive, folder: Path, day_one: tuple[Path, Mapping, Trajectory]
+    drive: Drive, folder: Path, day_one: tuple[Path, Mapping, Trajectory], days: int
 ) -> None:
     half, count = len(drive[0]) // 2, len(day_one[1].result.key_poses)
-    for day in range(1, 4):
+    for day in range(1, days + 1):
         recording, truth = part(drive, half - 40 * day, len(drive[0]) - 30, day)
         both = joined(recording, folder)
         assert len(both.result.key_poses) <= 1.3 * count
         assert across(day_one[1], day_one[2], both, truth) < 0.15
-    assert load_state(folder).sessions == 4
-    assert len(load_state(folder).scans) <= 4 * len(both.result.key_poses)
+    assert load_state(folder).sessions == days + 1
+    assert len(load_state(folder).scans) <= (days + 1) * len(both.result.key_poses)
 
 
 @pytest.fixture

@@ -32,8 +32,6 @@ from waychair.types import FloatArray, ImuSample, JoystickInput, OccupancyGrid, 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
 
-pytestmark = ALONE
-
 WAY_M = 2.5
 BAR_M = 0.02
 
@@ -45,6 +43,7 @@ def occupied(grid: OccupancyGrid) -> FloatArray:
     return np.stack([columns + 0.5, rows + 0.5], axis=1) * grid.resolution + corner
 
 
+@ALONE
 def test_the_map_of_the_recorded_bag_is_the_live_one(ros: Harness, tmp_path: Path) -> None:
     """Driven by the rider's stick, in real time; both listened from the first message on."""
     from tests.ros.harness import ended
@@ -286,6 +285,7 @@ def test_before_the_first_scan_there_is_no_map_to_save(room: Room, tmp_path: Pat
     assert not (tmp_path / "map").exists()
 
 
+@ALONE
 def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harness, tmp_path: Path) -> None:
     from tests.ros.harness import ended
     from waychair.maps.drawn.places import save_places
@@ -311,6 +311,7 @@ def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harnes
     np.testing.assert_array_equal(load_map(tmp_path / "copy").cells, load_map(tmp_path / "map").cells)
 
 
+@ALONE
 def test_a_mapper_on_another_clock_takes_no_scan_and_says_why(ros: Harness, tmp_path: Path) -> None:
     from waychair.recordings.bags.ros_messages import header, make
     from waychair.ros.interface_types import interface_type

@@ -12,6 +12,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import pytest
@@ -251,3 +252,19 @@ def test_what_is_drawn_on_a_page_is_in_the_maps_files_and_known_to_all_nodes(sta
         assert page.do("undo")["done"]
     assert "nothing to undo" in page.do("undo")["sentence"]
     stack.until(lambda: "desk" not in stack.client.places(), "the navigator to forget it")
+
+
+def test_nothing_outlives_the_stack_when_it_is_killed(stack: LiveStack) -> None:
+    pids = stack.pids.values()
+    assert pids
+    assert all(map(is_alive, pids))
+    stack.end(signal.SIGKILL)
+    stack.until(lambda: not any(map(is_alive, pids)), "the processes to end")
+
+
+def is_alive(pid: int) -> bool:
+    """Whether there is such a process, which is not merely waited for."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(") ", 1)[1][0] != "Z"
+    except OSError:
+        return False

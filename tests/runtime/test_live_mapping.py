@@ -203,6 +203,7 @@ def occupied_points(live: LiveMapping) -> list[list[int]]:
     return cells
 
 
+@pytest.mark.nightly
 def test_a_real_log_mapped_live_gives_the_map_that_mapping_it_gives(data_dir: Path) -> None:
     recording = read_recording(data_dir / "lidar_fr079" / "fr079_laser.clf.gz")
     part = replace(recording, frames=recording.frames[:1000])

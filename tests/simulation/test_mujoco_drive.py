@@ -75,7 +75,7 @@ def test_driving_at_random_in_the_clinic_never_puts_the_axle_through_a_wall(body
     assert simulator.contacts > 1
 
 
-@pytest.mark.parametrize(("body", "seed"), [(CHAIR_A, 0), (CHAIR_B, 2)])
+@pytest.mark.parametrize(("body", "seed"), [(CHAIR_A, 0), pytest.param(CHAIR_B, 2, marks=pytest.mark.nightly)])
 def test_the_clinics_route_is_finished_without_contact(body: ChairBody, seed: int) -> None:
     world = load_world("small_clinic")
     plant = randomised(NOMINAL, seed) if seed else NOMINAL

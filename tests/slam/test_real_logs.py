@@ -45,6 +45,7 @@ def test_intel_lab_is_mapped_better_than_its_peers(data_dir: Path, tmp_path: Pat
     assert errors["trans_max_m"] < 0.2
 
 
+@pytest.mark.nightly
 def test_a_way_driven_again_in_reverse_is_known_though_the_lidar_only_looks_ahead(data_dir: Path) -> None:
     """Each scan sees the area behind the latest scans: it is also matched against earlier scans nearby."""
     recording = read_recording(data_dir / "lidar_intel" / "intel_first1088s.clf.gz")
@@ -60,6 +61,7 @@ def test_a_way_driven_again_in_reverse_is_known_though_the_lidar_only_looks_ahea
     assert np.hypot(pose.x, pose.y) < 0.05
 
 
+@pytest.mark.nightly
 def test_freiburg_079_survives_its_poor_odometry(data_dir: Path, tmp_path: Path) -> None:
     mapping = mapped(data_dir / "lidar_fr079" / "fr079_laser.clf.gz")
     errors = relation_errors(data_dir, mapping, "lidar_fr079/fr079.relations.gz", tmp_path)
@@ -69,6 +71,7 @@ def test_freiburg_079_survives_its_poor_odometry(data_dir: Path, tmp_path: Path)
     assert errors["trans_max_m"] < 0.5
 
 
+@pytest.mark.nightly
 def test_sena_wheelchair_closes_its_loop_without_double_walls(data_dir: Path) -> None:
     recording = read_recording(data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz")
     mapping = map_recording(recording, MappingSettings())
@@ -79,6 +82,7 @@ def test_sena_wheelchair_closes_its_loop_without_double_walls(data_dir: Path) ->
     assert np.quantile(twice, 0.9) < 0.05
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["exp1", "exp2"])
 def test_coreslam_logs_close_their_loop_and_keep_their_walls_parallel(data_dir: Path, name: str) -> None:
     """The chair returns after 25 m with another heading, 1 m and up to 15 degrees off; the lidar's range is 5 m."""

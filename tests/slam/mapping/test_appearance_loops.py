@@ -163,6 +163,7 @@ def test_the_lidar_goes_on_alone_where_the_camera_is_lost(route: Drive) -> None:
     assert worst_error(route, mapper) < 0.05
 
 
+@pytest.mark.nightly
 def test_the_camera_goes_on_where_it_was_lost_for_a_while(route: Drive) -> None:
     mapper, appearance = driven(route, lambda n, pose: None if 200 < n < 400 else taken(n, pose))
     assert false_links(route, appearance) == []
@@ -197,6 +198,7 @@ def test_a_lookalike_place_is_refused_by_the_way_that_was_driven(route: Drive) -
     assert false_links(route, appearance) == []
 
 
+@pytest.mark.nightly
 def test_a_lookalike_place_is_refused_by_the_lidar(route: Drive) -> None:
     """The way is held to be so uncertain that it contradicts nothing."""
     half = len(route[0]) // 2
