@@ -39,6 +39,9 @@ _MOVED, _MUCH = 0.1, 0.2
 """m: a point without another so near has moved; share of the obstacles: if more have moved, a plan is obsolete."""
 
 
+MIXED_PIXEL_GAP = 0.1
+"""m; a scan's point so far from both neighbours may be a mixed pixel."""
+
 WINDOW_REACH, WINDOW_CELL = 4.0, 0.025
 """m; half side of the local window and the side of its cells; a map's cells are split or joined to about that."""
 
@@ -255,7 +258,7 @@ def have_mostly_moved(before: FloatArray, now: FloatArray) -> bool:
     return bool(np.isinf(away).mean() > _MUCH)
 
 
-def without_mixed_pixels(points: FloatArray, laser: Pose2, gap: float) -> FloatArray:
+def without_mixed_pixels(points: FloatArray, laser: Pose2, gap: float = MIXED_PIXEL_GAP) -> FloatArray:
     """Return a scan's points (N, 2) [m], in the order of its beams, without mixed pixels.
 
     A beam that falls half on an edge reads a range between the two surfaces, where nothing is. Such a point is farther
