@@ -34,7 +34,6 @@ from waychair.offline.depth_recording import (
     see_pictures,
     warnings_of,
 )
-from waychair.offline.first_motion import start_index
 from waychair.offline.mapping_report import Cost, mapping_report, torn_warnings, write_mapping_page
 from waychair.offline.resuming import Checkpoints, remove_checkpoint
 from waychair.offline.sessions import (
@@ -50,6 +49,7 @@ from waychair.offline.sessions import (
 )
 from waychair.recordings.recording import InputSettings, Recording, write_tum
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.slam.frames.first_motion import start_index
 from waychair.slam.frames.mount_check import mount_warnings
 from waychair.slam.graph.graph_optimisation import write_g2o
 from waychair.slam.mapping.appearance_loops import AppearanceSettings

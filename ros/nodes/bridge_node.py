@@ -84,8 +84,8 @@ from waychair.runtime.black_box.recorder import BlackBoxSettings, LoggedChair
 from waychair.runtime.drive_base import BaseSettings, ChairMessage, DriveBase
 from waychair.runtime.monitor_process import MonitorProcess, Watched
 from waychair.runtime.page_watch import PageWatch
-from waychair.runtime.wheel_counts import WheelCounts
 from waychair.slam.localising.localisation import Localisation, LocalisationState
+from waychair.slam.odometry.wheel_counts import WheelCounts
 from waychair.topics import SCAN as SCAN_RATE
 from waychair.types import ChairStatus, Goal, JoystickInput, Odometry, Pose2, Twist, WheelTicks
 

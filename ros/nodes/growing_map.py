@@ -16,13 +16,13 @@ from typing import Any
 from waychair import topics
 from waychair.errors import WaychairError
 from waychair.geometry import wrap_angle
-from waychair.offline.first_motion import rests
 from waychair.offline.map_folders import refuse_drawn, set_aside
 from waychair.offline.mapping import live_result, save_mapping
 from waychair.offline.sessions import state_of_map
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.nodes.worker import Worker
 from waychair.runtime.live_mapping import LiveMapping
+from waychair.slam.frames.first_motion import rests
 from waychair.slam.frames.frame_synchroniser import Synchroniser, SynchroniserSettings
 from waychair.slam.localising.localiser import Localisation, LocalisationState
 from waychair.slam.mapping.mapper import odometry_of

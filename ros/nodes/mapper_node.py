@@ -68,7 +68,6 @@ from waychair.ros.nodes.node import ChairNode, run_node
 from waychair.ros.topics import RosTopic
 from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.runtime.odometry_track import OdometryTrack
 from waychair.slam.localising.localiser import (
     Localisation,
     LocalisationState,
@@ -76,6 +75,7 @@ from waychair.slam.localising.localiser import (
     LocaliserSettings,
     prepared_map,
 )
+from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.types import Odometry, Pose2, Scan
 
 if TYPE_CHECKING:

@@ -67,10 +67,10 @@ from waychair.ros.nodes.navigate_action import DriveFeedback, NavigateAction
 from waychair.ros.nodes.navigation_display import NavigationDisplay
 from waychair.ros.nodes.node import ChairNode, run_node
 from waychair.ros.nodes.tick_phase import TickPhase
-from waychair.runtime.odometry_track import OdometryTrack
 from waychair.runtime.pilot import Pilot, PilotSettings
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED
 from waychair.slam.localising.localisation import Localisation
+from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.slam.odometry.tilt import Tilt
 from waychair.topics import CAMERA as CAMERA_RATE
 from waychair.topics import COMMAND as COMMAND_RATE

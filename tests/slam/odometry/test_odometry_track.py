@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waychair.geometry import arc
-from waychair.runtime.odometry_track import OdometryTrack
+from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.types import Odometry, Pose2, Twist
 
 MS = 1_000_000

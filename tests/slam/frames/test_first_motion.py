@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.offline.first_motion import rests, start_index
+from waychair.slam.frames.first_motion import rests, start_index
 from waychair.types import ImuSample, Odometry, Pose2, Scan, SensorFrame, Twist, WheelTicks
 
 IMU = (ImuSample(0, np.array([0.0, 0.0, 9.81]), np.zeros(3)),)

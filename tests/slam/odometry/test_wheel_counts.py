@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.runtime.wheel_counts import WheelCounts
+from waychair.slam.odometry.wheel_counts import WheelCounts
 from waychair.types import WheelTicks
 
 TURN, SECOND = 4096, 1_000_000_000
