@@ -25,8 +25,8 @@ from waychair.offline.rgbd_mapping import RgbdMappingSettings, map_pictures
 from waychair.recordings.recording import Recording, read_recording, read_tum
 from waychair.recordings.rgbd_folders import is_rgbd_folder
 from waychair.recordings.text.carmen import stamp_from_text
-from waychair.runtime.depth_mapping import DepthMapping
 from waychair.slam.camera.picture_registration import angle_between
+from waychair.slam.mapping.depth_mapping import DepthMapping
 from waychair.slam.odometry.dead_reckoning import DeadReckoning
 from waychair.types import Bytes, FloatArray, Pose3, RgbdFrame, Trajectory, Trajectory3
 

@@ -11,8 +11,8 @@ from waychair.errors import NoPictures, RecordingError
 from waychair.maps.depth.depth_scan import frame_problem, planar_scan
 from waychair.maps.folders.depth_layer import DROP_OFF
 from waychair.recordings.recording import Recording
-from waychair.runtime.depth_mapping import PLAIN, DepthMappingSettings
-from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.slam.mapping.depth_mapping import PLAIN, DepthMappingSettings
+from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.types import ImuSample, Json, OccupancyGrid, Odometry, Pose2, Pose3, SensorFrame, WheelTicks
 
 _Reading = WheelTicks | Odometry | ImuSample

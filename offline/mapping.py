@@ -48,11 +48,11 @@ from waychair.offline.sessions import (
     state_of_map,
 )
 from waychair.recordings.recording import InputSettings, Recording, write_tum
-from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.frames.first_motion import start_index
 from waychair.slam.frames.mount_check import mount_warnings
 from waychair.slam.graph.graph_optimisation import write_g2o
 from waychair.slam.mapping.appearance_loops import AppearanceSettings
+from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.mapping.mapper import MapperResult
 from waychair.types import Json, OccupancyGrid, Pose2, Pose3
 

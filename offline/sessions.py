@@ -27,10 +27,10 @@ from scipy.spatial import cKDTree
 from waychair.errors import OutputError, SessionError
 from waychair.files import replacing
 from waychair.maps.depth.depth_scan import DepthScan
-from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.graph.edges import EdgeKind
 from waychair.slam.localising.localiser import LocalisationState, Localiser, LocaliserSettings
 from waychair.slam.mapping.checkpoint import object_from_state, state_of
+from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.mapping.mapper import CERTAIN_PATH, Mapper, twist_of
 from waychair.slam.scan.scan_points import ScanPoints, scan_points
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, Pose3, Scan, SensorFrame

@@ -30,12 +30,12 @@ from waychair.offline.mapping import Mapping, MappingSettings, live_result, save
 from waychair.planning.grid.costmap import costmap_from_grid
 from waychair.planning.route.global_planner import plan
 from waychair.runtime.chair import Chair, ChairState
-from waychair.runtime.live_mapping import LiveMapping
 from waychair.simulation.follower import Follower
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.plant.plant import PlantSettings, randomised
 from waychair.simulation.simulator import SensorMessage, SimulatorSettings
 from waychair.slam.frames.frame_synchroniser import Synchroniser
+from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.slam.trajectory_errors import TruthErrors, truth_errors
 from waychair.topics import SCAN, WHEELS
 from waychair.trials.drive import (

@@ -13,9 +13,9 @@ from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import shown_points
-from waychair.runtime.live_mapping import LiveMapping
 from waychair.simulation.simulator import SensorMessage
 from waychair.slam.localising.localisation import LocalisationState
+from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.trials.demo import DemoWatcher
 from waychair.trials.drive import DriveSetup
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Place, Pose2, Scan, Twist

@@ -21,12 +21,12 @@ from waychair.geometry import transform_points
 from waychair.maps.depth.depth_scan import DepthSettings
 from waychair.maps.grid.cells import occupied
 from waychair.maps.grid.distance_field import are_within, distances
-from waychair.runtime.depth_mapping import DepthMappingSettings
-from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plant.plant import PlantSettings, joystick_from_volts, volts_from_twist
 from waychair.simulation.scene.scene import Pit
 from waychair.simulation.simulator import SensorMessage, Simulator
+from waychair.slam.mapping.depth_mapping import DepthMappingSettings
+from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.types import (
     FloatArray,
     JoystickInput,

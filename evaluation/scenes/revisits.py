@@ -23,12 +23,12 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.geometry import compose, invert, pose_from_array, wrap_angles
 from waychair.offline.appearance_mapping import MemoryBuilder
 from waychair.recordings.recording import read_recording
-from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.simulation.plan.world import load_world
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.slam.graph.edges import EdgeKind
 from waychair.slam.mapping.appearance_loops import AppearanceLoopClosure, AppearanceSettings
+from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.mapping.mapper import MapperResult
 from waychair.slam.memory.nodes import LOOPS, LinkKind
 from waychair.slam.trajectory_errors import poses_at, truth_errors

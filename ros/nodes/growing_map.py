@@ -21,10 +21,10 @@ from waychair.offline.mapping import live_result, save_mapping
 from waychair.offline.sessions import state_of_map
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.nodes.worker import Worker
-from waychair.runtime.live_mapping import LiveMapping
 from waychair.slam.frames.first_motion import rests
 from waychair.slam.frames.frame_synchroniser import Synchroniser, SynchroniserSettings
 from waychair.slam.localising.localiser import Localisation, LocalisationState
+from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.slam.mapping.mapper import odometry_of
 from waychair.types import ImuSample, OccupancyGrid, Odometry, Pose2, Scan, SensorFrame
 

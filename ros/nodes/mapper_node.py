@@ -67,7 +67,6 @@ from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.node import ChairNode, run_node
 from waychair.ros.topics import RosTopic
 from waychair.runtime.last_pose import remember_pose, remembered_pose
-from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.localising.localiser import (
     Localisation,
     LocalisationState,
@@ -75,6 +74,7 @@ from waychair.slam.localising.localiser import (
     LocaliserSettings,
     prepared_map,
 )
+from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.types import Odometry, Pose2, Scan
 

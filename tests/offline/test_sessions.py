@@ -19,9 +19,9 @@ from waychair.offline.appearance_mapping import MEMORY
 from waychair.offline.mapping import Mapping, MappingSettings, join_recording, map_recording, save_mapping
 from waychair.offline.sessions import SESSION, load_state, replaced_folder
 from waychair.recordings.recording import Recording, read_tum
-from waychair.runtime.depth_mapping import DepthMappingSettings
 from waychair.slam.graph.edges import EdgeKind
 from waychair.slam.localising.localiser import Localisation, LocalisationState, Localiser
+from waychair.slam.mapping.depth_mapping import DepthMappingSettings
 from waychair.slam.mapping.loop_closure import LoopSettings
 from waychair.slam.mapping.mapper import MapperSettings
 from waychair.slam.memory.memory_manager import NodeMemory

@@ -20,8 +20,8 @@ from waychair.maps.depth.depth_scan import DepthSettings
 from waychair.maps.folders.depth_layer import DROP_OFF
 from waychair.offline.mapping import Mapping, MappingSettings, map_recording
 from waychair.recordings.recording import Recording
-from waychair.runtime.depth_mapping import USES, DepthMappingSettings
 from waychair.simulation.plan.world import load_world
+from waychair.slam.mapping.depth_mapping import USES, DepthMappingSettings
 from waychair.slam.trajectory_errors import truth_errors
 from waychair.types import Json, RgbdFrame, SensorFrame
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from evaluation.figures.mapping.logs import DATA
 from waychair.offline.mapping import MappingSettings, map_recording
 from waychair.recordings.recording import Recording, read_recording
-from waychair.runtime.live_mapping import LiveMapping
+from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.types import FloatArray, Json
 
 LOG = "lidar_intel/intel_first1088s.clf.gz"

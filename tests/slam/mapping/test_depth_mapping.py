@@ -22,10 +22,10 @@ from waychair.maps.folders.map_files import load_map
 from waychair.maps.grid.cells import cells_from_points, occupied
 from waychair.offline.mapping import Mapping, MappingSettings, map_recording, save_mapping
 from waychair.recordings.recording import Recording
-from waychair.runtime.depth_mapping import DepthMapping, DepthMappingSettings
-from waychair.runtime.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.sensors.renderer import renderer_problem
+from waychair.slam.mapping.depth_mapping import DepthMapping, DepthMappingSettings
+from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.odometry.tilt import Tilt
 from waychair.slam.trajectory_errors import truth_errors
 from waychair.types import FloatArray, RgbdFrame, SensorFrame, Trajectory

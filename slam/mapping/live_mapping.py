@@ -17,7 +17,7 @@ from waychair.maps.depth.depth_evidence import merge_sensors
 from waychair.maps.folders.depth_layer import depth_layer
 from waychair.maps.grid.occupancy import EvidenceGrid, OccupancySettings
 from waychair.maps.layers.session_grid import SessionGrid
-from waychair.runtime.depth_mapping import DepthMapping, DepthMappingSettings
+from waychair.slam.mapping.depth_mapping import DepthMapping, DepthMappingSettings
 from waychair.slam.mapping.mapper import Mapper, MapperResult, MapperSettings, odometry_of, twist_of
 from waychair.slam.odometry.dead_reckoning import DeadReckoning
 from waychair.slam.odometry.odometry_model import OdometrySettings

@@ -18,8 +18,8 @@ from waychair.maps.grid.occupancy import build_grid
 from waychair.maps.layers import grid_assembly
 from waychair.offline.mapping import MappingSettings, live_result, map_recording, save_mapping
 from waychair.recordings.recording import Recording, read_recording
-from waychair.runtime.live_mapping import LiveMapping
 from waychair.slam.graph.graph_optimisation import EdgeKind
+from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.types import FloatArray, ImuSample, OccupancyGrid, Odometry, Pose2, Scan, SensorFrame, Twist, WheelTicks
 
 Drive = tuple[list[SensorFrame], FloatArray]
