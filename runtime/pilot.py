@@ -14,6 +14,7 @@ import numpy as np
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.stopping import StopTable, permitted_speed
 from waychair.config import setting
+from waychair.control.drive.echo_filter import EchoFilter
 from waychair.control.drive.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.safety.collision_monitor import MAPPED_WITHIN, points_now, slim_beams
 from waychair.control.safety.supervisor import SupervisorVerdict
@@ -22,7 +23,6 @@ from waychair.maps.drawn.zones import Zone
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.window.motion_limits import measured
 from waychair.runtime.drive_base import BaseSettings
-from waychair.runtime.echoes import EchoFilter
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.tilt import Tilt
 from waychair.slam.scan.scan_points import beam_ends

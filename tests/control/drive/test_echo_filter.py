@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.runtime.riding import FAR, Ride
+from waychair.control.drive.echo_filter import EchoFilter
 from waychair.control.drive.navigator import Stage
-from waychair.runtime.echoes import EchoFilter
 from waychair.simulation.sensors import sonar
 from waychair.simulation.sensors.sonar import SonarSettings
 from waychair.simulation.simulator import SimulatorSettings
