@@ -27,6 +27,7 @@ from waychair.offline.appearance_mapping import (
     move_memory,
     remove_memory,
 )
+from waychair.offline.checkpoints import Checkpoints, remove_checkpoint
 from waychair.offline.depth_recording import (
     depth_report,
     live_from_pictures,
@@ -35,7 +36,6 @@ from waychair.offline.depth_recording import (
     warnings_of,
 )
 from waychair.offline.mapping_report import Cost, mapping_report, torn_warnings, write_mapping_page
-from waychair.offline.resuming import Checkpoints, remove_checkpoint
 from waychair.offline.sessions import (
     SESSION,
     DriveJoiner,

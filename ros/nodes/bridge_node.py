@@ -68,6 +68,7 @@ from waychair.ros.node_settings import (
     scan_frame_field,
     stamped_field,
 )
+from waychair.ros.nodes.bridge_log import BridgeLog, TickRecord
 from waychair.ros.nodes.bridge_state import (
     MAX_CLOCK_DIFFERENCE_NS,
     BridgeDrive,
@@ -76,7 +77,6 @@ from waychair.ros.nodes.bridge_state import (
     Localised,
 )
 from waychair.ros.nodes.commanders import NAVIGATOR_NODE, PAGE_NODE, Commanders
-from waychair.ros.nodes.drive_announcements import BridgeLog, TickRecord
 from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.node import ChairNode, run_node
 from waychair.ros.topics import RosTopic

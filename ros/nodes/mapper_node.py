@@ -79,7 +79,7 @@ from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.types import Odometry, Pose2, Scan
 
 if TYPE_CHECKING:
-    from waychair.ros.nodes.growing_map import MapBuilder
+    from waychair.ros.nodes.map_builder import MapBuilder
 
 _HEARTBEAT_HZ = 25.0
 _MAP_HZ = 0.5
@@ -152,7 +152,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
 
     def _begin_map(self) -> MapBuilder:
         """Begin a map, like `waychair map` from a bag of the same drive."""
-        from waychair.ros.nodes.growing_map import MapBuilder  # late, since localisation does not need it
+        from waychair.ros.nodes.map_builder import MapBuilder  # late, since localisation does not need it
 
         s = self.settings
         if s.save_folder:
