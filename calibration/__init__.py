@@ -1,4 +1,4 @@
-"""Models of one chair: its body, wheels, sensor mounts and joystick volts, as data and as fits.
+"""Models of one chair: its body, wheels, sensor mounts and joystick volts, as data, as fits and as drives.
 
-Begin with `chair` (the body), `calibration_file` (a chair's file) and `fitted_dac` (the joystick lines' model).
+Begin with `chair_body`, `calibration_file` (a chair's file) and `fits/fitted_dac` (the joystick lines' model).
 """

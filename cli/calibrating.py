@@ -13,13 +13,13 @@ from waychair.cli.options.chair_options import ChairOptions, PlantName, PortOpti
 
 if TYPE_CHECKING:
     from waychair.calibration.chair_body import ChairBody
+    from waychair.calibration.drives.dac_and_stops import ChairUnderTest
     from waychair.calibration.fits.drive_log import SweepLog
     from waychair.calibration.fits.fit_dac import DacFit
     from waychair.calibration.fits.fitted_dac import FittedDac
     from waychair.calibration.fits.stick_levels import OnBlocks
     from waychair.calibration.fits.stopping import MeasuredStop, StopSettings, StopTable
     from waychair.calibration.fits.sweep import SweepSettings
-    from waychair.trials.calibrate import ChairUnderTest
 
 calibrate_app = App(name="calibrate", help="Measure a chair and store the results in its calibration file.")
 calibrate_app.command("waychair.cli.calibrating_sensors:time_command", name="time", help="Find the delays of sensors.")
@@ -117,7 +117,7 @@ def _sweep_from_csv(
 def _sweep_of_simulated(
     options: ChairOptions, real: PortOptions, plan: SweepSettings, plant: PlantName, log: Path | None
 ) -> _Sweep:
-    from waychair.trials.calibrate import chair_in_hall
+    from waychair.trials.simulated_calibration import chair_in_hall
 
     options.refuse_other_chair(options.simulated_name)
     body, settings = options.simulated(plant)
@@ -128,9 +128,9 @@ def _sweep_of_simulated(
 def _sweep_of_real(
     options: ChairOptions, real: PortOptions, plan: SweepSettings, name: str, log: Path | None
 ) -> _Sweep:
+    from waychair.calibration.drives.board_drive import plan_for_board
+    from waychair.calibration.drives.dac_and_stops import ChairUnderTest
     from waychair.cli.options.real_chair import armed_chair
-    from waychair.trials.board_drive import plan_for_board
-    from waychair.trials.calibrate import ChairUnderTest
 
     options.refuse_other_chair(name)
     body = options.body()
@@ -208,10 +208,11 @@ def stop_command(
         NAME.part.
     """
     from waychair.calibration.calibration_file import load_calibration
+    from waychair.calibration.drives.dac_and_stops import ChairUnderTest
     from waychair.calibration.fits.stopping import StopSettings
     from waychair.cli.options.real_chair import armed_chair
     from waychair.errors import CalibrationError
-    from waychair.trials.calibrate import ChairUnderTest, chair_in_hall
+    from waychair.trials.simulated_calibration import chair_in_hall
 
     known = load_calibration(options.out, None if real.port else options.simulated_name)
     if known.dac is None:
@@ -233,9 +234,9 @@ def stop_command(
 def _stopped(
     options: ChairOptions, chair: ChairUnderTest, model: FittedDac, plan: StopSettings, log: Path | None
 ) -> tuple[StopTable, tuple[MeasuredStop, ...]]:
+    from waychair.calibration.drives.dac_and_stops import calibrate_stops
     from waychair.calibration.fits.sweep import Recorder
     from waychair.cli.options.real_chair import keeping
-    from waychair.trials.calibrate import calibrate_stops
 
     recorder = Recorder(chair.drive, model.bits, model.volts_max, model.volts_min)
     with keeping(log, recorder), options.progress("stopping") as show:
@@ -281,7 +282,8 @@ def wheels_command(
     chair_id
         Name of the chair, for --recording.
     """
-    from waychair.trials.calibrate_sensors import WHEELS_HALL, calibrate_wheels, wheels_from_recording
+    from waychair.calibration.drives.recorded_drives import wheels_from_recording
+    from waychair.trials.simulated_calibration import WHEELS_HALL, calibrate_wheels
 
     if recording is not None or trajectory is not None:
         if recording is None or trajectory is None:
@@ -290,7 +292,7 @@ def wheels_command(
         wheels = wheels_from_recording(recording, trajectory, body)
     else:
         from waychair.simulation.simulator import Simulator
-        from waychair.trials.halls import open_hall
+        from waychair.trials.open_hall import open_hall
 
         name, (body, settings) = options.simulated_name, options.simulated(plant)
         simulator = Simulator(open_hall(WHEELS_HALL, 0.05), body, settings, options.seed)
@@ -321,14 +323,15 @@ def imu_command(
     chair_id
         Name of the chair, for --recording.
     """
-    from waychair.trials.calibrate_sensors import calibrate_imu, imu_from_recording
+    from waychair.calibration.drives.recorded_drives import imu_from_recording
+    from waychair.trials.simulated_calibration import calibrate_imu
 
     if recording is not None:
         name, body = _recorded_chair(options, chair_id)
         imu = imu_from_recording(recording)
     else:
         from waychair.simulation.simulator import Simulator
-        from waychair.trials.halls import open_hall
+        from waychair.trials.open_hall import open_hall
         from waychair.trials.simulated_drive import with_gyro
 
         name, (body, settings) = options.simulated_name, options.simulated()
@@ -356,12 +359,9 @@ def camera_command(
         Name of the chair, for --recording.
     """
     from waychair.calibration.calibration_file import mount_from_extrinsics
-    from waychair.trials.calibrate_sensors import (
-        calibrate_camera,
-        camera_from_recording,
-        nominal_mount,
-        with_displaced_camera,
-    )
+    from waychair.calibration.drives.camera_views import nominal_mount
+    from waychair.calibration.drives.recorded_drives import camera_from_recording
+    from waychair.trials.simulated_calibration import calibrate_camera, with_displaced_camera
 
     if recording is not None:
         name, body = _recorded_chair(options, chair_id)

@@ -12,8 +12,8 @@ from waychair.cli.options.chair_options import ChairOptions
 
 if TYPE_CHECKING:
     from waychair.calibration.chair_body import ChairBody
+    from waychair.calibration.drives.sensor_delays import TimeCalibrator
     from waychair.recordings.recording import Recording
-    from waychair.trials.calibrate_time import TimeCalibrator
     from waychair.types import Scan
 
 
@@ -46,7 +46,7 @@ def time_command(
         Delays in ms to add to the stamps of the simulated lidar, encoders and camera, as a test.
     """
     from waychair.calibration.calibration_file import load_calibration
-    from waychair.trials.calibrate_time import TimeCalibrator, merged, milliseconds
+    from waychair.calibration.drives.sensor_delays import TimeCalibrator, merged, milliseconds
 
     if recording is not None:
         name, read = _recorded(recording, chair_id, options)
@@ -134,10 +134,11 @@ def _turned(
     options: ChairOptions, seconds: float, camera: bool, inject: tuple[float, float, float]
 ) -> tuple[ChairBody, TimeCalibrator]:
     """Turn a simulated chair left and right; return its body and a calibrator with its messages."""
+    from waychair.calibration.drives.sensor_delays import TimeCalibrator
     from waychair.calibration.fits.time_offset import SensorDelays, without_delay
     from waychair.simulation.simulator import Simulator, with_all_sensors
-    from waychair.trials.calibrate_time import TIME_HALL, TimeCalibrator, turns_to_and_fro
-    from waychair.trials.halls import open_hall
+    from waychair.trials.open_hall import open_hall
+    from waychair.trials.simulated_calibration import TIME_HALL, turns_to_and_fro
     from waychair.trials.simulated_drive import with_gyro
 
     options.refuse_other_chair(options.simulated_name)
@@ -159,8 +160,8 @@ def _turned(
 def _seen_while_turning(options: ChairOptions) -> tuple[ChairBody, list[Scan]]:
     """Turn a simulated chair once round; return its body and scans."""
     from waychair.simulation.simulator import Simulator
-    from waychair.trials.halls import open_hall
-    from waychair.trials.learn_mask import MASK_HALL, scans_while_turning, with_legs
+    from waychair.trials.open_hall import open_hall
+    from waychair.trials.simulated_calibration import MASK_HALL, scans_while_turning, with_legs
 
     options.refuse_other_chair(options.simulated_name)
     body, settings = options.simulated()

@@ -52,8 +52,8 @@ from waychair.types import (
     ImuSample,
     Odometry,
     Pose2,
-    RgbdFrame,
     Scan,
+    SensorMessage,
     SentCommand,
     SonarReadings,
     Telemetry,
@@ -61,7 +61,7 @@ from waychair.types import (
     WheelTicks,
 )
 
-ChairMessage: TypeAlias = WheelTicks | Scan | ImuSample | SonarReadings | RgbdFrame | ChairStatus
+ChairMessage: TypeAlias = SensorMessage | ChairStatus
 """A message of a chair's sensors or contacts. Wheels and lidar are required; every other one that comes is supervised.
 
 The rider's joystick is no message: the board reads it and reports it in its telemetry.

@@ -19,8 +19,8 @@ from waychair.simulation.plant.kinematic_chair import moved
 from waychair.simulation.plant.plant import PlantSettings, joystick_from_volts, volts_from_twist
 from waychair.simulation.scene.contact import person_distance
 from waychair.simulation.scene.scene import PersonState
-from waychair.simulation.simulator import SensorMessage, Simulator
-from waychair.types import FloatArray, JoystickInput, Pose2, Twist
+from waychair.simulation.simulator import Simulator
+from waychair.types import FloatArray, JoystickInput, Pose2, SensorMessage, Twist
 
 STALL_NS = 60_000_000_000
 """A drive that moves less than 10 cm in this time has failed."""

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
 
 import numpy as np
 
@@ -45,9 +44,7 @@ from waychair.simulation.sensors.renderer import Renderer, camera_matrix, render
 from waychair.simulation.sensors.sonar import Sonars, SonarSettings
 from waychair.simulation.sensors.tilted_rays import TiltedPose, terrain_from_world
 from waychair.topics import CAMERA, IMU, SONAR, WHEELS
-from waychair.types import ImuSample, JoystickInput, Pose2, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
-
-SensorMessage: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | SonarReadings
+from waychair.types import JoystickInput, Pose2, SensorMessage, Twist, WheelTicks
 
 PLANT_MODELS = ("kinematic", "mujoco")
 """Ideal wheels, or mass, motors, casters and slip."""

@@ -33,7 +33,7 @@ from waychair.runtime.chair import Chair, ChairState
 from waychair.simulation.follower import Follower
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.plant.plant import PlantSettings, randomised
-from waychair.simulation.simulator import SensorMessage, SimulatorSettings
+from waychair.simulation.simulator import SimulatorSettings
 from waychair.slam.frames.frame_synchroniser import Synchroniser
 from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.slam.trajectory_errors import TruthErrors, truth_errors
@@ -50,7 +50,7 @@ from waychair.trials.drive import (
 )
 from waychair.trials.record import drive_route, true_trajectory
 from waychair.trials.ride import RecordingSimulator, Ride, ride_of
-from waychair.types import FloatArray, Place, Pose2, Scan, WheelTicks
+from waychair.types import FloatArray, Place, Pose2, Scan, SensorMessage, WheelTicks
 
 WORLD = "second_floor"
 SMALL_WORLD = "small_clinic"

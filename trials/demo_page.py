@@ -13,12 +13,11 @@ from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import shown_points
-from waychair.simulation.simulator import SensorMessage
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.trials.demo import DemoWatcher
 from waychair.trials.drive import DriveSetup
-from waychair.types import DriveMode, FloatArray, OccupancyGrid, Place, Pose2, Scan, Twist
+from waychair.types import DriveMode, FloatArray, OccupancyGrid, Place, Pose2, Scan, SensorMessage, Twist
 
 _VIEWS_S, _GRIDS_S = 0.05, 1.0
 _NOT_HERE = Answer(False, "the demo drives by itself: use `waychair page` to drive a simulated chair")

@@ -26,11 +26,11 @@ from waychair.maps.drawn.zones import Zone
 from waychair.runtime.black_box.recorder import BlackBox, LoggedChair
 from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher
 from waychair.simulation.follower import Follower, StallCheck
-from waychair.simulation.simulator import SensorMessage, Simulator
+from waychair.simulation.simulator import Simulator
 from waychair.slam.localising.localiser import LocalisationState
 from waychair.topics import COMMAND
 from waychair.trials.simulated_stops import simulated_calibration
-from waychair.types import FloatArray, Goal, JoystickInput, OccupancyGrid, Place, Pose2
+from waychair.types import FloatArray, Goal, JoystickInput, OccupancyGrid, Place, Pose2, SensorMessage
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
 BEAT_NS = 10_000_000

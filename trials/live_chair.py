@@ -40,12 +40,12 @@ from waychair.runtime.chair_port import Answer, ChairView, LayoutView
 from waychair.runtime.drawing_port import DrawingPort
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
 from waychair.simulation.plan.world import World, load_world
-from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, black_box, simulated_chair
 from waychair.trials.real_time import RealTimeLoop
-from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Pose2, RgbdFrame, Twist
+from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Pose2, RgbdFrame, SensorMessage, Twist
 
 COUNTDOWN_S = 3.0
 """Time from the rider's confirmation to the first motion."""

@@ -21,9 +21,9 @@ from waychair.firmware_bridge.protocol import Holder
 from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_port import ANSWER_S
 from waychair.runtime.page_watch import PageWatch
-from waychair.simulation.simulator import SensorMessage, Simulator
+from waychair.simulation.simulator import Simulator
 from waychair.trials.drive import BEAT_NS, TICK_NS
-from waychair.types import RgbdFrame
+from waychair.types import RgbdFrame, SensorMessage
 
 T = TypeVar("T")
 

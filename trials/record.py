@@ -20,7 +20,7 @@ from waychair.recordings.recording import InputSettings, RecordingWriter, read_r
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.pacing import Pacer
 from waychair.simulation.plant.plant import PlantSettings
-from waychair.simulation.simulator import SensorMessage, Simulator
+from waychair.simulation.simulator import Simulator
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.types import (
     FloatArray,
@@ -30,6 +30,7 @@ from waychair.types import (
     Pose3,
     RgbdFrame,
     Scan,
+    SensorMessage,
     SonarReadings,
     Trajectory,
     WheelTicks,

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 
+from waychair.calibration.drives.measured_speeds import STILL_S, SpeedMeter
 from waychair.calibration.fits.sweep import Sample
 from waychair.errors import WorldError
-from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.topics import COMMAND, IMU
-from waychair.trials.measured_speeds import STILL_S, SpeedMeter
+from waychair.types import SensorMessage
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
 """Commands last for whole numbers of ticks."""

@@ -120,7 +120,7 @@ class PortOptions:
         Port of a real chair's board: /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT. The chair then drives by itself.
     sensors
         Port of its sensors, which send lines of text: `wheels STAMP LEFT RIGHT`, `imu ...`, `scan ...`; see
-        trials/sensor_lines.py.
+        calibration/drives/sensor_lines.py.
     family
         Joystick family for which the board was flashed.
     speeds_from

@@ -16,8 +16,8 @@ from waychair.errors import WaychairError
 
 if TYPE_CHECKING:
     from waychair.calibration.chair_body import ChairBody
-    from waychair.trials.board_drive import BoardDrive
-    from waychair.trials.measured_speeds import SpeedMeter
+    from waychair.calibration.drives.board_drive import BoardDrive
+    from waychair.calibration.drives.measured_speeds import SpeedMeter
 
 CONFIRMATION = "drive"
 """The word that confirms that a chair may drive by itself."""
@@ -31,9 +31,9 @@ def armed_chair(real: PortOptions, body: ChairBody, name: str) -> Iterator[Board
         BadArgument: a port is missing, or the drive was not confirmed.
         BridgeError, TransportError, CalibrationError: see `BoardDrive`.
     """
+    from waychair.calibration.drives.board_drive import BoardDrive, DriveLimits
     from waychair.firmware_bridge.protocol import Family
     from waychair.firmware_bridge.transports import transport_from_text
-    from waychair.trials.board_drive import BoardDrive, DriveLimits
 
     if real.port is None or real.sensors is None:
         raise BadArgument("a real chair needs --port of its board and --sensors of its sensors")
@@ -50,7 +50,7 @@ def armed_chair(real: PortOptions, body: ChairBody, name: str) -> Iterator[Board
 
 
 def _meter(real: PortOptions, body: ChairBody) -> SpeedMeter:
-    from waychair.trials.measured_speeds import EncoderSpeeds, ScanSpeeds
+    from waychair.calibration.drives.measured_speeds import EncoderSpeeds, ScanSpeeds
 
     return EncoderSpeeds(body) if real.speeds_from == "encoders" else ScanSpeeds(body)
 

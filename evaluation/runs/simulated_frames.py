@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from waychair.simulation.simulator import SensorMessage
-from waychair.types import ImuSample, Scan, SensorFrame, WheelTicks
+from waychair.types import ImuSample, Scan, SensorFrame, SensorMessage, WheelTicks
 
 
 class FrameGathering:

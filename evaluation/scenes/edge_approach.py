@@ -24,17 +24,10 @@ from waychair.maps.grid.distance_field import are_within, distances
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plant.plant import PlantSettings, joystick_from_volts, volts_from_twist
 from waychair.simulation.scene.scene import Pit
-from waychair.simulation.simulator import SensorMessage, Simulator
+from waychair.simulation.simulator import Simulator
 from waychair.slam.mapping.depth_mapping import DepthMappingSettings
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.types import (
-    FloatArray,
-    JoystickInput,
-    OccupancyGrid,
-    Pose2,
-    RgbdFrame,
-    Twist,
-)
+from waychair.types import FloatArray, JoystickInput, OccupancyGrid, Pose2, RgbdFrame, SensorMessage, Twist
 
 NEAR = 0.35
 """A drop-off within this distance [m] of the footprint must be in the grid: stopping from 0.6 m/s takes 0.3 m."""

@@ -15,11 +15,11 @@ from waychair.control.speed.closed_loop import ClosedLoop
 from waychair.control.speed.kinematics import wheel_speeds_from_twist
 from waychair.control.speed.speed_loop import SpeedLoopSettings
 from waychair.simulation.plan.world import World
-from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.slam.odometry.odometry_filter import OdometryFilter
-from waychair.trials.halls import open_hall
+from waychair.trials.open_hall import open_hall
 from waychair.trials.simulated_drive import TICK_NS, with_few_beams, with_gyro
-from waychair.types import FloatArray, ImuSample, Pose2, SentCommand, Twist, WheelTicks
+from waychair.types import FloatArray, ImuSample, Pose2, SensorMessage, SentCommand, Twist, WheelTicks
 
 BIAS_S = 3.0
 """Rest before a drive [s], for the gyro's bias."""

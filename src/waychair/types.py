@@ -170,6 +170,10 @@ class SonarReadings:
     ranges: Float32Array
 
 
+SensorMessage: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | SonarReadings
+"""A message of a chair's sensors."""
+
+
 @dataclass(frozen=True, slots=True)
 class Odometry:
     """Dead reckoning: pose in odom, twist in base, covariance (3, 3) of x, y, theta [m^2, m rad, rad^2]."""

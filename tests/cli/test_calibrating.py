@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
 
+from tests.calibration.drives.board_rig import PLANT, BoardRig
 from tests.calibration.synthetic import NEUTRAL, TRUE, SyntheticChair
-from tests.trials.board_rig import PLANT, BoardRig
 from waychair.calibration.calibration_file import ChairCalibration, load_calibration, save_calibration
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.drive_log import COLUMNS, read_sweep_log
@@ -39,9 +39,9 @@ from waychair.firmware_bridge.board import build_board
 from waychair.firmware_bridge.transports import open_pseudo_terminal
 from waychair.recordings.recording import write_tum
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.trials.calibrate_sensors import WHEELS_HALL, square_both_ways
-from waychair.trials.halls import open_hall
+from waychair.trials.open_hall import open_hall
 from waychair.trials.record import drive_route
+from waychair.trials.simulated_calibration import WHEELS_HALL, square_both_ways
 from waychair.trials.simulated_drive import with_few_beams
 from waychair.types import JoystickInput, Trajectory
 
@@ -198,7 +198,7 @@ def rig(program: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[BoardRig]:
         monkeypatch.setattr(
             "waychair.firmware_bridge.transports.transport_from_text", lambda text, option: ports[option]
         )
-        monkeypatch.setattr("waychair.trials.board_drive.MonotonicClock", lambda: rig)
+        monkeypatch.setattr("waychair.calibration.drives.board_drive.MonotonicClock", lambda: rig)
         monkeypatch.setattr("sys.stdin", io.StringIO("drive\n"))
         yield rig
 

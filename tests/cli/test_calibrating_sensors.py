@@ -15,8 +15,8 @@ from waychair.cli.options.arguments import BadArgument
 from waychair.errors import CalibrationMismatch, RecordingDamaged, RecordingNotFound, ThinData, WaychairError
 from waychair.recordings.recording import RecordingWriter
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.trials.halls import open_hall
-from waychair.trials.learn_mask import MASK_HALL, scans_while_turning, with_legs
+from waychair.trials.open_hall import open_hall
+from waychair.trials.simulated_calibration import MASK_HALL, scans_while_turning, with_legs
 
 
 def run(*arguments: str | Path) -> None:

@@ -14,9 +14,9 @@ from waychair.simulation.plan.world import World, load_world, world_from_grid
 from waychair.simulation.plant.mujoco_model import MujocoSettings
 from waychair.simulation.plant.plant import PlantSettings, randomised
 from waychair.simulation.sensors.lidar import LidarSettings
-from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.drive import DriveSetup, drive_to_places
-from waychair.types import JoystickInput, OccupancyGrid, Pose2, Scan
+from waychair.types import JoystickInput, OccupancyGrid, Pose2, Scan, SensorMessage
 
 SECOND = 1_000_000_000
 NOMINAL = PlantSettings()

@@ -21,8 +21,8 @@ from waychair.simulation.scene.scene import Behaviour, PersonPlan
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.sensors.imu import ImuSettings
 from waychair.simulation.sensors.renderer import renderer_problem
-from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings, with_all_sensors
-from waychair.types import ImuSample, OccupancyGrid, Pose2, RgbdFrame, Scan, SonarReadings, WheelTicks
+from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
+from waychair.types import ImuSample, OccupancyGrid, Pose2, RgbdFrame, Scan, SensorMessage, SonarReadings, WheelTicks
 
 SECOND = 1_000_000_000
 SMALL = with_all_sensors(SimulatorSettings(camera=CameraSettings(width=160, height=120)))

@@ -19,12 +19,11 @@ import pytest
 from tests.halls import BOXES, hall_plan
 from waychair.runtime.chair import ChairState
 from waychair.runtime.chair_port import ChairView
-from waychair.simulation.simulator import SensorMessage
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.trials.demo import run_demo
 from waychair.trials.demo_page import DemoPage
-from waychair.types import UNKNOWN, DriveMode, Scan
+from waychair.types import UNKNOWN, DriveMode, Scan, SensorMessage
 
 PLAN = hall_plan(
     8.0,

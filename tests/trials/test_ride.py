@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from waychair.control.speed.limiter import LimiterSettings
-from waychair.trials.ride import Ride, TrueMotion, ride_of, weighted, worst_of
+from waychair.trials.ride import Ride, TrueMotion, ride_of, weighted
 from waychair.types import FloatArray
 
 LIMITS = LimiterSettings()
@@ -53,14 +53,3 @@ def test_what_the_chair_adds_shows_beside_what_it_was_told() -> None:
     assert shaken.jerk_told < 0.2
     assert shaken.jerk > 0.5
     assert shaken.weighted_rms == pytest.approx(0.02 * math.tau * 1.011 / math.sqrt(2.0), rel=0.1)
-
-
-def test_many_rides_together_weigh_as_long_as_they_took() -> None:
-    gentle, hard = ride(stopping(LIMITS.braking)), ride(stopping(LIMITS.emergency))
-    worst = worst_of([gentle, hard, hard])
-    assert worst.hard_stops == 2
-    assert worst.dose == hard.dose
-    assert (
-        min(gentle.weighted_rms, hard.weighted_rms) <= worst.weighted_rms <= max(gentle.weighted_rms, hard.weighted_rms)
-    )
-    assert worst_of([gentle]).above_a_little == pytest.approx(gentle.above_a_little)

@@ -9,8 +9,8 @@ from __future__ import annotations
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
+from evaluation.scenes.chair_score import ChairScore, InverseError, acceptance_chairs, score_chair
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.trials.calibrate import ChairScore, InverseError, acceptance_chairs, score_chair
 from waychair.types import Json
 
 BARS = {12: (10.0, 15.0), 8: (25.0, 30.0)}

@@ -9,8 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from evaluation.scenes.chair_score import acceptance_chairs
 from evaluation.scenes.straight import LoopDrive, drive_straight
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.drives.dac_and_stops import calibrate_dac, calibrate_stops
 from waychair.calibration.fits.fitted_dac import FittedDac
 from waychair.calibration.fits.stopping import StopSettings, StopTable
 from waychair.calibration.fits.sweep import SweepSettings
@@ -19,7 +21,7 @@ from waychair.control.speed.loop_margins import TrueAxis, phase_margin, slowest_
 from waychair.control.speed.speed_loop import FASTEST_CROSSOVER, PERIOD_S, PHASE_MARGIN, gains, gains_of
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.simulator import SimulatorSettings
-from waychair.trials.calibrate import acceptance_chairs, calibrate_dac, calibrate_stops, chair_in_hall
+from waychair.trials.simulated_calibration import chair_in_hall
 from waychair.types import FloatArray, Json, Twist
 
 BAR_M = 0.05

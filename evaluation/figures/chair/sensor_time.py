@@ -9,15 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
+from evaluation.scenes.mask_score import score_mask
+from waychair.calibration.drives.sensor_delays import TimeCalibrator
 from waychair.calibration.fits.self_mask import learn_self_mask
 from waychair.calibration.fits.time_offset import SensorDelays, without_delay
 from waychair.simulation.plan.world import load_world
 from waychair.simulation.plant.chair_file import load_chair, randomised_chair
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.trials.calibrate_time import TIME_HALL, TimeCalibrator, turns_to_and_fro
-from waychair.trials.halls import open_hall
-from waychair.trials.learn_mask import MASK_HALL, scans_while_turning, score_mask, with_legs
+from waychair.trials.open_hall import open_hall
+from waychair.trials.simulated_calibration import MASK_HALL, TIME_HALL, scans_while_turning, turns_to_and_fro, with_legs
 from waychair.trials.simulated_drive import with_gyro
 from waychair.types import FloatArray, Json
 

@@ -28,6 +28,7 @@ from evaluation.scenes.hazards import (
     to_the_lift,
     to_the_restroom,
 )
+from evaluation.scenes.sudden_person import SuddenPerson, run_sudden_person
 from evaluation.scenes.tight_places import (
     APPROACHES,
     TightScene,
@@ -36,11 +37,11 @@ from evaluation.scenes.tight_places import (
     door_scene,
     drive_variants,
 )
+from evaluation.scenes.worst_ride import limits_row, worst_of
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B
 from waychair.control.speed.limiter import LimiterSettings
 from waychair.trials.barn import upper_bound
-from waychair.trials.ride import limits_row, ride_row, worst_of
-from waychair.trials.sudden_person import SuddenPerson, run_sudden_person
+from waychair.trials.ride import ride_row
 from waychair.types import Json
 
 RUNS = int(os.environ.get("HAZARDS_RUNS", "100"))

@@ -21,14 +21,14 @@ from waychair.simulation.follower import Follower, follow
 from waychair.simulation.plan.world import load_world
 from waychair.simulation.plant.chair_file import load_chair, randomised_chair
 from waychair.simulation.plant.plant import PlantSettings
-from waychair.simulation.simulator import SensorMessage, Simulator, SimulatorSettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.slam.odometry.odometry_model import OdometrySettings
 from waychair.slam.scan.reference_surfaces import ScanReference, reference_from_points
 from waychair.slam.scan.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
 from waychair.slam.scan.scan_points import ScanPoints, scan_points
 from waychair.topics import IMU
-from waychair.types import FloatArray, ImuSample, Json, Odometry, Pose2, Scan, Twist, WheelTicks
+from waychair.types import FloatArray, ImuSample, Json, Odometry, Pose2, Scan, SensorMessage, Twist, WheelTicks
 
 SEEDS = 10
 STANDING_NS = 3_000_000_000

@@ -22,6 +22,8 @@ from evaluation.scenes.hazards import (
     run_hazard,
     to_the_restroom,
 )
+from evaluation.scenes.sudden_person import run_sudden_person
+from evaluation.scenes.worst_ride import worst_of
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -31,8 +33,7 @@ from waychair.maps.grid.cells import cells_from_points, occupied
 from waychair.planning.seen.person_tracks import Tracker
 from waychair.simulation.scene.contact import Contact, ContactKind, clearance, solid_from_blocks
 from waychair.simulation.simulator import Simulator
-from waychair.trials.ride import STILL, RecordingSimulator, TrueMotion, ride_of, worst_of
-from waychair.trials.sudden_person import run_sudden_person
+from waychair.trials.ride import STILL, RecordingSimulator, TrueMotion, ride_of
 from waychair.types import FloatArray, Pose2
 
 _ORIGIN = Pose2()

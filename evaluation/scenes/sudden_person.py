@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from evaluation.scenes.hazards import MOVING_SPEED, hall_plan
 
+from evaluation.scenes.hazards import MOVING_SPEED, hall_plan
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.speed.limiter import LimiterSettings

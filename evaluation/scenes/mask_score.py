@@ -1,24 +1,17 @@
-"""Scans of a simulated chair that turns on the spot, for its self-mask, and the score of a mask."""
+"""The score of a self-mask on a simulated chair, whose legs are known."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from waychair.calibration.fits.self_mask import SelfMask
-from waychair.simulation.plant.plant import volts_from_twist
 from waychair.simulation.sensors.silhouettes import rider_legs
-from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.trials.simulated_drive import hold_lines
-from waychair.types import Scan, Twist
+from waychair.simulation.simulator import Simulator
+from waychair.types import Scan
 
-MASK_HALL = 8.0
-"""Side [m] of a hall with space for a chair to turn."""
-
-_TURN_RATE = 0.6  # [rad/s]
 _NEAR_LEG = 0.06  # [m]: a reading this near to a leg's surface is a hit of the leg
 
 
@@ -29,24 +22,6 @@ class MaskScore:
     leg_hits: int
     leg_hits_left: int
     others_lost: float
-
-
-def with_legs(settings: SimulatorSettings) -> SimulatorSettings:
-    """Return the settings with the rider's legs and the leg rests in the lidar's view."""
-    return replace(settings, lidar=replace(settings.lidar, legs=True))
-
-
-def scans_while_turning(simulator: Simulator, turns: float = 1.2) -> list[Scan]:
-    """Return the scans of a chair that turns on the spot, `turns` times.
-
-    Raises:
-        WorldError: the chair touched something.
-    """
-    plant, track = simulator.settings.plant, simulator.body.track
-    volts = volts_from_twist(plant, track, Twist(0.0, _TURN_RATE))
-    messages = hold_lines(simulator, *volts, turns * math.tau / _TURN_RATE)
-    simulator.release()
-    return [message for message in messages if isinstance(message, Scan)]
 
 
 def score_mask(mask: SelfMask, scans: Sequence[Scan], simulator: Simulator) -> MaskScore:

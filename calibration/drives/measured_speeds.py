@@ -13,11 +13,10 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.sweep import Sample
 from waychair.errors import CalibrationError
 from waychair.geometry import arc
-from waychair.simulation.simulator import SensorMessage
 from waychair.slam.scan.reference_surfaces import ScanReference, reference_from_points
 from waychair.slam.scan.scan_matching import BEAM_SIGMA, MatchSettings, Window, match
 from waychair.slam.scan.scan_points import MIN_POINTS, ScanPoints, scan_points
-from waychair.types import ImuSample, Pose2, Scan, Twist, WheelTicks
+from waychair.types import ImuSample, Pose2, Scan, SensorMessage, Twist, WheelTicks
 
 STILL_S = 3.0
 """Rest before a drive, for the gyro's bias."""

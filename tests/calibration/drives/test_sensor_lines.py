@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.trials.sensor_lines import LONGEST_LINE, SensorLines, message_from_text, text_from_message
+from waychair.calibration.drives.sensor_lines import LONGEST_LINE, SensorLines, message_from_text, text_from_message
 from waychair.types import ImuSample, Scan, WheelTicks
 
 counts = st.integers(-(2**31), 2**31 - 1)

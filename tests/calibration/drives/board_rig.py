@@ -11,15 +11,15 @@ from types import TracebackType
 from typing import Self
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.drives.board_drive import BoardDrive, DriveLimits
+from waychair.calibration.drives.measured_speeds import EncoderSpeeds, SpeedMeter
+from waychair.calibration.drives.sensor_lines import text_from_message
 from waychair.firmware_bridge.board import BoardInputs, BoardSettings, HostBoard, LineState
 from waychair.firmware_bridge.protocol import Family
 from waychair.firmware_bridge.transports import DescriptorTransport
 from waychair.simulation.plant.plant import PlantSettings, randomised, volts_from_joystick
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.trials.board_drive import BoardDrive, DriveLimits
-from waychair.trials.halls import open_hall
-from waychair.trials.measured_speeds import EncoderSpeeds, SpeedMeter
-from waychair.trials.sensor_lines import text_from_message
+from waychair.trials.open_hall import open_hall
 from waychair.trials.simulated_drive import with_few_beams
 from waychair.types import ImuSample, JoystickInput, Scan, WheelTicks
 

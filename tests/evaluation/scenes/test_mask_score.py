@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import pytest
+from evaluation.scenes.mask_score import score_mask
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.calibration.fits.self_mask import learn_self_mask
 from waychair.simulation.plan.world import load_world
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.slam.scan.scan_points import scan_points
-from waychair.trials.halls import open_hall
-from waychair.trials.learn_mask import MASK_HALL, scans_while_turning, score_mask, with_legs
+from waychair.trials.open_hall import open_hall
+from waychair.trials.simulated_calibration import MASK_HALL, scans_while_turning, with_legs
 
 
 @pytest.mark.parametrize(("body", "seed"), [(CHAIR_A, 0), (CHAIR_A, 1), (CHAIR_B, 2)])

@@ -15,6 +15,8 @@ from typing import Protocol, Self
 
 import numpy as np
 
+from waychair.calibration.drives.measured_speeds import SpeedMeter
+from waychair.calibration.drives.sensor_lines import SensorLines
 from waychair.calibration.fits.sweep import Sample, SweepSettings
 from waychair.config import Settings, setting
 from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError
@@ -35,8 +37,6 @@ from waychair.firmware_bridge.protocol import (
 )
 from waychair.firmware_bridge.transports import Transport
 from waychair.geometry import arc
-from waychair.trials.measured_speeds import SpeedMeter
-from waychair.trials.sensor_lines import SensorLines
 from waychair.types import Pose2
 
 PERIOD_NS = 20_000_000
@@ -306,7 +306,7 @@ class BoardDrive:
         if self._lines.bad:
             return (
                 f"{self._lines.bad} lines of the sensors are invalid, the last one '{self._lines.last_bad}': see "
-                "trials/sensor_lines.py"
+                "calibration/drives/sensor_lines.py"
             )
         return f"no speeds came from the sensors for {seconds:.1f} s: check their cable, or change --speeds-from"
 

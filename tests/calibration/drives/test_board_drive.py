@@ -8,18 +8,19 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from evaluation.scenes.chair_score import command_grid, inverse_error
 
-from tests.trials.board_rig import PLANT, BoardRig
+from tests.calibration.drives.board_rig import PLANT, BoardRig
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.drives.board_drive import BoardDrive, DriveLimits, plan_for_board
+from waychair.calibration.drives.dac_and_stops import ChairUnderTest, calibrate_dac
+from waychair.calibration.drives.measured_speeds import EncoderSpeeds, ScanSpeeds
 from waychair.calibration.fits.fit_dac import LeastData
 from waychair.calibration.fits.sweep import SweepSettings
 from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError, WaychairError
 from waychair.firmware_bridge.board import Defect, build_board
 from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, BoardState, Family, Holder
 from waychair.simulation.simulator import SimulatorSettings
-from waychair.trials.board_drive import BoardDrive, DriveLimits, plan_for_board
-from waychair.trials.calibrate import ChairUnderTest, calibrate_dac, command_grid, inverse_error
-from waychair.trials.measured_speeds import EncoderSpeeds, ScanSpeeds
 from waychair.trials.simulated_drive import with_gyro
 from waychair.types import JoystickInput
 

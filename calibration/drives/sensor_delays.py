@@ -2,32 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from waychair.calibration.chair_body import ChairBody
-from waychair.calibration.fits.time_offset import (
-    Heading,
-    SensorDelays,
-    TimeOffset,
-    heading_from_gyro,
-    time_offset,
-)
+from waychair.calibration.drives.headings import CameraHeading, heading_from_scans, heading_from_wheels
+from waychair.calibration.fits.time_offset import Heading, SensorDelays, TimeOffset, heading_from_gyro, time_offset
 from waychair.errors import CalibrationError, ThinData
-from waychair.simulation.plant.plant import volts_from_twist
-from waychair.simulation.simulator import SensorMessage, Simulator
-from waychair.trials.headings import CameraHeading, heading_from_scans, heading_from_wheels
-from waychair.trials.simulated_drive import hold_lines
-from waychair.types import ImuSample, Odometry, RgbdFrame, Scan, Twist, WheelTicks
+from waychair.types import ImuSample, Odometry, RgbdFrame, Scan, SensorMessage, WheelTicks
 
 LIDAR, WHEELS, CAMERA = "lidar", "wheels", "camera"
-TIME_HALL = 6.0
-"""Side [m] of a hall in which a chair can turn and the camera gets depth from the walls."""
-
-_TURN_RATES = (0.4, 0.8)  # [rad/s]
-_HOLDS = (0.5, 1.2)  # [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,24 +93,6 @@ class TimeCalibrator:
 def merged(known: SensorDelays | None, found: TimeCalibration) -> SensorDelays:
     """Return the known delays, updated with the new ones."""
     return replace(known or SensorDelays(), **{f"{sensor}_ns": o.delay_ns for sensor, o in found.offsets.items()})
-
-
-def turns_to_and_fro(simulator: Simulator, seconds: float, seed: int = 0) -> Iterator[SensorMessage]:
-    """Yield the messages of a chair that rests for a second, then turns left and right at irregular intervals.
-
-    Raises:
-        WorldError: the chair touched something.
-    """
-    rng = np.random.default_rng(seed)
-    plant, track = simulator.settings.plant, simulator.body.track
-    neutral = volts_from_twist(plant, track, Twist())
-    until_ns, side = simulator.now_ns + round(seconds * 1e9), 1.0
-    yield from hold_lines(simulator, *neutral, 1.0)
-    while simulator.now_ns < until_ns:
-        rate = side * float(rng.uniform(*_TURN_RATES))
-        yield from hold_lines(simulator, *volts_from_twist(plant, track, Twist(0.0, rate)), float(rng.uniform(*_HOLDS)))
-        side = -side
-    yield from hold_lines(simulator, *neutral, 1.0)
 
 
 def milliseconds(offset: TimeOffset) -> str:

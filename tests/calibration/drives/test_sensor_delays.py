@@ -8,15 +8,16 @@ from pathlib import Path
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.drives.sensor_delays import TimeCalibration, TimeCalibrator, merged
 from waychair.calibration.fits.time_offset import SensorDelays, TimeOffset, without_delay
 from waychair.errors import CalibrationError, ThinData
 from waychair.recordings.recording import RecordingWriter, read_recording
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.trials.calibrate_time import TIME_HALL, TimeCalibration, TimeCalibrator, merged, turns_to_and_fro
-from waychair.trials.halls import open_hall
+from waychair.trials.open_hall import open_hall
 from waychair.trials.record import EPOCH_NS, mounts_of
+from waychair.trials.simulated_calibration import TIME_HALL, turns_to_and_fro
 from waychair.trials.simulated_drive import with_gyro
 from waychair.types import ImuSample, Scan, WheelTicks
 
