@@ -5,7 +5,7 @@ REALTIME := WAYCHAIR_REALTIME=1 $(PYTHON_BIN)/pytest -q tests/ros tests/ui
 # Each worker begins with a run of neighbouring tests, which share fixtures, and takes over from the other at the end.
 PARALLEL := -n auto --dist worksteal
 
-.PHONY: demo seeds night test nightly lint acceptance bench format clean
+.PHONY: demo seeds night test nightly kernels lint acceptance bench format clean
 .DEFAULT_GOAL := test
 
 demo:  ## map a floor by joystick, find oneself on the map, drive to three places; ends in out/demo/report.html
@@ -20,7 +20,9 @@ night:  ## adds hours of simulated driving to those there are: make night HOURS=
 	@bash .ci/setup dev
 	@NIGHT_HOURS=$(or $(HOURS),4) $(PYTHON_BIN)/python -m evaluation nights
 
-test: lint  ## everything that CI runs
+test:  ## everything that CI runs
+	@bash .ci/setup dev
+	@$(MAKE) --no-print-directory -j2 lint kernels
 	@$(PYTHON_BIN)/pytest -q $(PARALLEL)
 	@$(REALTIME) -m "realtime and not nightly"
 
@@ -28,6 +30,10 @@ nightly:  ## what repeats on a larger scale the checks of `make test`; it takes 
 	@bash .ci/setup dev
 	@$(PYTHON_BIN)/pytest -q $(PARALLEL) -m nightly
 	@$(REALTIME) -m "realtime and nightly"
+
+# compiled once for all workers, on the core that lint leaves idle
+kernels:
+	@$(PYTHON_BIN)/python -c 'from waychair.planning.warm_up import warm_up; warm_up()'
 
 lint:
 	@bash .ci/setup dev
