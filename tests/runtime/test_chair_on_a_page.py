@@ -142,7 +142,7 @@ def test_nothing_moves_before_the_countdown_is_over_and_then_it_does() -> None:
 
 
 @pytest.mark.parametrize("prevents", ["stop", "cancel", "joystick"])
-@pytest.mark.parametrize("ticks", [1, 30, 58])
+@pytest.mark.parametrize("ticks", [30, *(pytest.param(k, marks=pytest.mark.nightly) for k in (1, 58))])
 def test_stop_cancel_and_the_joystick_prevent_a_drive_that_is_counted_down(prevents: str, ticks: int) -> None:
     with Ride(COUNTING) as ride:
         ride.tick(10)

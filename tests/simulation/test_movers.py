@@ -72,7 +72,7 @@ def _movers(count: int, seed: int) -> SimulatedPeople:
     return _people(_room(3.0, 3.0), *plans, seed=seed, body=ROBOT)
 
 
-@pytest.mark.parametrize("count", [1, 3, 10])
+@pytest.mark.parametrize("count", [3, *(pytest.param(n, marks=pytest.mark.nightly) for n in (1, 10))])
 def test_movers_stay_in_their_room_at_their_speed_for_ten_minutes(count: int) -> None:
     people = _movers(count, seed=count)
     states = list(_watch(people, 600.0))

@@ -132,7 +132,10 @@ def test_the_second_floor_and_the_apartment_have_the_doors_they_promise() -> Non
         assert free.sum() * world.grid.resolution == pytest.approx(door.width, abs=0.0051)
 
 
-@pytest.mark.parametrize(("name", "level"), LEVELS)
+@pytest.mark.parametrize(
+    ("name", "level"),
+    [pytest.param(*each, marks=pytest.mark.nightly if each[0] == "second_floor" else []) for each in LEVELS],
+)
 def test_closing_every_door_gives_the_walls_without_doors(name: str, level: str) -> None:
     (plan,) = (each.plan for each in load_building(WORLDS / f"{name}.yaml").levels if each.plan.name == level)
     whole = structs.replace(

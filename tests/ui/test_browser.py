@@ -203,7 +203,7 @@ def test_the_chair_comes_to_rest_when_the_server_is_killed(browser: Browser, por
     assert "page" in port.view().last_stop
 
 
-@pytest.mark.parametrize("how", ["keys", "button", "pad"])
+@pytest.mark.parametrize("how", ["keys", "pad", pytest.param("button", marks=pytest.mark.nightly)])
 def test_the_page_s_joystick_drives_while_it_is_held(browser: Browser, port: Noted, address: str, how: str) -> None:
     with ready_page(browser, address) as page:
         page.click("#tab-steer")

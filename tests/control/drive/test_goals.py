@@ -12,12 +12,12 @@ from waychair.errors import GoalOutsideMap
 from waychair.types import Goal, Pose2, Twist
 
 
-@pytest.mark.parametrize("bad", [Pose2(4.0, 2.0, math.inf), Pose2(math.nan, 2.0), Pose2(1e300, 2.0)])
-def test_a_goal_that_is_on_no_map_is_refused_at_once_and_the_present_one_stays(bad: Pose2) -> None:
+def test_a_goal_that_is_on_no_map_is_refused_at_once_and_the_present_one_stays() -> None:
     pilot = navigator(hall())
     pilot.go(Goal("lift"))
-    with pytest.raises(GoalOutsideMap, match="is on no map"):
-        pilot.go(Goal(bad))
+    for bad in (Pose2(4.0, 2.0, math.inf), Pose2(math.nan, 2.0), Pose2(1e300, 2.0)):
+        with pytest.raises(GoalOutsideMap, match="is on no map"):
+            pilot.go(Goal(bad))
     assert drive(pilot, Pose2(2.0, 2.0), 40)[0][-1].stage is Stage.ARRIVED
 
 

@@ -186,7 +186,7 @@ def test_simulated_time_is_told_and_used(ros: Harness) -> None:
 @pytest.mark.parametrize(
     ("argument", "sentence"),
     [
-        ("world:=atlantis", "atlantis"),
+        pytest.param("world:=atlantis", "atlantis", marks=pytest.mark.nightly),
         ("plant_model:=toy", "plant_model = 'toy' is unknown"),
     ],
 )

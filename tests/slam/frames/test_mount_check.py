@@ -57,9 +57,9 @@ def test_a_right_mount_is_not_doubted_and_too_little_motion_tells_nothing() -> N
     ("mount", "warning"),
     [
         ("0.78,0,0", ""),
-        ("0.78,0,3.14159", "in the direction of travel"),
+        pytest.param("0.78,0,3.14159", "in the direction of travel", marks=pytest.mark.nightly),
         ("0.78,0,0.3", "They agree best with --base-from-laser 0.7"),
-        ("0.78,0,0,upside-down", "the scans turn against the odometry"),
+        pytest.param("0.78,0,0,upside-down", "the scans turn against the odometry", marks=pytest.mark.nightly),
     ],
 )
 def test_a_wrong_mount_of_the_real_wheelchairs_laser_is_told(data_dir: Path, mount: str, warning: str) -> None:

@@ -59,6 +59,7 @@ def test_the_grid_keeps_up_with_the_chair_and_after_the_closures_is_that_of_draw
     assert_same(live.grid(), anew(live, frames))
 
 
+@pytest.mark.nightly
 def test_without_tolerance_the_grid_is_up_to_date_whenever_nothing_is_pending(
     drive: Drive, monkeypatch: pytest.MonkeyPatch
 ) -> None:
