@@ -96,12 +96,12 @@ def _plan_for_the_chair(
     from waychair.cli.options.arguments import BadArgument
     from waychair.maps.drawn.zones import check_zones, load_zones
     from waychair.maps.folders.map_files import load_map
-    from waychair.offline.planning_report import turn_histogram
     from waychair.offline.report import path_picture, write_png
     from waychair.planning.grid.costmap import check_free_space, costmap_from_grid
     from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings, check_goal
     from waychair.planning.route.grid_planner import HARMONIC
     from waychair.planning.route.path_ends import check_start
+    from waychair.planning.route.path_turns import turn_histogram
 
     if body not in BODIES:
         raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -10,29 +9,10 @@ import numpy as np
 from waychair.geometry import transform_points
 from waychair.offline.report import COLOURS, PngFigure, draw_map, draw_places, new_figure, png_from_figure
 from waychair.planning.harmonic.harmonic_field import LogField, streamline
-from waychair.planning.harmonic.rubber_band import resampled, turning_angles
-from waychair.types import FloatArray, IntArray, OccupancyGrid, Path, Place
+from waychair.planning.route.path_turns import BIN_DEG, EVERY_M, turn_histogram
+from waychair.types import OccupancyGrid, Path, Place
 
-EVERY_M = 0.10
-"""Distance [m] at which a path is resampled to measure its turns."""
-
-_BIN_DEG = 5
 _LINES = 60
-
-
-def turns_of(path: Path, every: float = EVERY_M) -> FloatArray:
-    """Return turning angles (N,) [rad] of a path that is resampled at a distance [m]."""
-    points = path.poses[:, :2]
-    apart = np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-6)
-    return turning_angles(resampled(points[apart], every))
-
-
-def turn_histogram(path: Path, every: float = EVERY_M) -> tuple[IntArray, IntArray]:
-    """Return a histogram of a path's turns: lower edges of the bins [deg] and counts, up to the sharpest turn."""
-    degrees = np.degrees(turns_of(path, every))
-    bins = max(math.ceil((degrees.max(initial=0.0) + 1e-9) / _BIN_DEG), 1)
-    counts, edges = np.histogram(degrees, bins, (0, bins * _BIN_DEG))
-    return edges[:-1].astype(np.int64), counts.astype(np.int64)
 
 
 def potential_picture(
@@ -65,7 +45,7 @@ def potential_picture(
     for (name, path), colour in zip(paths.items(), COLOURS[1:], strict=False):
         axes.plot(*path.poses[:, :2].T, color=colour, linewidth=1.8, label=f"{name}, {path.length():.2f} {unit}")
         edges, counts = turn_histogram(path, every)
-        below.step(edges + _BIN_DEG / 2, counts, where="mid", color=colour, label=name)
+        below.step(edges + BIN_DEG / 2, counts, where="mid", color=colour, label=name)
     axes.set(xlabel=f"x [{unit}]", ylabel=f"y [{unit}]")
     axes.legend(loc="upper right")
     draw_places(axes, places)
