@@ -16,8 +16,9 @@ from waychair.slam.mapping.appearance_loops import NEAR_DISTANCE, AppearanceLoop
 from waychair.slam.mapping.mapper import Mapper
 from waychair.slam.memory.memory_manager import STM_SIZE, NodeMemory
 from waychair.slam.memory.memory_settings import MemorySettings
-from waychair.slam.memory.nodes import LOOPS, LinkKind
+from waychair.slam.memory.nodes import LinkKind
 from waychair.slam.memory.place_memory import PictureCost, PlaceMemory
+from waychair.slam.memory.revisit_count import revisits
 from waychair.types import Json, Pose3, RgbdFrame, SensorFrame
 
 MEMORY = "memory.db"
@@ -142,21 +143,6 @@ def _has_pictures(recording: Recording) -> bool:
         return next(recording.pictures(), None) is not None
     except RecordingError:
         return False  # `depth_recording.see_pictures` warns of it
-
-
-def revisits(memory: NodeMemory, near: float, pause: int) -> int:
-    """Count the returns to known places: runs of nodes with links of less than `near` [m] to earlier nodes.
-
-    A run ends where more than `pause` nodes without such a link follow. This is the paper's number of loop closures:
-    one for each time that an area is entered again, whatever the number of links in it.
-    """
-    count, last = 0, -np.inf
-    for node in memory.skeleton.ids():
-        loops = memory.skeleton.links(node, LOOPS)
-        if any(link.j < node and np.hypot(link.i_from_j.x, link.i_from_j.y) <= near for link in loops):
-            count += node - last > pause
-            last = node
-    return count
 
 
 def memory_report(places: PlaceMemory, near: float) -> Json:
