@@ -38,9 +38,7 @@ from waychair.offline.depth_recording import (
 from waychair.offline.mapping_report import Cost, mapping_report, torn_warnings, write_mapping_page
 from waychair.offline.sessions import (
     SESSION,
-    DriveJoiner,
     MapState,
-    beginning,
     check_sensors,
     continue_map,
     load_state,
@@ -48,6 +46,7 @@ from waychair.offline.sessions import (
     state_of_map,
 )
 from waychair.recordings.recording import InputSettings, Recording, write_tum
+from waychair.slam.drive_joining import DriveJoiner, beginning
 from waychair.slam.frames.first_motion import start_index
 from waychair.slam.frames.mount_check import mount_warnings
 from waychair.slam.graph.graph_optimisation import write_g2o

@@ -16,30 +16,26 @@ import math
 import shutil
 import tempfile
 import zipfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from waychair.errors import OutputError, SessionError
 from waychair.files import replacing
 from waychair.maps.depth.depth_scan import DepthScan
-from waychair.slam.graph.edges import EdgeKind
-from waychair.slam.localising.localiser import LocalisationState, Localiser, LocaliserSettings
 from waychair.slam.mapping.checkpoint import object_from_state, state_of
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.slam.mapping.mapper import CERTAIN_PATH, Mapper, twist_of
-from waychair.slam.scan.scan_points import ScanPoints, scan_points
-from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2, Pose3, Scan, SensorFrame
+from waychair.slam.mapping.mapper import Mapper
+from waychair.slam.mapping.renewed_surfaces import renewed_surfaces
+from waychair.types import FloatArray, OccupancyGrid, Pose2, Pose3, Scan
 
 SESSION = "session.npz"
 """Name of the session's file in a map folder."""
 
 _MOUNT, _MOUNT_TURN = 0.05, math.radians(3.0)  # [m], [rad] greatest difference between mounts of one chair
-_NEAR, _ALIKE = 0.15, 0.85  # [m] greatest distance to the same surface; least share of such points without a change
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +76,14 @@ def state_of_map(live: LiveMapping, base_from_camera: Pose3 | None, features: st
     mapper = live.mapper
     numbers = sorted(mapper.key_frames + [frame for latest in mapper.covered_frames for frame in latest])
     scans = [KeptScan(*live.scans.attached(number)) for number in numbers]
-    of_frame = dict(zip(numbers, scans, strict=True))
+    of_frame = {
+        number: (kept.scan, Pose2(*kept.key_from_laser[0].tolist()))
+        for number, kept in zip(numbers, scans, strict=True)
+    }
     pictures = tuple(KeptPicture(*hung) for hung in live.depth.kept_images())
     camera = None if base_from_camera is None else (base_from_camera.rotation, base_from_camera.translation)
     return MapState(
-        mapper=mapper.for_next_drive(_renewed(mapper, of_frame)),
+        mapper=mapper.for_next_drive(renewed_surfaces(mapper, of_frame)),
         sessions=live.scans.session + 1,
         laser_height=live.settings.laser_height,
         base_from_camera=camera,
@@ -187,76 +186,6 @@ def continue_map(live: LiveMapping, state: MapState) -> OccupancyGrid:
     return live.scans.grid()
 
 
-class DriveJoiner:
-    """Joins a drive to the map of earlier ones by scans alone, and notes whether the two graphs are connected.
-
-    The localiser searches for the chair on the saved grid (`slam.localiser`), as after switching on. Its poses become
-    candidates for loop closures, which have to pass the usual tests at two places some distance apart.
-    """
-
-    def __init__(self, grid: OccupancyGrid, mapper: Mapper) -> None:
-        """`grid` is the grid of the earlier map, whose key scans the mapper holds."""
-        self.joined = False
-        self._known = len(mapper.keys)
-        self._localiser = Localiser(grid, mapper.base_from_laser, None, LocaliserSettings())
-        self._loops = -1
-
-    def follow(self, mapper: Mapper, frame: SensorFrame) -> None:
-        """Look for a loop closure; call it after `mapper.process` and after the loops by pictures."""
-        if self.joined or frame.scan is None:
-            return
-        # the mapper's pose, from scan matching, is better odometry than the wheels'
-        found = self._localiser.process(frame.scan, mapper.pose(), twist_of(frame))
-        if found.state is LocalisationState.OK:
-            here = found.map_from_base @ found.remaining
-            mapper.close_loop(nearest_key(mapper, here, self._known)[0], here)
-        self._check(mapper)
-
-    def _check(self, mapper: Mapper) -> None:
-        """Check after each loop closure whether the graph connects the chair to a key scan of earlier drives."""
-        closed = mapper.keys.kinds[EdgeKind.LOOP]
-        if not self.joined and closed != self._loops:
-            self.joined = mapper.keys.reaches(mapper.frames[-1].key, self._known)
-            self._loops = closed
-
-
-def nearest_key(mapper: Mapper, pose: Pose2, known: int) -> tuple[int, float]:
-    """Return the index of the key scan nearest to a pose among the first `known`, and its distance [m]."""
-    away = np.hypot(*(mapper.keys.poses[:known, :2] - (pose.x, pose.y)).T)
-    nearest = int(np.argmin(away))
-    return nearest, float(away[nearest])
-
-
-def beginning(
-    mapper: Mapper, grid: OccupancyGrid, frames: Sequence[SensorFrame], follow: Callable[[Mapper, SensorFrame], None]
-) -> tuple[int, Pose2] | None:
-    """Return where a drive begins on a map: the key scan nearest to its first frame, and that frame's pose from there.
-
-    None where it begins outside the map. The mapper continues the map of the grid and has seen nothing else; `follow`
-    is called after each frame, for loop closures by pictures.
-
-    Raises:
-        SessionError: the drive is nowhere recognised on the map.
-    """
-    known, joiner = len(mapper.keys), DriveJoiner(grid, mapper)
-    for frame in frames:
-        mapper.process(frame)
-        follow(mapper, frame)
-        joiner.follow(mapper, frame)
-        if joiner.joined:
-            break
-    else:
-        raise SessionError(
-            "the drive was recognised nowhere on the map: record one that passes over mapped ground, or map it by itself"
-        )
-    first = mapper.frames[mapper.earlier_frames]
-    pose = mapper.keys.pose(first.key) @ first.key_from_base
-    nearest, away = nearest_key(mapper, pose, known)
-    if away > CERTAIN_PATH:
-        return None
-    return nearest, mapper.keys.pose(nearest).inverse() @ pose
-
-
 @contextmanager
 def replaced_folder(folder: Path, like: Path) -> Iterator[Path]:
     """Yield a copy of `like` that replaces `folder` when the block ends without an error, and is removed otherwise.
@@ -285,33 +214,3 @@ def replaced_folder(folder: Path, like: Path) -> Iterator[Path]:
                 aside.rename(folder)
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {error.strerror or error}; choose another folder") from error
-
-
-def _renewed(mapper: Mapper, scans: dict[int, KeptScan]) -> dict[int, ScanPoints]:
-    """Return new surfaces of the key scans whose surroundings have changed, from the latest scan that each covered.
-
-    Points that are no longer seen are left out, new ones are added.
-    """
-    renewed = {}
-    for key, latest in enumerate(mapper.covered_frames):
-        if not latest or latest[-1] < mapper.earlier_frames:
-            continue
-        kept = scans[latest[-1]]
-        seen = scan_points(kept.scan, Pose2(*kept.key_from_laser[0].tolist()), mapper.settings.matching.range_max)
-        before = mapper.keys.store[key]
-        if not len(before) or not len(seen):
-            continue
-        there = _beside(before.points, seen.points)
-        known = _beside(seen.points, before.points)
-        if min(there.mean(), known.mean()) < _ALIKE:
-            # unchanged points keep their place: placed anew each day they would drift
-            points = np.concatenate([before.points[there], seen.points[~known]])
-            renewed[key] = ScanPoints(points, np.concatenate([before.normals[there], seen.normals[~known]]))
-    return renewed
-
-
-def _beside(points: FloatArray, surface: FloatArray) -> BoolArray:
-    """Return (N,) whether points (N, 2) lie near a point of a surface (M, 2)."""
-    away, _ = cKDTree(surface).query(points, distance_upper_bound=_NEAR)
-    near: BoolArray = away <= _NEAR
-    return near
