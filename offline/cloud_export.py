@@ -25,12 +25,12 @@ from waychair.offline.rgbd_mapping import RgbdMappingSettings, map_pictures
 from waychair.recordings.recording import Recording, read_recording, read_tum
 from waychair.recordings.rgbd_folders import is_rgbd_folder
 from waychair.recordings.text.carmen import stamp_from_text
+from waychair.slam.camera.coloured_points import coloured_points
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.mapping.depth_mapping import DepthMapping
 from waychair.slam.odometry.dead_reckoning import DeadReckoning
-from waychair.types import Bytes, FloatArray, Pose3, RgbdFrame, Trajectory, Trajectory3
+from waychair.types import Pose3, RgbdFrame, Trajectory, Trajectory3
 
-_STEP = 2  # pixels; a point is taken from every second column and row, since voxels merge neighbours anyway
 _KEY_DISTANCE = 0.3  # m; distance after which an image becomes a key frame
 _KEY_ANGLE = math.radians(15)  # rad; turn after which an image becomes a key frame
 _MAX_GAP_S = 0.5  # s; greatest time between the two poses around an image
@@ -83,7 +83,7 @@ def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None)
         if frame_problem(posed.picture, s.view) is not None or not _is_key(last, posed.map_from_camera):
             continue
         last, keys = posed.map_from_camera, keys + 1
-        points, colours = coloured_points(posed, s)
+        points, colours = coloured_points(posed.picture, posed.map_from_camera, s.range_max)
         seen = clouds.geometry.PointCloud(clouds.utility.Vector3dVector(points))
         seen.colors = clouds.utility.Vector3dVector(colours)
         sum_ = (sum_ + seen.voxel_down_sample(s.voxel)).voxel_down_sample(s.voxel)
@@ -93,21 +93,6 @@ def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None)
         if not clouds.io.write_point_cloud(str(aside), sum_):
             raise OSError(f"Open3D cannot write {aside.name}")
     return ExportCounts(keys, pictures, len(sum_.points))
-
-
-def coloured_points(posed: PosedImage, settings: CloudSettings) -> tuple[FloatArray, FloatArray]:
-    """Return points (N, 3) [m] in map of an image's depths, and their colours (N, 3) in [0, 1]."""
-    s, picture = settings, posed.picture
-    depth = picture.depth[::_STEP, ::_STEP].astype(np.float64)
-    rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0.0) & (depth < s.range_max))
-    pixels = np.stack([columns * _STEP, rows * _STEP, np.ones(len(rows))], axis=-1).astype(np.float64)
-    rays: FloatArray = pixels @ np.linalg.inv(picture.camera_matrix).T
-    pose = posed.map_from_camera
-    seen: FloatArray = rays * depth[rows, columns][:, None]
-    points: FloatArray = seen @ pose.rotation.T + pose.translation
-    image: Bytes = picture.image[::_STEP, ::_STEP][rows, columns]
-    colours: FloatArray = (image if image.ndim == 2 else np.repeat(image[:, None], 3, axis=1)) / 255.0
-    return points, colours
 
 
 def _open3d() -> Any:

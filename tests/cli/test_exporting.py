@@ -15,12 +15,12 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.cli.main import app
 from waychair.errors import MapError, MissingExtra, NoPictures, RecordingNotFound
 from waychair.offline import cloud_export
-from waychair.offline.cloud_export import CloudSettings, PosedImage, coloured_points, export_cloud
+from waychair.offline.cloud_export import export_cloud
 from waychair.recordings.recording import RecordingWriter, read_recording
 from waychair.simulation.plan.world import load_world
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.trials.record import mounts_of
-from waychair.types import Pose3, RgbdFrame, SensorFrame
+from waychair.types import RgbdFrame, SensorFrame
 
 rendered = pytest.mark.skipif(renderer_problem() is not None, reason="this machine cannot render pictures")
 clouds = pytest.mark.skipif(importlib.util.find_spec("open3d") is None, reason="Open3D is not installed")
@@ -71,18 +71,6 @@ def test_the_cloud_of_a_bag_and_of_its_map_is_written_whole(bag: Path, tmp_path:
     assert done[0].points > 1000
     assert (tmp_path / "0.ply").read_bytes().startswith(b"ply")
     assert sorted(path.name for path in tmp_path.glob("*")) == ["0.ply", "1.ply", "map"]
-
-
-def test_points_keep_their_place_and_colour() -> None:
-    depth = np.full((4, 6), np.nan, np.float32)
-    depth[2, 4], depth[0, 0] = 2.0, 9.0
-    image = np.zeros((4, 6, 3), np.uint8)
-    image[2, 4] = (255, 51, 0)
-    camera = np.array([[2.0, 0.0, 2.0], [0.0, 2.0, 1.0], [0.0, 0.0, 1.0]])
-    turned = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.array([1.0, 0.0, 1.0]))
-    points, colours = coloured_points(PosedImage(RgbdFrame(0, image, depth, camera), turned), CloudSettings())
-    np.testing.assert_allclose(points, [[3.0, -2.0, 0.0]])
-    np.testing.assert_allclose(colours, [[1.0, 0.2, 0.0]])
 
 
 def test_without_open3d_one_sentence_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
