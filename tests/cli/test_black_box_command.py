@@ -61,7 +61,7 @@ def test_the_usual_box_is_the_one_that_was_written_last(
         for file in Path(name, "ring").iterdir():
             os.utime(file, (stamp_s, stamp_s))
         why_command()
-        assert f"  By: {name}/parts/" in capsys.readouterr().out
+        assert f"  Source: {name}/parts/" in capsys.readouterr().out
 
 
 def test_a_stop_can_be_mapped(box: Path, tmp_path: Path) -> None:
