@@ -1,4 +1,4 @@
 """Maps: occupancy grids, distance fields, map files, and the places, zones and erased parts drawn on a map.
 
-Begin with `occupancy.py`, which makes a grid from laser scans, and `map_files.py`, which saves and loads it.
+Begin with `grid/occupancy.py`, which makes a grid from laser scans, and `folders/map_files.py`, which saves and loads it.
 """

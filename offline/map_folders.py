@@ -76,7 +76,7 @@ def copy_map(map: Path, folder: Path) -> None:
     """Copy the map of a folder or YAML file with all its files, places and zones; map.yaml is written last.
 
     An existing copy of the same map gets the present places and zones only, as a change that can be undone
-    (`maps.layout`).
+    (`maps.folders.map_drawing`).
 
     Raises:
         OutputError: the folder cannot be written to, or holds another map with places, zones or erased parts.

@@ -74,7 +74,7 @@ class MappingSettings(LiveMappingSettings):
 class Mapping:
     """A mapped recording: the grid, the mapper's result, and the content of report.json.
 
-    `depth` is the layer of the grid that only the camera has seen (`maps.depth_layer`), None without depth images.
+    `depth` is the layer of the grid that only the camera has seen (`maps.folders.depth_layer`), None without depth images.
     """
 
     grid: OccupancyGrid

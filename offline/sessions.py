@@ -6,7 +6,7 @@ a graph of their own; the first accepted loop closure, by pictures and scans or 
 drive is mapped again from its beginning with that start known. Known ground is then covered by existing key scans, and
 the graph grows only where the drive saw new ground.
 
-A key scan whose surroundings have changed is renewed by the latest scan that it covered. `maps.session_grid` forgets
+A key scan whose surroundings have changed is renewed by the latest scan that it covered. `maps.layers.session_grid` forgets
 things that were moved away.
 """
 

@@ -1,4 +1,4 @@
-"""The running chair: localiser, pilot and drive base put together, its black box, and mapping with its reports.
+"""The running chair: localiser, pilot and drive base put together, its processes, its port for pages, and its black box.
 
-Begin with `chair.py` for a chair that drives, and with `mapping.py` for a recording that becomes a map.
+Begin with `chair.py`, one tick of the whole chair; `drive_base.py` and `pilot.py` are its halves.
 """

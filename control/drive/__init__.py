@@ -1,1 +1,1 @@
-"""One tick of a drive: plan, follow, pass doors, recover. Begin with `navigator.py`."""
+"""One tick of a drive: obstacles by all sensors, plan, follow, pass doors, recover. Begin with `navigator.py`."""

@@ -1,6 +1,6 @@
 """Model of how one axis of the chair follows its command: a delay, a ramp and a first-order lag.
 
-A calibration identifies the same three figures from steps (`calibration.fit_steps`). The control loops compare the
+A calibration identifies the same three figures from steps (`calibration.fits.fit_steps`). The control loops compare the
 measured speed with the speed that this model expects by now, so that they do not fight the chair's own slowness.
 """
 

@@ -1,1 +1,1 @@
-"""The figures by name, each with its bar. `evaluation/__main__.py` lists them."""
+"""The figures by name, each with its bar. Begin with `evaluation/__main__.py`, which lists them."""

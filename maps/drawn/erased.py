@@ -28,7 +28,7 @@ ERASED_YAML = "erased.yaml"
 def load_erased(folder: Path) -> tuple[FloatArray, ...]:
     """Return the erased polygons (N, 2) [m] of a map, given its folder or YAML file; none without such a file.
 
-    They are moved with the map's nodes (`maps.anchors`).
+    They are moved with the map's nodes (`maps.drawn.anchors`).
 
     Raises:
         MapError: the anchors are damaged.

@@ -43,7 +43,7 @@ def places_path(folder: Path) -> Path:
 def load_places(folder: Path) -> dict[str, Place]:
     """Return the places of a map by name, in the order of the file; none without such a file.
 
-    They are moved with the map's nodes (`maps.anchors`).
+    They are moved with the map's nodes (`maps.drawn.anchors`).
 
     Raises:
         MapError: the anchors are damaged.

@@ -54,7 +54,7 @@ class Zone:
 def load_zones(folder: Path) -> tuple[Zone, ...]:
     """Return the zones of a map, given its folder or YAML file; none without such a file.
 
-    They are moved with the map's nodes (`maps.anchors`).
+    They are moved with the map's nodes (`maps.drawn.anchors`).
 
     Raises:
         MapError: the anchors are damaged.

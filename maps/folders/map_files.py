@@ -95,7 +95,7 @@ def _scale_image(grid: OccupancyGrid) -> bytes:
 def load_map(path: Path) -> OccupancyGrid:
     """Return the grid of a map folder or YAML file; the image may be of any kind that OpenCV reads (PGM, PNG, BMP).
 
-    Cells that people have erased (`maps.erased`) are free.
+    Cells that people have erased (`maps.drawn.erased`) are free.
 
     Raises:
         ZoneError: the file of erased parts is broken.

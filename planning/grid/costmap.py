@@ -37,7 +37,7 @@ class Costmap:
     """Prices (H, W) int32 and clearance (H, W) float32 [m] of a grid's cells.
 
     Prices are per mille of a free cell's price; 0 is impassable. Clearance is measured between cell centres (see
-    `maps.distance_field`) to obstacles for the whole outline: map, keep-out zone or live, up to `TOLD_APART` at least.
+    `maps.grid.distance_field`) to obstacles for the whole outline: map, keep-out zone or live, up to `TOLD_APART` at least.
     `grid` holds the live obstacles and keep-out zones too, and the geometry; `body` is the chair that the prices are
     for. `barred` (H, W) has one bit per direction as in `grid_graph` for the one-way zones, if there are any.
     """

@@ -1,4 +1,4 @@
 """Conversion between waychair's types and ROS messages: `sensors`, `camera`, `motion`, `maps`, `chair` and `reports`.
 
-Begin with `wire`, which converts messages to bytes and back.
+Begin with `wire.py`, which converts messages to bytes and back.
 """

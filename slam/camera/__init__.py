@@ -1,1 +1,1 @@
-"""Pictures: features, matching, registration and visual odometry. Begin with `features.py`."""
+"""Pictures: features, matching, registration, visual odometry and coloured points. Begin with `features.py`."""

@@ -1,1 +1,2 @@
-"""Sensor messages become frames of one time, and mounts are checked. Begin with `frame_synchroniser.py`."""
+"""Sensor messages become frames of one time, mounts are checked, and the first motion is found. Begin with
+`frame_synchroniser.py`."""

@@ -133,7 +133,7 @@ class LiveMapping:
         return self.layered_grid()[0]
 
     def layered_grid(self) -> tuple[OccupancyGrid, OccupancyGrid | None]:
-        """Return the grid as drawn so far, and the layer of the camera alone (`maps.depth_layer`), None without one."""
+        """Return the grid as drawn so far, and the layer of the camera alone (`maps.folders.depth_layer`), None without one."""
         if not len(self.depth.assembly):
             return self.scans.grid(), None
         # without a lidar the scans themselves are made of depth images

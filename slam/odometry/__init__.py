@@ -1,1 +1,2 @@
-"""Dead reckoning by wheels and IMU with its uncertainty. Begin with `odometry_filter.py`."""
+"""Dead reckoning by wheels and IMU with its uncertainty, and readings that are late or begin anew. Begin with
+`odometry_filter.py`."""

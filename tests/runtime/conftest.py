@@ -1,4 +1,4 @@
-"""The drive round a block that the mapper's tests use serves the live mapping as well."""
+"""The drive round a block that the mapper's tests use serves maps of several drives as well."""
 
 from __future__ import annotations
 
