@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
 
 from waychair.cli.options.arguments import NonEmptyPath, PositiveInt
+
+_SPEED = 0.5
+"""Top speed [m/s] of the benchmark."""
 
 
 def barn_command(
@@ -12,10 +18,11 @@ def barn_command(
     *,
     worlds: PositiveInt | None = None,
     starts: PositiveInt = 1,
-    speed: float = 0.5,
+    speed: float | None = None,
     body: str = "jackal",
     scale: float = 1.0,
     jobs: PositiveInt | None = None,
+    config: Path | None = None,
     json: bool = False,
 ) -> None:
     """Run the BARN benchmark (drives through fields of cylinders without a map), and print the score.
@@ -29,13 +36,16 @@ def barn_command(
     starts
         Runs per world, each from a different seeded start.
     speed
-        Top speed [m/s].
+        Top speed [m/s]; default that of --config, else 0.5.
     body
         jackal (the benchmark's robot), or chair A or B.
     scale
         Scale of all lengths of the worlds, including the cylinders.
     jobs
         Number of processes; default one per core.
+    config
+        YAML file with settings that differ from the defaults (see `waychair config chair`). Those of the navigator's
+        recovery, clearance, planner and dwa replace the benchmark's own; the benchmark has no other part of a chair.
     json
         Print JSON, with a row per world.
     """
@@ -48,7 +58,9 @@ def barn_command(
     from waychair.cli.options.tables import print_table
     from waychair.trials.barn import BarnTask, report, run_worlds, worlds_in
 
-    task = BarnTask(body=body, speed=speed, scale=scale, starts=starts)
+    changes, file_speed = _changes(config)
+    speed = speed if speed is not None else file_speed
+    task = BarnTask(body=body, speed=speed, scale=scale, starts=starts, changes=changes)
     paths = worlds_in(folder, worlds)
     with Progress(console=Console(stderr=True), transient=True, disable=json) as bar:
         shown = bar.add_task("driving", total=1.0)
@@ -66,3 +78,30 @@ def barn_command(
         f"score {result['score']:.4f}, success {result['success']:.3f}, contact {result['contact']:.4f} "
         f"(below {result['contact_below']:.4f} with 95 % confidence), timeout {result['timeout']:.3f} of {result['runs']} runs"
     )
+
+
+def _changes(path: Path | None) -> tuple[Mapping[str, Any], float]:
+    """Return the file's changes of the mapless navigator's settings, and the top speed [m/s].
+
+    Raises:
+        ConfigError: the file is wrong, or it changes nothing that the benchmark has.
+    """
+    import dataclasses
+
+    from waychair.cli.options.configuration import load_configuration
+    from waychair.config import changed_values
+    from waychair.control.drive.mapless import MaplessSettings
+    from waychair.errors import ConfigError
+
+    if path is None:
+        return {}, _SPEED
+    chair = changed_values(load_configuration(path).chair)
+    navigator = chair.get("navigator", {})
+    known = {entry.name for entry in dataclasses.fields(MaplessSettings)}
+    changes = {key: value for key, value in navigator.items() if key in known}
+    if chair and not changes:
+        raise ConfigError(
+            f"{path}: the benchmark has no part of the chair but navigator.{', navigator.'.join(sorted(known - {'memory'}))}, "
+            "none of which the file changes: omit --config"
+        )
+    return changes, changes.get("dwa", {}).get("max_speed", _SPEED)

@@ -23,6 +23,7 @@ def demo_command(
     world: str = "second_floor",
     surprises: bool = True,
     box: Path | None = None,
+    config: Path | None = None,
     headless: bool = False,
     page_port: NonNegativeInt | None = None,
     quiet: bool = False,
@@ -43,6 +44,8 @@ def demo_command(
         People walk about, one may suddenly step in front, and a door on the planned path is closed.
     box
         Folder of a black box that logs the chair's inputs and actions, for `waychair why`.
+    config
+        YAML file with settings that differ from the defaults (see `waychair config map`, `chair` and `simulation`).
     headless
         Show no page.
     page_port
@@ -54,10 +57,13 @@ def demo_command(
     from rich.progress import Progress, TaskID
     from rich.table import Table
 
+    from waychair.cli.options.configuration import load_configuration
+    from waychair.offline.mapping import MappingSettings
     from waychair.trials.demo import run_demo
     from waychair.trials.demo_page import DemoPage
     from waychair.trials.demo_report import HEADER, IN_TERMINAL, facts, row, write_report
 
+    configured = load_configuration(config)
     console = Console(stderr=True, quiet=quiet)
     page = DemoPage()
     with _shown(page, headless, page_port, console), Progress(console=console, transient=True, disable=quiet) as bar:
@@ -68,7 +74,18 @@ def demo_command(
                 tasks[stage] = bar.add_task(stage, total=1.0)
             bar.update(tasks[stage], completed=share)
 
-        demo = run_demo(out=out, seed=seed, progress=show, world=world, surprises=surprises, box=box, watcher=page)
+        demo = run_demo(
+            out=out,
+            seed=seed,
+            progress=show,
+            world=world,
+            surprises=surprises,
+            box=box,
+            watcher=page,
+            mapping_settings=configured.map.narrowed(MappingSettings),
+            chair_settings=configured.chair,
+            simulation=configured.simulation,
+        )
     write_report(out, demo)
     if not quiet:
         table = Table(*HEADER[:IN_TERMINAL], title=demo.world)

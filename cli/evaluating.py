@@ -42,19 +42,19 @@ def localize_command(
     start
         X,Y,YAW: the chair's pose in the map at the first scan, in metres and radians; default: relocalise.
     config
-        YAML file with settings that differ from the defaults.
+        YAML file with settings that differ from the defaults (see `waychair config map`).
     quiet
         Print nothing but errors.
     """
     from dataclasses import replace
 
-    from waychair import config as configuration
     from waychair.cli.options.arguments import BadArgument, pose_from_text
+    from waychair.cli.options.configuration import load_recording_settings
     from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
     from waychair.maps.folders.map_files import load_map
     from waychair.offline.localising import LocalisingSettings, localise_recording, save_localised
 
-    settings = LocalisingSettings() if config is None else configuration.load(LocalisingSettings, config)
+    settings = load_recording_settings(config, LocalisingSettings)
     settings = replace(settings, input=reading.over(settings.input))
     begin = None if start is None else pose_from_text(start, "--start")
     grid = load_map(map)

@@ -58,7 +58,7 @@ def map_command(
         Folder of an earlier map; the recording is a further drive that is joined to it. If the two have no common
         place, or the command is stopped, the map does not change.
     config
-        YAML file with settings that differ from the defaults (see `waychair config`).
+        YAML file with settings that differ from the defaults (see `waychair config map`).
     depth
         Use of a bag's depth pictures: on (besides the lidar), off, or only (instead of the lidar).
     vision
@@ -68,7 +68,7 @@ def map_command(
     """
     from dataclasses import replace
 
-    from waychair import config as configuration
+    from waychair.cli.options.configuration import load_recording_settings
     from waychair.errors import OutputError, SessionError
     from waychair.offline.map_folders import refuse_drawn, refuse_other
     from waychair.offline.mapping import MappingSettings, join_recording, map_recording, save_mapping
@@ -84,7 +84,7 @@ def map_command(
             raise SessionError("pictures without a lidar cannot be joined to a map: omit --session")
         _map_pictures(recording, out, reading, config, quiet)
         return
-    settings = MappingSettings() if config is None else configuration.load(MappingSettings, config)
+    settings = load_recording_settings(config, MappingSettings)
     settings = replace(settings, input=reading.over(settings.input))
     settings = settings if depth is None else replace(settings, depth=replace(settings.depth, use=depth))
     settings = settings if vision is None else replace(settings, vision=vision)
@@ -148,10 +148,10 @@ def _memory_line(report: Json) -> str:
 def _map_pictures(recording: Path, out: Path, reading: RecordingOptions, config: Path | None, quiet: bool) -> None:
     from dataclasses import replace
 
-    from waychair import config as configuration
+    from waychair.cli.options.configuration import load_recording_settings
     from waychair.offline.rgbd_mapping import RgbdMappingSettings, map_pictures, save_pictures_map
 
-    settings = RgbdMappingSettings() if config is None else configuration.load(RgbdMappingSettings, config)
+    settings = load_recording_settings(config, RgbdMappingSettings)
     settings = replace(settings, input=reading.over(settings.input))
     with stages(quiet) as progress:
         folder = progress.read(recording, settings.input)

@@ -24,6 +24,7 @@ def page_command(
     camera: bool = False,
     seed: NonNegativeInt = 0,
     box: Path | None = None,
+    config: Path | None = None,
     urgent: bool = False,
 ) -> None:
     """Drive a simulated chair in real time by a page in the browser, until Ctrl-C.
@@ -51,9 +52,12 @@ def page_command(
         Seed of the simulated chair, of its sensors and noise, and of the people.
     box
         Folder of a black box that logs the chair's inputs and actions, for `waychair why`.
+    config
+        YAML file with settings that differ from the defaults (see `waychair config chair` and `simulation`).
     urgent
         Real-time priority for the chair, if the system grants it; useful on a busy computer.
     """
+    from waychair.cli.options.configuration import load_configuration
     from waychair.cli.options.page_process import page_address, page_token
     from waychair.cli.stack_commands import WARNING
     from waychair.runtime.processes import signalled
@@ -61,11 +65,20 @@ def page_command(
     from waychair.ui.server import page_server
 
     secret = page_token(lan, token)
+    configured = load_configuration(config)
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     print(WARNING, file=sys.stderr)
     with (
         LiveChair(
-            world=sim, map_folder=map, seed=seed, people=people, camera=camera, box=box, urgently=urgent
+            world=sim,
+            map_folder=map,
+            seed=seed,
+            people=people,
+            camera=camera,
+            box=box,
+            urgently=urgent,
+            settings=configured.chair,
+            simulation=configured.simulation,
         ) as chair,
         page_server(
             chair,

@@ -29,9 +29,10 @@ def plan_command(
     start: Pose | None = None,
     goal: Pose | None = None,
     scen: NonEmptyPath | None = None,
-    planner: str = "dstar-lite",
-    smooth: str = "auto",
+    planner: str | None = None,
+    smooth: str | None = None,
     body: str = "A",
+    config: Path | None = None,
     png: NonEmptyPath | None = None,
     json: bool = False,
 ) -> None:
@@ -48,11 +49,14 @@ def plan_command(
     scen
         Moving AI scenario: plan all its queries. Fails if a query has no path, or another cost than the scenario gives.
     planner
-        dstar-lite, astar, dijkstra or harmonic.
+        dstar-lite, astar, dijkstra or harmonic; default that of --config, else dstar-lite.
     smooth
-        taut, band, none, or auto (band for harmonic, else taut); only for the chair.
+        taut, band, none, or auto (band for harmonic, else taut); only for the chair. Default as for the planner.
     body
         The chair's body: A, B, A_mid, A_front or robot.
+    config
+        YAML file with settings that differ from the defaults (see `waychair config chair`): the navigator's planner and
+        clearance apply, over the cells of a .map file the planner's name.
     png
         Draw the path on the map into this .png file; with harmonic or band also the potential, D* Lite's path and the
         turns.
@@ -68,26 +72,66 @@ def plan_command(
         raise BadArgument("--scen holds its own starts and goals: omit --start, --goal and --png")
     if scen is not None and not on_cells:
         raise BadArgument(f"--scen needs a Moving AI {SUFFIX} file, not '{map}'")
-    if on_cells and smooth not in ("auto", "none"):
+    if on_cells and smooth not in (None, "auto", "none"):
         raise BadArgument(f"--smooth does not apply to a {SUFFIX} file: omit it")
     if on_cells and body != "A":
         raise BadArgument(f"--body does not apply to a {SUFFIX} file: omit it")
+    settings, comfortable = _planning_settings(config, planner, smooth)
     if scen is not None:
-        _plan_scenario(map, scen, planner, json)
+        _plan_scenario(map, scen, settings.planner, json)
     elif start is None or goal is None:
         raise BadArgument("give --start and --goal, or --scen")
     elif on_cells:
         check_picture(png, "--png", map)
-        _plan_on_cells(map=map, start=start, goal=goal, planner=planner, png=png, json=json)
+        _plan_on_cells(map=map, start=start, goal=goal, planner=settings.planner, png=png, json=json)
     else:
         check_picture(png, "--png", yaml_path(map), load_info(yaml_path(map)).image)
         _plan_for_the_chair(
-            map=map, start=start, goal=goal, planner=planner, smooth=smooth, body=body, png=png, json=json
+            map=map,
+            start=start,
+            goal=goal,
+            settings=settings,
+            comfortable=comfortable,
+            body=body,
+            png=png,
+            json=json,
         )
 
 
+def _planning_settings(config: Path | None, planner: str | None, smooth: str | None) -> tuple[PlannerSettings, float]:
+    """Return the planner's settings and the comfortable clearance [m]: those of the file, with the options over them."""
+    from waychair.planning.body.clearance import COMFORTABLE
+    from waychair.planning.route.global_planner import PlannerSettings
+
+    settings, comfortable = PlannerSettings(), COMFORTABLE
+    if config is not None:
+        from waychair.cli.options.configuration import load_configuration
+
+        navigator = load_configuration(config).chair.navigator
+        settings, comfortable = navigator.planner, navigator.clearance.comfortable
+    return _with_options(settings, planner, smooth), comfortable
+
+
+def _with_options(settings: PlannerSettings, planner: str | None, smooth: str | None) -> PlannerSettings:
+    """Return the planner's settings with the options --planner and --smooth over them."""
+    from dataclasses import replace
+
+    return replace(
+        settings,
+        planner=settings.planner if planner is None else planner,
+        smooth=settings.smooth if smooth is None else smooth,
+    )
+
+
 def _plan_for_the_chair(
-    map: Path, start: str, goal: str, planner: str, smooth: str, body: str, png: Path | None, json: bool
+    map: Path,
+    start: str,
+    goal: str,
+    settings: PlannerSettings,
+    comfortable: float,
+    body: str,
+    png: Path | None,
+    json: bool,
 ) -> None:
     """Plan a path in metres for the chair's footprint, and print it."""
     import time
@@ -98,18 +142,18 @@ def _plan_for_the_chair(
     from waychair.maps.folders.map_files import load_map
     from waychair.offline.report import path_picture, write_png
     from waychair.planning.grid.costmap import check_free_space, costmap_from_grid
-    from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings, check_goal
+    from waychair.planning.route.global_planner import GlobalPlanner, check_goal
     from waychair.planning.route.grid_planner import HARMONIC
     from waychair.planning.route.path_ends import check_start
     from waychair.planning.route.path_turns import turn_histogram
 
     if body not in BODIES:
         raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
-    chair, settings = BODIES[body], PlannerSettings(planner=planner, smooth=smooth)
+    chair = BODIES[body]
     grid = load_map(map)
     begin, end, zones = _place(map, start, "--start"), _place(map, goal, "--goal"), load_zones(map)
     check_zones(zones, grid)
-    costmap = costmap_from_grid(grid, chair, zones=zones)
+    costmap = costmap_from_grid(grid, chair, zones=zones, comfortable=comfortable)
     check_free_space(costmap)
     check_start(costmap, chair, begin.pose)
     check_goal(costmap, chair, end.pose)
@@ -306,9 +350,10 @@ def navigate_command(
     people: NonNegativeInt = 0,
     sensors: bool = False,
     seed: NonNegativeInt = 0,
-    planner: str = "dstar-lite",
-    smooth: str = "auto",
+    planner: str | None = None,
+    smooth: str | None = None,
     box: Path | None = None,
+    config: Path | None = None,
 ) -> None:
     """Drive a simulated chair to places on a map, obeying the map's zones.
 
@@ -332,21 +377,25 @@ def navigate_command(
     seed
         Seed of the simulated chair, of its sensors and noise, and of the people.
     planner
-        dstar-lite, astar, dijkstra or harmonic.
+        dstar-lite, astar, dijkstra or harmonic; default that of --config, else dstar-lite.
     smooth
-        taut, band, none, or auto (band for harmonic, else taut).
+        taut, band, none, or auto (band for harmonic, else taut); default as for the planner.
     box
         Folder of a black box that logs the chair's inputs and actions, for `waychair why`.
+    config
+        YAML file with settings that differ from the defaults (see `waychair config chair` and `simulation`).
     """
+    from dataclasses import replace
+
     from rich.console import Console
     from rich.table import Table
 
     from waychair.cli.options.arguments import BadArgument
+    from waychair.cli.options.configuration import load_configuration
     from waychair.errors import StartOccupied, StartOutsideMap
     from waychair.maps.drawn.zones import check_zones, load_zones
     from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
     from waychair.maps.folders.map_files import load_map
-    from waychair.planning.route.global_planner import PlannerSettings
     from waychair.simulation.plan.world import load_world
     from waychair.trials.demo_report import HEADER, IN_TERMINAL, row
     from waychair.trials.navigate import navigate
@@ -356,7 +405,9 @@ def navigate_command(
         raise BadArgument("no map is given: give --map, --world, or both")
     if not goal:
         raise BadArgument("no goal is given: give at least one --goal")
-    settings = PlannerSettings(planner=planner, smooth=smooth)
+    configured = load_configuration(config)
+    settings = configured.chair
+    navigator = replace(settings.navigator, planner=_with_options(settings.navigator.planner, planner, smooth))
     plan = None if world is None else load_world(world)
     scanned, map_from_world = None, Pose2()
     zones: tuple[Zone, ...] = ()
@@ -384,7 +435,8 @@ def navigate_command(
             scanned=scanned,
             map_from_world=map_from_world,
             box=box,
-            planner=settings,
+            settings=replace(settings, navigator=navigator),
+            simulation=configured.simulation,
         )
     except (StartOccupied, StartOutsideMap) as error:
         if start is not None:

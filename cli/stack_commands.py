@@ -45,6 +45,7 @@ def up_command(
     lan: bool = False,
     domain: NonNegativeInt | None = None,
     namespace: str = "",
+    config: Path | None = None,
     params: Path | None = None,
     out: Path = Path("out/up"),
     box: Path | None = None,
@@ -86,8 +87,10 @@ def up_command(
         ROS domain, 0 to 101.
     namespace
         Prefix for the names of all nodes and topics, for several chairs in one domain.
+    config
+        YAML file with settings that differ from the defaults (see `waychair config`).
     params
-        A ROS parameter file.
+        A ROS parameter file, which overrides --config.
     out
         Folder for the run's files.
     box
@@ -104,6 +107,7 @@ def up_command(
         Token for --page-lan; default a random one, which is printed.
     """
     from waychair.cli.options.arguments import BadArgument, pose_from_text
+    from waychair.cli.options.configuration import load_configuration
     from waychair.cli.options.page_process import TOKEN, has_ui, page_address, page_token, port_of_page
     from waychair.errors import MissingExtra, RosError
     from waychair.maps.drawn.zones import check_zones, load_zones
@@ -111,7 +115,7 @@ def up_command(
     from waychair.ros.environment import is_secured, ros_environment
     from waychair.ros.interface_types import interface_type
     from waychair.ros.shared_memory import remove_dead_segments
-    from waychair.ros.stack import Stack, processes
+    from waychair.ros.stack import Stack, node_parameters, processes
     from waychair.runtime.processes import Supervision, signalled
 
     if page and not has_ui():
@@ -120,6 +124,7 @@ def up_command(
         raise BadArgument("--unattended needs --sim: the rider of a real chair confirms each goal")
     if map is not None:
         check_zones(load_zones(map), load_map(map))  # here, else each node would report the error and exit
+    configured = load_configuration(config)
     environment = ros_environment(domain=domain, lan=lan)
     deaf = lan and not is_secured(environment)
     stack = Stack(
@@ -141,6 +146,7 @@ def up_command(
         page_port=port_of_page(page_port) if page or (page is None and has_ui()) else None,
         page_host="0.0.0.0" if page_lan else "127.0.0.1",
         namespace=namespace,
+        settings=node_parameters(configured.chair, configured.map, configured.simulation, configured.nodes),
     )
     table = processes(stack)
     environment = {**environment, TOKEN: page_token(page_lan, token)}

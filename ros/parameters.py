@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 import math
 import sys
 from collections.abc import Iterable, Mapping
@@ -55,6 +56,13 @@ def leaves(settings: Settings, prefix: str = "") -> dict[str, Leaf]:
         else:
             found[name] = Leaf(name, value, entry.metadata)
     return found
+
+
+def changed_parameters(settings: Settings, prefix: str = "") -> dict[str, object]:
+    """Return the values that differ from the defaults of their class, as ROS parameters by dotted name."""
+    usual, found = leaves(type(settings)(), prefix), leaves(settings, prefix)
+    changed = {name: leaf.parameter for name, leaf in found.items() if leaf.value != usual[name].value}
+    return {name: value.value if isinstance(value, enum.Enum) else value for name, value in changed.items()}
 
 
 def settings_from_parameters(kind: type[S], values: Mapping[str, Any], where: str) -> S:

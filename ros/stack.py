@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import yaml
 
+from waychair.config import Settings
 from waychair.errors import ConfigError
 from waychair.files import write_text
 from waychair.maps.drawn.erased import clear_erased, load_erased
@@ -15,9 +16,14 @@ from waychair.maps.drawn.places import save_places
 from waychair.maps.folders.map_drawing import forget
 from waychair.maps.folders.map_files import MAP_YAML, load_map, save_map, yaml_path
 from waychair.ros.environment import namespace_arguments
+from waychair.ros.node_settings.sections import NODES
+from waychair.ros.parameters import changed_parameters, leaves
+from waychair.runtime.chair import ChairSettings
 from waychair.runtime.last_pose import remember_pose
 from waychair.runtime.processes import Process
 from waychair.simulation.plan.world import World, load_world
+from waychair.simulation.simulator import SimulationSettings
+from waychair.slam.mapping.live_mapping import LiveMappingSettings
 from waychair.types import Pose2
 
 BOARD_LINK = "board"
@@ -34,6 +40,8 @@ _PAGE, _PAGE_MODULE = "page", "waychair.cli.options.page_process"
 COUNTDOWN_S = 3.0
 """Seconds from the rider's confirmation to the first motion, if there is a page to announce it."""
 
+_COUNTDOWN = "supervisor.countdown_s"
+
 _PRIORITIES = {"simulator": 5, "bridge": 4, "mapper": 3, "navigator": 2}
 """Real-time priorities with `urgent`: stopping comes before driving, and the simulated world is on time for all."""
 
@@ -45,7 +53,8 @@ class Stack:
     Without a map a simulated chair gets its world's floor plan as the map, unless `mapping`. `parameters` is a YAML file
     of the user that overrides these settings. `ignore_commands`: all commands are ignored. `urgent`: real-time priority.
     `box`: folder of the black box; None: no log. `page_port`, `page_host`: address of the page; port None: no page. With
-    a page, each drive begins with a countdown that the page announces. `namespace`: that of all nodes.
+    a page, each drive begins with a countdown that the page announces. `namespace`: that of all nodes. `settings`: the
+    parameters of each node from a configuration file (`node_parameters`).
     """
 
     folder: Path
@@ -66,6 +75,23 @@ class Stack:
     page_port: int | None = None
     page_host: str = "127.0.0.1"
     namespace: str = ""
+    settings: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+
+
+def node_parameters(
+    chair: ChairSettings, live: LiveMappingSettings, simulation: SimulationSettings, nodes: Settings
+) -> dict[str, dict[str, object]]:
+    """Return each node's parameters that differ from their defaults, from the parts of a configuration file.
+
+    The bridge, the navigator and the mapper take the chair's settings that they have, the mapper those of mapping as
+    well (`live`), the simulator those of the simulation. `nodes` holds each node's own (`node_settings.sections`).
+    """
+    shared = {**changed_parameters(chair), **changed_parameters(live, "live."), **changed_parameters(simulation)}
+    found: dict[str, dict[str, object]] = {}
+    for name, kind in NODES.items():
+        own = changed_parameters(getattr(nodes, name))
+        found[name] = {**{key: value for key, value in shared.items() if key in leaves(kind())}, **own}
+    return found
 
 
 def processes(stack: Stack) -> tuple[Process, ...]:
@@ -74,6 +100,7 @@ def processes(stack: Stack) -> tuple[Process, ...]:
     Raises:
         ConfigError: a world or a cable is missing, a map or `mapping` is missing, or the namespace is invalid.
         WorldError: the world does not exist.
+        ConfigError: `settings` hold a parameter that `waychair up` sets by its options.
         OutputError: the folder cannot be written to.
     """
     if not stack.world and not stack.cable:
@@ -107,8 +134,9 @@ def processes(stack: Stack) -> tuple[Process, ...]:
         "confirm_goals": stack.unattended,
         "ignore_commands": stack.ignore_commands,
         "black_box_folder": "" if stack.box is None else str(stack.box.resolve()),
-        "supervisor.countdown_s": 0.0 if stack.page_port is None else COUNTDOWN_S,
     }
+    if _COUNTDOWN not in stack.settings.get("bridge", {}):
+        rows["bridge"][_COUNTDOWN] = 0.0 if stack.page_port is None else COUNTDOWN_S
     rows["mapper"] = {
         **place,
         "map_folder": "" if stack.mapping else place["map_folder"],
@@ -118,6 +146,14 @@ def processes(stack: Stack) -> tuple[Process, ...]:
     rows["navigator"] = {**place, "camera": stack.camera}
     if stack.page_port is not None:
         rows[_PAGE] = {**place, "host": stack.page_host, "port": stack.page_port}
+    for name, values in rows.items():
+        given = stack.settings.get(name, {})
+        if both := sorted(given.keys() & values.keys()):
+            raise ConfigError(
+                f"{both[0]} of the node '{name}' is set by the options of `waychair up`: remove it from --config, and give "
+                "the option instead"
+            )
+        values.update(given)
     return tuple(_process(name, values, folder, stack) for name, values in rows.items())
 
 

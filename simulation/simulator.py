@@ -85,6 +85,44 @@ class SimulatorSettings(Settings):
                 )
 
 
+@dataclass(frozen=True, slots=True)
+class SensorSettings(Settings):
+    """The simulated sensors; the command or node decides which sensors without a rate here are on, and at which rate."""
+
+    lidar: LidarSettings = field(default_factory=LidarSettings)
+    imu: ImuSettings = field(default_factory=ImuSettings)
+    sonar: SonarSettings = field(default_factory=SonarSettings)
+    camera: CameraSettings = field(default_factory=CameraSettings)
+    wheels_hz: float = setting(WHEELS.rate_hz, "Hz", "readings per second of the wheel encoders", low=1.0, high=1000.0)
+
+    def over(self, settings: SimulatorSettings) -> SimulatorSettings:
+        """Return the simulated chair with these sensors; those whose rate is 0 here keep that of `settings`."""
+        return replace(
+            settings,
+            lidar=self.lidar,
+            imu=replace(self.imu, rate_hz=self.imu.rate_hz or settings.imu.rate_hz),
+            sonar=replace(self.sonar, rate_hz=self.sonar.rate_hz or settings.sonar.rate_hz),
+            camera=replace(self.camera, rate_hz=self.camera.rate_hz or settings.camera.rate_hz),
+            wheels_hz=self.wheels_hz,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class SimulationSettings(Settings):
+    """The settings of a simulation, whichever chair it simulates; a chair's own figures are in its .yaml file."""
+
+    plant_model: str = setting("kinematic", "", "plant of the simulated chair: kinematic or mujoco")
+    sensors: SensorSettings = field(default_factory=SensorSettings)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        self.over(SimulatorSettings())  # refuses an unknown plant, and rates that the plant's steps cannot keep
+
+    def over(self, settings: SimulatorSettings) -> SimulatorSettings:
+        """Return the simulated chair with this plant and these sensors."""
+        return replace(self.sensors.over(settings), plant_model=self.plant_model)
+
+
 def with_all_sensors(settings: SimulatorSettings) -> SimulatorSettings:
     """Return the same chair with IMU, sonars and camera switched on, at the rates of `topics`."""
     return replace(

@@ -18,15 +18,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 from scipy.stats import beta
 
+from waychair import config
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.control.drive.mapless import MaplessNavigator, MaplessSettings
 from waychair.control.drive.navigator import Stage
@@ -104,12 +106,17 @@ class BarnRun:
 
 @dataclass(frozen=True, slots=True)
 class BarnTask:
-    """The runs to make: which of `ROBOTS`, its top speed, the scale of the worlds, and the runs per world."""
+    """The runs to make: which of `ROBOTS`, its top speed, the scale of the worlds, and the runs per world.
+
+    `changes` are values of `MaplessSettings` that replace the benchmark's (see `config.changed_values`), except for the
+    top speed.
+    """
 
     body: str = "jackal"
     speed: float = 0.5  # m/s, 0.1 to 3
     scale: float = 1.0  # of all lengths, 0.1 to 10
     starts: int = 1  # 1 to 1000
+    changes: Mapping[str, Any] = field(default_factory=dict, repr=False)
 
     def __post_init__(self) -> None:
         for name, low, high in (("speed", 0.1, 3.0), ("scale", 0.1, 10.0), ("starts", 1, 1000)):
@@ -312,7 +319,8 @@ def _workers(jobs: int) -> Iterator[Callable[..., Iterator[list[BarnRun]]]]:
 
 def _all_starts(environment: BarnEnvironment, task: BarnTask) -> list[BarnRun]:
     body = ROBOTS[task.body]
-    navigator = navigator_settings(body, task.speed, task.scale)
+    navigator = config.with_values(navigator_settings(body, task.speed, task.scale), task.changes)
+    navigator = replace(navigator, dwa=replace(navigator.dwa, max_speed=task.speed))
     return [run_barn(environment, start, body, navigator) for start in range(task.starts)]
 
 

@@ -29,11 +29,11 @@ from waychair.maps.grid.distance_field import are_within, distance_field
 from waychair.offline.mapping import Mapping, MappingSettings, live_result, save_mapping
 from waychair.planning.grid.costmap import costmap_from_grid
 from waychair.planning.route.global_planner import plan
-from waychair.runtime.chair import Chair, ChairState
+from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.simulation.follower import Follower
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.plant.plant import PlantSettings, randomised
-from waychair.simulation.simulator import SimulatorSettings
+from waychair.simulation.simulator import SimulationSettings, SimulatorSettings
 from waychair.slam.frames.frame_synchroniser import Synchroniser
 from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.slam.trajectory_errors import TruthErrors, truth_errors
@@ -124,11 +124,14 @@ def run_demo(
     surprises: bool = True,
     box: Path | None = None,
     watcher: DemoWatcher | None = None,
+    mapping_settings: MappingSettings | None = None,
+    chair_settings: ChairSettings | None = None,
+    simulation: SimulationSettings | None = None,
 ) -> Demo:
     """Map a drive through `world` into `out`/map, and drive to up to three places on that map.
 
     Without `surprises` there are no people and all doors stay open. `box` is the folder of a black box. `watcher`
-    receives callbacks.
+    receives callbacks. The settings are those of mapping, of the chair, and of its simulated sensors and plant.
 
     Raises:
         WorldError: the world does not exist, it has no mapping route, or the rider ran into something.
@@ -136,14 +139,16 @@ def run_demo(
     """
     stage, watcher = _Stages(progress), watcher or DemoWatcher()
     building = load_world(world) if surprises else load_world(world).without_people()
-    simulator = RecordingSimulator(building, CHAIR_A, randomised_settings(seed), seed)
+    mapping_settings, chair_settings = mapping_settings or MappingSettings(), chair_settings or ChairSettings()
+    simulated = (simulation or SimulationSettings()).over(randomised_settings(seed))
+    simulator = RecordingSimulator(building, CHAIR_A, simulated, seed)
     with stage("map"):
-        mapping, errors = _map_by_joystick(out, simulator, stage, watcher)
+        mapping, errors = _map_by_joystick(out, simulator, stage, watcher, mapping_settings, chair_settings)
     with stage("save"):
-        save_mapping(out / "map", mapping, MappingSettings())
+        save_mapping(out / "map", mapping, mapping_settings)
         map_from_world = building.start.inverse()
         save_places(out / "map", {place.name: _in_map(place, map_from_world) for place in building.places})
-    setup = _setup_on_map(out / "map", map_from_world)
+    setup = _setup_on_map(out / "map", map_from_world, chair_settings)
     goals = _goals(building)
     closed = _door_to_close(building, goals) if surprises else ""
     if closed:
@@ -188,13 +193,18 @@ def randomised_settings(seed: int) -> SimulatorSettings:
 
 
 def _map_by_joystick(
-    out: Path, simulator: RecordingSimulator, stage: _Stages, watcher: DemoWatcher
+    out: Path,
+    simulator: RecordingSimulator,
+    stage: _Stages,
+    watcher: DemoWatcher,
+    settings: MappingSettings,
+    chair: ChairSettings,
 ) -> tuple[Mapping, TruthErrors]:
     """Return a floor's map and its errors; a rider drives the mapping route through the firmware meanwhile."""
     bag = out / "drive.mcap"
     bag.unlink(missing_ok=True)
-    live = LiveMapping(MappingSettings(), CHAIR_A.base_from_laser, CHAIR_A)
-    wiring = board_settings(DriveSetup(simulator.world.grid, {}, CHAIR_A, DEFAULT))
+    live = LiveMapping(settings, CHAIR_A.base_from_laser, CHAIR_A)
+    wiring = board_settings(DriveSetup(simulator.world.grid, {}, CHAIR_A, DEFAULT, chair=chair))
     route = simulator.world.route()
     with HostBoard(board_program(), wiring) as board:
         simulator.wire(board)
@@ -232,7 +242,7 @@ class _FrameMapper:
                     self._watcher.scan_mapped(self._live, frame.scan)
 
 
-def _setup_on_map(folder: Path, map_from_world: Pose2) -> DriveSetup:
+def _setup_on_map(folder: Path, map_from_world: Pose2, chair: ChairSettings) -> DriveSetup:
     """Return the setting of a drive on the saved map."""
     places = load_places(folder)
     return DriveSetup(
@@ -241,6 +251,7 @@ def _setup_on_map(folder: Path, map_from_world: Pose2) -> DriveSetup:
         body=CHAIR_A,
         calibration=DEFAULT,
         map_from_world=map_from_world,
+        chair=chair,
         zones=load_zones(folder),
     )
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from waychair.control.speed.limiter import LimiterSettings
 from waychair.files import write_json
 from waychair.offline.mapping import peak_memory_mb
 from waychair.offline.report import (
@@ -112,7 +111,7 @@ def facts(demo: Demo) -> tuple[tuple[str, str], ...]:
 
 
 def _comfort(demo: Demo) -> tuple[tuple[str, str, str], ...]:
-    ride, limits = demo.ride, LimiterSettings()
+    ride, limits = demo.ride, demo.setup.chair.limiter
     return (
         ("speeding up", f"{ride.speeding_up:.2f} m/s^2", f"{limits.acceleration:.2f}"),
         ("slowing down", f"{ride.slowing_down:.2f} m/s^2", f"{limits.braking:.2f}, emergency {limits.emergency:.2f}"),

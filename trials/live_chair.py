@@ -26,7 +26,6 @@ import numpy as np
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.control.safety.supervisor import SupervisorSettings
 from waychair.errors import WaychairError
 from waychair.firmware_bridge.heartbeat import urgent
 from waychair.maps.drawn.places import save_places
@@ -40,7 +39,7 @@ from waychair.runtime.chair_port import Answer, ChairView, LayoutView
 from waychair.runtime.drawing_port import DrawingPort
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
 from waychair.simulation.plan.world import World, load_world
-from waychair.simulation.simulator import Simulator, SimulatorSettings
+from waychair.simulation.simulator import SimulationSettings, Simulator, SimulatorSettings
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, black_box, simulated_chair
@@ -76,12 +75,15 @@ class LiveChair(DrawingPort):
         countdown_s: float = COUNTDOWN_S,
         box: Path | None = None,
         urgently: bool = False,
+        settings: ChairSettings | None = None,
+        simulation: SimulationSettings | None = None,
     ) -> None:
         """Load the world; the chair starts with the block.
 
         `map_folder`: a map of a drive that began at the world's start. Without it the chair uses the world's plan, and
         drawings on it are lost at the end. `camera`: with pictures to look at. `box`: folder of a black box.
-        `urgently`: with real-time priority, if the system grants it.
+        `urgently`: with real-time priority, if the system grants it. `settings` are the chair's; `countdown_s` applies
+        unless they give a countdown. `simulation`: the settings of the simulated sensors and plant.
 
         Raises:
             WorldError: the world does not exist.
@@ -90,9 +92,11 @@ class LiveChair(DrawingPort):
         self._world = building if people else building.without_people()
         self._map_folder, self._box, self._seed, self._camera = map_folder, box, seed, camera
         self._urgently = urgently
-        supervisor = SupervisorSettings(countdown_s=countdown_s)
-        self._settings = replace(ChairSettings(), supervisor=supervisor)
-        self._countdown_s = countdown_s
+        settings = settings or ChairSettings()
+        self._countdown_s = settings.supervisor.countdown_s or countdown_s
+        supervisor = replace(settings.supervisor, countdown_s=self._countdown_s)
+        self._settings = replace(settings, supervisor=supervisor)
+        self._simulation = simulation or SimulationSettings()
         self._view = _BEFORE_START
         self._frame: RgbdFrame | None = None
         self._jpeg: tuple[int, bytes] | None = None
@@ -349,7 +353,8 @@ class LiveChair(DrawingPort):
             zones=drawn.zones,
             scanned=scanned,
         )
-        self._simulator = Simulator(world, CHAIR_A, _with_pictures(randomised_settings(self._seed), camera), self._seed)
+        simulated = self._simulation.over(_with_pictures(randomised_settings(self._seed), camera))
+        self._simulator = Simulator(world, CHAIR_A, simulated, self._seed)
         watcher = ends.enter_context(black_box(setup, self._box))
         self._chair = ends.enter_context(simulated_chair(setup, self._simulator, watcher))
         self._display = ChairDisplay(self._chair, CHAIR_A.base_from_laser)

@@ -11,18 +11,16 @@ import numpy as np
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.control.drive.navigator import NavigatorSettings
 from waychair.errors import StartOccupied, StartOutsideMap, WorldError
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.grid.cells import OCCUPIED_FROM, cells_from_points, inside, points_from_cells
 from waychair.maps.grid.distance_field import distance_field
 from waychair.planning.grid.costmap import check_free_space, costmap_from_grid
-from waychair.planning.route.global_planner import PlannerSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.plan.world import World, world_from_grid
 from waychair.simulation.scene.contact import in_contact, solid_from_blocks
 from waychair.simulation.scene.scene import Behaviour, PersonPlan
-from waychair.simulation.simulator import Simulator, with_all_sensors
+from waychair.simulation.simulator import SimulationSettings, Simulator, with_all_sensors
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveRecord, DriveSetup, drive_to_places
 from waychair.types import OccupancyGrid, Place, Pose2
@@ -46,14 +44,15 @@ def navigate(
     scanned: OccupancyGrid | None = None,
     map_from_world: Pose2 | None = None,
     box: Path | None = None,
-    planner: PlannerSettings | None = None,
+    settings: ChairSettings | None = None,
+    simulation: SimulationSettings | None = None,
 ) -> tuple[DriveRecord, ...]:
     """Drive chair A from a start to places in turn, in the map's frame, among `people` walking people.
 
     A given `world` lies at `map_from_world`, without its own start and people; by default the world is raised from the
     map. `zones` are the map's. With `sensors` the chair has sonars, a depth camera and an IMU besides its lidar.
     `scanned` is the map as the lidar sees it in `world`; in a raised world the lidar sees the whole map. `box` is the
-    folder of a black box.
+    folder of a black box. `settings` are the chair's, `simulation` those of its simulated sensors and plant.
 
     Raises:
         StartOutsideMap, StartOccupied: the chair cannot stand at the start (in map coordinates).
@@ -68,9 +67,9 @@ def navigate(
         grid, scanned = with_closed_borders(grid), None
     world = _world_at_start(start, grid, world, map_from_world)
     chair = with_all_sensors(randomised_settings(seed)) if sensors else randomised_settings(seed)
+    chair = (simulation or SimulationSettings()).over(chair)
     simulator = Simulator(with_walkers(world, people, seed), CHAIR_A, chair, seed)
     places = {place.name: place for place in goals}
-    chair_settings = ChairSettings(navigator=NavigatorSettings(planner=planner or PlannerSettings()))
     setup = DriveSetup(
         grid=grid,
         places=places,
@@ -79,7 +78,7 @@ def navigate(
         map_from_world=map_from_world,
         zones=zones,
         scanned=scanned,
-        chair=chair_settings,
+        chair=settings or ChairSettings(),
     )
     return drive_to_places(setup, simulator, [place.name for place in goals], box=box)
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from waychair.cli.options.arguments import BadArgument
 
 if TYPE_CHECKING:
-    from waychair.ros.nodes.page_node import PageNodeSettings
+    from waychair.ros.node_settings.page import PageNodeSettings
     from waychair.runtime.chair_port import ChairPort
 
 TOKEN = "WAYCHAIR_PAGE_TOKEN"

@@ -28,12 +28,11 @@ import math
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.config import setting
 from waychair.control.safety.stops import Halt, halt
 from waychair.control.safety.supervisor import DRIVEN
 from waychair.errors import WaychairError
@@ -60,14 +59,7 @@ from waychair.ros.messages.motion import pose_with_covariance, read_twist, read_
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_battery, read_imu, read_page_joystick, read_scan, read_wheels
 from waychair.ros.mounts import static_transforms
-from waychair.ros.node_settings import (
-    calibration_field,
-    chair_field,
-    imu_frame_field,
-    map_folder_field,
-    scan_frame_field,
-    stamped_field,
-)
+from waychair.ros.node_settings.bridge import BridgeNodeSettings
 from waychair.ros.nodes.bridge_log import BridgeLog, TickRecord
 from waychair.ros.nodes.bridge_state import (
     MAX_CLOCK_DIFFERENCE_NS,
@@ -80,8 +72,8 @@ from waychair.ros.nodes.commanders import NAVIGATOR_NODE, PAGE_NODE, Commanders
 from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.node import ChairNode, run_node
 from waychair.ros.topics import RosTopic
-from waychair.runtime.black_box.recorder import BlackBoxSettings, LoggedChair
-from waychair.runtime.drive_base import BaseSettings, ChairMessage, DriveBase
+from waychair.runtime.black_box.recorder import LoggedChair
+from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.monitor_process import MonitorProcess, Watched
 from waychair.runtime.page_watch import PageWatch
 from waychair.slam.localising.localisation import Localisation, LocalisationState
@@ -94,25 +86,6 @@ _AHEAD_NS = 50_000_000  # a request may be stamped so far ahead, since /clock is
 _TICK_NS = 45_000_000  # without requests the node ticks this long after the last tick
 _WHEELS_HZ = 10.0
 _WATCH_HZ = 50.0
-
-
-@dataclass(frozen=True, slots=True)
-class BridgeNodeSettings(BaseSettings):
-    """The chair, the cable, the map whose zones apply, the black box, and the acceptance of commands and goals."""
-
-    calibration: str = calibration_field()
-    chair: str = chair_field()
-    cable: str = setting("pty:/tmp/waychair-board", "", "port of the board: /dev/..., pty:PATH or tcp:HOST:PORT")
-    map_folder: str = map_folder_field()
-    scan_frame: str = scan_frame_field()
-    imu_frame: str = imu_frame_field()
-    enable_stamped_cmd_vel: bool = stamped_field()
-    black_box_folder: str = setting("", "", "folder of the black box; empty: no black box is kept")
-    black_box: BlackBoxSettings = field(default_factory=BlackBoxSettings)
-    ignore_commands: bool = setting(False, "", "ignore all speeds and joysticks of other nodes, on an open network")
-    confirm_goals: bool = setting(
-        False, "", "confirm each goal at once; only for a simulated chair, since nobody is asked"
-    )
 
 
 class BridgeNode(ChairNode[BridgeNodeSettings]):

@@ -26,7 +26,7 @@ import math
 import sys
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +34,6 @@ import numpy as np
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.task import Future
 
-from waychair.config import Settings, setting
 from waychair.errors import ConfigError, MapNotFound, OutputError, WaychairError
 from waychair.geometry import in_space
 from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
@@ -54,13 +53,7 @@ from waychair.ros.messages.motion import (
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_imu, read_scan
 from waychair.ros.messages.wire import native
-from waychair.ros.node_settings import (
-    calibration_field,
-    chair_field,
-    imu_frame_field,
-    map_folder_field,
-    scan_frame_field,
-)
+from waychair.ros.node_settings.mapper import MapperNodeSettings
 from waychair.ros.nodes.active_state import offer_get_state
 from waychair.ros.nodes.inputs import CLOCK_ERROR_NS
 from waychair.ros.nodes.known_chair import known_chair
@@ -71,10 +64,9 @@ from waychair.slam.localising.localiser import (
     Localisation,
     LocalisationState,
     Localiser,
-    LocaliserSettings,
     prepared_map,
 )
-from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.types import Odometry, Pose2, Scan
 
@@ -87,25 +79,6 @@ _PATIENCE_S = 2.0
 _SAVE_POSE_HZ = 4.0
 _MOVED = 0.05  # m and rad; smaller changes of the pose are not saved
 _ANYWHERE = np.diag([1e4, 1e4, math.pi**2])  # m2, m2, rad2: covariance of an unknown pose
-
-
-@dataclass(frozen=True, slots=True)
-class MapperNodeSettings(Settings):
-    """The map to localise on, or how to make one."""
-
-    map_folder: str = map_folder_field()
-    calibration: str = calibration_field()
-    chair: str = chair_field()
-    pose_file: str = setting(
-        "", "", "file in which the chair's pose is kept from one run to the next; empty: localise globally at the start"
-    )
-    save_folder: str = setting(
-        "", "", "folder to which a map that is being made is saved when the node ends; empty: only on request"
-    )
-    scan_frame: str = scan_frame_field()
-    imu_frame: str = imu_frame_field()
-    localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
-    live: LiveMappingSettings = field(default_factory=LiveMappingSettings)
 
 
 class MapperNode(ChairNode[MapperNodeSettings]):

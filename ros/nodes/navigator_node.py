@@ -30,7 +30,6 @@ from typing import Any
 
 import numpy as np
 
-from waychair.config import setting
 from waychair.control.drive.navigator import Navigation, Stage
 from waychair.control.safety.fitness import SLOW_SPEED, has_valid_reading
 from waychair.control.safety.stops import halt
@@ -60,14 +59,14 @@ from waychair.ros.messages.motion import (
 )
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import SonarRing, read_scan
-from waychair.ros.node_settings import calibration_field, chair_field, map_folder_field, scan_frame_field, stamped_field
+from waychair.ros.node_settings.navigator import NavigatorNodeSettings
 from waychair.ros.nodes.active_state import offer_get_state
 from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.navigate_action import DriveFeedback, NavigateAction
 from waychair.ros.nodes.navigation_display import NavigationDisplay
 from waychair.ros.nodes.node import ChairNode, run_node
 from waychair.ros.nodes.tick_phase import TickPhase
-from waychair.runtime.pilot import Pilot, PilotSettings
+from waychair.runtime.pilot import Pilot
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED
 from waychair.slam.localising.localisation import Localisation
 from waychair.slam.odometry.odometry_track import OdometryTrack
@@ -82,18 +81,6 @@ _FEEDBACK_EVERY = 4  # ticks
 _SONARS = 8
 _SILENT_NS = 500_000_000
 """A drive waits at rest so long for the bridge or the localiser before it ends (F25)."""
-
-
-@dataclass(frozen=True, slots=True)
-class NavigatorNodeSettings(PilotSettings):
-    """The chair, and the map whose places and zones apply."""
-
-    calibration: str = calibration_field()
-    chair: str = chair_field()
-    map_folder: str = map_folder_field()
-    camera: bool = setting(True, "", "use the camera, if there is one, to see drop-offs and low obstacles")
-    scan_frame: str = scan_frame_field()
-    enable_stamped_cmd_vel: bool = stamped_field()
 
 
 @dataclass(slots=True)

@@ -17,32 +17,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from pathlib import Path
 
-from waychair.config import Settings, setting
 from waychair.ros.messages.reports import Report
-from waychair.ros.node_settings import calibration_field, chair_field, map_folder_field, scan_frame_field
+from waychair.ros.node_settings.page import PageNodeSettings
 from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.page_port import PagePort
 from waychair.runtime.chair_port import ChairPort
 
 _CAMERA_CHECK_HZ = 5.0
-
-
-@dataclass(frozen=True, slots=True)
-class PageNodeSettings(Settings):
-    """The chair, the map's folder, and the address of the page."""
-
-    calibration: str = calibration_field()
-    chair: str = chair_field()
-    map_folder: str = map_folder_field()
-    scan_frame: str = scan_frame_field()
-    host: str = setting(
-        "127.0.0.1", "", "address on which the page is served; 0.0.0.0: on all networks of this computer"
-    )
-    port: int = setting(8000, "", "TCP port on which the page is served", low=1, high=65535)
 
 
 class PageNode(ChairNode[PageNodeSettings]):

@@ -21,12 +21,11 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.config import Settings, setting
 from waychair.errors import OutputError
 from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, board_program
 from waychair.geometry import in_space
@@ -39,7 +38,7 @@ from waychair.ros.messages.motion import transform
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_joy
 from waychair.ros.mounts import static_transforms
-from waychair.ros.node_settings import chair_field
+from waychair.ros.node_settings.simulator import SimulatorNodeSettings
 from waychair.ros.nodes.node import ChairNode, run_node
 from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.simulation.pacing import PaceMode, Pacer
@@ -56,27 +55,6 @@ _CLOCK_HZ = 100.0  # messages on /clock, with use_sim_time
 _SLACK_S = 0.04
 """A longer delay is never caught up. While catching up, the board's time would pass without messages from the computer,
 whose silence it tolerates for 0.1 s, and stamps would be as old as the delay."""
-
-
-@dataclass(frozen=True, slots=True)
-class SimulatorNodeSettings(Settings):
-    """The simulated chair, its world, and its sensors."""
-
-    world: str = setting(
-        "small_clinic", "", "world by name (`waychair worlds`), or a plan's .yaml file; its first level"
-    )
-    chair: str = chair_field()
-    plant_model: str = setting(
-        "kinematic", "", "model of the chair's motion: kinematic (fast) or mujoco (casters, motors)"
-    )
-    seed: int = setting(0, "", "seed of the sensors' noise", low=0, high=2**31)
-    people: bool = setting(True, "", "simulate the world's pedestrians")
-    camera: bool = setting(True, "", "simulate the camera, where this computer can render")
-    board_link: str = setting("", "", "path of a link to the board's cable; empty: only its pseudo-terminal's own path")
-    pose_file: str = setting(
-        "", "", "file in which the chair's pose is kept for a restart; empty: each run begins at the world's start"
-    )
-    publish_base: bool = setting(True, "", "publish odometry, its transform and the mounts; off where a bridge does")
 
 
 class _Board(HostBoard):
@@ -165,6 +143,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         if s.pose_file and (stood := remembered_pose(Path(s.pose_file), Path(s.world))) is not None:
             world = replace(world, start=stood)
         every = with_all_sensors(SimulatorSettings(s.plant_model, chair.plant, chair.mujoco))
+        every = s.sensors.over(every)
         settings = every if s.camera else replace(every, camera=replace(every.camera, rate_hz=0.0))
         simulator = Simulator(world if s.people else replace(world, people=()), chair.body, settings, s.seed)
         wiring = board_settings(DriveSetup(world.grid, {}, chair.body, DEFAULT))

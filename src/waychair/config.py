@@ -61,7 +61,7 @@ def from_mapping(cls: type[S], values: Mapping[str, Any], where: str = "configur
     _refuse_unknown_keys(cls, values, where)
     try:
         return msgspec.convert(dict(values), cls)
-    except msgspec.ValidationError as error:
+    except (msgspec.ValidationError, ConfigError) as error:
         raise ConfigError(f"{where}: {error}") from error
 
 
@@ -77,6 +77,27 @@ def load(cls: type[S], path: Path) -> S:
     if not isinstance(values, dict):
         raise ConfigError(f"{path} must hold `key: value` lines, not a {type(values).__name__}")
     return from_mapping(cls, values, str(path))
+
+
+def changed_values(settings: Settings) -> dict[str, Any]:
+    """Return the values that differ from their class's defaults, nested as in a file."""
+    usual, changed = type(settings)(), {}
+    for entry in dataclasses.fields(settings):
+        value, default = getattr(settings, entry.name), getattr(usual, entry.name)
+        if value == default:
+            continue
+        changed[entry.name] = changed_values(value) if isinstance(value, Settings) else value
+    return changed
+
+
+def with_values(settings: S, values: Mapping[str, Any]) -> S:
+    """Return settings with nested values, such as `changed_values` of another class; those it lacks have no effect."""
+    known = {entry.name for entry in dataclasses.fields(settings)}
+    new = {}
+    for key in known.intersection(values):
+        value, old = values[key], getattr(settings, key)
+        new[key] = with_values(old, value) if isinstance(old, Settings) else value
+    return dataclasses.replace(settings, **new)
 
 
 def dump(settings: Settings) -> str:

@@ -92,7 +92,8 @@ def test_a_potential_leads_round_a_corner_and_through_a_door_without_a_stop() ->
     """Regression: the band bent too close to the jamb, where the chair cut the corner and got stuck for 58 s."""
     clinic = load_world("small_clinic").without_people()
     behind = [Place("behind the door", Pose2(3.0, 3.0, 0.0))]
-    (leg,) = navigate(clinic.grid, clinic.start, behind, 0, 0, clinic, planner=PlannerSettings(planner="harmonic"))
+    settings = ChairSettings(navigator=NavigatorSettings(planner=PlannerSettings(planner="harmonic")))
+    (leg,) = navigate(clinic.grid, clinic.start, behind, 0, 0, clinic, settings=settings)
     assert leg.reached, leg.reason
     assert leg.contacts == 0
     assert leg.plans == 1

@@ -134,6 +134,7 @@ def test_a_stop_by_topic_is_taken_at_once_and_a_yes_to_nothing_refused(bridge: B
 def test_a_pages_stick_that_was_pushed_before_the_bridge_began_counts_once_it_was_let_go(
     ros: Harness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    from waychair.ros.node_settings.bridge import BridgeNodeSettings
     from waychair.ros.nodes import bridge_node
     from waychair.ros.nodes.commanders import PAGE_NODE, Commanders
 
@@ -147,7 +148,7 @@ def test_a_pages_stick_that_was_pushed_before_the_bridge_began_counts_once_it_wa
             pages=1, get_publishers_info_by_topic=lambda topic: [], count_publishers=lambda name: counts.pages
         )
         return SimpleNamespace(
-            settings=bridge_node.BridgeNodeSettings(),
+            settings=BridgeNodeSettings(),
             _base=base,
             _is_fresh=lambda stamp_ns: True,
             _commanders=Commanders(counts, {"page_joystick": PAGE_NODE}, now_ns[0]),

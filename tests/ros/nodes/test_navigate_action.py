@@ -124,7 +124,8 @@ def test_the_recoveries_that_are_told_are_those_of_this_drive(ros: Harness) -> N
     """Not the plans: with people about there is a new one each second."""
     from types import SimpleNamespace
 
-    from waychair.ros.nodes.navigator_node import NavigatorNode, NavigatorNodeSettings
+    from waychair.ros.node_settings.navigator import NavigatorNodeSettings
+    from waychair.ros.nodes.navigator_node import NavigatorNode
 
     told: list[Any] = []
     recovery = SimpleNamespace(begun=3)
