@@ -115,10 +115,14 @@ def test_a_reload_in_the_middle_of_a_drive_shows_it_again_and_does_not_end_it(
     browser: Browser, port: Noted, address: str
 ) -> None:
     with ready_page(browser, address) as page:
-        set_off(page, port, place := put_place(port, 3.0))
-        page.reload()
-        page.wait_for_selector("#cancel:visible")
-        time.sleep(GONE_S)
+        for _ in range(TRIES):
+            set_off(page, port, place := put_place(port, 3.0))
+            page.reload()
+            until(lambda: page.is_visible("#cancel") or not port.view().goal, "the page does not show the drive")
+            time.sleep(GONE_S)
+            if port.view().goal:
+                break
+            assert "page" not in port.view().last_stop  # else a busy computer has ended it
         assert port.view().goal == place
         assert page.get_attribute("#mode-autonomous", "aria-pressed") == "true"
         page.click("#cancel")
