@@ -150,7 +150,7 @@ def processes(stack: Stack) -> tuple[Process, ...]:
         given = stack.settings.get(name, {})
         if both := sorted(given.keys() & values.keys()):
             raise ConfigError(
-                f"{both[0]} of the node '{name}' is set by the options of `waychair up`: remove it from --config, and give "
+                f"'{both[0]}' of the node '{name}' is set by the options of `waychair up`: remove it from --config, and give "
                 "the option instead"
             )
         values.update(given)

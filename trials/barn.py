@@ -125,6 +125,11 @@ class BarnTask:
         if self.body not in ROBOTS:
             raise ConfigError(f"unknown body '{self.body}': take {', '.join(ROBOTS)}")
 
+    def navigator(self) -> MaplessSettings:
+        """Return the navigator's settings: the benchmark's with the changes."""
+        settings = config.with_values(navigator_settings(ROBOTS[self.body], self.speed, self.scale), self.changes)
+        return replace(settings, dwa=replace(settings.dwa, max_speed=self.speed))
+
 
 def worlds_in(folder: Path, count: int | None = None) -> list[Path]:
     """Return the world files of a folder or its subfolder `worlds`, sorted by name; `count` picks evenly spread ones.
@@ -319,8 +324,7 @@ def _workers(jobs: int) -> Iterator[Callable[..., Iterator[list[BarnRun]]]]:
 
 def _all_starts(environment: BarnEnvironment, task: BarnTask) -> list[BarnRun]:
     body = ROBOTS[task.body]
-    navigator = config.with_values(navigator_settings(body, task.speed, task.scale), task.changes)
-    navigator = replace(navigator, dwa=replace(navigator.dwa, max_speed=task.speed))
+    navigator = task.navigator()
     return [run_barn(environment, start, body, navigator) for start in range(task.starts)]
 
 

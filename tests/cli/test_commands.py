@@ -205,7 +205,7 @@ def test_a_map_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 def test_default_configuration_is_printed_and_accepted(bag: Path, tmp_path: Path) -> None:
     text = waychair("config").stdout
-    assert "key_distance: 0.2  # m, way after which a scan is matched with care" in text
+    assert "key_distance: 0.2  # m, distance driven between key scans" in text
     (tmp_path / "c.yaml").write_text(text)
     assert waychair("map", bag, "--out", tmp_path / "out", "--config", tmp_path / "c.yaml", "--quiet").returncode == 0
 
