@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tarfile
 import tomllib
 import zipfile
 from pathlib import Path
@@ -52,7 +53,24 @@ def test_every_module_stands_in_one_layer() -> None:
     contract = PYPROJECT["tool"]["importlinter"]["contracts"][0]
     layered = {name.strip() for layer in contract["layers"] for name in layer.replace("|", ":").split(":")}
     modules = {path.stem for path in (ROOT / "src" / "waychair").glob("*.py")} - {"__init__"}
-    assert layered == {f"waychair.{name}" for name in ROOMS | modules}
+    inner = {f"calibration.{name}" for name in _inner_rooms("calibration")}  # its drives stand above the rest of it
+    assert layered == {f"waychair.{name}" for name in (ROOMS - {"calibration"}) | inner | modules}
+
+
+def _inner_rooms(room: str) -> set[str]:
+    """Return the names of a room's folders and modules."""
+    folders = {path.parent.name for path in (ROOT / room).glob("*/__init__.py")}
+    return folders | {path.stem for path in (ROOT / room).glob("*.py")} - {"__init__"}
+
+
+def test_product_is_forbidden_to_import_its_evaluation() -> None:
+    linter = PYPROJECT["tool"]["importlinter"]
+    forbidden = [contract for contract in linter["contracts"] if contract["type"] == "forbidden"]
+    assert set(linter["root_packages"]) == {"waychair", "evaluation"}
+    assert any(
+        contract["source_modules"] == ["waychair"] and contract["forbidden_modules"] == ["evaluation"]
+        for contract in forbidden
+    )
 
 
 def test_no_python_file_lies_in_the_root() -> None:
@@ -66,7 +84,12 @@ def test_source_files_stay_under_500_lines(folder: str) -> None:
             assert len(path.read_text().splitlines()) <= 500, path
 
 
-def test_wheel_built_from_the_sdist_holds_every_room(tmp_path: Path) -> None:
+def _is_evaluation(name: str) -> bool:
+    """Return whether a file of a wheel or sdist is evaluation code, not a test of it."""
+    return "evaluation" in Path(name).parts and Path(name).parts[0] != "tests"
+
+
+def test_wheel_built_from_the_sdist_holds_every_room_and_no_evaluation(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(tmp_path), str(ROOT)]
     done = subprocess.run(build, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
@@ -82,6 +105,10 @@ def test_wheel_built_from_the_sdist_holds_every_room(tmp_path: Path) -> None:
     ]
     assert {f"waychair/{path.relative_to(ROOT)}" for path in tracked} <= names
     assert {"waychair/types.py", "waychair/py.typed"} <= names
+    with tarfile.open(next(tmp_path.glob("*.tar.gz"))) as archive:
+        in_sdist = {name.partition("/")[2] for name in archive.getnames()}
+    assert "src/waychair/types.py" in in_sdist
+    assert not [name for name in names | in_sdist if _is_evaluation(name)]
     program = f"import sys; sys.path.insert(0, {str(tmp_path / 'site')!r})\n"
     program += "".join(f"import waychair.{room}\n" for room in sorted(ROOMS))
     program += f"import waychair; assert waychair.__file__.startswith({str(tmp_path)!r}), waychair.__file__"

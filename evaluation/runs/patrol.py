@@ -16,7 +16,7 @@ import numpy as np
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.geometry import in_space
 from waychair.slam.camera.features import ImageFeatures
-from waychair.types import Bytes, FloatArray, IntArray, Odometry, Pose2, Scan, SensorFrame
+from waychair.types import Bytes, Float32Array, FloatArray, IntArray, Odometry, Pose2, Scan, SensorFrame
 
 SPACING = 20.0  # [m] between parallel corridors
 COLUMNS, ROWS = 4, 3  # numbers of crossings
@@ -141,7 +141,8 @@ def _along(start: FloatArray, end: FloatArray, rng: np.random.Generator) -> Floa
     side = rng.choice([-1.0, 1.0], count) * WIDTH / 2
     way = (end - start) / SPACING
     across = np.array([-way[1], way[0]])
-    return start + rng.uniform(0.0, SPACING, count)[:, None] * way + side[:, None] * across
+    landmarks: FloatArray = start + rng.uniform(0.0, SPACING, count)[:, None] * way + side[:, None] * across
+    return landmarks
 
 
 def _blocks() -> FloatArray:
@@ -182,7 +183,7 @@ def _cupboards(rng: np.random.Generator) -> FloatArray:
 _BLOCKS = _blocks()
 
 
-def _ranges(pose: Pose2) -> np.ndarray[tuple[int], np.dtype[np.float32]]:
+def _ranges(pose: Pose2) -> Float32Array:
     """Return the ranges of a lidar in the chair's middle, by the slab method for each block."""
     angles = pose.theta - math.pi + math.tau / _BEAMS * np.arange(_BEAMS)
     ways = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None]
@@ -191,4 +192,5 @@ def _ranges(pose: Pose2) -> np.ndarray[tuple[int], np.dtype[np.float32]]:
         b = (_BLOCKS[None, :, 2:] - (pose.x, pose.y)) / ways
     into, out = np.minimum(a, b).max(axis=2), np.maximum(a, b).min(axis=2)
     hits = np.where((into <= out) & (into > 0), into, np.inf)
-    return hits.min(axis=1).astype(np.float32)
+    ranges: Float32Array = hits.min(axis=1).astype(np.float32)
+    return ranges

@@ -96,7 +96,7 @@ def bands(scene: BandScene) -> Bands:
     costmap = costmap_of(scene)
     found = log_field(laplace_problem(costmap.prices > 0, cell_at(scene.goal)))
     cells = descend(found, cell_at(scene.start))
-    points = cells[:, ::-1] + 0.5
+    points: FloatArray = cells[:, ::-1].astype(np.float64) + 0.5
     ours = finished(band(costmap, points))
     return Bands(found, costmap, points, paper_band(found, points), ours)
 

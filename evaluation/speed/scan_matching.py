@@ -98,7 +98,7 @@ def main() -> None:
         bounded = median_ms(lambda w=window: correlative_search(scan.points, reference, guess, w))  # type: ignore[misc]
         far = float(np.quantile(np.hypot(*scan.points.T), 0.8))
         step = math.acos(1 - settings.resolution**2 / (2 * far**2))
-        turns = np.arange(-math.ceil(angle / step), math.ceil(angle / step) + 1) * step
+        turns = np.arange(-math.ceil(angle / step), math.ceil(angle / step) + 1, dtype=np.float64) * step
         cells = math.ceil(distance / settings.resolution)
         plain = (scan.points, reference.bounds[0], reference.origin, settings.resolution, guess.array(), cells)
         exhaustive(*plain, turns[:1])

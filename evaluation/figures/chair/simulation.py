@@ -175,7 +175,7 @@ def run_bag(out: Path) -> Json:
 
 def run_thin_stack(out: Path) -> Json:
     """`waychair demo --world second_floor`, seed 0, on the map of a recorded drive of its route."""
-    result = report(run_demo(out.with_suffix(""), 0, None, world=FLOOR))
+    result = report(run_demo(out.with_suffix(""), 0, world=FLOOR))
     return {
         "passed": result["goals_reached"] == result["goals"] and result["contacts"] == 0,
         **{key: result[key] for key in ("goals", "goals_reached", "contacts", "min_clearance_m")},

@@ -189,7 +189,7 @@ def _movers_row(count: int, planner: str, paper: Json, found: list[HazardResult]
         "contacts_by_chair": sum(bool(each.count(*own)) for each in found),
         "median_s": round(float(np.median([each.seconds for each in found])), 1),
         "recreations": round(float(np.mean([max(each.plans - 1, 0) for each in found])), 2),
-        "median_way_m": round(float(np.median([each.way_m for each in found])), 2),
+        "median_way_m": round(float(np.median([each.distance_m for each in found])), 2),
         "paper": paper,
         "failures": {each.seed: each.reason for each in found if not each.reached},
     }

@@ -82,7 +82,7 @@ def run_drive(folder: Path, seed: int) -> Drive:
     rng = np.random.default_rng(seed)
     while True:
         start, goal = (
-            Pose2(*at, rng.uniform(-np.pi, np.pi)) for at in places[rng.integers(len(places), size=2)].tolist()
+            Pose2(x, y, rng.uniform(-np.pi, np.pi)) for x, y in places[rng.integers(len(places), size=2)].tolist()
         )
         if not all(fits(CHAIR_A, 0.05, costmap.field, pose) for pose in (start, goal)):
             continue

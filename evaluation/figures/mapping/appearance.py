@@ -211,7 +211,7 @@ def _search_figures(frames: list[RgbdFrame], vocabulary: IncrementalVocabulary, 
     started = time.process_time()
     assign(queries[:100], words)
     scan = 1e3 * (time.process_time() - started) * 5
-    ratio = settings.vocabulary.ratio
+    ratio = vocabulary_module.NEAREST_RATIO
     old = exact[:, 0] <= ratio * exact[:, 1]
     same = (found[:, 0] <= ratio * found[:, 1]) == old
     return {
@@ -258,13 +258,13 @@ def _copies() -> Iterator[Bytes]:
 def _turned(image: Bytes, degrees: float, zoom: float) -> Bytes:
     height, width = image.shape
     motion = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, zoom)
-    turned: Bytes = cv2.warpAffine(image, motion, (width, height), borderMode=cv2.BORDER_REFLECT)
-    return turned
+    return np.asarray(cv2.warpAffine(image, motion, (width, height), borderMode=cv2.BORDER_REFLECT), np.uint8)
 
 
 def _gray(path: Path) -> Bytes:
-    image: Bytes = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    return image
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    assert image is not None, path
+    return np.asarray(image, np.uint8)
 
 
 def _draw(results: list[Recognition], path: Path) -> None:

@@ -47,7 +47,7 @@ def limits(out: Path) -> Json:
 
 def edges_mapped(out: Path, seeds: int = EDGE_SEEDS) -> Json:
     """A drop-off ahead, beside a turning chair, behind a reversing chair: its near part is in the grid in time."""
-    rows = []
+    rows: list[Json] = []
     for where in DROP_OFFS:
         runs = [approach_edge(where, seed) for seed in range(seeds)]
         points, known = sum(run.points for run in runs), sum(run.known for run in runs)

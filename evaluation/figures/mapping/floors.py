@@ -52,7 +52,7 @@ def _floor(world: str) -> tuple[Json, Json]:
     scored = score(seen)
     scored["ate_m"], scored["ate_lidar_only_m"] = (trajectory_error(each) for each in (seen, blind))
     steps = np.diff(seen.result.trajectory.poses[:, :2], axis=0)
-    report = {
+    report: Json = {
         "distance_m": float(np.hypot(*steps.T).sum()),
         "memory": memory_report(seen.appearance.places, NEAR_DISTANCE),
     }

@@ -8,7 +8,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.highlevel import AnyReader
@@ -219,7 +219,7 @@ def _husky(bag: Path) -> Iterator[ImuSample | Odometry | Fix]:
         topics = ("/imu/data", "/husky_velocity_controller/odom", "/fix")
         first: tuple[float, float] | None = None
         for connection, _, raw in reader.messages([c for c in reader.connections if c.topic in topics]):
-            message = reader.deserialize(raw, connection.msgtype)
+            message: Any = reader.deserialize(raw, connection.msgtype)
             stamp_ns = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
             if connection.topic == "/imu/data":
                 accel, gyro = message.linear_acceleration, message.angular_velocity
