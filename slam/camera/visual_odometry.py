@@ -7,7 +7,6 @@ frames. Patches are aligned (`patch_alignment`), since descriptors lie on whole 
 
 from __future__ import annotations
 
-import enum
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -24,6 +23,7 @@ from waychair.slam.camera.features import FeatureSettings, ImageFeatures, extrac
 from waychair.slam.camera.patch_alignment import affine_kernel, align
 from waychair.slam.camera.picture_registration import register
 from waychair.slam.camera.reprojection import NoiseModel, PoseFit, back_project, fit_pose, pinhole, project, unrolled
+from waychair.slam.camera.tracked_picture import TrackedPicture, TrackingState
 from waychair.slam.camera.visual_map import DEPTH_STEP, KeyFrame, VisualMap, inverse_depths, pyramid_of
 from waychair.types import Bytes, Float32Array, FloatArray, IntArray, Pose3, RgbdFrame
 
@@ -61,30 +61,6 @@ class VisualOdometrySettings(Settings):
         low=0.0, high=1e6,
     )  # fmt: skip
     features: FeatureSettings = field(default_factory=lambda: FeatureSettings(upright=False))
-
-
-class TrackingState(enum.Enum):
-    """The outcome of a picture."""
-
-    STARTED = "the first of a map"
-    FOLLOWED = "followed"
-    FOUND = "found again by its features"
-    BLIND = "nothing to be seen in it (dark, overexposed or blank)"
-    NO_DEPTH = "without depth, and no map yet"
-    LOST = "its place is not known"
-
-
-@dataclass(frozen=True, slots=True)
-class TrackedPicture:
-    """The result for one picture: outcome, camera_from_map (None: unknown), landmarks (K,), observations (K, 4), key
-    frame made of it or None."""
-
-    state: TrackingState
-    camera_from_map: Pose3 | None = None
-    landmarks: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-    observed: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-    key: int | None = None
-    velocity: FloatArray = field(default_factory=lambda: np.zeros(6))
 
 
 _LONGEST_STEP = 0.3  # [s] longest time over which the camera's velocity is extrapolated

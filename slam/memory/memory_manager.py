@@ -28,6 +28,7 @@ import numpy as np
 from waychair.errors import LongTermDamaged, LongTermError
 from waychair.slam.memory.anchor_poses import AnchorPoses
 from waychair.slam.memory.long_term_memory import LongTermStore
+from waychair.slam.memory.memory_changes import AddedNode, MemoryChange
 from waychair.slam.memory.memory_journal import Journal
 from waychair.slam.memory.memory_settings import MemoryCounts, MemorySettings
 from waychair.slam.memory.nodes import LOOPS, Link, LinkKind, Node, NodeScan, NodeStatus, WordIds
@@ -42,30 +43,6 @@ STM_SIZE = 10
 
 CACHED_NODES = 200
 """Nodes put to sleep last that stay decoded in RAM, so that waking them needs no disk."""
-
-
-@dataclass(frozen=True, slots=True)
-class MemoryChange:
-    """Nodes that came and went: the vocabulary holds words of nodes in RAM (STM and WM), the Bayes filter the WM."""
-
-    woken: tuple[Node, ...] = ()
-    """Nodes that have come into RAM; their words must be recalled."""
-    slept: tuple[Node, ...] = ()
-    """Nodes that have left RAM; their words must be forgotten."""
-    entered_wm: tuple[int, ...] = ()
-    left_wm: tuple[int, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class AddedNode:
-    """The outcome of adding a node.
-
-    `id` is the new node's, or the older node's if the new one was merged into it.
-    """
-
-    id: int
-    verdict: RehearsalResult
-    change: MemoryChange
 
 
 class _SessionClock:

@@ -9,7 +9,8 @@ import numpy as np
 
 from waychair.errors import LongTermError
 from waychair.slam.camera.features import ImageFeatures
-from waychair.slam.memory.memory_manager import MemoryChange, NodeMemory
+from waychair.slam.memory.memory_changes import MemoryChange
+from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.nodes import Link, LinkKind, Node, WordIds
 from waychair.slam.words.place_recognition import PlaceRecognition, Recognition, RecognitionSettings
 from waychair.slam.words.vocabulary import IncrementalVocabulary, SleepingWords, Vocabulary

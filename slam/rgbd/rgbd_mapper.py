@@ -13,8 +13,9 @@ import numpy as np
 from waychair.config import Settings
 from waychair.slam.camera.depth_icp import refine_by_depth
 from waychair.slam.camera.picture_registration import Registration, angle_between, register
+from waychair.slam.camera.tracked_picture import TrackedPicture, TrackingState
 from waychair.slam.camera.visual_map import DEPTH_STEP, VisualMap
-from waychair.slam.camera.visual_odometry import TrackedPicture, TrackingState, VisualOdometry, VisualOdometrySettings
+from waychair.slam.camera.visual_odometry import VisualOdometry, VisualOdometrySettings
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.memory_settings import MemorySettings
 from waychair.slam.memory.nodes import LinkKind

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from tests.control.drive.test_navigator import drive, hall, navigator
+from tests.control.drive.navigator_hall import drive, hall, navigator
 from waychair.control.drive.navigator import Stage
 from waychair.errors import GoalOutsideMap
 from waychair.types import Goal, Pose2, Twist

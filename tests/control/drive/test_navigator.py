@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tests.control.drive.navigator_hall import NOTHING, TICK_NS, drive, hall, navigator, segment
 from tests.people import body, half_view, past
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.drive import navigator as navigator_module
@@ -25,44 +26,7 @@ from waychair.planning.route import multi_point_turn as manoeuvre
 from waychair.planning.route.global_planner import PlannerSettings
 from waychair.planning.route.legs import DrivingManner
 from waychair.planning.seen import person_tracks as tracks
-from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, Twist
-
-TICK_NS = 50_000_000
-NOTHING = np.empty((0, 2))
-
-
-def hall(*boxes: tuple[float, float, float, float]) -> OccupancyGrid:
-    """12 x 8 m with walls round it and boxes (x0, y0, x1, y1) [m] in it."""
-    cells = np.zeros((160, 240), np.int8)
-    cells[[0, -1]], cells[:, [0, -1]] = 100, 100
-    for x0, y0, x1, y1 in boxes:
-        cells[round(y0 / 0.05) : round(y1 / 0.05), round(x0 / 0.05) : round(x1 / 0.05)] = 100
-    return OccupancyGrid(cells, 0.05, Pose2())
-
-
-def segment(x0: float, y0: float, x1: float, y1: float) -> FloatArray:
-    """Points every 2 cm, as a lidar would see a board."""
-    count = round(math.hypot(x1 - x0, y1 - y0) / 0.02) + 1
-    return np.column_stack([np.linspace(x0, x1, count), np.linspace(y0, y1, count)])
-
-
-def drive(
-    navigator: Navigator, pose: Pose2, seconds: float, obstacles: FloatArray = NOTHING, start_ns: int = 0
-) -> tuple[list[Navigation], list[Pose2]]:
-    """Ticks of an ideal chair until the drive ends or the time is up."""
-    states, poses = [], [pose]
-    for k in range(round(seconds * 20)):
-        states.append(navigator.step(start_ns + k * TICK_NS, poses[-1], obstacles if k % 2 == 0 else None))
-        if states[-1].stage in (Stage.ARRIVED, Stage.FAILED):
-            break
-        v, omega = states[-1].twist.v, states[-1].twist.omega
-        p = poses[-1]
-        poses.append(Pose2(*along_arc(p.x, p.y, p.theta, v, omega, 0.05)))
-    return states, poses
-
-
-def navigator(grid: OccupancyGrid, settings: NavigatorSettings | None = None) -> Navigator:
-    return Navigator(grid, {"lift": Place("lift", Pose2(9.0, 5.0, 1.0))}, CHAIR_A, settings)
+from waychair.types import Goal, Pose2, Twist
 
 
 def test_a_named_place_is_reached_within_its_tolerances() -> None:

@@ -19,8 +19,9 @@ from waychair.slam.camera.dense_alignment import align_pictures
 from waychair.slam.camera.patch_alignment import affine_kernel, align
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.camera.reprojection import NoiseModel, project
+from waychair.slam.camera.tracked_picture import TrackingState
 from waychair.slam.camera.visual_map import inverse_depths, pyramid_of
-from waychair.slam.camera.visual_odometry import TrackingState, VisualOdometry, VisualOdometrySettings
+from waychair.slam.camera.visual_odometry import VisualOdometry, VisualOdometrySettings
 from waychair.types import FloatArray, Pose3, RgbdFrame
 
 STILL = Pose3(np.eye(3), np.zeros(3))

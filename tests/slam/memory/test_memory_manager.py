@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from tests.slam.corridor import SURE, chain, corridor, loop, set_limits, stand, view
-from waychair.slam.memory.memory_manager import MemoryChange, NodeMemory
+from waychair.slam.memory.memory_changes import MemoryChange
+from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.memory_settings import MemorySettings
 from waychair.slam.memory.nodes import IN_TIME, Link, LinkKind, NodeStatus, carried
 from waychair.slam.memory.rehearsal import RehearsalResult, similarity

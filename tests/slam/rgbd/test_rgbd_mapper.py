@@ -16,8 +16,8 @@ from waychair.recordings.rgbd_folders import RgbdSettings, read_truth
 from waychair.slam.camera import visual_odometry
 from waychair.slam.camera.features import FeatureSettings, extract
 from waychair.slam.camera.picture_registration import angle_between
+from waychair.slam.camera.tracked_picture import TrackingState
 from waychair.slam.camera.visual_map import KeyFrame
-from waychair.slam.camera.visual_odometry import TrackingState
 from waychair.slam.memory import memory_manager as memory
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.rgbd import rgbd_mapper
