@@ -91,4 +91,4 @@ def test_a_failure_is_one_sentence_and_a_status(tmp_path: Path) -> None:
     command = [str(Path(sys.executable).parent / "waychair"), "calibrate", "mask", str(tmp_path / "none.mcap")]
     failed = subprocess.run([*command, "--chair-id", "x", "--quiet"], capture_output=True, text=True, check=False)
     assert failed.returncode == 1
-    assert failed.stderr == f"waychair: no recording exists at {tmp_path / 'none.mcap'}; check the path\n"
+    assert failed.stderr == f"waychair: there is no recording at {tmp_path / 'none.mcap'}; check the path\n"
