@@ -109,7 +109,7 @@ def test_no_folder_is_told_as_such(tmp_path: Path) -> None:
     assert "there is no folder" in refused(waychair("barn", tmp_path / "none"))
     done = waychair("barn", "")
     assert done.returncode != 0
-    assert "it is empty" in done.stdout + done.stderr
+    assert "the path is empty" in done.stdout + done.stderr
 
 
 @pytest.mark.parametrize(

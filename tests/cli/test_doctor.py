@@ -40,7 +40,7 @@ def test_the_command_prints_the_table_and_its_exit_code_is_about_what_is_needed(
 def test_only_something_that_is_needed_ends_with_one(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], state: PartState, code: int | None
 ) -> None:
-    monkeypatch.setattr(doctor, "_LOOKS", (lambda: Check("the [thing]", state, "all", "pip install 'x[y]'"),))
+    monkeypatch.setattr(doctor, "_CHECKS", (lambda: Check("the [thing]", state, "all", "pip install 'x[y]'"),))
     ended = None
     try:
         doctor.doctor_command()

@@ -52,7 +52,7 @@ def test_a_path_leads_through_the_door_and_is_drawn(flat: Path, tmp_path: Path) 
         ("0,0", "90,0", "outside the map"),
         ("-90,0", "kitchen", "outside the map"),
         ("4.02,0", "kitchen", "does not fit at its start"),
-        ("8,4", "kitchen", "no way"),
+        ("8,4", "kitchen", "no path"),
         ("0,0", "kichen", "did you mean kitchen"),
         ("0,0", "1,zwei", "X,Y"),
         ("0,0", "1e19,0", "up to 1e+06 m"),
@@ -121,7 +121,7 @@ def test_a_door_that_one_body_fits_through_is_too_narrow_for_a_wider_one(tmp_pat
     save_map(tmp_path, OccupancyGrid(cells, 0.05))
     asked = ("plan", "--map", tmp_path, "--start", "2,2.9", "--goal", "8,2.9", "--body")
     assert waychair(*asked, "A").returncode == 0
-    assert "no way" in refused(waychair(*asked, "B"))
+    assert "no path" in refused(waychair(*asked, "B"))
     assert "unknown body 'C': take A, B" in refused(waychair(*asked, "C"))
 
 
@@ -282,7 +282,7 @@ def test_zones_of_the_map_bind_the_plan(flat: Path, tmp_path: Path, capsys: pyte
     zones.write_text("hall: {slow: 0.1, polygon: [[-1, -1], [9, -1], [9, 5], [-1, 5]]}\n")
     assert planned(capsys, folder, "0,0", "kitchen")["cost"] > 4 * free["cost"]
     for text, error, said in (
-        ("door: {one_way: 3.1416, polygon: [[3.5, 0], [4.5, 0], [4.5, 4], [3.5, 4]]}", NoPath, "no way"),
+        ("door: {one_way: 3.1416, polygon: [[3.5, 0], [4.5, 0], [4.5, 4], [3.5, 4]]}", NoPath, "no path"),
         ("all: {keep_out: true, polygon: [[-1, -1], [9, -1], [9, 5], [-1, 5]]}", NoFreeSpace, "no free space"),
         ("far: {keep_out: true, polygon: [[90, 0], [91, 0], [91, 4]]}", ZoneError, r"'far', round \(90\.7, 1\.3\)"),
         ("\ndoor: {keep_out: true}", ZoneError, r"zones\.yaml line 2: 'door'"),
@@ -341,7 +341,7 @@ def test_the_chair_navigates_to_two_places_in_turn(flat: Path) -> None:
     ("arguments", "said"),
     [
         (("--goal", "4.02,0"), "does not fit at the goal"),
-        (("--goal", "8,4,0"), "no way"),
+        (("--goal", "8,4,0"), "no path"),
         (("--goal", "kitchen", "--start", "4.02,0"), "start"),
         (("--goal", "kitchen", "--start", "50,50"), "the start (50, 50) is outside the map"),
         (("--goal", "kitchen", "--world", "small_clinic", "--start", "6,1"), "(6, 1, 0) on the map"),

@@ -91,9 +91,11 @@ def test_the_map_of_the_recorded_bag_is_the_live_one(ros: Harness, tmp_path: Pat
 
     offline = map_recording(read_recording(bag), MappingSettings())
     driven = read_tum(live / "trajectory.tum")
-    common, first, second = np.intersect1d(driven.stamps_ns, offline.result.driven.stamps_ns, return_indices=True)
+    common, first, second = np.intersect1d(
+        driven.stamps_ns, offline.result.drive_trajectory.stamps_ns, return_indices=True
+    )
     assert len(common) >= 0.9 * len(driven.stamps_ns)
-    apart = driven.poses[first] - offline.result.driven.poses[second]
+    apart = driven.poses[first] - offline.result.drive_trajectory.poses[second]
     assert np.hypot(apart[:, 0], apart[:, 1]).max() < BAR_M
     one, other = occupied(load_map(live)), occupied(offline.grid)
     nearest = np.array([np.hypot(*(other - point).T).min() for point in one])

@@ -199,9 +199,9 @@ def test_a_drive_ends_when_its_last_page_is_closed(stack: LiveStack, port: int) 
             sets_off(stack, first, lambda: moves(second) and second.view["goal"] == "ward")
         stack.until(lambda: not stack.driving, "the drive to end", 5.0)
         said = stack.state.last_stop if stack.state is not None else ""
-        if said.startswith("no page answers"):
+        if said.startswith("no page with a Stop button answers"):
             break
-    assert said.startswith("no page answers")
+    assert said.startswith("no page with a Stop button answers")
 
 
 def test_a_drive_ends_when_the_pages_server_dies(stack: LiveStack, page: Page) -> None:

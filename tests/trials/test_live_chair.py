@@ -160,7 +160,7 @@ def test_what_is_drawn_is_in_the_files_and_in_force_and_can_be_undone(tmp_path: 
         assert chair.set_zone(Zone("wet", Rule.KEEP_OUT, wall)).done
         assert chair.set_zone(Zone("dry", Rule.SLOW, wall + 3.0, 0.2)).done
         assert chair.remove_zone("dry").done
-        assert "stands in there" in chair.set_zone(Zone("here", Rule.KEEP_OUT, wall - [1.4, 0.0])).sentence
+        assert "stands in this zone" in chair.set_zone(Zone("here", Rule.KEEP_OUT, wall - [1.4, 0.0])).sentence
         assert "wall" in chair.set_place(Place("solid", Pose2(-1.45, 0.0))).sentence
         assert {*load_places(tmp_path)} == {"near", "far", "desk"}
         assert load_zones(tmp_path)[0].name == "wet"
@@ -220,7 +220,7 @@ def test_a_failure_in_the_chairs_thread_lets_the_lines_go_and_is_told(tmp_path: 
     def until_it_breaks() -> None:
         with live(tmp_path) as chair:
             sets_off(chair)
-            chair._time.tell(breaks)
+            chair._loop.tell(breaks)
             ends = time.monotonic() + PATIENCE_S
             while chair.alive:
                 assert time.monotonic() < ends

@@ -215,7 +215,7 @@ def test_an_evaluation_that_cannot_be_made_is_one_sentence(tmp_path: Path) -> No
     assert "none of the 1 relations" in refused(waychair("evaluate", tum, "--relations", tmp_path / "r.relations"))
     assert "only 2 of 2 poses" in refused(waychair("evaluate", tum, "--truth", tum))
     assert "none.tum" in refused(waychair("evaluate", tmp_path / "none.tum", "--truth", tum))
-    assert "no relations at" in refused(waychair("evaluate", tum, "--relations", tmp_path / "none"))
+    assert "there is no relations file" in refused(waychair("evaluate", tum, "--relations", tmp_path / "none"))
 
 
 def test_a_further_drive_joins_a_map_or_leaves_it_as_it_was(data_dir: Path, drive: Path, tmp_path: Path) -> None:

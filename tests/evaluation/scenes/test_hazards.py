@@ -91,7 +91,7 @@ def test_movers_stand_in_the_room_apart_and_off_the_start(seed: int) -> None:
 
 def test_a_disc_that_comes_into_sight_beside_another_is_known_before_they_part() -> None:
     hazard = movers(2, 0)
-    tracker, radius = Tracker(robot_settings().navigator.tracks), hazard.world.people[0].radius
+    tracker, radius = Tracker(MODELS[robot_settings().navigator.tracks.movers]), hazard.world.people[0].radius
     angles = np.linspace(-1.2, 1.2, 15)
     arc = 1.0 - radius * np.column_stack([np.cos(angles), np.sin(angles)])
     for k in range(10):
@@ -152,14 +152,14 @@ def test_contacts_with_edges_glass_and_walls_are_told_apart() -> None:
 def test_a_chair_that_sees_a_pit_ahead_goes_round_all_of_it() -> None:
     result = run_hazard(drop_off_ahead(Protection.CAMERA, 3), 3)
     assert result.reached, result.reason
-    assert not result.struck
-    assert result.edge_m > 0.05
+    assert not result.contacts
+    assert result.drop_off_m > 0.05
 
 
 def test_a_keep_out_zone_keeps_the_chair_off_an_edge_that_it_would_drive_over_without() -> None:
     kept = run_hazard(drop_off_ahead(Protection.ZONE, 0), 0)
     assert (kept.reached, kept.count(ContactCause.EDGE)) == (True, 0), kept.reason
-    assert kept.edge_m > 0.05
+    assert kept.drop_off_m > 0.05
     fallen = run_hazard(drop_off_ahead(Protection.NOTHING, 0), 0)
     assert fallen.count(ContactCause.EDGE) == 1
 
@@ -168,7 +168,7 @@ def test_a_glass_door_that_stands_askew_to_the_sonars_is_heard_in_time() -> None
     """Regression: driving along the wall and turning into the door, the chair touched the pane at 0.27 m/s."""
     result = run_hazard(glass(Protection.SONAR, 31), 31)
     assert result.reached, result.reason
-    assert not result.struck
+    assert not result.contacts
 
 
 def test_who_appears_too_near_is_struck_after_full_braking_and_who_appears_far_enough_is_not() -> None:

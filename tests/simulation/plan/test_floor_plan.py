@@ -117,7 +117,7 @@ def test_an_unchecked_plan_and_its_world_are_the_same_figures(tmp_path: Path) ->
         ("  round:\n    - [4.0, 1.0]", "  round: []", 20, "without points"),
         ("  round:", "  round: [", 21, "correct the YAML"),
         ("  round:", "  round: " + "[" * 3000, 20, "more than 50 nested lists"),
-        ("at: 4.0", "at: 2024-13-45", 9, "'2024-13-45' is no value"),
+        ("at: 4.0", "at: 2024-13-45", 9, "'2024-13-45' is not a valid value"),
         ("walls:", "walls: &walls\n- *walls", 5, r"'\*walls' contains itself"),
     ],
 )

@@ -156,7 +156,7 @@ def test_a_mistake_is_refused_by_file_and_line(tmp_path: Path, old: str, new: st
             7,
             r"lifts\[0\]\.middle: .* has another middle",
         ),
-        ("size: [1.6, 1.4]", "size: [1.5, 1.4]", None, 7, "of another size on another level"),
+        ("size: [1.6, 1.4]", "size: [1.5, 1.4]", None, 7, "has another middle or size on another level"),
         ("{name: lift", "{name: left", None, 7, r"levels\[0\]\.lifts\[0\]\.name: .* stops on one level only"),
         ("centre: [3.0, 3.0]", "centre: [5.0, 3.2]", None, 7, r"levels\[0\]\.lifts\[0\]: .* is blocked by something"),
         ("bed: [2.0, 2.0, 0.0]", "bed: [9.0, 2.0, 0.0]", "upper", 16, r"levels\[1\]\.places\.bed: .* outside"),

@@ -116,7 +116,7 @@ def test_a_real_barn_world_holds_every_cylinder_and_a_chair_at_its_start(data_di
         ),
         ("cell 0.15", "cell 1e300", r"up to 1e\+06"),
         ("....\n", "...\n", r"line 14: '\.\.\.' is not a row of the grid; give 4"),
-        ("....\n", "..x.\n", r"line 14: '\.\.x\.' is no row"),
+        ("....\n", "..x.\n", r"line 14: '\.\.x\.' is not a row"),
         ("start -2.25 3.0 1.5708\n", "", "`start` is missing: give 3"),
         ("goal -2.25 13.0", "goal -2.25 nan", "`goal` is -2.25 nan"),
         ("cell 0.15", "cell wide", "`cell` is wide"),

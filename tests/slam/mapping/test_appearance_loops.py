@@ -212,7 +212,7 @@ def test_a_lookalike_place_is_refused_by_the_lidar(route: Drive) -> None:
 
 def test_a_loop_that_the_graph_takes_out_is_no_link_of_the_memory(route: Drive) -> None:
     mapper, appearance = driven(route)
-    edge, link = appearance._bent_by[0]
+    edge, link = appearance._closed_loops[0]
     assert appearance.memory.skeleton.linked(link.i, link.j) is not None
     mapper.keys._graph.remove([edge])
     appearance.finish(mapper)
