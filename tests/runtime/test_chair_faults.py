@@ -12,6 +12,7 @@ import pytest
 from tests.runtime.riding import FAR, Ride
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.control.drive.navigator import Stage
+from waychair.control.safety.collision_monitor import SILENT_MS
 from waychair.control.safety.fitness import FitnessSettings
 from waychair.control.safety.supervisor import SupervisorSettings
 from waychair.firmware_bridge.bridge import BridgeSettings

@@ -30,7 +30,7 @@ from hypothesis import strategies as st
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.maps.drawn.zones import zone_contains
 from waychair.maps.grid.cells import cells_from_points, occupied
-from waychair.planning.seen.person_tracks import Tracker
+from waychair.planning.seen.person_tracks import MODELS, Tracker
 from waychair.simulation.scene.contact import Contact, ContactKind, clearance, solid_from_blocks
 from waychair.simulation.simulator import Simulator
 from waychair.trials.ride import STILL, RecordingSimulator, TrueMotion, ride_of

@@ -118,7 +118,7 @@ def test_no_place_or_zone_is_said_with_an_empty_list_and_a_file_of_no_byte_is_da
         assert path.read_text() == text
         assert not load(folder)
         path.write_bytes(b"")
-        with pytest.raises(WaychairError, match=f"{name} is empty, as after a power cut: put a copy of it back"):
+        with pytest.raises(WaychairError, match=f"{name} is empty, as after a power cut: restore a copy"):
             load(folder)
         path.write_text(text)
 

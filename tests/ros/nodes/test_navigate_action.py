@@ -58,7 +58,7 @@ class Client:
 
 @pytest.fixture(scope="module")
 def client(ros: Harness) -> Iterator[Client]:
-    with ros.process(Path(__file__).with_name("drive_node.py")) as server:
+    with ros.process(Path(__file__).parents[1] / "drive_node.py") as server:
         client = Client(ros, server.pid)
         yield client
         client.client.destroy()

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from tests.ros.harness import Harness
     from tests.ros.plain_node import PlainNode
 
-SCRIPT = Path(__file__).with_name("plain_node.py")
+SCRIPT = Path(__file__).parents[1] / "plain_node.py"
 
 
 @contextmanager
