@@ -59,7 +59,7 @@ def test_every_entry_point_is_a_node_that_there_is(setup: dict[str, Any]) -> Non
     entries = dict(re.fullmatch(r"(\w+) = ([\w.]+):main", entry).groups() for entry in setup["entry_points"]["console_scripts"])  # type: ignore[union-attr] # fmt: skip
     assert set(entries) == {"simulator", "bridge", "mapper", "navigator", "recorder"}
     for node, module in entries.items():
-        assert module == f"waychair.ros.{node}_node"
+        assert module == f"waychair.ros.nodes.{node}_node"
         assert callable(importlib.import_module(module).main)
 
 
