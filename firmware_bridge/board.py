@@ -61,17 +61,33 @@ class Defect(enum.IntEnum):
 class BoardSettings(Settings):
     """The configuration stored on the board: chair, joystick family and limits; the computer cannot change it."""
 
-    chair_id: str = setting("A", "", "name of the chair that has this board; at most 16 bytes")
-    family: int = setting(Family.HALL_5V, "", "the chair's joystick family, see firmware/families.c", low=0, high=255)
-    dac_bits: int = setting(12, "bits", "resolution of the board's converter", low=8, high=16)
+    chair_id: str = setting("A", "", "name of the chair to which this board belongs, at most 16 bytes")
+    family: int = setting(
+        Family.HALL_5V, "", "number of the chair's joystick family in firmware/families.c", low=0, high=255
+    )
+    dac_bits: int = setting(
+        12, "bits", "resolution of the board's D/A converter; larger: finer steps of the joystick lines", low=8, high=16
+    )
     neutral_per_mille: int = setting(
-        100, "1/1000 swing", "deflection up to which the rider's stick is at rest", low=20, high=200
+        100,
+        "1/1000 swing",
+        "deflection up to which the rider's stick is at rest; larger: lighter touches are ignored",
+        low=20,
+        high=200,
     )
     override_per_mille: int = setting(
-        200, "1/1000 swing", "deflection from which the rider's stick takes over; raise for tremor", low=21, high=800
+        200,
+        "1/1000 swing",
+        "deflection beyond which the rider's stick takes over; larger: more tremor is tolerated",
+        low=21,
+        high=800,
     )
     override_ms: int = setting(
-        10, "ms", "time beyond the override threshold before the stick takes over; raise for spasm", low=0, high=500
+        10,
+        "ms",
+        "time beyond the override deflection before the stick takes over; larger: longer spasms are tolerated",
+        low=0,
+        high=500,
     )
 
 

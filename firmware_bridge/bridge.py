@@ -69,10 +69,14 @@ class BridgeSettings(Settings):
     """Limits of the commands that the bridge passes on."""
 
     family: int = setting(
-        Family.EIGHT_PIN_3V3, "", "the chair's joystick family, see firmware/families.c", low=1, high=3
+        Family.EIGHT_PIN_3V3, "", "number of the chair's joystick family in firmware/families.c", low=1, high=3
     )
     max_wheel_speed: float = setting(
-        1.6, "m/s", "greatest wheel speed of a command; beyond it the lines are released", low=0.1, high=4.0
+        1.6,
+        "m/s",
+        "wheel speed beyond which a command releases the lines; larger: faster commands pass",
+        low=0.1,
+        high=4.0,
     )
 
 

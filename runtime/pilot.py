@@ -37,7 +37,7 @@ class PilotSettings(BaseSettings):
     max_pause_s: float = setting(
         300.0,
         "s",
-        "a paused drive is dropped after this time; a longer one keeps its goal longer",
+        "time after which a paused drive is dropped; larger: it keeps its goal longer",
         low=1.0,
         high=86400.0,
     )

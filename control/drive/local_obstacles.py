@@ -64,12 +64,12 @@ class SurroundingsSettings(Settings):
     """The sonars' range and cone."""
 
     sonar_range: float = setting(
-        4.0, "m", "range of the sonars; echoes from farther away are no obstacles", low=0.1, high=20.0
+        4.0, "m", "range within which sonar echoes are obstacles; larger: farther echoes count", low=0.1, high=20.0
     )
     sonar_half_cone: float = setting(
         math.radians(15.0),
         "rad",
-        "angle from a sonar's axis to its cone's edge; larger: wider obstacles",
+        "angle from a sonar's axis to the edge of its cone; larger: wider obstacles",
         low=0.01,
         high=1.5,
     )

@@ -21,14 +21,14 @@ class NavigatorSettings(Settings):
     obstacle_range: float = setting(
         6.0,
         "m",
-        "range up to which lidar points are obstacles; larger: the chair plans earlier round them",
+        "range up to which lidar points are obstacles; larger: the chair plans round them earlier",
         low=1.0,
         high=50.0,
     )
     goal_wait_distance: float = setting(
         2.0,
         "m",
-        "distance to the goal from which the chair waits for an occupied goal to become free",
+        "distance to an occupied goal below which the chair waits for it; larger: it waits farther away",
         low=0.1,
         high=50.0,
     )

@@ -56,17 +56,31 @@ class RecoverySettings(Settings):
     """Waiting times before backing out and giving up, and the number of tries."""
 
     wait: float = setting(
-        2.0, "s", "standstill before the chair backs out, longer at each try; longer: more patience", low=0.1, high=600
+        2.0,
+        "s",
+        "standstill before the chair first backs out, more at each further try; larger: it backs out later",
+        low=0.1,
+        high=600,
     )
     progress_time: float = setting(
-        8.0, "s", "time without progress before the chair backs out; longer: more patience", low=1.0, high=600.0
+        8.0,
+        "s",
+        "time without progress before the chair backs out; larger: it backs out later and for longer",
+        low=1.0,
+        high=600.0,
     )
-    tries: int = setting(6, "", "backings before the chair gives up; more: it tries longer", low=0, high=100)
+    tries: int = setting(
+        6, "", "times that the chair backs out before it gives up its goal; larger: it gives up later", low=0, high=100
+    )
     patience: float = setting(
-        20.0, "s", "standstill before the chair gives up its goal; longer: more patience", low=1.0, high=3600.0
+        20.0, "s", "standstill before the chair gives up its goal; larger: it gives up later", low=1.0, high=3600.0
     )
     patience_with_people: float = setting(
-        60.0, "s", "standstill among walking people before the chair gives up its goal", low=1.0, high=3600.0
+        60.0,
+        "s",
+        "standstill among walking people before the chair gives up its goal; larger: it gives up later",
+        low=1.0,
+        high=3600.0,
     )
 
 

@@ -17,9 +17,27 @@ from waychair.types import Twist
 class SteeringSettings(Settings):
     """Speeds at the ends of a page's joystick, and for how long it counts."""
 
-    speed: float = setting(0.6, "m/s", "of a page's joystick pushed forward: a slow walk", low=0.05, high=1.0)
-    reverse: float = setting(0.3, "m/s", "of one pulled back", low=0.05, high=1.0)
-    turn: float = setting(0.6, "rad/s", "of one pushed aside", low=0.05, high=2.0)
+    speed: float = setting(
+        0.6,
+        "m/s",
+        "forward speed at full forward push of the page's joystick; larger: it drives faster",
+        low=0.05,
+        high=1.0,
+    )
+    reverse: float = setting(
+        0.3,
+        "m/s",
+        "reverse speed at full backward pull of the page's joystick; larger: it reverses faster",
+        low=0.05,
+        high=1.0,
+    )
+    turn: float = setting(
+        0.6,
+        "rad/s",
+        "turning speed at full sideways push of the page's joystick; larger: it turns faster",
+        low=0.05,
+        high=2.0,
+    )
 
 
 RELEASED_S, HELD_AT_REST_S = 0.3, 10.0

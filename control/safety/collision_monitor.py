@@ -75,17 +75,21 @@ class MonitorSettings(Settings):
     reaction_s: float = setting(
         0.3,
         "s",
-        "time from a verdict to the first braking, without measured stops; longer: it brakes earlier",
+        "time from a verdict to the first braking, without measured stops; larger: the chair brakes earlier",
         low=0.0,
         high=2.0,
     )
     emergency: float = setting(
-        1.5, "m/s^2", "emergency braking without measured stops; larger: it brakes later", low=0.2, high=4.0
+        1.5,
+        "m/s^2",
+        "emergency deceleration assumed without measured stops; larger: the chair brakes later",
+        low=0.2,
+        high=4.0,
     )
     emergency_alpha: float = setting(
         1.5,
         "rad/s^2",
-        "emergency braking of a turn without measured stops; larger: it brakes later",
+        "emergency deceleration of a turn assumed without measured stops; larger: the chair brakes later",
         low=0.2,
         high=10.0,
     )

@@ -44,11 +44,23 @@ Sensed: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | ChairStatus
 class FitnessSettings(Settings):
     """Limits, and the contacts that are fitted to the chair."""
 
-    seat_switch: bool = setting(False, "", "a seat switch is fitted: without word from it nothing drives")
-    power_monitor: bool = setting(False, "", "battery and charger are monitored: as above")
-    least_battery: float = setting(0.15, "", "with less charge no new drive begins", low=0.0, high=1.0)
-    imu_silent: str = setting("slow", "", "an IMU falls silent during a drive: slow or stop")
-    depth_silent: str = setting("slow", "", "a depth camera falls silent, drop-offs are unseen: slow or stop")
+    seat_switch: bool = setting(
+        False, "", "true: the chair has a seat switch, and its silence ends or prevents a drive"
+    )
+    power_monitor: bool = setting(
+        False, "", "true: the chair has a battery and charger monitor, and its silence ends or prevents a drive"
+    )
+    least_battery: float = setting(
+        0.15,
+        "",
+        "share of battery charge below which no drive begins; larger: the chair refuses drives earlier",
+        low=0.0,
+        high=1.0,
+    )
+    imu_silent: str = setting("slow", "", "reaction when an IMU falls silent during a drive: slow or stop")
+    depth_silent: str = setting(
+        "slow", "", "reaction when a depth camera falls silent, so that drop-offs are unseen: slow or stop"
+    )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)

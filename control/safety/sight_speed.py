@@ -32,7 +32,13 @@ BRAKING, REACTION_S = 0.6, 0.3
 class UnseenSettings(Settings):
     """The speed into unseen space, the required view, and the braking that it must allow."""
 
-    speed: float = setting(0.15, "m/s", "of any part of the chair to where no sensor looks", low=0.01, high=0.5)
+    speed: float = setting(
+        0.15,
+        "m/s",
+        "highest speed of any part of the chair into space that no sensor sees; larger: faster blind motion",
+        low=0.01,
+        high=0.5,
+    )
 
 
 @dataclass(frozen=True, slots=True)

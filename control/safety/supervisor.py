@@ -31,13 +31,39 @@ class SupervisorSettings(Settings):
     """Thresholds of the rider's joystick (the board's defaults, `BoardSettings.override_*`), and times of
     confirmation."""
 
-    override: float = setting(0.2, "", "deflection beyond which the rider takes over", low=0.021, high=0.8)
-    override_ms: int = setting(10, "ms", "for at least this long", low=0, high=500)
-    at_rest: float = setting(0.1, "", "deflection up to which no hand is on the stick", low=0.02, high=0.2)
-    assist: bool = setting(False, "", "a hand on the stick slows the drive, instead of nothing until it takes over")
-    confirm_s: float = setting(60.0, "s", "a goal that nobody confirms for so long is dropped", low=1.0, high=3600.0)
+    override: float = setting(
+        0.2,
+        "",
+        "stick deflection beyond which the rider takes over; larger: the rider must push farther",
+        low=0.021,
+        high=0.8,
+    )
+    override_ms: int = setting(
+        10,
+        "ms",
+        "time beyond the override deflection before the rider takes over; larger: the takeover comes later",
+        low=0,
+        high=500,
+    )
+    at_rest: float = setting(
+        0.1,
+        "",
+        "stick deflection up to which no hand is on the stick; larger: lighter touches are ignored",
+        low=0.02,
+        high=0.2,
+    )
+    assist: bool = setting(
+        False, "", "true: a small stick deflection slows the drive; false: it does nothing until the rider takes over"
+    )
+    confirm_s: float = setting(
+        60.0,
+        "s",
+        "time after which an unconfirmed goal is dropped; larger: the chair waits longer for a yes",
+        low=1.0,
+        high=3600.0,
+    )
     countdown_s: float = setting(
-        0.0, "s", "from the rider's yes to the first motion, for whoever announces it", low=0.0, high=30.0
+        0.0, "s", "time from the rider's yes to the first motion; larger: the chair sets off later", low=0.0, high=30.0
     )
 
     def __post_init__(self) -> None:

@@ -38,15 +38,45 @@ _AT_REST = 1e-3
 class LimiterSettings(Settings):
     """One comfort profile; the defaults are `PROFILES["normal"]`."""
 
-    max_speed: float = setting(0.8, "m/s", "greatest speed", low=0.05, high=3.0)
-    max_omega: float = setting(0.8, "rad/s", "greatest turning speed", low=0.05, high=3.0)
-    acceleration: float = setting(0.5, "m/s^2", "speeding up", low=0.05, high=3.0)
-    braking: float = setting(0.6, "m/s^2", "slowing down for comfort", low=0.05, high=3.0)
-    emergency: float = setting(1.5, "m/s^2", "slowing down in an emergency", low=0.5, high=4.0)
-    alpha: float = setting(0.8, "rad/s^2", "change of the turning speed", low=0.05, high=5.0)
-    emergency_alpha: float = setting(3.0, "rad/s^2", "as above, in an emergency", low=0.5, high=10.0)
-    lateral: float = setting(0.5, "m/s^2", "sideways, v omega", low=0.05, high=3.0)
-    jerk: float = setting(0.7, "m/s^3", "change of the acceleration", low=0.1, high=20.0)
+    max_speed: float = setting(
+        0.8, "m/s", "highest speed of a command, forwards or in reverse; larger: faster drive", low=0.05, high=3.0
+    )
+    max_omega: float = setting(
+        0.8, "rad/s", "highest turning speed of a command; larger: faster turns", low=0.05, high=3.0
+    )
+    acceleration: float = setting(
+        0.5,
+        "m/s^2",
+        "highest acceleration when the chair speeds up; larger: quicker, rougher starts",
+        low=0.05,
+        high=3.0,
+    )
+    braking: float = setting(
+        0.6, "m/s^2", "deceleration of a comfortable stop; larger: shorter, harder stops", low=0.05, high=3.0
+    )
+    emergency: float = setting(
+        1.5, "m/s^2", "deceleration of an emergency stop; larger: shorter, harder stops", low=0.5, high=4.0
+    )
+    alpha: float = setting(
+        0.8,
+        "rad/s^2",
+        "highest angular acceleration in comfort; larger: turns begin and end more abruptly",
+        low=0.05,
+        high=5.0,
+    )
+    emergency_alpha: float = setting(
+        3.0, "rad/s^2", "angular deceleration of an emergency stop; larger: turns end more abruptly", low=0.5, high=10.0
+    )
+    lateral: float = setting(
+        0.5, "m/s^2", "highest lateral acceleration v * omega; larger: faster bends", low=0.05, high=3.0
+    )
+    jerk: float = setting(
+        0.7,
+        "m/s^3",
+        "highest change of the acceleration per second; larger: quicker, rougher drive",
+        low=0.1,
+        high=20.0,
+    )
 
 
 PROFILES: Mapping[str, LimiterSettings] = MappingProxyType(

@@ -86,18 +86,22 @@ class SpeedLoopSettings(Settings):
     """Limits of the trims, and the chair's parking brake and casters."""
 
     max_trim_v: float = setting(
-        0.2, "m/s", "largest trim of the forward speed; larger: more disturbance is corrected", low=0.0, high=0.5
+        0.2, "m/s", "largest trim of the forward speed; larger: stronger disturbances are corrected", low=0.0, high=0.5
     )
     max_trim_omega: float = setting(
-        0.4, "rad/s", "largest trim of the turn rate; larger: more asymmetry is corrected", low=0.0, high=1.0
+        0.4, "rad/s", "largest trim of the turning speed; larger: stronger asymmetry is corrected", low=0.0, high=1.0
     )
     brake_s: float = setting(
-        0.6, "s", "longest time in which the parking brake opens; the loop waits so long for motion", low=0.0, high=3.0
+        0.6,
+        "s",
+        "longest time in which the parking brake opens; larger: the loop waits longer for motion",
+        low=0.0,
+        high=3.0,
     )
     caster_distance: float = setting(
         0.4,
         "m",
-        "distance after a reversal in which casters swing round; meanwhile no turn is learnt",
+        "distance in which casters swing round after a reversal; larger: turn learning pauses longer",
         low=0.0,
         high=2.0,
     )

@@ -67,7 +67,7 @@ class ClearanceSettings(Settings):
     comfortable: float = setting(
         COMFORTABLE,
         "m",
-        "distance from obstacles to the path from which more costs no less; larger: longer detours around furniture",
+        "distance to obstacles below which a path costs more; larger: longer detours around furniture",
         low=0.0,
         high=5.0,
     )

@@ -18,14 +18,14 @@ class PersonalSpaceSettings(Settings):
     radius: float = setting(
         0.4,
         "m",
-        "kept free around the middle of a tracked person; larger: fewer corridors have room to pass somebody",
+        "radius kept free around a tracked person; larger: fewer corridors have room to pass somebody",
         low=0.05,
         high=1.0,
     )
     squeezed: float = setting(
         0.3,
         "m",
-        "the same once the chair has stood for people to pass and they have not; at most radius",
+        "radius kept free around a person after the chair gave way, at most radius; larger: fewer passes",
         low=0.05,
         high=1.0,
     )
@@ -87,24 +87,40 @@ class LegClearanceSettings(Settings):
     """
 
     ahead: float = setting(
-        0.55, "m", "extra clearance to legs in the direction of travel; larger: it stops earlier", low=0.0, high=1.0
+        0.55,
+        "m",
+        "extra clearance to legs in the direction of travel; larger: the chair stops earlier",
+        low=0.0,
+        high=1.0,
     )
     beside: float = setting(
         0.45,
         "m",
-        "extra clearance to legs on both sides, until passed; larger: it gives way more often",
+        "extra clearance to legs on both sides until they are passed; larger: the chair gives way more often",
         low=0.0,
         high=1.0,
     )
     turning: float = setting(
         0.20,
         "m",
-        "extra clearance to legs on all sides while turning on the spot; larger: it turns less",
+        "extra clearance to legs on all sides in a turn on the spot; larger: the chair turns less",
         low=0.0,
         high=1.0,
     )
-    ahead_after: float = setting(0.33, "m", "like ahead, after giving way; at most ahead", low=0.0, high=1.0)
-    beside_after: float = setting(0.20, "m", "like beside, after giving way; at most beside", low=0.0, high=1.0)
+    ahead_after: float = setting(
+        0.33,
+        "m",
+        "extra clearance to legs ahead after giving way, at most ahead; larger: the chair stops earlier",
+        low=0.0,
+        high=1.0,
+    )
+    beside_after: float = setting(
+        0.20,
+        "m",
+        "extra clearance to legs on both sides after giving way, at most beside; larger: fewer passes",
+        low=0.0,
+        high=1.0,
+    )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)

@@ -62,10 +62,12 @@ class HarmonicSettings(Settings):
     """The solver of the harmonic planner."""
 
     solver: str = setting(
-        "multigrid", "", "gauss-seidel, sor, multigrid, direct, gpu, or auto: gpu where there is one, else multigrid"
+        "multigrid",
+        "",
+        "solver: gauss-seidel, sor, multigrid, direct, gpu, or auto (gpu where there is one, else multigrid)",
     )
     memory: float = setting(
-        4000.0, "MB", "memory that the solver may take; a map that needs more is refused", low=1.0, high=1e7
+        4000.0, "MB", "memory that the solver may take; larger: larger maps are accepted", low=1.0, high=1e7
     )
 
     @property

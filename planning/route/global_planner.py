@@ -51,7 +51,7 @@ class PlannerSettings(Settings):
 
     planner: str = setting("dstar-lite", "", "planner on the grid: dstar-lite, astar, dijkstra or harmonic")
     smooth: str = setting(
-        "auto", "", "smoothing of the path: taut, band, none, or auto: band for the harmonic planner, else taut"
+        "auto", "", "smoothing of the path: taut, band, none, or auto (band for the harmonic planner, else taut)"
     )
     harmonic: HarmonicSettings = field(default_factory=HarmonicSettings)
     forecast: ForecastSettings = field(default_factory=ForecastSettings)

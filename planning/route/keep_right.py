@@ -26,7 +26,7 @@ class KeepRightSettings(Settings):
     aside: float = setting(
         0.4,
         "m",
-        "distance to the right by which a path in a corridor moves when people are about; negative: to the left",
+        "shift of a corridor path to the right when people are about, negative to the left; larger: farther right",
         low=-2.0,
         high=2.0,
     )

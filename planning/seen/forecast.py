@@ -28,7 +28,7 @@ class ForecastSettings(Settings):
     window: float = setting(
         4.0,
         "s",
-        "time over which the global planner predicts people; longer: it drives around people farther away; 0: never",
+        "time over which the global planner predicts people, 0 for never; larger: detours round farther people",
         low=0.0,
         high=60.0,
     )

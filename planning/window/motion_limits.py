@@ -37,17 +37,25 @@ class GoalTolerances(Settings):
     """When the chair is at its goal."""
 
     position: float = setting(
-        0.08, "m", "distance to the goal at which the chair has arrived; larger: it stops sooner", low=0.01, high=1.0
+        0.08,
+        "m",
+        "distance to the goal at which the chair has arrived; larger: it stops sooner and less exactly",
+        low=0.01,
+        high=1.0,
     )
     release: float = setting(
         0.13,
         "m",
-        "drift while turning at the goal after which the chair drives to it again; larger: fewer corrections",
+        "drift in the turn at the goal after which the chair drives to it again; larger: fewer corrections",
         low=0.01,
         high=1.5,
     )
     heading: float = setting(
-        0.05, "rad", "error of the final heading that counts as arrived; larger: shorter turns", low=0.005, high=math.pi
+        0.05,
+        "rad",
+        "error of the final heading that counts as arrived; larger: shorter, less exact turns",
+        low=0.005,
+        high=math.pi,
     )
 
 
@@ -58,34 +66,68 @@ class DwaSettings(Settings):
     `stops`: the measured stopping distances of the chair, if there are any (`measured`).
     """
 
-    max_speed: float = setting(0.8, "m/s", "highest forward speed", low=0.05, high=3.0)
-    max_reverse: float = setting(0.2, "m/s", "highest reverse speed; 0: the chair never reverses", low=0.0, high=1.0)
-    max_omega: float = setting(0.8, "rad/s", "highest turning speed", low=0.05, high=3.0)
-    acceleration: float = setting(0.5, "m/s^2", "highest acceleration when speeding up", low=0.05, high=3.0)
+    max_speed: float = setting(0.8, "m/s", "highest planned forward speed; larger: faster drive", low=0.05, high=3.0)
+    max_reverse: float = setting(
+        0.2,
+        "m/s",
+        "highest planned reverse speed, 0 for no reversing; larger: the chair backs out faster",
+        low=0.0,
+        high=1.0,
+    )
+    max_omega: float = setting(0.8, "rad/s", "highest planned turning speed; larger: faster turns", low=0.05, high=3.0)
+    acceleration: float = setting(
+        0.5,
+        "m/s^2",
+        "highest planned acceleration when the chair speeds up; larger: quicker, rougher starts",
+        low=0.05,
+        high=3.0,
+    )
     braking: float = setting(
-        0.6, "m/s^2", "deceleration of a comfortable stop; higher: shorter, harder stops", low=0.05, high=3.0
+        0.6, "m/s^2", "planned deceleration of a comfortable stop; larger: shorter, harder stops", low=0.05, high=3.0
     )
-    alpha: float = setting(0.8, "rad/s^2", "highest change of the turning speed, up and down", low=0.05, high=5.0)
+    alpha: float = setting(
+        0.8,
+        "rad/s^2",
+        "highest planned angular acceleration; larger: turns begin and end more abruptly",
+        low=0.05,
+        high=5.0,
+    )
     jerk: float = setting(
-        0.7, "m/s^3", "highest change of the acceleration; higher: quicker, rougher drive", low=0.05, high=1000.0
+        0.7,
+        "m/s^3",
+        "highest planned change of the acceleration per second; larger: quicker, rougher drive",
+        low=0.05,
+        high=1000.0,
     )
-    alpha_jerk: float = setting(4.0, "rad/s^3", "highest change of the angular acceleration", low=0.05, high=1000.0)
+    alpha_jerk: float = setting(
+        4.0,
+        "rad/s^3",
+        "highest planned change of the angular acceleration per second; larger: quicker, rougher turns",
+        low=0.05,
+        high=1000.0,
+    )
     max_lateral: float = setting(
-        0.5, "m/s^2", "highest sideways acceleration v * omega; higher: faster bends", low=0.05, high=5.0
+        0.5, "m/s^2", "highest planned lateral acceleration v * omega; larger: faster bends", low=0.05, high=5.0
     )
-    max_wheel_speed: float = setting(1.0, "m/s", "highest speed of a drive wheel", low=0.05, high=5.0)
+    max_wheel_speed: float = setting(
+        1.0, "m/s", "highest planned speed of a drive wheel; larger: faster turns at speed", low=0.05, high=5.0
+    )
     reaction_time: float = setting(
-        0.15, "s", "delay from a command to the chair's motion; longer: more distance to obstacles", low=0.0, high=2.0
+        0.15, "s", "delay from a command to the chair's motion; larger: more distance to obstacles", low=0.0, high=2.0
     )
     clearance: float = setting(
         PLANNED,
         "m",
-        "kept free around the footprint by the local planner; larger: fewer doors are passable",
+        "clearance that the local planner keeps around the footprint; larger: fewer doors are passable",
         low=0.0,
         high=0.5,
     )
     people_weight: float = setting(
-        COMFORT_WEIGHT, "", "weight of the distance to people against speed and path", low=0.0, high=100.0
+        COMFORT_WEIGHT,
+        "",
+        "weight of the distance to people against speed and path; larger: the chair stays farther away",
+        low=0.0,
+        high=100.0,
     )
     tolerances: GoalTolerances = field(default_factory=GoalTolerances)
     stops: StopTable | None = None

@@ -73,22 +73,42 @@ class BlackBoxSettings(Settings):
     """Size of the log."""
 
     ring_minutes: float = setting(
-        10.0, "min", "length of the log that is always on the disk; older ticks are dropped", low=1.0, high=1440.0
+        10.0, "min", "length of the ring log on the disk; larger: older ticks are kept", low=1.0, high=1440.0
     )
     ring_mb: int = setting(
-        256, "MB", "disk space of that log; a full one drops ticks younger than ring_minutes", low=1, high=100_000
+        256,
+        "MB",
+        "disk space of the ring log, which drops its oldest ticks when full; larger: it fills later",
+        low=1,
+        high=100_000,
     )
     before_s: float = setting(
-        30.0, "s", "log kept from before each event; longer parts need more disk", low=0.0, high=600.0
+        30.0,
+        "s",
+        "length of the log kept from before each event; larger: each part needs more disk",
+        low=0.0,
+        high=600.0,
     )
     after_s: float = setting(
-        30.0, "s", "log kept from after each event; longer parts need more disk", low=0.0, high=600.0
+        30.0,
+        "s",
+        "length of the log kept from after each event; larger: each part needs more disk",
+        low=0.0,
+        high=600.0,
     )
     parts: int = setting(
-        20, "", "number of kept parts, one per event; beyond it the least important goes", low=1, high=10_000
+        20,
+        "",
+        "number of parts kept, one per event, the least important dropped first; larger: more disk",
+        low=1,
+        high=10_000,
     )
     pictures_hz: float = setting(
-        0.0, "Hz", "rate of logged depth camera images, 0 for none; higher fills ring_mb sooner", low=0.0, high=30.0
+        0.0,
+        "Hz",
+        "rate of logged depth camera images, 0 for none; larger: the ring log fills sooner",
+        low=0.0,
+        high=30.0,
     )
 
 
