@@ -159,7 +159,7 @@ def moves(page: Page) -> bool:
 
 
 def test_a_goal_of_a_page_is_counted_down_driven_to_and_reached(stack: LiveStack, page: Page) -> None:
-    assert "did you mean" in page.do("go", place="wart")["sentence"]
+    stack.until(lambda: "did you mean" in page.do("go", place="wart")["sentence"], "the places of the map")
     assert not page.do("confirm")["done"]
     counted = False
     for _ in range(TRIES):
