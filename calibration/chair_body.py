@@ -45,30 +45,92 @@ TALLEST = 1.4
 class ChairBody(Settings):
     """A chair's footprint, wheels and sensor mounts."""
 
-    chair_id: str = setting("A", "", "name of the chair these numbers belong to")
-    length: float = setting(1.00, "m", "overall length", low=0.3, high=2.5)
-    width: float = setting(0.60, "m", "overall width", low=0.2, high=1.5)
-    axle_from_rear: float = setting(0.25, "m", "drive axle ahead of the rear end", low=0.0, high=2.0)
-    track: float = setting(0.54, "m", "distance between the drive wheels' contacts", low=0.1, high=1.5)
-    wheel_radius: float = setting(0.165, "m", "radius of the drive wheels", low=0.02, high=0.6)
-    ticks_per_turn: int = setting(4096, "counts", "encoder counts per turn of a drive wheel", low=16, high=1_000_000)
-    laser_x: float = setting(0.60, "m", "lidar ahead of the drive axle", low=-2.0, high=2.0)
-    laser_y: float = setting(0.0, "m", "lidar left of the middle", low=-1.0, high=1.0)
-    laser_theta: float = setting(0.0, "rad", "direction of the lidar's x axis", low=-math.pi, high=math.pi)
-    drive: str = setting("rear", "", "drive wheels at the rear, mid or front")
-    laser_z: float = setting(0.30, "m", "lidar above the floor", low=0.02, high=2.0)
-    camera_x: float = setting(0.40, "m", "camera ahead of the drive axle", low=-2.0, high=2.0)
-    camera_y: float = setting(0.20, "m", "camera left of the middle", low=-1.0, high=1.0)
-    camera_z: float = setting(0.95, "m", "camera above the floor", low=0.05, high=2.5)
-    camera_yaw: float = setting(0.0, "rad", "camera turned to the left", low=-math.pi, high=math.pi)
-    camera_pitch: float = setting(0.05, "rad", "camera tilted down", low=-1.5, high=1.5)
-    imu_x: float = setting(0.10, "m", "IMU ahead of the drive axle, axes as base", low=-2.0, high=2.0)
-    imu_y: float = setting(0.0, "m", "IMU left of the middle", low=-1.0, high=1.0)
-    imu_z: float = setting(0.35, "m", "IMU above the floor", low=0.0, high=2.0)
+    chair_id: str = setting("A", "", "name of the measured chair")
+    length: float = setting(
+        1.00, "m", "overall length of the chair; larger: it needs more room to turn", low=0.3, high=2.5
+    )
+    width: float = setting(0.60, "m", "overall width of the chair; larger: fewer doors are passable", low=0.2, high=1.5)
+    axle_from_rear: float = setting(
+        0.25,
+        "m",
+        "distance of the drive axle ahead of the chair's rear end; larger: its rear swings out farther in turns",
+        low=0.0,
+        high=2.0,
+    )
+    track: float = setting(
+        0.54,
+        "m",
+        "distance between the drive wheels' contacts; larger: the same difference of the wheels turns it less",
+        low=0.1,
+        high=1.5,
+    )
+    wheel_radius: float = setting(
+        0.165, "m", "radius of the drive wheels; larger: each encoder count is a longer distance", low=0.02, high=0.6
+    )
+    ticks_per_turn: int = setting(
+        4096,
+        "counts",
+        "encoder counts per turn of a drive wheel; more: each count is a shorter distance",
+        low=16,
+        high=1_000_000,
+    )
+    laser_x: float = setting(
+        0.60, "m", "distance of the lidar ahead of the drive axle; negative: behind it", low=-2.0, high=2.0
+    )
+    laser_y: float = setting(
+        0.0, "m", "distance of the lidar to the left of the chair's middle; negative: to the right", low=-1.0, high=1.0
+    )
+    laser_theta: float = setting(
+        0.0,
+        "rad",
+        "direction of the lidar's x axis in the chair; larger: turned farther to the left",
+        low=-math.pi,
+        high=math.pi,
+    )
+    drive: str = setting("rear", "", "place of the drive wheels: rear, mid or front")
+    laser_z: float = setting(
+        0.30, "m", "height of the lidar above the floor; larger: it passes over more low obstacles", low=0.02, high=2.0
+    )
+    camera_x: float = setting(
+        0.40, "m", "distance of the camera ahead of the drive axle; negative: behind it", low=-2.0, high=2.0
+    )
+    camera_y: float = setting(
+        0.20,
+        "m",
+        "distance of the camera to the left of the chair's middle; negative: to the right",
+        low=-1.0,
+        high=1.0,
+    )
+    camera_z: float = setting(
+        0.95,
+        "m",
+        "height of the camera above the floor; larger: it looks down on more of the floor",
+        low=0.05,
+        high=2.5,
+    )
+    camera_yaw: float = setting(
+        0.0, "rad", "turn of the camera to the left; negative: to the right", low=-math.pi, high=math.pi
+    )
+    camera_pitch: float = setting(
+        0.05, "rad", "tilt of the camera; larger: it looks farther down; negative: up", low=-1.5, high=1.5
+    )
+    imu_x: float = setting(
+        0.10,
+        "m",
+        "distance of the IMU, with the base's axes, ahead of the drive axle; negative: behind it",
+        low=-2.0,
+        high=2.0,
+    )
+    imu_y: float = setting(
+        0.0, "m", "distance of the IMU to the left of the chair's middle; negative: to the right", low=-1.0, high=1.0
+    )
+    imu_z: float = setting(
+        0.35, "m", "height of the IMU above the floor; larger: it moves more when the chair tilts", low=0.0, high=2.0
+    )
     layers: tuple[BodyLayer, ...] = setting(
         (),
         "m",
-        "outlines by height, upwards: [bottom, top, front, rear, half_width]; none: one outline for all heights",
+        "outlines of the chair, upwards: [bottom, top, front, rear, half_width]; empty: one outline for all heights",
     )
 
     def __post_init__(self) -> None:

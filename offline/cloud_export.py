@@ -41,10 +41,14 @@ class CloudSettings(Settings):
     """Selection of the images and pixels of a cloud."""
 
     voxel: float = setting(
-        0.02, "m", "side of the cubes with one point each; larger gives a coarser and smaller file", low=0.001, high=1.0
+        0.02, "m", "side of the cubes with one point each; larger: a coarser and smaller file", low=0.001, high=1.0
     )
     range_max: float = setting(
-        4.0, "m", "points farther from the camera are left out; larger adds noisier points", low=0.2, high=50.0
+        4.0,
+        "m",
+        "largest distance of exported points from the camera; larger: more and noisier points",
+        low=0.2,
+        high=50.0,
     )
     view: DepthSettings = field(default_factory=DepthSettings)
 

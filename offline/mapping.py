@@ -62,10 +62,14 @@ class MappingSettings(LiveMappingSettings):
 
     input: InputSettings = field(default_factory=InputSettings)
     checkpoint_interval: float = setting(
-        20.0, "s", "time between checkpoints; longer repeats more after an interruption", low=0.0, high=1e6
+        20.0,
+        "s",
+        "time between checkpoints of mapping; larger: more is repeated after an interruption",
+        low=0.0,
+        high=1e6,
     )
     vision: Literal["on", "off"] = setting(
-        "on", "", "loop closures by pictures: on, where there are any; off, by scans alone"
+        "on", "", "loop closures by pictures; on: where there are pictures; off: loops are closed by scans alone"
     )
     appearance: AppearanceSettings = field(default_factory=AppearanceSettings)
 

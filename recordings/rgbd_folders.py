@@ -61,8 +61,7 @@ class RgbdSettings(Settings):
     camera: str = setting(
         "",
         "px",
-        "camera of the pictures: fr1, fr2, fr3 or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]]; empty: from a file in the folder, else "
-        "from the folder's name",
+        "camera: fr1, fr2, fr3 or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]]; empty: by a file in the folder, or the folder's name",
     )
 
     def __post_init__(self) -> None:

@@ -60,14 +60,22 @@ PEOPLE_STEP_NS = 50_000_000
 class SimulatorSettings(Settings):
     """Plant, sensors and their rates; the periods of encoders, lidar and IMU must be whole numbers of plant steps."""
 
-    plant_model: str = setting("kinematic", "", "plant of the simulated chair: kinematic or mujoco")
+    plant_model: str = setting(
+        "kinematic", "", "plant of the simulated chair: kinematic (fast) or mujoco (casters, motors)"
+    )
     plant: PlantSettings = field(default_factory=PlantSettings)
     mujoco: MujocoSettings = field(default_factory=MujocoSettings)
     lidar: LidarSettings = field(default_factory=LidarSettings)
     imu: ImuSettings = field(default_factory=ImuSettings)
     sonar: SonarSettings = field(default_factory=SonarSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
-    wheels_hz: float = setting(WHEELS.rate_hz, "Hz", "readings per second of the wheel encoders", low=1.0, high=1000.0)
+    wheels_hz: float = setting(
+        WHEELS.rate_hz,
+        "Hz",
+        "readings per second of the wheel encoders; larger: speeds are known sooner",
+        low=1.0,
+        high=1000.0,
+    )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -93,7 +101,13 @@ class SensorSettings(Settings):
     imu: ImuSettings = field(default_factory=ImuSettings)
     sonar: SonarSettings = field(default_factory=SonarSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
-    wheels_hz: float = setting(WHEELS.rate_hz, "Hz", "readings per second of the wheel encoders", low=1.0, high=1000.0)
+    wheels_hz: float = setting(
+        WHEELS.rate_hz,
+        "Hz",
+        "readings per second of the wheel encoders; larger: speeds are known sooner",
+        low=1.0,
+        high=1000.0,
+    )
 
     def over(self, settings: SimulatorSettings) -> SimulatorSettings:
         """Return the simulated chair with these sensors; those whose rate is 0 here keep that of `settings`."""
@@ -111,7 +125,9 @@ class SensorSettings(Settings):
 class SimulationSettings(Settings):
     """The settings of a simulation, whichever chair it simulates; a chair's own figures are in its .yaml file."""
 
-    plant_model: str = setting("kinematic", "", "plant of the simulated chair: kinematic or mujoco")
+    plant_model: str = setting(
+        "kinematic", "", "plant of the simulated chair: kinematic (fast) or mujoco (casters, motors)"
+    )
     sensors: SensorSettings = field(default_factory=SensorSettings)
 
     def __post_init__(self) -> None:

@@ -78,13 +78,25 @@ class DriveLimits(Settings):
     """Limits of a calibration drive of a real chair."""
 
     max_distance: float = setting(
-        6.0, "m", "the drive ends farther than this from its start; raise it in a larger hall", low=0.5, high=100
+        6.0,
+        "m",
+        "distance from the start at which a calibration drive ends; larger: it needs a larger hall",
+        low=0.5,
+        high=100,
     )
     max_speed: float = setting(
-        2.0, "m/s", "the drive ends above this speed; raise it for a faster chair", low=0.1, high=4.0
+        2.0,
+        "m/s",
+        "speed above which a calibration drive ends; larger: a faster chair can be calibrated",
+        low=0.1,
+        high=4.0,
     )
     max_turn_rate: float = setting(
-        4.0, "rad/s", "the drive ends above this turn rate; raise it for a faster chair", low=0.1, high=10.0
+        4.0,
+        "rad/s",
+        "turn rate above which a calibration drive ends; larger: a faster chair can be calibrated",
+        low=0.1,
+        high=10.0,
     )
 
 

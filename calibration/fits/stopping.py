@@ -30,13 +30,25 @@ _BEGUN = 0.95  # remaining share of the speed at which a stop's delay ends
 class StopSettings(Settings):
     """The stops to measure."""
 
-    slowest: float = setting(0.2, "m/s", "lowest measured speed", low=0.05, high=1.0)
-    step: float = setting(0.2, "m/s", "step between measured speeds; smaller: more stops", low=0.05, high=1.0)
-    fastest: float = setting(
-        4.0, "m/s", "highest measured speed; slower chairs stop from their own top speed", low=0.2, high=4.0
+    slowest: float = setting(0.2, "m/s", "lowest speed of a measured stop; larger: fewer stops", low=0.05, high=1.0)
+    step: float = setting(
+        0.2, "m/s", "step from one speed of measured stops to the next; larger: fewer stops", low=0.05, high=1.0
     )
-    turn_rate: float = setting(0.6, "rad/s", "turn rate of the stops while turning", low=0.1, high=3.0)
-    repetitions: int = setting(3, "", "number of stops of each kind; more: a safer worst case", low=1, high=50)
+    fastest: float = setting(
+        4.0,
+        "m/s",
+        "highest speed of a measured stop, at most the chair's top speed; larger: stops need more room",
+        low=0.2,
+        high=4.0,
+    )
+    turn_rate: float = setting(
+        0.6,
+        "rad/s",
+        "turn rate of the chair before a measured stop from a turn; larger: faster turns are measured",
+        low=0.1,
+        high=3.0,
+    )
+    repetitions: int = setting(3, "", "number of measured stops of each kind; more: a safer worst case", low=1, high=50)
 
 
 MARGIN, MARGIN_M = 0.2, 0.03

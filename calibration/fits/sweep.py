@@ -54,24 +54,54 @@ class LineDrive(Protocol):
 class SweepSettings(Settings):
     """The converter, and the levels to drive."""
 
-    bits: int = setting(12, "", "resolution of the converter", low=8, high=16)
-    volts_max: float = setting(3.3, "V", "converter's output at its largest count", low=0.5, high=12.0)
+    bits: int = setting(
+        12, "", "resolution of the digital-to-analogue converter in bits; more: finer speeds", low=8, high=16
+    )
+    volts_max: float = setting(
+        3.3, "V", "converter's output at its largest count; larger: each count is a larger step", low=0.5, high=12.0
+    )
     volts_min: float = setting(
-        0.0, "V", "converter's output at count 0; above 0 behind a gain stage", low=0.0, high=11.0
+        0.0,
+        "V",
+        "converter's output at count 0, above 0 behind a gain stage; larger: each count is a smaller step",
+        low=0.0,
+        high=11.0,
     )
     swing: float = setting(
         1.2,
         "V",
-        "largest distance from neutral on either axis; larger: the sweep goes up to higher speeds",
+        "largest voltage from neutral on either joystick axis; larger: the sweep goes up to higher speeds",
         low=0.2,
         high=5.0,
     )
     levels: int = setting(
-        89, "", "levels on each axis, both directions together; more: a finer model, a longer sweep", low=5, high=1001
+        89,
+        "",
+        "levels of each joystick axis, both directions together; more: a finer model, a longer sweep",
+        low=5,
+        high=1001,
     )
-    repetitions: int = setting(3, "", "number of times that each level is driven; more: less noise", low=1, high=100)
-    combined: int = setting(4, "", "levels of each axis that are driven together with the other's", low=0, high=20)
-    rest_s: float = setting(1.6, "s", "rest at neutral between two holds; longer: cooler motors", low=0.1, high=10.0)
+    repetitions: int = setting(
+        3,
+        "",
+        "number of times that each level of a joystick axis is driven; more: less noise, a longer sweep",
+        low=1,
+        high=100,
+    )
+    combined: int = setting(
+        4,
+        "",
+        "levels of each joystick axis driven together with the other axis; more: a longer sweep with more curves",
+        low=0,
+        high=20,
+    )
+    rest_s: float = setting(
+        1.6,
+        "s",
+        "rest at neutral between two holds of the joystick lines; larger: cooler motors, a longer sweep",
+        low=0.1,
+        high=10.0,
+    )
 
 
 def sweep(

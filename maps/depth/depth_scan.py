@@ -31,13 +31,14 @@ class DepthSettings(Settings):
     """The beams of a depth image that are used."""
 
     step: int = setting(
-        4, "pixels", "only every so many columns and rows of a depth image is used; more is faster and coarser", low=1,
-        high=32,
+        4, "pixels",
+        "columns and rows of a depth image from one used pixel to the next; more: it is faster and coarser",
+        low=1, high=32,
     )  # fmt: skip
     range_max: float = setting(
         4.5,
         "m",
-        "farthest depth over ground that is used; more sees farther, with rougher obstacles",
+        "farthest depth over ground that is used; larger: the camera sees farther, with rougher obstacles",
         low=0.5,
         high=20.0,
     )

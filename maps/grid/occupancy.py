@@ -60,14 +60,19 @@ class OccupancySettings(Settings):
     """How laser beams change the cells of a grid."""
 
     resolution: float = setting(
-        0.05, "m", "side of a grid cell; a larger one takes less memory and shows less detail", low=0.005, high=1.0
+        0.05, "m", "side of a grid cell; larger: the map takes less memory and shows less detail", low=0.005, high=1.0
     )
     range_max: float = setting(
-        20.0, "m", "longest lidar range that marks an obstacle; longer beams only clear cells up to here", low=0.5,
-        high=200.0,
+        20.0, "m",
+        "longest lidar range that marks an obstacle or clears cells; larger: the map reaches farther from the lidar",
+        low=0.5, high=200.0,
     )  # fmt: skip
     open_range: float = setting(
-        0.0, "m", "lidar beams without an echo clear cells up to here; 0: they clear nothing", low=0.0, high=200.0
+        0.0,
+        "m",
+        "range to which lidar beams without an echo clear cells; larger: more free space; 0: they clear nothing",
+        low=0.0,
+        high=200.0,
     )
 
 

@@ -61,17 +61,17 @@ class BagSettings(Settings):
     scan_topics: tuple[str, ...] = setting(
         (), "", "topics of the scans or point clouds to map; several are merged into one scan; empty: guessed"
     )
-    odom_topic: str = setting("", "", "topic of the odometry; empty: guessed, and /tf if there is none")
+    odom_topic: str = setting("", "", "topic of the odometry; empty: guessed, or /tf if no topic has any")
     imu_topic: str = setting("", "", "topic of the IMU; empty: guessed")
     colour_topic: str = setting("", "", "topic of the colour or grey pictures; empty: guessed")
     depth_topic: str = setting("", "", "topic of the depth pictures that are registered to colour; empty: guessed")
-    base_frame: str = setting("", "", "frame of the chair, in which the sensor mounts are measured; empty: guessed")
+    base_frame: str = setting("", "", "frame of the chair in the bag, the parent of the sensor mounts; empty: guessed")
     cloud_low: float = setting(
-        0.3, "m", "lowest height of point-cloud points that count as obstacles; higher: less floor, fewer low objects",
+        0.3, "m", "lowest height of point-cloud points that count as obstacles; larger: less floor, fewer low objects",
         low=-10, high=10,
     )  # fmt: skip
     cloud_high: float = setting(
-        1.2, "m", "largest height of point-cloud points that count as obstacles; higher: more overhanging objects",
+        1.2, "m", "largest height of point-cloud points that count as obstacles; larger: more overhanging objects",
         low=-10, high=10,
     )  # fmt: skip
 

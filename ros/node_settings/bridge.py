@@ -30,7 +30,9 @@ class BridgeNodeSettings(BaseSettings):
     enable_stamped_cmd_vel: bool = stamped_field()
     black_box_folder: str = setting("", "", "folder of the black box; empty: no black box is kept")
     black_box: BlackBoxSettings = field(default_factory=BlackBoxSettings)
-    ignore_commands: bool = setting(False, "", "ignore all speeds and joysticks of other nodes, on an open network")
+    ignore_commands: bool = setting(
+        False, "", "true: all speeds and joysticks of other nodes are ignored, as on an open network"
+    )
     confirm_goals: bool = setting(
-        False, "", "confirm each goal at once; only for a simulated chair, since nobody is asked"
+        False, "", "true: each goal is confirmed at once and nobody is asked, only for a simulated chair"
     )

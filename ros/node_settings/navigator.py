@@ -22,6 +22,6 @@ class NavigatorNodeSettings(PilotSettings):
     calibration: str = calibration_field()
     chair: str = chair_field()
     map_folder: str = map_folder_field()
-    camera: bool = setting(True, "", "use the camera, if there is one, to see drop-offs and low obstacles")
+    camera: bool = setting(True, "", "true: the camera, if there is one, is used to see drop-offs and low obstacles")
     scan_frame: str = scan_frame_field()
     enable_stamped_cmd_vel: bool = stamped_field()

@@ -33,4 +33,4 @@ def imu_frame_field() -> str:
 
 def stamped_field() -> bool:
     """Make the field for the type of cmd_vel, named as in Nav2."""
-    return setting(False, "", "cmd_vel is a TwistStamped, as in Nav2 from Kilted on, not a Twist")
+    return setting(False, "", "true: cmd_vel is a TwistStamped, as in Nav2 from Kilted on; false: it is a Twist")

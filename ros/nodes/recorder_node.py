@@ -67,7 +67,9 @@ class RecorderNodeSettings(Settings):
     bag: str = setting(
         "drive.mcap", "", "path of the bag, which must not exist: a file that ends in .mcap or .db3, or a folder"
     )
-    camera: bool = setting(False, "", "record colour and depth pictures, too, 25 MB/s before compression")
+    camera: bool = setting(
+        False, "", "true: colour and depth pictures are recorded, too, at 25 MB/s before compression"
+    )
 
 
 @dataclass(frozen=True, slots=True)

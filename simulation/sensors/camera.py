@@ -52,12 +52,36 @@ VIBRATION_HZ = 8.0  # Hz
 class CameraSettings(Settings):
     """Image and range of the camera; the defaults are those of common stereo depth cameras."""
 
-    rate_hz: float = setting(0.0, "Hz", "frames per second of the camera; 0: no camera", low=0.0, high=100.0)
-    width: int = setting(640, "pixels", "columns of the camera's images", low=16, high=4096)
-    height: int = setting(480, "pixels", "rows of the camera's images", low=16, high=4096)
-    field_of_view: float = setting(math.radians(69.0), "rad", "horizontal field of view", low=0.2, high=2.5)
-    depth_max: float = setting(8.0, "m", "largest depth measured; farther things have none", low=DEPTH_MIN, high=100.0)
-    noise: float = setting(1.0, "", "scale of the noise in colour and depth; 0: none", low=0.0, high=10.0)
+    rate_hz: float = setting(
+        0.0, "Hz", "frames per second of the camera; larger: simulation is slower; 0: no camera", low=0.0, high=100.0
+    )
+    width: int = setting(
+        640, "pixels", "columns of the camera's images; more: finer images, slower simulation", low=16, high=4096
+    )
+    height: int = setting(
+        480, "pixels", "rows of the camera's images; more: finer images, slower simulation", low=16, high=4096
+    )
+    field_of_view: float = setting(
+        math.radians(69.0),
+        "rad",
+        "horizontal field of view of the camera; larger: it sees more to the sides, in less detail",
+        low=0.2,
+        high=2.5,
+    )
+    depth_max: float = setting(
+        8.0,
+        "m",
+        "largest depth that the camera measures; larger: farther things have a depth",
+        low=DEPTH_MIN,
+        high=100.0,
+    )
+    noise: float = setting(
+        1.0,
+        "",
+        "scale of the camera's noise in colour and depth; larger: noisier images; 0: no noise",
+        low=0.0,
+        high=10.0,
+    )
 
 
 class RgbdCamera:

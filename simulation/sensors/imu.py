@@ -40,11 +40,23 @@ class ImuErrors:
 class ImuSettings(Settings):
     """Rate and white noise of the IMU."""
 
-    rate_hz: float = setting(0.0, "Hz", "samples per second of the IMU; 0: no IMU", low=0.0, high=1000.0)
-    accel_noise: float = setting(
-        0.0018, "m/s^2/sqrt(Hz)", "density of the accelerometer's white noise", low=0.0, high=1.0
+    rate_hz: float = setting(
+        0.0,
+        "Hz",
+        "samples per second of the IMU; larger: turns are sampled more finely; 0: no IMU",
+        low=0.0,
+        high=1000.0,
     )
-    gyro_noise: float = setting(0.00024, "rad/s/sqrt(Hz)", "density of the gyro's white noise", low=0.0, high=0.1)
+    accel_noise: float = setting(
+        0.0018,
+        "m/s^2/sqrt(Hz)",
+        "density of the accelerometer's white noise; larger: noisier accelerations",
+        low=0.0,
+        high=1.0,
+    )
+    gyro_noise: float = setting(
+        0.00024, "rad/s/sqrt(Hz)", "density of the gyro's white noise; larger: noisier turn rates", low=0.0, high=0.1
+    )
 
 
 ERRORS = ImuErrors()

@@ -47,19 +47,51 @@ GLASS_ANGLE = math.radians(3.0)  # rad; largest angle of incidence at which glas
 class LidarSettings(Settings):
     """Field of view, range and noise of the lidar; beams are evenly spaced over the field of view."""
 
-    rate_hz: float = setting(SCAN.rate_hz, "Hz", "scans per second", low=1.0, high=100.0)
-    beams: int = setting(720, "", "beams per scan", low=2, high=10_000)
+    rate_hz: float = setting(
+        SCAN.rate_hz,
+        "Hz",
+        "scans of the lidar per second; larger: obstacles are seen sooner, simulation is slower",
+        low=1.0,
+        high=100.0,
+    )
+    beams: int = setting(
+        720, "", "beams per lidar scan; more: smaller obstacles are seen, simulation is slower", low=2, high=10_000
+    )
     field_of_view: float = setting(
-        math.radians(270.0), "rad", "field of view, centred on the laser's x axis", low=0.1, high=6.28
+        math.radians(270.0),
+        "rad",
+        "field of view of the lidar, centred on its x axis; larger: it sees more to the sides",
+        low=0.1,
+        high=6.28,
     )
-    sweep_s: float = setting(0.075, "s", "time from a scan's first beam to its last; 0: all at once", low=0.0, high=1.0)
-    range_min: float = setting(0.05, "m", "smallest range measured; nearer things read -inf", low=0.0, high=1.0)
-    range_max: float = setting(25.0, "m", "largest range measured; farther things read +inf", low=1.0, high=200.0)
-    sigma: float = setting(0.01, "m", "noise of a short range (one sigma)", low=0.0, high=0.2)
+    sweep_s: float = setting(
+        0.075,
+        "s",
+        "time from a lidar scan's first beam to its last; larger: motion bends scans more; 0: all at once",
+        low=0.0,
+        high=1.0,
+    )
+    range_min: float = setting(
+        0.05,
+        "m",
+        "smallest range of a lidar beam, below which it reads -inf; larger: more near things are not measured",
+        low=0.0,
+        high=1.0,
+    )
+    range_max: float = setting(
+        25.0,
+        "m",
+        "largest range of a lidar beam, above which it reads +inf; larger: farther things are measured",
+        low=1.0,
+        high=200.0,
+    )
+    sigma: float = setting(
+        0.01, "m", "noise of a short lidar range (one sigma); larger: rougher scans", low=0.0, high=0.2
+    )
     faults: bool = setting(
-        True, "", "whether beams drop out, read mixed pixels on edges and get noisier with the range"
+        True, "", "true: lidar beams drop out, read mixed pixels on edges and get noisier with the range"
     )
-    legs: bool = setting(False, "", "whether the rider's legs and the leg rests hide beams")
+    legs: bool = setting(False, "", "true: the rider's legs and the leg rests hide lidar beams")
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)

@@ -36,12 +36,30 @@ CROSS_TALK = 0.005  # part of the readings that are another sonar's ping
 class SonarSettings(Settings):
     """Mount, cone and range of the sonars; the defaults are plausible for cheap 40 kHz transducers."""
 
-    rate_hz: float = setting(0.0, "Hz", "readings per second of all sonars; 0: no sonars", low=0.0, high=100.0)
-    height: float = setting(0.40, "m", "height of the sonars above the floor", low=0.02, high=2.0)
-    half_cone: float = setting(
-        math.radians(15.0), "rad", "angle between a cone's axis and its edge", low=0.01, high=1.5
+    rate_hz: float = setting(
+        0.0,
+        "Hz",
+        "readings per second of all sonars; larger: obstacles are seen sooner; 0: no sonars",
+        low=0.0,
+        high=100.0,
     )
-    range_max: float = setting(4.0, "m", "largest range of a sonar; farther things read +inf", low=0.1, high=20.0)
+    height: float = setting(
+        0.40, "m", "height of the sonars above the floor; larger: they pass over more low obstacles", low=0.02, high=2.0
+    )
+    half_cone: float = setting(
+        math.radians(15.0),
+        "rad",
+        "angle from a sonar's axis to its cone's edge; larger: it sees more to the sides",
+        low=0.01,
+        high=1.5,
+    )
+    range_max: float = setting(
+        4.0,
+        "m",
+        "largest range of a sonar, above which it reads +inf; larger: farther things are measured",
+        low=0.1,
+        high=20.0,
+    )
 
 
 class Sonars:

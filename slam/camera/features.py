@@ -55,12 +55,14 @@ class FeatureSettings(Settings):
     max_features: int = setting(
         500,
         "",
-        "strongest features kept of an image; more recognise more places and take more time",
+        "number of strongest features kept of an image; more: it recognises more places and takes more time",
         low=1,
         high=20_000,
     )
     upright: bool = setting(
-        True, "", "gftt_orb only: true for a camera that does not roll; false turns descriptors with the image"
+        True,
+        "",
+        "true: gftt_orb describes images of a camera that does not roll; false: descriptors turn with the image",
     )
 
     def __post_init__(self) -> None:

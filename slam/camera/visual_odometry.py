@@ -51,13 +51,22 @@ class VisualOdometrySettings(Settings):
     """Settings of the visual odometry."""
 
     max_speed: float = setting(
-        2.0, "m/s", "fastest motion of the camera; poses that need a faster one are rejected", low=0.1, high=100.0
+        2.0,
+        "m/s",
+        "fastest motion of the camera that a pose may need; larger: fewer poses are rejected, more are wrong",
+        low=0.1,
+        high=100.0,
     )
     max_depth: float = setting(
-        6.0, "m", "farthest depth of new landmarks; more uses distant points, whose depth is rough", low=0.5, high=100.0
+        6.0,
+        "m",
+        "farthest depth of new landmarks; larger: distant points of rough depth are used, too",
+        low=0.5,
+        high=100.0,
     )
     restart_after: float = setting(
-        2.0, "s", "time without tracking after which a new piece of the map begins; more waits longer for known places",
+        2.0, "s",
+        "time without tracking after which a new piece of the map begins; larger: longer waits for known places",
         low=0.0, high=1e6,
     )  # fmt: skip
     features: FeatureSettings = field(default_factory=lambda: FeatureSettings(upright=False))

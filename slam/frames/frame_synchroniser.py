@@ -46,13 +46,13 @@ _SLOW = 0.7
 class SynchroniserSettings(Settings):
     """How far apart the messages of a frame may be, and how long a frame waits for them."""
 
-    exact: bool = setting(False, "", "whether a frame's scan and pictures must have the same stamp")
+    exact: bool = setting(False, "", "true: a frame's scan and pictures must have the same stamp")
     max_spread_s: float = setting(
-        0.05, "s", "largest time between a frame's scan and pictures; a larger value loses fewer frames and blurs motion",
+        0.05, "s", "largest time between a frame's scan and pictures; larger: fewer frames are lost, motion is blurred",
         low=0.0, high=10.0,
     )  # fmt: skip
     wait_s: float = setting(
-        0.1, "s", "longest wait of a frame for wheel and IMU readings; a larger value delays frames when these are late",
+        0.1, "s", "longest wait of a frame for wheel and IMU readings; larger: late readings delay frames more",
         low=0.0, high=10.0,
     )  # fmt: skip
 

@@ -45,26 +45,31 @@ class LocaliserSettings(Settings):
     """When the pose counts as degraded or lost, and when a lost chair accepts a place."""
 
     ok_health: float = setting(
-        0.8, "", "probability of the pose, by one scan, below which localisation is degraded and the chair drives slowly",
+        0.8, "",
+        "pose probability, by one scan, below which localisation is degraded; larger: the chair slows down more often",
         low=0.0, high=1.0,
     )  # fmt: skip
     lost_health: float = setting(
-        0.31, "", "probability of the pose below which a scan does not fit the map; a larger value gives up sooner",
+        0.31, "", "pose probability below which a scan does not fit the map; larger: the chair is lost sooner",
         low=0.0, high=1.0,
     )  # fmt: skip
     lost_scans: int = setting(
-        5, "", "scans in a row that do not fit the map after which the chair is lost; a larger value gives up later",
+        5, "", "scans in a row without a fit to the map after which the chair is lost; more: it is lost later",
         low=1, high=1000,
     )  # fmt: skip
     max_degraded_distance: float = setting(
-        4.0, "m", "distance driven with degraded localisation after which the chair is lost", low=0.1, high=100.0
+        4.0,
+        "m",
+        "distance driven with degraded localisation after which the chair is lost; larger: it is lost later",
+        low=0.1,
+        high=100.0,
     )
     min_probability: float = setting(
-        0.95, "", "probability at which a lost chair accepts a place on the map; a larger value takes longer and errs less",
+        0.95, "", "probability at which a lost chair accepts a place on the map; larger: it takes longer and errs less",
         low=0.5, high=1.0,
     )  # fmt: skip
     search_resolution: float = setting(
-        0.1, "m", "cell side of the search of the whole map by a lost chair; a larger value saves memory on large maps",
+        0.1, "m", "cell side of a lost chair's search of the whole map; larger: it takes less memory on large maps",
         low=0.02, high=1.0,
     )  # fmt: skip
     matching: MatchSettings = field(default_factory=MatchSettings)

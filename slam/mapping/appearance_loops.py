@@ -64,11 +64,12 @@ class AppearanceSettings(Settings):
     """The timing of pictures, and the parts' settings; RTAB-Map's names in brackets."""
 
     detection_rate: float = setting(
-        1.0, "Hz", "pictures used for place recognition; more recognise more places and take more time "
-        "[Rtabmap/DetectionRate]", low=0.01, high=30,
+        1.0, "Hz",
+        "rate of place recognition; larger: it recognises more places and takes more time [Rtabmap/DetectionRate]",
+        low=0.01, high=30,
     )  # fmt: skip
     gap: float = setting(
-        0.5, "s", "longest time between the scans before and after a picture; a larger one allows a slower lidar",
+        0.5, "s", "longest time between the scans before and after a picture; larger: a slower lidar will do",
         low=0.01, high=10.0,
     )  # fmt: skip
     places: RecognitionSettings = field(default_factory=RecognitionSettings)

@@ -36,10 +36,12 @@ class DepthMappingSettings(Settings):
     """The use of depth images, and the camera's mount."""
 
     use: str = setting(
-        "on", "", "depth images: on, together with the lidar; off, not at all; only, instead of the lidar"
+        "on", "", "use of depth images: on: together with the lidar; off: not at all; only: instead of the lidar"
     )
     mount: tuple[float, ...] = setting(
-        (), "m, rad", "X,Y,Z,YAW,PITCH of the depth camera on the base, pitch down positive; empty: as recorded"
+        (),
+        "m, rad",
+        "mount of the depth camera on the base as X,Y,Z,YAW,PITCH, pitch down positive; empty: as recorded",
     )
     view: DepthSettings = field(default_factory=DepthSettings)
 

@@ -32,7 +32,7 @@ class LiveMappingSettings(Settings):
     laser_height: float = setting(
         0.30,
         "m",
-        "height of the lidar above the floor; from a higher one, fewer beams meet the floor on a ramp",
+        "height of the lidar above the floor; larger: fewer beams meet the floor on a ramp",
         low=0.02,
         high=3.0,
     )

@@ -59,16 +59,17 @@ class LoopSettings(Settings):
     """Where and how often loops are searched."""
 
     drift: float = setting(
-        0.03, "m/m", "assumed odometry drift per metre; a larger value searches wider and closes loops after longer drives",
+        0.03, "m/m", "assumed odometry drift per metre; larger: wider searches, which close loops after longer drives",
         low=0.0, high=1.0,
     )  # fmt: skip
     spacing: float = setting(
-        0.5, "m", "distance driven between two loop searches; a larger value saves time and may miss loops",
+        0.5, "m", "distance driven between two loop searches; larger: they take less time and may miss loops",
         low=0.0, high=100.0,
     )  # fmt: skip
     submap_spacing: float = setting(
-        2.0, "m", "distance driven between two searches of whole submaps; a larger value saves time, but a kidnapped chair "
-        "finds its map later", low=0.0, high=100.0,
+        2.0, "m",
+        "distance driven between two searches of whole submaps; larger: less time, but kidnappings are found later",
+        low=0.0, high=100.0,
     )  # fmt: skip
 
 

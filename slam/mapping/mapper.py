@@ -56,11 +56,12 @@ class MapperSettings(Settings):
     """How densely key scans are placed, how scans are matched, and where loops are searched."""
 
     key_distance: float = setting(
-        0.2, "m", "distance driven between key scans; a larger value saves memory and time and maps less accurately",
+        0.2, "m", "distance driven between key scans; larger: mapping takes less memory and time and is less accurate",
         low=0.0, high=5.0,
     )  # fmt: skip
     key_angle: float = setting(
-        math.radians(10), "rad", "turn between key scans; a larger value saves memory and time and maps less accurately",
+        math.radians(10), "rad",
+        "turn between key scans; larger: mapping takes less memory and time and is less accurate",
         low=0.0, high=math.pi,
     )  # fmt: skip
     matching: MatchSettings = field(default_factory=MatchSettings)

@@ -14,18 +14,18 @@ class MemorySettings(Settings):
     frame_time_limit: float = setting(
         0.0,
         "ms",
-        "nodes are put to sleep after a frame that took longer; 0: no limit [Rtabmap/TimeThr]",
+        "time of a frame above which nodes are put to sleep; larger: fewer sleep; 0: no limit [Rtabmap/TimeThr]",
         low=0.0,
         high=1e6,
     )
     working_memory_limit: int = setting(
-        0, "nodes", "most awake nodes in the working memory; more take more time per picture; 0: no limit "
-        "[Rtabmap/MemoryThr]", low=0, high=10**7,
+        0, "nodes",
+        "most awake nodes in the working memory; more: more time per picture; 0: no limit [Rtabmap/MemoryThr]",
+        low=0, high=10**7,
     )  # fmt: skip
     reduce_graph: bool = setting(
-        False, "", "remove nodes that closed a loop once they leave the short-term memory, so that the map of a known "
-        "building does not grow [Mem/ReduceGraph]"
-    )  # fmt: skip
+        False, "", "true: nodes that closed a loop are removed once they leave the short-term memory [Mem/ReduceGraph]"
+    )
 
     @property
     def bounded(self) -> bool:

@@ -41,57 +41,56 @@ class OdometrySettings(Settings):
     """
 
     wheel_scale: float = setting(
-        0.002, "", "relative uncertainty (one sigma) of the wheel radii after calibration; a larger value lets scan matches "
-        "correct them faster", low=0.0, high=0.5,
+        0.002, "",
+        "relative uncertainty (one sigma) of calibrated wheel radii; larger: scan matches correct them faster",
+        low=0.0, high=0.5,
     )  # fmt: skip
     wheel_drift: float = setting(
-        0.0023, "rad/m", "uncertainty (one sigma) of the turn per metre by unequal wheels; a larger value trusts the gyro more",
+        0.0023, "rad/m",
+        "uncertainty (one sigma) of the turn per metre by unequal wheels; larger: the gyro counts more",
         low=0.0, high=0.5,
     )  # fmt: skip
     track_scale: float = setting(
-        0.003, "", "relative uncertainty (one sigma) of the track after calibration; large for wheels that skid in turns",
+        0.003, "", "relative uncertainty (one sigma) of the calibrated track; larger: the gyro counts more in turns",
         low=0.0, high=1.0,
     )  # fmt: skip
     distance_noise: float = setting(
-        0.002, "m/sqrt(m)", "random error of the wheels' distance by slip; a larger value widens the odometry's uncertainty",
+        0.002, "m/sqrt(m)", "random error of the wheels' distance by slip; larger: the odometry is less certain",
         low=0.0, high=1.0,
     )  # fmt: skip
     drift_noise: float = setting(
-        0.005, "rad/sqrt(m)", "random error of the wheels' heading per distance; a larger value trusts the gyro more",
+        0.005, "rad/sqrt(m)", "random error of the wheels' heading per distance; larger: the gyro counts more",
         low=0.0, high=1.0,
     )  # fmt: skip
     turn_noise: float = setting(
-        0.005, "rad/sqrt(rad)", "random error of the wheels' heading per turn; a larger value trusts the gyro more",
+        0.005, "rad/sqrt(rad)", "random error of the wheels' heading per turn; larger: the gyro counts more",
         low=0.0, high=1.0,
     )  # fmt: skip
     stamp_error: float = setting(
-        0.02, "s", "time offset between wheel and gyro stamps; a larger value trusts the wheels' turn less in fast turns",
+        0.02, "s", "time offset between wheel and gyro stamps; larger: the wheels' turn counts less in fast turns",
         low=0.0, high=0.5,
     )  # fmt: skip
     gyro_bias: float = setting(
-        0.02,
-        "rad/s",
-        "bias of the gyro at switch-on (one sigma); a larger value lets it be learnt faster",
-        low=0.0,
-        high=1.0,
+        0.02, "rad/s", "bias of the gyro at switch-on (one sigma); larger: it is learnt faster", low=0.0, high=1.0
     )
     gyro_wander: float = setting(
         2e-5,
         "rad/s/sqrt(s)",
-        "random walk of the gyro's bias; a larger value follows temperature faster",
+        "random walk of the gyro's bias; larger: the bias follows temperature faster",
         low=0.0,
         high=0.01,
     )
     gyro_noise: float = setting(
-        3e-4, "rad/s/sqrt(Hz)", "white noise density of the gyro; a larger value trusts the wheels' turn more",
+        3e-4, "rad/s/sqrt(Hz)", "white noise density of the gyro; larger: the wheels' turn counts more",
         low=1e-7, high=0.1,
     )  # fmt: skip
     gyro_scale: float = setting(
-        0.003, "", "relative uncertainty (one sigma) of the gyro's scale; a larger value trusts it less in turns",
+        0.003, "", "relative uncertainty (one sigma) of the gyro's scale; larger: the gyro counts less in turns",
         low=0.0, high=0.2,
     )  # fmt: skip
     slip_speed: float = setting(
-        0.35, "m/s", "difference of wheel speed and accelerometer that counts as slip; a larger value tolerates rough ground",
+        0.35, "m/s",
+        "difference of wheel speed and accelerometer that counts as slip; larger: rough ground is tolerated",
         low=0.05, high=2.0,
     )  # fmt: skip
 

@@ -49,14 +49,14 @@ class MatchSettings(Settings):
     """How a scan is matched with a reference."""
 
     resolution: float = setting(
-        0.05, "m", "cell side of scan matching; a larger cell is faster and less accurate", low=0.01, high=0.5
+        0.05, "m", "cell side of scan matching; larger: it is faster and less accurate", low=0.01, high=0.5
     )
     range_max: float = setting(
-        20.0, "m", "lidar beams beyond this range are not matched; reduce it for a lidar that errs at long range",
+        20.0, "m", "longest lidar range that is matched; larger: more beams count, with a lidar's errors at long range",
         low=1.0, high=200.0,
     )  # fmt: skip
     point_noise: float = setting(
-        0.03, "m", "standard deviation of a lidar point about its surface; a larger value gives odometry more weight",
+        0.03, "m", "standard deviation of a lidar point about its surface; larger: the odometry has more weight",
         low=0.001, high=1.0,
     )  # fmt: skip
 

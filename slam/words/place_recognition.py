@@ -34,8 +34,8 @@ class RecognitionSettings(Settings):
     """Settings of place recognition."""
 
     accept: float = setting(
-        0.11, "", "least probability of a known place for a loop closure; higher finds fewer and safer loops "
-        "[RTAB-Map's Rtabmap/LoopThr]", low=0, high=1,
+        0.11, "", "least probability of a known place for a loop closure; larger: fewer, safer loops [Rtabmap/LoopThr]",
+        low=0, high=1,
     )  # fmt: skip
     features: FeatureSettings = field(default_factory=lambda: FeatureSettings(detector="orb"))
 

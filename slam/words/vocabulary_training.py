@@ -43,8 +43,8 @@ class TrainingSettings(Settings):
     """Settings of the training."""
 
     words: int = setting(
-        16_000, "", "size of a trained vocabulary; more words tell places apart better and take longer", low=2,
-        high=200_000,
+        16_000, "", "number of words of a trained vocabulary; more: they tell places apart better and take longer",
+        low=2, high=200_000,
     )  # fmt: skip
     seed: int = setting(
         1, "", "seed of the clustering; the same pictures and seed give the same words", low=0, high=2**31 - 1
