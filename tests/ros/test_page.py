@@ -164,8 +164,7 @@ def test_a_goal_of_a_page_is_counted_down_driven_to_and_reached(stack: LiveStack
     counted = False
     for _ in range(TRIES):
         until_ready(stack, page)
-        asked = page.do("go", pose=NEAR)
-        assert asked["done"], asked
+        stack.until(lambda: page.do("go", pose=NEAR)["done"], "the navigator to take the goal")
         stack.until(lambda: page.view["waits"] or not page.view["goal"], "the page to ask for a yes")
         page.do("confirm")
         stack.until(lambda: page.view["countdown"] is not None or not page.view["goal"], "the countdown")
