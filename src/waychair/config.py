@@ -42,14 +42,23 @@ class Settings:
     """Base class of all configurations. It rejects impossible values on construction."""
 
     def __post_init__(self) -> None:
-        for entry in dataclasses.fields(self):
-            value = getattr(self, entry.name)
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                continue
-            low, high = entry.metadata.get("low", -math.inf), entry.metadata.get("high", math.inf)
-            if not (math.isfinite(value) and low <= value <= high):
-                unit = entry.metadata.get("unit", "")
-                raise ConfigError(f"{entry.name} = {value} is impossible: it must lie in [{low:g}, {high:g}] {unit}")
+        check_ranges(self)
+
+
+def check_ranges(values: Any) -> None:
+    """Check the numbers of a dataclass whose fields were made by `setting`.
+
+    Raises:
+        ConfigError: a number is not finite or out of its range.
+    """
+    for entry in dataclasses.fields(values):
+        value = getattr(values, entry.name)
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            continue
+        low, high = entry.metadata.get("low", -math.inf), entry.metadata.get("high", math.inf)
+        if not (math.isfinite(value) and low <= value <= high):
+            unit = entry.metadata.get("unit", "")
+            raise ConfigError(f"{entry.name} = {value} is impossible: it must lie in [{low:g}, {high:g}] {unit}")
 
 
 def from_mapping(cls: type[S], values: Mapping[str, Any], where: str = "configuration") -> S:
