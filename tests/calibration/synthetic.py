@@ -1,4 +1,4 @@
-"""A chair that is exactly of the fitted form, but for noise: what a calibration must find again."""
+"""A chair of exactly the fitted form, plus noise, with known parameters for a calibration to find."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ NEUTRAL = (TRUE.forward.neutral, TRUE.turn.neutral)
 
 
 class SyntheticChair:
-    """A `Drive`: delay, ramp and lag of each axis towards what the model says, and white noise on what is measured."""
+    """A `Drive`: each axis follows the model with delay, ramp and lag; the measurements have white noise."""
 
     def __init__(self, model: FittedDac = TRUE, noise: tuple[float, float] = (0.01, 0.02), seed: int = 0) -> None:
         self.now_ns = 0
@@ -57,7 +57,7 @@ class SyntheticChair:
         self._reached = [0.0, 0.0]
 
     def hold(self, forward_volts: float, turn_volts: float, seconds: float) -> list[Sample]:
-        """Samples at 50 Hz."""
+        """Return samples at 50 Hz."""
         samples = []
         for step in range(round(seconds / STEP_S)):
             for k, (axis, volts) in enumerate(zip(self._axes, (forward_volts, turn_volts), strict=True)):

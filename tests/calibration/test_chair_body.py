@@ -1,4 +1,4 @@
-"""The bodies that are built in, and their mounts."""
+"""The built-in bodies and their mounts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from waychair.config import dump, from_mapping
 from waychair.errors import ConfigError
 
 
-def test_bodies_go_by_their_own_names_and_every_drive_is_among_them() -> None:
+def test_bodies_have_their_own_names_and_cover_every_drive() -> None:
     assert all(name == body.chair_id for name, body in BODIES.items())
     assert {body.drive for body in BODIES.values()} == set(DRIVES)
     assert BODIES["A"] == CHAIR_A == ChairBody()
@@ -34,7 +34,7 @@ def test_wheels_and_sensors_are_within_the_outline_of_every_body(name: str) -> N
 
 
 @pytest.mark.parametrize("name", ["A_mid", "A_front"])
-def test_other_drives_keep_outline_and_sensors_where_the_rider_sits(name: str) -> None:
+def test_other_drives_keep_the_outline_and_the_sensors_relative_to_the_rider(name: str) -> None:
     body = BODIES[name]
     for mount in ("laser_x", "camera_x", "imu_x"):
         assert getattr(body, mount) + body.rear == pytest.approx(getattr(CHAIR_A, mount) + CHAIR_A.rear)
@@ -51,7 +51,7 @@ def test_the_outline_is_counter_clockwise_and_as_long_and_wide_as_the_body() -> 
         assert body.circumscribed_radius == pytest.approx(np.hypot(x, y).max())
 
 
-def test_the_cameras_optical_axis_looks_ahead_and_a_little_down_and_its_image_is_upright() -> None:
+def test_the_camera_looks_ahead_and_a_little_down_with_an_upright_image() -> None:
     pose = dataclasses.replace(CHAIR_A, camera_pitch=0.1, camera_yaw=0.3).base_from_camera
     assert pose.rotation @ pose.rotation.T == pytest.approx(np.eye(3))
     assert np.linalg.det(pose.rotation) == pytest.approx(1.0)
@@ -62,7 +62,7 @@ def test_the_cameras_optical_axis_looks_ahead_and_a_little_down_and_its_image_is
     assert pose.translation.tolist() == [CHAIR_A.camera_x, CHAIR_A.camera_y, CHAIR_A.camera_z]
 
 
-def test_an_unknown_drive_is_refused_with_those_that_there_are() -> None:
+def test_an_unknown_drive_is_refused_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match="drive = 'rail' is unknown: take rear, mid or front"):
         ChairBody(drive="rail")
 
@@ -71,13 +71,13 @@ FEET = BodyLayer(0.0, 0.3, 0.75, 0.2, 0.25)
 ARMS = BodyLayer(0.3, 1.3, 0.6, 0.25, 0.3)
 
 
-def test_outlines_by_height_are_read_as_they_were_written() -> None:
+def test_outlines_by_height_are_read_back_as_they_were_written() -> None:
     body = dataclasses.replace(CHAIR_A, layers=(FEET, ARMS))
     assert from_mapping(ChairBody, yaml.safe_load(dump(body))) == body
     assert body.height_layers() == (FEET, ARMS)
 
 
-def test_a_body_without_layers_has_its_outline_at_all_heights() -> None:
+def test_a_body_without_layers_has_the_same_outline_at_all_heights() -> None:
     (layer,) = CHAIR_A.height_layers()
     assert (layer.bottom, layer.front, layer.rear, layer.half_width) == (0.0, 0.75, 0.25, 0.3)
     assert layer.top > 1.2

@@ -40,7 +40,7 @@ def rig(program: Path) -> Iterator[BoardRig]:
         yield rig
 
 
-def test_a_chair_is_calibrated_through_its_board_and_then_does_as_it_is_told(rig: BoardRig) -> None:
+def test_a_chair_calibrated_through_its_board_follows_its_commands(rig: BoardRig) -> None:
     with rig.drive(limits=DriveLimits(max_distance=12.0)) as drive:
         drive.arm()
         assert drive.neutral == pytest.approx([PLANT.neutral_volts] * 2, abs=0.001)
@@ -119,7 +119,7 @@ def _blind(rig: BoardRig) -> None:
         (_blind, CalibrationError, "no speeds came from the sensors for 0.6 s"),
     ],
 )
-def test_whatever_goes_wrong_is_named_and_the_rider_has_the_chair(
+def test_every_fault_is_named_and_gives_the_chair_to_the_rider(
     rig: BoardRig, event: Callable[[BoardRig], None], error: type[WaychairError], says: str
 ) -> None:
     rig.events.append((800, lambda: event(rig)))
@@ -155,7 +155,7 @@ def test_a_hand_on_the_stick_keeps_the_board_from_being_armed(rig: BoardRig) -> 
         drive.arm()
 
 
-def test_sensors_that_print_something_else_are_quoted(rig: BoardRig) -> None:
+def test_unreadable_sensor_output_is_quoted_in_the_error(rig: BoardRig) -> None:
     rig.silent_sensors = True
     with rig.drive() as drive:
         rig._printer.sendall(b"half a li\nspeed 3.5\n")
@@ -163,7 +163,7 @@ def test_sensors_that_print_something_else_are_quoted(rig: BoardRig) -> None:
             drive.arm()
 
 
-def test_another_chairs_board_is_refused_by_both_names(rig: BoardRig) -> None:
+def test_the_board_of_another_chair_is_refused_with_both_names(rig: BoardRig) -> None:
     with pytest.raises(CalibrationMismatch, match="into chair 'ward 3' and this calibration is of chair 'ward 4'"):
         BoardDrive(
             rig.board.transport,
@@ -180,13 +180,13 @@ def test_another_joystick_family_is_refused(rig: BoardRig) -> None:
         BoardDrive(rig.board.transport, rig.sensors, EncoderSpeeds(CHAIR_A), "ward 3", clock=rig)
 
 
-def test_a_board_with_other_firmware_is_refused_by_its_hash(rig: BoardRig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_board_with_different_firmware_is_refused_by_its_hash(rig: BoardRig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("waychair.firmware_bridge.protocol.LAYOUT_HASH", 0x1234)
     with pytest.raises(BridgeError, match=r"layout [0-9a-f]{8} and this computer's 00001234: flash"):
         rig.drive()
 
 
-def test_a_board_with_older_firmware_is_refused_by_both_versions(
+def test_a_board_with_older_firmware_is_refused_with_both_versions(
     rig: BoardRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("waychair.firmware_bridge.advice.FIRMWARE_VERSION", FIRMWARE_VERSION + 0x100)
@@ -204,7 +204,7 @@ def test_a_port_without_a_board_is_refused(rig: BoardRig) -> None:
         rig.drive()
 
 
-def test_the_plan_stays_within_what_the_board_lets_through(rig: BoardRig) -> None:
+def test_the_plan_stays_within_the_volts_that_the_board_permits(rig: BoardRig) -> None:
     with rig.drive() as drive:
         drive.arm()
         drive.neutral = (1.70, 1.65)
@@ -213,7 +213,7 @@ def test_the_plan_stays_within_what_the_board_lets_through(rig: BoardRig) -> Non
 
 
 @pytest.mark.parametrize("volts", [0.43, 2.87])
-def test_volts_that_the_board_would_cut_short_are_refused(rig: BoardRig, volts: float) -> None:
+def test_volts_that_the_board_would_limit_are_refused(rig: BoardRig, volts: float) -> None:
     with rig.drive() as drive:
         drive.arm()
         with pytest.raises(CalibrationError, match="outside the 1200 mV round 1650 mV"):

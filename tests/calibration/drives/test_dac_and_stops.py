@@ -38,7 +38,7 @@ def fit(chair: ChairUnderTest) -> DacFit:
     return calibrate_dac(chair, SHORT, ENOUGH)
 
 
-def test_a_calibrated_chair_does_as_it_is_told_and_better_than_by_the_linear_model(fit: DacFit) -> None:
+def test_a_calibrated_chair_follows_commands_better_than_with_the_linear_model(fit: DacFit) -> None:
     commands = command_grid()[::2]
     fitted, linear = (inverse_error(model, PLANT, CHAIR_A, commands) for model in (fit.model, DEFAULT))
     assert fitted.max_v <= 0.010
@@ -65,7 +65,7 @@ def test_a_chair_without_encoders_is_calibrated_by_lidar_and_gyro() -> None:
     assert error.max_omega <= 0.060
 
 
-def test_the_stops_of_a_chair_permit_what_was_measured(chair: ChairUnderTest, fit: DacFit) -> None:
+def test_the_speed_limit_is_that_of_the_measured_stops(chair: ChairUnderTest, fit: DacFit) -> None:
     settings = StopSettings(repetitions=1, step=0.5, fastest=0.9)
     table, stops = calibrate_stops(chair, fit.model, settings)
     assert {(s.v > 0.05) - (s.v < -0.05) for s in stops} == {-1, 0, 1}

@@ -25,7 +25,7 @@ PLANT = randomised(PlantSettings(), SEED)
 SETTINGS = SimulatorSettings(plant=PLANT)
 
 
-def test_a_camera_is_found_from_a_recording_of_a_chair_that_stood_still_by_turns(tmp_path: Path) -> None:
+def test_a_camera_mount_is_found_from_a_recording_with_pauses(tmp_path: Path) -> None:
     if Simulator(open_hall(), CHAIR_A, SimulatorSettings(), 0).camera_problem is not None:
         pytest.skip("nothing to render with")
     true, path = with_displaced_camera(CHAIR_A, SEED), tmp_path / "turns.mcap"

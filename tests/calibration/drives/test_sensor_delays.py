@@ -61,7 +61,7 @@ def test_the_cameras_delay_is_found_to_5_ms() -> None:
     assert found.delays.camera_ns == pytest.approx(55 * MS, abs=5 * MS)
 
 
-def test_a_recording_tells_the_same_as_the_chair_itself(tmp_path: Path) -> None:
+def test_a_recording_gives_the_same_delays_as_the_chair_itself(tmp_path: Path) -> None:
     simulator, late = simulated(5), SensorDelays(-40 * MS, -15 * MS, 0)
     bag, direct = tmp_path / "turns.mcap", TimeCalibrator(CHAIR_A)
     with RecordingWriter(bag, mounts_of(CHAIR_A, 0.3), ticks_per_turn=CHAIR_A.ticks_per_turn) as writer:
@@ -80,7 +80,7 @@ def test_a_recording_tells_the_same_as_the_chair_itself(tmp_path: Path) -> None:
     assert replayed.result().delays.lidar_ns == pytest.approx(direct.result().delays.lidar_ns, abs=MS)
 
 
-def test_without_gyro_or_without_anything_else_there_is_no_delay() -> None:
+def test_without_a_gyro_or_without_another_sensor_there_is_no_delay() -> None:
     calibrator = TimeCalibrator(CHAIR_A)
     with pytest.raises(ThinData, match="record the IMU too"):
         calibrator.result()
@@ -99,7 +99,7 @@ def test_a_chair_that_stands_still_is_told_to_turn() -> None:
         calibrator.result()
 
 
-def test_only_what_was_found_now_replaces_what_was_known() -> None:
+def test_only_newly_found_delays_replace_the_known_ones() -> None:
     offset = TimeOffset(7, 1, 100, 1.0, 0.0)
     found = TimeCalibration(SensorDelays(lidar_ns=7), {"lidar": offset}, ("the camera saw nothing",))
     assert merged(SensorDelays(1, 2, 3), found) == SensorDelays(7, 2, 3)

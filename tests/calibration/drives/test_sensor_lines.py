@@ -16,12 +16,12 @@ counts = st.integers(-(2**31), 2**31 - 1)
 
 
 @given(st.integers(0, 2**62), counts, counts)
-def test_counts_come_back_as_they_were(stamp_ns: int, left: int, right: int) -> None:
+def test_wheel_counts_survive_printing_and_reading(stamp_ns: int, left: int, right: int) -> None:
     ticks = WheelTicks(stamp_ns, left, right)
     assert message_from_text(text_from_message(ticks), 0) == ticks
 
 
-def test_scans_and_readings_come_back_with_what_was_not_seen() -> None:
+def test_scans_and_readings_survive_with_their_missing_values() -> None:
     scan = Scan(7, np.array([1.5, math.inf, -math.inf, math.nan], np.float32), -1.0, 0.01, 1e-4, 0.1, 20.0)
     again = message_from_text(text_from_message(scan), 0)
     assert isinstance(again, Scan)
@@ -33,12 +33,12 @@ def test_scans_and_readings_come_back_with_what_was_not_seen() -> None:
     assert [*reading.accel, *reading.gyro] == pytest.approx([0.1, 0.2, 9.8, 1e-4, 0, 2])
 
 
-def test_a_line_without_a_stamp_is_of_the_moment_at_which_it_comes() -> None:
+def test_a_line_without_a_stamp_gets_the_time_of_its_arrival() -> None:
     assert message_from_text("wheels - 3 -4", 123) == WheelTicks(123, 3, -4)
 
 
 @given(st.lists(st.integers(1, 9), min_size=1, max_size=20))
-def test_lines_are_found_in_any_pieces(sizes: list[int]) -> None:
+def test_lines_are_found_however_the_bytes_are_split(sizes: list[int]) -> None:
     data = b"f a line\nwheels 1 2 3\r\nwheels 4 5 6\n\nwheels 7 8"
     lines, found = SensorLines(), []
     for size in [*sizes, len(data)]:
@@ -53,20 +53,20 @@ def test_lines_are_found_in_any_pieces(sizes: list[int]) -> None:
     ["speed 1 2 3", "wheels", "wheels 1 2", "wheels 1 2 3 4", "wheels x 2 3", "imu 1 2 3", "imu 1 1 1 nan 1 1 1",
      "scan 1 0 0.1 0 0 20", "scan 1 nan 0.1 0 0 20 1 1", "\\xff\\xfe"],
 )  # fmt: skip
-def test_what_is_no_line_is_counted_and_shown(line: str) -> None:
+def test_an_invalid_line_is_counted_and_shown(line: str) -> None:
     lines = SensorLines()
     assert lines.feed(b"\n" + line.encode() + b"\nwheels 1 2 3\n", 0) == [WheelTicks(1, 2, 3)]
     assert (lines.bad, lines.last_bad) == (1, line)
 
 
 @given(st.binary(max_size=400))
-def test_no_bytes_break_it(data: bytes) -> None:
+def test_no_bytes_raise_an_error(data: bytes) -> None:
     lines = SensorLines()
     lines.feed(data, 0)
     assert lines.feed(b"\nwheels 1 2 3\n", 0)[-1:] == [WheelTicks(1, 2, 3)]
 
 
-def test_a_line_that_never_ends_does_not_fill_the_memory() -> None:
+def test_an_endless_line_does_not_fill_the_memory() -> None:
     lines = SensorLines()
     for _ in range(4):
         lines.feed(b"9" * LONGEST_LINE, 0)

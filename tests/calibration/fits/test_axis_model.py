@@ -29,19 +29,19 @@ def axes(draw: st.DrawFn) -> AxisModel:
 
 
 @given(axes(), st.floats(-3.0, 3.0))
-def test_volts_for_a_speed_give_that_speed(axis: AxisModel, speed: float) -> None:
+def test_the_volts_for_a_speed_give_that_speed(axis: AxisModel, speed: float) -> None:
     asked = math.copysign(min(abs(speed), axis.reach(speed)), speed)
     assert axis.speed(axis.volts(asked)) == pytest.approx(asked, abs=1e-9)
 
 
 @given(axes(), st.floats(-2.0, 2.0), st.floats(0.0, 1.0))
-def test_more_volts_never_mean_less_speed(axis: AxisModel, beyond: float, more: float) -> None:
+def test_more_volts_never_give_less_speed(axis: AxisModel, beyond: float, more: float) -> None:
     before, after = (axis.speed(axis.neutral + volts) for volts in (beyond, beyond + more))
     assert axis.sign * (after - before) >= -1e-12
 
 
 @given(axes(), st.floats(-0.999, 0.999))
-def test_the_dead_band_is_at_rest_and_its_edge_is_where_motion_begins(axis: AxisModel, part: float) -> None:
+def test_the_axis_rests_in_its_dead_band_and_moves_from_its_edge_on(axis: AxisModel, part: float) -> None:
     side = axis.above if part > 0.0 else axis.below
     assert axis.speed(axis.neutral + part * side.dead_band) == 0.0
     for direction in (1.0, -1.0):
@@ -49,7 +49,7 @@ def test_the_dead_band_is_at_rest_and_its_edge_is_where_motion_begins(axis: Axis
 
 
 @given(axes(), st.floats(1.0, 100.0))
-def test_no_more_than_the_limit_is_asked_for(axis: AxisModel, factor: float) -> None:
+def test_volts_never_exceed_the_limit(axis: AxisModel, factor: float) -> None:
     for direction in (1.0, -1.0):
         limit = axis.side(direction).limit
         assert abs(axis.speed(axis.volts(direction * factor * limit))) == pytest.approx(WITHIN_LIMIT * limit)
@@ -59,7 +59,7 @@ def test_rest_is_neutral() -> None:
     assert AxisModel(neutral=1.7).volts(0.0) == 1.7
 
 
-def test_the_margin_is_the_nearer_edge() -> None:
+def test_the_margin_is_the_distance_to_the_nearer_edge() -> None:
     assert AxisModel(above=AxisSide(dead_band=0.05), below=AxisSide(dead_band=0.12)).margin == 0.05
 
 

@@ -46,7 +46,7 @@ def _off(found: Pose3, true: Pose3) -> tuple[float, float]:
 
 
 @given(st.tuples(*[st.floats(-0.5, 0.5)] * 3), st.integers(0, 20))
-def test_without_noise_the_camera_is_found_exactly_and_without_a_guess(
+def test_without_noise_the_camera_is_found_exactly_without_an_initial_guess(
     turn: tuple[float, float, float], seed: int
 ) -> None:
     true = _mount(turn)
@@ -61,7 +61,7 @@ def test_a_centimetre_of_noise_leaves_a_centimetre_and_half_a_degree() -> None:
     assert found.rms_m == pytest.approx(0.01, rel=0.2)
 
 
-def test_beams_that_end_elsewhere_are_left_out() -> None:
+def test_beams_that_miss_the_board_are_left_out() -> None:
     views = _views(_mount(), 0.6, noise=0.003, count=20)
     rng = np.random.default_rng(3)
     spoilt = []
@@ -76,7 +76,7 @@ def test_beams_that_end_elsewhere_are_left_out() -> None:
     assert found.points <= 20 * 36
 
 
-def test_upright_walls_alone_leave_the_height_open_and_the_floor_closes_it() -> None:
+def test_upright_walls_leave_the_height_unknown_and_the_floor_gives_it() -> None:
     true = _mount()
     walls = _views(true, 0.0)
     guess = Pose3(Rotation.from_rotvec((0.0, 0.05, 0.0)).as_matrix() @ true.rotation, true.translation + 0.02)
@@ -92,12 +92,12 @@ def test_upright_walls_alone_leave_the_height_open_and_the_floor_closes_it() -> 
         extrinsics_from_planes([*walls, floor])
 
 
-def test_few_views_are_too_thin() -> None:
+def test_too_few_views_are_refused() -> None:
     with pytest.raises(ThinData, match="4 views"):
         extrinsics_from_planes(_views(_mount(), 0.6, count=4))
 
 
-def test_planes_of_other_moments_are_refused() -> None:
+def test_planes_with_different_stamps_are_refused() -> None:
     views = _views(_mount(), 0.6)
     mixed = [PlaneView(a.normal, b.distance, b.points) for a, b in zip(views, views[1:] + views[:1], strict=True)]
     with pytest.raises(CalibrationError, match="same moments"):

@@ -32,7 +32,7 @@ def _forward_and_turn(v: float, d: float, model: LinearDac) -> tuple[int, int]:
     return counts_from_wheel_speeds(model, WheelSpeeds(v - d / 2, v + d / 2))
 
 
-def test_the_printed_equations_hold_about_the_neutral() -> None:
+def test_the_published_equations_hold_around_neutral() -> None:
     forward, turn = counts_from_wheel_speeds(PAPER, WheelSpeeds(0.5, 0.3))
     assert forward == math.floor(127.5 + 28.2122 * 0.5 + 30.1732 * 0.3 + 0.5)
     assert turn == math.floor(127.5 + 57.0194 * 0.5 - 58.6717 * 0.3 + 0.5)
@@ -48,14 +48,14 @@ def test_without_a_neutral_a_straight_line_would_need_counts_below_zero() -> Non
     assert turn < 0.0
 
 
-def test_rest_is_the_middle_of_the_converter() -> None:
+def test_rest_is_at_the_middle_of_the_converter() -> None:
     assert neutral_counts(DEFAULT) == neutral_counts(PAPER) == (128, 128)
     assert volts_from_counts(DEFAULT, 128, 128) == pytest.approx((1.65, 1.65), abs=0.5 * 3.3 / 255 + 1e-12)
 
 
 @settings(deadline=None)
 @given(models, anything, anything)
-def test_counts_never_leave_the_converter_nor_the_swing(model: LinearDac, left: float, right: float) -> None:
+def test_counts_stay_within_the_converter_and_the_swing(model: LinearDac, left: float, right: float) -> None:
     for counts in counts_from_wheel_speeds(model, WheelSpeeds(left, right)):
         assert 0 <= counts <= 255
         assert abs(counts - model.neutral) <= model.swing + 0.5
@@ -63,7 +63,7 @@ def test_counts_never_leave_the_converter_nor_the_swing(model: LinearDac, left: 
 
 @settings(deadline=None)
 @given(models, drivable, drivable)
-def test_the_way_back_is_within_one_count_of_speed(model: LinearDac, left: float, right: float) -> None:
+def test_the_inverse_is_exact_to_one_count_of_speed(model: LinearDac, left: float, right: float) -> None:
     back = wheel_speeds_from_counts(model, *counts_from_wheel_speeds(model, WheelSpeeds(left, right)))
     assert abs(back.left - left) < ONE_COUNT
     assert abs(back.right - right) < ONE_COUNT
@@ -71,7 +71,7 @@ def test_the_way_back_is_within_one_count_of_speed(model: LinearDac, left: float
 
 @settings(deadline=None)
 @given(models, st.integers(36, 219), st.integers(100, 155))
-def test_counts_come_back_from_their_own_speeds(model: LinearDac, forward: int, turn: int) -> None:
+def test_counts_survive_conversion_to_speeds_and_back(model: LinearDac, forward: int, turn: int) -> None:
     speeds = wheel_speeds_from_counts(model, forward, turn)
     back = counts_from_wheel_speeds(model, speeds)
     for count, again, dead_band in zip((forward, turn), back, (7.3, 7.3), strict=True):
@@ -81,7 +81,7 @@ def test_counts_come_back_from_their_own_speeds(model: LinearDac, forward: int, 
 
 @settings(deadline=None)
 @given(models, st.floats(-5, 5), st.floats(-5, 5), st.floats(0, 2), st.floats(-2, 2))
-def test_faster_never_means_fewer_counts_forward(
+def test_a_higher_speed_never_gives_fewer_forward_counts(
     model: LinearDac, v: float, d: float, more: float, turn: float
 ) -> None:
     assert _forward_and_turn(v + more, turn, model)[0] >= _forward_and_turn(v, turn, model)[0]
@@ -90,7 +90,7 @@ def test_faster_never_means_fewer_counts_forward(
 
 @settings(deadline=None)
 @given(st.floats(2.0, 50.0), st.floats(-1.0, 1.0))
-def test_too_fast_a_command_keeps_its_arc(factor: float, ratio: float) -> None:
+def test_a_command_beyond_the_limits_keeps_its_arc(factor: float, ratio: float) -> None:
     slow = wheel_speeds_from_counts(PAPER, *counts_from_wheel_speeds(PAPER, WheelSpeeds(2.0 * ratio, 2.0)))
     fast = wheel_speeds_from_counts(
         PAPER, *counts_from_wheel_speeds(PAPER, WheelSpeeds(2.0 * ratio * factor, 2.0 * factor))

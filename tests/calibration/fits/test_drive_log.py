@@ -1,4 +1,4 @@
-"""Logs from CSV files, with the line of what is wrong; and the holds in them."""
+"""Logs from CSV files, errors that name the line, and the holds in a log."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _written(tmp_path: Path, *lines: str, header: str = HEADER) -> Path:
     return path
 
 
-def test_a_log_is_read_whatever_the_order_of_its_columns(tmp_path: Path) -> None:
+def test_a_log_is_read_with_its_columns_in_any_order(tmp_path: Path) -> None:
     path = _written(
         tmp_path, "0.1,100,0,note,-0.2,200", "0.3,110,20,,0,210", header="v,forward_counts,stamp_ns,x,omega,turn_counts"
     )
@@ -44,7 +44,7 @@ def test_a_log_is_read_whatever_the_order_of_its_columns(tmp_path: Path) -> None
         ("0,100,100,0,0", "sample 2: the stamp does not rise"),
     ],
 )
-def test_a_line_that_is_wrong_is_named(tmp_path: Path, line: str, message: str) -> None:
+def test_an_invalid_line_is_named(tmp_path: Path, line: str, message: str) -> None:
     with pytest.raises(CalibrationError, match=message):
         read_sweep_log(_written(tmp_path, "0,100,100,0,0", line), 8, 3.3)
 
@@ -54,12 +54,12 @@ def test_a_missing_column_is_named(tmp_path: Path) -> None:
         read_sweep_log(_written(tmp_path, header="stamp_ns,forward_counts,turn_counts,v"), 8, 3.3)
 
 
-def test_an_empty_log_is_too_thin(tmp_path: Path) -> None:
+def test_an_empty_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ThinData, match="no samples"):
         read_sweep_log(_written(tmp_path), 8, 3.3)
 
 
-def test_a_file_that_is_not_there_or_not_text_is_refused(tmp_path: Path) -> None:
+def test_a_missing_file_or_one_that_is_not_text_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CalibrationError, match="cannot read"):
         read_sweep_log(tmp_path / "none.csv", 8, 3.3)
     path = tmp_path / "noise.csv"
@@ -87,12 +87,12 @@ def test_only_long_and_settled_stretches_are_holds() -> None:
     assert holds.twists[:, 0].tolist() == pytest.approx([1.0, 1.6])
 
 
-def test_a_hold_is_the_mean_of_its_last_part() -> None:
+def test_the_speed_of_a_hold_is_the_mean_of_its_last_part() -> None:
     holds = steady_holds(_log((100, 4.0, 0.01)), 1.0, (0.05, 0.1))
     assert holds.twists[0, 0] == pytest.approx(1.0 + 0.01 * 3.48, abs=0.0003)
 
 
-def test_a_log_that_was_written_is_read_again(tmp_path: Path) -> None:
+def test_a_written_log_is_read_back_unchanged(tmp_path: Path) -> None:
     log = SweepLog(
         np.array([5, 10, 15], np.int64), np.array([[0, 4095], [7, 8], [2048, 1]], np.int64),
         np.array([[0.1, -0.2], [0.0, 0.0], [1.25, 3.14159]]), 12, 3.9, 1.1,

@@ -1,4 +1,4 @@
-"""The fit: a known chair is found again, by itself, in noise and with outliers; what cannot be fitted is refused."""
+"""The fit: the parameters of a known chair are found in noise and with outliers; unfit data is refused."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def log() -> SweepLog:
 
 @pytest.fixture(scope="module")
 def fit(log: SweepLog) -> DacFit:
-    """The model that was found of it."""
+    """The model fitted to that sweep."""
     return fit_dac(log, NEUTRAL, TRUE.track, ENOUGH)
 
 
 def _inverse_errors(model: FittedDac) -> np.ndarray:
-    """(N, 2) what the known chair does, less what was commanded through `model`."""
+    """Return (N, 2) the speeds of the known chair minus those commanded through `model`."""
     errors = []
     for v in np.linspace(-0.6, 0.9, 11).tolist():
         for omega in np.linspace(-1.2, 1.2, 9).tolist():
@@ -47,13 +47,13 @@ def _inverse_errors(model: FittedDac) -> np.ndarray:
     return np.array(errors)
 
 
-def test_commands_through_the_fitted_inverse_are_right_to_10_mm_and_15_mrad_per_second(fit: DacFit) -> None:
+def test_the_fitted_inverse_is_exact_to_10_mm_and_15_mrad_per_second(fit: DacFit) -> None:
     v, omega = np.abs(_inverse_errors(fit.model)).max(axis=0)
     assert v <= 0.010
     assert omega <= 0.015
 
 
-def test_the_figures_of_the_chair_are_found(fit: DacFit) -> None:
+def test_the_parameters_of_the_chair_are_found(fit: DacFit) -> None:
     for axis in ("forward", "turn"):
         found, true = getattr(fit.model, axis), getattr(TRUE, axis)
         assert found.sign == true.sign
@@ -69,7 +69,7 @@ def test_the_figures_of_the_chair_are_found(fit: DacFit) -> None:
     assert fit.margins == pytest.approx((0.09, 0.08), abs=0.006)
 
 
-def test_the_report_names_every_level_and_what_the_model_misses_of_it(fit: DacFit) -> None:
+def test_the_report_names_every_level_and_its_residual(fit: DacFit) -> None:
     for axis in ("forward", "turn"):
         rows = [row for row in fit.levels if row.axis == axis]
         assert len(rows) >= PLAN.levels
@@ -80,7 +80,7 @@ def test_the_report_names_every_level_and_what_the_model_misses_of_it(fit: DacFi
     assert fit.rms[1] < 0.008
 
 
-def test_one_hold_in_ten_that_is_wrong_does_not_spoil_the_fit(log: SweepLog) -> None:
+def test_one_wrong_hold_in_ten_does_not_spoil_the_fit(log: SweepLog) -> None:
     twists = log.twists.copy()
     changed = np.flatnonzero((np.diff(log.counts, axis=0) != 0).any(axis=1)) + 1
     rng = np.random.default_rng(1)
@@ -102,7 +102,7 @@ def test_8_bits_suffice_for_25_mm_and_30_mrad_per_second() -> None:
     assert omega <= 0.030
 
 
-def test_a_chair_wired_the_other_way_round_is_found_by_its_signs() -> None:
+def test_reversed_wiring_is_found_by_its_signs() -> None:
     odd = replace(TRUE, forward=replace(TRUE.forward, sign=-1), turn=replace(TRUE.turn, sign=1))
     found = fit_dac(sweep(SyntheticChair(odd), NEUTRAL, PLAN), NEUTRAL, TRUE.track, ENOUGH).model
     assert (found.forward.sign, found.turn.sign) == (-1, 1)
@@ -144,14 +144,14 @@ def test_too_few_repetitions_are_refused(log: SweepLog) -> None:
         fit_dac(log, NEUTRAL, TRUE.track)
 
 
-def test_a_log_without_rests_has_no_steps_to_find_the_lag_from(log: SweepLog) -> None:
+def test_a_log_without_rests_gives_no_lag(log: SweepLog) -> None:
     driven = (np.abs(log.volts - NEUTRAL) > NEAR_NEUTRAL).any(axis=1)
     restless = SweepLog(log.stamps_ns[driven], log.counts[driven], log.twists[driven], log.bits, log.volts_max)
     with pytest.raises(ThinData, match="no step from rest"):
         fit_steps(restless, 0, NEUTRAL, NEAR_NEUTRAL)
 
 
-def test_more_stick_with_less_speed_is_refused(log: SweepLog) -> None:
+def test_less_speed_at_more_stick_is_refused(log: SweepLog) -> None:
     twists = log.twists.copy()
     twists[log.volts[:, 0] > NEUTRAL[0] + 0.9, 0] *= 0.6
     with pytest.raises(NotMonotone, match="forward axis above neutral"):
@@ -161,7 +161,7 @@ def test_more_stick_with_less_speed_is_refused(log: SweepLog) -> None:
 @pytest.mark.parametrize("change", [1.25, 0.8])
 @pytest.mark.parametrize(("begin", "end"), [(0.0, 0.12), (0.65, 1.0)])
 @pytest.mark.parametrize(("axis", "name"), [(0, "forward"), (1, "turn")])
-def test_motors_that_fade_or_a_profile_that_changes_meanwhile_are_refused(
+def test_fading_motors_and_a_changed_profile_are_refused(
     log: SweepLog, change: float, begin: float, end: float, axis: int, name: str
 ) -> None:
     part = np.arange(len(log.twists)) / len(log.twists)
@@ -171,13 +171,13 @@ def test_motors_that_fade_or_a_profile_that_changes_meanwhile_are_refused(
         fit_dac(replace(log, twists=twists), NEUTRAL, TRUE.track, ENOUGH)
 
 
-def test_a_neutral_that_the_chair_was_never_at_is_refused(log: SweepLog) -> None:
+def test_a_neutral_outside_of_the_log_is_refused(log: SweepLog) -> None:
     with pytest.raises(CalibrationError, match=r"never at its neutral of 3\.640"):
         fit_dac(log, (NEUTRAL[0] + 2.0, NEUTRAL[1]), TRUE.track, ENOUGH)
 
 
 @pytest.mark.parametrize(("off", "refused"), [(0.08, False), (0.13, True)])
-def test_a_neutral_beyond_the_dead_bands_edge_makes_the_chair_creep_and_is_refused(off: float, refused: bool) -> None:
+def test_a_neutral_outside_of_the_dead_band_is_refused(off: float, refused: bool) -> None:
     neutral = (NEUTRAL[0] + off, NEUTRAL[1])
     plan = replace(PLAN, swing=1.0, combined=0)
     if refused:
@@ -198,7 +198,7 @@ def test_an_axis_that_does_not_move_is_refused(log: SweepLog) -> None:
         fit_dac(replace(log, twists=log.twists * (1.0, 0.0)), NEUTRAL, TRUE.track, ENOUGH)
 
 
-def test_on_blocks_only_directions_and_dead_bands_are_found(log: SweepLog) -> None:
+def test_on_blocks_only_signs_and_dead_bands_are_found(log: SweepLog) -> None:
     """Wheels in the air turn faster than on the floor: that must not matter."""
     forward, turn = on_blocks(replace(log, twists=1.3 * log.twists), NEUTRAL, NEAR_NEUTRAL)
     assert (forward.sign, turn.sign) == (TRUE.forward.sign, TRUE.turn.sign)

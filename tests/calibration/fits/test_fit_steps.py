@@ -1,4 +1,4 @@
-"""Steps: the closed form against integration, and figures found again."""
+"""Steps: the closed form against integration, and known parameters found from simulated steps."""
 
 from __future__ import annotations
 

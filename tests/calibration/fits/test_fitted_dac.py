@@ -1,4 +1,4 @@
-"""The default model: counts for wheel speeds and back, what is held back, and the dead band's memory."""
+"""The default model: counts for wheel speeds and back, its limits, and the memory of the dead band's side."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def _wheels(v: float, omega: float, track: float = TRUE.track) -> WheelSpeeds:
 
 
 @given(models, speeds, speeds)
-def test_counts_never_leave_the_converter(model: FittedDac, left: float, right: float) -> None:
+def test_counts_stay_within_the_converter(model: FittedDac, left: float, right: float) -> None:
     counts = model.counts_from_wheel_speeds(WheelSpeeds(left, right))
     assert all(isinstance(count, int) and 0 <= count <= model.counts_max for count in counts)
 
@@ -39,7 +39,7 @@ def test_the_inverse_undoes_coupling_and_fade(v: float, omega: float) -> None:
 
 
 @given(models, st.floats(-0.5, 0.5), st.floats(-1.0, 1.0))
-def test_the_way_back_is_within_the_rounding_of_the_converter(model: FittedDac, v: float, omega: float) -> None:
+def test_the_inverse_is_exact_to_the_rounding_of_the_converter(model: FittedDac, v: float, omega: float) -> None:
     back = model.twist_from_wheel_speeds(
         model.wheel_speeds_from_counts(*model.counts_from_wheel_speeds(_wheels(v, omega, model.track)))
     )
@@ -49,7 +49,7 @@ def test_the_way_back_is_within_the_rounding_of_the_converter(model: FittedDac, 
 
 
 @given(models, st.floats(-1.0, 1.0), st.floats(1.5, 50.0))
-def test_too_fast_a_command_keeps_its_arc(model: FittedDac, ratio: float, factor: float) -> None:
+def test_a_command_beyond_the_limits_keeps_its_arc(model: FittedDac, ratio: float, factor: float) -> None:
     slow, fast = (model.axis_speeds(Twist(k * 2.0 * ratio, k * 3.0)) for k in (1.0, factor))
     for v, omega in (slow, fast):
         reached = model.twist_from_volts(model.forward.volts(v), model.turn.volts(omega))
@@ -58,7 +58,7 @@ def test_too_fast_a_command_keeps_its_arc(model: FittedDac, ratio: float, factor
 
 
 @given(speeds, speeds)
-def test_no_axis_is_asked_beyond_its_reach(v: float, omega: float) -> None:
+def test_no_axis_is_commanded_beyond_its_reach(v: float, omega: float) -> None:
     a, b = TRUE.axis_speeds(Twist(v, omega))
     assert abs(a) <= TRUE.forward.reach(a) * (1 + 1e-9)
     assert abs(b) <= TRUE.turn.reach(b) * (1 + 1e-9)
@@ -90,7 +90,7 @@ def test_counts_outside_the_converter_have_no_volts(counts: int) -> None:
         TRUE.volts_from_counts(counts, 2048)
 
 
-def test_a_model_that_leaves_no_turn_at_speed_is_refused() -> None:
+def test_a_model_that_cannot_turn_at_speed_is_refused() -> None:
     with pytest.raises(NotMonotone, match="turn_fade"):
         replace(TRUE, turn_fade=0.7)
 
@@ -100,8 +100,8 @@ def test_coupling_without_an_inverse_is_refused() -> None:
         replace(TRUE, v_per_turn=0.5, turn_per_v=2.0)
 
 
-def test_at_a_crawl_the_turn_axis_does_not_hop_across_its_dead_band() -> None:
-    """A heading loop that asks for a little left, a little right: without memory each change is a hop of 180 mV."""
+def test_at_a_crawl_the_turn_axis_does_not_jump_across_its_dead_band() -> None:
+    """A heading loop that asks for a little left, a little right: without memory each change is a jump of 180 mV."""
     demands = [0.02 * (-1) ** k for k in range(20)]
     hops = {}
     for name, model in (("plain", TRUE), ("held", DeadBand(TRUE))):
@@ -111,7 +111,7 @@ def test_at_a_crawl_the_turn_axis_does_not_hop_across_its_dead_band() -> None:
     assert hops == {"plain": 19, "held": 0}
 
 
-def test_an_axis_waits_at_the_edge_where_it_does_nothing() -> None:
+def test_a_small_speed_keeps_the_axis_at_the_edge_of_its_dead_band() -> None:
     for bits in (8, 12):
         model = replace(TRUE, bits=bits, v_per_turn=0.0, turn_per_v=0.0)
         held = DeadBand(model)
@@ -124,14 +124,14 @@ def test_an_axis_waits_at_the_edge_where_it_does_nothing() -> None:
 
 
 @pytest.mark.parametrize("omega", [0.0251, 0.1, 1.0])
-def test_the_other_side_is_taken_when_asked_for_in_earnest(omega: float) -> None:
+def test_a_larger_speed_crosses_to_the_other_side_of_the_dead_band(omega: float) -> None:
     model = replace(TRUE, v_per_turn=0.0, turn_per_v=0.0, turn_fade=0.0)
     held = DeadBand(model)
     held.counts_from_wheel_speeds(_wheels(0.1, 0.3))
     assert held.counts_from_wheel_speeds(_wheels(0.1, -omega)) == model.counts_from_wheel_speeds(_wheels(0.1, -omega))
 
 
-def test_rest_is_neutral_at_once_and_forgets_the_sides() -> None:
+def test_rest_gives_neutral_at_once_and_forgets_the_sides() -> None:
     held = DeadBand(TRUE)
     held.counts_from_wheel_speeds(_wheels(0.3, 0.5))
     assert held.counts_from_wheel_speeds(WheelSpeeds()) == TRUE.neutral_counts()
@@ -139,7 +139,7 @@ def test_rest_is_neutral_at_once_and_forgets_the_sides() -> None:
 
 
 @given(st.lists(st.tuples(st.floats(-0.6, 0.6), st.floats(-1.2, 1.2)), min_size=1, max_size=20))
-def test_memory_changes_a_speed_by_less_than_what_it_takes_to_change_sides(demands: list[tuple[float, float]]) -> None:
+def test_the_memory_of_the_side_changes_a_speed_by_less_than_its_threshold(demands: list[tuple[float, float]]) -> None:
     held = DeadBand(TRUE)
     for v, omega in demands:
         counts = held.counts_from_wheel_speeds(_wheels(v, omega))
@@ -149,7 +149,7 @@ def test_memory_changes_a_speed_by_less_than_what_it_takes_to_change_sides(deman
 
 
 @pytest.mark.parametrize("model", [DEFAULT, TRUE, DeadBand(TRUE)])
-def test_all_models_answer_to_the_same_calls(model: DacModel) -> None:
+def test_all_models_have_the_same_methods(model: DacModel) -> None:
     counts = model.counts_from_wheel_speeds(WheelSpeeds(0.05, 0.05))
     assert counts != model.neutral_counts()
     assert model.wheel_speeds_from_counts(*counts).left > 0.0
@@ -162,16 +162,14 @@ cuts = st.builds(
 
 
 @given(cuts, st.floats(-1.2, 1.2), st.floats(-2.0, 2.0))
-def test_speed_cut_with_turn_and_turn_cut_with_speed_are_undone_together(
-    model: FittedDac, v_f: float, w_t: float
-) -> None:
+def test_both_couplings_of_speed_and_turn_are_inverted_together(model: FittedDac, v_f: float, w_t: float) -> None:
     v_f, w_t = (max(-model.forward.reach(-1.0), v_f), max(-model.turn.reach(-1.0), w_t))
     back = model.axis_speeds(model.twist_from_axis_speeds(v_f, w_t))
     assert back == pytest.approx((v_f, w_t), abs=1e-9)
 
 
 @given(cuts, st.floats(-1.0, 1.0), st.floats(0.5, 50.0))
-def test_with_both_cuts_too_fast_a_command_keeps_its_arc_and_no_axis_leaves_its_reach(
+def test_with_both_couplings_a_command_beyond_the_limits_keeps_its_arc(
     model: FittedDac, ratio: float, factor: float
 ) -> None:
     v, omega = factor * 2.0 * ratio, factor * 3.0
@@ -184,7 +182,7 @@ def test_with_both_cuts_too_fast_a_command_keeps_its_arc_and_no_axis_leaves_its_
     assert at_reach == pytest.approx(1.0) or (reached.v, reached.omega) == pytest.approx((v, omega))
 
 
-def test_cuts_that_leave_nothing_of_both_axes_are_refused() -> None:
+def test_couplings_that_leave_no_speed_are_refused() -> None:
     with pytest.raises(NotMonotone, match="speed_cut"):
         replace(TRUE, speed_cut=0.4)
     with pytest.raises(NotMonotone, match="together leave nothing"):
@@ -192,7 +190,7 @@ def test_cuts_that_leave_nothing_of_both_axes_are_refused() -> None:
 
 
 @pytest.mark.parametrize("bits", [8, 12])
-def test_a_converter_behind_a_gain_stage_begins_above_zero(bits: int) -> None:
+def test_a_converter_behind_a_gain_stage_starts_above_zero(bits: int) -> None:
     staged = replace(TRUE, bits=bits, volts_min=0.4, volts_max=2.9)
     assert staged.volts_from_counts(0, staged.counts_max) == pytest.approx((0.4, 2.9))
     assert staged.volts_from_counts(*staged.neutral_counts()) == pytest.approx(

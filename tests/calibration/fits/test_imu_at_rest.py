@@ -1,4 +1,4 @@
-"""Inertial unit at rest: bias, white noise, instability; and what is no rest."""
+"""Inertial unit at rest: bias, white noise, instability; recordings that are not at rest are refused."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def _recorded(
     return [ImuSample(round(k / RATE_HZ * 1e9), accel[k], gyro[k]) for k in range(count)]
 
 
-def test_bias_and_noise_are_found_again() -> None:
+def test_known_bias_and_noise_are_found() -> None:
     found = imu_at_rest(_recorded(60.0))
     assert found.gyro_bias == pytest.approx(GYRO_BIAS, abs=3 * 0.0003 / math.sqrt(60.0))
     assert found.accel_bias == pytest.approx(ACCEL_BIAS, abs=3 * 0.002 / math.sqrt(60.0))
@@ -38,14 +38,14 @@ def test_bias_and_noise_are_found_again() -> None:
     assert found.accel_noise == pytest.approx(0.002, rel=0.05)
 
 
-def test_a_bias_that_wanders_shows_as_instability() -> None:
+def test_a_drifting_bias_shows_as_instability() -> None:
     steady = imu_at_rest(_recorded(60.0)).gyro_instability
     wandering = imu_at_rest(_recorded(60.0, drift=np.array([0.0, 0.0, 0.02]))).gyro_instability
     assert wandering > 2.5 * steady
 
 
 @pytest.mark.parametrize("length", [1, 2, 7, 50])
-def test_the_allan_deviation_is_that_of_its_definition(length: int) -> None:
+def test_the_allan_deviation_matches_its_definition(length: int) -> None:
     values = np.random.default_rng(1).standard_normal((200, 2)).cumsum(axis=0)
     means = np.array([values[k : k + length].mean(axis=0) for k in range(200 - length + 1)])
     steps = np.array([means[k + length] - means[k] for k in range(200 - 2 * length + 1)])
@@ -54,7 +54,7 @@ def test_the_allan_deviation_is_that_of_its_definition(length: int) -> None:
 
 
 @pytest.mark.parametrize("seconds", [0.0, 1.0, LEAST_S - 0.01])
-def test_a_short_recording_is_too_thin(seconds: float) -> None:
+def test_a_short_recording_is_refused(seconds: float) -> None:
     with pytest.raises(ThinData, match="too short"):
         imu_at_rest(_recorded(seconds))
 

@@ -1,4 +1,4 @@
-"""What moves with the chair is masked, and nothing else: not a hand, not a wall, not who walks beside it."""
+"""Things that move with the chair are masked; a hand, a wall and a person beside the chair are not."""
 
 from __future__ import annotations
 
@@ -38,16 +38,16 @@ def turning(scans: int = 120, seed: int = 0, noise: float = 0.01) -> FloatArray:
 
 
 def as_scans(ranges: FloatArray) -> list[Scan]:
-    """One after the other."""
+    """Yield the scans of a turn, one after the other."""
     return [Scan(k, row.astype(np.float32), float(ANGLES[0]), STEP, range_max=30.0) for k, row in enumerate(ranges)]
 
 
 def hidden_share(mask: SelfMask, scans: list[Scan], beams: BoolArray) -> float:
-    """Part of these beams that the mask hides."""
+    """Return the share of these beams that the mask hides."""
     return float(np.mean([mask.hides(scan)[beams].mean() for scan in scans]))
 
 
-def test_leg_and_tube_are_masked_and_no_other_beam() -> None:
+def test_only_the_leg_and_the_tube_are_masked() -> None:
     scans = as_scans(turning())
     mask = learn_self_mask(scans, CHAIR_A)
     assert len(mask.begins) == 2
@@ -55,7 +55,7 @@ def test_leg_and_tube_are_masked_and_no_other_beam() -> None:
     assert hidden_share(mask, scans, ~(LEG | TUBE)) == 0.0
 
 
-def test_trousers_in_the_wind_are_masked_to_where_they_reach() -> None:
+def test_fluttering_trousers_are_masked_to_their_farthest_reach() -> None:
     ranges = turning()
     flap: BoolArray = (ANGLES >= 2.0) & (ANGLES < 2.05)
     ranges[::3, flap] = 0.17
@@ -66,7 +66,7 @@ def test_trousers_in_the_wind_are_masked_to_where_they_reach() -> None:
     assert hidden_share(mask, scans, ~(LEG | TUBE | flap)) == 0.0
 
 
-def test_a_hand_that_comes_and_goes_is_not_masked() -> None:
+def test_a_passing_hand_is_not_masked() -> None:
     ranges = turning()
     hand: BoolArray = (ANGLES > -0.2) & (ANGLES < 0.2)
     ranges[10:60, hand] = 0.12
@@ -74,7 +74,7 @@ def test_a_hand_that_comes_and_goes_is_not_masked() -> None:
     assert hidden_share(mask, as_scans(turning()), hand) == 0.0
 
 
-def test_who_walks_along_beside_the_chair_is_not_masked() -> None:
+def test_a_person_who_walks_beside_the_chair_is_not_masked() -> None:
     ranges = turning()
     beside: BoolArray = (ANGLES > -2.1) & (ANGLES < -1.8)
     ranges[:, beside] = 0.7  # beyond the outline and a hand's breadth
@@ -82,7 +82,7 @@ def test_who_walks_along_beside_the_chair_is_not_masked() -> None:
     assert hidden_share(mask, as_scans(ranges), beside) == 0.0
 
 
-def test_beams_that_are_too_close_to_be_measured_are_the_chairs_own() -> None:
+def test_beams_below_the_measuring_range_belong_to_the_chair() -> None:
     ranges = turning()
     ranges[:, LEG] = -math.inf
     scans = as_scans(ranges)
@@ -90,7 +90,7 @@ def test_beams_that_are_too_close_to_be_measured_are_the_chairs_own() -> None:
     assert hidden_share(mask, scans, LEG) == 1.0
 
 
-def test_a_moved_knee_beside_a_sector_is_masked_but_the_wall_behind_is_not() -> None:
+def test_a_knee_moved_beside_its_sector_is_masked_and_the_wall_behind_is_not() -> None:
     mask = SelfMask(begins=(1.0,), ends=(1.2,), reaches=(0.3,), margin=0.1)
     angles = [0.85, 0.95, 1.05, 1.15, 1.25, 1.35]
     near, far = (Scan(0, np.full(6, r, np.float32), angles[0], 0.1) for r in (0.25, 2.0))
@@ -106,7 +106,7 @@ def test_a_mask_holds_for_any_number_of_beams(beams: int) -> None:
     assert mask.hides(scan).sum() * step == pytest.approx(0.6, abs=2 * step)
 
 
-def test_scans_of_different_lengths_teach_the_same_mask() -> None:
+def test_scans_with_different_numbers_of_beams_give_the_same_mask() -> None:
     scans = as_scans(turning())
     mixed = [
         Scan(s.stamp_ns, s.ranges[::2], s.angle_min, 2 * s.angle_step, range_max=30.0) if k % 3 == 0 else s
@@ -116,14 +116,14 @@ def test_scans_of_different_lengths_teach_the_same_mask() -> None:
     assert np.abs(np.subtract(full.begins + full.ends, found.begins + found.ends)).max() <= 2 * STEP
 
 
-def test_a_chair_that_stands_still_teaches_nothing() -> None:
+def test_a_chair_that_stands_still_gives_no_mask() -> None:
     ranges = turning()
     parked = np.repeat(ranges[:1], 120, axis=0)
     with pytest.raises(ThinData, match="turn the chair a full circle"):
         learn_self_mask(as_scans(parked), CHAIR_A)
 
 
-def test_too_few_scans_and_a_buried_lidar_are_refused() -> None:
+def test_too_few_scans_and_a_covered_lidar_are_refused() -> None:
     with pytest.raises(ThinData, match="3 scans are too few"):
         learn_self_mask(as_scans(turning(3)), CHAIR_A)
     ranges = turning()

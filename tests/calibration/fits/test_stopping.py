@@ -1,4 +1,4 @@
-"""Stops: what is measured of one, the worst case of many, and the speed that it permits."""
+"""Stops: the delay and distance of one, the worst case of many, and the speed that they permit."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _braking(v: float, omega: float, delay: float, seconds: float = 2.0) -> tupl
 
 @pytest.mark.parametrize(("v", "omega"), [(1.0, 0.0), (-0.6, 0.0), (0.5, 0.4), (0.0, -0.8)])
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.3])
-def test_a_stop_is_its_delay_and_the_way_after_it(v: float, omega: float, delay: float) -> None:
+def test_a_stop_has_a_delay_and_a_distance(v: float, omega: float, delay: float) -> None:
     stop = stop_from_motion(*_braking(v, omega, delay))
     assert stop.v == pytest.approx(v)
     assert stop.omega == pytest.approx(omega)
@@ -50,14 +50,14 @@ def test_a_log_that_ends_before_rest_is_refused() -> None:
         stop_from_motion(times[times < 1.0], twists[times < 1.0])
 
 
-def test_a_stop_out_of_a_speed_that_was_not_reached_yet_is_refused() -> None:
+def test_a_stop_before_its_speed_was_reached_is_refused() -> None:
     times, twists = _braking(1.0, 0.0, 0.1)
     speeding_up = np.clip(1.0 + times, 0.0, 1.0)[:, None]
     with pytest.raises(ThinData, match=r"still changing its speed, from 0\.\d+ to 0\.\d+ m/s"):
         stop_from_motion(times, twists * speeding_up)
 
 
-def test_a_stop_needs_what_was_before_it() -> None:
+def test_a_stop_needs_samples_before_it() -> None:
     times, twists = _braking(1.0, 0.0, 0.1)
     with pytest.raises(ThinData, match="half a second"):
         stop_from_motion(times[times > 0.1], twists[times > 0.1])
@@ -78,7 +78,7 @@ def test_the_table_is_the_worst_of_all_directions_plus_the_margin() -> None:
     assert (table.turn_rate, table.turn_angle) == pytest.approx((0.6, 0.3 * 1.2 + 0.03 / 0.8))
 
 
-def test_stops_from_one_speed_or_without_a_spin_are_too_few() -> None:
+def test_stops_from_one_speed_or_without_a_spin_are_refused() -> None:
     fast, slow, spin = (
         MeasuredStop(0.6, 0.0, 0.1, 0.4, 0.0),
         MeasuredStop(0.2, 0.0, 0.1, 0.1, 0.0),
@@ -90,14 +90,14 @@ def test_stops_from_one_speed_or_without_a_spin_are_too_few() -> None:
             stop_table(stops, 0.8)
 
 
-def test_a_chair_that_was_not_measured_crawls() -> None:
+def test_an_unmeasured_chair_may_only_crawl() -> None:
     assert permitted_speed(None) == permitted_speed(None, 0.1) == UNMEASURED_SPEED == 0.3
 
 
 @pytest.mark.parametrize(
     ("free", "speed"), [(-1.0, 0.0), (0.0, 0.0), (0.05, 0.1), (0.1, 0.2), (0.25, 0.4), (1.0, 1.0), (math.inf, 1.0)]
 )
-def test_the_permitted_speed_stops_within_what_is_free(free: float, speed: float) -> None:
+def test_the_permitted_speed_stops_within_the_free_distance(free: float, speed: float) -> None:
     assert permitted_speed(TABLE, free) == pytest.approx(speed)
 
 
@@ -108,7 +108,7 @@ def test_the_permitted_speed_is_the_inverse_of_the_distance(free: float) -> None
     assert TABLE.distance(speed) == pytest.approx(min(free, 1.0))
 
 
-def test_a_speed_that_was_never_measured_has_no_distance() -> None:
+def test_an_unmeasured_speed_has_no_stopping_distance() -> None:
     assert TABLE.distance(-1.0) == 1.0
     for speed in (1.01, -1.01, math.nan):
         with pytest.raises(CalibrationError, match="at most 1 m/s"):
@@ -120,13 +120,15 @@ def test_a_speed_that_was_never_measured_has_no_distance() -> None:
     [((), ()), ((0.2,), ()), ((0.2, 0.2), (0.1, 0.2)), ((0.2, 0.4), (0.2, 0.1)), ((0.0, 0.4), (0.1, 0.2)),
      ((0.2, math.nan), (0.1, 0.2))],
 )  # fmt: skip
-def test_a_table_with_gaps_or_falls_is_refused(speeds: tuple[float, ...], distances: tuple[float, ...]) -> None:
+def test_a_table_with_gaps_or_decreasing_distances_is_refused(
+    speeds: tuple[float, ...], distances: tuple[float, ...]
+) -> None:
     with pytest.raises(CalibrationError, match="table of stops"):
         StopTable(speeds=speeds, distances=distances)
 
 
 @given(st.floats(0.15, 2.0))
-def test_stops_are_planned_in_pairs_up_to_the_fastest_the_chair_can(fastest: float) -> None:
+def test_stops_are_planned_in_pairs_up_to_the_top_speed(fastest: float) -> None:
     plan = list(stops_to_measure(StopSettings(repetitions=1), fastest))
     assert max(v for v, _ in plan) == pytest.approx(min(fastest, StopSettings().fastest))
     assert all(a == (-b[0], -b[1]) for a, b in list(pairwise(plan))[::2])

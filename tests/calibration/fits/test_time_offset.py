@@ -1,4 +1,4 @@
-"""The delay of a sensor's stamps comes out of how it turns, whatever its rate, noise, scale and mounting."""
+"""The delay of a sensor's stamps is found from its turns at any rate, noise, scale and mounting."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ GRAVITY = np.array([0.0, 0.0, 9.80665])
 
 
 def heading_at(seconds: FloatArray, seed: int = 0) -> FloatArray:
-    """A smooth heading [rad] that swings to and fro irregularly."""
+    """Return a smooth heading [rad] that swings irregularly from side to side."""
     rng = np.random.default_rng(seed)
     parts = [
         a * np.sin(w * seconds + p)
@@ -39,7 +39,7 @@ def heading_at(seconds: FloatArray, seed: int = 0) -> FloatArray:
 
 
 def gyro(seconds: float = 30.0, bias: float = 0.01, noise: float = 0.003, seed: int = 0) -> list[ImuSample]:
-    """200 Hz, each the mean rate since the sample before."""
+    """Return gyro samples at 200 Hz, each the mean rate since the sample before."""
     times = np.arange(-1, round(200 * seconds)) / 200.0
     rates = np.diff(heading_at(times, seed)) * 200.0 + bias
     rates += noise * np.random.default_rng(seed + 1).standard_normal(len(rates))
@@ -49,7 +49,7 @@ def gyro(seconds: float = 30.0, bias: float = 0.01, noise: float = 0.003, seed: 
 
 
 def seen(rate_hz: float, delay_s: float, noise: float = 0.001, scale: float = 1.0, seed: int = 0) -> Heading:
-    """The same turns as a sensor sees them whose stamps are late."""
+    """Return the same turns seen by a sensor with late stamps."""
     times = np.arange(0.0, 30.0, 1.0 / rate_hz)
     rng = np.random.default_rng(seed + 2)
     headings = scale * heading_at(times, seed) + noise * rng.standard_normal(len(times))
@@ -58,7 +58,7 @@ def seen(rate_hz: float, delay_s: float, noise: float = 0.001, scale: float = 1.
 
 @settings(max_examples=25)
 @given(delay=st.floats(-0.05, 0.2), rate=st.sampled_from([5.0, 10.0, 15.0, 50.0]), seed=st.integers(0, 20))
-def test_any_delay_is_found_at_any_rate(delay: float, rate: float, seed: int) -> None:
+def test_a_delay_is_found_at_any_rate(delay: float, rate: float, seed: int) -> None:
     found = time_offset(seen(rate, delay, seed=seed), heading_from_gyro(gyro(seed=seed)), "lidar")
     assert found.delay_ns * 1e-9 == pytest.approx(delay, abs=0.002)
     assert found.sigma_ns < 2 * MS
@@ -66,8 +66,8 @@ def test_any_delay_is_found_at_any_rate(delay: float, rate: float, seed: int) ->
 
 
 @pytest.mark.parametrize("wandering", [False, True])
-def test_its_own_error_estimate_is_honest(wandering: bool) -> None:
-    """Over many seeds, errors are no larger than they are said to be, and of that size when the heading wanders."""
+def test_the_error_estimate_agrees_with_the_true_errors(wandering: bool) -> None:
+    """Over many seeds, errors are no larger than estimated, and of the estimated size when the heading wanders."""
     ratios = []
     for seed in range(15):
         clean = seen(10.0, 0.03, noise=0.0, seed=seed)
@@ -80,16 +80,16 @@ def test_its_own_error_estimate_is_honest(wandering: bool) -> None:
 
 
 @pytest.mark.parametrize("scale", [0.9, 1.0, 1.1])
-def test_wrong_scales_and_biases_do_no_harm(scale: float) -> None:
+def test_scale_errors_and_biases_do_not_change_the_delay(scale: float) -> None:
     found = time_offset(seen(50.0, 0.04, scale=scale), heading_from_gyro(gyro(bias=0.1)), "wheels")
     assert found.delay_ns == pytest.approx(40 * MS, abs=2 * MS)
 
 
-def test_slips_and_failed_matches_are_left_out() -> None:
+def test_slips_and_failed_matches_are_ignored() -> None:
     clean = seen(10.0, 0.05)
     headings = clean.headings.copy()
     headings[100:] += 0.4  # slipped
-    headings[150] = np.nan  # lost, and begun again elsewhere
+    headings[150] = np.nan  # lost, and started again elsewhere
     headings[151:] -= 1.7
     headings[200] += 0.3  # one wrong match
     found = time_offset(Heading(clean.stamps_ns, headings), heading_from_gyro(gyro()), "lidar")
@@ -104,7 +104,7 @@ def test_the_gyro_may_be_mounted_in_any_attitude(seed: int) -> None:
     assert heading_from_gyro(samples).headings == pytest.approx(heading_from_gyro(gyro()).headings, abs=1e-9)
 
 
-def test_samples_out_of_order_repeated_or_broken_do_no_harm() -> None:
+def test_unordered_repeated_or_invalid_samples_do_not_change_the_delay() -> None:
     samples = gyro()
     shuffled = [
         *samples[:50],
@@ -116,7 +116,7 @@ def test_samples_out_of_order_repeated_or_broken_do_no_harm() -> None:
     assert heading_from_gyro(shuffled).headings == pytest.approx(heading_from_gyro(samples).headings)
 
 
-def test_too_little_is_refused() -> None:
+def test_too_few_samples_are_refused() -> None:
     known = heading_from_gyro(gyro())
     with pytest.raises(ThinData, match="record the IMU too"):
         heading_from_gyro([])
@@ -127,19 +127,19 @@ def test_too_little_is_refused() -> None:
         time_offset(seen(10.0, 0.0), heading_from_gyro(even), "lidar")
 
 
-def test_a_sensor_that_turns_otherwise_is_refused() -> None:
+def test_a_sensor_with_different_turns_is_refused() -> None:
     with pytest.raises(CalibrationError, match="do not follow the gyro's"):
         time_offset(seen(10.0, 0.0, seed=9), heading_from_gyro(gyro(seed=0)), "camera")
 
 
-def test_a_delay_beyond_the_search_is_refused_rather_than_guessed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_delay_beyond_the_search_range_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     for name, value in (("EARLIEST_S", -0.01), ("LATEST_S", 0.04), ("LEAST_CORRELATION", 0.5)):
         monkeypatch.setattr(offsets, name, value)
     with pytest.raises(CalibrationError, match=r"stamps of the lidar are off by .* set its clock first"):
         time_offset(seen(10.0, 0.07), heading_from_gyro(gyro()), "lidar")
 
 
-def test_each_sensors_own_delay_is_taken_from_its_stamps_and_no_others() -> None:
+def test_each_sensor_is_corrected_by_its_own_delay() -> None:
     late = SensorDelays(lidar_ns=1, wheels_ns=20, camera_ns=300)
     pixel = np.zeros((1, 1), np.uint8)
     stamped = [
@@ -154,7 +154,7 @@ def test_each_sensors_own_delay_is_taken_from_its_stamps_and_no_others() -> None
         assert without_delay(message, late).stamp_ns == stamp  # type: ignore[attr-defined]
 
 
-def test_on_a_real_robot_both_halves_agree_and_an_added_delay_is_added(data_dir: Path) -> None:
+def test_on_a_real_robot_both_halves_agree_and_an_added_delay_is_found(data_dir: Path) -> None:
     """A Husky outdoors, its IMU on its side: its wheels turn about 70 ms before its body does (tyres give)."""
     samples: list[ImuSample] = []
     wheels: list[Odometry] = []

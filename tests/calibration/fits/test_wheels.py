@@ -1,4 +1,4 @@
-"""Wheels: radii and track found again from a square, and what a square must be."""
+"""Wheels: known radii and track are found from a square; unsuitable squares are refused."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ BOTH = _square(3.0, 1.0) + _square(3.0, -1.0)
 
 
 @given(st.floats(0.1, 0.3), st.floats(-0.01, 0.01), st.floats(0.4, 0.7), st.sampled_from([0, 2**31 - 500, -(2**31)]))
-def test_radii_and_track_are_found_again(radius: float, difference: float, track: float, start: int) -> None:
+def test_known_radii_and_track_are_found(radius: float, difference: float, track: float, start: int) -> None:
     left, right = radius * (1.0 + difference), radius * (1.0 - difference)
     found = wheels_from_drive(*_driven(BOTH, left, right, track, start), TICKS)
     assert found.left_radius == pytest.approx(left, rel=5e-4)
@@ -50,7 +50,7 @@ def test_radii_and_track_are_found_again(radius: float, difference: float, track
     assert found.track == pytest.approx(track, rel=5e-4)
 
 
-def test_arcs_and_a_spin_will_do_as_well() -> None:
+def test_arcs_and_a_spin_suffice() -> None:
     moves = [(4.0, 2.0), (-2.0, 1.0), (0.0, 6.0), (3.0, -3.0), (0.0, -6.0)]
     found = wheels_from_drive(*_driven(moves, 0.166, 0.165, 0.545), TICKS)
     assert (found.left_radius, found.right_radius, found.track) == pytest.approx((0.166, 0.165, 0.545), rel=5e-4)
@@ -66,18 +66,18 @@ def test_noise_of_the_poses_averages_out() -> None:
     assert 0.003 < found.rms_m < 0.015
 
 
-def test_a_square_one_way_round_is_refused() -> None:
+def test_a_square_in_one_direction_only_is_refused() -> None:
     for direction in (1.0, -1.0):
         with pytest.raises(ThinData, match="both ways"):
             wheels_from_drive(*_driven(_square(3.0, direction) * 2, 0.165, 0.165, 0.54), TICKS)
 
 
-def test_a_spin_alone_has_no_way() -> None:
+def test_a_spin_alone_has_no_distance_and_is_refused() -> None:
     with pytest.raises(ThinData, match="too short"):
         wheels_from_drive(*_driven([(0.0, 7.0), (0.0, -7.0)], 0.165, 0.165, 0.54), TICKS)
 
 
-def test_encoders_that_are_swapped_or_count_backwards_are_refused() -> None:
+def test_swapped_or_reversed_encoders_are_refused() -> None:
     ticks, poses = _driven(BOTH, 0.165, 0.165, 0.54)
     for wrong in (ticks[:, ::-1], -ticks, ticks * (1, -1)):
         with pytest.raises(CalibrationError, match="no wheels"):
