@@ -25,7 +25,7 @@ def hall(*boxes: tuple[float, float, float, float]) -> OccupancyGrid:
 
 
 def segment(x0: float, y0: float, x1: float, y1: float) -> FloatArray:
-    """Points every 2 cm, as a lidar would see a board."""
+    """Return points every 2 cm, as a lidar would see a board."""
     count = round(math.hypot(x1 - x0, y1 - y0) / 0.02) + 1
     return np.column_stack([np.linspace(x0, x1, count), np.linspace(y0, y1, count)])
 
@@ -33,7 +33,7 @@ def segment(x0: float, y0: float, x1: float, y1: float) -> FloatArray:
 def drive(
     navigator: Navigator, pose: Pose2, seconds: float, obstacles: FloatArray = NOTHING, start_ns: int = 0
 ) -> tuple[list[Navigation], list[Pose2]]:
-    """Ticks of an ideal chair until the drive ends or the time is up."""
+    """Run ticks of an ideal chair until the drive ends or the time is up."""
     states, poses = [], [pose]
     for k in range(round(seconds * 20)):
         states.append(navigator.step(start_ns + k * TICK_NS, poses[-1], obstacles if k % 2 == 0 else None))

@@ -1,4 +1,4 @@
-"""Who is on their way, who lingers and who has settled; what each is to the planner, and when the chair stays put."""
+"""People who walk past, who linger and who have settled: how the planner treats each, and when the chair waits."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ SPACE = PersonalSpaceSettings()
 HALL = DrawnMap(OccupancyGrid(np.zeros((160, 240), np.int8), 0.05), CHAIR_A)
 
 Way = Callable[[float], tuple[float, float]]
-"""Where somebody is [m], after so many seconds."""
+"""The position of a person [m] after a time [s]."""
 
 
 class Watch:
-    """Somebody whom a chair sees ten times a second."""
+    """A person seen by a chair ten times a second."""
 
     def __init__(self, late_ns: int = 0) -> None:
-        """The scans come so late."""
+        """The scans are this late."""
         self.late_ns = late_ns
         self.people = Bystanders(CHAIR_A, PEOPLE, SPACE, 0.03)
         self.surroundings = Surroundings(HALL, CHAIR_A, SurroundingsSettings())
         self.scans = 0
 
     def see(self, way: Way, seconds: float, chair: Callable[[float], Pose2] = lambda _: HERE) -> None:
-        """So much more time passes."""
+        """Let more time pass."""
         for _ in range(round(seconds * 10)):
             at, pose = way(self.scans * 0.1), chair(self.scans * 0.1)
             points, free = body(*at), past(pose, *at, half_view(pose, *at), 20.0)
@@ -48,18 +48,18 @@ class Watch:
 
     @property
     def now_ns(self) -> int:
-        """When the latest scan came."""
+        """The time of the latest scan."""
         return (self.scans - 1) * SCAN_NS + self.late_ns
 
     @property
     def expected(self) -> tuple[FloatArray, FloatArray]:
-        """Where the planner expects the one person (2,) [m], and how fast (2,) [m/s]."""
+        """Return the position (2,) [m] and velocity (2,) [m/s] that the planner expects of the one person."""
         (track,) = self.people.expected_people(Pose2()).tracks
         return track.position, track.velocity
 
     @property
     def is_an_obstacle(self) -> bool:
-        """Whether the person stands in the planner's way as a thing does."""
+        """Whether the planner has the person as an obstacle, like a thing."""
         return len(self.surroundings.stationary()[0]) > 0
 
 
@@ -72,12 +72,12 @@ def comes_and_stands(seconds: float) -> tuple[float, float]:
 
 
 def shuffles(seconds: float) -> tuple[float, float]:
-    """Comes up to the chair, and then goes 0.3 m to either side of y = 4.2 m, every 3 s."""
+    """Walk up to the chair, and then pace 0.3 m to either side of y = 4.2 m, every 3 s."""
     aside = 0.3 * math.sin(math.tau / 3.0 * (seconds - 3.0)) if seconds > 3.0 else 0.0
     return max(7.0 - 0.8 * seconds, 4.6), 4.2 + aside
 
 
-def test_who_walks_by_is_foreseen_on_their_way_and_is_no_obstacle() -> None:
+def test_a_person_who_walks_past_is_predicted_and_is_no_obstacle() -> None:
     watch = Watch()
     watch.see(walks_by, 4.0)
     position, velocity = watch.expected
@@ -87,7 +87,7 @@ def test_who_walks_by_is_foreseen_on_their_way_and_is_no_obstacle() -> None:
     assert not watch.people.someone_lingers_near(np.array([walks_by(3.9)]), 0.5)
 
 
-def test_who_stands_is_expected_there_for_a_while_and_is_then_as_good_as_furniture() -> None:
+def test_a_standing_person_is_predicted_for_a_while_and_is_then_an_obstacle_like_furniture() -> None:
     watch = Watch()
     watch.see(comes_and_stands, 3.75 + PAUSE_S + 2.0)
     position, velocity = watch.expected
@@ -100,7 +100,7 @@ def test_who_stands_is_expected_there_for_a_while_and_is_then_as_good_as_furnitu
     assert not watch.people.someone_lingers_near(np.array([[5.0, 4.0]]), 0.5)
 
 
-def test_who_has_come_to_a_stand_is_foreseen_to_stand_and_who_walks_to_walk_on() -> None:
+def test_a_stopped_person_is_predicted_to_stand_and_a_walking_person_to_walk_on() -> None:
     watch = Watch()
     watch.see(comes_and_stands, 3.0)
     (walking,) = watch.people.predicted(watch.now_ns, HERE)
@@ -114,7 +114,7 @@ def test_who_has_come_to_a_stand_is_foreseen_to_stand_and_who_walks_to_walk_on()
 
 
 @pytest.mark.parametrize("late_ms", [0, 80, 150])
-def test_who_walks_is_foreseen_from_where_they_are_now_however_old_the_scan_is(late_ms: int) -> None:
+def test_the_prediction_starts_at_the_present_position_however_old_the_scan_is(late_ms: int) -> None:
     """A lidar turns for a tenth of a second, and between two of its scans there is a tick without one."""
     watch = Watch(late_ms * 1_000_000)
     watch.see(walks_by, 2.0)
@@ -124,21 +124,21 @@ def test_who_walks_is_foreseen_from_where_they_are_now_however_old_the_scan_is(l
     np.testing.assert_allclose(watch.expected[0], walks_by(1.9 + late_ms / 1000), atol=0.03)
 
 
-def test_who_goes_to_and_fro_before_a_chair_that_stands_is_expected_in_the_middle_of_it() -> None:
+def test_a_person_who_paces_before_a_standing_chair_is_predicted_at_the_middle_of_the_pacing() -> None:
     watch = Watch()
     watch.see(shuffles, 3.0 + LINGERS_AFTER_S + 1.5)
     for _ in range(30):
         watch.see(shuffles, 0.1)
         position, velocity = watch.expected
         np.testing.assert_allclose(position, [4.6, 4.2], atol=0.25)
-        assert abs(position[1] - 4.2) < 0.2  # while they themselves are as far off as 0.3 m
+        assert abs(position[1] - 4.2) < 0.2  # while the person is up to 0.3 m away from it
         assert not velocity.any()
     assert watch.people.someone_lingers_near(np.array([[4.6, 4.2], [9.0, 9.0]]), 0.3)
     assert not watch.people.someone_lingers_near(np.array([[4.6, 5.0]]), 0.3)
     assert not watch.people.someone_lingers_near(np.empty((0, 2)), 0.3)
 
 
-def test_from_a_chair_that_gets_on_nobody_is_thought_to_linger() -> None:
+def test_no_person_lingers_for_a_chair_that_moves_on() -> None:
     watch = Watch()
 
     def chair(seconds: float) -> Pose2:
@@ -150,7 +150,7 @@ def test_from_a_chair_that_gets_on_nobody_is_thought_to_linger() -> None:
 
 
 @pytest.mark.parametrize(("way", "seconds", "passing"), [(shuffles, 4.0, True), (shuffles, 7.0, False)])
-def test_for_who_comes_the_chair_stays_put_and_for_who_then_lingers_not(
+def test_the_chair_waits_for_a_person_who_approaches_but_not_for_one_who_lingers(
     way: Way, seconds: float, passing: bool
 ) -> None:
     watch = Watch()
@@ -159,7 +159,7 @@ def test_for_who_comes_the_chair_stays_put_and_for_who_then_lingers_not(
     assert watch.people.someone_passes_near(HERE) is passing
 
 
-def test_who_is_far_away_neither_passes_nor_lingers_by_the_chair() -> None:
+def test_a_person_far_away_neither_passes_nor_lingers() -> None:
     watch = Watch()
     watch.see(lambda s: (9.0, 4.0 + 0.3 * math.sin(math.tau / 3.0 * s)), 8.0)
     assert not watch.people.someone_walks_near(HERE)
@@ -167,7 +167,7 @@ def test_who_is_far_away_neither_passes_nor_lingers_by_the_chair() -> None:
     assert np.hypot(*watch.expected[1]) > 0.0
 
 
-def test_once_the_chair_has_stood_for_people_it_needs_less_room_beside_them() -> None:
+def test_a_chair_that_has_waited_for_people_keeps_less_distance_beside_them() -> None:
     watch = Watch()
     watch.see(walks_by, 2.0)
     assert watch.people.expected_people(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SPACE.radius)

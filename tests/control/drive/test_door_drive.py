@@ -1,4 +1,4 @@
-"""The last gate before a door: who may not enter says so, once the chair stands there."""
+"""The gate before a door: a chair that may not enter stops there and says why."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def jambs(seed: int) -> FloatArray:
 
 
 def before_a_door_it_knows(body: ChairBody = CHAIR_A) -> DoorDrive:
-    """That has seen the door from 1.6 m."""
+    """A watch that has seen the door from 1.6 m."""
     drive = DoorDrive(leg(), Pose2(), body)
     for seed in range(20):
         drive.watch.see(jambs(seed), Pose2(-1.6, 0.0, 0.0))
@@ -44,7 +44,7 @@ def before_a_door_it_knows(body: ChairBody = CHAIR_A) -> DoorDrive:
 
 
 def driven(sees: bool, ticks: int = 400, late: int = 0) -> tuple[DoorDrive, Pose2, DwaResult]:
-    """A chair that does as it was told `late` ticks ago, until it is through, refused, or the ticks are over."""
+    """Drive a chair that follows commands `late` ticks late, until it is through, refused, or the ticks are over."""
     drive = DoorDrive(leg(), Pose2(), CHAIR_A)
     pose, commands = Pose2(-1.6, 0.0, 0.0), [Twist()] * (late + 1)
     for tick in range(ticks):
@@ -58,15 +58,15 @@ def driven(sees: bool, ticks: int = 400, late: int = 0) -> tuple[DoorDrive, Pose
     return drive, pose, choice
 
 
-def test_a_door_that_is_seen_is_driven_through() -> None:
+def test_the_chair_drives_through_a_door_that_it_sees() -> None:
     drive, pose, choice = driven(sees=True)
     assert choice.arrived
     assert not drive.refused
     assert pose.x == pytest.approx(1.2, abs=0.03)
 
 
-def test_before_a_door_that_nobody_sees_the_chair_stops_at_the_gate_and_refuses_it() -> None:
-    """Before the wall, even where it does what it is told 0.2 s late."""
+def test_the_chair_stops_at_the_gate_of_an_unseen_door_and_refuses_it() -> None:
+    """It stops before the wall, even where it follows commands 0.2 s late."""
     drive, pose, choice = driven(sees=False, late=4)
     assert drive.refused
     assert not drive.entered
@@ -76,7 +76,7 @@ def test_before_a_door_that_nobody_sees_the_chair_stops_at_the_gate_and_refuses_
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_A_MID, CHAIR_A_FRONT], ids=lambda body: str(body.drive))
 @pytest.mark.parametrize("moved", [0.02, -0.02])
-def test_where_the_door_is_seen_to_have_moved_a_chair_within_does_not_swing_its_tail(
+def test_a_chair_inside_of_a_door_that_seems_to_have_moved_does_not_swing_its_tail(
     body: ChairBody, moved: float
 ) -> None:
     drive = before_a_door_it_knows(body)
@@ -94,7 +94,7 @@ def test_where_the_door_is_seen_to_have_moved_a_chair_within_does_not_swing_its_
 
 
 @pytest.mark.parametrize(("off", "enters"), [(0.021, True), (0.027, False)])
-def test_what_counts_at_the_gate_is_where_the_front_will_enter(off: float, enters: bool) -> None:
+def test_the_gate_judges_the_place_at_which_the_front_will_enter(off: float, enters: bool) -> None:
     """Both times the axle is on the axis, and the front nearer to it than a fifth of the room beside the chair."""
     drive = before_a_door_it_knows()
     pose = Pose2(-CHAIR_A.front - 0.15, 0.0, 0.0)
@@ -107,7 +107,7 @@ def test_what_counts_at_the_gate_is_where_the_front_will_enter(off: float, enter
 
 
 @pytest.mark.parametrize(("turns", "enters"), [(0.0, True), (-0.05, True), (0.05, False)])
-def test_who_turns_away_at_the_gate_does_not_enter_though_it_is_within_what_is_allowed(
+def test_a_chair_that_turns_away_at_the_gate_does_not_enter_even_within_the_tolerance(
     turns: float, enters: bool
 ) -> None:
     """A turn [rad/s] that leads the front off the axis, 1.2 cm off already, is not stopped before it enters."""
@@ -121,8 +121,8 @@ def test_who_turns_away_at_the_gate_does_not_enter_though_it_is_within_what_is_a
     assert drive.entered is enters
 
 
-def test_out_from_between_the_jambs_it_backs_off_as_well() -> None:
-    """There is less beside the chair than is kept free behind it."""
+def test_it_backs_off_from_between_the_jambs_too() -> None:
+    """Less room is free beside the chair than is kept behind it."""
     drive = before_a_door_it_knows()
     xs = -4.0 + 0.02 * (np.arange(400) + 0.5)
     wall = (np.abs(xs) < 0.075)[None] & (np.abs(xs) > CHAIR_A.width / 2 + 0.06)[:, None]
@@ -138,7 +138,7 @@ def test_out_from_between_the_jambs_it_backs_off_as_well() -> None:
     assert min(ways) < ways[0] - 0.3
 
 
-def test_a_retreat_ends_before_what_is_behind_with_room_for_the_error_of_the_place() -> None:
+def test_a_retreat_stops_before_an_obstacle_behind_with_a_margin_for_localisation_errors() -> None:
     drive = before_a_door_it_knows()
     behind = -1.5  # [m] where a wall stands across the room
     xs = -5.0 + 0.05 * (np.arange(200) + 0.5)

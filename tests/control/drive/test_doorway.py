@@ -1,4 +1,4 @@
-"""A door is found in the scan to the centimetre, and not where there is none."""
+"""A door is found in the scan to the centimetre; where there is none, none is found."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def wall_with_door(seed: int, away: float = 1.4, width: float = WIDTH, noise: fl
 
 
 @given(st.integers(0, 10_000), st.floats(-0.12, 0.12), st.floats(-0.1, 0.1), st.floats(0.9, 2.0))
-def test_a_door_is_found_where_it_is_and_not_where_the_map_has_it(
+def test_a_door_is_found_at_its_true_place_and_not_at_that_of_the_map(
     seed: int, off: float, turned: float, away: float
 ) -> None:
     found = find_doorway(wall_with_door(seed, away), Pose2(0.0, off, turned), WIDTH)
     assert found is not None
     assert abs(found.pose.theta) < math.radians(1.0)
-    # where the found axis crosses the wall: along it the believed place is kept
+    # the point where the found axis crosses the wall; along the wall the assumed place is kept
     assert abs(found.pose.y - math.tan(found.pose.theta) * found.pose.x) < 0.02
     assert found.width == pytest.approx(WIDTH, abs=0.04)
 
@@ -56,11 +56,11 @@ def test_a_door_is_found_where_it_is_and_not_where_the_map_has_it(
     ],
     ids=["nothing", "one jamb", "too wide", "closed"],
 )
-def test_what_is_no_such_door_is_not_found(points: FloatArray) -> None:
+def test_openings_unlike_the_door_are_not_found(points: FloatArray) -> None:
     assert find_doorway(points, Pose2(), WIDTH) is None
 
 
-def test_a_watch_is_sure_after_some_scans_and_averages_their_noise_away() -> None:
+def test_a_watch_is_certain_after_some_scans_and_averages_their_noise() -> None:
     watch = DoorWatch(Pose2(0.0, 0.06, 0.05), WIDTH)
     assert not watch.sure
     for seed in range(20):
@@ -71,7 +71,7 @@ def test_a_watch_is_sure_after_some_scans_and_averages_their_noise_away() -> Non
     assert abs(at.theta) < math.radians(0.4)
 
 
-def test_a_watch_that_is_sure_is_not_moved_by_the_map_nor_by_another_opening() -> None:
+def test_a_certain_watch_is_not_moved_by_the_map_or_by_another_opening() -> None:
     watch = DoorWatch(Pose2(), WIDTH)
     for seed in range(5):
         watch.see(wall_with_door(seed), FROM)
@@ -81,8 +81,8 @@ def test_a_watch_that_is_sure_is_not_moved_by_the_map_nor_by_another_opening() -
     assert watch.odom_from_door == before
 
 
-def test_from_within_the_door_nothing_new_is_learnt_of_it() -> None:
-    """There the wall is seen end on; where it is was learnt before, and odometry keeps it."""
+def test_scans_from_inside_of_the_door_do_not_change_its_place() -> None:
+    """There the wall is seen end on; its place is known from before, and odometry keeps it."""
     watch = DoorWatch(Pose2(), WIDTH)
     slanting = wall_with_door(0) @ np.array([[1.0, 0.1], [-0.1, 1.0]])
     for seed in range(5):
@@ -94,7 +94,7 @@ def test_from_within_the_door_nothing_new_is_learnt_of_it() -> None:
     assert abs(watch.odom_from_door.theta - before.theta) > 0.005
 
 
-def test_a_chair_that_wakes_up_at_the_door_may_look_from_there() -> None:
+def test_a_chair_that_is_switched_on_at_the_door_may_measure_it_from_there() -> None:
     watch = DoorWatch(Pose2(), WIDTH)
     for seed in range(5):
         watch.see(wall_with_door(seed), Pose2(-0.1, 0.0, 0.0))

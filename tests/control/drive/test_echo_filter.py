@@ -30,15 +30,15 @@ def told(*ranges: float, period_ms: int = PERIOD_MS) -> list[float]:
     return [round(float(echoes.confirmed(each).ranges[0]), 3) for each in readings]
 
 
-def test_an_echo_counts_from_the_second_time_on() -> None:
+def test_an_echo_counts_from_its_second_reading_on() -> None:
     np.testing.assert_equal(told(1.0, 1.04, 0.98), [math.nan, 1.04, 0.98])
 
 
-def test_an_echo_that_is_heard_once_says_nothing_and_no_echo_says_as_much_as_before() -> None:
+def test_a_single_echo_is_unknown_and_a_missing_echo_stays_no_echo() -> None:
     np.testing.assert_equal(told(math.inf, 1.0, math.inf, -math.inf), [math.inf, math.nan, math.inf, -math.inf])
 
 
-def test_an_echo_between_two_of_a_farther_wall_leaves_the_wall() -> None:
+def test_an_echo_between_two_of_a_farther_wall_does_not_replace_the_wall() -> None:
     np.testing.assert_equal(told(2.0, 2.0, 0.7, 2.0), [math.nan, 2.0, math.nan, 2.0])
 
 
@@ -47,23 +47,23 @@ def test_an_echo_in_every_other_reading_counts() -> None:
 
 
 @pytest.mark.parametrize(("off", "counts"), [(0.14, True), (0.16, False)])
-def test_echoes_bear_each_other_out_as_far_as_the_chair_may_have_come_meanwhile(off: float, counts: bool) -> None:
+def test_echoes_confirm_each_other_within_the_distance_that_the_chair_may_have_driven(off: float, counts: bool) -> None:
     assert math.isnan(told(1.0, 1.0 - off)[1]) is not counts
 
 
 @pytest.mark.parametrize(("period_ms", "counts"), [(250, True), (251, False)])
-def test_echoes_bear_each_other_out_for_a_moment_only(period_ms: int, counts: bool) -> None:
+def test_echoes_confirm_each_other_for_a_short_time_only(period_ms: int, counts: bool) -> None:
     assert math.isnan(told(1.0, 1.0, period_ms=period_ms)[1]) is not counts
 
 
-def test_readings_of_another_clock_bear_nothing_out() -> None:
+def test_readings_of_another_clock_confirm_nothing() -> None:
     echoes = EchoFilter()
     for stamp_ns in (10**12, 50_000_000):  # set back
         assert np.isnan(echoes.confirmed(SonarReadings(stamp_ns, np.ones(1, np.float32))).ranges).all()
 
 
 @given(st.lists(st.floats(0.0625, 4.0, width=32), min_size=8, max_size=8))
-def test_each_sonar_is_borne_out_by_itself_alone(ranges: list[float]) -> None:
+def test_each_sonar_is_confirmed_by_its_own_readings_only(ranges: list[float]) -> None:
     echoes, moved = EchoFilter(), np.array(ranges, np.float32)
     moved[3] += 0.2
     echoes.confirmed(SonarReadings(0, np.array(ranges, np.float32)))
@@ -71,7 +71,7 @@ def test_each_sonar_is_borne_out_by_itself_alone(ranges: list[float]) -> None:
     assert np.flatnonzero(np.isnan(found)).tolist() == [3]
 
 
-def test_sonars_that_hear_each_other_by_chance_hold_no_drive_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_crosstalk_between_sonars_stops_no_drive(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sonar, "CROSS_TALK", 0.02)
     with Ride(simulator=SimulatorSettings(sonar=SonarSettings(rate_hz=20.0))) as ride:
         start_drive(ride.simulator, ride.chair, FAR)

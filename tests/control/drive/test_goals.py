@@ -1,4 +1,4 @@
-"""Goals that no chair can drive to are refused with a reason, and the present one stays."""
+"""Unreachable goals are refused with a reason, and the present goal stays."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from waychair.errors import GoalOutsideMap
 from waychair.types import Goal, Pose2, Twist
 
 
-def test_a_goal_that_is_on_no_map_is_refused_at_once_and_the_present_one_stays() -> None:
+def test_a_goal_outside_of_the_map_is_refused_at_once_and_the_present_one_stays() -> None:
     pilot = navigator(hall())
     pilot.go(Goal("lift"))
     for bad in (Pose2(4.0, 2.0, math.inf), Pose2(math.nan, 2.0), Pose2(1e300, 2.0)):
@@ -21,7 +21,7 @@ def test_a_goal_that_is_on_no_map_is_refused_at_once_and_the_present_one_stays()
     assert drive(pilot, Pose2(2.0, 2.0), 40)[0][-1].stage is Stage.ARRIVED
 
 
-def test_on_a_map_without_free_space_the_chair_stands_and_says_so() -> None:
+def test_on_a_map_without_free_space_the_chair_stands_and_says_why() -> None:
     pilot = navigator(hall((0.0, 0.0, 12.0, 8.0)))
     pilot.go(Goal(Pose2(4.0, 2.0)))
     (state, *_), _ = drive(pilot, Pose2(2.0, 2.0), 1)

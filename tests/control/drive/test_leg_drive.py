@@ -1,4 +1,4 @@
-"""How fast a leg is driven: with sonars, slowly into gaps in which there may be glass, which they hear late."""
+"""The speed of a leg: a chair with sonars is slow into gaps, in which there may be glass that sonars hear late."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from waychair.types import OccupancyGrid, Path, Pose2, Twist
 
 CELL, GAP, MIDDLE = 0.05, 6.0, 4.0
 THERE = GAP - CHAIR_A.front
-"""Where the front is in the gap."""
+"""The stretch on which the front is in the gap."""
 
 
 def gapped() -> OccupancyGrid:
@@ -26,7 +26,7 @@ def gapped() -> OccupancyGrid:
 
 
 def driven(x: float, has_sonars: bool, speed: float = 0.8) -> float:
-    """Speed [m/s] 1 s after a speed at x [m] on the way through the gap."""
+    """Return the speed [m/s] 1 s after a speed at x [m] on the way through the gap."""
     grid = gapped()
     way = np.column_stack([np.arange(1.0, 11.0, CELL), np.full(200, MIDDLE), np.zeros(200)])
     leg = LegDrive([PathLeg(Path(way))], grid, CHAIR_A)
@@ -48,10 +48,10 @@ def test_with_sonars_a_chair_is_slow_before_a_gap_until_its_front_is_through() -
     assert driven(THERE + 0.4, has_sonars=True, speed=0.4) > 0.5
 
 
-def test_it_slows_down_in_time_and_no_sooner() -> None:
+def test_it_slows_down_in_time_and_not_earlier() -> None:
     assert driven(THERE - 1.2, has_sonars=True) < 0.6
     assert driven(2.0, has_sonars=True) > 0.75
 
 
-def test_without_sonars_it_goes_on() -> None:
+def test_without_sonars_it_keeps_its_speed() -> None:
     assert driven(THERE - 0.8, has_sonars=False) > 0.75

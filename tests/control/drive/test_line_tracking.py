@@ -1,4 +1,4 @@
-"""Lines are kept to the centimetre, forwards and backwards, by a chair that lags."""
+"""A chair with lag follows lines to the centimetre, forwards and backwards."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ OPEN = DistanceField(np.full((600, 600), 5.0, np.float32), 0.02, Pose2(-6.0, -6.
 def drive(
     pose: Pose2, line: FloatArray, backwards: bool, field: DistanceField = OPEN, eased: bool = False
 ) -> list[Pose2]:
-    """A chair with the delay and lag of the simulated one, until the end of the line or 40 s; jerk limited if eased."""
+    """Drive a chair with the simulated delay and lag to the end of the line or for 40 s; jerk is limited if eased."""
     poses, command, motion, v, omega = [pose], Twist(), CommandedMotion() if eased else None, 0.0, 0.0
     delayed = deque([Twist()])
     in_position, limits = False, DwaSettings()
@@ -48,7 +48,7 @@ def drive(
 
 @given(st.floats(-0.12, 0.12), st.floats(-0.3, 0.3), st.booleans())
 @settings(max_examples=25)
-def test_errors_at_the_beginning_are_gone_after_a_metre(lateral: float, heading: float, backwards: bool) -> None:
+def test_initial_errors_are_gone_after_a_metre(lateral: float, heading: float, backwards: bool) -> None:
     x = np.linspace(0.0, -2.0 if backwards else 2.0, 41)
     line = np.column_stack([x, np.zeros((41, 2))])
     poses = drive(Pose2(0.0, lateral, heading), line, backwards)
@@ -60,7 +60,7 @@ def test_errors_at_the_beginning_are_gone_after_a_metre(lateral: float, heading:
 
 
 @pytest.mark.parametrize("backwards", [False, True])
-def test_on_its_way_back_to_a_line_the_far_end_swings_by_little_more_than_the_error(backwards: bool) -> None:
+def test_on_the_way_back_to_a_line_the_far_end_swings_little_more_than_the_error(backwards: bool) -> None:
     """A tail 0.8 m from the axle: held critically damped it would swing out by 1.7 times the error."""
     x, error = np.linspace(0.0, -2.0 if backwards else 2.0, 41), 0.02
     poses = drive(Pose2(0.0, error, 0.0), np.column_stack([x, np.zeros((41, 2))]), backwards)
@@ -72,7 +72,7 @@ def test_on_its_way_back_to_a_line_the_far_end_swings_by_little_more_than_the_er
 
 @pytest.mark.parametrize("backwards", [False, True])
 @pytest.mark.parametrize("radius", [-1.0, 0.6, 2.0])
-def test_an_arc_is_kept_to(radius: float, backwards: bool) -> None:
+def test_an_arc_is_followed(radius: float, backwards: bool) -> None:
     way = np.linspace(0.0, -1.2 if backwards else 1.2, 25)
     line = np.array([along_arc(0.0, 0.0, 0.0, s, s / radius, 1.0) for s in way])
     poses = drive(Pose2(), line, backwards)
@@ -110,7 +110,7 @@ def test_with_a_motion_the_jerk_along_a_line_is_limited_from_its_entry_at_speed_
     assert abs(pose.y) < 0.005
 
 
-def test_a_line_that_leaves_half_a_centimetre_is_followed_to_its_end() -> None:
+def test_a_line_with_half_a_centimetre_of_clearance_is_followed_to_its_end() -> None:
     rows = (np.arange(300) + 0.5) * 0.01 - 1.5
     columns = (np.arange(400) + 0.5) * 0.01 - 1.0
     gap = CHAIR_A.width / 2 + np.where(columns < 1.0, 0.05, 0.016)  # of which one cell is kept for safety
@@ -121,7 +121,7 @@ def test_a_line_that_leaves_half_a_centimetre_is_followed_to_its_end() -> None:
 
 
 @pytest.mark.parametrize(("lateral", "goes"), [(0.01, True), (0.03, False)])
-def test_off_its_line_a_chair_does_not_brush_past_what_the_line_was_planned_beside(lateral: float, goes: bool) -> None:
+def test_off_its_line_a_chair_does_not_touch_obstacles_beside_the_line(lateral: float, goes: bool) -> None:
     rows = (np.arange(300) + 0.5) * 0.01 - 1.5
     metres = np.repeat(np.maximum(rows + CHAIR_A.width / 2 + 0.016 - lateral, 0.0)[:, None], 400, axis=1)
     wall = DistanceField(metres.astype(np.float32), 0.01, Pose2(-1.0, -1.5, 0.0))  # 1.6 cm from the chair's right side
@@ -130,7 +130,7 @@ def test_off_its_line_a_chair_does_not_brush_past_what_the_line_was_planned_besi
     assert choice.blocked is not goes
 
 
-def test_a_chair_that_a_wall_behind_keeps_from_turning_on_the_spot_turns_as_it_goes() -> None:
+def test_a_chair_with_a_wall_behind_turns_while_driving_and_not_on_the_spot() -> None:
     columns = (np.arange(400) + 0.5) * 0.01 - 1.0
     metres = np.repeat(np.maximum(columns + CHAIR_A.rear + 0.03, 0.0)[None], 300, axis=0)
     wall = DistanceField(metres.astype(np.float32), 0.01, Pose2(-1.0, -1.5, 0.0))
@@ -151,7 +151,7 @@ def test_a_zigzag_is_driven_as_slowly_as_the_chair_can_steer_it() -> None:
     assert max(off) < 0.01
 
 
-def test_a_sharp_bend_is_come_up_to_at_the_speed_at_which_it_can_be_steered() -> None:
+def test_the_speed_before_a_sharp_bend_is_one_at_which_it_can_be_steered() -> None:
     turns = np.repeat([0.0, 1.7, -1.7, 0.0], [12, 3, 3, 4]) * 0.05
     line = [np.zeros(3)]
     for turn in turns:
@@ -163,14 +163,14 @@ def test_a_sharp_bend_is_come_up_to_at_the_speed_at_which_it_can_be_steered() ->
 
 
 @pytest.mark.parametrize("way", [0.1, 0.2, 0.3, 0.5])
-def test_a_chair_that_speeds_up_stops_at_the_end_all_the_same(way: float) -> None:
+def test_a_chair_that_still_accelerates_stops_at_the_end_of_the_line(way: float) -> None:
     line = np.column_stack([np.linspace(0.0, way, round(way / 0.05) + 1), np.zeros((round(way / 0.05) + 1, 2))])
     poses = drive(Pose2(), line, False, eased=True)
     assert abs(poses[-1].x - way) < 0.01
 
 
 @pytest.mark.parametrize("backwards", [False, True])
-def test_a_line_is_driven_no_faster_than_the_chair_may(backwards: bool) -> None:
+def test_a_line_is_driven_no_faster_than_the_speed_limit(backwards: bool) -> None:
     x = np.linspace(0.0, -2.0 if backwards else 2.0, 41)
     line, limits = np.column_stack([x, np.zeros((41, 2))]), DwaSettings(max_speed=0.15, max_reverse=0.12)
     command, pose, speeds = Twist(), Pose2(), [0.0]
@@ -182,7 +182,7 @@ def test_a_line_is_driven_no_faster_than_the_chair_may(backwards: bool) -> None:
     assert min(speeds) == pytest.approx(-0.12 if backwards else 0.0)
 
 
-def test_who_may_not_drive_backwards_now_does_not_on_a_line_either() -> None:
+def test_a_chair_that_may_not_reverse_now_does_not_reverse_on_a_line() -> None:
     line = np.column_stack([np.linspace(0.0, -2.0, 41), np.zeros((41, 2))])
     begun = track(Pose2(), Twist(-0.2, 0.0), line, True, OPEN, CHAIR_A, DwaSettings(max_reverse=0.0))
     assert begun.blocked

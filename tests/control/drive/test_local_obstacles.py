@@ -1,4 +1,4 @@
-"""What the local planner sees round the chair: walls, zones, and all sensors, now and a moment ago."""
+"""The obstacles of the local planner: walls, zones, and all sensors, now and a moment ago."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def someone(x: float) -> FloatArray:
 
 
 def echoes(stamp_ns: int, ahead: float) -> SonarReadings:
-    """Of eight sonars only the first, on the left in front, may hear something."""
+    """Readings of eight sonars; only the first, on the left in front, may have an echo."""
     return SonarReadings(stamp_ns, np.array([ahead, *[np.inf] * 7], np.float32))
 
 
@@ -54,11 +54,11 @@ def at(field: DistanceField, x: float, y: float) -> float:
 
 
 def news(seen: Surroundings) -> FloatArray:
-    """All that was seen and the map does not explain."""
+    """Return all seen points that the map does not explain."""
     return np.concatenate([seen.full_height(), *(points for _, points in seen.layered())])
 
 
-def test_the_window_holds_walls_keep_out_zones_and_what_was_seen() -> None:
+def test_the_window_holds_walls_keep_out_zones_and_seen_obstacles() -> None:
     square = np.array([[5.0, 4.0], [5.5, 4.0], [5.5, 4.5], [5.0, 4.5]])
     seen = around(Zone("stairs", Rule.KEEP_OUT, square))
     seen.see(0, HERE, someone(6.0))
@@ -67,7 +67,7 @@ def test_the_window_holds_walls_keep_out_zones_and_what_was_seen() -> None:
     assert at(window, 4.0, 3.0) > 1.0
 
 
-def test_a_wall_of_the_map_is_no_news_and_someone_in_front_of_it_is() -> None:
+def test_a_wall_of_the_map_is_explained_and_a_person_in_front_of_it_is_not() -> None:
     seen = around()
     seen.see(0, HERE, wall_behind())
     assert len(news(seen)) == 0
@@ -76,7 +76,7 @@ def test_a_wall_of_the_map_is_no_news_and_someone_in_front_of_it_is() -> None:
     assert len(news(seen)) >= 8
 
 
-def test_someone_who_left_is_cleared_by_the_wall_that_is_seen_behind_them() -> None:
+def test_a_person_who_left_is_cleared_when_the_wall_behind_is_seen() -> None:
     seen = around()
     seen.see(0, HERE, someone(6.0))
     seen.see(SECOND // 10, HERE, wall_behind())
@@ -84,7 +84,7 @@ def test_someone_who_left_is_cleared_by_the_wall_that_is_seen_behind_them() -> N
     assert at(seen.window(HERE), 6.0, 3.0) > 0.5
 
 
-def test_beams_that_met_nothing_clear_too_when_they_are_told() -> None:
+def test_beams_without_a_return_clear_too_when_they_are_given() -> None:
     seen = around()
     seen.see(0, HERE, someone(6.0))
     seen.see(1, HERE, np.empty((0, 2)))
@@ -93,7 +93,7 @@ def test_beams_that_met_nothing_clear_too_when_they_are_told() -> None:
     assert len(news(seen)) == 0
 
 
-def test_what_the_chair_has_turned_away_from_is_remembered_and_then_forgotten() -> None:
+def test_obstacles_out_of_sight_are_remembered_and_then_forgotten() -> None:
     seen = around()
     seen.see(0, HERE, someone(6.0))
     for k in range(1, 5):
@@ -103,7 +103,7 @@ def test_what_the_chair_has_turned_away_from_is_remembered_and_then_forgotten() 
     assert at(seen.window(HERE), 6.0, 3.0) > 0.5
 
 
-def test_glass_that_a_sonar_hears_is_not_cleared_by_the_lidar_that_looks_through_it() -> None:
+def test_glass_heard_by_a_sonar_is_not_cleared_by_the_lidar_that_looks_through_it() -> None:
     seen = around()
     seen.hear(echoes(0, 1.0), HERE)
     for k in range(5):
@@ -116,7 +116,7 @@ def test_glass_that_a_sonar_hears_is_not_cleared_by_the_lidar_that_looks_through
     assert len(seen.full_height()) == 0
 
 
-def test_an_echo_from_a_wall_of_the_map_or_from_what_the_lidar_sees_is_no_news() -> None:
+def test_an_echo_from_a_wall_of_the_map_or_a_lidar_obstacle_adds_nothing() -> None:
     seen, near_wall = around(), Pose2(6.6, 3.0, 0.0)
     seen.hear(echoes(0, 7.95 - 6.6 - CHAIR_A.front), near_wall)
     assert len(seen.full_height()) == 0
@@ -126,7 +126,7 @@ def test_an_echo_from_a_wall_of_the_map_or_from_what_the_lidar_sees_is_no_news()
 
 
 @pytest.mark.parametrize("stands_out", [0.10, 0.13, 0.20])
-def test_a_shelf_on_a_wall_of_the_map_that_only_the_camera_sees_is_kept_clear_of(stands_out: float) -> None:
+def test_the_chair_keeps_clear_of_a_shelf_on_a_mapped_wall_that_only_the_camera_sees(stands_out: float) -> None:
     """The chair passes so near to the wall that it would brush the shelf."""
     shelf, wall = (1.3, 1.8), hall()
     wall.cells[:20] = 100  # its face at y = 1.0
@@ -142,14 +142,14 @@ def test_a_shelf_on_a_wall_of_the_map_that_only_the_camera_sees_is_kept_clear_of
     np.testing.assert_array_less(pose.x + shelf[0] - 0.05, seen.unscanned()[:, 0], "the wall itself is no news")
 
 
-def test_who_comes_out_of_a_keep_out_zone_is_as_much_a_stranger_as_anybody() -> None:
+def test_a_person_who_comes_out_of_a_keep_out_zone_is_tracked_like_any_other() -> None:
     square = np.array([[5.0, 2.0], [7.0, 2.0], [7.0, 4.0], [5.0, 4.0]])
     seen = around(Zone("stairs", Rule.KEEP_OUT, square))
     assert len(seen.unmapped(someone(6.0))) == 9
     assert len(seen.unmapped(wall_behind())) == 0
 
 
-def test_what_shows_of_the_glass_that_a_zone_is_drawn_round_is_nobody() -> None:
+def test_returns_from_glass_inside_of_a_drawn_zone_are_not_a_person() -> None:
     pane = np.array([[5.9, 1.0], [6.2, 1.0], [6.2, 5.0], [5.9, 5.0]])
     seen = around(Zone("glass", Rule.KEEP_OUT, pane))
     assert len(seen.unmapped(someone(6.05))) == 0
@@ -158,7 +158,8 @@ def test_what_shows_of_the_glass_that_a_zone_is_drawn_round_is_nobody() -> None:
 
 
 def floor(edge: float, depth: float, slope: float = 0.0) -> RgbdFrame:
-    """What the camera of chair A sees of a floor that falls by `depth` [m] at x = `edge` [m], or slopes down there."""
+    """Return the depth image of chair A's camera on a floor that drops by `depth` [m], or slopes down, at x = `edge`
+    [m]."""
     f = 465.0
     camera = np.array([[f, 0.0, 320.0], [0.0, f, 240.0], [0.0, 0.0, 1.0]])
     mount = CHAIR_A.base_from_camera
@@ -181,9 +182,7 @@ def floor(edge: float, depth: float, slope: float = 0.0) -> RgbdFrame:
 
 @pytest.mark.parametrize("edge", [2.3, 3.2, pytest.param(2.7, marks=pytest.mark.nightly)])
 @pytest.mark.parametrize("depth", [0.12, 1.0, pytest.param(0.17, marks=pytest.mark.nightly)])
-def test_a_drop_off_is_an_obstacle_from_where_the_floor_ends_and_stays_one_out_of_sight(
-    edge: float, depth: float
-) -> None:
+def test_a_drop_off_is_an_obstacle_from_its_edge_on_and_stays_one_out_of_sight(edge: float, depth: float) -> None:
     seen = around()
     seen.look(floor(edge, depth), HERE)
     margin = DROP_OFF
@@ -197,7 +196,7 @@ def test_a_drop_off_is_an_obstacle_from_where_the_floor_ends_and_stays_one_out_o
     assert len(seen.unscanned()) > 10
 
 
-def test_floor_that_ought_to_be_seen_is_missed_until_it_is_seen() -> None:
+def test_expected_floor_counts_as_missing_until_it_is_seen() -> None:
     frame = floor(20.0, 0.0)
     dark = dataclasses.replace(frame, depth=frame.depth.copy())
     dark.depth[330:420, 200:440] = np.nan
@@ -219,7 +218,7 @@ def test_a_level_floor_and_ramps_down_and_up_are_neither_drop_offs_nor_obstacles
 
 
 @pytest.mark.parametrize("pitch", [-0.15, 0.15])
-def test_by_a_chair_that_leans_more_than_any_ramp_a_level_floor_is_seen_as_one_if_the_lean_is_known(
+def test_a_chair_that_leans_more_than_any_ramp_sees_a_level_floor_if_the_lean_is_known(
     pitch: float,
 ) -> None:
     lean, seen, misled = Tilt(0, 0.0, pitch), around(), around()
@@ -229,7 +228,7 @@ def test_by_a_chair_that_leans_more_than_any_ramp_a_level_floor_is_seen_as_one_i
     assert len(misled.unscanned()) > 10
 
 
-def test_a_board_at_the_height_of_the_arm_rests_counts_for_that_layer_alone() -> None:
+def test_a_board_at_the_height_of_the_arm_rests_counts_for_that_layer_only() -> None:
     layers = (BodyLayer(0.0, 0.5, 0.75, 0.25, 0.25), BodyLayer(0.5, 1.4, 0.7, 0.25, 0.3))
     body = dataclasses.replace(CHAIR_A, camera_y=0.0, camera_pitch=0.0, layers=layers)
     seen = Surroundings(DrawnMap(hall(), body), body, SurroundingsSettings())
@@ -251,7 +250,7 @@ def test_a_board_at_the_height_of_the_arm_rests_counts_for_that_layer_alone() ->
     assert [layer for layer, _ in seen.in_narrow_layers()] == [layers[1]]
 
 
-def test_who_walks_is_seen_by_the_local_planner_and_not_planned_round() -> None:
+def test_a_walking_person_is_seen_by_the_local_planner_and_no_path_is_planned_round() -> None:
     seen = around()
     seen.see(0, HERE, np.concatenate([someone(6.0), someone(5.0)]))
     seen.set_personal_space(np.array([[6.0, 3.4], [5.0, 3.4]]), np.array([[6.0, 3.0]]))
@@ -264,12 +263,12 @@ def test_who_walks_is_seen_by_the_local_planner_and_not_planned_round() -> None:
 
 
 def beams(*ranges: float, step: float = math.radians(1.0)) -> FloatArray:
-    """Ends of beams side by side, from a laser at the origin."""
+    """Return the ends of neighbouring beams, from a laser at the origin."""
     turns = step * np.arange(len(ranges))
     return np.array(ranges)[:, None] * np.stack([np.cos(turns), np.sin(turns)], axis=-1)
 
 
-def test_a_beam_split_by_an_edge_is_a_veil_and_a_slim_post_is_none() -> None:
+def test_a_beam_split_by_an_edge_gives_a_mixed_pixel_and_a_slim_post_does_not() -> None:
     laser = Pose2()
     veil = beams(2.0, 2.0, 3.1, 4.0, 4.0)
     np.testing.assert_array_equal(without_mixed_pixels(veil, laser, 0.1), veil[[0, 1, 3, 4]])

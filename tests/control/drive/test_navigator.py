@@ -1,4 +1,4 @@
-"""The navigator in a hall with an ideal chair: goals, obstacles that appear, and reasons that can be read."""
+"""The navigator in a hall with an ideal chair: goals, obstacles that appear, and readable reasons."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def test_impossible_goals_and_starts_fail_with_a_reason_and_no_motion(goal: Pose
     assert (state.twist.v, state.twist.omega) == (0.0, 0.0)
 
 
-def test_a_start_walled_in_has_no_path_and_says_what_to_do() -> None:
+def test_a_walled_in_start_has_no_path_and_the_message_has_advice() -> None:
     pilot = navigator(hall((4.0, 0.0, 4.1, 8.0)))
     pilot.go(Goal("lift"))
     state = pilot.step(0, Pose2(2.0, 2.0), NOTHING)
@@ -70,7 +70,7 @@ def test_a_start_walled_in_has_no_path_and_says_what_to_do() -> None:
     assert "clear the way" in state.reason
 
 
-def test_a_board_across_the_planned_way_is_driven_round() -> None:
+def test_the_chair_drives_round_a_board_across_the_planned_way() -> None:
     pilot = navigator(hall())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     board = segment(5.0, 3.0, 5.0, 5.0)
@@ -80,7 +80,7 @@ def test_a_board_across_the_planned_way_is_driven_round() -> None:
     assert nearest > CHAIR_A.width / 2
 
 
-def test_a_closed_way_is_waited_at_and_then_given_up_with_a_reason() -> None:
+def test_the_chair_waits_at_a_closed_way_and_then_gives_up_with_a_reason() -> None:
     grid = hall((6.0, 0.0, 6.1, 3.0), (6.0, 5.0, 6.1, 8.0))
     pilot = navigator(grid, NavigatorSettings(recovery=RecoverySettings(patience=5.0)))
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
@@ -93,7 +93,7 @@ def test_a_closed_way_is_waited_at_and_then_given_up_with_a_reason() -> None:
     assert max(pose.x for pose in poses) + CHAIR_A.front < 6.05
 
 
-def test_a_way_that_opens_again_is_driven_on() -> None:
+def test_the_chair_drives_on_when_the_way_opens_again() -> None:
     grid = hall((6.0, 0.0, 6.1, 3.0), (6.0, 5.0, 6.1, 8.0))
     pilot = navigator(grid)
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
@@ -105,7 +105,7 @@ def test_a_way_that_opens_again_is_driven_on() -> None:
     assert min(pose.x for pose in poses) > 1.98  # it did not back out first
 
 
-def test_a_goal_that_is_taken_is_driven_near_to_and_waited_for() -> None:
+def test_the_chair_drives_near_an_occupied_goal_and_waits_for_it() -> None:
     pilot = navigator(hall())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     box = np.concatenate([segment(9.7, y, 10.3, y) for y in np.arange(3.7, 4.31, 0.1)])
@@ -118,7 +118,7 @@ def test_a_goal_that_is_taken_is_driven_near_to_and_waited_for() -> None:
     assert states[-1].stage is Stage.ARRIVED
 
 
-def test_cancelling_stops_and_nothing_resumes() -> None:
+def test_cancelling_stops_the_chair_and_nothing_resumes() -> None:
     pilot = navigator(hall())
     pilot.go(Goal("lift"))
     _, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 3.0)
@@ -128,7 +128,7 @@ def test_cancelling_stops_and_nothing_resumes() -> None:
     assert state.reason == "the rider drives by joystick"
 
 
-def test_a_chair_that_does_not_move_backs_out_and_gives_up_in_the_end() -> None:
+def test_a_chair_that_makes_no_progress_backs_out_and_finally_gives_up() -> None:
     pilot = navigator(hall(), NavigatorSettings(recovery=RecoverySettings(progress_time=2.0, tries=2)))
     pilot.go(Goal("lift"))
     here = Pose2(2.0, 2.0, 0.0)
@@ -158,7 +158,7 @@ def test_an_unknown_place_later_in_a_sequence_is_refused_at_once_and_the_present
     assert pilot.active
 
 
-def test_a_goal_that_asks_for_more_than_a_chair_can_do_is_refused_and_the_present_goal_stays() -> None:
+def test_a_goal_with_impossible_tolerances_is_refused_and_the_present_goal_stays() -> None:
     pilot = navigator(hall())
     pilot.go(Goal("lift"))
     _, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 5)
@@ -171,7 +171,7 @@ def test_a_goal_that_asks_for_more_than_a_chair_can_do_is_refused_and_the_presen
     assert math.hypot(poses[-1].x - 9.0, poses[-1].y - 5.0) < 0.15
 
 
-def test_the_most_exact_goal_there_is_is_reached() -> None:
+def test_a_goal_with_the_smallest_tolerances_is_reached() -> None:
     pilot = navigator(hall())
     pilot.go(Goal(Pose2(5.0, 4.0, 1.0), 0.02, 0.02))
     states, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 40)
@@ -191,7 +191,7 @@ def test_the_most_exact_goal_there_is_is_reached() -> None:
     ],
 )
 @pytest.mark.parametrize("odom", [False, True])
-def test_a_place_that_is_no_number_stops_the_chair_and_does_not_raise(nowhere: Pose2, odom: bool) -> None:
+def test_a_pose_that_is_not_a_number_stops_the_chair_and_does_not_raise(nowhere: Pose2, odom: bool) -> None:
     pilot = navigator(hall())
     pilot.go(Goal("lift"))
     states, poses = drive(pilot, Pose2(2.0, 2.0, 0.7), 4)
@@ -206,7 +206,7 @@ def test_a_place_that_is_no_number_stops_the_chair_and_does_not_raise(nowhere: P
 
 
 @pytest.mark.parametrize("solver", ["gauss-siedel", "gpu"])
-def test_a_solver_that_is_not_there_ends_the_drive_with_a_reason(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_solver_ends_the_drive_with_a_reason(solver: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if solver == "gpu":
         monkeypatch.setitem(sys.modules, "numba.cuda", None)
     settings = PlannerSettings(planner="harmonic", harmonic=HarmonicSettings(solver=solver))
@@ -235,7 +235,7 @@ def test_a_chair_that_has_slid_off_beside_the_end_of_an_exact_leg_has_not_arrive
     assert math.hypot(poses[-1].x - 4.5, poses[-1].y - 3.0) < 0.15
 
 
-def test_a_pause_stands_still_until_it_is_ended_however_long_it_lasts() -> None:
+def test_a_paused_chair_stands_still_until_the_pause_ends() -> None:
     pilot = navigator(hall())
     pilot.go(Goal("lift"))
     _, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 4.0)
@@ -249,7 +249,7 @@ def test_a_pause_stands_still_until_it_is_ended_however_long_it_lasts() -> None:
     assert states[-1].stage is Stage.ARRIVED
 
 
-def test_a_goal_moved_while_driving_is_driven_to_without_a_stop() -> None:
+def test_a_goal_that_moves_during_the_drive_is_reached_without_a_stop() -> None:
     pilot = navigator(hall())
     pilot.go(Goal(Pose2(9.0, 2.0, 0.0)))
     moving, poses = drive(pilot, Pose2(2.0, 2.0, 0.0), 4.0)
@@ -260,8 +260,8 @@ def test_a_goal_moved_while_driving_is_driven_to_without_a_stop() -> None:
 
 
 @pytest.mark.parametrize("jump", [0.1, 0.5, *(pytest.param(m, marks=pytest.mark.nightly) for m in (0.05, 0.2))])
-def test_a_jump_of_the_localisation_slows_the_chair_and_it_goes_on_from_where_it_is(jump: float) -> None:
-    """The odometry is perfect; what it is corrected by jumps sideways while the chair drives."""
+def test_a_jump_of_the_localisation_slows_the_chair_and_it_drives_on_from_its_new_pose(jump: float) -> None:
+    """The odometry is perfect; its correction jumps sideways while the chair drives."""
     pilot = navigator(hall())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     map_from_odom, odom = Pose2(), Pose2(1.5, 4.0, 0.0)
@@ -284,7 +284,7 @@ def test_a_jump_of_the_localisation_slows_the_chair_and_it_goes_on_from_where_it
     assert np.abs(np.diff(speeds)).max() < 0.6 * 0.05 + 1e-6, "without a jerk"
 
 
-def test_slow_drift_is_no_jump() -> None:
+def test_slow_drift_does_not_count_as_a_jump() -> None:
     pilot = navigator(hall())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     state, odom, speeds = Navigation(Stage.IDLE), Pose2(1.5, 4.0, 0.0), []
@@ -299,7 +299,7 @@ def test_slow_drift_is_no_jump() -> None:
     assert state.plans == 1
 
 
-def test_where_odom_lies_in_the_map_makes_no_difference() -> None:
+def test_the_origin_of_odom_in_the_map_makes_no_difference() -> None:
     board = segment(5.0, 3.0, 5.0, 5.0)
     twists = []
     for map_from_odom in (None, Pose2(-3.0, 7.0, 2.0)):
@@ -314,7 +314,7 @@ def test_where_odom_lies_in_the_map_makes_no_difference() -> None:
     np.testing.assert_allclose(twists[0], twists[1], atol=0.05)
 
 
-def test_a_point_that_hangs_alone_between_two_surfaces_is_no_obstacle() -> None:
+def test_a_mixed_pixel_between_two_surfaces_is_no_obstacle() -> None:
     pilot = navigator(hall())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     states, pose = [], Pose2(1.5, 4.0, 0.0)
@@ -329,7 +329,7 @@ def test_a_point_that_hangs_alone_between_two_surfaces_is_no_obstacle() -> None:
     assert states[-1].plans == 1
 
 
-def test_a_turn_that_takes_long_to_find_is_planned_over_ticks_from_standstill(
+def test_a_long_search_for_a_turn_is_spread_over_ticks_at_standstill(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(manoeuvre, "CHECKS_PER_STEP", 5)
@@ -348,7 +348,7 @@ def test_a_turn_that_takes_long_to_find_is_planned_over_ticks_from_standstill(
 
 @pytest.fixture
 def slow_field(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few cells a tick, so that a field takes many."""
+    """Solve few cells a tick, so that a field takes many ticks."""
     for module in (global_planner, harmonic_search):
         monkeypatch.setattr(module, "CELLS_PER_STEP", 120_000)
 
@@ -359,7 +359,7 @@ def harmonic(**told: float) -> NavigatorSettings:
 
 
 @pytest.mark.usefixtures("slow_field")
-def test_while_a_field_is_solved_over_ticks_the_chair_goes_on_by_the_path_it_has() -> None:
+def test_while_a_field_is_solved_over_ticks_the_chair_follows_its_present_path() -> None:
     pilot = navigator(hall(), harmonic())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     states, _ = drive(pilot, Pose2(2.0, 4.0, 0.0), 12)
@@ -378,7 +378,7 @@ def test_while_a_field_is_solved_over_ticks_the_chair_goes_on_by_the_path_it_has
 
 
 @pytest.mark.usefixtures("slow_field")
-def test_a_field_not_found_in_time_leaves_the_path_there_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_field_not_found_in_time_leaves_the_present_path(monkeypatch: pytest.MonkeyPatch) -> None:
     pilot = navigator(hall(), harmonic())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     states, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 6)
@@ -390,7 +390,7 @@ def test_a_field_not_found_in_time_leaves_the_path_there_is(monkeypatch: pytest.
 
 
 @pytest.mark.usefixtures("slow_field")
-def test_a_field_that_is_never_found_is_said_with_its_residual(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_field_that_does_not_converge_is_reported_with_its_residual(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(navigator_module, "LONGEST_FIELD_S", 0.1)
     pilot = navigator(hall(), harmonic())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
@@ -401,8 +401,8 @@ def test_a_field_that_is_never_found_is_said_with_its_residual(monkeypatch: pyte
 
 
 @pytest.mark.parametrize("planner", ["harmonic", "dstar-lite"])
-def test_who_crosses_far_ahead_neither_re_routes_the_chair_nor_sends_it_back(planner: str) -> None:
-    """Somebody walks across where the chair will be only when they are gone, and is seen all the way."""
+def test_a_person_who_crosses_far_ahead_neither_changes_the_route_nor_turns_the_chair_back(planner: str) -> None:
+    """A person, seen all the way, crosses at a place that the chair reaches only later."""
     pilot = navigator(hall(), NavigatorSettings(planner=PlannerSettings(planner=planner)))
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     pose, states = Pose2(2.0, 4.0, 0.0), []
@@ -418,7 +418,8 @@ def test_who_crosses_far_ahead_neither_re_routes_the_chair_nor_sends_it_back(pla
 
 
 def crossing(pilot: Navigator, seconds: float = 9.0) -> tuple[float, float]:
-    """Least distance [m] to somebody who crosses the chair's way at 0.7 m/s, and the chair's speed [m/s] then."""
+    """Return the least distance [m] to a person who crosses the chair's way at 0.7 m/s, and the chair's speed [m/s]
+    then."""
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     pose, command = Pose2(2.0, 4.0, 0.0), Twist()
     nearest, speed = math.inf, 0.0
@@ -433,7 +434,7 @@ def crossing(pilot: Navigator, seconds: float = 9.0) -> tuple[float, float]:
     return nearest, speed
 
 
-def test_people_who_cross_are_predicted_and_let_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_people_who_cross_are_predicted_and_pass_first(monkeypatch: pytest.MonkeyPatch) -> None:
     foreseen, _ = crossing(navigator(hall()))
     blind = replace(tracks.PEOPLE, walking=2.0, displacement=5.0)
     monkeypatch.setattr(tracks, "MODELS", {"people": blind})
@@ -443,7 +444,7 @@ def test_people_who_cross_are_predicted_and_let_pass(monkeypatch: pytest.MonkeyP
 
 
 def in_a_corridor(way: Callable[[float], tuple[float, float]], seconds: float) -> tuple[list[Navigation], list[Pose2]]:
-    """A chair that drives along a corridor of 2 m, y from 3 m to 5 m, in which somebody goes their way."""
+    """Drive a chair along a corridor of 2 m, y from 3 m to 5 m, in which a person walks."""
     pilot = navigator(hall((0.0, 0.0, 12.0, 3.0), (0.0, 5.0, 12.0, 8.0)))
     pilot.go(Goal(Pose2(10.5, 4.0, 0.0)))
     poses, states = [Pose2(1.5, 4.0, 0.0)], []
@@ -460,7 +461,7 @@ def in_a_corridor(way: Callable[[float], tuple[float, float]], seconds: float) -
 
 
 @pytest.mark.parametrize("begin", [11.0, *(pytest.param(x, marks=pytest.mark.nightly) for x in (10.97, 11.1))])
-def test_whom_the_chair_meets_in_a_corridor_it_passes_on_its_right(begin: float) -> None:
+def test_the_chair_passes_an_oncoming_person_in_a_corridor_on_its_right(begin: float) -> None:
     states, poses = in_a_corridor(lambda s: (begin - 0.7 * s, 4.5), 30.0)
     assert states[-1].stage is Stage.ARRIVED
     met = next(pose for k, pose in enumerate(poses) if begin - 0.7 * 0.05 * k < pose.x)
@@ -468,7 +469,7 @@ def test_whom_the_chair_meets_in_a_corridor_it_passes_on_its_right(begin: float)
     assert abs(poses[-1].y - 4.0) < 0.15
 
 
-def test_past_somebody_who_goes_to_and_fro_there_is_one_plan_for_all_the_while() -> None:
+def test_a_person_who_paces_beside_the_way_changes_no_plan() -> None:
     states, poses = in_a_corridor(lambda s: (6.0, 4.55 + 0.25 * math.sin(2.0 * s)), 60.0)
     assert states[-1].stage is Stage.ARRIVED
     assert states[-1].plans <= 6

@@ -1,4 +1,4 @@
-"""Making no way: what counts as progress along the way and in a turn, and when the chair has backed out."""
+"""Recovery: progress along the way and in a turn, and the end of backing out."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def hall() -> DistanceField:
 
 
 def backs(recovery: Recovery, seconds: float, turning: float, remaining: float | None) -> float | None:
-    """After how many seconds of turning so fast [rad/s] the chair begins to back out; None if it does not."""
+    """Return the seconds of turning at this rate [rad/s] until the chair begins to back out; None if it does not."""
     for tick in range(round(seconds * 20)):
         pose = Pose2(0.0, 0.0, turning * tick / 20)
         if recovery.step(tick * TICK_NS, pose, remaining, Twist(), hall, CHAIR_A, DwaSettings()) is not None:
@@ -39,26 +39,26 @@ def backs(recovery: Recovery, seconds: float, turning: float, remaining: float |
     return None
 
 
-def test_a_turn_that_gets_no_farther_is_backed_out_of() -> None:
+def test_the_chair_backs_out_of_a_turn_without_progress() -> None:
     assert backs(Recovery(S), TURNING_TIME_S + 1.0, 0.0, None) == TURNING_TIME_S
     assert backs(Recovery(S), 20.0, 2.0 * PROGRESS_RAD / TURNING_TIME_S, None) is None
 
 
-def test_a_door_that_is_tried_again_is_driven_through_straight() -> None:
+def test_a_door_is_driven_through_straight_at_the_second_try() -> None:
     recovery = Recovery(S)
     for tick in range(round(20 * 3 * TURNING_TIME_S)):
         pose = Pose2(1.2 * PROGRESS_M / TURNING_TIME_S * tick / 20)
         assert recovery.step(tick * TICK_NS, pose, None, Twist(), hall, CHAIR_A, DwaSettings()) is None
 
 
-def test_turning_and_driving_have_clocks_of_their_own() -> None:
+def test_turning_and_driving_have_their_own_clocks() -> None:
     recovery = Recovery(S)
     assert backs(recovery, TURNING_TIME_S - 0.1, 0.0, None) is None
     assert backs(recovery, 0.1, 0.0, 3.0) is None
     assert backs(recovery, TURNING_TIME_S - 0.1, 0.0, None) is None
 
 
-def test_who_stood_to_plan_or_waited_for_people_has_not_turned_in_vain() -> None:
+def test_standing_to_plan_or_waiting_for_people_is_no_turn_without_progress() -> None:
     recovery, half = Recovery(S), round(TURNING_TIME_S * 5e8)
     args = (Pose2(), None, Twist(), hall, CHAIR_A, DwaSettings())
     assert recovery.step(0, *args) is None
@@ -72,7 +72,7 @@ def test_who_stood_to_plan_or_waited_for_people_has_not_turned_in_vain() -> None
     assert not recovery.backing
 
 
-def test_backing_out_ends_after_its_way_and_is_said_to_last_until_then() -> None:
+def test_backing_out_ends_after_its_distance_and_is_reported_until_then() -> None:
     recovery = Recovery(S)
     args = (None, Twist(), hall, CHAIR_A, DwaSettings())
     assert recovery.step(0, Pose2(), *args) is None
@@ -85,7 +85,7 @@ def test_backing_out_ends_after_its_way_and_is_said_to_last_until_then() -> None
     assert recovery.tries == 1
 
 
-def test_at_each_try_the_chair_backs_out_farther_but_not_for_ever() -> None:
+def test_at_each_try_the_chair_backs_out_farther_up_to_a_limit() -> None:
     recovery, now_ns, ways = Recovery(S), 0, []
     args = (9.0, Twist(), hall, CHAIR_A, DwaSettings())
     for _ in range(S.tries):
@@ -98,7 +98,7 @@ def test_at_each_try_the_chair_backs_out_farther_but_not_for_ever() -> None:
     np.testing.assert_allclose(ways, BACKING_LENGTH * np.minimum(np.arange(1, S.tries + 1), 4), atol=0.011)
 
 
-def test_tries_are_counted_anew_once_the_chair_has_come_farther_than_it_was() -> None:
+def test_the_count_of_tries_restarts_when_the_chair_has_got_farther_than_before() -> None:
     recovery = Recovery(S)
 
     def step(seconds: float, remaining: float) -> bool:
@@ -118,10 +118,10 @@ def test_tries_are_counted_anew_once_the_chair_has_come_farther_than_it_was() ->
     step(5 * S.progress_time + 2.0, 7.7)
     assert recovery.tries == 0
     recovery.reset()
-    assert recovery.begun == 2, "whoever shows a drive counts on"
+    assert recovery.begun == 2, "displays of a drive count on"
 
 
-def test_somebody_who_is_too_near_for_a_moment_does_not_end_the_backing_out() -> None:
+def test_a_person_who_is_near_for_a_moment_does_not_end_the_backing_out() -> None:
     walls = np.ones((200, 200), np.bool_)  # nothing is free
     shut = DistanceField(distances(walls, 0.05), 0.05, Pose2(-5.0, -5.0))
     recovery = Recovery(S)
@@ -139,8 +139,8 @@ def test_somebody_who_is_too_near_for_a_moment_does_not_end_the_backing_out() ->
     assert recovery.tries == 1
 
 
-def test_a_chair_that_turns_less_than_it_is_told_comes_no_nearer_to_walls_as_it_backs_out() -> None:
-    """In the corner of a narrow corridor, by a drive at the front; its place is noisy, and it does 0.6 of the turning."""
+def test_a_chair_that_turns_less_than_commanded_comes_no_nearer_to_walls_as_it_backs_out() -> None:
+    """In the corner of a narrow corridor, with front-wheel drive, a noisy pose, and 0.6 of the commanded turning."""
     body = drive_variants(CHAIR_A)["front"]
     world = corner_scene(body, 0).world
     field = distance_field(world.grid)
@@ -164,15 +164,15 @@ def test_a_chair_that_turns_less_than_it_is_told_comes_no_nearer_to_walls_as_it_
         command = Twist() if choice is None else choice.twist
         pose = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, 0.6 * command.omega, 0.05))
     assert recovery.tries > 1
-    assert min(gaps) > 0.005  # 1.5 cm are kept, less what it takes to stop
+    assert min(gaps) > 0.005  # 1.5 cm are kept, less the stopping distance
 
 
 def gap(pose: Pose2, field: DistanceField, body: ChairBody) -> float:
-    """What is free [m] round the body, to 2 mm; negative where it touches."""
+    """Return the free distance [m] round the body, to 2 mm; negative where it touches."""
     return next((k / 500 for k in range(25, -1, -1) if fits(body, k / 500, field, pose)), -math.inf)
 
 
-def test_of_the_way_before_the_chair_was_driven_elsewhere_nothing_is_taken_back() -> None:
+def test_a_chair_driven_elsewhere_does_not_reverse_along_its_old_trail() -> None:
     recovery, ticks = Recovery(S), iter(range(10_000))
     args = (Twist(), hall, CHAIR_A, DwaSettings())
     for x in np.linspace(0.0, 3.0, 61).tolist():
@@ -183,4 +183,4 @@ def test_of_the_way_before_the_chair_was_driven_elsewhere_nothing_is_taken_back(
     while backing is None:
         backing = recovery.step(next(ticks) * TICK_NS, elsewhere, 3.0, *args)
     best = backing.candidates[int(np.argmax(backing.scores))]
-    assert best[1] == 0.0, "straight back, the one way that is known without a trail"
+    assert best[1] == 0.0, "straight back, the only known way without a trail"

@@ -1,4 +1,4 @@
-"""A page's joystick: silence is letting go, and nothing that was interrupted goes on by itself."""
+"""A page's joystick: silence lets go, and an interrupted push does not resume by itself."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ AXES = st.floats(-2.0, 2.0)
 
 
 @given(AXES, AXES)
-def test_it_never_asks_for_more_than_a_slow_walk(forward: float, turn: float) -> None:
+def test_it_never_asks_for_more_than_a_slow_walking_speed(forward: float, turn: float) -> None:
     steering = Steering()
     steering.push(forward, turn, 0)
     twist = steering.twist(0)
@@ -26,14 +26,14 @@ def test_it_never_asks_for_more_than_a_slow_walk(forward: float, turn: float) ->
     assert math.copysign(1.0, twist.v) == math.copysign(1.0, forward) or twist.v == 0.0
 
 
-def test_silence_is_letting_go() -> None:
+def test_silence_lets_go() -> None:
     steering = Steering()
     steering.push(1.0, 0.0, 0)
     assert steering.twist(round(0.3 * S)) == Twist(SETTINGS.speed, 0.0)
     assert steering.twist(round(0.3 * S) + 1) == Twist()
 
 
-def test_the_chair_is_held_at_rest_for_a_while_and_then_let_go() -> None:
+def test_the_chair_is_held_at_rest_for_a_while_and_then_released() -> None:
     steering = Steering()
     steering.push(1.0, 0.0, 0)
     steering.let_go(S)
@@ -46,7 +46,7 @@ def test_the_chair_is_held_at_rest_for_a_while_and_then_let_go() -> None:
 
 
 @pytest.mark.parametrize(("forward", "turn"), [(math.nan, 0.0), (0.0, math.inf), (-math.inf, math.nan)])
-def test_what_is_no_number_is_letting_go(forward: float, turn: float) -> None:
+def test_a_push_that_is_not_a_number_lets_go(forward: float, turn: float) -> None:
     steering = Steering()
     steering.push(1.0, 0.0, 0)
     assert not steering.push(forward, turn, 1)
@@ -54,7 +54,7 @@ def test_what_is_no_number_is_letting_go(forward: float, turn: float) -> None:
 
 
 @pytest.mark.parametrize("gap_ms", [100, 400, 2000])
-def test_a_push_that_was_interrupted_counts_only_once_it_was_let_go(gap_ms: int) -> None:
+def test_an_interrupted_push_counts_again_only_after_a_release(gap_ms: int) -> None:
     steering = Steering()
     assert steering.push(1.0, 0.0, 0)
     steering.end()
@@ -69,7 +69,7 @@ def test_a_push_that_was_interrupted_counts_only_once_it_was_let_go(gap_ms: int)
     assert steering.twist(now_ns + S).v == SETTINGS.speed
 
 
-def test_a_page_that_came_after_one_that_died_steers() -> None:
+def test_a_new_page_steers_after_another_one_died() -> None:
     steering = Steering()
     steering.push(1.0, 0.0, 0)
     steering.end()
@@ -77,7 +77,7 @@ def test_a_page_that_came_after_one_that_died_steers() -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from(["push", "let_go", "end", "wait"]), st.integers(0, S)), max_size=30))
-def test_after_an_end_nothing_is_asked_for_before_a_fresh_push(acts: list[tuple[str, int]]) -> None:
+def test_after_an_end_nothing_is_commanded_before_a_fresh_push(acts: list[tuple[str, int]]) -> None:
     steering, now_ns, ended = Steering(), 0, False
     for act, wait_ns in acts:
         now_ns += wait_ns

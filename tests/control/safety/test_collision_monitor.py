@@ -1,4 +1,5 @@
-"""The last look: contact on the arc as by driving it in small steps, zones that scale, and a lidar that is not believed."""
+"""The collision monitor: contact on an arc as in small steps, zones that scale the speed, and a lidar that is not
+trusted."""
 
 from __future__ import annotations
 
@@ -66,19 +67,19 @@ def scan_of(points: FloatArray, body: ChairBody = CHAIR_A, stamp_ns: int = 0, se
 
 
 def judged(points: FloatArray, command: Twist, body: ChairBody = CHAIR_A) -> MonitorVerdict:
-    """The verdict on a command at rest in a scene."""
+    """Return the verdict on a command at rest in a scene."""
     monitor = Monitor(body)
     monitor.see(scan_of(points, body))
     return monitor.judge(command, Twist(), 50 * MS)
 
 
 def contacts(points: FloatArray, command: Twist, body: ChairBody) -> FloatArray:
-    """Contact times of points of which none are legs."""
+    """Return contact times of points of which none are legs."""
     return contact_times(points, np.zeros(len(points), np.bool_), command, body, LEGS)
 
 
 def driven(points: FloatArray, command: Twist, body: ChairBody, horizon: float) -> FloatArray:
-    """When each point is inside the zone, by driving the arc in steps of 2 ms."""
+    """Return the time at which each point is inside the zone, by driving the arc in steps of 2 ms."""
     beside, ahead = margins(command, body)
     front = body.front + beside + (ahead if command.v > 0 else 0.0)
     rear = body.rear + beside + (ahead if command.v < 0 else 0.0)
@@ -91,7 +92,7 @@ def driven(points: FloatArray, command: Twist, body: ChairBody, horizon: float) 
 
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B, CHAIR_A_MID], ids=lambda body: body.chair_id)
-def test_contact_is_when_driving_the_arc_in_small_steps_says_so(body: ChairBody) -> None:
+def test_contact_times_agree_with_driving_the_arc_in_small_steps(body: ChairBody) -> None:
     rng = np.random.default_rng(7)
     for command in (
         Twist(0.8, 0.0),
@@ -113,7 +114,7 @@ def test_contact_is_when_driving_the_arc_in_small_steps_says_so(body: ChairBody)
 
 
 @given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.floats(0.1, 1.0))
-def test_driving_slower_on_the_same_arc_touches_the_same_later(v: float, omega: float, share: float) -> None:
+def test_at_a_lower_speed_the_same_arc_touches_the_same_points_later(v: float, omega: float, share: float) -> None:
     points = np.random.default_rng(3).uniform(-2.0, 2.0, (60, 2))
     none = np.zeros(len(points), np.bool_)
     full = contact_times(points, none, Twist(v, omega), CHAIR_A, LEGS, pace=share)
@@ -123,13 +124,13 @@ def test_driving_slower_on_the_same_arc_touches_the_same_later(v: float, omega: 
         assert slow[known] * share == pytest.approx(full[known], rel=1e-6, abs=1e-6)
 
 
-def test_a_chair_in_a_doorway_of_five_centimetres_a_side_may_drive_through_it() -> None:
+def test_a_chair_may_drive_through_a_doorway_with_five_centimetres_on_each_side() -> None:
     jambs = np.array([[x, side * 0.35] for x in np.linspace(0.2, 1.2, 60) for side in (-1.0, 1.0)])
     assert not np.isfinite(contacts(jambs, Twist(0.3, 0.0), CHAIR_A)).any()
     assert np.isfinite(contacts(jambs, Twist(0.3, 0.3), CHAIR_A)).any()
 
 
-def test_what_is_within_the_zone_counts_only_when_it_comes_nearer() -> None:
+def test_a_point_within_the_zone_counts_only_when_it_comes_nearer() -> None:
     beside = np.array([[0.3, CHAIR_A.width / 2 + 0.01]] * 3)
     assert not np.isfinite(contacts(beside, Twist(0.4, 0.0), CHAIR_A)).any()
     assert np.isfinite(contacts(beside, Twist(0.4, 0.3), CHAIR_A)).all()
@@ -138,7 +139,7 @@ def test_what_is_within_the_zone_counts_only_when_it_comes_nearer() -> None:
     assert contacts(before, Twist(0.8, 0.0), CHAIR_A).tolist() == [0.0] * 3
 
 
-def test_margins_grow_with_the_speed_of_the_fastest_part() -> None:
+def test_margins_grow_with_the_speed_of_the_fastest_part_of_the_chair() -> None:
     assert margins(Twist(0.3, 0.0), CHAIR_A) == (MONITORED_AT_CRAWL, MONITORED_AHEAD_AT_CRAWL)
     assert margins(Twist(-0.8, 0.0), CHAIR_A) == pytest.approx((MONITORED_AT_FULL_SPEED, MONITORED_AHEAD_AT_FULL_SPEED))
     assert margins(Twist(2.0, 0.0), CHAIR_A) == (MONITORED_AT_FULL_SPEED, MONITORED_AHEAD_AT_FULL_SPEED)
@@ -150,7 +151,7 @@ def test_margins_grow_with_the_speed_of_the_fastest_part() -> None:
 
 
 @pytest.mark.parametrize("beside", [0.005, 0.02, 0.035])
-def test_what_lies_within_the_margin_of_a_fast_drive_slows_it_to_where_the_margin_is_free(beside: float) -> None:
+def test_a_point_within_the_margin_of_a_fast_drive_slows_it_until_the_margin_is_free(beside: float) -> None:
     wall = np.linspace(0.8, 1.6, 33)  # of discs of 5 cm, too long for a leg
     jambs = np.array([[x, side * (CHAIR_A.width / 2 + 0.05 + beside)] for x in wall for side in (-1.0, 1.0)])
     asked = Twist(0.8, 0.0)
@@ -162,7 +163,7 @@ def test_what_lies_within_the_margin_of_a_fast_drive_slows_it_to_where_the_margi
     assert judged(jambs, slower).share == 1.0
 
 
-def test_people_are_kept_away_from_by_more_than_walls_and_not_crept_up_to() -> None:
+def test_the_chair_keeps_more_distance_from_people_than_from_walls_and_does_not_creep_up_to_them() -> None:
     for distance in (0.10, 0.30):
         before = np.array([[CHAIR_A.front + distance, 0.0]])
         legs = np.ones(1, np.bool_)
@@ -174,7 +175,7 @@ def test_people_are_kept_away_from_by_more_than_walls_and_not_crept_up_to() -> N
     assert np.isfinite(contact_times(passing, legs, Twist(0.5, 0.0), CHAIR_A, LEGS)).tolist() == [True, False]
 
 
-def test_the_chair_gives_way_to_who_is_beside_its_way_and_passes_who_stays_at_a_crawl() -> None:
+def test_the_chair_gives_way_to_a_person_beside_its_way_and_crawls_past_one_who_stays() -> None:
     monitor, command = Monitor(CHAIR_A), Twist(0.6, 0.0)
     beside_the_way = np.array([[CHAIR_A.front + 0.7, CHAIR_A.width / 2 + 0.30]])
 
@@ -196,14 +197,14 @@ def test_the_chair_gives_way_to_who_is_beside_its_way_and_passes_who_stays_at_a_
     assert set(shares(6.5, 7.0, beside_the_way, Twist())) == {0.0}  # the next one is given way to as well
 
 
-def test_who_stands_in_the_way_is_never_passed_through_however_long_the_chair_waits() -> None:
+def test_a_person_who_stands_in_the_way_is_never_driven_into_however_long_the_chair_waits() -> None:
     monitor, ahead = Monitor(CHAIR_A), np.array([[CHAIR_A.front + 0.25, 0.1]])
     for k in range(200):
         monitor.see(scan_of(ahead, stamp_ns=k * 50 * MS, seed=k))
         assert monitor.judge(Twist(0.2, 0.0), Twist(), k * 50 * MS).stop == "obstacle"
 
 
-def test_who_comes_later_is_given_way_to_as_long_as_who_came_first() -> None:
+def test_a_later_person_is_given_way_for_as_long_as_the_first_one() -> None:
     legs, crawl = np.array([[CHAIR_A.front + 0.45, 0.0]]), Twist(0.1, 0.0)
     monitor = Monitor(CHAIR_A)
 
@@ -222,19 +223,19 @@ def test_who_comes_later_is_given_way_to_as_long_as_who_came_first() -> None:
 
 
 @pytest.mark.parametrize("nearer", [{"beside_after": 0.5}, {"ahead_after": 0.6}])
-def test_a_chair_that_has_given_way_keeps_no_more_distance_than_before(nearer: dict[str, float]) -> None:
+def test_a_larger_distance_after_giving_way_is_refused(nearer: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="_after"):
         replace(LEGS, **nearer)
 
 
-def test_what_is_well_within_the_outline_is_touched_whatever_is_commanded_but_standing() -> None:
+def test_a_point_well_within_the_outline_counts_as_touched_unless_the_chair_stands() -> None:
     inside = np.array([[0.3, 0.0]])
     for command in (Twist(0.1, 0.0), Twist(-0.1, 0.0), Twist(0.0, 0.1)):
         assert contacts(inside, command, CHAIR_A).tolist() == [0.0]
     assert contacts(inside, Twist(), CHAIR_A).tolist() == [math.inf]
 
 
-def test_the_zones_scale_with_the_speed() -> None:
+def test_the_zones_grow_with_the_speed() -> None:
     stops, slows = [], []
     for v in (0.2, 0.4, 0.8):
         distances = np.arange(0.3, 3.0, 0.02)
@@ -248,7 +249,7 @@ def test_the_zones_scale_with_the_speed() -> None:
 
 
 @given(st.floats(0.05, 0.8), st.floats(-0.8, 0.8), st.floats(0.0, 10.0))
-def test_at_the_share_that_is_left_a_stop_by_comfort_ends_before_the_contact(
+def test_at_the_permitted_share_of_speed_a_comfortable_stop_ends_before_the_contact(
     v: float, omega: float, contact: float
 ) -> None:
     k = slow_share(contact, Twist(v, omega), S)
@@ -259,18 +260,18 @@ def test_at_the_share_that_is_left_a_stop_by_comfort_ends_before_the_contact(
         assert k * S.reaction_s + k * k * half == pytest.approx(contact, abs=1e-9)
 
 
-def test_a_thing_beside_a_straight_way_is_on_the_way_of_a_turn() -> None:
+def test_a_thing_beside_a_straight_arc_is_in_the_way_of_a_turn() -> None:
     beside = np.array([[1.3, 0.9]])
     assert judged(beside, Twist(0.5, 0.0)).contact_s > 10.0  # the wall behind it
     assert judged(beside, Twist(0.5, 0.5)).contact_s < 2.0
 
 
 BESIDE_CORNER = np.array([[0.55, CHAIR_A.width / 2 + 0.15], [0.65, CHAIR_A.width / 2 + 0.15]])
-"""Legs of who stands beside the front corner; shoulders reach 0.2 m beyond."""
+"""Return legs of a person beside the front corner; shoulders reach 0.2 m beyond."""
 
 
 @pytest.mark.parametrize("omega", [0.5, 0.1])
-def test_a_corner_does_not_swing_under_the_shoulders_of_who_stands_beside(omega: float) -> None:
+def test_a_corner_does_not_swing_under_the_shoulders_of_a_person_beside_the_chair(omega: float) -> None:
     assert judged(BESIDE_CORNER, Twist(0.0, omega)).stop == "obstacle"
     assert judged(BESIDE_CORNER, Twist(0.3, 0.0)).share == 1.0
     assert judged(BESIDE_CORNER, Twist(0.0, -omega)).share == 1.0
@@ -286,7 +287,7 @@ def test_a_chair_turns_beside_furniture_as_beside_a_wall() -> None:
     assert monitor.judge(near, Twist(), 50 * MS).share == 1.0
 
 
-def test_fewer_points_than_a_thing_has_are_noise() -> None:
+def test_a_few_points_are_noise_and_not_a_thing() -> None:
     monitor = Monitor(CHAIR_A)
     scan = scan_of(np.empty((0, 2)))
     ranges = scan.ranges.copy()
@@ -298,7 +299,7 @@ def test_fewer_points_than_a_thing_has_are_noise() -> None:
     assert monitor.judge(Twist(0.5, 0.0), Twist(), 0).stop == "obstacle"
 
 
-def test_legs_that_stand_free_are_told_from_a_wall_and_from_the_rim_of_one() -> None:
+def test_free_standing_legs_are_distinguished_from_a_wall_and_from_its_edge() -> None:
     scan = scan_of(np.array([[2.0, 0.1], [2.0, -0.1]]))
     slim = slim_beams(scan, np.zeros(BEAMS, np.bool_))
     assert 8 <= slim.sum() < 60
@@ -309,19 +310,19 @@ def test_legs_that_stand_free_are_told_from_a_wall_and_from_the_rim_of_one() -> 
     assert not slim_beams(replace(scan, ranges=ranges), np.zeros(BEAMS, np.bool_)).any()
 
 
-def test_legs_that_stand_before_open_space_are_told_from_a_wall() -> None:
+def test_legs_before_open_space_are_distinguished_from_a_wall() -> None:
     scan = scan_of(np.array([[2.0, 0.1], [2.0, -0.1]]))
     slim = slim_beams(scan, np.zeros(BEAMS, np.bool_))
     beyond = scan.ranges > 7.0
     for where in (beyond, beyond & (np.arange(BEAMS) > BEAMS // 2)):
         ranges = np.where(where, np.float32(math.inf), scan.ranges)
-        ranges[:40] = 0.6  # a wall nearer than they are, far aside
+        ranges[:40] = 0.6  # a wall nearer than the legs, far aside
         open_hall = slim_beams(replace(scan, ranges=ranges), np.zeros(BEAMS, np.bool_))
         np.testing.assert_array_equal(open_hall[40:], slim[40:])
 
 
 def furnished(slim: FloatArray) -> MonitorVerdict:
-    """The verdict on a crawl towards legs 0.25 m ahead and a little beside, told at 0 where slim things stand."""
+    """Return the verdict on a crawl towards legs 0.25 m ahead and a little aside; slim furniture is given at time 0."""
     monitor = Monitor(CHAIR_A)
     monitor.see(scan_of(np.array([LEG])))
     monitor.note_mapped_legs(slim, 0)
@@ -332,26 +333,26 @@ LEG = (CHAIR_A.front + 0.25, CHAIR_A.width / 2 + 0.10)
 NOTHING = np.empty((0, 2))
 
 
-def test_a_slim_thing_that_has_always_stood_there_is_given_no_persons_room() -> None:
+def test_known_slim_furniture_gets_no_personal_space() -> None:
     assert furnished(NOTHING).stop == "obstacle"
     assert furnished(np.array([LEG])).share == 1.0
 
 
 @pytest.mark.parametrize(("off", "is_furniture"), [(0.04, True), (0.16, False)])
-def test_legs_beside_the_place_of_furniture_are_a_persons(off: float, is_furniture: bool) -> None:
+def test_legs_beside_the_place_of_furniture_are_those_of_a_person(off: float, is_furniture: bool) -> None:
     slim = np.array([[LEG[0], LEG[1] + off]])
     assert (furnished(slim).stop == "") == is_furniture
 
 
 @pytest.mark.parametrize(("age_ms", "is_furniture"), [(MAPPED_MS, True), (MAPPED_MS + 1, False)])
-def test_what_was_told_of_furniture_long_ago_is_forgotten(age_ms: int, is_furniture: bool) -> None:
+def test_old_furniture_is_forgotten(age_ms: int, is_furniture: bool) -> None:
     monitor = Monitor(CHAIR_A)
     monitor.see(scan_of(np.array([LEG]), stamp_ns=age_ms * MS))
     monitor.note_mapped_legs(np.array([LEG]), 0)
     assert (monitor.judge(Twist(0.1, 0.0), Twist(), age_ms * MS).stop == "") == is_furniture
 
 
-def test_furniture_is_carried_on_by_the_motion_since() -> None:
+def test_known_furniture_is_moved_with_the_odometry() -> None:
     monitor, turning = Monitor(CHAIR_A), Twist(0.0, 1.0)
     there = transform_points(arc(0.0, 0.25).inverse(), np.array([LEG]))
     monitor.see(scan_of(there, stamp_ns=250 * MS))
@@ -361,15 +362,15 @@ def test_furniture_is_carried_on_by_the_motion_since() -> None:
     assert seen_turned.share > monitor.judge(Twist(0.1, 0.0), turning, 250 * MS).share
 
 
-def test_the_chair_stops_before_furniture_as_before_anything() -> None:
+def test_the_chair_stops_before_furniture_too() -> None:
     ahead = np.array([[CHAIR_A.front + 0.02, 0.0]])
     monitor = Monitor(CHAIR_A)
-    monitor.see(scan_of(ahead + np.array([0.05, 0.0])))  # its near side is where the middle is said to be
+    monitor.see(scan_of(ahead + np.array([0.05, 0.0])))  # its near side is at the given middle
     monitor.note_mapped_legs(ahead, 0)
     assert monitor.judge(Twist(0.3, 0.0), Twist(), 50 * MS).stop == "obstacle"
 
 
-def test_a_scan_is_carried_on_by_the_motion_since_each_of_its_beams() -> None:
+def test_a_scan_is_corrected_by_the_motion_since_each_of_its_beams() -> None:
     body = CHAIR_A
     still = scan_of(np.array([[2.0, 0.3]]))
     for twist in (Twist(0.8, 0.0), Twist(0.4, 0.6), Twist(0.0, -0.5)):
@@ -383,14 +384,14 @@ def test_a_scan_is_carried_on_by_the_motion_since_each_of_its_beams() -> None:
                 assert points[i] == pytest.approx(transform_points(since.inverse(), at_scan[i : i + 1])[0], abs=1e-9)
 
 
-def test_a_moving_chair_stops_for_what_it_has_come_nearer_to_since_the_scan() -> None:
+def test_a_moving_chair_accounts_for_its_motion_since_the_scan() -> None:
     monitor = Monitor(CHAIR_A)
     monitor.see(scan_of(np.array([[CHAIR_A.front + LEGS.ahead + 0.62, 0.0]])))
     assert monitor.judge(Twist(0.8, 0.0), Twist(0.8, 0.0), 0).stop == ""
     assert monitor.judge(Twist(0.8, 0.0), Twist(0.8, 0.0), 250 * MS).stop == "obstacle"
 
 
-def test_the_chairs_own_parts_are_nothing_once_they_are_masked() -> None:
+def test_masked_parts_of_the_chair_are_no_obstacle() -> None:
     legs = np.array([[0.68, 0.1], [0.68, -0.1]])
     seen = Monitor(CHAIR_A)
     seen.see(scan_of(legs))
@@ -401,7 +402,7 @@ def test_the_chairs_own_parts_are_nothing_once_they_are_masked() -> None:
     assert masked.judge(Twist(0.3, 0.0), Twist(), 0).stop == ""
 
 
-def test_measured_stops_that_take_longer_than_reckoned_count() -> None:
+def test_measured_stops_that_are_longer_than_assumed_count() -> None:
     table = StopTable(speeds=(0.4, 0.8), distances=(0.5, 1.4), turn_rate=0.8, turn_angle=0.9, delay_s=0.3)
     assert stop_seconds(Twist(0.8, 0.0), S, table) == pytest.approx(1.4 / 0.8)
     assert stop_seconds(Twist(0.0, 0.8), S, table) == pytest.approx(0.9 / 0.8)
@@ -420,7 +421,7 @@ def test_measured_stops_that_take_longer_than_reckoned_count() -> None:
         (0, None, "lidar_late"),
     ],
 )
-def test_speed_passes_only_by_a_fresh_verdict_of_a_fresh_scan(
+def test_a_speed_passes_only_with_a_fresh_verdict_on_a_fresh_scan(
     verdict_age: int, scan_age: int | None, stop_id: str
 ) -> None:
     now = 10**10
@@ -430,7 +431,7 @@ def test_speed_passes_only_by_a_fresh_verdict_of_a_fresh_scan(
     assert stop_id == "" or stop_id in STOPS
 
 
-def test_a_monitor_is_silent_for_good_after_half_a_second() -> None:
+def test_a_monitor_is_silent_after_half_a_second_without_a_verdict() -> None:
     verdict = MonitorVerdict(0, 0, Twist(), 1.0)
     assert not is_silent(verdict, 500 * MS)
     assert is_silent(verdict, 501 * MS)
@@ -449,12 +450,12 @@ def test_a_monitor_is_silent_for_good_after_half_a_second() -> None:
         (Twist(0.5, -0.21), False),
     ],
 )
-def test_a_command_that_was_not_judged_does_not_pass(command: Twist, passes: bool) -> None:
+def test_a_command_without_a_verdict_does_not_pass(command: Twist, passes: bool) -> None:
     verdict = MonitorVerdict(0, 0, Twist(0.5, 0.2), 0.7)
     assert permitted_share(command, verdict) == (0.7 if passes else 0.0)
 
 
-def test_f11_a_scan_older_than_300_ms_is_not_judged_by() -> None:
+def test_f11_a_scan_older_than_300_ms_gives_no_verdict() -> None:
     monitor = Monitor(CHAIR_A)
     assert monitor.judge(Twist(0.1, 0.0), Twist(), 0).stop == "lidar_late"
     monitor.see(scan_of(np.empty((0, 2))))
@@ -463,7 +464,7 @@ def test_f11_a_scan_older_than_300_ms_is_not_judged_by() -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
-def test_f5_a_command_or_a_motion_that_is_no_number_is_not_permitted(bad: float) -> None:
+def test_f5_a_command_or_motion_that_is_not_a_number_is_refused(bad: float) -> None:
     monitor = Monitor(CHAIR_A)
     monitor.see(scan_of(np.empty((0, 2))))
     assert monitor.judge(Twist(bad, 0.0), Twist(), 0).share == 0.0

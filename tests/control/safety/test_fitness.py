@@ -30,7 +30,7 @@ def imu(stamp_ns: int, lean: float = 0.0) -> ImuSample:
 
 
 def well(settings: FitnessSettings | None = None, scan_age: int = 0, wheels_age: int = 0) -> Fitness:
-    """One that has heard of lidar and wheels so many ms ago."""
+    """Return a fitness that last heard lidar and wheels these times [ms] ago."""
     fitness = Fitness(CHAIR_A, settings)
     fitness.hear(scan(NOW - scan_age * MS), Twist())
     fitness.hear(WheelTicks(NOW - wheels_age * MS, 0, 0), Twist())
@@ -41,7 +41,7 @@ def ids(fitness: Fitness, now_ns: int = NOW) -> set[str]:
     return {halted.stop.id for halted in fitness.halts(now_ns)}
 
 
-def test_a_chair_that_has_heard_nothing_is_not_fit() -> None:
+def test_a_chair_without_any_sensor_data_is_not_fit() -> None:
     assert ids(Fitness(CHAIR_A)) == {"lidar_stale", "wheels_stale"}
 
 
@@ -65,7 +65,7 @@ def test_f13_a_silent_imu_or_camera_slows_a_drive(age: int, limit: float) -> Non
         assert ids(fitness) == set()
 
 
-def test_f13_a_sensor_that_tells_nothing_is_as_good_as_silent() -> None:
+def test_f13_a_sensor_without_valid_data_counts_as_silent() -> None:
     nothing = ImuSample(NOW, np.array([math.nan, 0.0, 9.81]), np.zeros(3))
     spinning = ImuSample(NOW, np.array([0.0, 0.0, 9.81]), np.array([0.0, 0.0, math.inf]))
     dark = RgbdFrame(NOW, np.zeros((480, 640), np.uint8), np.full((480, 640), np.nan, np.float32), np.eye(3))
@@ -79,7 +79,7 @@ def test_f13_a_sensor_that_tells_nothing_is_as_good_as_silent() -> None:
     assert fitness.speed_limit(NOW) == math.inf
 
 
-def test_f13_or_ends_it_as_configured() -> None:
+def test_f13_a_silent_imu_or_camera_ends_a_drive_if_so_configured() -> None:
     fitness = well(FitnessSettings(imu_silent="stop", depth_silent="stop"))
     fitness.hear(imu(NOW - 301 * MS), Twist())
     fitness.hear(picture(NOW - 301 * MS), Twist())
@@ -111,7 +111,7 @@ def test_f15_a_chair_in_doubt_drives_slowly() -> None:
 
 
 @pytest.mark.parametrize(("jump", "found"), [(0.49, set()), (0.51, {"pose_jump"}), (-0.51, {"pose_jump"})])
-def test_f15_a_pose_that_jumps_is_remembered_until_nothing_drives(jump: float, found: set[str]) -> None:
+def test_f15_a_jump_of_the_pose_is_remembered_until_nothing_drives(jump: float, found: set[str]) -> None:
     for later in (localisation(jump), localisation(remaining=jump)):
         fitness = well()
         fitness.locate(localisation(), Pose2())
@@ -157,16 +157,14 @@ def test_f23_a_jolt_is_no_slope() -> None:
         (ChairStatus(NOW, seated=True, charging=False, battery=1.0), set()),
     ],
 )
-def test_f24_what_the_contacts_say_is_obeyed_even_where_none_were_announced(
-    status: ChairStatus, found: set[str]
-) -> None:
+def test_f24_contacts_are_obeyed_even_where_none_are_configured(status: ChairStatus, found: set[str]) -> None:
     fitness = well()
     fitness.hear(status, Twist())
     assert ids(fitness) == found
 
 
-def test_f24_seat_switch_and_battery_speak_for_themselves() -> None:
-    """They are two messages in ROS: what one of them does not know stays as the other has said."""
+def test_f24_seat_switch_and_battery_are_judged_separately() -> None:
+    """They are two messages in ROS: a value unknown to one message stays as the other gave it."""
     fitness = well(FitnessSettings(seat_switch=True, power_monitor=True))
     fitness.hear(ChairStatus(NOW, seated=False), Twist())
     assert ids(fitness) == {"status_stale", "seat_empty"}
@@ -175,12 +173,12 @@ def test_f24_seat_switch_and_battery_speak_for_themselves() -> None:
     fitness.hear(ChairStatus(NOW, seated=True), Twist())
     assert ids(fitness) == {"charging"}
     fitness.hear(ChairStatus(NOW, battery=0.5), Twist())
-    assert ids(fitness) == {"charging"}, "who does not know whether the charger is connected has not seen it go"
+    assert ids(fitness) == {"charging"}, "a message without the charger's state does not unplug it"
     fitness.hear(ChairStatus(NOW, charging=False), Twist())
     assert ids(fitness) == set()
 
 
-def test_f24_where_contacts_are_fitted_their_silence_is_no_consent() -> None:
+def test_f24_silent_contacts_stop_the_drive_where_contacts_are_fitted() -> None:
     for settings in (FitnessSettings(seat_switch=True), FitnessSettings(power_monitor=True)):
         fitness = well(settings)
         assert ids(fitness) == {"status_stale"}

@@ -1,4 +1,4 @@
-"""A chair that is pushed by hand is told from one that rolls out, and from one that its rider drives."""
+"""A pushed chair is distinguished from one that coasts, and from one driven by its rider."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def stands(pushing: Pushing, from_ms: int, x: float, seconds: float = 1.5) -> li
     return [told(pushing, from_ms + k * 50, x) for k in range(round(20 * seconds))]
 
 
-def test_a_standing_chair_that_moves_is_pushed_until_it_has_stood_again() -> None:
+def test_a_standing_chair_that_moves_counts_as_pushed_until_it_stands_again() -> None:
     pushing = Pushing()
     assert not any(stands(pushing, 0, 0.0))
     assert not pushing.pushed
@@ -28,7 +28,7 @@ def test_a_standing_chair_that_moves_is_pushed_until_it_has_stood_again() -> Non
     assert not pushing.pushed
 
 
-def test_a_chair_that_rolls_out_is_not_pushed() -> None:
+def test_a_coasting_chair_is_not_pushed() -> None:
     pushing = Pushing()
     stands(pushing, 0, 0.0)
     told(pushing, 2000, 0.5, released=False)
@@ -37,7 +37,7 @@ def test_a_chair_that_rolls_out_is_not_pushed() -> None:
         assert not pushing.pushed
 
 
-def test_who_drives_by_joystick_does_not_push() -> None:
+def test_a_chair_driven_by_joystick_is_not_pushed() -> None:
     pushing = Pushing()
     stands(pushing, 0, 0.0)
     for k in range(20):
@@ -45,7 +45,7 @@ def test_who_drives_by_joystick_does_not_push() -> None:
         assert not pushing.pushed
 
 
-def test_without_word_of_stick_or_wheels_nothing_is_claimed() -> None:
+def test_without_stick_or_wheel_data_nothing_is_claimed() -> None:
     pushing = Pushing()
     stands(pushing, 0, 0.0)
     assert not pushing.update(3000 * MS, True, None, Odometry(0, Pose2(5.0)))
@@ -53,7 +53,7 @@ def test_without_word_of_stick_or_wheels_nothing_is_claimed() -> None:
     assert not pushing.pushed
 
 
-def test_a_stick_that_rests_as_far_off_as_was_set_is_no_hand_on_it() -> None:
+def test_a_stick_at_rest_within_the_threshold_is_not_held() -> None:
     for at_rest, pushed in ((0.2, True), (0.1, False)):
         pushing = Pushing(at_rest=at_rest)
         for k in range(60):

@@ -1,4 +1,4 @@
-"""What no sensor sees is driven into slowly, and nothing is driven faster than it can be stopped within sight."""
+"""Into unseen space the chair drives slowly, and nowhere faster than it can stop within sight."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ def view(field_of_view: float, turns: int = 0, range_max: float = 25.0) -> list[
 
 
 @given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8))
-def test_with_sight_all_round_nothing_is_limited(v: float, omega: float) -> None:
+def test_with_a_full_field_of_view_nothing_is_limited(v: float, omega: float) -> None:
     assert sight_share(Twist(v, omega), CHAIR_A, [ALL_ROUND]) == 1.0
 
 
-def test_reversing_and_turning_towards_where_no_sensor_looks_is_slow() -> None:
+def test_reversing_and_turning_into_unseen_space_is_slow() -> None:
     sectors = view(math.radians(270.0))
     assert sight_share(Twist(0.8, 0.0), CHAIR_A, sectors) == 1.0
     assert sight_share(Twist(-0.3, 0.0), CHAIR_A, sectors) == pytest.approx(0.5)
@@ -69,7 +69,7 @@ def test_a_blind_chair_moves_no_part_outwards_faster_than_the_limit(name: str, t
 
 
 @pytest.mark.parametrize("range_max", [1.2, 1.5, 2.0, 3.0])
-def test_a_short_sighted_lidar_lets_the_chair_drive_as_fast_as_it_stops_within_sight(range_max: float) -> None:
+def test_a_lidar_with_a_short_range_limits_the_speed_to_a_stop_within_sight(range_max: float) -> None:
     sectors = view(math.radians(270.0), range_max=range_max)
     way = sight_along(Twist(0.8, 0.0), CHAIR_A, sectors)
     assert CHAIR_A.laser_x + range_max - CHAIR_A.front - 0.2 <= way <= CHAIR_A.laser_x + range_max - CHAIR_A.front
@@ -77,19 +77,19 @@ def test_a_short_sighted_lidar_lets_the_chair_drive_as_fast_as_it_stops_within_s
     assert v * REACTION_S + v * v / (2 * BRAKING) == pytest.approx(way, abs=1e-6)
 
 
-def test_on_an_arc_it_is_the_strip_of_the_arc_that_must_be_seen() -> None:
+def test_on_an_arc_the_strip_of_the_arc_must_be_seen() -> None:
     to_the_right = Sector(Pose2(-CHAIR_A.rear, 0.0, -0.6), 1.05, 10.0)
     assert sight_along(Twist(0.8, -0.6), CHAIR_A, [to_the_right]) == FAR_ENOUGH
     assert 0.1 < sight_along(Twist(0.8, 0.6), CHAIR_A, [to_the_right]) < 1.0
 
 
-def test_whether_a_corner_is_seen_does_not_hang_on_the_turns_that_angles_are_counted_in() -> None:
+def test_the_sight_of_a_corner_does_not_depend_on_full_turns_of_the_angles() -> None:
     known = sight_share(Twist(-0.3, 0.0), CHAIR_A_FRONT, view(math.radians(270.0)))
     for turns in (-1, 1, 3):
         assert sight_share(Twist(-0.3, 0.0), CHAIR_A_FRONT, view(math.radians(270.0), turns)) == known
 
 
-def test_beams_that_are_invalid_split_a_scan_into_sectors_but_drop_outs_do_not() -> None:
+def test_invalid_beams_split_a_scan_into_sectors_and_drop_outs_do_not() -> None:
     ranges = np.full(360, 2.0, np.float32)
     ranges[100:110] = np.nan
     ranges[200:202] = np.nan

@@ -1,4 +1,4 @@
-"""The table of stops: whole, in plain words, and of one voice with the board's advice."""
+"""The table of stops: complete, in plain words, and consistent with the board's advice."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_ids_are_unique() -> None:
 
 
 @pytest.mark.parametrize("fault", list(FAULT_ADVICE))
-def test_every_fault_of_the_board_is_a_stop_in_its_own_words_and_only_a_reset_clears_the_grave_ones(
+def test_every_fault_of_the_board_is_a_stop_with_its_own_text_and_only_a_reset_clears_the_grave_ones(
     fault: BoardFault,
 ) -> None:
     halted = board_halt(FAULT_ADVICE[fault])
@@ -35,17 +35,17 @@ def test_every_fault_of_the_board_is_a_stop_in_its_own_words_and_only_a_reset_cl
     assert halted.stop.braking is Braking.RELEASE
 
 
-def test_what_else_is_wrong_with_the_board_is_told_as_it_is() -> None:
+def test_other_errors_of_the_board_are_shown_unchanged() -> None:
     halted = board_halt("the cable to the board was lost: plug it in")
     assert (halted.stop.id, halted.text) == ("board_unusable", "the cable to the board was lost: plug it in")
 
 
-def test_a_halt_carries_its_figures_between_the_sentence_and_the_remedy() -> None:
+def test_a_halt_shows_its_figures_between_the_sentence_and_the_remedy() -> None:
     assert halt("tilt", "9 degrees").text == "the floor is too steep (9 degrees): drive to level ground by joystick"
     assert halt_as_told("disobeys", "it stands: push it").text == "it stands: push it"
 
 
-def test_the_gravest_halt_is_found_and_of_equals_the_first() -> None:
+def test_the_gravest_halt_wins_and_the_first_among_equals() -> None:
     lost, blind, stuck = halt("lost"), halt("lidar_blind"), halt("disobeys")
     assert gravest([lost, blind]) == lost
     assert gravest([lost, blind, stuck]) == stuck

@@ -1,4 +1,4 @@
-"""Who drives: the rider always wins, and nothing resumes by itself."""
+"""The supervisor: the rider always has priority, and nothing resumes by itself."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def situation(
     return Situation(JoystickInput(0, forward, turn), taken_over, stop, goal, requested, confirmed, halts)
 
 
-def test_the_table_is_whole_and_only_somebodys_own_act_leads_from_rest_to_motion() -> None:
+def test_the_table_is_complete_and_only_an_act_of_a_person_leads_from_rest_to_motion() -> None:
     assert set(TABLE) == {(mode, event) for mode in DriveMode for event in SupervisorEvent}
     begins = {event for (mode, event), after in TABLE.items() if mode not in DRIVEN and after in DRIVEN}
     assert begins == {SupervisorEvent.CONFIRM, SupervisorEvent.STEER}
@@ -74,7 +74,7 @@ def test_the_table_is_whole_and_only_somebodys_own_act_leads_from_rest_to_motion
 
 
 @given(MODES, st.lists(SITUATIONS, max_size=12), st.sampled_from([SETTINGS, ASSISTING]))
-def test_after_a_fault_nothing_moves_until_somebody_confirms_while_all_is_well(
+def test_after_a_fault_nothing_moves_until_a_person_confirms_without_a_fault_present(
     mode: DriveMode, then: list[Situation], settings: SupervisorSettings
 ) -> None:
     mode = supervise(mode, situation(halts=(LIDAR,), confirmed=True, requested=True), settings).mode
@@ -91,7 +91,7 @@ def test_after_a_fault_nothing_moves_until_somebody_confirms_while_all_is_well(
 
 
 @given(MODES, SITUATIONS, st.sampled_from([SETTINGS, ASSISTING]))
-def test_whatever_keeps_the_computer_from_driving_is_said_in_words(
+def test_every_cause_that_stops_the_computer_is_told_in_words(
     mode: DriveMode, now: Situation, settings: SupervisorSettings
 ) -> None:
     verdict = supervise(mode, now, settings)
@@ -100,43 +100,43 @@ def test_whatever_keeps_the_computer_from_driving_is_said_in_words(
     assert 0.0 <= verdict.share <= 1.0
 
 
-def test_a_goal_alone_moves_nothing() -> None:
+def test_a_goal_without_confirmation_moves_nothing() -> None:
     verdict = supervise(DriveMode.MANUAL, situation(), SETTINGS)
     assert (verdict.mode, verdict.drops_goal) == (DriveMode.MANUAL, False)
     assert "press Drive" in verdict.reason
 
 
-def test_what_is_confirmed_during_a_fault_is_dropped() -> None:
+def test_a_confirmation_during_a_fault_is_dropped() -> None:
     verdict = supervise(DriveMode.MANUAL, situation(confirmed=True, halts=(LIDAR,)), SETTINGS)
     assert (verdict.mode, verdict.drops_goal, verdict.halt) == (DriveMode.MANUAL, True, LIDAR)
 
 
-def test_a_low_battery_lets_a_drive_go_on_and_none_begin() -> None:
+def test_a_low_battery_lets_a_drive_continue_and_none_begin() -> None:
     low = (halt("battery_low"),)
     assert supervise(DriveMode.AUTONOMOUS, situation(halts=low), SETTINGS).mode is DriveMode.AUTONOMOUS
     refused = supervise(DriveMode.MANUAL, situation(confirmed=True, halts=low), SETTINGS)
     assert (refused.mode, refused.drops_goal) == (DriveMode.MANUAL, True)
 
 
-def test_an_obstacle_pauses_and_ends_nothing() -> None:
+def test_an_obstacle_pauses_a_drive_and_does_not_end_it() -> None:
     near = situation(halts=(halt("obstacle"),))
     assert supervise(DriveMode.AUTONOMOUS, near, SETTINGS) == SupervisorVerdict(DriveMode.AUTONOMOUS)
 
 
-def test_the_gravest_of_several_halts_is_named_and_says_how_to_brake() -> None:
+def test_the_gravest_of_several_halts_is_named_and_decides_how_to_brake() -> None:
     verdict = supervise(DriveMode.AUTONOMOUS, situation(halts=(halt("lost"), halt("disobeys"))), SETTINGS)
     assert verdict.halt == halt("disobeys")
     assert verdict.braking is Braking.RELEASE
     assert supervise(DriveMode.AUTONOMOUS, situation(halts=(halt("lost"),)), SETTINGS).braking is Braking.COMFORT
 
 
-def test_another_goal_has_to_be_confirmed_too() -> None:
+def test_a_new_goal_needs_its_own_confirmation() -> None:
     verdict = supervise(DriveMode.AUTONOMOUS, situation(requested=True), SETTINGS)
     assert (verdict.mode, verdict.drops_goal, verdict.braking) == (DriveMode.MANUAL, False, Braking.COMFORT)
     assert supervise(DriveMode.AUTONOMOUS, situation(requested=True, confirmed=True), SETTINGS).computer_drives
 
 
-def test_of_all_that_happens_the_gravest_counts() -> None:
+def test_the_gravest_of_simultaneous_events_counts() -> None:
     everything = situation(0.5, taken_over=True, stop=True, goal=False, requested=True, confirmed=True, halts=(LIDAR,))
     assert event_in(everything, ASSISTING) is SupervisorEvent.STOP
 
@@ -148,14 +148,14 @@ def test_a_confirmed_goal_and_a_quiet_rider_let_the_computer_drive() -> None:
 
 @pytest.mark.parametrize("settings", [SETTINGS, ASSISTING])
 @pytest.mark.parametrize("mode", list(DriveMode))
-def test_f19_a_rider_who_takes_over_drives_whatever_the_mode_was(mode: DriveMode, settings: SupervisorSettings) -> None:
+def test_f19_a_rider_who_takes_over_drives_in_every_mode(mode: DriveMode, settings: SupervisorSettings) -> None:
     assert supervise(mode, situation(0.3, taken_over=True), settings).mode is DriveMode.MANUAL
 
 
 @pytest.mark.parametrize(
     ("forward", "turn"), [(0.201, 0), (-0.201, 0), (0, 0.201), (0, -1.0), (math.nan, 0), (0, math.nan), (0, math.inf)]
 )
-def test_f19_a_push_beyond_the_threshold_for_its_time_takes_over(forward: float, turn: float) -> None:
+def test_f19_a_push_beyond_the_threshold_for_the_debounce_time_takes_over(forward: float, turn: float) -> None:
     override = Override(SETTINGS)
     override.update(JoystickInput(0, forward, turn))
     assert override.update(JoystickInput(10 * MS, forward, turn))
@@ -177,10 +177,10 @@ def test_a_tremor_shorter_than_the_debounce_does_not_take_over(held_ms: int, win
     pushes = [override.update(JoystickInput(ms * MS, 0.5, 0.0)) for ms in range(held_ms + 1)]
     assert pushes[-1] == wins
     assert not override.update(JoystickInput((held_ms + 1) * MS))
-    assert not override.update(JoystickInput((held_ms + 2) * MS, 0.5, 0.0))  # its time begins anew
+    assert not override.update(JoystickInput((held_ms + 2) * MS, 0.5, 0.0))  # its time starts again
 
 
-def test_an_unknown_stick_is_no_push() -> None:
+def test_an_unknown_stick_does_not_count_as_a_push() -> None:
     override = Override(SETTINGS)
     override.update(JoystickInput(0, 1.0))
     assert not override.update(None)
@@ -198,7 +198,7 @@ def test_a_threshold_within_rest_is_refused() -> None:
         SupervisorSettings(override=0.1, at_rest=0.1)
 
 
-def test_a_hand_on_the_stick_changes_nothing_unless_assistance_is_asked_for() -> None:
+def test_a_hand_on_the_stick_changes_nothing_unless_assistance_is_enabled() -> None:
     assert supervise(DriveMode.AUTONOMOUS, situation(0.19), SETTINGS).mode is DriveMode.AUTONOMOUS
 
 
@@ -222,7 +222,7 @@ def test_with_assistance_a_hand_on_the_stick_slows_the_drive_down_to_nothing_at_
 
 
 @pytest.mark.parametrize("mode", list(DriveMode))
-def test_stop_wins_over_everything(mode: DriveMode) -> None:
+def test_stop_has_priority_over_everything(mode: DriveMode) -> None:
     verdict = supervise(mode, situation(1.0, taken_over=True, stop=True, confirmed=True, halts=(LIDAR,)), SETTINGS)
     assert verdict.mode is DriveMode.STOPPED
     assert "Stop" in verdict.reason
@@ -235,7 +235,7 @@ def test_stop_stays_until_a_new_goal_is_confirmed() -> None:
 
 
 @pytest.mark.parametrize("settings", [SETTINGS, ASSISTING])
-def test_a_fault_leaves_the_riders_joystick_live_and_is_named(settings: SupervisorSettings) -> None:
+def test_a_fault_is_named_and_leaves_the_riders_joystick_live(settings: SupervisorSettings) -> None:
     verdict = supervise(DriveMode.AUTONOMOUS, situation(0.15, halts=(LIDAR,)), settings)
     assert (verdict.mode, verdict.computer_drives, verdict.drops_goal) == (DriveMode.MANUAL, False, True)
     assert verdict.reason == "the lidar is silent: check its cable and power"
@@ -259,14 +259,14 @@ def test_steering_moves_the_chair_in_every_mode_unless_stop_the_rider_or_a_fault
 
 
 @pytest.mark.parametrize("stop_id", sorted(STOPS))
-def test_who_steers_is_held_up_by_all_that_is_wrong_but_with_the_map(stop_id: str) -> None:
+def test_steering_is_stopped_by_every_fault_except_those_of_the_map(stop_id: str) -> None:
     against = STOPS[stop_id].severity >= Severity.ENDS and stop_id not in BY_MAP_ONLY
     steering = replace(situation(goal=False, halts=(halt(stop_id),)), steered=True)
     assert supervise(DriveMode.MANUAL, steering, SETTINGS).steered != against
     assert not supervise(DriveMode.MANUAL, replace(steering, steered=False), SETTINGS).computer_drives
 
 
-def test_a_drive_that_somebody_steers_away_from_is_over_and_does_not_resume() -> None:
+def test_steering_ends_a_drive_and_it_does_not_resume() -> None:
     steered = supervise(DriveMode.AUTONOMOUS, replace(situation(), steered=True), SETTINGS)
     assert (steered.mode, steered.drops_goal) == (DriveMode.ASSISTED, True)
     after = supervise(steered.mode, situation(goal=False), SETTINGS)

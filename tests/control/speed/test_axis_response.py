@@ -1,4 +1,4 @@
-"""What an axis should do by now: the closed form of calibration's steps, whatever the ticks."""
+"""The expected response of an axis: the closed form of calibration's steps, for any ticks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TICK = 50_000_000
 @pytest.mark.parametrize("delay", [0.0, 0.05, 0.083, 0.3])
 @pytest.mark.parametrize("lag", [0.1, 0.5])
 @pytest.mark.parametrize("ramp", [0.5, 100.0])
-def test_a_step_is_answered_as_calibration_fits_it(delay: float, lag: float, ramp: float) -> None:
+def test_the_response_to_a_step_is_that_of_the_calibration(delay: float, lag: float, ramp: float) -> None:
     axis = ExpectedSpeed(AxisResponse(delay, lag, ramp))
     axis.advance(0)
     axis.command(0.8, 0)
@@ -29,7 +29,7 @@ def test_a_step_is_answered_as_calibration_fits_it(delay: float, lag: float, ram
     assert now[-1] == pytest.approx(0.8, abs=0.01)
 
 
-def test_the_mean_of_a_tick_is_what_encoders_measure_over_it() -> None:
+def test_the_mean_over_a_tick_is_the_speed_that_encoders_measure() -> None:
     fine, coarse = (ExpectedSpeed(AxisResponse(0.07, 0.2)) for _ in range(2))
     for axis in (fine, coarse):
         axis.advance(0)
@@ -47,7 +47,7 @@ def test_a_command_that_is_replaced_at_once_is_never_followed() -> None:
     assert axis.advance(TICK) == 0.0
 
 
-def test_a_long_pause_and_a_clock_that_goes_back_are_no_leap() -> None:
+def test_a_long_pause_and_a_clock_that_goes_back_cause_no_jump() -> None:
     axis = ExpectedSpeed(AxisResponse(0.0, 1.0))
     axis.advance(0)
     axis.command(1.0, 0)
@@ -58,14 +58,14 @@ def test_a_long_pause_and_a_clock_that_goes_back_are_no_leap() -> None:
     assert axis.now == before
 
 
-def test_an_axis_begins_again_at_the_speed_it_has() -> None:
+def test_an_axis_restarts_at_its_present_speed() -> None:
     axis = ExpectedSpeed(AxisResponse(0.2, 0.1))
     axis.restart(0.3, 0.3)
     axis.advance(0)
     assert axis.advance(TICK) == pytest.approx(0.3)
 
 
-def test_a_calibration_without_steps_tells_no_response_and_a_brake_is_no_delay() -> None:
+def test_a_calibration_without_steps_has_no_response_and_a_brake_is_no_delay() -> None:
     assert response_from_axis(AxisModel()) is None
     stepped = AxisModel(delay_s=0.4, lag_s=0.2, ramp=0.9)
     assert response_from_axis(stepped) == AxisResponse(0.4, 0.2, 0.9, doubt_s=0.0)

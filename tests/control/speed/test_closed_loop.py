@@ -1,4 +1,4 @@
-"""Loop and watches together: a fault is a stop until it is acknowledged, and doubts slow the chair on its arc."""
+"""Speed loop and watches together: a fault stops until it is acknowledged, and doubt slows the chair on its arc."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ TRACK = 0.54
 
 
 def sent(twist: Twist, active: bool = True) -> SentCommand:
-    """What went out, by the calibration."""
+    """The sent speeds, by the calibration."""
     return SentCommand(0, wheel_speeds_from_twist(twist, TRACK), 0, 0, 0.0, 0.0, active)
 
 
 def driven(loop: ClosedLoop, commands: list[Twist], gain: float) -> Twist:
-    """The last twist asked for, of a chair that does `gain` times what it is told, at once."""
+    """Return the last twist commanded to a chair that drives `gain` times the command at once."""
     told: SentCommand | None = None
     measured = asked = Twist()
     for k, command in enumerate(commands):
@@ -31,14 +31,14 @@ def driven(loop: ClosedLoop, commands: list[Twist], gain: float) -> Twist:
     return asked
 
 
-def test_a_chair_that_follows_is_driven_as_commanded() -> None:
+def test_a_chair_that_follows_is_sent_its_commands_unchanged() -> None:
     loop = ClosedLoop(DEFAULT, TRACK)
     asked = driven(loop, [Twist(0.5, 0.2)] * 100, 1.0)
     assert (asked.v, asked.omega) == pytest.approx((0.5, 0.2), abs=0.01)
     assert (loop.fault, loop.speed_limit) == ("", math.inf)
 
 
-def test_a_fault_is_exactly_a_stop_until_it_is_acknowledged() -> None:
+def test_a_fault_gives_exactly_zero_until_it_is_acknowledged() -> None:
     loop = ClosedLoop(DEFAULT, TRACK)
     assert driven(loop, [Twist(0.5, 0.0)] * 100, 0.0) == Twist()
     assert "F20" in loop.fault
@@ -58,7 +58,7 @@ def test_a_doubtful_gain_slows_the_chair_and_keeps_its_arc() -> None:
     assert 0.72 * asked.omega == pytest.approx(0.15, abs=0.01)
 
 
-def test_nobody_drives_is_no_motion_and_a_riders_motion_no_fault() -> None:
+def test_without_a_driver_there_is_no_motion_and_a_riders_motion_is_no_fault() -> None:
     loop = ClosedLoop(DEFAULT, TRACK)
     for k in range(100):
         assert loop.step(None, Twist(0.9, 1.0), k * TICK, sent(Twist(), active=False)) == Twist()

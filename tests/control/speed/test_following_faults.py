@@ -1,4 +1,4 @@
-"""F20 and F21 at their limits: how far, for how long, and what is no fault."""
+"""F20 and F21 at their limits of error and duration, and cases that are no fault."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ RESPONSE = AxisResponse(0.1, 0.2)
 
 @pytest.fixture
 def watch() -> FollowingWatch:
-    """Of a chair that has just been switched on."""
+    """The watch of a chair that was just switched on."""
     return FollowingWatch(RESPONSE, RESPONSE, TRACK)
 
 
 def driven(watch: FollowingWatch, expected: Twist | None, measured: Twist, seconds: float, since: float = 0.0) -> str:
-    """The fault after so long a drive."""
+    """Return the fault after a drive of this duration."""
     for k in range(round(seconds / TICK_S) + 1):
         fault = watch.driving(expected or Twist(0.5, 0.0), expected, measured, round((since + k * TICK_S) * 1e9))
     return fault
 
 
 def rested(watch: FollowingWatch, measured: Twist, seconds: float, since: float = 0.0) -> str:
-    """The fault after the lines were at neutral for so long."""
+    """Return the fault after the lines were at neutral for this duration."""
     for k in range(round(seconds / TICK_S) + 1):
         fault = watch.at_neutral(measured, round((since + k * TICK_S) * 1e9))
     return fault
@@ -46,26 +46,26 @@ def test_f20_a_residual_of_more_than_the_limit_for_half_a_second_is_a_fault(
 
 
 @pytest.mark.parametrize("missed", [-0.29, 0.0, 0.29])
-def test_f20_a_smaller_residual_never_is(watch: FollowingWatch, missed: float) -> None:
+def test_f20_a_smaller_residual_is_never_a_fault(watch: FollowingWatch, missed: float) -> None:
     assert driven(watch, Twist(0.8, 0.0), Twist(0.8 - missed, 0.0), 30.0) == ""
 
 
-def test_f20_a_residual_with_a_break_begins_anew(watch: FollowingWatch) -> None:
+def test_f20_a_residual_with_a_break_starts_its_time_again(watch: FollowingWatch) -> None:
     assert driven(watch, Twist(0.8, 0.0), Twist(0.3, 0.0), 0.4) == ""
     assert driven(watch, Twist(0.8, 0.0), Twist(0.7, 0.0), 0.05, since=0.45) == ""
     assert driven(watch, Twist(0.8, 0.0), Twist(0.3, 0.0), 0.45, since=0.55) == ""
 
 
-def test_f20_counts_the_wheel_that_is_farther_off(watch: FollowingWatch) -> None:
+def test_f20_counts_the_wheel_with_the_larger_error(watch: FollowingWatch) -> None:
     assert driven(watch, Twist(0.4, 0.8), Twist(0.25, 0.2), 0.5) != ""  # 0.15 + 0.6 * 0.27 = 0.31 m/s
 
 
-def test_f20_a_chair_that_does_not_move_at_all_is_a_fault_at_any_speed_worth_the_name(watch: FollowingWatch) -> None:
+def test_f20_a_chair_that_does_not_move_is_a_fault_at_any_speed_above_a_crawl(watch: FollowingWatch) -> None:
     assert driven(watch, Twist(0.1, 0.0), Twist(0.0, 0.0), 1.95) == ""
     assert "does not move (F20)" in driven(watch, Twist(0.1, 0.0), Twist(0.0, 0.0), 0.0, since=2.0)
 
 
-def test_f20_waits_for_the_brake_but_not_for_ever(watch: FollowingWatch) -> None:
+def test_f20_waits_for_the_brake_for_a_limited_time(watch: FollowingWatch) -> None:
     assert driven(watch, None, Twist(), 1.9) == ""
     assert "does not move" in driven(watch, None, Twist(), 0.2, since=1.95)
 
@@ -78,11 +78,11 @@ def test_f21_motion_at_neutral_for_three_tenths_of_a_second_is_a_fault(watch: Fo
 
 
 @pytest.mark.parametrize("measured", [Twist(0.049, 0.0), Twist(-0.04, 0.02), Twist(0.0, 0.18)])
-def test_f21_less_motion_never_is(watch: FollowingWatch, measured: Twist) -> None:
+def test_f21_less_motion_is_never_a_fault(watch: FollowingWatch, measured: Twist) -> None:
     assert rested(watch, measured, 30.0) == ""
 
 
-def test_f21_a_chair_may_coast_to_its_rest_but_not_for_ever(watch: FollowingWatch) -> None:
+def test_f21_a_chair_may_coast_to_rest_for_a_limited_time(watch: FollowingWatch) -> None:
     driven(watch, Twist(0.8, 0.0), Twist(0.8, 0.0), 1.0)
     allowed = 0.1 + 4.0 * 0.2 + 0.8 / 0.6
     for k in range(round(allowed / TICK_S)):
@@ -91,7 +91,7 @@ def test_f21_a_chair_may_coast_to_its_rest_but_not_for_ever(watch: FollowingWatc
     assert rested(watch, Twist(0.1, 0.0), 0.45, since=1.05 + allowed) != ""
 
 
-def test_f21_a_riders_own_driving_is_not_judged(watch: FollowingWatch) -> None:
+def test_f21_a_rider_who_drives_causes_no_fault(watch: FollowingWatch) -> None:
     rested(watch, Twist(), 1.0)
     for _ in range(100):
         assert watch.released() == ""
@@ -104,5 +104,5 @@ def test_a_fault_stays(watch: FollowingWatch) -> None:
     assert watch.released() == fault
 
 
-def test_readings_that_are_no_numbers_are_no_motion(watch: FollowingWatch) -> None:
+def test_readings_that_are_not_numbers_count_as_no_motion(watch: FollowingWatch) -> None:
     assert rested(watch, Twist(math.nan, math.inf), 5.0) == ""

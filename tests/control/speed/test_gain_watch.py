@@ -1,4 +1,4 @@
-"""The gain of each axis is found while it drives, is never found where nothing moves, and stops a changed chair."""
+"""The gain of each axis is estimated while it moves and never at rest, and a changed gain stops the chair."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Chair:
         return self.watch.step(told, measured, self.now_ns, judged=judged)
 
     def drive(self, metres: float, twists: list[Twist]) -> str:
-        """Two seconds of each twist in turn, until so many metres were driven or the watch finds a fault."""
+        """Drive two seconds of each twist in turn, until this distance [m] or a fault."""
         k = 0
         while self.way < metres and k < 4000:
             if fault := self.tick(twists[k // 40 % len(twists)]):
@@ -53,7 +53,7 @@ WEAVING = [Twist(0.6, 0.0), Twist(0.5, 0.5), Twist(0.7, -0.4), Twist(0.3, 0.6), 
 
 
 @pytest.mark.parametrize("gain", [0.2, 0.4, 0.55, 1.5, 2.0])
-def test_a_turned_dial_stops_the_chair_within_three_metres_and_says_why(gain: float) -> None:
+def test_a_turned_speed_dial_stops_the_chair_within_three_metres_and_says_why(gain: float) -> None:
     chair = Chair(gain, gain)
     fault = chair.drive(3.0, [Twist(0.5, 0.0)])
     assert "speed dial or drive profile changed" in fault
@@ -61,7 +61,7 @@ def test_a_turned_dial_stops_the_chair_within_three_metres_and_says_why(gain: fl
 
 
 @pytest.mark.parametrize("gain", [0.65, 0.7, 0.75, 1.25, 1.3, 1.35])
-def test_a_gain_that_is_doubtful_slows_the_chair_within_three_metres(gain: float) -> None:
+def test_a_doubtful_gain_slows_the_chair_within_three_metres(gain: float) -> None:
     chair = Chair(gain, gain)
     assert chair.drive(3.0, [Twist(0.5, 0.0)]) == ""
     assert chair.watch.speed_limit == 0.3
@@ -76,18 +76,18 @@ def test_a_gain_that_is_nearly_right_changes_nothing(gain: float) -> None:
     assert chair.watch.gains == pytest.approx((gain, gain), abs=0.05)
 
 
-def test_the_turn_axis_alone_is_enough() -> None:
+def test_the_turn_axis_alone_suffices() -> None:
     chair = Chair(1.0, 0.5)
     assert "speed dial" in chair.drive(6.0, WEAVING)
 
 
-def test_a_chair_that_has_grown_lopsided_is_not_taken_for_one_that_turns_too_much() -> None:
+def test_a_chair_that_pulls_to_one_side_is_not_taken_for_one_that_turns_too_much() -> None:
     chair = Chair(cross=0.15)
     assert chair.drive(20.0, WEAVING) == ""
     assert chair.watch.gains[1] == pytest.approx(1.0, abs=0.08)
 
 
-def test_a_dead_band_that_is_a_little_off_is_no_gain() -> None:
+def test_a_small_error_of_the_dead_band_does_not_count_as_a_gain() -> None:
     chair = Chair(offset=0.025)
     assert chair.drive(10.0, [Twist(0.2, 0.0), Twist(0.5, 0.0)]) == ""
     assert chair.watch.speed_limit == math.inf
@@ -101,7 +101,7 @@ def test_without_excitation_nothing_is_found(told: Twist) -> None:
     assert chair.watch.gains == (1.0, 1.0)
 
 
-def test_ticks_that_are_not_to_be_judged_and_readings_that_are_no_numbers_teach_nothing() -> None:
+def test_excluded_ticks_and_readings_that_are_not_numbers_change_no_estimate() -> None:
     chair = Chair(0.3, 0.3)
     for _ in range(100):
         chair.tick(Twist(0.5, 0.5), judged=False)
@@ -112,7 +112,7 @@ def test_ticks_that_are_not_to_be_judged_and_readings_that_are_no_numbers_teach_
     assert chair.watch.gains == (1.0, 1.0)
 
 
-def test_a_dial_that_is_turned_on_the_way_is_found_and_turned_back_is_forgiven() -> None:
+def test_a_dial_turned_during_the_drive_is_found_and_one_turned_back_clears_the_doubt() -> None:
     chair = Chair()
     assert chair.drive(10.0, [Twist(0.5, 0.0)]) == ""
     chair.v = 0.7
@@ -131,7 +131,7 @@ def test_a_fault_stays_until_a_new_watch_is_begun() -> None:
         assert chair.tick(Twist(0.5, 0.0)) == fault
 
 
-def test_the_recursion_is_least_squares_where_nothing_wanders() -> None:
+def test_the_recursion_is_least_squares_where_the_gain_is_constant() -> None:
     axis = AxisGain(0.05, first_gain=1.0, first_cross=1.0, drift=1e-4)
     rng = np.random.default_rng(3)
     rows = rng.uniform(0.2, 1.0, (300, 2))

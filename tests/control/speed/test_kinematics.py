@@ -23,7 +23,7 @@ def test_a_turn_about_the_left_wheel_leaves_it_at_rest() -> None:
 
 @settings(deadline=None)
 @given(speeds, speeds, tracks)
-def test_a_twist_comes_back_from_its_wheel_speeds(v: float, omega: float, track: float) -> None:
+def test_a_twist_survives_conversion_to_wheel_speeds_and_back(v: float, omega: float, track: float) -> None:
     back = twist_from_wheel_speeds(wheel_speeds_from_twist(Twist(v, omega), track), track)
     assert (back.v, back.omega) == pytest.approx((v, omega), abs=1e-12)
 
@@ -40,5 +40,5 @@ def test_saturation_keeps_the_curvature_and_the_limit(left: float, right: float,
 
 @settings(deadline=None)
 @given(speeds, speeds)
-def test_speeds_within_the_limit_are_left_alone(left: float, right: float) -> None:
+def test_speeds_within_the_limit_are_unchanged(left: float, right: float) -> None:
     assert saturate(WheelSpeeds(left, right), 3.0) == WheelSpeeds(left, right)

@@ -1,4 +1,4 @@
-"""What the rider feels: speeds change within the profile, brakes are never delayed, and arcs are kept."""
+"""The limiter: speeds change within the profile, brakes are never delayed, and arcs are kept."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class Riding:
         share: float = 1.0,
         braking: Braking | None = None,
     ) -> FloatArray:
-        """Its commands of so many ticks, that before them first."""
+        """Return its commands of these ticks, preceded by the last one before."""
         for _ in range(ticks):
             self.now_ns += TICK
             twist = self.limiter.step(Twist(v, omega), self.now_ns, cap, share, braking)
@@ -71,7 +71,7 @@ def test_no_command_is_beyond_the_limits_whatever_is_asked(asked: list[tuple[flo
 
 @pytest.mark.parametrize("forward", [1.0, -1.0])
 @pytest.mark.parametrize("name", list(PROFILES))
-def test_out_of_a_turn_on_the_spot_a_chair_sets_off_no_harder_than_from_standstill(name: str, forward: float) -> None:
+def test_after_a_turn_on_the_spot_a_chair_starts_no_harder_than_from_standstill(name: str, forward: float) -> None:
     riding, s = Riding(PROFILES[name]), PROFILES[name]
     turned = riding.run(0.0, 3.0, 60)
     assert turned[-1, 1] == pytest.approx(s.max_omega)
@@ -81,7 +81,7 @@ def test_out_of_a_turn_on_the_spot_a_chair_sets_off_no_harder_than_from_standsti
 
 
 @pytest.mark.parametrize("name", list(PROFILES))
-def test_a_chair_that_drives_straight_turns_into_a_curve_no_harder_than_on_the_spot(name: str) -> None:
+def test_a_straight_drive_turns_into_a_curve_no_harder_than_on_the_spot(name: str) -> None:
     riding, s = Riding(PROFILES[name]), PROFILES[name]
     riding.run(0.4, 0.0, 80)
     turning = riding.run(0.4, 0.5, 60)[:, 1]
@@ -90,7 +90,7 @@ def test_a_chair_that_drives_straight_turns_into_a_curve_no_harder_than_on_the_s
 
 
 @given(st.floats(0.1, 0.8), st.floats(-0.8, 0.8))
-def test_a_steady_command_settles_on_its_own_arc_within_the_sideways_acceleration(v: float, omega: float) -> None:
+def test_a_steady_command_settles_on_its_own_arc_within_the_lateral_acceleration(v: float, omega: float) -> None:
     end_v, end_omega = Riding().run(v, omega, 120)[-1]
     assert abs(end_v * end_omega) <= NORMAL.lateral + 1e-9
     assert end_v * omega == pytest.approx(end_omega * v, abs=1e-9)
@@ -99,14 +99,14 @@ def test_a_steady_command_settles_on_its_own_arc_within_the_sideways_acceleratio
 
 
 @given(st.floats(0.0, 0.7))
-def test_a_brake_that_the_planner_asks_for_is_not_delayed(slower: float) -> None:
+def test_a_brake_of_the_planner_is_not_delayed(slower: float) -> None:
     riding = Riding()
     before = riding.run(0.8, 0.0, 80)[-1, 0]
     after = riding.run(max(slower, before - NORMAL.braking * DT), 0.0, 1)[-1, 0]
     assert after == pytest.approx(max(slower, before - NORMAL.braking * DT))
 
 
-def test_a_cap_is_approached_with_limited_jerk_and_kept() -> None:
+def test_a_speed_cap_is_approached_with_limited_jerk_and_kept() -> None:
     riding = Riding()
     riding.run(0.8, 0.2, 80)
     v = riding.run(0.8, 0.2, 60, cap=0.3)[:, 0]
@@ -117,7 +117,7 @@ def test_a_cap_is_approached_with_limited_jerk_and_kept() -> None:
     assert riding.run(0.8, 0.2, 20, cap=0.3)[:, 0].max() <= 0.3 + 1e-9
 
 
-def test_a_stop_by_comfort_has_limited_jerk_and_keeps_the_arc() -> None:
+def test_a_comfortable_stop_has_limited_jerk_and_keeps_the_arc() -> None:
     riding = Riding()
     riding.run(0.8, 0.4, 80)
     commands = riding.run(0.0, 0.0, 80, braking=Braking.COMFORT)
@@ -129,7 +129,7 @@ def test_a_stop_by_comfort_has_limited_jerk_and_keeps_the_arc() -> None:
     assert not riding.limiter.moving
 
 
-def test_an_emergency_brakes_at_once_and_as_hard_as_a_rider_can_bear() -> None:
+def test_an_emergency_brakes_at_once_and_as_hard_as_a_rider_tolerates() -> None:
     riding = Riding()
     riding.run(0.8, 0.0, 80)
     v = riding.run(0.8, 0.0, 12, braking=Braking.EMERGENCY)[:, 0]
@@ -145,7 +145,7 @@ def test_letting_go_is_zero_at_once() -> None:
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e6, -3.01])
-def test_f5_a_command_that_is_no_number_or_beyond_any_is_an_emergency(bad: float) -> None:
+def test_f5_a_command_that_is_not_a_number_or_impossibly_large_is_an_emergency(bad: float) -> None:
     riding = Riding()
     before = riding.run(0.8, 0.0, 80)[-1, 0]
     for v, omega in ((bad, 0.0), (0.5, bad)):
@@ -155,7 +155,7 @@ def test_f5_a_command_that_is_no_number_or_beyond_any_is_an_emergency(bad: float
         before = after[0]
 
 
-def test_a_long_pause_allows_no_larger_step_than_two_ticks() -> None:
+def test_a_long_pause_allows_no_larger_step_than_that_of_two_ticks() -> None:
     riding = Riding()
     riding.run(0.8, 0.0, 3)
     before = riding.limiter.command.v
@@ -164,7 +164,7 @@ def test_a_long_pause_allows_no_larger_step_than_two_ticks() -> None:
 
 
 @pytest.mark.parametrize("braking", [None, *Braking])
-def test_a_clock_that_goes_back_makes_nothing_faster(braking: Braking | None) -> None:
+def test_a_clock_that_goes_back_makes_no_speed_larger(braking: Braking | None) -> None:
     riding = Riding()
     before, _ = riding.run(0.5, 0.3, 80)[-1]
     riding.now_ns -= 10**9

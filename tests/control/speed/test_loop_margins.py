@@ -1,4 +1,4 @@
-"""The loop is stable, and with what margin, from its exact sampled transfer function; and in time, step by step."""
+"""The loop's stability and margin, from its exact sampled transfer function and from simulation in steps."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_the_gains_are_those_of_the_derivation() -> None:
 
 @pytest.mark.parametrize("held", [False, True])
 @pytest.mark.parametrize(("gain", "least"), [(0.5, 50.0), (1.0, 45.0), (2.0, 35.0)])
-def test_every_identified_axis_keeps_its_margin_at_half_once_and_twice_its_gain(
+def test_every_identified_axis_keeps_its_margin_at_half_and_twice_its_gain(
     gain: float, least: float, held: bool
 ) -> None:
     for delay, lag in itertools.product(DELAYS, LAGS):
@@ -47,7 +47,7 @@ def test_every_identified_axis_keeps_its_margin_at_half_once_and_twice_its_gain(
 
 
 @pytest.mark.parametrize("held", [False, True])
-def test_a_chair_that_nobody_identified_is_stable_all_the_same(held: bool) -> None:
+def test_an_unidentified_chair_is_stable_too(held: bool) -> None:
     cautious = gains_of(AxisResponse())
     for gain, delay, lag in itertools.product([0.5, 1.0, 2.0], DELAYS, LAGS):
         assert slowest_decay(cautious, TrueAxis(gain, delay, lag), PERIOD, held=held) < 1.0, (gain, delay, lag)
@@ -60,7 +60,7 @@ def test_the_margin_agrees_with_the_closed_form_where_the_tick_is_short() -> Non
         assert phase_margin(tuned, TrueAxis(gain, 0.2, 0.3), 1e-3, held=False) == pytest.approx(expected, abs=0.02)
 
 
-def test_a_loop_that_is_too_fast_has_no_margin_and_swings() -> None:
+def test_a_loop_that_is_too_fast_has_no_margin_and_oscillates() -> None:
     wild = gains(0.05, 0.2, math.radians(45.0))
     axis = TrueAxis(2.0, 0.3, 0.2)
     assert phase_margin(wild, axis, PERIOD, held=False) < 0.0
@@ -68,7 +68,7 @@ def test_a_loop_that_is_too_fast_has_no_margin_and_swings() -> None:
 
 
 @pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.1), (0.05, 0.2), (0.12, 0.3), (0.3, 0.5)])
-def test_the_transfer_function_answers_as_the_chair_does_in_small_steps(delay: float, lag: float) -> None:
+def test_the_transfer_function_agrees_with_the_chair_in_small_steps(delay: float, lag: float) -> None:
     tuned = gains(delay + PERIOD, lag, PHASE_MARGIN, FASTEST_CROSSOVER)
     above, below = loop_polynomials(tuned, TrueAxis(1.3, delay, lag), PERIOD, held=False)
     ticks = 60
@@ -94,7 +94,7 @@ def test_the_transfer_function_answers_as_the_chair_does_in_small_steps(delay: f
 @pytest.mark.parametrize("gain", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("delay", [0.05, 0.3])
 @pytest.mark.parametrize("lag", [0.1, 0.5])
-def test_in_time_a_chair_comes_to_its_speeds_and_stays_there(gain: float, delay: float, lag: float) -> None:
+def test_a_simulated_chair_reaches_its_speeds_and_keeps_them(gain: float, delay: float, lag: float) -> None:
     response = AxisResponse(delay, lag, doubt_s=0.0)
     settings = SpeedLoopSettings(max_trim_v=0.5, max_trim_omega=1.0, brake_s=0.0)
     loop, v, omega = (

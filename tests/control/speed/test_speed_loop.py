@@ -1,4 +1,4 @@
-"""The speed loop: it removes what a calibration got wrong, holds a line, and learns nothing where nothing is to learn."""
+"""The speed loop: it corrects errors of a calibration, holds a line, and learns nothing from useless data."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SETTINGS = SpeedLoopSettings(brake_s=0.0)
 
 
 def sent(twist: Twist, active: bool = True) -> SentCommand:
-    """What went out, by the calibration."""
+    """The sent speeds, by the calibration."""
     return SentCommand(0, wheel_speeds_from_twist(twist, TRACK), 0, 0, 0.0, 0.0, active)
 
 
@@ -40,7 +40,7 @@ class Plant:
         self.y = self.theta = 0.0
 
     def sent(self, asked: Twist) -> SentCommand:
-        """What is left of a twist at the axis' end."""
+        """Return the twist after the limits of the axes."""
         return sent(Twist(max(-self.limit, min(self.limit, asked.v)), asked.omega))
 
     def step(self, asked: Twist) -> Twist:
@@ -60,7 +60,7 @@ class Plant:
 @pytest.mark.parametrize("gain", [0.75, 1.0, 1.4])
 @pytest.mark.parametrize("lost", [0.0, 0.05])
 @pytest.mark.parametrize("command", [Twist(0.4, 0.2), Twist(0.06, 0.0), Twist(0.3, -0.1), Twist(-0.15, 0.2)])
-def test_measured_speed_comes_to_the_command_whatever_the_calibration_got_wrong(
+def test_the_measured_speed_reaches_the_command_despite_errors_of_the_calibration(
     gain: float, lost: float, command: Twist
 ) -> None:
     loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant(gain, lost)
@@ -70,7 +70,7 @@ def test_measured_speed_comes_to_the_command_whatever_the_calibration_got_wrong(
     assert plant.mean.omega == pytest.approx(command.omega, abs=0.01)
 
 
-def test_a_step_that_the_chair_follows_as_calibrated_is_sent_as_it_is() -> None:
+def test_a_step_that_the_chair_follows_as_calibrated_is_sent_unchanged() -> None:
     loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant()
     command = Twist(0.5, 0.4)
     asked = []
@@ -81,7 +81,7 @@ def test_a_step_that_the_chair_follows_as_calibrated_is_sent_as_it_is() -> None:
     assert max(abs(twist.omega - 0.4) for twist in asked) < 0.06
 
 
-def test_a_chair_that_is_to_stand_gets_exactly_nothing() -> None:
+def test_a_chair_that_shall_stand_gets_exactly_zero() -> None:
     loop = SpeedLoop(SETTINGS, response=RESPONSES)
     for k in range(50):
         loop.step(Twist(0.3, 0.2), Twist(0.1, 0.0), k * TICK)
@@ -90,7 +90,7 @@ def test_a_chair_that_is_to_stand_gets_exactly_nothing() -> None:
 
 
 @pytest.mark.parametrize("v", [0.5, -0.5])
-def test_a_chair_with_unlike_motors_comes_back_to_its_line(v: float) -> None:
+def test_a_chair_with_unequal_motors_returns_to_its_line(v: float) -> None:
     loop, plant, trimless = SpeedLoop(SETTINGS, response=RESPONSES), Plant(skew=0.11), Plant(skew=0.11)
     for k in range(500):
         plant.step(loop.step(Twist(v, 0.0), plant.mean, k * TICK))
@@ -100,17 +100,17 @@ def test_a_chair_with_unlike_motors_comes_back_to_its_line(v: float) -> None:
     assert abs(trimless.y) > 1.0
 
 
-def test_a_curve_that_was_asked_for_is_no_line_to_come_back_from() -> None:
+def test_a_commanded_curve_is_not_corrected() -> None:
     loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant()
     for k in range(100):
         plant.step(loop.step(Twist(0.5, 0.3), plant.mean, k * TICK))
     heading = plant.theta
     for k in range(100, 200):
         plant.step(loop.step(Twist(0.5, 0.0), plant.mean, k * TICK))
-    assert plant.theta - heading == pytest.approx(0.3 * 0.2, abs=0.02)  # what the lag had still to do
+    assert plant.theta - heading == pytest.approx(0.3 * 0.2, abs=0.02)  # the rest of the lag's response
 
 
-def test_the_trim_stays_within_its_limits_and_is_forgotten_when_nobody_drives() -> None:
+def test_the_trim_stays_within_its_limits_and_is_reset_when_nothing_drives() -> None:
     loop = SpeedLoop(dataclasses.replace(SETTINGS, max_trim_v=0.1, max_trim_omega=0.25), response=RESPONSES)
     for k in range(400):
         asked = loop.step(Twist(0.5, 0.5), Twist(), k * TICK)
@@ -130,7 +130,7 @@ def test_a_trim_learnt_at_speed_never_drives_the_chair_against_its_command(sign:
         plant.step(asked)
 
 
-def test_nothing_winds_up_against_an_axis_at_its_end() -> None:
+def test_the_integral_does_not_wind_up_at_the_end_of_an_axis() -> None:
     loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant(limit=0.6)
     told = None
     for k in range(200):
@@ -152,14 +152,14 @@ def test_commands_leave_room_for_trims_on_the_same_arc() -> None:
     assert asked.omega / asked.v == pytest.approx(0.6 / 0.9)
 
 
-def test_in_the_dead_band_nothing_is_learnt_from_a_chair_that_coasts() -> None:
+def test_in_the_dead_band_nothing_is_learnt_from_a_coasting_chair() -> None:
     loop = SpeedLoop(SETTINGS, response=RESPONSES)
     asked = [loop.step(Twist(0.01, 0.0), Twist(0.1, 0.0), k * TICK, sent(Twist())).v for k in range(90)]
     assert asked[89] == pytest.approx(asked[60], abs=1e-3)
     assert asked[89] > 0.01 - SETTINGS.max_trim_v + 0.05
 
 
-def test_in_the_dead_band_a_chair_that_stands_is_pushed_but_not_before_its_brake_had_time_to_open() -> None:
+def test_in_the_dead_band_a_standing_chair_is_pushed_after_its_brake_had_time_to_open() -> None:
     loop = SpeedLoop(SpeedLoopSettings(), response=RESPONSES)
     asked = [loop.step(Twist(0.02, 0.0), Twist(), k * TICK, sent(Twist()) if k else None).v for k in range(60)]
     assert max(asked[:13]) == 0.02
@@ -167,7 +167,7 @@ def test_in_the_dead_band_a_chair_that_stands_is_pushed_but_not_before_its_brake
 
 
 @pytest.mark.parametrize("brake", [0.2, 0.5])
-def test_a_brake_that_opens_late_winds_nothing_up_and_the_chair_sets_off_gently(brake: float) -> None:
+def test_a_brake_that_opens_late_causes_no_windup_and_the_chair_starts_gently(brake: float) -> None:
     loop, plant = SpeedLoop(SpeedLoopSettings(), response=RESPONSES), Plant()
     asked = []
     for k in range(100):
@@ -178,7 +178,7 @@ def test_a_brake_that_opens_late_winds_nothing_up_and_the_chair_sets_off_gently(
     assert max(abs(twist.v - 0.4) for twist in asked) < 0.05
 
 
-def test_a_chair_that_never_sets_off_is_pushed_after_all() -> None:
+def test_a_chair_that_does_not_start_is_pushed_in_the_end() -> None:
     loop = SpeedLoop(SpeedLoopSettings(), response=RESPONSES)
     for k in range(40):
         asked = loop.step(Twist(0.1, 0.0), Twist(), k * TICK)
@@ -186,7 +186,7 @@ def test_a_chair_that_never_sets_off_is_pushed_after_all() -> None:
     assert asked.v > 0.2
 
 
-def test_after_a_reversal_the_turn_learns_nothing_until_the_casters_have_swung_round() -> None:
+def test_after_a_reversal_the_turn_trim_waits_until_the_casters_have_swung_round() -> None:
     loop, plant = SpeedLoop(SETTINGS, response=RESPONSES), Plant()
     now = 0
     for _ in range(60):
@@ -205,9 +205,7 @@ def test_after_a_reversal_the_turn_learns_nothing_until_the_casters_have_swung_r
     assert not loop.casters_swing
 
 
-def test_a_chair_that_stands_after_a_reversal_is_pushed_out_of_its_dead_band_though_its_casters_have_not_swung() -> (
-    None
-):
+def test_a_chair_that_stands_after_a_reversal_is_pushed_out_of_its_dead_band_before_its_casters_swing() -> None:
     loop, now = SpeedLoop(SETTINGS, response=RESPONSES), 0
     for v in (0.3, -0.3):
         for _ in range(10):
@@ -229,7 +227,7 @@ def test_measurements_that_are_not_finite_change_nothing(v: float, omega: float)
     assert (asked.v, asked.omega) == (0.5, 0.1)
 
 
-def test_a_command_that_is_not_finite_is_handed_on_for_the_bridge_to_refuse_and_is_forgotten() -> None:
+def test_a_command_that_is_not_finite_is_passed_to_the_bridge_to_refuse_and_is_not_kept() -> None:
     loop = SpeedLoop(SETTINGS, response=RESPONSES)
     assert math.isnan(loop.step(Twist(math.nan, 0.0), Twist(0.3, 0.0), 0).v)
     assert loop.step(Twist(0.3, 0.0), Twist(0.3, 0.0), TICK).v == pytest.approx(0.3, abs=0.05)
@@ -253,7 +251,7 @@ def test_a_long_pause_does_not_let_the_trim_jump() -> None:
         max_size=40,
     )
 )
-def test_whatever_is_measured_the_trim_is_bounded_and_rest_is_rest(
+def test_for_any_measurement_the_trim_is_bounded_and_rest_gives_zero(
     ticks: list[tuple[Twist | None, float, float, int]],
 ) -> None:
     loop, now, told = SpeedLoop(SETTINGS, response=RESPONSES), 0, None
@@ -268,7 +266,7 @@ def test_whatever_is_measured_the_trim_is_bounded_and_rest_is_rest(
             assert abs(asked.omega) <= abs(command.omega) + SETTINGS.max_trim_omega + 1e-9
 
 
-def test_a_calibration_gives_the_loop_its_delays_lags_ramps_and_reach() -> None:
+def test_the_loop_takes_its_delays_lags_ramps_and_reach_from_the_calibration() -> None:
     forward = AxisModel(delay_s=0.4, lag_s=0.15, ramp=0.9)
     side = AxisSide(gain=2.5, limit=2.0)
     turn = AxisModel(sign=-1, above=side, below=side, delay_s=0.07, lag_s=0.2, ramp=3.0)
