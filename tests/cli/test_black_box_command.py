@@ -35,7 +35,7 @@ def box(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_why_tells_the_last_stop_and_marks_it_as_read(box: Path) -> None:
+def test_why_explains_the_last_stop_and_marks_it_as_read(box: Path) -> None:
     done = waychair("why", "--box", box)
     assert done.returncode == 0, done.stderr
     assert "lidar_stale" in done.stdout
@@ -43,14 +43,14 @@ def test_why_tells_the_last_stop_and_marks_it_as_read(box: Path) -> None:
     assert parts_of(box)[-1].read
 
 
-def test_why_as_json_holds_the_same(box: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_why_gives_the_same_as_json(box: Path, capsys: pytest.CaptureFixture[str]) -> None:
     why_command(box=box, last=3, json=True)
     (stop,) = json.loads(capsys.readouterr().out)["stops"]
     assert stop["id"] == "lidar_stale"
     assert {"doing", "first", "evidence", "followed", "remedy", "look_at", "board", "calibration_hash"} <= set(stop)
 
 
-def test_the_usual_box_is_the_one_that_was_written_last(
+def test_the_default_box_is_the_one_written_last(
     box: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -71,7 +71,7 @@ def test_a_stop_can_be_mapped(box: Path, tmp_path: Path) -> None:
     assert (load_map(tmp_path / "map").cells == 100).sum() > 100
 
 
-def test_a_drive_with_a_box_can_be_asked_why(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_why_explains_a_drive_with_a_box(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     in_the_wall = Place("cupboard", Pose2(2.0, 4.95, 0.0))
     (leg,) = navigate(hall().grid, START, [in_the_wall], box=tmp_path / "box")
     assert not leg.reached
@@ -87,7 +87,7 @@ def test_commands_that_drive_take_a_box(command: str, capsys: pytest.CaptureFixt
     assert "--box" in capsys.readouterr().out
 
 
-def test_what_cannot_be_explained_is_one_sentence(tmp_path: Path) -> None:
+def test_an_impossible_explanation_gives_one_sentence(tmp_path: Path) -> None:
     assert "does not exist" in refused(waychair("why", "--box", tmp_path / "none"))
     with pytest.raises(BadArgument, match="give 1 or more"):
         why_command(box=tmp_path, last=0)

@@ -94,19 +94,19 @@ def test_on_blocks_the_dead_bands_are_printed_and_nothing_is_written(
     assert not out.exists()
 
 
-def test_a_sweep_of_another_chair_does_not_go_into_this_ones_file(sweep_csv: Path, tmp_path: Path) -> None:
+def test_a_sweep_of_another_chair_does_not_change_the_file_of_this_one(sweep_csv: Path, tmp_path: Path) -> None:
     out = tmp_path / "chair.json"
     save_calibration(out, ChairCalibration("sim-1", "2026-01-31"))
     with pytest.raises(CalibrationMismatch, match="'sim-1', not 'ward 3'"):
         _run("dac", "--csv", str(sweep_csv), *FROM_CSV, "--out", str(out), "--quiet")
 
 
-def test_a_csv_needs_its_neutral_and_its_chairs_name(sweep_csv: Path, tmp_path: Path) -> None:
+def test_a_csv_needs_a_neutral_and_a_chairs_name(sweep_csv: Path, tmp_path: Path) -> None:
     with pytest.raises(BadArgument, match="--neutral"):
         _run("dac", "--csv", str(sweep_csv), "--out", str(tmp_path / "chair.json"))
 
 
-def test_a_sweep_that_was_broken_off_is_refused_and_nothing_is_written(sweep_csv: Path, tmp_path: Path) -> None:
+def test_an_incomplete_sweep_is_refused_and_nothing_is_written(sweep_csv: Path, tmp_path: Path) -> None:
     out, part = tmp_path / "chair.json", tmp_path / "part.csv"
     part.write_text("".join(sweep_csv.read_text().splitlines(keepends=True)[:10_000]))
     with pytest.raises(ThinData, match="too few"):
@@ -123,7 +123,7 @@ def test_stops_need_a_model_first(tmp_path: Path) -> None:
         _run("stop", "--out", str(out))
 
 
-def test_one_file_collects_what_is_measured_of_a_chair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_file_collects_all_measurements_of_a_chair(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "chair.json"
     _run("imu", "--chair-sim", "3", "--seconds", "20", "--out", str(out))
     _run("wheels", "--chair-sim", "3", "--out", str(out))
@@ -136,7 +136,7 @@ def test_one_file_collects_what_is_measured_of_a_chair(tmp_path: Path, capsys: p
     assert "radius" in said
 
 
-def test_more_stick_with_less_speed_is_refused_and_nothing_is_written(sweep_csv: Path, tmp_path: Path) -> None:
+def test_less_speed_at_more_stick_is_refused_and_nothing_is_written(sweep_csv: Path, tmp_path: Path) -> None:
     out, bent = tmp_path / "chair.json", tmp_path / "bent.csv"
     head, *rows = sweep_csv.read_text().splitlines()
     fast = [row.split(",") for row in rows]
@@ -156,14 +156,14 @@ def test_more_stick_with_less_speed_is_refused_and_nothing_is_written(sweep_csv:
         ("99,2000", "line 3: cannot be read as numbers"),
     ],
 )
-def test_a_broken_line_of_a_log_is_refused_by_its_number(tmp_path: Path, line: str, says: str) -> None:
+def test_an_invalid_line_of_a_log_is_refused_by_its_number(tmp_path: Path, line: str, says: str) -> None:
     path = tmp_path / "sweep.csv"
     path.write_text(",".join(COLUMNS) + "\n98,2000,2000,0.1,0.1\n" + line + "\n")
     with pytest.raises(CalibrationError, match=says):
         _run("dac", "--csv", str(path), *FROM_CSV, "--out", str(tmp_path / "chair.json"))
 
 
-def test_a_file_that_somebody_touched_up_is_refused(sweep_csv: Path, tmp_path: Path) -> None:
+def test_an_edited_file_is_refused(sweep_csv: Path, tmp_path: Path) -> None:
     out = tmp_path / "chair.json"
     save_calibration(out, ChairCalibration("ward 3", "2026-01-31"))
     out.write_text(out.read_text().replace("2026-01-31", "2026-02-01"))
@@ -207,7 +207,7 @@ REAL = ("--port", "board", "--sensors", "sensors", "--family", "eight_pin_3v3", 
 SWEEP = ("dac", *REAL, "--chair-id", "ward 3", "--levels", "11", "--repetitions", "1")
 
 
-def test_a_real_chair_on_blocks_tells_its_dead_bands_through_its_board(
+def test_the_dead_bands_of_a_real_chair_on_blocks_are_measured_through_its_board(
     rig: BoardRig, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "chair.json"
@@ -239,7 +239,7 @@ def test_the_stops_of_a_real_chair_are_measured_through_its_board(rig: BoardRig,
         (lambda rig: rig.pull_sensors(), TransportError, "cable to the sensors was lost"),
     ],
 )
-def test_a_sweep_that_is_broken_off_says_why_and_where_its_log_is(
+def test_an_interrupted_sweep_tells_the_cause_and_the_place_of_its_log(
     rig: BoardRig, tmp_path: Path, event: Callable[[BoardRig], None], error: type[Exception], says: str
 ) -> None:
     out, part = tmp_path / "chair.json", tmp_path / "chair.sweep.csv.part"
@@ -251,7 +251,7 @@ def test_a_sweep_that_is_broken_off_says_why_and_where_its_log_is(
     assert {path.name for path in tmp_path.iterdir()} == {part.name}
 
 
-def test_ctrl_c_lets_go_of_the_lines_and_keeps_the_log(rig: BoardRig, tmp_path: Path) -> None:
+def test_ctrl_c_releases_the_lines_and_keeps_the_log(rig: BoardRig, tmp_path: Path) -> None:
     def interrupt() -> None:
         raise KeyboardInterrupt
 
@@ -265,7 +265,7 @@ def test_ctrl_c_lets_go_of_the_lines_and_keeps_the_log(rig: BoardRig, tmp_path: 
 
 
 @pytest.mark.parametrize("word", ["", "no\n"])
-def test_without_a_word_the_real_chair_stays_where_it_is(
+def test_without_a_confirmation_the_real_chair_does_not_move(
     rig: BoardRig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, word: str
 ) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO(word))
@@ -302,7 +302,7 @@ def test_firmware_with_another_hash_is_refused_before_anything_moves(
         ("tcp:127.0.0.1:1", TransportError, "cannot connect"),
     ],
 )
-def test_a_port_that_cannot_be_is_refused(port: str, error: type[Exception], says: str) -> None:
+def test_an_impossible_port_is_refused(port: str, error: type[Exception], says: str) -> None:
     with pytest.raises(error, match=says):
         _run("dac", "--port", port, "--sensors", port, "--chair-id", "ward 3")
 
@@ -310,7 +310,7 @@ def test_a_port_that_cannot_be_is_refused(port: str, error: type[Exception], say
 @pytest.mark.parametrize(
     "arguments", [("--port", "/dev/x"), ("--port", "/dev/x", "--chair-id", "a", "--chair-sim", "1")]
 )
-def test_a_real_chair_needs_its_name_and_is_not_simulated(arguments: tuple[str, ...]) -> None:
+def test_a_real_chair_needs_a_name_and_cannot_be_simulated_too(arguments: tuple[str, ...]) -> None:
     with pytest.raises(BadArgument, match="--chair-id"):
         _run("dac", *arguments)
 
@@ -380,7 +380,7 @@ def test_wheels_are_found_from_a_recording_and_its_mapped_trajectory(squares: Pa
     assert wheels.track == pytest.approx(PLANT.track_scale * CHAIR_A.track, rel=0.008)
 
 
-def test_recordings_that_do_not_fit_are_refused(squares: Path, tmp_path: Path) -> None:
+def test_unsuitable_recordings_are_refused(squares: Path, tmp_path: Path) -> None:
     bag, tum = str(squares / "squares.mcap"), tmp_path / "other.tum"
     tum.write_text("1.0 0 0 0 0 0 0 1\n2.0 1 0 0 0 0 0 1\n")
     with pytest.raises(CalibrationError, match="share no time"):

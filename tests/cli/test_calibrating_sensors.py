@@ -35,7 +35,7 @@ def turned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return bag
 
 
-def test_delays_and_mask_of_a_simulated_chair_share_its_file(
+def test_delays_and_mask_of_a_simulated_chair_are_stored_in_its_file(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "chair.json"
@@ -52,7 +52,7 @@ def test_delays_and_mask_of_a_simulated_chair_share_its_file(
         run("time", "--out", out, "--chair-sim", "1")
 
 
-def test_a_recording_teaches_the_mask_and_names_what_it_lacks_for_delays(tmp_path: Path, turned: Path) -> None:
+def test_a_recording_gives_the_mask_and_an_error_about_data_missing_for_delays(tmp_path: Path, turned: Path) -> None:
     out = tmp_path / "chair.json"
     run("mask", turned, "--chair-id", "ward 3", "--out", out, "--quiet")
     assert load_calibration(out, "ward 3").self_mask is not None
@@ -72,7 +72,7 @@ def test_a_recording_teaches_the_mask_and_names_what_it_lacks_for_delays(tmp_pat
         (("text.bag", "--chair-id", "x", "--chair-sim", "1"), BadArgument),
     ],
 )
-def test_wrong_arguments_and_files_have_names_and_leave_nothing(
+def test_wrong_arguments_and_files_are_named_and_leave_no_file(
     tmp_path: Path, command: str, arguments: tuple[str, ...], error: type[WaychairError]
 ) -> None:
     (tmp_path / "text.bag").write_text("no bag at all")
@@ -87,7 +87,7 @@ def test_delays_cannot_be_given_to_a_recording(tmp_path: Path, turned: Path) -> 
         run("time", turned, "--chair-id", "x", "--inject", "1", "0", "0", "--out", tmp_path / "chair.json")
 
 
-def test_a_failure_is_one_sentence_and_a_status(tmp_path: Path) -> None:
+def test_a_failure_gives_one_sentence_and_an_exit_status(tmp_path: Path) -> None:
     command = [str(Path(sys.executable).parent / "waychair"), "calibrate", "mask", str(tmp_path / "none.mcap")]
     failed = subprocess.run([*command, "--chair-id", "x", "--quiet"], capture_output=True, text=True, check=False)
     assert failed.returncode == 1

@@ -64,7 +64,7 @@ def test_map_writes_the_six_files_and_nothing_else(map_folder: Path) -> None:
     assert 40 < (grid.cells == 0).sum() * grid.resolution**2 < 62
 
 
-def test_the_configuration_in_force_maps_the_same_again(bag: Path, map_folder: Path, tmp_path: Path) -> None:
+def test_the_printed_configuration_gives_the_same_map_again(bag: Path, map_folder: Path, tmp_path: Path) -> None:
     done = waychair("map", bag, "--out", tmp_path / "again", "--config", map_folder / "config.yaml", "--quiet")
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
     for name in ("trajectory.tum", "map.pgm", "graph.g2o", "config.yaml"):
@@ -99,13 +99,13 @@ def test_an_impossible_place_is_refused(map_folder: Path, place: tuple[str, str]
         (("--jobs", "-1"), "Must be >= 1"),
     ],
 )
-def test_counts_that_cannot_be_are_refused(tmp_path: Path, arguments: tuple[str, str], said: str) -> None:
+def test_impossible_counts_are_refused(tmp_path: Path, arguments: tuple[str, str], said: str) -> None:
     done = waychair("barn", tmp_path, *arguments)
     assert done.returncode != 0
     assert said in done.stdout + done.stderr
 
 
-def test_no_folder_is_told_as_such(tmp_path: Path) -> None:
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
     assert "there is no folder" in refused(waychair("barn", tmp_path / "none"))
     done = waychair("barn", "")
     assert done.returncode != 0
@@ -120,7 +120,7 @@ def test_no_folder_is_told_as_such(tmp_path: Path) -> None:
         (MemoryError(), "memory ran out"),
     ],
 )
-def test_what_the_computer_refuses_is_one_sentence(
+def test_an_error_of_the_operating_system_gives_one_sentence(
     monkeypatch: pytest.MonkeyPatch, error: Exception, said: str
 ) -> None:
     def refuse(**_: object) -> None:
@@ -130,7 +130,7 @@ def test_what_the_computer_refuses_is_one_sentence(
     assert said in refused(waychair("config"))
 
 
-def test_an_output_that_takes_nothing_more_is_one_sentence_and_nothing_else() -> None:
+def test_a_full_output_gives_one_sentence_and_nothing_else() -> None:
     for arguments in (("--version",), ("config",)):  # less and more than one write
         with Path("/dev/full").open("w") as full:
             command = [str(WAYCHAIR), *arguments]
@@ -175,7 +175,7 @@ def bad_logs(folder: Path) -> dict[str, Path]:
         "missing.clf",
     ],
 )
-def test_a_bad_recording_is_one_sentence_and_leaves_nothing_behind(name: str, tmp_path: Path) -> None:
+def test_a_bad_recording_gives_one_sentence_and_leaves_no_files(name: str, tmp_path: Path) -> None:
     out = tmp_path / "out"
     sentence = refused(waychair("map", bad_logs(tmp_path)[name], "--out", out))
     assert name in sentence
@@ -195,15 +195,15 @@ def test_an_output_folder_that_is_a_file_is_named(bag: Path, tmp_path: Path) -> 
     assert (tmp_path / "out").read_text() == "mine"
 
 
-def test_a_wrong_topic_lists_those_that_are_there(bag: Path, tmp_path: Path) -> None:
+def test_a_wrong_topic_is_answered_with_the_topics_in_the_bag(bag: Path, tmp_path: Path) -> None:
     assert "/scan" in refused(waychair("map", bag, "--out", tmp_path / "out", "--scan", "/laser"))
 
 
-def test_a_map_that_is_not_there_is_named(tmp_path: Path) -> None:
+def test_a_missing_map_is_named(tmp_path: Path) -> None:
     assert "none" in refused(started("places", "--map", tmp_path / "none"))
 
 
-def test_default_configuration_is_printed_and_accepted(bag: Path, tmp_path: Path) -> None:
+def test_the_default_configuration_is_printed_and_accepted(bag: Path, tmp_path: Path) -> None:
     text = waychair("config").stdout
     assert "key_distance: 0.2  # m, distance driven between key scans" in text
     (tmp_path / "c.yaml").write_text(text)
@@ -226,7 +226,7 @@ def test_help_names_every_command_and_imports_nothing_heavy() -> None:
 
 
 @pytest.mark.nightly
-def test_the_demo_needs_no_recording_and_drives_a_world_that_ships(tmp_path: Path) -> None:
+def test_the_demo_needs_no_recording_and_drives_a_shipped_world(tmp_path: Path) -> None:
     command = [str(WAYCHAIR), "demo", "--world", "corridor_t", "--no-surprises", "--headless"]
     command += ["--out", str(tmp_path / "demo")]
     environment = {"PATH": "/usr/bin:/bin", "HOME": str(tmp_path), "WAYCHAIR_DATA": str(tmp_path / "none")}

@@ -19,7 +19,7 @@ WAYCHAIR = Path(sys.executable).parent / "waychair"
 _Usage = namedtuple("_Usage", "total used free")
 
 
-def test_every_part_that_is_not_well_comes_with_its_command() -> None:
+def test_every_faulty_part_comes_with_a_command_that_mends_it() -> None:
     found = doctor.examine()
     assert len({check.part for check in found}) == len(found) >= 12
     for check in found:
@@ -27,7 +27,7 @@ def test_every_part_that_is_not_well_comes_with_its_command() -> None:
         assert check.purpose
 
 
-def test_the_command_prints_the_table_and_its_exit_code_is_about_what_is_needed() -> None:
+def test_the_command_prints_the_table_and_its_exit_code_depends_on_needed_parts() -> None:
     done = subprocess.run([str(WAYCHAIR), "doctor"], capture_output=True, text=True, check=False)
     assert "Traceback" not in done.stderr
     assert done.returncode == ("missing" in done.stdout)
@@ -37,7 +37,7 @@ def test_the_command_prints_the_table_and_its_exit_code_is_about_what_is_needed(
 
 
 @pytest.mark.parametrize(("state", "code"), [(PartState.OPTIONAL, None), (PartState.MISSING, 1)])
-def test_only_something_that_is_needed_ends_with_one(
+def test_only_a_missing_needed_part_gives_exit_code_one(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], state: PartState, code: int | None
 ) -> None:
     monkeypatch.setattr(doctor, "_CHECKS", (lambda: Check("the [thing]", state, "all", "pip install 'x[y]'"),))
@@ -51,7 +51,7 @@ def test_only_something_that_is_needed_ends_with_one(
     assert all(text in printed for text in ("the [thing]", state.value, "pip install 'x[y]'"))
 
 
-def test_missing_packages_are_named_as_the_project_requires_them(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_packages_are_named_with_the_required_versions(monkeypatch: pytest.MonkeyPatch) -> None:
     def version(name: str) -> str:
         if name in ("mujoco", "numba"):
             raise metadata.PackageNotFoundError(name)
@@ -85,7 +85,7 @@ def test_a_full_disk_is_a_failure_and_a_missing_compiler_is_not(monkeypatch: pyt
     )
 
 
-def test_serial_ports_need_the_group_that_debian_gives_them_to(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_serial_ports_need_the_group_that_owns_them_on_debian(monkeypatch: pytest.MonkeyPatch) -> None:
     import grp
 
     monkeypatch.setattr(os, "geteuid", lambda: 1000)
@@ -96,7 +96,7 @@ def test_serial_ports_need_the_group_that_debian_gives_them_to(monkeypatch: pyte
     assert doctor._serial_ports().state is PartState.OK
 
 
-def test_the_cache_of_kernels_may_be_moved_to_a_folder_that_can_be_written(
+def test_the_cache_of_kernels_may_be_moved_to_a_writable_folder(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr(os, "access", lambda path, mode: Path(path) == tmp_path)
@@ -109,7 +109,9 @@ def test_the_cache_of_kernels_may_be_moved_to_a_folder_that_can_be_written(
     assert doctor._kernel_cache().state is PartState.OK
 
 
-def test_recordings_are_found_where_the_environment_says(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_recordings_are_found_in_the_folder_of_the_environment_variable(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     monkeypatch.setenv("WAYCHAIR_DATA", str(tmp_path))
     assert doctor._recordings().state is PartState.OPTIONAL
     (tmp_path / "lidar_intel").mkdir()

@@ -42,7 +42,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @rendered
-def test_a_bag_says_where_its_camera_is(bag: Path) -> None:
+def test_the_camera_mount_is_read_from_the_bag(bag: Path) -> None:
     mount = read_recording(bag).camera_mount()
     assert mount is not None
     np.testing.assert_allclose(mount.rotation, CHAIR_A.base_from_camera.rotation, atol=1e-9)
@@ -73,7 +73,7 @@ def test_the_cloud_of_a_bag_and_of_its_map_is_written_whole(bag: Path, tmp_path:
     assert sorted(path.name for path in tmp_path.glob("*")) == ["0.ply", "1.ply", "map"]
 
 
-def test_without_open3d_one_sentence_says_how_to_get_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_open3d_one_sentence_says_how_to_install_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def missing(name: str) -> None:
         raise ImportError(f"No module named '{name}'")
 
@@ -84,7 +84,7 @@ def test_without_open3d_one_sentence_says_how_to_get_it(tmp_path: Path, monkeypa
 
 
 @clouds
-def test_what_cannot_be_exported_is_refused_and_leaves_no_file(tmp_path: Path, data_dir: Path) -> None:
+def test_an_impossible_export_is_refused_and_leaves_no_file(tmp_path: Path, data_dir: Path) -> None:
     cloud = tmp_path / "cloud.ply"
     with pytest.raises(RecordingNotFound):
         export_cloud(tmp_path / "nothing.mcap", cloud)

@@ -48,7 +48,7 @@ def test_a_token_can_stand_in_an_address_or_is_refused(text: str) -> None:
             page_token(True, text)
 
 
-def test_a_port_that_is_taken_is_refused_when_asked_for_and_else_another_is_found() -> None:
+def test_a_taken_port_is_refused_if_it_was_requested_and_otherwise_another_is_found() -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         number = taken.getsockname()[1]
         with pytest.raises(BadArgument, match=f"--page-port {number} is taken"):
@@ -103,14 +103,14 @@ def test_a_simulated_chair_is_driven_by_its_page_and_ends_with_ctrl_c(
         (("--token", "a"), "--token"),
     ],
 )
-def test_what_cannot_be_is_said_in_one_sentence(options: tuple[str, ...], said: str) -> None:
+def test_an_impossible_request_gives_one_sentence(options: tuple[str, ...], said: str) -> None:
     told = subprocess.run([*COMMAND, *options], capture_output=True, text=True, timeout=60.0, check=False)
     assert told.returncode == 1
     assert said in told.stderr
     assert "Traceback" not in told.stderr
 
 
-def test_the_page_is_a_process_that_the_chair_can_do_without_and_announces_each_drive(tmp_path: Path) -> None:
+def test_the_chair_runs_without_the_page_process_and_announces_each_drive_to_it(tmp_path: Path) -> None:
     *others, page = processes(Stack(tmp_path, world="small_clinic", page_port=8123))
     assert (page.name, page.module, page.vital) == ("page", "waychair.cli.options.page_process", False)
     assert all(row.vital for row in others)
@@ -120,7 +120,7 @@ def test_the_page_is_a_process_that_the_chair_can_do_without_and_announces_each_
     assert "supervisor.countdown_s: 0.0" in (tmp_path / "bridge.yaml").read_text()
 
 
-def test_what_was_drawn_on_a_worlds_own_plan_is_there_in_the_next_run(tmp_path: Path) -> None:
+def test_drawings_on_a_worlds_own_plan_are_kept_for_the_next_run(tmp_path: Path) -> None:
     processes(Stack(tmp_path, world="small_clinic"))
     layout = DrawingEditor(tmp_path / "map")
     layout.set_place(Place("desk", Pose2(2.0, 1.0)))
@@ -133,7 +133,7 @@ def test_what_was_drawn_on_a_worlds_own_plan_is_there_in_the_next_run(tmp_path: 
     assert DrawingEditor(tmp_path / "map").drawing.erased == ()
 
 
-def test_the_others_go_on_without_a_page_that_dies_again_and_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_other_processes_go_on_without_a_page_that_dies_repeatedly(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = (Process("page", "waychair.no_such_module", vital=False), Process("other", "http.server", ("0",)))
     said: list[str] = []
     monkeypatch.setattr("waychair.runtime.processes.MAX_DEATHS", 2)

@@ -61,7 +61,7 @@ def test_a_path_leads_through_the_door_and_is_drawn(flat: Path, tmp_path: Path) 
         ("-0.75,3", "kitchen", "does not fit at its start (-0.75, 3.00) with the heading"),
     ],
 )
-def test_an_impossible_plan_is_one_sentence(flat: Path, tmp_path: Path, start: str, goal: str, said: str) -> None:
+def test_an_impossible_plan_gives_one_sentence(flat: Path, tmp_path: Path, start: str, goal: str, said: str) -> None:
     png = tmp_path / "path.png"
     assert said in refused(waychair("plan", "--map", flat, "--start", start, "--goal", goal, "--png", png))
     assert not png.exists()
@@ -114,7 +114,7 @@ def test_the_harmonic_planner_draws_its_potential_and_counts_its_turns(flat: Pat
     assert len(np.unique(field.reshape(-1, 3), axis=0)) > 2 * len(np.unique(path.reshape(-1, 3), axis=0)), "a field"
 
 
-def test_a_door_that_one_body_fits_through_is_too_narrow_for_a_wider_one(tmp_path: Path) -> None:
+def test_a_door_passable_for_one_body_is_too_narrow_for_a_wider_one(tmp_path: Path) -> None:
     cells = np.zeros((120, 200), np.int8)
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
     cells[:50, 100], cells[65:, 100] = 100, 100  # 0.75 m
@@ -125,13 +125,13 @@ def test_a_door_that_one_body_fits_through_is_too_narrow_for_a_wider_one(tmp_pat
     assert "unknown body 'C': take A, B" in refused(waychair(*asked, "C"))
 
 
-def test_a_map_without_room_is_named_before_its_start(tmp_path: Path) -> None:
+def test_a_map_without_free_space_is_named_before_its_start(tmp_path: Path) -> None:
     save_map(tmp_path, OccupancyGrid(np.full((60, 60), 100, np.int8), 0.05))
     asked = ("navigate", "--map", tmp_path, "--start", "1,1", "--goal", "2,2")
     assert "the map has no free space" in refused(waychair(*asked))
 
 
-def test_a_picture_goes_into_a_png_file_that_is_not_the_maps_own(flat: Path, tmp_path: Path) -> None:
+def test_a_picture_is_written_to_a_png_file_other_than_the_map_image(flat: Path, tmp_path: Path) -> None:
     folder = tmp_path / "map"
     folder.mkdir()
     pixels = np.full((80, 120), 254, np.uint8)
@@ -173,7 +173,7 @@ def test_a_benchmark_query_is_column_and_row_with_row_0_on_top(
     assert found["ms"] > 0
 
 
-def test_the_time_of_a_query_is_without_that_of_loading_the_kernels(
+def test_the_time_of_a_query_excludes_loading_the_kernels(
     benchmark: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     loaded: list[str] = []
@@ -228,7 +228,7 @@ def test_an_impossible_benchmark_query_is_named(benchmark: Path, arguments: Json
         plan_command(map=benchmark, **arguments)
 
 
-def test_queries_without_a_way_or_of_another_cost_are_named_and_fail(tmp_path: Path) -> None:
+def test_queries_without_a_path_or_with_another_cost_are_named_and_fail(tmp_path: Path) -> None:
     map, scenario = tmp_path / "b.MAP", tmp_path / "b.scen"
     map.write_text("type octile\nheight 3\nwidth 3\nmap\n...\n@@@\n...\n")
     query = "0\tb.map\t3\t3\t"
@@ -253,14 +253,14 @@ def test_queries_without_a_way_or_of_another_cost_are_named_and_fail(tmp_path: P
     )
 
 
-def test_a_map_folder_may_be_called_as_a_benchmark_is(flat: Path, tmp_path: Path) -> None:
+def test_a_map_folder_may_have_the_name_of_a_benchmark(flat: Path, tmp_path: Path) -> None:
     shutil.copytree(flat, tmp_path / "flat.map")
     done = waychair("plan", "--map", tmp_path / "flat.map", "--start", "0,0", "--goal", "kitchen")
     assert done.stdout.endswith("m from 0,0 to kitchen\n")
 
 
 @pytest.mark.parametrize("name", ["a" * 400, "a" * 400 + ".map"])
-def test_a_name_that_no_map_can_have_is_one_sentence(name: str) -> None:
+def test_an_impossible_map_name_gives_one_sentence(name: str) -> None:
     assert "there is no map at" in refused(waychair("plan", "--map", name, "--start", "0,0", "--goal", "1,1"))
 
 
@@ -274,7 +274,7 @@ def test_a_scenario_of_another_map_or_for_a_map_folder_is_refused(benchmark: Pat
     assert "no free cell" in refused(waychair("plan", "--map", small, "--start", "0,0", "--goal", "0,0"))
 
 
-def test_zones_of_the_map_bind_the_plan(flat: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_plan_obeys_the_zones_of_the_map(flat: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "zoned"
     shutil.copytree(flat, folder)
     zones = folder / "zones.yaml"
@@ -292,13 +292,13 @@ def test_zones_of_the_map_bind_the_plan(flat: Path, tmp_path: Path, capsys: pyte
             planned(capsys, folder, "0,0", "kitchen")
 
 
-def test_the_chair_navigates_in_a_world_that_ships_on_its_own_plan() -> None:
+def test_the_chair_navigates_in_a_shipped_world_on_the_plan_of_the_world() -> None:
     done = waychair("navigate", "--world", "small_clinic", "--goal", "2.5,1,0")
     assert done.returncode == 0, done.stderr
     assert "2.5,1,0" in done.stdout
 
 
-def test_navigating_nowhere_is_refused_with_advice() -> None:
+def test_navigating_without_a_goal_is_refused_with_advice() -> None:
     assert "--world" in refused(waychair("navigate", "--goal", "kitchen"))
 
 
@@ -312,7 +312,7 @@ def test_navigating_nowhere_is_refused_with_advice() -> None:
         ((), "--goal"),
     ],
 )
-def test_what_a_drive_cannot_be_made_of_is_refused_before_it(arguments: tuple[str, ...], said: str) -> None:
+def test_unsuitable_inputs_of_a_drive_are_refused_before_it(arguments: tuple[str, ...], said: str) -> None:
     done = waychair("navigate", "--world", "small_clinic", *arguments)
     assert done.returncode != 0
     assert said in done.stdout + done.stderr
@@ -320,11 +320,11 @@ def test_what_a_drive_cannot_be_made_of_is_refused_before_it(arguments: tuple[st
 
 
 @pytest.mark.parametrize("command", ["navigate", "places"])
-def test_no_option_empties_another(command: str) -> None:
+def test_no_option_has_an_empty_form(command: str) -> None:
     assert "--empty-" not in waychair(command, "--help").stdout
 
 
-def test_a_world_without_places_is_told_as_a_world(tmp_path: Path) -> None:
+def test_an_error_about_a_world_without_places_calls_it_a_world(tmp_path: Path) -> None:
     path = tmp_path / "cut.yaml"
     path.write_text("name: cut\nsize: [6, 4]\nstart: [1, 1, 0]\nwalls: []\n")
     said = refused(waychair("navigate", "--world", path, "--goal", "kitchen"))
@@ -347,11 +347,11 @@ def test_the_chair_navigates_to_two_places_in_turn(flat: Path) -> None:
         (("--goal", "kitchen", "--world", "small_clinic", "--start", "6,1"), "(6, 1, 0) on the map"),
     ],
 )
-def test_an_impossible_drive_is_one_sentence(flat: Path, arguments: tuple[str, ...], said: str) -> None:
+def test_an_impossible_drive_gives_one_sentence(flat: Path, arguments: tuple[str, ...], said: str) -> None:
     assert said in refused(waychair("navigate", "--map", flat, *arguments))
 
 
-def test_without_a_start_it_is_said_that_one_can_be_given(flat: Path, tmp_path: Path) -> None:
+def test_an_error_about_a_missing_start_says_how_to_give_one(flat: Path, tmp_path: Path) -> None:
     shutil.copytree(flat, tmp_path / "map")
     text = (tmp_path / "map" / "map.yaml").read_text()
     for origin in ("[1.0, 1.0, 0.0]", "[-5.03, -1.0, 0.0]"):

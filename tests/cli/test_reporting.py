@@ -26,7 +26,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_both_readings_stand_beside_the_published_counts(folder: Path) -> None:
+def test_both_counts_are_shown_beside_the_published_ones(folder: Path) -> None:
     done = waychair("report", "--paper", folder, folder)
     assert done.returncode == 0, done.stderr
     lines = [line.replace("│", " ").split() for line in done.stdout.splitlines()]
@@ -35,9 +35,9 @@ def test_both_readings_stand_beside_the_published_counts(folder: Path) -> None:
     assert "131.61" in done.stdout
 
 
-def test_a_folder_that_is_no_map_is_named(tmp_path: Path) -> None:
+def test_a_folder_without_a_map_is_named(tmp_path: Path) -> None:
     assert str(tmp_path) in refused(waychair("report", "--paper", tmp_path))
 
 
-def test_three_maps_are_too_many(folder: Path) -> None:
+def test_three_maps_are_refused(folder: Path) -> None:
     assert "one or two" in refused(waychair("report", "--paper", folder, folder, folder))

@@ -60,7 +60,7 @@ def test_worlds_lists_every_world_with_its_size_doors_routes_and_hazards() -> No
         assert fact in done.stdout
 
 
-def test_worlds_tells_one_world_with_the_names_of_its_doors_and_draws_it(tmp_path: Path) -> None:
+def test_worlds_describes_one_world_with_the_names_of_its_doors_and_draws_it(tmp_path: Path) -> None:
     picture = tmp_path / "plan.png"
     done = waychair("worlds", "apartment", "--picture", picture)
     assert done.returncode == 0, done.stderr
@@ -73,7 +73,7 @@ def test_worlds_tells_one_world_with_the_names_of_its_doors_and_draws_it(tmp_pat
     assert "ground" not in upper.stdout
 
 
-def test_a_level_or_picture_of_no_world_and_a_level_that_is_not_there_are_refused(tmp_path: Path) -> None:
+def test_a_level_or_picture_without_a_world_and_an_unknown_level_are_refused(tmp_path: Path) -> None:
     assert "need the name of a world" in refused(waychair("worlds", "--picture", tmp_path / "plan.png"))
     assert "ground, upper" in refused(waychair("worlds", "two_floors", "--level", "attic"))
     assert "ground, upper" in refused(waychair("simulate", "--world", "two_floors", "--level", "attic"))
@@ -103,7 +103,7 @@ def test_a_recording_holds_all_sensors_at_their_rates(plan: Path, tmp_path: Path
     assert rates == pytest.approx(expected, abs=2.5 / seconds)  # a short drive loses samples at its ends
 
 
-def test_a_machine_that_cannot_render_simulates_without_a_camera_and_says_so(plan: Path, tmp_path: Path) -> None:
+def test_a_machine_that_cannot_render_simulates_without_a_camera_and_warns(plan: Path, tmp_path: Path) -> None:
     bag = tmp_path / "drive.mcap"
     command = [str(WAYCHAIR), "simulate", "--world", str(plan), "--route", "short", "--record", str(bag), "--quiet"]
     nothing = {"__EGL_VENDOR_LIBRARY_FILENAMES": "/none", "__EGL_VENDOR_LIBRARY_DIRS": "/none"}
@@ -115,7 +115,7 @@ def test_a_machine_that_cannot_render_simulates_without_a_camera_and_says_so(pla
     assert not [topic for topic in topics(bag) if topic.startswith("/camera")]
 
 
-def test_simulate_records_a_bag_that_can_be_read_again(plan: Path, tmp_path: Path) -> None:
+def test_simulate_records_a_readable_bag(plan: Path, tmp_path: Path) -> None:
     bag = tmp_path / "drive.mcap"
     done = waychair("simulate", "--world", plan, "--route", "short", "--record", bag, "--no-camera", "--seed", "4")
     assert done.returncode == 0, done.stderr
@@ -128,7 +128,7 @@ def test_simulate_records_a_bag_that_can_be_read_again(plan: Path, tmp_path: Pat
     assert (last.x, last.y) == pytest.approx((1.0, 0.0), abs=0.15)
 
 
-def test_realtime_takes_the_time_that_is_simulated(plan: Path) -> None:
+def test_realtime_takes_as_long_as_the_simulated_time(plan: Path) -> None:
     done = waychair("simulate", "--world", plan, "--route", "short", "--mode", "realtime")
     assert done.returncode == 0, done.stderr
     found = re.search(r"([\d.]+) times real time", done.stdout)
@@ -138,7 +138,7 @@ def test_realtime_takes_the_time_that_is_simulated(plan: Path) -> None:
     assert waychair("simulate", "--world", plan, "--mode", "slow").returncode != 0
 
 
-def test_an_interrupted_simulation_keeps_its_recording_and_says_where(plan: Path, tmp_path: Path) -> None:
+def test_an_interrupted_simulation_keeps_its_recording_and_names_its_path(plan: Path, tmp_path: Path) -> None:
     waychair("simulate", "--world", plan, "--route", "short", "--quiet")  # compile the kernels
     bag = tmp_path / "drive.mcap"
     command = [str(WAYCHAIR), "simulate", "--world", str(plan), "--mode", "realtime", "--record", str(bag)]
@@ -172,32 +172,32 @@ def test_simulate_without_a_bag_writes_nothing_and_quiet_says_nothing(plan: Path
     assert [path.name for path in tmp_path.iterdir()] == ["hall.yaml"]
 
 
-def test_an_unknown_world_or_route_is_one_sentence_with_those_that_exist(plan: Path) -> None:
+def test_an_unknown_world_or_route_gives_one_sentence_with_the_known_ones(plan: Path) -> None:
     sentence = refused(waychair("simulate", "--world", "castle"))
     assert all(name in sentence for name in shipped_worlds())
     assert "mapping, short" in refused(waychair("simulate", "--world", plan, "--route", "scenic"))
     assert "castle" in refused(waychair("demo", "--world", "castle"))
 
 
-def test_a_broken_plan_is_one_sentence_with_its_line(plan: Path) -> None:
+def test_a_broken_plan_gives_one_sentence_with_its_line(plan: Path) -> None:
     plan.write_text(PLAN.replace("window: [6.0, 3.6, 0.0]", "window: [4.0, 5.5, 0.0]"), encoding="utf-8")
     assert f"{plan}, line 13: places.window" in refused(waychair("simulate", "--world", plan))
 
 
-def test_a_recording_that_exists_is_kept(plan: Path, tmp_path: Path) -> None:
+def test_an_existing_recording_is_kept(plan: Path, tmp_path: Path) -> None:
     bag = tmp_path / "mine.mcap"
     bag.write_text("mine", encoding="utf-8")
     assert "mine.mcap" in refused(waychair("simulate", "--world", plan, "--route", "short", "--record", bag))
     assert bag.read_text(encoding="utf-8") == "mine"
 
 
-def test_a_route_through_a_wall_of_the_chairs_width_is_refused_where_it_touches(plan: Path) -> None:
+def test_a_route_too_close_to_a_wall_is_refused_with_the_place_of_contact(plan: Path) -> None:
     plan.write_text(PLAN.replace("short: [[2.5, 3.0]]", "short: [[7.7, 3.0]]"), encoding="utf-8")
     assert "touched something at" in refused(waychair("simulate", "--world", plan, "--route", "short"))
 
 
 @pytest.mark.nightly
-def test_demo_drives_to_all_places_of_a_world_of_few(plan: Path, tmp_path: Path) -> None:
+def test_the_demo_drives_to_all_places_of_a_small_world(plan: Path, tmp_path: Path) -> None:
     demo = run_demo(tmp_path / "demo", seed=2, world=plan)
     assert [(leg.place, leg.reached, leg.contacts) for leg in demo.legs] == [("window", True, 0)]
     assert demo.world.startswith("hall")

@@ -29,7 +29,7 @@ def parameters(folder: Path, name: str) -> dict[str, object]:
     return values
 
 
-def test_a_simulated_chair_has_four_processes_and_its_worlds_own_plan(tmp_path: Path) -> None:
+def test_a_simulated_chair_has_four_processes_and_the_plan_of_its_world(tmp_path: Path) -> None:
     table = processes(Stack(tmp_path, world=WORLD))
     assert [row.name for row in table] == ["simulator", "bridge", "mapper", "navigator"]
     assert all(row.priority == 0 for row in table)
@@ -50,14 +50,14 @@ def test_a_real_chair_has_no_simulator(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "told"), [("maps", "maps"), ("maps/map.yaml", "maps"), ("maps/lab.yaml", "maps/lab.yaml")]
 )
-def test_every_node_is_told_the_map_that_was_named(tmp_path: Path, given: str, told: str) -> None:
+def test_every_node_gets_the_given_map(tmp_path: Path, given: str, told: str) -> None:
     (tmp_path / "maps").mkdir()
     processes(Stack(tmp_path, map_folder=tmp_path / given, cable="/dev/ttyUSB0", page_port=8000))
     for name in ("bridge", "mapper", "navigator", "page"):
         assert parameters(tmp_path, name)["map_folder"] == str(tmp_path / told)
 
 
-def test_the_start_is_where_the_mapper_remembers_to_have_been_so_that_it_counts_once(tmp_path: Path) -> None:
+def test_the_start_is_stored_with_the_last_pose_of_the_mapper_and_used_once(tmp_path: Path) -> None:
     processes(Stack(tmp_path, world=WORLD))
     assert remembered_pose(tmp_path / "pose.json", tmp_path / "map") == load_world(WORLD).start
     assert "start" not in parameters(tmp_path, "mapper")
@@ -65,24 +65,24 @@ def test_the_start_is_where_the_mapper_remembers_to_have_been_so_that_it_counts_
     assert remembered_pose(tmp_path / "pose.json", tmp_path / "map") == Pose2(2.0, 1.0, 0.5)
 
 
-def test_a_chair_on_a_known_map_stands_where_it_stood_last(tmp_path: Path) -> None:
+def test_a_chair_on_a_known_map_starts_at_its_last_pose(tmp_path: Path) -> None:
     processes(Stack(tmp_path, map_folder=tmp_path, cable="/dev/ttyUSB0", start=Pose2(2.0, 1.0, 0.5)))
     processes(Stack(tmp_path, map_folder=tmp_path, cable="/dev/ttyUSB0"))
     assert remembered_pose(tmp_path / "pose.json", tmp_path) == Pose2(2.0, 1.0, 0.5)
 
 
-def test_urgent_processes_come_in_the_order_of_safety(tmp_path: Path) -> None:
+def test_urgent_processes_have_priorities_in_the_order_of_safety(tmp_path: Path) -> None:
     ranks = {row.name: row.priority for row in processes(Stack(tmp_path, world=WORLD, urgent=True))}
     assert ranks["bridge"] > ranks["mapper"] > ranks["navigator"] > 0
 
 
-def test_a_users_own_parameters_come_last_and_so_outweigh(tmp_path: Path) -> None:
+def test_parameters_of_the_user_come_last_and_override_the_others(tmp_path: Path) -> None:
     own = tmp_path / "own.yaml"
     for row in processes(Stack(tmp_path, world=WORLD, parameters=own)):
         assert row.arguments[-2:] == ("--params-file", str(own))
 
 
-def test_nodes_of_a_namespace_keep_their_transforms_in_it(tmp_path: Path) -> None:
+def test_nodes_of_a_namespace_keep_their_transforms_inside_of_it(tmp_path: Path) -> None:
     for row in processes(Stack(tmp_path, world=WORLD, namespace="/ward_3/left")):
         assert row.arguments[:3] == ("--ros-args", "-r", "__ns:=/ward_3/left")
         assert {"/tf:=tf", "/tf_static:=tf_static"} <= set(row.arguments)
@@ -97,12 +97,12 @@ def test_nodes_of_a_namespace_keep_their_transforms_in_it(tmp_path: Path) -> Non
         (Stack(Path("out"), world=WORLD, namespace="3rd"), ConfigError, "the namespace '3rd' is impossible"),
     ],
 )
-def test_what_cannot_be_run_is_refused(stack: Stack, error: type[Exception], sentence: str) -> None:
+def test_an_impossible_run_is_refused(stack: Stack, error: type[Exception], sentence: str) -> None:
     with pytest.raises(error, match=sentence):
         processes(stack)
 
 
-def test_nobody_sits_unattended_in_a_real_chair() -> None:
+def test_unattended_drives_are_refused_for_a_real_chair() -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed (no rclpy)")
     with pytest.raises(BadArgument, match="--unattended needs --sim"):
         up_command(chair=Path("chair.yaml"), cable="/dev/ttyUSB0", unattended=True)
@@ -114,7 +114,7 @@ def test_goto_without_a_goal_is_refused() -> None:
         goto_command()
 
 
-def test_status_of_a_chair_that_does_not_run_is_one_sentence() -> None:
+def test_the_status_of_a_chair_that_does_not_run_is_one_sentence() -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed (no rclpy)")
     script = "from waychair.cli.main import main; main()"
     told = subprocess.run(
@@ -128,7 +128,7 @@ def test_status_of_a_chair_that_does_not_run_is_one_sentence() -> None:
     assert told.stderr == "waychair: no message from the bridge within 5 s: start the chair with `waychair up`\n"
 
 
-def test_a_map_that_is_none_or_has_a_zone_of_another_place_is_refused_before_any_node_starts(tmp_path: Path) -> None:
+def test_an_invalid_map_or_a_zone_of_another_place_is_refused_before_any_node_starts(tmp_path: Path) -> None:
     with pytest.raises(MapNotFound, match="there is no map at"):
         up_command(sim=WORLD, map=tmp_path / "nowhere", out=tmp_path, page=False)
     folder = tmp_path / "map"

@@ -29,7 +29,7 @@ def pictures(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("detector", ["orb", "sift"])
-def test_a_folder_of_pictures_becomes_a_dictionary_that_can_be_used(
+def test_a_folder_of_pictures_becomes_a_usable_vocabulary(
     pictures: Path, tmp_path: Path, detector: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "new" / "words.npz"
@@ -54,7 +54,7 @@ def test_the_same_pictures_and_seed_give_the_same_words(pictures: Path, tmp_path
     np.testing.assert_array_equal(load(tmp_path / "a.npz")[0].words, load(tmp_path / "b.npz")[0].words)
 
 
-def test_where_there_is_nothing_to_see_no_file_is_written(tmp_path: Path) -> None:
+def test_pictures_without_features_give_no_file(tmp_path: Path) -> None:
     folder, out = tmp_path / "blank", tmp_path / "words.npz"
     folder.mkdir()
     with pytest.raises(RecordingError):

@@ -70,7 +70,7 @@ def written(folder: Path, text: str) -> Path:
         ("chair: [", ", line "),
     ],
 )
-def test_every_command_refuses_a_bad_file_by_its_name_before_it_begins(
+def test_every_command_names_a_bad_file_and_refuses_it_before_it_begins(
     command: str, text: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -82,9 +82,7 @@ def test_every_command_refuses_a_bad_file_by_its_name_before_it_begins(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_names_a_file_that_is_missing(
-    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_command_names_a_missing_file(command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     assert "cannot read none.yaml" in refused(waychair(*COMMANDS[command], "--config", "none.yaml"))
 
@@ -109,13 +107,13 @@ def test_one_part_is_printed_alone_and_loads_back(part: str, tmp_path: Path) -> 
     assert load_configuration(written(tmp_path, text)).parts.keys() == {part}
 
 
-def test_an_unknown_part_is_refused_with_the_four_names() -> None:
+def test_an_unknown_part_is_refused_with_the_four_known_names() -> None:
     assert "there is no part 'chairs': take map, chair, simulation or nodes" in refused(waychair("config", "chairs"))
     with pytest.raises(ConfigError, match="there is no part ''"):
         part_from_text("")
 
 
-def test_a_file_of_0_1_0_gets_the_fate_of_its_keys_in_one_sentence(
+def test_a_file_of_0_1_0_gets_one_sentence_about_its_removed_keys(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -127,7 +125,7 @@ def test_a_file_of_0_1_0_gets_the_fate_of_its_keys_in_one_sentence(
     assert "put the lines under 'map:'" in sentence
 
 
-def test_a_flat_file_is_of_the_part_that_the_command_reads_first(tmp_path: Path) -> None:
+def test_a_flat_file_belongs_to_the_part_that_the_command_reads_first(tmp_path: Path) -> None:
     path = written(tmp_path, "limiter: {max_speed: 0.35}\n")
     assert load_configuration(path).chair.limiter == LimiterSettings(max_speed=0.35)
     path = written(tmp_path, "mapper: {key_distance: 0.3}\n")
@@ -137,7 +135,7 @@ def test_a_flat_file_is_of_the_part_that_the_command_reads_first(tmp_path: Path)
     assert load_configuration(written(tmp_path, "")).chair == ChairSettings()
 
 
-def test_the_part_map_holds_the_settings_of_localising_and_of_pictures(tmp_path: Path) -> None:
+def test_the_part_map_holds_the_settings_of_localisation_and_pictures(tmp_path: Path) -> None:
     path = written(tmp_path, "map: {localiser: {lost_scans: 9}, rgbd: {odometry: {max_speed: 1.0}}, vision: 'off'}\n")
     assert load_recording_settings(path, LocalisingSettings).localiser.lost_scans == 9
     assert load_recording_settings(path, RgbdMappingSettings).rgbd.odometry.max_speed == 1.0
@@ -162,7 +160,7 @@ def arguments_of(function: str, monkeypatch: pytest.MonkeyPatch, *command: str |
     return found
 
 
-def test_a_speed_limit_and_a_sensor_of_the_file_reach_a_drive_with_the_options_over_them(
+def test_a_speed_limit_and_a_sensor_of_the_file_reach_a_drive_and_options_override_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = """
@@ -198,7 +196,7 @@ def test_the_page_counts_down_unless_the_file_gives_a_countdown() -> None:
     assert LiveChair("small_clinic", settings=settings)._settings == settings
 
 
-def test_the_planner_takes_the_file_and_the_options_over_it(tmp_path: Path) -> None:
+def test_the_planner_takes_the_file_and_options_override_it(tmp_path: Path) -> None:
     path = written(
         tmp_path, "chair: {navigator: {planner: {planner: astar, smooth: none}, clearance: {comfortable: 0.7}}}\n"
     )
@@ -206,7 +204,7 @@ def test_the_planner_takes_the_file_and_the_options_over_it(tmp_path: Path) -> N
     assert (settings.planner, settings.smooth, comfortable) == ("astar", "taut", 0.7)
 
 
-def test_the_benchmark_keeps_its_own_settings_but_for_those_that_the_file_changes(
+def test_the_benchmark_keeps_its_own_settings_except_those_that_the_file_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("waychair.trials.barn.worlds_in", lambda folder, count: [])
@@ -248,7 +246,7 @@ def stack_of(folder: Path, text: str, change: Callable[[Stack], Stack] = lambda 
     processes(change(Stack(folder, world="small_clinic", settings=settings)))
 
 
-def test_the_file_reaches_the_parameter_files_of_the_nodes_that_have_the_setting(tmp_path: Path) -> None:
+def test_the_file_reaches_the_parameter_files_of_nodes_with_the_setting(tmp_path: Path) -> None:
     text = """
 chair: {limiter: {max_speed: 0.35}, navigator: {goal_wait_distance: 3}, localiser: {lost_scans: 9}, bridge: {family: 2}}
 map: {mapper: {key_distance: 0.3}, vision: 'off', depth: {mount: [0, 0, 1, 0, 0]}}

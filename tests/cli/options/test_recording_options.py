@@ -1,4 +1,4 @@
-"""Recordings on the command line: damaged and odd ones, interrupted and resumed runs, localising, evaluating."""
+"""Recordings on the command line: damaged and unusual ones, interrupted and resumed runs, localising, evaluating."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def test_a_bag_cut_short_is_mapped_and_the_damage_named(drive: Path, tmp_path: Path) -> None:
+def test_a_truncated_bag_is_mapped_and_the_damage_named(drive: Path, tmp_path: Path) -> None:
     data = drive.read_bytes()
     (tmp_path / "cut.bag").write_bytes(data[: 2 * len(data) // 3])
     done = waychair("map", tmp_path / "cut.bag", "--out", tmp_path / "map")
@@ -50,7 +50,7 @@ def test_a_bag_cut_short_is_mapped_and_the_damage_named(drive: Path, tmp_path: P
     assert "Warnings" in (tmp_path / "map" / "report.html").read_text()
 
 
-def test_a_map_that_is_drawn_on_makes_way_for_no_other_one(drive: Path, tmp_path: Path) -> None:
+def test_a_map_with_drawings_is_not_overwritten_by_another_one(drive: Path, tmp_path: Path) -> None:
     out = tmp_path / "map"
     assert waychair("map", drive, "--out", out).returncode == 0
     assert waychair("places", "--map", out, "--add", "desk", "0.5,0,0").returncode == 0
@@ -79,7 +79,7 @@ def carmen(path: Path, rows: list[tuple[float, str]]) -> Path:
     return path
 
 
-def test_stamps_that_step_back_and_scans_of_nothing_are_warned_of(tmp_path: Path) -> None:
+def test_stamps_that_step_back_and_empty_scans_give_warnings(tmp_path: Path) -> None:
     rows = [(100.0 + 0.2 * k - (3.0 if k == 10 else 0.0), {4: "nan", 5: "inf", 6: "-1"}.get(k, "")) for k in range(25)]
     done = waychair("map", carmen(tmp_path / "log.clf", rows), "--out", tmp_path / "map")
     assert done.returncode == 0, done.stderr
@@ -88,7 +88,7 @@ def test_stamps_that_step_back_and_scans_of_nothing_are_warned_of(tmp_path: Path
     assert "warning: 3 of 25 scans hold no distance at all" in told
 
 
-def test_a_log_in_which_nothing_is_seen_is_refused(tmp_path: Path) -> None:
+def test_a_log_without_a_range_reading_is_refused(tmp_path: Path) -> None:
     log = carmen(tmp_path / "blind.clf", [(100.0 + k, "inf") for k in range(5)])
     sentence = refused(waychair("map", log, "--out", tmp_path / "map"))
     assert "none of the 5 scans" in sentence
@@ -96,7 +96,7 @@ def test_a_log_in_which_nothing_is_seen_is_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "map").exists()
 
 
-def test_missing_topics_list_what_is_there_and_a_bad_mount_what_is_right(drive: Path, tmp_path: Path) -> None:
+def test_missing_topics_and_a_bad_mount_are_refused_with_the_valid_ones(drive: Path, tmp_path: Path) -> None:
     out = tmp_path / "map"
     assert "only /scan (sensor_msgs/msg/LaserScan), /tf" in refused(
         waychair("map", drive, "--out", out, "--odom", "/odom")
@@ -109,7 +109,7 @@ def test_missing_topics_list_what_is_there_and_a_bad_mount_what_is_right(drive: 
     assert not out.exists()
 
 
-def test_a_mount_that_does_not_fit_the_motion_is_warned_of(data_dir: Path, tmp_path: Path) -> None:
+def test_a_mount_that_contradicts_the_motion_gives_a_warning(data_dir: Path, tmp_path: Path) -> None:
     log = data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz"
     done = waychair("map", log, "--out", tmp_path / "map", "--base-from-laser", "0.78,0,3.14159")
     assert done.returncode == 0, done.stderr
@@ -122,7 +122,7 @@ def kept_often(folder: Path) -> Path:
     return path
 
 
-def test_a_run_that_is_killed_goes_on_and_gives_the_same_map(data_dir: Path, tmp_path: Path) -> None:
+def test_a_killed_run_resumes_and_gives_the_same_map(data_dir: Path, tmp_path: Path) -> None:
     log, settings = data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz", kept_often(tmp_path)
     arguments = [str(WAYCHAIR), "map", str(log), "--config", str(settings), "--quiet", "--out"]
     running = subprocess.Popen([*arguments, str(tmp_path / "killed")])
@@ -159,7 +159,7 @@ def interrupted(recording: Recording, settings: MappingSettings, folder: Path, a
     return caught.value
 
 
-def test_an_interrupted_run_goes_on_only_with_the_same_input_and_settings(drive: Path, tmp_path: Path) -> None:
+def test_an_interrupted_run_resumes_only_with_the_same_input_and_settings(drive: Path, tmp_path: Path) -> None:
     recording, settings = read_recording(drive), MappingSettings(checkpoint_interval=0.0)
     stop = interrupted(recording, settings, tmp_path, 0.5)
     assert stop.__notes__ == ["run the same command again to resume from its checkpoint"]
@@ -175,7 +175,7 @@ def test_an_interrupted_run_goes_on_only_with_the_same_input_and_settings(drive:
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 nonsense", None])
-def test_a_damaged_checkpoint_is_no_reason_to_fail(drive: Path, tmp_path: Path, damage: bytes | None) -> None:
+def test_a_damaged_checkpoint_is_ignored(drive: Path, tmp_path: Path, damage: bytes | None) -> None:
     recording, settings = read_recording(drive), MappingSettings(checkpoint_interval=0.0)
     interrupted(recording, settings, tmp_path, 0.3)
     path = tmp_path / "checkpoint.npz"
@@ -207,7 +207,7 @@ def test_localising_never_overwrites_the_map_and_needs_a_map(drive: Path, tmp_pa
     assert "no map at" in refused(waychair("localize", drive, "--map", tmp_path / "none", "--out", tmp_path / "out"))
 
 
-def test_an_evaluation_that_cannot_be_made_is_one_sentence(tmp_path: Path) -> None:
+def test_an_impossible_evaluation_gives_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "t.tum").write_text("1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n")
     (tmp_path / "r.relations").write_text("5 6 0 0 0 0 0 0\n")
     tum = tmp_path / "t.tum"
@@ -218,7 +218,7 @@ def test_an_evaluation_that_cannot_be_made_is_one_sentence(tmp_path: Path) -> No
     assert "there is no relations file" in refused(waychair("evaluate", tum, "--relations", tmp_path / "none"))
 
 
-def test_a_further_drive_joins_a_map_or_leaves_it_as_it_was(data_dir: Path, drive: Path, tmp_path: Path) -> None:
+def test_another_drive_joins_a_map_or_leaves_it_unchanged(data_dir: Path, drive: Path, tmp_path: Path) -> None:
     log, folder = data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz", tmp_path / "map"
     assert waychair("map", log, "--out", folder, "--quiet").returncode == 0
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
