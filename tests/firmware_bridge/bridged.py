@@ -66,7 +66,7 @@ class Bridged:
         return self.sent[-1]
 
     def live(self, ms: int, *, beats: bool = True) -> LineState:
-        """Time passes for the board, with or without the bridge's heartbeat."""
+        """Let time pass for the board, with or without the bridge's heartbeat."""
         for _ in range(ms):
             self.now_ms += 1
             self.lines = self.board.step(self.now_ms, self.inputs)
@@ -102,7 +102,7 @@ class Bridged:
 
     @property
     def last_report(self) -> BoardTelemetry:
-        """What the board said last."""
+        """Return the last telemetry of the board."""
         report = self.bridge._session.board
         assert report is not None
         return report

@@ -269,7 +269,7 @@ class Rig:
         return self.out
 
     def arm(self) -> Outputs:
-        """Handshake and two seconds of zero: ARMED. What a fresh board was then is kept, for the tests' speed."""
+        """Handshake and two seconds of zero: ARMED. The state of a fresh board is kept, for the tests' speed."""
         key = (self._memory.raw + bytes(self.config), self.now_ms, self.sequence)
         if key in self._armed:
             memory, self.now_ms, self.sequence = self._armed[key]
@@ -308,5 +308,5 @@ def bent(axis: int, mv: int) -> Callable[[int, int], int]:
 
 
 def forced(axis: int, mv: int) -> Callable[[int, int], int]:
-    """A read-back of `mv` on one axis, whatever was commanded."""
+    """A read-back of `mv` on one axis for any command."""
     return lambda at, true: mv if at == axis else true

@@ -64,7 +64,7 @@ class Esp32:
         return (ctypes.c_uint8 * 24).in_dll(self.library, "fake_registers")
 
     def counts(self) -> list[int]:
-        """What the converter was told."""
+        """The bytes sent to the converter."""
         return list((ctypes.c_uint16 * 2).in_dll(self.library, "fake_counts"))
 
     def send(self, message: Message) -> None:
@@ -104,7 +104,7 @@ class Esp32:
 
 
 @pytest.mark.parametrize(("dac", "bits", "top"), [("dac_internal", 8, 255), ("dac_mcp4728", 12, 4095)])
-def test_the_board_greets_arms_drives_and_lets_go(
+def test_the_board_greets_arms_drives_and_releases_the_lines(
     tmp_path: Path, libraries: dict[str, Path], dac: str, bits: int, top: int
 ) -> None:
     board = Esp32(tmp_path, libraries[dac])
@@ -135,7 +135,7 @@ def test_the_board_greets_arms_drives_and_lets_go(
 
 
 @pytest.mark.parametrize("dac", ["dac_internal", "dac_mcp4728"])
-def test_a_board_that_boots_leaves_the_lines_at_the_joystick_and_never_cuts_them(
+def test_a_booting_board_leaves_the_lines_at_the_joystick_and_never_cuts_them(
     tmp_path: Path, libraries: dict[str, Path], dac: str
 ) -> None:
     board = Esp32(tmp_path, libraries[dac])
@@ -189,7 +189,7 @@ def test_f29_a_worn_eeprom_or_a_silent_converter_is_a_board_fault(tmp_path: Path
     assert board.state().faults == BoardFault.BOARD
 
 
-def test_f29_a_converter_lost_on_the_way_gives_the_lines_to_the_joystick(
+def test_f29_a_converter_lost_during_a_drive_gives_the_lines_to_the_joystick(
     tmp_path: Path, libraries: dict[str, Path]
 ) -> None:
     board = Esp32(tmp_path, libraries["dac_mcp4728"])
@@ -205,7 +205,7 @@ def test_f29_a_converter_lost_on_the_way_gives_the_lines_to_the_joystick(
 
 
 @pytest.mark.parametrize("source", sorted((FIRMWARE / "esp32").glob("*.c")))
-def test_sources_that_never_ran_on_hardware_say_so(source: Path) -> None:
+def test_sources_never_tested_on_hardware_say_so(source: Path) -> None:
     head = source.read_text().split("*/")[0]
     assert "NOT" in head
     assert "RUN ON" in head

@@ -26,7 +26,7 @@ from waychair.firmware_bridge.protocol import (
 from waychair.types import WheelSpeeds
 
 
-def test_a_new_bridge_sends_nothing_and_says_why(link: Bridged) -> None:
+def test_a_new_bridge_sends_nothing_and_gives_the_reason(link: Bridged) -> None:
     sent = link.bridge.send(GOOD, 0, 0)
     assert (sent.active, sent.wheel_speeds) == (False, WheelSpeeds())
     assert "silent" in sent.reason
@@ -41,7 +41,7 @@ def test_f7_driving_is_preceded_by_two_seconds_of_zero(link: Bridged) -> None:
     link.drive()
 
 
-def test_f7_a_stick_off_its_rest_delays_arming_with_advice(link: Bridged) -> None:
+def test_f7_a_deflected_stick_delays_arming_with_advice(link: Bridged) -> None:
     link.push_stick(0.15)
     assert "let go" in link.run(3000, GOOD).reason
     assert link.joystick_is_live
@@ -49,7 +49,7 @@ def test_f7_a_stick_off_its_rest_delays_arming_with_advice(link: Bridged) -> Non
     link.drive()
 
 
-def test_what_was_sent_is_on_the_lines(link: Bridged) -> None:
+def test_the_sent_command_is_on_the_lines(link: Bridged) -> None:
     sent = link.drive(WheelSpeeds(0.4, 0.5))
     assert link.lines.forward_mv == pytest.approx(1000 * sent.forward_volts, abs=1)
     assert link.lines.turn_mv == pytest.approx(1000 * sent.turn_volts, abs=1)
@@ -58,7 +58,7 @@ def test_what_was_sent_is_on_the_lines(link: Bridged) -> None:
     assert sent.wheel_speeds.right == pytest.approx(0.5, abs=0.018)
 
 
-def test_what_a_full_cable_did_not_take_was_not_sent_and_counts_for_nothing_in_the_slew(
+def test_a_command_refused_by_a_full_cable_counts_as_unsent_and_does_not_change_the_slew(
     link: Bridged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     before = link.drive(WheelSpeeds(0.1, 0.1))
@@ -76,14 +76,16 @@ def test_what_a_full_cable_did_not_take_was_not_sent_and_counts_for_nothing_in_t
     assert later.reason == ""
 
 
-def test_zero_that_a_full_cable_did_not_take_is_no_drive(link: Bridged, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_zero_command_refused_by_a_full_cable_does_not_count_as_driving(
+    link: Bridged, monkeypatch: pytest.MonkeyPatch
+) -> None:
     link.run(1000, None)
     monkeypatch.setattr(link.board.transport, "write", lambda data: False)
     sent = link.send(GOOD)
     assert (sent.active, sent.wheel_speeds, "full" in sent.reason) == (False, WheelSpeeds(), True)
 
 
-def test_a_fitted_calibration_drives_too(board_program: Path) -> None:
+def test_a_fitted_calibration_drives_the_chair_too(board_program: Path) -> None:
     with Bridged(board_program, replace(BOARD, dac_bits=12), calibration=FittedDac()) as link:
         sent = link.drive(WheelSpeeds(0.3, 0.4))
         assert sent.wheel_speeds.left == pytest.approx(0.3, abs=0.003)
@@ -104,7 +106,7 @@ def test_a_fitted_calibration_drives_too(board_program: Path) -> None:
         (GOOD, -11, "future"),
     ],
 )
-def test_f2_f5_f16_a_command_that_must_not_pass_gives_the_rider_the_joystick_and_nothing_resumes(
+def test_f2_f5_f16_a_refused_command_gives_the_rider_the_joystick_and_nothing_resumes(
     link: Bridged, speeds: WheelSpeeds | None, age_ms: int, reason: str
 ) -> None:
     link.drive()
@@ -126,7 +128,7 @@ def test_f2_a_command_of_up_to_150_ms_is_fresh(link: Bridged, age_ms: int) -> No
     assert link.send(GOOD, age_ms).active
 
 
-def test_f2_a_planner_that_stalls_behind_a_living_heartbeat_is_zero_then_silent(link: Bridged) -> None:
+def test_f2_a_stalled_planner_with_a_live_heartbeat_gives_zero_and_then_silence(link: Bridged) -> None:
     link.drive()
     link.send(GOOD)
     link.live(100)
@@ -140,7 +142,7 @@ def test_f2_a_planner_that_stalls_behind_a_living_heartbeat_is_zero_then_silent(
     assert link.lines.faults == 0
 
 
-def test_f16_a_clock_that_goes_back_lets_go_and_the_next_drive_arms_anew(link: Bridged) -> None:
+def test_f16_a_clock_that_goes_back_releases_the_lines_and_the_next_drive_arms_again(link: Bridged) -> None:
     link.drive()
     back = link.bridge.send(GOOD, link.now_ns - 3000 * MS, link.now_ns - 3000 * MS)
     assert "clock" in back.reason
@@ -152,7 +154,7 @@ def test_f16_a_clock_that_goes_back_lets_go_and_the_next_drive_arms_anew(link: B
     link.drive()
 
 
-def test_f16_a_heartbeat_by_a_clock_that_goes_back_lets_go(link: Bridged) -> None:
+def test_f16_a_heartbeat_of_a_clock_that_goes_back_releases_the_lines(link: Bridged) -> None:
     link.drive()
     assert "clock" in link.bridge.beat(link.now_ns - 5 * MS).reason
     link.live(25, beats=False)
@@ -160,7 +162,7 @@ def test_f16_a_heartbeat_by_a_clock_that_goes_back_lets_go(link: Bridged) -> Non
 
 
 @pytest.mark.parametrize(("thought_ms", "active"), [(0, True), (40, True), (70, True), (90, False)])
-def test_f16_a_tick_that_began_before_the_last_heartbeat_is_no_clock_that_goes_back(
+def test_f16_a_tick_that_began_before_the_last_heartbeat_does_not_count_as_a_clock_that_goes_back(
     link: Bridged, thought_ms: int, active: bool
 ) -> None:
     link.drive()
@@ -173,7 +175,7 @@ def test_f16_a_tick_that_began_before_the_last_heartbeat_is_no_clock_that_goes_b
 
 
 @pytest.mark.parametrize(("late_ms", "zero"), [(100, False), (110, True), (140, True)])
-def test_f17_a_control_loop_two_periods_late_is_given_zero_and_goes_on(link: Bridged, late_ms: int, zero: bool) -> None:
+def test_f17_a_control_loop_two_periods_late_gets_zero_and_continues(link: Bridged, late_ms: int, zero: bool) -> None:
     link.drive()
     link.send(GOOD)
     link.live(late_ms)
@@ -190,7 +192,7 @@ def test_f17_a_late_control_loop_is_stopped_before_its_command_is_stale() -> Non
     assert bridge_module.LATE_MS <= bridge_module.MAX_AGE_MS
 
 
-def test_f17_a_process_that_pauses_as_a_whole_is_ended_by_the_board_alone_in_100_ms(link: Bridged) -> None:
+def test_f17_the_board_alone_stops_a_paused_process_in_100_ms(link: Bridged) -> None:
     link.drive()
     link.send(GOOD)
     link.live(100, beats=False)
@@ -202,7 +204,9 @@ def test_f17_a_process_that_pauses_as_a_whole_is_ended_by_the_board_alone_in_100
     assert "ask for the goal again" in link.bridge.trouble[0]
 
 
-def test_f1_a_pulled_cable_leaves_the_joystick_live_in_100_ms_and_is_greeted_again_when_plugged(link: Bridged) -> None:
+def test_f1_after_a_pulled_cable_the_joystick_is_live_in_100_ms_and_the_board_is_greeted_again_later(
+    link: Bridged,
+) -> None:
     link.drive()
     spare, link.plugged = link.board.transport, False
     link.cable._transport = None
@@ -271,7 +275,7 @@ def test_heartbeats_keep_a_slow_control_loop_alive_at_50_hz(link: Bridged) -> No
 
 
 @pytest.mark.parametrize("wrong", [(300, 128), (-1, 128), (128, 256), (128.4, 128)])
-def test_wrong_counts_let_the_lines_go(link: Bridged, monkeypatch: pytest.MonkeyPatch, wrong: tuple[int, int]) -> None:
+def test_wrong_counts_release_the_lines(link: Bridged, monkeypatch: pytest.MonkeyPatch, wrong: tuple[int, int]) -> None:
     link.drive()
 
     def broken(_model: LinearDac, _speeds: WheelSpeeds) -> tuple[int, int]:
@@ -281,7 +285,7 @@ def test_wrong_counts_let_the_lines_go(link: Bridged, monkeypatch: pytest.Monkey
     assert "not counts" in link.send(GOOD).reason
 
 
-def test_the_slew_is_a_matter_of_volts_and_time_not_of_counts_and_calls(
+def test_the_slew_depends_on_volts_and_time_and_not_on_counts_and_calls(
     board_program: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bridge_module, "SLEW", 1.0)
@@ -304,7 +308,7 @@ def _calls() -> st.SearchStrategy[list[tuple[float, float, int, int]]]:
 
 @settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(_calls())
-def test_f5_f6_no_stream_of_commands_raises_or_moves_a_line_faster_than_6_mv_a_millisecond(
+def test_f5_f6_no_stream_of_commands_raises_an_error_or_moves_a_line_faster_than_6_mv_a_millisecond(
     board_program: Path, calls: list[tuple[float, float, int, int]]
 ) -> None:
     with Bridged(board_program, replace(BOARD, dac_bits=12)) as link:
@@ -327,7 +331,7 @@ def test_f5_f6_no_stream_of_commands_raises_or_moves_a_line_faster_than_6_mv_a_m
                 before = lines
 
 
-def test_the_same_seeded_life_gives_the_same_bytes_twice(board_program: Path) -> None:
+def test_the_same_seeded_sequence_gives_the_same_bytes_twice(board_program: Path) -> None:
     def life() -> list[object]:
         with Bridged(board_program) as link:
             link.drive()

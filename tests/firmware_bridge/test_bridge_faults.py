@@ -23,7 +23,7 @@ from waychair.firmware_bridge.protocol import (
 )
 
 
-def test_a_reset_on_purpose_is_not_undone_by_asking_for_a_goal_right_after(link: Bridged) -> None:
+def test_a_goal_right_after_a_reset_does_not_undo_the_reset(link: Bridged) -> None:
     link.drive()
     link.inputs = replace(link.inputs, estop_released=False)
     link.run(100, None)
@@ -45,7 +45,7 @@ def test_a_reset_on_purpose_is_not_undone_by_asking_for_a_goal_right_after(link:
         (replace(BOARD, override_per_mille=90), None, "A", "configure and flash"),
     ],
 )
-def test_f22_the_wrong_board_or_calibration_is_never_armed_and_named(
+def test_f22_a_wrong_board_or_calibration_is_named_and_never_armed(
     board_program: Path, board: BoardSettings, settings: BridgeSettings | None, chair_id: str, reason: str
 ) -> None:
     with Bridged(board_program, board, settings, chair_id=chair_id) as link:
@@ -57,7 +57,7 @@ def test_f22_the_wrong_board_or_calibration_is_never_armed_and_named(
         assert link.joystick_is_live
 
 
-def test_f22_a_name_that_no_board_can_have_is_an_error_with_advice(board_program: Path) -> None:
+def test_f22_an_impossible_board_name_is_an_error_with_advice(board_program: Path) -> None:
     with pytest.raises(BridgeError, match="up to 16"):
         Bridged(board_program, chair_id="a name that is far too long")
 
@@ -70,7 +70,7 @@ def test_f22_a_second_computer_ends_the_drive(link: Bridged) -> None:
     assert "another computer" in link.run(500, GOOD).reason
 
 
-def test_a_line_fault_stays_until_somebody_resets_it_on_purpose(link: Bridged) -> None:
+def test_a_line_fault_stays_until_a_person_resets_it(link: Bridged) -> None:
     link.drive()
     link.inputs = replace(link.inputs, defect=Defect.OFFSET, defect_value=200)
     link.run(200, GOOD)
@@ -87,7 +87,7 @@ def test_a_line_fault_stays_until_somebody_resets_it_on_purpose(link: Bridged) -
     link.drive()
 
 
-def test_f18_a_released_e_stop_is_acknowledged_on_purpose_before_the_next_drive(link: Bridged) -> None:
+def test_f18_a_released_e_stop_needs_an_acknowledgement_before_the_next_drive(link: Bridged) -> None:
     link.drive()
     link.inputs = replace(link.inputs, estop_released=False)
     link.run(100, GOOD)
@@ -102,7 +102,7 @@ def test_f18_a_released_e_stop_is_acknowledged_on_purpose_before_the_next_drive(
 
 
 @pytest.mark.parametrize(("wait_ms", "reset"), [(200, True), (5000, False)])
-def test_f18_a_reset_without_a_cable_is_over_in_a_second_and_acknowledges_no_later_e_stop(
+def test_f18_a_reset_without_a_cable_expires_after_a_second_and_acknowledges_no_later_e_stop(
     link: Bridged, wait_ms: int, reset: bool
 ) -> None:
     link.run(500, None)
@@ -120,7 +120,7 @@ def test_f18_a_reset_without_a_cable_is_over_in_a_second_and_acknowledges_no_lat
     assert (link.bridge.trouble == ()) == reset
 
 
-def test_a_reset_whose_clock_goes_back_is_over(link: Bridged) -> None:
+def test_a_reset_expires_when_the_clock_goes_back(link: Bridged) -> None:
     link.run(500, None)
     link.inputs = replace(link.inputs, estop_released=False)
     link.run(100, None)
@@ -132,7 +132,7 @@ def test_a_reset_whose_clock_goes_back_is_over(link: Bridged) -> None:
     assert link.lines.faults == BoardFault.ESTOP
 
 
-def test_f29_a_board_that_boots_during_the_drive_is_greeted_again_and_nothing_resumes(link: Bridged) -> None:
+def test_f29_a_board_that_reboots_during_a_drive_is_greeted_again_and_nothing_resumes(link: Bridged) -> None:
     link.drive()
     link.inputs = replace(link.inputs, defect=Defect.BROWN_OUT)
     link.run(100, GOOD)
@@ -143,7 +143,7 @@ def test_f29_a_board_that_boots_during_the_drive_is_greeted_again_and_nothing_re
     link.drive()
 
 
-def test_f29_a_board_that_hangs_is_silent_and_its_joystick_live(link: Bridged) -> None:
+def test_f29_a_hung_board_is_silent_and_its_joystick_is_live(link: Bridged) -> None:
     link.drive()
     link.inputs = replace(link.inputs, defect=Defect.FROZEN)
     link.run(100, GOOD)
@@ -151,7 +151,7 @@ def test_f29_a_board_that_hangs_is_silent_and_its_joystick_live(link: Bridged) -
     assert "silent" in link.run(100, GOOD).reason
 
 
-def test_every_fault_of_the_board_is_a_sentence_with_a_remedy() -> None:
+def test_every_fault_of_the_board_has_a_sentence_with_a_remedy() -> None:
     from waychair.firmware_bridge.advice import FAULT_ADVICE, fault_advice
 
     assert set(FAULT_ADVICE) == set(BoardFault)
@@ -161,7 +161,7 @@ def test_every_fault_of_the_board_is_a_sentence_with_a_remedy() -> None:
     assert "emergency stop" in both[0]
 
 
-def test_bits_that_this_version_does_not_know_are_as_grave_as_a_line_that_is_off() -> None:
+def test_unknown_fault_bits_are_as_grave_as_a_line_fault() -> None:
     from waychair.firmware_bridge.advice import UNKNOWN_FAULT, fault_advice, fault_names, is_of_host
 
     assert fault_advice(1 << 12 | 1 << 15) == (UNKNOWN_FAULT,)
@@ -171,13 +171,13 @@ def test_bits_that_this_version_does_not_know_are_as_grave_as_a_line_that_is_off
     assert not is_of_host(1 << 12 | BoardFault.CLOCK)
 
 
-def test_a_fault_of_a_later_firmware_ends_the_drive_until_somebody_resets_it_on_purpose(
+def test_an_unknown_fault_of_a_later_firmware_ends_the_drive_until_a_person_resets_it(
     link: Bridged, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     read, decoder, unknown = link.board.transport.read, Decoder(), [1 << 12]
 
     def later() -> bytes:
-        """What a board with another fault bit would say."""
+        """Return the telemetry of a board with another fault bit."""
         said = b""
         for received in decoder.feed(read()):
             message = received.message

@@ -1,4 +1,4 @@
-"""The firmware's tests again, under AddressSanitizer and for coverage: no byte out of place, no line unseen."""
+"""The firmware's tests again, under AddressSanitizer and with full line coverage."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def test_sanitizers_find_nothing_and_every_line_of_the_portable_firmware_is_run(
         assert len(re.findall(r"^\s*\d+\*?:", report, re.MULTILINE)) >= 4, name
 
 
-def test_a_library_that_fails_a_case_is_noticed(tmp_path: Path) -> None:
+def test_a_library_that_fails_a_test_is_noticed(tmp_path: Path) -> None:
     altered = tmp_path / "firmware"
     shutil.copytree(FIRMWARE, altered)
     header = altered / "safety_core.h"

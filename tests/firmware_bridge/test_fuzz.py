@@ -1,4 +1,4 @@
-"""Bytes that grow towards new code break no promise; a firmware with a hole is caught."""
+"""Coverage-guided random bytes break no invariant; a firmware with a defect is caught."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.firmware_bridge.fuzzing import build_fuzzer, fuzz
 from waychair.firmware_bridge.board import FIRMWARE
 
 
-def test_a_hundred_thousand_grown_bytes_crash_nothing_and_move_nothing(tmp_path: Path) -> None:
+def test_a_hundred_thousand_fuzzed_bytes_crash_nothing_and_move_nothing(tmp_path: Path) -> None:
     done = fuzz(build_fuzzer(tmp_path), 100_000, seed=1)
     assert done.returncode == 0, done.stderr
     counted = re.match(r"(\d+) bytes, (\d+) edges, corpus of (\d+)", done.stdout)
@@ -29,7 +29,7 @@ def test_a_hundred_thousand_grown_bytes_crash_nothing_and_move_nothing(tmp_path:
         ("safety_core.h", "NEUTRAL_HOLD_MS = 2000", "NEUTRAL_HOLD_MS = 0"),  # drives without a hold
     ],
 )
-def test_the_fuzzer_catches_a_firmware_with_a_hole(tmp_path: Path, file: str, right: str, wrong: str) -> None:
+def test_the_fuzzer_catches_a_firmware_with_a_defect(tmp_path: Path, file: str, right: str, wrong: str) -> None:
     broken = tmp_path / "firmware"
     shutil.copytree(FIRMWARE, broken)
     source = (broken / file).read_text()

@@ -1,4 +1,4 @@
-"""The heartbeat's thread: nothing that goes wrong in it ends it, and nothing does so unseen."""
+"""The heartbeat's thread: no error ends it, and every error is reported."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def _eventually(condition: Callable[[], object]) -> bool:
     return False
 
 
-def test_a_beat_that_fails_is_told_once_ends_the_drive_and_the_next_ones_are_tried(
+def test_a_failed_beat_is_reported_once_ends_the_drive_and_later_beats_are_tried(
     board_program: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
     with Bridged(board_program) as link:

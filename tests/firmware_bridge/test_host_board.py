@@ -102,7 +102,7 @@ def test_lines_read_the_command_within_half_a_step_of_the_converter(board_progra
 
 
 @pytest.mark.parametrize("bits", [8, 12])
-def test_the_computer_knows_what_the_lines_will_read(board_program: Path, bits: int) -> None:
+def test_the_computer_predicts_the_voltages_of_the_lines(board_program: Path, bits: int) -> None:
     with HostBoard(board_program, BoardSettings(dac_bits=bits)) as board:
         computer = Computer(board)
         computer.drive()
@@ -114,7 +114,7 @@ def test_the_computer_knows_what_the_lines_will_read(board_program: Path, bits: 
             assert abs(state.turn_mv - line_millivolts(reply, -setpoint)) <= 0.5
 
 
-def test_telemetry_answers_every_command_with_its_stamp_and_what_is_on_the_lines(computer: Computer) -> None:
+def test_telemetry_answers_every_command_with_its_stamp_and_the_line_voltages(computer: Computer) -> None:
     computer.drive()
     last = computer.heard[-1]
     assert isinstance(last, BoardTelemetry)
@@ -153,7 +153,7 @@ def test_the_same_calls_give_the_same_bytes(board_program: Path) -> None:
         (Defect.CONVERTER_SILENT, 0, 0, BoardFault.BOARD, Holder.JOYSTICK, 22),
     ],
 )
-def test_f8_f10_f29_a_defect_is_found_and_the_lines_are_left_to_the_right_hands(
+def test_f8_f10_f29_a_defect_is_found_and_the_lines_go_to_their_safe_holder(
     computer: Computer, defect: Defect, axis: int, value: int, fault: BoardFault, holder: Holder, within_ms: int
 ) -> None:
     computer.drive()
@@ -173,7 +173,7 @@ def test_f8_a_stuck_converter_is_found_as_soon_as_the_command_leaves_it(computer
     assert (state.faults, state.holder) == (BoardFault.MISMATCH, Holder.CUT)
 
 
-def test_f8_a_welded_switch_is_found_when_the_joystick_should_be_live(computer: Computer) -> None:
+def test_f8_a_stuck_switch_is_found_when_the_joystick_should_be_live(computer: Computer) -> None:
     computer.drive()
     computer.inputs = replace(at_rest(), defect=Defect.WELDED, joystick_forward_mv=3600)
     state = computer.run(100, FORWARD, TURN)
@@ -216,7 +216,7 @@ def test_f19_the_riders_stick_is_on_the_lines_within_one_tick(computer: Computer
         ({"version": 9, "family": 0}, HandshakeRefusal.VERSION | HandshakeRefusal.FAMILY),
     ],
 )
-def test_f22_a_stranger_is_refused_by_name_and_never_armed(
+def test_f22_a_wrong_handshake_is_refused_by_name_and_never_armed(
     computer: Computer, wrong: dict[str, int | bytes], refusal: HandshakeRefusal
 ) -> None:
     computer.send(replace(hello("A", Family.HALL_5V), **wrong))  # type: ignore[arg-type]
@@ -229,7 +229,7 @@ def test_f22_a_stranger_is_refused_by_name_and_never_armed(
     assert telemetry.rejected == 130
 
 
-def test_f22_a_board_without_a_family_refuses_and_its_joystick_is_live(board_program: Path) -> None:
+def test_f22_a_board_without_a_joystick_family_refuses_to_arm_and_its_joystick_is_live(board_program: Path) -> None:
     with HostBoard(board_program, BoardSettings(family=Family.NONE)) as board:
         computer = Computer(board)
         computer.send(hello("A", Family.NONE))
@@ -252,14 +252,14 @@ def test_f3_noise_on_the_line_is_counted_and_ends_the_drive(computer: Computer) 
     assert telemetry.bad_frames == 5
 
 
-def test_a_burst_of_frames_is_heard_one_a_step(computer: Computer) -> None:
+def test_a_burst_of_frames_is_processed_one_a_step(computer: Computer) -> None:
     computer.drive()
-    for forward in (FORWARD, 20000, 0):  # the middle one is a fault that the last must not hide
+    for forward in (FORWARD, 20000, 0):  # the middle one is a fault that the last one must not hide
         computer.send(Command(forward, 0, 1, 0))
     assert computer.run(5, talks=False).faults == BoardFault.RANGE
 
 
-def test_f29_frozen_firmware_loses_the_lines_and_boots_afterwards(computer: Computer) -> None:
+def test_f29_frozen_firmware_loses_the_lines_and_reboots(computer: Computer) -> None:
     computer.drive()
     computer.inputs = replace(at_rest(), defect=Defect.FROZEN)
     assert computer.run(30, FORWARD, TURN).holder is Holder.BOARD
@@ -269,7 +269,7 @@ def test_f29_frozen_firmware_loses_the_lines_and_boots_afterwards(computer: Comp
     assert (state.state, state.holder) == (BoardState.SILENT, Holder.JOYSTICK)
 
 
-def test_f29_a_hiccup_shorter_than_the_watchdog_goes_unnoticed(computer: Computer) -> None:
+def test_f29_a_pause_shorter_than_the_watchdog_has_no_effect(computer: Computer) -> None:
     computer.drive()
     computer.inputs = replace(at_rest(), defect=Defect.FROZEN)
     computer.run(25, FORWARD, TURN)
@@ -308,7 +308,7 @@ def test_f29_the_board_dies_at_random_moments_and_the_joystick_is_live_in_100_ms
     assert 1 <= report.longest_ms <= BUDGET_MS
 
 
-def test_a_death_without_a_live_joystick_in_time_is_a_failure() -> None:
+def test_a_death_without_a_live_joystick_in_time_counts_as_a_failure() -> None:
     trials = (
         KillTrial("host", 2200, (1, 1), 100),
         KillTrial("host", 2200, (1, 1), 101),
@@ -321,7 +321,7 @@ def test_a_death_without_a_live_joystick_in_time_is_a_failure() -> None:
     assert KillReport(trials[1:]).failure_bound == 1.0
 
 
-def test_a_dead_board_answers_with_the_joystick_or_the_e_stop(computer: Computer) -> None:
+def test_a_dead_board_leaves_the_lines_to_the_joystick_or_the_e_stop(computer: Computer) -> None:
     computer.drive()
     computer.board.kill()
     assert not computer.board.alive
@@ -355,7 +355,7 @@ def test_the_board_is_built_once_for_the_same_sources(tmp_path: Path) -> None:
     assert program.stat().st_mode & stat.S_IXUSR
 
 
-def test_no_compiler_is_an_error_with_advice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_compiler_is_an_error_with_advice(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("CC", raising=False)
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(BoardBuildError, match="install gcc or clang"):
@@ -387,13 +387,13 @@ def test_a_program_that_cannot_start_is_an_error(tmp_path: Path) -> None:
         ["--serial-fd", "0", "--realtime", "--family"],
     ],
 )
-def test_the_program_refuses_options_that_make_no_sense(board_program: Path, words: list[str]) -> None:
+def test_the_program_refuses_invalid_options(board_program: Path, words: list[str]) -> None:
     done = subprocess.run([board_program, *words], capture_output=True, text=True, timeout=5, check=False)
     assert done.returncode == 2
     assert "main.c" in done.stderr
 
 
-def test_in_real_time_the_board_answers_over_a_terminal_given_by_path(board_program: Path) -> None:
+def test_in_real_time_the_board_answers_on_a_terminal_given_by_path(board_program: Path) -> None:
     ours, theirs, path = open_pseudo_terminal()
     program = subprocess.Popen([board_program, "--serial", path, "--realtime", "--chair", "A"])
     transport, decoder = DescriptorTransport(ours), Decoder()

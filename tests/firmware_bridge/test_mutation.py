@@ -18,7 +18,7 @@ def test_a_sample_of_wrong_changes_is_noticed_or_explained(count: int) -> None:
     assert sum(fate == "killed" for _, fate in results) >= count // 2
 
 
-def test_every_explanation_is_of_a_mutant_that_exists_and_gives_a_reason() -> None:
+def test_every_explanation_belongs_to_an_existing_mutant_and_gives_a_reason() -> None:
     names = {mutant.name() for mutant in mutants()}
     for name, reason in explained().items():
         assert name in names

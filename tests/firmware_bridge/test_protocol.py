@@ -1,4 +1,4 @@
-"""The protocol in Python and in C: the same bytes, the same hash, and a decoder that no bytes get out of step."""
+"""The protocol in Python and in C: the same bytes, the same hash, and a decoder that recovers after any bytes."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def _numbers(value: ctypes.Structure) -> list[int]:
     return numbers
 
 
-def test_the_checksum_has_its_published_check_value(rig: Rig) -> None:
+def test_the_checksum_gives_its_published_check_value(rig: Rig) -> None:
     assert crc16(b"123456789") == 0x29B1
     assert rig.core.frame_crc(b"123456789", ctypes.c_size_t(9)) == 0x29B1
     assert rig.core.frame_crc(b"", ctypes.c_size_t(0)) == 0xFFFF
@@ -85,7 +85,7 @@ def test_the_two_tables_have_the_same_hash_and_version() -> None:
     assert f"PROTOCOL_VERSION = {PROTOCOL_VERSION};" in header
 
 
-def test_a_frame_is_what_its_description_says() -> None:
+def test_a_frame_has_the_described_layout() -> None:
     assert encode(Command(0x0102, -2, 5, 1), 0x1234)[:-1].count(0) == 0
     plain = bytes([3, 0x34, 0x12, 0x02, 0x01, 0xFE, 0xFF, 5, 1, 0, 0, 0])
     crc = crc16(plain)
@@ -93,7 +93,7 @@ def test_a_frame_is_what_its_description_says() -> None:
     assert encode(Command(0x0102, -2, 5, 1), 0x1234) == b"".join(bytes([len(r) + 1]) + r for r in runs) + b"\0"
 
 
-def test_c_reads_what_python_sends(rig: Rig) -> None:
+def test_c_reads_the_frames_of_python(rig: Rig) -> None:
     chance = random.Random(5)
     for _ in range(300):
         forward, turn = (chance.choice((0, 1, -1, 256, -32768, 32767)) for _ in range(2))
@@ -125,7 +125,7 @@ def test_c_refuses_a_payload_of_the_wrong_length(rig: Rig) -> None:
                 assert bool(reader(byref(frame), byref(target()))) == fits
 
 
-def test_python_reads_what_c_sends(rig: Rig) -> None:
+def test_python_reads_the_frames_of_c(rig: Rig) -> None:
     pairs: tuple[tuple[Message, type[ctypes.Structure], Any], ...] = (
         (REPLY, CHelloReply, rig.core.protocol_write_hello_reply),
         (TELEMETRY, CTelemetry, rig.core.protocol_write_telemetry),
@@ -176,7 +176,7 @@ def test_c_and_python_count_the_same_bad_frames(rig: Rig) -> None:
         assert bad == python.bad
 
 
-def test_c_bounds_what_it_keeps(rig: Rig) -> None:
+def test_c_bounds_its_buffer(rig: Rig) -> None:
     good = encode(COMMAND, 9)
     for length in (53, 54, 55, 56, 57, 300, 5000):
         frames, bad = _c_decode(rig, b"\1" * length + b"\0" + good)
@@ -190,20 +190,20 @@ def test_c_bounds_what_it_keeps(rig: Rig) -> None:
         assert _c_decode(rig, bytes([short + 1]) + plain + b"\0") == ([], 1)
 
 
-def test_c_refuses_a_right_frame_that_is_one_byte_too_long(rig: Rig) -> None:
+def test_c_refuses_a_valid_frame_that_is_one_byte_too_long(rig: Rig) -> None:
     wires = []
     for low in range(1, 256):
         for high in range(1, 256):
             plain = bytes([7, low, high]) + b"\1" * 49
             crc = crc16(plain)
-            if crc >> 8 == 0xA5 and crc & 0xFF:  # ends in what lies behind the buffer: see _c_decode
+            if crc >> 8 == 0xA5 and crc & 0xFF:  # ends in the memory behind the buffer: see _c_decode
                 wires.append(bytes([len(plain) + 3]) + plain + bytes([crc & 0xFF, crc >> 8, 0]))
     assert wires
     for wire in wires:
         assert _c_decode(rig, wire) == ([], 1)
 
 
-def test_a_frame_of_nothing_but_head_and_checksum_is_one(rig: Rig) -> None:
+def test_a_frame_without_a_payload_is_valid(rig: Rig) -> None:
     (frame,), bad = _c_decode(rig, _c_encode(rig, CFrame(7, 0x0101, 0)))
     assert (frame.type, frame.sequence, frame.length, bad) == (7, 0x0101, 0, 0)
 
@@ -240,7 +240,7 @@ def test_a_flipped_bit_never_gives_another_message(sent: Command, sequence: int,
 
 
 @pytest.mark.parametrize("message", [COMMAND, REPLY, TELEMETRY, hello("A", Family.HALL_5V)])
-def test_every_message_survives_the_wire(message: Message) -> None:
+def test_every_message_survives_encoding_and_decoding(message: Message) -> None:
     assert Decoder().feed(encode(message, 70000)) == [Received(70000 - 65536, message)]
 
 
@@ -263,7 +263,7 @@ def test_a_known_type_of_the_wrong_length_is_bad() -> None:
     assert decoder.bad == 1
 
 
-def test_a_number_that_does_not_fit_is_refused_with_its_message() -> None:
+def test_a_number_out_of_range_is_refused_with_the_name_of_its_message() -> None:
     with pytest.raises(BridgeError, match="Command"):
         encode(Command(40000, 0, 0, 0), 0)
 

@@ -41,7 +41,7 @@ def _is_greeted(bridge: Bridge) -> bool:
 
 
 @pytest.mark.parametrize("opened", [SerialTransport, lambda path: DescriptorTransport(os.open(path, os.O_RDWR))])
-def test_the_bridge_lives_with_a_board_on_a_terminal(
+def test_the_bridge_works_with_a_board_on_a_terminal(
     board_program: Path, opened: Callable[[str], SerialTransport | DescriptorTransport]
 ) -> None:
     with board_in_real_time(board_program) as (path, _):
@@ -52,7 +52,7 @@ def test_the_bridge_lives_with_a_board_on_a_terminal(
         cable.close()
 
 
-def test_the_bridge_lives_with_a_board_behind_tcp(board_program: Path) -> None:
+def test_the_bridge_works_with_a_board_behind_tcp(board_program: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         host, port = server.getsockname()
         cable = Reconnecting(lambda: TcpTransport(host, port))
@@ -94,7 +94,7 @@ def test_f17_a_computer_stopped_by_sigstop_loses_the_lines_in_100_ms_of_the_boar
                 lines = board.step(now_ms, at_rest())
             assert (lines.state, lines.holder) == (BoardState.DRIVE, Holder.BOARD)
             os.kill(computer.pid, signal.SIGSTOP)
-            os.write(computer.stdin.fileno(), TICK.pack(now_ms + PERIOD_MS, 0))  # it will not hear this
+            os.write(computer.stdin.fileno(), TICK.pack(now_ms + PERIOD_MS, 0))  # it will not get this
             for after in range(1, BUDGET_MS + 1):
                 lines = board.step(now_ms + after, at_rest())
             assert (lines.holder, lines.forward_mv, lines.turn_mv) == (Holder.JOYSTICK, 2500, 2500)
@@ -103,7 +103,7 @@ def test_f17_a_computer_stopped_by_sigstop_loses_the_lines_in_100_ms_of_the_boar
             board.transport.written = WRITTEN.unpack(os.read(computer.stdout.fileno(), WRITTEN.size))[0]
             for after in range(BUDGET_MS + 1, 300):
                 lines = board.step(now_ms + after, at_rest())
-            assert lines.holder is Holder.JOYSTICK  # awake again, it drives on, and is not listened to
+            assert lines.holder is Holder.JOYSTICK  # resumed, it drives on and is ignored
         finally:
             computer.kill()
             computer.wait()

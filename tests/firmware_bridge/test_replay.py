@@ -1,4 +1,4 @@
-"""A recorded drive through the safety core gives yesterday's lines, and no fault.
+"""A recorded drive through the safety core gives the recorded lines, and no fault.
 
 `recorded_drive.csv` holds the set-points of the demo's three places (20 a second, 94 s, driven in simulation with the
 eight-pin stick's 3.3 V converter) and the lines [mV] at the end of each tick.
@@ -32,7 +32,7 @@ def replay(rig: Rig, setpoints: IntArray) -> IntArray:
     return np.array(lines)
 
 
-def test_a_recorded_drive_gives_yesterdays_lines_without_a_fault(rig: Rig) -> None:
+def test_a_recorded_drive_gives_the_recorded_lines_without_a_fault(rig: Rig) -> None:
     recording = np.loadtxt(RECORDING, delimiter=",", dtype=np.int64, skiprows=1)
     lines = replay(rig, recording[:, :2])
     differs = np.flatnonzero((lines != recording[:, 2:]).any(axis=1))
@@ -40,7 +40,7 @@ def test_a_recorded_drive_gives_yesterdays_lines_without_a_fault(rig: Rig) -> No
     assert (rig.out.state, rig.out.holder) == (DRIVE, BOARD)
 
 
-def test_the_lines_of_a_recorded_drive_keep_up_with_its_commands(rig: Rig) -> None:
+def test_the_lines_of_a_recorded_drive_follow_its_commands(rig: Rig) -> None:
     recording = np.loadtxt(RECORDING, delimiter=",", dtype=np.int64, skiprows=1)
     wanted = NEUTRAL_MV + recording[:, :2] * SWING_MV / 10_000
     assert np.abs(replay(rig, recording[:, :2]) - wanted).max() <= 0.5

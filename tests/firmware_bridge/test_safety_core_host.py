@@ -52,7 +52,7 @@ def test_f1_the_joystick_is_live_within_100_ms_of_the_last_good_frame(rig: Rig) 
         assert rig.lines() == (NEUTRAL, NEUTRAL)
 
 
-def test_f1_the_command_fades_into_the_riders_stick_in_equal_steps(rig: Rig) -> None:
+def test_f1_the_command_changes_into_the_riders_stick_in_equal_steps(rig: Rig) -> None:
     rig.drive(10000, 0)
     rig.command(10000, 0)
     rig.stick = [NEUTRAL - 200, NEUTRAL + 100]  # neither at rest nor far enough to take over
@@ -99,18 +99,18 @@ def test_f1_an_armed_board_falls_silent_with_a_latched_fault(rig: Rig) -> None:
     assert (out.state, out.holder, out.faults) == (FAULT, JOYSTICK, HOST_SILENT)
 
 
-def test_f1_a_computer_that_was_never_armed_leaves_no_fault(rig: Rig) -> None:
+def test_f1_a_computer_that_never_armed_the_board_leaves_no_fault(rig: Rig) -> None:
     rig.hello()
     rig.run(1000)
     assert rig.idle(500).faults == 0
     assert rig.out.state == SILENT
 
 
-def test_f1_the_silence_of_49_days_is_not_forgotten_at_the_wrap(rig: Rig) -> None:
+def test_f1_a_silence_of_49_days_is_remembered_over_the_wrap_of_the_clock(rig: Rig) -> None:
     rig.hello()
     rig.command()
     rig.idle(100)
-    rig.step(ms=2**32 - 100)  # as old as 1 ms to the naked subtraction
+    rig.step(ms=2**32 - 100)  # 1 ms old for a plain subtraction
     for _ in range(30):
         rig.step()
     rig.command(ahead=0)
@@ -143,7 +143,7 @@ def test_f3_four_bad_frames_are_noise(rig: Rig) -> None:
     assert rig.step(BAD).faults == BAD_FRAMES
 
 
-def test_f3_bad_frames_of_long_ago_are_forgotten_at_the_wrap_of_the_clock(rig: Rig) -> None:
+def test_f3_old_bad_frames_are_forgotten_over_the_wrap_of_the_clock(rig: Rig) -> None:
     for count in (1, 2, 3, 4):
         rig.start(now_ms=0)
         for _ in range(count):
@@ -157,7 +157,7 @@ def test_f3_bad_frames_of_long_ago_are_forgotten_at_the_wrap_of_the_clock(rig: R
         assert rig.step(BAD).faults == BAD_FRAMES
 
 
-def test_f3_a_bad_frame_while_silent_begins_the_neutral_hold_anew(rig: Rig) -> None:
+def test_f3_a_bad_frame_while_silent_restarts_the_neutral_hold(rig: Rig) -> None:
     rig.hello()
     rig.run(1900)
     rig.step(BAD)
@@ -204,7 +204,7 @@ def test_f5_a_setpoint_out_of_range_stops_in_the_same_step(rig: Rig) -> None:
         assert rig.step().holder == JOYSTICK
 
 
-def test_f5_the_ends_of_the_range_are_in_it(rig: Rig) -> None:
+def test_f5_the_ends_of_the_range_are_accepted(rig: Rig) -> None:
     for forward, turn in ((10000, -10000), (-10000, 10000)):
         rig.start()
         rig.drive(forward, turn, ms=500)
@@ -230,7 +230,7 @@ def test_f7_a_command_that_is_not_zero_keeps_the_lock(rig: Rig) -> None:
         assert rig.run(40).state == ARMED
 
 
-def test_f7_a_stick_off_its_neutral_keeps_the_lock(rig: Rig) -> None:
+def test_f7_a_deflected_stick_keeps_the_lock(rig: Rig) -> None:
     for axis in (0, 1):
         for offset in (-121, -120, 120, 121):
             rig.start()
@@ -240,7 +240,7 @@ def test_f7_a_stick_off_its_neutral_keeps_the_lock(rig: Rig) -> None:
             assert rig.out.state == (ARMED if abs(offset) <= 120 else SILENT)
 
 
-def test_f7_a_touch_of_the_stick_begins_the_hold_anew(rig: Rig) -> None:
+def test_f7_a_touch_of_the_stick_restarts_the_hold(rig: Rig) -> None:
     rig.hello()
     rig.run(1999)
     rig.stick[1] += 130
@@ -261,13 +261,13 @@ def test_f7_no_arming_without_handshake_enable_or_heartbeat(rig: Rig) -> None:
     assert rig.run(40).state == ARMED
 
 
-def test_an_armed_board_that_is_no_longer_asked_to_drive_is_silent(rig: Rig) -> None:
+def test_an_armed_board_without_the_enable_bit_becomes_silent(rig: Rig) -> None:
     rig.arm()
     out = rig.command(flags=0)
     assert (out.state, out.faults) == (SILENT, 0)
 
 
-def test_an_armed_board_whose_stick_moves_is_silent_and_takes_no_command(rig: Rig) -> None:
+def test_an_armed_board_becomes_silent_and_takes_no_command_when_its_stick_moves(rig: Rig) -> None:
     rig.arm()
     rig.stick[0] += 121
     out = rig.command(5000, 0)
@@ -276,14 +276,14 @@ def test_an_armed_board_whose_stick_moves_is_silent_and_takes_no_command(rig: Ri
     assert rig.run(3000, 5000, 0).state == SILENT
 
 
-def test_either_axis_alone_takes_the_lines(rig: Rig) -> None:
+def test_a_command_on_either_axis_takes_the_lines(rig: Rig) -> None:
     for forward, turn in ((1, 0), (0, 1), (-1, 0), (0, -1)):
         rig.start()
         rig.arm()
         assert rig.command(forward, turn).state == DRIVE
 
 
-def test_letting_go_hands_the_lines_to_the_joystick_within_20_ms_without_a_fault(rig: Rig) -> None:
+def test_a_release_gives_the_lines_to_the_joystick_within_20_ms_without_a_fault(rig: Rig) -> None:
     rig.drive()
     out = rig.command(5000, -2500, flags=0)
     assert (out.state, out.holder, out.faults) == (SILENT, BOARD, 0)
@@ -310,7 +310,7 @@ def test_f16_a_step_of_50_ms_is_late_but_no_fault(rig: Rig) -> None:
     assert rig.command(5000, -2500, ms=50).faults == 0
 
 
-def test_f16_a_clock_that_steps_satisfies_no_hold(rig: Rig) -> None:
+def test_f16_a_clock_that_steps_completes_no_hold(rig: Rig) -> None:
     rig.hello()
     rig.run(1000)
     rig.step(ms=5000)
@@ -319,7 +319,7 @@ def test_f16_a_clock_that_steps_satisfies_no_hold(rig: Rig) -> None:
     assert rig.run(140).state == ARMED
 
 
-def test_f16_a_clock_that_steps_makes_no_fault_last(rig: Rig) -> None:
+def test_f16_a_clock_that_steps_does_not_count_towards_a_fault(rig: Rig) -> None:
     rig.read_back = lambda _axis, mv: mv + 100
     rig.idle(5)
     assert rig.step(ms=5000).faults == 0
@@ -334,7 +334,7 @@ def test_f16_a_step_of_50_ms_counts_as_time(rig: Rig) -> None:
     assert rig.step().faults == MISMATCH
 
 
-def test_two_faults_of_the_computer_in_one_step_are_both_named(rig: Rig) -> None:
+def test_two_faults_of_the_computer_in_one_step_are_both_reported(rig: Rig) -> None:
     rig.drive()
     rig.command(5000, 0)
     rig.idle(75)
@@ -344,7 +344,7 @@ def test_two_faults_of_the_computer_in_one_step_are_both_named(rig: Rig) -> None
     assert rig.step(BAD).faults == HOST_SILENT | BAD_FRAMES
 
 
-def test_f22_a_stranger_is_never_armed(rig: Rig) -> None:
+def test_f22_a_computer_with_a_wrong_handshake_never_arms_the_board(rig: Rig) -> None:
     rig.hello(matches=False)
     out = rig.run(3000)
     assert (out.state, out.heard, out.faults) == (SILENT, False, 0)
@@ -380,7 +380,7 @@ def test_f22_a_handshake_while_silent_sets_the_sequence_and_forgets_the_command(
     assert rig.run(140).state == ARMED
 
 
-def test_f22_a_handshake_takes_the_enable_away(rig: Rig) -> None:
+def test_f22_a_handshake_clears_the_enable_bit(rig: Rig) -> None:
     rig.hello()
     rig.run(1990)
     rig.command()
@@ -405,14 +405,14 @@ def test_a_fault_of_the_computer_is_cleared_by_a_rising_reset_with_zero_and_neut
     assert rig.run(60).state == ARMED
 
 
-def test_a_reset_during_the_handover_waits_for_its_end(rig: Rig) -> None:
+def test_a_reset_during_the_handover_waits_until_the_handover_ends(rig: Rig) -> None:
     rig.drive()
     rig.command(20000, 0)
     out = rig.command(0, 0, ENABLE | RESET)
     assert (out.state, out.holder) == (FAULT, BOARD)
 
 
-def test_a_reset_in_order_outside_a_fault_changes_nothing(rig: Rig) -> None:
+def test_a_valid_reset_without_a_fault_changes_nothing(rig: Rig) -> None:
     rig.drive()
     assert rig.command(0, 0, ENABLE | RESET).state == DRIVE
     rig.start()

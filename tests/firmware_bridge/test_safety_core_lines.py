@@ -48,7 +48,7 @@ def test_f6_a_late_step_catches_up_20_ms_and_no_more(rig: Rig) -> None:
         assert rig.lines()[0] - before == 6 * min(late, 20)
 
 
-def test_f6_two_steps_in_one_millisecond_move_nothing_twice(rig: Rig) -> None:
+def test_f6_two_steps_in_one_millisecond_move_the_lines_once(rig: Rig) -> None:
     rig.arm()
     rig.command(10000, 0)
     before = rig.lines()
@@ -56,7 +56,7 @@ def test_f6_two_steps_in_one_millisecond_move_nothing_twice(rig: Rig) -> None:
     assert rig.lines() == before
 
 
-def test_f6_the_window_holds_where_the_slew_would_not(rig: Rig) -> None:
+def test_f6_the_window_limits_the_lines_where_the_slew_would_not(rig: Rig) -> None:
     rig.start(rig.settings(slew_ms=100))
     rig.arm()
     start = rig.now_ms
@@ -89,7 +89,7 @@ def test_f6_lines_never_leave_the_swing(rig: Rig) -> None:
         rig.run(300, 10000, -10000)
 
 
-def test_f6_taking_the_lines_begins_at_the_stick_without_a_jump(rig: Rig) -> None:
+def test_f6_the_command_starts_at_the_stick_without_a_jump(rig: Rig) -> None:
     rig.stick = [NEUTRAL + 100, NEUTRAL - 90]
     rig.arm()
     rig.command(-10000, 10000)
@@ -110,7 +110,7 @@ def test_f8_a_line_off_by_more_than_60_mv_for_60_ms_is_cut(rig: Rig) -> None:
             assert rig.lines() == ((NEUTRAL, NEUTRAL) if bad else (NEUTRAL + 600, NEUTRAL - 300))
 
 
-def test_f8_a_line_that_comes_back_in_time_is_forgiven(rig: Rig) -> None:
+def test_f8_a_line_that_recovers_in_time_is_no_fault(rig: Rig) -> None:
     rig.drive()
     for _ in range(5):
         rig.read_back = bent(0, 300)
@@ -119,7 +119,7 @@ def test_f8_a_line_that_comes_back_in_time_is_forgiven(rig: Rig) -> None:
         assert rig.run(1, 5000, -2500).faults == 0
 
 
-def test_f8_a_switch_that_does_not_give_the_stick_to_the_lines_is_cut_in_every_state(rig: Rig) -> None:
+def test_f8_a_switch_that_does_not_connect_the_stick_is_cut_in_every_state(rig: Rig) -> None:
     for armed in (False, True):
         rig.start()
         if armed:
@@ -180,7 +180,7 @@ def test_f9_the_ramp_is_straight_and_takes_200_ms(rig: Rig) -> None:
         value = rig.lines()[0]
     assert len(steps) == 199
     assert set(steps) <= {6, 7}
-    assert abs(value - (NEUTRAL + 125)) <= 6  # the neutral of the last reference that can be trusted
+    assert abs(value - (NEUTRAL + 125)) <= 6  # the neutral of the last valid reference
 
 
 def test_f9_lines_follow_the_reference_within_its_tolerance(rig: Rig) -> None:
@@ -216,7 +216,7 @@ def test_f10_an_impossible_line_is_cut_after_60_ms(rig: Rig) -> None:
             assert rig.out.holder == CUT
 
 
-def test_f10_a_stick_that_lost_a_wire_does_not_take_over_and_ramps_to_a_cut(rig: Rig) -> None:
+def test_f10_a_stick_with_a_broken_wire_does_not_take_over_and_ramps_to_a_cut(rig: Rig) -> None:
     for axis in (0, 1):
         for mv in (0, 499, 4501, 65535):
             rig.start()
@@ -230,7 +230,7 @@ def test_f10_a_stick_that_lost_a_wire_does_not_take_over_and_ramps_to_a_cut(rig:
             assert rig.out.holder == CUT
 
 
-def test_f10_a_stick_at_its_possible_ends_takes_over(rig: Rig) -> None:
+def test_f10_a_stick_at_the_ends_of_its_range_takes_over(rig: Rig) -> None:
     for mv in (500, 4500):
         rig.start()
         rig.drive()
@@ -239,7 +239,7 @@ def test_f10_a_stick_at_its_possible_ends_takes_over(rig: Rig) -> None:
         assert (rig.out.state, rig.out.holder, rig.out.faults) == (SILENT, JOYSTICK, 0)
 
 
-def test_f10_a_handover_to_a_broken_stick_fades_to_neutral(rig: Rig) -> None:
+def test_f10_a_handover_to_a_broken_stick_ramps_to_neutral(rig: Rig) -> None:
     rig.drive(10000, 0, ms=500)
     rig.stick = [0, NEUTRAL]
     rig.command(20000, 0)
@@ -263,7 +263,7 @@ def test_f21_a_line_that_creeps_at_neutral_for_300_ms_ramps_to_a_cut(rig: Rig) -
             assert rig.out.holder == (CUT if creeps else BOARD)
 
 
-def test_f21_an_axis_that_is_told_to_move_does_not_creep(rig: Rig) -> None:
+def test_f21_an_axis_with_a_command_does_not_creep(rig: Rig) -> None:
     rig.drive(5000, -2500)
     rig.read_back = lambda _axis, mv: mv + 50
     assert rig.run(1000, 5000, -2500).faults == 0

@@ -1,4 +1,4 @@
-"""E-stop, override, a failing board and faults that meet, F18, F19, F29: the holder of the lines, and how soon."""
+"""E-stop, override, a failing board and simultaneous faults, F18, F19, F29: the holder of the lines, and its delay."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def test_f18_the_e_stop_cuts_in_the_same_step_in_every_state(rig: Rig) -> None:
         assert out.faults & ESTOP
 
 
-def test_f18_release_is_not_resume_and_reset_needs_the_acknowledgement(rig: Rig) -> None:
+def test_f18_a_release_does_not_resume_and_a_reset_needs_the_acknowledgement(rig: Rig) -> None:
     rig.drive()
     rig.estop_released = False
     rig.run(100)
@@ -89,7 +89,7 @@ def test_f18_the_rider_gets_the_joystick_back_without_a_computer(rig: Rig) -> No
     assert rig.idle(3000).holder == CUT  # the stick is not at rest
 
 
-def test_f18_the_rider_does_not_get_lines_back_that_cannot_be_trusted(rig: Rig) -> None:
+def test_f18_the_rider_does_not_get_faulty_lines_back(rig: Rig) -> None:
     rig.drive()
     rig.read_back = bent(0, 100)
     rig.run(61, 5000, 0)
@@ -114,7 +114,7 @@ def test_f19_the_stick_takes_over_within_one_tick(rig: Rig) -> None:
             assert rig.out.faults == 0
 
 
-def test_f19_threshold_and_debounce_are_the_riders(rig: Rig) -> None:
+def test_f19_threshold_and_debounce_are_those_of_the_rider(rig: Rig) -> None:
     for per_mille, debounce in ((150, 0), (400, 60), (800, 500)):
         rig.start(rig.settings(override_per_mille=per_mille, override_ms=debounce))
         rig.drive()
@@ -137,7 +137,7 @@ def test_f19_the_threshold_follows_the_reference(rig: Rig) -> None:
             assert rig.run(11, 5000, -2500).holder == (BOARD if offset == limit else JOYSTICK)
 
 
-def test_f19_a_tremor_shorter_than_the_debounce_is_no_command(rig: Rig) -> None:
+def test_f19_a_tremor_shorter_than_the_debounce_is_ignored(rig: Rig) -> None:
     rig.start(rig.settings(override_ms=60))
     rig.drive()
     for _ in range(20):
@@ -181,7 +181,7 @@ def test_f19_a_stick_cannot_take_over_lines_that_are_ramped_to_a_cut(rig: Rig) -
     assert rig.idle(99).holder == CUT
 
 
-def test_f29_a_converter_that_does_not_answer_leaves_the_lines_to_the_joystick(rig: Rig) -> None:
+def test_f29_a_silent_converter_leaves_the_lines_to_the_joystick(rig: Rig) -> None:
     rig.drive()
     rig.board_ok = False
     out = rig.step()
@@ -193,7 +193,7 @@ def test_f29_a_converter_that_does_not_answer_leaves_the_lines_to_the_joystick(r
     assert _reset(rig) == SILENT
 
 
-def test_f29_a_board_that_fails_its_own_test_at_boot_is_never_armed(rig: Rig) -> None:
+def test_f29_a_board_that_fails_its_self_test_at_boot_is_never_armed(rig: Rig) -> None:
     rig.board_ok = False
     rig.hello()
     out = rig.run(3000)
@@ -214,7 +214,7 @@ def test_f29_the_watchdog_is_kicked_every_10_ms_in_every_state(rig: Rig) -> None
     assert sum(rig.step().kick for _ in range(101)) == 10
 
 
-def test_all_faults_of_one_step_are_named(rig: Rig) -> None:
+def test_all_faults_of_one_step_are_reported(rig: Rig) -> None:
     rig.drive()
     rig.reference, rig.stick, rig.read_back = 0, [0, 0], forced(0, 0)
     assert rig.run(60, 5000, -2500).faults == 0
@@ -260,7 +260,7 @@ def test_a_weaker_stop_does_not_shorten_or_lengthen_a_stronger_one(rig: Rig) -> 
     assert rig.idle(100).holder == CUT
 
 
-def test_faults_of_the_computer_that_follow_others_are_not_added(rig: Rig) -> None:
+def test_later_faults_of_the_computer_are_not_added_to_a_fault(rig: Rig) -> None:
     rig.drive()
     rig.estop_released = False
     rig.step()

@@ -1,4 +1,4 @@
-"""What holds for every input: random lives of a board, every fault in every state, configurations, families."""
+"""Invariants for every input: random sequences, every fault in every state, configurations, families."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ RAMP_OR_CUT = 0b1111_1100_0000
 
 
 def _life(rig: Rig, chance: random.Random, steps: int) -> list[tuple[int, str]]:
-    """A random life: mostly in order, now and then anything; every tick at which an invariant did not hold."""
+    """Run a random sequence, mostly valid with some arbitrary inputs; return every tick with a broken invariant."""
     before, broken = rig.lines(), []
     for tick in range(steps):
         event = chance.random()
@@ -76,7 +76,7 @@ def _invariants(rig: Rig, before: tuple[int, int]) -> dict[str, bool]:
     }
 
 
-def test_a_random_life_breaks_no_invariant(rig: Rig) -> None:
+def test_a_random_sequence_of_inputs_breaks_no_invariant(rig: Rig) -> None:
     for seed in range(6):
         chance = random.Random(seed)
         rig.start()
@@ -97,7 +97,7 @@ def test_nothing_moves_without_a_handshake_and_two_seconds_of_zero(rig: Rig) -> 
             assert rig.out.state == SILENT
 
 
-def test_every_fault_in_every_state_leaves_the_lines_to_the_right_hands(rig: Rig) -> None:
+def test_every_fault_in_every_state_gives_the_lines_to_their_safe_holder(rig: Rig) -> None:
     for state in (SILENT, ARMED, DRIVE):
         for name, holder in (
             ("silence", JOYSTICK),
@@ -174,7 +174,7 @@ def test_a_configuration_out_of_its_limits_never_arms(rig: Rig) -> None:
     assert not rig.start(rig.settings(neutral_per_mille=200, override_per_mille=200))
 
 
-def test_without_a_family_nothing_arms_and_the_joystick_stays(rig: Rig) -> None:
+def test_without_a_joystick_family_nothing_arms_and_the_joystick_stays_live(rig: Rig) -> None:
     for family in (0, 4, 255):
         assert not rig.start(rig.settings(family=family))
         rig.estop_released = True
@@ -186,13 +186,13 @@ def test_without_a_family_nothing_arms_and_the_joystick_stays(rig: Rig) -> None:
         assert rig.config.family == family
 
 
-def test_the_defaults_are_those_of_the_readme(rig: Rig) -> None:
+def test_the_defaults_match_the_readme(rig: Rig) -> None:
     config = rig.core.safety_defaults(c_uint8(2))
     values = (config.family, config.neutral_per_mille, config.override_per_mille, config.override_ms, config.slew_ms)
     assert values == (2, 100, 200, 10, 200)
 
 
-def test_every_family_has_room_for_its_swing_and_its_tolerance(rig: Rig) -> None:
+def test_the_range_of_every_family_covers_its_swing_and_its_tolerance(rig: Rig) -> None:
     for number in (1, 2, 3):
         family = rig.core.family_find(number).contents
         assert family.fault_low_mv < family.reference_mv - family.swing_mv * 1.05 - 125 * family.reference_mv / 2500
@@ -225,7 +225,7 @@ def test_every_family_drives_to_both_ends_of_its_swing(rig: Rig) -> None:
         assert list(rig.out.line_mv) == [family.reference_mv] * 2
 
 
-def test_set_points_become_millivolts_to_nearest(rig: Rig) -> None:
+def test_set_points_are_rounded_to_the_nearest_millivolt(rig: Rig) -> None:
     for setpoint in (0, 1, 4, 5, 41, 42, 4166, 4167, 9999, 10000):
         for sign in (1, -1):
             rig.start()
@@ -235,7 +235,7 @@ def test_set_points_become_millivolts_to_nearest(rig: Rig) -> None:
             assert rig.lines()[0] == NEUTRAL + sign * int(exact + 0.5), setpoint
 
 
-def test_converter_counts_are_the_nearest_and_stay_in_range(rig: Rig) -> None:
+def test_converter_counts_are_rounded_to_nearest_and_stay_in_range(rig: Rig) -> None:
     for number in (1, 2, 3):
         family = rig.core.family_find(number)
         low, high = family.contents.dac_low_mv, family.contents.dac_high_mv

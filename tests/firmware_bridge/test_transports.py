@@ -1,4 +1,4 @@
-"""Cables: nothing waits for ever, nothing raises when the other end goes, and a lost cable is opened again."""
+"""Cables: no call waits without limit, none raises when the other end closes, and a lost cable is reopened."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from waychair.firmware_bridge.transports import (
 )
 
 LONG_S = 0.5
-"""Far more than any call may take, far less than for ever."""
+"""A limit far above the duration of any call."""
 
 
 @pytest.fixture
@@ -77,7 +77,7 @@ def test_a_serial_port_carries_every_byte_both_ways(terminal: tuple[int, int, st
     assert port.closed
 
 
-def test_a_link_that_has_outlived_its_terminal_is_refused_though_the_number_is_in_use_again(tmp_path: Path) -> None:
+def test_a_link_to_a_closed_terminal_is_refused_even_if_the_number_is_in_use_again(tmp_path: Path) -> None:
     board, computer, path = open_pseudo_terminal()
     link = tmp_path / "board"
     link.symlink_to(path)
@@ -97,7 +97,7 @@ def test_a_link_that_has_outlived_its_terminal_is_refused_though_the_number_is_i
         os.close(far)
 
 
-def test_a_full_serial_line_is_an_answer_in_time_and_not_for_ever(terminal: tuple[int, int, str]) -> None:
+def test_a_full_serial_line_returns_in_time_and_does_not_block(terminal: tuple[int, int, str]) -> None:
     port = SerialTransport(terminal[2])
     began = time.monotonic()
     while port.write(b"\x55" * 4096):
@@ -110,7 +110,7 @@ def test_a_full_serial_line_is_an_answer_in_time_and_not_for_ever(terminal: tupl
     port.close()
 
 
-def test_a_serial_cable_that_is_pulled_is_closed_and_swallows_what_follows(terminal: tuple[int, int, str]) -> None:
+def test_a_pulled_serial_cable_is_closed_and_ignores_later_writes(terminal: tuple[int, int, str]) -> None:
     board, computer, path = terminal
     port = SerialTransport(path)
     os.close(board)
@@ -124,13 +124,13 @@ def test_a_serial_cable_that_is_pulled_is_closed_and_swallows_what_follows(termi
     assert port.read() == b""
 
 
-def test_a_serial_port_that_is_not_there_is_refused_with_advice(tmp_path: Path) -> None:
+def test_a_missing_serial_port_is_refused_with_advice(tmp_path: Path) -> None:
     with pytest.raises(TransportError, match="is the board plugged in"):
         SerialTransport(str(tmp_path / "ttyUSB0"))
 
 
 @pytest.mark.parametrize("call", ["tcsetattr", "tcflush"])
-def test_a_serial_port_that_goes_while_it_is_being_opened_is_refused_and_tried_again(
+def test_a_serial_port_that_vanishes_while_it_is_opened_is_refused_and_tried_again(
     terminal: tuple[int, int, str], monkeypatch: pytest.MonkeyPatch, call: str
 ) -> None:
     def gone(*_: object) -> None:
@@ -145,7 +145,7 @@ def test_a_serial_port_that_goes_while_it_is_being_opened_is_refused_and_tried_a
     cable.close()
 
 
-def test_a_serial_port_that_another_thread_is_closing_has_no_descriptor_and_is_not_waited_for(
+def test_a_serial_port_closed_by_another_thread_has_no_descriptor_and_is_not_waited_for(
     terminal: tuple[int, int, str],
 ) -> None:
     port = SerialTransport(terminal[2])
@@ -179,7 +179,7 @@ def test_without_pyserial_a_serial_port_is_refused_with_advice(monkeypatch: pyte
         SerialTransport("/dev/ttyUSB0")
 
 
-def test_a_tcp_connection_carries_bytes_and_notices_its_end(listener: socket.socket) -> None:
+def test_a_tcp_connection_carries_bytes_and_reports_its_end(listener: socket.socket) -> None:
     transport = TcpTransport(*listener.getsockname())
     peer, _ = listener.accept()
     assert transport.read() == b""
@@ -195,7 +195,7 @@ def test_a_tcp_connection_carries_bytes_and_notices_its_end(listener: socket.soc
     transport.close()
 
 
-def test_a_tcp_peer_that_does_not_read_costs_no_more_than_a_command(listener: socket.socket) -> None:
+def test_a_write_to_a_tcp_peer_that_does_not_read_returns_at_once(listener: socket.socket) -> None:
     transport = TcpTransport(*listener.getsockname())
     peer, _ = listener.accept()
     while transport.write(b"x" * 100_000):
@@ -210,14 +210,14 @@ def test_a_tcp_peer_that_does_not_read_costs_no_more_than_a_command(listener: so
     assert transport.closed
 
 
-def test_nobody_listening_is_refused_with_advice(listener: socket.socket) -> None:
+def test_a_tcp_address_without_a_listener_is_refused_with_advice(listener: socket.socket) -> None:
     host, port = listener.getsockname()
     listener.close()
     with pytest.raises(TransportError, match="cannot connect"):
         TcpTransport(host, port)
 
 
-def test_a_descriptor_carries_bytes_and_notices_its_end() -> None:
+def test_a_descriptor_carries_bytes_and_reports_its_end() -> None:
     ours, theirs = socket.socketpair()
     transport = DescriptorTransport(ours.detach())
     assert transport.write(b"there")
@@ -234,7 +234,7 @@ def test_a_descriptor_carries_bytes_and_notices_its_end() -> None:
     transport.close()
 
 
-def test_a_full_descriptor_costs_no_more_than_a_command() -> None:
+def test_a_write_to_a_full_descriptor_returns_at_once() -> None:
     ours, theirs = socket.socketpair()
     transport = DescriptorTransport(ours.detach())
     while transport.write(b"x" * 10_000):
@@ -282,7 +282,7 @@ class Cable:
         return DescriptorTransport(ours.detach())
 
 
-def test_a_lost_cable_is_opened_again_no_more_often_than_asked() -> None:
+def test_a_lost_cable_is_reopened_no_more_often_than_configured() -> None:
     cable = Cable()
     line = Reconnecting(cable.connect, pause_ns=500)
     assert line.closed
@@ -332,7 +332,7 @@ def test_a_cable_that_takes_long_to_open_is_not_waited_for() -> None:
     cable.ends[0].close()
 
 
-def test_no_pseudo_terminal_left_is_an_error_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lack_of_pseudo_terminals_is_an_error_with_advice(monkeypatch: pytest.MonkeyPatch) -> None:
     def none_left() -> tuple[int, int]:
         raise OSError(28, "No space left on device")
 
