@@ -53,9 +53,7 @@ def grids(evidence: DepthEvidence) -> tuple[OccupancyGrid, OccupancyGrid]:
 
 @given(st.lists(st.tuples(poses, st.sampled_from([STAIRS, SHELF, LOW])), min_size=1, max_size=6), st.randoms())
 @settings(max_examples=15, deadline=None)
-def test_images_are_taken_out_again_to_the_last_bit_in_any_order(
-    looks: list[tuple[FloatArray, DepthScan]], rng: object
-) -> None:
+def test_images_are_removed_exactly_in_any_order(looks: list[tuple[FloatArray, DepthScan]], rng: object) -> None:
     evidence = drawn(SHELF)
     before = grids(evidence)
     for pose, scan in looks:
@@ -67,7 +65,9 @@ def test_images_are_taken_out_again_to_the_last_bit_in_any_order(
 
 
 @pytest.mark.parametrize(("scan", "x"), [(SHELF, 2.64), (LOW, 2.24)])
-def test_a_lidar_that_looks_under_or_over_a_thing_a_hundred_times_does_not_erase_it(scan: DepthScan, x: float) -> None:
+def test_a_lidar_that_sees_under_or_over_an_obstacle_a_hundred_times_does_not_erase_it(
+    scan: DepthScan, x: float
+) -> None:
     lidar = lidar_that_sees_nothing_near(100).grid()
     assert value(lidar, x, 0.2) < 20
     grid, drops = merge_sensors(lidar, *grids(drawn(scan)))
@@ -75,7 +75,7 @@ def test_a_lidar_that_looks_under_or_over_a_thing_a_hundred_times_does_not_erase
     assert not drops.any()
 
 
-def test_a_stairwell_is_occupied_and_a_drop_off_although_the_lidar_sees_across_it() -> None:
+def test_a_stairwell_is_occupied_and_a_drop_off_even_if_the_lidar_sees_across_it() -> None:
     grid, drops = merge_sensors(lidar_that_sees_nothing_near(100).grid(), *grids(drawn(STAIRS)))
     well = cells_from_points(grid, np.array([[x, y] for x in (2.7, 3.0, 3.3) for y in (-0.3, 0.2, 0.7)]))
     assert drops[tuple(well.T)].all()
@@ -83,20 +83,20 @@ def test_a_stairwell_is_occupied_and_a_drop_off_although_the_lidar_sees_across_i
     assert value(grid, 2.3, 0.2) < 50
 
 
-def test_beyond_a_drop_off_floor_that_no_camera_has_seen_is_not_believed_in() -> None:
+def test_floor_beyond_a_drop_off_that_no_camera_has_seen_is_not_free() -> None:
     grid, drops = merge_sensors(lidar_that_sees_nothing_near(3).grid(), *grids(drawn(STAIRS)))
     seen = np.isin(grids(drawn(STAIRS))[1].cells, [100]).sum()
     assert drops.sum() > seen
-    assert value(grid, 2.0, -1.6) < 50, "what is far from it stays as the lidar says"
+    assert value(grid, 2.0, -1.6) < 50, "cells far from it stay as the lidar saw them"
 
 
-def test_floor_that_is_seen_clears_what_has_gone() -> None:
+def test_visible_floor_clears_obstacles_that_have_gone() -> None:
     floor = scan_of_picture(picture())
     grid, _ = merge_sensors(EvidenceGrid().grid(), *grids(drawn(LOW, floor, floor, floor)))
     assert value(grid, 2.24, 0.2) < 50
 
 
-def test_what_was_drawn_follows_its_nodes_and_is_then_what_drawing_anew_gives() -> None:
+def test_drawn_evidence_follows_its_nodes_and_equals_evidence_drawn_anew() -> None:
     assembly = DepthAssembly()
     nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.3, 0.4]])
     off = np.array([0.1, 0.0, 0.05])
@@ -117,7 +117,7 @@ def test_what_was_drawn_follows_its_nodes_and_is_then_what_drawing_anew_gives() 
 
 @given(st.lists(st.tuples(st.integers(-9, 9), st.integers(-9, 9), st.booleans()), max_size=40))
 @settings(max_examples=20, deadline=None)
-def test_cells_that_are_put_add_up(told: list[tuple[int, int, bool]]) -> None:
+def test_added_cells_are_summed(told: list[tuple[int, int, bool]]) -> None:
     evidence, expected = EvidenceGrid(), dict[tuple[int, int], float]()
     if told:
         evidence.put(np.array([each[:2] for each in told]), np.array([each[2] for each in told]))
@@ -129,7 +129,7 @@ def test_cells_that_are_put_add_up(told: list[tuple[int, int, bool]]) -> None:
         assert abs(value(grid, 0.05 * (col + 0.5), 0.05 * (row + 0.5)) - percent) <= 1
 
 
-def test_a_pose_that_is_no_number_and_a_jump_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_pose_that_is_not_a_number_and_a_jump_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(MapError, match="not finite"):
         DepthEvidence().add(np.array([[math.nan, 0.0, 0.0]]), HERE, [LOW])
     monkeypatch.setattr(occupancy, "MAX_CELLS", 100_000)
@@ -139,7 +139,7 @@ def test_a_pose_that_is_no_number_and_a_jump_are_refused(monkeypatch: pytest.Mon
         small.add(np.array([[1e4, 0.0, 0.0]]), HERE, [LOW])
 
 
-def test_the_merged_grid_holds_all_of_its_parts() -> None:
+def test_the_merged_grid_holds_all_parts() -> None:
     lidar = OccupancyGrid(np.array([[0, 100], [-1, 30]], np.int8), 0.05, Pose2(1.0, 1.0))
     none = OccupancyGrid(np.full((1, 1), -1, np.int8), 0.05, Pose2(-0.5, 0.0))
     grid, drops = merge_sensors(lidar, none, none)

@@ -39,7 +39,7 @@ def told(scan: DepthScan, x: float, y: float) -> int:
 
 @given(leans)
 @settings(max_examples=15, deadline=None)
-def test_a_level_floor_is_floor_however_the_chair_leans(tilt: Tilt) -> None:
+def test_a_level_floor_is_floor_at_any_lean_of_the_chair(tilt: Tilt) -> None:
     scan = scan_of_picture(picture(tilt=tilt), tilt)
     assert set(scan.kinds.tolist()) == {FLOOR}
     assert told(scan, 3.0, 0.2) == FLOOR
@@ -47,14 +47,14 @@ def test_a_level_floor_is_floor_however_the_chair_leans(tilt: Tilt) -> None:
 
 @given(leans, st.floats(0.12, 0.25))
 @settings(max_examples=10, deadline=None)
-def test_what_is_lower_than_the_lidar_is_an_obstacle(tilt: Tilt, height: float) -> None:
+def test_a_thing_lower_than_the_lidar_is_an_obstacle(tilt: Tilt, height: float) -> None:
     scan = scan_of_picture(picture([(2.62, 2.9, 0.0, 0.5, 0.0, height)], tilt=tilt), tilt)
     assert told(scan, 2.63, 0.25) == OBSTACLE
     assert told(scan, 2.3, 0.25) == FLOOR
 
 
 @pytest.mark.parametrize(("low", "expected"), [(0.5, OBSTACLE), (0.7, OBSTACLE), (1.3, OBSTACLE), (1.5, 0), (1.9, 0)])
-def test_what_hangs_up_to_the_head_is_an_obstacle_and_higher_is_none(low: float, expected: int) -> None:
+def test_a_thing_that_hangs_at_head_height_is_an_obstacle_and_one_above_is_none(low: float, expected: int) -> None:
     scan = scan_of_picture(picture([(3.02, 3.4, -0.5, 0.9, low, low + 0.08)]))
     assert (OBSTACLE in scan.kinds) == (expected == OBSTACLE)
     if expected:
@@ -72,30 +72,30 @@ def test_a_hole_in_the_floor_is_a_drop_off_and_never_floor(depth: float, lean: f
     assert told(scan, 2.4, 0.2) == FLOOR
 
 
-def test_ground_that_ought_to_be_seen_and_is_not_is_a_drop_off() -> None:
+def test_expected_ground_that_is_not_seen_is_a_drop_off() -> None:
     frame = picture()
     frame.depth[85:95, 50:110] = np.nan
     assert DROP_OFF in scan_of_picture(frame).kinds
 
 
-def test_a_column_that_begins_within_a_stairwell_tells_of_no_floor_there() -> None:
+def test_a_column_that_begins_within_a_stairwell_gives_no_floor_there() -> None:
     """A landing 0.3 m down just before the footrest could be taken for the end of a ramp."""
     scan = scan_of_picture(picture(holes=[(0.9, 6.0, -2.0, 2.0, 0.3)]))
     assert FLOOR not in scan.kinds
 
 
-def test_the_floor_behind_a_thing_at_the_pictures_edge_is_no_drop_off() -> None:
+def test_the_floor_behind_a_thing_at_the_edge_of_the_picture_is_no_drop_off() -> None:
     scan = scan_of_picture(picture([(1.9, 2.2, -1.0, 1.0, 0.0, 0.14)]))
     assert DROP_OFF not in scan.kinds
 
 
-def test_the_stand_in_for_a_lidar_meets_the_nearest_things() -> None:
+def test_the_scan_from_depth_has_the_nearest_obstacles() -> None:
     scan = planar_scan(scan_of_picture(picture([(3.0, 3.2, -5.0, 5.0, 0.0, 2.0)])))
     straight = scan.ranges[round(-scan.angle_min / scan.angle_step)]
     assert straight == pytest.approx(2.6, abs=0.03)
 
 
-def test_a_picture_that_tells_nothing_is_refused_with_the_reason() -> None:
+def test_a_picture_without_information_is_refused_with_the_reason() -> None:
     frame = picture()
     blank = np.full_like(frame.depth, np.nan)
     few = blank.copy()
@@ -147,7 +147,7 @@ def plain_column(
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
-def test_the_kernel_finds_the_stretches_that_plain_python_finds(seed: int) -> None:
+def test_the_kernel_finds_the_same_stretches_as_plain_python(seed: int) -> None:
     rng, count = np.random.default_rng(seed), 40
     kind = rng.choice([0, GROUND, GROUND, GROUND, STANDS, BELOW, MISSING], count).astype(np.uint8)
     away = np.sort(rng.uniform(1.0, 5.5, count))
@@ -172,7 +172,7 @@ def test_the_kernel_finds_the_stretches_that_plain_python_finds(seed: int) -> No
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=30, deadline=None)
-def test_the_kernel_touches_the_cells_that_plain_python_touches(seed: int) -> None:
+def test_the_kernel_touches_the_same_cells_as_plain_python(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count, x, y, theta = 20, *rng.uniform(-5.0, 5.0, 3).tolist()
     bearings = rng.uniform(-0.6, 0.6, count).astype(np.float32)
@@ -192,12 +192,12 @@ def test_the_kernel_touches_the_cells_that_plain_python_touches(seed: int) -> No
     cells, what_told = stretch_cells(x, y, theta, bearings, near, far, kinds, SIDE)
     found = {(int(col), int(row)): int(what) for (col, row), what in zip(cells, what_told, strict=True)}
     different = {cell for cell in found.keys() | expected.keys() if found.get(cell) != expected.get(cell)}
-    assert len(different) <= 2, "but for points that lie on a line of the grid by rounding"
+    assert len(different) <= 2, "except points on a line of the grid by rounding"
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 4))
 @settings(max_examples=30, deadline=None)
-def test_the_kernel_finds_the_obstacles_that_plain_python_finds(seed: int, support: int) -> None:
+def test_the_kernel_finds_the_same_obstacles_as_plain_python(seed: int, support: int) -> None:
     rng, shape = np.random.default_rng(seed), (12, 6)
     away, nothing = rng.uniform(0.5, 1.2, shape), np.full(shape, np.nan)
     bearings = rng.uniform(-0.5, 0.5, shape).astype(np.float32)

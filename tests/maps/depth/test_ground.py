@@ -14,7 +14,7 @@ from waychair.maps.depth.ground import BELOW, GROUND, MISSING, NOTHING, STANDS, 
 
 HEIGHT, BEGIN = 0.95, 0.35
 FALLS = np.linspace(0.6, 0.1, 120)
-"""Beams of one column, from a lens so high [m], the steepest first."""
+"""Return the beams of one column, from a lens at this height [m], the steepest first."""
 
 
 def plain_follow(
@@ -47,7 +47,7 @@ def plain_follow(
                 foot[row] = meets
                 run.append(row)
             continue
-        # how far over ground lies between, counted as the chain of its farthest points goes
+        # the length of ground between, counted along the chain of its farthest points
         spans = [max(each for each, _ in ground[: k + 1]) for k in range(len(ground))]
         upper = min(height + slope * (max(d, last) - span) for span, (_, height) in zip(spans, ground, strict=True))
         fall_off = 0.0 if lost else slope
@@ -77,7 +77,7 @@ def plain_follow(
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
-def test_the_kernel_of_beams_says_what_plain_numpy_says(seed: int) -> None:
+def test_the_kernel_of_beams_equals_plain_numpy(seed: int) -> None:
     rng = np.random.default_rng(seed)
     depth, rays = rng.uniform(0.3, 8.0, (5, 7)).astype(np.float32), rng.uniform(-1, 1, (5, 7, 3))
     depth[rng.random((5, 7)) < 0.3] = rng.choice(np.array([math.nan, math.inf, 0.0, -1.0], np.float32))
@@ -91,7 +91,7 @@ def test_the_kernel_of_beams_says_what_plain_numpy_says(seed: int) -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
-def test_the_kernel_says_what_plain_python_says(seed: int) -> None:
+def test_the_kernel_equals_plain_python(seed: int) -> None:
     rng = np.random.default_rng(seed)
     count = 50
     falls = np.sort(rng.uniform(-0.05, 0.8, count))[::-1].copy()
@@ -120,7 +120,7 @@ def follow(ends: list[tuple[float, float]], unseen: tuple[float, float] = (9.0, 
 
 
 @pytest.mark.parametrize("depth", [0.15, 0.5, 1.5])
-def test_the_mouth_of_a_pit_is_marked_from_rim_to_rim(depth: float) -> None:
+def test_a_pit_is_marked_from_edge_to_edge(depth: float) -> None:
     kind, foot = follow([(2.0, 0.0), (2.0, -depth), (3.0, -depth), (3.0, 0.0)])
     mouth = [each for each, what in zip(foot, kind, strict=True) if what == BELOW]
     assert min(mouth) == pytest.approx(2.0, abs=0.08)
@@ -130,7 +130,7 @@ def test_the_mouth_of_a_pit_is_marked_from_rim_to_rim(depth: float) -> None:
     assert beyond == {GROUND}
 
 
-def test_stairs_down_are_a_depth_and_a_step_up_stands_on_the_ground() -> None:
+def test_stairs_down_are_a_drop_off_and_a_step_up_is_an_obstacle() -> None:
     down, _ = follow([(2.0, 0.0), (2.0, -0.17), (2.28, -0.17), (2.28, -0.34), (2.56, -0.34), (2.56, -0.51)])
     assert BELOW in down
     assert STANDS not in down
@@ -145,7 +145,7 @@ def test_a_ramp_is_ground_all_the_way_up_and_down(slope: float) -> None:
     assert set(kind) <= {GROUND, NOTHING}
 
 
-def test_ground_is_missed_where_a_long_stretch_is_unseen_but_not_behind_what_stands_on_it() -> None:
+def test_ground_is_missing_on_a_long_unseen_stretch_but_not_behind_an_obstacle() -> None:
     kind, foot = follow([(8.0, 0.0)], unseen=(2.0, 2.6))
     missed = [each for each, what in zip(foot, kind, strict=True) if what == MISSING]
     assert 2.0 <= min(missed) < max(missed) < 2.6

@@ -1,4 +1,4 @@
-"""Named places: names as they are written, nearest names for the unknown, and broken files by line."""
+"""Named places: names as written, the nearest names to an unknown one, and errors with the line."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def test_places_are_read_with_their_tolerances_in_order(tmp_path: Path) -> None:
     assert (places["desk"].tolerance_m, places["desk"].tolerance_rad) == (0.05, 0.02)
 
 
-def test_names_stay_as_they_are_written(tmp_path: Path) -> None:
+def test_names_stay_as_written(tmp_path: Path) -> None:
     text = "007: [0, 0, 0]\nno: [1, 0, 0]\n1.50: [2, 0, 0]\nKüche: [3, 0, 0]\n'the lift': [4, 0, 0]\n"
     assert list(load_places(write(tmp_path, text))) == ["007", "no", "1.50", "Küche", "the lift"]
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.dictionaries(names, st.tuples(numbers, numbers, angles, tolerances, tolerances), max_size=6))
-def test_places_survive_their_file(
+def test_places_survive_writing_and_reading(
     tmp_path_factory: pytest.TempPathFactory, rows: dict[str, tuple[float, float, float, float, float]]
 ) -> None:
     folder = tmp_path_factory.mktemp("map")
@@ -63,12 +63,12 @@ def test_a_map_without_places_has_none(tmp_path: Path) -> None:
     assert load_places(tmp_path) == {}
 
 
-def test_the_yaml_of_the_map_stands_for_its_folder(tmp_path: Path) -> None:
+def test_the_path_of_the_maps_yaml_is_accepted_for_its_folder(tmp_path: Path) -> None:
     write(tmp_path, "lift: [1, 2, 3]\n")
     assert load_places(tmp_path / "map.yaml") == load_places(tmp_path)
 
 
-def test_a_place_is_added_and_only_replaced_when_asked(tmp_path: Path) -> None:
+def test_a_place_is_added_and_replaced_only_on_request(tmp_path: Path) -> None:
     add_place(tmp_path / "office", "lift", Pose2(1.0, 2.0, 0.5))
     add_place(tmp_path / "office", " desk ", Pose2(3.0, 4.0, 0.0))
     with pytest.raises(PlaceError, match="place 'lift' already"):
@@ -116,13 +116,13 @@ def test_an_impossible_place_is_not_added(tmp_path: Path, name: str, pose: Pose2
         ("a: \x07\n", "is not YAML"),
     ],
 )
-def test_a_broken_file_is_refused_in_one_sentence(tmp_path: Path, text: str, message: str) -> None:
+def test_an_invalid_file_is_refused_in_one_sentence(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(PlaceError, match=message) as caught:
         load_places(write(tmp_path, text))
     assert "\n" not in str(caught.value)
 
 
-def test_bytes_that_are_no_text_are_refused(tmp_path: Path) -> None:
+def test_bytes_that_are_not_text_are_refused(tmp_path: Path) -> None:
     (tmp_path / "places.yaml").write_bytes(b"lift: \xff\xfe")
     with pytest.raises(PlaceError, match="cannot read"):
         load_places(tmp_path)

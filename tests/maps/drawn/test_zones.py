@@ -39,7 +39,7 @@ def test_a_map_without_the_file_has_no_zones_and_an_empty_file_has_none_either(t
     assert load_zones(written(tmp_path, "# nothing yet\n")) == ()
 
 
-def test_zones_are_read_as_they_were_written(tmp_path: Path) -> None:
+def test_zones_are_read_back_as_they_were_written(tmp_path: Path) -> None:
     zones = (
         Zone("stairs", Rule.KEEP_OUT, SQUARE),
         Zone("Flur 007", Rule.SLOW, SQUARE + 5, 0.3),
@@ -86,14 +86,14 @@ def test_zones_are_read_as_they_were_written(tmp_path: Path) -> None:
         ("ward: {slow: [", "correct the YAML"),
     ],
 )
-def test_a_broken_file_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:
+def test_an_invalid_file_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ZoneError, match=said):
         load_zones(written(tmp_path, text))
 
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=50, deadline=None)
-def test_points_in_a_triangle_are_those_left_of_its_three_edges(seed: int) -> None:
+def test_points_in_a_triangle_lie_left_of_its_three_edges(seed: int) -> None:
     rng = np.random.default_rng(seed)
     corners, points = rng.uniform(-5, 5, (3, 2)), rng.uniform(-5, 5, (200, 2))
     sides = [
@@ -104,7 +104,7 @@ def test_points_in_a_triangle_are_those_left_of_its_three_edges(seed: int) -> No
     np.testing.assert_array_equal(zone_contains(Zone("z", Rule.KEEP_OUT, corners), points), inside)
 
 
-def test_a_notched_polygon_does_not_hold_its_notch() -> None:
+def test_a_polygon_with_a_notch_does_not_contain_the_notch() -> None:
     notched = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [2.0, 1.0], [0.0, 4.0]])
     zone = Zone("z", Rule.KEEP_OUT, notched)
     assert zone_contains(zone, np.array([[2.0, 0.5], [0.5, 2.0], [3.5, 2.0], [2.0, 3.0]])).tolist() == [
@@ -116,7 +116,7 @@ def test_a_notched_polygon_does_not_hold_its_notch() -> None:
 
 
 @pytest.mark.parametrize("origin", [Pose2(), Pose2(0.5, -1.5, 0.5)])
-def test_cells_of_a_zone_are_those_it_has_any_part_of_also_on_a_turned_grid(origin: Pose2) -> None:
+def test_the_cells_of_a_zone_are_all_that_it_touches_also_on_a_rotated_grid(origin: Pose2) -> None:
     grid = OccupancyGrid(np.zeros((100, 120), np.int8), 0.05, origin)
     zone = Zone("z", Rule.KEEP_OUT, SQUARE)
     mask = keep_out_cells(
@@ -137,7 +137,7 @@ def test_cells_of_a_zone_are_those_it_has_any_part_of_also_on_a_turned_grid(orig
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=100, deadline=None)
-def test_no_point_of_a_zone_lies_in_a_cell_that_is_not_of_it(seed: int) -> None:
+def test_every_point_of_a_zone_lies_in_one_of_its_cells(seed: int) -> None:
     rng = np.random.default_rng(seed)
     grid = OccupancyGrid(np.zeros((40, 50), np.int8), 0.05, Pose2(*rng.uniform(-1, 1, 3)))
     middle, wide = points_from_cells(grid, rng.integers(5, 35, (1, 2)))[0], rng.uniform(0.001, 0.6)
@@ -149,7 +149,7 @@ def test_no_point_of_a_zone_lies_in_a_cell_that_is_not_of_it(seed: int) -> None:
 
 
 @pytest.mark.parametrize(("x", "columns"), [((1.53, 1.57), [30, 31]), ((1.521, 1.523), [30]), ((1.5, 1.55), [30])])
-def test_a_zone_thinner_than_a_cell_still_bars_the_way(x: tuple[float, float], columns: list[int]) -> None:
+def test_a_zone_thinner_than_a_cell_still_blocks_the_way(x: tuple[float, float], columns: list[int]) -> None:
     grid = OccupancyGrid(np.zeros((20, 60), np.int8), 0.05)
     strip = np.array([[x[0], -1.0], [x[1], -1.0], [x[1], 9.0], [x[0], 9.0]])
     mask = keep_out_cells([Zone("z", Rule.KEEP_OUT, strip)], grid)
@@ -157,7 +157,7 @@ def test_a_zone_thinner_than_a_cell_still_bars_the_way(x: tuple[float, float], c
     assert mask.sum() == 20 * len(columns)
 
 
-def test_the_speed_limit_is_the_lowest_of_the_slow_zones_that_any_point_touches() -> None:
+def test_the_speed_limit_is_the_lowest_of_all_touched_slow_zones() -> None:
     zones = (
         Zone("a", Rule.SLOW, SQUARE, 0.4),
         Zone("b", Rule.SLOW, SQUARE + 1, 0.2),
@@ -169,7 +169,7 @@ def test_the_speed_limit_is_the_lowest_of_the_slow_zones_that_any_point_touches(
 
 
 @pytest.mark.parametrize("rule", list(Rule))
-def test_a_zone_of_another_place_is_named_and_one_that_reaches_onto_the_map_is_not(rule: Rule) -> None:
+def test_a_zone_outside_of_the_map_is_named_and_one_that_reaches_onto_it_is_not(rule: Rule) -> None:
     grid = OccupancyGrid(np.zeros((80, 100), np.int8), 0.05, Pose2(-1.0, 0.5, 0.4))
     check_zones([Zone("here", rule, SQUARE, 0.3), Zone("half", rule, SQUARE - np.array([2.5, 0.0]), 0.3)], grid)
     for off in ((30.0, 0.0), (0.0, -9.0)):

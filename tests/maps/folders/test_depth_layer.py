@@ -1,4 +1,4 @@
-"""A saved map says which cells only a camera has seen, and which are drop-offs; planners go by the map alone."""
+"""A saved map tells the cells that only a camera has seen, and the drop-offs; planners use the map alone."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def parts() -> tuple[OccupancyGrid, OccupancyGrid, np.ndarray]:
     return scanned, OccupancyGrid(whole, 0.05, Pose2(-1.0, 0.0)), drops
 
 
-def test_the_layer_comes_back_as_it_was_and_the_map_is_occupied_where_the_floor_ends(
+def test_the_layer_survives_its_file_and_the_map_is_occupied_where_the_floor_ends(
     parts: tuple[OccupancyGrid, OccupancyGrid, np.ndarray], tmp_path: Path
 ) -> None:
     scanned, grid, drops = parts
@@ -55,16 +55,14 @@ def test_the_layer_comes_back_as_it_was_and_the_map_is_occupied_where_the_floor_
     assert scanned_part(again, None) is again
 
 
-def test_no_path_may_lead_over_a_drop_off(
-    parts: tuple[OccupancyGrid, OccupancyGrid, np.ndarray], tmp_path: Path
-) -> None:
+def test_no_path_leads_over_a_drop_off(parts: tuple[OccupancyGrid, OccupancyGrid, np.ndarray], tmp_path: Path) -> None:
     _, grid, drops = parts
     save_map(tmp_path, grid)
     costmap = costmap_from_grid(load_map(tmp_path), CHAIR_A)
     assert (costmap.prices[drops] == 0).all()
 
 
-def test_a_map_without_a_layer_has_none_and_an_earlier_one_goes(
+def test_a_map_without_a_layer_removes_an_earlier_layer(
     parts: tuple[OccupancyGrid, OccupancyGrid, np.ndarray], tmp_path: Path
 ) -> None:
     scanned, grid, drops = parts

@@ -39,7 +39,7 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_places_and_zones_are_read_again_as_they_were_drawn(folder: Path) -> None:
+def test_places_and_zones_are_read_back_as_they_were_drawn(folder: Path) -> None:
     layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(1.0, 2.0, 0.5), 0.05, math.radians(2.0)))
     layout.set_zone(Zone("ward", Rule.SLOW, SQUARE, 0.3))
@@ -53,7 +53,7 @@ def test_places_and_zones_are_read_again_as_they_were_drawn(folder: Path) -> Non
     assert np.array_equal(load_zones(folder)[0].polygon, SQUARE)
 
 
-def test_what_is_erased_is_free_floor_for_whoever_reads_the_map(folder: Path) -> None:
+def test_erased_parts_are_free_floor_for_every_reader_of_the_map(folder: Path) -> None:
     before = load_map(folder)
     DrawingEditor(folder).erase(SQUARE)
     after = load_map(folder / "map.yaml")
@@ -62,7 +62,7 @@ def test_what_is_erased_is_free_floor_for_whoever_reads_the_map(folder: Path) ->
     assert "P5" in (folder / "map.pgm").read_bytes()[:2].decode()
 
 
-def test_a_drop_off_is_no_ghost(folder: Path) -> None:
+def test_a_drop_off_cannot_be_erased(folder: Path) -> None:
     cells = np.zeros((120, 120), np.int8)
     cells[32, 32] = DROP_OFF
     save_depth_layer(folder, OccupancyGrid(cells, 0.05))
@@ -74,14 +74,14 @@ def test_a_drop_off_is_no_ghost(folder: Path) -> None:
     assert len(load_erased(folder)) == 1
 
 
-def test_parts_are_erased_of_a_map_by_the_name_of_its_yaml(folder: Path) -> None:
+def test_parts_are_erased_from_a_map_given_by_its_yaml(folder: Path) -> None:
     save_map(folder, load_map(folder), name="lab")
     (folder / "map.yaml").unlink()
     DrawingEditor(folder / "lab.yaml").erase(SQUARE)
     assert not load_map(folder / "lab.yaml").cells.any()
 
 
-def test_every_change_is_taken_back_in_its_turn(folder: Path) -> None:
+def test_every_change_is_undone_in_reverse_order(folder: Path) -> None:
     save_places(folder, {"door": Place("door", Pose2(3.0, 3.0))})
     layout = DrawingEditor(folder)
     texts = []
@@ -105,7 +105,7 @@ def test_every_change_is_taken_back_in_its_turn(folder: Path) -> None:
         layout.undo()
 
 
-def test_no_place_or_zone_is_said_with_an_empty_list_and_a_file_of_no_byte_is_damaged(folder: Path) -> None:
+def test_an_empty_list_means_no_places_or_zones_and_an_empty_file_is_damaged(folder: Path) -> None:
     layout = DrawingEditor(folder)
     layout.set_zone(Zone("stairs", Rule.KEEP_OUT, SQUARE))
     layout.remove_zone("stairs")
@@ -123,7 +123,7 @@ def test_no_place_or_zone_is_said_with_an_empty_list_and_a_file_of_no_byte_is_da
         path.write_text(text)
 
 
-def test_a_change_from_before_empty_lists_were_written_is_taken_back(folder: Path) -> None:
+def test_a_change_from_a_version_without_empty_lists_is_undone(folder: Path) -> None:
     layout = DrawingEditor(folder)
     layout.set_place(Place("lift", Pose2(1.0, 1.0, 0.0)))
     (folder / "undo.yaml").write_text("- {places.yaml: '', zones.yaml: ''}\n")
@@ -131,7 +131,7 @@ def test_a_change_from_before_empty_lists_were_written_is_taken_back(folder: Pat
     assert DrawingEditor(folder).drawing.places == {}
 
 
-def test_only_so_many_changes_are_kept(folder: Path) -> None:
+def test_the_number_of_kept_changes_is_limited(folder: Path) -> None:
     layout = DrawingEditor(folder)
     for k in range(MOST_UNDONE + 5):
         layout.set_place(Place(f"p{k}", Pose2(1.0, 1.0)))
@@ -155,7 +155,7 @@ def test_only_so_many_changes_are_kept(folder: Path) -> None:
         (lambda layout: layout.erase(np.zeros((4, 2))), ZoneError),
     ],
 )
-def test_what_is_refused_changes_nothing(folder: Path, change: object, error: type[WaychairError]) -> None:
+def test_a_refused_change_alters_nothing(folder: Path, change: object, error: type[WaychairError]) -> None:
     layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(1.0, 2.0)))
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
@@ -164,7 +164,7 @@ def test_what_is_refused_changes_nothing(folder: Path, change: object, error: ty
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_what_was_drawn_follows_the_nodes_of_a_map_that_was_bent(folder: Path) -> None:
+def test_drawings_follow_the_nodes_of_a_corrected_map(folder: Path) -> None:
     layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(5.2, 4.8, 0.5)))
     layout.set_place(Place("door", Pose2(0.3, 0.1, 0.0)))
@@ -182,7 +182,7 @@ def test_what_was_drawn_follows_the_nodes_of_a_map_that_was_bent(folder: Path) -
     assert DrawingEditor(folder).drawing.places == places
 
 
-def test_a_change_after_a_bend_writes_where_everything_is_by_then(folder: Path) -> None:
+def test_a_change_after_a_correction_writes_all_present_positions(folder: Path) -> None:
     layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(5.2, 4.8, 0.5)))
     write_graph(folder, NODES + ALONG)
@@ -191,7 +191,7 @@ def test_a_change_after_a_bend_writes_where_everything_is_by_then(folder: Path) 
     assert load_places(folder)["bed"].pose.array() == pytest.approx([6.2, 4.8, 0.5], abs=1e-9)
 
 
-def test_a_place_that_somebody_has_edited_is_where_he_says(folder: Path) -> None:
+def test_a_place_edited_by_hand_stays_where_it_was_put(folder: Path) -> None:
     DrawingEditor(folder).set_place(Place("bed", Pose2(5.2, 4.8, 0.5)))
     text = (folder / "places.yaml").read_text()
     (folder / "places.yaml").write_text(text.replace("5.2", "5.3"))
@@ -199,7 +199,7 @@ def test_a_place_that_somebody_has_edited_is_where_he_says(folder: Path) -> None
     assert load_places(folder)["bed"].pose.x == 5.3
 
 
-def test_a_map_without_nodes_or_with_fewer_keeps_what_was_drawn_where_it_was(folder: Path) -> None:
+def test_a_map_without_nodes_or_with_fewer_nodes_keeps_drawings_in_place(folder: Path) -> None:
     layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(5.2, 4.8, 0.5)))
     for nodes in (NODES[:1] + 1.0, NODES[:0]):
@@ -211,28 +211,28 @@ def test_a_map_without_nodes_or_with_fewer_keeps_what_was_drawn_where_it_was(fol
 
 
 @pytest.mark.parametrize("text", ["[", "a: b", "places: {bed: [[1, 2]]}", "places: {bed: [[0, 0, 0, 0, 0, 0, .nan]]}"])
-def test_damaged_anchors_are_said_in_one_sentence(folder: Path, text: str) -> None:
+def test_damaged_anchors_give_one_sentence(folder: Path, text: str) -> None:
     (folder / ANCHORS_YAML).write_text(text)
     with pytest.raises(MapError, match=ANCHORS_YAML):
         load_anchors(folder)
 
 
 @pytest.mark.parametrize("line", ["VERTEX_SE2 0 a 0 0", "VERTEX_SE2 5 0 0 0", "VERTEX_SE2 0 nan 0 0"])
-def test_a_damaged_graph_is_said_in_one_sentence(folder: Path, line: str) -> None:
+def test_a_damaged_graph_gives_one_sentence(folder: Path, line: str) -> None:
     (folder / GRAPH).write_text(line)
     with pytest.raises(MapError, match="damaged"):
         load_nodes(folder)
 
 
 @pytest.mark.parametrize("text", ["[", "a: 1", "- [[1, 2], [3, 4]]", "- 5"])
-def test_a_broken_file_of_erased_parts_is_refused_with_its_name(folder: Path, text: str) -> None:
+def test_an_invalid_file_of_erased_parts_is_refused_with_its_name(folder: Path, text: str) -> None:
     (folder / ERASED_YAML).write_text(text)
     with pytest.raises(ZoneError, match=ERASED_YAML):
         load_map(folder)
 
 
 @pytest.mark.parametrize("replaces", [False, True])
-def test_a_known_name_is_replaced_only_where_that_is_said(folder: Path, replaces: bool) -> None:
+def test_a_known_name_is_replaced_only_on_request(folder: Path, replaces: bool) -> None:
     layout = DrawingEditor(folder)
     layout.set_place(Place("bed", Pose2(1.0, 2.0)))
     layout.set_zone(Zone("ward", Rule.KEEP_OUT, SQUARE))
@@ -248,7 +248,7 @@ def test_a_known_name_is_replaced_only_where_that_is_said(folder: Path, replaces
     assert [zone.rule for zone in load_zones(folder)] == [Rule.SLOW if replaces else Rule.KEEP_OUT]
 
 
-def test_a_history_that_is_no_text_is_no_history(folder: Path) -> None:
+def test_a_history_that_is_not_text_is_ignored(folder: Path) -> None:
     (folder / "undo.yaml").write_bytes(b"\xff\xfe")
     layout = DrawingEditor(folder)
     assert not layout.undoable
@@ -257,7 +257,7 @@ def test_a_history_that_is_no_text_is_no_history(folder: Path) -> None:
 
 
 @given(st.text(max_size=200))
-def test_a_damaged_history_is_no_history(text: str) -> None:
+def test_a_damaged_history_is_ignored(text: str) -> None:
     import tempfile
 
     with tempfile.TemporaryDirectory() as name:

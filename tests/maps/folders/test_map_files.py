@@ -36,7 +36,7 @@ def write_map(folder: Path, pixels: np.ndarray, image: str = "map.pgm", **change
     return folder
 
 
-def test_the_files_are_the_ones_map_server_expects(tmp_path: Path) -> None:
+def test_the_files_are_those_of_map_server(tmp_path: Path) -> None:
     cells = np.array([[0, 100, -1], [49, 65, 50]], np.int8)
     save_map(tmp_path / "office", OccupancyGrid(cells, 0.05, Pose2(-1.25, 1e-7, 0.1)))
     assert sorted(path.name for path in (tmp_path / "office").iterdir()) == ["map.pgm", "map.yaml"]
@@ -55,7 +55,7 @@ def test_the_files_are_the_ones_map_server_expects(tmp_path: Path) -> None:
     assert data.endswith(bytes([254, 0, 205, 254, 0, 205])), "the last row of the grid is the first of the image"
 
 
-def test_an_unknown_cell_is_not_taken_for_free_by_the_thresholds_that_are_written(tmp_path: Path) -> None:
+def test_an_unknown_cell_is_not_free_by_the_written_thresholds(tmp_path: Path) -> None:
     save_map(tmp_path, OccupancyGrid(np.full((2, 2), -1, np.int8), 0.05))
     values = yaml.safe_load((tmp_path / "map.yaml").read_text())
     assert values["free_thresh"] <= (255 - 205) / 255 <= values["occupied_thresh"]
@@ -69,7 +69,7 @@ metres = st.floats(-1e4, 1e4)
 
 @settings(max_examples=40, deadline=None)
 @given(cells_of_any_value, st.floats(0.001, 10.0), metres, metres, st.floats(-3.14, 3.14))
-def test_a_map_survives_its_files(
+def test_a_map_survives_writing_and_reading(
     tmp_path_factory: pytest.TempPathFactory, cells: np.ndarray, resolution: float, x: float, y: float, theta: float
 ) -> None:
     folder = tmp_path_factory.mktemp("map")
@@ -91,9 +91,7 @@ def test_a_map_survives_its_files(
 
 
 @pytest.mark.parametrize(("name", "shape"), [("brsu-c069", (544, 576)), ("wrs20-arena", (416, 192))])
-def test_real_maps_are_read_like_their_pixels_say(
-    data_dir: Path, tmp_path: Path, name: str, shape: tuple[int, int]
-) -> None:
+def test_real_maps_are_read_by_their_pixels(data_dir: Path, tmp_path: Path, name: str, shape: tuple[int, int]) -> None:
     shutil.copy(data_dir / "maps_real" / f"{name}.pgm", tmp_path / "map.pgm")
     shutil.copy(data_dir / "maps_real" / f"{name}.yaml", tmp_path / "map.yaml")
     grid = load_map(tmp_path)
@@ -128,7 +126,7 @@ def test_maps_drawn_by_other_programs_survive_every_mode(data_dir: Path, tmp_pat
     st.floats(0.0, 0.49),
     st.floats(0.5, 1.0),
 )
-def test_every_shade_is_read_as_map_server_reads_it(
+def test_every_grey_value_is_read_as_by_map_server(
     tmp_path_factory: pytest.TempPathFactory, mode: str, negate: bool, low: float, high: float
 ) -> None:
     """Against the rules of map_server and nav2_map_server, written out for one pixel at a time."""
@@ -164,13 +162,13 @@ def test_negate_makes_bright_pixels_occupied(tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_map(folder).cells, [[100, 0, -1]])
 
 
-def test_scale_spreads_the_values_between_the_thresholds(tmp_path: Path) -> None:
+def test_the_mode_scale_spreads_the_values_between_the_thresholds(tmp_path: Path) -> None:
     folder = write_map(tmp_path, np.array([[0, 89, 102, 153, 204, 255]], np.uint8), mode="scale", free_thresh=0.2)
     expected = [100, 100, round((0.6 - 0.2) / 0.45 * 100), round((0.4 - 0.2) / 0.45 * 100), 0, 0]
     np.testing.assert_array_equal(load_map(folder).cells, [expected])
 
 
-def test_transparency_is_unknown_and_opaque_pixels_are_as_without_it(tmp_path: Path) -> None:
+def test_transparent_pixels_are_unknown_and_opaque_ones_unchanged(tmp_path: Path) -> None:
     pixels = np.array([[[0, 0, 0, 255], [0, 0, 0, 254], [255, 255, 255, 255], [0, 0, 0, 0]]], np.uint8)
     grey = np.array([[[205, 205, 205, 255], [100, 100, 100, 255], [254, 254, 254, 255]]], np.uint8)
     folder = write_map(tmp_path, pixels, "map.png", mode="scale")
@@ -182,13 +180,13 @@ def test_transparency_is_unknown_and_opaque_pixels_are_as_without_it(tmp_path: P
     np.testing.assert_array_equal(with_alpha, [[-1, -1, 0]])
 
 
-def test_raw_pixels_are_the_values_and_beyond_100_unknown(tmp_path: Path) -> None:
+def test_the_mode_raw_takes_pixels_as_values_and_above_100_as_unknown(tmp_path: Path) -> None:
     folder = write_map(tmp_path, np.array([[0, 1, 99, 100, 101, 255]], np.uint8), mode="raw")
     np.testing.assert_array_equal(load_map(folder).cells, [[0, 1, 99, 100, -1, -1]])
 
 
 @pytest.mark.parametrize("image", ["map.png", "map.bmp", "map.pgm"])
-def test_colour_and_grey_images_of_any_kind_are_the_same_map(tmp_path: Path, image: str) -> None:
+def test_colour_and_grey_images_of_any_kind_give_the_same_map(tmp_path: Path, image: str) -> None:
     pixels = np.array([[0, 254], [205, 254]], np.uint8)
     grey = load_map(write_map(tmp_path, pixels, image)).cells
     if image != "map.pgm":
@@ -197,7 +195,7 @@ def test_colour_and_grey_images_of_any_kind_are_the_same_map(tmp_path: Path, ima
     np.testing.assert_array_equal(grey, [[-1, 0], [100, 0]])
 
 
-def test_sixteen_bits_are_scaled_by_their_own_white(tmp_path: Path) -> None:
+def test_sixteen_bit_images_are_scaled_by_their_own_white(tmp_path: Path) -> None:
     folder = write_map(tmp_path, np.array([[0, 65535, 205 * 257]], np.uint16), "map.png", free_thresh=0.196)
     np.testing.assert_array_equal(load_map(folder).cells, [[100, 0, -1]])
 
@@ -235,7 +233,7 @@ def test_a_text_pgm_with_comments_is_read(tmp_path: Path) -> None:
         ({"negate": 2}, "negate is 2.0"),
     ],
 )
-def test_an_impossible_yaml_is_refused_by_its_key(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+def test_an_impossible_yaml_is_refused_with_its_key(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
     folder = write_map(tmp_path, np.zeros((2, 2), np.uint8))
     values = {key: value for key, value in {**GOOD, **changes}.items() if value is not ...}
     (folder / "map.yaml").write_text(yaml.safe_dump(values))
@@ -244,7 +242,7 @@ def test_an_impossible_yaml_is_refused_by_its_key(tmp_path: Path, changes: dict[
 
 
 @pytest.mark.parametrize("text", ["", "just words", "a: [1", "- 1\n- 2\n", "a: 2024-99-99\n", "[" * 3000])
-def test_what_is_no_map_yaml_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_yaml_without_a_map_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(MapError) as caught:
         load_map(tmp_path)
@@ -257,7 +255,7 @@ def test_an_image_given_as_the_map_is_refused_with_advice(tmp_path: Path) -> Non
         load_map(folder / "map.pgm")
 
 
-def test_missing_files_are_not_found(tmp_path: Path) -> None:
+def test_missing_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(MapNotFound, match=r"there is no map at .*map\.yaml"):
         load_map(tmp_path)
     with pytest.raises(MapNotFound):
@@ -268,7 +266,9 @@ def test_missing_files_are_not_found(tmp_path: Path) -> None:
         load_map(folder)
 
 
-def test_an_image_cut_anywhere_is_refused_quietly(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_image_truncated_anywhere_is_refused_without_warnings(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     save_map(tmp_path, OccupancyGrid(np.zeros((9, 7), np.int8), 0.05))
     data = (tmp_path / "map.pgm").read_bytes()
     for end in range(len(data)):
@@ -289,14 +289,14 @@ def test_an_image_cut_anywhere_is_refused_quietly(tmp_path: Path, capfd: pytest.
         (b"P6\n1 2\n255\n" + bytes(5), "cut short: it holds 5 of the 6"),
     ],
 )
-def test_an_image_of_another_size_than_it_says_is_refused(tmp_path: Path, image: bytes, said: str) -> None:
+def test_an_image_of_another_size_than_its_header_says_is_refused(tmp_path: Path, image: bytes, said: str) -> None:
     folder = write_map(tmp_path, np.zeros((1, 1), np.uint8))
     (folder / "map.pgm").write_bytes(image)
     with pytest.raises(MapError, match=said):
         load_map(folder)
 
 
-def test_an_image_that_ends_in_a_line_end_or_says_things_among_its_values_is_read(tmp_path: Path) -> None:
+def test_an_image_with_a_final_line_end_or_comments_is_read(tmp_path: Path) -> None:
     folder = write_map(tmp_path, np.zeros((1, 1), np.uint8))
     for image in (b"P5\n3 1\n255\n\x00\xfe\xcd\n", b"P5\n3 1\n65535\n\x00\x00\xff\xff\xcd\xcd\r\n"):
         (folder / "map.pgm").write_bytes(image)
@@ -316,9 +316,7 @@ def png_header(width: int, height: int) -> bytes:
         b"BM" + bytes(16) + (9000).to_bytes(4, "little") + (-9000).to_bytes(4, "little", signed=True),
     ],
 )
-def test_an_image_with_more_cells_than_can_be_planned_on_is_refused_before_it_is_decoded(
-    tmp_path: Path, image: bytes
-) -> None:
+def test_an_image_with_too_many_cells_is_refused_before_it_is_decoded(tmp_path: Path, image: bytes) -> None:
     folder = write_map(tmp_path, np.zeros((1, 1), np.uint8))
     (folder / "map.pgm").write_bytes(image)
     with pytest.raises(MapError, match="use coarser cells"):
@@ -330,7 +328,7 @@ def test_a_map_of_4000_by_4000_cells_is_read(tmp_path: Path) -> None:
     assert load_map(folder).cells.shape == (4000, 4000)
 
 
-def test_names_that_no_file_can_have_are_not_found(tmp_path: Path) -> None:
+def test_impossible_file_names_are_named(tmp_path: Path) -> None:
     for name in ("a" * 400, "a\0b"):
         folder = write_map(tmp_path, np.zeros((2, 2), np.uint8))
         with pytest.raises(MapNotFound):

@@ -37,7 +37,7 @@ def test_distances_equal_brute_force(seed: int, height: int, width: int, density
     np.testing.assert_allclose(distances(obstacles, 0.05), brute_force(obstacles, 0.05), rtol=1e-5, atol=1e-6)
 
 
-def test_a_grid_without_obstacles_is_its_diagonal_away_from_everything() -> None:
+def test_without_obstacles_the_distance_is_the_diagonal_of_the_grid() -> None:
     np.testing.assert_allclose(distances(np.zeros((30, 40), bool), 0.1), 5.0, rtol=1e-6)
 
 
@@ -62,7 +62,7 @@ def test_interpolation_is_at_most_015_cells_above_the_truth(seed: int) -> None:
         assert interpolated(field, column, row) <= truth + 0.15
 
 
-def test_the_interpolation_bound_is_nearly_reached_between_four_centres() -> None:
+def test_the_interpolation_error_is_nearly_the_bound_between_four_centres() -> None:
     obstacles = np.zeros((3, 3), bool)
     obstacles[0, 0] = True
     worst = interpolated(distances(obstacles, 1.0), 1.0, 1.0) - math.sqrt(0.5)
@@ -70,13 +70,13 @@ def test_the_interpolation_bound_is_nearly_reached_between_four_centres() -> Non
 
 
 @pytest.mark.parametrize(("column", "row"), [(-0.01, 1.0), (1.0, -0.01), (4.0, 1.0), (1.0, 3.0), (math.nan, 1.0)])
-def test_outside_the_grid_nothing_is_free(column: float, row: float) -> None:
+def test_outside_of_the_grid_nothing_is_free(column: float, row: float) -> None:
     assert interpolated(np.full((3, 4), 9.0, np.float32), column, row) == 0.0
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 300), st.integers(1, 300), st.floats(0.01, 12.0))
 @settings(max_examples=80, deadline=None)
-def test_near_distances_are_distances_as_far_as_they_reach(seed: int, height: int, width: int, reach: float) -> None:
+def test_near_distances_are_exact_up_to_their_reach(seed: int, height: int, width: int, reach: float) -> None:
     rng = np.random.default_rng(seed)
     obstacles = rng.random((height, width)) < rng.choice([0.0, 0.0001, 0.01, 0.3])
     obstacles[rng.integers(height), rng.integers(width)] = True
@@ -93,7 +93,7 @@ def test_a_window_off_the_map_has_no_cells(shape: tuple[int, int]) -> None:
 
 
 @pytest.mark.parametrize("reach", [8.9, 9.0])
-def test_the_farthest_places_that_are_near_do_not_overflow(reach: float) -> None:
+def test_the_farthest_near_distances_do_not_overflow(reach: float) -> None:
     obstacles = np.zeros((400, 400), bool)
     obstacles[0, 0] = True
     metres = near_distances(obstacles, 0.05, reach)
@@ -116,7 +116,7 @@ def test_an_update_round_changed_cells_equals_the_transform_of_the_whole(
         np.testing.assert_array_equal(metres, near_distances(obstacles, 0.1, reach))
 
 
-def test_only_what_lies_within_reach_of_a_change_is_made_anew() -> None:
+def test_only_cells_within_reach_of_a_change_are_computed_again() -> None:
     obstacles = np.zeros((400, 400), bool)
     metres = near_distances(obstacles, 0.05, 1.0)
     obstacles[[10, 380], [10, 380]] = True

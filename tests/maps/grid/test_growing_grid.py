@@ -1,4 +1,4 @@
-"""The grid memory keeps obstacles that stay, forgets those that are gone, and grows with the drive."""
+"""The growing grid keeps obstacles that stay, forgets those that are gone, and grows with the drive."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ POSTS = np.array([[1.0, 0.3], [2.0, -1.0], [-1.5, 1.0], [5.0, 0.5]])
 POSES = [Pose2(0.4 * k, 0.1 * k, 0.2 * k) for k in range(12)]
 
 
-def test_what_stands_still_is_remembered_as_a_map_has_it() -> None:
+def test_still_obstacles_are_remembered_as_in_a_map() -> None:
     memory = GridMemory(POSES[0], SETTINGS)
     scans = [scan_of(pose, POSTS) for pose in POSES]
     for pose, scan in zip(POSES, scans, strict=True):
@@ -58,7 +58,7 @@ def test_the_grid_grows_and_forgets_nothing() -> None:
 
 
 @pytest.mark.parametrize("reading", [math.nan, -math.inf])
-def test_beams_that_say_nothing_change_nothing(reading: float) -> None:
+def test_invalid_beams_change_nothing(reading: float) -> None:
     memory = GridMemory(Pose2(), SETTINGS)
     memory.see(scan_of(Pose2(), POSTS), Pose2())
     before = memory.occupied()
@@ -67,7 +67,7 @@ def test_beams_that_say_nothing_change_nothing(reading: float) -> None:
     assert before.any()
 
 
-def test_what_is_seen_through_ten_times_is_free_again_however_long_it_stood() -> None:
+def test_a_cell_seen_through_ten_times_is_free_again_however_long_it_was_occupied() -> None:
     memory = GridMemory(Pose2(), SETTINGS)
     scan = scan_of(Pose2(), POSTS)
     for _ in range(100):

@@ -41,12 +41,12 @@ def test_the_top_line_is_row_0_and_dots_g_and_s_are_free(tmp_path: Path, text: s
         (MAP.replace("TWS", "TwS"), "line 6: 'w' in column 1 is none of"),
     ],
 )
-def test_a_broken_map_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:
+def test_an_invalid_map_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(MapError, match=said):
         load_free_cells(written(tmp_path / "a.map", text))
 
 
-def test_queries_are_row_and_column_with_their_optimal_cost(tmp_path: Path) -> None:
+def test_queries_have_row_column_and_optimal_cost(tmp_path: Path) -> None:
     path = written(tmp_path / "a.map.scen", "version 1\n0\ta b.map\t3\t2\t0\t1\t2\t0\t2.41421\n\n")
     queries = load_queries(path)
     assert queries == [Query((1, 0), (0, 2), 2.41421, (2, 3))]
@@ -70,7 +70,7 @@ def test_queries_are_row_and_column_with_their_optimal_cost(tmp_path: Path) -> N
         ("version 1\n0\ta.map\t3\t2\t0\t1\t2\t0\tinf\n", "line 2: inf is no cost"),
     ],
 )
-def test_a_broken_scenario_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:
+def test_an_invalid_scenario_is_refused_with_its_line(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(MapError, match=said):
         load_queries(written(tmp_path / "a.scen", text))
 

@@ -34,7 +34,7 @@ def value_at(grid: OccupancyGrid, x: float, y: float) -> int:
 
 
 def line(start: Cell, end: Cell) -> list[Cell]:
-    """Bresenham's line; that it is one is tested below."""
+    """Return Bresenham's line; a test below checks it."""
     (x, y), (to_x, to_y) = start, end
     dx, dy = abs(to_x - x), -abs(to_y - y)
     cells, error = [(x, y)], dx + dy
@@ -115,7 +115,7 @@ places = st.tuples(st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-3.14, 
 
 @settings(max_examples=80, deadline=None)
 @given(st.lists(st.tuples(places, st.lists(distances, min_size=1, max_size=30)), min_size=1, max_size=6), st.booleans())
-def test_the_kernel_does_what_plain_python_does(
+def test_the_kernel_equals_plain_python(
     rows: list[tuple[tuple[float, float, float], list[float]]], traces_open: bool
 ) -> None:
     chosen = replace(SETTINGS, range_max=5.0, open_range=3.0 if traces_open else 0.0)
@@ -138,7 +138,7 @@ def test_the_kernel_does_what_plain_python_does(
     st.lists(st.tuples(places, st.lists(distances, min_size=1, max_size=30)), min_size=1, max_size=8),
     st.randoms(use_true_random=False),
 )
-def test_scans_come_and_go_in_any_order(
+def test_scans_are_added_and_removed_in_any_order(
     rows: list[tuple[tuple[float, float, float], list[float]]], random: Random
 ) -> None:
     poses, scans = np.array([pose for pose, _ in rows]), [scan_of(ranges, -1.5, 0.1, 8.0) for _, ranges in rows]
@@ -160,8 +160,8 @@ def assert_same(found: OccupancyGrid, expected: OccupancyGrid) -> None:
 
 
 @pytest.mark.parametrize(("hit", "miss"), [(0.7, 0.4), (0.6, 0.4), (0.51, 0.49), (0.99, 0.01), (0.8, 0.2)])
-def test_what_was_seen_is_never_unknown_again(hit: float, miss: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Hits and misses that weigh alike leave an even chance, which is not nothing."""
+def test_a_seen_cell_is_never_unknown_again(hit: float, miss: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Hits and misses of equal weight give an even chance, which is not unknown."""
     monkeypatch.setattr(occupancy, "PROB_HIT", hit)
     monkeypatch.setattr(occupancy, "PROB_MISS", miss)
     pose = np.array([[0.05, 0.05, 0.0]])
@@ -177,7 +177,7 @@ def test_what_was_seen_is_never_unknown_again(hit: float, miss: float, monkeypat
 
 @settings(max_examples=80, deadline=None)
 @given(st.floats(-3.14, 3.14), st.floats(0.3, 12.0))
-def test_a_beam_is_the_thinnest_line_of_cells_to_its_end(angle: float, length: float) -> None:
+def test_a_beam_is_a_line_of_single_cells_to_its_end(angle: float, length: float) -> None:
     grid = build_grid(np.array([[0.05, 0.05, angle]]), [scan_of([length])], SETTINGS)
     (end,) = (np.array(cell) for cell, value in by_cell(grid).items() if value == 70)
     cells = np.array(list(by_cell(grid)))
@@ -195,7 +195,7 @@ def test_a_beam_is_free_along_its_way_and_occupied_at_its_end() -> None:
     assert (grid.cells >= 0).sum() == 11
 
 
-def test_the_margin_surrounds_all_that_was_seen() -> None:
+def test_the_margin_surrounds_all_seen_cells() -> None:
     grid = build_grid(np.array([[0.05, 0.05, 0.0]]), [scan_of([1.0])], SETTINGS)
     assert grid.cells.shape == (21, 31)
     assert grid.map_from_grid == Pose2(-1.0, -1.0, 0.0)
@@ -223,7 +223,7 @@ def test_evidence_is_clamped_at_both_ends() -> None:
 
 
 @pytest.mark.parametrize(("open_range", "range_max", "known"), [(0.0, 20.0, 0), (2.0, 20.0, 21), (2.0, 1.0, 11)])
-def test_beams_that_saw_nothing_clear_only_when_asked(open_range: float, range_max: float, known: int) -> None:
+def test_beams_without_a_return_clear_only_on_request(open_range: float, range_max: float, known: int) -> None:
     pose = np.array([[0.05, 0.05, 0.0]])
     for scan in (scan_of([math.inf]), scan_of([9.5], reach=9.0)):
         grid = build_grid(pose, [scan], replace(SETTINGS, open_range=open_range, range_max=range_max))
@@ -231,7 +231,7 @@ def test_beams_that_saw_nothing_clear_only_when_asked(open_range: float, range_m
         assert grid.cells.max() == (40 if known else -1)
 
 
-def test_longer_beams_only_clear_as_far_as_the_limit() -> None:
+def test_longer_beams_only_clear_up_to_the_limit() -> None:
     grid = build_grid(np.array([[0.05, 0.05, 0.0]]), [scan_of([7.0])], replace(SETTINGS, range_max=3.0))
     assert value_at(grid, 3.05, 0.05) == 40
     assert value_at(grid, 3.15, 0.05) == -1
@@ -239,7 +239,7 @@ def test_longer_beams_only_clear_as_far_as_the_limit() -> None:
 
 
 @pytest.mark.parametrize("nothing", [math.nan, -math.inf, 0.0, -1.0, 0.04])
-def test_what_is_no_distance_tells_nothing(nothing: float) -> None:
+def test_an_invalid_range_changes_nothing(nothing: float) -> None:
     grid = build_grid(np.array([[0.0, 0.0, 0.0]]), [scan_of([nothing])], SETTINGS)
     assert (grid.cells == -1).all()
 
@@ -255,7 +255,7 @@ def test_impossible_input_is_refused_with_advice() -> None:
 
 
 @pytest.mark.parametrize("far", [1e5, 1e18, 1e300])
-def test_an_absurd_extent_is_refused(far: float) -> None:
+def test_an_impossible_extent_is_refused(far: float) -> None:
     poses = np.array([[0.0, 0.0, 0.0], [far, far, 0.0]])
     with pytest.raises(MapError, match="too large: check the poses for jumps"):
         build_grid(poses, [scan_of([1.0])] * 2)
@@ -267,7 +267,7 @@ def test_an_absurd_extent_is_refused(far: float) -> None:
     assert_same(evidence.grid(), before)
 
 
-def test_a_real_log_gives_a_map_in_which_its_own_scans_end_on_walls(data_dir: Path) -> None:
+def test_in_the_map_of_a_real_log_its_own_scans_end_on_walls(data_dir: Path) -> None:
     recording = read_recording(data_dir / "lidar_radish_corrected" / "aces-corrected.log.gz")
     scans, poses = [], []
     for frame in recording.frames:
@@ -290,7 +290,7 @@ def test_a_real_log_gives_a_map_in_which_its_own_scans_end_on_walls(data_dir: Pa
     assert (driven >= 0).all()
 
 
-def test_a_sweep_on_the_move_is_drawn_from_where_each_beam_was_taken() -> None:
+def test_each_beam_of_a_moving_sweep_is_drawn_from_its_own_pose() -> None:
     """A laser that drives 1 m along x while it sweeps: beam i of 11 leaves at 0.1 i, straight to the left."""
     scan = Scan(0, np.full(11, 2.0, np.float32), math.pi / 2, 1e-9, range_min=0.05, range_max=30.0)
     first, last = np.array([[0.05, 0.05, 0.0]]), np.array([[1.05, 0.05, 0.0]])
@@ -298,7 +298,7 @@ def test_a_sweep_on_the_move_is_drawn_from_where_each_beam_was_taken() -> None:
     assert hits == {(i, 20) for i in range(11)}
 
 
-def test_a_turn_through_half_a_circle_is_the_short_one() -> None:
+def test_a_turn_across_the_angle_pi_takes_the_short_way() -> None:
     scan = Scan(0, np.full(3, 2.0, np.float32), 0.0, 1e-9, range_min=0.05, range_max=30.0)
     first, last = np.array([[0.05, 0.05, math.pi - 0.1]]), np.array([[0.05, 0.05, 0.1 - math.pi]])
     assert value_at(build_grid(first, [scan], SETTINGS, last), -1.95, 0.05) == 70

@@ -80,7 +80,7 @@ steps = st.one_of(
 
 @settings(max_examples=60)
 @given(st.lists(steps, min_size=1, max_size=40))
-def test_whatever_came_went_and_moved_the_grid_is_that_of_drawing_anew(script: list[tuple]) -> None:  # type: ignore[type-arg]
+def test_after_any_changes_the_grid_equals_one_drawn_anew(script: list[tuple]) -> None:  # type: ignore[type-arg]
     assembly = GridAssembly(CELLS)
     nodes, hung, number = POSES.copy(), dict[int, tuple[Scan, int, FloatArray, FloatArray]](), 0
     assembly.move_nodes(nodes, nodes[0, :2])
@@ -108,7 +108,7 @@ def test_whatever_came_went_and_moved_the_grid_is_that_of_drawing_anew(script: l
                 assert (assembly.grid().cells == -1).all()
 
 
-def test_a_call_draws_so_many_beams_and_no_more_however_much_has_moved() -> None:
+def test_a_call_draws_a_limited_number_of_beams_however_much_has_moved() -> None:
     assembly = assembled(POSES, ROOM)
     assembly.move_nodes(compose(POSES, np.array([0.5, 0.5, 0.2])), np.zeros(2))
     assert assembly.pending == len(POSES)
@@ -120,7 +120,7 @@ def test_a_call_draws_so_many_beams_and_no_more_however_much_has_moved() -> None
     assert assembly.draw(10 * BEAMS) == 0
 
 
-def test_one_scan_is_drawn_even_where_it_has_more_beams_than_a_call_may_draw() -> None:
+def test_one_scan_is_drawn_even_with_more_beams_than_the_limit_of_a_call() -> None:
     assembly = GridAssembly(CELLS)
     for k in range(2):
         assembly.add(k, ROOM[k], k, HERE, HERE)
@@ -128,7 +128,7 @@ def test_one_scan_is_drawn_even_where_it_has_more_beams_than_a_call_may_draw() -
     assert [assembly.draw(1) for _ in range(3)] == [BEAMS, BEAMS, 0]
 
 
-def test_what_is_new_goes_first_and_then_what_is_near_the_chair() -> None:
+def test_new_scans_are_drawn_first_and_then_those_near_the_chair() -> None:
     assembly = assembled(POSES, ROOM)
     moved = compose(POSES, np.array([0.0, 0.0, 0.5]))
     moved = np.concatenate([moved, POSES[:1]])
@@ -143,7 +143,7 @@ def test_what_is_new_goes_first_and_then_what_is_near_the_chair() -> None:
         assert_same(assembly.grid(), expected)
 
 
-def test_a_bend_within_the_tolerance_moves_nothing_until_the_grid_is_settled() -> None:
+def test_a_correction_within_the_tolerance_moves_nothing_until_the_grid_is_settled() -> None:
     half = 0.5 * CELLS.resolution
     for shift, stays in ((0.9 * half, True), (1.1 * half, False)):
         assembly = assembled(POSES, ROOM)
@@ -157,7 +157,7 @@ def test_a_bend_within_the_tolerance_moves_nothing_until_the_grid_is_settled() -
         assert_same(assembly.grid(), build_grid(moved, ROOM, CELLS))
 
 
-def test_a_turn_is_measured_at_the_end_of_the_longest_beam() -> None:
+def test_a_rotation_is_measured_at_the_end_of_the_longest_beam() -> None:
     scan = Scan(0, np.full(BEAMS, 5.0, np.float32), 0.0, math.tau / BEAMS, range_max=30.0)
     for turn, stays in ((0.009, True), (0.011, False)):
         assembly = assembled(np.zeros((1, 3)), [scan])
@@ -189,14 +189,14 @@ def standing_people(grid: OccupancyGrid) -> int:
     return int(((x > 0.3) & (x < 9.7) & (y > 0.3) & (y < 5.7)).sum())
 
 
-def test_a_person_who_walks_about_leaves_no_trail_and_one_who_stands_is_there() -> None:
+def test_a_walking_person_leaves_no_trail_and_a_standing_one_is_an_obstacle() -> None:
     walking = [scan_from(pose, np.array([[9.0 - 0.25 * k, 4.5]])) for k, pose in enumerate(POSES)]
     assert standing_people(assembled(POSES, walking).grid()) == 0
     standing = [scan_from(pose, np.array([[5.0, 4.5]])) for pose in POSES]
     assert standing_people(assembled(POSES, standing).grid()) > 5
 
 
-def test_a_person_in_scans_that_were_dropped_is_gone_with_them() -> None:
+def test_a_person_in_dropped_scans_is_removed_with_them() -> None:
     standing = [scan_from(pose, np.array([[5.0, 4.5]])) for pose in POSES[:20]]
     assembly = assembled(POSES, [*standing, *ROOM[20:]])
     assert standing_people(assembly.grid()) > 0
@@ -209,7 +209,7 @@ def test_a_person_in_scans_that_were_dropped_is_gone_with_them() -> None:
     assert_same(assembly.grid(), build_grid(POSES, ROOM, CELLS))
 
 
-def test_what_nobody_saw_stays_unknown_and_what_only_lost_scans_saw_becomes_it_again() -> None:
+def test_unseen_cells_stay_unknown_and_cells_of_removed_scans_become_unknown_again() -> None:
     assembly = GridAssembly(CELLS)
     assert (assembly.grid().cells == -1).all()
     assembly = assembled(POSES, ROOM)
@@ -223,7 +223,7 @@ def test_what_nobody_saw_stays_unknown_and_what_only_lost_scans_saw_becomes_it_a
     assert (assembly.grid().cells == -1).all()
 
 
-def test_scans_that_come_and_go_for_ever_take_no_more_room() -> None:
+def test_adding_and_removing_scans_does_not_grow_the_memory() -> None:
     assembly = assembled(POSES, ROOM)
     for k in range(500):
         assembly.drop(k)
@@ -235,7 +235,7 @@ def test_scans_that_come_and_go_for_ever_take_no_more_room() -> None:
     assert_same(assembly.grid(), build_grid(POSES, ROOM, CELLS))
 
 
-def test_a_scan_thrown_far_off_is_refused_and_is_drawn_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scan_moved_far_away_is_refused_and_drawn_when_it_is_back(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(occupancy, "MAX_CELLS", 100_000)
     assembly = GridAssembly(CELLS)
     for k, scan in enumerate(ROOM):

@@ -40,13 +40,13 @@ def at_piece(grid: SessionGrid) -> int:
     return int(solid.sum())
 
 
-def test_one_session_is_the_grid_of_its_scans() -> None:
+def test_one_session_gives_the_grid_of_its_scans() -> None:
     assert_same(lived(EMPTY).grid(), build_grid(POSES, EMPTY, CELLS))
     assert_same(SessionGrid(CELLS).grid(), EvidenceGrid(CELLS).grid())
 
 
 @pytest.mark.parametrize("often", [1, 10])
-def test_a_piece_that_was_moved_away_is_gone_however_often_it_was_seen(often: int) -> None:
+def test_moved_furniture_is_gone_however_often_it_was_seen(often: int) -> None:
     before = SessionGrid(CELLS)
     for number in range(often * len(POSES)):
         before.add(number, FURNISHED[number % len(POSES)], number % len(POSES), HERE, HERE)
@@ -60,19 +60,19 @@ def test_a_piece_that_was_moved_away_is_gone_however_often_it_was_seen(often: in
     assert at_piece(before) == 0
 
 
-def test_a_piece_that_comes_is_there_though_many_drives_saw_nothing() -> None:
+def test_new_furniture_is_shown_though_many_drives_saw_free_floor() -> None:
     assert at_piece(lived(EMPTY, EMPTY, EMPTY)) == 0
     assert at_piece(lived(EMPTY, EMPTY, EMPTY, FURNISHED)) > 0
     assert at_piece(lived(EMPTY, FURNISHED, EMPTY, FURNISHED)) > 0
     assert at_piece(lived(FURNISHED, EMPTY, FURNISHED, EMPTY)) == 0
 
 
-def test_what_a_later_drive_has_not_seen_stays_as_it_was() -> None:
+def test_cells_that_a_later_drive_has_not_seen_stay_unchanged() -> None:
     blind = [Scan(0, np.full(72, np.nan, np.float32), 0.0, 0.1, range_max=30.0)] * len(POSES)
     assert_same(lived(FURNISHED, blind).grid(), lived(FURNISHED).grid())
 
 
-def test_scans_of_any_session_are_told_and_dropped() -> None:
+def test_scans_of_any_session_are_counted_and_dropped() -> None:
     grid = lived(FURNISHED, EMPTY)
     session, scan, node, places = grid.attached(3)
     assert (session, node) == (0, 3)
@@ -99,9 +99,7 @@ values = st.lists(st.integers(-30_000, 30_000), min_size=6, max_size=6)
 
 
 @given(values, values)
-def test_older_evidence_is_limited_where_newer_knows_the_cell_and_else_stands(
-    older: list[int], newer: list[int]
-) -> None:
+def test_older_evidence_is_limited_only_where_newer_evidence_has_the_cell(older: list[int], newer: list[int]) -> None:
     hits = [EvidenceGrid(CELLS), EvidenceGrid(CELLS)]
     for grid, counts in zip(hits, (older, newer), strict=True):
         for column, count in enumerate(counts):
@@ -115,20 +113,20 @@ def test_older_evidence_is_limited_where_newer_knows_the_cell_and_else_stands(
             continue
         cell = cells_from_points(seen, np.array([[(column + 0.5) * CELLS.resolution, 0.5 * CELLS.resolution]]))[0]
         percent = int(seen.cells[tuple(cell)])
-        assert percent >= 0, "what is known stays known"
+        assert percent >= 0, "a known cell stays known"
         if above >= 10:
-            assert (percent > 50) == (newer[column] > 0), "ten looks outweigh whatever was seen before"
+            assert (percent > 50) == (newer[column] > 0), "ten looks outweigh all earlier evidence"
         if not above:
             assert (percent > 50) == (older[column] > 0)
 
 
-def test_an_assembly_of_one_session_is_not_another_one() -> None:
+def test_a_session_grid_of_one_session_equals_an_assembly() -> None:
     assert_same(lived(EMPTY).grid(), assembled(POSES, EMPTY).grid())
 
 
 def seen_by_depth(often: int) -> tuple[BoolArray, BoolArray]:
-    """Whether a low box that a first session has seen so often, and a stairwell, are there after nine looks of another
-    that sees floor in their stead."""
+    """Return whether a low box, seen this often by a first session, and a stairwell remain after nine looks of a second
+    session that sees floor there."""
     before = scan_of_picture(picture(boxes=[(2.4, 2.8, -0.3, 0.1, 0.0, 0.3)], holes=[(2.2, 3.2, 0.4, 1.2, 0.5)]))
     floor = scan_of_picture(picture())
     grid, here = SessionDepth(), np.zeros(3)
@@ -143,14 +141,14 @@ def seen_by_depth(often: int) -> tuple[BoolArray, BoolArray]:
     return occupied(obstacles), occupied(drops)
 
 
-def test_a_thing_that_only_the_camera_saw_fades_and_a_stairwell_does_not() -> None:
+def test_an_obstacle_that_only_the_camera_saw_fades_and_a_stairwell_does_not() -> None:
     for often in (8, 30):
         obstacles, drops = seen_by_depth(often)
         assert not obstacles.any()
         assert drops.any()
 
 
-def test_within_a_session_depth_is_one_sum() -> None:
+def test_within_a_session_depth_evidence_is_one_sum() -> None:
     grid, here = SessionDepth(), np.zeros(3)
     box = scan_of_picture(picture(boxes=[(2.4, 2.8, -0.3, 0.1, 0.0, 0.3)]))
     for number, scan in enumerate([*[box] * 8, *[scan_of_picture(picture())] * 3]):
