@@ -1,4 +1,4 @@
-"""A recording with pictures becomes a map with a memory of its places; one without is mapped as ever."""
+"""A recording with pictures gives a map with a memory of its places; one without gives a plain map."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_the_report_counts_words_nodes_and_times(made: tuple[Path, Mapping]) -> 
     assert 0.0 < told["per_picture"]["extraction_ms"] < told["per_picture"]["total_ms"]
 
 
-def test_a_new_map_does_not_go_on_with_the_memory_of_another(recording: Recording, tmp_path: Path) -> None:
+def test_a_new_map_does_not_use_the_memory_of_another(recording: Recording, tmp_path: Path) -> None:
     short = replace(recording, frames=recording.frames[:30])
     counts = [map_recording(short, MappingSettings(), keep_in=tmp_path).report["memory"]["memory"] for _ in range(2)]
     assert counts[0] == counts[1]
@@ -98,7 +98,7 @@ def test_without_vision_the_map_is_that_of_a_recording_without_pictures(recordin
     np.testing.assert_array_equal(maps[0].grid.cells, maps[1].grid.cells)
 
 
-def test_tables_of_two_maps_stand_beside_the_published_ones(made: tuple[Path, Mapping]) -> None:
+def test_tables_of_two_maps_are_shown_beside_the_published_ones(made: tuple[Path, Mapping]) -> None:
     report = read_report(made[0])
     second, basement, per_frame = paper_tables([report, report])
     assert [row[3] for row in second.rows if row[3]] == ["203.243", "630525", "1050", "10", "1498", "427", "3"]
@@ -107,7 +107,7 @@ def test_tables_of_two_maps_stand_beside_the_published_ones(made: tuple[Path, Ma
     assert all(len(row) == len(table.heads) for table in (second, basement, per_frame) for row in table.rows)
 
 
-def test_one_map_has_no_growth(made: tuple[Path, Mapping]) -> None:
+def test_a_single_map_has_no_growth(made: tuple[Path, Mapping]) -> None:
     tables = paper_tables([read_report(made[0])])
     assert len(tables) == 2
     assert [row[2:4] for row in tables[-1].rows] == [("", "")] * 4

@@ -51,21 +51,21 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
-def test_a_copy_has_all_that_belongs_to_the_map(known: Path, tmp_path: Path) -> None:
+def test_a_copy_has_all_files_of_the_map(known: Path, tmp_path: Path) -> None:
     copy_map(known, tmp_path / "copy")
     copy = tmp_path / "copy"
     assert names(copy) == names(known)
-    assert not load_map(copy).cells.any(), "what was erased is in the copy, too"
+    assert not load_map(copy).cells.any(), "erased parts are in the copy, too"
     layer = load_depth_layer(copy, load_map(copy))
     assert layer is not None
     assert drop_offs(layer).sum() == 50
     assert load_places(copy) == load_places(known)
     assert [zone.name for zone in load_zones(copy)] == ["stairs"]
     DrawingEditor(copy).undo()
-    assert load_map(copy).cells.any(), "a change before the copy is taken back in it"
+    assert load_map(copy).cells.any(), "a change before the copy is undone in it"
 
 
-def test_nothing_of_an_earlier_map_stays_beside_a_copy(known: Path, tmp_path: Path) -> None:
+def test_no_file_of_an_earlier_map_stays_beside_a_copy(known: Path, tmp_path: Path) -> None:
     folder = tmp_path / "old"
     save_map(folder, grid(2))
     save_depth_layer(folder, OccupancyGrid(np.full((80, 100), 100, np.int8), 0.05))
@@ -76,7 +76,7 @@ def test_nothing_of_an_earlier_map_stays_beside_a_copy(known: Path, tmp_path: Pa
     assert names(folder) == names(known)
 
 
-def test_a_map_does_not_go_where_another_one_is_drawn_on(known: Path, tmp_path: Path) -> None:
+def test_a_map_does_not_replace_another_one_with_drawings(known: Path, tmp_path: Path) -> None:
     folder = tmp_path / "other"
     save_map(folder, grid(2))
     DrawingEditor(folder).erase(SQUARE)
@@ -86,7 +86,7 @@ def test_a_map_does_not_go_where_another_one_is_drawn_on(known: Path, tmp_path: 
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_a_copy_that_is_there_gets_what_was_drawn_since_and_it_can_be_taken_back(known: Path, tmp_path: Path) -> None:
+def test_an_existing_copy_gets_later_drawings_and_they_can_be_undone(known: Path, tmp_path: Path) -> None:
     copy = tmp_path / "copy"
     copy_map(known, copy)
     DrawingEditor(known).set_place(Place("desk", Pose2(1.0, 3.0, 0.0)))
@@ -96,7 +96,7 @@ def test_a_copy_that_is_there_gets_what_was_drawn_since_and_it_can_be_taken_back
     assert set(load_places(copy)) == {"lift"}
 
 
-def test_a_map_by_the_name_of_its_yaml_is_copied_as_map_yaml(tmp_path: Path) -> None:
+def test_a_map_given_by_its_yaml_is_copied_as_map_yaml(tmp_path: Path) -> None:
     save_map(tmp_path, grid(2))
     save_map(tmp_path, grid(40), mode="scale", name="lab")
     copy_map(tmp_path / "lab.yaml", tmp_path / "copy")
@@ -109,12 +109,12 @@ def test_a_map_is_not_copied_onto_itself(known: Path) -> None:
     assert {path.name: path.read_bytes() for path in known.iterdir()} == before
 
 
-def test_a_folder_that_is_none_is_named(known: Path) -> None:
+def test_an_impossible_folder_is_named(known: Path) -> None:
     with pytest.raises(OutputError, match=r"Not a directory"):
         copy_map(known, known / "map.yaml")
 
 
-def test_a_folder_with_empty_lists_is_free_and_one_with_a_zone_is_not(known: Path, tmp_path: Path) -> None:
+def test_a_folder_with_empty_lists_may_be_replaced_and_one_with_a_zone_may_not(known: Path, tmp_path: Path) -> None:
     layout = DrawingEditor(known)
     layout.remove_place("lift")
     layout.undo()
@@ -126,7 +126,7 @@ def test_a_folder_with_empty_lists_is_free_and_one_with_a_zone_is_not(known: Pat
     assert "anchors.yaml" not in names(known)
 
 
-def test_a_map_of_the_same_drive_may_be_made_again_and_one_of_another_not(known: Path) -> None:
+def test_a_map_of_the_same_drive_may_be_replaced_and_one_of_another_may_not(known: Path) -> None:
     settings = MappingSettings()
     config.save(settings, known / "config.yaml")
     stamps = np.arange(1, 6) * 1_000_000_001
@@ -147,7 +147,7 @@ def test_a_map_of_the_same_drive_may_be_made_again_and_one_of_another_not(known:
     assert set(load_places(known)) == {"lift"}
 
 
-def test_a_map_that_is_drawn_on_is_set_aside_whole_and_under_a_free_name(known: Path, tmp_path: Path) -> None:
+def test_a_map_with_drawings_is_set_aside_completely_under_a_free_name(known: Path, tmp_path: Path) -> None:
     shutil.copytree(known, tmp_path / "again")
     assert set_aside(known) == tmp_path / "known-1"
     assert set(load_places(tmp_path / "known-1")) == {"lift"}

@@ -1,4 +1,4 @@
-"""Two drives through one building become one map; one that cannot be joined leaves the map as it was."""
+"""Two drives through one building give one map; a drive that cannot be joined leaves the map unchanged."""
 
 from __future__ import annotations
 
@@ -78,9 +78,9 @@ def contents(folder: Path) -> dict[str, bytes]:
 
 
 def across(first: Mapping, then: Trajectory, second: Mapping, now: Trajectory) -> float:
-    """Largest error [m] of where the second drive is, by the map of both, as seen from the first one's beginning.
+    """Return the largest error [m] of the second drive on the map of both, relative to the start of the first one.
 
-    The first trajectory's beginning is the origin of both maps.
+    The start of the first trajectory is the origin of both maps.
     """
     assert np.allclose(first.result.trajectory.poses[0], 0.0, atol=1e-6)
     true = compose(invert(then.poses[:1]), now.poses)
@@ -122,7 +122,7 @@ def test_a_drive_of_another_day_becomes_part_of_the_map(
     assert len(load_map(folder).cells) == len(both.grid.cells)
 
 
-def test_a_drive_that_begins_on_new_ground_is_joined_where_it_meets_the_map(drive: Drive, tmp_path: Path) -> None:
+def test_a_drive_that_begins_outside_of_the_map_is_joined_where_it_meets_the_map(drive: Drive, tmp_path: Path) -> None:
     lap = len(drive[0]) // 2
     recording, then = part(drive, 0, lap // 2, 0)
     one = mapped(recording, tmp_path / "map")
@@ -150,7 +150,7 @@ def test_day_after_day_the_map_does_not_grow(
 
 @pytest.fixture
 def lidar_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By scans alone the chair never knows where it is."""
+    """By scans alone the chair never finds its place."""
     lost = Localisation(Pose2(), Pose2(), 0.0, LocalisationState.LOST, 0.0)
     monkeypatch.setattr(Localiser, "process", lambda *_: lost)
 
@@ -184,7 +184,7 @@ def test_a_drive_without_pictures_keeps_the_memory_of_the_places(drive: Drive, t
     memory.close()
 
 
-def test_a_damaged_memory_is_moved_aside_and_said_and_the_map_goes_on(drive: Drive, tmp_path: Path) -> None:
+def test_a_damaged_memory_is_set_aside_and_reported_and_the_map_stays_usable(drive: Drive, tmp_path: Path) -> None:
     every = (drive[0][::3], drive[1][::3])
     lap = len(every[0]) // 2
     recording, truth = part(every, 0, lap + 10, 0)
@@ -223,7 +223,9 @@ def refusals(drive: Drive) -> dict[str, tuple[Recording, MappingSettings, str]]:
 
 
 @pytest.mark.parametrize("why", ["another building", "another laser", "another height", "pictures alone", "no scan"])
-def test_a_drive_that_cannot_be_joined_is_refused_and_the_map_untouched(drive: Drive, folder: Path, why: str) -> None:
+def test_a_drive_that_cannot_be_joined_is_refused_and_the_map_stays_unchanged(
+    drive: Drive, folder: Path, why: str
+) -> None:
     recording, settings, told = refusals(drive)[why]
     before = contents(folder)
     with pytest.raises(WaychairError, match=told):
@@ -233,7 +235,7 @@ def test_a_drive_that_cannot_be_joined_is_refused_and_the_map_untouched(drive: D
 
 
 @pytest.mark.parametrize("damage", [None, b"", b"PK\x03\x04 nonsense", "short"])
-def test_a_map_with_nothing_to_go_on_from_is_refused_with_advice(
+def test_a_map_without_data_to_continue_from_is_refused_with_advice(
     drive: Drive, folder: Path, damage: bytes | str | None
 ) -> None:
     path = folder / SESSION
@@ -245,7 +247,7 @@ def test_a_map_with_nothing_to_go_on_from_is_refused_with_advice(
         joined(part(drive, 100, 200, 1)[0], folder)
 
 
-def test_a_join_that_is_stopped_leaves_the_map_as_it_was(drive: Drive, folder: Path) -> None:
+def test_an_interrupted_join_leaves_the_map_unchanged(drive: Drive, folder: Path) -> None:
     before = contents(folder)
 
     def stop(share: float) -> None:
@@ -259,7 +261,7 @@ def test_a_join_that_is_stopped_leaves_the_map_as_it_was(drive: Drive, folder: P
     assert [path.name for path in folder.parent.iterdir()] == ["map"]
 
 
-def test_the_map_of_both_may_go_elsewhere(drive: Drive, folder: Path) -> None:
+def test_the_map_of_both_may_be_written_elsewhere(drive: Drive, folder: Path) -> None:
     before = contents(folder)
     with replaced_folder(folder.parent / "both", folder) as aside:
         mapping = join_recording(part(drive, 100, 250, 1)[0], SETTINGS, folder, aside)
