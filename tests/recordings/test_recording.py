@@ -35,7 +35,7 @@ def odometry(recording: Recording) -> np.ndarray:
     return np.array(poses)
 
 
-def test_the_intel_log_is_read_whole_in_file_order_with_exact_stamps(data_dir: Path) -> None:
+def test_the_intel_log_is_read_completely_in_file_order_with_exact_stamps(data_dir: Path) -> None:
     folder = data_dir / "lidar_intel"
     recording = read_recording(folder / "intel_first1088s.clf.gz")
     stamps = stamps_ns(recording)
@@ -50,7 +50,7 @@ def test_the_intel_log_is_read_whole_in_file_order_with_exact_stamps(data_dir: P
     assert all(int(stamp * 10**9) in known for stamp in named)
 
 
-def test_the_intel_odometry_is_the_one_of_the_log(data_dir: Path) -> None:
+def test_the_intel_odometry_is_that_of_the_log(data_dir: Path) -> None:
     poses = odometry(read_recording(data_dir / "lidar_intel" / "intel_first1088s.clf.gz"))
     steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     assert steps.sum() == pytest.approx(204.0, abs=1.0)
@@ -81,7 +81,7 @@ def test_the_freiburg_log_has_half_degree_beams_and_infinite_no_returns(data_dir
     assert ranges[np.isfinite(ranges)].max() < 80.0
 
 
-def test_the_format_is_told_by_the_content_not_by_the_name(data_dir: Path, tmp_path: Path) -> None:
+def test_the_format_is_recognised_by_the_content_and_not_by_the_name(data_dir: Path, tmp_path: Path) -> None:
     shutil.copy(data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz", tmp_path / "log.bag")
     assert len(read_recording(tmp_path / "log.bag").frames) == 225
     shutil.copy(data_dir / "ros_bags" / "nav2_turtlebot.mcap", tmp_path / "bag.log")
@@ -99,13 +99,13 @@ def test_the_format_is_told_by_the_content_not_by_the_name(data_dir: Path, tmp_p
         ("nav2_turtlebot.mcap", ["/odom (nav_msgs/msg/Odometry)", "/tf_static", "/amcl_pose", "/tf "]),
     ],
 )
-def test_a_bag_without_a_laser_says_which_topics_it_has(data_dir: Path, name: str, topics: list[str]) -> None:
+def test_an_error_about_a_bag_without_a_laser_lists_its_topics(data_dir: Path, name: str, topics: list[str]) -> None:
     with pytest.raises(NoScans) as caught:
         read_recording(data_dir / "ros_bags" / name)
     assert all(topic in str(caught.value) for topic in topics)
 
 
-def test_the_corrected_logs_hold_as_many_scans_as_their_notes_say(data_dir: Path) -> None:
+def test_the_corrected_logs_have_the_documented_number_of_scans(data_dir: Path) -> None:
     folder = data_dir / "lidar_radish_corrected"
     counts = {"aces": 440, "freiburg-101": 292, "seattle": 241}
     for name, count in counts.items():
@@ -118,7 +118,7 @@ def test_graph_logs_with_robotlaser_lines_are_read(data_dir: Path) -> None:
     assert "ROBOTLASER1" in recording.source
 
 
-def test_a_missing_an_empty_and_a_strange_path_have_their_names(tmp_path: Path) -> None:
+def test_a_missing_path_an_empty_file_and_an_unknown_format_have_their_own_errors(tmp_path: Path) -> None:
     with pytest.raises(RecordingNotFound, match="no recording at"):
         read_recording(tmp_path / "nothing.clf")
     (tmp_path / "empty.clf").touch()
@@ -130,7 +130,7 @@ def test_a_missing_an_empty_and_a_strange_path_have_their_names(tmp_path: Path) 
 
 @settings(max_examples=60, deadline=None)
 @given(st.sampled_from([b"#ROSBAG V2.0\n", b"\x89MCAP0\r\n", b"SQLite format 3\0", b"\x1f\x8b\x08"]), st.binary())
-def test_noise_behind_any_magic_number_is_one_sentence(
+def test_random_bytes_after_any_magic_number_give_one_sentence(
     tmp_path_factory: pytest.TempPathFactory, magic: bytes, noise: bytes
 ) -> None:
     path = tmp_path_factory.mktemp("noise") / "recording"
@@ -140,7 +140,7 @@ def test_noise_behind_any_magic_number_is_one_sentence(
     assert "\n" not in str(caught.value)
 
 
-def test_a_trajectory_survives_tum_text_in_its_order(tmp_path: Path) -> None:
+def test_a_trajectory_survives_tum_text_in_order(tmp_path: Path) -> None:
     stamps = np.array([976052905_167303000, 976052904_000000000, -445_999_000, 1_000_000_001], dtype=np.int64)
     poses = np.array([[1.0, -2.0, 3.0], [0.1, 0.2, -3.1415], [1e-7, 0.0, 0.0], [123.456789, 5.0, math.pi]])
     write_tum(tmp_path / "t.tum", Trajectory(stamps, poses))
@@ -175,12 +175,12 @@ def test_a_pose_in_space_is_read_as_its_planar_part(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "line", ["1 2 3", "1 0 0 0 0 0 0 0", "x 0 0 0 0 0 0 1", "1 0 0 0 0 0 0 nan", "1 0 0 0 0 0 0 1 9"]
 )
-def test_a_broken_tum_line_is_named_by_its_number(tmp_path: Path, line: str) -> None:
+def test_an_invalid_tum_line_is_named_by_its_number(tmp_path: Path, line: str) -> None:
     (tmp_path / "t.tum").write_text("1 0 0 0 0 0 0 1\n" + line + "\n")
     with pytest.raises(RecordingDamaged, match="line 2"):
         read_tum(tmp_path / "t.tum")
 
 
-def test_a_missing_tum_file_is_not_found(tmp_path: Path) -> None:
+def test_a_missing_tum_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(WaychairError, match="no recording"):
         read_tum(tmp_path / "t.tum")

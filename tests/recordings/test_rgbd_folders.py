@@ -1,4 +1,4 @@
-"""Folders of colour and depth pictures: the real ones, and all that may be wrong with one."""
+"""Folders of colour and depth pictures: real ones, and every fault that one may have."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def numbered(folder: Path, count: int = 3) -> Path:
     return folder
 
 
-def test_the_real_folders_are_read_whole_and_tell_their_cameras(data_dir: Path) -> None:
+def test_the_real_folders_are_read_completely_with_their_cameras(data_dir: Path) -> None:
     desk = read_recording(data_dir / "rgbd_tum_fr1_rpy_head")
     assert desk.picture_count == 210
     assert "fr1" in desk.source
@@ -62,7 +62,7 @@ def test_the_real_folders_are_read_whole_and_tell_their_cameras(data_dir: Path) 
     assert len(read_truth(data_dir / "rgbd_tsdf_sample50").stamps_ns) == 50
 
 
-def test_pictures_are_paired_by_their_names_in_metres_and_red_first(tmp_path: Path) -> None:
+def test_pictures_are_paired_by_name_with_depth_in_metres_and_colour_as_rgb(tmp_path: Path) -> None:
     recording = read_recording(tum(tmp_path / "rgbd_freiburg3_desk"))
     frames = list(recording.pictures())
     assert [frame.stamp_ns for frame in frames] == [(100 + k) * 10**9 for k in range(5)]
@@ -72,7 +72,7 @@ def test_pictures_are_paired_by_their_names_in_metres_and_red_first(tmp_path: Pa
     assert frames[0].camera_matrix[0, 0] == 535.4
 
 
-def test_lists_are_followed_and_their_broken_lines_named(tmp_path: Path) -> None:
+def test_lists_are_followed_and_their_invalid_lines_named(tmp_path: Path) -> None:
     folder = tum(tmp_path / "fr2")
     for kind in ("rgb", "depth"):
         names = sorted((folder / kind).iterdir())
@@ -106,7 +106,7 @@ def test_missing_damaged_and_wrong_pictures_are_left_out_and_counted(tmp_path: P
     assert frames[0].depth[1, 1] == pytest.approx(1.5)
 
 
-def test_colour_without_depth_in_time_is_told_and_none_at_all_refused(tmp_path: Path) -> None:
+def test_colour_without_depth_in_time_gives_a_warning_and_no_depth_at_all_is_refused(tmp_path: Path) -> None:
     folder = tum(tmp_path / "fr1")
     next((folder / "depth").iterdir()).unlink()
     assert read_recording(folder).warnings == ("1 colour pictures have no depth within 0.02 s",)
@@ -114,7 +114,7 @@ def test_colour_without_depth_in_time_is_told_and_none_at_all_refused(tmp_path: 
         read_recording(tum(tmp_path / "late_fr1", depth_late=0.3))
 
 
-def test_pairs_out_of_order_are_put_in_order(tmp_path: Path) -> None:
+def test_unordered_pairs_are_sorted(tmp_path: Path) -> None:
     folder = tum(tmp_path / "fr1")
     lines = [f"{s} rgb/{s}.000000.png {s}.01 depth/{s}.010000.png\n" for s in (100, 102, 101, 101, 103)]
     (folder / "associations.txt").write_text("".join(lines))
@@ -123,7 +123,7 @@ def test_pairs_out_of_order_are_put_in_order(tmp_path: Path) -> None:
     assert "not later than the one before" in recording.warnings[0]
 
 
-def test_an_unknown_camera_is_warned_of_and_one_can_be_named(tmp_path: Path) -> None:
+def test_an_unknown_camera_gives_a_warning_and_one_can_be_given(tmp_path: Path) -> None:
     folder = tum(tmp_path / "office")
     assert "is not known" in read_recording(folder).warnings[0]
     named = InputSettings(rgbd=RgbdSettings(camera="500,501,320,240"))
@@ -140,12 +140,12 @@ def test_an_unknown_camera_is_warned_of_and_one_can_be_named(tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("text", ["fr9", "1,2,3", "500,-1,3,4", "a,b,c,d", "1,2,3,inf"])
-def test_a_camera_that_cannot_be_understood_is_refused_with_advice(text: str) -> None:
+def test_an_unreadable_camera_is_refused_with_advice(text: str) -> None:
     with pytest.raises(ConfigError, match="give fr1, fr2, fr3"):
         camera_from_text(text)
 
 
-def test_a_lens_that_distorts_is_straightened(tmp_path: Path) -> None:
+def test_lens_distortion_is_corrected(tmp_path: Path) -> None:
     """A straight line of the world, drawn as the lens bends it, is straight in the frame, in colour and in depth."""
     (tmp_path / "rgb").mkdir()
     (tmp_path / "depth").mkdir()
@@ -167,7 +167,7 @@ def test_a_lens_that_distorts_is_straightened(tmp_path: Path) -> None:
     assert np.abs(bent[:, 0] - expected).min() > 3.0
 
 
-def test_truth_that_is_missing_or_broken_is_named(tmp_path: Path) -> None:
+def test_a_missing_or_invalid_truth_is_named(tmp_path: Path) -> None:
     folder = tum(tmp_path / "fr1")
     with pytest.raises(RecordingNotFound):
         read_truth(folder)
@@ -178,12 +178,12 @@ def test_truth_that_is_missing_or_broken_is_named(tmp_path: Path) -> None:
         read_truth(numbered(tmp_path / "room"))
 
 
-def test_a_folder_of_neither_kind_is_refused_with_what_would_be_right(tmp_path: Path) -> None:
+def test_a_folder_of_neither_kind_is_refused_with_the_valid_forms(tmp_path: Path) -> None:
     with pytest.raises(RecordingDamaged, match="rgb/"):
         read_recording(tmp_path)
 
 
-def test_a_trajectory_in_space_is_written_and_read_back(tmp_path: Path) -> None:
+def test_a_trajectory_in_3d_survives_writing_and_reading(tmp_path: Path) -> None:
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     (tmp_path / "rgb").mkdir()
     (tmp_path / "depth").mkdir()

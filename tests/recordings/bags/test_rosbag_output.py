@@ -32,7 +32,7 @@ def drive(bag: BagOutput, first: int, count: int) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_what_was_flushed_is_there_without_an_end(tmp_path: Path, name: str) -> None:
+def test_flushed_messages_are_readable_in_an_unfinished_bag(tmp_path: Path, name: str) -> None:
     bag = BagOutput(tmp_path / name)
     bag.open()
     drive(bag, 0, 5)
@@ -40,7 +40,7 @@ def test_what_was_flushed_is_there_without_an_end(tmp_path: Path, name: str) -> 
     bag.flush()  # nothing new
     drive(bag, 5, 3)
     left = tmp_path / f"left{bag.temporary_path.suffix}"
-    left.write_bytes(bag.temporary_path.read_bytes())  # as it lies there when the process is killed now
+    left.write_bytes(bag.temporary_path.read_bytes())  # as a killed process would leave it
     assert not bag.path.exists()
     recording = read_recording(left)
     assert [frame.stamp_ns // SECOND for frame in recording.frames] == [1, 2, 3, 4, 5]
@@ -53,9 +53,7 @@ def test_what_was_flushed_is_there_without_an_end(tmp_path: Path, name: str) -> 
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_bag_that_is_discarded_leaves_nothing_and_one_that_is_kept_lies_beside_its_path(
-    tmp_path: Path, name: str
-) -> None:
+def test_a_discarded_bag_leaves_no_file_and_a_kept_one_is_beside_its_path(tmp_path: Path, name: str) -> None:
     for _ in range(2):
         bag = BagOutput(tmp_path / name)
         bag.open()
@@ -70,7 +68,7 @@ def test_a_bag_that_is_discarded_leaves_nothing_and_one_that_is_kept_lies_beside
     assert len(read_recording(part).frames) == 3
 
 
-def test_a_path_that_was_taken_meanwhile_is_left_alone_and_the_bag_kept_beside_it(tmp_path: Path) -> None:
+def test_a_path_taken_meanwhile_is_not_overwritten_and_the_bag_is_kept_beside_it(tmp_path: Path) -> None:
     bag = BagOutput(tmp_path / "drive.mcap")
     bag.open()
     drive(bag, 0, 3)
@@ -81,6 +79,6 @@ def test_a_path_that_was_taken_meanwhile_is_left_alone_and_the_bag_kept_beside_i
     assert (tmp_path / "drive.mcap").read_text() == "somebody's"
 
 
-def test_names_in_a_bag_are_absolute() -> None:
+def test_topic_names_in_a_bag_are_absolute() -> None:
     assert (ros_topics.SCAN.absolute, ros_topics.TF.absolute) == ("/scan", "/tf")
     assert [ros_topics.sonar(k).absolute for k in (0, 7)] == ["/sonar_0", "/sonar_7"]

@@ -46,7 +46,7 @@ def readable(path: Path) -> int | None:
 
 
 @pytest.mark.parametrize("suffix", KINDS)
-def test_of_a_bag_cut_short_what_comes_before_the_cut_is_read(tmp_path: Path, suffix: str) -> None:
+def test_a_truncated_bag_is_read_up_to_the_cut(tmp_path: Path, suffix: str) -> None:
     data = long_bag(tmp_path, suffix).read_bytes()
     counts = []
     for share in (0.3, 0.5, 0.8, 0.97):
@@ -70,7 +70,7 @@ def test_of_a_bag_cut_short_what_comes_before_the_cut_is_read(tmp_path: Path, su
 
 
 @pytest.mark.parametrize("suffix", KINDS)
-def test_a_bag_damaged_anywhere_loses_little_or_is_one_sentence(tmp_path: Path, suffix: str) -> None:
+def test_a_bag_damaged_anywhere_loses_little_or_gives_one_sentence(tmp_path: Path, suffix: str) -> None:
     data = long_bag(tmp_path, suffix).read_bytes()
     path = tmp_path / f"bad{suffix}"
     read, refused = [], 0
@@ -85,7 +85,9 @@ def test_a_bag_damaged_anywhere_loses_little_or_is_one_sentence(tmp_path: Path, 
 
 
 @pytest.mark.parametrize("name", ["drive.mcap", "drive.db3"])
-def test_a_small_compressed_bag_cut_or_changed_anywhere_is_an_error_or_a_warning(tmp_path: Path, name: str) -> None:
+def test_a_small_compressed_bag_truncated_or_changed_anywhere_gives_an_error_or_a_warning(
+    tmp_path: Path, name: str
+) -> None:
     path = tmp_path / name
     with RecordingWriter(path, Pose2()) as writer:
         for k in range(10):
@@ -104,7 +106,7 @@ def test_a_small_compressed_bag_cut_or_changed_anywhere_is_an_error_or_a_warning
     assert refused > 0
 
 
-def test_a_chunk_that_is_damaged_is_left_out_and_counted(tmp_path: Path) -> None:
+def test_a_damaged_chunk_is_left_out_and_counted(tmp_path: Path) -> None:
     path = tmp_path / "drive.mcap"
     with RecordingWriter(path, Pose2()) as writer:
         rng = np.random.default_rng(0)
@@ -119,7 +121,7 @@ def test_a_chunk_that_is_damaged_is_left_out_and_counted(tmp_path: Path) -> None
     assert "without 1 damaged chunks" in recording.warnings[0]
 
 
-def test_a_folder_without_its_metadata_is_read_from_what_lies_in_it(tmp_path: Path) -> None:
+def test_a_folder_without_its_metadata_is_read_from_its_files(tmp_path: Path) -> None:
     path = long_bag(tmp_path, ".mcap")
     (path.parent / "metadata.yaml").unlink()
     recording = read_recording(path.parent)
@@ -127,7 +129,7 @@ def test_a_folder_without_its_metadata_is_read_from_what_lies_in_it(tmp_path: Pa
     assert "is damaged" in recording.warnings[0]
 
 
-def test_a_whole_bag_salvaged_gives_the_same_messages_as_read_whole(tmp_path: Path, data_dir: Path) -> None:
+def test_salvaging_an_undamaged_bag_gives_all_of_its_messages(tmp_path: Path, data_dir: Path) -> None:
     from rosbags.highlevel import AnyReader
 
     for name, suffix in (("husky_imu_odom_gps.bag", ".bag"), ("nav2_turtlebot.mcap", ".mcap")):
@@ -144,7 +146,7 @@ def test_a_whole_bag_salvaged_gives_the_same_messages_as_read_whole(tmp_path: Pa
         assert not salvaged.lost
 
 
-def test_a_real_bag_cut_anywhere_is_salvaged_up_to_the_cut(tmp_path: Path, data_dir: Path) -> None:
+def test_a_real_bag_truncated_anywhere_is_salvaged_up_to_the_cut(tmp_path: Path, data_dir: Path) -> None:
     for name, suffix in (("husky_imu_odom_gps.bag", ".bag"), ("nav2_turtlebot.mcap", ".mcap")):
         data = (data_dir / "ros_bags" / name).read_bytes()
         path, last = tmp_path / name, 0
@@ -160,7 +162,7 @@ def test_a_real_bag_cut_anywhere_is_salvaged_up_to_the_cut(tmp_path: Path, data_
         assert 0.8 * whole < last <= whole
 
 
-def test_a_bag_of_which_nothing_can_be_read_is_refused_with_advice(tmp_path: Path) -> None:
+def test_an_unreadable_bag_is_refused_with_advice(tmp_path: Path) -> None:
     path = long_bag(tmp_path, ".db3")
     shutil.copy(path, tmp_path / "bad.db3")
     data = path.read_bytes()

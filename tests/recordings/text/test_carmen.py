@@ -40,17 +40,17 @@ def odometry_of(data: bytes, *, of_robot: bool) -> Odometry:
         ("1e-999999", 0),
     ],
 )
-def test_a_stamp_is_the_decimal_text_to_the_nanosecond(text: str, stamp_ns: int) -> None:
+def test_a_stamp_is_read_from_its_decimal_text_to_the_nanosecond(text: str, stamp_ns: int) -> None:
     assert stamp_from_text(text) == stamp_ns
 
 
 @given(st.decimals(min_value=-9_000_000_000, max_value=9_000_000_000, places=9))
-def test_no_stamp_is_rounded_through_a_float(seconds: Decimal) -> None:
+def test_no_stamp_is_rounded_by_a_float(seconds: Decimal) -> None:
     assert stamp_from_text(f"{seconds:f}") == int(seconds * 10**9)
 
 
 @pytest.mark.parametrize("text", ["nan", "inf", "1e999999999", "9223372037", "12:30", ""])
-def test_what_is_no_time_is_refused(text: str) -> None:
+def test_an_invalid_time_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match="not a time"):
         stamp_from_text(text)
 
@@ -58,7 +58,7 @@ def test_what_is_no_time_is_refused(text: str) -> None:
 @pytest.mark.parametrize(
     ("beams", "step_deg", "last_deg"), [(180, 1.0, 89.0), (181, 1.0, 90.0), (360, 0.5, 89.5), (361, 0.5, 90.0)]
 )
-def test_beams_turn_left_from_minus_90_degrees(beams: int, step_deg: float, last_deg: float) -> None:
+def test_beams_run_to_the_left_from_minus_90_degrees(beams: int, step_deg: float, last_deg: float) -> None:
     scan = read_carmen(flaser([1.0] * beams), "log").frames[0].scan
     assert scan is not None
     angles = np.degrees(scan.angles())
@@ -67,7 +67,7 @@ def test_beams_turn_left_from_minus_90_degrees(beams: int, step_deg: float, last
     assert angles[-1] == pytest.approx(last_deg)
 
 
-def test_no_return_is_infinite_and_no_distance_is_nan() -> None:
+def test_a_missing_return_is_infinite_and_an_invalid_distance_nan() -> None:
     scan = read_carmen(flaser([79.99, 80.0, 81.83, 0.0, -1.0, "nan", 0.01]), "log").frames[0].scan
     assert scan is not None
     np.testing.assert_array_equal(
@@ -75,14 +75,14 @@ def test_no_return_is_infinite_and_no_distance_is_nan() -> None:
     )
 
 
-def test_odometry_is_the_laser_pose_unless_the_robot_is_asked_for() -> None:
+def test_odometry_is_the_laser_pose_unless_that_of_the_robot_is_requested() -> None:
     line = flaser([1.0, 2.0])
     assert odometry_of(line, of_robot=False).odom_from_base == Pose2(1.0, 2.0, 0.5)
     assert odometry_of(line, of_robot=True).odom_from_base == Pose2(3.0, 4.0, 0.25)
     assert odometry_of(line, of_robot=True).stamp_ns == 1_500_000_000
 
 
-def test_robotlaser_carries_its_own_angles_reach_and_speeds() -> None:
+def test_robotlaser_has_its_own_angles_range_and_speeds() -> None:
     line = b"ROBOTLASER1 0 -0.5 1.0 0.25 30.0 0.01 0 3 1.5 30.0 2.0 1 7 1 2 0.5 3 4 0.25 0.6 -0.1 1 1 0 12.25 host 1\n"
     frame = read_carmen(line, "log", of_robot=True).frames[0]
     assert frame.scan is not None
@@ -94,14 +94,14 @@ def test_robotlaser_carries_its_own_angles_reach_and_speeds() -> None:
     assert (odometry.odom_from_base, odometry.twist.v, odometry.twist.omega) == (Pose2(3.0, 4.0, 0.25), 0.6, -0.1)
 
 
-def test_scans_of_other_lengths_are_all_kept_in_file_order() -> None:
+def test_scans_with_different_numbers_of_beams_are_all_kept_in_file_order() -> None:
     data = flaser([1.0] * 181, "5.0") + b"ODOM 0 0 0 0 0 0 5.1 host 0\n" + flaser([1.0] * 90, "4.5")
     log = read_carmen(data, "log")
     assert [frame.stamp_ns for frame in log.frames] == [5_000_000_000, 4_500_000_000]
     assert log.warnings == ("stamps step backwards 1 times: the scans are kept in the order of the file",)
 
 
-def test_a_scan_that_is_logged_in_both_forms_counts_once() -> None:
+def test_a_scan_logged_in_both_forms_counts_once() -> None:
     robot = b"ROBOTLASER1 0 -0.5 1.0 0.25 30.0 0.01 0 2 1.5 2.0 0 1 2 0.5 3 4 0.25 0.6 -0.1 1 1 0 12.25 host 1\n"
     log = read_carmen(flaser([1.0, 2.0]) + robot + flaser([1.0, 2.0], "2.0"), "log")
     assert (log.kind, len(log.frames)) == ("FLASER", 2)
@@ -117,22 +117,22 @@ def test_a_damaged_line_is_left_out_and_named(bad: str) -> None:
 
 
 @pytest.mark.parametrize("data", [b"\x00\xff\x17" * 400, b"just some words\nand more\n", b"1 2 3\n4 5 6\n", b"\n\n\n"])
-def test_what_is_no_log_is_refused_with_the_formats_that_are_known(data: bytes) -> None:
+def test_a_file_that_is_not_a_log_is_refused_with_the_known_formats(data: bytes) -> None:
     with pytest.raises(RecordingDamaged, match="neither a CARMEN or CoreSLAM log nor"):
         read_carmen(data, "log")
 
 
-def test_a_log_without_scans_says_what_it_holds() -> None:
+def test_an_error_about_a_log_without_scans_lists_its_content() -> None:
     with pytest.raises(NoScans, match=r"ODOM \(2\), PARAM \(1\)"):
         read_carmen(b"PARAM a 1\nODOM 0 0 0 0 0 0 1 h 1\nODOM 0 0 0 0 0 0 2 h 2\n", "log")
 
 
-def test_a_log_of_which_no_scan_is_whole_is_damaged() -> None:
+def test_a_log_without_a_complete_scan_is_damaged() -> None:
     with pytest.raises(RecordingDamaged, match="none of the 1 scan lines"):
         read_carmen(flaser([1.0] * 180)[:300], "log")
 
 
-def test_gzip_members_in_a_row_are_one_log() -> None:
+def test_several_gzip_members_are_one_log() -> None:
     data = gzip.compress(flaser([1.0, 2.0], "1")) + gzip.compress(flaser([1.0, 2.0], "2"))
     log = read_carmen(data, "log")
     assert [frame.stamp_ns for frame in log.frames] == [1_000_000_000, 2_000_000_000]
@@ -141,13 +141,13 @@ def test_gzip_members_in_a_row_are_one_log() -> None:
 
 @settings(max_examples=150, deadline=None)
 @given(st.binary(max_size=300), st.booleans())
-def test_no_bytes_make_the_reader_stumble(noise: bytes, zipped: bool) -> None:
+def test_no_bytes_raise_an_unexpected_error(noise: bytes, zipped: bool) -> None:
     data = flaser([1.0, 2.0]) + b"FLASER " + noise + b"\nROBOTLASER1 " + noise
     log = read_carmen(gzip.compress(data) if zipped else data, "log")
     assert len(log.frames) >= 1
 
 
-def test_a_log_cut_anywhere_gives_what_is_whole_and_says_so(data_dir: Path) -> None:
+def test_a_log_truncated_anywhere_gives_its_complete_scans_and_a_warning(data_dir: Path) -> None:
     zipped = (data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz").read_bytes()
     whole = read_carmen(zipped, "log")
     assert (len(whole.frames), whole.warnings) == (225, ())
@@ -166,7 +166,7 @@ def test_a_log_cut_anywhere_gives_what_is_whole_and_says_so(data_dir: Path) -> N
     assert counts[-1] >= 224
 
 
-def test_a_corrupted_gzip_gives_what_comes_before(data_dir: Path) -> None:
+def test_a_corrupted_gzip_gives_the_scans_before_the_damage(data_dir: Path) -> None:
     zipped = bytearray((data_dir / "lidar_fr079" / "fr079_laser.clf.gz").read_bytes())
     middle = len(zipped) // 2
     zipped[middle : middle + 64] = bytes(64)
@@ -175,7 +175,7 @@ def test_a_corrupted_gzip_gives_what_comes_before(data_dir: Path) -> None:
     assert any("damaged" in warning for warning in log.warnings)
 
 
-def test_plain_text_cut_at_every_byte_of_its_last_line_keeps_the_others() -> None:
+def test_plain_text_truncated_in_its_last_line_keeps_the_other_lines() -> None:
     first, last = flaser([1.25, 2.5], "1"), flaser([1.25, 2.5], "2")
     for cut in range(len(last)):
         log = read_carmen(first + last[:cut], "log")
