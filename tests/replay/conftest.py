@@ -1,4 +1,5 @@
-"""`pytest tests/replay --update --reason "why"` makes today's outputs the reference; `--record` also drives anew."""
+"""`pytest tests/replay --update --reason "why"` makes the present outputs the reference; `--record` also records a new
+drive."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The drive on the tape: a hall with something that the map does not know, somebody who steps out, and a rider."""
+"""The recorded drive: a hall with an unmapped obstacle, a person who steps out, and a rider."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ _CRATE = Block(Pose2(5.2, 1.9, 0.3), 0.5, 0.6, 0.0, 1.0)
 
 
 def setup() -> DriveSetup:
-    """The hall as the chair knows it."""
+    """The hall on the chair's map."""
     return DriveSetup(hall().grid, {}, CHAIR_A, DEFAULT, chair=ChairSettings())
 
 
 def taped() -> Tape:
-    """There, past a crate and a person; back, until the rider takes the stick."""
+    """Drive there, past a crate and a person, and back, until the rider takes the stick."""
     plain = hall((_STEPS_OUT,))
     settings = SimulatorSettings(lidar=replace(LIDAR, beams=180), imu=ImuSettings(rate_hz=100.0))
     settings = replace(settings, plant=replace(settings.plant, step_ms=10))

@@ -1,4 +1,4 @@
-"""A recorded drive through each part of a chair by itself gives yesterday's outputs."""
+"""A recorded drive through each single part of a chair gives the reference outputs."""
 
 from __future__ import annotations
 
@@ -46,12 +46,12 @@ def tape(request: pytest.FixtureRequest) -> Tape:
 
 @pytest.fixture(scope="module")
 def outputs(tape: Tape) -> Callable[[str], list[Row]]:
-    """Today's outputs of a part, replayed once."""
+    """The present outputs of a part, replayed once."""
     return cache(lambda part: part_replays(setup())[part](tape))
 
 
 @pytest.mark.parametrize("part", PARTS)
-def test_the_outputs_of_a_part_are_those_of_yesterday(
+def test_the_outputs_of_a_part_equal_the_reference(
     part: str, outputs: Callable[[str], list[Row]], request: pytest.FixtureRequest
 ) -> None:
     rows = outputs(part)
@@ -66,7 +66,7 @@ def test_the_outputs_of_a_part_are_those_of_yesterday(
     assert not found, f"{listed}\n{advice}"
 
 
-def test_the_tape_holds_what_a_drive_is_made_of(tape: Tape) -> None:
+def test_the_recording_holds_all_inputs_of_a_drive(tape: Tape) -> None:
     ticks = [moment.tick for _, moment in tape.moments()]
     assert {tick.mode.value for tick in ticks} == {"manual", "autonomous", "stopped"}
     assert {"driving", "waiting", "failed"} <= {tick.stage for tick in ticks}
@@ -75,7 +75,7 @@ def test_the_tape_holds_what_a_drive_is_made_of(tape: Tape) -> None:
     assert kinds == {"Scan", "WheelTicks", "ImuSample"}
 
 
-def test_the_base_by_itself_does_what_it_did_in_the_drive(tape: Tape, outputs: Callable[[str], list[Row]]) -> None:
+def test_the_base_alone_repeats_its_outputs_of_the_drive(tape: Tape, outputs: Callable[[str], list[Row]]) -> None:
     for row, (_, moment) in zip(outputs("base"), tape.moments(), strict=True):
         tick = moment.tick
         assert (row["mode"], row["active"]) == (tick.mode.value, tick.sent.active)
@@ -145,14 +145,14 @@ def test_pytest_refuses_to_update_without_a_reason() -> None:
     assert {path: path.read_bytes() for path in (HERE / "references").iterdir()} == before
 
 
-def test_a_tape_of_another_version_is_named() -> None:
+def test_a_recording_of_another_version_is_named() -> None:
     strange = TapedTick((), b"", (), False, b"something else", None)
     with pytest.raises(BoxError, match="another version"):
         list(Tape(Pose2(), (strange,)).moments())
 
 
 @pytest.mark.parametrize("content", [b"", b"no tape", b"\xfd7zXZ\x00\x00"])
-def test_a_damaged_tape_or_reference_is_named(content: bytes, tmp_path: Path) -> None:
+def test_a_damaged_recording_or_reference_is_named(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "x"
     path.write_bytes(content)
     with pytest.raises(BoxError, match="tape"):

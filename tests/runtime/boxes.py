@@ -36,12 +36,12 @@ class Drive:
         self.notes.append((heard, state, board))
 
     def without_first(self, count: int) -> Drive:
-        """The same without its first ticks, in which a chair that was switched on knows nothing yet."""
+        """The same without its first ticks, in which a chair that was just switched on has no data yet."""
         later = {index - count: told for index, told in self.told_before.items() if index >= count}
         return Drive(later, self.notes[count:])
 
     def tell(self, box: BlackBox, later_ns: int = 0) -> None:
-        """All of it to a black box, no faster than it can take it."""
+        """Send all of it to a black box, no faster than the box can write."""
         for index, (heard, state, board) in enumerate(self.notes):
             for what, goals in self.told_before.get(index, ()):
                 box.note_request(what, goals)
@@ -50,7 +50,7 @@ class Drive:
 
 
 def wait_for(box: BlackBox, most: int = 50) -> None:
-    """Until little is waiting in the box."""
+    """Wait until the box has few messages left to write."""
     while box._queue.qsize() > most and not box.problem:
         time.sleep(0.001)
 
@@ -64,7 +64,7 @@ def driven(script: Callable[[Ride], None], ride: Ride | None = None) -> Drive:
 
 
 def logged(folder: Path, drives: Iterable[Drive], settings: BlackBoxSettings | None = None) -> BlackBox:
-    """A box that was told of drives, one after the other, and closed."""
+    """Return a closed box with these drives, one after the other."""
     with BlackBox(folder, LOGGED_CHAIR, settings) as box:
         later_ns = 0
         for drive in drives:

@@ -35,7 +35,7 @@ def coarse_arcs() -> AbstractContextManager[object]:
 
 
 def hall(people: tuple[PersonPlan, ...] = (), width: float = 5.0) -> World:
-    """12 m long, with two cupboards that tell where along it one is; `width` [m] about the chair's way."""
+    """A hall of 12 m with two cupboards for the place along it; `width` [m] about the chair's way."""
     cells = np.full((100, 240), 100, np.int8)
     half = round(10 * width)
     cells[51 - half : 49 + half, 1:-1] = 0
@@ -79,14 +79,14 @@ class Ride:
         self._stack.close()
 
     def tick(self, count: int = 1) -> ChairState:
-        """Ticks of 50 ms; the state after the last one."""
+        """Run ticks of 50 ms; return the state after the last one."""
         for _ in range(count):
             messages = self.change(tuple(advance_tick(self.simulator, self.chair)))
             self.states.append(self.chair.step(self.simulator.now_ns, messages))
         return self.states[-1]
 
     def drive(self, ticks: int = 80) -> ChairState:
-        """Asked for and confirmed, through the two seconds of rest, and on."""
+        """Ask for a goal and confirm it; drive through the two seconds of rest and on."""
         start_drive(self.simulator, self.chair, FAR)
         state = self.tick(ticks)
         assert (state.verdict.mode, state.sent.active) == (DriveMode.AUTONOMOUS, True), state.verdict.reason
@@ -99,6 +99,6 @@ class Ride:
 
     @property
     def stands(self) -> bool:
-        """Whether the chair truly rests."""
+        """Return whether the simulated chair rests."""
         twist = self.simulator.twist()
         return abs(twist.v) < 1e-3 and abs(twist.omega) < 1e-3

@@ -1,4 +1,4 @@
-"""Rows of the fault table, each injected into a whole chair that is under way in the simulator."""
+"""Rows of the fault table, each injected into a complete chair that drives in the simulator."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def ride() -> Iterator[Ride]:
 
 
 def only(*kinds: type) -> Callable[[tuple[ChairMessage, ...]], tuple[ChairMessage, ...]]:
-    """Messages of these kinds pass, the others are lost."""
+    """Pass messages of these kinds and lose the others."""
     return lambda messages: tuple(message for message in messages if isinstance(message, kinds))
 
 
 def ended_by(ride: Ride, within: int) -> str:
-    """The stop that ends the drive within so many ticks; the chair rests then and stays at rest."""
+    """Return the stop that ends the drive within this number of ticks; the chair rests then and stays at rest."""
     states = [ride.tick() for _ in range(within)]
     ended = next(state for state in states if not state.verdict.computer_drives)
     assert ended.verdict.halt is not None
@@ -71,7 +71,7 @@ def test_f11_a_late_scan_slows_the_chair_and_half_a_second_ends_the_drive(ride: 
     assert not ride.tick(40).sent.active  # it is back, but nothing resumes by itself
 
 
-def test_f17_a_chair_that_was_held_up_ends_its_drive_and_needs_no_reset(ride: Ride) -> None:
+def test_f17_a_delayed_control_loop_ends_the_drive_and_needs_no_reset(ride: Ride) -> None:
     ride.drive()
     base, now_ns = ride.chair._base, ride.simulator.now_ns + 3_000_000_000
     before = base._monitor.verdict
@@ -83,7 +83,7 @@ def test_f17_a_chair_that_was_held_up_ends_its_drive_and_needs_no_reset(ride: Ri
     assert base._latched is None
 
 
-def test_a_monitor_that_stays_silent_after_that_is_named_half_a_second_later(ride: Ride) -> None:
+def test_a_monitor_that_stays_silent_after_a_delay_is_named_half_a_second_later(ride: Ride) -> None:
     ride.drive()
     base, now_ns = ride.chair._base, ride.simulator.now_ns + 3_000_000_000
     named = []
@@ -103,7 +103,7 @@ def test_f11_a_scan_that_comes_back_within_half_a_second_lets_the_drive_go_on(ri
 
 
 def told(value: float, half_angle: float = math.pi) -> Callable[[tuple[ChairMessage, ...]], tuple[ChairMessage, ...]]:
-    """Beams no farther than so much [rad] from straight ahead all read one value."""
+    """Give all beams within this angle [rad] of straight ahead one value."""
 
     def change(message: ChairMessage) -> ChairMessage:
         if not isinstance(message, Scan):
@@ -122,8 +122,8 @@ def test_f12_a_blind_lidar_ends_the_drive_within_half_a_second_and_a_tick(ride: 
 
 
 @pytest.mark.parametrize("value", [math.inf, 65.533])
-def test_f12_a_lidar_whose_front_is_covered_drives_into_nobody(value: float) -> None:
-    """Some drivers send 65.533 for a beam without an echo; it is no measurement."""
+def test_f12_a_chair_with_a_covered_lidar_front_drives_into_nobody(value: float) -> None:
+    """Some drivers send 65.533 for a beam without an echo; it is not a measurement."""
     sits = PersonPlan(Behaviour.SEATED, np.array([[6.0, 2.5]]), radius=0.25)
     with Ride(people=(sits,)) as ride:
         ride.drive(55)
@@ -132,8 +132,8 @@ def test_f12_a_lidar_whose_front_is_covered_drives_into_nobody(value: float) -> 
         assert ride.simulator.contacts == 0
 
 
-def test_a_chair_crawls_where_it_does_not_see_ahead(ride: Ride) -> None:
-    """Fewer beams than make a lidar blind, but those that look where it drives."""
+def test_a_chair_that_does_not_see_ahead_crawls(ride: Ride) -> None:
+    """Fewer beams than make a lidar blind, but those that look ahead."""
     ride.drive()
     assert ride.speed > 0.3
     ride.change = told(math.nan, math.radians(20.0))
@@ -143,9 +143,7 @@ def test_a_chair_crawls_where_it_does_not_see_ahead(ride: Ride) -> None:
 
 
 @pytest.mark.parametrize("asked", [Twist(math.nan, 0.0), Twist(0.3, math.inf), Twist(1e6, 0.0)])
-def test_f5_a_speed_that_is_none_brakes_in_the_same_tick(
-    ride: Ride, asked: Twist, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_f5_an_invalid_speed_brakes_in_the_same_tick(ride: Ride, asked: Twist, monkeypatch: pytest.MonkeyPatch) -> None:
     """The planner asks for an impossible speed: the chair brakes at once, hard, and comes to rest."""
     before = ride.drive().command
     assert before is not None
@@ -159,7 +157,7 @@ def test_f5_a_speed_that_is_none_brakes_in_the_same_tick(
     assert ride.stands
 
 
-def test_a_wheel_that_would_turn_too_fast_slows_the_chair_on_its_way_and_ends_no_drive() -> None:
+def test_a_wheel_that_would_turn_too_fast_slows_the_chair_and_does_not_end_the_drive() -> None:
     with Ride(ChairSettings(bridge=BridgeSettings(max_wheel_speed=0.4))) as ride:
         ride.drive()
         states = [ride.tick() for _ in range(60)]
@@ -205,7 +203,7 @@ def test_f13_an_imu_that_falls_silent_slows_the_drive(ride: Ride) -> None:
     assert ride.speed == pytest.approx(0.3, abs=0.06)
 
 
-def test_f14_a_person_who_steps_out_is_stopped_for_and_never_nearer_than_a_hand() -> None:
+def test_f14_the_chair_stops_for_a_person_who_steps_out_and_keeps_a_hands_breadth_away() -> None:
     steps_out = PersonPlan(
         Behaviour.SUDDEN, np.array([[6.0, 3.1], [6.0, 2.5]]), speed=1.0, yields=True, radius=0.25, trigger=1.6
     )
@@ -221,7 +219,7 @@ def test_f14_a_person_who_steps_out_is_stopped_for_and_never_nearer_than_a_hand(
         assert "obstacle" in {halted.stop.id for state in ride.states for halted in state.halts} or nearest < 1.0
 
 
-def test_f15_a_chair_that_is_carried_off_stops_and_says_that_it_is_lost(ride: Ride) -> None:
+def test_f15_a_chair_that_is_carried_away_stops_and_says_that_it_is_lost(ride: Ride) -> None:
     ride.drive()
     plant = ride.simulator._chair
     plant.pose = replace(plant.pose, y=plant.pose.y + 1.2, theta=plant.pose.theta + 2.0)  # type: ignore[misc]
@@ -270,7 +268,7 @@ def test_f19_a_push_of_the_stick_lets_go_within_a_tick_and_ends_the_drive(ride: 
     assert (state.verdict.mode, state.sent.active, state.command) == (DriveMode.MANUAL, False, None)
 
 
-def test_f20_a_chair_that_is_held_up_is_stopped_until_somebody_resets_it(
+def test_f20_a_chair_that_is_blocked_is_stopped_until_a_person_resets_it(
     ride: Ride, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ride.drive()
@@ -312,7 +310,7 @@ def test_f23_a_slope_beyond_the_limit_ends_the_drive_and_a_steep_ramp_slows_it()
         assert ended_by(ride, within=7) == "tilt"
 
 
-def test_f24_a_charger_ends_a_drive_and_keeps_any_from_beginning(ride: Ride) -> None:
+def test_f24_a_charger_ends_a_drive_and_prevents_new_ones(ride: Ride) -> None:
     ride.drive()
     ride.change = lambda messages: (*messages, ChairStatus(ride.simulator.now_ns, charging=True))
     assert ended_by(ride, within=2) == "charging"
@@ -334,7 +332,7 @@ def test_f24_a_low_battery_lets_a_drive_finish_and_no_new_one_begin(ride: Ride) 
     assert state.navigation.stage is Stage.FAILED
 
 
-def test_a_goal_asked_for_during_a_fault_does_not_begin_when_the_fault_clears(ride: Ride) -> None:
+def test_a_goal_requested_during_a_fault_does_not_start_when_the_fault_clears(ride: Ride) -> None:
     ride.change = only(WheelTicks)
     ride.tick(10)
     ride.chair.go(FAR)
@@ -346,7 +344,7 @@ def test_a_goal_asked_for_during_a_fault_does_not_begin_when_the_fault_clears(ri
     assert not any(state.sent.active for state in ride.states)
 
 
-def test_a_goal_asked_for_while_the_rider_steers_does_not_begin_when_the_stick_is_let_go(ride: Ride) -> None:
+def test_a_goal_requested_while_the_rider_steers_does_not_start_when_the_stick_is_released(ride: Ride) -> None:
     ride.tick(10)
     ride.simulator.rider = JoystickInput(0, 0.0, 0.5)
     ride.tick(4)
@@ -358,7 +356,7 @@ def test_a_goal_asked_for_while_the_rider_steers_does_not_begin_when_the_stick_i
     assert not any(state.sent.active for state in ride.states)
 
 
-def test_a_goal_waits_for_the_riders_yes_and_not_for_ever() -> None:
+def test_a_goal_waits_for_the_riders_confirmation_for_a_limited_time() -> None:
     with Ride(ChairSettings(supervisor=SupervisorSettings(confirm_s=2.0))) as ride:
         ride.tick(10)
         assert ride.chair.ready
@@ -369,7 +367,7 @@ def test_a_goal_waits_for_the_riders_yes_and_not_for_ever() -> None:
         assert not any(ride.tick().verdict.computer_drives for _ in range(10))
 
 
-def test_another_goal_brings_a_drive_to_rest_until_it_is_confirmed_too(ride: Ride) -> None:
+def test_a_new_goal_stops_the_drive_until_it_is_confirmed(ride: Ride) -> None:
     ride.drive()
     ride.chair.go(FAR)
     states = [ride.tick() for _ in range(60)]
@@ -381,17 +379,17 @@ def test_another_goal_brings_a_drive_to_rest_until_it_is_confirmed_too(ride: Rid
     assert ride.tick(60).sent.active
 
 
-def test_a_chair_with_a_seat_switch_does_not_drive_without_somebody_in_it() -> None:
+def test_a_chair_with_a_seat_switch_does_not_drive_without_a_rider() -> None:
     with Ride(ChairSettings(fitness=FitnessSettings(seat_switch=True))) as ride:
         ride.tick(10)
-        assert not ride.chair.ready  # nobody has said anything
+        assert not ride.chair.ready  # no message has come
         ride.change = lambda messages: (*messages, ChairStatus(ride.simulator.now_ns, seated=True))
         ride.drive()
         ride.change = lambda messages: (*messages, ChairStatus(ride.simulator.now_ns, seated=False))
         assert ended_by(ride, within=2) == "seat_empty"
 
 
-def test_a_chair_whose_stops_were_not_measured_crawls() -> None:
+def test_a_chair_without_measured_stops_crawls() -> None:
     with Ride() as ride:
         board = ride.simulator._board
         assert board is not None
@@ -407,7 +405,7 @@ def test_a_chair_whose_stops_were_not_measured_crawls() -> None:
         assert 0.2 < ride.speed < 0.34
 
 
-def test_a_monitor_that_says_nothing_more_stops_the_chair_and_takes_a_reset(ride: Ride) -> None:
+def test_a_silent_monitor_stops_the_chair_until_a_reset(ride: Ride) -> None:
     ride.drive()
     monitor = ride.chair._base._monitor
     monitor.judge = lambda command, measured, now_ns: None  # type: ignore[method-assign]

@@ -28,14 +28,14 @@ def steered(ride: Ride, ticks: int, forward: float = 1.0, turn: float = 0.0) -> 
         ride.tick()
 
 
-def test_a_page_steers_at_walking_speed_and_letting_go_stops() -> None:
+def test_a_page_steers_at_walking_speed_and_a_release_stops_the_chair() -> None:
     with Ride() as ride:
         ride.tick(10)
         steered(ride, ARMING + 60)
         assert ride.states[-1].verdict.mode is DriveMode.ASSISTED
         assert 0.5 < ride.speed < 0.65
         at = ride.simulator.truth().x
-        ride.tick(30)  # without a word: as if the page were gone
+        ride.tick(30)  # without a message, as if the page were closed
         assert ride.stands
         assert ride.simulator.truth().x - at < 0.6
         assert ride.states[-1].sent.active  # held at rest, so that the next push acts at once
@@ -57,7 +57,7 @@ def test_a_page_cannot_steer_into_a_wall() -> None:
 
 
 @pytest.mark.parametrize("interrupts", ["the rider's joystick", "Stop"])
-def test_joystick_and_stop_end_steering_by_a_page_until_it_lets_go(interrupts: str) -> None:
+def test_joystick_and_stop_end_steering_by_a_page_until_the_page_releases_its_stick(interrupts: str) -> None:
     with Ride() as ride:
         ride.tick(10)
         steered(ride, ARMING + 40)
@@ -76,7 +76,7 @@ def test_joystick_and_stop_end_steering_by_a_page_until_it_lets_go(interrupts: s
         assert ride.speed > 0.1
 
 
-def test_steering_that_the_board_was_let_go_of_counts_again_once_the_page_let_go() -> None:
+def test_steering_after_a_release_of_the_board_counts_again_once_the_page_has_released_its_stick() -> None:
     """The control loop hangs for a quarter of a second; the heartbeat lives."""
     with Ride() as ride:
         ride.tick(10)
@@ -96,7 +96,7 @@ def test_steering_that_the_board_was_let_go_of_counts_again_once_the_page_let_go
         assert ride.speed > 0.3
 
 
-def test_steering_ends_a_drive_without_letting_go_of_the_lines_and_it_does_not_resume() -> None:
+def test_steering_ends_a_drive_without_releasing_the_lines_and_it_does_not_resume() -> None:
     with Ride() as ride:
         ride.drive()
         steered(ride, 20, 0.5)
@@ -122,7 +122,7 @@ def test_a_lost_chair_may_be_steered() -> None:
 COUNTING = replace(ChairSettings(), supervisor=SupervisorSettings(countdown_s=3.0))
 
 
-def test_nothing_moves_before_the_countdown_is_over_and_then_it_does() -> None:
+def test_nothing_moves_before_the_end_of_the_countdown_and_the_chair_drives_after_it() -> None:
     with Ride(COUNTING) as ride:
         ride.tick(10)
         ride.chair.go(FAR)
@@ -143,7 +143,7 @@ def test_nothing_moves_before_the_countdown_is_over_and_then_it_does() -> None:
 
 @pytest.mark.parametrize("prevents", ["stop", "cancel", "joystick"])
 @pytest.mark.parametrize("ticks", [30, *(pytest.param(k, marks=pytest.mark.nightly) for k in (1, 58))])
-def test_stop_cancel_and_the_joystick_prevent_a_drive_that_is_counted_down(prevents: str, ticks: int) -> None:
+def test_stop_cancel_and_the_joystick_end_a_countdown(prevents: str, ticks: int) -> None:
     with Ride(COUNTING) as ride:
         ride.tick(10)
         ride.chair.go(FAR)
@@ -162,7 +162,7 @@ def test_stop_cancel_and_the_joystick_prevent_a_drive_that_is_counted_down(preve
         assert ride.chair.countdown_s(ride.simulator.now_ns) is None
 
 
-def test_a_zone_that_is_drawn_during_a_drive_is_driven_round_at_once() -> None:
+def test_a_zone_drawn_during_a_drive_is_avoided_at_once() -> None:
     with Ride() as ride:
         ride.drive()
         zone = Zone("wet", Rule.KEEP_OUT, np.array([[4.5, 1.6], [5.5, 1.6], [5.5, 3.0], [4.5, 3.0]]))
@@ -179,7 +179,7 @@ def test_a_zone_that_is_drawn_during_a_drive_is_driven_round_at_once() -> None:
         assert not zone_contains(zone, np.array(outline)).any()
 
 
-def test_a_zone_over_the_goal_ends_the_drive_and_taking_it_back_does_not_resume_it() -> None:
+def test_a_zone_over_the_goal_ends_the_drive_and_undoing_the_zone_does_not_resume_it() -> None:
     with Ride() as ride:
         ride.drive()
         zone = Zone("wet", Rule.KEEP_OUT, np.array([[9.0, 1.5], [11.0, 1.5], [11.0, 3.5], [9.0, 3.5]]))
@@ -194,7 +194,7 @@ def test_a_zone_over_the_goal_ends_the_drive_and_taking_it_back_does_not_resume_
         assert not ride.states[-1].verdict.computer_drives
 
 
-def test_a_slow_zone_that_is_drawn_slows_the_drive_under_way() -> None:
+def test_a_new_slow_zone_slows_the_present_drive() -> None:
     with Ride() as ride:
         ride.drive(110)
         assert ride.speed > 0.4
@@ -204,7 +204,7 @@ def test_a_slow_zone_that_is_drawn_slows_the_drive_under_way() -> None:
         assert 0.1 < ride.speed < 0.3
 
 
-def test_a_chair_that_is_pushed_by_hand_says_so_and_drops_the_goal_that_waited() -> None:
+def test_a_pushed_chair_says_so_and_drops_a_waiting_goal() -> None:
     with Ride() as ride:
         ride.tick(40)
         ride.chair.go(FAR)
@@ -224,7 +224,7 @@ def test_a_chair_that_is_pushed_by_hand_says_so_and_drops_the_goal_that_waited()
         assert ride.chair.ready
 
 
-def test_a_chair_that_was_carried_elsewhere_is_looked_for_and_does_not_drive_until_found() -> None:
+def test_a_chair_that_was_carried_away_is_searched_for_and_does_not_drive_until_found() -> None:
     with Ride(simulator=SimulatorSettings()) as ride:
         ride.drive()
         ride.chair.stop()
@@ -237,7 +237,7 @@ def test_a_chair_that_was_carried_elsewhere_is_looked_for_and_does_not_drive_unt
         assert not any(state.verdict.computer_drives for state in ride.states[-60:])
 
 
-def test_a_drive_of_a_page_ends_when_no_page_is_left_and_one_of_nobody_does_not() -> None:
+def test_a_drive_of_a_page_ends_with_the_last_page_and_one_of_another_caller_does_not() -> None:
     watch, second = PageWatch(), 1_000_000_000
     assert not watch.halts(0)
     watch.began(5 * second)
@@ -245,13 +245,13 @@ def test_a_drive_of_a_page_ends_when_no_page_is_left_and_one_of_nobody_does_not(
     watch.seen([], 6 * second + GONE_NS // 2)
     assert not watch.halts(6 * second + GONE_NS)
     assert [halted.stop.id for halted in watch.halts(6 * second + GONE_NS + 1)] == ["page_gone"]
-    watch.seen(["b"], 8 * second)  # a page that was reloaded, or another one
+    watch.seen(["b"], 8 * second)  # a reloaded page, or another one
     assert not watch.halts(8 * second)
     watch.over()
     assert not watch.halts(100 * second)
 
 
-def test_a_halt_of_the_caller_brings_a_drive_to_rest_in_comfort() -> None:
+def test_a_halt_of_the_caller_stops_a_drive_comfortably() -> None:
     with Ride() as ride:
         ride.drive(110)
         watch = PageWatch()

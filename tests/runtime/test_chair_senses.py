@@ -26,7 +26,7 @@ ACROSS = 4.98
 
 
 def to_the_end(ride: Ride, goal: Goal, seconds: float) -> Stage:
-    """Ticks until the drive ends, or the time is up; the stage then."""
+    """Run ticks until the drive ends or the time is up; return the stage."""
     start_drive(ride.simulator, ride.chair, goal)
     for _ in range(round(20 * seconds)):
         if ride.tick().navigation.stage in (Stage.ARRIVED, Stage.FAILED):
@@ -55,7 +55,7 @@ def test_a_slow_zone_is_driven_slowly_and_no_corner_enters_a_keep_out_zone() -> 
     assert elsewhere > 0.6
 
 
-def test_a_slanting_pane_of_glass_that_the_lidar_looks_through_is_heard_by_the_sonars_and_not_touched() -> None:
+def test_an_oblique_pane_of_glass_invisible_to_the_lidar_is_heard_by_the_sonars_and_not_touched() -> None:
     pane = Block(Pose2(6.5, 2.5, math.radians(65.0)), 5.4, 0.02, 0.0, 2.0, "glass")
     with Ride(simulator=SimulatorSettings(sonar=SonarSettings(rate_hz=20.0)), blocks=(pane,)) as ride:
         assert to_the_end(ride, FAR, 14.0) is not Stage.ARRIVED
@@ -65,7 +65,7 @@ def test_a_slanting_pane_of_glass_that_the_lidar_looks_through_is_heard_by_the_s
 
 
 @pytest.mark.skipif(renderer_problem() is not None, reason="no pictures can be drawn here")
-def test_a_pit_across_the_way_is_seen_by_the_depth_camera_and_stopped_at() -> None:
+def test_the_depth_camera_sees_a_pit_across_the_way_and_the_chair_stops_before_it() -> None:
     pit = Pit(Pose2(7.0, 2.5, 0.0), 2.0, ACROSS, 0.5)
     camera = CameraSettings(rate_hz=10.0, width=320, height=240)
     with Ride(simulator=SimulatorSettings(camera=camera), pits=(pit,)) as ride:
@@ -77,9 +77,7 @@ def test_a_pit_across_the_way_is_seen_by_the_depth_camera_and_stopped_at() -> No
 
 @pytest.mark.parametrize("dead_band", [0.071, 0.118])
 @pytest.mark.parametrize("heading", [0.08, -0.15])
-def test_small_turns_come_to_an_end_whatever_the_dead_band_of_the_turn_axis_is(
-    dead_band: float, heading: float
-) -> None:
+def test_small_turns_end_at_any_dead_band_of_the_turn_axis(dead_band: float, heading: float) -> None:
     """The dead band is a quarter larger or smaller than the calibrated one."""
     with Ride(simulator=SimulatorSettings(plant=PlantSettings(turn_dead_band=dead_band))) as ride:
         goal = Goal(Pose2(2.0, 2.5, heading), 0.15, 0.05)
@@ -87,7 +85,7 @@ def test_small_turns_come_to_an_end_whatever_the_dead_band_of_the_turn_axis_is(
         assert ride.simulator.truth().theta == pytest.approx(heading, abs=0.05)
 
 
-def test_the_chair_plans_and_limits_by_the_jerk_and_the_stops_of_its_file() -> None:
+def test_the_chair_plans_and_limits_with_the_jerk_and_the_stops_of_its_file() -> None:
     with Ride() as ride:
         dwa = ride.chair.navigator.settings.dwa
         assert dwa.stops is not None

@@ -34,12 +34,12 @@ FACTS = DriveFacts(DriveMode.AUTONOMOUS, False, "lift", False, None, Stage.DRIVI
         (LEFT[:1], HERE, "Driving to lift."),
     ],
 )
-def test_the_next_move_is_said_with_its_distance(way: np.ndarray, pose: Pose2, said: str) -> None:
+def test_the_next_move_is_told_with_its_distance(way: np.ndarray, pose: Pose2, said: str) -> None:
     assert driving_sentence("lift", way, pose) == said
 
 
 @given(st.integers(0, 80), st.floats(-3.0, 3.0))
-def test_a_way_that_is_turned_as_a_whole_has_the_same_turns(first: int, angle: float) -> None:
+def test_a_rotated_path_has_the_same_turns(first: int, angle: float) -> None:
     turned = LEFT @ np.array([[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]])
     before, after = next_turn(LEFT[first:]), next_turn(turned[first:])
     assert (before is None) == (after is None)
@@ -50,7 +50,7 @@ def test_a_way_that_is_turned_as_a_whole_has_the_same_turns(first: int, angle: f
         )  # the next point may be the first beyond the angle
 
 
-def test_points_that_lie_on_each_other_are_no_turn() -> None:
+def test_repeated_points_are_no_turn() -> None:
     assert next_turn(np.repeat(STRAIGHT, 3, axis=0)) is None
     assert next_turn(np.zeros((5, 2))) is None
     assert len(path_ahead(np.empty((0, 2)), HERE)) == 0
@@ -91,23 +91,23 @@ def test_the_next_action_is_one_plain_sentence(facts: DriveFacts, said: str) -> 
 
 
 @pytest.mark.parametrize("stop_id", sorted(STOPS))
-def test_every_stop_is_told_apart_from_what_helps(stop_id: str) -> None:
+def test_every_stop_is_separated_from_its_remedy(stop_id: str) -> None:
     (told,) = obstacles_of([halt(stop_id, "0.3 m")])
     assert told.remedy == STOPS[stop_id].remedy
     assert told.sentence == (STOPS[stop_id].sentence + " (0.3 m)")
 
 
-def test_a_stop_of_another_version_is_told_in_its_own_words() -> None:
+def test_a_stop_of_another_version_keeps_its_own_text() -> None:
     assert obstacle_of("new_stop", "the seat is up: lower it") == Obstacle("new_stop", "the seat is up", "lower it")
     assert "new_stop" in obstacle_of("new_stop", "").sentence
 
 
-def test_another_parts_own_sentence_is_split_where_its_advice_begins() -> None:
+def test_a_sentence_of_another_part_is_split_before_its_advice() -> None:
     (told,) = obstacles_of([halt_as_told("disobeys", "the chair moves at neutral: -0.2 m/s; calibrate again")])
     assert (told.sentence, told.remedy) == ("the chair moves at neutral: -0.2 m/s", "calibrate again")
 
 
-def test_sentences_begin_large_and_end_in_a_stop() -> None:
+def test_sentences_begin_with_a_capital_and_end_with_a_full_stop() -> None:
     assert [sentence(text) for text in ("", " no goal ", "Done.")] == ["", "No goal.", "Done."]
 
 

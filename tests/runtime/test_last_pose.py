@@ -19,12 +19,12 @@ def test_a_saved_pose_is_found_by_any_path_of_the_folder(tmp_path: Path, monkeyp
     assert remembered_pose(Path("pose.json"), Path("ward")) == POSE
 
 
-def test_a_pose_on_another_map_is_none(tmp_path: Path) -> None:
+def test_a_pose_on_another_map_does_not_count(tmp_path: Path) -> None:
     remember_pose(tmp_path / "pose.json", tmp_path / "ward", POSE)
     assert remembered_pose(tmp_path / "pose.json", tmp_path / "lobby") is None
 
 
-def test_nothing_was_kept_yet(tmp_path: Path) -> None:
+def test_without_a_saved_pose_there_is_none(tmp_path: Path) -> None:
     assert remembered_pose(tmp_path / "pose.json", tmp_path) is None
 
 
@@ -39,7 +39,7 @@ def test_a_damaged_file_is_named(tmp_path: Path, text: str) -> None:
 
 
 @pytest.mark.parametrize("number", ["NaN", "Infinity"])
-def test_a_pose_that_is_no_number_is_named(tmp_path: Path, number: str) -> None:
+def test_a_pose_that_is_not_a_number_is_named(tmp_path: Path, number: str) -> None:
     path = tmp_path / "pose.json"
     path.write_text(f'{{"map": "{tmp_path}", "pose": [0, {number}, 0]}}')
     with pytest.raises(ConfigError, match="holds no pose"):

@@ -1,4 +1,4 @@
-"""Places and zones on a map that a drive of another day bends: they move with the rooms."""
+"""Places and zones move with the rooms when a drive of another day corrects the map."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def test_places_and_zones_follow_the_nodes_when_a_drive_of_another_day_is_joined
     DrawingEditor(folder).set_zone(Zone("wet", Rule.KEEP_OUT, corners))
     joined(part(drive, lap // 2, 2 * lap, 1)[0], folder)
     after = load_nodes(folder)[: len(before)]
-    assert not np.allclose(after, before, atol=1e-4)  # the loop that the second day closes bends the first day's
+    assert not np.allclose(after, before, atol=1e-4)  # the loop closed on the second day corrects the first day's map
     anchored = Pose2(*after[-1].tolist()) @ Pose2(0.4, 0.2, 1.0)
     assert load_places(folder)["far"].pose.array() == pytest.approx(anchored.array(), abs=1e-6)
     assert load_zones(folder)[0].polygon[0] == pytest.approx([anchored.x, anchored.y], abs=1e-6)

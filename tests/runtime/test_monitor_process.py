@@ -48,7 +48,7 @@ def process() -> Iterator[MonitorProcess]:
 
 
 def eventually(condition: Callable[[], bool]) -> bool:
-    """Whether a condition comes true; it is asked about a hundred times a second."""
+    """Return whether a condition comes true; it is checked a hundred times a second."""
     deadline = time.monotonic() + PATIENCE_S
     while time.monotonic() < deadline:
         if condition():
@@ -58,7 +58,7 @@ def eventually(condition: Callable[[], bool]) -> bool:
 
 
 def open_after_a_scan(process: MonitorProcess, away: float = 3.0) -> bool:
-    """Pass a scan and a command on; whether speed may pass by the latest verdict."""
+    """Pass a scan and a command on; return whether the latest verdict permits speed."""
     process.see(room(time.monotonic_ns(), away))
     process.judge(AHEAD, Twist(), 0)
     verdict = process.verdict
@@ -66,12 +66,12 @@ def open_after_a_scan(process: MonitorProcess, away: float = 3.0) -> bool:
 
 
 def is_silent(process: MonitorProcess) -> bool:
-    """Whether the gate is shut for want of a verdict."""
+    """Return whether the gate is closed for lack of a verdict."""
     process.see(room(time.monotonic_ns()))
     return stale_stop(process.verdict, time.monotonic_ns()) == "monitor_silent"
 
 
-def test_messages_say_the_same_on_the_other_side() -> None:
+def test_messages_are_the_same_on_the_other_side() -> None:
     scan = replace(room(123456789012345), ranges=np.array([1.5, math.inf, -math.inf, math.nan], np.float32))
     back = _scan_from(_scan_message(scan))
     assert np.array_equal(back.ranges, scan.ranges, equal_nan=True)
@@ -84,7 +84,7 @@ def test_messages_say_the_same_on_the_other_side() -> None:
 
 
 def verdict_on(process: MonitorProcess, scan: Scan) -> MonitorVerdict:
-    """The process's verdict on this very scan for the command AHEAD."""
+    """Return the process's verdict on this scan for the command AHEAD."""
     process.see(scan)
 
     def found() -> bool:
@@ -99,21 +99,21 @@ def verdict_on(process: MonitorProcess, scan: Scan) -> MonitorVerdict:
 
 
 def judged_in_step(watched: Watched, scan: Scan, at_ns: int) -> MonitorVerdict | None:
-    """The same by the monitor in the tick."""
+    """Return the same verdict of the monitor in the tick."""
     in_step = MonitorInStep(watched)
     in_step.see(scan)
     in_step.judge(AHEAD, Twist(), at_ns)
     return in_step.verdict
 
 
-def test_the_process_judges_as_the_monitor_in_the_tick_does(process: MonitorProcess) -> None:
+def test_the_process_gives_the_same_verdicts_as_the_monitor_in_the_tick(process: MonitorProcess) -> None:
     for away in (3.0, 0.3):
         scan = room(time.monotonic_ns(), away)
         verdict = verdict_on(process, scan)
         assert verdict == judged_in_step(Watched(), scan, verdict.stamp_ns)
 
 
-def test_it_judges_by_its_own_timer_though_nobody_commands(process: MonitorProcess) -> None:
+def test_it_judges_by_its_own_timer_without_a_command(process: MonitorProcess) -> None:
     stamps: set[int] = set()
 
     def counted() -> bool:
@@ -124,7 +124,7 @@ def test_it_judges_by_its_own_timer_though_nobody_commands(process: MonitorProce
     assert eventually(counted)
 
 
-def test_it_watches_over_the_chair_that_it_was_told_of() -> None:
+def test_it_judges_for_the_given_chair() -> None:
     table = StopTable(speeds=(0.2, 0.4), distances=(0.1, 0.9), turn_rate=0.5, turn_angle=0.3, delay_s=0.1)
     watched = Watched(CHAIR_B, MonitorSettings(reaction_s=0.1), table, SelfMask((-0.1,), (0.1,), (0.3,)))
     with MonitorProcess(watched) as process:
@@ -155,18 +155,18 @@ def test_f25_a_killed_or_stopped_monitor_takes_the_speed_from_the_lines(
         assert bridged.lines.forward_mv == pytest.approx(1650, abs=15)
 
 
-def test_a_monitor_that_wakes_up_again_is_heard_again_and_judges_by_what_it_sees_then(process: MonitorProcess) -> None:
+def test_a_resumed_monitor_is_used_again_and_judges_by_new_scans(process: MonitorProcess) -> None:
     assert eventually(lambda: open_after_a_scan(process))
     os.kill(process.pid, signal.SIGSTOP)
     assert eventually(lambda: is_silent(process))
-    for _ in range(500):  # more than the channel holds: nobody waits
+    for _ in range(500):  # more than the channel holds: no process waits
         process.see(room(time.monotonic_ns()))
     os.kill(process.pid, signal.SIGCONT)
     assert eventually(lambda: open_after_a_scan(process))
 
 
 @pytest.mark.parametrize("death", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_dead_monitor_is_started_again_on_demand_only(process: MonitorProcess, death: signal.Signals) -> None:
+def test_a_dead_monitor_is_restarted_on_demand_only(process: MonitorProcess, death: signal.Signals) -> None:
     assert eventually(lambda: open_after_a_scan(process))
     before = process.pid
     os.kill(before, death)
@@ -177,7 +177,7 @@ def test_a_dead_monitor_is_started_again_on_demand_only(process: MonitorProcess,
     assert eventually(lambda: open_after_a_scan(process))
 
 
-def test_the_process_ends_when_the_control_loop_is_gone(process: MonitorProcess) -> None:
+def test_the_process_ends_with_the_control_loop(process: MonitorProcess) -> None:
     assert eventually(lambda: process.verdict is not None)
     process._socket.shutdown(socket.SHUT_RDWR)
     process._socket.close()

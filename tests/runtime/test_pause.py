@@ -1,4 +1,4 @@
-"""A drive that is paused stands with its goal, and goes on when somebody says so, and only then."""
+"""A paused drive stands with its goal, and continues only when a person asks for it."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def rests(ride: Ride) -> None:
     raise AssertionError("it does not come to rest")
 
 
-def test_a_paused_drive_stands_in_comfort_and_reaches_its_goal_once_it_goes_on() -> None:
+def test_a_paused_drive_stops_comfortably_and_reaches_its_goal_after_it_continues() -> None:
     with Ride() as ride:
         ride.drive()
         assert ride.speed > 0.5
@@ -46,13 +46,13 @@ def test_a_paused_drive_stands_in_comfort_and_reaches_its_goal_once_it_goes_on()
         assert ride.simulator.contacts == 0
 
 
-def test_there_is_nothing_to_pause_without_a_drive_and_nothing_goes_on_that_was_not_paused() -> None:
+def test_without_a_drive_there_is_nothing_to_pause_and_without_a_pause_nothing_to_continue() -> None:
     with Ride() as ride:
         ride.tick(10)
         assert not ride.chair.pause()
         assert not ride.chair.go_on()
         ride.chair.go(FAR)
-        assert not ride.chair.pause()  # it waits for a yes, and goes on waiting
+        assert not ride.chair.pause()  # it waits for a confirmation, and keeps waiting
         assert ride.chair.waits
         ride.chair.cancel()
         ride.drive()
@@ -82,7 +82,7 @@ def test_stop_joystick_and_cancel_end_a_paused_drive_for_good(ends: str) -> None
         assert ride.simulator.truth().x == pytest.approx(at.x, abs=0.02)
 
 
-def test_a_drive_that_is_paused_for_too_long_is_given_up_with_a_reason() -> None:
+def test_a_drive_paused_for_too_long_is_given_up_with_a_reason() -> None:
     with Ride(ChairSettings(max_pause_s=5.0)) as ride:
         ride.drive()
         ride.chair.pause()
@@ -93,7 +93,7 @@ def test_a_drive_that_is_paused_for_too_long_is_given_up_with_a_reason() -> None
         assert not ride.chair.go_on()
 
 
-def test_a_second_pause_has_all_its_time_again() -> None:
+def test_a_second_pause_has_the_full_time_again() -> None:
     with Ride(ChairSettings(max_pause_s=5.0)) as ride:
         ride.drive()
         for _ in range(2):

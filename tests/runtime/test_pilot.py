@@ -14,7 +14,7 @@ from waychair.types import OccupancyGrid, Pose2, Scan, Twist
 
 
 @pytest.mark.parametrize("range_max", [math.inf, 6.0, 5.0])
-def test_beams_end_on_something_or_are_free_as_far_as_navigator_and_lidar_see(range_max: float) -> None:
+def test_beams_end_on_an_obstacle_or_are_free_up_to_the_range_of_navigator_and_lidar(range_max: float) -> None:
     grid = OccupancyGrid(np.zeros((400, 400), np.int8), 0.05)
     pilot = Pilot(grid, {}, CHAIR_A, PilotSettings(), None, ())
     reach = min(pilot.settings.navigator.obstacle_range, range_max)

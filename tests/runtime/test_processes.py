@@ -1,4 +1,4 @@
-"""Supervised processes: started, restarted, and ended together, however the supervisor ends."""
+"""Supervised processes: started, restarted, and ended together, in whichever way the supervisor ends."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PATIENCE_S = 30.0
 
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Restarts at once, and little patience."""
+    """Settings with restarts at once and short limits."""
     monkeypatch.setattr(processes, "RESTART_PAUSE_S", 0.0)
     monkeypatch.setattr(processes, "END_PATIENCE_S", 0.5)
 
@@ -80,7 +80,7 @@ def is_alive(pid: int) -> bool:
     return stat.rsplit(") ", 1)[1][0] != "Z"
 
 
-def test_all_processes_begin_and_end_together_even_deaf_ones(modules: Path) -> None:
+def test_all_processes_start_and_end_together_even_those_that_ignore_signals(modules: Path) -> None:
     told: list[str] = []
     table = [Process("one", "sleeps"), Process("two", "deaf")]
     with Supervision(table, environment(modules), told.append) as running:
@@ -92,7 +92,7 @@ def test_all_processes_begin_and_end_together_even_deaf_ones(modules: Path) -> N
     assert told == [f"'{name}' runs as process {pid}" for name, pid in pids.items()]
 
 
-def test_if_one_cannot_be_started_those_before_it_are_ended(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_if_one_cannot_be_started_the_earlier_ones_are_ended(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     begun: list[subprocess.Popen[bytes]] = []
     start = subprocess.Popen
 
@@ -159,7 +159,7 @@ def test_a_hung_process_is_killed_and_restarted(modules: Path) -> None:
 
 
 @pytest.mark.usefixtures("soon_hung")
-def test_a_computing_process_and_one_without_heartbeats_get_time(
+def test_a_process_that_computes_and_one_without_heartbeats_get_more_time(
     modules: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     table = [Process("one", "computes"), Process("two", "sleeps")]
@@ -183,7 +183,7 @@ def test_a_process_that_computes_for_too_long_counts_as_hung(modules: Path, monk
 
 
 @pytest.mark.usefixtures("soon_hung")
-def test_a_supervisor_that_was_held_up_itself_kills_nobody(modules: Path) -> None:
+def test_a_supervisor_that_was_delayed_itself_kills_no_process(modules: Path) -> None:
     with Supervision([Process("one", "beats")], environment(modules)) as running:
         pid = running.pids["one"]
         until(lambda: running.watch() == "" and running._running[0].beaten_s is not None)
@@ -206,7 +206,7 @@ def test_a_process_that_dies_too_often_ends_all(modules: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="asks Linux for the parent's death")
-def test_no_process_outlives_a_killed_supervisor(modules: Path) -> None:
+def test_no_process_runs_on_after_a_killed_supervisor(modules: Path) -> None:
     script = textwrap.dedent(
         """
         import os, time
@@ -227,7 +227,7 @@ def test_no_process_outlives_a_killed_supervisor(modules: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="real-time priorities as Linux has them")
-def test_a_row_has_its_priority_where_the_system_grants_it(modules: Path) -> None:
+def test_a_process_has_its_priority_where_the_system_permits_it(modules: Path) -> None:
     with Supervision([Process("one", "sleeps", priority=2)], environment(modules)) as running:
         policy = os.sched_getscheduler(running.pids["one"])
         priority = os.sched_getparam(running.pids["one"]).sched_priority
@@ -235,7 +235,7 @@ def test_a_row_has_its_priority_where_the_system_grants_it(modules: Path) -> Non
     assert (policy, priority) in (granted, (os.SCHED_OTHER, 0))
 
 
-def test_a_signal_is_told_and_ends_nothing() -> None:
+def test_a_signal_is_reported_and_ends_nothing() -> None:
     before = signal.getsignal(signal.SIGUSR1)
     try:
         came = signalled(signal.SIGUSR1)

@@ -42,7 +42,7 @@ def field_of(cylinders: list[tuple[float, float]], length: float = 10.0) -> Barn
     return BarnEnvironment("made", posts, Pose2(), Pose2(length, 0.0, 0.0), length)
 
 
-def test_an_open_field_is_crossed_at_full_speed() -> None:
+def test_the_chair_crosses_an_open_field_at_full_speed() -> None:
     run = run_barn(field_of([], 4.0), 0, JACKAL, navigator_settings(JACKAL, 0.5, 1.0))
     assert run.outcome == "success"
     assert 2.9 / 0.5 <= run.time_s + 0.5 < 7.5
@@ -64,7 +64,7 @@ def test_no_more_processes_are_started_than_there_are_worlds(tmp_path: Path, mon
     assert asked == [2]
 
 
-def test_a_wall_of_posts_with_a_gap_is_passed_through_the_gap() -> None:
+def test_the_chair_passes_a_wall_of_posts_through_its_gap() -> None:
     posts = [(2.0, 0.15 * k) for k in range(-20, 21) if not 4 <= k <= 10]
     run = run_barn(field_of(posts, 4.0), 1, JACKAL, navigator_settings(JACKAL, 0.5, 1.0))
     assert run.outcome == "success"
@@ -73,14 +73,14 @@ def test_a_wall_of_posts_with_a_gap_is_passed_through_the_gap() -> None:
     assert 0.6 < crossed < 1.5
 
 
-def test_a_closed_ring_is_a_timeout_and_no_contact() -> None:
+def test_a_closed_ring_gives_a_timeout_and_no_contact() -> None:
     ring = [(2.0 * math.cos(a), 2.0 * math.sin(a)) for a in np.linspace(0, math.tau, 90, endpoint=False)]
     run = run_barn(field_of(ring, 6.0), 0, JACKAL, navigator_settings(JACKAL, 0.5, 1.0), 8.0)
     assert (run.outcome, run.score) == ("timeout", 0.0)
     assert run.clearance_m > 0.0
 
 
-def test_before_a_goal_that_is_taken_it_stands_and_says_once_that_it_waits() -> None:
+def test_before_an_occupied_goal_the_chair_stands_and_says_once_that_it_waits() -> None:
     taken = [(x, y) for x in (2.9, 3.0, 3.1) for y in (-0.1, 0.0, 0.1)]
     brief = 1.1  # s; between two plans
     run = run_barn(field_of(taken, 3.0), 0, JACKAL, navigator_settings(JACKAL, 0.5, 1.0), brief)
@@ -88,12 +88,12 @@ def test_before_a_goal_that_is_taken_it_stands_and_says_once_that_it_waits() -> 
     assert run.reason.count("waiting") == 1
 
 
-def test_a_start_in_a_post_is_a_contact() -> None:
+def test_a_start_in_a_post_counts_as_a_contact() -> None:
     run = run_barn(field_of([(0.2, 0.0)]), 0, JACKAL, navigator_settings(JACKAL, 0.5, 1.0))
     assert (run.outcome, run.score) == ("contact", 0.0)
 
 
-def test_the_same_start_gives_the_same_run_and_others_differ() -> None:
+def test_the_same_seed_gives_the_same_run_and_others_differ() -> None:
     environment, navigator = field_of([(1.5, 0.1)], 3.0), navigator_settings(JACKAL, 0.5, 1.0)
     first, again, other = (run_barn(environment, start, JACKAL, navigator) for start in (0, 0, 1))
     np.testing.assert_array_equal(first.truth, again.truth)
@@ -117,20 +117,20 @@ def test_the_clearance_among_cylinders_equals_brute_force(name: str) -> None:
     assert clearance_among(np.empty((0, 3)), body, Pose2()) == math.inf
 
 
-def test_nothing_moves_before_anything_was_seen() -> None:
+def test_nothing_moves_before_the_first_scan() -> None:
     navigator = MaplessNavigator(JACKAL, Pose2(), Pose2(5.0, 0.0), navigator_settings(JACKAL, 0.5, 1.0))
     navigation = navigator.step(0, Pose2(), None)
     assert navigation.stage is Stage.WAITING
     assert (navigation.twist.v, navigation.twist.omega) == (0.0, 0.0)
 
 
-def test_bounds_beside_a_zero_are_those_of_the_rule_of_three() -> None:
+def test_bounds_beside_zero_failures_follow_the_rule_of_three() -> None:
     assert upper_bound(0, 1000) == pytest.approx(3.0 / 1000, rel=0.01)
     assert upper_bound(5, 5) == 1.0
 
 
 @pytest.mark.parametrize("body", ["jackal", "A"])
-def test_a_real_world_is_crossed_without_a_contact(data_dir: Path, body: str) -> None:
+def test_the_chair_crosses_a_real_world_without_a_contact(data_dir: Path, body: str) -> None:
     """A small sample of the acceptance figures: the world with the longest detours."""
     scale = 1.63 if body == "A" else 1.0
     navigator = navigator_settings(ROBOTS[body], 0.8 if body == "A" else 0.5, scale)
@@ -149,7 +149,7 @@ def test_a_report_has_a_row_for_each_world() -> None:
     json.dumps(found, allow_nan=False)
 
 
-def test_broken_wishes_are_refused_with_advice(tmp_path: Path, data_dir: Path) -> None:
+def test_invalid_requests_are_refused_with_advice(tmp_path: Path, data_dir: Path) -> None:
     with pytest.raises(WorldError, match=r"holds no world_\*\.txt"):
         worlds_in(tmp_path)
     with pytest.raises(WorldError, match="at least one"):
@@ -167,7 +167,7 @@ def test_broken_wishes_are_refused_with_advice(tmp_path: Path, data_dir: Path) -
         run_worlds(worlds_in(tmp_path), TASK)
 
 
-def test_the_command_prints_json_with_the_benchmarks_figures(
+def test_the_command_prints_the_figures_of_the_benchmark_as_json(
     data_dir: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     barn_command(data_dir / "barn", worlds=1, jobs=1, json=True)
@@ -176,6 +176,6 @@ def test_the_command_prints_json_with_the_benchmarks_figures(
     assert found["runs"] == 1
 
 
-def test_a_process_that_is_killed_is_named_with_advice() -> None:
+def test_a_killed_process_is_named_with_advice() -> None:
     with pytest.raises(WorkerLost, match="reduce --jobs"), _workers(2) as each:
         list(each(os._exit, [1, 1]))

@@ -1,4 +1,4 @@
-"""The demo on a page: visitors see it run and can stop it for good."""
+"""The demo on a page: visitors see it run and can stop it."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def test_a_page_sees_the_map_grow_and_the_chair_drive_to_each_place(plan: Path, 
     assert np.array_equal(page.grid().cells, demo.setup.grid.cells)  # type: ignore[union-attr]
 
 
-def test_stop_ends_the_drive_and_those_that_were_to_come(plan: Path, tmp_path: Path) -> None:
+def test_stop_ends_the_drive_and_all_later_ones(plan: Path, tmp_path: Path) -> None:
     page = Onlooker(stops="door")
     demo = run_demo(tmp_path / "demo", seed=1, world=plan, surprises=False, watcher=page)
     (leg,) = demo.legs
@@ -99,7 +99,7 @@ def test_stop_ends_the_drive_and_those_that_were_to_come(plan: Path, tmp_path: P
     assert page.stop_requested
 
 
-def test_what_a_demo_does_not_do_is_said_in_one_sentence() -> None:
+def test_requests_that_a_demo_does_not_support_give_one_sentence_each() -> None:
     page = DemoPage()
     refused = [page.go("door"), page.confirm(), page.steer(1.0, 0.0), page.undo(), page.relocalise()]
     assert not any(answer.done for answer in refused)

@@ -76,7 +76,7 @@ def test_it_is_a_chair_port(tmp_path: Path) -> None:
     assert chair.outline.shape[1] == 2
 
 
-def test_a_place_is_driven_to_once_somebody_says_yes_to_it(tmp_path: Path) -> None:
+def test_the_chair_drives_to_a_place_after_a_confirmation(tmp_path: Path) -> None:
     with live(tmp_path, countdown_s=1.0) as chair:
         assert not chair.confirm().done
         assert "did you mean" in chair.go("neer").sentence
@@ -100,7 +100,7 @@ def test_a_place_is_driven_to_once_somebody_says_yes_to_it(tmp_path: Path) -> No
         assert np.hypot(over.map_from_base.x - 1.7, over.map_from_base.y) < 0.15
 
 
-def test_a_drive_is_paused_and_goes_on(tmp_path: Path) -> None:
+def test_a_drive_pauses_and_continues(tmp_path: Path) -> None:
     with live(tmp_path) as chair:
         assert chair.pause().sentence == "there is no drive to pause"
         sets_off(chair)
@@ -130,7 +130,7 @@ def test_stop_is_on_the_lines_within_a_tenth_of_a_second(tmp_path: Path) -> None
         assert not chair.confirm().done
 
 
-def test_a_drive_goes_on_through_a_reload_and_ends_when_no_page_is_left(tmp_path: Path) -> None:
+def test_a_drive_continues_through_a_reload_and_ends_with_the_last_page(tmp_path: Path) -> None:
     with live(tmp_path) as chair:
         sets_off(chair)
         chair.watched([])
@@ -141,7 +141,7 @@ def test_a_drive_goes_on_through_a_reload_and_ends_when_no_page_is_left(tmp_path
         until(chair, stands)
 
 
-def test_calls_that_cease_end_a_drive_as_well(tmp_path: Path) -> None:
+def test_a_drive_ends_when_the_calls_cease(tmp_path: Path) -> None:
     with live(tmp_path) as chair:
         sets_off(chair)
         ends = time.monotonic() + PATIENCE_S
@@ -151,7 +151,7 @@ def test_calls_that_cease_end_a_drive_as_well(tmp_path: Path) -> None:
         assert chair.view().last_stop.startswith("No page with a Stop button answers any more")
 
 
-def test_what_is_drawn_is_in_the_files_and_in_force_and_can_be_undone(tmp_path: Path) -> None:
+def test_drawings_are_saved_and_in_force_and_can_be_undone(tmp_path: Path) -> None:
     with live(tmp_path) as chair:
         first = chair.view()
         assert chair.place_here(" desk ", 0.05, 0.03).done
@@ -186,7 +186,7 @@ def test_what_is_drawn_is_in_the_files_and_in_force_and_can_be_undone(tmp_path: 
         assert np.array_equal(again.cells, grid.cells)
 
 
-def test_a_page_steers_and_the_riders_own_joystick_wins(tmp_path: Path) -> None:
+def test_a_page_steers_and_the_riders_own_joystick_has_priority(tmp_path: Path) -> None:
     with live(tmp_path) as chair:
         held = threading.Event()
 
@@ -210,7 +210,7 @@ def test_a_page_steers_and_the_riders_own_joystick_wins(tmp_path: Path) -> None:
         assert "by joystick" in chair.view().last_stop
 
 
-def test_a_failure_in_the_chairs_thread_lets_the_lines_go_and_is_told(tmp_path: Path) -> None:
+def test_a_failure_in_the_chairs_thread_releases_the_lines_and_is_reported(tmp_path: Path) -> None:
     class Broken(Exception):
         pass
 
@@ -236,12 +236,12 @@ def test_a_failure_in_the_chairs_thread_lets_the_lines_go_and_is_told(tmp_path: 
         until_it_breaks()
 
 
-def test_a_map_that_cannot_be_read_is_said_before_anything_begins(tmp_path: Path) -> None:
+def test_an_unreadable_map_is_reported_before_anything_starts(tmp_path: Path) -> None:
     with pytest.raises(WaychairError, match="there is no map"), LiveChair(hall(), tmp_path / "nowhere"):
         pass
 
 
-def test_a_world_without_a_map_forgets_what_was_drawn(tmp_path: Path) -> None:
+def test_a_world_without_a_map_does_not_keep_drawings(tmp_path: Path) -> None:
     with LiveChair(hall(), urgently=True) as chair:
         assert chair.place_here("desk", 0.1, 0.1).done or chair.view().map_from_base is None
         folder = chair._folder

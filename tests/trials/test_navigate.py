@@ -1,4 +1,4 @@
-"""The world that is raised from a saved map, and the people in it."""
+"""The world built from a saved map, and the people in it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def hall(side: int) -> OccupancyGrid:
     return OccupancyGrid(cells, 0.05)
 
 
-def test_walkers_stand_on_free_ground_apart_from_each_other_and_off_the_start() -> None:
+def test_walkers_stand_on_free_ground_apart_from_each_other_and_away_from_the_start() -> None:
     world = with_walkers(world_from_grid(hall(160), Pose2(4.0, 4.0)), 10, 3)
     points = [person.path[0] for person in world.people]
     assert len(points) == 10
@@ -40,12 +40,12 @@ def test_walkers_stand_on_free_ground_apart_from_each_other_and_off_the_start() 
     assert all(0.3 < value < 7.7 for point in points for value in point)
 
 
-def test_more_people_than_there_is_room_for_are_refused_with_advice() -> None:
+def test_too_many_people_for_the_map_are_refused_with_advice() -> None:
     with pytest.raises(WorldError, match="take fewer"):
         with_walkers(world_from_grid(hall(60), Pose2(1.5, 1.5)), 50, 0)
 
 
-def test_free_ground_is_shut_off_where_the_unknown_begins_but_not_at_specks() -> None:
+def test_free_ground_ends_at_unknown_space_but_not_at_single_unknown_cells() -> None:
     grid = hall(60)
     grid.cells[20:40, 40:58], grid.cells[10, 10] = -1, -1
     raised = with_closed_borders(grid).cells
@@ -65,9 +65,7 @@ def test_free_ground_is_shut_off_where_the_unknown_begins_but_not_at_specks() ->
         (Pose2(0.3, 4.0), StartOccupied, r"\(0\.3, 4, 0\) on the map"),
     ],
 )
-def test_a_start_where_the_chair_cannot_stand_is_told_as_it_was_given(
-    start: Pose2, error: type[WaychairError], said: str
-) -> None:
+def test_an_impossible_start_is_reported_as_it_was_given(start: Pose2, error: type[WaychairError], said: str) -> None:
     with pytest.raises(error, match=said):
         navigate(hall(160), start, [Place("there", Pose2(4.0, 4.0))])
     shifted = Pose2(1.0, -2.0, 0.5)  # pose of the world in the map
@@ -88,7 +86,7 @@ def test_a_chair_turns_beside_the_legs_of_a_table_that_are_on_its_map() -> None:
     assert leg.duration_s < 40.0
 
 
-def test_a_potential_leads_round_a_corner_and_through_a_door_without_a_stop() -> None:
+def test_the_harmonic_field_leads_round_a_corner_and_through_a_door_without_a_stop() -> None:
     """Regression: the band bent too close to the jamb, where the chair cut the corner and got stuck for 58 s."""
     clinic = load_world("small_clinic").without_people()
     behind = [Place("behind the door", Pose2(3.0, 3.0, 0.0))]
@@ -100,7 +98,7 @@ def test_a_potential_leads_round_a_corner_and_through_a_door_without_a_stop() ->
     assert leg.duration_s < 35.0
 
 
-def test_a_chair_does_not_turn_into_who_stands_by_and_says_in_the_end_that_it_is_in_the_way() -> None:
+def test_a_chair_does_not_turn_into_a_bystander_and_finally_says_that_one_is_in_the_way() -> None:
     corner = CHAIR_A.circumscribed_radius + 0.13
     standing = PersonPlan(Behaviour.PATH, np.array([[4.0 + corner * math.cos(1.01), 4.0 + corner * math.sin(1.01)]]))
     grid = hall(160)

@@ -60,7 +60,7 @@ def messages(path: Path, topic: str) -> Iterator[Any]:
             yield reader.deserialize(data, connection.msgtype)
 
 
-def test_everything_the_simulator_says_is_recorded_with_the_truth_of_each_tick(tmp_path: Path) -> None:
+def test_all_messages_of_the_simulator_are_recorded_with_the_true_pose_of_each_tick(tmp_path: Path) -> None:
     drive = drive_route(Straight(), CHAIR_A, ROUTE, tmp_path / "drive.mcap")
     ticks = drive.scans
     assert ticks == pytest.approx(39, abs=1)
@@ -86,7 +86,7 @@ def test_everything_the_simulator_says_is_recorded_with_the_truth_of_each_tick(t
     assert stamp.sec * 10**9 + stamp.nanosec == EPOCH_NS + 5_000_000
 
 
-def test_a_pacer_is_told_every_tick_once() -> None:
+def test_a_pacer_is_called_once_every_tick() -> None:
     told: list[int] = []
 
     class Listener(Pacer):
@@ -97,7 +97,7 @@ def test_a_pacer_is_told_every_tick_once() -> None:
     assert told == [(k + 1) * TICK_NS for k in range(drive.scans)]
 
 
-def test_an_interrupted_drive_keeps_what_was_recorded(tmp_path: Path) -> None:
+def test_an_interrupted_drive_keeps_its_recording(tmp_path: Path) -> None:
     def interrupt(share: float) -> None:
         if share > 0.5:
             raise KeyboardInterrupt
@@ -108,7 +108,7 @@ def test_an_interrupted_drive_keeps_what_was_recorded(tmp_path: Path) -> None:
     assert len(list(messages(tmp_path / "drive.part.mcap", "/scan"))) == pytest.approx(21, abs=1)
 
 
-def test_a_real_drive_comes_back_as_frames_whose_odometry_ends_where_the_drive_says(tmp_path: Path) -> None:
+def test_a_real_drive_gives_frames_with_odometry_that_ends_at_the_end_of_the_drive(tmp_path: Path) -> None:
     world = load_world("corridor_t").without_people()
     simulator = Simulator(world, CHAIR_A, seed=3)
     start = simulator.truth()
@@ -123,7 +123,7 @@ def test_a_real_drive_comes_back_as_frames_whose_odometry_ends_where_the_drive_s
 
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B, ChairBody(camera_yaw=0.7, camera_pitch=-0.3, laser_theta=1.0)])
-def test_mounts_are_those_of_the_body_in_space(body: ChairBody) -> None:
+def test_mounts_are_the_3d_mounts_of_the_body(body: ChairBody) -> None:
     mounts = mounts_of(body, 0.4)
     np.testing.assert_allclose(mounts["laser"].planar().array(), body.base_from_laser.array(), atol=1e-12)
     assert mounts["laser"].translation[2] == body.laser_z

@@ -1,4 +1,4 @@
-"""Ride comfort: the weighting of ISO 2631-1, hard stops, and requested beside actual jerk."""
+"""Ride comfort: the weighting of ISO 2631-1, hard stops, and commanded beside actual jerk."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ def stopping(braking: float) -> FloatArray:
 
 
 @pytest.mark.parametrize(("hertz", "weight"), [(0.5, 0.853), (1.0, 1.011), (2.0, 0.890), (4.0, 0.512), (8.0, 0.253)])
-def test_accelerations_are_weighted_as_the_standards_table_says(hertz: float, weight: float) -> None:
+def test_accelerations_are_weighted_by_the_table_of_the_standard(hertz: float, weight: float) -> None:
     seconds = np.arange(0.0, 60.0, 0.01)
     felt = weighted(np.sin(math.tau * hertz * seconds))[2000:]
     assert math.sqrt(2.0 * (felt**2).mean()) == pytest.approx(weight, rel=0.03)
 
 
-def test_a_stop_in_comfort_counts_as_jerk_and_a_hard_one_as_a_hard_stop() -> None:
+def test_a_comfortable_stop_counts_as_jerk_and_a_hard_one_as_a_hard_stop() -> None:
     gentle, hard = ride(stopping(LIMITS.braking)), ride(stopping(LIMITS.emergency))
     assert gentle.hard_stops == 0
     assert hard.hard_stops == 1
@@ -47,7 +47,7 @@ def test_a_stop_in_comfort_counts_as_jerk_and_a_hard_one_as_a_hard_stop() -> Non
     assert hard.above_a_little >= hard.above_fairly
 
 
-def test_what_the_chair_adds_shows_beside_what_it_was_told() -> None:
+def test_jerk_added_by_the_chair_is_shown_beside_the_commanded_jerk() -> None:
     told = 0.4 * (1.0 - np.cos(math.tau * SECONDS / 12.0))
     shaken = ride(told + 0.02 * np.sin(math.tau * SECONDS), told)
     assert shaken.jerk_told < 0.2

@@ -33,7 +33,7 @@ PLANT = randomised(PlantSettings(), SEED)
 SETTINGS = SimulatorSettings(plant=PLANT)
 
 
-def test_a_hall_that_is_too_small_spoils_the_measurement_and_is_refused() -> None:
+def test_a_hall_that_is_too_small_is_refused() -> None:
     drive = SimulatedDrive(Simulator(open_hall(4.0), CHAIR_A, SETTINGS, SEED), EncoderSpeeds(CHAIR_A))
     assert drive.hold(PLANT.neutral_volts + 0.5, PLANT.neutral_volts, 1.0)
     with pytest.raises(WorldError, match="larger hall"):
@@ -46,7 +46,7 @@ def test_the_neutral_is_read_to_two_millivolts() -> None:
 
 
 @pytest.mark.parametrize(("mapped", "close"), [(False, 0.001), (True, 0.004)])
-def test_wheels_and_track_are_found_from_a_square_both_ways_round(mapped: bool, close: float) -> None:
+def test_wheels_and_track_are_found_from_a_square_in_both_directions(mapped: bool, close: float) -> None:
     uneven = replace(PLANT, left_wheel_scale=1.006, right_wheel_scale=0.996, track_scale=1.01)
     simulator = Simulator(open_hall(WHEELS_HALL, 0.05), CHAIR_A, replace(SETTINGS, plant=uneven), SEED)
     found = calibrate_wheels(simulator, mapped=mapped, rounds=1)
@@ -55,7 +55,7 @@ def test_wheels_and_track_are_found_from_a_square_both_ways_round(mapped: bool, 
     assert found.track == pytest.approx(1.01 * CHAIR_A.track, rel=2.0 * close)
 
 
-def test_the_gyros_bias_and_noise_are_those_it_was_switched_on_with() -> None:
+def test_bias_and_noise_of_the_gyro_are_found() -> None:
     settings = with_gyro(SETTINGS)
     found = calibrate_imu(Simulator(open_hall(), CHAIR_A, settings, SEED), 30.0)
     assert found.gyro_noise == pytest.approx(settings.imu.gyro_noise, rel=0.1)
@@ -64,7 +64,7 @@ def test_the_gyros_bias_and_noise_are_those_it_was_switched_on_with() -> None:
     assert max(abs(value) for value in found.gyro_bias) > 0.1 * ImuErrors().gyro_start_bias
 
 
-def test_a_camera_that_was_mounted_by_hand_is_found_by_walls_and_floor() -> None:
+def test_a_camera_mounted_by_hand_is_found_from_walls_and_floor() -> None:
     if Simulator(open_hall(), CHAIR_A, SimulatorSettings(), 0).camera_problem is not None:
         pytest.skip("nothing to render with")
     true = with_displaced_camera(CHAIR_A, SEED)

@@ -32,15 +32,15 @@ def turns_round(route: FloatArray, seed: int) -> bool:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_rider_goes_on_to_where_there_is_room_to_turn(seed: int) -> None:
+def test_the_rider_drives_on_to_a_place_with_room_to_turn(seed: int) -> None:
     assert turns_round(return_route(load_world(WORLD)), seed)
 
 
-def test_right_at_the_end_there_is_none() -> None:
+def test_at_the_very_end_there_is_no_room_to_turn() -> None:
     with pytest.raises(WorldError, match="touched something"):
         turns_round(load_world(WORLD).route()[-2::-1], 3)
 
 
-def test_where_there_is_room_the_rider_turns_at_once() -> None:
+def test_with_room_to_turn_the_rider_turns_at_once() -> None:
     world = load_world("small_clinic")
     assert np.array_equal(return_route(world), world.route()[-2::-1])

@@ -63,7 +63,7 @@ def pixels(world: World, colour: str) -> int:
         (replace(PLAIN, people=(PersonPlan(Behaviour.PATH, np.array([[1.0, 3.0], [2.0, 3.0]])),)), PERSON),
     ],
 )
-def test_whatever_is_in_a_world_is_seen_on_its_picture(changed: World, colour: str) -> None:
+def test_every_part_of_a_world_is_drawn_on_its_picture(changed: World, colour: str) -> None:
     assert pixels(PLAIN, colour) == 0
     assert pixels(changed, colour) > 50
 

@@ -1,4 +1,4 @@
-"""The black box's file: written records are read back, as far as they are undamaged."""
+"""The black box's file: all undamaged records are read back."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_the_other_records_are_read_back_as_they_were() -> None:
     assert list(records(b"".join(map(encoded, others)))) == others
 
 
-def test_a_picture_is_kept_to_the_millimetre_and_nearly_its_colours() -> None:
+def test_a_picture_is_kept_to_the_millimetre_of_depth_and_nearly_in_its_colours() -> None:
     depth = np.linspace(0.5, 4.0, 48, dtype=np.float32).reshape(6, 8)
     depth[0, 0] = np.nan
     image = np.full((6, 8, 3), (200, 40, 90), np.uint8)
@@ -127,7 +127,7 @@ def test_a_picture_is_kept_to_the_millimetre_and_nearly_its_colours() -> None:
 
 
 @given(st.integers(0, 10_000), st.data())
-def test_a_file_cut_off_anywhere_gives_all_that_was_whole(share: int, data: st.DataObject) -> None:
+def test_a_file_truncated_anywhere_gives_all_complete_records(share: int, data: st.DataObject) -> None:
     pieces = [encoded(HEAD), *(encoded(moment_at(k)) for k in range(4))]
     whole = b"".join(pieces)
     cut = share * len(whole) // 10_000
@@ -140,7 +140,7 @@ def test_a_file_cut_off_anywhere_gives_all_that_was_whole(share: int, data: st.D
 
 
 @given(st.integers(0, 1 << 30), st.integers(1, 255))
-def test_a_wrong_byte_costs_one_record_and_no_other(place: int, flip: int) -> None:
+def test_a_wrong_byte_loses_one_record_only(place: int, flip: int) -> None:
     pieces = [encoded(HEAD), *(encoded(moment_at(k)) for k in range(4))]
     whole = bytearray(b"".join(pieces))
     place %= len(whole)
@@ -161,7 +161,7 @@ def test_damage_is_counted(tmp_path: Path) -> None:
     assert log.end is None
 
 
-def test_a_log_over_several_files_is_one_and_knows_how_it_ended(tmp_path: Path) -> None:
+def test_a_log_over_several_files_is_read_as_one_with_its_end(tmp_path: Path) -> None:
     first, second = tmp_path / "1.log", tmp_path / "2.log"
     first.write_bytes(encoded(HEAD) + encoded(moment_at(1)) + encoded(RiderRequest("stop")))
     second.write_bytes(encoded(replace(HEAD, wall_ns=8)) + encoded(moment_at(2)) + encoded(LogEnd()))
@@ -178,7 +178,7 @@ def test_a_log_over_several_files_is_one_and_knows_how_it_ended(tmp_path: Path) 
 
 
 @pytest.mark.parametrize("content", [b"", b"plain text", bytes(5000)])
-def test_a_file_that_is_no_log_is_refused(content: bytes, tmp_path: Path) -> None:
+def test_a_file_that_is_not_a_log_is_refused(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "1.log"
     path.write_bytes(content)
     with pytest.raises(BoxError, match="not such a log"):
@@ -192,7 +192,7 @@ def test_a_log_of_another_format_is_refused_with_advice(tmp_path: Path) -> None:
         read_log([path])
 
 
-def test_a_kind_of_record_that_is_not_known_yet_is_passed_over() -> None:
+def test_an_unknown_kind_of_record_is_skipped() -> None:
     later = bytearray(encoded(LogEnd()))
     later[4:5] = b"Z"
     import zlib

@@ -28,7 +28,7 @@ def names(folder: Path) -> list[str]:
     return [part.folder.name for part in parts_of(folder)]
 
 
-def test_a_part_that_is_still_written_is_dropped_when_it_is_closed_and_no_sooner(tmp_path: Path) -> None:
+def test_an_open_part_is_dropped_only_after_it_is_closed(tmp_path: Path) -> None:
     segment, parts = segment_in(tmp_path), PartStore(tmp_path, BoxLimits(10, 1_000_000, 2))
     parts.close(opened(parts, "first", Gravity.END, segment))
     pause = opened(parts, "pause", Gravity.PAUSE, segment)
@@ -51,7 +51,7 @@ def test_a_part_left_open_by_an_earlier_run_is_dropped_like_the_others(tmp_path:
     assert names(tmp_path) == ["0002-new"]
 
 
-def test_folders_that_cannot_be_read_are_counted_and_no_number_is_taken_twice(tmp_path: Path) -> None:
+def test_unreadable_folders_are_counted_and_no_number_is_used_twice(tmp_path: Path) -> None:
     segment, parts = segment_in(tmp_path), PartStore(tmp_path, BoxLimits(10, 1_000_000, 5))
     for left in ("0001-end", "0002-end", "notes"):
         (tmp_path / "parts" / left).mkdir()

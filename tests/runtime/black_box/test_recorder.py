@@ -1,4 +1,4 @@
-"""The black box: always on, bounded, never in the way, and still there after a crash."""
+"""The black box: always on, bounded, never blocking, and readable after a crash."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def stopped() -> Drive:
 
 @pytest.fixture(scope="module")
 def quiet(stopped: Drive) -> Drive:
-    """The part of it in which nothing happens."""
+    """The part of the drive without events."""
     return Drive({}, stopped.notes[1:46])
 
 
@@ -87,7 +87,7 @@ def test_a_log_names_its_chair(stopped: Drive, tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("short_segments")
-def test_the_ring_is_bounded_and_drops_the_oldest(quiet: Drive, tmp_path: Path) -> None:
+def test_the_ring_is_bounded_and_drops_the_oldest_files(quiet: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [quiet] * 60, SHORT)
     files = segment_files(tmp_path)
     log = read_log(files)
@@ -118,7 +118,7 @@ def test_a_stop_keeps_the_log_before_and_after_it(stopped: Drive, quiet: Drive, 
 
 
 @pytest.mark.usefixtures("short_segments")
-def test_a_part_outlives_the_ring(stopped: Drive, quiet: Drive, tmp_path: Path) -> None:
+def test_a_part_is_kept_longer_than_the_ring(stopped: Drive, quiet: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [stopped] + [quiet] * 50, SHORT)
     part = next(part for part in parts_of(tmp_path) if any(event.id == "lidar_stale" for event in part.events))
     ring = {path.stat().st_ino for path in segment_files(tmp_path)}
@@ -142,7 +142,9 @@ def test_parts_are_kept_without_hard_links(
 
 
 @pytest.mark.usefixtures("short_segments")
-def test_parts_are_bounded_the_newest_and_the_read_stay(stopped: Drive, quiet: Drive, tmp_path: Path) -> None:
+def test_the_number_of_parts_is_bounded_and_the_newest_and_those_read_stay(
+    stopped: Drive, quiet: Drive, tmp_path: Path
+) -> None:
     few = replace(SHORT, parts=3)
     logged(tmp_path, [stopped, quiet], few)
     first = parts_of(tmp_path)[0]
@@ -155,7 +157,7 @@ def test_parts_are_bounded_the_newest_and_the_read_stay(stopped: Drive, quiet: D
     assert max(kept) == 5
 
 
-def test_consequences_of_a_stop_belong_to_its_part_and_another_drive_does_not(
+def test_consequences_of_a_stop_belong_to_its_part_and_the_next_drive_does_not(
     stopped: Drive, quiet: Drive, tmp_path: Path
 ) -> None:
     logged(tmp_path, [stopped, stopped, quiet])
@@ -163,7 +165,7 @@ def test_consequences_of_a_stop_belong_to_its_part_and_another_drive_does_not(
     assert [[event.id for event in part.events] for part in parts] == [["lidar_late", "lidar_stale"]] * 2
 
 
-def test_a_drive_that_ends_as_soon_as_it_began_has_a_stop_of_its_own(stopped: Drive, tmp_path: Path) -> None:
+def test_a_drive_that_ends_at_once_has_its_own_stop(stopped: Drive, tmp_path: Path) -> None:
     driven = [state.verdict.mode in DRIVEN for _, state, _ in stopped.notes]
     begun, ended = driven.index(True), len(driven) - driven[::-1].index(True)
     short = Drive({}, [*stopped.notes[: begun + 3], *stopped.notes[ended - 3 :]])
@@ -190,7 +192,7 @@ def test_a_process_that_reports_a_drives_end_later_makes_no_second_end(stopped: 
     assert [event.id for event in watch.update(Moment(tick_from_state(much_later, 0)))] == ["lidar_stale"]
 
 
-def test_a_knock_is_an_event(quiet: Drive, tmp_path: Path) -> None:
+def test_a_jolt_is_an_event(quiet: Drive, tmp_path: Path) -> None:
     heard, state, board = quiet.notes[-1]
     knock = ImuSample(state.stamp_ns, np.array([-20.0, 3.0, 9.8]), np.zeros(3))
     lean = ImuSample(state.stamp_ns, np.array([3.0, 0.0, 9.3]), np.zeros(3))
@@ -201,7 +203,7 @@ def test_a_knock_is_an_event(quiet: Drive, tmp_path: Path) -> None:
     assert [event.id for part in parts_of(tmp_path / "b") for event in part.events] == ["jolt"]
 
 
-def test_pictures_are_off_by_default_and_as_seldom_as_asked(quiet: Drive, tmp_path: Path) -> None:
+def test_pictures_are_off_by_default_and_as_rare_as_configured(quiet: Drive, tmp_path: Path) -> None:
     frame = RgbdFrame(0, np.zeros((4, 4, 3), np.uint8), np.ones((4, 4), np.float32), np.eye(3))
     seen = [((*heard, replace(frame, stamp_ns=state.stamp_ns)), state, board) for heard, state, board in quiet.notes]
     logged(tmp_path / "off", [Drive({}, seen)])
@@ -213,7 +215,7 @@ def test_pictures_are_off_by_default_and_as_seldom_as_asked(quiet: Drive, tmp_pa
     assert counts == [0, 5]  # of 45 ticks at 20 Hz
 
 
-def test_a_disk_that_hangs_never_holds_the_chair_up(
+def test_a_disk_that_hangs_never_delays_the_chair(
     quiet: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hangs, goes_on = threading.Event(), threading.Event()
@@ -266,7 +268,7 @@ def test_a_full_or_broken_disk_ends_the_log_with_one_diagnostic(
     assert len(log.ticks) > 5
 
 
-def test_the_log_before_a_full_disk_names_the_reason_of_its_end(
+def test_the_log_before_a_full_disk_tells_why_it_ends(
     quiet: Drive, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(black_box_store, "LEAST_FREE", 1 << 62)
@@ -286,7 +288,7 @@ def test_the_log_before_a_full_disk_names_the_reason_of_its_end(
     assert "No space left" in box.problem
     monkeypatch.undo()
     logged(tmp_path, [quiet])
-    assert parts_of(tmp_path) == []  # nothing has died
+    assert parts_of(tmp_path) == []  # no process has died
 
 
 def test_a_second_program_is_refused_and_a_dead_one_is_not(quiet: Drive, tmp_path: Path) -> None:
@@ -298,7 +300,7 @@ def test_a_second_program_is_refused_and_a_dead_one_is_not(quiet: Drive, tmp_pat
     logged(tmp_path, [quiet])
 
 
-def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+def test_an_impossible_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BoxError, match="choose another folder"), BlackBox(tmp_path / "file" / "box", LOGGED_CHAIR):
         pass
@@ -321,7 +323,7 @@ with BlackBox(Path(sys.argv[1]), LOGGED_CHAIR) as box:
 """
 
 
-def test_after_kill_9_less_than_a_second_is_missing_and_the_next_run_keeps_the_end(
+def test_after_kill_9_less_than_a_second_is_missing_and_the_next_run_keeps_the_end_of_the_log(
     quiet: Drive, tmp_path: Path
 ) -> None:
     import pickle
@@ -354,7 +356,7 @@ def test_after_kill_9_less_than_a_second_is_missing_and_the_next_run_keeps_the_e
 
 @pytest.fixture
 def loose_end(quiet: Drive, tmp_path: Path) -> Path:
-    """A box as a power cut leaves it."""
+    """Return a box as a power cut leaves it."""
     with BlackBox(tmp_path / "whole", LOGGED_CHAIR) as box:
         quiet.tell(box)
         wait_for(box, 0)
@@ -364,7 +366,7 @@ def loose_end(quiet: Drive, tmp_path: Path) -> Path:
         return Path(shutil.copytree(box.folder, tmp_path / "cut"))
 
 
-def test_a_second_death_while_a_loose_end_is_kept_does_not_block_the_box(quiet: Drive, loose_end: Path) -> None:
+def test_a_second_crash_while_the_end_of_a_log_is_kept_does_not_block_the_box(quiet: Drive, loose_end: Path) -> None:
     (loose_end / "parts" / "0001-program_ended").mkdir()
     logged(loose_end, [quiet])
     assert [part.folder.name for part in parts_of(loose_end)] == ["0002-program_ended"]
@@ -372,7 +374,7 @@ def test_a_second_death_while_a_loose_end_is_kept_does_not_block_the_box(quiet: 
     assert len(parts_of(loose_end)) == 1
 
 
-def test_a_disk_that_is_full_while_a_loose_end_is_kept_is_told_and_the_box_let_go(
+def test_a_full_disk_while_the_end_of_a_log_is_kept_is_reported_and_the_box_released(
     quiet: Drive, loose_end: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def full(*_: object, **__: object) -> int:
@@ -387,7 +389,7 @@ def test_a_disk_that_is_full_while_a_loose_end_is_kept_is_told_and_the_box_let_g
     assert [part.folder.name for part in parts_of(loose_end)] == ["0002-program_ended"]
 
 
-def test_an_unreadable_ring_is_no_reason_not_to_log(quiet: Drive, tmp_path: Path) -> None:
+def test_an_unreadable_ring_does_not_prevent_logging(quiet: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [quiet])
     segment_files(tmp_path)[0].write_bytes(b"\x00" * 5000)
     (tmp_path / "parts" / "0009-odd").mkdir(parents=True)

@@ -34,7 +34,7 @@ def explained(box: Path, script: Callable[[Ride], None], ride: Ride | None = Non
 
 
 def figure(explanation: Explanation, pattern: str) -> float:
-    """The number that a sentence of the evidence holds."""
+    """Return the number in a sentence of the evidence."""
     found = [re.search(pattern, sentence) for sentence in explanation.evidence]
     matches = [match for match in found if match]
     assert matches, explanation.evidence
@@ -51,7 +51,9 @@ def blind() -> Drive:
     return driven(lidar_falls_silent)
 
 
-def test_a_silent_lidar_is_named_with_its_age_the_place_the_speed_and_the_remedy(blind: Drive, tmp_path: Path) -> None:
+def test_a_silent_lidar_is_named_with_its_age_and_the_place_the_speed_and_the_remedy(
+    blind: Drive, tmp_path: Path
+) -> None:
     logged(tmp_path, [blind])
     why = explain(last_stops(tmp_path)[0])
     stopped = next(state for _, state, _ in blind.notes[60:] if not state.verdict.computer_drives)
@@ -69,7 +71,7 @@ def test_a_silent_lidar_is_named_with_its_age_the_place_the_speed_and_the_remedy
         assert part in text
 
 
-def test_the_riders_push_is_told_with_the_deflection_and_the_threshold(tmp_path: Path) -> None:
+def test_the_riders_push_is_reported_with_the_deflection_and_the_threshold(tmp_path: Path) -> None:
     def rider_takes_over(ride: Ride) -> None:
         ride.drive(80)
         ride.simulator.rider = JoystickInput(0, 0.6, -0.3)
@@ -84,7 +86,7 @@ def test_the_riders_push_is_told_with_the_deflection_and_the_threshold(tmp_path:
     assert figure(why, r"(\d\.\d\d) takes over") == 0.2
 
 
-def test_stop_is_told_as_such(tmp_path: Path) -> None:
+def test_a_press_of_stop_is_reported_as_such(tmp_path: Path) -> None:
     def stop_is_pressed(ride: Ride) -> None:
         ride.drive(80)
         ride.chair.stop()
@@ -106,10 +108,10 @@ def test_the_obstacle_is_named_with_its_distance(tmp_path: Path) -> None:
 
     why = explained(tmp_path, somebody_puts_a_cupboard_there)
     assert why.first.startswith("something is close ahead (obstacle")
-    assert 0.2 <= figure(why, r"was (\d\.\d\d) m from the chair, ahead") <= 0.36  # 0.35 m when it was put there
+    assert 0.2 <= figure(why, r"was (\d\.\d\d) m from the chair, ahead") <= 0.36  # 0.35 m away when it was placed
 
 
-def test_a_goal_without_a_way_is_a_drive_that_failed(tmp_path: Path) -> None:
+def test_a_goal_without_a_path_is_a_failed_drive(tmp_path: Path) -> None:
     def goal_in_the_wall(ride: Ride) -> None:
         ride.tick(10)
         ride.chair.go(Goal(Pose2(2.0, 4.95, 0.0)))
@@ -122,7 +124,7 @@ def test_a_goal_without_a_way_is_a_drive_that_failed(tmp_path: Path) -> None:
     assert "standing" in why.doing
 
 
-def test_several_stops_are_told_the_latest_first(blind: Drive, tmp_path: Path) -> None:
+def test_several_stops_are_listed_with_the_latest_first(blind: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [blind])
     logged(tmp_path, [blind])
     stops = [explain(stop) for stop in last_stops(tmp_path, 5)]
@@ -130,7 +132,7 @@ def test_several_stops_are_told_the_latest_first(blind: Drive, tmp_path: Path) -
     assert stops[0].wall_ns > stops[1].wall_ns
 
 
-def test_a_program_that_died_is_the_last_stop_even_before_it_is_started_again(blind: Drive, tmp_path: Path) -> None:
+def test_a_crash_is_the_last_stop_even_before_the_program_restarts(blind: Drive, tmp_path: Path) -> None:
     logged(tmp_path, [blind])
     last = segment_files(tmp_path)[-1]
     last.write_bytes(last.read_bytes().removesuffix(encoded(LogEnd())))
@@ -141,13 +143,13 @@ def test_a_program_that_died_is_the_last_stop_even_before_it_is_started_again(bl
     assert [explain(stop).id for stop in last_stops(tmp_path, 9)] == ["lidar_stale", "program_ended", "lidar_stale"]
 
 
-def test_every_hint_is_about_a_reason_that_there_is() -> None:
+def test_every_hint_belongs_to_an_existing_reason() -> None:
     assert set(LOOK_AT) <= {name.split("_")[0] for name in (*STOPS, *OTHER_EVENTS)}
     assert look_at("lidar_stale")[0] == "the lidar's cable, power and window"
 
 
 @pytest.mark.parametrize("name", sorted([*STOPS, *OTHER_EVENTS]))
-def test_every_reason_has_a_remedy_and_evidence_that_a_poor_log_cannot_break(name: str) -> None:
+def test_every_reason_has_a_remedy_and_evidence_that_works_with_a_poor_log(name: str) -> None:
     text = STOPS[name].sentence + ": do so" if name in STOPS else ": ".join(OTHER_EVENTS[name])
     assert remedy_of(name, text)
     poor = replace(moment_at(1).tick, telemetry=None, located=None, command=None, goal=None)
@@ -174,7 +176,7 @@ def test_a_bag_of_a_part_holds_its_sensor_messages(blind: Drive, tmp_path: Path)
     assert frame.stamp_ns == scans[-1].stamp_ns + began.wall_ns - began.stamp_ns
 
 
-def test_an_empty_log_makes_no_bag(tmp_path: Path) -> None:
+def test_an_empty_log_gives_no_bag(tmp_path: Path) -> None:
     with pytest.raises(BoxError, match="no sensor message"):
         write_bag(tmp_path / "x.mcap", Log(HEAD, (Moment(moment_at(1).tick),), (), 0, 0, None), lambda body: {})
     assert list(tmp_path.iterdir()) == []
@@ -187,7 +189,7 @@ def test_a_box_without_a_stop_says_so(blind: Drive, tmp_path: Path) -> None:
     assert read_log(segment_files(tmp_path)).moments
 
 
-def test_no_box_an_empty_box_and_a_damaged_box_have_errors_of_their_own(blind: Drive, tmp_path: Path) -> None:
+def test_a_missing_an_empty_and_a_damaged_box_have_their_own_errors(blind: Drive, tmp_path: Path) -> None:
     with pytest.raises(BoxError, match="does not exist"):
         last_stops(tmp_path / "none")
     with pytest.raises(BoxError, match="no black box"):
