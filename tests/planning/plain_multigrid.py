@@ -10,11 +10,11 @@ from waychair.planning.harmonic.multigrid_patches import CellRectangle
 from waychair.types import Float32Array, FloatArray
 
 ROUND = 2
-"""Cells round a place that are in its patch."""
+"""Return the cells round a place that are in its patch."""
 
 
 def scattered(seed: int, height: int = 37, width: int = 50, full: float = 0.2) -> LaplaceProblem:
-    """Free cells with obstacles strewn about, and a goal; some cells absorb."""
+    """Free cells with random obstacles, and a goal; some cells absorb."""
     rng = np.random.default_rng(seed)
     free = rng.random((height, width)) > full
     goal = (height // 2, width // 3)
@@ -25,7 +25,7 @@ def scattered(seed: int, height: int = 37, width: int = 50, full: float = 0.2) -
 
 
 def walls_of(problem: LaplaceProblem) -> Float32Array:
-    """What its cells absorb, the goal as much as a wall."""
+    """Return the absorption of its cells; the goal absorbs as much as a wall."""
     walls = problem.absorption.copy()
     walls[problem.goal] = np.inf
     return walls
@@ -74,7 +74,7 @@ def plain_interpolation(coarse: MultigridLevel, fine: MultigridLevel) -> FloatAr
 
 
 def plain_smoothing(matrix: FloatArray, x: FloatArray, b: FloatArray) -> FloatArray:
-    """Two steps of Lottes' algorithm 3, as it is written there, with the weights of his table 1."""
+    """Two steps of Lottes' algorithm 3, exactly as published, with the weights of his table 1."""
     diagonal = np.diag(matrix)
     over = np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0)
     step, left = np.zeros_like(x), b - matrix @ x
@@ -86,7 +86,7 @@ def plain_smoothing(matrix: FloatArray, x: FloatArray, b: FloatArray) -> FloatAr
 
 
 def plain_patch(level: MultigridLevel, at: CellRectangle) -> FloatArray:
-    """(N, N) what a patch of a level adds to x, by what is left."""
+    """Return (N, N) the correction of x by a patch of a level, from the residual."""
     matrix, shape = plain_matrix(level), level.x.shape
     within = np.zeros(shape, np.bool_)
     low, high = np.maximum(at[0] - ROUND, 1), np.minimum(at[1] + ROUND, np.array(shape) - 2)

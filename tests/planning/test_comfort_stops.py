@@ -1,4 +1,4 @@
-"""Speeds come down in comfort: with limited jerk, within the way there is, on the same arc."""
+"""Comfortable stops: with limited jerk, within the free distance, on the same arc."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ PROMPT = DwaSettings(reaction_time=0.0)
 
 @given(st.floats(0.0, 3.0), st.floats(0.0, 0.5))
 @settings(max_examples=100, deadline=None)
-def test_the_speed_on_the_way_to_a_slow_place_leaves_just_the_way_for_half_the_braking_and_jerk(
+def test_the_speed_before_a_slow_place_leaves_the_distance_for_half_the_braking_and_jerk(
     way: float, end: float
 ) -> None:
     """Against the profile itself: the acceleration goes down by the jerk, stays, and comes back, in fine steps."""
@@ -45,9 +45,7 @@ def test_the_speed_on_the_way_to_a_slow_place_leaves_just_the_way_for_half_the_b
 
 @given(st.floats(0.02, 0.8), st.floats(-0.8, 0.8), st.floats(-1.5, 0.0))
 @settings(max_examples=60, deadline=None)
-def test_a_stop_in_comfort_keeps_its_arc_and_ends_in_a_stand_with_limited_jerk(
-    v: float, omega: float, a: float
-) -> None:
+def test_a_comfortable_stop_keeps_its_arc_and_ends_at_rest_with_limited_jerk(v: float, omega: float, a: float) -> None:
     command, motion, accelerations = Twist(v, omega), CommandedMotion(Twist(a)), [a]
     for _ in range(200):
         following = stopping(command, PROMPT, motion)
@@ -63,7 +61,7 @@ def test_a_stop_in_comfort_keeps_its_arc_and_ends_in_a_stand_with_limited_jerk(
 
 @given(st.floats(0.05, 0.8), st.floats(-0.2, 0.0))
 @settings(max_examples=60, deadline=None)
-def test_after_hard_braking_the_chair_backs_out_no_faster_than_it_is_to(v: float, target: float) -> None:
+def test_after_hard_braking_the_chair_backs_out_no_faster_than_allowed(v: float, target: float) -> None:
     command, motion, slowest = Twist(v), CommandedMotion(), 0.0
     for tick in range(200):
         following = braking_hard(command, PROMPT) if tick < 6 else towards(command, Twist(target), PROMPT, motion)
@@ -75,8 +73,8 @@ def test_after_hard_braking_the_chair_backs_out_no_faster_than_it_is_to(v: float
 
 @pytest.mark.parametrize("share", [0.95, 0.9, 0.85])
 @pytest.mark.parametrize("wanted", [Twist(0.8, 0.0), Twist(0.4, 0.4), Twist(0.0, 0.8)])
-def test_a_command_that_was_cut_for_a_moment_is_soon_what_it_was_and_no_stop(share: float, wanted: Twist) -> None:
-    """As the collision monitor cuts it, at once: by more than the jerk could undo in time."""
+def test_a_briefly_limited_command_soon_recovers_and_causes_no_stop(share: float, wanted: Twist) -> None:
+    """The collision monitor limits it at once, by more than the jerk could recover in time."""
     cut = Twist(share * wanted.v, share * wanted.omega)
     motion, command = motion_after(CommandedMotion(), wanted, cut, PROMPT), cut
     shares = []
@@ -90,13 +88,13 @@ def test_a_command_that_was_cut_for_a_moment_is_soon_what_it_was_and_no_stop(sha
 
 
 @given(st.floats(0.0, 0.4), st.floats(0.0, 0.8), st.floats(-1.5, 0.0))
-def test_hard_braking_is_not_carried_on_into_driving_the_other_way(v: float, target: float, a: float) -> None:
+def test_hard_braking_does_not_continue_into_reverse(v: float, target: float, a: float) -> None:
     assert towards(Twist(v), Twist(target), PROMPT, CommandedMotion(Twist(a))).v >= 0.0
     assert towards(Twist(-v), Twist(-target), PROMPT, CommandedMotion(Twist(-a))).v <= 0.0
 
 
 def most_eased(left: float, change: float) -> float:
-    """The greatest step after which steps that are smaller by the change each time go no farther than what is left."""
+    """Return the greatest step after which steps, each smaller by the change, stay within the remaining distance."""
     low, high = 0.0, left
     for _ in range(60):
         step = (low + high) / 2

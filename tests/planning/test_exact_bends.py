@@ -1,4 +1,4 @@
-"""Tight bends of a rubber band are followed exactly: a chair that cuts such a bend gets stuck in it."""
+"""Tight bends of a rubber band are followed exactly: a chair that cuts such a bend gets stuck."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def legs_round(wide: float, smooth: str) -> tuple[PathLeg, ...]:
     return planner.legs
 
 
-def test_a_bend_of_a_corridor_is_exact_and_what_is_straight_is_free() -> None:
+def test_a_bend_of_a_corridor_is_followed_exactly_and_straight_parts_are_free() -> None:
     legs = legs_round(2.0, "band")
     free, exact = (
         [leg for leg in legs if leg.manner is manner] for manner in (DrivingManner.FREE, DrivingManner.EXACT)
@@ -51,7 +51,7 @@ def test_a_bend_of_a_corridor_is_exact_and_what_is_straight_is_free() -> None:
 
 
 @pytest.mark.parametrize(("wide", "smooth"), [(5.0, "band"), (2.0, "taut")])
-def test_where_there_is_room_or_no_band_only_the_end_is_exact(wide: float, smooth: str) -> None:
+def test_with_room_or_without_a_band_only_the_end_is_exact(wide: float, smooth: str) -> None:
     legs = legs_round(wide, smooth)
     assert [leg.manner for leg in legs] == [DrivingManner.FREE, DrivingManner.EXACT]
     assert legs[1].path.length() < 1.5

@@ -1,4 +1,4 @@
-"""Laplace's equation: all solvers agree, changes are solved anew, and failures are errors."""
+"""Laplace's equation: all solvers agree, changes are solved again, and failures are errors."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from waychair.types import BoolArray, Float32Array, FloatArray
 
 @pytest.mark.parametrize("solver", ["gauss-seidel", "sor", "multigrid"])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_every_solver_finds_what_the_direct_one_finds(solver: str, seed: int) -> None:
+def test_every_solver_agrees_with_the_direct_one(solver: str, seed: int) -> None:
     problem = scattered(seed)
     exact = solve(problem, SolverOptions(solver="direct"))
     found = solve(problem, SolverOptions(solver=solver, tolerance=1e-11))
@@ -94,7 +94,7 @@ def test_the_v_cycle_equals_a_plain_reference(height: int, width: int) -> None:
     np.testing.assert_allclose(levels[0].x, plain, atol=1e-5 * np.abs(plain).max())
 
 
-def test_the_kernels_do_what_plain_loops_do() -> None:
+def test_the_kernels_equal_plain_loops() -> None:
     walls = walls_of(scattered(6, 9, 11))
     x, b = drawn(walls, 0), drawn(walls, 1)
     free = np.pad(walls < np.inf, 1)
@@ -124,8 +124,8 @@ def test_the_same_problem_has_the_same_field_to_the_last_bit_wherever_it_lies_in
     assert len(fields) == 1
 
 
-def test_what_is_left_is_told_as_it_is_however_small() -> None:
-    """The cycles are in float32, what they leave is not: the residual that is told is that of the answer."""
+def test_the_residual_is_reported_exactly_however_small() -> None:
+    """The cycles are in float32, the residual is not: the reported residual is that of the answer."""
     problem = scattered(11)
     for tolerance in (1e-6, 1e-9, 1e-12, 1e-14):
         found = solve(problem, SolverOptions(tolerance=tolerance))
@@ -134,7 +134,7 @@ def test_what_is_left_is_told_as_it_is_however_small() -> None:
 
 
 @pytest.mark.parametrize("apart", [False, True])
-def test_after_changed_cells_a_warm_start_finds_the_same_with_less_work_if_they_are_in_one_place(apart: bool) -> None:
+def test_after_changes_a_warm_start_finds_the_same_field_with_less_work_for_local_changes(apart: bool) -> None:
     free, goal = np.ones((280, 280), np.bool_), (45, 30)
     for wall in (70, 140, 210):
         free[wall], free[:, wall] = False, False
@@ -154,7 +154,7 @@ def test_after_changed_cells_a_warm_start_finds_the_same_with_less_work_if_they_
     np.testing.assert_allclose(warm.v, cold.v, atol=1e-6)
 
 
-def test_a_goal_that_is_no_free_cell_is_refused() -> None:
+def test_a_goal_that_is_not_a_free_cell_is_refused() -> None:
     free = np.ones((4, 5), np.bool_)
     free[1, 2] = False
     with pytest.raises(GoalOccupied, match="column 2, row 1 is occupied; choose a free cell"):
@@ -163,13 +163,13 @@ def test_a_goal_that_is_no_free_cell_is_refused() -> None:
         laplace_problem(free, (4, 2))
 
 
-def test_a_map_that_takes_too_much_memory_is_refused_before_any_is_taken() -> None:
+def test_a_map_that_needs_too_much_memory_is_refused_before_any_is_allocated() -> None:
     absorption: Float32Array = np.broadcast_to(np.float32(0.0), (100_000, 100_000))
     with pytest.raises(MapTooLarge, match="a map of 10000000000 cells takes 700000 MB by multigrid"):
         solve(LaplaceProblem(absorption, (0, 0)))
 
 
-def test_no_convergence_in_the_sweeps_or_the_time_allowed_is_said() -> None:
+def test_no_convergence_within_the_sweeps_or_the_time_is_an_error() -> None:
     problem = scattered(7)
     with pytest.raises(NotConverged, match=r"after 3 sweeps of sor, not 1\.0e-08"):
         solve(problem, SolverOptions(solver="sor", most_sweeps=3))
@@ -177,7 +177,7 @@ def test_no_convergence_in_the_sweeps_or_the_time_allowed_is_said() -> None:
         solve(problem, SolverOptions(), has_time=lambda: False)
 
 
-def test_a_goal_walled_in_on_all_sides_has_a_field_of_its_own_cell() -> None:
+def test_an_enclosed_goal_has_a_field_of_its_own_cell() -> None:
     free: BoolArray = np.zeros((5, 5), np.bool_)
     free[2, 2] = free[0, 0] = True
     found = solve(laplace_problem(free, (2, 2)))
@@ -219,8 +219,8 @@ print("equal")
 """
 
 
-def test_the_gpus_kernels_run_on_the_simulator_give_what_the_processor_gives() -> None:
-    """Cycle for cycle, on a small map: the simulator's threads are Python's."""
+def test_the_gpu_kernels_on_the_simulator_agree_with_the_processor() -> None:
+    """One cycle after the other, on a small map: the simulator's threads are Python's."""
     pytest.importorskip("numba.cuda", reason="this numba has no CUDA target: install waychair[gpu]")
     simulated = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
     run = subprocess.run(
@@ -234,7 +234,7 @@ def test_the_gpus_kernels_run_on_the_simulator_give_what_the_processor_gives() -
     assert run.stdout.strip() == "equal", run.stderr
 
 
-def test_conjugate_gradients_leave_an_exact_answer_alone() -> None:
+def test_conjugate_gradients_keep_an_exact_answer() -> None:
     walls = walls_of(scattered(10))
     x = drawn(walls, 0)
     b, none = np.zeros_like(x), np.zeros_like(x)

@@ -1,4 +1,4 @@
-"""A chair that is late, and whose dead band swallows small commands, turns by small angles all the same."""
+"""A chair with delay, and a dead band that swallows small commands, still turns by small angles."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ OPEN = DistanceField(np.full((300, 300), 5.0, np.float32), 0.02, Pose2(-3.0, -3.
 
 
 @pytest.mark.parametrize("off", [0.025, -0.03, 0.05, 0.2])
-def test_a_small_turn_is_made_by_a_chair_that_is_late_and_whose_dead_band_swallows_the_beginning(off: float) -> None:
+def test_a_chair_with_delay_and_a_dead_band_makes_small_turns(off: float) -> None:
     limits = DwaSettings(tolerances=GoalTolerances(heading=0.02), reaction_time=0.3)
     pose, command, told = Pose2(), Twist(), [Twist()] * 5
     for _ in range(200):

@@ -38,7 +38,7 @@ KERNELS = (
 )
 
 
-def test_every_kernel_of_the_local_planners_is_loaded_and_stays_so() -> None:
+def test_every_kernel_of_the_local_planners_is_loaded_and_stays_loaded() -> None:
     warm_up()
     before = [len(kernel.signatures) for kernel in KERNELS]
     assert min(before) >= 1

@@ -1,4 +1,4 @@
-"""Thousands of arcs at once: never a false "free", and the same as one by one."""
+"""Thousands of arcs at once: never a false "free", and the same results as single arcs."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def fan(most_v: float, most_omega: float) -> FloatArray:
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([CHAIR_A, CHAIR_B]))
 @settings(max_examples=25, deadline=None)
-def test_an_arc_called_free_is_free_at_every_instant_that_had_to_be_certain(seed: int, body: ChairBody) -> None:
+def test_an_arc_called_free_is_free_at_every_instant_of_its_free_time(seed: int, body: ChairBody) -> None:
     rng = np.random.default_rng(seed)
     obstacles = scattered(rng, 0.002)
     field, squares = field_of(obstacles), obstacle_squares(obstacles)
@@ -39,7 +39,7 @@ def test_an_arc_called_free_is_free_at_every_instant_that_had_to_be_certain(seed
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
-def test_the_fan_is_about_as_bold_as_single_arcs(seed: int) -> None:
+def test_the_fan_finds_about_as_many_free_arcs_as_single_checks(seed: int) -> None:
     rng = np.random.default_rng(seed)
     field = field_of(scattered(rng, 0.001))
     shape, candidates = footprint(CHAIR_A, 0.0, field), fan(0.8, 0.8)
@@ -49,7 +49,7 @@ def test_the_fan_is_about_as_bold_as_single_arcs(seed: int) -> None:
     assert (many > single - 0.3).mean() > 0.9
 
 
-def test_where_the_body_does_not_fit_at_the_start_nothing_is_free() -> None:
+def test_no_arc_is_free_where_the_body_does_not_fit_at_the_start() -> None:
     obstacles = np.zeros((80, 80), bool)
     obstacles[40, 45] = True
     field = field_of(obstacles)
@@ -68,7 +68,7 @@ def test_the_table_holds_the_poses_of_the_arc(omega: float) -> None:
 
 @given(st.floats(0.0, 1.0), st.floats(-1.0, 1.0), st.floats(0.001, 0.1))
 @settings(max_examples=60, deadline=None)
-def test_what_an_arc_sweeps_between_two_poses_lies_no_deeper_outside_them_than_is_reckoned(
+def test_the_area_swept_between_two_poses_exceeds_them_by_no_more_than_the_bound(
     v: float, omega: float, dt: float
 ) -> None:
     """Points of the outline in between, against the two rectangles, by brute force."""

@@ -1,4 +1,4 @@
-"""The rectangle against brute force: never a false "free", and not needlessly shy."""
+"""The rectangle against brute force: never a false "free", and few false contacts."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def gap(body: ChairBody, pose: Pose2, squares: FloatArray) -> float:
 
 
 def separation(corners: FloatArray, pose: Pose2, squares: FloatArray) -> float:
-    """The same of a rectangle by its corners (4, 2) [m] in base."""
+    """Return the same for a rectangle with its corners (4, 2) [m] in base."""
     outline = transform_points(pose, corners)
     angles = [pose.theta, pose.theta + math.pi / 2, 0.0, math.pi / 2]
     axes = np.array([[math.cos(a), math.sin(a)] for a in angles])
@@ -67,7 +67,7 @@ def scattered(rng: np.random.Generator, density: float) -> BoolArray:
 
 
 def halved(x: float, y: float, a: float, b: float) -> list[tuple[tuple[float, ...], int]]:
-    """A rectangle of half sides a, b and the halves below it, each with how many parts come with it."""
+    """Return a rectangle of half sides a, b and the halves below it, each with its number of parts."""
     below = []
     if math.hypot(a, b) > 0.5:
         halves = ((x + a / 2, y), (x - a / 2, y)) if a >= b else ((x, y - b / 2), (x, y + b / 2))
@@ -78,7 +78,7 @@ def halved(x: float, y: float, a: float, b: float) -> list[tuple[tuple[float, ..
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
 @pytest.mark.parametrize(("margin", "cell"), [(0.0, 0.05), (0.03, 0.02), (-0.01, 0.01)])
-def test_the_discs_are_those_of_plain_halving(body: ChairBody, margin: float, cell: float) -> None:
+def test_the_discs_equal_those_of_plain_halving(body: ChairBody, margin: float, cell: float) -> None:
     field = DistanceField(distances(np.eye(3, dtype=bool), cell), cell, Pose2())
     front, rear, half = (side / cell for side in (body.front + margin, body.rear + margin, body.width / 2 + margin))
     parts = halved((front - rear) / 2, 0.0, (front + rear) / 2, half)
@@ -87,7 +87,7 @@ def test_the_discs_are_those_of_plain_halving(body: ChairBody, margin: float, ce
     assert shape.skip.tolist() == [k + count for k, (_, count) in enumerate(parts)]
 
 
-def test_a_margin_is_eased_for_what_is_near_but_never_for_what_is_inside_the_outline() -> None:
+def test_a_margin_is_reduced_for_near_obstacles_but_not_for_those_inside_the_outline() -> None:
     for cell in (0.01, 0.02, 0.05):
         eases = {}
         for gap_m in (0.6 * cell, -1.5 * cell):
@@ -96,7 +96,7 @@ def test_a_margin_is_eased_for_what_is_near_but_never_for_what_is_inside_the_out
             field = DistanceField(distances(obstacles, cell), cell, Pose2())
             shape, ease = eased_footprint(CHAIR_B, 0.03, field, Pose2(2.0, 2.0, 0.0))
             eases[gap_m] = ease
-            if gap_m < 0.0:  # full margin: the chair stands in something, and nothing is admissible
+            if gap_m < 0.0:  # full margin: the chair is in contact, and no arc is admissible
                 assert shape.discs[0, 2] == footprint(CHAIR_B, 0.03, field).discs[0, 2]
         assert 0.0 < eases[0.6 * cell] <= 0.03 + cell + 1e-9
         assert eases[-1.5 * cell] == 0.0
@@ -112,7 +112,7 @@ def test_a_pose_called_free_never_touches_an_occupied_cell(seed: int, body: Chai
         separation = gap(body, Pose2(x, y, theta), squares)
         free = fits(body, 0.0, field, Pose2(x, y, theta))
         assert not free or separation > 0
-        # What is called occupied has something within the slack and a leaf's overhang of its outline.
+        # A pose called occupied has an obstacle within the slack and a leaf's overhang of its outline.
         assert free or separation < 1.7 * CELL
 
 
@@ -121,7 +121,7 @@ FEET, ARMS = BodyLayer(0.0, 0.3, 0.5, 0.2, 0.2), BodyLayer(0.6, 1.4, 0.4, 0.25, 
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
-def test_what_stands_at_the_heights_of_a_layer_must_be_clear_of_that_layer_alone(seed: int) -> None:
+def test_obstacles_at_the_heights_of_a_layer_must_be_clear_of_that_layer_only(seed: int) -> None:
     """By brute force: each outline against its own obstacles, by three footprints at once as by each for itself."""
     rng = np.random.default_rng(seed)
     masks = [scattered(rng, float(rng.choice([0.0005, 0.002, 0.01]))) for _ in range(3)]
@@ -145,7 +145,7 @@ def test_what_stands_at_the_heights_of_a_layer_must_be_clear_of_that_layer_alone
             assert all(separation(rectangle(*side), at, each) > 0.0 for side, each in zip(sides, squares, strict=True))
 
 
-def test_many_poses_fit_where_each_does() -> None:
+def test_many_poses_checked_together_fit_like_each_alone() -> None:
     rng = np.random.default_rng(2)
     field = field_of(rng.random((SIZE, SIZE)) < 0.003, Pose2(-0.7, 0.4, 0.3))
     poses = rng.uniform((-0.5, 0.5, -4.0), (3.0, 4.0, 4.0), (300, 3))
@@ -191,13 +191,13 @@ def test_the_swing_out_of_the_front_is_seen_and_the_rear_has_none() -> None:
         assert (turned == math.pi / 2) is free
 
 
-def test_something_wholly_inside_the_outline_is_seen() -> None:
+def test_an_obstacle_completely_inside_the_outline_is_found() -> None:
     obstacles = np.zeros((SIZE, SIZE), bool)
     obstacles[40, 45] = True
     assert not fits(CHAIR_A, 0.0, field_of(obstacles), Pose2(2.0, 2.0))
 
 
-def test_a_pose_that_reaches_off_the_field_is_not_free() -> None:
+def test_a_pose_partly_outside_of_the_field_is_not_free() -> None:
     field = field_of(np.zeros((SIZE, SIZE), bool))
     assert fits(CHAIR_A, 0.0, field, Pose2(2.0, 2.0))
     for outside in (Pose2(3.6, 2.0), Pose2(2.0, 3.6, 1.6), Pose2(0.6, 2.0, 3.1), Pose2(2.0, 0.2), Pose2(9.0, 9.0)):
@@ -213,7 +213,7 @@ def test_the_chair_fits_straight_through_doors(width: float) -> None:
     assert fits(CHAIR_A, 0.01, field_of(obstacles), Pose2(2.0, 2.0))
 
 
-def test_the_field_may_be_turned_in_the_map() -> None:
+def test_the_field_may_be_rotated_in_the_map() -> None:
     obstacles = np.zeros((SIZE, SIZE), bool)
     obstacles[40, 56] = True
     origin = Pose2(3.0, -2.0, 0.9)
@@ -225,7 +225,7 @@ def test_the_field_may_be_turned_in_the_map() -> None:
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=30, deadline=None)
 def test_room_equals_its_plain_reference(seed: int) -> None:
-    """The least spare of the leaves when all fit is never less than what the walk found, and signs agree."""
+    """The least clearance of the leaves when all fit is never less than that of the tree walk, and signs agree."""
     rng = np.random.default_rng(seed)
     obstacles = scattered(rng, 0.003)
     field = field_of(obstacles)
@@ -258,7 +258,7 @@ def plain_bilinear(metres: FloatArray, at: FloatArray) -> FloatArray:
 
 @given(st.floats(-1, 1), st.floats(-1, 1), st.floats(0, 3))
 @settings(max_examples=60, deadline=None)
-def test_an_arc_is_what_small_steps_add_up_to(v: float, omega: float, t: float) -> None:
+def test_an_arc_equals_the_sum_of_small_steps(v: float, omega: float, t: float) -> None:
     pose, steps = Pose2(1.0, -2.0, 0.4), 2000
     for _ in range(steps):
         half = pose.theta + omega * t / steps / 2
@@ -270,7 +270,7 @@ def test_an_arc_is_what_small_steps_add_up_to(v: float, omega: float, t: float) 
     np.testing.assert_allclose(along_arc(1.0, -2.0, 0.4, v, omega, t), pose.array(), atol=1e-6)
 
 
-def test_beside_is_the_distance_from_the_long_sides() -> None:
+def test_the_distance_beside_is_measured_from_the_long_sides() -> None:
     obstacles = np.zeros((SIZE, SIZE), bool)
     obstacles[54] = True  # centres 0.725 m left of the axis
     field = field_of(obstacles)

@@ -1,4 +1,4 @@
-"""The costmap: where the chair may go, and at which price."""
+"""The costmap: passable cells and their prices."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def corridor(width: float, resolution: float = 0.05, length: float = 4.0) -> Occ
 
 
 @pytest.mark.parametrize(("width", "passable"), [(0.60, False), (0.65, False), (0.75, True), (0.80, True)])
-def test_a_corridor_is_passable_from_the_chairs_width_and_margins_on(width: float, passable: bool) -> None:
+def test_a_corridor_is_passable_from_the_width_of_the_chair_and_its_margins_on(width: float, passable: bool) -> None:
     assert bool((costmap_from_grid(corridor(width), CHAIR_A).prices[:, 40] > 0).any()) is passable
 
 
@@ -52,7 +52,7 @@ def test_open_floor_has_the_price_of_a_free_cell() -> None:
     assert costmap.clearance[42, 40] > 1.0
 
 
-def test_unknown_cells_are_free_at_a_price_and_no_obstacles() -> None:
+def test_unknown_cells_are_passable_at_a_price() -> None:
     grid = OccupancyGrid(np.full((9, 9), -1, np.int8), 0.1)
     costmap = costmap_from_grid(grid, CHAIR_A)
     assert (costmap.prices == 10_000).all()
@@ -73,7 +73,7 @@ def test_live_points_close_cells_and_points_off_the_map_are_ignored() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=30, deadline=None)
-def test_price_never_rises_with_clearance(seed: int) -> None:
+def test_the_price_never_rises_with_clearance(seed: int) -> None:
     rng = np.random.default_rng(seed)
     grid = OccupancyGrid(np.where(rng.random((40, 40)) < 0.005, 100, 0).astype(np.int8), 0.05)
     costmap = costmap_from_grid(grid, CHAIR_A)
@@ -94,7 +94,7 @@ def floor(rows: int = 100, columns: int = 160) -> OccupancyGrid:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
-def test_a_costmap_kept_up_to_date_equals_one_made_anew(seed: int) -> None:
+def test_an_updated_costmap_equals_a_new_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     grid = OccupancyGrid(np.where(rng.random((60, 70)) < 0.01, 100, 0).astype(np.int8), 0.1, Pose2(1.0, -2.0, 0.4))
     body = dataclasses.replace(
@@ -114,8 +114,8 @@ def test_a_costmap_kept_up_to_date_equals_one_made_anew(seed: int) -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25, deadline=None)
-def test_what_stands_at_some_heights_changes_a_costmap_as_if_all_of_it_were_made_anew(seed: int) -> None:
-    """Only what lies near it is: on a map much larger than that, a plain reference looks at every cell."""
+def test_a_change_at_some_heights_updates_the_costmap_like_a_new_one(seed: int) -> None:
+    """Only cells near the change are updated; on a much larger map, a plain reference checks every cell."""
     rng = np.random.default_rng(seed)
     grid = OccupancyGrid(np.where(rng.random((120, 140)) < 0.002, 100, 0).astype(np.int8), 0.1)
     layer = BodyLayer(0.0, 0.3, 0.6, 0.2, 0.22)
@@ -137,7 +137,7 @@ def test_what_stands_at_some_heights_changes_a_costmap_as_if_all_of_it_were_made
     np.testing.assert_allclose(after.prices, expected, atol=1.0)
 
 
-def test_a_costmap_stays_as_it_was_when_the_next_one_is_made() -> None:
+def test_a_costmap_is_unchanged_when_the_next_one_is_made() -> None:
     kept = LiveCostmap(floor(), CHAIR_A)
     first = kept.costmap()
     prices, clearance = first.prices.copy(), first.clearance.copy()
@@ -160,7 +160,7 @@ def test_no_part_of_the_chair_enters_a_keep_out_zone() -> None:
     assert path.length() > 5.5
 
 
-def test_a_slow_zone_costs_the_time_it_takes_and_is_left_out_where_going_round_is_quicker() -> None:
+def test_a_slow_zone_costs_its_driving_time_and_is_avoided_where_a_detour_is_quicker() -> None:
     costmap = costmap_from_grid(floor(), CHAIR_A, zones=[Zone("ward", Rule.SLOW, box(3, 1, 4, 4), 0.2)])
     assert costmap.prices[50, 70] == 4000
     assert costmap.prices[50, 20] == 1000
@@ -170,7 +170,7 @@ def test_a_slow_zone_costs_the_time_it_takes_and_is_left_out_where_going_round_i
 
 
 @pytest.mark.parametrize("turned", [0.0, 0.6])
-def test_a_one_way_zone_is_driven_along_its_heading_only(turned: float) -> None:
+def test_a_one_way_zone_is_passed_along_its_heading_only(turned: float) -> None:
     """Two corridors between the same rooms, one of them one-way: there by the near one, back by the far one."""
     cells = np.zeros((100, 160), np.int8)
     cells[30:70, 40:120] = 100
@@ -184,7 +184,7 @@ def test_a_one_way_zone_is_driven_along_its_heading_only(turned: float) -> None:
     assert back.length() > 9.0
 
 
-def test_an_obstacle_at_the_feet_lets_a_chair_pass_that_is_narrower_there() -> None:
+def test_a_chair_with_narrow_feet_passes_a_low_obstacle() -> None:
     layers = (BodyLayer(0.0, 0.3, 0.5, 0.2, 0.2), BodyLayer(0.3, 1.4, 0.75, 0.25, 0.3))
     body = dataclasses.replace(CHAIR_A, layers=layers)
     gap = np.array([[2.0, y] for y in np.concatenate([np.arange(0, 2.2, 0.02), np.arange(2.75, 5.0, 0.02)])])
@@ -194,14 +194,14 @@ def test_an_obstacle_at_the_feet_lets_a_chair_pass_that_is_narrower_there() -> N
     assert not kept.costmap(gap).prices[:, 40].any()
 
 
-def test_a_map_without_room_for_the_chair_is_refused() -> None:
+def test_a_map_without_space_for_the_chair_is_refused() -> None:
     check_free_space(costmap_from_grid(floor(), CHAIR_A))
     with pytest.raises(NoFreeSpace, match=r"no free space for a chair 0\.60 m wide"):
         check_free_space(costmap_from_grid(corridor(0.6), CHAIR_A))
 
 
 @pytest.mark.parametrize("one", [-1, 100])
-def test_a_map_of_which_no_cell_is_known_to_be_free_is_refused(one: int) -> None:
+def test_a_map_without_a_known_free_cell_is_refused(one: int) -> None:
     cells = np.full((100, 80), -1, np.int8)
     cells[5, 5] = one
     with pytest.raises(NoFreeSpace, match="no cell of the map is known to be free"):
@@ -210,7 +210,7 @@ def test_a_map_of_which_no_cell_is_known_to_be_free_is_refused(one: int) -> None
     check_free_space(costmap_from_grid(OccupancyGrid(cells, 0.05), CHAIR_A))
 
 
-def test_a_clearance_above_what_is_kept_is_cut_but_never_below_what_the_prices_need() -> None:
+def test_a_clearance_above_the_kept_one_is_limited_but_not_below_that_of_the_prices() -> None:
     wide = corridor(12.0)
     assert costmap_from_grid(wide, CHAIR_A).clearance.max() == 2.0
     costmap = costmap_from_grid(wide, CHAIR_A, comfortable=4.0)

@@ -1,4 +1,4 @@
-"""D* Lite always finds the cost that Dijkstra finds, after any changes of cells and start."""
+"""D* Lite always finds the same cost as Dijkstra, after any changes of cells and start."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_dstar_lite_equals_dijkstra_in_1000_random_closures() -> None:
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=60, deadline=None)
-def test_any_sequence_of_changes_and_jumps_of_the_start_costs_what_dijkstra_costs(seed: int) -> None:
+def test_after_any_changes_and_jumps_of_the_start_the_cost_equals_that_of_dijkstra(seed: int) -> None:
     rng = np.random.default_rng(seed)
     shape = (int(rng.integers(2, 15)), int(rng.integers(2, 15)))
     prices = np.where(rng.random(shape) < 0.3, 0, rng.integers(1000, 3000, shape)).astype(np.int32)
@@ -136,7 +136,7 @@ def test_any_sequence_of_changes_and_jumps_of_the_start_costs_what_dijkstra_cost
             assert path_cost(prices, planner.path()) == expected
 
 
-def test_a_closed_door_is_never_kept_and_its_opening_restores_the_cost() -> None:
+def test_a_closed_door_is_avoided_and_its_opening_restores_the_cost() -> None:
     prices = np.full((20, 41), 1000, np.int32)
     prices[:, 20] = 0
     prices[3, 20] = prices[16, 20] = 1000
@@ -153,20 +153,20 @@ def test_a_closed_door_is_never_kept_and_its_opening_restores_the_cost() -> None
     assert planner.replan() == through_near
 
 
-def test_a_diagonal_gap_between_two_blocked_cells_is_no_way() -> None:
+def test_a_diagonal_gap_between_two_blocked_cells_is_closed() -> None:
     prices = np.array([[1000, 0], [0, 1000]], np.int32)
     with pytest.raises(NoPath):
         DStarLite(prices, (1, 1), (0, 0)).replan()
 
 
-def test_a_corner_is_walked_round_and_not_cut() -> None:
+def test_a_path_goes_round_a_corner_and_does_not_cut_it() -> None:
     prices = np.array([[1000, 0], [1000, 1000]], np.int32)
     planner = DStarLite(prices, (1, 1), (0, 0))
     assert planner.replan() == 20_000
     assert planner.path().tolist() == [[0, 0], [1, 0], [1, 1]]
 
 
-def test_the_three_states_of_figure_6_come_and_go() -> None:
+def test_the_three_states_of_figure_6_are_reproduced() -> None:
     prices = np.full((1, 6), 1000, np.int32)
     planner = DStarLite(prices, (0, 5), (0, 0))
     assert planner.consistency((0, 5)) is Consistency.OVERCONSISTENT
@@ -201,7 +201,7 @@ def test_a_blocked_start_or_goal_is_no_path(blocked: Cell) -> None:
 
 
 @pytest.mark.parametrize("change", ["start", "prices", "nothing yet"])
-def test_a_path_is_refused_until_the_plan_is_made_anew(change: str) -> None:
+def test_a_path_is_refused_until_the_plan_is_updated(change: str) -> None:
     planner = DStarLite(np.full((3, 3), 1000, np.int32), (2, 2), (0, 0))
     if change != "nothing yet":
         planner.replan()

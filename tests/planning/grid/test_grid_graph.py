@@ -64,7 +64,7 @@ def test_every_step_costs_the_same_both_ways_and_never_less_than_the_heuristic(s
                 assert cost >= octile(*divmod(here, 8), there, 8)
 
 
-def test_octile_is_the_cost_of_the_way_over_an_empty_grid() -> None:
+def test_the_octile_distance_is_the_cost_of_a_path_on_an_empty_grid() -> None:
     first, second = padded_index((0, 0), (9, 9)), padded_index((3, 7), (9, 9))
     assert octile(*divmod(first, 11), second, 11) == octile(*divmod(second, 11), first, 11) == 3 * 14_142 + 4 * 10_000
 
@@ -91,7 +91,7 @@ def test_cells_outside_the_grid_are_refused(cell: tuple[int, int]) -> None:
     ("heading", "against"),
     [(0.0, {3, 4, 5}), (math.pi / 2, {5, 6, 7}), (math.pi / 4, {4, 5, 6}), (0.3, {3, 4, 5, 6}), (-math.pi, {0, 1, 7})],
 )
-def test_directions_against_a_heading_are_those_that_lead_back(heading: float, against: set[int]) -> None:
+def test_directions_against_a_heading_are_those_with_a_backward_part(heading: float, against: set[int]) -> None:
     assert {d for d in range(8) if directions_against(heading) >> d & 1} == against
 
 

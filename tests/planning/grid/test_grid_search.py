@@ -18,7 +18,7 @@ from waychair.planning.grid.grid_search import search, shortest_cost, shortest_p
 
 
 def plain_step(prices: Prices, here: Cell, dr: int, dc: int) -> int | None:
-    """The cost model in words of plain Python."""
+    """The cost model in plain Python."""
     r, c = here[0] + dr, here[1] + dc
     if not (0 <= r < prices.shape[0] and 0 <= c < prices.shape[1]):
         return None

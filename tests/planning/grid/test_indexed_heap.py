@@ -23,7 +23,7 @@ def queue(cell_count: int, capacity: int) -> Heap:
 
 @given(OPERATIONS)
 @settings(max_examples=100, deadline=None)
-def test_the_heap_always_offers_a_cell_of_the_smallest_key(operations: list[tuple[int, int, int, str]]) -> None:
+def test_the_heap_always_returns_a_cell_with_the_smallest_key(operations: list[tuple[int, int, int, str]]) -> None:
     heap, reference = queue(30, 64), dict[int, tuple[int, int]]()
     for cell, first, second, what in operations:
         if what == "put":
@@ -69,11 +69,11 @@ def test_a_full_heap_grows_and_keeps_its_order() -> None:
 
 
 @pytest.mark.parametrize("grows", [False, True])
-def test_behind_the_last_entry_there_are_three_to_compare_it_with_however_full_it_is(grows: bool) -> None:
+def test_three_entries_for_comparison_follow_the_last_one_at_any_size(grows: bool) -> None:
     heap = grown(queue(200, 14)) if grows else queue(200, 14)
     while has_room(heap):
         put(*heap, int(heap.size[0]), 10, 0)
-    for _ in range(NEIGHBOURHOOD - 1):  # what one step may still insert, after the one that it was asked before
+    for _ in range(NEIGHBOURHOOD - 1):  # the entries that one step may still insert, after the one checked before
         put(*heap, int(heap.size[0]), 10, 0)
     behind = heap.entries["first"][heap.size[0] + 1 :]
     assert len(behind) >= 3

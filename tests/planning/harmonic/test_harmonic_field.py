@@ -57,7 +57,7 @@ def connected(free: BoolArray, goal: Cell) -> BoolArray:
 
 
 def all_arrive(found: LogField) -> bool:
-    """Whether the best of four neighbours, again and again, leads from every connected cell to the goal."""
+    """Return whether repeated steps to the best of four neighbours lead from every connected cell to the goal."""
     height, width = found.logs.shape
     padded = np.pad(found.logs, 1, constant_values=-np.inf)
     shifts = [(0, 1), (0, -1), (1, 0), (-1, 0)]
@@ -74,7 +74,7 @@ def all_arrive(found: LogField) -> bool:
 
 @given(st.integers(0, 10_000), st.sampled_from([0.1, 0.3, 0.4]), st.sampled_from([0, 1, 1000]))
 @settings(max_examples=40)
-def test_from_every_free_cell_connected_to_the_goal_the_descent_arrives(seed: int, full: float, stages: int) -> None:
+def test_the_descent_arrives_from_every_free_cell_connected_to_the_goal(seed: int, full: float, stages: int) -> None:
     rng = np.random.default_rng(seed)
     free = rng.random((24, 31)) > full
     goal = (int(rng.integers(24)), int(rng.integers(31)))
@@ -90,7 +90,7 @@ def test_from_every_free_cell_connected_to_the_goal_the_descent_arrives(seed: in
 
 
 @pytest.mark.parametrize("name", REAL)
-def test_on_real_floors_the_descent_arrives_from_all_free_cells(name: str, data_dir: Path) -> None:
+def test_on_real_maps_the_descent_arrives_from_all_free_cells(name: str, data_dir: Path) -> None:
     free = load_free_cells(data_dir / "movingai" / f"{name}.map")
     cells = np.argwhere(free)
     found = log_field(laplace_problem(free, (int(cells[0, 0]), int(cells[0, 1]))))
@@ -107,7 +107,7 @@ def test_a_corridor_too_long_for_float64_is_exact_in_logarithms() -> None:
     np.testing.assert_allclose(-np.diff(found.logs[0, 1:1400]), decay, rtol=1e-6)
 
 
-def test_logs_are_those_of_the_exact_solution() -> None:
+def test_logarithms_equal_those_of_the_exact_solution() -> None:
     free = np.random.default_rng(0).random((60, 70)) > 0.25
     free[30, 20] = True
     problem = laplace_problem(free, (30, 20))
@@ -119,7 +119,7 @@ def test_logs_are_those_of_the_exact_solution() -> None:
     np.testing.assert_allclose(found.logs[told], np.log(exact.v[told]), atol=1e-5)
 
 
-def test_a_warm_start_finds_what_a_cold_one_does() -> None:
+def test_a_warm_start_gives_the_same_field_as_a_cold_one() -> None:
     free = np.random.default_rng(3).random((60, 70)) > 0.25
     goal = (30, 20)
     free[goal] = True
@@ -131,7 +131,7 @@ def test_a_warm_start_finds_what_a_cold_one_does() -> None:
     assert warm.sweeps < cold.sweeps
 
 
-def test_stages_end_with_the_start_and_the_rest_still_leads_to_the_goal() -> None:
+def test_solving_in_stages_ends_at_the_start_and_the_remaining_cells_still_lead_to_the_goal() -> None:
     free = np.ones((5, 400), np.bool_)
     whole = log_field(laplace_problem(free, (2, 0)))
     part = log_field(laplace_problem(free, (2, 0)), until=(2, 60))
@@ -141,7 +141,7 @@ def test_stages_end_with_the_start_and_the_rest_still_leads_to_the_goal() -> Non
     assert tuple(descend(part, (4, 399))[-1]) == (2, 0)
 
 
-def test_only_what_lies_on_a_short_enough_way_is_solved_and_every_descent_arrives_all_the_same() -> None:
+def test_only_cells_near_short_paths_are_solved_and_every_descent_still_arrives() -> None:
     free = np.random.default_rng(8).random((40, 60)) > 0.2
     goal, start, detour = (20, 5), (20, 50), 6
     free[goal] = free[start] = True
@@ -180,7 +180,7 @@ def between_on(free: BoolArray, goal: Cell, start: Cell, detour: int) -> BoolArr
     return cells
 
 
-def test_a_start_far_from_the_solved_cells_is_solved_for_and_one_beside_them_is_not(
+def test_a_start_far_from_the_solved_cells_causes_a_new_solve_and_one_beside_them_does_not(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     prices = np.full((30, 400), FREE_PRICE, np.int32)
@@ -200,7 +200,7 @@ def test_a_start_far_from_the_solved_cells_is_solved_for_and_one_beside_them_is_
     assert tuple(search.path()[-1]) == (5, 2)
 
 
-def test_for_a_start_that_no_way_leads_from_nothing_is_solved() -> None:
+def test_nothing_is_solved_for_a_start_without_a_path() -> None:
     prices = np.full((30, 40), FREE_PRICE, np.int32)
     prices[15] = 0
     search = HarmonicSearch(prices, (5, 2), (25, 30))
@@ -210,7 +210,7 @@ def test_for_a_start_that_no_way_leads_from_nothing_is_solved() -> None:
     assert search.pops == 0
 
 
-def test_a_field_solved_in_slices_is_that_solved_in_one_go() -> None:
+def test_a_field_solved_in_slices_equals_one_solved_at_once() -> None:
     free = np.random.default_rng(3).random((60, 70)) > 0.25
     free[30, 20] = True
     problem = laplace_problem(free, (30, 20))
@@ -229,7 +229,7 @@ def test_a_field_solved_in_slices_is_that_solved_in_one_go() -> None:
     assert sum(visits) // (50_000 + max(visits)) <= count <= sum(visits) // 50_000
 
 
-def test_a_field_abandoned_half_way_leaves_the_previous_one_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_abandoned_solve_leaves_the_previous_field_unchanged(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(harmonic_search, "CELLS_PER_STEP", 1)
     prices = np.full((40, 60), FREE_PRICE, np.int32)
     search = HarmonicSearch(prices, (12, 50), (12, 5))
@@ -245,7 +245,7 @@ def test_a_field_abandoned_half_way_leaves_the_previous_one_unchanged(monkeypatc
         finished(slow.prepare(lambda: False))
 
 
-def test_sweeps_in_logarithms_do_what_plain_python_does() -> None:
+def test_sweeps_in_logarithms_equal_plain_python() -> None:
     free = np.random.default_rng(5).random((9, 12)) > 0.2
     free[4, 4] = True
     problem = laplace_problem(free, (4, 4))
@@ -277,7 +277,7 @@ def test_the_gradient_is_that_of_the_interpolated_field() -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_a_streamline_arrives_and_touches_no_wall(seed: int) -> None:
+def test_a_streamline_reaches_the_goal_and_touches_no_wall(seed: int) -> None:
     rng = np.random.default_rng(seed)
     free = rng.random((40, 50)) > 0.25
     free[20, 25] = True
@@ -314,7 +314,7 @@ def test_a_one_way_zone_is_never_gone_through_backwards() -> None:
     assert [3, 15] in descend(log_field(laplace_problem(free, (3, 3))), (3, 25)).tolist()
 
 
-def test_a_dear_floor_is_avoided() -> None:
+def test_expensive_floor_is_avoided() -> None:
     prices = np.full((40, 40), FREE_PRICE, np.int32)
     prices[18:22, 10:30] = 0
     dear = prices.copy()
@@ -328,7 +328,7 @@ def test_a_dear_floor_is_avoided() -> None:
     assert absorption_from_prices(dear)[0, 20] == pytest.approx(0.018)
 
 
-def test_the_search_takes_changes_and_moves_as_d_star_lite_does() -> None:
+def test_the_search_handles_changes_and_moves_like_d_star_lite() -> None:
     prices = np.full((40, 60), FREE_PRICE, np.int32)
     prices[:, 30] = 0
     prices[10, 30] = prices[30, 30] = FREE_PRICE
@@ -357,7 +357,7 @@ def house() -> OccupancyGrid:
     return OccupancyGrid(cells, 0.05)
 
 
-def test_one_word_makes_the_global_planner_harmonic() -> None:
+def test_one_setting_makes_the_global_planner_harmonic() -> None:
     costmap = costmap_from_grid(house(), CHAIR_A)
     start, goal = Pose2(1.0, 1.0, 0.0), Pose2(7.0, 5.0, 1.0)
     harmonic = plan(costmap, start, goal, PlannerSettings(planner="harmonic"))
@@ -367,7 +367,7 @@ def test_one_word_makes_the_global_planner_harmonic() -> None:
     assert all(fits(CHAIR_A, 0.02, costmap.field, Pose2(*pose)) for pose in harmonic.poses[1:-1])
 
 
-def test_the_harmonic_planner_replans_round_what_has_come() -> None:
+def test_the_harmonic_planner_replans_round_a_new_obstacle() -> None:
     settings = PlannerSettings(planner="harmonic")
     planner = GlobalPlanner(Pose2(6.0, 3.0, 0.0), settings)
     costmap = costmap_from_grid(house(), CHAIR_A)
@@ -378,7 +378,7 @@ def test_the_harmonic_planner_replans_round_what_has_come() -> None:
     assert np.hypot(*(path.poses[:, :2] - thing[0]).T).min() > CHAIR_A.width / 2
 
 
-def test_words_that_name_no_planner_or_smoothing_are_refused() -> None:
+def test_unknown_planners_and_smoothings_are_refused() -> None:
     with pytest.raises(ConfigError, match="there is no planner 'harmonics'"):
         PlannerSettings(planner="harmonics")
     with pytest.raises(ConfigError, match="smooth = 'rope' is unknown; choose auto, taut, band, none"):

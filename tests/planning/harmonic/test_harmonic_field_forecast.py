@@ -1,4 +1,5 @@
-"""People who cross: their prediction bends the path a little, and the chair waits where that is faster than a detour."""
+"""People who cross: their prediction bends the path a little, and the chair waits where waiting is faster than a
+detour."""
 
 from __future__ import annotations
 
@@ -35,7 +36,8 @@ def among(*walkers: Track, radius: float = 0.4) -> ExpectedPeople:
 
 
 def two_ways(longer: float) -> OccupancyGrid:
-    """A corridor of 2 m, 10 m long, and one beside it that is so much longer by its bends [m], walls all round."""
+    """Return a corridor of 2 m, 10 m long, and one beside it that is longer by its bends by this length [m], with walls
+    all round."""
     cells = np.full((round((6.0 + longer) / 0.05), 200), 100, np.int8)
     cells[2:42, 2:-2] = 0
     far = round((2.5 + longer / 2) / 0.05)
@@ -45,7 +47,7 @@ def two_ways(longer: float) -> OccupancyGrid:
     return OccupancyGrid(cells, 0.05)
 
 
-def test_somebody_who_stands_takes_up_all_of_the_window_where_they_stand_and_nothing_elsewhere() -> None:
+def test_a_standing_person_occupies_their_place_for_the_whole_window() -> None:
     share = predicted_occupancy(among(walker(2.0, 1.0, 0.0, 0.0, 0.0)), GRID)
     x, y = np.meshgrid(-1.0 + 0.05 * (np.arange(160) + 0.5), -1.0 + 0.05 * (np.arange(120) + 0.5))
     away = np.hypot(x - 2.0, y - 1.0)
@@ -53,11 +55,11 @@ def test_somebody_who_stands_takes_up_all_of_the_window_where_they_stand_and_not
     assert (share[away > 0.42] == 0.0).all()
 
 
-def test_somebody_who_walks_takes_up_each_place_for_a_part_of_the_window() -> None:
+def test_a_walking_person_occupies_each_place_for_a_part_of_the_window() -> None:
     share = predicted_occupancy(among(walker(0.0, 1.0, 1.0, 0.0)), GRID)
     assert 0.0 < share.max() < 0.3
-    assert share[40, 100] > 0.0  # four seconds ahead on their way
-    assert share[40, 18] < share[40, 40]  # they come from there, and are going on
+    assert share[40, 100] > 0.0  # four seconds ahead on the walker's way
+    assert share[40, 18] < share[40, 40]  # the walker comes from there and walks on
     assert predicted_occupancy(among(), GRID).max() == 0.0
 
 
@@ -66,7 +68,7 @@ def test_a_walker_outside_the_map_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize("planner", ["harmonic", "dstar-lite"])
-def test_the_forecast_makes_cells_dearer_but_bars_none(planner: str) -> None:
+def test_the_forecast_makes_cells_more_expensive_but_closes_none(planner: str) -> None:
     costmap = costmap_from_grid(GRID, CHAIR_A)
     crossing = walker(2.5, 1.2, 0.0, 0.4)
     share = predicted_occupancy(among(crossing, radius=CHAIR_A.width / 2 + 0.3), GRID)
@@ -81,21 +83,21 @@ def test_the_forecast_makes_cells_dearer_but_bars_none(planner: str) -> None:
 LINE = np.column_stack([np.linspace(0.0, 5.0, 51), np.full(51, 1.0)])
 
 
-def test_who_is_past_by_the_time_the_chair_is_there_costs_no_waiting() -> None:
+def test_a_person_who_has_passed_before_the_chair_comes_costs_no_waiting() -> None:
     assert arrival(among(walker(4.5, 0.0, 0.0, 0.8)), LINE, 0.8) == (pytest.approx(6.25), 0.0)
     assert arrival(among(walker(2.5, 4.0, 0.0, 0.5)), LINE, 0.8) == (pytest.approx(6.25), 0.0)
     assert arrival(among(), LINE, 0.8) == (pytest.approx(6.25), 0.0)
 
 
-def test_who_crosses_as_the_chair_comes_is_waited_for_no_longer_than_it_takes() -> None:
+def test_the_chair_waits_for_a_crossing_person_only_until_the_way_is_free() -> None:
     done, wait = arrival(among(walker(2.5, -1.0, 0.0, 0.7)), LINE, 0.8)
     assert (
         0.2 <= wait <= 1.6
-    )  # they are within 0.4 m of the line from 2.3 s to 3.5 s, the chair is there at 2.6 to 3.6 s
+    )  # the person is within 0.4 m of the line from 2.3 s to 3.5 s, the chair is there at 2.6 to 3.6 s
     assert done == pytest.approx(6.25 + wait)
 
 
-def test_somebody_who_stands_in_the_way_is_waited_for_and_without_a_window_nobody_is_met() -> None:
+def test_the_chair_waits_for_a_person_who_stands_in_the_way_unless_the_window_is_zero() -> None:
     stays = among(walker(2.5, 1.0, 0.0, 0.0))
     assert arrival(stays, LINE, 0.8) == (pytest.approx(16.25), 10.0)
     assert arrival(stays, LINE, 0.8, ForecastSettings(window=0.0)) == (pytest.approx(6.25), 0.0)
@@ -105,7 +107,7 @@ START, GOAL = Pose2(1.0, 1.1, 0.0), Pose2(9.0, 1.1, 0.0)
 
 
 def planned(planner: str, people: ExpectedPeople, longer: float) -> tuple[float, float, float]:
-    """Lengths [m] of the direct way, of that among people, and of what their forecast alone would make of it."""
+    """Return lengths [m] of the direct path, of that among people, and of that by their forecast alone."""
     costmap = costmap_from_grid(two_ways(longer), CHAIR_A)
     in_the_middle = KeepRightSettings(aside=0.0)  # so that the same way has the same length
     search = GlobalPlanner(GOAL, PlannerSettings(planner=planner, keep_right=in_the_middle))
@@ -116,15 +118,15 @@ def planned(planner: str, people: ExpectedPeople, longer: float) -> tuple[float,
 
 
 @pytest.mark.parametrize("planner", ["harmonic", "dstar-lite"])
-def test_who_crosses_far_ahead_sends_the_chair_nowhere_else(planner: str) -> None:
-    """They come out of the wall's other side, as the source paper's do, and are gone when the chair is there."""
+def test_a_person_who_crosses_far_ahead_does_not_change_the_route(planner: str) -> None:
+    """People come out of the other side of the wall, as in the source paper, and are gone when the chair arrives."""
     for x in (4.0, 5.5, 7.0):
         direct, chosen, _ = planned(planner, among(walker(x, 2.0, 0.0, -0.9), radius=0.7), 1.0)
         assert chosen == pytest.approx(direct, abs=1e-9)
 
 
 @pytest.mark.parametrize("planner", ["harmonic", "dstar-lite"])
-def test_a_way_round_is_taken_when_it_is_sooner_than_waiting_and_not_when_it_is_not(planner: str) -> None:
+def test_a_detour_is_taken_only_when_it_is_faster_than_waiting(planner: str) -> None:
     crowd = among(*(walker(3.6 + 0.4 * k, 1.1, 0.02, 0.0) for k in range(8)), radius=0.7)
     direct, chosen, forced = planned(planner, crowd, 0.2)
     assert forced > direct + 2.0
@@ -134,7 +136,7 @@ def test_a_way_round_is_taken_when_it_is_sooner_than_waiting_and_not_when_it_is_
     assert chosen == pytest.approx(direct, abs=1e-9)
 
 
-def test_the_plan_in_force_is_the_one_that_was_chosen() -> None:
+def test_the_legs_of_the_plan_make_up_the_chosen_path() -> None:
     costmap = costmap_from_grid(two_ways(0.2), CHAIR_A)
     search = GlobalPlanner(GOAL)
     path = finished(
@@ -144,7 +146,7 @@ def test_the_plan_in_force_is_the_one_that_was_chosen() -> None:
     assert sum(leg.path.length() for leg in search.legs) == pytest.approx(path.length())
 
 
-def test_tracks_seen_from_another_frame_are_the_same_people() -> None:
+def test_tracks_in_another_frame_give_the_same_forecast() -> None:
     track = walker(2.0, 1.0, 0.5, 0.0)
     map_from_odom = Pose2(1.0, -2.0, math.pi / 2)
     (seen,) = transformed_tracks(map_from_odom, [track])

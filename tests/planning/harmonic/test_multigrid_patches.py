@@ -18,7 +18,7 @@ from waychair.types import Float32Array, FloatArray
 
 @pytest.fixture
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Patches on grids of a size of which a plain reference can be computed."""
+    """Patches on grids small enough for a plain reference."""
     monkeypatch.setattr(module, "_WORTH", 0)
     monkeypatch.setattr(module, "_LARGEST_SHARE", 1.0)
     monkeypatch.setattr(module, "_ROUND", ROUND)
@@ -29,7 +29,7 @@ def place(top: int, left: int, bottom: int, right: int) -> CellRectangle:
 
 
 PLACES = [place(4, 5, 6, 6), place(5, 9, 5, 9), place(18, 1, 21, 3)]
-"""Two that overlap with what lies round them, and one at a corner."""
+"""Two patches that overlap with their surroundings, and one at a corner."""
 
 
 def made(seed: int = 5) -> tuple[Float32Array, tuple[MultigridLevel, ...], SmoothingPatches]:
@@ -51,7 +51,7 @@ def test_the_v_cycle_with_patches_equals_a_plain_reference() -> None:
 
 
 @pytest.mark.usefixtures("small")
-def test_with_patches_it_is_symmetric_and_positive_and_tells_its_product() -> None:
+def test_with_patches_it_is_symmetric_and_positive_and_returns_its_product() -> None:
     walls, levels, patches = made(4)
     first, second = drawn(walls, 0), drawn(walls, 1)
 
@@ -66,7 +66,7 @@ def test_with_patches_it_is_symmetric_and_positive_and_tells_its_product() -> No
     assert np.vdot(first, cycled(first)) > 0
 
 
-def test_what_stands_alone_on_an_open_floor_takes_fewer_cycles_with_a_patch_round_it() -> None:
+def test_a_single_obstacle_on_open_floor_takes_fewer_cycles_with_a_patch_round_it() -> None:
     side, goal = 600, (200, 300)
     free = np.ones((side, side), np.bool_)
     rng = np.random.default_rng(1)
@@ -87,7 +87,7 @@ def test_what_stands_alone_on_an_open_floor_takes_fewer_cycles_with_a_patch_roun
     assert cycles(smoothing_patches(levels, places)) <= cycles(()) - 2
 
 
-def test_where_they_are_not_worth_their_time_there_are_none() -> None:
+def test_there_are_no_patches_where_they_would_take_more_time_than_they_save() -> None:
     levels = levels_from(walls_of(scattered(1, 60, 60)))
     assert smoothing_patches(levels, [place(30, 30, 31, 31)]) == ()
     large = levels_from(np.zeros((520, 520), np.float32))

@@ -1,4 +1,4 @@
-"""Rows shared out between two threads: all of them, once, and to the same last digit as by one."""
+"""Rows shared between two threads: each row once, and results identical to one thread."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def test_every_row_is_in_one_band(first: int, stop: int, cells: int) -> None:
 
 
 @pytest.mark.parametrize("cells", [10, LARGE])
-def test_what_bands_write_and_give_is_put_together(cells: int) -> None:
+def test_the_results_of_all_bands_are_combined(cells: int) -> None:
     def square(values: FloatArray, first: int, stop: int) -> float:
         values[first:stop] **= 2
         return float(values[first:stop].sum())
@@ -33,7 +33,7 @@ def test_what_bands_write_and_give_is_put_together(cells: int) -> None:
     assert values.tolist() == [0, 1, *(k * k for k in range(2, 10))]
 
 
-def test_what_goes_wrong_in_the_second_band_is_told() -> None:
+def test_an_error_in_the_second_band_is_raised() -> None:
     def fails(first: int, stop: int) -> None:
         if first > 0:
             raise ValueError("of the second band")
@@ -43,13 +43,13 @@ def test_what_goes_wrong_in_the_second_band_is_told() -> None:
 
 
 def floor(side: int = 400) -> BoolArray:
-    """Free cells with obstacles strewn about."""
+    """Free cells with random obstacles."""
     free = np.random.default_rng(0).random((side, side)) > 0.1
     free[side // 2, side // 3] = True
     return free
 
 
-def test_one_thread_finds_what_two_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_thread_and_two_give_the_same_result(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = laplace_problem(floor(), (200, 133))
     by_two = solve(problem)
     monkeypatch.setattr(module, "_helper", lambda: None)
@@ -62,7 +62,7 @@ def residual_of_solution() -> float:
     return solve(laplace_problem(floor(), (200, 133))).residual
 
 
-def test_a_process_that_was_forked_has_a_helper_of_its_own() -> None:
+def test_a_forked_process_has_its_own_helper_thread() -> None:
     before = residual_of_solution()
     with multiprocessing.get_context("fork").Pool(1) as pool:
         assert pool.apply_async(residual_of_solution).get(timeout=60.0) == before

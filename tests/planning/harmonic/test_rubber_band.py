@@ -1,4 +1,4 @@
-"""The rubber band: no sharp turns, no longer way, and never nearer to anything than the chair may be."""
+"""The rubber band: no sharp turns, no longer path, and never less than the permitted clearance."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def sharpest(points: FloatArray) -> float:
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.name)
-def test_after_the_band_no_turn_is_sharp_no_way_longer_and_the_chair_fits(scene: BandScene) -> None:
+def test_after_the_band_no_turn_is_sharp_no_path_longer_and_the_chair_fits(scene: BandScene) -> None:
     lines = bands(scene)
     assert sharpest(lines.descent) > 35
     assert sharpest(lines.ours) <= 15
@@ -50,7 +50,7 @@ def test_after_the_band_no_turn_is_sharp_no_way_longer_and_the_chair_fits(scene:
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.name)
-def test_the_papers_band_softens_the_turns_and_shortens_the_way(scene: BandScene) -> None:
+def test_the_papers_band_softens_the_turns_and_shortens_the_path(scene: BandScene) -> None:
     lines = bands(scene)
     assert sharpest(lines.paper) < 0.6 * sharpest(lines.descent)
     assert polyline_length(lines.paper) <= polyline_length(lines.descent)
@@ -60,7 +60,7 @@ def test_the_papers_band_softens_the_turns_and_shortens_the_way(scene: BandScene
 
 @given(st.integers(0, 1000))
 @settings(max_examples=15)
-def test_on_d_star_lites_paths_the_band_crosses_nothing_and_is_never_longer(seed: int) -> None:
+def test_on_paths_of_d_star_lite_the_band_crosses_no_obstacle_and_is_never_longer(seed: int) -> None:
     rng = np.random.default_rng(seed)
     cells = np.zeros((100, 120), np.int8)
     for row, column in rng.integers(15, 100, (5, 2)):
@@ -78,7 +78,7 @@ def test_on_d_star_lites_paths_the_band_crosses_nothing_and_is_never_longer(seed
     assert (costmap.prices[rows, columns] > 0).all()
 
 
-def test_a_band_in_many_parts_is_that_in_few(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_band_in_many_parts_equals_one_in_few_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rubber_band, "PASSES", 82)
     costmap = costmap_of(SCENES[0])
     points = bands(SCENES[0]).descent
@@ -97,7 +97,7 @@ def test_a_band_in_many_parts_is_that_in_few(monkeypatch: pytest.MonkeyPatch) ->
     assert max(parts) <= 300 * 4 * length
 
 
-def test_a_path_that_touches_already_is_not_brought_nearer() -> None:
+def test_a_path_in_contact_is_not_moved_nearer() -> None:
     costmap = costmap_of(SCENES[0])
     along = np.column_stack([np.full(40, 38.2), np.linspace(20.0, 58.0, 40)])  # beside the box, half a chair away
     along[1:-1:2, 0] -= 0.8
@@ -105,13 +105,13 @@ def test_a_path_that_touches_already_is_not_brought_nearer() -> None:
     assert (line[:, 0] <= 38.2 + 1e-9).all()
 
 
-def test_lines_of_one_or_two_points_are_given_back() -> None:
+def test_lines_of_one_or_two_points_are_returned_unchanged() -> None:
     costmap = costmap_of(SCENES[0])
     short = np.array([[20.0, 20.0], [21.0, 20.0]])
     np.testing.assert_allclose(finished(band(costmap, short)), short)
 
 
-def test_turns_about_a_point_are_the_polylines() -> None:
+def test_turns_about_a_point_equal_those_of_the_polyline() -> None:
     line = np.random.default_rng(0).normal(size=(9, 2)).cumsum(axis=0)
     turns = turning_angles(line)
     for k in range(1, 8):
@@ -119,7 +119,7 @@ def test_turns_about_a_point_are_the_polylines() -> None:
         assert _sharpest_about(line, k) == pytest.approx(max(near))
 
 
-def test_log_between_middles_is_that_of_the_interpolated_field() -> None:
+def test_the_logarithm_between_cell_centres_is_that_of_the_interpolated_field() -> None:
     found = log_field(laplace_problem(np.ones((9, 9), np.bool_), (4, 6)))
     v = np.exp(found.logs)
     x, y = 2.9, 3.7
@@ -129,7 +129,7 @@ def test_log_between_middles_is_that_of_the_interpolated_field() -> None:
     assert log_between(found.logs, -0.1, 3.0) == -math.inf
 
 
-def test_d_star_lites_path_takes_the_band_on_request() -> None:
+def test_the_path_of_d_star_lite_is_smoothed_by_the_band_on_request() -> None:
     costmap = costmap_of(SCENES[1])
     start, goal = Pose2(1.0, 1.0, 1.2), Pose2(7.0, 5.0, 1.2)
     plain = plan(costmap, start, goal)
@@ -148,7 +148,7 @@ def house(door: float) -> OccupancyGrid:
 
 
 @pytest.mark.parametrize("door", [0.9, 1.2])
-def test_the_whole_way_through_a_door_is_soft_no_longer_and_fits(door: float) -> None:
+def test_the_whole_path_through_a_door_is_smooth_and_no_longer_and_fits(door: float) -> None:
     """Through the narrow one the chair goes on the door's axis: the band swings into it, and out of it."""
     costmap = costmap_from_grid(house(door), CHAIR_A)
     start, goal = Pose2(1.0, 1.0, 0.8), Pose2(7.0, 5.0, 0.5)
@@ -160,7 +160,7 @@ def test_the_whole_way_through_a_door_is_soft_no_longer_and_fits(door: float) ->
     assert rectangle_fits(costmap, soft.poses[1:-1, :2] / CELL)
 
 
-def test_who_comes_from_beside_a_narrow_door_turns_on_the_spot_before_it() -> None:
+def test_a_chair_that_comes_from_beside_a_narrow_door_turns_on_the_spot_before_it() -> None:
     costmap = costmap_from_grid(house(0.9), CHAIR_A)
     path = plan(costmap, Pose2(3.2, 0.8, 1.5), Pose2(5.4, 4.6, 1.0), PlannerSettings(planner="harmonic"))
     even = resampled(path.poses[:, :2] / CELL, 0.10 / CELL)
@@ -170,7 +170,7 @@ def test_who_comes_from_beside_a_narrow_door_turns_on_the_spot_before_it() -> No
 
 
 def beside_a_zone(seed: int) -> Costmap:
-    """A room with the end of a wall to go round, and a one-way zone somewhere about it."""
+    """A room with the end of a wall to drive round, and a one-way zone near it."""
     rng = np.random.default_rng(seed)
     cells = np.zeros((120, 200), np.int8)
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
@@ -185,7 +185,7 @@ def beside_a_zone(seed: int) -> Costmap:
 
 @pytest.mark.parametrize("planner", ["dstar-lite", "harmonic"])
 @pytest.mark.parametrize("seed", range(20))
-def test_a_band_bulges_into_no_one_way_zone_beside_it(planner: str, seed: int) -> None:
+def test_a_band_does_not_extend_into_a_one_way_zone_beside_it(planner: str, seed: int) -> None:
     costmap = beside_a_zone(seed)
     settings = PlannerSettings(planner=planner, smooth="band")
     try:
@@ -196,4 +196,4 @@ def test_a_band_bulges_into_no_one_way_zone_beside_it(planner: str, seed: int) -
         line_cost(costmap.prices, a, b, c, d, costmap.barred) > line_cost(costmap.prices, a, b, c, d)
         for (a, b), (c, d) in pairwise(points.tolist())
     ]
-    assert sum(against) <= 1, "a way may skim the corner of a cell, and no more"
+    assert sum(against) <= 1, "a path may touch the corner of a cell, and no more"

@@ -1,4 +1,4 @@
-"""Scratch memory of successive solves: no part is handed out twice, and old contents do no harm."""
+"""Scratch memory of successive solves: no part is lent twice at a time, and old contents have no effect."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_parts_do_not_overlap() -> None:
     assert third.sum() == 3.0 * 8  # and its border is 0
 
 
-def test_what_was_given_back_is_lent_again_and_to_one_at_a_time() -> None:
+def test_a_returned_part_is_lent_again_and_to_one_borrower_at_a_time() -> None:
     with borrowed_scratch_memory(1000) as memory:
         first = memory.take((10,))
     with borrowed_scratch_memory(500) as memory:
@@ -39,7 +39,7 @@ def test_what_was_given_back_is_lent_again_and_to_one_at_a_time() -> None:
     assert len(module._kept) == 1
 
 
-def test_very_much_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_large_memory_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "_MOST_KEPT", 100)
     with borrowed_scratch_memory(1000):
         pass
@@ -47,14 +47,14 @@ def test_very_much_is_not_kept(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (3, 200), (37, 50), (64, 64), (129, 7)])
-def test_levels_take_no_more_than_they_say(shape: tuple[int, int]) -> None:
+def test_levels_take_no_more_than_their_stated_size(shape: tuple[int, int]) -> None:
     size = levels_size(shape)
     memory = new_scratch_memory(size + 64)
     levels_from(np.zeros(shape, np.float32), memory)
-    assert memory.take((64,), np.uint8).shape == (64,), "what was beyond them is left"
+    assert memory.take((64,), np.uint8).shape == (64,), "the memory beyond them is left"
 
 
-def test_what_the_last_solve_left_does_not_show_in_the_next() -> None:
+def test_contents_left_by_the_last_solve_do_not_change_the_next() -> None:
     problem = scattered(3)
     clean = solve(problem)
     module._kept[:] = [np.full(10_000_000, 255, np.uint8)]  # not a number, be it read as float32 or float64

@@ -38,7 +38,7 @@ def test_the_path_is_on_the_doors_axis_from_80_cm_before_it(width: float, x: flo
     assert np.abs(run[:-1, 2][goes]).max() < math.radians(12)
 
 
-def test_without_the_run_up_the_path_would_cut_the_corner() -> None:
+def test_without_the_straight_approach_the_path_would_cut_the_corner() -> None:
     poses = plan(doorway(0.9), Pose2(3.0, 7.0), Pose2(9.0, 5.5), check_footprint=False).poses
     before = poses[(poses[:, 0] > 4.0) & (poses[:, 0] < 4.3)]
     assert np.abs(before[:, 1] - 4.0).max() > 0.2
@@ -49,14 +49,14 @@ def points_of(poses: FloatArray) -> FloatArray:
     return points
 
 
-def test_a_wide_opening_and_a_long_corridor_leave_the_path_as_it_is() -> None:
+def test_a_wide_opening_and_a_long_corridor_leave_the_path_unchanged() -> None:
     wide = points_of(plan(doorway(2.0), Pose2(2.0, 4.0), Pose2(9.0, 4.0)).poses)
     np.testing.assert_array_equal(line_up(doorway(2.0), wide, 0.6, 1.0)[0], wide)
     long = points_of(plan(doorway(1.0, 3.0), Pose2(2.0, 4.0), Pose2(10.0, 4.0)).poses)
     np.testing.assert_array_equal(line_up(doorway(1.0, 3.0), long, 0.6, 1.0)[0], long)
 
 
-def test_two_doors_in_a_row_are_lined_up_with_by_one_run() -> None:
+def test_two_doors_in_a_row_share_one_straight_approach() -> None:
     cells = np.zeros((160, 240), np.int8)
     for column in (100, 108):
         cells[:, column : column + 2] = 100
@@ -69,7 +69,7 @@ def test_two_doors_in_a_row_are_lined_up_with_by_one_run() -> None:
     assert np.abs(lined[run_ends, 1] - 80.0).max() < 1.0
 
 
-def test_a_single_pillar_is_no_door() -> None:
+def test_a_single_pillar_does_not_count_as_a_door() -> None:
     cells = np.zeros((160, 240), np.int8)
     cells[80:84, 100:104] = 100
     costmap = costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A)
@@ -77,7 +77,7 @@ def test_a_single_pillar_is_no_door() -> None:
     np.testing.assert_array_equal(line_up(costmap, past, 0.6, 1.0)[0], past)
 
 
-def test_a_start_inside_the_door_is_left_alone() -> None:
+def test_a_start_inside_the_door_is_unchanged() -> None:
     poses = plan(doorway(0.9), Pose2(5.0, 4.0), Pose2(9.0, 5.5)).poses
     np.testing.assert_allclose(poses[0, :2], [5.0, 4.0])
     assert (np.diff(poses[:, 0]) >= 0).all()
@@ -100,7 +100,7 @@ def legs(costmap: Costmap, start: Pose2, goal: Pose2) -> tuple[PathLeg, ...]:
 
 
 @pytest.mark.parametrize("start", [2.0, 10.0])
-def test_a_door_round_a_sharp_corner_is_lined_up_with_and_gone_through_straight(start: float) -> None:
+def test_a_door_round_a_sharp_corner_is_aligned_with_and_passed_straight(start: float) -> None:
     way = legs(corridor_with_door(0.9), Pose2(start, 2.0), Pose2(6.0, 5.0, math.pi / 2))
     (k,) = (k for k, leg in enumerate(way) if leg.manner is DrivingManner.DOOR)
     before, through = way[k - 1].path.poses, way[k].path.poses
@@ -112,13 +112,13 @@ def test_a_door_round_a_sharp_corner_is_lined_up_with_and_gone_through_straight(
     assert way[k].door.width == pytest.approx(0.9, abs=0.06)
 
 
-def test_a_wide_door_is_driven_to_in_a_curve() -> None:
+def test_a_wide_door_is_approached_in_a_curve() -> None:
     way = legs(corridor_with_door(2.0), Pose2(2.0, 2.0), Pose2(6.0, 5.0, math.pi / 2))
     assert [leg.manner for leg in way] == [DrivingManner.FREE, DrivingManner.EXACT]
     assert way[0].flows
 
 
-def test_a_start_in_the_door_and_straight_goes_on_from_there_and_a_goal_in_it_ends_there() -> None:
+def test_a_straight_start_in_the_door_continues_from_there_and_a_goal_in_it_ends_there() -> None:
     costmap = doorway(0.8)
     begin = legs(costmap, Pose2(5.0, 4.0, 0.02), Pose2(9.0, 4.0))
     assert begin[0].manner is DrivingManner.DOOR
@@ -128,7 +128,7 @@ def test_a_start_in_the_door_and_straight_goes_on_from_there_and_a_goal_in_it_en
     assert door.path.poses[-1, 0] == pytest.approx(5.0, abs=0.02)
 
 
-def test_where_no_door_was_found_the_narrow_place_is_planned_like_any_other_from_then_on() -> None:
+def test_a_narrow_place_without_a_measured_door_is_planned_like_any_other_from_then_on() -> None:
     costmap = doorway(0.8)
     planner = GlobalPlanner(Pose2(9.0, 4.0))
     planner.replan(costmap, Pose2(2.0, 4.0))

@@ -1,4 +1,4 @@
-"""Paths in map coordinates, and errors that say what to do."""
+"""Paths in map coordinates, and errors with advice."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def clearances(costmap: Costmap, points: FloatArray) -> FloatArray:
 
 
 @pytest.mark.parametrize("origin", [ORIGIN, Pose2(2.0, -7.0, 0.7)])
-def test_a_path_leads_from_the_start_through_the_door_to_the_goals_heading(origin: Pose2) -> None:
+def test_a_path_leads_from_the_start_through_the_door_to_the_heading_of_the_goal(origin: Pose2) -> None:
     costmap = costmap_from_grid(house(origin=origin), CHAIR_A)
     start, goal = at(1.0, 1.0, 2.0, origin), at(7.0, 5.0, -1.0, origin)
     poses = plan(costmap, start, goal).poses
@@ -49,7 +49,7 @@ def test_a_path_leads_from_the_start_through_the_door_to_the_goals_heading(origi
     np.testing.assert_allclose(poses[-1], goal.array(), atol=1e-9)
     ahead = np.diff(poses[:, :2], axis=0)
     assert np.hypot(*ahead.T).max() <= 0.1 + 1e-6
-    # Headings follow the path, but for the first of two poses at one place: there the chair turns.
+    # Headings follow the path, except the first of two poses at one place: there the chair turns.
     goes = np.hypot(*ahead.T) > 0.0
     np.testing.assert_allclose(poses[:-1, 2][goes], np.arctan2(ahead[goes, 1], ahead[goes, 0]), atol=1e-9)
     assert clearances(costmap, poses[:, :2]).min() >= 0.35
@@ -97,7 +97,7 @@ def test_a_chair_too_close_to_a_wall_may_leave_it() -> None:
     assert poses[0, 2] == pytest.approx(0.0, abs=0.3)
 
 
-def test_a_chair_hemmed_in_by_live_obstacles_is_told_so() -> None:
+def test_a_chair_enclosed_by_live_obstacles_gets_its_own_message() -> None:
     ring = np.array([[math.cos(a), math.sin(a)] for a in np.linspace(0, math.tau, 60)]) * 0.33
     start = at(2.0, 3.0)
     costmap = costmap_from_grid(house(), CHAIR_A, live_points=ring + np.array([start.x, start.y]))
@@ -105,7 +105,7 @@ def test_a_chair_hemmed_in_by_live_obstacles_is_told_so() -> None:
         plan(costmap, start, at(7.0, 5.0))
 
 
-def test_a_free_place_behind_a_thin_wall_is_no_way_out() -> None:
+def test_a_free_place_behind_a_thin_wall_does_not_count_as_a_way_out() -> None:
     cells = np.zeros((60, 80), np.int8)
     cells[:, 38] = 100  # a wall one cell thick ...
     cells[:, 30] = 100  # ... and another 0.35 m before it, the chair stands between
@@ -114,7 +114,7 @@ def test_a_free_place_behind_a_thin_wall_is_no_way_out() -> None:
         GlobalPlanner(Pose2(3.0, 1.5)).replan(costmap, Pose2(1.725, 1.5))
 
 
-def test_a_closed_door_is_noticed_and_its_opening_too_with_little_work() -> None:
+def test_closing_and_opening_a_door_are_planned_with_little_work() -> None:
     goal, start = at(7.0, 5.0), at(1.0, 1.0)
     planner = GlobalPlanner(goal)
     free = costmap_from_grid(house(), CHAIR_A)
@@ -130,7 +130,7 @@ def test_a_closed_door_is_noticed_and_its_opening_too_with_little_work() -> None
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=20, deadline=None)
-def test_replanning_with_live_obstacles_costs_what_planning_anew_costs(seed: int) -> None:
+def test_replanning_with_live_obstacles_gives_the_cost_of_a_new_plan(seed: int) -> None:
     rng = np.random.default_rng(seed)
     goal, start = at(7.0, 5.0), at(1.0, 1.0)
     planner = GlobalPlanner(goal, check_footprint=False)  # the footprint's checks are tested with the route
@@ -152,7 +152,7 @@ def test_replanning_with_live_obstacles_costs_what_planning_anew_costs(seed: int
         start = Pose2(*poses[min(8, len(poses) - 2)])
 
 
-def test_another_map_geometry_begins_anew() -> None:
+def test_another_map_geometry_starts_a_new_plan() -> None:
     planner = GlobalPlanner(Pose2(3.0, 1.0))
     wide = costmap_from_grid(OccupancyGrid(np.zeros((40, 80), np.int8), 0.05), CHAIR_A)
     grown = costmap_from_grid(OccupancyGrid(np.zeros((60, 100), np.int8), 0.05, Pose2(-0.5, -0.5)), CHAIR_A)
@@ -160,7 +160,7 @@ def test_another_map_geometry_begins_anew() -> None:
     assert planner.replan(grown, Pose2(0.5, 1.0)).length() == pytest.approx(2.5, rel=0.01)
 
 
-def test_a_goal_at_the_start_is_a_path_of_its_pose() -> None:
+def test_a_goal_at_the_start_gives_a_path_of_one_pose() -> None:
     poses = plan(costmap_from_grid(house(), CHAIR_A), at(2, 3, 1.0), at(2, 3, -0.5)).poses
     np.testing.assert_allclose(poses[:, :2], np.tile([at(2, 3).x, at(2, 3).y], (2, 1)), atol=1e-9)
     assert poses[-1, 2] == -0.5
@@ -183,7 +183,7 @@ def test_the_cost_of_a_line_equals_the_plain_reference(seed: int) -> None:
 
 
 @pytest.mark.parametrize("end", [(15.0, 3.0), (-0.1, 3.0), (3.0, 12.0), (3.0, -0.1), (40.0, 40.0)])
-def test_no_line_leads_off_the_map(end: tuple[float, float]) -> None:
+def test_no_line_leads_outside_of_the_map(end: tuple[float, float]) -> None:
     prices = np.full((12, 15), FREE_PRICE, np.int32)
     assert line_cost(prices, 5.0, 5.0, *end) == math.inf
     assert line_cost(prices, *end, 5.0, 5.0) == math.inf
@@ -200,7 +200,7 @@ def test_a_corner_is_not_rounded_against_a_one_way_zone() -> None:
 
 @given(st.floats(0.9, 4.4), st.floats(0.3, 3.0), st.floats(0.80, 0.95))
 @settings(max_examples=30, deadline=None)
-def test_from_within_a_corridor_a_plan_ends_at_its_goal_not_where_a_narrow_place_does(
+def test_a_plan_from_inside_a_corridor_ends_at_its_goal_and_not_at_the_end_of_the_narrow_place(
     x: float, way: float, width: float
 ) -> None:
     cells = np.full((70, 320), 100, np.int8)

@@ -1,4 +1,4 @@
-"""All planners on the grid answer to one interface, and a word picks one."""
+"""All planners on the grid have one interface, and a setting selects one."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def test_all_planners_agree_with_plain_relaxation_through_changes_and_one_way_zo
 
 @pytest.mark.parametrize("name", GRID_PLANNERS)
 @pytest.mark.parametrize(("start", "goal", "error", "said"), BAD)
-def test_every_planner_refuses_the_same_with_the_same_words(
+def test_every_planner_refuses_the_same_inputs_with_the_same_message(
     name: str, start: Cell, goal: Cell, error: type[PlanningError], said: str
 ) -> None:
     prices = np.array([[1000, 0, 1000, 1000], [1000, 1000, 0, 0], [1000, 1000, 0, 1000]], np.int32)

@@ -1,4 +1,4 @@
-"""Keeping to one side when people are about: how far, where, and back."""
+"""Keeping to one side when people are near: how far, where, and the way back to the middle."""
 
 from __future__ import annotations
 
@@ -39,12 +39,12 @@ def line(y: float = 1.0, x0: float = 1.0, x1: float = 9.0) -> Path:
 
 
 def aside(path: Path, costmap: Costmap, **changed: float) -> FloatArray:
-    """(N,) how far [m] to the right a path along x is moved."""
+    """Return (N,) the shift [m] to the right of a path along x."""
     kept: FloatArray = path.poses[:, 1] - kept_right(path, costmap, KeepRightSettings(**changed)).poses[:, 1]
     return kept
 
 
-def test_in_a_corridor_all_but_the_ends_is_as_far_to_the_right_as_there_is_room() -> None:
+def test_in_a_corridor_the_path_except_its_ends_is_as_far_to_the_right_as_possible() -> None:
     off = aside(line(), costmap_from_grid(corridor(), CHAIR_A))
     assert off[0] == off[-1] == 0.0
     np.testing.assert_allclose(off[20:-20], 0.4)  # 0.3 m are left to the wall
@@ -52,19 +52,19 @@ def test_in_a_corridor_all_but_the_ends_is_as_far_to_the_right_as_there_is_room(
 
 
 @pytest.mark.parametrize(("width", "most"), [(1.6, 0.25), (1.4, 0.15), (1.1, 0.0)])
-def test_in_a_narrow_one_the_room_beside_the_chair_is_kept(width: float, most: float) -> None:
+def test_in_a_narrow_corridor_the_clearance_beside_the_chair_is_kept(width: float, most: float) -> None:
     off = aside(line(), costmap_from_grid(corridor(width), CHAIR_A))
     assert off.max() == pytest.approx(most, abs=0.051)
     assert off.max() <= max(0.0, width / 2 - 0.3 - 0.25) + 1e-9
 
 
-def test_where_people_keep_left_so_does_the_chair_and_it_may_keep_to_the_middle() -> None:
+def test_the_chair_keeps_left_or_in_the_middle_if_so_configured() -> None:
     costmap = costmap_from_grid(corridor(), CHAIR_A)
     np.testing.assert_allclose(aside(line(), costmap, aside=-0.4)[20:-20], -0.4)
     assert not aside(line(), costmap, aside=0.0).any()
 
 
-def test_in_a_hall_there_is_no_need_to() -> None:
+def test_in_a_hall_the_path_stays_in_the_middle() -> None:
     cells = np.zeros((160, 200), np.int8)
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
     costmap = costmap_from_grid(OccupancyGrid(cells, 0.05), CHAIR_A)
@@ -82,14 +82,14 @@ def test_headings_follow_the_moved_path_but_for_the_last() -> None:
     assert np.abs(poses[:-1, 2]).max() <= math.atan(0.3) + 1e-9
 
 
-def test_round_what_stands_on_the_right_the_chair_comes_back_to_the_middle() -> None:
+def test_the_chair_returns_to_the_middle_round_an_obstacle_on_the_right() -> None:
     bin_at_the_wall = np.array([[5.0, 0.45], [5.1, 0.45]])
     off = aside(line(), costmap_from_grid(corridor(), CHAIR_A, live_points=bin_at_the_wall))
     assert off[38:44].max() <= 0.05
     np.testing.assert_allclose([off[20], off[60]], 0.4)
 
 
-def test_it_moves_neither_to_unknown_ground_nor_onto_a_one_way_zone() -> None:
+def test_the_path_moves_neither_to_unknown_cells_nor_onto_a_one_way_zone() -> None:
     grid = corridor()
     grid.cells[:17, 90:110] = UNKNOWN
     assert aside(line(), costmap_from_grid(grid, CHAIR_A))[40] == pytest.approx(0.1, abs=0.051)
@@ -98,7 +98,7 @@ def test_it_moves_neither_to_unknown_ground_nor_onto_a_one_way_zone() -> None:
     assert aside(line(), costmap_from_grid(corridor(), CHAIR_A, zones=[zone]))[40] == pytest.approx(0.1, abs=0.051)
 
 
-def test_outside_the_map_there_is_no_room_and_a_path_of_two_poses_stays() -> None:
+def test_outside_the_map_and_for_two_poses_the_path_stays_unchanged() -> None:
     costmap = costmap_from_grid(corridor(), CHAIR_A)
     assert not aside(line(-3.0), costmap).any()
     short = Path(np.array([[1.0, 1.0, 0.0], [1.1, 1.0, 0.0]]))
@@ -107,7 +107,7 @@ def test_outside_the_map_there_is_no_room_and_a_path_of_two_poses_stays() -> Non
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**31), st.floats(-math.pi, math.pi))
-def test_wherever_things_stand_the_moved_path_keeps_the_room(seed: int, turned: float) -> None:
+def test_the_moved_path_keeps_its_clearance_for_obstacles_anywhere(seed: int, turned: float) -> None:
     rng = np.random.default_rng(seed)
     origin = Pose2(3.0, -2.0, turned)
     grid = corridor(2.6, origin)
@@ -121,12 +121,12 @@ def test_wherever_things_stand_the_moved_path_keeps_the_room(seed: int, turned: 
         off = float(np.hypot(*(after - before)[:2]))
         assert off <= 0.4 + 1e-9
         here = Pose2(after[0], after[1], before[2])
-        if off > 0.05:  # one step of it was looked at; beside the chair, not before it
+        if off > 0.05:  # one step was checked; beside the chair, not before it
             slim = replace(CHAIR_A, front=0.01, rear=0.01)
             assert fits(slim, 0.15, costmap.field, here)
 
 
-def test_the_planner_keeps_right_among_people_and_in_the_middle_alone() -> None:
+def test_the_planner_keeps_right_among_people_and_in_the_middle_without_them() -> None:
     costmap = costmap_from_grid(corridor(), CHAIR_A)
     somebody = walker(30.0, 1.0, -1.0, 0.0)
     search = GlobalPlanner(GOAL, PlannerSettings())

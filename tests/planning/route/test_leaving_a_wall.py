@@ -1,4 +1,4 @@
-"""Out of a parked place: the chair's ends stay off the wall by a check of their own, and it comes to where it can turn."""
+"""Leaving a parked place: an independent check keeps the chair's ends off the wall until it can turn."""
 
 from __future__ import annotations
 
@@ -51,9 +51,7 @@ def gaps(body: ChairBody, poses: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize("place", ["beside", "nose in", "tail in"])
 @pytest.mark.parametrize("body", [CHAIR_B, CHAIR_A_MID, CHAIR_A_FRONT], ids=lambda body: body.chair_id)
-def test_two_centimetres_from_the_wall_a_chair_finds_its_way_out_and_swings_no_end_into_it(
-    body: ChairBody, place: str
-) -> None:
+def test_a_chair_two_centimetres_from_a_wall_leaves_it_and_swings_no_end_into_it(body: ChairBody, place: str) -> None:
     start = parked(body, 0.02, place)
     poses = finished(leading_out_path(field_round(start), body, start))
     assert poses is not None
@@ -71,10 +69,10 @@ def test_the_end_that_swings_out_comes_nearer_by_no_more_than_a_third() -> None:
     start = parked(CHAIR_B, 0.028, "beside")
     poses = finished(leading_out_path(field_round(start), CHAIR_B, start))
     assert poses is not None
-    assert 0.028 * 2 / 3 - 0.01 < gaps(CHAIR_B, poses).min() < 0.028, "every turn begins with a little"
+    assert 0.028 * 2 / 3 - 0.01 < gaps(CHAIR_B, poses).min() < 0.028, "every turn starts small"
 
 
-def test_who_has_room_or_touches_the_wall_or_is_boxed_in_is_not_led_out() -> None:
+def test_a_chair_with_room_or_in_contact_or_enclosed_gets_no_such_path() -> None:
     for gap in (0.1, -0.01):
         start = parked(CHAIR_B, gap, "beside")
         assert finished(leading_out_path(field_round(start), CHAIR_B, start)) is None
@@ -87,7 +85,7 @@ def test_who_has_room_or_touches_the_wall_or_is_boxed_in_is_not_led_out() -> Non
     assert finished(leading_out_path(field, body, start)) is None
 
 
-def test_the_plan_of_a_parked_chair_leads_out_before_it_turns() -> None:
+def test_the_plan_of_a_parked_chair_leads_out_before_a_turn() -> None:
     start = parked(CHAIR_B, 0.02, "beside")
     planner = GlobalPlanner(Pose2(2.5, 3.5, math.pi))
     planner.replan(costmap_from_grid(square(), CHAIR_B), start)
@@ -105,7 +103,7 @@ def test_the_plan_of_a_parked_chair_leads_out_before_it_turns() -> None:
     (2.5, WALL + CHAIR_B.rear + 0.01, math.pi / 2, "behind"),
     (2.5, 2.5, 1.0, None),
 ])  # fmt: skip
-def test_a_rider_is_told_on_which_side_there_is_no_room(x: float, y: float, theta: float, side: str | None) -> None:
+def test_the_rider_is_told_the_side_without_room(x: float, y: float, theta: float, side: str | None) -> None:
     pose = Pose2(x, y, theta)
     why = None if side is None else f"an obstacle {side} leaves the chair no room to turn"
     assert reason_for_cramped(field_round(pose), CHAIR_B, pose) == why

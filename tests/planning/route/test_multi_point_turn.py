@@ -35,7 +35,7 @@ DEAD_END = room(5.0, 2.5, (0.0, 0.0, 5.0, 0.5), (0.0, 2.0, 5.0, 2.5), (4.5, 0.0,
 
 
 def touches(grid: OccupancyGrid, body: ChairBody, pose: FloatArray) -> bool:
-    """The plain way: whether any point of the rectangle, sampled every centimetre, lies in an occupied cell."""
+    """Return whether any point of the rectangle, sampled every centimetre, lies in an occupied cell."""
     corners = rectangle(body.front, body.rear, body.width / 2)
     x, y = (np.arange(corners[:, k].min(), corners[:, k].max() + 1e-9, 0.01) for k in (0, 1))
     points = transform_points(Pose2(*pose), np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
@@ -44,7 +44,7 @@ def touches(grid: OccupancyGrid, body: ChairBody, pose: FloatArray) -> bool:
 
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B, CHAIR_A_MID, CHAIR_A_FRONT], ids=lambda body: body.chair_id)
-def test_a_chair_turns_round_in_a_dead_end_without_touching_and_can_be_driven_like_that(body: ChairBody) -> None:
+def test_a_multi_point_turn_in_a_dead_end_touches_nothing_and_can_be_driven(body: ChairBody) -> None:
     start, goal = Pose2(4.3 - body.front, 1.2, 0.05), Pose2(1.5, 1.25, math.pi)
     poses = manoeuvre(fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0), body, start, goal)
     assert poses[0] == pytest.approx(start.array())
@@ -58,8 +58,8 @@ def test_a_chair_turns_round_in_a_dead_end_without_touching_and_can_be_driven_li
 
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B, CHAIR_A_MID, CHAIR_A_FRONT], ids=lambda body: body.chair_id)
-def test_from_wherever_it_begins_a_chair_looks_along_the_way_that_it_drives(body: ChairBody) -> None:
-    """Turns in several steps that follow each other add up; where one was lost, the way went on across the chair."""
+def test_from_any_start_the_chair_looks_along_the_way_that_it_drives(body: ChairBody) -> None:
+    """Consecutive turns in several steps add up; with one lost, the path would continue across the chair."""
     rng, field = np.random.default_rng(0), fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0)
     for _ in range(8):
         turn = math.radians(rng.uniform(-10.0, 10.0))
@@ -86,14 +86,14 @@ def test_an_end_in_a_wall_is_named(name: str, x: float) -> None:
         manoeuvre(fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0), CHAIR_A, start, goal)
 
 
-def test_in_the_open_it_is_a_turn_and_a_straight_line() -> None:
+def test_in_the_open_the_path_is_a_turn_and_a_straight_line() -> None:
     poses = manoeuvre(
         fine_field(room(6.0, 6.0), Pose2(3.0, 3.0), 4.0), CHAIR_A, Pose2(2.0, 3.0, 1.5), Pose2(4.0, 3.0, 0.0)
     )
     assert np.hypot(*np.diff(poses[:, :2], axis=0).T).sum() == pytest.approx(2.0, abs=0.1)
 
 
-def test_finer_bins_find_what_coarse_ones_miss_but_not_what_is_impossible() -> None:
+def test_finer_bins_find_turns_that_coarse_ones_miss_but_no_impossible_ones() -> None:
     corner = room(4.5, 4.5, (0.0, 0.0, 4.5, 0.5), (0.0, 1.425, 2.575, 4.5), (3.5, 0.0, 4.5, 4.5))
     field = fine_field(corner, Pose2(2.2, 2.2), 3.0)
     start, goal = Pose2(1.2, 0.95, 0.0), Pose2(3.04, 3.2, math.pi / 2)
@@ -103,7 +103,7 @@ def test_finer_bins_find_what_coarse_ones_miss_but_not_what_is_impossible() -> N
         manoeuvre(field, replace(CHAIR_B, width=0.8), start, goal, fine)
 
 
-def test_a_fine_field_keeps_the_walls_where_they_are_and_adds_what_is_news() -> None:
+def test_a_fine_field_keeps_the_walls_in_place_and_adds_new_obstacles() -> None:
     grid = room(3.0, 3.0)
     plain = fine_field(grid, Pose2(1.5, 1.5), 5.0)
     assert plain.resolution == FINEST
@@ -115,7 +115,7 @@ def test_a_fine_field_keeps_the_walls_where_they_are_and_adds_what_is_news() -> 
     assert seen.metres[80, 4] > 0.0, "a point at a wall is the wall"
 
 
-def test_a_fine_field_keeps_what_stands_at_some_heights_apart_and_leaves_out_what_is_a_wall() -> None:
+def test_a_fine_field_keeps_obstacles_of_each_height_apart_and_leaves_out_those_of_walls() -> None:
     feet = BodyLayer(0.0, 0.3, 0.5, 0.2, 0.2)
     low = np.array([[2.0, 1.8], [2.5, 0.53]])  # the second one is the wall's
     field = fine_field(DEAD_END, Pose2(2.0, 1.25), 2.0, low[:0], known_within=0.06, layered=[(feet, low)])
@@ -137,7 +137,7 @@ def test_a_measured_door_replaces_the_mapped_one() -> None:
 
 
 @pytest.mark.parametrize("x", [-5.0, 0.02, 0.3, 2.0, 3.98, 9.0])
-def test_a_door_at_the_edge_of_what_is_seen_is_opened_as_far_as_it_is_seen(x: float) -> None:
+def test_a_door_at_the_edge_of_the_scan_is_opened_as_far_as_it_is_seen(x: float) -> None:
     grid = OccupancyGrid(np.full((160, 160), 100, np.int8), 0.025)
     door = Pose2(x, 2.0, 0.3)
     seen = fine_field(grid, Pose2(2.0, 2.0), 5.0, opening=(door, 0.8))
@@ -148,7 +148,7 @@ def test_a_door_at_the_edge_of_what_is_seen_is_opened_as_far_as_it_is_seen(x: fl
 
 
 @pytest.mark.parametrize("part", [1, 37, 800])
-def test_in_slices_the_same_path_is_found_and_no_slice_takes_many_more_checks_than_it_may(
+def test_in_slices_the_same_path_is_found_and_no_slice_takes_many_more_checks_than_its_limit(
     part: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     field = fine_field(DEAD_END, Pose2(2.5, 1.25), 3.0)
@@ -168,7 +168,7 @@ def test_in_slices_the_same_path_is_found_and_no_slice_takes_many_more_checks_th
     assert count * part >= 30
 
 
-def test_steering_is_changed_no_more_often_than_the_turn_asks_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steering_changes_no_more_often_than_the_turn_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     field = fine_field(room(6.0, 3.0), Pose2(3.0, 1.5), 4.0)
 
     def changes(price: float) -> float:
@@ -180,7 +180,8 @@ def test_steering_is_changed_no_more_often_than_the_turn_asks_for(monkeypatch: p
 
 
 def test_a_turn_in_a_one_way_zone_never_leads_back_against_it() -> None:
-    """Facing +x in a passage for -x only, a chair would drive on a little to turn round: it backs, and turns farther on."""
+    """Facing +x in a passage for -x only, a chair would drive on a little to turn: it reverses, and turns farther
+    on."""
     cells = np.full((120, 240), 100, np.int8)
     cells[50:76, 10:230] = 0
     ramp = Zone("ramp", Rule.ONE_WAY, np.array([[3.0, 2.4], [7.0, 2.4], [7.0, 3.9], [3.0, 3.9]]), math.pi)

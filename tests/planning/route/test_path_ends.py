@@ -1,4 +1,4 @@
-"""Where a path may begin and end, and the errors where it may not."""
+"""Valid starts and ends of a path, and the errors at others."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from waychair.types import OccupancyGrid, Pose2
 
 
 def corridor(width: int, height: int = 200) -> Costmap:
-    """A corridor upwards of so many cells of 5 cm, between walls."""
+    """An upward corridor with this number of cells of 5 cm, between walls."""
     cells = np.full((height, 100), 100, np.int8)
     cells[2:-2, 30 : 30 + width] = 0
     return costmap_from_grid(OccupancyGrid(cells, 0.05), CHAIR_A)
@@ -25,7 +25,7 @@ def corridor(width: int, height: int = 200) -> Costmap:
 
 @pytest.mark.parametrize("heading", [0.0, math.pi / 2, 2.0])
 @pytest.mark.parametrize("width", [18, 23, 40])
-def test_where_another_place_is_advised_the_chair_fits_with_the_goals_heading(width: int, heading: float) -> None:
+def test_at_an_advised_place_the_chair_fits_with_the_heading_of_the_goal(width: int, heading: float) -> None:
     costmap = corridor(width)
     with pytest.raises(GoalOccupied) as caught:
         check_goal(costmap, CHAIR_A, Pose2(1.4, 5.0, heading))
@@ -40,7 +40,7 @@ def test_where_another_place_is_advised_the_chair_fits_with_the_goals_heading(wi
             check_goal(costmap, CHAIR_A, Pose2(float(x), 5.0, heading))
 
 
-def test_a_start_whose_outline_lies_in_a_wall_is_refused_and_one_close_beside_it_is_not() -> None:
+def test_a_start_with_the_outline_in_a_wall_is_refused_and_one_close_beside_it_is_not() -> None:
     costmap = corridor(40)  # from 1.5 to 3.5 m
     for x in (1.5 + 0.30 + 0.02, 3.5 - 0.30 - 0.02):
         check_start(costmap, CHAIR_A, Pose2(x, 5.0, math.pi / 2))

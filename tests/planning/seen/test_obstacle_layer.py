@@ -34,14 +34,14 @@ LEVEL_CAMERA = ChairBody(camera_y=0.0, camera_z=0.95, camera_pitch=0.0).base_fro
 
 
 def look(stamp_ns: int, ranges: FloatArray, origin: tuple[float, float] = (0.0, 0.0), limit: float = 6.0) -> Sight:
-    """A lidar all round; what is farther than the limit is not followed."""
+    """A lidar all round; beams are followed up to the limit."""
     far = np.minimum(ranges, limit)
     ends = np.array(origin) + far[:, None] * np.stack([np.cos(ALL_ROUND), np.sin(ALL_ROUND)], axis=-1)
     return sight_from_points(stamp_ns, np.array(origin), ends, ranges < limit, BEAM)
 
 
 def room(person_at: float | None, half_width: float = 0.1) -> FloatArray:
-    """Ranges of a round room of 5 m with someone in it, 2 m from the lidar in a direction."""
+    """Ranges of a round room of 5 m with a person in it, 2 m from the lidar in a direction."""
     ranges = np.full(720, 5.0)
     if person_at is not None:
         ranges[np.abs(np.angle(np.exp(1j * (ALL_ROUND - person_at)))) < half_width] = 2.0
@@ -54,7 +54,7 @@ def near(layer: ObstacleLayer, distance: float) -> int:
 
 
 @pytest.mark.parametrize("direction", [0.0, 1.0, math.pi, -3.0])
-def test_someone_who_walked_on_is_cleared_at_once_and_seen_where_they_are(direction: float) -> None:
+def test_a_person_who_walked_on_is_cleared_at_once_and_marked_at_the_new_place(direction: float) -> None:
     layer = updated(EMPTY, look(0, room(direction)))
     assert near(layer, 2.0) > 10
     layer = updated(layer, look(SECOND // 10, room(direction + 0.5)))
@@ -63,14 +63,14 @@ def test_someone_who_walked_on_is_cleared_at_once_and_seen_where_they_are(direct
     assert near(updated(layer, look(SECOND // 5, room(None))), 2.0) == 0
 
 
-def test_a_beam_that_meets_nothing_clears_as_far_as_it_was_followed() -> None:
+def test_a_beam_without_a_return_clears_as_far_as_it_is_followed() -> None:
     layer = updated(EMPTY, look(0, room(0.0)))
     open_ended = np.full(720, 50.0)
     assert len(updated(layer, look(1, open_ended)).points) == 0
     assert near(updated(layer, look(1, open_ended, limit=1.5)), 2.0) > 10
 
 
-def test_what_is_hidden_by_something_nearer_is_remembered_until_it_fades() -> None:
+def test_a_hidden_obstacle_is_remembered_until_it_fades() -> None:
     layer = updated(EMPTY, look(0, room(0.0)))
     nearer = np.minimum(room(None), np.where(np.abs(ALL_ROUND) < 0.3, 1.0, np.inf))
     at_the_end = updated(layer, look(5 * SECOND, nearer))
@@ -78,7 +78,7 @@ def test_what_is_hidden_by_something_nearer_is_remembered_until_it_fades() -> No
     assert near(updated(at_the_end, look(5 * SECOND + 1, nearer)), 2.0) == 0
 
 
-def test_what_is_seen_again_does_not_fade_or_pile_up() -> None:
+def test_an_obstacle_seen_again_does_not_fade_or_multiply() -> None:
     layer = EMPTY
     for k in range(40):
         layer = updated(layer, look(k * SECOND, room(0.0)), forgotten_after_s=2.0)
@@ -104,7 +104,7 @@ def plain_passed(
     radius: float,
     behind: float,
 ) -> list[bool]:
-    """The kernel in words of plain numpy, every beam against every point."""
+    """The kernel in plain numpy, every beam against every point."""
     result = []
     for x, y in points:
         distance = math.hypot(x, y)
@@ -120,7 +120,7 @@ def plain_passed(
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 60))
 @settings(max_examples=60, deadline=None)
-def test_the_kernel_says_what_plain_numpy_says(seed: int, count: int) -> None:
+def test_the_kernel_equals_plain_numpy(seed: int, count: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.uniform(-4, 4, (30, 2))
     points[0] = 0.0
@@ -134,7 +134,7 @@ def test_the_kernel_says_what_plain_numpy_says(seed: int, count: int) -> None:
 def plain_between_heights(
     ends: FloatArray, kind: Bytes, lens: FloatArray, bottom: float, top: float, theta: float
 ) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """The kernel in words of plain numpy, all beams at once."""
+    """The kernel in plain numpy, all beams at once."""
     known = np.isfinite(ends[..., 0])
     away, ground = ends[known] - lens, kind[known] == GROUND
     level = np.abs(away[:, 2]) < 1e-6
@@ -153,7 +153,7 @@ def plain_between_heights(
 
 @given(st.integers(0, 2**32 - 1), st.floats(-0.2, 1.2))
 @settings(max_examples=60, deadline=None)
-def test_the_kernel_of_heights_says_what_plain_numpy_says(seed: int, bottom: float) -> None:
+def test_the_kernel_of_heights_equals_plain_numpy(seed: int, bottom: float) -> None:
     rng = np.random.default_rng(seed)
     ends = rng.uniform((-4.0, -4.0, -0.5), (4.0, 4.0, 1.8), (6, 8, 3))
     lens = np.array([0.4, 0.0, 0.95])
@@ -166,7 +166,7 @@ def test_the_kernel_of_heights_says_what_plain_numpy_says(seed: int, bottom: flo
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
-def test_the_kernel_of_the_ground_says_what_plain_numpy_says(seed: int) -> None:
+def test_the_kernel_of_the_ground_equals_plain_numpy(seed: int) -> None:
     rng = np.random.default_rng(seed)
     directions, foot = rng.uniform(-1, 1, (6, 8, 2)), rng.uniform(0.2, 3.0, (6, 8))
     foot[rng.random((6, 8)) < 0.2] = math.nan
@@ -182,18 +182,18 @@ def test_the_kernel_of_the_ground_says_what_plain_numpy_says(seed: int) -> None:
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 12), st.integers(0, 12))
 @settings(max_examples=100, deadline=None)
-def test_any_that_is_nearer_is_found_among_all_pairs(seed: int, count: int, others: int) -> None:
+def test_a_nearer_point_is_found_among_all_pairs(seed: int, count: int, others: int) -> None:
     rng = np.random.default_rng(seed)
     a, b, gap = rng.uniform(0, 5, (count, 2)), rng.uniform(0, 5, (others, 2)), float(rng.uniform(0.01, 2.0))
     plain = any(math.dist(first, second) < gap for first in a for second in b)
     assert any_nearer(a, b, gap) == plain
 
 
-def test_a_look_that_met_nothing_leaves_an_empty_layer_empty() -> None:
+def test_a_scan_without_returns_leaves_an_empty_layer_empty() -> None:
     assert len(updated(EMPTY, look(0, np.full(720, 9.0))).points) == 0
 
 
-def test_a_sonar_marks_its_whole_arc_and_clears_it_when_the_echo_is_gone() -> None:
+def test_a_sonar_marks_its_whole_arc_and_clears_it_without_an_echo() -> None:
     mounts = (Pose2(0.75, 0.0, 0.0), Pose2(-0.25, 0.0, math.pi))
     pose = Pose2(10.0, 5.0, math.pi / 2)
 
@@ -232,7 +232,7 @@ def viewed(frame: RgbdFrame) -> GroundView:
     return ground_view(frame, LEVEL_CAMERA, CHAIR_A.front, step=2)
 
 
-def test_a_table_top_stands_at_the_height_of_the_arm_rests_only_and_the_floor_nowhere() -> None:
+def test_a_table_top_is_at_the_height_of_the_arm_rests_only_and_the_floor_at_none() -> None:
     feet, arms = BodyLayer(0.0, 0.3, 0.75, 0.25, 0.3), BodyLayer(0.5, 1.2, 0.75, 0.25, 0.3)
     view = viewed(table_top(0, 1.5))
     seen = [sight_from_depth(view, Pose2(3.0, 2.0), layer, 0.06).points() for layer in (feet, arms)]
@@ -242,7 +242,7 @@ def test_a_table_top_stands_at_the_height_of_the_arm_rests_only_and_the_floor_no
     assert (seen[0][:, 0] > table).all()
 
 
-def test_a_table_that_was_taken_away_is_cleared_by_beams_that_pass_at_its_height() -> None:
+def test_a_removed_table_is_cleared_by_beams_at_its_height() -> None:
     arms = BodyLayer(0.5, 1.2, 0.75, 0.25, 0.3)
     first, then = (
         sight_from_depth(viewed(table_top(k, depth)), Pose2(), arms, 0.06) for k, depth in enumerate((1.5, 3.9))

@@ -1,4 +1,4 @@
-"""Where the way leads through gaps of the map."""
+"""Gaps of the map along a path."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def line(start: tuple[float, float], end: tuple[float, float], frame: Pose2 = HE
 @pytest.mark.parametrize("width", [0.8, 1.2, 1.7])
 @pytest.mark.parametrize("frame", [Pose2(), Pose2(-3.0, 7.0, 2.1)])
 @pytest.mark.parametrize("slant", [-1.0, 0.0, 1.0])
-def test_a_gap_is_found_where_the_way_goes_through_it(width: float, frame: Pose2, slant: float) -> None:
+def test_a_gap_is_found_where_the_path_passes_through_it(width: float, frame: Pose2, slant: float) -> None:
     poses = line((2.0, MIDDLE - slant), (10.0, MIDDLE + slant), frame)
     (found,) = openings(walled(width, map_from_grid=frame), poses, WIDEST)
     x, y = transform_points(frame.inverse(), poses[found, :2][None])[0].tolist()
@@ -47,7 +47,7 @@ def test_a_gap_is_found_where_the_way_goes_through_it(width: float, frame: Pose2
     assert abs(y - MIDDLE) < 0.3
 
 
-def test_a_way_along_a_wall_to_a_gap_knows_only_the_gap() -> None:
+def test_a_path_along_a_wall_to_a_gap_has_only_that_gap() -> None:
     grid = walled(1.2)
     along, turn, through = line((5.3, 1.0), (5.3, 3.3)), line((5.3, 3.3), (6.0, 4.0)), line((6.0, 4.0), (9.0, 4.0))
     poses = np.concatenate([along, turn[1:], through[1:]])
@@ -56,30 +56,30 @@ def test_a_way_along_a_wall_to_a_gap_knows_only_the_gap() -> None:
 
 
 @pytest.mark.parametrize("width", [1.9, 3.0])
-def test_what_is_wider_is_no_gap(width: float) -> None:
+def test_a_wider_opening_is_no_gap(width: float) -> None:
     assert not len(openings(walled(width), line((2.0, MIDDLE), (10.0, MIDDLE)), WIDEST))
 
 
-def test_beside_one_wall_and_across_what_is_unknown_there_is_no_gap() -> None:
+def test_beside_one_wall_and_across_unknown_cells_there_is_no_gap() -> None:
     grid = walled(8.0)
     assert not len(openings(grid, line((2.0, 0.5), (10.0, 0.5)), WIDEST))
     unknown = replace(grid, cells=np.full_like(grid.cells, -1))
     assert not len(openings(unknown, line((2.0, MIDDLE), (10.0, MIDDLE)), WIDEST))
 
 
-def test_of_a_corridor_both_ends_count() -> None:
+def test_both_ends_of_a_corridor_count_as_gaps() -> None:
     poses = line((2.0, MIDDLE), (11.0, MIDDLE))
     found = openings(walled(1.2, deep=3.0), poses, WIDEST)
     np.testing.assert_allclose(poses[found, 0], [WALL, WALL + 3.0], atol=0.6)
 
 
-def test_off_the_map_and_on_a_way_of_one_pose_nothing_is_found() -> None:
+def test_outside_of_the_map_and_on_a_path_of_one_pose_no_gap_is_found() -> None:
     assert not len(openings(walled(1.2), line((-9.0, MIDDLE), (-3.0, MIDDLE)), WIDEST))
     assert not len(openings(walled(1.2), line((2.0, 2.0), (2.0, 2.0)), WIDEST))
 
 
-def test_widths_are_those_of_a_plain_search() -> None:
-    """A pose is in a gap exactly where some line across it, at no flatter an angle, meets two walls that near."""
+def test_widths_equal_those_of_a_plain_search() -> None:
+    """A pose is in a gap exactly if a line across it, at no flatter an angle, meets two walls that near."""
     rng = np.random.default_rng(5)
     cells = (rng.random((60, 60)) < 0.02).astype(np.int8) * 100
     grid = OccupancyGrid(cells, CELL)

@@ -1,4 +1,4 @@
-"""People are found, followed, and let go of."""
+"""People are detected, tracked, and forgotten."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def blob(x: float, y: float, count: int = 8) -> FloatArray:
     return np.column_stack([x + 0.12 * np.cos(angles), y + 0.12 * np.sin(angles)])
 
 
-def test_two_legs_are_one_person_and_a_wall_is_none() -> None:
+def test_two_legs_are_one_person_and_a_wall_is_not() -> None:
     wall = np.column_stack([np.linspace(0, 3, 60), np.full(60, 5.0)])
     points = np.concatenate([blob(1.0, 1.0), blob(1.0, 1.35), blob(4.0, 2.0), wall, [[8.0, 8.0]]])
     middles = clusters(points, PEOPLE)
@@ -62,7 +62,7 @@ def test_groups_are_the_connected_components_of_the_links(points: FloatArray, li
     assert linked_groups(points, link).tolist() == labels.tolist()
 
 
-def test_a_walker_is_believed_after_some_sightings_and_its_velocity_found() -> None:
+def test_a_walker_is_confirmed_after_some_scans_with_its_velocity() -> None:
     tracker = Tracker()
     counts = []
     for k in range(30):
@@ -74,7 +74,7 @@ def test_a_walker_is_believed_after_some_sightings_and_its_velocity_found() -> N
     np.testing.assert_allclose(tracks[0].position, [2.9, 0.55], atol=0.05)
 
 
-def test_somebody_who_turns_round_is_noticed_twice_as_soon_as_by_constant_velocity(
+def test_a_person_who_turns_round_is_followed_in_half_the_time_of_constant_velocity(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def scans_until_noticed() -> int:
@@ -91,7 +91,9 @@ def test_somebody_who_turns_round_is_noticed_twice_as_soon_as_by_constant_veloci
     assert scans_until_noticed() >= 6
 
 
-def test_somebody_who_walks_on_evenly_is_followed_no_less_smoothly_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_person_who_walks_steadily_is_followed_as_smoothly_as_by_constant_velocity(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     rng = np.random.default_rng(2)
     noise = [0.04 * rng.standard_normal(2) for _ in range(40)]
     speeds = []
@@ -103,7 +105,7 @@ def test_somebody_who_walks_on_evenly_is_followed_no_less_smoothly_for_it(monkey
     assert speeds[0] < 1.5 * speeds[1]
 
 
-def test_who_is_hidden_for_a_moment_keeps_its_number_and_who_is_gone_is_forgotten() -> None:
+def test_a_briefly_hidden_track_keeps_its_number_and_a_lost_one_is_forgotten() -> None:
     tracker = Tracker()
     nothing = np.empty((0, 2))
     for k in range(20):
@@ -114,7 +116,7 @@ def test_who_is_hidden_for_a_moment_keeps_its_number_and_who_is_gone_is_forgotte
     assert tracks == ()
 
 
-def test_two_who_pass_each_other_keep_their_numbers() -> None:
+def test_two_people_who_pass_each_other_keep_their_numbers() -> None:
     tracker = Tracker()
     for k in range(60):
         tracks = tracker.update(k * TICK_NS, np.concatenate([blob(-3 + 0.1 * k, 0.0), blob(3 - 0.1 * k, 0.9)]))
@@ -122,7 +124,7 @@ def test_two_who_pass_each_other_keep_their_numbers() -> None:
     assert velocities == {1: pytest.approx(1.0, abs=0.1), 2: pytest.approx(-1.0, abs=0.1)}
 
 
-def test_what_lies_outside_of_every_gate_is_given_to_no_track() -> None:
+def test_a_detection_outside_of_every_gate_is_assigned_to_no_track() -> None:
     track = Track(1, 0, 0, 5, np.zeros(2), np.zeros(2), 0.01 * np.eye(4), 0.3)
     assert associate((track,), np.array([[5.0, 0.0]]), PEOPLE.sigma) == {}
     assert associate((track,), np.array([[5.0, 0.0], [0.1, 0.0]]), PEOPLE.sigma) == {0: 1}
@@ -139,8 +141,8 @@ def test_prediction_equals_constant_velocity_with_white_acceleration() -> None:
     assert later.covariance[0, 0] == pytest.approx(expected)
 
 
-def test_the_simulators_people_are_found_by_the_simulators_lidar() -> None:
-    """Three who walk to and fro in an empty hall, a chair that stands: two legs each, swinging."""
+def test_simulated_people_are_found_in_simulated_scans() -> None:
+    """Three people walk to and fro in an empty hall with a standing chair: two swinging legs each."""
     grid = OccupancyGrid(np.zeros((240, 240), np.int8), 0.05)
     ways = [[[3.0, 4.0], [9.0, 4.0]], [[9.0, 6.0], [3.0, 6.5]], [[5.0, 9.0], [7.0, 9.0]]]
     plans = [PersonPlan(Behaviour.PATH, np.array(way), 1.0) for way in ways]
@@ -166,7 +168,7 @@ def test_the_simulators_people_are_found_by_the_simulators_lidar() -> None:
     assert np.percentile(errors[60:], 90) < 0.25
 
 
-def test_who_pauses_is_on_the_way_and_who_stays_stands_but_is_a_person_still() -> None:
+def test_a_person_who_pauses_is_still_on_the_way_and_one_who_stays_is_a_standing_person() -> None:
     tracker = Tracker()
     for k in range(20):
         (walker, *_) = tracker.update(k * TICK_NS, blob(0.1 * k, 0.0)) or (None,)
@@ -179,7 +181,7 @@ def test_who_pauses_is_on_the_way_and_who_stays_stands_but_is_a_person_still() -
 
 
 @pytest.mark.parametrize("ahead", [0.02, 0.1, 0.3, 1.0])
-def test_the_room_of_a_person_never_holds_the_chair(ahead: float) -> None:
+def test_the_personal_space_never_contains_the_chair(ahead: float) -> None:
     pose = Pose2(1.0, 2.0, 0.7)
     middle = transform_points(pose, np.array([[CHAIR_A.front + ahead, 0.1]]))[0]
     track = Track(1, 0, 0, 9, middle, np.zeros(2), np.eye(4), 0.3, moved_ns=0)
@@ -193,7 +195,7 @@ def test_the_room_of_a_person_never_holds_the_chair(ahead: float) -> None:
         np.testing.assert_allclose(np.hypot(*(room - (CHAIR_A.front + ahead, 0.1)).T), PersonalSpaceSettings().radius)
 
 
-def test_who_drifts_slowly_is_known_by_the_way_made_and_what_stands_is_not() -> None:
+def test_a_slow_walker_is_recognised_by_the_distance_made_and_a_still_object_is_not() -> None:
     tracker = Tracker()
     for k in range(50):
         stands, drifts = blob(0.0, 5.0), blob(0.015 * k, 0.0)
@@ -201,7 +203,7 @@ def test_who_drifts_slowly_is_known_by_the_way_made_and_what_stands_is_not() -> 
     assert [track.has_walked for track in sorted(tracks, key=lambda each: float(each.position[1]))] == [True, False]
 
 
-def test_who_went_out_of_sight_behind_the_chair_may_be_there_until_forgotten() -> None:
+def test_a_person_out_of_sight_behind_the_chair_is_kept_until_forgotten() -> None:
     tracker = Tracker()
     for k in range(20):
         tracker.update(k * TICK_NS, blob(0.1 * k - 3.0, 0.0))

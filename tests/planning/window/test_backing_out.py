@@ -1,4 +1,4 @@
-"""Getting out of a tight spot: backwards along the way in, never nearer to anything."""
+"""Leaving a tight spot: backwards along the way in, never nearer to an obstacle."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_a_wall_behind_stops_it_before_it_touches() -> None:
     assert poses[-1].x < 2.74
 
 
-def test_a_margin_that_is_broken_is_eased_just_enough() -> None:
+def test_a_violated_margin_is_reduced_just_enough() -> None:
     field, pose = hall((3.0, 3.36, 5.0, 3.5)), Pose2(4.0, 3.0, 0.0)  # 6 cm beside the chair
     for margin in (0.0, 0.03, 0.05, 0.06):
         shape, ease = eased_footprint(CHAIR_A, margin, field, pose)
@@ -77,7 +77,7 @@ def test_a_margin_that_is_broken_is_eased_just_enough() -> None:
     assert ease > 0.01
 
 
-def test_beside_a_wall_the_chair_goes_on_but_comes_no_nearer_however_often_it_is_asked() -> None:
+def test_beside_a_wall_the_chair_moves_on_but_comes_no_nearer_at_repeated_calls() -> None:
     field = hall((2.0, 3.38, 7.0, 3.5))
     path = Path(np.column_stack([np.linspace(3.0, 6.0, 31), np.linspace(3.0, 3.12, 31), np.zeros(31)]))
     pose, command, gaps = Pose2(3.0, 3.0, 0.0), Twist(), []
@@ -90,7 +90,7 @@ def test_beside_a_wall_the_chair_goes_on_but_comes_no_nearer_however_often_it_is
     assert pose.x > 3.3
 
 
-def test_a_chair_deep_inside_an_obstacle_is_not_let_go() -> None:
+def test_a_chair_deep_inside_an_obstacle_may_not_move() -> None:
     field = hall((3.9, 2.9, 4.1, 3.1))
     inside = Pose2(4.0, 3.0, 0.0)
     shape, ease = eased_footprint(CHAIR_A, 0.03, field, inside)
@@ -107,7 +107,7 @@ def test_a_chair_beside_a_wall_crawls_away_from_it() -> None:
     assert abs(result.twist.v) + abs(result.twist.omega) > 0.0
 
 
-def test_who_may_not_drive_backwards_does_not_back_out() -> None:
+def test_a_chair_that_may_not_reverse_does_not_back_out() -> None:
     shape, _ = eased_footprint(CHAIR_A, SETTINGS.clearance, hall(), Pose2(4.0, 3.0, 0.0))
     for most in (0.0, 0.1):
         limits = replace(SETTINGS, max_reverse=most)

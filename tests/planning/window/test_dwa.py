@@ -1,4 +1,4 @@
-"""The chair gets there, never touches anything, and can always stop."""
+"""The chair arrives, never touches an obstacle, and can always stop."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def moved(pose: Pose2, twist: Twist, seconds: float = 0.05) -> Pose2:
 
 
 def drive(grid: OccupancyGrid, start: Pose2, goal: Pose2, ticks: int = 900) -> tuple[DwaResult, Pose2, list[Twist]]:
-    """Drive on a plan that leaves the rectangle to the window, with a chair that does as told; every pose must be free."""
+    """Drive an ideal chair on a plan that leaves the rectangle to the window; every pose must be free."""
     costmap = costmap_from_grid(grid, CHAIR_A)
     path = plan(costmap, start, goal, check_footprint=False)
     pose, sent = start, [Twist()]
@@ -72,7 +72,7 @@ def drive(grid: OccupancyGrid, start: Pose2, goal: Pose2, ticks: int = 900) -> t
 
 
 @pytest.mark.parametrize("heading", [0.0, math.pi / 2, math.pi])
-def test_the_chair_drives_through_an_opening_to_the_goals_pose(heading: float) -> None:
+def test_the_chair_drives_through_an_opening_to_the_pose_of_the_goal(heading: float) -> None:
     wall = ((5, 0, 5.15, 3.4), (5, 4.6, 5.15, 8))
     goal = Pose2(9.0, 5.5, -math.pi / 2)
     result, pose, sent = drive(hall(wall), Pose2(2.0, 2.0, heading), goal)
@@ -88,7 +88,7 @@ def test_the_chair_drives_through_an_opening_to_the_goals_pose(heading: float) -
     assert v.max() > 0.7
 
 
-def test_the_chair_drives_straight_through_an_80_cm_door_that_it_stands_before() -> None:
+def test_the_chair_drives_straight_through_an_80_cm_door_in_front_of_it() -> None:
     field = distance_field(hall(((5, 0, 5.15, 3.6), (5, 4.4, 5.15, 8))))
     pose, command = Pose2(3.0, 4.0), Twist()
     for _ in range(300):
@@ -100,7 +100,7 @@ def test_the_chair_drives_straight_through_an_80_cm_door_that_it_stands_before()
     assert pose.y == pytest.approx(4.0, abs=0.02)
 
 
-def test_in_a_u_the_window_alone_is_caught_and_with_dstar_lite_it_is_not() -> None:
+def test_in_a_u_the_window_alone_gets_stuck_and_with_dstar_lite_it_does_not() -> None:
     """Section 2.3 of the source paper."""
     trap = hall(((6.5, 2.5, 6.7, 5.5), (4.5, 5.5, 6.7, 5.7), (4.5, 2.3, 6.7, 2.5)))
     start, goal = Pose2(2.0, 4.1), Pose2(9.5, 4.1)
@@ -120,7 +120,7 @@ def test_in_a_u_the_window_alone_is_caught_and_with_dstar_lite_it_is_not() -> No
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=12, deadline=None)
 def test_from_every_commanded_speed_a_full_stop_touches_nothing(seed: int) -> None:
-    """Random clutter and random paths through it, even bad ones; at each tick brake to a stand in thought."""
+    """Random clutter and random paths through it, even bad ones; at each tick a simulated stop must be free."""
     rng = np.random.default_rng(seed)
     obstacles: BoolArray = rng.random((120, 120)) < 0.004
     obstacles[50:70, 40:66] = False
@@ -141,7 +141,7 @@ def test_from_every_commanded_speed_a_full_stop_touches_nothing(seed: int) -> No
             assert fits(CHAIR_A, 0.0, field, thought)
 
 
-def test_from_a_stand_the_command_starts_to_grow_whatever_the_motor_does() -> None:
+def test_from_standstill_the_command_grows_even_if_the_motor_does_not_move() -> None:
     """The window follows the last command: a chair held by its dead band is asked for more each tick."""
     field = distance_field(hall())
     pose, command = Pose2(2.0, 4.0), Twist()
@@ -167,7 +167,7 @@ def test_a_wall_ahead_stops_the_chair_before_it() -> None:
     assert 5.6 < pose.x + CHAIR_A.front < 6.0
 
 
-def test_when_nothing_is_admissible_the_chair_brakes_on_its_arc_and_says_so() -> None:
+def test_without_an_admissible_command_the_chair_brakes_on_its_arc_and_says_so() -> None:
     field = DistanceField(np.zeros((100, 100), np.float32), CELL)
     result = choose(Pose2(2.5, 2.5), Twist(0.6, 0.3), straight(Pose2(2.5, 2.5), 2.0), field, CHAIR_A)
     assert result.blocked
@@ -190,8 +190,8 @@ def test_candidates_stay_inside_the_window_and_the_limits(command: Twist) -> Non
     assert np.abs(v * omega).max() <= 0.5
 
 
-def test_a_turn_on_the_spot_that_the_drive_swallows_is_no_candidate() -> None:
-    """Commanded for ever, it would pass for driving: the chair neither moved nor waited."""
+def test_a_turn_on_the_spot_within_the_dead_band_is_no_candidate() -> None:
+    """Commanded again and again, it would count as driving: the chair neither moved nor waited."""
     field, pose = distance_field(hall()), Pose2(4.0, 4.0)
     turns = choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT).candidates
     on_the_spot = np.abs(turns[turns[:, 0] == 0.0, 1])
@@ -266,7 +266,7 @@ def test_a_rolling_chair_brakes_before_it_turns_in_place() -> None:
     assert result.twist.omega / result.twist.v == pytest.approx(0.2)
 
 
-def test_what_lies_beyond_the_field_is_not_driven_into() -> None:
+def test_the_chair_does_not_drive_beyond_the_field() -> None:
     field = DistanceField(np.full((40, 40), 9.0, np.float32), CELL)
     pose, command = Pose2(0.5, 1.0), Twist()
     for _ in range(200):
@@ -279,7 +279,7 @@ def test_what_lies_beyond_the_field_is_not_driven_into() -> None:
 STILL = CommandedMotion()
 
 
-def test_from_a_stand_the_acceleration_grows_by_the_jerk_alone() -> None:
+def test_from_standstill_the_acceleration_grows_by_the_jerk_only() -> None:
     field, pose, command, motion = distance_field(hall()), Pose2(2.0, 4.0), Twist(), STILL
     speeds = [0.0]
     for _ in range(80):
@@ -295,9 +295,7 @@ def test_from_a_stand_the_acceleration_grows_by_the_jerk_alone() -> None:
 
 @given(st.floats(-0.2, 0.8), st.floats(-0.2, 0.8), st.floats(-0.5, 0.5))
 @settings(max_examples=100, deadline=None)
-def test_jerk_limited_speeds_reach_their_target_without_passing_it_by_more_than_they_must(
-    v: float, target: float, a: float
-) -> None:
+def test_jerk_limited_speeds_reach_their_target_with_the_least_overshoot(v: float, target: float, a: float) -> None:
     command, motion = Twist(v), CommandedMotion(Twist(a))
     speeds = [v]
     for _ in range(200):
@@ -305,20 +303,20 @@ def test_jerk_limited_speeds_reach_their_target_without_passing_it_by_more_than_
         motion, command = motion_after(motion, command, following, PROMPT), following
         speeds.append(command.v)
     assert speeds[-1] == pytest.approx(target, abs=1e-3)
-    # The acceleration it came with takes a^2 / 2 jerk, and half a period's step, to go.
+    # The initial acceleration takes a^2 / 2 jerk, and half a period's step, to vanish.
     spare = a**2 / (2 * PROMPT.jerk) + abs(a) * PERIOD + 1e-3
     assert min(v, target) - spare <= min(speeds)
     assert max(speeds) <= max(v, target) + spare
 
 
-def test_without_room_to_stop_jerk_holds_no_brake_back() -> None:
+def test_without_room_to_stop_the_jerk_limit_delays_no_brake() -> None:
     field = DistanceField(np.zeros((100, 100), np.float32), CELL)
     motion = CommandedMotion(Twist(0.5, 0.0), 1)
     result = choose(Pose2(2.5, 2.5), Twist(0.6), straight(Pose2(2.5, 2.5), 2.0), field, CHAIR_A, motion=motion)
     assert result.twist.v == pytest.approx(0.6 - 0.6 * 0.05)
 
 
-def test_a_chair_that_may_not_reverse_only_comes_to_rest_backwards() -> None:
+def test_a_chair_that_rolls_back_and_may_not_reverse_only_slows_to_rest() -> None:
     field, pose = distance_field(hall()), Pose2(4.0, 4.0)
     limits = replace(PROMPT, max_reverse=0.0)
     result = choose(pose, Twist(-0.1), straight(pose, 6.0), field, CHAIR_A, limits)
@@ -345,7 +343,7 @@ def test_predicted_gaps_equal_a_plain_reference() -> None:
         assert when == (pytest.approx(t) if gaps[-1] <= 0 else math.inf)
 
 
-def test_going_on_is_preferred_to_turning_back() -> None:
+def test_driving_on_is_preferred_to_turning_back() -> None:
     field, pose = distance_field(hall()), Pose2(4.0, 4.0)
     results = [
         choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT, motion=CommandedMotion(direction=direction))
@@ -381,7 +379,7 @@ def test_measures_equal_a_plain_reference() -> None:
         assert row[5] == pytest.approx(np.hypot(*(arc[:, :2] - section[-1, :2]).T).min(), abs=0.005)
 
 
-def test_where_the_body_fits_after_an_arc_equals_a_plain_reference() -> None:
+def test_the_fit_of_the_body_after_an_arc_equals_a_plain_reference() -> None:
     rng = np.random.default_rng(4)
     mask = rng.random((160, 160)) < 0.002
     field = DistanceField(distances(mask, 0.05), 0.05, Pose2(-1.0, 0.5, 0.2))
@@ -395,7 +393,7 @@ def test_where_the_body_fits_after_an_arc_equals_a_plain_reference() -> None:
     assert 20 < found.sum() < 180
 
 
-def test_the_first_twist_that_can_be_driven_equals_a_plain_reference() -> None:
+def test_the_first_drivable_twist_equals_a_plain_reference() -> None:
     rng = np.random.default_rng(6)
     found = []
     for _ in range(60):
@@ -412,7 +410,7 @@ def test_the_first_twist_that_can_be_driven_equals_a_plain_reference() -> None:
     assert {0, 30} < set(found)
 
 
-def test_an_arc_that_cannot_be_driven_is_measured_no_further_than_how_long_it_is_free() -> None:
+def test_an_undrivable_arc_is_measured_no_further_than_its_free_length() -> None:
     field = distance_field(hall(((5.0, 0, 5.2, 8),)))
     pose = Pose2(3.0, 4.0)
     section, _ = local_section(straight(pose, 4.0).poses, pose.array(), 2.5)
@@ -422,7 +420,7 @@ def test_an_arc_that_cannot_be_driven_is_measured_no_further_than_how_long_it_is
     assert not rows[0, 1:].any()
 
 
-def test_a_front_past_the_end_of_the_path_is_no_error() -> None:
+def test_a_front_past_the_end_of_the_path_causes_no_error() -> None:
     """At the goal, the front reaches over it; only its distance from the prolonged path counts."""
     field = distance_field(hall())
     path = straight(Pose2(2.0, 4.0), 2.0)
@@ -447,7 +445,7 @@ def test_a_section_begins_at_the_nearest_point_and_ends_after_its_length() -> No
     assert left == 3.0
 
 
-def test_a_chair_that_stops_to_turn_does_so_in_comfort_but_brakes_at_once_before_a_wall() -> None:
+def test_a_stop_before_a_turn_is_comfortable_but_before_a_wall_it_is_immediate() -> None:
     pose, command, motion = Pose2(4.0, 4.0), Twist(0.5), CommandedMotion()
     free = rotate_to_heading(pose, command, 2.0, distance_field(hall()), CHAIR_A, PROMPT, motion)
     assert free.twist.v == pytest.approx(0.5 - PROMPT.jerk * PERIOD**2)
@@ -457,7 +455,7 @@ def test_a_chair_that_stops_to_turn_does_so_in_comfort_but_brakes_at_once_before
     assert near.twist.v == pytest.approx(0.5 - PROMPT.braking * PERIOD)
 
 
-def test_a_place_to_be_entered_slowly_is_come_down_to_with_limited_jerk() -> None:
+def test_the_speed_before_a_slow_place_falls_with_limited_jerk() -> None:
     field, pose, command, motion = distance_field(hall()), Pose2(2.0, 4.0), Twist(), STILL
     speeds = [0.0]
     for _ in range(200):

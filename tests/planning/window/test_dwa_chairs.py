@@ -25,7 +25,7 @@ STOPS = StopTable(speeds=(0.2, 0.4, 0.6), distances=(0.12, 0.3, 0.6), turn_rate=
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=12, deadline=None)
-def test_a_chair_that_answers_late_by_its_reaction_time_touches_nothing(seed: int) -> None:
+def test_a_chair_with_its_reaction_time_as_delay_touches_nothing(seed: int) -> None:
     """Any body, in clutter, on a path through it: each command moves the chair three ticks later, and jerk is limited."""
     rng = np.random.default_rng(seed)
     body = (CHAIR_A, CHAIR_B, CHAIR_A_MID, CHAIR_A_FRONT)[seed % 4]
@@ -43,7 +43,7 @@ def test_a_chair_that_answers_late_by_its_reaction_time_touches_nothing(seed: in
 
 
 @pytest.mark.parametrize("acceleration", [0.0, 0.3, -0.4])
-def test_the_window_reaches_as_far_as_limited_jerk_takes_the_command(acceleration: float) -> None:
+def test_the_window_reaches_as_far_as_the_command_can_change_with_limited_jerk(acceleration: float) -> None:
     """In small steps: the acceleration grows by the jerk up to its limit, and with it the speed, for the window's time."""
     limits, pose, command = replace(PROMPT, jerk=0.7), Pose2(2.0, 4.0), Twist(0.2)
     motion = CommandedMotion(Twist(acceleration))
@@ -56,7 +56,7 @@ def test_the_window_reaches_as_far_as_limited_jerk_takes_the_command(acceleratio
 
 
 @pytest.mark.parametrize(("half_width", "passes"), [(0.2, True), (0.3, False)])
-def test_a_chair_drives_through_a_low_gap_that_only_its_feet_must_fit_through(half_width: float, passes: bool) -> None:
+def test_a_chair_drives_through_a_low_gap_that_fits_only_its_feet(half_width: float, passes: bool) -> None:
     """0.55 m between two low things, for a chair 0.6 m wide: as wide as its feet are."""
     low = np.zeros((160, 240), np.bool_)
     low[:75, 120], low[86:, 120] = True, True
@@ -70,7 +70,7 @@ def test_a_chair_drives_through_a_low_gap_that_only_its_feet_must_fit_through(ha
     assert passes or pose.x < 6.0 - CHAIR_A.front
 
 
-def test_an_unmeasured_chair_crawls_and_a_measured_one_goes_as_fast_as_it_was_stopped_from() -> None:
+def test_an_unmeasured_chair_crawls_and_a_measured_one_drives_up_to_its_fastest_measured_stop() -> None:
     assert measured(DwaSettings(), None).max_speed == 0.3
     limits = measured(DwaSettings(), STOPS)
     assert (limits.max_speed, limits.reaction_time, limits.stops) == (0.6, 0.25, STOPS)
@@ -78,8 +78,8 @@ def test_an_unmeasured_chair_crawls_and_a_measured_one_goes_as_fast_as_it_was_st
 
 
 @pytest.mark.parametrize("v", [0.2, 0.3, 0.45, 0.6])
-def test_the_measured_way_to_rest_must_be_free_ahead(v: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A wall at the very distance that the table asks for, give or take: what was modelled alone would allow both."""
+def test_the_measured_stopping_distance_must_be_free_ahead(v: float, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A wall just within and just beyond the distance of the table: the model alone would allow both."""
     monkeypatch.setattr(dwa, "WINDOW_TIME", PERIOD)
     limits = replace(measured(PROMPT, STOPS), clearance=0.0, reaction_time=0.0)
     for spare, admitted in ((0.25, True), (-0.1, False)):
@@ -91,7 +91,7 @@ def test_the_measured_way_to_rest_must_be_free_ahead(v: float, monkeypatch: pyte
 
 
 @pytest.mark.parametrize("turn_angle", [0.4, 1.5])
-def test_the_measured_turn_to_rest_must_be_free(turn_angle: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_measured_stopping_angle_must_be_free(turn_angle: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """A wall that the corner would touch after a turn of some angle, for a chair that turns on by less, and by more."""
     table = replace(STOPS, turn_rate=0.8, turn_angle=turn_angle, delay_s=0.05)
     monkeypatch.setattr(dwa, "WINDOW_TIME", PERIOD)

@@ -20,8 +20,8 @@ def walker(x: float, y: float, vx: float, vy: float) -> Track:
     return Track(1, 0, 0, 9, np.array([x, y]), np.array([vx, vy]), 0.01 * np.eye(4), 0.3)
 
 
-def test_people_who_will_cross_are_waited_for_before_they_are_in_the_way() -> None:
-    """From the side, still two metres off the path: the field is empty, only the prediction knows."""
+def test_the_chair_waits_for_people_who_will_cross_before_they_are_in_the_way() -> None:
+    """They come from the side, still two metres off the path: the field is empty, only the prediction has them."""
     field, pose = distance_field(hall()), Pose2(2.0, 4.0)
     fast = Twist(0.8, 0.0)
     alone = choose(pose, fast, straight(pose, 6.0), field, CHAIR_A, PROMPT)
@@ -32,7 +32,7 @@ def test_people_who_will_cross_are_waited_for_before_they_are_in_the_way() -> No
     assert leaving.twist == alone.twist
 
 
-def test_whoever_walks_into_a_standing_chair_is_not_run_into() -> None:
+def test_a_standing_chair_does_not_drive_into_a_person_who_walks_at_it() -> None:
     field, pose = distance_field(hall()), Pose2(4.0, 4.0)
     result = choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT, tracks=(walker(5.3, 4.0, -1.0, 0.0),))
     stands = (result.candidates == 0.0).all(axis=1)
@@ -41,7 +41,9 @@ def test_whoever_walks_into_a_standing_chair_is_not_run_into() -> None:
 
 
 @pytest.mark.parametrize(("ahead", "braking"), [(0.6, 1.5), (1.0, 1.5), (1.4, 0.6)])
-def test_who_walks_at_the_chair_is_braked_for_as_hard_as_the_time_left_asks_for(ahead: float, braking: float) -> None:
+def test_the_chair_brakes_for_an_approaching_person_as_hard_as_the_remaining_time_needs(
+    ahead: float, braking: float
+) -> None:
     field, pose, limits = distance_field(hall()), Pose2(3.0, 4.0), replace(PROMPT, reaction_time=0.15)
     at = pose.x + CHAIR_A.front + 0.3 + ahead
     result = choose(pose, Twist(0.8), straight(pose, 6.0), field, CHAIR_A, limits, tracks=(walker(at, 4.0, -0.8, 0.0),))
@@ -49,7 +51,7 @@ def test_who_walks_at_the_chair_is_braked_for_as_hard_as_the_time_left_asks_for(
     assert result.twist.omega == 0.0
 
 
-def test_who_comes_from_behind_may_be_driven_away_from() -> None:
+def test_the_chair_may_drive_away_from_a_person_who_comes_from_behind() -> None:
     field, pose = distance_field(hall()), Pose2(4.0, 4.0)
     behind = walker(pose.x - CHAIR_A.rear - 0.6, 4.0, 0.5, 0.0)
     result = choose(pose, Twist(), straight(pose, 6.0), field, CHAIR_A, PROMPT, tracks=(behind,))
@@ -60,7 +62,9 @@ def test_who_comes_from_behind_may_be_driven_away_from() -> None:
 @pytest.mark.parametrize(
     ("ahead", "vy", "turns"), [(1.3, 0.0, True), (1.3, 0.5, False), (1.3, -0.5, False), (2.2, 0.5, True)]
 )
-def test_before_who_walks_up_the_chair_looks_for_no_way_by_turning(ahead: float, vy: float, turns: bool) -> None:
+def test_the_chair_does_not_turn_in_search_of_a_way_before_an_approaching_person(
+    ahead: float, vy: float, turns: bool
+) -> None:
     field, pose = distance_field(hall()), Pose2(4.0, 4.0)
     person = walker(pose.x + ahead, 4.0, 0.0, vy)
     result = choose(pose, Twist(), straight(Pose2(4.0, 4.0, 0.8), 4.0), field, CHAIR_A, PROMPT, tracks=(person,))
@@ -70,7 +74,7 @@ def test_before_who_walks_up_the_chair_looks_for_no_way_by_turning(ahead: float,
 
 
 def turning(tracks: tuple[Track, ...], at_goal: bool) -> tuple[Twist, bool]:
-    """What a chair does that is to turn to the left on the spot, on its way or at its goal."""
+    """Return the command of a chair that shall turn left on the spot, on its way or at its goal."""
     field, pose = distance_field(hall()), Pose2(4.0, 4.0)
     path = straight(Pose2(4.0, 4.0, 2.0), 0.05 if at_goal else 4.0)
     path.poses[-1, 2] = 2.0
@@ -79,7 +83,7 @@ def turning(tracks: tuple[Track, ...], at_goal: bool) -> tuple[Twist, bool]:
 
 
 @pytest.mark.parametrize("at_goal", [False, True])
-def test_no_corner_is_turned_into_somebody(at_goal: bool) -> None:
+def test_the_chair_turns_no_corner_into_a_person(at_goal: bool) -> None:
     free, _ = turning((), at_goal)
     assert free.omega > 0.3
     beside = walker(4.0 + CHAIR_A.front, 4.0 + CHAIR_A.width / 2 + 0.4, 0.0, 0.0)

@@ -1,4 +1,4 @@
-"""The source paper's dynamic window as printed, with its flaws."""
+"""The source paper's dynamic window as published, with its flaws."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def test_the_score_is_defined_where_eta_is_zero_over_zero() -> None:
 
 
 @pytest.mark.parametrize("now", [Twist(), Twist(0.79, 0.1), Twist(0.01, -0.79), Twist(0.4, 0.8)])
-def test_the_window_is_equation_8_cut_with_equation_9(now: Twist) -> None:
+def test_the_window_is_the_intersection_of_equations_8_and_9(now: Twist) -> None:
     v, omega = window(now, PERFECT).T
     assert (v.min(), v.max()) == (max(0.0, now.v - 0.03), min(0.8, now.v + 0.025))
     assert (omega.min(), omega.max()) == pytest.approx((max(-0.8, now.omega - 0.04), min(0.8, now.omega + 0.04)))
 
 
-def test_what_is_admissible_obeys_equation_10_as_printed() -> None:
+def test_admissible_commands_obey_equation_10_as_published() -> None:
     field = distance_field(hall(((4.3, 0, 4.5, 8),)))
     result = choose_as_paper(Pose2(3.0, 4.0), Twist(0.4, 0.0), straight(Pose2(3.0, 4.0), 6.0), field, CHAIR_A, PERFECT)
     standing = result.candidates[:, 0] == 0.0
@@ -49,7 +49,7 @@ def test_what_is_admissible_obeys_equation_10_as_printed() -> None:
     assert (result.candidates[np.isfinite(result.scores), 0] <= math.sqrt(2 * 0.5 * 0.6)).all()
 
 
-def test_turning_in_place_is_never_admissible_as_printed() -> None:
+def test_turning_in_place_is_never_admissible_as_published() -> None:
     result = choose_as_paper(
         Pose2(4.0, 4.0), Twist(), straight(Pose2(4.0, 4.0), 6.0), distance_field(hall()), CHAIR_A, PERFECT
     )
@@ -67,7 +67,7 @@ def test_the_papers_window_drives_a_chair_without_a_dead_band() -> None:
     assert pose.x > 2.8
 
 
-def test_round_the_measured_speed_a_chair_with_a_dead_band_never_starts_and_round_the_command_it_does() -> None:
+def test_with_a_dead_band_a_chair_never_starts_round_the_measured_speed_but_starts_round_the_command() -> None:
     """The motors do nothing below 6 cm/s, as real ones do."""
     field, start = distance_field(hall()), Pose2(2.0, 4.0)
     path = straight(start, 8.0)
@@ -82,7 +82,7 @@ def test_round_the_measured_speed_a_chair_with_a_dead_band_never_starts_and_roun
     assert default.x > 2.8
 
 
-def test_when_nothing_is_admissible_it_brakes_and_says_so() -> None:
+def test_without_an_admissible_command_it_brakes_and_says_so() -> None:
     field = DistanceField(np.zeros((100, 100), np.float32), CELL)
     result = choose_as_paper(Pose2(2.5, 2.5), Twist(0.6, 0.3), straight(Pose2(2.5, 2.5), 2.0), field, CHAIR_A, PERFECT)
     assert result.blocked
