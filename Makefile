@@ -24,11 +24,11 @@ test:  ## everything that CI runs
 	@bash .ci/setup dev
 	@$(MAKE) --no-print-directory -j2 lint kernels
 	@$(PYTHON_BIN)/pytest -q $(PARALLEL)
-	@$(REALTIME) -m "realtime and not nightly" || { echo "the real-time tests that failed, once more: another program may have kept the processors"; $(REALTIME) --lf -m "realtime and not nightly"; }
+	@$(REALTIME) -m "realtime and not nightly"
 
 nightly:  ## what repeats on a larger scale the checks of `make test`; it takes an hour
 	@bash .ci/setup dev
-	@$(PYTHON_BIN)/pytest -q $(PARALLEL) -m nightly
+	@$(PYTHON_BIN)/pytest -q $(PARALLEL) -m "nightly or hypothesis" --hypothesis-profile=search
 	@$(REALTIME) -m "realtime and nightly"
 
 # compiled once for all workers, on the core that lint leaves idle

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import settings
 
 # The first call of a kernel loads or compiles it, which is no slow test. The same examples every time, so that a run
-# says the same twice; `pytest --hypothesis-profile=search` draws new ones.
-settings.register_profile("waychair", deadline=None, derandomize=True)
+# says the same twice; `pytest --hypothesis-profile=search`, as in `make nightly`, draws new and more ones.
+settings.register_profile("waychair", deadline=None, derandomize=True, max_examples=30)
 settings.register_profile("search", deadline=None)
 settings.load_profile("waychair")
 

@@ -156,6 +156,7 @@ def lidar_lost(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("lidar_lost")
+@pytest.mark.nightly
 def test_two_days_are_joined_by_pictures_and_their_nodes_merge(drive: Drive, tmp_path: Path) -> None:
     every = (drive[0][::3], drive[1][::3])
     lap = len(every[0]) // 2

@@ -197,6 +197,7 @@ def test_without_a_gpu_it_is_refused_and_auto_takes_the_processor() -> None:
 
 
 ON_THE_SIMULATOR = """
+import sys
 import numpy as np
 from waychair.planning.harmonic.laplace_gpu import conjugate_gradients_on_gpu, gpu_at_hand
 from waychair.planning.harmonic.conjugate_gradients import conjugate_gradients
@@ -208,7 +209,7 @@ walls = np.where(rng.random((7, 9)) > 0.2, rng.choice([0.0, 0.05], (7, 9)), np.i
 levels = levels_from(walls)
 assert len(levels) == 2
 b = np.where(np.pad(walls < np.inf, 1), rng.random(levels[0].x.shape), 0.0)
-for most, near in ((1, 1e-6), (20, 1e-11)):
+for most, near in {"one": [(1, 1e-6)], "all": [(20, 1e-11)]}[sys.argv[1]]:
     ours, theirs = np.zeros_like(b), np.zeros_like(b)
     residual, cycles = finished(conjugate_gradients(walls, levels, ours, b, 1e-12, most))
     there, gone = conjugate_gradients_on_gpu(walls, levels, theirs, b, 1e-12, most)
@@ -219,12 +220,13 @@ print("equal")
 """
 
 
-def test_the_gpu_kernels_on_the_simulator_agree_with_the_processor() -> None:
+@pytest.mark.parametrize("cycles", ["one", pytest.param("all", marks=pytest.mark.nightly)])
+def test_the_gpu_kernels_on_the_simulator_agree_with_the_processor(cycles: str) -> None:
     """One cycle after the other, on a small map: the simulator's threads are Python's."""
     pytest.importorskip("numba.cuda", reason="this numba has no CUDA target: install waychair[gpu]")
     simulated = {**os.environ, "NUMBA_ENABLE_CUDASIM": "1"}
     run = subprocess.run(
-        [sys.executable, "-c", ON_THE_SIMULATOR],
+        [sys.executable, "-c", ON_THE_SIMULATOR, cycles],
         env=simulated,
         capture_output=True,
         text=True,

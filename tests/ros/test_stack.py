@@ -165,6 +165,7 @@ def test_a_goal_by_the_names_of_nav2s_own_client_is_reached_with_feedback(stack:
     stack.until(lambda: arrives(stack, 2.2), "the truth to follow")
 
 
+@pytest.mark.nightly
 def test_several_goals_in_a_row_by_the_command_line_are_reached(stack: LiveStack) -> None:
     for _ in range(TRIES):
         told = waychair(stack.domain, "goto", "2.8,1.0,0", "3.4,1.0,0", "--yes")
@@ -269,6 +270,7 @@ def test_a_cancelled_drive_comes_to_rest(stack: LiveStack) -> None:
     stack.until(lambda: not stack.driving, "the drive to end")
 
 
+@pytest.mark.nightly
 def test_a_paused_drive_stands_and_goes_on_at_a_word(stack: LiveStack) -> None:
     assert stack.client.pause() == (False, "there is no drive to pause")
     stack.begin(FAR)
@@ -390,6 +392,7 @@ def test_a_dead_simulator_is_one_clear_diagnostic(stack: LiveStack) -> None:
     )
 
 
+@pytest.mark.nightly
 def test_a_node_that_hangs_is_started_again(stack: LiveStack) -> None:
     stack.begin(far_from(stack))
     before, hung_ns = stack.pids["bridge"], stack.client.node.get_clock().now().nanoseconds

@@ -93,6 +93,7 @@ def test_a_start_in_a_post_counts_as_a_contact() -> None:
     assert (run.outcome, run.score) == ("contact", 0.0)
 
 
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_run_and_others_differ() -> None:
     environment, navigator = field_of([(1.5, 0.1)], 3.0), navigator_settings(JACKAL, 0.5, 1.0)
     first, again, other = (run_barn(environment, start, JACKAL, navigator) for start in (0, 0, 1))
@@ -129,7 +130,7 @@ def test_bounds_beside_zero_failures_follow_the_rule_of_three() -> None:
     assert upper_bound(5, 5) == 1.0
 
 
-@pytest.mark.parametrize("body", ["jackal", "A"])
+@pytest.mark.parametrize("body", [pytest.param("jackal", marks=pytest.mark.nightly), "A"])
 def test_the_chair_crosses_a_real_world_without_a_contact(data_dir: Path, body: str) -> None:
     """A small sample of the acceptance figures: the world with the longest detours."""
     scale = 1.63 if body == "A" else 1.0

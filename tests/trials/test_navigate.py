@@ -76,6 +76,7 @@ def test_an_impossible_start_is_reported_as_it_was_given(start: Pose2, error: ty
         navigate(turned, begin, [Place("there", Pose2(4.0, 4.0))], world=world, map_from_world=shifted)
 
 
+@pytest.mark.nightly
 def test_a_chair_turns_beside_the_legs_of_a_table_that_are_on_its_map() -> None:
     grid = hall(120)
     for x, y in ((3.75, 2.6), (3.0, 2.1), (2.2, 3.6)):
@@ -86,6 +87,7 @@ def test_a_chair_turns_beside_the_legs_of_a_table_that_are_on_its_map() -> None:
     assert leg.duration_s < 40.0
 
 
+@pytest.mark.nightly
 def test_the_harmonic_field_leads_round_a_corner_and_through_a_door_without_a_stop() -> None:
     """Regression: the band bent too close to the jamb, where the chair cut the corner and got stuck for 58 s."""
     clinic = load_world("small_clinic").without_people()

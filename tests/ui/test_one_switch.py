@@ -63,7 +63,10 @@ def set_driving(page: Page, port: Told) -> None:
 
 
 @pytest.mark.parametrize("key", ["Space", "Enter"])
-@pytest.mark.parametrize("field", ["#search", "#save-name", "#option-interval"])
+@pytest.mark.parametrize(
+    "field",
+    ["#search", *(pytest.param(other, marks=pytest.mark.nightly) for other in ("#save-name", "#option-interval"))],
+)
 def test_while_the_chair_moves_the_switch_is_stop_whatever_has_the_focus(
     browser: Browser, told: Told, key: str, field: str
 ) -> None:

@@ -64,7 +64,7 @@ def test_axe_has_nothing_to_say(browser: Browser, port: Noted, address: str, loo
             assert [(each["id"], [node["target"] for node in each["nodes"]]) for each in found] == [], state
 
 
-@pytest.mark.parametrize("width", [320, 640, 1000])
+@pytest.mark.parametrize("width", [320, 640, pytest.param(1000, marks=pytest.mark.nightly)])
 def test_nothing_is_lost_on_a_narrow_page(browser: Browser, address: str, width: int) -> None:
     with ready_page(browser, address, viewport={"width": width, "height": 480}) as page:
         for tab in ("places", "steer", "edit", "options"):
@@ -110,7 +110,14 @@ def test_stop_comes_first_and_is_always_in_view(browser: Browser, port: Noted, a
                 assert page.is_enabled("#stop")
 
 
-@pytest.mark.parametrize("focus", ["#tab-edit", "#map", ".place", "#save-name", "#search"])
+@pytest.mark.parametrize(
+    "focus",
+    [
+        "#map",
+        "#search",
+        *(pytest.param(other, marks=pytest.mark.nightly) for other in ("#tab-edit", ".place", "#save-name")),
+    ],
+)
 def test_escape_and_space_stop_anywhere_but_in_a_text_field(
     browser: Browser, port: Noted, address: str, focus: str
 ) -> None:

@@ -55,6 +55,7 @@ def test_a_chair_calibrated_through_its_board_follows_its_commands(rig: BoardRig
     assert rig.lines[-1].holder is Holder.JOYSTICK
 
 
+@pytest.mark.nightly
 def test_a_chair_without_encoders_is_driven_by_lidar_and_gyro_lines(program: Path) -> None:
     with (
         BoardRig(program, with_gyro(SimulatorSettings(plant=PLANT)), side=16.0) as rig,

@@ -25,6 +25,7 @@ PLANT = randomised(PlantSettings(), SEED)
 SETTINGS = SimulatorSettings(plant=PLANT)
 
 
+@pytest.mark.nightly
 def test_a_camera_mount_is_found_from_a_recording_with_pauses(tmp_path: Path) -> None:
     if Simulator(open_hall(), CHAIR_A, SimulatorSettings(), 0).camera_problem is not None:
         pytest.skip("nothing to render with")

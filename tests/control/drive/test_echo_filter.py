@@ -71,6 +71,7 @@ def test_each_sonar_is_confirmed_by_its_own_readings_only(ranges: list[float]) -
     assert np.flatnonzero(np.isnan(found)).tolist() == [3]
 
 
+@pytest.mark.nightly
 def test_crosstalk_between_sonars_stops_no_drive(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sonar, "CROSS_TALK", 0.02)
     with Ride(simulator=SimulatorSettings(sonar=SonarSettings(rate_hz=20.0))) as ride:

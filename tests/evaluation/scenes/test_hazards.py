@@ -149,6 +149,7 @@ def test_contacts_with_edges_glass_and_walls_are_told_apart() -> None:
     assert contact_cause(Contact(0, ContactKind.SOLID, 5.45, 1.5, 0.5), pane, CHAIR_A, still) is ContactCause.GLASS
 
 
+@pytest.mark.nightly
 def test_a_chair_that_sees_a_pit_ahead_goes_round_all_of_it() -> None:
     result = run_hazard(drop_off_ahead(Protection.CAMERA, 3), 3)
     assert result.reached, result.reason
@@ -164,6 +165,7 @@ def test_a_keep_out_zone_keeps_the_chair_off_an_edge_that_it_would_drive_over_wi
     assert fallen.count(ContactCause.EDGE) == 1
 
 
+@pytest.mark.nightly
 def test_a_glass_door_that_stands_askew_to_the_sonars_is_heard_in_time() -> None:
     """Regression: driving along the wall and turning into the door, the chair touched the pane at 0.27 m/s."""
     result = run_hazard(glass(Protection.SONAR, 31), 31)

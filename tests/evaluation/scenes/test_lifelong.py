@@ -29,6 +29,7 @@ def test_some_pieces_move_from_day_to_day_and_the_same_seed_moves_the_same(days:
     np.testing.assert_array_equal(again.truth.poses, days[0].truth.poses)
 
 
+@pytest.mark.nightly
 def test_after_three_days_the_map_is_small_and_right_and_what_was_moved_is_gone(
     days: list[Session], tmp_path: Path
 ) -> None:

@@ -16,6 +16,7 @@ SMALL = CameraSettings(width=320, height=240)
 pytestmark = pytest.mark.skipif(renderer_problem() is not None, reason="no pictures can be drawn here")
 
 
+@pytest.mark.nightly
 def test_a_round_of_the_basement_is_closed_by_pictures_and_lidar(tmp_path: Path) -> None:
     route = np.array([[12.5, 1.4], [12.5, 7.8], [1.4, 7.8], [1.4, 1.4], [7.0, 1.4]])
     record_drive("basement", tmp_path / "drive.mcap", 1.0, route, SMALL)

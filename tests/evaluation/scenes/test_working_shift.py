@@ -32,6 +32,7 @@ def shift(tmp_path_factory: pytest.TempPathFactory) -> Shift:
     return run_shift(str(plan), seed=4, seconds=60.0, people=1)
 
 
+@pytest.mark.nightly
 def test_a_shift_lasts_as_long_as_asked_for_and_is_one_drive_after_the_other(shift: Shift) -> None:
     assert shift.seconds >= 60.0
     assert shift.drives >= 2
@@ -40,11 +41,13 @@ def test_a_shift_lasts_as_long_as_asked_for_and_is_one_drive_after_the_other(shi
     assert shift.at_fault == 0
 
 
+@pytest.mark.nightly
 def test_a_door_is_shut_that_leaves_a_way_round(shift: Shift) -> None:
     assert shift.shut in ("south", "north")
     assert shift.reached > 0
 
 
+@pytest.mark.nightly
 def test_nights_add_up_over_calls_and_each_shift_is_driven_once(
     shift: Shift, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

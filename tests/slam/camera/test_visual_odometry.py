@@ -38,6 +38,7 @@ def errors(poses: list[Pose3 | None], truth: list[Pose3]) -> FloatArray:
     return np.array([np.linalg.norm(p.translation - t.translation) for p, t in zip(poses, truth, strict=True) if p])
 
 
+@pytest.mark.nightly
 def test_a_camera_that_sways_is_followed_to_millimetres() -> None:
     truth = sway(40)
     odometry, poses, states = followed([noisy(render(p, k * 66_000_000), k) for k, p in enumerate(truth)])

@@ -94,6 +94,7 @@ def test_the_shadow_of_a_level_camera_is_where_a_base_under_it_would_be() -> Non
     np.testing.assert_allclose(np.linalg.inv(planar_information(covariance)), np.diag([6.0, 4.0, 2.0]))
 
 
+@pytest.mark.nightly
 def test_a_camera_that_goes_round_again_makes_hardly_any_key_frames_more() -> None:
     once = sway(24, turn=0.2, way=0.15)
     mapper, counts = RgbdMapper(), list[int]()
