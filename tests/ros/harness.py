@@ -29,7 +29,7 @@ AnyNode = TypeVar("AnyNode", bound=ChairNode[Any])
 
 
 class Heard(list[Any]):
-    """Messages in the order in which they came, until `close` is called."""
+    """Messages in the order of their arrival, until `close` is called."""
 
     close: Callable[[], Any]
 
@@ -62,7 +62,7 @@ class Harness:
             node.close()
 
     def spin_until(self, condition: Callable[[], Any], what: str, meanwhile: Callable[[], None] | None = None) -> None:
-        """Serve the node until the condition holds, doing something over and over `meanwhile`."""
+        """Serve the node until the condition holds; call `meanwhile` repeatedly."""
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < deadline, f"waited in vain for {what}"
@@ -71,7 +71,7 @@ class Harness:
                 meanwhile()
 
     def heard(self, topic: RosTopic, name: str = "") -> Heard:
-        """A list that grows by the topic's plain messages while the harness spins."""
+        """Return a list that grows by the topic's plain messages while the harness spins."""
         messages = Heard()
         subscription = self.node.create_subscription(
             interface_type(topic.type),
@@ -109,7 +109,7 @@ class Harness:
 
     @contextlib.contextmanager
     def process(self, *command: str | Path) -> Iterator[subprocess.Popen[str]]:
-        """A Python process of the same domain, which is gone at the end of the block.
+        """A Python process of the same domain that has ended at the end of the block.
 
         It is interrupted and not killed: a killed process stays in all lists of nodes for the 20 s of a DDS lease.
         """
@@ -132,7 +132,7 @@ class Harness:
 
 
 def ended(process: subprocess.Popen[str], by: signal.Signals = signal.SIGINT) -> tuple[int, str]:
-    """The exit code and output of a process after a signal."""
+    """Return the exit code and output of a process after a signal."""
     process.send_signal(by)
     output, _ = process.communicate(timeout=PATIENCE_S)
     return process.returncode, output

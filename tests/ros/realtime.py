@@ -1,8 +1,8 @@
-"""Tests of a whole stack in real time, which share their computer with nothing else."""
+"""Tests of a complete stack in real time, which need a computer without other load."""
 
 from __future__ import annotations
 
 import pytest
 
 ALONE = pytest.mark.realtime
-"""For modules and tests that run only where nothing else does, as `make test` runs them at its end."""
+"""Marks for modules and tests that run alone, at the end of `make test`."""

@@ -32,7 +32,7 @@ def near(one: Pose2, other: Pose2) -> bool:
 
 
 @given(STAMP, ID, st.booleans(), st.booleans(), POSE, TEXT, TEXT, st.integers(0, 2**32 - 1))
-def test_a_request_arrives_as_it_was_sent(
+def test_a_request_arrives_unchanged(
     stamp_ns: int, goal_id: int, active: bool, driving: bool, goal: Pose2, stage: str, reason: str, plans: int
 ) -> None:
     sent = chair.DriveRequest(stamp_ns, goal_id, active, driving, stamp_ns // 2, goal, stage, reason, plans)
@@ -42,7 +42,7 @@ def test_a_request_arrives_as_it_was_sent(
 
 
 @given(STAMP, ID, st.sampled_from(DriveMode), POSE, TEXT, st.booleans(), st.lists(st.tuples(TEXT, TEXT), max_size=4))
-def test_a_state_arrives_as_it_was_sent(
+def test_a_state_arrives_unchanged(
     stamp_ns: int, goal_id: int, mode: DriveMode, goal: Pose2, text: str, flag: bool, halts: list[tuple[str, str]]
 ) -> None:
     command = Twist(0.4, -0.1) if flag else None
@@ -66,7 +66,7 @@ def test_a_state_arrives_as_it_was_sent(
     assert replace(came, goal=goal) == sent
 
 
-def test_a_goal_at_no_place_is_refused() -> None:
+def test_a_goal_without_a_place_is_refused() -> None:
     sent = chair.DriveRequest(0, 1, goal=Pose2(float("nan"), 0.0, 0.0))
     with pytest.raises(MessageError):
         chair.read_drive_request(over_the_wire(chair.drive_request(sent)))
@@ -79,7 +79,7 @@ class Unique:
     uuid: Any
 
 
-def test_goals_of_an_action_have_ids_of_their_own_and_none_is_that_of_no_goal() -> None:
+def test_goals_of_an_action_have_their_own_ids_and_none_is_the_empty_id() -> None:
     ids = {chair.goal_id_of(Unique(np.frombuffer(uuid.uuid4().bytes, np.uint8))) for _ in range(1000)}
     assert len(ids) == 1000
     assert all(chair.NO_GOAL < goal_id < 2**64 for goal_id in ids)
@@ -87,7 +87,7 @@ def test_goals_of_an_action_have_ids_of_their_own_and_none_is_that_of_no_goal() 
 
 
 @pytest.mark.parametrize("mode", DriveMode)
-def test_a_goal_waits_until_somebody_has_said_yes(mode: DriveMode) -> None:
+def test_a_goal_waits_for_a_confirmation(mode: DriveMode) -> None:
     report = chair.DriveReport(0, 1, mode, halt("unconfirmed").text)
     assert report.waits
     assert not replace(report, reason="no goal").waits

@@ -21,7 +21,7 @@ LONG_S = 5.0
 
 
 class Ending:
-    """A result that comes in when somebody listens."""
+    """A result that arrives while the client listens."""
 
     def done(self) -> bool:
         return False
@@ -35,7 +35,7 @@ def client(ros: Harness) -> Iterator[ChairClient]:
         yield client
 
 
-def test_who_has_not_listened_for_long_does_before_it_calls_the_navigator_dead(
+def test_a_client_that_has_not_listened_for_long_listens_before_it_calls_the_navigator_dead(
     client: ChairClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from waychair.ros.client import TaskResult
@@ -52,7 +52,7 @@ def test_who_has_not_listened_for_long_does_before_it_calls_the_navigator_dead(
     assert client.result().result is TaskResult.UNKNOWN
 
 
-def test_a_message_that_cannot_be_read_is_named_once_nothing_else_comes(ros: Harness, client: ChairClient) -> None:
+def test_an_unreadable_message_is_named_if_no_other_comes(ros: Harness, client: ChairClient) -> None:
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
 

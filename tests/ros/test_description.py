@@ -1,4 +1,4 @@
-"""The chair as RViz draws it: one tree of frames, where the static transforms and the headers say that they are."""
+"""The chair as RViz draws it: one tree of frames that agrees with the static transforms and the headers."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def test_every_sensors_header_names_a_frame_of_the_tree() -> None:
 
 @settings(max_examples=30, deadline=None)
 @given(yaw=ANGLES, pitch=ANGLES, laser=st.floats(-3.1, 3.1), x=st.floats(-2.0, 2.0))
-def test_fixed_joints_are_where_the_static_transforms_are(yaw: float, pitch: float, laser: float, x: float) -> None:
+def test_fixed_joints_equal_the_static_transforms(yaw: float, pitch: float, laser: float, x: float) -> None:
     body = dataclasses.replace(ChairBody(), camera_yaw=yaw, camera_pitch=pitch, laser_theta=laser, laser_x=x)
     found, expected = poses(body), static_transforms(body)
     assert set(found) - set(expected) == {(BASE_FRAME, wheel) for wheel in WHEEL_FRAMES}
@@ -98,7 +98,7 @@ def test_the_wheels_joints_are_those_of_joint_states_and_turn_about_the_axle() -
         assert numbers(wheel, "xyz") == [0.0, side * body.track / 2, body.wheel_radius]
 
 
-def test_wheels_that_roll_forward_carry_their_top_forward() -> None:
+def test_the_top_of_a_wheel_that_rolls_forward_moves_forward() -> None:
     body = ChairBody()
     quarter = body.ticks_per_turn // 4
     left, right = wheel_transforms(body, WheelTicks(0, quarter, -quarter)).values()
@@ -110,7 +110,7 @@ def test_wheels_that_roll_forward_carry_their_top_forward() -> None:
         np.testing.assert_allclose(pose.translation, poses(body)[edge].translation)
 
 
-def test_each_layer_of_an_outline_is_drawn_and_kept_clear_of() -> None:
+def test_each_layer_of_an_outline_is_drawn_and_kept_free() -> None:
     layers = (BodyLayer(0.0, 0.5, 0.7, 0.2, 0.3), BodyLayer(0.5, 1.2, 0.3, 0.2, 0.25))
     robot = ElementTree.fromstring(urdf(dataclasses.replace(ChairBody(), layers=layers)))
     base = next(link for link in robot.iter("link") if link.attrib["name"] == BASE_FRAME)
@@ -119,7 +119,7 @@ def test_each_layer_of_an_outline_is_drawn_and_kept_clear_of() -> None:
         assert boxes == ["0.9 0.6 0.5", "0.5 0.5 0.7"]
 
 
-def test_the_description_is_a_string_on_the_wire() -> None:
+def test_the_description_is_sent_as_a_string() -> None:
     body = BODIES["A_mid"]
     message = robot_description(body)
     assert message.__msgtype__ == topics.ROBOT_DESCRIPTION.type

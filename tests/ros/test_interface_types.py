@@ -1,4 +1,4 @@
-"""Messages that no wheel carries: built on this computer, the same on the wire as ROS's own."""
+"""Messages without a wheel: built on this computer, with the same bytes as ROS's own."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ rclpy.spin(node)
     assert heard[0].transforms[0].child_frame_id == "moved"
 
 
-def test_an_installed_package_wins_over_the_one_that_is_built(ros: Harness, tmp_path: Path) -> None:
+def test_an_installed_package_is_preferred_to_a_built_one(ros: Harness, tmp_path: Path) -> None:
     package = tmp_path / "tf2_msgs" / "msg"
     package.mkdir(parents=True)
     (package.parent / "__init__.py").touch()
@@ -96,10 +96,12 @@ def test_two_processes_that_build_at_once_share_one_build(small: Path) -> None:
     assert said[0] == said[1]
     assert said[0][1:] == ["7", "1.5"]
     cache = built_interfaces(small).parent
-    assert sorted(path.suffix for path in cache.iterdir()) == ["", ".lock"], "what was built aside is gone"
+    assert sorted(path.suffix for path in cache.iterdir()) == ["", ".lock"], "the temporary build is removed"
 
 
-def test_without_a_compiler_one_sentence_says_what_to_install(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_one_sentence_names_the_package_to_install(
+    small: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.delenv("CXX", raising=False)
     monkeypatch.setenv("PATH", str(small))
     with pytest.raises(InterfaceBuildError, match=r"no C\+\+ compiler was found.*`sudo apt install g\+\+`"):
@@ -107,13 +109,13 @@ def test_without_a_compiler_one_sentence_says_what_to_install(small: Path, monke
     assert [path.suffix for path in (small.parent / "cache" / "waychair").iterdir()] == [".lock"]
 
 
-def test_a_definition_that_is_none_is_refused_with_what_the_generator_said(small: Path) -> None:
+def test_an_invalid_definition_is_refused_with_the_message_of_the_generator(small: Path) -> None:
     (small / "small_msgs" / "msg" / "Small.msg").write_text("int32 Count\n")
     with pytest.raises(InterfaceBuildError, match=r"cannot be built.*Count"):
         built_interfaces(small)
 
 
-def test_a_cache_that_cannot_be_written_to_is_named(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_cache_without_write_permission_is_named(small: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (small.parent / "file").touch()
     monkeypatch.setenv("XDG_CACHE_HOME", str(small.parent / "file"))
     with pytest.raises(OutputError, match="XDG_CACHE_HOME"):

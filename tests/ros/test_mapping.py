@@ -1,4 +1,4 @@
-"""A map that the nodes make on the way: it is the one that `waychair map` makes of the drive's bag."""
+"""The map made by the nodes during a drive equals the one made by `waychair map` from the drive's bag."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def occupied(grid: OccupancyGrid) -> FloatArray:
 
 @ALONE
 def test_the_map_of_the_recorded_bag_is_the_live_one(ros: Harness, tmp_path: Path) -> None:
-    """Driven by the rider's stick, in real time; both listened from the first message on."""
+    """The rider's stick drives, in real time; both get all messages from the first one on."""
     from tests.ros.harness import ended
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
@@ -83,7 +83,7 @@ def test_the_map_of_the_recorded_bag_is_the_live_one(ros: Harness, tmp_path: Pat
             before = len(found)
             ros.spin_until(answer.done, "the map to be saved")
             assert answer.result().result
-            assert len(found) > before, "the mapper goes on while it saves"
+            assert len(found) > before, "the mapper continues while it saves"
         assert ended(mapper)[0] == 0
         assert ended(recorder)[0] == 0
     ros.node.destroy_publisher(stick)
@@ -110,7 +110,7 @@ def test_the_map_of_the_recorded_bag_is_the_live_one(ros: Harness, tmp_path: Pat
     assert len(load_map(kept).cells) >= len(load_map(live).cells), "the map is kept at the end, too"
 
 
-def test_a_map_that_stays_as_it_is_is_sent_once(room: Room) -> None:
+def test_an_unchanged_map_is_sent_once(room: Room) -> None:
     for k in range(10):
         room.drive(k, Pose2())
     drawn: list[OccupancyGrid] = []
@@ -125,7 +125,7 @@ def stamp(k: int) -> int:
 
 
 class Inline:
-    """Does each job at once, or keeps them until they are asked for."""
+    """Runs each job at once, or keeps jobs until they are requested."""
 
     def __init__(self) -> None:
         self.held: list[tuple[Callable[[], Any], Callable[[Any], None]]] | None = None
@@ -174,7 +174,7 @@ def room() -> Room:
     return Room()
 
 
-def test_the_first_frames_hold_too_little_and_are_left_out_as_are_scans_without_odometry() -> None:
+def test_the_first_frames_and_scans_without_odometry_are_left_out() -> None:
     found: list[tuple[int, Localisation]] = []
     live = LiveMapping(LiveMappingSettings(), Pose2())
     room = Room()
@@ -186,7 +186,7 @@ def test_the_first_frames_hold_too_little_and_are_left_out_as_are_scans_without_
     assert [stamp_ns for stamp_ns, _ in found] == [stamp(k) for k in range(10, 15)]
 
 
-def test_a_base_that_was_started_again_does_not_tear_the_map(room: Room) -> None:
+def test_a_restarted_base_does_not_tear_the_map(room: Room) -> None:
     for k in range(30):
         room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
     for k in range(30, 60):
@@ -198,7 +198,7 @@ def test_a_base_that_was_started_again_does_not_tear_the_map(room: Room) -> None
     np.testing.assert_allclose((last.map_from_odom @ Pose2(0.04 * 29)).array(), last.map_from_base.array(), atol=1e-3)
 
 
-def test_a_drive_near_its_beginning_is_not_taken_for_a_new_one(room: Room) -> None:
+def test_a_pose_near_the_start_of_the_drive_is_not_taken_for_a_new_drive(room: Room) -> None:
     for k in range(20):
         room.drive(k, Pose2(0.02 * k, 0.0, 0.0))
     room.drive(20, Pose2(0.4, 0.0, 0.0), Pose2(0.4, 0.0, 0.0), anew=True)
@@ -222,7 +222,7 @@ def test_a_chair_in_another_room_is_lost_until_the_parts_join(room: Room) -> Non
     assert states & {LocalisationState.DEGRADED, LocalisationState.LOST}
 
 
-def test_a_slow_computer_loses_scans_but_no_odometry_and_says_so(room: Room) -> None:
+def test_a_slow_computer_drops_scans_but_no_odometry_and_says_so(room: Room) -> None:
     room.drive(0, Pose2())
     room.worker.held = []
     for k in range(1, MAX_QUEUED + 21):
@@ -231,12 +231,12 @@ def test_a_slow_computer_loses_scans_but_no_odometry_and_says_so(room: Room) -> 
     while room.worker.held:
         job, done = room.worker.held.pop(0)
         done(job())
-    assert room.builder.dropped_scans == 19  # one is at hand
+    assert room.builder.dropped_scans == 19  # one is being processed
     assert room.found[-1][1].map_from_base.x == pytest.approx(0.02 * (MAX_QUEUED + 20), abs=0.05)
     assert room.builder.report().message == ""
 
 
-def test_a_map_is_saved_whole_and_a_folder_that_cannot_be_is_named(room: Room, tmp_path: Path) -> None:
+def test_a_map_is_saved_completely_and_an_impossible_folder_is_named(room: Room, tmp_path: Path) -> None:
     for k in range(10):
         room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
     told: list[str] = []
@@ -250,7 +250,7 @@ def test_a_map_is_saved_whole_and_a_folder_that_cannot_be_is_named(room: Room, t
     assert "file" in told[1]
 
 
-def test_a_map_that_is_saved_again_keeps_what_was_drawn_on_it(room: Room, tmp_path: Path) -> None:
+def test_a_map_saved_again_keeps_its_drawings(room: Room, tmp_path: Path) -> None:
     told: list[str] = []
     for k in range(20):
         room.drive(k, Pose2(0.04 * k, 0.0, 0.0))
@@ -263,7 +263,7 @@ def test_a_map_that_is_saved_again_keeps_what_was_drawn_on_it(room: Room, tmp_pa
     assert set(load_places(tmp_path)) == {"place 9", "place 19"}
 
 
-def test_what_is_drawn_on_another_map_is_neither_on_the_new_one_nor_lost(room: Room, tmp_path: Path) -> None:
+def test_drawings_of_another_map_are_neither_on_the_new_one_nor_lost(room: Room, tmp_path: Path) -> None:
     folder, told = tmp_path / "made_map", list[str]()
     save_map(folder, OccupancyGrid(np.full((40, 40), 100, np.int8), 0.05, Pose2()))
     layout = DrawingEditor(folder)
@@ -288,7 +288,7 @@ def test_before_the_first_scan_there_is_no_map_to_save(room: Room, tmp_path: Pat
 
 
 @ALONE
-def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harness, tmp_path: Path) -> None:
+def test_a_localising_mapper_saves_its_map_with_places_and_zones(ros: Harness, tmp_path: Path) -> None:
     from tests.ros.harness import ended
     from waychair.maps.drawn.places import save_places
     from waychair.simulation.plan.world import load_world
@@ -314,7 +314,7 @@ def test_a_mapper_that_localises_saves_its_map_with_places_and_zones(ros: Harnes
 
 
 @ALONE
-def test_a_mapper_on_another_clock_takes_no_scan_and_says_why(ros: Harness, tmp_path: Path) -> None:
+def test_a_mapper_on_another_clock_uses_no_scan_and_says_why(ros: Harness, tmp_path: Path) -> None:
     from waychair.recordings.bags.ros_messages import header, make
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised

@@ -1,4 +1,4 @@
-"""Nouns as ROS messages and back, by way of bytes; and messages that say nothing possible."""
+"""The package's types as ROS messages and back, through bytes; and impossible messages."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ RANGES = st.floats(0.0, 100.0, width=32) | st.sampled_from([math.inf, -math.inf,
 
 
 def sent(message: Any) -> Any:
-    """A message after its way over the wire."""
+    """Return a message after encoding and decoding."""
     return wire.deserialised(wire.serialised(message), message.__msgtype__)
 
 
@@ -54,7 +54,7 @@ def same_pose(left: Pose2, right: Pose2) -> bool:
 
 
 @given(STAMPS, st.lists(RANGES, min_size=2, max_size=40), st.floats(-3, 3), st.floats(0.001, 0.5), st.floats(0, 1e-3))
-def test_scans_come_back_with_their_codes_and_nothing_from_beyond_their_range(
+def test_scans_survive_with_their_codes_and_nothing_beyond_their_range(
     stamp_ns: int, ranges: list[float], angle: float, step: float, pause: float
 ) -> None:
     scan = Scan(stamp_ns, np.array(ranges, np.float32), angle, step, pause, 0.0625, 30.0)
@@ -67,7 +67,7 @@ def test_scans_come_back_with_their_codes_and_nothing_from_beyond_their_range(
 
 
 @given(STAMPS, arrays.arrays(np.float64, (2, 3), elements=st.floats(-50, 50)))
-def test_imu_samples_come_back(stamp_ns: int, values: Any) -> None:
+def test_imu_samples_survive(stamp_ns: int, values: Any) -> None:
     back = sensors.read_imu(sent(ros_messages.imu(ImuSample(stamp_ns, values[0], values[1]))))
     assert back.stamp_ns == stamp_ns
     np.testing.assert_array_equal([back.accel, back.gyro], values)
@@ -76,13 +76,13 @@ def test_imu_samples_come_back(stamp_ns: int, values: Any) -> None:
 @given(
     STAMPS, st.integers(-(2**31), 2**31 - 1), st.integers(-(2**31), 2**31 - 1), st.sampled_from([16, 4096, 1_000_000])
 )
-def test_encoder_counts_come_back_to_the_last_one(stamp_ns: int, left: int, right: int, ticks_per_turn: int) -> None:
+def test_encoder_counts_survive_exactly(stamp_ns: int, left: int, right: int, ticks_per_turn: int) -> None:
     ticks = WheelTicks(stamp_ns, left, right)
     assert sensors.read_wheels(sent(ros_messages.joint_states(ticks, ticks_per_turn)), ticks_per_turn) == ticks
 
 
 @given(STAMPS, POSES, TWISTS, st.none() | st.just(np.diag([0.1, 0.2, 0.3]) + 0.01))
-def test_odometry_comes_back(stamp_ns: int, pose: Pose2, twist: Twist, covariance: Any) -> None:
+def test_odometry_survives(stamp_ns: int, pose: Pose2, twist: Twist, covariance: Any) -> None:
     back = motion.read_odometry(sent(ros_messages.odometry(stamp_ns, "odom", pose, twist, covariance)))
     assert isinstance(back, Odometry)
     assert (back.stamp_ns, back.twist) == (stamp_ns, twist)
@@ -94,7 +94,7 @@ def test_odometry_comes_back(stamp_ns: int, pose: Pose2, twist: Twist, covarianc
 
 
 @given(STAMPS, st.booleans(), st.integers(1, 12), st.integers(1, 12), st.integers(0, 2**32 - 1))
-def test_pictures_come_back_with_depth_to_the_millimetre(
+def test_pictures_survive_with_depth_to_the_millimetre(
     stamp_ns: int, colour: bool, height: int, width: int, seed: int
 ) -> None:
     rng = np.random.default_rng(seed)
@@ -113,7 +113,7 @@ def test_pictures_come_back_with_depth_to_the_millimetre(
 
 
 @given(st.permutations(range(6)))
-def test_picture_and_depth_meet_in_whatever_order_they_come(order: list[int]) -> None:
+def test_picture_and_depth_are_paired_in_any_order_of_arrival(order: list[int]) -> None:
     pairing = camera.CameraPairing()
     frames = [
         RgbdFrame(stamp, np.zeros((2, 2), np.uint8), np.ones((2, 2), np.float32), np.eye(3)) for stamp in (10, 20, 30)
@@ -125,7 +125,7 @@ def test_picture_and_depth_meet_in_whatever_order_they_come(order: list[int]) ->
     assert sorted(frame.stamp_ns for frame in completed) == [10, 20, 30]
 
 
-def test_pictures_that_stay_alone_are_dropped() -> None:
+def test_pictures_without_a_partner_are_dropped() -> None:
     pairing = camera.CameraPairing()
     frame = RgbdFrame(0, np.zeros((2, 2), np.uint8), np.ones((2, 2), np.float32), np.eye(3))
     pairing.calibrated(ros_messages.camera_info(frame))
@@ -135,7 +135,7 @@ def test_pictures_that_stay_alone_are_dropped() -> None:
     assert pairing.depth(ros_messages.depth_image(replace(frame, stamp_ns=99))) is not None
 
 
-def test_sonars_of_one_stamp_are_put_together_and_a_silent_one_is_nan() -> None:
+def test_sonars_of_one_stamp_are_combined_and_a_silent_one_is_nan() -> None:
     ring = sensors.SonarRing(3)
 
     def hear(k: int, stamp_ns: int, distance: float) -> SonarReadings | None:
@@ -153,7 +153,7 @@ def test_sonars_of_one_stamp_are_put_together_and_a_silent_one_is_nan() -> None:
 
 
 @given(STAMPS, st.integers(1, 9), st.integers(1, 9), st.floats(0.001, 1.0), POSES, st.integers(0, 2**32 - 1))
-def test_maps_come_back_with_their_resolution(
+def test_maps_survive_with_their_resolution(
     stamp_ns: int, height: int, width: int, resolution: float, origin: Pose2, seed: int
 ) -> None:
     cells = np.random.default_rng(seed).integers(-1, 101, (height, width)).astype(np.int8)
@@ -165,13 +165,13 @@ def test_maps_come_back_with_their_resolution(
 
 
 @given(STAMPS, arrays.arrays(np.float64, st.tuples(st.integers(0, 9), st.just(3)), elements=ANGLES))
-def test_paths_come_back(stamp_ns: int, poses: Any) -> None:
+def test_paths_survive(stamp_ns: int, poses: Any) -> None:
     back = motion.read_path(sent(motion.path(stamp_ns, Path(poses))))
     np.testing.assert_allclose(back.poses, poses, atol=1e-9)
 
 
 @given(STAMPS, POSES, TWISTS)
-def test_poses_twists_and_transforms_come_back(stamp_ns: int, pose: Pose2, twist: Twist) -> None:
+def test_poses_twists_and_transforms_survive(stamp_ns: int, pose: Pose2, twist: Twist) -> None:
     assert same_pose(motion.read_pose_stamped(sent(motion.pose_stamped(stamp_ns, pose))), pose)
     at, covariance = motion.read_pose_with_covariance(sent(motion.pose_with_covariance(stamp_ns, pose, np.eye(3))))
     assert same_pose(at, pose)
@@ -187,7 +187,7 @@ def test_poses_twists_and_transforms_come_back(stamp_ns: int, pose: Pose2, twist
 
 
 @given(st.floats(0.01, 3.0))
-def test_speed_limits_come_back_in_either_unit(limit: float) -> None:
+def test_speed_limits_survive_in_either_unit(limit: float) -> None:
     message = sent(motion.speed_limit(0, limit))
     assert motion.read_speed_limit(message, 1.5) == limit
     message.percentage, message.speed_limit = True, 40.0
@@ -196,24 +196,24 @@ def test_speed_limits_come_back_in_either_unit(limit: float) -> None:
 
 
 @given(STAMPS, st.floats(-1, 1, width=32), st.floats(-1, 1, width=32))
-def test_the_riders_stick_comes_back(stamp_ns: int, forward: float, turn: float) -> None:
+def test_the_riders_stick_survives(stamp_ns: int, forward: float, turn: float) -> None:
     stick = JoystickInput(stamp_ns, forward, turn)
     assert sensors.read_joy(sent(sensors.joy(stick))) == stick
 
 
 @given(STAMPS, st.sampled_from([None, True, False]), st.none() | st.floats(0, 1, width=32))
-def test_the_battery_comes_back(stamp_ns: int, charging: bool | None, charge: float | None) -> None:
+def test_the_battery_survives(stamp_ns: int, charging: bool | None, charge: float | None) -> None:
     status = ChairStatus(stamp_ns, None, charging, charge)
     assert sensors.read_battery(sent(sensors.battery(status))) == status
 
 
 @pytest.mark.parametrize(("status", "connected"), [(0, None), (1, True), (2, False), (3, True), (4, True)])
-def test_f24_a_charger_is_connected_to_a_battery_that_is_full_or_waits(status: int, connected: bool | None) -> None:
+def test_f24_a_full_or_waiting_battery_has_a_connected_charger(status: int, connected: bool | None) -> None:
     message = broken(sensors.battery(ChairStatus(5)), power_supply_status=status)
     assert sensors.read_battery(message).charging is connected
 
 
-def test_reports_come_back_as_they_were() -> None:
+def test_reports_survive_unchanged() -> None:
     report = reports.Report(
         "bridge: board", reports.DiagnosticLevel.WARN, "low battery", (("state", "armed"), ("", "{}"))
     )
@@ -300,7 +300,7 @@ BAD: list[tuple[Any, Any, dict[str, Any], str]] = [
 
 
 @pytest.mark.parametrize(("read", "message", "fields", "sentence"), BAD)
-def test_a_message_that_says_nothing_possible_is_refused_by_name(
+def test_an_impossible_message_is_refused_by_name(
     read: Any, message: Any, fields: dict[str, Any], sentence: str
 ) -> None:
     read(sent(message))
@@ -323,7 +323,7 @@ def test_a_message_that_says_nothing_possible_is_refused_by_name(
         (2, {"height": 480}, "differ from the camera's 4 x 480"),
     ],
 )
-def test_pictures_that_do_not_go_together_are_refused(part: int, fields: dict[str, Any], sentence: str) -> None:
+def test_pictures_that_do_not_match_are_refused(part: int, fields: dict[str, Any], sentence: str) -> None:
     frame = RgbdFrame(5, np.zeros((3, 4, 3), np.uint8), np.ones((3, 4), np.float32), np.diag([5.0, 5.0, 1.0]))
     three = [ros_messages.colour_image(frame), ros_messages.depth_image(frame), ros_messages.camera_info(frame)]
     three[part] = broken(three[part], **fields)
@@ -332,7 +332,7 @@ def test_pictures_that_do_not_go_together_are_refused(part: int, fields: dict[st
 
 
 @given(st.binary(max_size=200))
-def test_bytes_of_strangers_are_messages_or_refused(data: bytes) -> None:
+def test_any_bytes_give_a_message_or_are_refused(data: bytes) -> None:
     for name in ("sensor_msgs/msg/LaserScan", "nav_msgs/msg/Path", "tf2_msgs/msg/TFMessage"):
         with contextlib.suppress(MessageError):
             assert wire.deserialised(b"\x00\x01\x00\x00" + data, name).__msgtype__ == name
@@ -345,14 +345,14 @@ def test_truncated_messages_are_refused(length: int) -> None:
         wire.deserialised(whole[:length], "sensor_msgs/msg/LaserScan")
 
 
-def test_wheels_of_other_names_are_refused() -> None:
+def test_wheels_with_other_names_are_refused() -> None:
     message = sent(JOINTS)
     message.name = ["left_wheel_joint", "caster"]
     with pytest.raises(MessageError, match="lack right_wheel_joint"):
         sensors.read_wheels(message, 4096)
 
 
-def test_wheels_that_turned_beyond_all_numbers_are_refused() -> None:
+def test_infinite_wheel_angles_are_refused() -> None:
     message = sent(JOINTS)
     message.position = np.array([1e306, 0.0])
     with pytest.raises(MessageError, match="a wheel's angle is not finite"):
@@ -367,10 +367,10 @@ def test_a_picture_that_the_decoder_refuses_is_refused_by_name() -> None:
         camera.read_rgbd(colour, ros_messages.depth_image(odd), ros_messages.camera_info(odd))
 
 
-def test_a_sensor_may_have_a_frame_of_its_own_name() -> None:
+def test_a_sensor_may_have_its_own_frame_name() -> None:
     assert sensors.read_scan(broken(SCAN, header__frame_id="/front"), "front").stamp_ns == 5
     assert sensors.read_imu(broken(IMU, header__frame_id="imu"), "imu").stamp_ns == 5
 
 
-def test_frames_may_carry_the_slash_of_old() -> None:
+def test_frames_may_begin_with_the_old_slash() -> None:
     assert motion.read_pose_stamped(broken(GOAL, header__frame_id="/map")) == Pose2(1.0, 2.0)

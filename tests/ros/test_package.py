@@ -1,4 +1,4 @@
-"""The ROS package and the layouts: everything they name exists, with the names and QoS of `ros.topics`."""
+"""The ROS package and the layouts: all named things exist, with the names and QoS of `ros.topics`."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_the_package_declares_itself_to_ament(setup: dict[str, Any]) -> None:
     assert f"$base/lib/{NAME}" in (PACKAGE / "setup.cfg").read_text()
 
 
-def test_every_entry_point_is_a_node_that_there_is(setup: dict[str, Any]) -> None:
+def test_every_entry_point_is_an_existing_node(setup: dict[str, Any]) -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed (no rclpy)")
     entries = dict(re.fullmatch(r"(\w+) = ([\w.]+):main", entry).groups() for entry in setup["entry_points"]["console_scripts"])  # type: ignore[union-attr] # fmt: skip
     assert set(entries) == {"simulator", "bridge", "mapper", "navigator", "recorder"}
@@ -115,12 +115,12 @@ def displays(node: Any) -> Iterator[dict[str, Any]]:
             yield from displays(value)
 
 
-def test_rviz_asks_for_each_topic_with_the_qos_that_is_offered() -> None:
+def test_rviz_requests_each_topic_with_the_offered_qos() -> None:
     known = {topic.name: topic for topic in TABLE}
     shown = list(displays(yaml.safe_load((CONFIG / "waychair.rviz").read_text())))
     named = {display["Value"] for display in shown}
     maps = {"map", "global_costmap/costmap", "local_costmap/costmap"}
-    assert named - set(known) == {f"{name}_updates" for name in maps}  # of RViz's own; nobody sends them
+    assert named - set(known) == {f"{name}_updates" for name in maps}  # RViz's own; no node sends them
     assert named >= {"scan", "plan", "local_plan", "robot_description", "amcl_pose", "initialpose", "goal_pose", *maps}
     for display in shown:
         if display["Value"] in known:
@@ -141,7 +141,7 @@ def strings(node: Any) -> Iterator[str]:
             yield from strings(value)
 
 
-def test_foxglove_shows_topics_that_there_are_and_every_panel_once() -> None:
+def test_foxglove_shows_existing_topics_and_every_panel_once() -> None:
     layout = json.loads((CONFIG / "foxglove.json").read_text())
     names = {f"/{topic.name.lstrip('/')}" for topic in TABLE}
     for text in strings(layout["configById"]):

@@ -158,7 +158,7 @@ def moves(page: Page) -> bool:
     return abs(page.view["twist"][0]) > 0.1
 
 
-def test_a_goal_of_a_page_is_counted_down_driven_to_and_reached(stack: LiveStack, page: Page) -> None:
+def test_a_goal_of_a_page_is_counted_down_and_reached(stack: LiveStack, page: Page) -> None:
     stack.until(lambda: "did you mean" in page.do("go", place="wart")["sentence"], "the places of the map")
     assert not page.do("confirm")["done"]
     counted = False
@@ -178,7 +178,7 @@ def test_a_goal_of_a_page_is_counted_down_driven_to_and_reached(stack: LiveStack
     assert abs(stack.really.odom_from_base.x - NEAR[0]) < 0.2
 
 
-def test_stop_on_a_page_frees_the_lines_within_a_tenth_of_a_second(stack: LiveStack, page: Page) -> None:
+def test_stop_on_a_page_releases_the_lines_within_a_tenth_of_a_second(stack: LiveStack, page: Page) -> None:
     sets_off(stack, page, lambda: moves(page))
     pressed_ns = time.time_ns()
     assert page.do("stop") == {"done": True, "sentence": "stopped"}
@@ -212,11 +212,11 @@ def test_a_drive_ends_when_the_pages_server_dies(stack: LiveStack, page: Page) -
     page.view = {}
     stack.until(lambda: page.view.get("last"), "the page to be back", 30.0)
     assert stack.state is not None
-    assert page.view["last"] == sentence(stack.state.last_stop)  # known to the new server as well
+    assert page.view["last"] == sentence(stack.state.last_stop)  # known to the new server too
     assert not stack.driving
 
 
-def test_a_page_steers_and_letting_go_stops(stack: LiveStack, page: Page) -> None:
+def test_a_page_steers_and_a_release_stops_the_chair(stack: LiveStack, page: Page) -> None:
     for _ in range(TRIES):
         until_ready(stack, page)
         page.stick, ends = (0.0, 1.0), time.monotonic() + 8.0
@@ -234,7 +234,7 @@ def test_a_page_steers_and_letting_go_stops(stack: LiveStack, page: Page) -> Non
     stack.until(lambda: stack.really is not None and abs(stack.really.twist.omega) < 0.01, "the chair to rest", 5.0)
 
 
-def test_what_is_drawn_on_a_page_is_in_the_maps_files_and_known_to_all_nodes(stack: LiveStack, page: Page) -> None:
+def test_drawings_of_a_page_are_in_the_files_of_the_map_and_known_to_all_nodes(stack: LiveStack, page: Page) -> None:
     folder = stack.folder / "run" / "map"
     first = page.view["layout"]
     assert page.do("place_here", name="desk", tolerance_m=0.05, tolerance_rad=0.03)["done"]
@@ -253,7 +253,7 @@ def test_what_is_drawn_on_a_page_is_in_the_maps_files_and_known_to_all_nodes(sta
     stack.until(lambda: "desk" not in stack.client.places(), "the navigator to forget it")
 
 
-def test_nothing_outlives_the_stack_when_it_is_killed(stack: LiveStack) -> None:
+def test_no_process_runs_on_after_a_killed_stack(stack: LiveStack) -> None:
     pids = stack.pids.values()
     assert pids
     assert all(map(is_alive, pids))

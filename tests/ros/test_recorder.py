@@ -1,4 +1,4 @@
-"""The recorder as a process: every message, whole when it is asked to end, readable when it is killed."""
+"""The recorder as a process: every message, complete after a normal end, readable after a kill."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def assert_unbroken(recording: Recording, stamps: list[int]) -> None:
     assert min(len(recorded), len(whole)) >= MESSAGES
 
 
-def test_a_recorder_that_is_asked_to_end_leaves_every_message_at_the_path(ros: Harness, tmp_path: Path) -> None:
+def test_a_recorder_that_ends_normally_leaves_every_message_at_the_path(ros: Harness, tmp_path: Path) -> None:
     from tests.ros.harness import ended
 
     path = tmp_path / "drive.mcap"
@@ -104,7 +104,7 @@ def test_a_recorder_that_is_asked_to_end_leaves_every_message_at_the_path(ros: H
     assert offered["/odom"] == QosReliability.RELIABLE
 
 
-def test_a_recorder_that_is_killed_leaves_all_but_the_last_second(ros: Harness, tmp_path: Path) -> None:
+def test_a_killed_recorder_leaves_all_but_the_last_second(ros: Harness, tmp_path: Path) -> None:
     path, ward = tmp_path / "drive.mcap", "/killed"  # of its own: for others it seems to listen for another 20 s
     arguments = ("--ros-args", "-p", f"bag:={path}", "-r", f"__ns:={ward}")
     with ros.process("-m", "waychair.ros.nodes.recorder_node", *arguments) as process:
@@ -122,7 +122,7 @@ def test_a_recorder_that_is_killed_leaves_all_but_the_last_second(ros: Harness, 
     assert "is damaged" in recording.warnings[0]
 
 
-def test_what_is_offered_with_less_than_usual_is_recorded_all_the_same(ros: Harness, tmp_path: Path) -> None:
+def test_topics_with_weaker_qos_are_recorded_too(ros: Harness, tmp_path: Path) -> None:
     from tests.ros.harness import ended
 
     lossy = replace(topics.ODOMETRY, qos=topics.SENSOR_DATA)
@@ -134,7 +134,7 @@ def test_what_is_offered_with_less_than_usual_is_recorded_all_the_same(ros: Harn
     assert len(read_recording(tmp_path / "drive.mcap").frames) >= MESSAGES
 
 
-def test_a_path_that_is_taken_is_refused_in_one_sentence(ros: Harness, tmp_path: Path) -> None:
+def test_a_taken_path_is_refused_in_one_sentence(ros: Harness, tmp_path: Path) -> None:
     path = tmp_path / "drive.mcap"
     path.write_bytes(b"somebody's")
     with ros.process(*COMMAND, path) as process:
@@ -144,7 +144,7 @@ def test_a_path_that_is_taken_is_refused_in_one_sentence(ros: Harness, tmp_path:
     assert path.read_bytes() == b"somebody's"
 
 
-def test_who_records_nobody_is_told_so_and_leaves_nothing(ros: Harness, tmp_path: Path) -> None:
+def test_a_recorder_without_publishers_says_so_and_leaves_no_file(ros: Harness, tmp_path: Path) -> None:
     from tests.ros.harness import ended
 
     arguments = ("--ros-args", "-p", f"bag:={tmp_path / 'drive.db3'}", "-r", "__ns:=/nowhere")
@@ -156,7 +156,7 @@ def test_who_records_nobody_is_told_so_and_leaves_nothing(ros: Harness, tmp_path
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_command_says_what_it_is_for() -> None:
+def test_the_command_describes_itself() -> None:
     import sys
 
     done = subprocess.run(

@@ -25,20 +25,20 @@ def locks_of(pid: int) -> set[Path]:
     return {path for path in held if path.parent == FOLDER and path.name.endswith("_el") and "port" not in path.name}
 
 
-def test_segments_of_the_killed_are_cleared_and_those_of_the_living_stay(ros: Harness) -> None:
+def test_segments_of_killed_processes_are_removed_and_those_of_living_ones_stay(ros: Harness) -> None:
     with ros.process(NODE) as living, ros.process(NODE) as killed:
         ros.spin_until(lambda: locks_of(living.pid) and locks_of(killed.pid), "their segments")
         kept, left = locks_of(living.pid), locks_of(killed.pid)
         killed.kill()
         killed.wait()
-        assert all(lock.exists() for lock in left), "nobody else clears them"
+        assert all(lock.exists() for lock in left), "no other program removes them"
         assert remove_dead_segments() >= len(left)
         gone = [*left, *(lock.with_name(lock.name.removesuffix("_el")) for lock in left)]
         assert not any(path.exists() for path in gone)
         assert all(lock.exists() for lock in kept)
 
 
-def test_ports_are_cleared_only_when_nobody_lives(tmp_path: Path) -> None:
+def test_ports_are_removed_only_if_no_process_lives(tmp_path: Path) -> None:
     half_made, others = "fastrtps_port7413", "sem.mp-others"
     for name in (SEGMENT, f"{SEGMENT}_el", PORT, f"{PORT}_el", f"sem.{PORT}_mutex", half_made, others):
         (tmp_path / name).touch()
@@ -51,5 +51,5 @@ def test_ports_are_cleared_only_when_nobody_lives(tmp_path: Path) -> None:
     assert set(tmp_path.iterdir()) == {tmp_path / others}
 
 
-def test_where_there_is_no_shared_memory_there_is_nothing_to_clear(tmp_path: Path) -> None:
+def test_without_shared_memory_there_is_nothing_to_remove(tmp_path: Path) -> None:
     assert remove_dead_segments(tmp_path / "none") == 0

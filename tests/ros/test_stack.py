@@ -1,7 +1,8 @@
-"""The whole stack as `waychair up` starts it: goals by every way, a rider's Stop, strangers, deaths, and its end.
+"""The complete stack of `waychair up`: goals by every interface, a rider's Stop, unknown publishers, crashes, and its
+end.
 
-Real processes, real DDS, the simulated chair in real time. What must be soon is judged by stamps that the processes take
-themselves, and granted what the computer that runs the test was late by.
+Real processes, real DDS, the simulated chair in real time. Delays are judged by stamps of the processes themselves,
+less the delay of the test's computer.
 """
 
 from __future__ import annotations
@@ -69,7 +70,7 @@ def arrives(stack: LiveStack, x: float) -> bool:
     return not stack.driving and abs(stack.really.odom_from_base.x - x) < 0.3 and abs(stack.really.twist.v) < 0.05
 
 
-def test_who_comes_late_gets_the_map_and_the_places(stack: LiveStack) -> None:
+def test_a_late_subscriber_gets_the_map_and_the_places(stack: LiveStack) -> None:
     maps = Seen()
     stack.listen(topics.MAP, read_occupancy_grid, maps)
     stack.until(lambda: maps.last is not None, "the map")
@@ -82,7 +83,7 @@ def test_who_comes_late_gets_the_map_and_the_places(stack: LiveStack) -> None:
     assert set(stack.client.places()) == {"bath", "ward", "reception", "entrance", "lift"}
 
 
-def test_the_footprint_is_round_where_the_chair_is_in_odom(stack: LiveStack) -> None:
+def test_the_footprint_surrounds_the_chair_in_odom(stack: LiveStack) -> None:
     outlines = Seen()
     stack.listen(topics.FOOTPRINT, lambda message: (message.header.frame_id, message.polygon.points), outlines)
     stack.until(lambda: outlines.last is not None, "the footprint")
@@ -92,7 +93,7 @@ def test_the_footprint_is_round_where_the_chair_is_in_odom(stack: LiveStack) -> 
     assert (np.ptp(xs), np.ptp(ys)) == pytest.approx((CHAIR_A.length, CHAIR_A.width), abs=0.01)
 
 
-def test_what_stands_round_the_chair_is_shown_in_odom_to_who_looks(stack: LiveStack) -> None:
+def test_obstacles_round_the_chair_are_shown_in_odom_to_subscribers(stack: LiveStack) -> None:
     maps, costs, topic = Seen(), Seen(), topics.LOCAL_COSTMAP
     stack.listen(topics.MAP, read_occupancy_grid, maps)
     stack.until(lambda: maps.last is not None, "the map")
@@ -123,7 +124,7 @@ def test_what_stands_round_the_chair_is_shown_in_odom_to_who_looks(stack: LiveSt
 
 
 @pytest.mark.parametrize("name", ["bt_navigator", "amcl"])
-def test_scripts_that_wait_for_nav2_find_its_nodes_active(stack: LiveStack, name: str) -> None:
+def test_scripts_that_wait_for_nav2_find_active_nodes(stack: LiveStack, name: str) -> None:
     kind = interface_type("lifecycle_msgs/srv/GetState")
     asked = stack.client.node.create_client(kind, f"{name}/get_state")
     stack.until(asked.service_is_ready, "the service")
@@ -133,11 +134,11 @@ def test_scripts_that_wait_for_nav2_find_its_nodes_active(stack: LiveStack, name
     stack.client.node.destroy_client(asked)
 
 
-def test_without_a_goal_there_is_nothing_to_say_yes_to(stack: LiveStack) -> None:
+def test_without_a_goal_there_is_nothing_to_confirm(stack: LiveStack) -> None:
     assert stack.client.confirm() == (False, "there is no goal to confirm: request one first")
 
 
-def test_a_goal_by_topic_waits_for_the_riders_yes_and_is_reached(stack: LiveStack) -> None:
+def test_a_goal_by_topic_waits_for_the_riders_confirmation_and_is_reached(stack: LiveStack) -> None:
     node = stack.client.node
     publisher = node.create_publisher(interface_type(topics.GOAL.type), "goal_pose", topics.profile(topics.GOAL.qos))
     stack.until(lambda: publisher.get_subscription_count() > 0, "the navigator to listen")
@@ -151,7 +152,7 @@ def test_a_goal_by_topic_waits_for_the_riders_yes_and_is_reached(stack: LiveStac
     node.destroy_publisher(publisher)
 
 
-def test_a_goal_by_the_names_of_nav2s_own_client_is_reached_with_feedback(stack: LiveStack) -> None:
+def test_a_goal_of_nav2s_own_client_is_reached_with_feedback(stack: LiveStack) -> None:
     client = stack.client
     client.waitUntilNav2Active()
 
@@ -166,7 +167,7 @@ def test_a_goal_by_the_names_of_nav2s_own_client_is_reached_with_feedback(stack:
 
 
 @pytest.mark.nightly
-def test_several_goals_in_a_row_by_the_command_line_are_reached(stack: LiveStack) -> None:
+def test_several_goals_by_the_command_line_are_reached(stack: LiveStack) -> None:
     for _ in range(TRIES):
         told = waychair(stack.domain, "goto", "2.8,1.0,0", "3.4,1.0,0", "--yes")
         if told.returncode == 0:
@@ -176,7 +177,7 @@ def test_several_goals_in_a_row_by_the_command_line_are_reached(stack: LiveStack
     stack.until(lambda: arrives(stack, 3.4), "the truth to follow")
 
 
-def test_status_says_where_the_chair_is_and_that_nothing_stands_against_a_drive(stack: LiveStack) -> None:
+def test_the_status_has_the_place_of_the_chair_and_no_reason_against_a_drive(stack: LiveStack) -> None:
     def told() -> bool:
         """Asked again where a busy computer has been late for the chair meanwhile."""
         if stack.state is not None and stack.state.halts:
@@ -196,7 +197,7 @@ def test_a_goal_in_an_unknown_frame_is_refused_and_moves_nothing(stack: LiveStac
     assert stack.client.confirm()[0] is False
 
 
-def test_a_speed_limit_is_kept_and_lifted(stack: LiveStack) -> None:
+def test_a_speed_limit_is_obeyed_and_removed(stack: LiveStack) -> None:
     node, topic = stack.client.node, topics.SPEED_LIMIT
     publisher = node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
     stack.until(lambda: publisher.get_subscription_count() > 0, "the navigator to listen")
@@ -217,7 +218,7 @@ def test_a_speed_limit_is_kept_and_lifted(stack: LiveStack) -> None:
     stack.client.cancel()
 
 
-def test_a_pose_that_is_set_far_off_ends_the_drive_and_the_right_one_puts_it_right(stack: LiveStack) -> None:
+def test_a_pose_set_far_away_ends_the_drive_and_the_right_one_corrects_it(stack: LiveStack) -> None:
     node, topic = stack.client.node, topics.INITIAL_POSE
     publisher = node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
     stack.until(lambda: publisher.get_subscription_count() > 0, "the mapper to listen")
@@ -238,7 +239,7 @@ def test_a_pose_that_is_set_far_off_ends_the_drive_and_the_right_one_puts_it_rig
 
 
 @pytest.mark.parametrize("way", ["topic", pytest.param("service", marks=pytest.mark.nightly)])
-def test_the_riders_stop_frees_the_lines_at_once_and_nothing_resumes(stack: LiveStack, way: str) -> None:
+def test_the_riders_stop_releases_the_lines_at_once_and_nothing_resumes(stack: LiveStack, way: str) -> None:
     stack.begin(FAR)
     node = stack.client.node
     publisher = node.create_publisher(interface_type(topics.STOP.type), "stop", topics.profile(topics.STOP.qos))
@@ -271,7 +272,7 @@ def test_a_cancelled_drive_comes_to_rest(stack: LiveStack) -> None:
 
 
 @pytest.mark.nightly
-def test_a_paused_drive_stands_and_goes_on_at_a_word(stack: LiveStack) -> None:
+def test_a_paused_drive_stands_and_continues_on_request(stack: LiveStack) -> None:
     assert stack.client.pause() == (False, "there is no drive to pause")
     stack.begin(FAR)
     told = waychair(stack.domain, "pause")
@@ -290,7 +291,7 @@ def test_a_paused_drive_stands_and_goes_on_at_a_word(stack: LiveStack) -> None:
     assert stack.client.cancel() == (True, "cancelled")
 
 
-def test_another_goal_ends_the_drive_under_way_and_waits_for_a_yes_of_its_own(stack: LiveStack) -> None:
+def test_another_goal_ends_the_present_drive_and_waits_for_its_own_confirmation(stack: LiveStack) -> None:
     stack.begin(FAR)
     first = stack.state.goal_id if stack.state is not None else 0
     assert stack.client.go_to_pose(elsewhere(stack))
@@ -299,7 +300,7 @@ def test_another_goal_ends_the_drive_under_way_and_waits_for_a_yes_of_its_own(st
     assert stack.client.cancel() == (True, "cancelled")
 
 
-def test_a_yes_to_a_goal_that_another_one_has_replaced_is_refused(stack: LiveStack) -> None:
+def test_a_confirmation_of_a_replaced_goal_is_refused(stack: LiveStack) -> None:
     assert stack.client.go_to_pose(FAR)
     shown = stack.client.goal_id
     stack.until(lambda: stack.state is not None and stack.state.goal_id == shown, "the goal")
@@ -345,13 +346,13 @@ def stops_and_comes_back(stack: LiveStack, death: Death) -> None:
     "name",
     ["navigator", *(pytest.param(each, marks=pytest.mark.nightly) for each in ("mapper", "bridge", "simulator"))],
 )
-def test_f25_a_node_that_is_killed_stops_the_chair_and_comes_back(stack: LiveStack, name: str) -> None:
+def test_f25_a_killed_node_stops_the_chair_and_restarts(stack: LiveStack, name: str) -> None:
     stack.begin(far_from(stack))
     stack.spin(random.Random(name).uniform(0.1, 1.5))
     stops_and_comes_back(stack, kill(stack, name))
 
 
-def test_the_box_survives_a_killed_bridge_and_tells_what_it_was_doing(stack: LiveStack) -> None:
+def test_the_black_box_survives_a_killed_bridge_and_tells_its_last_state(stack: LiveStack) -> None:
     stack.begin(far_from(stack))
     stops_and_comes_back(stack, kill(stack, "bridge"))
     why = explained(stack, "program_ended")
@@ -362,7 +363,7 @@ def test_the_box_survives_a_killed_bridge_and_tells_what_it_was_doing(stack: Liv
 @pytest.mark.parametrize(
     "name", ["bridge", *(pytest.param(each, marks=pytest.mark.nightly) for each in ("navigator", "mapper"))]
 )
-def test_a_node_that_is_held_up_ends_the_drive_and_needs_no_reset(stack: LiveStack, name: str) -> None:
+def test_a_delayed_node_ends_the_drive_and_needs_no_reset(stack: LiveStack, name: str) -> None:
     stack.begin(far_from(stack))
     death = kill(stack, name, signal.SIGSTOP)
     assert death.gone_ms <= GONE_MS + death.jitter_ms
@@ -371,7 +372,7 @@ def test_a_node_that_is_held_up_ends_the_drive_and_needs_no_reset(stack: LiveSta
     assert stack.state.ready or {stop_id for stop_id, _ in stack.state.halts} == {"board_host_silent"}
 
 
-def test_a_dead_simulator_is_one_clear_diagnostic(stack: LiveStack) -> None:
+def test_a_dead_simulator_gives_one_clear_diagnostic(stack: LiveStack) -> None:
     reports = Seen()
     stack.listen(topics.DIAGNOSTICS, read_diagnostics, reports)
     stack.begin(far_from(stack))
@@ -393,7 +394,7 @@ def test_a_dead_simulator_is_one_clear_diagnostic(stack: LiveStack) -> None:
 
 
 @pytest.mark.nightly
-def test_a_node_that_hangs_is_started_again(stack: LiveStack) -> None:
+def test_a_node_that_hangs_is_restarted(stack: LiveStack) -> None:
     stack.begin(far_from(stack))
     before, hung_ns = stack.pids["bridge"], stack.client.node.get_clock().now().nanoseconds
     os.kill(before, signal.SIGSTOP)
@@ -404,7 +405,7 @@ def test_a_node_that_hangs_is_started_again(stack: LiveStack) -> None:
     assert not stack.driving
 
 
-def test_it_ends_cleanly_when_it_is_asked_to(stack: LiveStack) -> None:
+def test_the_stack_ends_cleanly_on_request(stack: LiveStack) -> None:
     pids = stack.pids.values()
     assert stack.end(signal.SIGTERM) == 0
     assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
@@ -420,23 +421,23 @@ def left(ros: Harness, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Liv
 
 
 @pytest.mark.nightly
-def test_a_chair_in_a_namespace_is_driven_in_it_alone(left: LiveStack) -> None:
+def test_a_chair_in_a_namespace_is_driven_only_inside_of_it(left: LiveStack) -> None:
     frames = Seen()
     left.listen(RosTopic("tf", "tf2_msgs/msg/TFMessage", RELIABLE), lambda message: message, frames)
     there = ("goto", "1.6,1.0,0", "--yes", "--namespace", "/left")
-    # asked again where a computer that stalls has ended the drive
+    # asked again where a stalled computer has ended the drive
     left.until(lambda: waychair(left.domain, *there).returncode == 0, "the chair to be driven in the namespace")
     left.until(lambda: frames.last is not None, "a transform in the namespace")
-    assert waychair(left.domain, "status").returncode == 1, "there is none outside"
+    assert waychair(left.domain, "status").returncode == 1, "there is no topic outside"
     everybodys = {"/diagnostics", "/parameter_events", "/rosout"}
 
     def outside() -> set[str]:
-        """Topics that somebody publishes; an onlooker of another stack still listens to some."""
+        """Topics with a publisher; an observer of another stack still listens to some."""
         node = left.client.node
         names = {name for name, _ in node.get_topic_names_and_types() if node.count_publishers(name)}
         return {name for name in names if not name.startswith("/left/")} - everybodys
 
-    # nodes that were killed before are known for some seconds yet
+    # nodes killed before are still known for some seconds
     left.until(lambda: not outside(), "nothing to be outside of the namespace")
 
 

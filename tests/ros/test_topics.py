@@ -1,4 +1,4 @@
-"""The table of topics, and the environment of the processes that meet on them."""
+"""The table of topics, and the environment of the processes that use them."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ TABLE = [value for value in vars(topics).values() if isinstance(value, RosTopic)
 
 
 @pytest.mark.parametrize("topic", TABLE, ids=lambda topic: topic.name)
-def test_every_topic_has_a_legal_name_and_a_type_that_is_known(topic: RosTopic) -> None:
+def test_every_topic_has_a_legal_name_and_a_known_type(topic: RosTopic) -> None:
     assert re.fullmatch(r"/?[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)*", topic.name), "no part may begin with a digit"
     assert topic.type in TYPES.types or Path(TEXTS, *topic.type.split("/")).with_suffix(".msg").is_file()
 
 
-def test_names_are_those_of_the_nouns_wherever_these_have_a_topic_of_their_own() -> None:
+def test_a_topic_has_the_name_of_its_type_if_the_type_has_its_own_topic() -> None:
     named_otherwise = {nouns.WHEELS, nouns.CAMERA, nouns.SONAR, nouns.JOYSTICK, nouns.STATUS}
     for topic in TABLE:
         if topic.stream is not None and topic.stream not in named_otherwise and topic is not topics.TRUTH:
@@ -44,7 +44,7 @@ def test_late_subscribers_get_maps_poses_and_mounts_but_no_old_readings() -> Non
     }
 
 
-def test_sensor_data_is_what_rclpy_calls_so() -> None:
+def test_the_sensor_data_qos_equals_that_of_rclpy() -> None:
     qos = pytest.importorskip("rclpy.qos", reason="ROS is not installed (no rclpy)")
     ours, theirs = profile(SENSOR_DATA), qos.qos_profile_sensor_data
     assert (ours.depth, ours.reliability, ours.durability) == (theirs.depth, theirs.reliability, theirs.durability)
@@ -52,7 +52,7 @@ def test_sensor_data_is_what_rclpy_calls_so() -> None:
     assert qos.qos_check_compatible(profile(RELIABLE), ours)[0] != qos.QoSCompatibility.ERROR
 
 
-def test_nodes_are_found_on_this_computer_only_unless_they_are_opened() -> None:
+def test_nodes_are_visible_on_this_computer_only_unless_opened() -> None:
     base = {"ROS_LOCALHOST_ONLY": "0", "ROS_STATIC_PEERS": "192.0.2.7", "PATH": "/bin", "ROS_DOMAIN_ID": "7"}
     closed, opened = ros_environment(base=base), ros_environment(lan=True, domain=9, base=base)
     assert closed["ROS_AUTOMATIC_DISCOVERY_RANGE"] == "LOCALHOST"
@@ -70,7 +70,7 @@ def test_nodes_are_found_on_this_computer_only_unless_they_are_opened() -> None:
 
 
 @pytest.mark.parametrize("domain", ["102", "-1", "x", "232"])
-def test_a_domain_that_there_is_not_is_refused(domain: str) -> None:
+def test_an_impossible_domain_is_refused(domain: str) -> None:
     with pytest.raises(ConfigError, match=f"ROS_DOMAIN_ID = {domain} is impossible: choose 0 to 101"):
         ros_environment(base={"ROS_DOMAIN_ID": domain})
 
@@ -80,17 +80,17 @@ def test_a_namespace_may_be_given_with_slashes_or_without(given: str, name: str)
     assert f"__ns:={name}" in namespace_arguments(given)
 
 
-def test_without_a_namespace_names_stay() -> None:
+def test_without_a_namespace_names_are_unchanged() -> None:
     assert namespace_arguments("") == namespace_arguments("/") == ()
 
 
 @pytest.mark.parametrize("namespace", ["2nd", "left chair", "a//b", "sündig", "~", "a:=b"])
-def test_a_namespace_that_ros_does_not_allow_is_refused(namespace: str) -> None:
+def test_an_invalid_namespace_is_refused(namespace: str) -> None:
     with pytest.raises(ConfigError, match="is impossible: use letters, digits and _"):
         namespace_arguments(namespace)
 
 
-def test_the_profile_ships_and_a_users_own_stays() -> None:
+def test_the_profile_is_shipped_and_one_of_the_user_is_kept() -> None:
     assert ros_environment(base={})["FASTRTPS_DEFAULT_PROFILES_FILE"] == str(PROFILE)
     own = {"FASTDDS_DEFAULT_PROFILES_FILE": "own.xml"}
     assert "FASTRTPS_DEFAULT_PROFILES_FILE" not in ros_environment(base=own)
@@ -98,7 +98,7 @@ def test_the_profile_ships_and_a_users_own_stays() -> None:
     assert sizes == [32 << 20]
 
 
-def test_nothing_imports_ros_before_it_is_needed() -> None:
+def test_ros_is_imported_only_when_needed() -> None:
     for name in ("topics", "environment", "interface_builder", "messages.sensors", "parameters"):
         importlib.import_module(f"waychair.ros.{name}")
         source = Path(importlib.import_module(f"waychair.ros.{name}").__file__ or "").read_text()

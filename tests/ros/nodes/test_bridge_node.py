@@ -43,7 +43,7 @@ class BridgeAlone:
         return int(self.ros.node.get_clock().now().nanoseconds)
 
     def next_state(self) -> DriveReport:
-        """One that was made after now."""
+        """Return a state made after now."""
         since_ns = self.now_ns()
         self.ros.spin_until(lambda: self.states and self.state.stamp_ns > since_ns, "another state")
         return self.state
@@ -59,7 +59,7 @@ def bridge(ros: Harness, tmp_path_factory: pytest.TempPathFactory) -> Iterator[B
     states.close()
 
 
-def test_alone_it_names_all_that_is_missing_and_is_not_ready(bridge: BridgeAlone) -> None:
+def test_a_bridge_alone_names_all_missing_parts_and_is_not_ready(bridge: BridgeAlone) -> None:
     halts = dict(bridge.next_state().halts)
     assert {"board_unusable", "lidar_stale", "wheels_stale", "localiser_silent"} <= set(halts)
     assert not bridge.state.ready
@@ -80,7 +80,7 @@ def test_scans_of_another_clock_are_named_and_not_taken(bridge: BridgeAlone) -> 
 
 
 @pytest.mark.parametrize("name", ["joint_states", "battery_state"])
-def test_drivers_that_send_with_best_effort_are_heard(bridge: BridgeAlone, name: str) -> None:
+def test_sensor_topics_with_best_effort_are_received(bridge: BridgeAlone, name: str) -> None:
     topic = {each.name: each for each in (topics.JOINTS, topics.BATTERY)}[name]
     send = bridge.ros.publisher(replace(topic, qos=topics.SENSOR_DATA))
     messages = {"joint_states": joint_states(WheelTicks(5, 1, 2), 4096), "battery_state": battery(ChairStatus(5))}
@@ -90,13 +90,13 @@ def test_drivers_that_send_with_best_effort_are_heard(bridge: BridgeAlone, name:
     assert "QoS" not in report.message
 
 
-def test_f26_whoever_else_publishes_speeds_is_named(bridge: BridgeAlone) -> None:
+def test_f26_another_publisher_of_speeds_is_named(bridge: BridgeAlone) -> None:
     bridge.ros.publisher(topics.COMMAND)
-    said = "another program commands the chair, too (tests)"  # a new node's name comes to be known a moment later
+    said = "another program commands the chair, too (tests)"  # a new node's name is known a moment later
     bridge.ros.spin_until(lambda: said in dict(bridge.state.halts).get("two_commanders", ""), "the stop and who it is")
 
 
-def test_requests_that_were_held_up_are_not_taken_and_what_was_asked_for_before_is_over(bridge: BridgeAlone) -> None:
+def test_delayed_requests_are_refused_and_an_earlier_goal_is_over(bridge: BridgeAlone) -> None:
     send = bridge.ros.publisher(topics.DRIVE_REQUEST)
     for age_ns in (200_000_000, HOUR_NS, -HOUR_NS):
         send(drive_request(DriveRequest(bridge.now_ns() - age_ns, 7, True, True)))
@@ -111,7 +111,7 @@ def test_requests_that_were_held_up_are_not_taken_and_what_was_asked_for_before_
     assert bridge.state.command is None
 
 
-def test_a_yes_must_name_a_goal_that_waits(bridge: BridgeAlone) -> None:
+def test_a_confirmation_must_name_a_waiting_goal(bridge: BridgeAlone) -> None:
     from waychair.ros.interface_types import interface_type
 
     kind = interface_type("waychair_msgs/srv/Confirm")
@@ -125,13 +125,13 @@ def test_a_yes_must_name_a_goal_that_waits(bridge: BridgeAlone) -> None:
     assert bridge.next_state().command is None
 
 
-def test_a_stop_by_topic_is_taken_at_once_and_a_yes_to_nothing_refused(bridge: BridgeAlone) -> None:
+def test_a_stop_by_topic_is_obeyed_at_once_and_a_confirmation_without_a_goal_refused(bridge: BridgeAlone) -> None:
     bridge.ros.publisher(topics.STOP)(make("std_msgs/msg/Empty", 0))
     bridge.ros.spin_until(lambda: bridge.state.mode.value == "stopped", "the stop")
     assert bridge.state.command is None
 
 
-def test_a_pages_stick_that_was_pushed_before_the_bridge_began_counts_once_it_was_let_go(
+def test_a_pages_stick_held_since_before_the_bridge_started_counts_only_after_a_release(
     ros: Harness, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from waychair.ros.node_settings.bridge import BridgeNodeSettings
@@ -169,12 +169,12 @@ def test_a_pages_stick_that_was_pushed_before_the_bridge_began_counts_once_it_wa
     for _ in range(30):  # ticks
         now_ns[0] += 100_000_000
         fresh._commanders.check(now_ns[0])
-    assert [push(fresh), push(fresh)] == [1, 2], "nobody has pushed while page and bridge were there"
+    assert [push(fresh), push(fresh)] == [1, 2], "the page has not pushed since the bridge started"
     fresh.counts.pages = 2
-    assert push(fresh) == 3, "a page that is started again is known"
+    assert push(fresh) == 3, "a restarted page is known"
 
 
-def test_on_an_open_network_it_obeys_no_speeds_and_says_why(ros: Harness) -> None:
+def test_on_an_open_network_a_bridge_obeys_no_speeds_and_says_why(ros: Harness) -> None:
     states = ros.heard(topics.DRIVE_STATE, "open/drive_state")
     arguments = ("-r", "__ns:=/open", "-p", "ignore_commands:=true", "-p", "cable:=pty:/none")
     with ros.process("-m", "waychair.ros.nodes.bridge_node", "--ros-args", *arguments):
@@ -185,7 +185,7 @@ def test_on_an_open_network_it_obeys_no_speeds_and_says_why(ros: Harness) -> Non
     assert not state.ready
 
 
-def test_a_seat_switch_is_heard_and_its_silence_is_no_consent(ros: Harness) -> None:
+def test_a_seat_switch_is_obeyed_and_a_silent_one_stops_the_chair(ros: Harness) -> None:
     states = ros.heard(topics.DRIVE_STATE, "seat/drive_state")
     arguments = ("-r", "__ns:=/seat", "-p", "fitness.seat_switch:=true", "-p", "cable:=pty:/none")
     with ros.process("-m", "waychair.ros.nodes.bridge_node", "--ros-args", *arguments):
@@ -207,7 +207,7 @@ def _contacts_of(states: Heard) -> set[str]:
     return {"status_stale", "seat_empty"} & set(dict(read_drive_state(states[-1]).halts))
 
 
-def test_f5_a_speed_that_is_no_number_takes_the_place_of_the_one_before(ros: Harness) -> None:
+def test_f5_a_speed_that_is_not_a_number_replaces_the_one_before(ros: Harness) -> None:
     from waychair.ros.nodes import bridge_node
 
     heard = bridge_node.LastMessage(Twist(0.5, 0.0))

@@ -1,4 +1,4 @@
-"""The mapper in this process with scans and odometry of the tests: other maps, and the certainty of the pose."""
+"""The mapper in this process with scans and odometry of the tests: other maps, and the covariance of the pose."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def load(ros: Harness, folder: Path) -> Any:
     return answer.result()
 
 
-def test_after_another_map_was_loaded_the_pose_is_remembered_on_that_one(ros: Harness, tmp_path: Path) -> None:
+def test_after_loading_another_map_the_pose_is_saved_for_that_map(ros: Harness, tmp_path: Path) -> None:
     a, b, kept = room(tmp_path / "a", 80), room(tmp_path / "b", 70), tmp_path / "pose.json"
     arguments = ("-p", f"map_folder:={a}", "-p", f"pose_file:={kept}")
     with mapper_node(ros, *arguments) as node:
@@ -111,7 +111,7 @@ def test_after_another_map_was_loaded_the_pose_is_remembered_on_that_one(ros: Ha
         assert json.loads(kept.read_text())["map"] == str(b)
 
 
-def test_a_map_that_is_not_there_or_broken_is_answered_so_and_the_present_one_stays(
+def test_a_missing_or_invalid_map_is_answered_with_an_error_and_the_present_one_stays(
     ros: Harness, tmp_path: Path
 ) -> None:
     (tmp_path / "broken").mkdir()
@@ -123,17 +123,17 @@ def test_a_map_that_is_not_there_or_broken_is_answered_so_and_the_present_one_st
         assert node._folder == tmp_path / "a"
 
 
-def test_while_a_map_is_made_no_other_one_takes_its_place(ros: Harness, tmp_path: Path) -> None:
+def test_a_map_in_the_making_is_not_replaced_by_another(ros: Harness, tmp_path: Path) -> None:
     with mapper_node(ros, "-p", f"save_folder:={tmp_path / 'made'}") as node:
         answer = load(ros, room(tmp_path / "b", 70))
         assert answer.result == answer.RESULT_UNDEFINED_FAILURE
         assert node._builder is not None
 
 
-def test_the_pose_of_a_lost_chair_may_be_anywhere_by_its_covariance(ros: Harness, tmp_path: Path) -> None:
+def test_the_pose_of_a_lost_chair_has_an_unlimited_covariance(ros: Harness, tmp_path: Path) -> None:
     with mapper_node(ros, "-p", f"map_folder:={room(tmp_path / 'a', 80)}") as node:
         tell, poses, found = Sensors(ros, node), ros.heard(topics.POSE), ros.heard(topics.LOCALISATION)
-        tell.at = PLACE  # sees nothing that fits: the room of another map
+        tell.at = PLACE  # no scan fits: the room of another map
         tell.across_m = 20.0
         ros.spin_until(lambda: poses and found, "a place", tell)
         assert read_localisation(found[-1])[1].state is LocalisationState.LOST
@@ -143,8 +143,8 @@ def test_the_pose_of_a_lost_chair_may_be_anywhere_by_its_covariance(ros: Harness
         found.close()
 
 
-def test_scans_and_odometry_count_as_of_the_time_that_they_are_about(ros: Harness, tmp_path: Path) -> None:
-    """Scans come stamped 80 ms late; the chair turns meanwhile, and its place is right at the time of the scan."""
+def test_scans_and_odometry_count_at_the_time_of_their_stamps(ros: Harness, tmp_path: Path) -> None:
+    """Scans come 80 ms after their stamps; the chair turns meanwhile, and its pose is right at the time of the scan."""
     late_ns, rate = 80_000_000, 0.5
     chair, folder = tmp_path / "chair.json", room(tmp_path / "a", 80)
     save_calibration(chair, ChairCalibration("late", "2026-11-24", sensor_delays=SensorDelays(lidar_ns=late_ns)))
@@ -172,5 +172,5 @@ def test_scans_and_odometry_count_as_of_the_time_that_they_are_about(ros: Harnes
 
         ros.spin_until(lambda: len(known()) > 20, "places as of the scans' true times", tell_turning)
         errors = [abs(wrap_angle(here.theta - truth.theta)) for here, truth in known()[10:]]
-        assert max(errors) < 0.01  # 0.04 where the delay is not heeded
+        assert max(errors) < 0.01  # 0.04 if the delay is ignored
         found.close()

@@ -1,4 +1,4 @@
-"""navigate_to_pose across two processes, asked as nav2_simple_commander and BT clients ask."""
+"""navigate_to_pose across two processes, called as nav2_simple_commander and BT clients call it."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def client(ros: Harness) -> Iterator[Client]:
         client.client.destroy()
 
 
-def test_a_goal_is_driven_to_with_feedback_on_the_way(client: Client) -> None:
+def test_a_goal_is_reached_with_feedback_on_the_way(client: Client) -> None:
     handle, feedback = client.ask(Pose2(3.0, 4.0, 1.0))
     assert client.result(handle) == (SUCCEEDED, 0, "")
     distances = [each.distance_remaining for each in feedback]
@@ -76,7 +76,7 @@ def test_a_goal_is_driven_to_with_feedback_on_the_way(client: Client) -> None:
     assert last.navigation_time.nanosec == 500_000_000
 
 
-def test_a_goal_that_cannot_be_driven_to_is_aborted_with_navs_code_and_a_sentence(client: Client) -> None:
+def test_an_unreachable_goal_is_aborted_with_the_code_of_nav2_and_a_sentence(client: Client) -> None:
     handle, _ = client.ask(Pose2(60.0))
     assert client.result(handle) == (ABORTED, 206, "the goal (60, 0) lies in a wall")
 
@@ -102,14 +102,14 @@ def test_a_new_goal_ends_the_one_before(client: Client) -> None:
     assert client.result(second)[0] == SUCCEEDED
 
 
-def test_every_failure_of_planning_has_navs_code(ros: Harness) -> None:
+def test_every_failure_of_planning_has_a_code_of_nav2(ros: Harness) -> None:
     from waychair.ros.nodes.navigate_action import error_code
 
     codes = [error_code(kind("")) for kind in (StartOccupied, GoalOccupied, NoPath, ConfigError)]
     assert codes == [205, 206, 208, 0]
 
 
-def test_a_server_that_waits_for_the_end_of_a_drive_is_idle(client: Client, ros: Harness) -> None:
+def test_a_server_waiting_for_the_end_of_a_drive_is_idle(client: Client, ros: Harness) -> None:
     """An executor that polled its coroutines would keep a core busy, 50 ms for each of these ticks."""
     handle, feedback = client.ask(Pose2(45.0))
     ros.spin_until(lambda: len(feedback) > 2, "feedback")
@@ -120,7 +120,7 @@ def test_a_server_that_waits_for_the_end_of_a_drive_is_idle(client: Client, ros:
     assert client.result(handle)[0] == CANCELED
 
 
-def test_the_recoveries_that_are_told_are_those_of_this_drive(ros: Harness) -> None:
+def test_the_reported_recoveries_are_those_of_this_drive(ros: Harness) -> None:
     """Not the plans: with people about there is a new one each second."""
     from types import SimpleNamespace
 

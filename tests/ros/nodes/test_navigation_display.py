@@ -1,4 +1,4 @@
-"""The costmaps as RViz has colours for them."""
+"""Costmaps in the values that RViz colours."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _AT = Pose2(1.0, -2.0, 0.3)
 
 
 def hall() -> OccupancyGrid:
-    """6 m by 4 m with walls round it, and a corner of which nothing is known."""
+    """6 m by 4 m with walls round it, and an unknown corner."""
     cells = np.zeros((80, 120), np.int8)
     cells[[0, -1]] = 100
     cells[:, [0, -1]] = 100
@@ -46,19 +46,19 @@ def test_walls_the_room_beside_them_and_the_middle_have_nav2s_costs() -> None:
     assert (shown.resolution, shown.map_from_grid) == (grid.resolution, _AT)
 
 
-def test_what_is_unknown_stays_so_whatever_it_costs() -> None:
+def test_unknown_cells_stay_unknown_at_any_price() -> None:
     grid = hall()
     shown = grid_from_costmap(costmap_from_grid(grid, CHAIR_A))
     assert (shown.cells[grid.cells == -1] == -1).all()
     assert (shown.cells == -1).sum() == 19 * 19
 
 
-def test_a_map_without_room_for_the_chair_has_no_cost_between() -> None:
+def test_a_map_without_space_for_the_chair_has_no_costs_between_free_and_occupied() -> None:
     shown = grid_from_costmap(costmap_from_grid(OccupancyGrid(np.full((5, 5), 100, np.int8), 0.05, Pose2()), CHAIR_A))
     assert (shown.cells == 100).all()
 
 
-def test_what_stands_near_has_the_costs_of_nav2s_inflation() -> None:
+def test_cells_near_obstacles_have_the_costs_of_nav2s_inflation() -> None:
     inscribed = min(CHAIR_A.front, CHAIR_A.rear, CHAIR_A.width / 2)
     metres = np.array([[0.0, 0.05, inscribed, inscribed + 0.1, 0.65, 0.75, 4.0]], np.float32)
     shown = grid_from_distances(DistanceField(metres, 0.05, _AT), CHAIR_A)
@@ -80,7 +80,7 @@ class Shown:
         return self.sent.setdefault(topic.name, []).append
 
     def tick(self, way: Path | None, active: bool = True, after_s: float = 0.05) -> list[int]:
-        """Numbers of poses of the plans that come of a tick."""
+        """Return the numbers of poses of the plans of a tick."""
         self.now_ns += round(after_s * 1e9)
         before = len(self.sent["plan"])
         arc = None if not active else SimpleNamespace(arc=np.zeros((5, 3)))
@@ -89,7 +89,7 @@ class Shown:
         return [len(read_path(message).poses) for message in self.sent["plan"][before:]]
 
 
-def test_a_plan_is_shown_at_once_and_again_to_who_comes_late_and_goes_with_the_drive() -> None:
+def test_a_plan_is_shown_at_once_and_again_to_late_subscribers_and_removed_after_the_drive() -> None:
     shown, way = Shown(), Path(np.zeros((7, 3)))
     assert shown.tick(None, active=False) == []
     assert shown.tick(way) == [7]

@@ -63,7 +63,7 @@ def test_parameters_come_from_the_settings_with_units_and_bounds(ros: Harness) -
         assert not described.read_only
 
 
-def test_a_parameter_file_gives_settings_and_whole_numbers_count_as_real_ones(ros: Harness, tmp_path: Path) -> None:
+def test_a_parameter_file_gives_settings_and_integers_count_as_floats(ros: Harness, tmp_path: Path) -> None:
     file = tmp_path / "chair.yaml"
     file.write_text("/**:\n  ros__parameters: {speed: 1, loud: true, inner: {range: 4.5, sectors: [0.5, 1.5]}}\n")
     with plain_node(ros, "--params-file", str(file), "-p", "name:=B") as node:
@@ -88,7 +88,7 @@ def test_an_impossible_parameter_is_refused_with_the_settings_own_sentence(
         pass
 
 
-def test_only_settings_that_may_change_do_while_the_node_runs(ros: Harness) -> None:
+def test_only_changeable_settings_change_while_the_node_runs(ros: Harness) -> None:
     from rclpy.parameter import Parameter
 
     with plain_node(ros) as node:
@@ -140,9 +140,7 @@ rclpy.spin(node)
         (b"\x00\x01\x00\x00nothing of the kind", "are not a sensor_msgs/msg/LaserScan"),
     ],
 )
-def test_a_message_that_says_nothing_possible_is_reported_and_dropped(
-    ros: Harness, message: Any, sentence: str
-) -> None:
+def test_an_impossible_message_is_reported_and_dropped(ros: Harness, message: Any, sentence: str) -> None:
     with plain_node(ros) as node, sender(ros, SCAN) as send:
         report = ros.report("plain: input scan", lambda report: sentence in report.message, lambda: send(message))
         assert report.level is DiagnosticLevel.ERROR
@@ -152,7 +150,7 @@ def test_a_message_that_says_nothing_possible_is_reported_and_dropped(
 @pytest.mark.parametrize(
     "error", [OverflowError("too large"), AssertionError(), np.linalg.LinAlgError("singular"), ZeroDivisionError()]
 )
-def test_whatever_reading_comes_to_a_message_ends_no_node(ros: Harness, error: Exception) -> None:
+def test_no_error_of_reading_a_message_ends_a_node(ros: Harness, error: Exception) -> None:
     def read(message: Any) -> Any:
         raise error
 
@@ -166,7 +164,7 @@ def test_whatever_reading_comes_to_a_message_ends_no_node(ros: Harness, error: E
     assert (str(error) or type(error).__name__) in report.message
 
 
-def test_stamps_of_another_clock_are_told_from_old_ones(ros: Harness) -> None:
+def test_stamps_of_another_clock_are_distinguished_from_old_ones(ros: Harness) -> None:
     old = ros_messages.laser_scan(replace(scan_now(ros), stamp_ns=5_000_000_000))
     with plain_node(ros) as node, sender(ros, SCAN) as send:
         report = ros.report("plain: input scan", lambda report: "use_sim_time" in report.message, lambda: send(old))
@@ -191,7 +189,7 @@ def test_two_clocks_are_reported(ros: Harness) -> None:
         )
 
 
-def test_a_stamp_of_the_future_is_called_so(ros: Harness) -> None:
+def test_a_stamp_in_the_future_is_reported_as_such(ros: Harness) -> None:
     with plain_node(ros), sender(ros, SCAN) as send:
 
         def scan() -> None:
@@ -202,7 +200,7 @@ def test_a_stamp_of_the_future_is_called_so(ros: Harness) -> None:
         assert report.level is DiagnosticLevel.ERROR
 
 
-def test_heavy_work_leaves_the_executor_free_and_comes_back_to_it(ros: Harness) -> None:
+def test_heavy_work_leaves_the_executor_free_and_returns_its_result_to_it(ros: Harness) -> None:
     import threading
 
     done: list[int] = []
@@ -216,7 +214,7 @@ def test_heavy_work_leaves_the_executor_free_and_comes_back_to_it(ros: Harness) 
     assert done[0] != threading.get_ident()
 
 
-def test_of_too_many_jobs_the_oldest_that_wait_are_dropped(ros: Harness) -> None:
+def test_of_too_many_jobs_the_oldest_waiting_ones_are_dropped(ros: Harness) -> None:
     import threading
 
     done: list[int] = []
@@ -227,10 +225,10 @@ def test_of_too_many_jobs_the_oldest_that_wait_are_dropped(ros: Harness) -> None
         go_on.set()
         ros.spin_until(lambda: 9 in done, "the last job")
         assert node.worker.dropped + len(done) == 10
-    assert done in ([0, 6, 7, 8, 9], [6, 7, 8, 9]), "the first may have begun before the second was there"
+    assert done in ([0, 6, 7, 8, 9], [6, 7, 8, 9]), "the first may have started before the second came"
 
 
-def test_what_a_job_raises_reaches_the_executor(ros: Harness) -> None:
+def test_an_error_of_a_job_reaches_the_executor(ros: Harness) -> None:
     def fail() -> None:
         raise ConfigError("the world is flat")
 
@@ -257,7 +255,7 @@ def test_a_process_with_an_impossible_parameter_says_so_in_one_sentence(ros: Har
     assert "speed = -1.0 is impossible: it must lie in [0, 1.5] m/s" in output
 
 
-def test_a_parameter_file_that_is_none_is_refused_in_one_sentence(ros: Harness, tmp_path: Path) -> None:
+def test_an_invalid_parameter_file_is_refused_in_one_sentence(ros: Harness, tmp_path: Path) -> None:
     with ros.process(SCRIPT, "--ros-args", "--params-file", tmp_path / "missing.yaml") as process:
         output, _ = process.communicate(timeout=30.0)
     assert process.returncode == 2

@@ -20,7 +20,7 @@ def image(encoding: str, width: int, channels: int) -> Any:
     return make("sensor_msgs/msg/Image", header(5, "camera"), 48, width, encoding, 0, width * channels, data)
 
 
-def test_a_picture_that_cannot_be_shown_ends_nothing_and_is_said() -> None:
+def test_an_invalid_picture_is_reported_and_ends_nothing() -> None:
     port: Any = SimpleNamespace(_pictures=SimpleNamespace(latest=None, problem="", subscription=object()))
 
     def report() -> Report:

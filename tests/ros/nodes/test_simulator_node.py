@@ -53,7 +53,7 @@ class Simulation:
 @pytest.fixture(scope="module")
 def simulation(ros: Harness, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Simulation]:
     cable = tmp_path_factory.mktemp("cable") / "board"
-    cable.symlink_to("/dev/null")  # left by a simulator that was killed
+    cable.symlink_to("/dev/null")  # left by a killed simulator
     arguments = ("-p", f"board_link:={cable}", "-p", "people:=false", "-r", "__ns:=/ward")
     wanted = SENT + (PICTURES if renderer_problem() is None else ())
     heard = {
@@ -66,7 +66,7 @@ def simulation(ros: Harness, tmp_path_factory: pytest.TempPathFactory) -> Iterat
         yield Simulation(process, heard, cable)
 
 
-def test_every_sensor_speaks_in_its_frame_and_in_the_time_of_the_others(simulation: Simulation) -> None:
+def test_every_sensor_has_its_frame_and_the_common_clock(simulation: Simulation) -> None:
     for topic in (*SENT[:5], *SENT[6:]):
         for message in simulation.heard[topic.name]:
             assert message.header.frame_id == topic.frame
@@ -78,17 +78,17 @@ def test_every_sensor_speaks_in_its_frame_and_in_the_time_of_the_others(simulati
 
 
 @pytest.mark.parametrize(("topic", "period_ms"), [(topics.ODOMETRY, 20), (topics.JOINTS, 20), (topics.TRUTH, 20)])
-def test_reliable_topics_lose_nothing_and_keep_their_period(
+def test_reliable_topics_lose_no_message_and_keep_their_period(
     simulation: Simulation, topic: topics.RosTopic, period_ms: float
 ) -> None:
-    """By the stamps, which are the simulator's own; a loaded computer gives up whole steps, and says so."""
+    """By the stamps of the simulator itself; a loaded computer drops whole steps, and says so."""
     stamps = np.array([stamp_of(message) for message in simulation.heard[topic.name]])
     steps_ms = np.diff(stamps) / 1e6
     assert np.median(steps_ms) == pytest.approx(period_ms, abs=0.01)
     assert (steps_ms > period_ms - 0.01).all()
 
 
-def test_odometry_and_its_transform_agree_and_stand_still(simulation: Simulation) -> None:
+def test_odometry_and_its_transform_agree_at_rest(simulation: Simulation) -> None:
     odometry = motion.read_odometry(simulation.heard["odom"][-1])
     assert odometry.covariance is not None
     transforms = {stamp: pose for each in simulation.heard["/tf"] for stamp, pose in read_transforms(each).values()}
@@ -101,7 +101,7 @@ def test_odometry_and_its_transform_agree_and_stand_still(simulation: Simulation
 
 
 @pytest.mark.skipif(renderer_problem() is not None, reason="this computer cannot render pictures")
-def test_pictures_come_with_depth_and_the_cameras_matrix(simulation: Simulation) -> None:
+def test_pictures_come_with_depth_and_the_camera_matrix(simulation: Simulation) -> None:
     pairing = camera.CameraPairing()
     pairing.calibrated(simulation.heard[topics.COLOUR_INFO.name][0])
     halves = [(stamp_of(message), pairing.colour, message) for message in simulation.heard[topics.COLOUR.name]]
@@ -113,7 +113,7 @@ def test_pictures_come_with_depth_and_the_cameras_matrix(simulation: Simulation)
     assert 0.3 < np.nanmedian(whole[-1].depth) < 8.0
 
 
-def test_who_comes_late_still_gets_the_mounts(simulation: Simulation, ros: Harness) -> None:
+def test_a_late_subscriber_still_gets_the_mounts(simulation: Simulation, ros: Harness) -> None:
     mounts = ros.heard(topics.TF_STATIC)
     ros.spin_until(lambda: mounts, "the mounts")
     base_from_laser = read_transforms(mounts[0])["base_link", "laser"][1]
@@ -121,7 +121,7 @@ def test_who_comes_late_still_gets_the_mounts(simulation: Simulation, ros: Harne
     assert ("camera_link", "camera_color_optical_frame") in read_transforms(mounts[0])
 
 
-def test_the_riders_stick_moves_the_chair_and_springs_back(simulation: Simulation, ros: Harness) -> None:
+def test_the_riders_stick_moves_the_chair_and_returns_to_rest(simulation: Simulation, ros: Harness) -> None:
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
 
@@ -147,7 +147,7 @@ def test_the_shipped_board_answers_at_the_other_end_of_the_cable(simulation: Sim
     while bridge.telemetry is None and time.monotonic() < deadline:
         bridge.listen(time.monotonic_ns())
         bridge.beat(time.monotonic_ns())
-        time.sleep(0.005)  # a heartbeat's period, not a wait for something
+        time.sleep(0.005)  # a heartbeat's period, not a wait for a condition
     assert bridge.telemetry is not None, bridge.trouble
     assert bridge.trouble == ()
 
@@ -163,7 +163,7 @@ def test_the_simulator_reports_its_pace_and_its_cable(simulation: Simulation, ro
     )
 
 
-def test_the_end_takes_the_cable_away(simulation: Simulation) -> None:
+def test_the_cable_is_removed_at_the_end(simulation: Simulation) -> None:
     from tests.ros.harness import ended
 
     assert simulation.cable.is_symlink()
@@ -171,7 +171,7 @@ def test_the_end_takes_the_cable_away(simulation: Simulation) -> None:
     assert not simulation.cable.is_symlink()
 
 
-def test_simulated_time_is_told_and_used(ros: Harness) -> None:
+def test_simulated_time_is_published_and_used(ros: Harness) -> None:
     clock, odometry = ros.heard(topics.CLOCK), ros.heard(topics.ODOMETRY)
     arguments = ("-p", "use_sim_time:=true", "-p", "camera:=false")
     with ros.process("-m", "waychair.ros.nodes.simulator_node", "--ros-args", *arguments):
@@ -190,7 +190,7 @@ def test_simulated_time_is_told_and_used(ros: Harness) -> None:
         ("plant_model:=toy", "plant_model = 'toy' is unknown"),
     ],
 )
-def test_what_cannot_be_simulated_is_refused_in_one_sentence(ros: Harness, argument: str, sentence: str) -> None:
+def test_an_impossible_simulation_is_refused_in_one_sentence(ros: Harness, argument: str, sentence: str) -> None:
     with ros.process("-m", "waychair.ros.nodes.simulator_node", "--ros-args", "-p", argument) as process:
         output, _ = process.communicate(timeout=60.0)
     assert process.returncode == 2

@@ -1,4 +1,4 @@
-"""Ticks that follow regular news: how soon, how far from their period, and how late after the news."""
+"""Ticks that follow regular messages: how soon, how far from their period, and how late after the message."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ BEHIND = 6 * MS
 
 
 def ticks_and_waits(first_news_ns: int, jitter_ns: int, count: int = 400) -> tuple[list[int], list[int]]:
-    """A timer of 50 ms, moved by news of 100 ms: its ticks, and how long each news waited for the next one."""
+    """Run a timer of 50 ms, shifted by messages every 100 ms; return its ticks, and the wait of each message for the
+    next one."""
     phase, rng = TickPhase(PERIOD, BEHIND), random.Random(first_news_ns)
     news = [first_news_ns + k * 2 * PERIOD + rng.randint(0, jitter_ns) for k in range(count)]
     ticks, waits, due_ns, period_ns = [], [], 0, PERIOD
@@ -34,7 +35,7 @@ def ticks_and_waits(first_news_ns: int, jitter_ns: int, count: int = 400) -> tup
 
 
 @pytest.mark.parametrize("first_ms", range(0, 100, 7))
-def test_wherever_they_begin_ticks_are_just_behind_the_news_within_two_seconds(first_ms: int) -> None:
+def test_from_any_phase_ticks_come_just_after_the_messages_within_two_seconds(first_ms: int) -> None:
     _, waits = ticks_and_waits(first_ms * MS + 1, 0)
     assert all(abs(wait - BEHIND) <= MS for wait in waits[40:])
 
@@ -45,10 +46,10 @@ def test_no_period_is_changed_by_more_than_two_milliseconds(first_ms: int) -> No
     assert all(abs(after - before - PERIOD) <= 2 * MS for before, after in pairwise(ticks))
 
 
-def test_news_that_are_late_by_some_milliseconds_are_hardly_ever_missed() -> None:
+def test_messages_late_by_some_milliseconds_are_rarely_missed() -> None:
     _, waits = ticks_and_waits(30 * MS, 8 * MS)
     assert sum(wait > 15 * MS for wait in waits[40:]) <= 0.02 * len(waits)
 
 
-def test_before_the_first_tick_the_period_stays() -> None:
+def test_before_the_first_tick_the_period_is_unchanged() -> None:
     assert TickPhase(PERIOD, BEHIND).message_arrived(123 * MS) == PERIOD
