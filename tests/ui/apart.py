@@ -19,7 +19,7 @@ CALLS = [name for name in vars(ChairPort) if not name.startswith("_") and name !
 
 
 class Lent:
-    """A port as it is lent to another process, which can call but not look."""
+    """A port lent to another process, which can call it but not read it."""
 
     def __init__(self, port: ChairPort) -> None:
         self._port = port

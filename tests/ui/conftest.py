@@ -22,7 +22,7 @@ COUNTDOWN_S = 1.0
 
 @pytest.fixture(scope="module")
 def chair() -> Iterator[LiveChair]:
-    """A chair with nobody about."""
+    """A chair without people around."""
     with LiveChair(WORLD, people=False, countdown_s=COUNTDOWN_S) as live:
         yield live
 
@@ -37,14 +37,14 @@ def port(chair: LiveChair) -> Iterator[Noted]:
 
 @pytest.fixture
 def address(port: Noted) -> Iterator[str]:
-    """Where the chair's page is served."""
+    """The address of the chair's page."""
     with page_server(port) as served:
         yield served
 
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
-    """Chromium without a window; skips without it."""
+    """Chromium without a window; tests skip without it."""
     program = os.environ.get("WAYCHAIR_CHROMIUM") or shutil.which("chromium")
     if program is None:
         pytest.skip("no Chromium: apt-get install chromium, or name it in WAYCHAIR_CHROMIUM")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
 
 BROKEN_S = 60.0
-"""Nothing that works takes so long."""
+"""A limit beyond the duration of any working step."""
 
 
 _NAP_S = 0.005
@@ -46,7 +46,7 @@ def ready_page(browser: Browser, address: str, **context: object) -> Iterator[Pa
 
 
 def until(condition: Callable[[], bool], what: str) -> None:
-    """Waits for something, without end but for a broken program."""
+    """Waits for a condition; only a broken program reaches the limit."""
     end = time.monotonic() + BROKEN_S
     while not condition():
         assert time.monotonic() < end, what
@@ -54,7 +54,7 @@ def until(condition: Callable[[], bool], what: str) -> None:
 
 
 class Lateness:
-    """How late this computer is: the longest that a short sleep has lasted beyond its end while the block lasts [ms]."""
+    """Measure how late this computer is: the longest excess of a short sleep during the block [ms]."""
 
     def __enter__(self) -> Self:
         self.ms = 0.0
@@ -75,7 +75,7 @@ class Lateness:
 
 
 def rests(view: ChairView) -> bool:
-    """The chair stands, and nobody drives it."""
+    """The chair stands, and nothing drives it."""
     driven = view.mode in (DriveMode.AUTONOMOUS, DriveMode.ASSISTED)
     return not driven and not view.goal and abs(view.twist.v) < 0.02 and abs(view.twist.omega) < 0.03
 
@@ -86,7 +86,7 @@ def drives(view: ChairView) -> bool:
 
 
 def pose_of(port: ChairPort) -> Pose2:
-    """Where the chair stands, once it knows."""
+    """Return where the chair stands, once it knows."""
     until(lambda: port.view().map_from_base is not None, "the chair does not know where it is")
     pose = port.view().map_from_base
     assert pose is not None
@@ -94,7 +94,7 @@ def pose_of(port: ChairPort) -> Pose2:
 
 
 def press_map(page: Page, port: ChairPort, forward: float, left: float = 0.0) -> None:
-    """Presses the map so far from the chair [m]."""
+    """Presses the map at this distance from the chair [m]."""
     at = pose_of(port) @ Pose2(forward, left)
     spot = page.evaluate(
         """([x, y]) => import("/static/js/map_view.js").then(({ map, toScreen }) =>
@@ -105,7 +105,7 @@ def press_map(page: Page, port: ChairPort, forward: float, left: float = 0.0) ->
 
 
 def put_place(port: ChairPort, metres: float) -> str:
-    """A place so far ahead of the chair; its name."""
+    """Saves a place at this distance ahead of the chair; returns its name."""
     here = pose_of(port)
     name = f"{metres:g} m ahead"
     answer = port.set_place(Place(name, here @ Pose2(metres)), True)
@@ -114,7 +114,7 @@ def put_place(port: ChairPort, metres: float) -> str:
 
 
 def set_off(page: Page, port: ChairPort, place: str) -> None:
-    """From the press on a place until the chair is in motion; pressed again where a busy computer has ended the drive."""
+    """Presses a place until the chair is in motion, again where a busy computer has ended the drive."""
 
     def sets_off() -> bool:
         if not port.view().goal:

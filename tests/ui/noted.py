@@ -13,7 +13,7 @@ from waychair.runtime.chair_port import ChairPort
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """A call of the port, and when it began and ended by the steady clock."""
+    """A call of the port with its start and end by the steady clock."""
 
     name: str
     asked: tuple[Any, ...]

@@ -1,4 +1,4 @@
-"""Drives from the page in a real browser: the chair arrives, and every way to stop it works."""
+"""Drives from the page in a real browser: the chair arrives, and every means to stop it works."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ pytestmark = ALONE
 
 ROOT = Path(__file__).resolve().parents[2]
 SOON_MS = 100.0
-"""From the press on Stop to free lines."""
+"""From the press on Stop to released lines."""
 
 GONE_S = 2.0
 """Longer than a page may be gone while a drive goes on."""
@@ -56,7 +56,7 @@ def chair() -> Iterator[LiveChair]:
         yield live
 
 
-def test_a_place_is_pressed_and_the_chair_arrives(browser: Browser, port: Noted, address: str) -> None:
+def test_the_chair_drives_to_a_pressed_place(browser: Browser, port: Noted, address: str) -> None:
     place = put_place(port, 1.2)
     goal = port.layout().places[place]
     with ready_page(browser, address) as page:
@@ -75,7 +75,7 @@ def test_a_place_is_pressed_and_the_chair_arrives(browser: Browser, port: Noted,
 
 
 def pressed(page: Page, way: str) -> float:
-    """Stop is pressed; when that was, by the steady clock [ms]."""
+    """Press Stop; return the time by the steady clock [ms]."""
     page.evaluate(
         """() => { window.pressedAt = null;
         const note = (event) => (window.pressedAt ??= performance.timeOrigin + event.timeStamp);
@@ -94,7 +94,9 @@ def pressed(page: Page, way: str) -> float:
 
 
 @pytest.mark.parametrize("way", ["pointer", "Space", pytest.param("Escape", marks=pytest.mark.nightly)])
-def test_stop_frees_the_lines_within_a_tenth_of_a_second(browser: Browser, port: Noted, address: str, way: str) -> None:
+def test_stop_releases_the_lines_within_a_tenth_of_a_second(
+    browser: Browser, port: Noted, address: str, way: str
+) -> None:
     took = []
     for _ in range(TRIES):
         with ready_page(browser, address) as page:
@@ -111,9 +113,7 @@ def test_stop_frees_the_lines_within_a_tenth_of_a_second(browser: Browser, port:
     assert took[-1] <= SOON_MS, took
 
 
-def test_a_reload_in_the_middle_of_a_drive_shows_it_again_and_does_not_end_it(
-    browser: Browser, port: Noted, address: str
-) -> None:
+def test_a_reload_shows_the_drive_again_and_does_not_end_it(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         for _ in range(TRIES):
             set_off(page, port, place := put_place(port, 3.0))
@@ -122,14 +122,14 @@ def test_a_reload_in_the_middle_of_a_drive_shows_it_again_and_does_not_end_it(
             time.sleep(GONE_S)
             if port.view().goal:
                 break
-            assert "page" not in port.view().last_stop  # else a busy computer has ended it
+            assert "page" not in port.view().last_stop  # otherwise a busy computer has ended it
         assert port.view().goal == place
         assert page.get_attribute("#mode-autonomous", "aria-pressed") == "true"
         page.click("#cancel")
         until(lambda: rests(port.view()), "the chair does not come to rest")
 
 
-def test_a_drive_is_paused_and_goes_on_by_the_keyboard_alone(browser: Browser, port: Noted, address: str) -> None:
+def test_the_keyboard_alone_pauses_and_continues_a_drive(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         set_off(page, port, put_place(port, 3.0))
         page.wait_for_selector("#pause:visible")
@@ -151,14 +151,14 @@ def test_the_chair_comes_to_rest_when_the_last_page_is_closed(browser: Browser, 
     with ready_page(browser, address) as other:
         with ready_page(browser, address) as page:
             set_off(page, port, put_place(port, 3.0))
-        time.sleep(GONE_S)  # the page that began the drive is gone, another is there
+        time.sleep(GONE_S)  # the page that started the drive is closed, another is open
         assert port.view().mode is DriveMode.AUTONOMOUS
         assert other.is_visible("#cancel")
     until(lambda: rests(port.view()), "the chair drives on with nobody there")
     assert "page" in port.view().last_stop
 
 
-def test_a_hidden_page_is_no_page(browser: Browser, port: Noted, address: str) -> None:
+def test_a_hidden_page_does_not_count(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         set_off(page, port, put_place(port, 3.0))
         page.evaluate(
@@ -168,7 +168,7 @@ def test_a_hidden_page_is_no_page(browser: Browser, port: Noted, address: str) -
         until(lambda: rests(port.view()), "the chair drives on with nobody looking")
 
 
-def test_two_browsers_see_the_same_and_either_can_stop(browser: Browser, port: Noted, address: str) -> None:
+def test_two_browsers_show_the_same_and_either_can_stop(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as one, ready_page(browser, address) as other:
         place = put_place(port, 3.0)
         one.click(f".place:text-is('{place}')")
@@ -229,7 +229,7 @@ def test_the_page_s_joystick_drives_while_it_is_held(browser: Browser, port: Not
 
 
 @pytest.mark.parametrize("what", ["window.dispatchEvent(new Event('blur'))", "document.getElementById('stick').blur()"])
-def test_a_page_without_focus_lets_the_joystick_go(browser: Browser, port: Noted, address: str, what: str) -> None:
+def test_a_page_without_focus_releases_the_joystick(browser: Browser, port: Noted, address: str, what: str) -> None:
     with ready_page(browser, address) as page:
         page.click("#tab-steer")
         page.focus("#stick")
@@ -239,7 +239,7 @@ def test_a_page_without_focus_lets_the_joystick_go(browser: Browser, port: Noted
         until(lambda: rests(port.view()) and not port.view().steered, "the chair goes on")
 
 
-def test_one_switch_chooses_a_place_says_yes_and_stops(browser: Browser, port: Noted, address: str) -> None:
+def test_one_switch_chooses_a_place_confirms_and_stops(browser: Browser, port: Noted, address: str) -> None:
     place = put_place(port, 3.0)
     with ready_page(browser, address) as page:
         page.fill("#search", place)

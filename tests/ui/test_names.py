@@ -1,4 +1,4 @@
-"""Names of places and zones from pages: no thing is replaced without being asked for, and long names work."""
+"""Names of places and zones from pages: nothing is replaced without a request, and long names work."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_a_place_is_replaced_only_on_request(drawn: Noted) -> None:
     assert drawn.layout().places["desk"].pose.x == 1.5
 
 
-def test_another_name_is_one_change_and_is_taken_back_by_one(drawn: Noted) -> None:
+def test_a_new_name_is_one_change_and_is_undone_by_one(drawn: Noted) -> None:
     assert put(drawn, "desk", 1.0).done
     assert put(drawn, "bed", 1.5).done
     before = dict(drawn.layout().places)
@@ -76,12 +76,10 @@ def test_another_name_is_one_change_and_is_taken_back_by_one(drawn: Noted) -> No
     assert dict(drawn.layout().places) == before
 
 
-def test_a_name_that_is_longer_than_a_page_makes_them_is_driven_to_renamed_and_removed(
-    drawn: Noted, chair: LiveChair
-) -> None:
+def test_a_place_with_a_very_long_name_is_driven_to_renamed_and_removed(drawn: Noted, chair: LiveChair) -> None:
     folder = chair._folder
     save_places(folder, {**load_places(folder), LONG: Place(LONG, Pose2(1.0, 2.0))})
-    assert put(drawn, "desk", 1.5).done  # whereupon the file is read again
+    assert put(drawn, "desk", 1.5).done  # then the file is read again
     assert LONG in drawn.layout().places
     assert not put(drawn, LONG, 1.0).done
     assert obey(drawn, "go", {"place": LONG}).done

@@ -50,7 +50,7 @@ def scanned(browser: Browser, port: Noted, interval: str = WALK) -> Iterator[Pag
 
 
 def take(page: Page, on: str, until_there: str) -> None:
-    """Presses the switch when the frame is on something, until that has done something."""
+    """Presses the switch when the frame is on a control, until the control has acted."""
     while not page.evaluate(until_there):  # a busy computer may press when the frame has gone on
         page.wait_for_selector(f"{on}.scanned")
         page.keyboard.press("Space")
@@ -67,7 +67,7 @@ def set_driving(page: Page, port: Told) -> None:
     "field",
     ["#search", *(pytest.param(other, marks=pytest.mark.nightly) for other in ("#save-name", "#option-interval"))],
 )
-def test_while_the_chair_moves_the_switch_is_stop_whatever_has_the_focus(
+def test_while_the_chair_moves_the_switch_is_stop_at_any_focus(
     browser: Browser, told: Told, key: str, field: str
 ) -> None:
     with scanned(browser, told) as page:
@@ -100,7 +100,7 @@ def test_after_saving_a_place_the_switch_still_works_and_the_place_has_a_name(br
     told.remove_place("place 1")
 
 
-def test_a_field_that_nobody_writes_in_any_more_is_left(browser: Browser, told: Told) -> None:
+def test_an_unused_field_loses_the_focus(browser: Browser, told: Told) -> None:
     with scanned(browser, told) as page:
         page.click("#tab-places")
         page.click("#search")
@@ -111,7 +111,7 @@ def test_a_field_that_nobody_writes_in_any_more_is_left(browser: Browser, told: 
         assert page.input_value("#search") == "wa"
 
 
-def test_stop_comes_through_right_after_another_press(browser: Browser, told: Told) -> None:
+def test_stop_works_right_after_another_press(browser: Browser, told: Told) -> None:
     with scanned(browser, told, SLOW) as page:
         page.click("#tab-places")
         page.wait_for_selector("#stop.scanned")
@@ -119,7 +119,7 @@ def test_stop_comes_through_right_after_another_press(browser: Browser, told: To
         page.keyboard.press("Space")  # the same press, of a switch that bounces
         until(lambda: len(told.named("stop")) == 2, "Stop is not heard")
         set_driving(page, told)
-        page.evaluate("performance.now = () => 0")  # as if no time went by
+        page.evaluate("performance.now = () => 0")  # as if no time passed
         for presses in (2, 3):
             page.keyboard.press("Space")
             until(lambda: len(told.named("stop")) == 2 * presses, "Stop is not heard")  # noqa: B023

@@ -54,7 +54,7 @@ def bring_to(page: Page, port: Noted, state: str) -> None:
 
 
 @pytest.mark.parametrize("look", LOOKS)
-def test_axe_has_nothing_to_say(browser: Browser, port: Noted, address: str, look: str) -> None:
+def test_axe_finds_no_fault(browser: Browser, port: Noted, address: str, look: str) -> None:
     from axe_playwright_python.sync_playwright import Axe
 
     with ready_page(browser, address, reduced_motion="reduce", **LOOKS[look]) as page:
@@ -65,7 +65,7 @@ def test_axe_has_nothing_to_say(browser: Browser, port: Noted, address: str, loo
 
 
 @pytest.mark.parametrize("width", [320, 640, pytest.param(1000, marks=pytest.mark.nightly)])
-def test_nothing_is_lost_on_a_narrow_page(browser: Browser, address: str, width: int) -> None:
+def test_a_narrow_page_shows_everything(browser: Browser, address: str, width: int) -> None:
     with ready_page(browser, address, viewport={"width": width, "height": 480}) as page:
         for tab in ("places", "steer", "edit", "options"):
             page.click(f"#tab-{tab}")
@@ -92,7 +92,7 @@ def test_every_control_is_large_enough(browser: Browser, address: str) -> None:
             assert small == []
 
 
-def test_stop_comes_first_and_is_always_in_view(browser: Browser, port: Noted, address: str) -> None:
+def test_stop_is_first_and_always_visible(browser: Browser, port: Noted, address: str) -> None:
     for look in LOOKS.values():
         with ready_page(browser, address, **look) as page:
             page.keyboard.press("Tab")
@@ -118,7 +118,7 @@ def test_stop_comes_first_and_is_always_in_view(browser: Browser, port: Noted, a
         *(pytest.param(other, marks=pytest.mark.nightly) for other in ("#tab-edit", ".place", "#save-name")),
     ],
 )
-def test_escape_and_space_stop_anywhere_but_in_a_text_field(
+def test_escape_and_space_stop_anywhere_except_in_a_text_field(
     browser: Browser, port: Noted, address: str, focus: str
 ) -> None:
     with ready_page(browser, address) as page:
@@ -136,14 +136,14 @@ def test_escape_and_space_stop_anywhere_but_in_a_text_field(
             assert page.input_value(focus) in (" ", "")
 
 
-def test_stop_comes_through_where_only_one_way_is_left(browser: Browser, port: Noted, address: str) -> None:
+def test_stop_works_with_only_one_connection_left(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         page.route("**/api/do/stop", lambda route: route.abort())
         page.keyboard.press("Escape")
         until(lambda: len(port.named("stop")) == 1, "Stop is not heard by socket")
 
 
-def test_a_stop_that_no_way_has_brought_to_the_chair_is_said(browser: Browser, port: Noted, address: str) -> None:
+def test_an_undelivered_stop_is_reported(browser: Browser, port: Noted, address: str) -> None:
     unanswered = ".note.bad:text-is('No answer to Stop: check that the chair stands.')"
     with ready_page(browser, address) as page:
         page.keyboard.press("Escape")
@@ -204,7 +204,7 @@ def test_a_one_way_zone_and_a_ghost_are_drawn_by_pointer(browser: Browser, port:
         until(lambda: port.layout().zones == (), "it is not removed")
 
 
-def test_here_is_saved_as_a_place_renamed_and_removed(browser: Browser, port: Noted, address: str) -> None:
+def test_the_present_place_is_saved_renamed_and_removed(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         page.click("#tab-edit")
         page.fill("#save-name", "my bed")
@@ -246,7 +246,7 @@ def test_a_known_name_is_replaced_only_after_a_second_press(browser: Browser, po
         port.remove_place(name)
 
 
-def test_a_drive_that_was_asked_for_is_given_up(browser: Browser, port: Noted, address: str) -> None:
+def test_a_requested_drive_is_cancelled(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         page.fill("#search", "WARD")
         page.keyboard.press("Enter")  # the only one
@@ -283,7 +283,7 @@ def test_a_page_without_the_token_asks_for_it_and_shows_nothing(browser: Browser
             assert "token" not in page.url
 
 
-def test_a_try_to_connect_that_nobody_answers_is_given_up_for_another_one(browser: Browser, port: Noted) -> None:
+def test_an_unanswered_connection_is_given_up_for_another_one(browser: Browser, port: Noted) -> None:
     with ExitStack() as first, ExitStack() as pages:
         address = first.enter_context(page_server(port))
         page = pages.enter_context(ready_page(browser, address))
@@ -298,7 +298,7 @@ def test_a_try_to_connect_that_nobody_answers_is_given_up_for_another_one(browse
             pages.close()
 
 
-def test_a_lost_connection_is_said_at_once_and_found_again(browser: Browser, port: Noted) -> None:
+def test_a_lost_connection_is_reported_at_once_and_restored(browser: Browser, port: Noted) -> None:
     with ExitStack() as first, ExitStack() as pages:
         address = first.enter_context(page_server(port))
         page = pages.enter_context(ready_page(browser, address))

@@ -40,12 +40,12 @@ OscillatorNode.prototype.start = function (...at) {
 speechSynthesis.speak = (said) => heard.phrases.push(said.text);
 speechSynthesis.cancel = () => { heard.silenced += 1; };
 """
-"""Listens at the loudspeaker, and in place of a voice, which Chromium without a window does not have."""
+"""Records the loudspeaker, and replaces the voice, which Chromium without a window does not have."""
 
 
 @contextmanager
 def heard_page(browser: Browser, address: str) -> Iterator[Page]:
-    """A page that shows the chair, and is listened to."""
+    """A page that shows the chair, with recorded sound."""
     with page_at(browser, "about:blank") as page:
         page.add_init_script(LISTEN)
         page.goto(address)
@@ -61,7 +61,7 @@ def set_off_heard(page: Page, place: str) -> None:
     page.wait_for_timeout(1e3 * COUNTDOWN_S / 2)
 
 
-def test_a_tone_and_a_phrase_come_before_the_chair_moves(browser: Browser, port: Noted, address: str) -> None:
+def test_a_tone_and_a_phrase_sound_before_the_chair_moves(browser: Browser, port: Noted, address: str) -> None:
     place = put_place(port, 1.2)
     with heard_page(browser, address) as page:
         set_off_heard(page, place)
@@ -76,7 +76,7 @@ def test_a_tone_and_a_phrase_come_before_the_chair_moves(browser: Browser, port:
         assert port.view().twist.v < 0.02
 
 
-def test_a_page_that_is_to_be_quiet_is_quiet(browser: Browser, port: Noted, address: str) -> None:
+def test_a_muted_page_is_quiet(browser: Browser, port: Noted, address: str) -> None:
     place = put_place(port, 1.2)
     with heard_page(browser, address) as page:
         page.click("#tab-options")
@@ -90,7 +90,7 @@ def test_a_page_that_is_to_be_quiet_is_quiet(browser: Browser, port: Noted, addr
 
 
 @pytest.mark.skipif(renderer_problem() is not None, reason="this machine cannot render pictures")
-def test_the_panel_shows_what_the_camera_sees(browser: Browser) -> None:
+def test_the_panel_shows_the_picture_of_the_camera(browser: Browser) -> None:
     with (
         LiveChair(WORLD, people=False, camera=True) as chair,
         page_server(chair) as address,
@@ -110,6 +110,6 @@ def test_the_panel_shows_what_the_camera_sees(browser: Browser) -> None:
               return [...Array(dots.length / 4).keys()].map((k) => dots[4 * k + 1]);
             }"""
         )
-        assert max(grey) - min(grey) > 60  # walls, floor and things, no empty picture
+        assert max(grey) - min(grey) > 60  # walls, floor and things, not an empty picture
         page.click("#panel-open")
         assert not page.is_visible("#picture")

@@ -49,7 +49,7 @@ def guarded(port: Noted) -> Iterator[TestClient]:
 
 
 def told(live: WebSocketTestSession, kind: str, when: Callable[[Any], bool] = lambda _: True) -> Any:
-    """The next message of a kind for which something holds; views are answered as a page does."""
+    """Return the next message of a kind that satisfies a condition; answer views as a page does."""
     for _ in range(200):
         message = json.loads(live.receive_text())
         if message["type"] == "view":
@@ -60,7 +60,7 @@ def told(live: WebSocketTestSession, kind: str, when: Callable[[Any], bool] = la
 
 
 def until(condition: Callable[[], bool], seconds: float = 20.0) -> bool:
-    """Whether something holds within a time that only a broken program needs."""
+    """Return whether a condition holds within a time that only a broken program needs."""
     end = time.monotonic() + seconds
     while not condition():
         if time.monotonic() > end:
@@ -99,7 +99,7 @@ def test_every_answer_carries_the_safety_headers(client: TestClient, path: str) 
     assert "no-cache" in headers["cache-control"]
 
 
-def test_the_page_asks_for_nothing_from_elsewhere(client: TestClient) -> None:
+def test_the_page_requests_nothing_from_other_servers(client: TestClient) -> None:
     page = client.get("/").text
     assert "http" not in page.replace("http-equiv", "")
     assert "<script>" not in page
@@ -108,20 +108,20 @@ def test_the_page_asks_for_nothing_from_elsewhere(client: TestClient) -> None:
 
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("host", ["evil.example", "evil.example:8000", "127.0.0.1.evil.example", "192.0.2.7", "", "["])
-def test_names_of_others_that_point_here_are_refused(client: TestClient, path: str, host: str) -> None:
+def test_foreign_host_names_for_this_computer_are_refused(client: TestClient, path: str, host: str) -> None:
     answer = client.get(path, headers={"host": host})
     assert answer.status_code == 403
 
 
 @pytest.mark.parametrize("host", ["localhost", "localhost:9000", "127.0.0.1:8000", "127.0.0.2", "[::1]:8000"])
-def test_this_computer_is_let_in_by_any_of_its_own_names(client: TestClient, host: str) -> None:
+def test_this_computer_is_accepted_under_any_of_its_own_names(client: TestClient, host: str) -> None:
     assert client.get("/", headers={"host": host}).status_code == 200
 
 
 @pytest.mark.parametrize(
     "origin", ["https://evil.example", "null", "http://127.0.0.1:9000", "http://localhost:8000", "http://[::1"]
 )
-def test_pages_of_other_sites_can_neither_ask_nor_listen(client: TestClient, port: Noted, origin: str) -> None:
+def test_pages_of_other_sites_can_neither_send_nor_receive(client: TestClient, port: Noted, origin: str) -> None:
     assert client.post("/api/do/go", json={"place": "lift"}, headers={"origin": origin}).status_code == 403
     assert client.get("/api/grid.png", headers={"origin": origin}).status_code == 403
     with (
@@ -133,12 +133,12 @@ def test_pages_of_other_sites_can_neither_ask_nor_listen(client: TestClient, por
     assert port.calls == []
 
 
-def test_requests_that_another_site_caused_are_refused_where_the_browser_says_so(client: TestClient) -> None:
+def test_requests_marked_by_the_browser_as_caused_by_another_site_are_refused(client: TestClient) -> None:
     for site, status in (("cross-site", 403), ("same-site", 403), ("same-origin", 404), ("none", 404)):
         assert client.get("/api/nothing", headers={"sec-fetch-site": site}).status_code == status
 
 
-def test_its_own_page_is_let_in(client: TestClient) -> None:
+def test_its_own_page_is_accepted(client: TestClient) -> None:
     with client.websocket_connect(socket_of(client), headers={"origin": HERE}) as live:
         live.send_json({"token": "", "page": "one"})
         assert told(live, "view")["type"] == "view"
@@ -173,7 +173,7 @@ def test_a_socket_without_a_valid_hello_is_closed(guarded: TestClient, hello: st
         assert refusal.value.code == UNAUTHORISED
 
 
-def test_the_token_opens_everything(guarded: TestClient, port: Noted) -> None:
+def test_the_token_permits_everything(guarded: TestClient, port: Noted) -> None:
     bearer = {"authorization": f"Bearer {TOKEN}"}
     with opened(guarded, token=TOKEN) as live:
         told(live, "view")
@@ -182,7 +182,7 @@ def test_the_token_opens_everything(guarded: TestClient, port: Noted) -> None:
     assert [call.name for call in port.calls] == ["stop"]
 
 
-def test_a_token_is_compared_whole_and_none_is_asked_for_where_there_is_none() -> None:
+def test_a_token_is_compared_completely_and_without_a_token_none_is_requested() -> None:
     assert is_token(TOKEN, TOKEN)
     assert is_token("", "")
     assert is_token("anything", "")
@@ -191,7 +191,7 @@ def test_a_token_is_compared_whole_and_none_is_asked_for_where_there_is_none() -
 
 @pytest.mark.parametrize(("host", "known"), [("chair.example:80", True), ("CHAIR.example", True), ("10.0.0.3", True),
                                              ("fe80::1", False), ("[fe80::1]", True), ("other.example", False)])  # fmt: skip
-def test_beyond_this_computer_addresses_and_given_names_are_known(host: str, known: bool) -> None:
+def test_from_other_computers_addresses_and_given_names_are_accepted(host: str, known: bool) -> None:
     assert is_host(host, ("chair.example",)) is known
 
 
@@ -200,14 +200,14 @@ def test_a_page_open_to_the_network_needs_a_token(chair: LiveChair) -> None:
         pass
 
 
-def test_a_port_that_is_taken_is_said(chair: LiveChair) -> None:
+def test_a_taken_port_is_reported(chair: LiveChair) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         number = other.getsockname()[1]
         with pytest.raises(OutputError, match=str(number)), page_server(chair, http_port=number):
             pass
 
 
-def test_a_page_is_told_outline_map_layout_and_views(client: TestClient, chair: LiveChair) -> None:
+def test_a_page_gets_outline_map_layout_and_views(client: TestClient, chair: LiveChair) -> None:
     with opened(client) as live:
         assert len(told(live, "chair")["outline"]) >= 4
         view = told(live, "view", lambda view: view["pose"] is not None and view["scan"])
@@ -222,7 +222,7 @@ def test_a_page_is_told_outline_map_layout_and_views(client: TestClient, chair: 
         assert names == set(chair.layout().places)
 
 
-def test_the_map_is_sent_once_and_anew_when_it_changed(client: TestClient) -> None:
+def test_the_map_is_sent_once_and_again_after_a_change(client: TestClient) -> None:
     with opened(client) as live:
         revision = told(live, "map")["revision"]
         first = client.get("/api/grid.png")
@@ -239,7 +239,7 @@ def test_the_map_is_sent_once_and_anew_when_it_changed(client: TestClient) -> No
 
 
 @pytest.mark.parametrize("theme", THEMES)
-def test_walls_stand_out_in_the_map_s_picture_and_north_is_up(theme: str) -> None:
+def test_walls_have_contrast_in_the_picture_of_the_map_and_north_is_up(theme: str) -> None:
     cells = np.array([[0, 100, -1], [0, 0, 100]], np.int8)
     picture = cv2.imdecode(np.frombuffer(grid_picture(OccupancyGrid(cells, 0.05), theme), np.uint8), cv2.IMREAD_COLOR)
     linear = np.where((share := picture[..., ::-1] / 255) <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
@@ -251,7 +251,7 @@ def test_walls_stand_out_in_the_map_s_picture_and_north_is_up(theme: str) -> Non
         assert (max(wall, ground) + 0.05) / (min(wall, ground) + 0.05) >= 3.0
 
 
-def test_commands_come_in_by_socket_and_are_answered_by_number(client: TestClient, port: Noted) -> None:
+def test_commands_by_socket_are_answered_by_number(client: TestClient, port: Noted) -> None:
     with opened(client) as live:
         live.send_json({"do": "go", "with": {"place": "nowhere"}, "id": 4})
         live.send_json({"do": "stop", "id": 5})
@@ -298,14 +298,14 @@ def test_only_the_newest_joystick_position_counts(client: TestClient, port: Note
     assert [call.asked[0] for call in port.named("steer")] == [0.0]
 
 
-def test_a_page_that_goes_away_lets_the_stick_go(client: TestClient, port: Noted) -> None:
+def test_a_closed_page_releases_the_stick(client: TestClient, port: Noted) -> None:
     with opened(client) as live:
         live.send_json({"do": "steer", "with": {"forward": 0.0, "turn": 0.0}, "id": 1})
         told(live, "answer")
     assert until(lambda: bool(port.named("release")))
 
 
-def test_a_stick_is_not_held_by_post(client: TestClient) -> None:
+def test_steering_by_post_is_refused(client: TestClient) -> None:
     for name in (*STICK, "dance"):
         assert client.post(f"/api/do/{name}", json={}).status_code == 404
     assert client.get("/api/do/stop").status_code == 405
@@ -319,7 +319,7 @@ def test_invalid_or_too_long_json_is_refused(client: TestClient, port: Noted) ->
     assert port.calls == []
 
 
-def test_pages_count_while_they_answer_in_view(client: TestClient, port: Noted) -> None:
+def test_pages_count_while_they_are_visible_and_answer(client: TestClient, port: Noted) -> None:
     with opened(client, "one") as live:
         assert until(lambda: bool(port.watchers) and port.watchers[-1] == ("one",))
         live.send_json({"seen": 1, "visible": False})
@@ -334,7 +334,7 @@ def test_a_server_that_ends_leaves_neither_threads_nor_pages(port: Noted) -> Non
     with page_server(port) as address:
         assert httpx.get(address).status_code == 200
         assert until(lambda: len(port.watchers) > 2)
-    assert until(lambda: set(threading.enumerate()) <= before)  # a thread that was told to end takes a moment
+    assert until(lambda: set(threading.enumerate()) <= before)  # a thread takes a moment to end
     count = len(port.watchers)
     assert port.watchers[-1] == ()
     time.sleep(0.5)
@@ -366,14 +366,14 @@ def test_a_server_that_ends_leaves_neither_threads_nor_pages(port: Noted) -> Non
         ("erase", {"polygon": [[0, 0]] * 201}),
     ],
 )
-def test_impossible_wishes_never_reach_the_chair(port: Noted, name: str, asked: dict[str, Any]) -> None:
+def test_impossible_requests_never_reach_the_chair(port: Noted, name: str, asked: dict[str, Any]) -> None:
     answer = obey(port, name, asked)
     assert not answer.done
     assert answer.sentence
     assert port.calls == []
 
 
-def test_wishes_reach_the_chair_as_they_were_meant(port: Noted) -> None:
+def test_requests_reach_the_chair_unchanged(port: Noted) -> None:
     obey(port, "go", {"pose": [1, 2, 7.0]})
     obey(port, "confirm", {"goal": "elsewhere"})
     obey(port, "set_zone", {"name": "z", "rule": "one_way", "heading": -4.0, "polygon": [[0, 0], [1, 0], [1, 1]]})

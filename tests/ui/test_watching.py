@@ -23,7 +23,7 @@ HICCUP_S = 0.5
 
 
 class Port:
-    """As much of a chair as pages are told of; `broken` names calls that fail."""
+    """The part of a chair that pages use; `broken` names calls that fail."""
 
     outline: FloatArray = np.zeros((4, 2))
 
@@ -82,7 +82,7 @@ def broadcast(port: Port, test: Callable[[Broadcaster, OpenPage], Any]) -> None:
 
 
 @pytest.mark.parametrize("name", ["view", "grid", "layout", "watched"])
-def test_a_call_that_fails_for_a_while_leaves_pages_uninformed_no_longer(
+def test_a_temporary_failure_of_a_call_delays_pages_no_longer_than_the_failure(
     name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
     port = Port()
@@ -104,7 +104,7 @@ def test_a_call_that_fails_for_a_while_leaves_pages_uninformed_no_longer(
     assert [name in str(record.exc_info) for record in caplog.records] == [True]  # once, not ten times a second
 
 
-def test_a_hidden_page_does_not_answer_for_another_of_the_same_id() -> None:
+def test_a_hidden_page_does_not_count_for_another_of_the_same_id() -> None:
     broadcaster = Broadcaster(Port(), lambda: 0.0)  # type: ignore[arg-type]
     seen, duplicate = OpenPage("twin"), OpenPage("twin")
     broadcaster.answered(seen)
@@ -117,7 +117,8 @@ def test_a_hidden_page_does_not_answer_for_another_of_the_same_id() -> None:
 
 
 def watch_of(answers_s: Callable[[float], bool], phase_s: float, until_s: float) -> float | None:
-    """When a drive of a page is ended that answers its views while `answers_s` of the time holds; None if it is not.
+    """Return when a drive ends whose page answers its views while `answers_s` of the time holds; None if it does not
+    end.
 
     `phase_s`: how much later than the views the chair is told.
     """
@@ -155,5 +156,5 @@ def test_a_drive_ends_within_a_second_of_the_last_answer_of_the_last_page(phase_
 
 
 @pytest.mark.parametrize("phase_s", PHASES_S)
-def test_a_hiccup_of_half_a_second_ends_no_drive(phase_s: float) -> None:
+def test_a_pause_of_half_a_second_ends_no_drive(phase_s: float) -> None:
     assert watch_of(lambda now_s: now_s < 2.0 or now_s > 2.0 + HICCUP_S, phase_s, 5.0) is None
