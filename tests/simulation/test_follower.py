@@ -27,7 +27,7 @@ NOMINAL = PlantSettings()
         for seed in (0, 1, 2)
     ],
 )
-def test_the_clinics_route_is_finished_without_contact(body: ChairBody, seed: int) -> None:
+def test_the_route_of_the_clinic_is_finished_without_contact(body: ChairBody, seed: int) -> None:
     world = load_world("small_clinic")
     plant = randomised(NOMINAL, seed) if seed else NOMINAL
     simulator = Simulator(world, body, SimulatorSettings(plant=plant), seed=seed)
@@ -56,7 +56,7 @@ def test_the_chair_rests_with_released_lines_when_the_route_is_done() -> None:
     assert simulator.twist().v == pytest.approx(0.0, abs=1e-4)
 
 
-def test_a_route_behind_the_chair_is_turned_to_on_the_spot() -> None:
+def test_the_chair_turns_on_the_spot_to_a_route_behind_it() -> None:
     simulator = Simulator(world_from_grid(OccupancyGrid(np.zeros((200, 200), np.int8), 0.05), Pose2(5, 5, 0)), CHAIR_A)
     follower = Follower(np.array([[3.0, 5.0]]), CHAIR_A.track, NOMINAL)
     furthest = 0.0
@@ -70,7 +70,7 @@ def test_an_empty_route_is_done_at_once() -> None:
     assert Follower(np.empty((0, 2)), CHAIR_A.track, NOMINAL).done
 
 
-def test_a_route_through_a_wall_is_refused_where_it_touches() -> None:
+def test_a_route_through_a_wall_is_refused_with_the_place_of_contact() -> None:
     simulator = Simulator(load_world("small_clinic"), CHAIR_A)
     follower = Follower(np.array([[1.0, 1.0], [2.6, 1.0], [2.6, 4.0]]), CHAIR_A.track, NOMINAL)
     with pytest.raises(WorldError, match=r"touched something at \(2\.\d"):
@@ -78,7 +78,7 @@ def test_a_route_through_a_wall_is_refused_where_it_touches() -> None:
     assert simulator.contacts == 1
 
 
-def test_a_chair_that_cannot_move_is_given_up() -> None:
+def test_a_chair_that_cannot_move_ends_the_route() -> None:
     plant = PlantSettings(forward_dead_band=0.5, turn_dead_band=0.5)
     simulator = Simulator(load_world("small_clinic"), CHAIR_A, SimulatorSettings(plant=plant))
     timid = PlantSettings(forward_dead_band=0.0, turn_dead_band=0.0)
@@ -86,9 +86,9 @@ def test_a_chair_that_cannot_move_is_given_up() -> None:
         list(follow(simulator, Follower(np.array([[2.0, 1.0]]), CHAIR_A.track, timid)))
 
 
-def test_the_rider_waits_for_who_is_ahead_or_would_be_brushed_in_a_turn_and_for_nobody_else() -> None:
+def test_the_rider_waits_only_for_people_ahead_or_within_reach_of_a_turn() -> None:
     def drives(place: Pose2, goal: tuple[float, float]) -> bool:
-        """Whether a chair at the origin sets out for the goal with a person standing at a place."""
+        """Return whether a chair at the origin starts for the goal with a person standing at a place."""
         person = PersonState(place, 0.0, 0.0, 0.25, Behaviour.SEATED)
         stick = Follower(np.array([goal]), CHAIR_A.track, NOMINAL).stick(Pose2(), CHAIR_A, (person,))
         return stick != (0.0, 0.0)
@@ -98,12 +98,12 @@ def test_the_rider_waits_for_who_is_ahead_or_would_be_brushed_in_a_turn_and_for_
     assert not drives(Pose2(1.2, CHAIR_A.width / 2 + 0.25 + 0.05), ahead)
     assert drives(Pose2(1.2, CHAIR_A.width / 2 + 0.25 + 0.2), ahead)
     assert drives(Pose2(CHAIR_A.front + 0.25 + 1.5, 0.0), ahead)
-    assert drives(Pose2(-CHAIR_A.rear - 0.26, 0.0), ahead), "who is behind, however near, is left behind"
-    assert not drives(Pose2(0.5, 0.65), aside), "the front corner would come round into them"
-    assert drives(Pose2(0.5, -0.65), aside), "away from them"
+    assert drives(Pose2(-CHAIR_A.rear - 0.26, 0.0), ahead), "a person behind, however near, does not stop the chair"
+    assert not drives(Pose2(0.5, 0.65), aside), "the front corner would swing into the person"
+    assert drives(Pose2(0.5, -0.65), aside), "away from the person"
 
 
-def test_a_walker_in_a_corridor_and_the_chair_get_past_each_other() -> None:
+def test_a_walker_in_a_corridor_and_the_chair_pass_each_other() -> None:
     cells = np.zeros((60, 300), np.int8)
     cells[:4], cells[-4:] = 100, 100
     hall = world_from_grid(OccupancyGrid(cells, 0.05), Pose2(1.0, 1.1, 0.0))

@@ -1,4 +1,4 @@
-"""Discs that drift about a room, as in the dynamic test of a planner: they bounce, and stay in."""
+"""Discs that drift about a room, as in the dynamic test of a planner: they bounce, and stay inside."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
 TICK_NS = 50_000_000
 TICK = 0.05
 AWAY = Pose2(1000.0, 1000.0, 0.0)
-"""Where a chair is in nobody's way."""
+"""A place at which a chair is in no mover's way."""
 
 ROBOT = ChairBody(
     length=0.3, width=0.3, axle_from_rear=0.15, track=0.25, wheel_radius=0.03, laser_x=0.0, camera_x=0.0, camera_y=0.0
@@ -85,7 +85,7 @@ def test_movers_stay_in_their_room_at_their_speed_for_ten_minutes(count: int) ->
     assert all(state.speed == pytest.approx(0.15) for state in states[-1])
 
 
-def test_movers_take_a_new_heading_every_two_seconds_and_none_between_but_by_bouncing() -> None:
+def test_movers_change_their_heading_every_two_seconds_and_otherwise_only_by_bouncing() -> None:
     grid = _room(40.0, 40.0)
     people = _people(grid, _disc(20.0, 20.0))
     headings = np.array([state.pose.theta for (state,) in _watch(people, 200.0)])
@@ -94,10 +94,10 @@ def test_movers_take_a_new_heading_every_two_seconds_and_none_between_but_by_bou
     assert np.array_equal(new % period, np.full(len(new), period - 1))
     assert len(new) >= 98  # nearly every draw differs from the one before
     draws = np.unique(headings.round(9))
-    assert abs(np.exp(1j * draws).mean()) < 0.25  # all ways alike
+    assert abs(np.exp(1j * draws).mean()) < 0.25  # all headings are equally likely
 
 
-def test_a_mover_is_thrown_back_by_a_wall_as_light_is_by_a_mirror() -> None:
+def test_a_wall_reflects_a_mover_like_a_mirror_reflects_light() -> None:
     people = _people(_room(3.0, 3.0), _disc(0.2, 1.5), seed=2)
     before, theta = people.states[0], people.states[0].pose.theta
     assert math.cos(theta) < -0.2
@@ -108,7 +108,7 @@ def test_a_mover_is_thrown_back_by_a_wall_as_light_is_by_a_mirror() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_a_mover_that_is_hit_is_thrown_back_as_the_one_that_hits_it(seed: int) -> None:
+def test_a_mover_that_is_hit_bounces_back_like_the_one_that_hits_it(seed: int) -> None:
     def pair(place: tuple[float, float]) -> SimulatedPeople:
         return _people(
             _room(6.0, 6.0),
@@ -127,7 +127,7 @@ def test_a_mover_that_is_hit_is_thrown_back_as_the_one_that_hits_it(seed: int) -
     assert wrap_angle(hit.pose.theta - math.atan2(goes[1], goes[0])) == pytest.approx(0.0, abs=1e-3)
 
 
-def test_a_mover_may_touch_the_robot_but_is_thrown_back() -> None:
+def test_a_mover_may_touch_the_robot_but_bounces_back() -> None:
     people = _movers(10, seed=1)
     robot = Pose2(1.5, 1.85, 0.3)
     near = math.inf

@@ -41,12 +41,12 @@ def _drive(seed: int, pieces: int = 1) -> list[bytes]:
     return [data for _ in range(pieces) for data in _bytes(simulator.advance(2 * SECOND // pieces))]
 
 
-def test_same_seed_gives_identical_scans_and_ticks_however_time_is_cut() -> None:
+def test_the_same_seed_gives_identical_scans_and_ticks_for_any_time_steps() -> None:
     assert _drive(3) == _drive(3) == _drive(3, pieces=20)
     assert _drive(3) != _drive(4)
 
 
-def test_one_push_is_one_contact_and_a_second_one_after_backing_off_is_another() -> None:
+def test_one_push_is_one_contact_and_a_second_one_after_backing_away_is_another() -> None:
     simulator = Simulator(_hall(1.5), CHAIR_A, PHYSICAL)
     for contact in (1, 2):
         simulator.drive(2.4, 1.65)
@@ -60,7 +60,7 @@ def test_one_push_is_one_contact_and_a_second_one_after_backing_off_is_another()
 
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
-def test_driving_at_random_in_the_clinic_never_puts_the_axle_through_a_wall(body: ChairBody) -> None:
+def test_random_driving_in_the_clinic_never_puts_the_axle_through_a_wall(body: ChairBody) -> None:
     settings = SimulatorSettings(plant_model="mujoco", lidar=LidarSettings(beams=2))
     simulator = Simulator(load_world("small_clinic"), body, settings)
     deep = body.outline() * 0.98
@@ -77,7 +77,7 @@ def test_driving_at_random_in_the_clinic_never_puts_the_axle_through_a_wall(body
 
 
 @pytest.mark.parametrize(("body", "seed"), [(CHAIR_A, 0), pytest.param(CHAIR_B, 2, marks=pytest.mark.nightly)])
-def test_the_clinics_route_is_finished_without_contact(body: ChairBody, seed: int) -> None:
+def test_the_route_of_the_clinic_is_finished_without_contact(body: ChairBody, seed: int) -> None:
     world = load_world("small_clinic")
     plant = randomised(NOMINAL, seed) if seed else NOMINAL
     settings = SimulatorSettings(plant_model="mujoco", plant=plant, lidar=LidarSettings(beams=2))
@@ -102,7 +102,7 @@ def test_a_chair_drives_itself_to_a_place_without_contact() -> None:
     assert leg.localisation_error_m < 0.10
 
 
-def test_the_rider_takes_over_the_physical_chair_within_a_second_and_it_stops_when_let_go() -> None:
+def test_the_rider_takes_over_the_physical_chair_within_a_second_and_it_stops_after_a_release() -> None:
     simulator = Simulator(_hall(7.0), CHAIR_A, PHYSICAL)
     simulator.drive(2.3, 1.65)
     simulator.advance(2 * SECOND)

@@ -1,4 +1,4 @@
-"""What breaks chairs, in physics: ramps, thresholds, staircases, wet floors."""
+"""Physical hazards: ramps, thresholds, staircases, wet floors."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ EVEN = PlantSettings(
 )
 GRID = OccupancyGrid(np.zeros((400, 400), np.int8), 0.05)
 START = Pose2(5.0, 10.0, 0.3)
-"""Nothing here lies along the axes of the map."""
+"""No part here lies along the axes of the map."""
 
 
 def _at(ahead: float, left: float = 0.0) -> Pose2:
-    """A pose so far [m] ahead and to the left of where the chair starts."""
+    """Return a pose this far [m] ahead and to the left of the chair's start."""
     return START @ Pose2(ahead, left)
 
 
@@ -41,7 +41,7 @@ def _chair(world: World, chair: SimulatedChair = CHAIRS["A"], plant: PlantSettin
 
 
 def _drive(chair: MujocoChair, twist: Twist, seconds: float) -> bool:
-    """Holds the stick; whether nothing was touched."""
+    """Hold the stick; return whether nothing was touched."""
     free = True
     for _ in range(round(seconds * 200)):
         free = chair.step(*volts_from_twist(EVEN, CHAIR_A.track, twist)) and free
@@ -72,7 +72,7 @@ def test_every_chair_drives_up_a_ramp_of_1_in_12_and_holds_nine_tenths_of_its_sp
     assert chair.upright
 
 
-def test_on_a_ramp_the_parking_brake_holds_what_motors_alone_let_creep() -> None:
+def test_on_a_ramp_the_parking_brake_holds_a_chair_that_creeps_with_motors_alone() -> None:
     ways = []
     for family in (PlantFamily(), PlantFamily(brake_release_s=0.3)):
         chair = _chair(RAMP, plant=dataclasses.replace(EVEN, family=family))
@@ -97,7 +97,7 @@ def test_every_chair_climbs_a_threshold_of_2_cm_at_half_a_metre_per_second(name:
     assert chair.upright
 
 
-def test_a_kerb_of_20_cm_is_a_wall() -> None:
+def test_a_kerb_of_20_cm_stops_the_chair_like_a_wall() -> None:
     world = World("kerb", GRID, START, blocks=(Block(_at(2.5), 1.0, 2.0, 0.0, 0.2),))
     chair = _chair(world)
     assert not _drive(chair, Twist(0.5, 0.0), 6.0)
@@ -115,7 +115,7 @@ DOWN = World(
 """Nine steps down that begin 2 m ahead, in a shaft of 1.5 m."""
 
 
-def test_a_chair_that_is_driven_to_a_staircase_falls_down_it_and_that_is_told_for_good() -> None:
+def test_a_chair_driven_to_a_staircase_falls_down_it_and_the_fall_stays_reported() -> None:
     chair = _chair(DOWN)
     assert _drive(chair, Twist(0.5, 0.0), 2.5)
     assert chair.upright
@@ -137,7 +137,7 @@ def test_a_chair_that_drives_past_a_staircase_stays_upright_on_a_floor_without_b
     assert abs((START.inverse() @ chair.pose).y) < 0.01
 
 
-def test_a_wet_floor_lets_a_spin_go_astray_by_more_than_a_right_angle_that_the_encoders_do_not_see() -> None:
+def test_a_wet_floor_adds_an_error_of_more_than_a_right_angle_to_a_spin_unseen_by_the_encoders() -> None:
     unseen = []
     for friction in (0.9, 0.15):
         wet = MujocoSettings(floor_friction=friction, wheel_friction=friction, caster_friction=0.7 * friction)

@@ -1,4 +1,4 @@
-"""Time goes by with the wall, as fast as it can, or one tick for each answer."""
+"""Pacing: in real time, as fast as possible, or one tick for each answer."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ MS = 1_000_000
 
 
 class Wall:
-    """A clock that only sleeping and working move."""
+    """A clock that advances only by sleeping and computing."""
 
     def __init__(self) -> None:
         self.now_ns = 77
@@ -33,7 +33,7 @@ class Wall:
 
 
 def run(mode: PaceMode, work_ms: list[int], tick_ms: int = 50, slack: float = 0.1) -> tuple[Pacer, Wall]:
-    """Ticks of simulated time that take so long to work out."""
+    """Run ticks of simulated time that take this long to compute."""
     wall = Wall()
     pacer = Pacer(mode, slack_s=slack, clock=wall.clock, sleep=wall.sleep)
     pacer.pace(0)
@@ -43,7 +43,7 @@ def run(mode: PaceMode, work_ms: list[int], tick_ms: int = 50, slack: float = 0.
     return pacer, wall
 
 
-def test_realtime_sleeps_for_what_is_left_of_each_tick() -> None:
+def test_realtime_sleeps_for_the_rest_of_each_tick() -> None:
     pacer, wall = run(PaceMode.REALTIME, [10, 20, 49, 0])
     assert wall.slept == pytest.approx([0.040, 0.030, 0.001, 0.050])
     assert pacer.real_time_factor == pytest.approx(1.0)
@@ -56,7 +56,7 @@ def test_realtime_catches_up_a_short_delay() -> None:
     assert pacer.lost_s == 0.0
 
 
-def test_realtime_never_rushes_after_a_long_delay_and_says_what_it_lost() -> None:
+def test_realtime_never_hurries_after_a_long_delay_and_reports_the_lost_time() -> None:
     pacer, wall = run(PaceMode.REALTIME, [1050, *[10] * 20])
     assert pacer.lost_s == pytest.approx(0.9)
     assert wall.now_ns - 77 == (21 * 50 + 900) * MS
@@ -67,24 +67,24 @@ def test_a_machine_that_is_too_slow_reports_its_factor() -> None:
     pacer, wall = run(PaceMode.REALTIME, [100] * 50)
     assert wall.slept == []
     assert pacer.real_time_factor == pytest.approx(0.5)
-    assert pacer.lost_s == pytest.approx(2.4)  # 2.5 s behind, of which the slack is still to be caught up
+    assert pacer.lost_s == pytest.approx(2.4)  # 2.5 s behind, of which the slack is to be caught up
 
 
 @given(st.lists(st.integers(0, 400), min_size=1, max_size=40))
-def test_realtime_is_never_early_and_late_by_what_it_lost_and_the_slack_at_most(work_ms: list[int]) -> None:
+def test_realtime_is_never_early_and_late_by_no_more_than_the_lost_time_and_the_slack(work_ms: list[int]) -> None:
     pacer, wall = run(PaceMode.REALTIME, work_ms)
     behind = (wall.now_ns - 77) * 1e-9 - 0.05 * len(work_ms) - pacer.lost_s
     assert -1e-6 <= behind <= 0.1 + 1e-6
 
 
 @pytest.mark.parametrize("mode", [PaceMode.FAST, PaceMode.LOCKSTEP])
-def test_fast_and_a_driver_in_the_same_process_wait_for_nothing(mode: PaceMode) -> None:
+def test_fast_pacing_and_a_driver_in_the_same_process_never_wait(mode: PaceMode) -> None:
     pacer, wall = run(mode, [5] * 10)
     assert wall.slept == []
     assert pacer.real_time_factor == pytest.approx(10.0)
 
 
-def test_before_the_first_tick_there_is_no_factor_and_a_time_told_twice_counts_once() -> None:
+def test_before_the_first_tick_there_is_no_factor_and_a_repeated_time_counts_once() -> None:
     wall = Wall()
     pacer = Pacer(PaceMode.REALTIME, clock=wall.clock, sleep=wall.sleep)
     assert pacer.real_time_factor == 0.0
@@ -96,7 +96,7 @@ def test_before_the_first_tick_there_is_no_factor_and_a_time_told_twice_counts_o
     assert wall.slept == pytest.approx([0.05])
 
 
-def test_realtime_holds_to_the_real_clock() -> None:
+def test_realtime_follows_the_real_clock() -> None:
     pacer, began = Pacer(PaceMode.REALTIME), time.monotonic()
     for k in range(11):
         pacer.pace(k * 10 * MS)

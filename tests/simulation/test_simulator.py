@@ -37,12 +37,12 @@ def _drive(seed: int) -> list[bytes]:
     return _bytes(simulator.advance(2 * SECOND))
 
 
-def test_same_seed_gives_identical_scans_and_ticks() -> None:
+def test_the_same_seed_gives_identical_scans_and_ticks() -> None:
     assert _drive(3) == _drive(3)
     assert _drive(3) != _drive(4)
 
 
-def test_time_cut_into_ticks_gives_the_same_messages() -> None:
+def test_any_ticks_give_the_same_messages() -> None:
     whole, cut = (Simulator(load_world("small_clinic"), CHAIR_A, seed=1) for _ in range(2))
     for simulator in (whole, cut):
         simulator.drive(2.1, 1.6)
@@ -61,7 +61,7 @@ def test_scans_come_at_10_hz_and_ticks_at_50_hz_in_order_of_time() -> None:
     assert isinstance(messages[-1], Scan)
 
 
-def test_changing_the_lidar_leaves_the_ticks_alone() -> None:
+def test_changing_the_lidar_does_not_change_the_ticks() -> None:
     def ticks(lidar: LidarSettings) -> list[SensorMessage]:
         simulator = Simulator(_hall(), CHAIR_A, SimulatorSettings(lidar=lidar), seed=5)
         simulator.drive(2.0, 1.7)
@@ -101,7 +101,7 @@ def test_the_chair_cannot_pass_through_a_wall_and_one_push_is_one_contact() -> N
     assert abs(simulator.twist().v) < 0.02
 
 
-def test_a_chair_that_backs_off_a_wall_is_free_again_and_may_touch_again() -> None:
+def test_a_chair_that_backs_away_from_a_wall_is_free_again_and_may_touch_again() -> None:
     simulator = Simulator(_hall(1.5), CHAIR_A)
     for contact in (1, 2):
         simulator.drive(2.4, 1.65)
@@ -115,7 +115,7 @@ def test_a_chair_that_backs_off_a_wall_is_free_again_and_may_touch_again() -> No
 
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
-def test_no_driving_at_random_ever_puts_the_chair_into_a_wall(body: ChairBody) -> None:
+def test_random_driving_never_puts_the_chair_into_a_wall(body: ChairBody) -> None:
     simulator = Simulator(load_world("small_clinic"), body, SimulatorSettings(lidar=LidarSettings(beams=2)))
     rng = np.random.default_rng(0)
     for _ in range(300):
@@ -144,7 +144,7 @@ def test_volts_that_are_not_finite_are_refused(volts: float) -> None:
 
 
 @pytest.mark.parametrize("duration", [-10_000_000, 1, 12_000_000])
-def test_time_passes_in_whole_steps_only(duration: int) -> None:
+def test_time_advances_in_whole_steps_only(duration: int) -> None:
     with pytest.raises(ValueError, match="multiple"):
         Simulator(_hall(), CHAIR_A).advance(duration)
 
@@ -155,6 +155,6 @@ def test_a_rate_that_does_not_fit_the_step_is_refused(rate: float) -> None:
         SimulatorSettings(wheels_hz=rate)
 
 
-def test_a_world_whose_start_is_too_tight_for_the_chair_is_refused() -> None:
+def test_a_world_with_a_start_too_tight_for_the_chair_is_refused() -> None:
     with pytest.raises(WorldError, match="does not fit"):
         Simulator(_hall(0.6), CHAIR_A)

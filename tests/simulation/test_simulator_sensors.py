@@ -1,4 +1,4 @@
-"""The whole suite of sensors in the simulator: rates, determinism, people, closing doors, riding lifts, contacts."""
+"""All sensors in the simulator: rates, determinism, people, closing doors, riding lifts, contacts."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def drive(seed: int, settings: SimulatorSettings = SMALL, world: str = "second_f
 
 
 @needs_pictures
-def test_every_sensor_comes_at_its_rate_with_its_own_stamps() -> None:
+def test_every_sensor_sends_at_its_rate_with_its_own_stamps() -> None:
     messages = Simulator(hall(), CHAIR_A, SMALL).advance(2 * SECOND)
     assert Counter(type(message).__name__ for message in messages) == {
         "ImuSample": 400, "WheelTicks": 100, "SonarReadings": 40, "RgbdFrame": 30, "Scan": 19,
@@ -71,7 +71,7 @@ def test_every_sensor_comes_at_its_rate_with_its_own_stamps() -> None:
     assert set(np.diff(frames)) == {65_000_000, 70_000_000}
 
 
-def test_a_sweep_comes_when_its_last_beam_is_through_under_the_stamp_of_its_first() -> None:
+def test_a_sweep_arrives_after_its_last_beam_with_the_stamp_of_its_first() -> None:
     simulator = Simulator(hall(), CHAIR_A)
     seen = [
         (simulator.now_ns - message.stamp_ns)
@@ -93,13 +93,13 @@ def test_the_same_seed_gives_identical_bytes_of_all_sensors_in_two_processes() -
 
 
 @needs_pictures
-def test_switching_the_camera_off_leaves_the_other_sensors_bytes_alone() -> None:
+def test_switching_the_camera_off_does_not_change_the_bytes_of_other_sensors() -> None:
     blind = replace(SMALL, camera=replace(SMALL.camera, rate_hz=0.0))
     with_camera = tuple(message for message in drive(1) if not isinstance(message, RgbdFrame))
     assert fingerprint(with_camera) == fingerprint(drive(1, blind))
 
 
-def test_a_machine_without_a_renderer_simulates_without_pictures_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_without_a_renderer_simulates_without_pictures_and_warns(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "renderer_problem", lambda: "there is no EGL: install libegl1")
     simulator = Simulator(hall(), CHAIR_A, SMALL)
     assert simulator.camera_problem == "there is no EGL: install libegl1"
@@ -108,7 +108,7 @@ def test_a_machine_without_a_renderer_simulates_without_pictures_and_says_so(mon
 
 
 @pytest.mark.parametrize("plant_model", ["kinematic", "mujoco"])
-def test_a_turn_shows_in_the_gyro_as_in_the_encoders_and_gravity_points_up(plant_model: str) -> None:
+def test_a_turn_is_measured_by_gyro_and_encoders_alike_and_gravity_points_up(plant_model: str) -> None:
     settings = SimulatorSettings(plant_model=plant_model, imu=ImuSettings(rate_hz=200.0))
     simulator = Simulator(hall(), CHAIR_A, settings)
     simulator.drive(1.65, 1.45)
@@ -124,7 +124,7 @@ def test_a_turn_shows_in_the_gyro_as_in_the_encoders_and_gravity_points_up(plant
     assert rolled * CHAIR_A.wheel_radius / CHAIR_A.track / 0.98 == pytest.approx(turned, rel=0.05)
 
 
-def test_a_person_in_the_way_is_seen_by_the_lidar_and_hit_once_by_a_chair_that_does_not_stop() -> None:
+def test_the_lidar_sees_a_person_in_the_way_and_a_chair_that_does_not_stop_hits_the_person_once() -> None:
     someone = PersonPlan(Behaviour.SEATED, np.array([[5.0, 3.0]]))
     simulator = Simulator(hall(someone), CHAIR_A)
     scans = [message for message in simulator.advance(SECOND) if isinstance(message, Scan)]
@@ -137,13 +137,13 @@ def test_a_person_in_the_way_is_seen_by_the_lidar_and_hit_once_by_a_chair_that_d
     assert 0.3 < contact.speed < 0.8
 
 
-def test_an_empty_world_has_nobody_near() -> None:
+def test_an_empty_world_has_no_person_near() -> None:
     simulator = Simulator(hall(), CHAIR_A)
     assert simulator.people == ()
     assert simulator.person_distance() == math.inf
 
 
-def test_a_door_that_is_closed_stands_in_the_scan_and_in_the_way() -> None:
+def test_a_closed_door_is_in_the_scan_and_in_the_way() -> None:
     simulator = Simulator(load_world("second_floor").without_people(), CHAIR_A, seed=1)
     before, ticks = simulator.truth(), [m for m in simulator.advance(SECOND) if isinstance(m, WheelTicks)][-1]
     simulator.close("classroom")
@@ -172,7 +172,7 @@ def test_the_lift_takes_the_chair_to_the_other_level_only_from_its_cabin() -> No
     assert any(isinstance(message, Scan) for message in inside.advance(SECOND))
 
 
-def test_in_mujoco_a_chair_that_drives_down_the_stairs_has_fallen_and_says_so() -> None:
+def test_in_mujoco_a_chair_that_drives_down_the_stairs_falls_and_reports_it() -> None:
     world = load_world("stairs")
     (pit,) = world.pits
     at = pit.middle @ Pose2(0.0, pit.width / 2 + 1.0, 0.0)

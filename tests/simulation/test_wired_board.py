@@ -68,7 +68,7 @@ def test_the_rider_drives_through_a_board_without_a_computer(board: HostBoard) -
     assert simulator.twist().v == pytest.approx(0.0, abs=1e-4)
 
 
-def test_nobody_clips_volts_to_lines_that_a_board_holds(board: HostBoard) -> None:
+def test_voltages_cannot_be_set_on_lines_held_by_a_board(board: HostBoard) -> None:
     simulator = Simulator(load_world("corridor_t"), CHAIR_A, QUIET)
     simulator.wire(board)
     with pytest.raises(ValueError, match="wire"):

@@ -1,4 +1,4 @@
-"""The worlds that ship: their promises, and that chairs fit into them."""
+"""The shipped worlds: their promises, and that chairs fit into them."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ ROUTES = [pytest.param(*each, marks=[] if each[0] in SHORT else pytest.mark.nigh
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
 @pytest.mark.parametrize("name", ["small_clinic", "second_floor", "basement"])
-def test_every_place_and_the_start_hold_a_chair_that_may_turn_round(name: str, body: ChairBody) -> None:
+def test_every_place_and_the_start_have_room_for_a_chair_to_turn_round(name: str, body: ChairBody) -> None:
     world = load_world(name)
     solid = solid_from_blocks(world.blocks, world.pits)
     for pose in (world.start, *(place.pose for place in world.places)):
@@ -57,7 +57,7 @@ def test_chair_a_drives_every_worlds_mapping_route_without_contact(name: str, le
 
 
 @pytest.mark.parametrize(("name", "level"), LEVELS)
-def test_chair_a_stands_free_at_every_place_of_every_world(name: str, level: str) -> None:
+def test_chair_a_is_free_at_every_place_of_every_world(name: str, level: str) -> None:
     world = load_world(name, level)
     assert world.places
     solid = solid_from_blocks(world.blocks, world.pits)
@@ -66,7 +66,7 @@ def test_chair_a_stands_free_at_every_place_of_every_world(name: str, level: str
 
 
 def _revisits(route: FloatArray, start: Pose2) -> int:
-    """How often the way comes upon its own past after at least 5 m of new ground."""
+    """Return how often the path meets its own past after at least 5 m of new ground."""
     corners = np.vstack([[start.x, start.y], route])
     legs = [np.linspace(a, b, max(2, round(math.dist(a, b) / 0.1))) for a, b in pairwise(corners)]
     way = np.concatenate(legs)
@@ -79,7 +79,7 @@ def _revisits(route: FloatArray, start: Pose2) -> int:
 
 
 @pytest.mark.parametrize(("name", "length", "revisits"), [("second_floor", 203.0, 3), ("basement", 140.0, 4)])
-def test_a_mapping_route_is_as_long_and_comes_back_as_often_as_it_says(name: str, length: float, revisits: int) -> None:
+def test_a_mapping_route_has_its_stated_length_and_number_of_revisits(name: str, length: float, revisits: int) -> None:
     world = load_world(name)
     assert route_length(world.route(), world.start) == pytest.approx(length, abs=3.0)
     assert _revisits(world.route(), world.start) == revisits
@@ -102,7 +102,7 @@ def _reachable(world: World, a: Pose2, b: Pose2, clearance: float = 0.35) -> flo
     return math.inf
 
 
-def test_closing_a_door_of_the_second_floor_leaves_a_longer_way_round() -> None:
+def test_closing_a_door_of_the_second_floor_leaves_a_longer_detour() -> None:
     world = load_world("second_floor")
     begin = Pose2(32.1, 7.1, 0.0)
     restroom = next(place.pose for place in world.places if place.name == "restroom")
@@ -111,7 +111,7 @@ def test_closing_a_door_of_the_second_floor_leaves_a_longer_way_round() -> None:
     assert open_way + 5.0 < closed_way < math.inf
 
 
-def test_closing_the_only_door_of_a_room_cuts_it_off() -> None:
+def test_closing_the_only_door_of_a_room_closes_the_room_off() -> None:
     world = load_world("second_floor")
     classroom, lift, restroom = (place.pose for place in world.places)
     assert _reachable(world, lift, restroom) < 100.0
@@ -119,7 +119,7 @@ def test_closing_the_only_door_of_a_room_cuts_it_off() -> None:
     assert _reachable(world.with_closed(["restroom"]), lift, classroom) < math.inf
 
 
-def test_the_second_floor_and_the_apartment_have_the_doors_they_promise() -> None:
+def test_the_second_floor_and_the_apartment_have_their_promised_doors() -> None:
     widths = {door.name: door.width for door in load_world("second_floor").doors}
     assert widths["restroom"] == 0.9
     world = load_world("apartment")
@@ -148,7 +148,7 @@ def test_closing_every_door_gives_the_walls_without_doors(name: str, level: str)
     np.testing.assert_array_equal(world.grid.cells, before)
 
 
-def test_the_clinics_route_comes_back_over_its_start() -> None:
+def test_the_route_of_the_clinic_returns_over_its_start() -> None:
     world = load_world("small_clinic")
     assert {"reception", "ward", "bath"} <= {place.name for place in world.places}
     assert np.hypot(*(world.route()[5:] - (world.start.x, world.start.y)).T).min() < 0.1
@@ -164,7 +164,7 @@ def test_the_clinics_route_comes_back_over_its_start() -> None:
         ("small_clinic", "13779474cae0cc95"),
     ],
 )
-def test_the_cells_of_worlds_that_results_were_recorded_in_stay_as_they_are(name: str, digest: str) -> None:
+def test_the_cells_of_worlds_with_recorded_results_stay_unchanged(name: str, digest: str) -> None:
     assert hashlib.sha256(load_world(name).grid.cells.tobytes()).hexdigest()[:16] == digest
 
 
@@ -180,13 +180,13 @@ def test_every_level_is_lit_and_made_of_known_materials_below_its_ceiling(name: 
 
 
 @pytest.mark.parametrize("name", [name for name in shipped_worlds() if name != "alias"])
-def test_no_two_surfaces_of_a_building_have_one_seed(name: str) -> None:
+def test_no_two_surfaces_of_a_building_share_a_seed(name: str) -> None:
     worlds = [load_world(name, level) for level in levels_of(name)]
     seeds = [thing.seed for world in worlds for thing in (*world.blocks, *world.slopes, *world.posters)]
     assert len(set(seeds)) == len(seeds)
 
 
-def test_the_rooms_of_the_alias_world_are_alike_in_shape_and_look() -> None:
+def test_the_rooms_of_the_alias_world_have_the_same_shape_and_look() -> None:
     world = load_world("alias")
     inner = [block for block in world.blocks if 0.1 < block.middle.x < 29.9]  # the building's ends are no repeats
     looks = [
@@ -206,7 +206,7 @@ def test_the_rooms_of_the_alias_world_are_alike_in_shape_and_look() -> None:
     assert len(set(lamps.round(6))) == 2
 
 
-def test_start_and_goal_of_the_movers_are_as_far_apart_as_in_the_dynamic_test_of_harmonic_planning() -> None:
+def test_start_and_goal_of_the_movers_are_as_far_apart_as_in_the_published_dynamic_test() -> None:
     world = load_world("movers")
     (goal,) = world.places
     assert math.dist((world.start.x, world.start.y), (goal.pose.x, goal.pose.y)) == pytest.approx(2.21, abs=0.005)
@@ -237,7 +237,7 @@ def test_the_ramp_rises_one_in_twelve_and_only_its_sides_stop_a_chair() -> None:
     assert not solid[tuple(cells_from_points(world.grid, np.column_stack([along, np.full(len(along), 1.8)])).T)].any()
 
 
-def test_stairs_go_down_by_even_steps_and_are_closed_to_chairs_but_open_to_beams() -> None:
+def test_stairs_descend_in_even_steps_and_are_closed_to_chairs_but_open_to_beams() -> None:
     world = load_world("stairs")
     (pit,) = world.pits
     steps = sorted((block.high, block.middle.x) for block in world.blocks if block.high < 0.0)
@@ -250,7 +250,7 @@ def test_stairs_go_down_by_even_steps_and_are_closed_to_chairs_but_open_to_beams
     assert not ((abs(middles - (pit.middle.x, pit.middle.y)) < (1.1, 0.9)).all(axis=1)).any()
 
 
-def test_of_the_table_a_lidar_sees_legs_only_but_a_chair_cannot_be_there() -> None:
+def test_a_lidar_sees_only_the_legs_of_the_table_but_a_chair_cannot_be_there() -> None:
     world = load_world("table")
     near = [
         np.hypot(*(segment[2:] - segment[:2]))
@@ -265,13 +265,13 @@ def test_of_the_table_a_lidar_sees_legs_only_but_a_chair_cannot_be_there() -> No
     ("name", "reflection"),
     [("glass_door", Reflection.GLASS), ("mirror", Reflection.MIRROR), ("black_sofa", Reflection.DARK)],
 )
-def test_a_world_for_a_hard_surface_has_it_at_the_height_of_the_lidar(name: str, reflection: Reflection) -> None:
+def test_a_world_for_a_difficult_surface_has_it_at_the_height_of_the_lidar(name: str, reflection: Reflection) -> None:
     seen = slice_at(load_world(name).blocks, CHAIR_A.laser_z)
     segments = seen.segments[seen.reflections == reflection]
     assert np.hypot(*(segments[:, 2:] - segments[:, :2]).T).max() > 1.1
 
 
-def test_the_lift_of_two_floors_is_in_one_place_on_both() -> None:
+def test_the_lift_is_at_the_same_place_on_both_floors() -> None:
     ground, upper = (load_world("two_floors", level) for level in levels_of("two_floors"))
     assert ground.lifts == upper.lifts
     assert ground.lifts[0].levels == ("ground", "upper")
@@ -280,7 +280,7 @@ def test_the_lift_of_two_floors_is_in_one_place_on_both() -> None:
     assert ground.blocks != upper.blocks
 
 
-def test_the_second_floor_is_walked_in_by_all_kinds_of_people_and_the_basement_is_dim() -> None:
+def test_the_second_floor_has_all_kinds_of_people_and_the_basement_is_dim() -> None:
     floor, basement = load_world("second_floor"), load_world("basement")
     kinds = [person.behaviour for person in floor.people]
     assert {Behaviour.PATH, Behaviour.SOCIAL, Behaviour.SEATED, Behaviour.SUDDEN} == set(kinds)

@@ -1,4 +1,4 @@
-"""The people: each behaviour, and that nobody walks through anything."""
+"""The people: each behaviour, and no person walks through an obstacle."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from waychair.types import FloatArray, OccupancyGrid, Pose2, Twist
 TICK_NS = 50_000_000
 TICK = 0.05
 AWAY = Pose2(1000.0, 1000.0, 0.0)
-"""Where a chair is in nobody's way."""
+"""A place at which a chair is in no person's way."""
 STILL = Twist()
 
 
@@ -34,7 +34,7 @@ def _room(length: float, width: float) -> OccupancyGrid:
 
 
 def _with_wall(grid: OccupancyGrid, x: float, door: tuple[float, float]) -> OccupancyGrid:
-    """The room with a wall of 0.1 m across it at x, but for a door from y to y."""
+    """The room with a wall of 0.1 m across it at x, except for a door from y to y."""
     cells = grid.cells.copy()
     column = round((x + 0.2) / 0.05)
     low, high = (round((y + 0.2) / 0.05) for y in door)
@@ -80,7 +80,7 @@ def _gap_to_chair(state: PersonState, chair: Pose2, body: ChairBody = CHAIR_A) -
 
 
 def _gap_to_walls(state: PersonState, grid: OccupancyGrid) -> float:
-    """Distance [m] of the disc from the nearest solid cell, and from the border of the grid, by looking at them all."""
+    """Distance [m] of the disc from the nearest solid cell, and from the border of the grid, by a search of all."""
     point = transform_points(grid.map_from_grid.inverse(), np.array([[state.pose.x, state.pose.y]]))[0]
     low = np.argwhere(grid.cells >= 65)[:, ::-1] * grid.resolution
     to_cells = np.hypot(*(point - np.clip(point, low, low + grid.resolution)).T).min(initial=math.inf)
@@ -100,7 +100,7 @@ def _assert_plausible(tracks: list[FloatArray]) -> None:
 
 
 @pytest.mark.parametrize("speed", [0.3, 1.0, 1.5])
-def test_a_walker_goes_to_and_fro_along_its_path_with_smooth_turns(speed: float) -> None:
+def test_a_walker_goes_back_and_forth_along_its_path_with_smooth_turns(speed: float) -> None:
     people = _people(
         _room(8.0, 6.0), _plan(Behaviour.PATH, (1.0, 1.0), (6.0, 1.0), (6.0, 5.0), (2.0, 3.0), speed=speed)
     )
@@ -120,7 +120,7 @@ def test_a_walker_goes_to_and_fro_along_its_path_with_smooth_turns(speed: float)
     assert max(state.speed for state in states) == pytest.approx(speed)
 
 
-def test_a_yielding_walker_and_a_chair_that_stands_head_on_in_a_corridor_never_touch() -> None:
+def test_a_yielding_walker_and_a_standing_chair_head_on_in_a_corridor_never_touch() -> None:
     chair = Pose2(6.0, 1.0, math.pi)
     people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
     states = [state for (state,) in _watch(people, 40.0, chair)]
@@ -133,7 +133,7 @@ def test_a_yielding_walker_and_a_chair_that_stands_head_on_in_a_corridor_never_t
     assert min(state.pose.x for state in states[nearest:]) < 1.05
 
 
-def test_a_yielding_walker_goes_on_when_the_chair_has_gone() -> None:
+def test_a_yielding_walker_walks_on_when_the_chair_has_gone() -> None:
     people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
     for _ in _watch(people, 7.0, Pose2(6.0, 1.0, math.pi)):
         pass
@@ -141,7 +141,7 @@ def test_a_yielding_walker_goes_on_when_the_chair_has_gone() -> None:
     assert max(state.pose.x for (state,) in _watch(people, 10.0)) > 10.9
 
 
-def test_a_yielding_walker_goes_past_a_chair_that_leaves_it_room() -> None:
+def test_a_yielding_walker_passes_a_chair_that_leaves_room() -> None:
     people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.5), (11.0, 1.5)))
     states = [state for (state,) in _watch(people, 14.0, Pose2(6.0, 0.5, math.pi))]
     assert max(state.pose.x for state in states) > 10.9
@@ -158,7 +158,7 @@ def test_a_walker_that_does_not_yield_walks_up_to_the_chair_and_touches_but_does
     assert gaps[np.argmin(gaps) :].max() > 3.0
 
 
-def test_two_walkers_who_meet_stop_short_of_each_other_and_turn_back() -> None:
+def test_two_walkers_who_meet_stop_before_contact_and_turn_back() -> None:
     people = _people(
         _room(12.0, 2.0),
         _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0)),
@@ -182,7 +182,7 @@ def test_a_walker_before_a_closed_door_turns_back() -> None:
     assert min(state.pose.x for state in states[int(10.0 / TICK) :]) < 1.05
 
 
-def test_a_chair_that_drives_into_a_standing_walker_does_not_pin_it() -> None:
+def test_a_standing_walker_hit_by_a_chair_can_walk_away() -> None:
     people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
     for _ in _watch(people, 6.0, Pose2(6.0, 1.0, math.pi)):
         pass
@@ -215,7 +215,7 @@ def test_social_walkers_pass_each_other_in_a_corridor_without_overlap(width: flo
     assert min(second.pose.x for _, second in states) < 1.5
 
 
-def test_two_streams_of_social_walkers_get_through_each_other() -> None:
+def test_two_streams_of_social_walkers_pass_through_each_other() -> None:
     plans = [_plan(Behaviour.SOCIAL, (1.0 + i, 1.25), (18.0, 1.25)) for i in range(4)]
     plans += [_plan(Behaviour.SOCIAL, (19.0 - i, 1.25), (2.0, 1.25)) for i in range(4)]
     people = _people(_room(20.0, 2.5), *plans)
@@ -235,7 +235,7 @@ def test_a_social_walker_goes_round_a_chair_that_stands_in_its_way() -> None:
     assert max(state.pose.x for state in states) > 10.5
 
 
-def test_a_social_walker_makes_way_for_a_chair_that_comes_on_only_if_it_yields() -> None:
+def test_a_social_walker_makes_way_for_an_approaching_chair_only_if_it_yields() -> None:
     nearest = {}
     for yields in (True, False):
         people = _people(_room(12.0, 3.0), _plan(Behaviour.SOCIAL, (2.0, 1.5), (11.0, 1.5), yields=yields))
@@ -249,7 +249,7 @@ def test_a_social_walker_makes_way_for_a_chair_that_comes_on_only_if_it_yields()
     assert nearest[False] < 0.05
 
 
-def test_a_social_walker_that_does_not_yield_brushes_past_the_side_of_a_chair() -> None:
+def test_a_social_walker_that_does_not_yield_passes_the_side_of_a_chair_in_contact() -> None:
     chair = Pose2(6.0, 1.05, 0.1)
     people = _people(_room(12.0, 3.0), _plan(Behaviour.SOCIAL, (1.0, 1.5), (11.0, 1.5), yields=False))
     states = [state for (state,) in _watch(people, 14.0, chair)]
@@ -258,7 +258,7 @@ def test_a_social_walker_that_does_not_yield_brushes_past_the_side_of_a_chair() 
 
 
 @pytest.mark.parametrize("aside", [-0.2, 0.2])
-def test_a_social_walker_comes_out_from_under_a_chair_that_was_driven_over_it(aside: float) -> None:
+def test_a_social_walker_leaves_the_outline_of_a_chair_that_drove_over_it(aside: float) -> None:
     people = _people(_room(12.0, 3.0), _plan(Behaviour.SOCIAL, (6.0, 1.5), (11.0, 1.5)))
     chair = Pose2(5.8, 1.5 - aside, 0.0)
     gaps = [_gap_to_chair(state, chair) for (state,) in _watch(people, 0.9, chair)]
@@ -284,7 +284,7 @@ def test_a_social_walker_goes_through_a_narrow_door(speed: float) -> None:
 # ---- seated, sudden
 
 
-def test_a_seated_person_stays_even_with_its_chair_at_a_table() -> None:
+def test_a_seated_person_does_not_move_at_a_table() -> None:
     grid = _with_wall(_room(8.0, 3.0), 4.0, (1.5, 1.5))
     people = _people(grid, _plan(Behaviour.SEATED, (3.9, 1.5), (4.0, 2.5)))
     (before,) = people.states
@@ -297,7 +297,7 @@ def _sudden(trigger: float = 2.0) -> SimulatedPeople:
 
 
 @pytest.mark.parametrize("trigger", [1.0, 2.0, 3.5])
-def test_a_sudden_person_steps_out_when_the_chair_comes_within_the_trigger_of_its_path(trigger: float) -> None:
+def test_a_sudden_person_steps_out_when_the_chair_is_within_the_trigger_distance_of_its_path(trigger: float) -> None:
     people = _sudden(trigger)
     for i in range(300):
         x = 1.0 + 0.5 * i * TICK
@@ -317,10 +317,10 @@ def test_a_sudden_person_steps_out_when_the_chair_comes_within_the_trigger_of_it
     [
         (Pose2(4.0, 2.0, 0.0), Twist(0.5, 0.0)),  # too far
         (Pose2(6.5, 2.0, 0.0), Twist(0.0, 0.0)),  # near, but standing
-        (Pose2(6.5, 2.0, 0.0), Twist(-0.5, 0.0)),  # near, but going away
+        (Pose2(6.5, 2.0, 0.0), Twist(-0.5, 0.0)),  # near, but driving away
     ],
 )
-def test_a_sudden_person_stays_where_it_is_for_a_chair_that_does_not_come_near(pose: Pose2, twist: Twist) -> None:
+def test_a_sudden_person_stays_in_place_for_a_chair_that_does_not_come_near(pose: Pose2, twist: Twist) -> None:
     assert all(state.pose == Pose2(8.0, 0.5, math.pi / 2) for (state,) in _watch(_sudden(), 3.0, pose, twist))
 
 
@@ -355,7 +355,7 @@ def _crowd() -> list[PersonPlan]:
     st.lists(st.tuples(st.integers(0, 79), st.integers(0, 119)), max_size=25),
     st.sampled_from([Pose2(), Pose2(-3.0, 2.0, 0.0), Pose2(1.0, -1.0, 0.6)]),
 )
-def test_nobody_ever_walks_through_a_wall_or_the_chair_or_another(
+def test_no_person_walks_through_a_wall_or_the_chair_or_another_person(
     seed: int, pillars: list[tuple[int, int]], origin: Pose2
 ) -> None:
     cells = np.zeros((80, 120), np.int8)
@@ -392,7 +392,7 @@ def test_the_same_seed_gives_the_same_people_and_another_seed_does_not() -> None
     assert once != other
 
 
-def test_what_the_chair_does_changes_no_random_number() -> None:
+def test_the_motion_of_the_chair_changes_no_random_number() -> None:
     streams = []
     for chair in (AWAY, Pose2(3.0, 1.7, 0.4)):
         rng = np.random.default_rng(3)
@@ -402,7 +402,7 @@ def test_what_the_chair_does_changes_no_random_number() -> None:
     assert streams[0] == streams[1]
 
 
-def test_a_long_step_is_as_many_short_ones() -> None:
+def test_a_long_step_equals_many_short_ones() -> None:
     long, short = (_people(_room(6.0, 4.0), *_crowd(), seed=1) for _ in range(2))
     chair = Pose2(3.0, 1.7, 0.4)
     for _ in range(20):
@@ -425,7 +425,7 @@ def test_finer_steps_change_little() -> None:
         assert np.hypot(*(_positions(fine.states) - _positions(coarse.states)).T).max() < 0.3
 
 
-def test_the_gait_advances_a_turn_for_every_stride_walked() -> None:
+def test_the_gait_advances_one_cycle_for_every_stride() -> None:
     people = _people(_room(12.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (11.0, 1.0)))
     before = people.states[0]
     for state, *_ in _watch(people, 8.0):
@@ -441,7 +441,7 @@ def test_a_world_without_people_has_none() -> None:
 
 
 @pytest.mark.parametrize("behaviour", [Behaviour.PATH, Behaviour.SOCIAL, Behaviour.SUDDEN])
-def test_a_walker_without_a_way_to_go_stands(behaviour: Behaviour) -> None:
+def test_a_walker_without_a_path_stands(behaviour: Behaviour) -> None:
     people = _people(_room(3.0, 3.0), _plan(behaviour, (1.0, 1.5)))
     assert all(state.pose == Pose2(1.0, 1.5, 0.0) for (state,) in _watch(people, 12.0))
 
@@ -450,7 +450,7 @@ def test_a_walker_without_a_way_to_go_stands(behaviour: Behaviour) -> None:
 @pytest.mark.parametrize(
     ("begin", "problem"), [((0.2, 1.0), "something solid"), ((-0.1, 1.0), "something solid"), ((9.0, 1.0), "outside")]
 )
-def test_a_walker_that_begins_where_it_cannot_stand_is_refused_with_advice(
+def test_a_walker_with_an_impossible_start_is_refused_with_advice(
     behaviour: Behaviour, begin: tuple[float, float], problem: str
 ) -> None:
     with pytest.raises(WorldError, match=rf"person 1 \({behaviour.value}\) .*{problem}.*start its path"):
@@ -463,6 +463,6 @@ def test_an_impossible_speed_is_refused_with_advice(speed: float) -> None:
         _people(_room(3.0, 3.0), _plan(Behaviour.PATH, (1.0, 1.0), speed=speed))
 
 
-def test_people_do_not_live_backwards() -> None:
+def test_time_does_not_go_backwards_for_people() -> None:
     with pytest.raises(ValueError, match="at least 0"):
         _people(_room(3.0, 3.0)).step(-1, AWAY, STILL)

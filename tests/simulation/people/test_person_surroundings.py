@@ -73,7 +73,7 @@ def test_nearest_walls_of_the_four_quarters_equal_a_search_through_all_cells(
         assert distance == FAR
 
 
-def test_within_a_solid_cell_the_wall_is_at_no_distance() -> None:
+def test_within_a_solid_cell_the_distance_to_the_wall_is_zero() -> None:
     assert nearest_wall(walls_from_grid(_grid([(5, 5)], Pose2())), 0.55, 0.55, 0.3) == (0.0, 0.0, 0.0)
 
 
@@ -81,7 +81,7 @@ POSES = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-math.pi, math.p
 
 
 @given(POSES, st.floats(-3, 3), st.floats(-3, 3))
-def test_distance_to_the_chair_is_that_to_the_nearest_of_its_sides(pose: Pose2, x: float, y: float) -> None:
+def test_the_distance_to_the_chair_is_that_to_its_nearest_side(pose: Pose2, x: float, y: float) -> None:
     corners = transform_points(pose, CHAIR_A.outline())
     point, sides = np.array([x, y]), np.roll(corners, -1, axis=0) - corners
     parts = np.clip(((point - corners) * sides).sum(axis=1) / (sides**2).sum(axis=1), 0.0, 1.0)
@@ -99,7 +99,7 @@ def test_distance_to_the_chair_is_that_to_the_nearest_of_its_sides(pose: Pose2, 
 
 
 @given(POSES, st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1), st.floats(-1, 1))
-def test_a_point_of_the_chair_moves_as_the_chair_does(pose: Pose2, x: float, y: float, v: float, omega: float) -> None:
+def test_a_point_of_the_chair_moves_with_the_chair(pose: Pose2, x: float, y: float, v: float, omega: float) -> None:
     dt = 1e-7
     body = np.array([[x, y]])
     before, after = (transform_points(pose @ Pose2(sign * v * dt, 0.0, sign * omega * dt), body)[0] for sign in (-1, 1))

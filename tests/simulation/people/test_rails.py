@@ -1,4 +1,4 @@
-"""Rails: the line that a person walks, and how fast it may be taken."""
+"""Rails: the line that a person walks, and its permitted speed."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_a_rail_keeps_to_its_path_and_its_speed_to_the_limits(path: FloatArray, 
     rail = rail_from_path(path, speed)
     along, points, limit = rail[:, 0], rail[:, 1:3], rail[:, 4]
     if len(rail) > 1:
-        # A rail ends where its path does, but for points that repeat the one before.
+        # A rail ends at the end of its path, except for points that repeat the one before.
         assert np.linalg.norm(points[-1] - path[-1]) < 1e-5
     assert points[0] == pytest.approx(path[0])
     assert np.diff(along) == pytest.approx(np.hypot(*np.diff(points, axis=0).T))
@@ -73,7 +73,7 @@ def test_a_right_angle_becomes_a_quarter_circle() -> None:
     assert rail[:, 4].max() == pytest.approx(1.5)
 
 
-def test_a_path_that_comes_back_on_itself_turns_about_near_its_far_end() -> None:
+def test_a_path_that_returns_on_itself_turns_near_its_far_end() -> None:
     rail = rail_from_path(np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.0]]), 1.0)
     assert rail[:, 1].max() == pytest.approx(2.0 - CORNER_CUT)
     assert rail[np.argmax(rail[:, 1]), 4] == pytest.approx(SLOWEST)
@@ -81,7 +81,7 @@ def test_a_path_that_comes_back_on_itself_turns_about_near_its_far_end() -> None
 
 
 @pytest.mark.parametrize("path", [[[1.0, 2.0]], [[1.0, 2.0], [1.0, 2.0], [1.0, 2.0]]])
-def test_a_path_of_one_place_is_a_rail_of_one_row(path: list[list[float]]) -> None:
+def test_a_path_of_one_place_gives_a_rail_of_one_row(path: list[list[float]]) -> None:
     rail = rail_from_path(np.array(path), 1.0)
     assert rail[:, :4] == pytest.approx(np.array([[0.0, 1.0, 2.0, 0.0]]))
     assert rail_at(rail, 0, 1, 0.7)[:3] == (1.0, 2.0, 0.0)

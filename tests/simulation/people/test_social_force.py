@@ -1,4 +1,4 @@
-"""The social forces against the potentials that they are the slopes of."""
+"""The social forces against the gradients of their potentials."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def _potential(x: float, y: float, vx: float, vy: float, bodies: float) -> float
 
 
 @given(METRES, METRES, SPEEDS, SPEEDS, st.floats(0.0, 0.6))
-def test_repulsion_is_the_downhill_slope_of_its_elliptical_potential(
+def test_repulsion_is_the_negative_gradient_of_its_elliptical_potential(
     x: float, y: float, vx: float, vy: float, bodies: float
 ) -> None:
     step = np.array([vx, vy]) * STEP_TIME
@@ -51,7 +51,7 @@ def test_repulsion_is_the_downhill_slope_of_its_elliptical_potential(
     assert repulsion(x, y, vx, vy, bodies) == pytest.approx((-slope_x, -slope_y), rel=1e-3, abs=1e-6)
 
 
-def test_one_who_comes_on_pushes_from_farther_than_one_who_stands() -> None:
+def test_an_approaching_person_repels_from_farther_away_than_a_standing_one() -> None:
     standing, _ = repulsion(3.0, 0.1, 0.0, 0.0, 0.5)
     coming, _ = repulsion(3.0, 0.1, 1.3, 0.0, 0.5)
     leaving, _ = repulsion(3.0, 0.1, -1.3, 0.0, 0.5)
@@ -59,12 +59,12 @@ def test_one_who_comes_on_pushes_from_farther_than_one_who_stands() -> None:
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)])
-def test_on_the_line_between_the_foci_nothing_pushes_and_nothing_breaks(x: float, y: float) -> None:
+def test_on_the_line_between_the_foci_the_force_is_zero_and_finite(x: float, y: float) -> None:
     assert repulsion(x, y, 1.0, 0.0, 0.5) == (0.0, 0.0)
 
 
 @given(METRES, METRES)
-def test_walls_push_down_the_slope_of_their_potential(x: float, y: float) -> None:
+def test_the_force_of_walls_is_the_negative_gradient_of_their_potential(x: float, y: float) -> None:
     assume(math.hypot(x, y) > 0.02)
     h = 1e-7
     slope_x, slope_y = (
@@ -80,13 +80,13 @@ def test_a_person_at_the_wanted_velocity_feels_no_goal_force() -> None:
     assert goal_force(0.0, 5.0, 0.0, 0.0, 1.2) == pytest.approx((0.0, 1.2 / RELAXATION))
 
 
-def test_the_wanted_speed_falls_to_nothing_at_the_goal() -> None:
+def test_the_wanted_speed_falls_to_zero_at_the_goal() -> None:
     assert goal_force(0.1, 0.0, 0.1 / RELAXATION, 0.0, 1.0) == pytest.approx((0.0, 0.0), abs=1e-12)
     assert goal_force(0.0, 0.0, 0.0, 0.0, 1.0) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("degrees", range(0, 181, 5))
-def test_what_is_behind_counts_half(degrees: int) -> None:
+def test_a_force_from_behind_counts_half(degrees: int) -> None:
     bearing = math.radians(degrees)
     source = math.cos(bearing), math.sin(bearing)
     expected = 1.0 if degrees < 100 else BEHIND
@@ -94,7 +94,7 @@ def test_what_is_behind_counts_half(degrees: int) -> None:
         assert weight(2.0, 0.0, -source[0], -source[1]) == expected
 
 
-def test_veering_takes_one_who_comes_head_on_past_the_right() -> None:
+def test_veering_leads_a_head_on_encounter_past_the_right() -> None:
     x, y = veered(-2.0, 0.0, 0.1)
     _, force_y = repulsion(x, y, -1.0, 0.0, 0.5)
     assert force_y < 0.0  # one who walks along x has its right at -y

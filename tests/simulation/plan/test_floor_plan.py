@@ -48,7 +48,7 @@ def _world(tmp_path: Path, text: str = PLAN) -> World:
     return load_world(_written(tmp_path, text))
 
 
-def test_doors_are_gaps_of_their_width_where_they_are_drawn(tmp_path: Path) -> None:
+def test_doors_are_gaps_of_their_width_at_their_drawn_place(tmp_path: Path) -> None:
     points = occupied_points(_world(tmp_path).grid)
     wall = points[(abs(points[:, 1] - 2.0) < 0.05)]
     gaps = [(0.95 + 0.1, 1.95), (3.45, 4.55)]
@@ -78,7 +78,7 @@ def test_a_route_is_found_by_its_name(tmp_path: Path) -> None:
         world.route("back")
 
 
-def test_an_unchecked_plan_and_its_world_are_the_same_figures(tmp_path: Path) -> None:
+def test_an_unchecked_plan_and_its_world_have_the_same_figures(tmp_path: Path) -> None:
     path = _written(tmp_path, PLAN.replace("size: [6.0", "resolution: 0.025\nsize: [6.0"))
     (level,) = load_building(path).levels
     grid = world_from_plan(level.plan, "flat").grid
@@ -128,7 +128,7 @@ def test_a_mistake_is_refused_by_file_and_line(tmp_path: Path, old: str, new: st
 
 
 @pytest.mark.parametrize("text", ["", "# nothing\n", "- a list\n", "words"])
-def test_a_file_that_is_no_plan_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_file_without_a_plan_is_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(WorldError, match=r"plan\.yaml, line 1: .*give"):
         _world(tmp_path, text)
 
@@ -140,6 +140,6 @@ def test_a_plan_that_is_not_text_is_refused(tmp_path: Path) -> None:
         load_world(path)
 
 
-def test_the_sizes_that_are_just_possible_are_taken(tmp_path: Path) -> None:
+def test_sizes_at_the_limits_are_accepted(tmp_path: Path) -> None:
     text = PLAN.replace("at: 1.5, width: 0.9", "at: 0.45, width: 0.9").replace("at: 4.0", "at: 5.45")
     assert _world(tmp_path, text.replace("door: [1.5, 2.0, 1.5]", "door: [0.5, 2.0, 1.5]").replace("[1.5, ", "[0.4, "))

@@ -1,4 +1,4 @@
-"""Everything that a plan can get wrong is refused by its line, with advice; its limits are taken."""
+"""Every possible mistake of a plan is refused by its line, with advice; values at the limits are accepted."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _line(text: str, piece: str) -> int:
     return text[: text.index(piece)].count("\n") + 1
 
 
-def test_the_plan_that_is_spoilt_below_is_sound(tmp_path: Path) -> None:
+def test_the_plan_changed_below_is_valid(tmp_path: Path) -> None:
     world = _world(tmp_path, PLAN)
     assert len(world.people) == 3
     assert (len(world.slopes), len(world.pits), len(world.lamps)) == (1, 2, 1)
@@ -181,13 +181,13 @@ def test_a_mistake_between_levels_is_refused_by_file_and_line(
         _world(tmp_path, BUILDING.replace(old, new, 1), level)
 
 
-def test_a_lift_is_given_once_to_a_level(tmp_path: Path) -> None:
+def test_a_lift_is_given_once_for_each_level(tmp_path: Path) -> None:
     twice = "lifts: [{name: lift, middle: [5.0, 3.0, 3.1], size: [1.6, 1.4]}, {name: lift, "
     with pytest.raises(WorldError, match=r"line 7: levels\[0\]\.lifts\[1\]\.name: there is a lift 'lift' already"):
         _world(tmp_path, BUILDING.replace("lifts: [{name: lift, ", twice, 1))
 
 
-def test_levels_are_chosen_by_name_and_the_first_is_where_one_begins(tmp_path: Path) -> None:
+def test_levels_are_chosen_by_name_and_the_first_is_the_default(tmp_path: Path) -> None:
     assert _world(tmp_path, BUILDING).level == "ground"
     upper = _world(tmp_path, BUILDING, "upper")
     assert (upper.name, upper.level, [place.name for place in upper.places]) == ("house", "upper", ["bed"])
@@ -196,12 +196,12 @@ def test_levels_are_chosen_by_name_and_the_first_is_where_one_begins(tmp_path: P
         _world(tmp_path, BUILDING, "attic")
 
 
-def test_a_plan_without_levels_is_one_of_its_own_name(tmp_path: Path) -> None:
+def test_a_plan_without_levels_has_one_level_of_its_own_name(tmp_path: Path) -> None:
     assert _world(tmp_path, PLAN).level == "hall"
     assert levels_of(tmp_path / "plan.yaml") == ("hall",)
 
 
-def test_more_movers_than_find_room_are_refused(tmp_path: Path) -> None:
+def test_too_many_movers_for_the_space_are_refused(tmp_path: Path) -> None:
     crowd = PLAN.replace("count: 2, speed: 0.2, radius: 0.15", "count: 200, speed: 0.2, radius: 0.6")
     with pytest.raises(
         WorldError, match=r"line 28: people: only \d+ of 201 people fit on the free floor; make them fewer or smaller"
@@ -224,6 +224,6 @@ def test_more_movers_than_find_room_are_refused(tmp_path: Path) -> None:
         ("high: 0.1}", "high: 0.1, low: 0.1}"),
     ],
 )
-def test_what_is_just_possible_is_taken(tmp_path: Path, old: str, new: str) -> None:
+def test_values_at_the_limits_are_accepted(tmp_path: Path, old: str, new: str) -> None:
     assert PLAN.count(old) >= 1
     assert _world(tmp_path, PLAN.replace(old, new, 1)).grid.cells.any()

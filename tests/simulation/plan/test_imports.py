@@ -59,7 +59,7 @@ def test_a_saved_map_becomes_a_world_with_its_places(tmp_path: Path) -> None:
         np.testing.assert_array_equal(world.grid.cells, cells)
 
 
-def test_a_map_whose_start_is_in_a_wall_or_that_is_missing_is_refused(tmp_path: Path) -> None:
+def test_a_missing_map_or_one_with_its_start_in_a_wall_is_refused(tmp_path: Path) -> None:
     with pytest.raises(MapNotFound):
         world_from_map(tmp_path, Pose2())
     save_map(tmp_path, OccupancyGrid(np.full((9, 9), 100, np.int8), 0.1))
@@ -68,7 +68,7 @@ def test_a_map_whose_start_is_in_a_wall_or_that_is_missing_is_refused(tmp_path: 
 
 
 def _discs(centres: list[tuple[float, float]], radius: float, points: np.ndarray) -> np.ndarray:
-    """Which points (N, 2) lie in one of the discs: the plain definition."""
+    """Return the points (N, 2) that lie in one of the discs, by the plain definition."""
     return np.array([any(math.dist(point, centre) <= radius + 1e-9 for centre in centres) for point in points])
 
 
@@ -124,7 +124,7 @@ def test_a_real_barn_world_holds_every_cylinder_and_a_chair_at_its_start(data_di
         ("start -2.25 3.0", "start -4.425 0.375", "start.* solid"),
     ],
 )
-def test_a_broken_barn_file_is_refused(tmp_path: Path, old: str, new: str, named: str) -> None:
+def test_an_invalid_barn_file_is_refused(tmp_path: Path, old: str, new: str, named: str) -> None:
     assert old in BARN
     with pytest.raises(WorldError, match=named):
         _barn(tmp_path, BARN.replace(old, new))

@@ -38,7 +38,7 @@ def _load(tmp_path: Path, text: str) -> None:
     load_world(path)
 
 
-def test_a_plan_becomes_a_grid_with_its_walls_where_they_are_drawn(tmp_path: Path) -> None:
+def test_a_plan_becomes_a_grid_with_its_walls_in_their_drawn_places(tmp_path: Path) -> None:
     path = tmp_path / "plan.yaml"
     path.write_text(PLAN, encoding="utf-8")
     world = load_world(path)
@@ -53,7 +53,7 @@ def test_a_plan_becomes_a_grid_with_its_walls_where_they_are_drawn(tmp_path: Pat
     assert box.mean(axis=0) == pytest.approx([3.0, 1.0])
 
 
-def test_a_slanted_wall_has_no_hole_for_a_beam(tmp_path: Path) -> None:
+def test_an_oblique_wall_has_no_hole_for_a_beam(tmp_path: Path) -> None:
     path = tmp_path / "plan.yaml"
     path.write_text(PLAN.replace("end: [4.0, 2.0]", "end: [4.0, 2.9]"), encoding="utf-8")
     solid = occupied(load_world(path).grid)
@@ -61,7 +61,7 @@ def test_a_slanted_wall_has_no_hole_for_a_beam(tmp_path: Path) -> None:
     assert all((solid[45:, col] & solid[45:, col + 1]).any() for col in range(12, 88))
 
 
-def test_a_door_that_is_not_there_is_refused_with_those_that_are() -> None:
+def test_an_unknown_door_is_refused_with_the_known_ones() -> None:
     with pytest.raises(WorldError, match="no door 'gate': take one of reception, bath, ward"):
         load_world("small_clinic").with_closed(["bath", "gate"])
     with pytest.raises(WorldError, match="no doors with names"):
@@ -88,7 +88,7 @@ def test_a_door_that_is_not_there_is_refused_with_those_that_are() -> None:
         (PLAN, "", "object"),
     ],
 )
-def test_a_broken_plan_is_refused_with_its_key_or_line(tmp_path: Path, old: str, new: str, named: str) -> None:
+def test_an_invalid_plan_is_refused_with_its_key_or_line(tmp_path: Path, old: str, new: str, named: str) -> None:
     assert old in PLAN
     with pytest.raises(WorldError, match=named):
         _load(tmp_path, PLAN.replace(old, new))
@@ -114,6 +114,6 @@ def test_a_mapped_grid_is_solid_where_occupied_and_transparent_where_unknown() -
     assert world.routes == {}
 
 
-def test_a_mapped_grid_whose_start_is_in_a_wall_is_refused() -> None:
+def test_a_mapped_grid_with_its_start_in_a_wall_is_refused() -> None:
     with pytest.raises(WorldError, match="start"):
         world_from_grid(OccupancyGrid(np.full((40, 40), 100, np.int8), 0.05), Pose2(1.0, 1.0, 0.0))

@@ -1,4 +1,4 @@
-"""What a plan is built of and fitted out with: walls, doors, furniture, light, posters and people."""
+"""The parts of a plan: walls, doors, furniture, light, posters and people."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _spans(blocks: Sequence[Block]) -> set[tuple[float, float, float, float, str
     }
 
 
-def test_a_wall_is_pieces_to_the_ceiling_lintels_over_its_doors_and_leaves_in_closed_ones(tmp_path: Path) -> None:
+def test_a_wall_consists_of_pieces_to_the_ceiling_lintels_over_doors_and_leaves_in_closed_ones(tmp_path: Path) -> None:
     assert _spans(_world(tmp_path).blocks) == {
         (0.0, 1.55, 0.0, 2.7, "plaster"),
         (2.45, 4.6, 0.0, 2.7, "plaster"),
@@ -101,7 +101,7 @@ def test_a_table_is_a_top_on_four_legs_under_its_corners(tmp_path: Path) -> None
     ("low", "high", "solid"),
     [(0.0, 0.03, False), (0.0, 0.04, True), (1.19, 1.3, True), (1.2, 1.3, False), (0.7, 0.74, True)],
 )
-def test_a_chair_is_stopped_by_what_it_neither_rolls_over_nor_passes_under(
+def test_a_chair_is_stopped_by_blocks_that_it_neither_rolls_over_nor_passes_under(
     tmp_path: Path, low: float, high: float, solid: bool
 ) -> None:
     world = _world(tmp_path, f"boxes:\n  - {{centre: [5.0, 1.2], size: [0.5, 0.5], low: {low}, high: {high}}}\n")
@@ -121,12 +121,12 @@ def _cells_by_hand(world: World) -> BoolArray:
 
 
 @pytest.mark.parametrize("name", ["small_clinic", "stairs", "table", "glass_door", "two_floors"])
-def test_the_grid_is_the_blocks_and_pits_in_a_chairs_way(name: str) -> None:
+def test_the_grid_has_the_blocks_and_pits_that_stop_a_chair(name: str) -> None:
     world = load_world(name)
     np.testing.assert_array_equal(occupied(world.grid), _cells_by_hand(world))
 
 
-def test_seeds_are_the_same_in_every_run_and_change_with_every_name() -> None:
+def test_seeds_are_the_same_in_every_run_and_differ_for_every_name() -> None:
     assert seed_from_names("flat", "walls", 0) == 1886369904
     assert len({seed_from_names("flat", "walls", i, k) for i in range(50) for k in range(20)}) == 1000
     assert all(0 <= seed_from_names("x", i) < 2**31 for i in range(100))
@@ -150,16 +150,14 @@ def test_lamps_hang_on_a_lattice_under_the_ceiling_but_not_in_walls(tmp_path: Pa
     assert world.finish.ambient == 0.1
 
 
-def test_lamps_that_are_given_replace_the_lattice(tmp_path: Path) -> None:
+def test_given_lamps_replace_the_lattice(tmp_path: Path) -> None:
     lamps = _world(tmp_path, "lamps:\n  - {at: [2.0, 1.0], power: 0.5}\n  - {at: [4.0, 1.0], height: 1.8}\n").lamps
     values = np.array([(lamp.x, lamp.y, lamp.z, lamp.power) for lamp in lamps])
     assert values == pytest.approx(np.array([(2.0, 1.0, 2.65, 0.5), (4.0, 1.0, 1.8, 1.0)]))
 
 
 @pytest.mark.parametrize(("side", "y", "looks"), [("left", 2.55, math.pi / 2), ("right", 2.45, -math.pi / 2)])
-def test_a_poster_hangs_on_the_side_of_its_wall_that_is_given(
-    tmp_path: Path, side: str, y: float, looks: float
-) -> None:
+def test_a_poster_hangs_on_the_given_side_of_its_wall(tmp_path: Path, side: str, y: float, looks: float) -> None:
     given = f"    posters:\n      - {{at: 7.0, side: {side}, height: 1.5, size: [0.5, 0.7]}}\n"
     (poster,) = _world(tmp_path, given).posters
     assert (poster.middle.x, poster.middle.theta) == pytest.approx((7.0, looks))
@@ -187,7 +185,7 @@ def test_posters_hang_flat_on_walls_and_nothing_hides_them(name: str) -> None:
     assert not within_any(_corners(world, 0.02), world.blocks).any()
 
 
-def test_posters_of_a_density_are_as_many_as_it_says_and_the_same_in_every_run(tmp_path: Path) -> None:
+def test_the_number_of_posters_follows_the_density_and_they_are_the_same_in_every_run(tmp_path: Path) -> None:
     more = ROOM + "poster_density: 0.5\nplaces: {}\n"
     world, again = _world(tmp_path, more), _world(tmp_path, more)
     length = 2 * (8.0 - 0.9 - 0.8) + 26.0  # both faces of the wall, the inner faces of the room
@@ -197,7 +195,7 @@ def test_posters_of_a_density_are_as_many_as_it_says_and_the_same_in_every_run(t
     assert {poster.middle for poster in other.posters}.isdisjoint({poster.middle for poster in world.posters})
 
 
-def test_nothing_is_pasted_on_glass_nor_above_a_low_ceiling(tmp_path: Path) -> None:
+def test_posters_hang_neither_on_glass_nor_above_a_low_ceiling(tmp_path: Path) -> None:
     glass = PLAN.replace("end: [8.0, 2.5]", "end: [8.0, 2.5]\n    material: glass")
     assert not _world(tmp_path, "poster_density: 1.0\n", glass).posters
     low = _world(tmp_path, "poster_density: 1.0\nfinish: {height: 1.9}\n").posters
@@ -210,7 +208,7 @@ def test_a_door_closed_twice_has_one_leaf(tmp_path: Path) -> None:
     assert len(world.with_closed(["kitchen", "kitchen"]).blocks) == len(world.blocks) + 1
 
 
-def test_movers_are_strewn_within_the_walls_apart_and_the_same_in_every_run(tmp_path: Path) -> None:
+def test_movers_are_placed_within_the_walls_apart_and_the_same_in_every_run(tmp_path: Path) -> None:
     more = ROOM + "people:\n  - {behaviour: bounce, count: 12, speed: 0.2, radius: 0.2}\n"
     plan = PLAN.replace("{name: kitchen, at: 2.0, width: 0.9}", "{name: kitchen, at: 2.0, width: 0.9, closed: true}")
     world = _world(tmp_path, more, plan)
@@ -225,7 +223,7 @@ def test_movers_are_strewn_within_the_walls_apart_and_the_same_in_every_run(tmp_
     np.testing.assert_array_equal(points, np.concatenate([person.path for person in again.people]))
 
 
-def test_a_person_is_as_the_plan_says(tmp_path: Path) -> None:
+def test_a_person_has_the_properties_of_the_plan(tmp_path: Path) -> None:
     more = "people:\n  - {behaviour: sudden, path: [[5.0, 1.5], [3.0, 1.2]], speed: 1.2, yields: false, trigger: 2.5}\n"
     (person,) = _world(tmp_path, more).people
     assert (person.behaviour, person.speed, person.yields) == (Behaviour.SUDDEN, 1.2, False)

@@ -18,7 +18,7 @@ from waychair.simulation.plant.mujoco_model import MujocoSettings
 from waychair.simulation.plant.plant import PlantSettings, families
 
 
-def test_every_body_that_is_built_in_is_a_chair_and_a_is_the_default() -> None:
+def test_every_built_in_body_is_a_chair_and_a_is_the_default() -> None:
     assert list(CHAIRS) == list(BODIES)
     assert all(load_chair(name).body == body for name, body in BODIES.items())
     assert load_chair() == SimulatedChair() == CHAIRS["A"]
@@ -38,7 +38,7 @@ def test_a_chair_of_each_family_is_read_back_from_its_values(name: str, tmp_path
     assert load_chair(str(tmp_path / "chair.yml")) == chair
 
 
-def test_a_file_need_hold_only_what_differs_from_chair_a(tmp_path: Path) -> None:
+def test_a_file_needs_only_the_values_that_differ_from_chair_a(tmp_path: Path) -> None:
     path = tmp_path / "heavy.yaml"
     path.write_text("body: {chair_id: heavy}\nmujoco: {rider_mass: 120}\nplant: {family: {dial: 0.4}}\n")
     chair = load_chair(path)
@@ -48,7 +48,7 @@ def test_a_file_need_hold_only_what_differs_from_chair_a(tmp_path: Path) -> None
     assert dataclasses.replace(chair.plant, family=PlantSettings().family) == PlantSettings()
 
 
-def test_an_unknown_name_is_answered_with_those_that_there_are() -> None:
+def test_an_unknown_name_is_answered_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match=r"no chair 'C': take one of A, B, A_mid, A_front, robot, or a .yaml file"):
         load_chair("C")
 
@@ -67,14 +67,14 @@ def test_an_unknown_name_is_answered_with_those_that_there_are() -> None:
         ("body: {", "correct the YAML"),
     ],
 )
-def test_a_broken_file_is_refused_with_advice(text: str, advice: str, tmp_path: Path) -> None:
+def test_an_invalid_file_is_refused_with_advice(text: str, advice: str, tmp_path: Path) -> None:
     path = tmp_path / "broken.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError, match=advice):
         load_chair(path)
 
 
-def test_a_file_that_is_not_there_is_told(tmp_path: Path) -> None:
+def test_a_missing_file_is_reported(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"cannot read .*missing\.yaml"):
         load_chair(tmp_path / "missing.yaml")
 

@@ -22,12 +22,12 @@ class Motor:
         check_limits(self)
 
 
-def test_limits_are_those_of_the_types() -> None:
+def test_limits_are_read_from_the_types() -> None:
     assert limits_of(Motor) == {"torque": (0.01, 500.0), "poles": (2, 8)}
 
 
 @pytest.mark.parametrize("torque", [0.01, 500.0])
-def test_figures_at_the_limits_are_taken(torque: float) -> None:
+def test_figures_at_the_limits_are_accepted(torque: float) -> None:
     assert Motor(torque).torque == torque
 
 

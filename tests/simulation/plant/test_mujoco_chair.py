@@ -1,4 +1,4 @@
-"""The physical chair on an empty floor and against a wall: the figures that its parameter set was measured to give."""
+"""The physical chair on an empty floor and against a wall: the measured figures of its parameter set."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ NEUTRAL = (1.65, 1.65)
 
 
 class Drive:
-    """A chair, the odometry of its encoders every 20 ms, and how far it has truly turned [rad]."""
+    """A chair, the odometry of its encoders every 20 ms, and its true turn [rad]."""
 
     def __init__(
         self,
@@ -60,7 +60,7 @@ class Drive:
         self.odom = self._odometry.update_wheels(WheelTicks(0, *self.chair.ticks)).odom_from_base
 
     def hold(self, twist: Twist, seconds: float) -> bool:
-        """Holds the stick where a chair without mass would do this; whether no wall was touched."""
+        """Hold the stick at the place for this motion of a chair without mass; return whether no wall was touched."""
         volts = volts_from_twist(self.plant, self.body.track, twist)
         free = True
         for _ in range(round(seconds * 200)):
@@ -74,11 +74,11 @@ class Drive:
         return free
 
     def moved(self) -> Pose2:
-        """True pose seen from the start."""
+        """Return the true pose relative to the start."""
         return self.start.inverse() @ self.chair.pose
 
     def odometry_error(self) -> Pose2:
-        """Odometry seen from the truth."""
+        """Return the odometry relative to the truth."""
         return self.moved().inverse() @ self.odom
 
 
@@ -137,7 +137,7 @@ def test_odometry_of_a_five_metre_square_driven_twice_is_within_30_centimetres_a
     assert abs(math.degrees(error.theta)) < 5.0
 
 
-def test_wheels_droop_under_load_by_some_percent_and_more_with_weaker_motors() -> None:
+def test_wheels_slow_under_load_by_some_percent_and_more_with_weaker_motors() -> None:
     def reached(gain: float) -> float:
         drive = Drive(settings=MujocoSettings(motor_gain=gain))
         drive.hold(Twist(0.0, 0.6), 4.0)
@@ -175,7 +175,7 @@ def _walled(distance: float) -> World:
     return world_from_grid(OccupancyGrid(cells, 0.05, Pose2(-3.0, -3.0, 0.0)), Pose2())
 
 
-def test_a_wall_stops_the_chair_and_is_reported_and_its_motors_stall() -> None:
+def test_a_wall_stops_the_chair_and_stalls_its_motors_and_is_reported() -> None:
     drive = Drive(start=Pose2(), world=_walled(2.0))
     assert drive.hold(Twist(0.6, 0.0), 1.5)
     assert not drive.hold(Twist(0.6, 0.0), 4.0)
@@ -191,7 +191,7 @@ def test_a_wall_stops_the_chair_and_is_reported_and_its_motors_stall() -> None:
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_a_wall_beside_the_chair_is_met_where_its_outline_is(side: float) -> None:
+def test_a_wall_beside_the_chair_is_touched_at_the_outline(side: float) -> None:
     cells = np.zeros((60, 120), np.int8)
     row = 30 + round(side * 0.5 / 0.05) - (side < 0)
     cells[row] = 100
@@ -203,7 +203,7 @@ def test_a_wall_beside_the_chair_is_met_where_its_outline_is(side: float) -> Non
     assert max(side * y for y in outline_y) < 0.505
 
 
-def test_same_seed_gives_identical_motion_and_another_seed_another_ripple() -> None:
+def test_the_same_seed_gives_identical_motion_and_another_seed_another_ripple() -> None:
     def state(seed: int) -> bytes:
         drive = Drive(plant=PlantSettings(), seed=seed)
         drive.hold(Twist(0.5, 0.3), 2.0)
@@ -213,7 +213,7 @@ def test_same_seed_gives_identical_motion_and_another_seed_another_ripple() -> N
     assert state(3) != state(4)
 
 
-def test_both_plants_share_one_controller_and_differ_by_what_mass_does() -> None:
+def test_both_plants_share_one_controller_and_differ_by_the_effects_of_mass() -> None:
     drive = Drive(start=Pose2())
     bare = KinematicChair(CHAIR_A, EVEN, np.random.default_rng(0))
     volts = volts_from_twist(EVEN, CHAIR_A.track, Twist(0.6, 0.0))
@@ -230,7 +230,7 @@ def test_both_plants_share_one_controller_and_differ_by_what_mass_does() -> None
 
 
 @pytest.mark.parametrize("name", ["A", "B", "A_mid", "A_front"])
-def test_every_drive_goes_straight_at_the_same_volts_and_turns_in_place_upright(name: str) -> None:
+def test_every_drive_type_goes_straight_at_the_same_volts_and_turns_in_place_upright(name: str) -> None:
     chair = CHAIRS[name]
     straight = Drive(chair.body, settings=chair.mujoco)
     assert straight.hold(Twist(0.6, 0.0), 5.0)
@@ -245,7 +245,7 @@ def test_every_drive_goes_straight_at_the_same_volts_and_turns_in_place_upright(
         assert abs(drive.chair.pose3.translation[2]) < 0.003
 
 
-def test_the_small_robot_drives_and_turns_as_it_is_told() -> None:
+def test_the_small_robot_drives_and_turns_as_commanded() -> None:
     chair = CHAIRS["robot"]
     drive = Drive(chair.body, settings=chair.mujoco)
     assert drive.hold(Twist(0.2, 0.0), 5.0)
@@ -256,7 +256,7 @@ def test_the_small_robot_drives_and_turns_as_it_is_told() -> None:
 
 
 @pytest.mark.parametrize("name", ["A", "A_mid", "A_front"])
-def test_at_rest_the_imu_feels_gravity_along_the_true_vertical(name: str) -> None:
+def test_at_rest_the_imu_measures_gravity_along_the_true_vertical(name: str) -> None:
     drive = Drive(CHAIRS[name].body, settings=CHAIRS[name].mujoco)
     drive.hold(Twist(), 1.0)
     up = drive.chair.pose3.rotation[2]
@@ -264,7 +264,7 @@ def test_at_rest_the_imu_feels_gravity_along_the_true_vertical(name: str) -> Non
     assert drive.chair.angular_rate == pytest.approx(np.zeros(3), abs=1e-3)
 
 
-def test_the_imu_feels_what_the_chair_does() -> None:
+def test_the_imu_measures_the_motion_of_the_chair() -> None:
     drive, felt, turned = Drive(), [], []
     volts = volts_from_twist(EVEN, CHAIR_A.track, Twist(0.8, 0.5))
     before = drive.chair.twist
@@ -281,7 +281,7 @@ def test_the_imu_feels_what_the_chair_does() -> None:
     assert forces[:, 2].mean() == pytest.approx(GRAVITY, abs=0.05)
 
 
-def test_pose_and_pose_in_space_agree_and_the_base_stands_on_the_floor() -> None:
+def test_pose_and_3d_pose_agree_and_the_base_stands_on_the_floor() -> None:
     drive = Drive()
     drive.hold(Twist(0.5, 0.3), 3.0)
     pose = drive.chair.pose3
@@ -299,7 +299,7 @@ def test_pose_and_twist_are_of_the_same_instant() -> None:
     assert drive.moved().x == pytest.approx(way, abs=0.001)  # a time step is 5 mm
 
 
-def test_casters_that_swing_round_shove_the_chair_about_as_it_sets_off_backwards() -> None:
+def test_swinging_casters_push_the_chair_sideways_at_a_start_in_reverse() -> None:
     drive = Drive()
     drive.hold(Twist(0.5, 0.2), 2.0)
     drive.hold(Twist(), 1.5)
@@ -322,7 +322,7 @@ def test_locked_wheels_hold_the_chair_until_the_brake_opens() -> None:
     assert drive.moved().x > 0.5
 
 
-def test_motors_that_fade_slow_the_chair_by_as_much() -> None:
+def test_fading_motors_slow_the_chair_by_their_share() -> None:
     fading = PlantFamily(thermal_fade=0.5, thermal_from=0.0, thermal_full=0.01, thermal_s=1.0)
     tired = Drive(plant=dataclasses.replace(EVEN, family=fading))
     fresh = Drive()
@@ -331,12 +331,12 @@ def test_motors_that_fade_slow_the_chair_by_as_much() -> None:
     assert 0.5 * fresh.chair.twist.v < tired.chair.twist.v < 0.95 * fresh.chair.twist.v
 
 
-def test_a_plant_step_that_is_not_whole_time_steps_is_refused() -> None:
+def test_a_plant_step_other_than_whole_time_steps_is_refused() -> None:
     with pytest.raises(ConfigError, match="timestep_ms = 3 is impossible"):
         Drive(settings=MujocoSettings(timestep_ms=3.0))
 
 
-def test_physics_that_runs_away_is_told_and_not_begun_anew_in_silence(
+def test_diverging_physics_is_reported_and_not_silently_restarted(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its own log of warnings where it runs
@@ -347,7 +347,7 @@ def test_physics_that_runs_away_is_told_and_not_begun_anew_in_silence(
         drive.chair.step(*NEUTRAL)
 
 
-def test_without_mujoco_the_chair_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_mujoco_the_error_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(MissingExtra, match=r"pip install waychair\[sim\]"):
         Drive()

@@ -1,4 +1,4 @@
-"""The physical model as text: the ground as it is planned, and a chair of the stated masses and sizes."""
+"""The physical model as text: the ground of the plan, and a chair of the stated masses and sizes."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def _model(world: World, body: ChairBody = CHAIR_A, settings: MujocoSettings | N
 
 
 def _height(model: Any, data: Any, x: float, y: float) -> float:
-    """Height [m] of the ground at (x, y), looked for with a ray from above the blocks."""
+    """Height [m] of the ground at (x, y), found with a ray from above the blocks."""
     geom = np.zeros(1, np.int32)
     down = mujoco.mj_ray(model, data, [x, y, 3.0], [0.0, 0.0, -1.0], None, 1, model.body("chair").id, geom)
     return 3.0 - float(down)
@@ -51,7 +51,7 @@ def _height(model: Any, data: Any, x: float, y: float) -> float:
     width=st.floats(0.05, 1.0),
     low=st.floats(0.0, 0.8),
 )
-def test_a_block_is_a_box_exactly_where_it_is_planned(
+def test_a_block_is_a_box_exactly_at_its_planned_place(
     x: float, y: float, theta: float, length: float, width: float, low: float
 ) -> None:
     block = Block(Pose2(x, y, theta), length, width, low, 2.7)
@@ -62,7 +62,7 @@ def test_a_block_is_a_box_exactly_where_it_is_planned(
     assert data.geom_xmat[wall][[0, 3]] == pytest.approx([math.cos(theta), math.sin(theta)])
 
 
-def test_a_wall_is_where_its_cells_are_on_a_grid_that_is_turned() -> None:
+def test_a_wall_is_at_its_cells_on_a_rotated_grid() -> None:
     cells = np.zeros((20, 30), np.int8)
     cells[4:6, 10:20] = 100
     grid = OccupancyGrid(cells, 0.1, Pose2(3.0, -2.0, 0.5))
@@ -84,19 +84,19 @@ def test_the_clinic_has_as_many_boxes_as_blocks_that_the_chair_can_reach() -> No
 
 
 @pytest.mark.parametrize(("low", "high", "kept"), [(0.89, 1.0, True), (0.9, 1.0, False), (2.05, 2.7, False)])
-def test_what_hangs_above_the_chair_is_left_out(low: float, high: float, kept: bool) -> None:
+def test_blocks_above_the_chair_are_left_out(low: float, high: float, kept: bool) -> None:
     model, _ = _model(World("one", GRID, Pose2(), blocks=(Block(Pose2(2.0, 2.0), 1.0, 1.0, low, high),)))
     assert (model.geom_conaffinity == WALL).any() == kept
 
 
 @pytest.mark.parametrize(("high", "bit"), [(0.02, FLOOR), (0.10, FLOOR), (0.11, WALL), (-0.2, FLOOR)])
-def test_steps_are_for_wheels_and_all_higher_is_a_wall(high: float, bit: int) -> None:
+def test_steps_touch_the_wheels_only_and_higher_blocks_are_walls(high: float, bit: int) -> None:
     model, _ = _model(World("one", GRID, Pose2(), blocks=(Block(Pose2(2.0, 2.0), 1.0, 1.0, -1.0, high),)))
     boxes = np.flatnonzero((model.geom_type == mujoco.mjtGeom.mjGEOM_BOX) & (model.geom_bodyid == 0))
     assert model.geom_conaffinity[boxes].tolist() == [bit]
 
 
-def test_what_a_ramp_leads_up_to_is_ground_to_drive_on() -> None:
+def test_the_landing_of_a_ramp_is_ground() -> None:
     ramp, landing = Slope(Pose2(2.0, 2.0), 3.0, 1.0, 0.0, 0.25), Block(Pose2(4.0, 2.0), 1.0, 1.0, 0.0, 0.25)
     model, data = _model(World("one", GRID, Pose2(), blocks=(landing,), slopes=(ramp,)))
     assert not (model.geom_conaffinity == WALL).any()
@@ -112,7 +112,7 @@ def test_a_slope_rises_evenly_from_its_low_to_its_high_end(theta: float, along: 
 
 
 @pytest.mark.parametrize("theta", [0.0, 0.4, math.pi / 2, -2.0])
-def test_the_floor_is_missing_over_pits_and_nowhere_else(theta: float) -> None:
+def test_the_floor_is_missing_over_pits_only(theta: float) -> None:
     turn = Pose2(5.0, 5.0, theta)
     pits = (
         Pit(turn @ Pose2(-1.0, 0.0, 0.0), 1.5, 0.8, 1.2),
@@ -144,7 +144,7 @@ def test_the_chair_weighs_149_kg(body: ChairBody) -> None:
 
 
 @pytest.mark.parametrize("name", CHAIRS)
-def test_nothing_of_a_chair_sticks_out_of_its_outline_and_its_drive_wheels_are_under_its_base(name: str) -> None:
+def test_all_parts_of_a_chair_are_within_its_outline_and_its_drive_wheels_under_its_base(name: str) -> None:
     body = CHAIRS[name].body
     model, data = _model(NO_WALLS, body, CHAIRS[name].mujoco)
     rider = (model.geom_type == mujoco.mjtGeom.mjGEOM_ELLIPSOID) & (model.geom_bodyid == model.body("chair").id)
@@ -159,7 +159,7 @@ def test_nothing_of_a_chair_sticks_out_of_its_outline_and_its_drive_wheels_are_u
 
 
 @pytest.mark.parametrize(("name", "ahead", "behind"), [("A", 2, 0), ("A_mid", 2, 2), ("A_front", 0, 2)])
-def test_casters_stand_where_the_drive_wheels_are_not(name: str, ahead: int, behind: int) -> None:
+def test_casters_are_clear_of_the_drive_wheels(name: str, ahead: int, behind: int) -> None:
     model, data = _model(NO_WALLS, CHAIRS[name].body, CHAIRS[name].mujoco)
     swivels = [
         j for j in range(model.njnt) if model.jnt_type[j] == mujoco.mjtJoint.mjJNT_HINGE and model.jnt_axis[j, 2]
@@ -170,7 +170,7 @@ def test_casters_stand_where_the_drive_wheels_are_not(name: str, ahead: int, beh
     assert (np.abs(xs) - radius - trail > CHAIRS[name].body.wheel_radius).all()  # they swing clear of the drive wheels
 
 
-def test_true_radii_and_track_of_the_plant_shape_the_wheels_which_all_stand_on_the_floor() -> None:
+def test_the_wheels_have_the_true_radii_and_track_of_the_plant_and_stand_on_the_floor() -> None:
     plant = PlantSettings(left_wheel_scale=1.01, right_wheel_scale=0.99, track_scale=1.02)
     root = ElementTree.fromstring(mjcf(NO_WALLS, CHAIR_A, plant, MujocoSettings(), Pose2()))
     for side, scale in (("left", 1.01), ("right", 0.99)):

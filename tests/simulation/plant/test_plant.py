@@ -54,12 +54,12 @@ def test_calibrated_counts_reach_the_commanded_wheel_speeds(left: float, right: 
     assert twist.v + half == pytest.approx(right, abs=0.015)
 
 
-def test_the_printed_equations_alone_do_not_move_the_chair_at_a_crawl() -> None:
+def test_the_published_equations_alone_do_not_move_the_chair_at_a_crawl() -> None:
     volts = volts_from_counts(PAPER, *counts_from_wheel_speeds(PAPER, WheelSpeeds(0.1, 0.1)))
     assert _settled(QUIET, *volts) == Twist(0.0, 0.0)
 
 
-def test_the_gains_are_those_of_the_printed_equations() -> None:
+def test_the_gains_are_those_of_the_published_equations() -> None:
     count = 3.3 / 255
     inverse = np.linalg.inv(np.array([[28.2122, 30.1732], [57.0194, -58.6717]]))
     forward, turn = inverse[:, 0] / count, inverse[:, 1] / count
@@ -69,7 +69,7 @@ def test_the_gains_are_those_of_the_printed_equations() -> None:
     assert NOMINAL.turn_gain * (1 - NOMINAL.turn_skew) / 2 == pytest.approx(-turn[1], rel=1e-4)
 
 
-def test_chair_at_rest_with_neutral_volts_does_not_creep() -> None:
+def test_a_chair_at_rest_with_neutral_volts_does_not_creep() -> None:
     chair = _chair(NOMINAL)
     for _ in range(1000):
         chair.step(1.65, 1.65, _free)
@@ -78,7 +78,7 @@ def test_chair_at_rest_with_neutral_volts_does_not_creep() -> None:
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_the_dead_band_ends_where_it_says(sign: float) -> None:
+def test_the_dead_band_ends_at_its_limits(sign: float) -> None:
     inside, outside = NOMINAL.forward_dead_band - 1e-4, NOMINAL.forward_dead_band + 1e-2
     assert _settled(QUIET, 1.65 + sign * inside, 1.65).v == 0.0
     assert sign * _settled(QUIET, 1.65 + sign * outside, 1.65).v > 0.01
@@ -86,7 +86,7 @@ def test_the_dead_band_ends_where_it_says(sign: float) -> None:
     assert sign * _settled(QUIET, 1.65, 1.65 + sign * outside).omega < -0.01
 
 
-def test_beyond_the_swing_nothing_gets_faster() -> None:
+def test_beyond_the_swing_the_speed_does_not_rise() -> None:
     full = _settled(QUIET, 1.65 + QUIET.swing_volts, 1.65).v
     assert _settled(QUIET, 3.3, 1.65).v == pytest.approx(full, abs=1e-9)
     assert _settled(QUIET, 1.65 + QUIET.swing_volts - 0.1, 1.65).v < full - 0.1
@@ -103,13 +103,13 @@ def test_a_joystick_beyond_its_range_is_held_at_its_end(stick: float) -> None:
     assert volts_from_joystick(QUIET, stick, stick) == volts_from_joystick(QUIET, end, end)
 
 
-def test_volts_of_a_twist_hold_it_on_a_chair_without_skew() -> None:
+def test_the_volts_of_a_twist_give_that_twist_on_a_chair_without_skew() -> None:
     settings = dataclasses.replace(QUIET, forward_skew=0.0, turn_skew=0.0)
     twist = _settled(settings, *volts_from_twist(settings, CHAIR_A.track, Twist(0.5, -0.4)))
     assert (twist.v, twist.omega) == pytest.approx((0.5, -0.4), abs=1e-6)
 
 
-def test_nothing_happens_before_the_delay_and_then_no_more_than_the_ramp_allows() -> None:
+def test_before_the_delay_nothing_moves_and_then_no_faster_than_the_ramp() -> None:
     chair = _chair()
     speeds = [0.0]
     for _ in range(400):
@@ -126,11 +126,11 @@ def test_nothing_happens_before_the_delay_and_then_no_more_than_the_ramp_allows(
     assert speeds[-1] == pytest.approx(0.0, abs=1e-4)
 
 
-def test_motors_that_differ_pull_a_straight_command_off_its_line() -> None:
+def test_unequal_motors_pull_a_straight_command_off_its_line() -> None:
     assert _settled(QUIET, 2.2, 1.65).omega < -0.01
 
 
-def test_a_quarter_circle_is_an_exact_arc_however_it_is_cut() -> None:
+def test_a_quarter_circle_is_an_exact_arc_for_any_time_steps() -> None:
     twist = Twist(1.0, 1.0)
     whole = moved(Pose2(), twist, math.pi / 2)
     assert (whole.x, whole.y, whole.theta) == pytest.approx((1.0, 1.0, math.pi / 2))
@@ -140,7 +140,7 @@ def test_a_quarter_circle_is_an_exact_arc_however_it_is_cut() -> None:
     assert (pose.x, pose.y, pose.theta) == pytest.approx((1.0, 1.0, math.pi / 2))
 
 
-def test_ticks_measure_the_way_of_each_wheel() -> None:
+def test_ticks_measure_the_distance_of_each_wheel() -> None:
     chair = _chair()
     for _ in range(1000):
         chair.step(2.2, 1.75, _free)
@@ -161,7 +161,7 @@ def test_ticks_wrap_as_signed_32_bit_numbers() -> None:
     assert steps.min() >= 0
 
 
-def test_a_blocked_chair_stays_where_it_was_and_its_wheels_stall() -> None:
+def test_a_blocked_chair_stays_in_place_and_its_wheels_stall() -> None:
     chair = _chair()
     for _ in range(200):
         chair.step(2.2, 1.65, _free)
@@ -196,7 +196,7 @@ def test_randomised_chairs_differ_within_the_stated_ranges() -> None:
     assert 0.008 < max(neutrals) <= 0.010
 
 
-def test_no_randomised_chair_has_two_equal_tyres_and_either_may_be_the_larger() -> None:
+def test_no_randomised_chair_has_equal_tyres_and_either_may_be_larger() -> None:
     chairs = [randomised(NOMINAL, seed) for seed in range(100)]
     differences = [chair.left_wheel_scale / chair.right_wheel_scale - 1.0 for chair in chairs]
     assert 0.0009 < min(map(abs, differences)) <= max(map(abs, differences)) < 0.0015
@@ -204,7 +204,7 @@ def test_no_randomised_chair_has_two_equal_tyres_and_either_may_be_the_larger() 
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.nightly)])
-def test_odometry_of_a_loop_of_200_m_goes_astray_by_metres_on_every_chair(seed: int) -> None:
+def test_odometry_of_a_loop_of_200_m_drifts_by_metres_on_every_chair(seed: int) -> None:
     chair, odometry = _chair(randomised(NOMINAL, seed), seed), OdometryFilter(CHAIR_A)
     believed = odometry.update_wheels(WheelTicks(0, *chair.ticks)).odom_from_base
     follower = Follower(np.array([[25.0, 0.0], [25.0, 25.0], [0.0, 25.0], [0.0, 0.0]] * 2), CHAIR_A.track, NOMINAL)
@@ -218,7 +218,7 @@ def test_odometry_of_a_loop_of_200_m_goes_astray_by_metres_on_every_chair(seed: 
     assert 1.0 < math.dist((believed.x, believed.y), (chair.pose.x, chair.pose.y)) < 15.0
 
 
-def test_at_rest_the_imu_feels_gravity_upwards_and_nothing_else() -> None:
+def test_at_rest_the_imu_measures_gravity_upwards_and_nothing_else() -> None:
     chair = _chair()
     chair.step(1.65, 1.65, _free)
     assert chair.specific_force.tolist() == [0.0, 0.0, GRAVITY]
@@ -226,7 +226,7 @@ def test_at_rest_the_imu_feels_gravity_upwards_and_nothing_else() -> None:
 
 
 @pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (0.4, -0.2), (-0.3, 0.25)])
-def test_the_imu_feels_what_the_way_of_its_mount_through_the_map_tells(x: float, y: float) -> None:
+def test_the_imu_measures_the_motion_of_its_mount_through_the_map(x: float, y: float) -> None:
     body = dataclasses.replace(CHAIR_A, imu_x=x, imu_y=y)
     chair = KinematicChair(body, dataclasses.replace(QUIET, step_ms=1), np.random.default_rng(0), Pose2(1.0, 2.0, 0.5))
     poses, forces, rates = [], [], []
@@ -245,14 +245,14 @@ def test_the_imu_feels_what_the_way_of_its_mount_through_the_map_tells(x: float,
     assert np.ptp(np.array(forces)[:, 1]) > 0.3
 
 
-def test_its_pose_in_space_lies_flat_on_the_floor() -> None:
+def test_the_3d_pose_lies_flat_on_the_floor() -> None:
     chair = KinematicChair(CHAIR_A, QUIET, np.random.default_rng(0), Pose2(1.0, 2.0, 0.5))
     assert chair.pose3.planar().array() == pytest.approx(chair.pose.array())
     assert chair.pose3.translation.tolist() == [1.0, 2.0, 0.0]
     assert chair.upright
 
 
-def test_families_are_eight_chairs_that_differ_from_the_nominal_one_by_their_family_alone() -> None:
+def test_the_eight_families_differ_from_the_nominal_chair_by_their_family_only() -> None:
     named = families(QUIET)
     assert len(named) == 8
     for settings in named.values():
@@ -260,7 +260,7 @@ def test_families_are_eight_chairs_that_differ_from_the_nominal_one_by_their_fam
         assert dataclasses.replace(settings, family=QUIET.family) == QUIET
 
 
-def test_what_is_drawn_at_the_edge_of_what_is_possible_stays_possible() -> None:
+def test_random_values_at_the_limits_stay_possible() -> None:
     edge = dataclasses.replace(NOMINAL, forward_dead_band=0.5, delay_s=0.5, lag_s=1.0)
     drawn = [randomised(edge, seed) for seed in range(20)]
     assert max(chair.forward_dead_band for chair in drawn) == 0.5

@@ -1,4 +1,4 @@
-"""Effects of controllers beyond gains and ramps, as the rider of a kinematic chair notices them."""
+"""Effects of controllers beyond gains and ramps, on the motion of a kinematic chair."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _of(family: PlantFamily) -> PlantSettings:
 
 
 def _speeds(family: PlantFamily, forward_volts: float, turn_volts: float, steps: int = 1000) -> WheelSpeeds:
-    """Rim speeds after so many steps without load."""
+    """Return rim speeds after this number of steps without load."""
     controller = MotorController(CHAIR_A.track, _of(family))
     for _ in range(steps):
         wheels = controller.step(forward_volts, turn_volts)
@@ -63,7 +63,7 @@ def _difference(wheels: WheelSpeeds) -> float:
 
 
 @given(deflection=DEFLECTIONS, curve=SHARES)
-def test_the_s_curve_is_odd_stays_within_the_stick_and_keeps_its_ends(deflection: float, curve: float) -> None:
+def test_the_s_curve_is_odd_and_stays_within_the_stick_and_keeps_its_ends(deflection: float, curve: float) -> None:
     answer = stick_response(deflection, curve)
     assert answer == -stick_response(-deflection, curve)
     assert abs(answer) <= 1.0 + 1e-12
@@ -78,14 +78,14 @@ def test_the_s_curve_never_falls(low: float, high: float, curve: float) -> None:
     assert stick_response(low, curve) <= stick_response(high, curve) + 1e-12
 
 
-def test_an_s_curve_chair_is_calmer_near_the_middle_and_as_fast_at_the_end() -> None:
+def test_an_s_curve_chair_is_slower_near_the_middle_and_as_fast_at_the_end() -> None:
     straight, curved = PlantFamily(), FAMILIES["s_curve"]
     assert _forward(_speeds(curved, 1.65 + 0.3, 1.65)) < 0.7 * _forward(_speeds(straight, 1.65 + 0.3, 1.65))
     assert _forward(_speeds(curved, 1.65 + 1.2, 1.65)) == pytest.approx(_forward(_speeds(straight, 1.65 + 1.2, 1.65)))
 
 
 @given(forward=DEFLECTIONS, turn=DEFLECTIONS)
-def test_speed_and_turn_cut_each_other_and_neither_changes_its_sign(forward: float, turn: float) -> None:
+def test_speed_and_turn_reduce_each_other_and_neither_changes_its_sign(forward: float, turn: float) -> None:
     cut_forward, cut_turn = cut_speed_and_turn(forward, turn, FAMILIES["turn_cut"])
     assert abs(cut_forward) <= abs(forward)
     assert abs(cut_turn) <= abs(turn)
@@ -118,7 +118,7 @@ def test_a_drive_profile_softens_the_ramps_too() -> None:
 
 
 @given(load=SHARES, more=SHARES, charge=SHARES)
-def test_voltage_falls_with_load_and_with_charge_and_is_never_more_than_full(
+def test_voltage_falls_with_load_and_discharge_and_never_exceeds_that_of_a_full_battery(
     load: float, more: float, charge: float
 ) -> None:
     sag = dataclasses.replace(FAMILIES["sag"], charge=charge)
@@ -128,7 +128,7 @@ def test_voltage_falls_with_load_and_with_charge_and_is_never_more_than_full(
     assert voltage(load, PlantFamily(charge=charge)) == 1.0
 
 
-def test_a_tired_battery_makes_a_slower_chair_and_load_a_slower_one_yet() -> None:
+def test_an_old_battery_makes_the_chair_slower_and_load_slower_still() -> None:
     tired = FAMILIES["sag"]
     fast, slow = _forward(_speeds(PlantFamily(), 2.5, 1.65)), _forward(_speeds(tired, 2.5, 1.65))
     assert slow == pytest.approx((1.0 - 0.12 * 0.7) * fast, rel=1e-3)
@@ -148,7 +148,7 @@ def test_nothing_moves_until_the_parking_brake_has_opened(release_s: float, volt
     assert wheels[opens] != WheelSpeeds()
 
 
-def test_the_brake_shuts_only_at_rest_and_after_its_time_and_a_tap_on_the_stick_does_not_open_it() -> None:
+def test_the_brake_closes_only_at_rest_after_its_time_and_a_tap_on_the_stick_does_not_open_it() -> None:
     controller = MotorController(CHAIR_A.track, _of(FAMILIES["brake_release"]))
     for _ in range(20):
         controller.step(2.2, 1.65)
@@ -185,7 +185,7 @@ def test_a_chair_without_a_brake_starts_at_once() -> None:
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
-def test_casters_yaw_the_chair_once_as_it_sets_off_backwards_and_to_the_side_it_turned_last(side: float) -> None:
+def test_casters_yaw_the_chair_once_at_a_start_in_reverse_and_to_the_side_of_the_last_turn(side: float) -> None:
     casters = Casters(PlantFamily(caster_flip=0.2))
     casters.step(0.5, side, 0.01)
     assert sum(0.01 * casters.step(0.5, 0.0, 0.01) for _ in range(300)) == 0.0
@@ -201,13 +201,13 @@ def test_a_swing_of_the_casters_yaws_by_the_same_angle_at_any_speed_and_step(ste
     assert sum(step * casters.step(-speed, 0.0, step) for _ in range(steps)) == pytest.approx(0.12)
 
 
-def test_a_caster_that_has_swung_half_way_stands_across() -> None:
+def test_a_caster_in_the_middle_of_its_swing_stands_across() -> None:
     casters, step = Casters(PlantFamily(caster_flip=0.12)), CASTER_TRAIL / 50
     half = sum(step * casters.step(-1.0, 0.0, step) for _ in range(185))  # 3.7 trails of distance
     assert half == pytest.approx(0.06, rel=1e-6)
 
 
-def test_a_chair_with_such_casters_sets_off_backwards_askew_and_its_encoders_see_it() -> None:
+def test_a_chair_with_such_casters_starts_in_reverse_at_an_angle_and_its_encoders_measure_it() -> None:
     def yaw(family: PlantFamily) -> tuple[float, float]:
         chair = KinematicChair(CHAIR_A, _of(family), np.random.default_rng(0))
         for _ in range(600):
@@ -221,7 +221,7 @@ def test_a_chair_with_such_casters_sets_off_backwards_askew_and_its_encoders_see
     assert seen == pytest.approx(true, abs=2e-3)
 
 
-def test_sustained_load_fades_the_power_and_rest_gives_it_back() -> None:
+def test_sustained_load_reduces_the_power_and_rest_restores_it() -> None:
     fading = PlantFamily(thermal_fade=0.4, thermal_from=0.1, thermal_full=0.5, thermal_s=10.0)
     heat = Heat(fading, 0.01)
     work = [heat.step(1.0) for _ in range(6000)]
@@ -234,7 +234,7 @@ def test_sustained_load_fades_the_power_and_rest_gives_it_back() -> None:
     assert [heat.step(0.0) for _ in range(6000)][-1] == 1.0
 
 
-def test_light_work_for_ever_costs_nothing() -> None:
+def test_continuous_light_load_costs_no_power() -> None:
     heat = Heat(PlantFamily(thermal_fade=0.4, thermal_from=0.1, thermal_full=0.5, thermal_s=1.0), 0.01)
     assert min(heat.step(0.3) for _ in range(3000)) == 1.0
 
@@ -250,7 +250,7 @@ def test_a_kinematic_chair_that_fades_is_slower_after_five_minutes_at_full_speed
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-def test_every_family_moves_the_chair_otherwise_than_the_nominal_one(name: str) -> None:
+def test_every_family_moves_the_chair_differently_from_the_nominal_one(name: str) -> None:
     def way(settings: PlantSettings) -> Pose2:
         chair = KinematicChair(CHAIR_A, settings, np.random.default_rng(0))
         for volts in ((1.0, 1.65), (2.4, 1.2), (2.85, 1.65)):

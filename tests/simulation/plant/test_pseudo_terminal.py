@@ -1,4 +1,4 @@
-"""The cable: binary-clean both ways, bounded, and unharmed by programs that vanish and come back."""
+"""The cable: binary-clean in both directions, bounded, and robust against programs that vanish and return."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def received(cable: PseudoTerminal, count: int) -> bytes:
     return data
 
 
-def test_all_byte_values_pass_unchanged_both_ways(cable: PseudoTerminal) -> None:
+def test_all_byte_values_pass_unchanged_in_both_directions(cable: PseudoTerminal) -> None:
     port = opened(cable)
     try:
         assert cable.write(ALL_BYTES) == 256
@@ -53,7 +53,7 @@ def test_all_byte_values_pass_unchanged_both_ways(cable: PseudoTerminal) -> None
         os.close(port)
 
 
-def test_a_megabyte_passes_each_way_at_once(cable: PseudoTerminal) -> None:
+def test_a_megabyte_passes_in_both_directions_at_once(cable: PseudoTerminal) -> None:
     down, up = (np.random.default_rng(k).bytes(1 << 20) for k in (1, 2))
     port = opened(cable)
     read: list[bytes] = []
@@ -78,7 +78,7 @@ def _write_all(port: int, data: bytes) -> None:
         sent += os.write(port, data[sent : sent + 4096])
 
 
-def test_a_reader_that_lags_is_refused_more_and_loses_nothing_it_was_promised(cable: PseudoTerminal) -> None:
+def test_a_slow_reader_is_refused_more_bytes_and_loses_no_accepted_ones(cable: PseudoTerminal) -> None:
     port = opened(cable)
     data = np.random.default_rng(3).bytes(1 << 18)
     taken = 0
@@ -96,7 +96,7 @@ def test_a_reader_that_lags_is_refused_more_and_loses_nothing_it_was_promised(ca
     assert cable.write(b"again") == 5
 
 
-def test_a_peer_that_vanishes_is_seen_and_what_it_sent_can_still_be_read(cable: PseudoTerminal) -> None:
+def test_a_vanished_peer_is_noticed_and_its_bytes_can_still_be_read(cable: PseudoTerminal) -> None:
     assert not cable.connected
     port = opened(cable)
     assert cable.connected
@@ -108,7 +108,7 @@ def test_a_peer_that_vanishes_is_seen_and_what_it_sent_can_still_be_read(cable: 
     assert cable.write(b"to nobody") == 9
 
 
-def test_a_peer_that_comes_back_finds_a_raw_line_without_what_was_sent_in_between(cable: PseudoTerminal) -> None:
+def test_a_returning_peer_finds_a_raw_line_without_the_bytes_sent_in_between(cable: PseudoTerminal) -> None:
     port = opened(cable)
     cable.write(b"unread")
     os.close(port)
@@ -123,7 +123,7 @@ def test_a_peer_that_comes_back_finds_a_raw_line_without_what_was_sent_in_betwee
         os.close(port)
 
 
-def test_wait_ends_at_its_time_with_and_without_a_peer(cable: PseudoTerminal) -> None:
+def test_wait_ends_after_its_time_with_and_without_a_peer(cable: PseudoTerminal) -> None:
     for connected in (False, True):
         port = opened(cable) if connected else None
         began = time.monotonic()
@@ -133,7 +133,7 @@ def test_wait_ends_at_its_time_with_and_without_a_peer(cable: PseudoTerminal) ->
             os.close(port)
 
 
-def test_wait_sees_a_peer_that_comes_late(cable: PseudoTerminal) -> None:
+def test_wait_notices_a_late_peer(cable: PseudoTerminal) -> None:
     def late() -> None:
         time.sleep(0.03)
         port = opened(cable)
@@ -145,7 +145,7 @@ def test_wait_sees_a_peer_that_comes_late(cable: PseudoTerminal) -> None:
     assert cable.read() == b"here"
 
 
-def test_a_link_gives_the_far_end_a_name_and_goes_with_it(tmp_path: Path) -> None:
+def test_a_link_names_the_far_end_and_is_removed_with_it(tmp_path: Path) -> None:
     link = tmp_path / "run" / "chair"
     for _ in range(2):
         with PseudoTerminal(link) as cable:
@@ -155,10 +155,10 @@ def test_a_link_gives_the_far_end_a_name_and_goes_with_it(tmp_path: Path) -> Non
             assert os.read(port, 1) == b"x"
             os.close(port)
         assert not link.is_symlink()
-        cable.close()  # once more does no harm
+        cable.close()  # a second call has no effect
 
 
-def test_a_link_whose_device_is_gone_is_replaced_and_anything_else_is_kept(tmp_path: Path) -> None:
+def test_a_link_to_a_vanished_device_is_replaced_and_any_other_file_is_kept(tmp_path: Path) -> None:
     (tmp_path / "stale").symlink_to("/dev/pts/gone")
     with PseudoTerminal(tmp_path / "stale") as cable:
         assert cable.path.exists()
@@ -170,7 +170,7 @@ def test_a_link_whose_device_is_gone_is_replaced_and_anything_else_is_kept(tmp_p
         PseudoTerminal(tmp_path / "mine" / "chair")
 
 
-def test_a_link_that_another_run_has_taken_over_is_left_to_it(tmp_path: Path) -> None:
+def test_a_link_taken_over_by_another_run_is_kept(tmp_path: Path) -> None:
     link = tmp_path / "chair"
     first = PseudoTerminal(link)
     link.unlink()

@@ -1,4 +1,4 @@
-"""Bins: no box is lost from the bins that it reaches into."""
+"""Bins: a box is in every bin that it reaches into."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def _boxes(rng: np.random.Generator, count: int) -> FloatArray:
 
 
 def _held(bins: Bins, x: float, y: float) -> set[int]:
-    """Numbers of the boxes in the bin about a point, none outside."""
+    """Return the numbers of the boxes in the bin of a point, none outside."""
     col, row = math.floor((x - bins.x) / bins.side), math.floor((y - bins.y) / bins.side)
     if not (0 <= col < bins.cols and 0 <= row < bins.rows):
         return set()
@@ -40,7 +40,7 @@ def test_every_point_of_a_box_lies_in_a_bin_that_holds_the_box(seed: int, count:
 
 @settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1))
-def test_a_bin_holds_no_box_that_is_farther_than_a_bin_away(seed: int) -> None:
+def test_a_bin_holds_no_box_farther_than_one_bin_away(seed: int) -> None:
     boxes = _boxes(np.random.default_rng(seed), 30)
     bins = bins_from_boxes(boxes)
     for row in range(bins.rows):
@@ -61,6 +61,6 @@ def test_bins_are_a_few_for_every_box_and_never_tiny() -> None:
     assert far_apart.rows * far_apart.cols < 2000
 
 
-def test_segments_become_boxes_of_no_width() -> None:
+def test_segments_become_boxes_of_zero_width() -> None:
     boxes = boxes_from_segments(np.array([[1.0, 1.0, 4.0, 5.0]]))
     np.testing.assert_allclose(boxes, [[2.5, 3.0, 0.6, 0.8, 2.5, 0.0]])

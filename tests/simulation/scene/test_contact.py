@@ -107,7 +107,7 @@ def _edges(polygon: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
 
 @settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
-def test_among_many_blocks_the_answers_are_those_of_looking_at_each(seed: int) -> None:
+def test_among_many_blocks_the_answers_equal_those_of_a_full_search(seed: int) -> None:
     rng = np.random.default_rng(seed)
     blocks = [
         _block(*rng.uniform((0, 0, -math.pi, 0.05, 0.05), (30, 20, math.pi, 3.0, 0.5)).tolist()) for _ in range(200)
@@ -120,17 +120,17 @@ def test_among_many_blocks_the_answers_are_those_of_looking_at_each(seed: int) -
         assert clearance(all_of_them, CHAIR_A, pose) == min(clearance(one, CHAIR_A, pose) for one in each)
 
 
-def test_a_block_wholly_under_the_chair_is_contact() -> None:
+def test_a_block_completely_under_the_chair_is_a_contact() -> None:
     assert in_contact(solid_from_blocks([_block(2.0, 2.0)]), CHAIR_A, Pose2(1.9, 2.0, 0.3))
 
 
-def test_a_bar_across_the_chair_with_no_corner_of_either_in_the_other_is_contact() -> None:
+def test_a_bar_across_the_chair_is_a_contact_even_without_a_corner_inside_the_other() -> None:
     bar = solid_from_blocks([_block(0.25, 0.0, math.pi / 2, length=3.0)])
     assert in_contact(bar, CHAIR_A, Pose2())
     assert clearance(bar, CHAIR_A, Pose2()) == 0.0
 
 
-def test_contact_begins_at_the_front_and_not_at_the_origin() -> None:
+def test_contact_starts_at_the_front_and_not_at_the_origin() -> None:
     solid = solid_from_blocks([_block(3.05, 2.0)])
     touching = 3.0 - CHAIR_A.front
     assert not in_contact(solid, CHAIR_A, Pose2(touching - 1e-6, 2.0, 0.0))
@@ -138,7 +138,7 @@ def test_contact_begins_at_the_front_and_not_at_the_origin() -> None:
     assert clearance(solid, CHAIR_A, Pose2(touching - 0.3, 2.0, 0.0)) == pytest.approx(0.3)
 
 
-def test_a_wall_that_stands_askew_is_met_at_its_face_to_the_micrometre() -> None:
+def test_an_oblique_wall_is_touched_at_its_face_to_the_micrometre() -> None:
     wall = solid_from_blocks([_block(0.0, 0.0, 0.7, length=6.0, width=0.2)])
     for gap in (1e-6, 0.01, 0.4):
         square_on = Pose2(0.0, 0.0, 0.7) @ Pose2(0.0, -0.1 - gap - CHAIR_A.front, math.pi / 2)
@@ -173,7 +173,7 @@ def test_a_pit_is_solid() -> None:
     assert clearance(solid, CHAIR_A, Pose2()) == pytest.approx(1.5 - CHAIR_A.front)
 
 
-def test_without_blocks_nothing_is_touched_anywhere() -> None:
+def test_without_blocks_there_is_no_contact() -> None:
     nothing = solid_from_blocks([])
     for pose in (Pose2(), Pose2(2.0, 2.0, 0.0), Pose2(-50.0, 9.0, 1.0)):
         assert not in_contact(nothing, CHAIR_A, pose)
@@ -181,7 +181,7 @@ def test_without_blocks_nothing_is_touched_anywhere() -> None:
         assert np.isnan(nearest_point(nothing, CHAIR_A, pose)).all()
 
 
-def test_the_nearest_point_is_on_what_is_about_to_be_touched() -> None:
+def test_the_nearest_point_is_on_the_block_about_to_be_touched() -> None:
     wall: SolidBoxes = solid_from_blocks([_block(2.0, 0.3, length=0.2, width=4.0)])
     x, y = nearest_point(wall, CHAIR_A, Pose2(1.0, 0.0, 0.0))
     assert x == pytest.approx(1.9)
@@ -203,6 +203,6 @@ def test_distance_to_a_person_equals_plain_polygon_geometry(x: float, y: float, 
     )
 
 
-def test_the_nearest_of_several_people_counts_and_nobody_is_infinitely_far() -> None:
+def test_the_nearest_of_several_people_counts_and_without_people_the_distance_is_infinite() -> None:
     assert person_distance(CHAIR_A, Pose2(), [_person(5.0, 0.0), _person(2.0, 0.0)]) == pytest.approx(1.0)
     assert person_distance(CHAIR_A, Pose2(), []) == math.inf

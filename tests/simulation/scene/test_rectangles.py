@@ -1,4 +1,4 @@
-"""Blocks that a grid's cells become."""
+"""Blocks made from the cells of a grid."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from waychair.types import BoolArray, OccupancyGrid, Pose2
     arrays(np.bool_, array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=9)),
     st.floats(-3.0, 3.0),
 )
-def test_blocks_cover_the_occupied_cells_of_a_turned_grid_and_no_other(cells: BoolArray, theta: float) -> None:
+def test_blocks_cover_exactly_the_occupied_cells_of_a_rotated_grid(cells: BoolArray, theta: float) -> None:
     grid = OccupancyGrid(np.where(cells, 100, -1).astype(np.int8), 0.05, Pose2(-1.0, 2.0, theta))
     blocks = blocks_from_grid(grid, "map", Finish(height=2.4))
     every = np.argwhere(np.ones(cells.shape, np.bool_))

@@ -95,7 +95,8 @@ def test_there_are_features_all_along_the_mapping_routes(building: tuple[World, 
 
 
 def _inliers(one: RgbdFrame, two: RgbdFrame) -> tuple[int, FloatArray]:
-    """How many features of two frames agree on one motion of the camera, and its translation [m] (depth, then PnP)."""
+    """Return the number of features of two frames that agree on one motion of the camera, and its translation [m]
+    (depth, then PnP)."""
     orb, matcher = cv2.ORB_create(1000), cv2.BFMatcher(cv2.NORM_HAMMING, crossCheck=True)
     (keys_one, words_one), (keys_two, words_two) = (orb.detectAndCompute(f.image, None) for f in (one, two))
     matches = matcher.match(words_one, words_two)
@@ -114,7 +115,7 @@ def _inliers(one: RgbdFrame, two: RgbdFrame) -> tuple[int, FloatArray]:
     return (len(agreeing), np.ravel(translation)) if found and agreeing is not None else (0, np.zeros(3))
 
 
-def test_features_of_frames_that_follow_each_other_agree_on_the_motion(building: tuple[World, Renderer]) -> None:
+def test_features_of_consecutive_frames_agree_on_the_motion(building: tuple[World, Renderer]) -> None:
     world, renderer = building
     camera = _camera(renderer, CameraSettings())
     for i, pose in enumerate(_stops(world.route(), 25.0)[1:5]):
@@ -227,7 +228,7 @@ def test_a_noisy_image_equals_a_plain_reference(seed: int) -> None:
     np.testing.assert_allclose(image, np.clip(exact, 0.0, 255.0), atol=0.51)
 
 
-def test_noise_is_that_of_photons_and_grows_with_gain() -> None:
+def test_noise_is_photon_noise_and_grows_with_gain() -> None:
     # of n electrons at white and gain 1, the deviation is sqrt(n); in square roots of light, half of that part
     assert noise_by_level(1.0, read_noise=0.0)[255] == pytest.approx(255.0 / 2.0 / math.sqrt(10_000.0))
     np.testing.assert_allclose(noise_by_level(4.0, 0.0), 2.0 * noise_by_level(1.0, 0.0), rtol=1e-5)
@@ -248,7 +249,7 @@ def test_no_depth_on_edges_at_grazing_angles_and_out_of_range(small: tuple[World
 
 
 @pytest.mark.parametrize(("across", "down", "expected"), [(0.9, 1.0, (1, 1)), (2.4, 0.0, (3, 1)), (5.2, 0.0, (5, 1)), (0.0, 3.0, (1, 3))])  # fmt: skip
-def test_blur_spreads_a_point_over_what_was_swept(across: float, down: float, expected: tuple[int, int]) -> None:
+def test_blur_spreads_a_point_over_its_path(across: float, down: float, expected: tuple[int, int]) -> None:
     point = np.zeros((21, 21, 4), np.uint8)
     point[10, 10] = 255
     lit = np.argwhere(blurred(point, across, down)[..., 0] > 0)
@@ -259,7 +260,7 @@ def _sharpness(image: Bytes) -> float:
     return float(np.abs(np.diff(image[..., 1].astype(int), axis=1)).mean())
 
 
-def test_turning_blurs_and_standing_does_not(small: tuple[World, Renderer]) -> None:
+def test_turning_blurs_a_picture_and_standing_does_not(small: tuple[World, Renderer]) -> None:
     world, renderer = small
     pose = in_space(world.start)
     still, turning = (_camera(renderer, QUIET).frame(0, pose, twist) for twist in (Twist(0.0, 0.0), Twist(0.0, 1.5)))
@@ -267,7 +268,7 @@ def test_turning_blurs_and_standing_does_not(small: tuple[World, Renderer]) -> N
     np.testing.assert_array_equal(turning.depth, still.depth)
 
 
-def test_driving_shakes_the_camera_and_standing_does_not(small: tuple[World, Renderer]) -> None:
+def test_driving_shakes_the_camera_and_standing_still_does_not(small: tuple[World, Renderer]) -> None:
     world, renderer = small
     camera, pose = _camera(renderer, QUIET), in_space(world.start)
     standing = [camera.frame(k * 10**8, pose, REST).depth for k in range(2)]
@@ -278,7 +279,7 @@ def test_driving_shakes_the_camera_and_standing_does_not(small: tuple[World, Ren
     assert np.mean(driving[0][known] != driving[1][known]) > 0.9
 
 
-def test_the_random_stream_does_not_depend_on_what_is_seen(small: tuple[World, Renderer]) -> None:
+def test_the_random_stream_does_not_depend_on_the_scene(small: tuple[World, Renderer]) -> None:
     world, renderer = small
     states = []
     for pose in (world.start, Pose2(10.5, 3.5, 0.4)):
@@ -288,7 +289,7 @@ def test_the_random_stream_does_not_depend_on_what_is_seen(small: tuple[World, R
     assert states[0] == states[1]
 
 
-def test_frames_say_what_they_are(small: tuple[World, Renderer]) -> None:
+def test_frames_have_their_stamps_and_camera_matrix(small: tuple[World, Renderer]) -> None:
     world, renderer = small
     frame = _camera(renderer, SMALL).frame(123, in_space(world.start), REST)
     assert frame.stamp_ns == 123
@@ -299,7 +300,7 @@ def test_frames_say_what_they_are(small: tuple[World, Renderer]) -> None:
 
 
 def _digest(seed: int) -> str:
-    """Of all bytes of a short drive behind a person."""
+    """Return a hash of all bytes of a short drive behind a person."""
     world = load_world("corridor_t")
     renderer = _renderer(world, SMALL)
     camera, digest = _camera(renderer, SMALL, seed), hashlib.sha256()

@@ -1,4 +1,4 @@
-"""Bodies of people: where the lidar sees their legs, there they are."""
+"""Bodies of people: their legs are at the places that the lidar sees."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def _person(behaviour: Behaviour, stride: float = 0.0, seed: int = 1, radius: fl
 
 
 def _cut(body: BodyMeshes, height: float) -> FloatArray:
-    """(N, 2) where the edges of the body's triangles pass a height."""
+    """Return (N, 2) the points at which the edges of the body's triangles pass a height."""
     edges = body.positions[np.concatenate([body.triangles[:, [0, 1]], body.triangles[:, [1, 2]]])]
     through = edges[(edges[:, 0, 2] - height) * (edges[:, 1, 2] - height) < 0.0]
     part = (height - through[:, 0, 2]) / (through[:, 1, 2] - through[:, 0, 2])
@@ -33,7 +33,7 @@ def _cut(body: BodyMeshes, height: float) -> FloatArray:
 
 @pytest.mark.parametrize("behaviour", [Behaviour.PATH, Behaviour.SEATED, Behaviour.BOUNCE])
 @pytest.mark.parametrize("stride", [0.0, 0.8, math.pi / 2, 4.0])
-def test_legs_are_where_the_lidar_sees_them(behaviour: Behaviour, stride: float) -> None:
+def test_legs_are_at_the_places_that_the_lidar_sees(behaviour: Behaviour, stride: float) -> None:
     person = _person(behaviour, stride)
     points, circles = _cut(body_meshes([person], NAMES), SHIN_HEIGHT), legs_of(person)
     distances = np.linalg.norm(points[:, None] - circles[:, :2], axis=2) - circles[:, 2]
@@ -55,7 +55,7 @@ def test_no_part_is_beyond_a_persons_reach_or_below_the_floor(behaviour: Behavio
     assert body.positions[:, 2].min() >= -1e-9
 
 
-def test_clothes_go_by_the_person_and_patterns_by_the_limb() -> None:
+def test_clothes_depend_on_the_person_and_patterns_on_the_limb() -> None:
     body = body_meshes([_person(Behaviour.PATH, seed=1), _person(Behaviour.PATH, seed=2)], NAMES)
     clothes = body.looks == NAMES.index("clothes")
     colours = [set(body.seeds[clothes & (body.owners == owner)] >> 8) for owner in (0, 1)]
@@ -64,7 +64,7 @@ def test_clothes_go_by_the_person_and_patterns_by_the_limb() -> None:
     assert len(set(body.seeds)) == 2 * 6
 
 
-def test_a_tubes_triangles_go_round_alike() -> None:
+def test_the_triangles_of_a_tube_have_one_orientation() -> None:
     body = body_meshes([_person(Behaviour.BOUNCE)], NAMES)
     a, b, c = np.moveaxis(body.positions[body.triangles], 1, 0)
     middle = np.array([POSE.x, POSE.y, MOVER_HEIGHT / 2])
@@ -72,5 +72,5 @@ def test_a_tubes_triangles_go_round_alike() -> None:
     assert np.all(outward <= 1e-12) or np.all(outward >= -1e-12)
 
 
-def test_nobody_is_nothing() -> None:
+def test_without_people_there_are_no_triangles() -> None:
     assert len(body_meshes([], NAMES).positions) == 0

@@ -61,7 +61,7 @@ _blocks = st.builds(
 
 
 @given(st.lists(_blocks, min_size=1, max_size=6))
-def test_what_is_seen_is_what_has_no_opaque_block_before_it(blocks: list[Block]) -> None:
+def test_visible_faces_have_no_opaque_block_before_them(blocks: list[Block]) -> None:
     outline = slice_at(blocks, 0.5)
     assert _lengths(outline).sum() == pytest.approx(_exposed_length(blocks), abs=0.012 * len(blocks) * 4)
     middles = outline.segments.reshape(-1, 2, 2).mean(axis=1)
@@ -71,7 +71,7 @@ def test_what_is_seen_is_what_has_no_opaque_block_before_it(blocks: list[Block])
     assert not any(_within(middles + 1e-5 * out, block).any() for block in opaque)
 
 
-def test_a_block_is_its_four_sides_with_the_outside_on_the_right() -> None:
+def test_a_block_gives_its_four_sides_with_the_outside_on_the_right() -> None:
     outline = slice_at([_block(1.0, 2.0, 0.6, 0.2, 0.3, "mirror")], 0.5)
     assert sorted(_lengths(outline)) == pytest.approx([0.2, 0.2, 0.6, 0.6])
     assert set(outline.reflections) == {Reflection.MIRROR}
@@ -81,24 +81,24 @@ def test_a_block_is_its_four_sides_with_the_outside_on_the_right() -> None:
 
 
 @pytest.mark.parametrize(("height", "seen"), [(-0.01, 0), (0.0, 4), (0.999, 4), (1.0, 0)])
-def test_a_block_stands_from_its_low_up_to_but_not_at_its_high(height: float, seen: int) -> None:
+def test_a_block_includes_its_low_height_and_excludes_its_high_one(height: float, seen: int) -> None:
     assert len(slice_at([_block(0.0, 0.0, 1.0, 1.0)], height).segments) == seen
 
 
-def test_blocks_that_touch_hide_the_faces_between_them() -> None:
+def test_touching_blocks_hide_the_faces_between_them() -> None:
     outline = slice_at([_block(0.0, 0.0, 1.0, 1.0), _block(1.0, 0.0, 1.0, 1.0)], 0.5)
     assert len(outline.segments) == 6
     assert not np.any(np.all(np.abs(outline.segments[:, [0, 2]] - 0.5) < 1e-9, axis=1))
 
 
-def test_a_wall_against_the_middle_of_another_cuts_its_face_in_two() -> None:
+def test_a_wall_against_the_middle_of_another_divides_its_face_in_two() -> None:
     outline = slice_at([_block(0.0, 0.0, 4.0, 0.2), _block(0.0, 1.1, 0.2, 2.0)], 0.5)
     upper = outline.segments[np.all(np.abs(outline.segments[:, [1, 3]] - 0.1) < 1e-9, axis=1)]
     assert sorted(upper[:, [0, 2]].min(axis=1)) == pytest.approx([-2.0, 0.1])
     assert sorted(upper[:, [0, 2]].max(axis=1)) == pytest.approx([-0.1, 2.0])
 
 
-def test_walls_that_overlap_flush_at_a_corner_keep_its_outside() -> None:
+def test_flush_overlapping_walls_keep_the_outside_of_their_corner() -> None:
     outline = slice_at([_block(0.0, 0.0, 2.0, 0.2), _block(-0.9, 0.9, 0.2, 2.0)], 0.5)
     low, high = outline.segments.reshape(-1, 2).min(axis=0), outline.segments.reshape(-1, 2).max(axis=0)
     assert low == pytest.approx([-1.0, -0.1])
@@ -107,13 +107,13 @@ def test_walls_that_overlap_flush_at_a_corner_keep_its_outside() -> None:
     assert np.any(np.hypot(*(outline.segments.reshape(-1, 2) - corner).T) < 1e-9)
 
 
-def test_what_stands_in_or_behind_glass_is_kept() -> None:
+def test_faces_in_or_behind_glass_are_kept() -> None:
     inner = _block(0.0, 0.0, 0.2, 0.2)
     assert len(slice_at([inner, _block(0.0, 0.0, 1.0, 1.0, 0.0, "glass")], 0.5).segments) == 8
     assert len(slice_at([inner, _block(0.0, 0.0, 1.0, 1.0)], 0.5).segments) == 4
 
 
-def test_nothing_at_a_height_is_an_empty_slice() -> None:
+def test_a_height_without_blocks_gives_an_empty_slice() -> None:
     outline = slice_at([], 0.3)
     assert (outline.segments.shape, outline.reflections.shape) == ((0, 4), (0,))
 

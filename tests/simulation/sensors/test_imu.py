@@ -1,4 +1,4 @@
-"""The inertial unit: REP-145, and errors as large as its settings say."""
+"""The inertial unit: REP-145, and errors of the size of its settings."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ def _readings(imu: Imu, count: int, force: FloatArray = GRAVITY, rate: FloatArra
     return np.array([np.concatenate([sample.accel, sample.gyro]) for sample in samples])
 
 
-def test_at_rest_it_feels_gravity_upwards_and_no_rotation() -> None:
+def test_at_rest_it_measures_gravity_upwards_and_no_rotation() -> None:
     sample = _imu().sample(7, GRAVITY, STILL)
     assert sample.stamp_ns == 7
     assert sample.accel == pytest.approx([0.0, 0.0, 9.81], abs=1e-5)
     assert sample.gyro == pytest.approx([0.0, 0.0, 0.0], abs=1e-5)
 
 
-def test_samples_are_their_own_and_do_not_touch_what_was_given() -> None:
+def test_samples_are_copies_and_leave_the_input_unchanged() -> None:
     imu, force = _imu(), GRAVITY.copy()
     first = imu.sample(0, force, STILL)
     imu.sample(1, 2 * GRAVITY, STILL + 1.0)
@@ -50,7 +50,7 @@ def test_samples_are_their_own_and_do_not_touch_what_was_given() -> None:
 
 
 @pytest.mark.parametrize("rate_hz", [50.0, 200.0])
-def test_white_noise_has_the_density_that_it_says(rate_hz: float) -> None:
+def test_white_noise_has_its_stated_density(rate_hz: float) -> None:
     settings = ImuSettings(rate_hz=rate_hz, accel_noise=0.002, gyro_noise=0.0003)
     noise = _readings(_imu(settings=settings), 6000) - [0, 0, 9.81, 0, 0, 0]
     expected = np.repeat([0.002, 0.0003], 3) * math.sqrt(rate_hz)
@@ -69,7 +69,7 @@ def test_the_bias_at_the_start_stays_and_differs_from_unit_to_unit() -> None:
     assert np.std(biases, axis=0) == pytest.approx(np.repeat([0.05, 0.003], 3), rel=0.15)
 
 
-def test_the_drift_wanders_as_far_and_as_slowly_as_it_says() -> None:
+def test_the_drift_has_its_stated_size_and_time_constant() -> None:
     drift = _readings(_imu(accel_drift=0.02, gyro_drift=0.001, drift_s=1.0), 60_000)[:, [0, 1, 3, 4, 5]]
     assert drift.std(axis=0) == pytest.approx([0.02, 0.02, 0.001, 0.001, 0.001], rel=0.2)
     after_one_drift_s = np.corrcoef(drift[:-200, 0], drift[200:, 0])[0, 1]
@@ -86,13 +86,13 @@ def test_scale_errors_grow_with_the_motion() -> None:
 
 
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
-def test_readings_end_at_the_range(sign: float) -> None:
+def test_readings_are_limited_to_the_range(sign: float) -> None:
     sample = _imu(accel_range=29.4, gyro_range=34.9).sample(0, sign * np.full(3, 99.0), sign * np.full(3, 99.0))
     assert sample.accel == pytest.approx(np.full(3, sign * 29.4))
     assert sample.gyro == pytest.approx(np.full(3, sign * 34.9))
 
 
-def test_readings_come_in_steps_of_the_last_bit() -> None:
+def test_readings_are_rounded_to_the_last_bit() -> None:
     imu, step = _imu(bits=10, accel_range=20.48, gyro_range=5.12), np.repeat([0.04, 0.01], 3)
     forces = np.random.default_rng(0).uniform(-4.0, 4.0, (50, 3))
     readings = np.array([np.concatenate([(s := imu.sample(0, f, f)).accel, s.gyro]) for f in forces])

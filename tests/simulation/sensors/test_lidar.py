@@ -54,7 +54,7 @@ def _ahead(scenery: Scenery, settings: LidarSettings = AHEAD, pose: Pose2 | None
 
 
 def _plain_beam(scenery: Scenery, circles: FloatArray, x: float, y: float, angle: float, optics: LidarOptics) -> float:
-    """One beam, by looking at every segment and circle on each straight stretch of its way."""
+    """One beam, by a search of every segment and circle on each straight part of its path."""
     start, ray, way, mirrors, last = np.array([x, y]), np.array([math.cos(angle), math.sin(angle)]), 0.0, 0, -1
     while way <= optics.reach:
         hits: list[tuple[float, int]] = []
@@ -93,7 +93,7 @@ def _plain_beam(scenery: Scenery, circles: FloatArray, x: float, y: float, angle
 @settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), st.floats(1.0, 15.0), st.floats(0.5, 5.0), st.floats(0.0, 0.6))
 def test_beams_equal_a_plain_reference(seed: int, reach: float, dark_reach: float, glass_angle: float) -> None:
-    rng = np.random.default_rng(seed)  # places by chance, not by search: at an end, hit or miss are both right
+    rng = np.random.default_rng(seed)  # random places: at an end, hit or miss are both right
     begins = rng.uniform(-5.0, 5.0, (12, 2))
     scenery = scenery_from_slice(
         Slice(np.hstack([begins, begins + rng.uniform(-3, 3, (12, 2))]), rng.integers(0, 4, 12))
@@ -116,7 +116,7 @@ def test_a_scan_covers_its_field_of_view_from_edge_to_edge() -> None:
     assert scan.angles()[[0, -1]] == pytest.approx(np.radians([-135.0, 135.0]))
 
 
-def test_a_scan_is_taken_from_where_the_laser_is_mounted() -> None:
+def test_a_scan_is_taken_from_the_mount_of_the_laser() -> None:
     settings = dataclasses.replace(CLEAN, beams=3, field_of_view=math.pi)
     mounted = ChairBody(laser_x=0.6, laser_y=0.1, laser_theta=math.pi / 2)
     scan = _lidar(settings, body=mounted).scan_at_rest(_room(), Pose2(5.0, 4.0, 0.0), 0)
@@ -133,7 +133,7 @@ def _drive(now_ns: int) -> Pose2:
     return Pose2(4.0 + 0.8 * seconds, 5.0 - 0.3 * seconds, math.remainder(3.1 + 1.2 * seconds, math.tau))
 
 
-def test_every_beam_leaves_from_where_the_chair_is_at_its_time() -> None:
+def test_every_beam_starts_at_the_pose_of_the_chair_at_its_time() -> None:
     lidar = _lidar(CLEAN, body=ChairBody())
     times_ns = np.arange(100, 190, 10) * 1_000_000
     poses = np.array([_drive(int(time)).array() for time in times_ns])
@@ -148,7 +148,7 @@ def test_every_beam_leaves_from_where_the_chair_is_at_its_time() -> None:
         assert scan.ranges[i] == pytest.approx(still.ranges[i], abs=1e-5)
 
 
-def test_beams_before_the_first_pose_and_after_the_last_leave_from_those() -> None:
+def test_beams_before_the_first_pose_and_after_the_last_start_from_those() -> None:
     lidar, poses = _lidar(CLEAN), np.array([[3.0, 3.0, 0.1], [6.0, 4.0, 0.2]])
     scan = lidar.scan(_room(), np.array([30_000_000, 40_000_000]), poses, 0)
     first, last = (lidar.scan_at_rest(_room(), Pose2(*pose), 0).ranges for pose in poses)
@@ -157,7 +157,7 @@ def test_beams_before_the_first_pose_and_after_the_last_leave_from_those() -> No
 
 
 def _scans(settings: LidarSettings, step_ms: int, until_ms: int) -> list[tuple[int, Scan]]:
-    """Scans of a drive, each with when it came [ms]."""
+    """Return scans of a drive, each with the time of its arrival [ms]."""
     lidar = _lidar(settings)
     scans = (
         (ms, lidar.step(_room(), _drive(ms * 1_000_000), (), ms * 1_000_000)) for ms in range(0, until_ms, step_ms)
@@ -166,13 +166,13 @@ def _scans(settings: LidarSettings, step_ms: int, until_ms: int) -> list[tuple[i
 
 
 @pytest.mark.parametrize(("sweep_s", "delay_ms"), [(0.0, 0), (0.075, 75), (0.08, 80), (0.1, 100)])
-def test_a_scan_bears_the_time_of_its_first_beam_and_comes_with_its_last(sweep_s: float, delay_ms: int) -> None:
+def test_a_scan_has_the_time_of_its_first_beam_and_arrives_with_its_last(sweep_s: float, delay_ms: int) -> None:
     scans = _scans(dataclasses.replace(CLEAN, sweep_s=sweep_s), step_ms=5, until_ms=1005)
     assert [scan.stamp_ns for _, scan in scans][:10] == [k * 100_000_000 for k in range(10)]
     assert [ms for ms, _ in scans][:10] == [k * 100 + delay_ms for k in range(10)]
 
 
-def test_a_scan_comes_at_the_first_step_after_its_last_beam() -> None:
+def test_a_scan_arrives_at_the_first_step_after_its_last_beam() -> None:
     assert [ms for ms, _ in _scans(CLEAN, step_ms=10, until_ms=300)] == [80, 180, 280]
 
 
@@ -200,7 +200,7 @@ def _wall(
 @pytest.mark.parametrize(
     ("degrees", "distance", "seen"), [(0, 3.9, True), (0, 4.1, False), (60, 2.7, True), (60, 2.9, False)]
 )
-def test_a_dark_surface_is_lost_beyond_a_few_metres_and_sooner_from_the_side(
+def test_a_dark_surface_is_lost_beyond_a_few_metres_and_nearer_at_oblique_angles(
     degrees: float, distance: float, seen: bool
 ) -> None:
     scenery = _scenery(_wall(distance, DARK, math.radians(degrees)), _wall(8.0, DIFFUSE))
@@ -208,12 +208,12 @@ def test_a_dark_surface_is_lost_beyond_a_few_metres_and_sooner_from_the_side(
 
 
 @pytest.mark.parametrize(("degrees", "expected"), [(0.0, 2.0), (2.9, 2.0), (3.1, 5.0), (45.0, 5.0)])
-def test_glass_is_seen_only_when_a_beam_falls_nearly_straight_on_it(degrees: float, expected: float) -> None:
+def test_glass_is_seen_only_at_nearly_normal_incidence(degrees: float, expected: float) -> None:
     pane = _wall(2.0, GLASS, math.radians(degrees)), _wall(2.01, GLASS, math.radians(degrees))
     assert _ahead(_scenery(*pane, _wall(5.0, DIFFUSE))) == pytest.approx(expected)
 
 
-def test_panes_that_touch_do_not_hold_a_beam_up() -> None:
+def test_touching_panes_do_not_stop_a_beam() -> None:
     panes = [_wall(2.0, GLASS, 0.5) for _ in range(3)]
     assert _ahead(_scenery(*panes, _wall(5.0, DIFFUSE))) == pytest.approx(5.0)
 
@@ -222,7 +222,7 @@ def test_nothing_behind_glass_reads_plus_infinity() -> None:
     assert _ahead(_scenery(_wall(2.0, GLASS, 0.5))) == math.inf
 
 
-def test_a_mirror_shows_the_room_as_if_it_went_on_behind() -> None:
+def test_a_mirror_shows_the_room_as_a_continuation_behind_it() -> None:
     mirror = _wall(3.0, MIRROR, math.pi / 4)  # sends a beam along x on along +-y
     scenery = _scenery(mirror, (-9.0, 4.0, 9.0, 4.0, DIFFUSE), (-9.0, -4.0, 9.0, -4.0, DIFFUSE))
     assert _ahead(scenery) == pytest.approx(7.0)
@@ -234,7 +234,7 @@ def test_between_two_mirrors_a_beam_is_lost() -> None:
     assert _ahead(_scenery(_wall(1.0, MIRROR), _wall(-1.0, MIRROR))) == math.inf
 
 
-def test_the_way_over_a_mirror_counts_against_the_range() -> None:
+def test_the_path_over_a_mirror_counts_for_the_range() -> None:
     scenery = _scenery(_wall(3.0, MIRROR), _wall(-2.0, DIFFUSE))
     for range_max, seen in ((8.01, True), (7.99, False)):
         assert math.isfinite(_ahead(scenery, dataclasses.replace(AHEAD, range_max=range_max))) == seen
@@ -265,7 +265,7 @@ def test_a_walker_is_two_legs_to_the_lidar_and_a_mover_one_disc(behaviour: Behav
     assert _clusters(scan.ranges, empty) == count
 
 
-def test_people_move_while_the_beams_go_round() -> None:
+def test_people_move_during_a_sweep() -> None:
     begin, end = np.array([[8.0, 4.9, 0.05]]), np.array([[8.0, 5.1, 0.05]])
     lidar, pose = _lidar(CLEAN), np.array([[5.0, 5.0, 0.0]])
     ranges = lidar.scan(_room(), np.array([0]), pose, 0, begin, end).ranges
@@ -273,7 +273,7 @@ def test_people_move_while_the_beams_go_round() -> None:
     assert ranges[359:361] == pytest.approx(2.95, abs=1e-3)
 
 
-def test_the_riders_own_legs_hide_what_is_behind_them() -> None:
+def test_the_riders_own_legs_hide_the_view_behind_them() -> None:
     body = ChairBody()
     seen = (
         _lidar(dataclasses.replace(CLEAN, legs=True), body=body).scan_at_rest(_room(), Pose2(5.0, 5.0, 0.4), 0).ranges
@@ -291,7 +291,7 @@ def test_the_riders_own_legs_hide_what_is_behind_them() -> None:
 # Codes and faults
 
 
-def test_beyond_the_range_reads_plus_infinity_and_too_close_minus_infinity() -> None:
+def test_beyond_the_range_the_reading_is_plus_infinity_and_too_close_minus_infinity() -> None:
     far = _lidar(dataclasses.replace(CLEAN, range_max=3.0)).scan_at_rest(_room(), Pose2(5.0, 5.0, 0.0), 0)
     assert (far.ranges == math.inf).all()
     assert _ahead(_room(), pose=Pose2(9.96, 5.0, 0.0)) == -math.inf
@@ -302,7 +302,7 @@ def test_beyond_the_range_reads_plus_infinity_and_too_close_minus_infinity() -> 
 
 
 @pytest.mark.parametrize(("size", "sigma"), [(2.0, 0.0305), (24.0, 0.036)])
-def test_noise_grows_with_the_range_and_drop_outs_are_as_many_as_they_say(
+def test_noise_grows_with_the_range_and_drop_outs_have_their_stated_share(
     size: float, sigma: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(lidar_module, "DROP_OUT", 0.1)
@@ -316,7 +316,7 @@ def test_noise_grows_with_the_range_and_drop_outs_are_as_many_as_they_say(
     assert np.nanmean(scans - truth) == pytest.approx(0.0, abs=0.001)
 
 
-def test_some_beams_on_an_edge_fall_between_near_and_far_and_no_others_do(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_some_beams_on_an_edge_give_mixed_pixels_and_no_others_do(monkeypatch: pytest.MonkeyPatch) -> None:
     scenery = _scenery(_wall(2.0, DIFFUSE, half=0.3), _wall(6.0, DIFFUSE, half=6.0))
     for name, value in (("MIXED", 0.5), ("DROP_OUT", 0.0), ("SIGMA_PER_METRE", 0.0)):
         monkeypatch.setattr(lidar_module, name, value)
@@ -335,7 +335,7 @@ def test_some_beams_on_an_edge_fall_between_near_and_far_and_no_others_do(monkey
     assert between.std() > 0.5
 
 
-def test_the_random_stream_does_not_depend_on_what_is_seen() -> None:
+def test_the_random_stream_does_not_depend_on_the_scene() -> None:
     first, second = _lidar(LidarSettings()), _lidar(LidarSettings())
     first.scan_at_rest(_room(), Pose2(5.0, 5.0, 0.0), 0)
     second.scan_at_rest(_scenery(), Pose2(-900.0, 5.0, 0.0), 0, np.array([[-900.0, 6.0, 0.3]]))

@@ -46,7 +46,7 @@ def _floor_light(light: LightMap, x: float, y: float) -> float:
 
 @settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1))
-def test_light_of_a_face_equals_a_plain_reference(seed: int) -> None:
+def test_the_light_of_a_face_equals_a_plain_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     anchor, axes = rng.uniform(-1.0, 1.0, 3), np.linalg.qr(rng.standard_normal((3, 3)))[0][:2]
     u, v = np.sort(rng.uniform(-2.0, 2.0, 4)), np.sort(rng.uniform(-1.0, 1.0, 3))
@@ -76,7 +76,7 @@ def _plain(point: FloatArray, normal: FloatArray, lamps: FloatArray, boxes: Floa
 
 
 def _through(point: FloatArray, way: FloatArray, box: FloatArray) -> bool:
-    """Whether a way from the point meets the box: by many samples of it, so that it must not graze."""
+    """Return whether a line from the point meets the box, by many samples; it must not graze the box."""
     samples = point + np.linspace(0.0, 1.0, 4_001)[:, None] * way
     x, y = samples[:, 0] - box[0], samples[:, 1] - box[1]
     within = (np.abs(box[2] * x + box[3] * y) < box[4]) & (np.abs(box[2] * y - box[3] * x) < box[5])
@@ -96,12 +96,12 @@ def test_glass_lets_light_through() -> None:
     assert _floor_light(glass, 3.0, 2.0) == _floor_light(none, 3.0, 2.0) > 0.0
 
 
-def test_without_lamps_there_is_only_light_from_everywhere() -> None:
+def test_without_lamps_there_is_only_ambient_light() -> None:
     _, light = _lit((), (), Finish(height=2.5, ambient=0.4))
     np.testing.assert_allclose(light.texels, 0.4)
 
 
-def test_lamps_glow() -> None:
+def test_lamps_are_bright() -> None:
     surfaces, light = _lit((), (Lamp(1.0, 2.0, 2.4),))
     column, row = (light.coordinates[-1].mean(axis=0) * light.texels.shape[1::-1]).astype(int)
     assert surfaces.looks[-1] == NAMES.index("lamp")
@@ -125,7 +125,7 @@ def test_windows_of_faces_do_not_overlap(sizes: list[tuple[float, float]]) -> No
     assert taken.max() == 1
 
 
-def test_light_falls_as_declared_with_distance() -> None:
+def test_light_falls_with_distance_as_declared() -> None:
     _, light = _lit((), (Lamp(2.0, 2.0, 2.4, 1.0, (1.0, 1.0, 1.0)),))
     down, aside = 2.39, 1.5
     fade = (1 - down**2 / REACH**2) ** 2 / (1 + down**2 / HALF_LIGHT**2)

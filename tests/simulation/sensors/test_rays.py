@@ -1,4 +1,4 @@
-"""Rays among segments and circles, against looking at each of them."""
+"""Rays among segments and circles, against a search of each of them."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _plain(segments: FloatArray, x: float, y: float, dx: float, dy: float, limit
 @settings(max_examples=100)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 60), st.sampled_from([2.0, 10.0, 1000.0]))
 def test_the_first_segment_hit_is_that_of_a_plain_search(seed: int, count: int, limit: float) -> None:
-    rng = np.random.default_rng(seed)  # places by chance, not by search: at an end, hit or miss are both right
+    rng = np.random.default_rng(seed)  # random places: at an end, hit or miss are both right
     begins = rng.uniform(-5.0, 5.0, (count, 2))
     straight = rng.random(count) < 0.5
     along = rng.uniform(-3.0, 3.0, (count, 2)) * np.where(straight[:, None], [[1.0, 0.0]], 1.0)
@@ -62,14 +62,14 @@ def test_no_ray_slips_through_a_wall_of_many_pieces(turn: float, count: int) -> 
     c, s = math.cos(turn), math.sin(turn)
     turned = np.hstack([pieces[:, k : k + 2] @ np.array([[c, s], [-s, c]]) for k in (0, 2)])
     scenery = _scenery(turned)
-    for end in ends[1:-1]:  # straight at where two pieces meet
+    for end in ends[1:-1]:  # straight at the joint of two pieces
         angle = math.atan2(end, 2.0) + turn
         distance, hit = nearest_segment(scenery, 0.0, 0.0, math.cos(angle), math.sin(angle), 0.0, 100.0)
         assert distance == pytest.approx(math.hypot(2.0, end), abs=1e-6)
         assert hit >= 0
 
 
-def test_a_ray_from_afar_along_the_axes_finds_the_scene_and_one_beside_it_does_not() -> None:
+def test_a_distant_ray_along_the_axes_hits_the_scene_and_one_beside_it_does_not() -> None:
     scenery = _scenery(np.array([[0.0, 0.0, 0.0, 1.0], [2.0, 0.0, 2.0, 1.0]]))
     assert nearest_segment(scenery, -50.0, 0.5, 1.0, 0.0, 0.0, math.inf) == (50.0, 0)
     assert nearest_segment(scenery, 60.0, 0.5, -1.0, 0.0, 0.0, math.inf) == (58.0, 1)
@@ -82,7 +82,7 @@ def test_a_ray_from_afar_along_the_axes_finds_the_scene_and_one_beside_it_does_n
         assert nearest_segment(scenery, x, y, dx, dy, 0.0, math.inf) == (math.inf, -1)
 
 
-def test_hits_that_do_not_count_yet_are_passed_over() -> None:
+def test_hits_before_the_least_distance_are_skipped() -> None:
     scenery = _scenery(np.array([[1.0, -1.0, 1.0, 1.0], [3.0, -1.0, 3.0, 1.0]]))
     assert nearest_segment(scenery, 1.0, 0.0, 1.0, 0.0, 0.0, 9.0) == (0.0, 0)
     assert nearest_segment(scenery, 1.0, 0.0, 1.0, 0.0, 1e-7, 9.0) == (2.0, 1)
@@ -100,7 +100,7 @@ def test_an_empty_scene_has_nothing_to_hit() -> None:
     st.tuples(st.floats(-4, 4), st.floats(-4, 4)),
     st.floats(0.0, 1.0),
 )
-def test_a_circle_on_its_way_is_hit_on_its_rim(
+def test_a_circle_on_the_ray_is_hit_on_its_rim(
     angle: float, radius: float, begin: tuple[float, float], end: tuple[float, float], part: float
 ) -> None:
     dx, dy = math.cos(angle), math.sin(angle)

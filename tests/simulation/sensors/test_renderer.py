@@ -1,4 +1,4 @@
-"""The renderer: exact depth, light that is fixed in the world, surfaces as unique as their seeds."""
+"""The renderer: exact depth, light fixed in the world, surfaces as unique as their seeds."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def floor() -> Iterator[tuple[World, Renderer]]:
     renderer.release()
 
 
-def test_depth_is_that_of_an_exact_ray(floor: tuple[World, Renderer]) -> None:
+def test_depth_equals_that_of_an_exact_ray(floor: tuple[World, Renderer]) -> None:
     world, renderer = floor
     rng = np.random.default_rng(5)
     errors = []
@@ -104,7 +104,7 @@ def test_depth_is_that_of_an_exact_ray(floor: tuple[World, Renderer]) -> None:
     assert np.mean(np.concatenate(errors) < 0.001) > 0.99
 
 
-def test_depth_of_a_box_that_stands_askew_is_exact() -> None:
+def test_the_depth_of_an_oblique_box_is_exact() -> None:
     world = _hall(Block(Pose2(3.5, 1.2, 0.6), 0.7, 0.4, 0.3, 0.9, "wood", 5), lamps=(Lamp(9.5, 7.5, 2.45),))
     pose = _seen_from(1.0, 1.0, 0.1)
     rows, columns = (v.ravel() for v in np.mgrid[0:HEIGHT:3, 0:WIDTH:3])
@@ -113,7 +113,7 @@ def test_depth_of_a_box_that_stands_askew_is_exact() -> None:
     assert np.mean(np.abs(depth - expected) < 0.001) > 0.995
 
 
-def test_a_place_looks_as_bright_from_everywhere() -> None:
+def test_a_place_has_the_same_brightness_from_every_side() -> None:
     world = _hall()
     point = np.array([5.0, 7.9, 1.2])
     renderer = Renderer(world, MATRIX, WIDTH, HEIGHT)
@@ -138,7 +138,7 @@ def test_a_room_is_dark_behind_a_closed_wall() -> None:
 
 
 def _wall_seen(seed: int, x: float, theta: float) -> Bytes:
-    """What a block of this seed looks like from 1.5 m before its middle, wherever it stands; evenly lit."""
+    """Return the picture of an evenly lit block of this seed from 1.5 m before its middle, at any place."""
     block = Block(Pose2(x, 4.0, theta), 3.0, 0.3, 0.0, 2.5, seed=seed)
     before = (
         Pose2(x, 4.0, theta) @ Pose2(0.0, -1.65 - CHAIR_A.camera_x, math.pi / 2) @ Pose2(0.0, -CHAIR_A.camera_y, 0.0)
@@ -148,7 +148,7 @@ def _wall_seen(seed: int, x: float, theta: float) -> Bytes:
     return _render(world, pose).colour[60:180, 90:230, :3].copy()
 
 
-def test_equal_seeds_look_alike_wherever_they_are() -> None:
+def test_equal_seeds_look_alike_at_any_place() -> None:
     here, there = _wall_seen(9, 5.0, 0.0), _wall_seen(9, 4.0, 0.8)
     assert np.abs(here.astype(int) - there).mean() < 1.0
     assert here.std() > 8.0
@@ -170,7 +170,7 @@ def test_floors_of_different_levels_look_different() -> None:
     assert abs(np.corrcoef(seen[0].ravel(), seen[2].ravel())[0, 1]) < 0.4
 
 
-def test_nothing_flickers_when_the_camera_hardly_moves(floor: tuple[World, Renderer]) -> None:
+def test_a_small_motion_of_the_camera_causes_no_flicker(floor: tuple[World, Renderer]) -> None:
     _, renderer = floor
     before = renderer.render(_seen_from(14.0, 7.1, math.pi)).colour[..., :3].astype(int)
     after = renderer.render(_seen_from(14.0, 7.1, math.pi + 0.0003)).colour[..., :3]
@@ -192,7 +192,7 @@ def test_depth_goes_through_glass_and_not_through_a_mirror() -> None:
     np.testing.assert_allclose(mirror.depth[rows, columns], 3.49 - 1.0 - CHAIR_A.camera_x, atol=0.1)
 
 
-def test_a_stairway_is_seen_down_to_its_ground() -> None:
+def test_a_stairway_is_visible_down_to_its_ground() -> None:
     pose = _seen_from(1.0, 4.0, 0.0)
     flat, sunken = (_render(_hall(pits=pits), pose).depth for pits in ((), (Pit(Pose2(5.0, 4.0, 0.0), 3.0, 2.0, 1.0),)))
     deeper = sunken > flat + 0.05
@@ -200,7 +200,7 @@ def test_a_stairway_is_seen_down_to_its_ground() -> None:
     assert np.isfinite(sunken).all()
 
 
-def test_a_ramp_is_seen_above_the_floor() -> None:
+def test_a_ramp_is_visible_above_the_floor() -> None:
     pose = _seen_from(1.0, 4.0, 0.0)
     flat = _render(_hall(), pose).depth
     ramp = _render(_hall(slopes=(Slope(Pose2(4.0, 4.0, 0.0), 2.4, 1.2, 0.0, 0.2),)), pose).depth
@@ -208,7 +208,7 @@ def test_a_ramp_is_seen_above_the_floor() -> None:
 
 
 @pytest.mark.parametrize("behaviour", [Behaviour.PATH, Behaviour.SEATED, Behaviour.BOUNCE])
-def test_people_stand_where_they_are(behaviour: Behaviour) -> None:
+def test_people_are_rendered_at_their_places(behaviour: Behaviour) -> None:
     person = PersonState(Pose2(4.0, 4.2, 0.3), 1.0, 0.4, 0.25, behaviour, 3)
     pose = _seen_from(1.0, 4.0, 0.0)
     empty, picture = _render(_hall(), pose), _render(_hall(), pose, person)
@@ -234,14 +234,14 @@ def test_legs_move_with_the_stride() -> None:
     assert np.mean(seen[0] != seen[1]) > 0.003
 
 
-def test_a_world_without_blocks_lamps_or_people_is_a_lit_floor() -> None:
+def test_a_world_without_blocks_lamps_or_people_shows_a_lit_floor() -> None:
     grid = OccupancyGrid(np.zeros((100, 100), np.int8), 0.05)
     picture = _render(World("empty", grid, Pose2()), _seen_from(1.0, 2.5, 0.0))
     assert np.isinf(picture.depth).any()
     assert picture.colour[-20:, :, :3].mean() > 30
 
 
-def test_a_depth_buffer_becomes_metres() -> None:
+def test_a_depth_buffer_is_converted_to_metres() -> None:
     z = np.array([[NEAR, 0.3, 1.0], [8.0, 40.0, np.inf]])
     depth = (1.0 - NEAR / z).astype(np.float32)
     metres_from_depth(depth)
@@ -249,7 +249,7 @@ def test_a_depth_buffer_becomes_metres() -> None:
 
 
 @pytest.mark.parametrize("name", ["moderngl", "egl"])
-def test_a_machine_that_cannot_render_says_what_to_install(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_machine_that_cannot_render_names_the_package_to_install(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     import moderngl
 
     def no_egl(**_: object) -> None:

@@ -42,7 +42,7 @@ def test_legs_pass_each_other_once_in_every_step() -> None:
     assert not left_leads[20:].any()
 
 
-def test_who_stands_has_the_legs_side_by_side_and_slow_steps_are_short() -> None:
+def test_a_standing_person_has_the_legs_side_by_side_and_slow_steps_are_short() -> None:
     assert _own(_person(speed=0.0, stride=1.3))[:, 0] == pytest.approx([0.0, 0.0])
     slow = _own(_person(speed=FULL_STRIDE_SPEED / 2, stride=math.pi / 2))
     assert slow[0, 0] == pytest.approx(SWING / 2)
@@ -52,7 +52,7 @@ def test_a_mover_is_one_disc_of_its_radius() -> None:
     np.testing.assert_allclose(legs_of(_person(Behaviour.BOUNCE, stride=1.0)), [[3.0, 2.0, 0.25]])
 
 
-def test_who_sits_has_shins_ahead_of_the_four_legs_of_the_chair() -> None:
+def test_a_seated_person_has_shins_ahead_of_the_four_legs_of_the_chair() -> None:
     person = _person(Behaviour.SEATED, speed=0.0)
     own, radii = _own(person), legs_of(person)[:, 2]
     shins = radii > 0.03
@@ -61,7 +61,7 @@ def test_who_sits_has_shins_ahead_of_the_four_legs_of_the_chair() -> None:
     assert own[shins, 0].min() > own[~shins, 0].max()
 
 
-def test_how_many_circles_a_person_has_depends_on_its_behaviour_only() -> None:
+def test_the_number_of_circles_of_a_person_depends_on_its_behaviour_only() -> None:
     for behaviour in Behaviour:
         shapes = {legs_of(_person(behaviour, speed, stride)).shape for speed in (0.0, 1.4) for stride in (0.0, 2.0)}
         assert len(shapes) == 1

@@ -40,7 +40,7 @@ def _read(
 
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
-def test_eight_sonars_sit_on_the_outline_and_look_straight_out(body: ChairBody) -> None:
+def test_eight_sonars_are_on_the_outline_and_look_outwards(body: ChairBody) -> None:
     sonars = sonar_mounts(body)
     assert len(sonars) == 8
     for sonar in sonars:
@@ -55,7 +55,7 @@ def test_eight_sonars_sit_on_the_outline_and_look_straight_out(body: ChairBody) 
 
 
 @pytest.mark.parametrize("body", [CHAIR_A, CHAIR_B])
-def test_the_sonars_go_round_the_chair_to_the_left_and_right_mirrors_left(body: ChairBody) -> None:
+def test_the_sonars_are_counted_to_the_left_and_right_mirrors_left(body: ChairBody) -> None:
     sonars = sonar_mounts(body)
     bearings = [math.atan2(s.y, s.x - (body.front - body.rear) / 2) % math.tau for s in sonars]
     assert bearings == sorted(bearings)
@@ -63,14 +63,14 @@ def test_the_sonars_go_round_the_chair_to_the_left_and_right_mirrors_left(body: 
         assert (left.x, left.y) == pytest.approx((right.x, -right.y))
 
 
-def test_in_a_room_each_pair_reads_the_distance_to_its_wall() -> None:
+def test_in_a_room_each_pair_measures_the_distance_to_its_wall() -> None:
     room = _scenery((2.0, -9.0, 2.0, 9.0), (-2.0, -9.0, -2.0, 9.0), (-9.0, 1.0, 9.0, 1.0), (-9.0, -1.5, 9.0, -1.5))
     ahead, left, behind, right = 2.0 - 0.75, 1.0 - 0.3, 2.0 - 0.25, 1.5 - 0.3
     assert _read(room) == pytest.approx([ahead, left, left, behind, behind, right, right, ahead])
 
 
 @pytest.mark.parametrize("kind", Reflection)
-def test_glass_mirrors_and_black_leather_are_walls_to_sound(kind: Reflection) -> None:
+def test_glass_mirrors_and_black_leather_reflect_sound_like_walls(kind: Reflection) -> None:
     assert _read(_scenery((2.0, -9.0, 2.0, 9.0), kind=kind))[0] == pytest.approx(1.25)
 
 
@@ -83,14 +83,14 @@ def test_the_nearest_point_in_the_cone_counts_and_not_the_one_on_the_axis() -> N
 
 
 @pytest.mark.parametrize(("degrees", "heard"), [(0, True), (60, True), (74, True), (76, False), (85, False)])
-def test_a_face_that_no_ray_of_the_cone_meets_within_60_degrees_is_deaf(degrees: int, heard: bool) -> None:
+def test_a_face_that_no_ray_of_the_cone_meets_within_60_degrees_gives_no_echo(degrees: int, heard: bool) -> None:
     lean = math.radians(degrees)
     along = 9.0 * np.array([-math.sin(lean), math.cos(lean)])
     middle = np.array([1.5, 0.15])
     assert math.isfinite(_read(_scenery((*(middle - along), *(middle + along))))[0]) == heard
 
 
-def test_a_face_that_is_deaf_still_hides_what_is_behind_it() -> None:
+def test_a_face_without_an_echo_still_hides_the_space_behind_it() -> None:
     lean, narrow = math.radians(75.0), dataclasses.replace(CLEAN, half_cone=math.radians(5.0))
     along = 9.0 * np.array([-math.sin(lean), math.cos(lean)])
     middle = np.array([1.5, 0.15])
@@ -100,7 +100,7 @@ def test_a_face_that_is_deaf_still_hides_what_is_behind_it() -> None:
     assert _read(_scenery(screen, behind), narrow)[0] == math.inf
 
 
-def test_a_person_is_heard_at_the_radius_of_its_body() -> None:
+def test_a_person_gives_an_echo_at_the_radius_of_its_body() -> None:
     person = PersonState(Pose2(2.0, 0.15), 1.0, 0.3, 0.25, Behaviour.PATH)
     ranges = _read(_scenery(), people=(person,))
     assert ranges[0] == pytest.approx(2.0 - 0.25 - 0.75, abs=1e-3)
@@ -108,7 +108,7 @@ def test_a_person_is_heard_at_the_radius_of_its_body() -> None:
     assert (ranges[1:7] == math.inf).all()
 
 
-def test_the_leg_of_a_chair_is_heard_at_three_metres_wherever_it_is_in_the_cone() -> None:
+def test_the_leg_of_a_chair_gives_an_echo_at_three_metres_anywhere_in_the_cone() -> None:
     for bearing in np.radians(np.linspace(-14.5, 14.5, 59)):
         x, y = 0.75 + 3.0 * math.cos(bearing), 0.15 + 3.0 * math.sin(bearing)
         leg = np.array([[x, y, 0.015]])
@@ -145,7 +145,7 @@ def _plain_echo(
 @settings(max_examples=40)
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 1.0), st.floats(1.0, 6.0))
 def test_echoes_equal_a_plain_reference(seed: int, straight: float, reach: float) -> None:
-    rng = np.random.default_rng(seed)  # places by chance, not by search: at an end, hit or miss are both right
+    rng = np.random.default_rng(seed)  # random places: at an end, hit or miss are both right
     begins = rng.uniform(-4.0, 4.0, (10, 2))
     segments = np.hstack([begins, begins + rng.uniform(-3.0, 3.0, (10, 2))])
     circles = rng.uniform((-4.0, -4.0, 0.05), (4.0, 4.0, 0.4), (2, 3))
@@ -156,14 +156,14 @@ def test_echoes_equal_a_plain_reference(seed: int, straight: float, reach: float
     np.testing.assert_allclose(echoes, expected, atol=1e-9)
 
 
-def test_out_of_reach_reads_plus_infinity_and_too_close_minus_infinity() -> None:
+def test_out_of_range_the_reading_is_plus_infinity_and_too_close_minus_infinity() -> None:
     assert (_read(_scenery()) == math.inf).all()
     for gap, expected in ((0.019, -math.inf), (0.021, 0.021), (3.99, 3.99), (4.01, math.inf)):
         x = 0.75 + gap
         assert _read(_scenery((x, -9.0, x, 9.0)))[0] == pytest.approx(expected)
 
 
-def test_noise_and_cross_talk_are_as_large_as_they_say(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_noise_and_cross_talk_have_their_stated_size(monkeypatch: pytest.MonkeyPatch) -> None:
     wall = _scenery((3.0, -9.0, 3.0, 9.0))
     noisy = Sonars(CLEAN, CHAIR_A, np.random.default_rng(1))
     monkeypatch.setattr(sonar_module, "SIGMA", 0.02)
@@ -180,7 +180,7 @@ def test_noise_and_cross_talk_are_as_large_as_they_say(monkeypatch: pytest.Monke
     assert (before_the_wall < 2.24).mean() == pytest.approx(0.2 * 2.25 / 4.0, abs=0.02)
 
 
-def test_the_random_stream_does_not_depend_on_what_is_heard(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_random_stream_does_not_depend_on_the_echoes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sonar_module, "SIGMA", 0.01)
     monkeypatch.setattr(sonar_module, "CROSS_TALK", 0.005)
     first, second = (Sonars(SonarSettings(), CHAIR_A, np.random.default_rng(3)) for _ in range(2))

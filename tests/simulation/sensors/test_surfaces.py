@@ -1,4 +1,4 @@
-"""Faces of a world: where they are, which way they look, and that none is missing or too many."""
+"""Faces of a world: their places, their normals, and that none is missing or too many."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def test_pits_are_cut_out_of_the_floor() -> None:
     assert not np.any((np.abs(local[:, 0]) < 0.99) & (np.abs(local[:, 1]) < 0.49))
 
 
-def test_walls_of_a_pit_look_into_it() -> None:
+def test_walls_of_a_pit_face_into_it() -> None:
     faces = _faces(_world(pits=(Pit(POSE, 2.0, 1.0, 1.5),)))
     extra = faces.corners.mean(axis=1)
     walls = np.isclose(extra[:, 2], -0.75)
@@ -78,7 +78,7 @@ def test_walls_of_a_pit_look_into_it() -> None:
     np.testing.assert_allclose(np.sort(inwards), [0.5, 0.5, 1.0, 1.0])
 
 
-def test_the_top_of_a_slope_rises_along_it() -> None:
+def test_the_top_face_of_a_slope_rises_along_it() -> None:
     faces = _faces(_world(slopes=(Slope(POSE, 2.4, 1.0, 0.0, 0.2),)))
     top = faces.corners[np.argmax(faces.normals[:, 2])]
     along = (top[:, :2] - (POSE.x, POSE.y)) @ (math.cos(POSE.theta), math.sin(POSE.theta))
@@ -86,19 +86,19 @@ def test_the_top_of_a_slope_rises_along_it() -> None:
     np.testing.assert_allclose(np.ptp(along), 2.4)
 
 
-def test_a_poster_hangs_before_its_wall_and_looks_away_from_it() -> None:
+def test_a_poster_hangs_before_its_wall_and_faces_away_from_it() -> None:
     faces = _faces(_world(posters=(Poster(Pose2(3.0, 2.0, math.pi / 2), 1.5, 0.8, 0.6, 3),)))
     np.testing.assert_allclose(faces.normals, [[0.0, 1.0, 0.0]], atol=1e-9)
     assert 2.0 < faces.corners[0, :, 1].min() < 2.01
     np.testing.assert_allclose(np.ptp(faces.corners[0], axis=0), [0.8, 0.0, 0.6], atol=1e-9)
 
 
-def test_lamps_look_down() -> None:
+def test_lamps_face_down() -> None:
     faces = _faces(_world(lamps=(Lamp(3.0, 2.0, 2.4),)))
     np.testing.assert_allclose(faces.normals, [[0.0, 0.0, -1.0]], atol=1e-9)
 
 
-def test_no_two_faces_have_one_seed_unless_their_blocks_do() -> None:
+def test_no_two_faces_share_a_seed_unless_their_blocks_do() -> None:
     def seeds(*of_blocks: int) -> list[int]:
         blocks = tuple(Block(Pose2(2.0 + i, 3.0, 0.0), 0.5, 0.5, 0.2, 1.0, seed=s) for i, s in enumerate(of_blocks))
         return list(_faces(_world(blocks=blocks)).seeds)

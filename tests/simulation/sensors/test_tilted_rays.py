@@ -1,4 +1,4 @@
-"""A lidar that tilts with the chair: rays in space against plain geometry, and against the lidar in the plane."""
+"""A lidar that tilts with the chair: 3D rays against plain geometry, and against the planar lidar."""
 
 from __future__ import annotations
 
@@ -46,25 +46,25 @@ def pitched(pose: Pose2, height: float, pitch: float) -> Pose3:
 
 
 def ranges(made: Terrain, base: Pose3) -> FloatArray:
-    """What a lidar without faults reads from there."""
+    """Return the readings of a perfect lidar from there."""
     lidar = Lidar(QUIET, CHAIR_A, np.random.default_rng(0))
     scan = lidar.scan_in_space(made, np.array([0]), row_from_pose(base)[None], 0)
     return scan.ranges.astype(np.float64)
 
 
-def test_levels_without_ramps_are_seen_in_the_plane_as_before() -> None:
+def test_levels_without_ramps_use_the_planar_lidar() -> None:
     assert terrain_from_world(load_world("corridor_t")) is None
 
 
 @pytest.mark.parametrize("pose", [Pose2(1.0, 1.8, 0.0), Pose2(15.0, 4.0, 2.0), Pose2(8.0, 4.2, -1.0)])
-def test_a_level_chair_sees_what_it_sees_in_the_plane(pose: Pose2) -> None:
+def test_a_level_chair_has_the_same_scan_as_in_the_plane(pose: Pose2) -> None:
     world = ramp_world()
     lidar = Lidar(QUIET, CHAIR_A, np.random.default_rng(0))
     plane = lidar.scan_at_rest(scenery_from_slice(slice_at(world.blocks, CHAIR_A.laser_z)), pose, 0).ranges
     assert ranges(terrain(), in_space(pose)) == pytest.approx(plane, abs=1e-5)
 
 
-def test_rolling_down_a_ramp_the_beams_end_on_the_floor_beyond_its_foot() -> None:
+def test_down_a_ramp_the_beams_end_on_the_floor_beyond_its_foot() -> None:
     slope = math.atan2(0.25, 3.0)
     ahead = ranges(terrain(), pitched(Pose2(11.0, 1.8, 0.0), 0.125, slope))[90]
     # from 0.3 m above the ramp, parallel to it, past the foot at x = 12.5, down to the floor
@@ -74,13 +74,13 @@ def test_rolling_down_a_ramp_the_beams_end_on_the_floor_beyond_its_foot() -> Non
     assert ahead == pytest.approx((12.5 - 11.6) + 3.6, abs=0.1)
 
 
-def test_going_up_the_beams_run_along_the_ramp_to_the_far_wall() -> None:
+def test_up_a_ramp_the_beams_run_along_it_to_the_far_wall() -> None:
     slope = -math.atan2(0.25, 3.0)
     ahead = ranges(terrain(), pitched(Pose2(5.5, 1.8, 0.0), 1.0 / 12.0, slope))[90]
     assert ahead == pytest.approx((17.0 - 0.05 - 6.1) / math.cos(slope), abs=0.1)
 
 
-def test_from_the_level_only_a_ramp_that_rises_to_the_lidar_is_seen() -> None:
+def test_from_level_ground_only_a_ramp_as_high_as_the_lidar_is_seen() -> None:
     world = ramp_world()
     high = Slope(Pose2(8.0, 1.8, 0.0), 6.0, 1.8, 0.0, 0.5)
     made = terrain_from_world(replace(world, slopes=(high,)))
@@ -91,7 +91,7 @@ def test_from_the_level_only_a_ramp_that_rises_to_the_lidar_is_seen() -> None:
 
 
 def _plainly(made: Terrain, start: FloatArray, ahead: FloatArray, reach: float) -> float:
-    """Where a ray meets something, by small steps; to 2 mm."""
+    """Return the point at which a ray meets an obstacle, by small steps; to 2 mm."""
     for distance in np.arange(0.0, reach, 0.002):
         x, y, z = start + distance * ahead
         if z > made.ceiling or (z < 0.0 and not any(_inside_outline(pit, x, y) for pit in made.pits)):
@@ -108,7 +108,7 @@ def _inside_outline(row: FloatArray, x: float, y: float) -> bool:
     return bool(abs(u) <= row[4] and abs(v) <= row[5])
 
 
-def test_rays_meet_what_small_steps_along_them_meet() -> None:
+def test_rays_meet_the_same_obstacles_as_small_steps_along_them() -> None:
     rng = np.random.default_rng(5)
     blocks = tuple(
         Block(Pose2(*rng.uniform(-4, 4, 2), rng.uniform(-3, 3)), *rng.uniform(0.3, 1.5, 2), low, low + 0.6)
