@@ -20,7 +20,7 @@ WALLS = np.array(
 
 
 def cast(walls: FloatArray, pose: Pose2, angles: FloatArray) -> FloatArray:
-    """Ranges from a pose to the nearest wall along each angle; inf where there is none."""
+    """Ranges from a pose to the nearest wall along each angle; inf without a wall."""
     ranges = np.full(len(angles), np.inf)
     for i, angle in enumerate(angles + pose.theta):
         direction = np.array([math.cos(angle), math.sin(angle)])

@@ -39,7 +39,7 @@ def view(k: int, words: list[int] | None = None, x: float | None = None, second:
 
 
 def corridor(length: int, settings: MemorySettings, memory: NodeMemory | None = None) -> NodeMemory:
-    """A drive over so many nodes; nothing is woken or put to sleep."""
+    """A drive over this number of nodes; no node is woken or put to sleep."""
     memory = memory or NodeMemory(settings)
     stand(memory, length)
     for k in range(1, length + 1):
@@ -54,7 +54,7 @@ def set_limits(patch: pytest.MonkeyPatch, **constants: float) -> None:
 
 
 def stand(memory: NodeMemory, length: int) -> None:
-    """The anchors stand where the nodes are, each facing down the corridor."""
+    """The anchors are at the nodes, each facing down the corridor."""
     anchors = np.zeros((length + 1, 3))
     anchors[:, 0] = np.arange(length + 1)
     memory.move_anchors(anchors)

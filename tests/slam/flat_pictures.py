@@ -42,7 +42,8 @@ def picture_at(pose: Pose2, stamp_ns: int) -> RgbdFrame:
 
 
 def _nearest(rays: FloatArray, at: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """(W,) share of each ray (W, 2) to the nearest wall, how far along that wall [m], and its number."""
+    """Return (W,) the share of each ray (W, 2) to the nearest wall, the distance along that wall [m], and its
+    number."""
     start, way = WALLS[:, :2], WALLS[:, 2:] - WALLS[:, :2]
     cross = rays[:, :1] * way[:, 1] - rays[:, 1:] * way[:, 0]
     offset = start - at

@@ -31,8 +31,8 @@ def pose(turn: tuple[float, float, float] = (0, 0, 0), at: tuple[float, float, f
 
 
 def render(map_from_camera: Pose3, stamp_ns: int = 0, row_motion: FloatArray | None = None) -> RgbdFrame:
-    """Return the picture from a pose. `row_motion` (6,): rotation [rad/s] and translation [m/s] of things before the camera,
-    of which each row is exposed 0.05 ms later than the one above."""
+    """Return the picture from a pose. `row_motion` (6,): rotation [rad/s] and translation [m/s] of things before the
+    camera; each row is exposed 0.05 ms later than the one above."""
     rows, columns = np.mgrid[0:HEIGHT, 0:WIDTH].astype(float)
     rays = np.stack([(columns - CAMERA[2]) / CAMERA[0], (rows - CAMERA[3]) / CAMERA[1], np.ones_like(rows)], axis=-1)
     row_step = 0.0 if row_motion is None else 5e-5
@@ -67,7 +67,7 @@ def _hit(
     depth: FloatArray,
     shade: FloatArray,
 ) -> None:
-    """Puts a plane, or a square of it, into depth and shade where it is nearest."""
+    """Draw a plane, or a square of it, into depth and shade where it is nearest."""
     with np.errstate(divide="ignore", invalid="ignore"):
         along = (offset - origins[..., axis]) / directions[..., axis]
     points = origins + along[..., None] * directions
@@ -92,7 +92,7 @@ def sway(count: int, turn: float = 0.25, way: float = 0.25) -> list[Pose3]:
 
 
 def noisy(frame: RgbdFrame, seed: int, share: float = 0.004) -> RgbdFrame:
-    """The frame with grey levels and depth disturbed, the latter by so much of its square."""
+    """Return the frame with noise on grey levels and depth, the latter by this share of its square."""
     rng = np.random.default_rng(seed)
     image = np.clip(frame.image + rng.normal(0.0, 2.0, frame.image.shape), 0, 255).astype(np.uint8)
     error: Float32Array = rng.normal(0.0, share, frame.depth.shape).astype(np.float32) * frame.depth**2

@@ -1,4 +1,4 @@
-"""Detection of a kidnapped chair, and where it is searched for."""
+"""Detection of a kidnapped chair, and the area of its search."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ def seen_from(*poses: Pose2) -> ScanReference:
     return reference_from_points(points, normals, 0.05, 0.06)
 
 
-def test_a_chair_that_stayed_looks_through_nothing() -> None:
+def test_a_chair_that_stayed_sees_through_no_wall() -> None:
     scan = scan_points(scan_at(HERE, noise=0.01), Pose2(), 20.0)
     assert crossed_share(scan, Pose2(), seen_from(HERE, Pose2(1.8, 1.5, 0.4)), HERE) < 0.05
 
 
-def test_a_chair_elsewhere_looks_through_walls() -> None:
+def test_a_chair_elsewhere_sees_through_walls() -> None:
     scan = scan_points(scan_at(Pose2(10.0, 7.0, 2.5)), Pose2(), 20.0)
     assert crossed_share(scan, Pose2(), seen_from(HERE, Pose2(1.8, 1.5, 0.4)), HERE) > 0.4
 
@@ -47,7 +47,7 @@ def test_people_round_the_chair_hide_walls_but_contradict_none() -> None:
     assert crossed_share(scan_points(crowded, Pose2(), 20.0), Pose2(), seen_from(HERE), HERE) < 0.05
 
 
-def test_an_edge_of_unknown_motion_is_too_long_for_a_window_and_leads_to_submap_search(
+def test_an_edge_of_unknown_motion_needs_a_search_of_submaps(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("waychair.slam.mapping.loop_closure._SUBMAP_SCANS", 10)

@@ -46,7 +46,7 @@ def test_intel_lab_is_mapped_better_than_its_peers(data_dir: Path, tmp_path: Pat
 
 
 @pytest.mark.nightly
-def test_a_way_driven_again_in_reverse_is_known_though_the_lidar_only_looks_ahead(data_dir: Path) -> None:
+def test_a_path_driven_in_reverse_is_recognised_by_a_lidar_that_only_looks_ahead(data_dir: Path) -> None:
     """Each scan sees the area behind the latest scans: it is also matched against earlier scans nearby."""
     recording = read_recording(data_dir / "lidar_intel" / "intel_first1088s.clf.gz")
     there = recording.frames[2400:3400]
@@ -62,7 +62,7 @@ def test_a_way_driven_again_in_reverse_is_known_though_the_lidar_only_looks_ahea
 
 
 @pytest.mark.nightly
-def test_freiburg_079_survives_its_poor_odometry(data_dir: Path, tmp_path: Path) -> None:
+def test_freiburg_079_is_mapped_well_in_spite_of_its_poor_odometry(data_dir: Path, tmp_path: Path) -> None:
     mapping = mapped(data_dir / "lidar_fr079" / "fr079_laser.clf.gz")
     errors = relation_errors(data_dir, mapping, "lidar_fr079/fr079.relations.gz", tmp_path)
     assert errors["relations"] == 1664
@@ -72,7 +72,7 @@ def test_freiburg_079_survives_its_poor_odometry(data_dir: Path, tmp_path: Path)
 
 
 @pytest.mark.nightly
-def test_sena_wheelchair_closes_its_loop_without_double_walls(data_dir: Path) -> None:
+def test_the_sena_wheelchair_log_closes_its_loop_without_double_walls(data_dir: Path) -> None:
     recording = read_recording(data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz")
     mapping = map_recording(recording, MappingSettings())
     loops = [edge for edge in mapping.result.edges if edge.kind is EdgeKind.LOOP]
@@ -112,7 +112,8 @@ def direction_of_walls(recording: Recording, mapping: Mapping, keys: range) -> f
 
 
 def gaps_of_walls_seen_twice(recording: Recording, mapping: Mapping, early: slice, late: slice) -> FloatArray:
-    """Distance [m] of points of late key scans to those of early ones where both have points: a wall must be one wall."""
+    """Distance [m] of points of late key scans to those of early ones where both have points: each wall must be
+    single."""
     points = []
     for k, index in enumerate(mapping.result.key_frames):
         scan = recording.frames[index].scan
@@ -129,7 +130,7 @@ def gaps_of_walls_seen_twice(recording: Recording, mapping: Mapping, early: slic
     return twice
 
 
-def test_relations_files_key_on_stamps_that_the_trajectory_has(data_dir: Path) -> None:
+def test_the_stamps_of_relations_files_are_in_the_trajectory(data_dir: Path) -> None:
     recording = read_recording(data_dir / "lidar_intel" / "intel_first1088s.clf.gz")
     stamps = {frame.stamp_ns for frame in recording.frames}
     with gzip.open(data_dir / "lidar_intel" / "intel_first1088s.relations.gz", "rt") as lines:

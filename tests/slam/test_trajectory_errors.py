@@ -42,7 +42,7 @@ def raw_odometry(path: Path) -> Trajectory:
     return Trajectory(np.array([frame.stamp_ns for frame in frames]), np.array(poses))
 
 
-def test_a_perfect_trajectory_has_no_error_and_loops_are_told_from_local_relations() -> None:
+def test_a_perfect_trajectory_has_no_error_and_loops_are_distinguished_from_local_relations() -> None:
     trajectory = wave()
     errors = relation_errors(trajectory, relations_of(trajectory, [(0, 3), (10, 20), (0, 199), (150, 20)]))
     assert (errors.total, errors.every.count, errors.local.count, errors.loop.count) == (4, 4, 2, 2)
@@ -50,7 +50,7 @@ def test_a_perfect_trajectory_has_no_error_and_loops_are_told_from_local_relatio
     assert errors.every.max_deg < 1e-9
 
 
-def test_a_known_error_is_measured_as_it_was_made() -> None:
+def test_a_known_error_is_measured_exactly() -> None:
     trajectory = wave()
     true = relations_of(trajectory, [(0, 3), (10, 20)])
     off = compose(true.poses, np.array([[0.3, -0.4, 0.1], [0.0, 0.1, -0.2]]))
@@ -70,7 +70,7 @@ def test_relations_of_the_laser_need_its_mount() -> None:
     assert relation_errors(base, relations).every.max_m > 0.05
 
 
-def test_stamps_without_a_pose_are_left_out_and_none_at_all_is_refused() -> None:
+def test_stamps_without_a_pose_are_left_out_and_no_common_stamp_is_refused() -> None:
     trajectory = wave()
     true = relations_of(trajectory, [(0, 3), (10, 20)])
     shifted = true.stamps_ns.copy()
@@ -82,7 +82,7 @@ def test_stamps_without_a_pose_are_left_out_and_none_at_all_is_refused() -> None
 
 
 @given(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3.1, 3.1), st.integers(0, 40_000_000))
-def test_a_moved_trajectory_is_laid_back_onto_the_truth(x: float, y: float, theta: float, late_ns: int) -> None:
+def test_a_moved_trajectory_is_aligned_with_the_truth(x: float, y: float, theta: float, late_ns: int) -> None:
     truth = wave()
     moved = Trajectory(truth.stamps_ns + late_ns, compose(np.array([x, y, theta]), truth.poses))
     errors = truth_errors(moved, truth)
@@ -92,7 +92,7 @@ def test_a_moved_trajectory_is_laid_back_onto_the_truth(x: float, y: float, thet
     np.testing.assert_allclose(back.array(), 0.0, atol=1e-6)
 
 
-def test_a_mirrored_trajectory_is_not_the_truth() -> None:
+def test_a_mirrored_trajectory_does_not_align_with_the_truth() -> None:
     truth = wave()
     mirrored = Trajectory(truth.stamps_ns, truth.poses * (1.0, -1.0, -1.0))
     assert truth_errors(mirrored, truth).rmse_m > 0.1
@@ -117,7 +117,7 @@ def test_too_few_common_poses_are_refused() -> None:
         ("lidar_fr079/fr079_laser.clf.gz", "lidar_fr079/fr079.relations.gz", None, None),
     ],
 )
-def test_raw_odometry_of_the_real_logs_scores_as_published_and_as_the_tool_says(
+def test_raw_odometry_of_the_real_logs_scores_as_published_and_as_by_the_tool(
     data_dir: Path, tmp_path: Path, log: str, relations: str, mean_m: float | None, mean_deg: float | None
 ) -> None:
     trajectory = raw_odometry(data_dir / log)
@@ -138,7 +138,7 @@ def test_raw_odometry_of_the_real_logs_scores_as_published_and_as_the_tool_says(
     np.testing.assert_allclose(ours, [said[name] for name in names], rtol=1e-5)
 
 
-def test_gmapping_on_freiburg_scores_as_its_notes_say(data_dir: Path) -> None:
+def test_gmapping_on_freiburg_scores_as_documented(data_dir: Path) -> None:
     folder = data_dir / "lidar_fr079"
     with gzip.open(folder / "fr079_gmapping_poses.txt.gz", "rt") as file:
         rows = np.array([[float(field) for field in line.split()[:4]] for line in file if line[0] not in "#\n"])
@@ -150,7 +150,7 @@ def test_gmapping_on_freiburg_scores_as_its_notes_say(data_dir: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "# only a comment\n", "1 2 3\n", "1 2 x 0 0 0 0 0\n", "1 2 0 0 0 0 0 nan\n", "1 2 0 0 0 0 0 0 0\n"])  # fmt: skip
-def test_broken_relations_are_refused(tmp_path: Path, text: str) -> None:
+def test_invalid_relations_are_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "r.relations").write_text(text)
     with pytest.raises(RecordingDamaged, match=r"r\.relations"):
         read_relations(tmp_path / "r.relations")

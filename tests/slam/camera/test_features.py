@@ -32,7 +32,7 @@ def frame(image: Bytes, depth: Float32Array = NO_DEPTH) -> RgbdFrame:
 
 
 @pytest.mark.parametrize("detector", DETECTORS)
-def test_a_textured_picture_gives_features_of_one_shape_for_every_detector(detector: str) -> None:
+def test_every_detector_gives_features_of_one_shape_on_a_textured_picture(detector: str) -> None:
     settings = FeatureSettings(detector=detector, max_features=120)
     found = extract(frame(textured()), settings)
     assert 50 < len(found) <= 120
@@ -56,7 +56,7 @@ def test_a_black_a_blank_and_an_overexposed_picture_have_no_features(detector: s
 
 
 @pytest.mark.parametrize("detector", DETECTORS)
-def test_the_noise_of_a_bare_wall_is_no_feature(detector: str) -> None:
+def test_the_noise_of_a_bare_wall_gives_no_feature(detector: str) -> None:
     rng = np.random.default_rng(0)
     wall = (120 + rng.normal(0, 1.5, (240, 320))).clip(0, 255).astype(np.uint8)
     assert len(extract(frame(wall), FeatureSettings(detector=detector))) <= 5
@@ -71,7 +71,7 @@ def test_points_lie_on_the_rays_of_their_pixels_at_the_measured_depth() -> None:
 
 
 @pytest.mark.parametrize("detector", DETECTORS)
-def test_corners_without_depth_are_left_out_unless_there_is_none_at_all(detector: str) -> None:
+def test_corners_without_depth_are_left_out_unless_no_corner_has_depth(detector: str) -> None:
     depth = np.full((240, 320), np.nan, np.float32)
     depth[:, 160:] = 2.0
     masked = extract(frame(textured(), depth), FeatureSettings(detector=detector))
@@ -96,7 +96,7 @@ def test_colour_is_read_as_red_green_blue() -> None:
     np.testing.assert_array_equal(extract(frame(image)).pixels, extract(frame(gray)).pixels)
 
 
-def test_turned_patches_have_turned_angles_and_the_reference_agrees() -> None:
+def test_rotated_patches_have_rotated_angles_and_the_reference_agrees() -> None:
     image = textured(3)
     pixels = np.array([[60.0, 50.0], [200.0, 120.0], [3.0, 2.0]], np.float32)
     expected = []
@@ -115,7 +115,7 @@ def test_turned_patches_have_turned_angles_and_the_reference_agrees() -> None:
     np.testing.assert_allclose(patch_angles(turned, there), (np.array(expected) - 90) % 360, atol=1e-9)
 
 
-def test_turning_descriptors_follows_a_rolling_camera_and_upright_ones_do_not() -> None:
+def test_rotated_descriptors_follow_a_rolling_camera_and_upright_ones_do_not() -> None:
     image = textured(5)
     turned = np.ascontiguousarray(np.rot90(image))
     agreement = {}
@@ -132,7 +132,7 @@ def test_turning_descriptors_follows_a_rolling_camera_and_upright_ones_do_not() 
     assert agreement[False] < 20 < agreement[True]
 
 
-def test_surf_is_refused_by_name_and_an_unknown_detector_with_the_choices() -> None:
+def test_surf_is_refused_by_name_and_an_unknown_detector_with_the_known_ones() -> None:
     with pytest.raises(ConfigError, match="not in OpenCV 5"):
         FeatureSettings(detector="surf")
     with pytest.raises(ConfigError, match="gftt_orb, orb, sift"):

@@ -41,7 +41,7 @@ def test_the_motion_between_two_pictures_is_recovered(moved: Pose3) -> None:
     assert (deviations < 0.1).all()
 
 
-def test_matches_agree_with_the_pose_they_gave_and_not_with_one_beside_it() -> None:
+def test_matches_agree_with_their_pose_and_not_with_one_beside_it() -> None:
     found = register(features_at(pose()), features_at(pose((0, 0.05, 0))), CAMERA)
     assert found.old_from_new is not None
     assert found.inlier_share(found.old_from_new, CAMERA) > 0.95
@@ -49,7 +49,7 @@ def test_matches_agree_with_the_pose_they_gave_and_not_with_one_beside_it() -> N
     assert dataclasses.replace(found, points=np.empty((0, 3))).inlier_share(found.old_from_new, CAMERA) == 0.0
 
 
-def test_a_guess_gives_the_same_pose_and_a_wrong_guess_is_done_without() -> None:
+def test_a_guess_gives_the_same_pose_and_a_wrong_guess_is_ignored() -> None:
     moved = pose((0, 0.08, 0), (0.1, 0.02, 0.05))
     old, new = features_at(pose()), features_at(moved)
     for guess in (moved, pose((0, 1.0, 0), (1.0, 0, 0))):
@@ -107,7 +107,7 @@ def test_a_pose_is_found_among_outliers(seed: int, share: float) -> None:
     assert not fit.inliers[false].any()
 
 
-def test_the_residuals_derivatives_are_those_of_finite_differences() -> None:
+def test_the_derivatives_of_residuals_equal_finite_differences() -> None:
     rng = np.random.default_rng(1)
     point, truth = np.array([0.3, -0.2, 2.0]), pose((0.1, 0.2, -0.1), (0.1, 0, 0.2)).inverse()
     seen, sigma = np.array([150.0, 100.0, 0.45, 2.0]), np.array([0.7, 0.05, 100.0])
@@ -132,7 +132,7 @@ def test_the_residuals_derivatives_are_those_of_finite_differences() -> None:
     np.testing.assert_allclose(error, [(u - 150) / 1.4, (v - 100) / 1.4, (inverse - 0.45) / 0.05])
 
 
-def test_rows_exposed_one_after_the_other_are_put_where_they_would_be_at_once() -> None:
+def test_points_of_rows_exposed_in_turn_are_moved_to_one_time() -> None:
     rng = np.random.default_rng(2)
     points = np.column_stack([rng.uniform(-1, 1, 50), rng.uniform(-0.8, 0.8, 50), rng.uniform(1.0, 4.0, 50)])
     velocity, time = np.array([0.5, -1.0, 0.7, 0.2, 0.1, -0.3]), rng.uniform(-0.01, 0.01, 50)
@@ -145,7 +145,7 @@ def test_rows_exposed_one_after_the_other_are_put_where_they_would_be_at_once() 
 
 
 @pytest.mark.parametrize("wrong", [pose((0.02, -0.02, 0.01), (0.03, -0.02, 0.02)), pose((0, 0.04, 0), (0, 0.05, 0))])
-def test_depth_pictures_are_laid_onto_each_other(wrong: Pose3) -> None:
+def test_depth_pictures_are_aligned_with_each_other(wrong: Pose3) -> None:
     corner, moved = pose((0.5, 0.6, 0.0)), pose((0.02, 0.05, 0.0), (0.05, 0.0, 0.05))
     old, new = render(corner).depth, render(corner @ moved).depth
     fit = refine_by_depth(old, new, CAMERA, moved @ wrong)
@@ -154,7 +154,7 @@ def test_depth_pictures_are_laid_onto_each_other(wrong: Pose3) -> None:
     assert away(fit.old_from_new, moved)[1] < 0.004
 
 
-def test_a_flat_wall_an_empty_and_a_distant_depth_leave_the_guess_alone() -> None:
+def test_a_flat_wall_and_an_empty_or_distant_depth_leave_the_guess_unchanged() -> None:
     room, guess = render(pose()).depth, pose((0, 0, 0), (0.01, 0, 0))
     flat = np.full_like(room, 2.0)
     for old, new, why in (

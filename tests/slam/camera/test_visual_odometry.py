@@ -1,4 +1,5 @@
-"""Visual odometry: rendered motions are recovered, blind and lost frames are told, and real pictures are followed."""
+"""Visual odometry: rendered motions are recovered, blind and lost frames are reported, and real pictures are
+followed."""
 
 from __future__ import annotations
 
@@ -39,7 +40,7 @@ def errors(poses: list[Pose3 | None], truth: list[Pose3]) -> FloatArray:
 
 
 @pytest.mark.nightly
-def test_a_camera_that_sways_is_followed_to_millimetres() -> None:
+def test_a_swaying_camera_is_followed_to_millimetres() -> None:
     truth = sway(40)
     odometry, poses, states = followed([noisy(render(p, k * 66_000_000), k) for k, p in enumerate(truth)])
     assert states == [TrackingState.STARTED] + [TrackingState.FOLLOWED] * 39
@@ -51,8 +52,9 @@ def test_a_camera_that_sways_is_followed_to_millimetres() -> None:
     assert 2 <= len(odometry.map.key_frames) < 20
 
 
-def test_rolling_rows_do_not_bend_the_way() -> None:
-    """The same motion with rows exposed one after the other: told of it, the odometry is several times as exact."""
+def test_a_rolling_shutter_does_not_bend_the_trajectory() -> None:
+    """The same motion with rows exposed one after the other: with that setting, the odometry is several times as
+    exact."""
     truth = sway(30, turn=0.6, way=0.1)
     frames = []
     for k, p in enumerate(truth):
@@ -66,7 +68,7 @@ def test_rolling_rows_do_not_bend_the_way() -> None:
     assert told.mean() < 0.7 * untold.mean()
 
 
-def test_black_overexposed_and_blank_frames_are_told_and_the_camera_is_found_after_them() -> None:
+def test_black_overexposed_and_blank_frames_are_reported_and_the_camera_is_found_after_them() -> None:
     truth = sway(16)
     frames = [render(p, k * 66_000_000) for k, p in enumerate(truth)]
     for k, level in ((5, 0), (6, 255), (7, 128)):
@@ -77,7 +79,7 @@ def test_black_overexposed_and_blank_frames_are_told_and_the_camera_is_found_aft
     assert errors(poses, truth).max() < 0.02
 
 
-def test_frames_without_depth_begin_no_map_but_are_followed_in_one() -> None:
+def test_frames_without_depth_start_no_map_but_are_followed_in_one() -> None:
     truth = sway(12)
     frames = [render(p, k * 66_000_000) for k, p in enumerate(truth)]
     holes = [dataclasses.replace(frame, depth=np.full_like(frame.depth, np.nan)) for frame in frames]
@@ -87,7 +89,7 @@ def test_frames_without_depth_begin_no_map_but_are_followed_in_one() -> None:
     assert errors(poses, truth).max() < 0.02
 
 
-def test_a_camera_turned_round_while_blind_is_lost_and_found_when_it_looks_back() -> None:
+def test_a_camera_turned_while_blind_is_lost_and_found_when_it_looks_back() -> None:
     there = [render(pose(at=(0.01 * k, 0, 0)), k * 66_000_000) for k in range(5)]
     away = [render(pose((0, 3.0 + 0.02 * k, 0)), (8 + k) * 66_000_000) for k in range(3)]
     back = [render(pose(at=(0.02 * k, 0, 0)), (12 + k) * 66_000_000) for k in range(3)]
@@ -109,7 +111,7 @@ def test_a_camera_lost_for_long_begins_a_new_piece() -> None:
     assert None not in poses
 
 
-def test_patches_are_found_to_a_tenth_of_a_pixel_under_turn_and_scale() -> None:
+def test_patches_are_found_to_a_tenth_of_a_pixel_under_rotation_and_scale() -> None:
     before, moved = render(pose()), pose((0.02, 0.03, 0.4), (0.03, 0.0, 0.1))
     now = render(moved)
     here = moved.inverse()
@@ -125,13 +127,13 @@ def test_patches_are_found_to_a_tenth_of_a_pixel_under_turn_and_scale() -> None:
     fine = level == 0
     assert fine.mean() > 0.4  # the others lie where there is no texture: these are no corners
     assert np.median(np.linalg.norm(found[fine] - expected[fine], axis=1)) < 0.1
-    delta = 1e-4  # the affine map is the derivative of where the surface that faces the camera is seen
+    delta = 1e-4  # the affine map is the derivative of the pixel of the surface that faces the camera
     shifted = points + np.array([delta, 0.0, 0.0]) / CAMERA[0] * points[:, 2:]
     derivative = (project(shifted, here, CAMERA)[:, :2] - expected) / delta
     np.testing.assert_allclose(affine[:, :, 0], derivative, atol=1e-3)
 
 
-def test_an_exposure_that_changes_shifts_no_patch_and_no_guess() -> None:
+def test_a_change_of_exposure_shifts_no_patch_and_no_guess() -> None:
     before, moved = render(pose()), pose((0.0, 0.02, 0.0), (0.02, 0.0, 0.0))
     now = render(moved)
     darker = np.clip(np.rint(0.6 * now.image + 15.0), 0, 255).astype(np.uint8)
@@ -159,7 +161,7 @@ def test_whole_pictures_give_the_motion_without_corners(moved: Pose3) -> None:
     assert float(np.linalg.norm(fit.now_from_before.translation - moved.inverse().translation)) < 0.02
 
 
-def test_bundle_adjustment_finds_poses_and_points_again() -> None:
+def test_bundle_adjustment_recovers_poses_and_points() -> None:
     rng = np.random.default_rng(4)
     points = np.column_stack([rng.uniform(-1, 1, 80), rng.uniform(-0.8, 0.8, 80), rng.uniform(1.5, 4.0, 80)])
     truth = [pose(tuple(rng.normal(0, 0.05, 3)), tuple(rng.normal(0, 0.1, 3))).inverse() for _ in range(5)]

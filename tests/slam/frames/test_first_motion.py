@@ -26,34 +26,34 @@ def test_an_earlier_recording_begins_with_the_same_scan(resting: int, moving: in
 
 
 @given(st.integers(0, 4), st.integers(1, 9))
-def test_an_imu_found_later_than_the_wheels_gives_the_same_first_scan(deaf: int, resting: int) -> None:
+def test_an_imu_that_starts_later_than_the_wheels_gives_the_same_first_scan(deaf: int, resting: int) -> None:
     frames = [frame(imu=False)] * deaf + [frame()] * resting + [frame(0.3)]
     assert start_index(frames) == deaf + resting - 1
     assert start_index([SensorFrame(0, scan=SCAN), *frames]) == deaf + resting
 
 
-def test_motion_before_the_first_imu_message_begins_the_map() -> None:
+def test_motion_before_the_first_imu_message_starts_the_map() -> None:
     assert start_index([frame(imu=False), frame(0.3, imu=False), frame(), frame(), frame(0.3)]) == 0
 
 
-def test_a_frame_without_a_scan_begins_nothing() -> None:
+def test_a_frame_without_a_scan_does_not_start_the_map() -> None:
     assert start_index([frame(), frame(), frame(scan=False), frame(0.3)]) == 1
 
 
-def test_noise_is_no_motion_and_a_turn_on_the_spot_is_one() -> None:
+def test_noise_is_no_motion_and_a_turn_on_the_spot_is_motion() -> None:
     assert rests(frame(0.02, -0.05))
     assert not rests(frame(0.021))
     assert not rests(frame(-0.3))
     assert not rests(frame(0.0, 0.06))
 
 
-def test_a_chair_that_never_moves_or_has_no_imu_or_counts_only_loses_nothing() -> None:
+def test_a_recording_without_motion_or_imu_or_with_counts_alone_loses_no_frame() -> None:
     assert start_index([frame()] * 9) == 0
     assert start_index([frame(imu=False)] * 9 + [frame(0.3, imu=False)]) == 0
     counts = SensorFrame(0, scan=SCAN, wheels=(WheelTicks(0, 0, 0),), imu=IMU)
     assert start_index([counts] * 9 + [frame(0.3)]) == 0
 
 
-def test_readings_that_are_late_at_rest_begin_nothing_either() -> None:
+def test_late_readings_at_rest_do_not_start_the_map() -> None:
     late = SensorFrame(0, scan=SCAN, imu=IMU)
     assert start_index([frame(), late, frame(), frame(0.3)]) == 2

@@ -36,7 +36,7 @@ def sample(ms: int) -> ImuSample:
 
 
 def ticks(ms: int, per_ms: int = 10) -> WheelTicks:
-    """Counts of a chair that drives evenly."""
+    """Counts of a chair at constant speed."""
     return WheelTicks(ms * MS, per_ms * ms, per_ms * ms + 7)
 
 
@@ -52,7 +52,7 @@ def drive(synchroniser: Synchroniser, until_ms: int) -> list[SensorFrame]:
     return frames
 
 
-def test_a_frame_holds_all_wheels_and_imu_since_the_one_before_and_a_wheel_reading_at_its_stamp() -> None:
+def test_a_frame_holds_all_wheel_and_imu_readings_since_the_last_one_and_a_wheel_reading_at_its_stamp() -> None:
     frames = drive(Synchroniser((SCAN, WHEELS, IMU)), 1000)
     assert [frame.stamp_ns // MS for frame in frames] == list(range(0, 1000, 100))
     assert [reading.stamp_ns // MS for reading in frames[3].wheels] == [210, 230, 250, 270, 290, 300]
@@ -92,7 +92,7 @@ def test_no_reading_is_lost_or_twice_in_frames_and_order_is_kept(moments: list[t
         assert status.counts.used == len(stamps)
 
 
-def test_a_pictures_and_a_scans_frame_is_the_closest_pair() -> None:
+def test_a_frame_of_picture_and_scan_has_the_closest_pair() -> None:
     synchroniser = Synchroniser((SCAN, CAMERA))
     frames: list[SensorFrame] = []
     events = [(ms, SCAN) for ms in range(0, 2000, 100)] + [(round(ms), CAMERA) for ms in np.arange(7, 2000, 1000 / 15)]
@@ -107,7 +107,7 @@ def test_a_pictures_and_a_scans_frame_is_the_closest_pair() -> None:
         assert abs(frame.rgbd.stamp_ns - frame.scan.stamp_ns) == nearest
 
 
-def test_memory_is_bounded_when_one_sensor_dies(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_memory_is_bounded_when_one_sensor_stops(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("waychair.slam.frames.frame_synchroniser.STREAM_QUEUE", 50)
     synchroniser = Synchroniser((SCAN, CAMERA, IMU, WHEELS))
     for ms in range(0, 60_000, 5):
@@ -141,7 +141,7 @@ def test_a_late_topic_is_named_with_its_delay_and_a_remedy() -> None:
     assert complaints[SCAN.name] == complaints[IMU.name] == ""
 
 
-def test_silence_slowness_and_clocks_ahead_are_named() -> None:
+def test_silent_slow_and_future_topics_are_named() -> None:
     synchroniser = Synchroniser((SCAN, IMU))
     for ms in range(0, 4000, 200):
         synchroniser.add(SCAN, scan(ms))
@@ -153,7 +153,7 @@ def test_silence_slowness_and_clocks_ahead_are_named() -> None:
     assert synchroniser.diagnostics(-SECOND)[0].complaint.startswith("/scan is 4.8 s ahead of this computer")
 
 
-def test_a_clock_that_was_set_back_begins_a_new_stretch() -> None:
+def test_a_clock_that_goes_back_starts_a_new_stretch() -> None:
     synchroniser = Synchroniser((SCAN, WHEELS, IMU))
     assert len(drive(synchroniser, 30_000)) == 300
     again = drive(synchroniser, 1000)
@@ -181,17 +181,17 @@ def test_counts_that_wrap_are_interpolated_the_short_way() -> None:
         ((SCAN, Topic("scan_rear", Scan, 10.0)), "both give a frame's scan"),
     ],
 )
-def test_topics_that_make_no_frames_are_refused(topics: tuple[Topic, ...], words: str) -> None:
+def test_topics_that_give_no_frames_are_refused(topics: tuple[Topic, ...], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
         Synchroniser(topics)
 
 
-def test_a_topic_that_was_not_announced_is_refused() -> None:
+def test_an_undeclared_topic_is_refused() -> None:
     with pytest.raises(ConfigError, match="unknown topic 'imu/data'"):
         Synchroniser((SCAN,)).add(IMU, sample(0))
 
 
-def test_known_delays_are_taken_out_of_a_recordings_frames() -> None:
+def test_known_delays_are_removed_from_the_frames_of_a_recording() -> None:
     """A chair that turns at a varying rate: after correction, each scan has the heading of its true time."""
     late = SensorDelays(lidar_ns=70 * MS, wheels_ns=20 * MS)
 
@@ -222,7 +222,7 @@ def test_known_delays_are_taken_out_of_a_recordings_frames() -> None:
     assert frames_with_delays(frames, SensorDelays()) == tuple(frames)
 
 
-def test_frames_that_still_waited_when_the_clock_was_set_back_come_out_first() -> None:
+def test_waiting_frames_are_returned_first_when_the_clock_goes_back() -> None:
     synchroniser = Synchroniser((SCAN, WHEELS))
     synchroniser.add(WHEELS, ticks(9000))
     assert not synchroniser.add(SCAN, scan(9050))

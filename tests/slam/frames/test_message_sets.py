@@ -1,4 +1,4 @@
-"""Messages that belong together: none lost, none twice, in order, and the same sets as an exhaustive search finds."""
+"""Messages that belong together: none lost, none twice, in order, and the same sets as an exhaustive search."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ NAMES = ("a", "b", "c")
 
 @dataclass(frozen=True)
 class Message:
-    """A stamp and where it is from."""
+    """A stamp and its topic."""
 
     stamp_ns: int
     topic: str
 
 
 def streams(topics: int, least_gap: int = 1) -> st.SearchStrategy[list[list[int]]]:
-    """Ascending stamps of each topic, at least so far apart."""
+    """Ascending stamps of each topic, at least this far apart."""
     gaps = st.lists(st.integers(least_gap, 20), min_size=1, max_size=7)
     return st.lists(gaps.map(lambda steps: np.cumsum(steps).tolist()), min_size=topics, max_size=topics)
 
 
 def exhaustive(waiting: list[list[int]], penalty: float, widest: float) -> list[tuple[int, ...]]:
-    """The definition: of all sets with the pivot that are narrow enough the best, again and again."""
+    """The definition: repeatedly take the best of all sets with the pivot that are narrow enough."""
     waiting = [list(stamps) for stamps in waiting]
     found = []
     while all(waiting):
         pivot = max(stamps[0] for stamps in waiting)
         holding = [each for each in product(*waiting) if pivot in each and max(each) - min(each) <= widest]
-        # A set whose pivot's topic has moved on does not hold the pivot, even if another message has its stamp.
+        # A set does not hold the pivot after its topic has moved on, even if another message has its stamp.
         first = next(i for i, stamps in enumerate(waiting) if stamps[0] == pivot)
         holding = [each for each in holding if each[first] == pivot]
         if not holding:
@@ -50,7 +50,7 @@ def exhaustive(waiting: list[list[int]], penalty: float, widest: float) -> list[
 
 
 def feed(sets: MessageSets[Message], waiting: list[list[int]], order: list[int]) -> list[tuple[int, ...]]:
-    """Give the messages in, those of each topic in order, the topics by turns as `order` says."""
+    """Feed the messages, those of each topic in order, and the topics in the sequence `order`."""
     left = {name: list(stamps) for name, stamps in zip(NAMES, waiting, strict=False)}
     found = []
     turn = 0
@@ -78,7 +78,7 @@ def check_counts(sets: MessageSets[Message], found: list[tuple[int, ...]]) -> No
     penalty=st.sampled_from([0.0, 0.1, 1.0]),
     widest=st.sampled_from([0.0, 3.0, math.inf]),
 )
-def test_approximate_sets_are_those_of_an_exhaustive_search(
+def test_approximate_sets_equal_those_of_an_exhaustive_search(
     topics: list[list[int]], order: list[int], penalty: float, widest: float
 ) -> None:
     end = max(map(max, topics)) + 1000
@@ -100,7 +100,7 @@ def test_known_gaps_give_the_same_sets_no_later(topics: list[list[int]], order: 
     assert soon == exhaustive(topics, 0.0, math.inf)[: len(soon)]
 
 
-def test_a_known_gap_spares_the_wait_for_the_next_message() -> None:
+def test_with_a_known_gap_a_set_does_not_wait_for_the_next_message() -> None:
     patient, quick = ApproximateSets[Message](("a", "b")), ApproximateSets[Message](("a", "b"), least_gaps_ns=(50, 50))
     for sets, expected in ((patient, 0), (quick, 1)):
         assert not sets.add("a", Message(100, "a"))
@@ -113,7 +113,7 @@ def test_a_known_gap_spares_the_wait_for_the_next_message() -> None:
     queue=st.integers(1, 4),
     exact=st.booleans(),
 )
-def test_no_message_is_used_twice_sets_never_cross_and_memory_is_bounded(
+def test_no_message_is_used_twice_and_sets_never_cross_and_memory_is_bounded(
     topics: list[list[int]], order: list[int], queue: int, exact: bool
 ) -> None:
     names = NAMES[: len(topics)]
@@ -126,13 +126,13 @@ def test_no_message_is_used_twice_sets_never_cross_and_memory_is_bounded(
 
 
 @given(topics=streams(2), order=st.lists(st.integers(0, 1), max_size=12))
-def test_exact_sets_are_all_stamps_that_both_have(topics: list[list[int]], order: list[int]) -> None:
+def test_exact_sets_are_all_common_stamps(topics: list[list[int]], order: list[int]) -> None:
     sets = ExactSets[Message](NAMES[:2], 100)
     assert feed(sets, topics, order) == [(stamp, stamp) for stamp in sorted(set(topics[0]) & set(topics[1]))]
 
 
 @given(stamps=st.lists(st.integers(0, 30), max_size=30), queue=st.integers(1, 5))
-def test_whatever_comes_is_counted_and_kept_in_order(stamps: list[int], queue: int) -> None:
+def test_any_messages_are_counted_and_kept_in_order(stamps: list[int], queue: int) -> None:
     """Out of order, repeated and late messages included."""
     sets = ApproximateSets[Message](("a", "b"), queue)
     found = []
@@ -144,7 +144,7 @@ def test_whatever_comes_is_counted_and_kept_in_order(stamps: list[int], queue: i
     assert all(a < b for before, after in pairwise(found) for a, b in zip(before, after, strict=True))
 
 
-def test_a_message_that_overtook_another_waits_for_it_in_its_place() -> None:
+def test_a_message_that_came_too_early_waits_for_the_one_before_it() -> None:
     sets = ExactSets[Message](("left", "right"))
     for stamp in (2, 1):
         assert not sets.add("left", Message(stamp, "left"))

@@ -1,4 +1,5 @@
-"""Wrong mounts are found from the motion alone: made-up motions, and a real wheelchair's log read with wrong mounts."""
+"""Wrong mounts are found from the motion alone: synthetic motions, and a real wheelchair's log read with wrong
+mounts."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ def motions(seed: int, count: int = 120) -> FloatArray:
 
 @pytest.mark.parametrize("truth", [Pose2(0.5, 0.1, 0.0), Pose2(-0.3, 0.2, math.pi), Pose2(0.0, 0.0, 1.2)])
 @pytest.mark.parametrize("mount", [Pose2(), Pose2(0.5, 0.1, 0.3), Pose2(0.2, -0.4, -2.0)])
-def test_the_true_mount_follows_from_motions_seen_with_a_wrong_one(truth: Pose2, mount: Pose2) -> None:
+def test_the_true_mount_is_computed_from_motions_with_a_wrong_one(truth: Pose2, mount: Pose2) -> None:
     made = motions(1)
     seen = seen_with(mount, truth, made)
     noise = 0.01 * np.random.default_rng(2).standard_normal(seen.shape)
@@ -39,7 +40,7 @@ def test_the_true_mount_follows_from_motions_seen_with_a_wrong_one(truth: Pose2,
     assert check.scale == pytest.approx(1.0, abs=0.02)
 
 
-def test_a_right_mount_is_not_doubted_and_too_little_motion_tells_nothing() -> None:
+def test_a_right_mount_gives_no_warning_and_too_little_motion_gives_no_answer() -> None:
     made = motions(3)
     check = check_mount(made, made, Pose2(0.4, 0.0, 0.0))
     assert check is not None
@@ -62,7 +63,7 @@ def test_a_right_mount_is_not_doubted_and_too_little_motion_tells_nothing() -> N
         pytest.param("0.78,0,0,upside-down", "the scans turn against the odometry", marks=pytest.mark.nightly),
     ],
 )
-def test_a_wrong_mount_of_the_real_wheelchairs_laser_is_told(data_dir: Path, mount: str, warning: str) -> None:
+def test_a_wrong_mount_of_the_real_wheelchairs_laser_is_reported(data_dir: Path, mount: str, warning: str) -> None:
     log = read_recording(data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz", InputSettings(mounts=(mount,)))
     warnings = map_recording(log, MappingSettings()).report["warnings"]
     assert len(warnings) == (1 if warning else 0)

@@ -16,7 +16,7 @@ INFORMATION = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.2], [0.5, 0.2, 2.0]])
 ODD_EDGE = "EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n"
 
 
-def test_a_written_graph_is_read_back(tmp_path: Path) -> None:
+def test_a_written_graph_is_read_back_unchanged(tmp_path: Path) -> None:
     poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.1, 0.3], [2.0, 0.5, -3.0]])
     edges = [
         Edge(0, 1, Pose2(1.0, 0.1, 0.3), INFORMATION, EdgeKind.ODOMETRY),
@@ -34,7 +34,7 @@ def test_a_written_graph_is_read_back(tmp_path: Path) -> None:
             assert own.information == pytest.approx(INFORMATION)
 
 
-def test_nodes_without_a_line_stand_where_the_chain_leads(tmp_path: Path) -> None:
+def test_nodes_without_a_vertex_line_are_placed_by_the_odometry_edges(tmp_path: Path) -> None:
     path = tmp_path / "edges.g2o"
     path.write_text("# only edges\n\n" + "EDGE_SE2 7 9 1 0 1.5707963267948966 1 0 0 1 0 1\n" * 1
                     + "EDGE_SE2 12 9 -1 0 0 1 0 0 1 0 1\nFIX 7\n")  # fmt: skip
@@ -65,7 +65,7 @@ def test_a_damaged_file_is_named_with_its_line(tmp_path: Path, text: str, words:
         read_g2o(path)
 
 
-def test_a_file_that_cannot_be_unpacked_or_found_is_named(tmp_path: Path) -> None:
+def test_a_missing_file_or_one_that_cannot_be_unpacked_is_named(tmp_path: Path) -> None:
     whole = gzip.compress(ODD_EDGE.encode() * 50)
     for name, data in (("cut.g2o.gz", whole[:-12]), ("text.g2o.gz", ODD_EDGE.encode()), ("bytes.g2o", b"\xff\xfe\x00")):
         (tmp_path / name).write_bytes(data)

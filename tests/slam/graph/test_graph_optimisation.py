@@ -50,7 +50,7 @@ def test_one_loop_closes_the_ring() -> None:
     assert np.hypot(*(solved - truth)[-1, :2]) < 0.2
 
 
-def test_false_loops_do_not_bend_a_well_tied_map_and_are_named_by_their_chi_square() -> None:
+def test_false_loops_do_not_bend_a_well_connected_map_and_are_named_by_their_chi_square() -> None:
     truth = ring()
     edges = [edge(truth, k, k + 1, EdgeKind.MATCH) for k in range(len(truth) - 1)]
     edges += [edge(truth, k, k + 20, EdgeKind.LOOP) for k in range(0, 20, 4)]
@@ -61,7 +61,7 @@ def test_false_loops_do_not_bend_a_well_tied_map_and_are_named_by_their_chi_squa
     assert (chi_square(solved, edges) < 10).all()
 
 
-def test_residuals_vanish_at_the_truth_and_name_the_error_elsewhere() -> None:
+def test_residuals_vanish_at_the_truth_and_equal_the_error_elsewhere() -> None:
     truth = ring()
     exact = [edge(truth, 0, 5, EdgeKind.LOOP)]
     assert residuals(truth, exact) == pytest.approx(np.zeros((1, 3)), abs=1e-12)
@@ -70,7 +70,7 @@ def test_residuals_vanish_at_the_truth_and_name_the_error_elsewhere() -> None:
     assert chi_square(truth, off) == pytest.approx([0.09e4])
 
 
-def test_g2o_file_holds_every_pose_and_edge(tmp_path: Path) -> None:
+def test_the_g2o_file_holds_every_pose_and_edge(tmp_path: Path) -> None:
     truth = ring(5)
     edges = [edge(truth, k, k + 1, EdgeKind.MATCH) for k in range(4)]
     write_g2o(tmp_path / "graph.g2o", truth, edges)
@@ -83,7 +83,7 @@ def test_g2o_file_holds_every_pose_and_edge(tmp_path: Path) -> None:
     assert [float(value) for value in first[6:]] == [1e4, 0, 0, 1e4, 0, 1e4]
 
 
-def test_graph_distance_takes_the_shortest_way_round() -> None:
+def test_the_graph_distance_is_that_of_the_shortest_path() -> None:
     truth = ring(40, 5.0)
     edges = [edge(truth, k, k + 1, EdgeKind.MATCH) for k in range(39)]
     chord = float(np.hypot(*(truth[1] - truth[0])[:2]))
@@ -96,7 +96,7 @@ def ways(poses: FloatArray, edges: list[Edge], known: int) -> FloatArray:
     return graph_distances(poses, edges, len(poses) - 1)[:known]
 
 
-def test_candidates_are_near_in_space_and_far_round_the_graph() -> None:
+def test_candidates_are_near_in_space_and_far_along_the_graph() -> None:
     truth = np.concatenate([ring(100), ring(100)[:20]])
     edges = [edge(truth, k, k + 1, EdgeKind.MATCH) for k in range(len(truth) - 1)]
     found = candidates(truth, ways(truth, edges, len(truth) - 30), LoopSettings())
@@ -105,14 +105,14 @@ def test_candidates_are_near_in_space_and_far_round_the_graph() -> None:
     assert found[0].window == pytest.approx(0.03 * 31.4, rel=0.1)
 
 
-def test_no_candidates_where_the_chair_only_drove_on() -> None:
+def test_a_chair_that_only_drove_on_has_no_candidates() -> None:
     line = np.stack([np.arange(0, 40, 0.2), np.zeros(200), np.zeros(200)], axis=1)
     edges = [edge(line, k, k + 1, EdgeKind.MATCH) for k in range(199)]
     assert candidates(line, ways(line, edges, 160), LoopSettings()) == ()
     assert candidates(line[:2], ways(line[:2], edges[:1], 0), LoopSettings()) == ()
 
 
-def test_a_place_just_linked_is_no_candidate_again() -> None:
+def test_a_place_just_linked_is_not_a_candidate_again() -> None:
     truth = np.concatenate([ring(100), ring(100)[:20]])
     edges = [edge(truth, k, k + 1, EdgeKind.MATCH) for k in range(len(truth) - 1)]
     edges.append(edge(truth, 19, len(truth) - 1, EdgeKind.LOOP))

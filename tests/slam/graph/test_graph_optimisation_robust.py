@@ -67,7 +67,7 @@ def test_false_loops_do_not_move_the_optimum_and_are_named(
     assert told[0].startswith(f"loop {false[0].i}-{false[0].j}: the rest of the graph contradicts it (chi-square ")
 
 
-def test_no_true_loop_is_lost_where_none_is_false(intel: tuple[FloatArray, tuple[Edge, ...], FloatArray]) -> None:
+def test_without_false_loops_no_true_loop_is_rejected(intel: tuple[FloatArray, tuple[Edge, ...], FloatArray]) -> None:
     start, edges, clean = intel
     solution = solve(start, edges)
     assert solution.accepted.all()
@@ -75,7 +75,7 @@ def test_no_true_loop_is_lost_where_none_is_false(intel: tuple[FloatArray, tuple
     assert rmse(solution.poses, clean) < 0.01
 
 
-def test_a_start_in_the_wrong_valley_is_left_for_the_proven_optimum(mit: tuple[FloatArray, EdgeArrays]) -> None:
+def test_from_a_start_near_a_local_optimum_the_proven_optimum_is_found(mit: tuple[FloatArray, EdgeArrays]) -> None:
     poses, edges = mit
     assert sesync_objective(poses, edges) > 1e5
     solved = least_squares(poses, isotropic(edges))
@@ -144,7 +144,7 @@ def laps() -> tuple[FloatArray, list[Edge]]:
     return truth, edges
 
 
-def test_a_false_loop_is_left_out_while_driving_and_a_removed_one_is_remembered() -> None:
+def test_a_false_loop_is_rejected_during_a_drive_and_a_removed_one_is_remembered() -> None:
     truth, edges = laps()
     false = measured(truth, 3, 70, EdgeKind.LOOP, Pose2(4.0, -3.0, 1.0))
     graph = grown([*edges, false], truth)
@@ -159,14 +159,14 @@ def test_a_false_loop_is_left_out_while_driving_and_a_removed_one_is_remembered(
         graph.remove([edges[-1]])
 
 
-def test_nothing_is_solved_while_no_loop_closes() -> None:
+def test_without_a_loop_closure_nothing_is_solved() -> None:
     truth, edges = laps()
     graph = grown(edges[:30], truth[:31])
     reckoned_poses = chained_poses(truth[:31], edges[:30])
     assert graph.poses == pytest.approx(reckoned_poses)
 
 
-def test_graphs_that_make_no_sense_are_refused() -> None:
+def test_invalid_graphs_are_refused() -> None:
     truth, edges = laps()
     with pytest.raises(GraphError, match="no edges connect node 50"):
         solve(truth, [edge for edge in edges if edge.j != 50 and edge.i not in (49, 50)])

@@ -48,7 +48,7 @@ def test_drifting_odometry_is_corrected_scan_by_scan(flat: OccupancyGrid) -> Non
         assert (found.map_from_odom @ odometry).array() == pytest.approx(found.map_from_base.array(), abs=1e-9)
 
 
-def test_a_blind_lidar_is_lost_after_the_stated_number_of_scans(flat: OccupancyGrid) -> None:
+def test_with_a_blind_lidar_the_chair_is_lost_after_the_stated_number_of_scans(flat: OccupancyGrid) -> None:
     settings = LocaliserSettings(lost_scans=5)
     localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), settings)
     blind = Scan(0, np.full(181, np.inf, np.float32), -math.pi / 2, math.pi / 180, range_max=30.0)
@@ -72,7 +72,7 @@ def straight(start: Pose2, metres: float, step: float = 0.05) -> list[Pose2]:
 
 
 @pytest.mark.parametrize("start", [Pose2(1.5, 1.5, 0.0), Pose2(10.5, 7.5, math.pi), Pose2(10.3, 2.0, math.pi / 2)])
-def test_a_chair_from_nowhere_finds_itself_within_three_metres_and_says_ok_only_where_it_is(
+def test_a_chair_without_a_start_finds_its_place_within_three_metres_and_reports_ok_only_there(
     flat: OccupancyGrid, start: Pose2
 ) -> None:
     localiser = Localiser(flat, Pose2(), None, LocaliserSettings())
@@ -84,7 +84,7 @@ def test_a_chair_from_nowhere_finds_itself_within_three_metres_and_says_ok_only_
     assert sum(found.jumped for found, _ in said) == 1
 
 
-def test_a_blinded_chair_that_drove_on_looks_for_itself_and_finds_itself(flat: OccupancyGrid) -> None:
+def test_a_blinded_chair_that_drove_on_searches_for_its_place_and_finds_it(flat: OccupancyGrid) -> None:
     localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings())
     blind = Scan(0, np.full(181, np.inf, np.float32), -math.pi / 2, math.pi / 180, range_max=30.0)
     for k in range(20):
@@ -108,7 +108,7 @@ def test_erased_parts_of_the_map_no_longer_lower_the_health(flat: OccupancyGrid)
     assert min(after) > 0.9
 
 
-def test_a_chair_that_is_lost_looks_for_itself_on_the_map_as_it_is_now(flat: OccupancyGrid) -> None:
+def test_a_lost_chair_searches_on_the_present_map(flat: OccupancyGrid) -> None:
     settings, bare = LocaliserSettings(), replace(flat, cells=np.zeros_like(flat.cells))
     localiser = Localiser(bare, Pose2(), None, settings)
     way = straight(Pose2(1.5, 1.5, 0.0), 3.5)
@@ -117,7 +117,7 @@ def test_a_chair_that_is_lost_looks_for_itself_on_the_map_as_it_is_now(flat: Occ
     assert drive_on(localiser, way[10:], Pose2())[-1][0].state is LocalisationState.OK
 
 
-def test_a_chair_that_is_lifted_to_another_place_is_never_ok_with_a_wrong_pose(flat: OccupancyGrid) -> None:
+def test_a_chair_lifted_to_another_place_is_never_ok_with_a_wrong_pose(flat: OccupancyGrid) -> None:
     localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings())
     before = straight(Pose2(1.5, 1.5, 0.0), 1.0)
     drive_on(localiser, before, Pose2())
@@ -128,7 +128,7 @@ def test_a_chair_that_is_lifted_to_another_place_is_never_ok_with_a_wrong_pose(f
     assert said[-1][0].state is LocalisationState.OK
 
 
-def test_a_room_that_looks_the_same_from_both_ends_is_never_believed() -> None:
+def test_a_pose_in_a_room_with_the_same_view_from_both_ends_is_never_accepted() -> None:
     grid = OccupancyGrid(np.zeros((120, 160), np.int8), 0.05)
     for edge in (grid.cells[:2], grid.cells[-2:], grid.cells[:, :2], grid.cells[:, -2:]):
         edge[:] = 100
@@ -144,7 +144,7 @@ def test_a_room_that_looks_the_same_from_both_ends_is_never_believed() -> None:
     assert len(found.candidates) >= 2
 
 
-def test_another_building_is_never_believed(flat: OccupancyGrid, data_dir: Path) -> None:
+def test_a_pose_in_another_building_is_never_accepted(flat: OccupancyGrid, data_dir: Path) -> None:
     localiser = Localiser(flat, Pose2(), None, LocaliserSettings())
     for frame in read_recording(data_dir / "lidar_fr079" / "fr079_laser.clf.gz").frames[:120]:
         odometry = frame.wheels[-1]
@@ -183,7 +183,7 @@ def test_the_published_pose_moves_by_small_steps_and_reports_the_remaining_corre
     assert remaining[-1] < 0.02
 
 
-def test_a_start_that_is_half_a_metre_off_is_mended_at_once(flat: OccupancyGrid) -> None:
+def test_a_start_with_an_error_of_half_a_metre_is_corrected_at_once(flat: OccupancyGrid) -> None:
     localiser = Localiser(flat, Pose2(), Pose2(1.9, 1.2, 0.3), LocaliserSettings())
     (first, error), *_ = drive_on(localiser, [Pose2(1.5, 1.5, 0.0)], Pose2())
     assert error < 0.05
@@ -192,7 +192,7 @@ def test_a_start_that_is_half_a_metre_off_is_mended_at_once(flat: OccupancyGrid)
     assert first.covariance is not None
 
 
-def test_a_place_that_is_not_on_the_map_is_not_believed(flat: OccupancyGrid) -> None:
+def test_a_place_outside_of_the_map_is_not_accepted(flat: OccupancyGrid) -> None:
     localiser = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings(lost_scans=1))
     elsewhere = np.array([[-40, -1.2, 40, -1.2], [-40, 9.7, 40, 9.7], [6.3, -30, 6.3, 30]], float)
     angles = np.linspace(-math.pi / 2, math.pi / 2, 181)
@@ -201,7 +201,7 @@ def test_a_place_that_is_not_on_the_map_is_not_believed(flat: OccupancyGrid) -> 
     assert localiser.process(scan, Pose2()).inliers < 0.5
 
 
-def test_walls_are_the_cells_that_border_on_free_ground_and_their_normals_point_there() -> None:
+def test_walls_are_the_cells_next_to_free_ground_and_their_normals_point_there() -> None:
     cells = np.full((20, 20), -1, np.int8)
     cells[:, 10:] = 0
     cells[:, 9] = 100
@@ -210,7 +210,7 @@ def test_walls_are_the_cells_that_border_on_free_ground_and_their_normals_point_
     assert normals == pytest.approx(np.tile([1.0, 0.0], (20, 1)), abs=1e-6)
 
 
-def test_normals_of_a_slanted_wall_are_not_stairs() -> None:
+def test_normals_of_an_oblique_wall_are_smooth() -> None:
     cells = np.zeros((60, 60), np.int8)
     for k in range(60):
         cells[k // 2 + 10, k] = 100
@@ -242,7 +242,7 @@ RING = np.array([[(0.7 + 0.5 * (k % 2)) * math.cos(a), (0.7 + 0.5 * (k % 2)) * m
 
 
 @pytest.mark.parametrize("count", [3, 6, 10])
-def test_a_chair_in_a_crowd_follows_the_walls_that_are_seen(flat: OccupancyGrid, count: int) -> None:
+def test_a_chair_in_a_crowd_follows_the_visible_walls(flat: OccupancyGrid, count: int) -> None:
     localiser, rng = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings()), np.random.default_rng(count)
     odometry = Pose2()
     for k, pose in enumerate(straight(Pose2(1.5, 1.5, 0.0), 8.0, 0.1)):
@@ -270,7 +270,7 @@ def test_a_standing_chair_in_a_crowd_that_hides_all_walls_keeps_its_pose(flat: O
     assert localiser.process(scan_at(here), here).state is LocalisationState.OK
 
 
-def test_while_a_chair_stands_it_is_the_world_that_changes_and_driving_on_shows_whether_it_was(
+def test_changes_round_a_standing_chair_are_judged_when_it_drives_on(
     flat: OccupancyGrid,
 ) -> None:
     here, there = Pose2(1.5, 1.5, 0.0), Pose2(5.0, 5.0, 1.0)
@@ -287,7 +287,7 @@ def test_while_a_chair_stands_it_is_the_world_that_changes_and_driving_on_shows_
     assert lost.index(True) == round(0.05 / 0.02) + settings.lost_scans - 1
 
 
-def test_a_chair_that_is_lifted_in_a_crowd_is_noticed(flat: OccupancyGrid) -> None:
+def test_a_chair_lifted_in_a_crowd_is_noticed(flat: OccupancyGrid) -> None:
     localiser, rng = Localiser(flat, Pose2(), Pose2(1.5, 1.5, 0.0), LocaliserSettings()), np.random.default_rng(0)
     for k, pose in enumerate(straight(Pose2(1.5, 1.5, 0.0), 1.0)):
         localiser.process(among(scan_at(pose, noise=0.01, seed=k), crowd(rng, 4)), pose)
@@ -301,7 +301,7 @@ def test_a_chair_that_is_lifted_in_a_crowd_is_noticed(flat: OccupancyGrid) -> No
     assert all(found.state is not LocalisationState.OK for found in said)
 
 
-def test_an_edge_that_is_drawn_as_a_wall_and_never_seen_is_no_doubt(flat: OccupancyGrid) -> None:
+def test_an_edge_drawn_as_a_wall_and_never_seen_does_not_lower_the_health(flat: OccupancyGrid) -> None:
     cells = flat.cells.copy()
     ends = np.column_stack([np.linspace(1.5, 10.5, 900), np.full(900, 0.5)])  # along the way, 1 m beside it
     drawn = cells_from_points(flat, ends)

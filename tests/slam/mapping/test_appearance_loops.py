@@ -31,11 +31,11 @@ _STEP_NS = 100_000_000
 _picture = lru_cache(maxsize=200)(picture_at)  # the same for all tests, though each has its own drive
 
 PICTURES_ONLY = MapperSettings(loops=LoopSettings(spacing=100.0))
-"""The lidar looks for no loops of its own in a drive that is shorter."""
+"""In a shorter drive the lidar does not search for its own loops."""
 
 
 def taken(number: int, pose: Pose2) -> RgbdFrame | None:
-    """Return the picture of a sound camera."""
+    """Return the picture of a working camera."""
     return _picture(pose, number * _STEP_NS)
 
 
@@ -93,7 +93,7 @@ def seen(route: Drive) -> tuple[Mapper, AppearanceLoopClosure]:
     return driven(route)
 
 
-def test_pictures_close_the_loop_that_the_lidar_does_not_look_for(
+def test_pictures_close_a_loop_that_the_lidar_does_not_search_for(
     route: Drive, seen: tuple[Mapper, AppearanceLoopClosure]
 ) -> None:
     mapper, appearance = seen
@@ -103,7 +103,7 @@ def test_pictures_close_the_loop_that_the_lidar_does_not_look_for(
     assert worst_error(route, mapper) < 0.05
 
 
-def test_links_in_time_are_what_was_driven_though_the_graph_bends_between(
+def test_links_in_time_keep_the_driven_motion_when_the_graph_bends(
     route: Drive, seen: tuple[Mapper, AppearanceLoopClosure]
 ) -> None:
     links = [link for link in seen[1].memory.skeleton.every_link() if link.kind in IN_TIME]
@@ -125,9 +125,7 @@ def test_nodes_of_the_second_lap_are_linked_to_the_first(
     assert len(linked) >= 0.95 * len(second)
 
 
-def test_dictionary_and_filter_know_exactly_the_nodes_that_are_awake(
-    route: Drive, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_vocabulary_and_filter_hold_exactly_the_awake_nodes(route: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, PREDICTION_LEVELS=4, LOCAL_RADIUS=3.0)
     settings = AppearanceSettings(memory=MemorySettings(working_memory_limit=20))
     mapper, appearance = driven(route, settings=settings)
@@ -143,7 +141,7 @@ def test_dictionary_and_filter_know_exactly_the_nodes_that_are_awake(
     assert worst_error(route, mapper) < 0.05
 
 
-def test_a_map_without_pictures_is_the_lidars_to_the_last_digit(route: Drive) -> None:
+def test_a_map_without_pictures_equals_that_of_the_lidar_exactly(route: Drive) -> None:
     mapper, appearance = driven(route, lambda number, pose: None, MapperSettings())
     alone = Mapper(MapperSettings(), Pose2())
     for frame in route[0]:
@@ -155,7 +153,7 @@ def test_a_map_without_pictures_is_the_lidars_to_the_last_digit(route: Drive) ->
     assert appearance.memory.stm == ()
 
 
-def test_the_lidar_goes_on_alone_where_the_camera_is_lost(route: Drive) -> None:
+def test_the_lidar_continues_alone_while_the_camera_is_lost(route: Drive) -> None:
     """No pictures from the middle of the first lap to the end of the second."""
     mapper, appearance = driven(route, lambda n, pose: taken(n, pose) if n < 150 else None, MapperSettings())
     assert appearance.loops == ()
@@ -164,14 +162,14 @@ def test_the_lidar_goes_on_alone_where_the_camera_is_lost(route: Drive) -> None:
 
 
 @pytest.mark.nightly
-def test_the_camera_goes_on_where_it_was_lost_for_a_while(route: Drive) -> None:
+def test_the_camera_continues_after_it_was_lost_for_a_while(route: Drive) -> None:
     mapper, appearance = driven(route, lambda n, pose: None if 200 < n < 400 else taken(n, pose))
     assert false_links(route, appearance) == []
     assert len(appearance.loops) >= 5
     assert worst_error(route, mapper) < 0.05
 
 
-def test_black_pictures_say_nothing_and_close_nothing(route: Drive) -> None:
+def test_black_pictures_give_no_words_and_no_loops(route: Drive) -> None:
     def black(number: int, pose: Pose2) -> RgbdFrame | None:
         picture = taken(number, pose)
         assert picture is not None
@@ -190,7 +188,7 @@ def _delayed(number: int, truth: FloatArray, half: int) -> RgbdFrame | None:
     return _picture(Pose2(*truth[at].tolist()), number * _STEP_NS)
 
 
-def test_a_lookalike_place_is_refused_by_the_way_that_was_driven(route: Drive) -> None:
+def test_a_lookalike_place_is_refused_by_the_driven_path(route: Drive) -> None:
     half = len(route[0]) // 2
     _, appearance = driven(route, lambda n, pose: _delayed(n, route[1], half))
     assert appearance.refused
@@ -200,7 +198,7 @@ def test_a_lookalike_place_is_refused_by_the_way_that_was_driven(route: Drive) -
 
 @pytest.mark.nightly
 def test_a_lookalike_place_is_refused_by_the_lidar(route: Drive) -> None:
-    """The way is held to be so uncertain that it contradicts nothing."""
+    """The path is assumed to be so uncertain that it contradicts nothing."""
     half = len(route[0]) // 2
     mapping = MapperSettings(loops=LoopSettings(spacing=100.0, drift=0.1))
     mapper, appearance = driven(route, lambda n, pose: _delayed(n, route[1], half), mapping)
@@ -210,7 +208,7 @@ def test_a_lookalike_place_is_refused_by_the_lidar(route: Drive) -> None:
     assert worst_error(route, mapper) < 0.1
 
 
-def test_a_loop_that_the_graph_takes_out_is_no_link_of_the_memory(route: Drive) -> None:
+def test_a_loop_that_the_graph_removes_is_no_link_of_the_memory(route: Drive) -> None:
     mapper, appearance = driven(route)
     edge, link = appearance._closed_loops[0]
     assert appearance.memory.skeleton.linked(link.i, link.j) is not None
@@ -220,7 +218,7 @@ def test_a_loop_that_the_graph_takes_out_is_no_link_of_the_memory(route: Drive) 
     assert appearance.refused[-1].reason == "the rest of the graph contradicts it"
 
 
-def test_a_chair_that_stands_is_one_node_that_weighs_more(route: Drive) -> None:
+def test_a_standing_chair_gives_one_node_with_more_weight(route: Drive) -> None:
     frames, truth = route
     last = frames[9]
     still = [dataclasses.replace(last, stamp_ns=last.stamp_ns + 3 * k * _STEP_NS) for k in range(1, 31)]
@@ -231,7 +229,7 @@ def test_a_chair_that_stands_is_one_node_that_weighs_more(route: Drive) -> None:
     assert memory.weight(memory.stm[-1]) == 10
 
 
-def test_a_memory_opened_again_knows_the_places_of_the_first_session(route: Drive, tmp_path: Path) -> None:
+def test_a_reopened_memory_has_the_places_of_the_first_session(route: Drive, tmp_path: Path) -> None:
     lap = len(route[0]) // 2
     first = (route[0][:lap], route[1][:lap])
     mapping = MapperSettings(loops=LoopSettings(submap_spacing=100.0))
@@ -251,14 +249,14 @@ def test_a_memory_opened_again_knows_the_places_of_the_first_session(route: Driv
     assert [link for link in later.loops if link.i in nodes and link.j not in nodes]
     assert min(later.memory.skeleton.ids()) == min(nodes)
     assert later.memory.node(later.memory.stm[-1]).map_id == 1
-    assert len(later.memory.skeleton.ids()) <= 1.5 * len(nodes), "nodes that are tied to the first drive's go"
+    assert len(later.memory.skeleton.ids()) <= 1.5 * len(nodes), "nodes linked to the first drive are removed"
     assert later.memory.store.newest_word() > made
     assert len(later.recognition.vocabulary) < 2 * len(words)
     later.memory.close()
 
 
 @pytest.mark.parametrize("shape", [(240, 320, 4), (0, 0), (240,)])
-def test_a_picture_that_is_none_is_counted(shape: tuple[int, ...]) -> None:
+def test_an_invalid_picture_is_counted(shape: tuple[int, ...]) -> None:
     appearance = AppearanceLoopClosure(AppearanceSettings(), BASE_FROM_CAMERA)
     sound = picture_at(Pose2(1.5, 1.5), 1)
     appearance.see(dataclasses.replace(sound, image=np.zeros(shape, np.uint8)))
@@ -273,7 +271,7 @@ def test_pictures_that_step_back_in_time_are_counted() -> None:
     assert appearance.counts["pictures not later than the one before"] == 2
 
 
-def test_pictures_between_two_that_are_looked_at_are_passed_over() -> None:
+def test_pictures_between_two_processed_ones_are_skipped() -> None:
     appearance = AppearanceLoopClosure(AppearanceSettings(detection_rate=1.0), BASE_FROM_CAMERA)
     sound = picture_at(Pose2(1.5, 1.5), 0)
     for k in range(30):

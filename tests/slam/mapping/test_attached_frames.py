@@ -44,9 +44,7 @@ def test_attached_frames_behave_like_a_list(frames: list[AttachedFrame], data: s
 
 
 @given(st.lists(FRAME, max_size=20), st.data())
-def test_some_of_them_taken_out_are_a_copy_that_grows_by_itself(
-    frames: list[AttachedFrame], data: st.DataObject
-) -> None:
+def test_a_selection_is_an_independent_copy_that_can_grow(frames: list[AttachedFrame], data: st.DataObject) -> None:
     kept = filled(frames)
     chosen = data.draw(st.lists(st.integers(0, len(frames) - 1), max_size=20)) if frames else []
     taken = kept.take(chosen)
@@ -57,13 +55,13 @@ def test_some_of_them_taken_out_are_a_copy_that_grows_by_itself(
 
 
 @pytest.mark.parametrize("number", [3, -4, 100])
-def test_a_frame_that_is_not_there_is_refused(number: int) -> None:
+def test_a_missing_frame_is_refused(number: int) -> None:
     kept = filled([AttachedFrame(k, k, Pose2()) for k in range(3)])
     with pytest.raises(IndexError, match=f"no frame {number} among 3"):
         kept[number]
 
 
-def test_ten_hours_take_less_than_thirty_megabytes_and_survive_being_written() -> None:
+def test_ten_hours_take_less_than_thirty_megabytes_and_survive_writing() -> None:
     kept = AttachedFrames()
     frame = AttachedFrame(1, 2, Pose2(3.0, 4.0, 0.5))
     for _ in range(100_000):

@@ -1,4 +1,4 @@
-"""A mapper restored from a checkpoint goes on to the same map."""
+"""A mapper restored from a checkpoint continues to the same map."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from waychair.slam.mapping.mapper import Mapper, MapperSettings
 from waychair.types import FloatArray, Pose2, SensorFrame
 
 
-def test_a_mapper_made_again_anywhere_gives_the_same_map(drive: tuple[list[SensorFrame], FloatArray]) -> None:
+def test_a_mapper_restored_at_any_point_gives_the_same_map(drive: tuple[list[SensorFrame], FloatArray]) -> None:
     frames = drive[0]
     whole, parts = (Mapper(MapperSettings(), Pose2()) for _ in range(2))
     for k, frame in enumerate(frames):

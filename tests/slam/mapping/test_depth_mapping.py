@@ -37,7 +37,7 @@ Change = Callable[[list[RgbdFrame]], list[RgbdFrame]]
 
 
 def place_of(world: str) -> World:
-    """A shipped world; the basement with things beside the way that no lidar sees."""
+    """Return a shipped world; the basement has things beside the way that no lidar sees."""
     return with_hazards(load_world(world).without_people(), 0) if world == "basement" else load_world(world)
 
 
@@ -89,7 +89,7 @@ def test_a_stairwell_beside_the_way_is_lethal_in_the_saved_map_and_not_without_d
     assert both.report["depth"]["drop_offs_m2"] > 0.5
 
 
-def test_the_lidar_shows_a_tables_legs_and_depth_its_top() -> None:
+def test_the_lidar_maps_the_legs_of_a_table_and_depth_its_top() -> None:
     world, taken = load_world("table"), drive("table", 9.0)
     shown = {}
     for use in ("off", "on"):
@@ -124,7 +124,7 @@ def test_depth_alone_makes_a_map_of_the_way() -> None:
     assert mapping.depth is not None
 
 
-def test_live_and_from_the_recording_are_the_same_grid() -> None:
+def test_live_mapping_and_the_recording_give_the_same_grid() -> None:
     taken = drive("stairs", 6.0)
     settings = LiveMappingSettings(depth=DepthMappingSettings(view=DepthSettings(step=1)))
     live = LiveMapping(settings, CHAIR_A.base_from_laser)
@@ -137,7 +137,7 @@ def test_live_and_from_the_recording_are_the_same_grid() -> None:
     mapping = mapped(recording(taken))
     assert live.depth.counts["kept"] > 5
     agree = live.grid().cells.shape == mapping.grid.cells.shape and (live.grid().cells == mapping.grid.cells).mean()
-    assert agree > 0.97, "but for a picture near a bound of what is kept"
+    assert agree > 0.97, "except for a picture near the limit of kept ones"
 
 
 def late(pictures: list[RgbdFrame]) -> list[RgbdFrame]:
@@ -165,7 +165,7 @@ def of_another_day(pictures: list[RgbdFrame]) -> list[RgbdFrame]:
         (of_another_day, "without a scan before and after"),
     ],
 )
-def test_bad_pictures_are_counted_and_said_and_leave_the_lidars_map_whole(change: Change, reason: str) -> None:
+def test_bad_pictures_are_counted_and_reported_and_leave_the_lidar_map_complete(change: Change, reason: str) -> None:
     taken = drive("stairs", 6.0)
     mapping = mapped(recording(taken, change))
     assert any(reason in warning for warning in mapping.report["warnings"])
@@ -176,7 +176,7 @@ def test_bad_pictures_are_counted_and_said_and_leave_the_lidars_map_whole(change
         np.testing.assert_array_equal(mapping.grid.cells, lidar.grid.cells)
 
 
-def test_pictures_of_a_camera_that_is_nowhere_are_not_used_and_depth_alone_is_refused() -> None:
+def test_pictures_of_a_camera_without_a_mount_are_not_used_and_depth_alone_is_refused() -> None:
     taken = drive("stairs", 6.0)
     mapping = mapped(recording(taken, mounted=False))
     assert any("the camera's mount is unknown" in warning for warning in mapping.report["warnings"])
@@ -186,7 +186,7 @@ def test_pictures_of_a_camera_that_is_nowhere_are_not_used_and_depth_alone_is_re
         mapped(recording(taken, without_depth), "only")
 
 
-def test_pictures_that_cannot_be_read_cost_the_map_nothing_but_themselves() -> None:
+def test_unreadable_pictures_change_nothing_else_in_the_map() -> None:
     taken = drive("stairs", 6.0)
     source = recording(taken)
 
@@ -206,7 +206,7 @@ def test_impossible_settings_are_refused() -> None:
         DepthMappingSettings(mount=(0.0, 1.0))
 
 
-def test_the_lean_at_a_picture_is_between_those_of_the_imu_before_and_after_it() -> None:
+def test_the_lean_at_a_picture_is_interpolated_between_imu_samples() -> None:
     mapping = DepthMapping(DepthMappingSettings(), CHAIR_A.base_from_camera, CHAIR_A.front)
     assert mapping.tilt_at(5) == Tilt(5)
     for tilt in (Tilt(10, 0.0, 0.02), None, Tilt(20, 0.04, 0.0), Tilt(15, 9.0, 9.0)):

@@ -1,4 +1,4 @@
-"""A map that is there at any time of the drive, and at its end is the one that mapping the recording gives."""
+"""A live map is available at any time of the drive, and finally equals the map of the recording."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ Drive = tuple[list[SensorFrame], FloatArray]
 
 
 def anew(live: LiveMapping, frames: list[SensorFrame]) -> OccupancyGrid:
-    """The scans that the mapper keeps, drawn from nothing where it puts them; scans are taken at once."""
+    """Return the mapper's kept scans, drawn anew at their poses; each scan is taken at one instant."""
     mapper = live.mapper
     numbers = sorted([*mapper.key_frames, *(n for latest in mapper.covered_frames for n in latest)])
     hung = [mapper.frames[number] for number in numbers]
@@ -41,7 +41,7 @@ def assert_same(found: OccupancyGrid, expected: OccupancyGrid) -> None:
     assert found.map_from_grid == expected.map_from_grid
 
 
-def test_the_grid_keeps_up_with_the_chair_and_after_the_closures_is_that_of_drawing_anew(drive: Drive) -> None:
+def test_the_grid_follows_the_chair_and_after_loop_closures_equals_one_drawn_anew(drive: Drive) -> None:
     frames = drive[0]
     live = LiveMapping(MappingSettings(), Pose2())
     seen = []
@@ -50,7 +50,7 @@ def test_the_grid_keeps_up_with_the_chair_and_after_the_closures_is_that_of_draw
         if k % 40 == 0:
             grid = live.grid()
             row, column = cells_from_points(grid, np.array([[pose.x, pose.y]]))[0]
-            assert 0 <= grid.cells[row, column] < 50, "the chair stands on ground that it has seen free"
+            assert 0 <= grid.cells[row, column] < 50, "the chair stands on cells that it has seen free"
             seen.append(int((grid.cells >= 0).sum()))
     assert seen == sorted(seen)
     result = live.settle()
@@ -60,10 +60,10 @@ def test_the_grid_keeps_up_with_the_chair_and_after_the_closures_is_that_of_draw
 
 
 @pytest.mark.nightly
-def test_without_tolerance_the_grid_is_up_to_date_whenever_nothing_is_pending(
+def test_without_tolerance_the_grid_is_up_to_date_if_nothing_is_pending(
     drive: Drive, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also while the mapper forgets the oldest of the scans that a key scan stood for."""
+    """Also while the mapper drops the oldest of the scans attached to a key scan."""
     frames = drive[0]
     monkeypatch.setattr(grid_assembly, "TOLERANCE", 0.0)
     live, bends, compared, dropped, before = LiveMapping(MappingSettings(), Pose2()), 0, 0, 0, np.empty((0, 3))
@@ -92,7 +92,7 @@ def test_mapping_the_recording_gives_the_same_map(drive: Drive, tmp_path: Path) 
     assert_same(live_result(live, tmp_path / "drive", "live").grid, mapped.grid)
 
 
-def test_mapping_goes_on_after_the_map_was_settled(drive: Drive) -> None:
+def test_mapping_continues_after_the_map_was_settled(drive: Drive) -> None:
     frames = drive[0]
     live = LiveMapping(MappingSettings(), Pose2())
     for k, frame in enumerate(frames):
@@ -104,7 +104,7 @@ def test_mapping_goes_on_after_the_map_was_settled(drive: Drive) -> None:
     assert_same(live.grid(), anew(live, frames))
 
 
-def test_a_mapping_resumed_half_way_is_the_same(drive: Drive) -> None:
+def test_a_resumed_mapping_gives_the_same_map(drive: Drive) -> None:
     frames = drive[0]
     whole, part = LiveMapping(MappingSettings(), Pose2()), LiveMapping(MappingSettings(), Pose2())
     for frame in frames[:300]:
@@ -134,7 +134,7 @@ def test_a_live_map_is_saved_like_any_other(drive: Drive, tmp_path: Path) -> Non
     assert set(report["cpu_seconds"]) >= {"odometry", "grid", "tracking", "total"}
 
 
-def test_before_the_first_scan_there_is_nothing_and_the_chair_is_at_the_origin() -> None:
+def test_before_the_first_scan_the_map_is_empty_and_the_chair_is_at_the_origin() -> None:
     live = LiveMapping(MappingSettings(), Pose2())
     assert live.pose() == live.process(SensorFrame(0, wheels=(Odometry(0, Pose2(3.0, 2.0, 1.0)),))) == Pose2()
     assert (live.grid().cells == -1).all()
@@ -144,7 +144,7 @@ def test_before_the_first_scan_there_is_nothing_and_the_chair_is_at_the_origin()
 
 
 @pytest.mark.parametrize("radius", [0.165, 0.2])
-def test_counts_of_the_wheels_are_those_of_the_chair_it_is_told(radius: float) -> None:
+def test_wheel_counts_are_read_with_the_body_of_the_given_chair(radius: float) -> None:
     """Wheels and IMU of frames without a scan count as well."""
     body = ChairBody(wheel_radius=radius)
     live = LiveMapping(MappingSettings(), Pose2(), body)
@@ -153,14 +153,14 @@ def test_counts_of_the_wheels_are_those_of_the_chair_it_is_told(radius: float) -
         stamp, way = k * 100_000_000, 0.03 * k
         ticks = WheelTicks(stamp, round(way * per_metre), round(way * per_metre))
         sample = ImuSample(stamp, np.array([0.0, 0.0, 9.81]), np.zeros(3))
-        # a scan that sees nothing leaves it to the wheels
+        # with an empty scan the wheels decide
         scan = Scan(stamp, np.full(90, np.inf, np.float32), -1.5, 0.033) if k % 5 == 0 else None
         live.process(SensorFrame(stamp, scan, wheels=(ticks,), imu=(sample,)))
     assert live.pose().x == pytest.approx(0.6, abs=0.03)
     assert len(live.mapper.frames) == 5
 
 
-def test_beams_are_drawn_from_where_the_laser_was_at_their_time() -> None:
+def test_beams_are_drawn_from_the_pose_of_the_laser_at_their_time() -> None:
     """A chair that drives 1 m while it sweeps sees a wall ahead 1 m nearer at the end; drawn, it is one wall."""
     mount, beams = Pose2(0.3, 0.0, 0.0), 101
     ranges = 5.0 - np.linspace(0.0, 1.0, beams)
@@ -175,7 +175,7 @@ def test_beams_are_drawn_from_where_the_laser_was_at_their_time() -> None:
 
 
 def test_a_person_who_walks_ahead_of_the_chair_leaves_no_trail(drive: Drive) -> None:
-    """They cross the chair's way again and again, 1.5 m ahead, while it drives."""
+    """The person crosses the chair's way repeatedly, 1.5 m ahead, while it drives."""
     frames, empty = [], []
     for k, frame in enumerate(drive[0][:150]):
         assert frame.scan is not None
@@ -205,7 +205,7 @@ def occupied_points(live: LiveMapping) -> list[list[int]]:
 
 
 @pytest.mark.nightly
-def test_a_real_log_mapped_live_gives_the_map_that_mapping_it_gives(data_dir: Path) -> None:
+def test_a_real_log_mapped_live_gives_the_same_map_as_mapping_it_offline(data_dir: Path) -> None:
     recording = read_recording(data_dir / "lidar_fr079" / "fr079_laser.clf.gz")
     part = replace(recording, frames=recording.frames[:1000])
     live, most, drawn = LiveMapping(MappingSettings(), recording.base_from_laser), 0, []

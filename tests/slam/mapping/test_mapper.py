@@ -24,7 +24,7 @@ def mapped(frames: list[SensorFrame], settings: MapperSettings | None = None) ->
 
 
 def errors(result: MapperResult, truth: FloatArray) -> FloatArray:
-    """Distance of each pose to the truth, both seen from the first pose."""
+    """Return the distance of each pose to the truth, both relative to the first pose."""
     return np.hypot(*(compose(invert(truth[:1]), truth) - result.trajectory.poses)[:, :2].T)
 
 
@@ -33,7 +33,7 @@ def result(drive: Drive) -> MapperResult:
     return mapped(drive[0])
 
 
-def test_poor_odometry_becomes_a_trajectory_within_centimetres(drive: Drive, result: MapperResult) -> None:
+def test_poor_odometry_is_corrected_to_a_trajectory_within_centimetres(drive: Drive, result: MapperResult) -> None:
     frames, truth = drive
     odometry = np.array([frame.wheels[-1].odom_from_base.array() for frame in frames])  # type: ignore[union-attr]
     true_path = compose(invert(truth[:1]), truth)
@@ -41,18 +41,18 @@ def test_poor_odometry_becomes_a_trajectory_within_centimetres(drive: Drive, res
     assert errors(result, truth).max() < 0.05
 
 
-def test_second_lap_closes_loops_with_the_first(result: MapperResult) -> None:
+def test_the_second_lap_closes_loops_with_the_first(result: MapperResult) -> None:
     loops = [edge for edge in result.edges if edge.kind is EdgeKind.LOOP]
     assert len(loops) >= 1
     assert all(edge.j - edge.i > 40 for edge in loops)
 
 
-def test_second_lap_hangs_on_the_key_scans_of_the_first(drive: Drive, result: MapperResult) -> None:
+def test_the_second_lap_uses_the_key_scans_of_the_first(drive: Drive, result: MapperResult) -> None:
     first_lap = sum(frame < len(drive[0]) // 2 for frame in result.key_frames)
     assert len(result.key_frames) < 1.15 * first_lap
 
 
-def test_the_graph_stops_growing_where_the_chair_goes_to_and_fro(drive: Drive) -> None:
+def test_the_graph_stops_growing_where_the_chair_drives_back_and_forth(drive: Drive) -> None:
     there = drive[0][:60]
     once, often = mapped(there), mapped((there + there[::-1]) * 4)
     assert len(often.key_poses) <= len(once.key_poses) + 2
@@ -60,7 +60,7 @@ def test_the_graph_stops_growing_where_the_chair_goes_to_and_fro(drive: Drive) -
     assert errors(often, np.concatenate([drive[1][:60], drive[1][59::-1]] * 4)).max() < 0.03
 
 
-def test_trajectory_has_one_pose_per_frame_under_its_own_stamp_in_input_order(drive: Drive) -> None:
+def test_the_trajectory_has_one_pose_per_frame_with_its_stamp_in_input_order(drive: Drive) -> None:
     frames = [dataclasses.replace(frame) for frame in drive[0][:60]]
     frames[30] = dataclasses.replace(frames[30], stamp_ns=frames[10].stamp_ns + 7)  # steps back, as Intel's log does
     trajectory = mapped(frames).trajectory
@@ -68,19 +68,19 @@ def test_trajectory_has_one_pose_per_frame_under_its_own_stamp_in_input_order(dr
     assert trajectory.poses.shape == (60, 3)
 
 
-def test_same_input_gives_the_same_map(drive: Drive, result: MapperResult) -> None:
+def test_the_same_input_gives_the_same_map(drive: Drive, result: MapperResult) -> None:
     again = mapped(drive[0])
     assert np.array_equal(again.trajectory.poses, result.trajectory.poses)
 
 
-def test_a_recording_without_odometry_is_mapped_by_its_scans_alone(drive: Drive) -> None:
+def test_a_recording_without_odometry_is_mapped_from_its_scans_alone(drive: Drive) -> None:
     frames, truth = drive
     half = len(frames) // 2 - 20
     alone = mapped([dataclasses.replace(frame, wheels=()) for frame in frames[:half]])
     assert errors(alone, truth[:half]).max() < 0.15
 
 
-def test_scans_that_see_nothing_leave_the_odometry_in_charge(drive: Drive) -> None:
+def test_with_empty_scans_the_odometry_decides(drive: Drive) -> None:
     frames = drive[0][:80]
     blind = [
         dataclasses.replace(
@@ -109,7 +109,7 @@ def test_a_standing_chair_adds_no_key_scans(drive: Drive) -> None:
     frames = [dataclasses.replace(frame, stamp_ns=k, wheels=(Odometry(k, Pose2(0, 0, 1e-4 * k)),)) for k in range(50)]
     result = mapped(frames)
     assert result.counts["key_scans"] == 1
-    assert result.trajectory.poses[-1] == pytest.approx([0, 0, 0], abs=1e-4)  # the scan knows better than the wheels
+    assert result.trajectory.poses[-1] == pytest.approx([0, 0, 0], abs=1e-4)  # the scan is more exact than the wheels
 
 
 def test_the_correction_of_a_match_is_distributed_over_the_poses_before_it(drive: Drive) -> None:
@@ -119,7 +119,7 @@ def test_the_correction_of_a_match_is_distributed_over_the_poses_before_it(drive
     assert errors(sparse, drive[1][:200]).max() < 0.08
 
 
-def test_a_slip_of_the_wheels_is_found_by_the_scan(drive: Drive) -> None:
+def test_wheel_slip_is_found_by_the_scan(drive: Drive) -> None:
     frames, truth = list(drive[0][:150]), drive[1][:150]
     for k in range(70, 150):  # a jump of 0.7 m that the chair did not make
         odometry = frames[k].wheels[-1]
@@ -130,7 +130,7 @@ def test_a_slip_of_the_wheels_is_found_by_the_scan(drive: Drive) -> None:
     result = mapped(frames)
     away = errors(result, truth)
     assert away[-1] < 0.01
-    assert (away > 0.02).sum() <= 1  # the frame between the two key scans that the slip lies between
+    assert (away > 0.02).sum() <= 1  # the frame between the two key scans before and after the slip
 
 
 def test_a_kidnapped_chair_is_relocalised(drive: Drive) -> None:

@@ -28,7 +28,7 @@ def near_by_looking(poses: FloatArray, at: Pose2, radius: float) -> IntArray:
 
 
 @given(st.lists(st.integers(1, 400), min_size=1, max_size=6), st.integers(0, 10**6), st.floats(0.0, 30.0))
-def test_near_ones_are_those_that_looking_at_each_finds(grows: list[int], seed: int, radius: float) -> None:
+def test_near_anchors_equal_those_of_a_full_search(grows: list[int], seed: int, radius: float) -> None:
     rng, poses, anchors = np.random.default_rng(seed), np.empty((0, 3)), AnchorPoses()
     for more in grows:
         poses = np.concatenate([poses, rng.uniform(-40.0, 40.0, (more, 3))])
@@ -39,7 +39,7 @@ def test_near_ones_are_those_that_looking_at_each_finds(grows: list[int], seed: 
         np.testing.assert_array_equal(anchors.near(at, radius), near_by_looking(poses, at, radius))
 
 
-def test_anchors_without_a_pose_are_nowhere() -> None:
+def test_anchors_without_a_pose_are_never_near() -> None:
     poses = np.zeros((5, 3))
     poses[[1, 3]] = np.nan
     assert AnchorPoses(poses).near(Pose2(), 1.0).tolist() == [0, 2, 4]
@@ -47,7 +47,7 @@ def test_anchors_without_a_pose_are_nowhere() -> None:
     assert AnchorPoses().near(Pose2(), 1.0).tolist() == []
 
 
-def test_only_new_rows_are_told_while_the_array_goes_on_where_it_ended() -> None:
+def test_only_new_rows_are_reported_while_the_array_grows() -> None:
     room = np.zeros((1000, 3))
     room[:, 0] = np.arange(1000)
     anchors = AnchorPoses()
@@ -60,7 +60,7 @@ def test_only_new_rows_are_told_while_the_array_goes_on_where_it_ended() -> None
     assert anchors.update(bent).tolist() == [4, 13]
 
 
-def test_a_graph_that_only_grows_keeps_its_poses_where_they_are() -> None:
+def test_a_graph_that_only_grows_keeps_its_poses_in_place() -> None:
     graph, apart = PoseGraph(), 0
     graph.add(np.zeros((1, 3)), [])
     for k in range(1000):
@@ -73,7 +73,7 @@ def test_a_graph_that_only_grows_keeps_its_poses_where_they_are() -> None:
     np.testing.assert_array_equal(graph.poses[:, 0], np.arange(1001.0))
 
 
-def test_a_loop_that_bends_all_anchors_is_written_bit_by_bit_and_the_newest_first() -> None:
+def test_a_loop_that_moves_all_anchors_is_written_in_steps_and_the_newest_first() -> None:
     journal, poses = Journal(), np.zeros((1000, 3))
     journal.moved(np.arange(1000))
     written: list[int] = []

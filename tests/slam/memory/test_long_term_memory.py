@@ -33,14 +33,14 @@ BOUNDED = MemorySettings(working_memory_limit=5)
 
 @pytest.fixture(autouse=True, scope="module")
 def _small_memory() -> Iterator[None]:
-    """Most nodes of a short drive are asleep, and read from the disk."""
+    """Make most nodes of a short drive sleep, so that they are read from the disk."""
     with pytest.MonkeyPatch.context() as patch:
         set_limits(patch, STM_SIZE=5, CACHED_NODES=0)
         yield
 
 
 def drive(path: Path, length: int = 30) -> NodeMemory:
-    """A memory of a corridor in a file, most of which sleeps; it is open."""
+    """Yield an open memory of a corridor in a file, with most nodes asleep."""
     memory = corridor(0, BOUNDED, NodeMemory(BOUNDED, LongTermStore(path)))
     stand(memory, length)
     for k in range(1, length + 1):
@@ -71,7 +71,7 @@ def same(a: Node, b: Node) -> bool:
         max_size=4,
     )
 )
-def test_arrays_are_unpacked_as_they_were_packed(arrays: list[np.ndarray]) -> None:  # type: ignore[type-arg]
+def test_packed_arrays_are_unpacked_unchanged(arrays: list[np.ndarray]) -> None:  # type: ignore[type-arg]
     found = unpack(pack(arrays))
     assert len(found) == len(arrays)
     for a, b in zip(arrays, found, strict=True):
@@ -80,13 +80,15 @@ def test_arrays_are_unpacked_as_they_were_packed(arrays: list[np.ndarray]) -> No
 
 
 @given(st.binary(max_size=60))
-def test_what_is_no_packed_arrays_is_refused(data: bytes) -> None:
+def test_bytes_other_than_packed_arrays_are_refused(data: bytes) -> None:
     with pytest.raises(ValueError, match="no packed arrays"):
         unpack(data)
 
 
 @given(st.binary(max_size=50), st.integers(0, 2**40), st.data())
-def test_a_seal_shows_any_changed_bit_and_any_other_number(body: bytes, number: int, data: st.DataObject) -> None:
+def test_a_checksum_detects_any_changed_bit_and_any_other_node_number(
+    body: bytes, number: int, data: st.DataObject
+) -> None:
     sealed = seal(number, body)
     assert unseal(number, sealed) == body
     bit = data.draw(st.integers(0, 8 * len(sealed) - 1))
@@ -99,14 +101,14 @@ def test_a_seal_shows_any_changed_bit_and_any_other_number(body: bytes, number: 
             unseal(number + 1, sealed)
 
 
-def test_nodes_come_back_from_the_file_as_they_were(tmp_path: Path) -> None:
+def test_nodes_are_read_back_from_the_file_unchanged(tmp_path: Path) -> None:
     drive(tmp_path / "memory.db").close()
     store = LongTermStore(tmp_path / "memory.db")
     assert all(same(store.node(k), view(k)) for k in range(1, 31))
     store.close()
 
 
-def test_a_node_that_is_still_on_its_way_to_the_disk_can_be_read(tmp_path: Path) -> None:
+def test_a_node_not_yet_written_to_the_disk_can_be_read(tmp_path: Path) -> None:
     store = LongTermStore(tmp_path / "memory.db")
     node = Node(5, Pose2(), np.arange(10, dtype=np.int32), id=7)
     store.write(Batch(nodes=(node,)))
@@ -114,7 +116,7 @@ def test_a_node_that_is_still_on_its_way_to_the_disk_can_be_read(tmp_path: Path)
     store.close()
 
 
-def test_a_memory_goes_on_where_it_was_closed(tmp_path: Path) -> None:
+def test_a_reopened_memory_continues_from_its_end(tmp_path: Path) -> None:
     memory = drive(tmp_path / "memory.db", 30)
     memory.link(loop(3, 30))
     memory.add(view(31, view(30).words.tolist(), x=31.0), SURE)
@@ -168,7 +170,7 @@ def test_a_dropped_node_and_a_refused_loop_are_not_in_the_file(tmp_path: Path) -
     again.close()
 
 
-def test_words_that_nobody_uses_wait_in_the_file(tmp_path: Path) -> None:
+def test_unused_words_are_kept_in_the_file(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     descriptors = rng.integers(0, 256, (5, 32), dtype=np.uint8)
     memory = NodeMemory(store=LongTermStore(tmp_path / "memory.db"))
@@ -179,7 +181,7 @@ def test_words_that_nobody_uses_wait_in_the_file(tmp_path: Path) -> None:
     memory.close()
 
 
-def test_a_killed_process_loses_the_last_node_at_most(tmp_path: Path) -> None:
+def test_a_killed_process_loses_at_most_the_last_node(tmp_path: Path) -> None:
     """A small sample of `evaluation.figures.mapping.memory.killed`."""
     rng, path = np.random.default_rng(3), tmp_path / "memory.db"
     seen: set[int] = set()
@@ -220,7 +222,7 @@ def map_for_ever(path: Path, tell: int) -> None:
 
 
 @pytest.mark.parametrize("what", [b"this is no database at all, but some text of some length", b"\x00" * 5000])
-def test_a_file_that_is_no_database_is_moved_aside_and_the_chair_drives_on(tmp_path: Path, what: bytes) -> None:
+def test_a_file_that_is_not_a_database_is_set_aside_and_the_chair_drives_on(tmp_path: Path, what: bytes) -> None:
     path = tmp_path / "memory.db"
     path.write_bytes(what)
     memory = drive(path, 5)
@@ -236,7 +238,7 @@ def test_a_file_that_is_no_database_is_moved_aside_and_the_chair_drives_on(tmp_p
 
 @pytest.fixture(scope="session")
 def sound_file(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """The file of a memory of twelve nodes, most of which sleep."""
+    """The file of a memory of twelve nodes, mostly asleep."""
     path = tmp_path_factory.mktemp("sound") / "memory.db"
     drive(path, 12).close()
     return path.read_bytes()
@@ -244,7 +246,9 @@ def sound_file(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
 @given(data=st.data())
-def test_any_damage_is_set_aside_left_out_or_named(sound_file: bytes, tmp_path: Path, data: st.DataObject) -> None:
+def test_damaged_files_are_set_aside_and_damaged_records_left_out_or_named(
+    sound_file: bytes, tmp_path: Path, data: st.DataObject
+) -> None:
     """Bytes are overwritten or the end cut off: readable records are unchanged, and the drive goes on."""
     path = tmp_path / "memory.db"
     for old in tmp_path.glob("memory.db*"):
@@ -313,7 +317,7 @@ def test_a_file_of_a_newer_program_is_left_alone(tmp_path: Path) -> None:
         LongTermStore(path)
 
 
-def test_a_folder_that_cannot_be_written_is_named_and_the_memory_lives_in_ram(tmp_path: Path) -> None:
+def test_a_read_only_folder_is_named_and_the_memory_stays_in_ram(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder", encoding="utf-8")
     path = tmp_path / "file" / "memory.db"
     with pytest.raises(LongTermError, match="choose another folder"):
@@ -355,7 +359,7 @@ def test_a_full_disk_is_named_nothing_is_lost_in_ram_and_nothing_is_broken_on_di
     again.close()
 
 
-def test_a_write_that_the_system_cuts_off_breaks_nothing(tmp_path: Path) -> None:
+def test_a_write_truncated_by_the_system_damages_nothing(tmp_path: Path) -> None:
     """No file of this process may grow beyond 100 kB, so that a write ends in its middle."""
     path = tmp_path / "memory.db"
     before, handler = resource.getrlimit(resource.RLIMIT_FSIZE), signal.getsignal(signal.SIGXFSZ)
@@ -398,7 +402,7 @@ def test_a_disk_that_hangs_does_not_stop_the_chair_and_nothing_is_lost(tmp_path:
     store.close()
 
 
-def test_words_given_other_numbers_survive_a_full_disk(tmp_path: Path) -> None:
+def test_renumbered_words_survive_a_full_disk(tmp_path: Path) -> None:
     memory = NodeMemory(BOUNDED, LongTermStore(tmp_path / "memory.db", most_bytes=80_000))
     full(memory, 1)
     memory.flush()
@@ -426,7 +430,7 @@ def test_two_programs_do_not_write_over_each_other(tmp_path: Path) -> None:
     store.close()
 
 
-def test_what_is_written_in_one_transaction_is_there_as_a_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_a_transaction_is_stored_completely_or_not_at_all(tmp_path: Path) -> None:
     store = LongTermStore(tmp_path / "memory.db")
     good = Node(1, Pose2(), id=1)
     store.write(Batch(nodes=(good,)))
@@ -439,7 +443,7 @@ def test_what_is_written_in_one_transaction_is_there_as_a_whole_or_not_at_all(tm
     again.close()
 
 
-def test_a_view_takes_on_disk_what_its_arrays_take() -> None:
+def test_a_view_takes_as_much_disk_space_as_its_arrays() -> None:
     rng = np.random.default_rng(0)
     bits = rng.integers(0, 256, (500, 32), dtype=np.uint8)
     node = Node(0, Pose2(), np.arange(500, dtype=np.int32), descriptors=bits)

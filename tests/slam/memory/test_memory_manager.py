@@ -24,13 +24,13 @@ from waychair.types import Pose2
 ALIKE = [1, 2, 3, 4, 5]
 
 
-def test_the_stm_holds_ten_nodes_and_the_oldest_go_on_to_the_wm() -> None:
+def test_the_stm_holds_ten_nodes_and_the_oldest_move_to_the_wm() -> None:
     memory = corridor(13, MemorySettings())
     assert memory.stm == tuple(range(4, 14))
     assert memory.wm == {1, 2, 3}
 
 
-def test_a_node_that_enters_the_wm_is_told_to_those_who_follow() -> None:
+def test_a_node_that_enters_the_wm_is_reported() -> None:
     memory = corridor(10, MemorySettings())
     assert memory.add(view(11), SURE).change.entered_wm == (1,)
 
@@ -52,7 +52,7 @@ def test_consecutive_nodes_are_linked_by_their_odometry() -> None:
     assert link.i_from_j == Pose2(1.0)
 
 
-def test_a_motion_that_a_scan_has_measured_stands_for_the_odometry() -> None:
+def test_a_motion_measured_by_scans_replaces_the_odometry() -> None:
     memory = corridor(1, MemorySettings())
     memory.add(view(2), SURE, motion=Pose2(1.1, 0.1))
     link = memory.skeleton.linked(1, 2)
@@ -60,7 +60,7 @@ def test_a_motion_that_a_scan_has_measured_stands_for_the_odometry() -> None:
     assert link.i_from_j == Pose2(1.1, 0.1)
 
 
-def test_a_new_map_has_no_way_to_the_last_one() -> None:
+def test_a_new_map_has_no_link_to_the_last_one() -> None:
     memory = corridor(2, MemorySettings())
     assert memory.start_map() == 1
     memory.add(view(3), SURE)
@@ -86,14 +86,14 @@ def test_similarity_counts_shared_occurrences_of_the_larger_view(a: list[int], b
 
 
 @given(st.lists(st.integers(-2, 6), max_size=12), st.lists(st.integers(-2, 6), max_size=12))
-def test_similarity_is_that_of_counting_word_by_word(a: list[int], b: list[int]) -> None:
+def test_the_similarity_equals_that_of_counting_word_by_word(a: list[int], b: list[int]) -> None:
     valid = [[word for word in words if word > 0] for words in (a, b)]
     shared = sum(min(valid[0].count(word), valid[1].count(word)) for word in set(valid[0]))
     expected = shared / max(map(len, valid)) if all(valid) else 0.0
     assert similarity(np.array(a, np.int32), np.array(b, np.int32)) == pytest.approx(expected)
 
 
-def test_standing_still_makes_one_node_that_weighs_more() -> None:
+def test_standing_still_gives_one_node_with_more_weight() -> None:
     memory = NodeMemory()
     for second in range(5):
         added = memory.add(view(1, ALIKE, x=0.05, second=second), SURE)
@@ -105,7 +105,7 @@ def test_standing_still_makes_one_node_that_weighs_more() -> None:
     assert memory.skeleton.kept(3) is NodeStatus.GONE
 
 
-def test_the_way_goes_on_from_the_node_that_stands_for_the_merged_one() -> None:
+def test_the_path_continues_from_the_node_that_replaces_the_merged_one() -> None:
     memory = NodeMemory()
     memory.add(view(1, ALIKE, x=0.0), SURE)
     memory.add(view(1, ALIKE, x=0.05), SURE)
@@ -115,7 +115,7 @@ def test_the_way_goes_on_from_the_node_that_stands_for_the_merged_one() -> None:
     assert link.i_from_j == Pose2(1.0)
 
 
-def test_while_the_chair_moves_only_the_weight_goes_over() -> None:
+def test_while_the_chair_moves_only_the_weight_is_transferred() -> None:
     memory = NodeMemory()
     memory.add(view(1, ALIKE), SURE)
     assert memory.add(view(2, ALIKE), SURE).verdict is RehearsalResult.ADD_WEIGHT
@@ -124,19 +124,19 @@ def test_while_the_chair_moves_only_the_weight_goes_over() -> None:
 
 
 @pytest.mark.parametrize("motion", [Pose2(0.11), Pose2(0.0, -0.11), Pose2(0.0, 0.0, 0.11)])
-def test_each_axis_alone_tells_that_the_chair_moves(motion: Pose2) -> None:
+def test_motion_on_any_single_axis_counts_as_moving(motion: Pose2) -> None:
     memory = NodeMemory()
     memory.add(view(1, ALIKE), SURE)
     assert memory.add(view(2, ALIKE), SURE, motion=motion).verdict is RehearsalResult.ADD_WEIGHT
 
 
-def test_small_motions_on_all_axes_are_no_motion() -> None:
+def test_small_motions_on_all_axes_count_as_standing() -> None:
     memory = NodeMemory()
     memory.add(view(1, ALIKE), SURE)
     assert memory.add(view(2, ALIKE), SURE, motion=Pose2(0.1, -0.1, 0.1)).verdict is RehearsalResult.MERGE
 
 
-def test_a_standing_view_behind_intermediate_nodes_becomes_one_of_them() -> None:
+def test_a_view_at_standstill_after_intermediate_nodes_becomes_one_of_them() -> None:
     memory = NodeMemory()
     memory.add(view(1, ALIKE, x=0.0), SURE)
     memory.add(view(2, [], x=0.02), SURE, intermediate=True)
@@ -159,7 +159,7 @@ def test_only_the_latest_picture_is_compared() -> None:
     assert memory.add(view(3, ALIKE), SURE).verdict is RehearsalResult.DIFFERENT
 
 
-def test_a_view_without_words_is_never_rehearsed() -> None:
+def test_a_view_without_words_is_never_merged_by_rehearsal() -> None:
     memory = NodeMemory()
     memory.add(view(1, [0, -1]), SURE)
     assert memory.node(1).is_bad
@@ -172,7 +172,7 @@ def test_a_loop_adds_no_weight() -> None:
     assert memory.weight(2) == memory.weight(15) == 0
 
 
-def test_a_chair_that_has_not_moved_takes_its_node_back_and_its_weight_goes_to_the_loop() -> None:
+def test_a_chair_that_has_not_moved_removes_its_node_and_adds_the_weight_to_the_loop() -> None:
     memory = corridor(13, MemorySettings())
     assert memory.add(view(13, second=14.0), SURE).id == 13
     memory.link(loop(1, 13))
@@ -183,14 +183,14 @@ def test_a_chair_that_has_not_moved_takes_its_node_back_and_its_weight_goes_to_t
         memory.drop(5)
 
 
-def test_a_loop_to_a_node_that_is_gone_is_refused() -> None:
+def test_a_loop_to_a_removed_node_is_refused() -> None:
     memory = corridor(3, MemorySettings())
     memory.drop(3)
     with pytest.raises(ValueError, match="node 3 does not exist"):
         memory.link(loop(1, 3))
 
 
-def test_a_loop_that_the_graph_refuses_is_taken_back_and_neighbours_are_not() -> None:
+def test_a_loop_refused_by_the_graph_is_removed_and_neighbour_links_stay() -> None:
     memory = corridor(5, MemorySettings())
     memory.link(loop(1, 5))
     memory.unlink(5, 1)
@@ -199,7 +199,7 @@ def test_a_loop_that_the_graph_refuses_is_taken_back_and_neighbours_are_not() ->
         memory.unlink(1, 2)
 
 
-def test_a_node_that_closed_a_loop_is_led_past_when_the_graph_is_reduced() -> None:
+def test_graph_reduction_replaces_the_links_of_a_node_that_closed_a_loop() -> None:
     memory = corridor(11, MemorySettings(reduce_graph=True))
     memory.link(loop(1, 5))
     before = memory.skeleton.linked(5, 6)
@@ -225,7 +225,7 @@ def test_a_link_seen_from_its_other_end_is_its_inverse() -> None:
     assert again.information == pytest.approx(link.information)
 
 
-def test_carried_information_is_that_of_the_motions_themselves() -> None:
+def test_propagated_information_equals_that_of_the_motions() -> None:
     """Moving b by a little moves a, rigidly joined, by what the information of both calls equally unlikely."""
     information, a_from_b = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 2.0], [0.5, 2.0, 50.0]]), Pose2(2.0, -1.0, 0.7)
     in_a = carried(information, a_from_b)
@@ -234,7 +234,7 @@ def test_carried_information_is_that_of_the_motions_themselves() -> None:
         assert of_a @ in_a @ of_a == pytest.approx(motion @ information @ motion, rel=1e-3)
 
 
-def test_links_after_one_another_add_their_uncertainties() -> None:
+def test_consecutive_links_add_their_uncertainties() -> None:
     first = Link(1, 2, LinkKind.NEIGHBOUR, Pose2(), np.diag([4.0, 4.0, 10.0]))
     both = first.then(replace(first, i=2, j=3), LinkKind.MERGED)
     assert both.information == pytest.approx(np.diag([2.0, 2.0, 5.0]))
@@ -259,7 +259,7 @@ def test_ten_hours_of_nodes_take_less_than_200_bytes_each() -> None:
     assert len(skeleton.neighbours(35_999)) == 2
 
 
-def test_stamps_that_go_back_do_not_make_nodes_older(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_stamps_that_go_back_do_not_increase_the_age_of_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, STM_SIZE=1)
     memory = corridor(11, MemorySettings())
     memory.add(view(12, second=3.0), SURE)
@@ -268,7 +268,7 @@ def test_stamps_that_go_back_do_not_make_nodes_older(monkeypatch: pytest.MonkeyP
     assert (np.diff(entered) >= 0).all()
 
 
-def test_counts_tell_states_from_events(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_counts_distinguish_states_from_events(monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, STM_SIZE=5, MAX_LOCAL_RETRIEVED=0)
     memory = corridor(40, MemorySettings(working_memory_limit=5))
     for k in range(41, 60):
@@ -395,7 +395,7 @@ class AnyHistory(RuleBasedStateMachine):
 
 
 class AnyHistoryFromDisk(AnyHistory):
-    """The same without cached nodes and without reduction, with a short reach round the chair."""
+    """The same test without cached nodes and without reduction, with a short reach round the chair."""
 
     limits: ClassVar[dict[str, float]] = {"STM_SIZE": 3, "CACHED_NODES": 0, "LOCAL_RADIUS": 3.0}
     reduces = False

@@ -1,4 +1,4 @@
-"""Nodes that are woken and nodes that must stay awake: RTAB-Map's rules, and places whose nodes are all asleep."""
+"""Nodes that are woken and nodes that must stay awake: RTAB-Map's rules, and places with all nodes asleep."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ALONE = NearbyNodes(here=30)
 
 
 def half_asleep(length: int = 30, asleep: range = range(1, 11), stm: int = 3) -> Skeleton:
-    """A corridor whose first nodes sleep, whose last are the STM, and the others the WM."""
+    """A corridor with the first nodes asleep, the last in the STM, and the others in the WM."""
     skeleton = chain(length)
     skeleton.rows["kept"][1 : length - stm + 1] = NodeStatus.WM
     skeleton.rows["kept"][list(asleep)] = NodeStatus.LTM
@@ -46,7 +46,7 @@ def test_neighbours_in_time_are_woken_before_those_over_loops(monkeypatch: pytes
     assert nodes_to_wake(skeleton, 15, ALONE) == [10, 9, 3]
 
 
-def test_the_hypothesis_reaches_seventeen_links_far() -> None:
+def test_the_hypothesis_reaches_seventeen_links() -> None:
     skeleton = half_asleep(length=60, asleep=range(1, 13))
     assert nodes_to_wake(skeleton, 29, ALONE) == [12]
     assert nodes_to_wake(skeleton, 30, ALONE) == []
@@ -57,11 +57,11 @@ def test_no_more_than_two_are_woken_for_the_hypothesis_and_two_for_the_place() -
     assert nodes_to_wake(half_asleep(), 12, around) == [5, 4, 10, 9]
 
 
-def test_what_is_round_the_chair_is_woken_before_what_is_round_the_hypothesis() -> None:
+def test_nodes_round_the_chair_are_woken_before_nodes_round_the_hypothesis() -> None:
     assert nodes_to_wake(half_asleep(), 20, NearbyNodes(here=30, near=(11,))) == [10, 9, 8, 7]
 
 
-def test_the_planned_path_comes_first_then_neighbours_of_near_nodes_then_theirs(
+def test_the_planned_path_is_woken_first_then_neighbours_of_near_nodes_and_then_theirs(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     set_limits(monkeypatch, MAX_LOCAL_RETRIEVED=4, MAX_RETRIEVED=0)
@@ -73,7 +73,7 @@ def test_awake_nodes_are_not_woken_again() -> None:
     assert nodes_to_wake(half_asleep(asleep=range(0)), 12, NearbyNodes(30, (11,), (5,))) == []
 
 
-def test_near_is_within_the_radius_and_nearest_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_near_nodes_are_within_the_radius_and_ordered_by_distance(monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, LOCAL_RADIUS=2.0)
     anchors = np.zeros((31, 3))
     anchors[:, 0] = np.arange(31)
@@ -81,7 +81,7 @@ def test_near_is_within_the_radius_and_nearest_first(monkeypatch: pytest.MonkeyP
     assert list(found.near) == [14, 15, 13, 16]
 
 
-def test_a_place_of_which_all_nodes_sleep_is_woken_by_where_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_place_with_all_nodes_asleep_is_woken_by_its_position(monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, LOCAL_RADIUS=3.0)
     skeleton, anchors = half_asleep(), np.zeros((31, 3))
     anchors[:, 0] = np.arange(31)
@@ -90,7 +90,7 @@ def test_a_place_of_which_all_nodes_sleep_is_woken_by_where_it_is(monkeypatch: p
     assert nodes_to_wake(skeleton, None, around) == [5, 6]
 
 
-def test_on_a_second_lap_the_chair_finds_what_it_saw_on_the_first_awake(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_on_a_second_lap_the_nodes_of_the_first_are_awake(monkeypatch: pytest.MonkeyPatch) -> None:
     """A lap of 150 nodes, 30 of which may be awake: RTAB-Map's own rules wake none of the first lap."""
     set_limits(monkeypatch, STM_SIZE=5)
     memory = corridor(0, MemorySettings(working_memory_limit=30))
@@ -108,7 +108,7 @@ def test_on_a_second_lap_the_chair_finds_what_it_saw_on_the_first_awake(monkeypa
     assert all(found)
 
 
-def test_of_one_place_the_node_that_weighs_most_is_woken_and_none_where_one_is_awake(
+def test_the_heaviest_node_of_a_place_is_woken_unless_one_is_awake(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     set_limits(monkeypatch, LOCAL_RADIUS=3.0)
@@ -122,7 +122,7 @@ def test_of_one_place_the_node_that_weighs_most_is_woken_and_none_where_one_is_a
     assert list(nearby_nodes(skeleton, AnchorPoses(anchors), Pose2(), 30, range(11, 28), ()).sleepers) == []
 
 
-def test_neighbours_of_the_hypothesis_in_time_are_immunised_beyond_any_budget(
+def test_neighbours_of_the_hypothesis_in_time_are_immunised_without_limit(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     set_limits(monkeypatch, LOCAL_IMMUNIZATION_RATIO=0.0)
@@ -149,7 +149,7 @@ def test_the_planned_path_near_the_chair_counts_towards_the_budget() -> None:
     assert kept == {14, 13, 12}  # 20 is not near
 
 
-def test_the_shortest_way_from_the_nearest_node_to_the_newest_is_immunised() -> None:
+def test_the_shortest_path_from_the_nearest_node_to_the_newest_is_immunised() -> None:
     skeleton = half_asleep(asleep=range(0))
     skeleton.link(loop(12, 26, LinkKind.SPACE))
     around = NearbyNodes(30, (10,))
@@ -172,7 +172,7 @@ def test_the_woken_and_the_last_loop_are_immunised(monkeypatch: pytest.MonkeyPat
     assert 2 not in memory.transfer().left_wm
 
 
-def test_woken_nodes_come_back_as_they_were_and_young(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_woken_nodes_are_unchanged_and_young(monkeypatch: pytest.MonkeyPatch) -> None:
     for cached in (0, 100):
         set_limits(monkeypatch, STM_SIZE=5, CACHED_NODES=cached)
         memory = corridor(60, MemorySettings(working_memory_limit=5))
@@ -186,7 +186,7 @@ def test_woken_nodes_come_back_as_they_were_and_young(monkeypatch: pytest.Monkey
         assert memory.skeleton.kept(node.id) is NodeStatus.WM
 
 
-def test_words_that_were_given_other_numbers_are_kept_through_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_renumbered_words_are_kept_through_sleep(monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, STM_SIZE=5, CACHED_NODES=0)
     memory = corridor(60, MemorySettings(working_memory_limit=5))
     memory.rewrite(1, np.array([7, 8, 9, 0, 11], np.int32))
@@ -196,7 +196,7 @@ def test_words_that_were_given_other_numbers_are_kept_through_sleep(monkeypatch:
     assert memory.node(1).words.tolist() == [7, 8, 9, 0, 11]
 
 
-def test_with_no_limit_and_nobody_asleep_nothing_is_looked_for() -> None:
+def test_without_a_limit_and_without_sleeping_nodes_nothing_is_searched() -> None:
     memory = corridor(20, MemorySettings())
     assert memory.retrieve(3, Pose2()).woken == ()
     assert memory.immunised == frozenset()
@@ -244,7 +244,7 @@ def test_the_grid_stays_whole_while_nodes_sleep(beams: int, monkeypatch: pytest.
     assert np.array_equal(found.cells, expected.cells)
 
 
-def test_nodes_that_are_gone_tell_nothing_of_the_grid() -> None:
+def test_removed_nodes_do_not_change_the_grid() -> None:
     memory = corridor(5, MemorySettings())
     memory.drop(5)
     assert [node for chunk in memory.evidence(range(1, 9)) for node, _ in chunk] == [1, 2, 3, 4]

@@ -28,7 +28,7 @@ def _small_stm() -> Iterator[None]:
 
 
 def split(length: int, stm: int = 3) -> tuple[Skeleton, list[int], set[int]]:
-    """A corridor whose last nodes are the STM, and the rest the WM, each a second older than the next."""
+    """A corridor with the last nodes in the STM, and the rest in the WM, each a second older than the next."""
     skeleton = chain(length)
     wm = set(range(1, length - stm + 1))
     for node in wm:
@@ -73,7 +73,7 @@ def test_ages_count_in_whole_seconds_and_then_the_lowest_id_goes_first() -> None
     assert removable(skeleton, NodesInRam(stm, wm), 4) == [3, 4, 1, 2]
 
 
-def test_intermediate_nodes_are_no_candidates_and_go_with_their_neighbour() -> None:
+def test_intermediate_nodes_are_no_candidates_and_are_transferred_with_their_neighbour() -> None:
     skeleton, stm, wm = split(9)
     skeleton.rows["weight"][[2, 3, 5]] = -1
     picked = removable(skeleton, NodesInRam(stm, wm), 1)
@@ -88,23 +88,23 @@ def test_neighbours_of_the_stm_stay() -> None:
     assert removable(skeleton, NodesInRam(stm, wm), 99) == [1, 3, 4, 5, 6]
 
 
-def test_the_immunised_stay() -> None:
+def test_immunised_nodes_stay() -> None:
     skeleton, stm, wm = split(10)
     assert removable(skeleton, NodesInRam(stm, wm, immunised={1, 4}), 99) == [2, 3, 5, 6]
 
 
-def test_the_latest_closure_stays_always() -> None:
+def test_the_latest_closure_always_stays() -> None:
     skeleton, stm, wm = split(10)
     assert 3 not in removable(skeleton, NodesInRam(stm, wm, last_closure=3), 99)
 
 
-def test_nodes_newer_than_the_latest_closure_stay_while_they_are_few() -> None:
+def test_a_few_nodes_newer_than_the_latest_closure_stay() -> None:
     skeleton, stm, wm = split(23)  # 20 in the WM: 4 are a fifth
-    skeleton.rows["weight"][1:17] = 1  # the recent ones would go first
+    skeleton.rows["weight"][1:17] = 1  # the recent ones would be transferred first
     assert removable(skeleton, NodesInRam(stm, wm, last_closure=17), 2) == [1, 2]
 
 
-def test_nodes_newer_than_the_latest_closure_go_until_they_are_few() -> None:
+def test_nodes_newer_than_the_latest_closure_are_transferred_until_few_are_left() -> None:
     skeleton, stm, wm = split(23)
     skeleton.rows["weight"][1:14] = 1
     # 15 to 20 are six; two more than a fifth, so that those two and one more may go before fewer than four are left
@@ -118,7 +118,7 @@ def test_without_a_closure_nothing_is_recent() -> None:
 
 
 @given(st.data())
-def test_the_choice_equals_a_plain_walk_through_the_sorted_nodes(data: st.DataObject) -> None:
+def test_the_choice_equals_a_plain_loop_over_the_sorted_nodes(data: st.DataObject) -> None:
     skeleton, stm, wm = split(data.draw(st.integers(5, 30)))
     count = len(wm)
     for node in wm:
@@ -151,10 +151,10 @@ def test_the_choice_equals_a_plain_walk_through_the_sorted_nodes(data: st.DataOb
     assert found == expected
 
 
-def test_the_wm_shrinks_by_one_more_than_came() -> None:
+def test_the_wm_shrinks_by_one_more_than_was_added() -> None:
     memory = corridor(40, MemorySettings(working_memory_limit=5))
     before = len(memory.wm)
-    assert memory.transfer().left_wm == (1, 2)  # one was added, and one more goes
+    assert memory.transfer().left_wm == (1, 2)  # one was added, and one more is transferred
     assert len(memory.wm) == before - 2
     stand(memory, 41)
     memory.add(view(41), SURE)
@@ -163,7 +163,7 @@ def test_the_wm_shrinks_by_one_more_than_came() -> None:
     assert len(memory.transfer().left_wm) == 4
 
 
-def test_nothing_goes_when_the_newest_node_is_an_intermediate_one() -> None:
+def test_nothing_is_transferred_when_the_newest_node_is_an_intermediate_one() -> None:
     memory = corridor(40, MemorySettings(working_memory_limit=5))
     memory.add(view(41), SURE, intermediate=True)
     assert memory.transfer().left_wm == ()
@@ -182,13 +182,13 @@ def test_intermediate_nodes_of_the_wm_do_not_count_for_the_limit(monkeypatch: py
     assert 2 in change.left_wm
 
 
-def test_the_time_of_a_frame_is_a_limit_too() -> None:
+def test_the_time_of_a_frame_is_limited_too() -> None:
     memory = corridor(40, MemorySettings(frame_time_limit=1000.0))
     assert memory.transfer(spent_ms=1000.0).left_wm == ()
     assert memory.transfer(spent_ms=1000.1).left_wm == (1, 2)
 
 
-def test_places_near_the_chair_are_young_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_places_near_the_chair_become_young_again(monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, LOCAL_RADIUS=2.5, LOCAL_IMMUNIZATION_RATIO=0.0)
     memory = corridor(30, MemorySettings(working_memory_limit=5))
     stand(memory, 31)

@@ -23,7 +23,7 @@ def scan(stamp_ns: int, ahead: float) -> Scan:
     return Scan(stamp_ns, np.full(91, ahead, np.float32), -math.pi / 4, math.radians(1), range_max=20.0)
 
 
-def test_a_recording_of_odometry_alone_passes_as_it_is() -> None:
+def test_a_recording_of_odometry_alone_passes_unchanged() -> None:
     frame = SensorFrame(5, scan(5, 2.0), wheels=(Odometry(5, Pose2(1, 2, 3)),))
     assert DeadReckoning(CHAIR_A).update(frame) is frame
 
@@ -44,7 +44,7 @@ def test_a_frame_gets_one_odometry_at_the_stamp_of_its_scan() -> None:
     assert last.twist.v == pytest.approx(0.5, abs=0.02)
 
 
-def test_the_gyro_turns_the_chair_where_the_wheels_are_wrong() -> None:
+def test_the_gyro_gives_the_turn_where_the_wheels_are_wrong() -> None:
     reckoning, heading = DeadReckoning(CHAIR_A), 0.0
     for k in range(200):
         rate = 0.0 if k < 50 else 0.5
@@ -58,7 +58,7 @@ def test_the_gyro_turns_the_chair_where_the_wheels_are_wrong() -> None:
     assert abs(last.odom_from_base.theta - true) < 0.3 * abs(heading - true)
 
 
-def test_beams_that_meet_the_floor_beyond_a_ramp_are_taken_out() -> None:
+def test_beams_that_meet_the_floor_beyond_a_ramp_are_removed() -> None:
     pitch, reckoning = math.atan(1 / 12), DeadReckoning(CHAIR_A)
     for k in range(500):
         out = reckoning.update(

@@ -60,7 +60,7 @@ def driven(
 
 
 def wandering(seconds: float, rng: np.random.Generator) -> FloatArray:
-    """Speeds of a drive that stands for two seconds, then goes straight, turns and turns in place in some order."""
+    """Speeds of a drive that stands for two seconds, then drives straight, turns and turns in place in some order."""
     legs = [np.zeros((100, 2))]
     while sum(map(len, legs)) * 0.02 < seconds:
         v, omega = [(0.8, 0.0), (0.6, 0.4), (0.6, -0.5), (0.0, 0.6), (0.0, -0.6)][rng.integers(5)]
@@ -71,8 +71,8 @@ def wandering(seconds: float, rng: np.random.Generator) -> FloatArray:
 def nees_of(odometry: Odometry, truth: Pose2) -> float:
     """Squared error over its covariance, along the arc from the estimate to the truth.
 
-    Errors of a heading bend a way, which a Gaussian holds in the coordinates of the motion group, not in x and y (Long
-    et al., The banana distribution is Gaussian, RSS 2012).
+    Errors of a heading bend a path, which is Gaussian in the coordinates of the motion group, not in x and y (Long et
+    al., The banana distribution is Gaussian, RSS 2012).
     """
     assert odometry.covariance is not None
     gap = odometry.odom_from_base.inverse() @ truth
@@ -85,7 +85,7 @@ def nees_of(odometry: Odometry, truth: Pose2) -> float:
 
 
 def counts(stamp_ns: int, way: float, turn: float = 0.0) -> WheelTicks:
-    """Counts of a chair that has driven so far in all."""
+    """Counts of a chair after this distance in all."""
     half = turn * CHAIR_A.track / 2
     return WheelTicks(stamp_ns, round((way - half) * PER_METRE), round((way + half) * PER_METRE))
 
@@ -118,7 +118,7 @@ def test_opposite_counts_turn_in_place_to_the_left() -> None:
     assert math.hypot(moved.odom_from_base.x, moved.odom_from_base.y) < 1e-9
 
 
-def test_counters_that_wrap_do_not_throw_the_chair_back() -> None:
+def test_a_wrap_of_the_counters_does_not_move_the_chair_back() -> None:
     odometry = OdometryFilter(CHAIR_A)
     odometry.update_wheels(WheelTicks(0, COUNTS - 10, COUNTS // 2 - 5))
     moved = odometry.update_wheels(WheelTicks(WHEELS_NS, 10, COUNTS // 2 + 15))
@@ -126,7 +126,7 @@ def test_counters_that_wrap_do_not_throw_the_chair_back() -> None:
 
 
 @pytest.mark.parametrize("stamp_ns", [0, -5, SECOND, SECOND - 1])
-def test_counts_that_are_repeated_or_late_change_nothing(stamp_ns: int) -> None:
+def test_repeated_or_late_counts_change_nothing(stamp_ns: int) -> None:
     odometry = OdometryFilter(CHAIR_A)
     odometry.update_wheels(counts(0, 0.0))
     before = odometry.update_wheels(counts(SECOND, 0.5))
@@ -136,7 +136,7 @@ def test_counts_that_are_repeated_or_late_change_nothing(stamp_ns: int) -> None:
     assert after.odom_from_base.x == pytest.approx(0.51, abs=1e-3)
 
 
-def test_a_clock_that_is_set_back_begins_anew_where_the_chair_is() -> None:
+def test_a_clock_that_goes_back_restarts_at_the_present_pose() -> None:
     odometry = OdometryFilter(CHAIR_A)
     here = straight(odometry, 3.0)
     again = odometry.update_wheels(counts(0, 3.01))
@@ -146,7 +146,7 @@ def test_a_clock_that_is_set_back_begins_anew_where_the_chair_is() -> None:
 
 
 @pytest.mark.parametrize("ahead_s", [-1000, 1000])
-def test_an_imu_with_another_clock_is_done_without(ahead_s: int) -> None:
+def test_an_imu_with_another_clock_is_ignored(ahead_s: int) -> None:
     odometry = OdometryFilter(CHAIR_A)
     for k in range(101):
         last = odometry.update_wheels(counts(k * WHEELS_NS, 0.01 * k))
@@ -156,7 +156,7 @@ def test_an_imu_with_another_clock_is_done_without(ahead_s: int) -> None:
     assert last.stamp_ns == 100 * WHEELS_NS
 
 
-def test_wheels_that_lose_count_do_not_throw_the_chair_away() -> None:
+def test_a_jump_of_the_counts_does_not_move_the_chair() -> None:
     odometry = OdometryFilter(CHAIR_A)
     here = straight(odometry, 1.0)
     jumped = odometry.update_wheels(counts(here.stamp_ns + WHEELS_NS, 400.0))
@@ -164,12 +164,12 @@ def test_wheels_that_lose_count_do_not_throw_the_chair_away() -> None:
     assert odometry.update_wheels(counts(here.stamp_ns + 2 * WHEELS_NS, 400.01)).odom_from_base.x < 1.05
 
 
-def test_counts_without_the_chairs_body_are_refused_with_advice() -> None:
+def test_counts_without_a_chair_body_are_refused_with_advice() -> None:
     with pytest.raises(CalibrationError, match="give the chair's body"):
         OdometryFilter().update_wheels(WheelTicks(0, 0, 0))
 
 
-def test_odometry_of_a_recording_keeps_its_own_steps_even_sideways() -> None:
+def test_recorded_odometry_keeps_its_steps_even_sideways() -> None:
     odometry, start = OdometryFilter(), Pose2(3.0, -2.0, 1.0)
     steps = [Pose2(0.02 * k, 0.004 * k, 0.01 * k) for k in range(50)]
     for k, step in enumerate(steps):
@@ -199,7 +199,7 @@ def test_a_chair_at_rest_learns_the_gyros_bias_and_does_not_turn() -> None:
 
 
 @pytest.mark.parametrize("with_gyro", [False, True])
-def test_errors_are_as_large_as_the_covariance_says(with_gyro: bool) -> None:
+def test_errors_agree_with_the_covariance(with_gyro: bool) -> None:
     """Chairs drawn from the filter's prior: the sum of the squared errors (3 dof each) lies in the 99 % band."""
     s, nees = OdometrySettings(), []
     for seed in range(6):
@@ -217,7 +217,7 @@ def test_errors_are_as_large_as_the_covariance_says(with_gyro: bool) -> None:
 
 
 @pytest.mark.parametrize("with_gyro", [False, True])
-def test_errors_of_the_speeds_are_as_large_as_their_covariance_says(with_gyro: bool) -> None:
+def test_errors_of_the_speeds_agree_with_their_covariance(with_gyro: bool) -> None:
     """Within a factor of two in sigmas; a reading's rounding is not white."""
     squares = []
     for seed in range(4):
@@ -239,7 +239,7 @@ def test_errors_of_the_speeds_are_as_large_as_their_covariance_says(with_gyro: b
     assert np.linalg.eigvalsh(covariance).min() > 0.0
 
 
-def test_the_gyro_makes_the_heading_surer_than_wheels_that_are_unlike() -> None:
+def test_the_gyro_makes_the_heading_more_certain_than_unequal_wheels() -> None:
     rng, both, wheels = np.random.default_rng(3), OdometryFilter(CHAIR_A), OdometryFilter(CHAIR_A)
     for reading, pose in driven(wandering(25.0, rng), Faults(drift=0.005, bias=0.004), rng):
         if isinstance(reading, ImuSample):
@@ -250,7 +250,7 @@ def test_the_gyro_makes_the_heading_surer_than_wheels_that_are_unlike() -> None:
     assert off[0] < 0.3 * off[1]
 
 
-def test_systematic_errors_grow_with_the_distance_and_not_with_its_root() -> None:
+def test_systematic_errors_grow_with_the_distance_and_not_with_its_square_root() -> None:
     sigmas = []
     for metres in (10.0, 40.0):
         covariance = straight(
@@ -262,7 +262,7 @@ def test_systematic_errors_grow_with_the_distance_and_not_with_its_root() -> Non
     assert sigmas[1][1] / sigmas[0][1] == pytest.approx(16.0, rel=0.01)
 
 
-def test_one_wheel_that_spins_shows_as_slip_and_does_not_turn_the_chair() -> None:
+def test_one_spinning_wheel_is_found_as_slip_and_does_not_turn_the_chair() -> None:
     odometry, turned, stamp = OdometryFilter(CHAIR_A), 0.0, 0
     covariances = []
     for k in range(150):
@@ -277,7 +277,7 @@ def test_one_wheel_that_spins_shows_as_slip_and_does_not_turn_the_chair() -> Non
     assert covariances[126][0, 0] > 2.0 * covariances[99][0, 0]
 
 
-def test_both_wheels_that_spin_do_not_carry_the_chair_away() -> None:
+def test_two_spinning_wheels_do_not_move_the_chair() -> None:
     odometry, way, stamp, slipped = OdometryFilter(CHAIR_A), 0.0, 0, False
     for k in range(150):
         way += 0.016 if 100 <= k < 125 else 0.0  # half a second at 0.8 m/s, of a chair that stands in mud
@@ -292,7 +292,7 @@ def test_both_wheels_that_spin_do_not_carry_the_chair_away() -> None:
     assert math.sqrt(last.covariance[0, 0]) > 0.2 * way
 
 
-def test_a_chair_that_really_speeds_up_does_not_slip() -> None:
+def test_a_real_acceleration_is_not_taken_for_slip() -> None:
     odometry, rng = OdometryFilter(CHAIR_A), np.random.default_rng(0)
     speeds = np.concatenate([np.zeros(50), np.linspace(0, 1.2, 60), np.full(50, 1.2), np.linspace(1.2, 0, 30)])
     for reading, pose in driven(np.stack([speeds, 0 * speeds], axis=1), Faults(), rng):
@@ -302,7 +302,7 @@ def test_a_chair_that_really_speeds_up_does_not_slip() -> None:
     assert last.odom_from_base.x == pytest.approx(truth.x, rel=0.01)
 
 
-def test_measured_motions_alone_carry_the_chair() -> None:
+def test_measured_motions_alone_move_the_chair() -> None:
     odometry, rng, pose = OdometryFilter(), np.random.default_rng(0), Pose2()
     sigma = np.array([0.005, 0.005, 0.003])
     for k in range(200):
@@ -315,18 +315,18 @@ def test_measured_motions_alone_carry_the_chair() -> None:
     assert math.hypot(*(last.odom_from_base.array() - pose.array())[:2]) < 0.5
 
 
-def test_measured_motions_teach_how_large_the_wheels_are() -> None:
+def test_measured_motions_estimate_the_size_of_the_wheels() -> None:
     odometry = OdometryFilter(CHAIR_A, OdometrySettings(wheel_scale=0.05))
     for k in range(501):
         last = odometry.update_wheels(counts(k * WHEELS_NS, 0.01 * k))
-        if k and k % 50 == 0:  # the true way is 4 % longer
+        if k and k % 50 == 0:  # the true distance is 4 % longer
             begin, end = (k - 50) * WHEELS_NS, k * WHEELS_NS
             last = odometry.update_motion(begin, end, Pose2(0.52), np.diag([0.003, 0.003, 0.002]) ** 2)
     assert last.odom_from_base.x == pytest.approx(1.04 * 5.0, abs=0.06)
     assert last.twist.v == pytest.approx(0.52, abs=0.016)
 
 
-def test_a_match_that_is_far_off_moves_the_chair_only_a_little() -> None:
+def test_a_match_with_a_large_error_moves_the_chair_only_a_little() -> None:
     odometry = OdometryFilter(CHAIR_A)
     for k in range(101):
         odometry.update_wheels(counts(k * WHEELS_NS, 0.01 * k))
@@ -336,7 +336,7 @@ def test_a_match_that_is_far_off_moves_the_chair_only_a_little() -> None:
     assert after.odom_from_base.x == pytest.approx(1.0, abs=0.1)
 
 
-def test_wheels_that_fall_silent_leave_the_gyro_and_the_last_speed() -> None:
+def test_with_silent_wheels_the_gyro_and_the_last_speed_are_used() -> None:
     odometry = OdometryFilter(CHAIR_A)
     begun = straight(odometry, 1.0)
     for k in range(1, 401):
@@ -349,7 +349,7 @@ def test_wheels_that_fall_silent_leave_the_gyro_and_the_last_speed() -> None:
     assert np.isfinite(back.odom_from_base.array()).all()
 
 
-def test_prediction_interpolates_and_goes_ahead_for_a_tenth_of_a_second_only() -> None:
+def test_prediction_interpolates_and_extrapolates_for_a_tenth_of_a_second_only() -> None:
     odometry = OdometryFilter(CHAIR_A)
     assert odometry.predict(5).odom_from_base == Pose2()
     last = straight(odometry, 2.0)
@@ -373,7 +373,7 @@ def test_a_late_wheel_reading_does_not_count_the_gyro_twice() -> None:
     )
 
 
-def test_twist_of_wheels_alone_is_that_of_the_last_step() -> None:
+def test_the_twist_of_wheels_alone_is_that_of_the_last_step() -> None:
     odometry = OdometryFilter(CHAIR_A)
     odometry.update_wheels(counts(0, 0.0))
     odometry.update_wheels(counts(WHEELS_NS, 0.02))

@@ -44,7 +44,7 @@ def differences(function: Callable[[FloatArray], FloatArray], state: FloatArray)
 
 @pytest.mark.parametrize("wheels", [None, arc(0.3, 0.2), Pose2(0.1, -0.05, -0.4), Pose2()])
 @pytest.mark.parametrize("gyro", [None, 0.25])
-def test_jacobian_of_a_step_is_that_of_its_motion(wheels: Pose2 | None, gyro: float | None) -> None:
+def test_the_jacobian_of_a_step_is_that_of_its_motion(wheels: Pose2 | None, gyro: float | None) -> None:
     for seed in range(5):
         state = drawn_state(seed)
         step = predict_step(state, 0.2, wheels, gyro, SETTINGS)
@@ -70,12 +70,12 @@ def unwrapped(motion: FloatArray, state: FloatArray) -> FloatArray:
 
 
 @given(ways, turns)
-def test_the_length_of_an_arc_comes_back(way: float, turn: float) -> None:
+def test_the_length_of_an_arc_is_recovered(way: float, turn: float) -> None:
     assert forward(arc(way, turn)) == pytest.approx(way, abs=1e-12)
 
 
 @given(ways, turns)
-def test_wheels_that_err_in_nothing_are_believed_exactly(way: float, turn: float) -> None:
+def test_wheels_without_error_are_followed_exactly(way: float, turn: float) -> None:
     step = predict_step(np.zeros(SIZE), 0.5, arc(way, turn), None, SETTINGS)
     expected = arc(way, turn).array()
     assert step.state[:3] == pytest.approx(expected, abs=1e-12)
@@ -83,7 +83,7 @@ def test_wheels_that_err_in_nothing_are_believed_exactly(way: float, turn: float
     assert np.count_nonzero(step.state) <= 5
 
 
-def test_without_any_reading_the_twist_goes_on_and_the_doubt_grows() -> None:
+def test_without_readings_the_twist_continues_and_the_covariance_grows() -> None:
     state = np.zeros(SIZE)
     state[[V, OMEGA]] = 0.5, 0.2
     step = predict_step(state, 0.4, None, None, SETTINGS)

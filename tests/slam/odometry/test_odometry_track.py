@@ -1,4 +1,4 @@
-"""The odometry of the last second: where the chair was at a stamp, and when it is another odometry."""
+"""The odometry of the last second: the chair's pose at a stamp, and restarts of the odometry."""
 
 from __future__ import annotations
 
@@ -39,23 +39,23 @@ def test_between_two_readings_and_a_little_beyond_the_pose_is_on_the_arc(ms: flo
 
 
 @pytest.mark.parametrize("ms", [1101, 5000, -101, -5000])
-def test_far_from_what_is_known_nothing_is_claimed(ms: int) -> None:
+def test_far_from_known_readings_no_pose_is_given(ms: int) -> None:
     assert driven().odom_from_base(ms * MS) is None
 
 
-def test_an_empty_track_knows_nothing_and_stands() -> None:
+def test_an_empty_track_has_no_pose_and_no_motion() -> None:
     assert OdometryTrack().odom_from_base(0) is None
     assert OdometryTrack().twist == Twist()
 
 
-def test_a_silence_leaves_a_hole_in_which_nothing_is_claimed() -> None:
+def test_a_silence_leaves_a_gap_without_poses() -> None:
     track = driven(200)
     assert not track.take(reading(600, on_arc(600)))
     assert track.odom_from_base(450 * MS) is None
     assert track.odom_from_base(600 * MS) is not None
 
 
-def test_a_clock_that_is_set_back_begins_anew_with_the_same_odometry() -> None:
+def test_a_clock_that_goes_back_restarts_with_the_same_odometry() -> None:
     track = driven()
     assert not track.take(reading(-3_600_000, on_arc(1020)))
     assert track.odom_from_base(1000 * MS) is None
@@ -69,7 +69,7 @@ def test_a_restarted_source_of_odometry_is_noticed(later_ms: int) -> None:
     assert track.odom_from_base(1000 * MS) is None
 
 
-def test_driving_through_the_origin_or_standing_there_is_no_restart() -> None:
+def test_driving_through_the_origin_or_standing_there_does_not_count_as_a_restart() -> None:
     track = OdometryTrack()
     for ms in range(0, 3000, 20):
         assert not track.take(reading(ms, Pose2(-1.0 + 0.8e-3 * ms)))

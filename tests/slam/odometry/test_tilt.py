@@ -43,7 +43,7 @@ def test_a_chair_at_rest_knows_its_lean_from_the_first_sample(roll: float, pitch
     assert (found.roll, found.pitch) == pytest.approx((roll, pitch), abs=1e-9)
 
 
-def test_speeding_up_is_no_slope() -> None:
+def test_an_acceleration_does_not_count_as_a_slope() -> None:
     filter_, v = TiltFilter(CHAIR_A), 0.0
     for k in range(400):
         forward = 0.9 if 100 <= k < 300 else 0.0
@@ -52,7 +52,7 @@ def test_speeding_up_is_no_slope() -> None:
         assert abs(tilt.pitch) < math.radians(0.1)
 
 
-def test_a_curve_is_no_slope_to_the_side() -> None:
+def test_a_curve_does_not_count_as_a_slope_to_the_side() -> None:
     filter_, twist = TiltFilter(CHAIR_A), Twist(0.8, 0.7)
     outwards = np.array([-(0.7**2) * CHAIR_A.imu_x, 0.8 * 0.7, GRAVITY])
     filter_.update(ImuSample(0, felt(Tilt(0)), np.zeros(3)), twist)
@@ -61,7 +61,7 @@ def test_a_curve_is_no_slope_to_the_side() -> None:
     assert max(abs(tilt.roll), abs(tilt.pitch)) < math.radians(0.05)
 
 
-def test_a_gyro_that_is_biased_does_not_make_the_chair_lean() -> None:
+def test_a_biased_gyro_does_not_change_the_lean() -> None:
     filter_ = TiltFilter(CHAIR_A)
     for k in range(12_000):
         tilt = filter_.update(ImuSample(k * PERIOD_NS, felt(Tilt(0)), np.array([0.01, -0.02, 0.0])), Twist())
@@ -80,7 +80,7 @@ def test_samples_that_are_late_or_not_finite_are_left_out() -> None:
     assert after.pitch == pytest.approx(-0.1)
 
 
-def test_on_the_level_no_beam_is_taken_for_the_floor_and_no_scan_is_changed() -> None:
+def test_on_level_ground_no_beam_is_taken_for_the_floor_and_no_scan_is_changed() -> None:
     scan = scan_of(np.linspace(0.1, 25.0, 271))
     for degrees in (0.0, 0.5, -0.5, 1.4):
         tilt = Tilt(0, math.radians(degrees), math.radians(degrees))
@@ -88,7 +88,7 @@ def test_on_the_level_no_beam_is_taken_for_the_floor_and_no_scan_is_changed() ->
         assert not ground_beams(scan, CHAIR_A, Tilt(0, 0.0, math.radians(degrees))).any()
 
 
-def test_nose_down_beams_ahead_that_reach_the_floor_are_the_floors_and_those_behind_are_not() -> None:
+def test_with_the_nose_down_beams_ahead_meet_the_floor_and_those_behind_do_not() -> None:
     tilt = Tilt(0, 0.0, math.atan2(1, 12))
     far, near = scan_of(np.full(271, 4.5)), scan_of(np.full(271, 1.5))
     ground = ground_beams(far, CHAIR_A, tilt)
@@ -99,7 +99,7 @@ def test_nose_down_beams_ahead_that_reach_the_floor_are_the_floors_and_those_beh
     assert levelled(near, CHAIR_A, tilt).ranges[135] == pytest.approx(1.5 * math.cos(tilt.pitch), rel=1e-6)
 
 
-def test_beams_that_saw_nothing_stay_as_they_are() -> None:
+def test_beams_without_a_return_stay_unchanged() -> None:
     tilt, odd = Tilt(0, 0.0, 0.1), np.array([math.inf, -math.inf, math.nan])
     scan = scan_of(np.tile(odd, 91)[:271])
     assert not ground_beams(scan, CHAIR_A, tilt).any()
@@ -136,7 +136,7 @@ def drive() -> list[Seen]:
 
 
 def floor_of(scan: Scan, base: Pose3, terrain: Terrain, blocks: int) -> BoolArray:
-    """Mask of the beams that truly end on floor or ramp."""
+    """Mask of the beams that end on floor or ramp in the simulated world."""
     laser = base @ in_space(CHAIR_A.base_from_laser, CHAIR_A.laser_z)
     floor = np.zeros(len(scan.ranges), np.bool_)
     for k, angle in enumerate(scan.angles()):
@@ -146,14 +146,14 @@ def floor_of(scan: Scan, base: Pose3, terrain: Terrain, blocks: int) -> BoolArra
     return floor & np.isfinite(scan.ranges)
 
 
-def test_the_lean_is_that_of_the_simulated_chair(drive: list[Seen]) -> None:
+def test_the_lean_equals_that_of_the_simulated_chair(drive: list[Seen]) -> None:
     off = [seen.tilt.pitch - math.asin(-seen.map_from_base.rotation[2, 0]) for seen in drive]
     true = [math.asin(-seen.map_from_base.rotation[2, 0]) for seen in drive]
     assert max(true) > math.radians(4.5) > -math.radians(4.5) > min(true)
     assert np.sqrt(np.mean(np.square(off))) < math.radians(1.0)
 
 
-def test_a_ramps_foot_is_no_wall_and_walls_stay(drive: list[Seen]) -> None:
+def test_the_foot_of_a_ramp_is_no_wall_and_walls_stay(drive: list[Seen]) -> None:
     on_ramp = [seen for seen in drive if 9.0 < seen.map_from_base.translation[0] < 13.0]
     marked = [ground_beams(seen.scan, CHAIR_A, seen.tilt) for seen in on_ramp]
     world = load_world("ramp")

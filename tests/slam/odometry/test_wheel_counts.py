@@ -12,7 +12,7 @@ TURN, SECOND = 4096, 1_000_000_000
 COUNT = st.integers(-(2**31), 2**31 - 1)
 
 
-def test_counts_that_began_anew_after_a_silence_go_on_where_they_were() -> None:
+def test_counts_that_restart_after_a_silence_continue_from_their_last_value() -> None:
     counts = WheelCounts(TURN)
     assert counts.update(WheelTicks(0, 90_000, 80_000)) == WheelTicks(0, 90_000, 80_000)
     assert counts.update(WheelTicks(2 * SECOND, 0, 0)) == WheelTicks(2 * SECOND, 90_000, 80_000)
@@ -30,7 +30,7 @@ def test_without_a_silence_nothing_is_added(readings: list[tuple[int, int]]) -> 
 
 @given(COUNT, st.integers(-TURN, TURN))
 def test_a_motion_during_a_silence_is_kept(before: int, moved: int) -> None:
-    """But for one that ends where counters begin, which cannot be told from that."""
+    """Except for one that ends at the start of the counters, which looks like a restart."""
     counts = WheelCounts(TURN)
     counts.update(WheelTicks(0, before, before))
     after = (before + moved + 2**31) % 2**32 - 2**31

@@ -30,7 +30,7 @@ from waychair.types import Pose2, Pose3, RgbdFrame, Trajectory3
 STEP = 66_000_000
 
 
-def test_a_piece_begun_elsewhere_is_joined_when_the_camera_comes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_piece_started_elsewhere_is_joined_when_the_camera_returns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two walls seen apart, the motion between them unseen; then the camera turns from the second to the first."""
     monkeypatch.setattr(rgbd_mapper, "LOOP_INLIERS", 25)
     monkeypatch.setattr(visual_odometry, "KEY_ANGLE", 0.12)
@@ -70,7 +70,7 @@ def places_of(poses: list[Pose3]) -> KeyPlaces:
     return places
 
 
-def test_key_frames_that_look_alike_are_named_first_and_the_excluded_never() -> None:
+def test_similar_key_frames_are_returned_first_and_excluded_ones_never() -> None:
     places = places_of([pose((0, 0.8 * k, 0)) for k in range(8)])
     asked = extract(render(pose((0, 1.62, 0), (0.02, 0, 0))), FeatureSettings(upright=False))
     assert places.likeliest(asked)[0] == 2
@@ -79,23 +79,23 @@ def test_key_frames_that_look_alike_are_named_first_and_the_excluded_never() -> 
     assert places_of([]).likeliest(asked) == []
 
 
-def test_a_picture_that_is_only_looked_up_teaches_the_dictionary_nothing() -> None:
+def test_a_query_picture_does_not_change_the_vocabulary() -> None:
     places = places_of([pose((0, 0.8 * k, 0)) for k in range(4)])
     words = len(places.places.recognition.vocabulary)
     places.likeliest(extract(render(pose((0, 3.0, 0))), FeatureSettings(upright=False)))
     assert len(places.places.recognition.vocabulary) == words
 
 
-def test_the_shadow_of_a_level_camera_is_where_a_base_under_it_would_be() -> None:
+def test_the_planar_pose_of_a_level_camera_is_that_of_a_base_below_it() -> None:
     """The optical frame looks along z and turns about its y axis, which points down."""
     ahead_and_left = pose((0, -0.3, 0), (-0.2, 0.5, 1.0))
     assert planar_pose(ahead_and_left).array() == pytest.approx([1.0, 0.2, 0.3])
-    covariance = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])  # x, y, z of the optical frame: turns, then ways
+    covariance = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])  # x, y, z of the optical frame: rotations, then translations
     np.testing.assert_allclose(np.linalg.inv(planar_information(covariance)), np.diag([6.0, 4.0, 2.0]))
 
 
 @pytest.mark.nightly
-def test_a_camera_that_goes_round_again_makes_hardly_any_key_frames_more() -> None:
+def test_a_camera_on_a_second_lap_adds_few_key_frames() -> None:
     once = sway(24, turn=0.2, way=0.15)
     mapper, counts = RgbdMapper(), list[int]()
     for k in range(60):
@@ -107,8 +107,8 @@ def test_a_camera_that_goes_round_again_makes_hardly_any_key_frames_more() -> No
     assert max(errors) < 0.02
 
 
-def test_a_loop_that_does_not_fit_pulls_less_the_less_it_fits() -> None:
-    """Of two loops that contradict each other by half a metre, the way along which three agree is kept."""
+def test_the_weight_of_a_loop_falls_with_its_residual() -> None:
+    """Of two loops that contradict each other by half a metre, the path on which three agree is kept."""
     poses = [pose(at=(0.1 * k, 0, 0)) for k in range(21)]
     loose, tight = np.diag([0.02**2] * 6), np.diag([0.01**2] * 6)
     chain = [SpatialEdge(k, k + 1, poses[k].inverse() @ poses[k + 1], loose) for k in range(20)]
@@ -124,7 +124,7 @@ def test_a_loop_that_does_not_fit_pulls_less_the_less_it_fits() -> None:
     assert bent_by(loop=True) < 0.5 * bent_by(loop=False)
 
 
-def test_a_loop_bends_a_drifted_way_back_and_a_false_one_shows() -> None:
+def test_a_loop_corrects_a_drifted_path_and_a_false_one_is_found() -> None:
     steps = [pose((0, 0.1, 0), (0.1, 0, 0))] * 20
     truth = [pose()]
     for step in steps:
@@ -154,7 +154,7 @@ def rmse(trajectory: Trajectory3, truth: Trajectory3) -> float:
     return float(np.sqrt(((b - a @ turn.T) ** 2).sum(axis=1).mean()))
 
 
-def test_the_real_numbered_frames_are_within_the_bar_and_written(data_dir: Path, tmp_path: Path) -> None:
+def test_the_real_numbered_frames_are_within_the_limit_and_written(data_dir: Path, tmp_path: Path) -> None:
     folder = data_dir / "rgbd_tsdf_sample50"
     mapping = map_pictures(read_recording(folder), RgbdMappingSettings(), keep_in=tmp_path)
     assert mapping.report["placed"] == 50
@@ -171,7 +171,7 @@ def test_the_real_numbered_frames_are_within_the_bar_and_written(data_dir: Path,
     assert all(len(line.split()) == 8 for line in lines)
 
 
-def test_pictures_in_which_nothing_is_to_be_seen_are_refused_in_one_sentence(tmp_path: Path) -> None:
+def test_pictures_without_features_are_refused_in_one_sentence(tmp_path: Path) -> None:
     frame = render(pose())
     black = dataclasses.replace(frame, image=np.zeros_like(frame.image))
     recording = Recording(Path("dark"), (), Pose2(), "test", pictures=lambda: iter([black, black]))

@@ -61,12 +61,14 @@ def test_no_beams_have_no_shares() -> None:
 
 
 @pytest.mark.parametrize(("width", "expected"), [(0.3, ON_OBJECT), (0.99, ON_OBJECT), (1.01, IN_FREE), (3.0, IN_FREE)])
-def test_a_surface_on_free_ground_is_somebody_up_to_a_metre_and_a_wall_from_there(width: float, expected: int) -> None:
+def test_a_surface_on_free_ground_is_a_person_up_to_a_metre_of_width_and_a_wall_beyond(
+    width: float, expected: int
+) -> None:
     ends = np.column_stack([np.full(40, 1.0), np.linspace(-width / 2, width / 2, 40)])
     assert shares_of(ends)[expected] == pytest.approx(1.0)
 
 
-def test_people_side_by_side_at_different_distances_are_no_wall() -> None:
+def test_people_side_by_side_at_different_distances_are_not_a_wall() -> None:
     y = np.linspace(-1.5, 1.5, 60)
     crowd = np.column_stack([np.where(np.floor((y + 1.5) / 0.5) % 2 > 0, 1.6, 1.0), y])
     assert shares_of(crowd)[ON_OBJECT] == pytest.approx(1.0)
@@ -114,7 +116,7 @@ def health(**of: float) -> float:
     return float(pose_probability(shares(**of))[0])
 
 
-def test_a_scan_of_nothing_but_people_leaves_even_odds() -> None:
+def test_a_scan_of_people_alone_gives_even_odds() -> None:
     assert health(object=1.0) == 0.5
 
 
@@ -127,7 +129,7 @@ def test_health_falls_with_contradictions_of_the_map_and_little_with_occlusion()
     assert health(unknown=1.0) < 0.31
 
 
-def test_a_place_found_from_nowhere_must_explain_people_and_walls_behind_walls_too() -> None:
+def test_a_place_found_without_a_guess_must_explain_people_and_walls_behind_walls_too() -> None:
     def odds(**of: float) -> float:
         return float(place_log_odds(shares(**of))[0])
 

@@ -51,7 +51,7 @@ def found_from(guess: Pose2, query: ScanPoints) -> PartialOverlap | None:
 
 
 @pytest.mark.parametrize("away", [Pose2(), Pose2(0.5, -0.3, 0.2), Pose2(-0.4, 0.6, -0.25)])
-def test_a_place_is_known_again_by_the_little_that_both_views_show(away: Pose2) -> None:
+def test_a_place_is_recognised_by_a_small_overlap_of_both_views(away: Pose2) -> None:
     query, guess = short_sighted(BACK, 9), BACK @ away
     found = found_from(guess, query)
     assert found is not None
@@ -64,7 +64,7 @@ def test_a_place_is_known_again_by_the_little_that_both_views_show(away: Pose2) 
     assert whole < 0.75 * found.response  # the mean over all points does not show it
 
 
-def test_known_ground_is_the_area_the_beams_crossed_and_nothing_behind_their_ends() -> None:
+def test_known_ground_is_the_area_crossed_by_beams_and_nothing_behind_their_ends() -> None:
     store, poses, reference, known = map_of(EARLIER[:1])
     ends = transform_points(pose_from_array(poses[0]), store[0].points)
     eye = poses[0, :2]
@@ -80,8 +80,8 @@ def test_known_ground_is_the_area_the_beams_crossed_and_nothing_behind_their_end
     assert share(np.array([[eye[0] - 0.5, eye[1]]])) == 0.0  # behind the chair
 
 
-def test_the_place_found_is_the_best_that_a_look_at_every_pose_finds(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Plain numpy over the steps of the search, without any bound."""
+def test_the_found_place_is_the_best_of_a_full_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plain numpy over the steps of the search, without bounds."""
     _, _, reference, known = map_of(EARLIER)
     query = short_sighted(BACK, 9).thinned(60)
     likelihood, doubt = reference.bounds[0] / 255.0, round(255 * partial_overlap.NEUTRAL_LIKELIHOOD) / 255.0
@@ -107,7 +107,7 @@ def test_views_without_common_ground_prove_nothing() -> None:
     assert found_from(Pose2(1.0, 7.5, math.pi / 2), short_sighted(Pose2(1.0, 7.5, math.pi / 2))) is None
 
 
-def test_another_place_is_not_taken_for_this_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_another_place_is_not_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(partial_overlap, "MIN_EVIDENCE", LEAST)
     for pose in (Pose2(10.5, 7.0, 0.3), Pose2(6.0, 7.6, 2.0), Pose2(10.8, 4.0, -1.0)):
         assert found_from(BACK, short_sighted(pose)) is None
@@ -128,5 +128,5 @@ def test_a_bare_wall_that_fits_anywhere_along_itself_is_ambiguous(monkeypatch: p
     assert find_partial_overlap(query, reference, known, Pose2(0.7, 0, 0), Window(0.8, 0.2), MATCHING) is not None
 
 
-def test_a_query_without_points_is_nowhere() -> None:
+def test_a_query_without_points_has_no_place() -> None:
     assert found_from(BACK, ScanPoints(np.empty((0, 2)), np.empty((0, 2)))) is None

@@ -1,4 +1,4 @@
-"""Global search against exhaustive search, lookalikes against beams, submaps, and a lost chair that finds itself."""
+"""Global search against exhaustive search, lookalikes against beams, submaps, and a lost chair that finds its place."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 
 def flat(theta: float = 0.0) -> OccupancyGrid:
-    """The synthetic flat as a grid of 5 cm whose axes are turned by theta against the map's."""
+    """The synthetic flat as a grid of 5 cm with axes rotated by theta against the map's."""
     grid = OccupancyGrid(np.full((200, 260), -1, np.int8), 0.05, Pose2(-0.5, -0.5, 0.0))
     grid.cells[10:190, 10:250] = 0
     for x0, y0, x1, y1 in WALLS:
@@ -73,7 +73,7 @@ def test_the_best_place_is_that_of_exhaustive_search_even_at_the_edges(
     assert (found[0].response if found else 0.0) == pytest.approx(best if best > 0.05 else 0.0, abs=1e-12)
 
 
-def test_a_level_is_nowhere_below_the_sum_of_any_pose_it_stands_for() -> None:
+def test_a_level_is_never_below_the_sum_of_any_pose_that_it_bounds() -> None:
     levels = block_maxima(np.random.default_rng(0).integers(0, 256, (37, 23)).astype(np.uint8), 5)
     for h in range(5):
         for row, col in np.ndindex(37, 23):
@@ -89,7 +89,7 @@ def test_a_scan_is_found_on_the_whole_map_at_any_heading(pose: Pose2, theta: flo
     assert abs(math.remainder(best.theta - true.theta, math.tau)) < 0.05
 
 
-def test_places_are_distinct_and_come_best_first() -> None:
+def test_places_are_distinct_and_in_order_of_their_score() -> None:
     found = global_search(points_at(Pose2(1.5, 1.5, 0.3)), pyramid_from_grid(flat()))
     responses = [place.response for place in found]
     assert responses == sorted(responses, reverse=True)
@@ -106,7 +106,7 @@ def test_a_map_without_walls_and_a_scan_without_points_offer_no_place(value: int
     assert global_search(np.empty((0, 2)), pyramid_from_grid(flat())) == ()
 
 
-def test_a_query_is_found_in_the_submap_it_belongs_to_wherever_drift_has_put_it() -> None:
+def test_a_query_is_found_in_its_submap_at_any_drift() -> None:
     store, true = ScanStore(), [Pose2(1.5 + 0.3 * k, 1.5, 0.0) for k in range(10)]
     true += [Pose2(10.5, 2.5 + 0.3 * k, math.pi / 2) for k in range(10)]
     for k, pose in enumerate(true):

@@ -83,7 +83,7 @@ def test_branch_and_bound_agrees_with_exhaustive_search(dx: float, dy: float, tu
     assert penalised == pytest.approx(best, abs=1e-9)
 
 
-def test_the_search_is_exact_where_walls_touch_the_reference_s_edges() -> None:
+def test_the_search_is_exact_where_walls_touch_the_edges_of_the_reference() -> None:
     rng = np.random.default_rng(4)
     for _ in range(20):
         store = ScanStore()
@@ -102,7 +102,7 @@ def test_the_search_is_exact_where_walls_touch_the_reference_s_edges() -> None:
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_nearest_surface_is_the_one_that_a_look_at_all_of_them_finds(seed: int) -> None:
+def test_the_nearest_surface_equals_that_of_a_full_search(seed: int) -> None:
     rng = np.random.default_rng(seed)
     angles = rng.uniform(-math.pi, math.pi, 400)
     normals = np.stack([np.cos(angles), np.sin(angles)], axis=1)
@@ -146,7 +146,7 @@ def test_a_cell_keeps_both_sides_of_a_thin_wall() -> None:
 
 @pytest.mark.parametrize("noise", [0.0, 0.02])
 @pytest.mark.parametrize(("dx", "dy", "turn"), [(0.25, -0.2, 0.2), (-0.25, 0.25, -0.3), (0.0, 0.0, 0.34)])
-def test_match_recovers_the_pose_from_a_bad_guess(dx: float, dy: float, turn: float, noise: float) -> None:
+def test_a_match_recovers_the_pose_from_a_bad_guess(dx: float, dy: float, turn: float, noise: float) -> None:
     guess = Pose2(HERE.x + dx, HERE.y + dy, HERE.theta + turn)
     found = match(points_at(HERE, noise), reference(), guess, np.eye(3), Window(0.3, 0.35), SETTINGS)
     assert math.hypot(found.pose.x - HERE.x, found.pose.y - HERE.y) < 0.005 + noise / 3
@@ -163,7 +163,7 @@ def corridor(length: float) -> tuple[FloatArray, FloatArray]:
     return points, normals
 
 
-def test_a_bare_corridor_leaves_the_odometry_in_charge_along_it() -> None:
+def test_along_a_bare_corridor_the_odometry_decides() -> None:
     ref = reference_from_points(*corridor(15.0), 0.05, 0.06)
     scan = ScanPoints(*corridor(4.0))
     guess = Pose2(0.13, 0.1, 0.05)
@@ -175,7 +175,7 @@ def test_a_bare_corridor_leaves_the_odometry_in_charge_along_it() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.01])
-def test_crooked_normals_in_a_bare_corridor_are_no_knowledge_of_the_way_along_it(noise: float) -> None:
+def test_noisy_normals_in_a_bare_corridor_give_no_information_along_it(noise: float) -> None:
     rng = np.random.default_rng(3)
     angles = np.linspace(-math.pi / 2, math.pi / 2, 361)
 
@@ -208,7 +208,7 @@ def test_a_room_is_not_degenerate_and_has_no_rival() -> None:
     assert 0.0 < runner_up < 0.8 * response
 
 
-def test_a_repeating_place_has_a_runner_up_as_good_as_the_winner() -> None:
+def test_a_repeating_place_has_a_second_match_as_good_as_the_best() -> None:
     x = np.arange(0, 6, 0.02)
     comb = np.concatenate([np.stack([x, np.zeros_like(x)], 1)] + [
         np.stack([np.full(20, float(k)), np.linspace(0, 1, 20)], 1) for k in range(7)
@@ -221,7 +221,7 @@ def test_a_repeating_place_has_a_runner_up_as_good_as_the_winner() -> None:
     assert runner_up > 0.85 * response
 
 
-def test_nothing_above_the_floor_returns_the_guess_and_zero() -> None:
+def test_without_a_match_above_the_minimum_score_the_guess_and_zero_are_returned() -> None:
     guess = Pose2(30.0, 30.0, 0.0)
     assert correlative_search(points_at(HERE).points, reference(), guess, Window(0.3, 0.1), floor=0.5) == (
         guess,
@@ -229,7 +229,7 @@ def test_nothing_above_the_floor_returns_the_guess_and_zero() -> None:
     )
 
 
-def test_an_empty_scan_matches_nowhere() -> None:
+def test_an_empty_scan_has_no_match() -> None:
     nothing = ScanPoints(np.empty((0, 2)), np.empty((0, 2)))
     found = match(nothing, reference(), HERE, np.eye(3), Window(0.3, 0.1), SETTINGS)
     assert (found.pose, found.response, found.inliers) == (HERE, 0.0, 0.0)
@@ -247,7 +247,7 @@ def disagreement(store: ScanStore, poses: FloatArray, nodes: Iterable[int], sett
     """Squared Mahalanobis distances (M,) between two matches of each key scan that have no beam in common.
 
     One is of the even beams against the even ones of the 40 key scans before, the other of the odd ones, each from its
-    own perturbed guess. With honest covariances their mean is 3. Degenerate and failed matches are left out.
+    own perturbed guess. With true covariances their mean is 3. Degenerate and failed matches are left out.
     """
     rng, squares = np.random.default_rng(0), []
     for node in nodes:
@@ -281,12 +281,12 @@ def test_the_covariance_covers_the_disagreement_of_disjoint_halves_of_real_scans
         store.append(scan_points(scan, Pose2(), SETTINGS.range_max))
     squares = disagreement(store, result.key_poses, range(20, len(store)), SETTINGS)
     assert len(squares) > 20
-    assert np.mean(squares) / 3.0 < 1.5  # not optimistic
-    assert np.mean(squares) / 3.0 > 0.02  # nor without meaning
+    assert np.mean(squares) / 3.0 < 1.5  # not too small
+    assert np.mean(squares) / 3.0 > 0.02  # nor far too large
 
 
 @pytest.mark.parametrize("beams", [359, 360, 361])
-def test_scans_of_any_length_match_a_reference_of_another(beams: int) -> None:
+def test_scans_of_any_length_match_a_reference_of_another_length(beams: int) -> None:
     scan = scan_points(scan_at(HERE, beams=beams), Pose2(), 20.0)
     found = match(scan, reference(), Pose2(1.6, 1.4, 0.35), np.eye(3), Window(0.3, 0.35), SETTINGS)
     assert math.hypot(found.pose.x - HERE.x, found.pose.y - HERE.y) < 0.01

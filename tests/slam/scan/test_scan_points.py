@@ -23,7 +23,7 @@ def wall_ahead(beams: int = 91) -> Scan:
     return Scan(0, (2 / np.cos(angles)).astype(np.float32), -math.pi / 4, math.pi / 2 / (beams - 1), range_max=30.0)
 
 
-def test_normals_of_a_wall_point_back_at_the_sensor() -> None:
+def test_normals_of_a_wall_point_towards_the_sensor() -> None:
     scan = scan_points(wall_ahead(), Pose2(), 20.0)
     assert scan.points[:, 0] == pytest.approx(np.full(91, 2.0), abs=1e-6)
     assert scan.normals == pytest.approx(np.tile([-1.0, 0.0], (91, 1)), abs=1e-5)
@@ -44,7 +44,7 @@ def test_invalid_near_and_far_beams_give_no_points() -> None:
     assert len(scan_points(scan, Pose2(), 100.0)) == 2
 
 
-def test_ends_are_told_for_every_beam() -> None:
+def test_every_beam_has_an_end() -> None:
     ranges = np.array([3.0, np.nan, 25.0, 2.0], np.float32)
     scan, mount = Scan(0, ranges, 0.0, 0.1, range_max=30.0, time_step=0.01), Pose2(0.6, 0.1, 1.0)
     ends, valid = beam_ends(scan, mount, 20.0, Twist(0.5, 0.4))
@@ -99,7 +99,7 @@ def plain_points(scan: Scan, mount: Pose2, range_max: float, twist: Twist) -> tu
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_points_and_normals_are_those_of_the_plain_computation(seed: int) -> None:
+def test_points_and_normals_equal_those_of_the_plain_computation(seed: int) -> None:
     rng = np.random.default_rng(seed)
     ranges = (3.0 + np.cumsum(rng.normal(0.0, 0.02, 120))).astype(np.float32)
     ranges[rng.integers(0, 120, 12)] = rng.choice([np.nan, np.inf, -np.inf, 0.0, 0.04, 9.0], 12)
@@ -121,14 +121,14 @@ def test_the_store_returns_appended_scans_at_any_size() -> None:
         assert np.array_equal(store[k].normals, scans[k].normals)
 
 
-def test_thinning_keeps_at_most_so_many_points() -> None:
+def test_thinning_keeps_at_most_the_given_number_of_points() -> None:
     scan = ScanPoints(np.zeros((101, 2)), np.zeros((101, 2)))
     assert len(scan.thinned(101)) == 101
     assert len(scan.thinned(50)) == 34
 
 
 @given(st.floats(-0.8, 0.8), st.floats(-1.2, 1.2), st.floats(1e-5, 1.5e-4), st.booleans())
-def test_a_sweep_taken_on_the_move_shows_the_same_wall_as_a_snapshot(
+def test_a_moving_sweep_shows_the_same_wall_as_a_snapshot(
     v: float, omega: float, time_step: float, backwards: bool
 ) -> None:
     """Beams cast one by one at a wall x = 3 m from the chair's true pose at each beam's time."""
@@ -144,7 +144,7 @@ def test_a_sweep_taken_on_the_move_shows_the_same_wall_as_a_snapshot(
     assert seen.normals == pytest.approx(np.tile([-1.0, 0.0], (241, 1)), abs=1e-3)
 
 
-def test_a_snapshot_is_not_straightened() -> None:
+def test_a_snapshot_is_not_corrected_for_motion() -> None:
     assert (
         scan_points(wall_ahead(), Pose2(), 10.0, Twist(1.0, 1.0)).points
         == scan_points(wall_ahead(), Pose2(), 10.0).points

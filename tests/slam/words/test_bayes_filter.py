@@ -1,4 +1,5 @@
-"""The belief over places: a probability, equal to a filter with the whole matrix, following places that come and go."""
+"""The belief over places: a probability, equal to a filter with the whole matrix, also as places are added and
+removed."""
 
 from __future__ import annotations
 
@@ -27,7 +28,7 @@ def chain(nodes: Sequence[int]) -> dict[int, list[int]]:
 
 
 def distances_reference(start: int, neighbours: Graph, twins: Graph, most: int) -> dict[int, int]:
-    """0-1 breadth-first search: a twin is at no distance, a neighbour one further."""
+    """0-1 breadth-first search: a twin is at distance zero, a neighbour one further."""
     found, queue = {start: 0}, deque([start])
     while queue:
         node = queue.popleft()
@@ -61,7 +62,7 @@ def transition_reference(places: IntArray, neighbours: Graph, twins: Graph, shar
     return matrix
 
 
-def test_along_a_path_the_belief_moves_to_the_neighbours_as_the_model_says() -> None:
+def test_along_a_path_the_belief_moves_to_the_neighbours_as_in_the_model() -> None:
     places = np.arange(1, 60)
     belief = BayesFilter()
     belief.update(places, np.ones(60), chain(range(1, 60)))
@@ -75,9 +76,7 @@ def test_along_a_path_the_belief_moves_to_the_neighbours_as_the_model_says() -> 
 
 @pytest.mark.parametrize("prediction", [(0.1, 0.36, 0.3, 0.1), (0.2, 0.5), PREDICTION])
 @given(seed=st.integers(0, 2**32 - 1))
-def test_the_filter_that_follows_changes_equals_one_with_the_whole_matrix(
-    prediction: tuple[float, ...], seed: int
-) -> None:
+def test_the_incremental_filter_equals_one_with_the_whole_matrix(prediction: tuple[float, ...], seed: int) -> None:
     rng = np.random.default_rng(seed)
     belief = BayesFilter(prediction)
     awake, neighbours, twins = [0], {0: []}, {}
@@ -110,7 +109,7 @@ def test_the_filter_that_follows_changes_equals_one_with_the_whole_matrix(
         assert set(belief.places.tolist()) == set(places.tolist())
 
 
-def test_a_place_that_looks_alike_again_and_again_is_believed_and_then_given_up() -> None:
+def test_a_repeated_similar_view_raises_the_belief_and_later_loses_it() -> None:
     places, links = np.arange(1, 31), chain(range(1, 31))
     belief = BayesFilter()
     blank = np.ones(31)
@@ -131,16 +130,16 @@ def test_a_place_that_looks_alike_again_and_again_is_believed_and_then_given_up(
     assert posterior[0] > 0.5
 
 
-def test_new_places_start_at_nothing_and_old_ones_vanish_with_what_was_believed_of_them() -> None:
+def test_new_places_start_at_zero_and_removed_ones_lose_their_belief() -> None:
     belief = BayesFilter()
     far = {1: [], 2: [], 3: []}
     belief.update(np.array([1, 2]), np.array([1.0, 1.0, 8.0]), far)
     posterior = belief.update(np.array([1, 3]), np.ones(3), far)
-    assert posterior[2] == pytest.approx(posterior[0] * 0.05 / 0.9, rel=0.2)  # only what a new place gives it
+    assert posterior[2] == pytest.approx(posterior[0] * 0.05 / 0.9, rel=0.2)  # only the share of a new place
     assert posterior.sum() == pytest.approx(1.0)
 
 
-def test_without_places_only_the_virtual_one_is_left() -> None:
+def test_without_places_only_the_virtual_place_is_left() -> None:
     belief = BayesFilter()
     np.testing.assert_array_equal(belief.update(np.empty(0, np.int64), np.ones(1), {}), [1.0])
     assert best_place(np.empty(0, np.int64), np.ones(1)) is None

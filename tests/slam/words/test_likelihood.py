@@ -28,7 +28,7 @@ def tf_idf_reference(views: list[list[int]], place: int) -> float:
 
 
 @given(VIEWS, st.data())
-def test_the_likelihood_is_the_formula_after_any_additions_and_removals(
+def test_the_likelihood_equals_the_formula_after_any_additions_and_removals(
     views: list[list[int]], data: st.DataObject
 ) -> None:
     index = InvertedIndex()
@@ -44,7 +44,7 @@ def test_the_likelihood_is_the_formula_after_any_additions_and_removals(
 
 
 @given(VIEWS)
-def test_removing_a_node_tells_exactly_the_words_nobody_shows_any_more(views: list[list[int]]) -> None:
+def test_removing_a_node_returns_exactly_the_words_without_any_view(views: list[list[int]]) -> None:
     index = InvertedIndex()
     for node, view in enumerate(views):
         index.add(node, np.array(view, np.int32))
@@ -54,14 +54,14 @@ def test_removing_a_node_tells_exactly_the_words_nobody_shows_any_more(views: li
     assert len(index) == 0
 
 
-def test_a_word_that_all_views_show_says_nothing() -> None:
+def test_a_word_in_all_views_has_no_weight() -> None:
     index = InvertedIndex()
     for node in range(3):
         index.add(node, np.array([5, 5, 9 + node], np.int32))
     np.testing.assert_array_equal(tf_idf(index, 2, np.array([0, 1])), [0.0, 0.0])
 
 
-def test_similarity_counts_shared_occurrences_by_the_larger_view() -> None:
+def test_the_similarity_counts_shared_occurrences_by_the_larger_view() -> None:
     a, b = np.array([1, 1, 1, 2, 3], np.int32), np.array([1, 1, 4, 3], np.int32)
     assert similarity(a, b) == pytest.approx(3 / 5)
     assert similarity(a, b) == similarity(b, a)
@@ -69,7 +69,7 @@ def test_similarity_counts_shared_occurrences_by_the_larger_view() -> None:
     assert similarity(a, a) == 1.0
 
 
-def test_only_a_place_that_stands_out_is_raised_and_the_virtual_place_falls() -> None:
+def test_only_an_outstanding_place_is_raised_and_the_virtual_place_falls() -> None:
     likelihood = np.array([0.10, 0.12, 0.0, 0.11, 0.50, 0.09])
     some = likelihood[likelihood > 0]
     mean, spread = some.mean(), some.std(ddof=1)
@@ -81,7 +81,7 @@ def test_only_a_place_that_stands_out_is_raised_and_the_virtual_place_falls() ->
 
 
 @pytest.mark.parametrize("likelihood", [[], [0.0, 0.0, 0.0], [0.3], [0.0, 0.2], [0.2, 0.2, 0.2]])
-def test_where_nothing_stands_out_a_new_place_is_twice_as_likely(likelihood: list[float]) -> None:
+def test_without_an_outstanding_place_a_new_place_is_twice_as_likely(likelihood: list[float]) -> None:
     result = normalised(np.array(likelihood))
     assert result[0] == 2.0
     assert (result[1:] >= 1.0 - 1e-3).all()

@@ -1,4 +1,4 @@
-"""Places known again: matches and their geometry, nodes that come and go, a sequence of pictures, real photographs."""
+"""Place recognition: matches and their geometry, added and removed nodes, a sequence of pictures, real photographs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from waychair.types import Bytes, Float32Array
 
 
 def place(seed: int, shift: int = 0) -> Bytes:
-    """A picture of a place: blocks at several distances, of which the near ones move more when the camera does."""
+    """A picture of a place: blocks at several distances; near ones move more with the camera."""
     rng = np.random.default_rng(seed)
     image = np.full((240, 320), 128, np.uint8)
     for layer in range(1, 5):
@@ -40,7 +40,7 @@ def seen(image: Bytes) -> ImageFeatures:
 
 
 def matches_reference(table: Float32Array, ratio: float) -> list[tuple[int, int]]:
-    """Row and column minima that are each other's, each clearly below the second."""
+    """Mutual row and column minima, each clearly below the second."""
     pairs = []
     for i in range(table.shape[0]):
         j = int(table[i].argmin())
@@ -53,12 +53,12 @@ def matches_reference(table: Float32Array, ratio: float) -> list[tuple[int, int]
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.integers(1, 8))
-def test_matches_are_each_others_nearest_and_clear_from_both_sides(seed: int, rows: int, columns: int) -> None:
+def test_matches_are_mutual_nearest_neighbours_and_clear_from_both_sides(seed: int, rows: int, columns: int) -> None:
     table = np.random.default_rng(seed).permutation(rows * columns).reshape(rows, columns).astype(np.float32) + 1
     assert [tuple(pair) for pair in mutual_matches(table, 0.8).tolist()] == matches_reference(table, np.float32(0.8))
 
 
-def test_nothing_matches_nothing() -> None:
+def test_without_features_there_are_no_matches() -> None:
     none = no_features(FeatureSettings())
     some = seen(place(1))
     for a, b in ((none, some), (some, none), (none, none)):
@@ -66,7 +66,7 @@ def test_nothing_matches_nothing() -> None:
         assert epipolar_support(a, b) == Support(0, 0, False)
 
 
-def test_a_moved_camera_is_one_motion_and_another_place_is_none() -> None:
+def test_a_moved_camera_gives_one_motion_and_another_place_gives_none() -> None:
     here = seen(place(1))
     again = epipolar_support(here, seen(place(1, shift=3)))
     assert again.enough
@@ -75,7 +75,7 @@ def test_a_moved_camera_is_one_motion_and_another_place_is_none() -> None:
         assert not epipolar_support(here, seen(place(other))).enough
 
 
-def test_matches_that_no_motion_explains_are_not_enough() -> None:
+def test_matches_without_a_common_motion_are_not_enough() -> None:
     here = seen(place(1))
     shuffled = replace(here, pixels=np.random.default_rng(0).permutation(here.pixels))
     support = epipolar_support(here, shuffled)
@@ -83,7 +83,7 @@ def test_matches_that_no_motion_explains_are_not_enough() -> None:
     assert not support.enough
 
 
-def test_two_rounds_through_the_same_places_close_on_the_right_ones() -> None:
+def test_two_laps_through_the_same_places_close_loops_on_the_right_ones() -> None:
     images = [place(k, shift) for shift in (0, 2) for k in range(20)]
     results = list(recognise_pictures(images, short_term=5))
     closures = {r.node: r.closure for r in results if r.closure is not None}
@@ -96,7 +96,7 @@ def test_two_rounds_through_the_same_places_close_on_the_right_ones() -> None:
         assert result.closure is not None or result.reason != ""
 
 
-def test_bare_black_and_overexposed_pictures_are_no_place_and_change_no_belief() -> None:
+def test_bare_black_and_overexposed_pictures_give_no_place_and_change_no_belief() -> None:
     images = [place(k, shift) for shift in (0, 2) for k in range(12)]
     blanks = [np.full((240, 320), level, np.uint8) for level in (0, 90, 255)]
     results = list(recognise_pictures(images[:16] + blanks + images[16:], short_term=5))
@@ -108,7 +108,7 @@ def test_bare_black_and_overexposed_pictures_are_no_place_and_change_no_belief()
     assert not any(r.hypothesis in (17, 18, 19) for r in results)
 
 
-def test_a_hypothesis_that_geometry_denies_is_no_closure_and_says_why() -> None:
+def test_a_hypothesis_that_contradicts_the_geometry_is_refused_with_the_reason() -> None:
     recognition = PlaceRecognition(RecognitionSettings(accept=0.0))
     for node in range(1, 6):
         recognition.see(node, seen(place(node)))
@@ -120,7 +120,7 @@ def test_a_hypothesis_that_geometry_denies_is_no_closure_and_says_why() -> None:
     assert denied.reason == "9 of 20 matches fit one camera motion"
 
 
-def test_the_probability_must_reach_the_threshold() -> None:
+def test_a_closure_needs_a_probability_above_the_threshold() -> None:
     def closure(settings: RecognitionSettings) -> tuple[int | None, str]:
         recognition = PlaceRecognition(settings)
         for node in range(1, 6):
@@ -135,7 +135,7 @@ def test_the_probability_must_reach_the_threshold() -> None:
     assert "less than 1" in closure(RecognitionSettings(accept=1.0))[1]
 
 
-def test_a_single_place_is_never_a_closure() -> None:
+def test_a_single_place_never_closes_a_loop() -> None:
     recognition = PlaceRecognition(RecognitionSettings(accept=0.0))
     recognition.see(1, seen(place(1)))
     assert recognition.recognise(1, {}).reason == "no places yet"
@@ -144,7 +144,7 @@ def test_a_single_place_is_never_a_closure() -> None:
     assert recognition.recognise(2, {}).reason == "only one place"
 
 
-def test_a_place_that_sleeps_is_not_found_and_is_found_again_when_it_wakes() -> None:
+def test_a_sleeping_place_is_not_found_and_is_found_again_when_it_wakes() -> None:
     recognition = PlaceRecognition(RecognitionSettings(accept=0.0))
     words: dict[int, Int32Array] = {}
     for node in range(1, 8):
@@ -162,7 +162,7 @@ def test_a_place_that_sleeps_is_not_found_and_is_found_again_when_it_wakes() -> 
     recognition.see(9, seen(place(3, shift=1)))
     again = recognition.recognise(9, {})
     assert again.places[again.likelihood.argmax()] == 3
-    assert 0.0 < again.posterior[1 + again.likelihood.argmax()] < again.posterior[0]  # it starts at nothing
+    assert 0.0 < again.posterior[1 + again.likelihood.argmax()] < again.posterior[0]  # it starts at zero
     recognition.see(10, seen(place(3, shift=1)))
     assert recognition.recognise(10, {}).hypothesis == 3
 
@@ -176,7 +176,7 @@ def test_a_view_with_too_few_features_has_no_words() -> None:
 
 
 @pytest.mark.parametrize("detector", ["gftt_orb", "sift"])
-def test_other_features_and_a_fixed_dictionary_find_places_too(detector: str) -> None:
+def test_other_features_and_a_fixed_vocabulary_find_places_too(detector: str) -> None:
     features = FeatureSettings(detector=detector, max_features=150)
     settings = RecognitionSettings(accept=0.02, features=features)  # so few places never look very different
     images = [place(k, shift) for shift in (0, 2) for k in range(7)]
@@ -190,7 +190,7 @@ def test_other_features_and_a_fixed_dictionary_find_places_too(detector: str) ->
         assert set(lags) == {7}
 
 
-def test_real_photographs_of_the_second_lap_close_on_the_first(data_dir: Path) -> None:
+def test_real_photographs_of_the_second_lap_close_loops_on_the_first(data_dir: Path) -> None:
     """A part of the acceptance figure `places`: ten pictures of the first lap, and the same ten places again."""
     folder = data_dir / "places_rtabmap" / "images"
     chosen = [*range(1, 24), *range(41, 62)]

@@ -1,4 +1,4 @@
-"""The vocabulary: words made, shared, forgotten and recalled; its search and inverted index; the fixed vocabulary."""
+"""The vocabulary: words created, shared, removed and restored; its search and inverted index; the fixed vocabulary."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def random_bits(rng: np.random.Generator, count: int) -> Bytes:
 
 
 def flipped(rng: np.random.Generator, descriptors: Bytes, bits: int) -> Bytes:
-    """The same with some bits of each the other way round."""
+    """The same with some bits of each inverted."""
     spread = np.unpackbits(descriptors, axis=1)
     for row in spread:
         row[rng.choice(256, bits, replace=False)] ^= 1
@@ -65,13 +65,13 @@ def test_distances_and_assignment_agree_with_unpacked_bits() -> None:
 
 
 @given(st.lists(st.integers(0, 255), min_size=32, max_size=32 * 9))
-def test_the_majority_word_has_every_bit_that_most_have(values: list[int]) -> None:
+def test_the_majority_word_has_every_bit_of_the_majority(values: list[int]) -> None:
     words = np.array(values[: len(values) // 32 * 32], np.uint8).reshape(-1, 32)
     expected = np.packbits(2 * np.unpackbits(words, axis=1).sum(axis=0, dtype=int) > len(words))
     np.testing.assert_array_equal(majority(packed(words)).view(np.uint8), expected)
 
 
-def test_the_search_is_exact_while_all_cells_are_looked_into() -> None:
+def test_the_search_is_exact_if_all_cells_are_searched() -> None:
     rng = np.random.default_rng(1)
     words = random_bits(rng, 6 * CELL)
     index = HammingIndex()
@@ -83,7 +83,7 @@ def test_the_search_is_exact_while_all_cells_are_looked_into() -> None:
     np.testing.assert_array_equal(distances, exact)
 
 
-def test_words_that_resemble_are_found_among_many_more_cells_than_are_looked_into() -> None:
+def test_similar_words_are_found_among_many_more_cells_than_are_searched() -> None:
     rng = np.random.default_rng(2)
     places = random_bits(rng, 600)
     words = np.concatenate([flipped(rng, places, 60) for _ in range(50)])
@@ -96,7 +96,7 @@ def test_words_that_resemble_are_found_among_many_more_cells_than_are_looked_int
     assert (distances[found[:, 0] == asked, 0] == 20).all()
 
 
-def test_a_small_dictionary_says_what_it_does_not_have() -> None:
+def test_a_small_vocabulary_reports_missing_neighbours() -> None:
     index = HammingIndex()
     found, distances = index.nearest(packed(np.zeros((1, 32), np.uint8)))
     assert found.tolist() == [[-1, -1]]
@@ -109,7 +109,7 @@ def test_a_small_dictionary_says_what_it_does_not_have() -> None:
 
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1))
-def test_words_that_come_and_go_leave_an_index_like_one_made_anew(seed: int) -> None:
+def test_added_and_removed_words_leave_an_index_like_a_new_one(seed: int) -> None:
     rng = np.random.default_rng(seed)
     index, held = HammingIndex(), {}
     for _ in range(6):
@@ -155,7 +155,7 @@ def chosen_reference(found: Int32Array, distances: Float32Array, within: Float32
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0, 1, 2, 5]))
-def test_the_choice_of_words_follows_the_rule_of_the_nearest_two(seed: int, known: int) -> None:
+def test_words_are_assigned_by_the_ratio_of_the_nearest_two(seed: int, known: int) -> None:
     rng = np.random.default_rng(seed)
     count = 12
     within = rng.permutation(1000)[: count * count].reshape(count, count).astype(np.float32) + 1
@@ -194,14 +194,14 @@ def test_words_are_shared_within_one_image_and_never_averaged() -> None:
     np.testing.assert_array_equal(vocabulary.descriptors_of(words[20:]), basis)
 
 
-def test_descriptors_of_the_other_kind_are_refused() -> None:
+def test_descriptors_of_another_type_are_refused() -> None:
     with pytest.raises(VocabularyError, match="detector"):
         IncrementalVocabulary(binary=True).words_of(1, floats(np.random.default_rng(0), 3))
     with pytest.raises(VocabularyError, match="detector"):
         FixedVocabulary(random_bits(np.random.default_rng(0), 9)).words_of(1, floats(np.random.default_rng(0), 3))
 
 
-def test_a_word_renamed_while_its_node_slept_is_the_word_made_meanwhile() -> None:
+def test_a_word_replaced_during_the_sleep_of_its_node_becomes_the_newer_word() -> None:
     rng = np.random.default_rng(6)
     place = random_bits(rng, 60)
     vocabulary = IncrementalVocabulary()
@@ -215,7 +215,7 @@ def test_a_word_renamed_while_its_node_slept_is_the_word_made_meanwhile() -> Non
     np.testing.assert_array_equal(vocabulary.recall(1, before, asleep), meanwhile)
 
 
-def test_a_word_that_was_awake_with_another_is_never_taken_for_it() -> None:
+def test_two_words_awake_together_are_never_merged() -> None:
     """Word b is new since a and c are about as near to it; seen from a, which sleeps, b alone is near."""
     bits = np.zeros((3, 256), np.uint8)
     bits[1, :12] = 1  # b differs from c in 12 bits
@@ -230,7 +230,7 @@ def test_a_word_that_was_awake_with_another_is_never_taken_for_it() -> None:
     np.testing.assert_array_equal(vocabulary.recall(1, words, asleep), words)
 
 
-def test_a_word_whose_record_was_lost_becomes_no_word() -> None:
+def test_a_word_with_a_lost_record_is_left_out() -> None:
     rng = np.random.default_rng(7)
     vocabulary = IncrementalVocabulary()
     words = vocabulary.words_of(1, random_bits(rng, 10))
@@ -291,7 +291,7 @@ class Sleepers(RuleBasedStateMachine):
     @precondition(lambda self: self.awake)
     @rule(data=st.data())
     def nod_off(self, data: st.DataObject) -> None:
-        """Forgotten and recalled with nothing between: the same ids."""
+        """Removed and restored with no change between: the same ids."""
         node = data.draw(st.sampled_from(sorted(self.awake)))
         before, known = self.awake[node], len(self.vocabulary)
         self.put_to_sleep(node)
@@ -319,19 +319,19 @@ TestSleepers = Sleepers.TestCase
 TestSleepers.settings = settings(max_examples=25, stateful_step_count=20)
 
 
-def test_k_majority_finds_the_middles_of_well_separated_clusters() -> None:
+def test_k_majority_finds_the_centres_of_well_separated_clusters() -> None:
     rng = np.random.default_rng(8)
     middles = random_bits(rng, 12)
     descriptors = np.concatenate([flipped(rng, middles, 12) for _ in range(31)])
     words = train(descriptors, TrainingSettings(words=12), rounds=30)
-    # From drawn beginnings two clusters may end in one, and one in two.
+    # From random starts two clusters may end in one, and one in two.
     assert (hamming_reference(words, middles).min(axis=0) <= 5).sum() >= 10
     expected = hamming_reference(descriptors, words).argmin(axis=1) + 1
     np.testing.assert_array_equal(FixedVocabulary(words).words_of(1, descriptors), expected)
     np.testing.assert_array_equal(words, train(descriptors, TrainingSettings(words=12), rounds=30))
 
 
-def test_k_means_lowers_the_error_and_a_fixed_dictionary_gives_the_nearest_word() -> None:
+def test_k_means_lowers_the_error_and_a_fixed_vocabulary_gives_the_nearest_word() -> None:
     rng = np.random.default_rng(9)
     middles = floats(rng, 10)
     descriptors = np.concatenate([middles + rng.normal(0, 2, middles.shape).astype(np.float32) for _ in range(30)])
@@ -346,7 +346,7 @@ def test_k_means_lowers_the_error_and_a_fixed_dictionary_gives_the_nearest_word(
     np.testing.assert_array_equal(FixedVocabulary(many).words_of(1, descriptors), expected)
 
 
-def test_a_fixed_dictionary_forgets_and_recalls_nodes_but_keeps_its_words() -> None:
+def test_a_fixed_vocabulary_removes_and_restores_nodes_but_keeps_its_words() -> None:
     rng = np.random.default_rng(10)
     vocabulary = FixedVocabulary(random_bits(rng, 50))
     words = vocabulary.words_of(1, random_bits(rng, 80))
@@ -357,7 +357,7 @@ def test_a_fixed_dictionary_forgets_and_recalls_nodes_but_keeps_its_words() -> N
     np.testing.assert_array_equal(vocabulary.index.slots_of(1) + 1, words)
 
 
-def test_a_dictionary_on_disk_is_the_one_that_was_saved(tmp_path: Path) -> None:
+def test_a_vocabulary_on_disk_equals_the_saved_one(tmp_path: Path) -> None:
     words = random_bits(np.random.default_rng(11), 40)
     features = FeatureSettings(detector="orb", max_features=321)
     save(tmp_path / "words.npz", words, features)
@@ -366,7 +366,7 @@ def test_a_dictionary_on_disk_is_the_one_that_was_saved(tmp_path: Path) -> None:
     assert read == features
 
 
-def test_a_vocabulary_of_an_earlier_version_is_read_if_its_settings_are_the_constants_of_now(tmp_path: Path) -> None:
+def test_an_earlier_vocabulary_is_read_if_its_settings_equal_the_present_constants(tmp_path: Path) -> None:
     words = random_bits(np.random.default_rng(11), 40)
     for threshold, known in ((10, True), (20, False)):
         text = f"{{detector: orb, max_features: 321, fast_threshold: {threshold}, levels: 8}}"
@@ -379,7 +379,7 @@ def test_a_vocabulary_of_an_earlier_version_is_read_if_its_settings_are_the_cons
 
 
 @pytest.mark.parametrize("damage", ["missing", "empty", "cut", "text"])
-def test_a_damaged_dictionary_is_refused_in_one_sentence(tmp_path: Path, damage: str) -> None:
+def test_a_damaged_vocabulary_is_refused_in_one_sentence(tmp_path: Path, damage: str) -> None:
     path = tmp_path / "words.npz"
     save(path, random_bits(np.random.default_rng(12), 40), FeatureSettings())
     data = path.read_bytes()
@@ -391,6 +391,6 @@ def test_a_damaged_dictionary_is_refused_in_one_sentence(tmp_path: Path, damage:
         load(path)
 
 
-def test_too_few_descriptors_make_no_dictionary() -> None:
+def test_too_few_descriptors_give_no_vocabulary() -> None:
     with pytest.raises(VocabularyError, match="more features"):
         train(np.zeros((50, 32), np.uint8))
