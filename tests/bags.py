@@ -20,7 +20,7 @@ TYPES[1].register(get_types_from_msg("geometry_msgs/TransformStamped[] transform
 
 
 class Bag:
-    """A bag in the making; a topic is declared by its first message."""
+    """A bag being written; a topic is declared by its first message."""
 
     def __init__(self, path: Path, ros: int = 2, storage: StoragePlugin = StoragePlugin.SQLITE3) -> None:
         self.types = TYPES[ros].types

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-# The first call of a kernel loads or compiles it, which is no slow test. The same examples every time, so that a run
-# says the same twice; `pytest --hypothesis-profile=search`, as in `make nightly`, draws new and more ones.
+# The first call of a kernel loads or compiles it, which does not make a test slow. The same examples every time, so
+# that a run is repeatable; `pytest --hypothesis-profile=search`, as in `make nightly`, draws new and more ones.
 settings.register_profile("waychair", deadline=None, derandomize=True, max_examples=30)
 settings.register_profile("search", deadline=None)
 settings.load_profile("waychair")
 
-# A shell starts what it puts in the background deaf to interrupts, and so would be all that tests start and interrupt.
+# A shell starts background jobs with interrupts ignored, which processes of the tests would inherit.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 
 def hall_plan(width: float, depth: float, further: str) -> str:
-    """A hall of so many metres, the chair 1.5 m into it; `further` YAML follows its walls, which may go on with more."""
+    """A hall of this size [m] with the chair 1.5 m inside; `further` YAML follows its walls and may add more."""
     return f"""\
 name: hall
 size: [{width}, {depth}]

@@ -1,4 +1,4 @@
-"""Somebody, as a lidar sees them."""
+"""A person, as a lidar sees them."""
 
 from __future__ import annotations
 
@@ -13,17 +13,17 @@ _BEARINGS = np.linspace(-math.pi, math.pi, 720)
 
 
 def body(x: float, y: float) -> FloatArray:
-    """(24, 2) points [m] on a circle of 0.15 m round where they stand."""
+    """Return (24, 2) points [m] on a circle of 0.15 m round the person."""
     return np.array([x, y]) + 0.15 * np.column_stack([np.cos(_TURNS), np.sin(_TURNS)])
 
 
 def past(pose: Pose2, x: float, y: float, half: float, reach: float = 12.0) -> FloatArray:
-    """(N, 2) [m] how far the beams from a pose are free that pass somebody at x, y by more than `half` [rad]."""
+    """Return (N, 2) [m] the free ends of beams from a pose that pass a person at x, y by more than `half` [rad]."""
     off = np.angle(np.exp(1j * (_BEARINGS - math.atan2(y - pose.y, x - pose.x))))
     free = _BEARINGS[np.abs(off) > half]
     return np.array([pose.x, pose.y]) + reach * np.column_stack([np.cos(free), np.sin(free)])
 
 
 def half_view(pose: Pose2, x: float, y: float) -> float:
-    """Half the angle [rad] that somebody at x, y takes up, and as much again."""
+    """Return an angle [rad] of twice the half width of a person at x, y."""
     return 0.3 / max(math.hypot(x - pose.x, y - pose.y), 0.3)

@@ -1,4 +1,4 @@
-"""Bags as other people's robots write them: no /odom, two lidars, clouds, pictures, odd mounts and missing stamps."""
+"""Bags of other robots: no /odom, two lidars, clouds, pictures, unusual mounts and missing stamps."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_without_odom_the_motion_and_the_mounts_come_from_tf(tmp_path: Path, ros
         assert reading.twist.v == pytest.approx(0.6, abs=0.005)
 
 
-def test_a_base_that_only_moves_in_the_map_has_no_odometry(tmp_path: Path) -> None:
+def test_a_base_with_a_pose_in_the_map_only_has_no_odometry(tmp_path: Path) -> None:
     bag = Bag(tmp_path / "drive")
     for k in range(5):
         bag.mount(k * SECOND, ("map", "base_link", (0.1 * k, 0.0, 0.0), LEVEL), topic="/tf")
@@ -111,12 +111,12 @@ def test_two_lidars_are_merged_into_one_round_view_from_the_base(tmp_path: Path)
         assert frame.scan is not None
         seen = np.isfinite(frame.scan.ranges)
         points = transform_points(reading.odom_from_base, beam_ends(frame.scan)[0][seen])
-        assert off_the_walls(points).max() < 0.03, "the rear scan was not moved to the front scan's time"
+        assert off_the_walls(points).max() < 0.03, "the rear scan is corrected to the front scan's time"
         behind = np.abs(frame.scan.angles()[seen]) > 2.5
         assert 40 < behind.sum() < 240
 
 
-def test_one_lidar_alone_is_chosen_when_none_is_named_and_the_other_is_mentioned(tmp_path: Path) -> None:
+def test_without_a_named_lidar_one_is_used_and_the_other_mentioned(tmp_path: Path) -> None:
     front, _ = two_lidars(tmp_path / "drive")
     recording = read_recording(tmp_path / "drive")
     assert any("there are also" in warning for warning in recording.warnings)
@@ -125,7 +125,7 @@ def test_one_lidar_alone_is_chosen_when_none_is_named_and_the_other_is_mentioned
     assert "/rear/scan" in recording.source or recording.base_from_laser.x == pytest.approx(front.x)
 
 
-def test_lidars_without_tf_are_merged_by_the_mounts_that_are_given(tmp_path: Path) -> None:
+def test_lidars_without_tf_are_merged_by_the_given_mounts(tmp_path: Path) -> None:
     front, rear = two_lidars(tmp_path / "drive", mounted=False, rear_upside_down=True)
     unknown = read_recording(tmp_path / "drive", both())
     assert sum("--base-from-laser" in warning for warning in unknown.warnings) == 2
@@ -141,7 +141,7 @@ def test_lidars_without_tf_are_merged_by_the_mounts_that_are_given(tmp_path: Pat
 
 
 @pytest.mark.parametrize("text", ["", "1", "1,2,3,4", "a,b", "1,2,nan", "0,0,0,upsidedown", "upside-down"])
-def test_a_mount_that_cannot_be_understood_is_refused_with_an_example(tmp_path: Path, text: str) -> None:
+def test_an_invalid_mount_is_refused_with_an_example(tmp_path: Path, text: str) -> None:
     two_lidars(tmp_path / "drive", mounted=False)
     with pytest.raises(ConfigError, match=r"X,Y,YAW,upside-down .*such as 0\.6,0,0"):
         read_recording(tmp_path / "drive", both(text))
@@ -182,7 +182,7 @@ def test_the_band_of_a_cloud_becomes_a_level_scan(tmp_path: Path, big_endian: bo
         assert off_the_walls(points[np.isfinite(points[:, 0])]).max() < 0.05
 
 
-def test_imu_samples_come_with_the_scans_in_the_axes_of_the_base(tmp_path: Path) -> None:
+def test_imu_samples_are_in_the_frames_of_scans_in_the_axes_of_the_base(tmp_path: Path) -> None:
     bag = Bag(tmp_path / "drive")
     bag.mount(START, ("base_link", "imu_link", (0.1, 0.0, 0.2), (1.0, 0.0, 0.0, 0.0)))  # upside down
     for k in range(40):
@@ -212,7 +212,7 @@ def test_messages_without_a_stamp_take_the_time_of_their_recording(tmp_path: Pat
     assert any(warning.startswith("4 messages have no stamp") for warning in recording.warnings)
 
 
-def test_scans_that_saw_nothing_are_named_and_alone_refused(tmp_path: Path) -> None:
+def test_empty_scans_are_reported_and_a_bag_of_empty_scans_is_refused(tmp_path: Path) -> None:
     for name, rows in {
         "some": [[math.nan] * 3, [math.inf] * 3, [1.0, math.nan, math.inf]],
         "none": [[math.nan] * 3],
@@ -228,7 +228,7 @@ def test_scans_that_saw_nothing_are_named_and_alone_refused(tmp_path: Path) -> N
         read_recording(tmp_path / "none")
 
 
-def test_stamps_that_step_back_in_a_bag_are_told_and_its_order_kept(tmp_path: Path) -> None:
+def test_stamps_that_step_back_in_a_bag_are_reported_and_its_order_kept(tmp_path: Path) -> None:
     bag = Bag(tmp_path / "drive")
     for k, second in enumerate((1, 2, 5, 3, 4)):
         bag.odometry((k + 1) * SECOND, float(k))
@@ -247,7 +247,7 @@ def pictures(recording: Recording) -> list[RgbdFrame]:
     return list(recording.pictures())
 
 
-def test_real_pictures_compressed_as_ros_does_are_the_same_again(data_dir: Path, tmp_path: Path) -> None:
+def test_real_pictures_compressed_like_in_ros_are_read_unchanged(data_dir: Path, tmp_path: Path) -> None:
     folder = data_dir / "rgbd_tsdf_sample50"
     bag = Bag(tmp_path / "drive.bag", ros=1)
     bag.room(START, drive(0.0), "/scan", "laser")
@@ -278,7 +278,7 @@ COLOUR = np.arange(6 * 8 * 3, dtype=np.uint8).reshape(6, 8, 3)
 
 
 def quantised() -> tuple[bytes, np.ndarray]:
-    """32FC1 as compressed_depth keeps it: inverse depths in 16 bits, and what they say."""
+    """32FC1 as compressed_depth stores it: inverse depths in 16 bits, and their decoded values."""
     a, b = 1000.0, 1.0
     stored = np.rint(a / DEPTH + b).astype(np.uint16)
     stored[0, 0] = 0
@@ -311,7 +311,7 @@ def test_pictures_and_depth_of_every_usual_encoding_are_decoded(tmp_path: Path, 
     np.testing.assert_allclose(frame.depth, said, rtol=1e-5)
 
 
-def test_pictures_are_neither_decoded_nor_kept_when_only_scans_are_read(tmp_path: Path) -> None:
+def test_pictures_are_neither_decoded_nor_kept_if_only_scans_are_read(tmp_path: Path) -> None:
     bag = Bag(tmp_path / "drive")
     picture = np.random.default_rng(0).integers(0, 255, (480, 640, 3), np.uint8)
     for k in range(30):
@@ -319,7 +319,7 @@ def test_pictures_are_neither_decoded_nor_kept_when_only_scans_are_read(tmp_path
         bag.image("/camera/color/image_raw", START + k * SECOND, picture, "rgb8")
     bag.image("/camera/color/image_raw", START + 40 * SECOND, picture[:1, :1], "nonsense")
     bag.close()
-    read_recording(tmp_path / "drive")  # so that what is imported and cached is not counted
+    read_recording(tmp_path / "drive")  # so that imports and caches are not counted
     tracemalloc.start()
     recording = read_recording(tmp_path / "drive")
     peak = tracemalloc.get_traced_memory()[1]
@@ -329,7 +329,7 @@ def test_pictures_are_neither_decoded_nor_kept_when_only_scans_are_read(tmp_path
     assert pictures(recording) == [], "there is no depth"
 
 
-def test_a_camera_that_is_not_known_or_depth_of_another_size_is_refused(tmp_path: Path) -> None:
+def test_an_unknown_camera_or_a_depth_of_another_size_is_refused(tmp_path: Path) -> None:
     for name, info, shape in (("unknown", False, (6, 8)), ("unaligned", True, (3, 4))):
         bag = Bag(tmp_path / name)
         bag.room(START, drive(0.0), "/scan", "laser")

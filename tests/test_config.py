@@ -29,13 +29,13 @@ class Outer(Settings):
 
 
 @pytest.mark.parametrize("settings", [Outer(), Outer("x: y # z", 9, True, Inner(0.0)), CHAIR_B, MappingSettings()])
-def test_what_is_dumped_is_read_back_the_same(settings: Settings, tmp_path: Path) -> None:
+def test_a_dumped_configuration_is_read_back_unchanged(settings: Settings, tmp_path: Path) -> None:
     path = tmp_path / "settings.yaml"
     config.save(settings, path)
     assert config.load(type(settings), path) == settings
 
 
-def test_dump_tells_unit_and_meaning_of_every_value() -> None:
+def test_a_dump_gives_unit_and_meaning_of_every_value() -> None:
     text = config.dump(Outer())
     assert "speed: 0.8  # m/s, largest speed" in text
     assert "count: 3  # how many" in text
@@ -73,13 +73,13 @@ def test_impossible_values_are_refused_by_name(values: dict[str, object], named:
         config.from_mapping(Outer, values)
 
 
-def test_limits_themselves_are_possible() -> None:
+def test_values_at_the_limits_are_accepted() -> None:
     assert Outer(count=1).count == 1
     assert Outer(count=9, inner=Inner(2.0)).inner.speed == 2.0
 
 
 @pytest.mark.parametrize("text", ["{", "- 1\n- 2", "just words", "\x00"])
-def test_a_broken_file_is_one_sentence(text: str, tmp_path: Path) -> None:
+def test_an_invalid_file_gives_one_sentence(text: str, tmp_path: Path) -> None:
     path = tmp_path / "broken.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError) as caught:

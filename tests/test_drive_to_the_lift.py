@@ -1,4 +1,5 @@
-"""All of it, in simulation: a small world is driven and mapped on the way, and the chair drives to places by that map."""
+"""The complete product in simulation: a small world is driven and mapped, and the chair drives to places on that
+map."""
 
 from __future__ import annotations
 
@@ -36,13 +37,13 @@ def demo(out: Path) -> Demo:
     return run_demo(out, seed=1, world=SMALL_WORLD, surprises=False)
 
 
-def test_three_of_three_places_are_reached_without_a_contact(demo: Demo) -> None:
+def test_all_three_places_are_reached_without_a_contact(demo: Demo) -> None:
     assert [leg.place for leg in demo.legs if not leg.reached] == []
     assert len(demo.legs) == 3
     assert sum(leg.contacts for leg in demo.legs) == 0
 
 
-def test_the_chair_knew_where_it_was_all_along(demo: Demo) -> None:
+def test_the_pose_of_the_chair_was_correct_all_the_time(demo: Demo) -> None:
     assert max(leg.localisation_error_m for leg in demo.legs) < 0.10
 
 
@@ -53,7 +54,7 @@ def test_the_drive_was_made_of_joystick_volts_within_their_range(demo: Demo) -> 
     assert np.ptp(volts, axis=0).min() > 0.3
 
 
-def test_report_holds_what_was_driven(demo: Demo, out: Path) -> None:
+def test_the_report_holds_the_figures_of_the_drive(demo: Demo, out: Path) -> None:
     write_report(out, demo)
     report = json.loads((out / "report.json").read_text())
     assert (report["goals"], report["goals_reached"], report["contacts"]) == (3, 3, 0)
@@ -66,7 +67,7 @@ def test_report_holds_what_was_driven(demo: Demo, out: Path) -> None:
     assert {path.name for path in (out / "map").iterdir()} >= {"map.yaml", "map.pgm", "places.yaml", "report.json"}
 
 
-def test_the_map_made_on_the_way_is_that_of_the_recording_of_it(demo: Demo, out: Path) -> None:
+def test_the_live_map_equals_that_of_the_recording(demo: Demo, out: Path) -> None:
     """The bag rounds a scan's angles to single precision: beams fall into other cells, and matches differ a little."""
     offline = map_recording(read_recording(out / "drive.mcap"), MappingSettings())
     live = demo.mapping
@@ -91,7 +92,7 @@ class Ride:
         self.go(Goal(goal))
 
     def go(self, goal: Goal) -> None:
-        """Asks for a goal and says yes to it, once the chair is ready."""
+        """Asks for a goal and confirms it, once the chair is ready."""
         start_drive(self.simulator, self.chair, goal)
 
     def tick(self, count: int = 1) -> ChairState:
@@ -115,7 +116,7 @@ def stack() -> Iterator[ExitStack]:
         yield stack
 
 
-def test_f19_joystick_overrides_autonomous_within_one_tick_and_nothing_resumes(demo: Demo, stack: ExitStack) -> None:
+def test_f19_the_joystick_overrides_a_drive_within_one_tick_and_nothing_resumes(demo: Demo, stack: ExitStack) -> None:
     ride = Ride(demo, stack)
     ride.under_way()
     ride.simulator.rider = JoystickInput(ride.simulator.now_ns, 0.0, 0.8)
@@ -132,7 +133,7 @@ def test_f19_joystick_overrides_autonomous_within_one_tick_and_nothing_resumes(d
     assert abs(ride.simulator.twist().v) < 1e-3
 
 
-def test_stop_lets_go_at_once_and_a_new_goal_drives_on(demo: Demo, stack: ExitStack) -> None:
+def test_stop_releases_the_lines_at_once_and_a_new_goal_drives_on(demo: Demo, stack: ExitStack) -> None:
     ride = Ride(demo, stack)
     ride.under_way()
     ride.chair.stop()
@@ -144,7 +145,7 @@ def test_stop_lets_go_at_once_and_a_new_goal_drives_on(demo: Demo, stack: ExitSt
     assert ride.tick(60).sent.active
 
 
-def test_silent_sensors_make_the_computer_let_go(demo: Demo, stack: ExitStack) -> None:
+def test_silent_sensors_make_the_computer_release_the_lines(demo: Demo, stack: ExitStack) -> None:
     ride = Ride(demo, stack)
     ride.under_way()
     ride.deaf = True
@@ -181,7 +182,7 @@ def test_f17_a_control_loop_that_hangs_behind_its_heartbeat_ends_the_drive_for_g
     assert not ride.tick(60).sent.active
 
 
-def test_f18_the_e_stop_is_named_and_takes_a_deliberate_reset(demo: Demo, stack: ExitStack) -> None:
+def test_f18_the_e_stop_is_named_and_needs_a_deliberate_reset(demo: Demo, stack: ExitStack) -> None:
     ride = Ride(demo, stack)
     ride.under_way()
     ride.simulator.board_inputs = replace(ride.simulator.board_inputs, estop_released=False)
@@ -210,14 +211,14 @@ def test_a_hand_on_the_stick_slows_an_assisted_drive_and_a_push_ends_it(demo: De
     assert ride.tick(5).verdict.mode is DriveMode.MANUAL
 
 
-def test_f20_a_chair_that_does_not_follow_is_stopped_until_somebody_resets_it(
+def test_f20_a_chair_that_does_not_follow_is_stopped_until_a_person_resets_it(
     demo: Demo, stack: ExitStack, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ride = Ride(demo, stack)
     ride.under_way()
     ride.tick(20)
     assert ride.simulator.twist().v > 0.4
-    monkeypatch.setattr(ride.simulator, "_is_free", lambda pose: False)  # something unseen holds it
+    monkeypatch.setattr(ride.simulator, "_is_free", lambda pose: False)  # an unseen obstacle holds it
     state = ride.tick(30)
     assert (state.verdict.mode, state.sent.active) == (DriveMode.MANUAL, False)
     assert "follow" in state.verdict.reason or "stands" in state.verdict.reason, state.verdict.reason
@@ -239,7 +240,7 @@ def test_an_unreachable_place_is_refused_with_a_reason_and_the_chair_stands(demo
     assert not state.sent.active
 
 
-def test_same_seed_drives_the_same_volts(demo: Demo, stack: ExitStack) -> None:
+def test_the_same_seed_gives_the_same_volts(demo: Demo, stack: ExitStack) -> None:
     first, second = Ride(demo, stack), Ride(demo, stack)
     a = [first.tick().sent for _ in range(100)]
     b = [second.tick().sent for _ in range(100)]

@@ -1,4 +1,4 @@
-"""Files are written whole or not at all."""
+"""Files are written completely or not at all."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def test_a_file_is_written_with_the_folders_it_needs(tmp_path: Path) -> None:
     assert path.stat().st_mode & 0o777 == 0o644
 
 
-def test_a_failure_half_way_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+def test_a_failure_during_writing_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
     path = tmp_path / "map.pgm"
     write_bytes(path, b"old")
 
@@ -39,7 +39,7 @@ def test_a_failure_half_way_leaves_the_old_file_and_nothing_else(tmp_path: Path)
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_a_file_is_on_the_disk_before_its_name_is_and_then_its_folder(
+def test_a_file_is_synchronised_before_its_name_and_then_its_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[str] = []
@@ -58,7 +58,7 @@ def test_a_file_is_on_the_disk_before_its_name_is_and_then_its_folder(
     write_text(path, "a: 1\n")
     assert done == ["file", "name", "folder"]
     write_json(path, {"pose": 1}, lasting=False)
-    assert done[3:] == ["name"], "what is written all the time waits for no disk"
+    assert done[3:] == ["name"], "frequently written files do not wait for the disk"
 
 
 def test_a_report_with_a_nan_is_refused_and_the_old_one_stays(tmp_path: Path) -> None:
@@ -69,13 +69,13 @@ def test_a_report_with_a_nan_is_refused_and_the_old_one_stays(tmp_path: Path) ->
     assert json.loads(path.read_text()) == {"ate_m": 0.1}
 
 
-def test_a_folder_that_cannot_be_made_is_named(tmp_path: Path) -> None:
+def test_an_impossible_folder_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(OutputError, match="cannot write"):
         write_text(tmp_path / "file" / "x.txt", "")
 
 
-def test_what_is_there_and_no_file_is_left_as_it_is(tmp_path: Path) -> None:
+def test_an_existing_path_that_is_not_a_file_is_left_unchanged(tmp_path: Path) -> None:
     folder, pipe, circle = tmp_path / "folder", tmp_path / "pipe", tmp_path / "circle"
     folder.mkdir()
     os.mkfifo(pipe)
@@ -96,7 +96,7 @@ def test_what_is_there_and_no_file_is_left_as_it_is(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"folder", "pipe", "circle", "to_pipe"}
 
 
-def test_a_symbolic_link_stays_and_what_it_points_to_is_written(tmp_path: Path) -> None:
+def test_a_symbolic_link_stays_and_its_target_is_written(tmp_path: Path) -> None:
     (tmp_path / "there").mkdir()
     link, target = tmp_path / "link", tmp_path / "there" / "map.pgm"
     link.symlink_to(target)
@@ -107,7 +107,7 @@ def test_a_symbolic_link_stays_and_what_it_points_to_is_written(tmp_path: Path) 
     assert list((tmp_path / "there").iterdir()) == [target]
 
 
-def test_a_folder_that_may_not_be_entered_is_named(tmp_path: Path) -> None:
+def test_a_folder_without_permission_is_named(tmp_path: Path) -> None:
     """In a process of its own that drops root, since root may enter every folder."""
     (tmp_path / "private").mkdir()
     (tmp_path / "private" / "a.txt").write_text("mine")

@@ -33,7 +33,7 @@ poses = st.builds(Pose2, metres, metres, angles)
 
 
 @given(angles)
-def test_wrapped_angles_lie_in_the_half_open_circle_and_point_the_same_way(angle: float) -> None:
+def test_wrapped_angles_are_in_the_half_open_circle_and_keep_their_direction(angle: float) -> None:
     wrapped = wrap_angle(angle)
     assert -math.pi < wrapped <= math.pi
     assert math.cos(wrapped) == pytest.approx(math.cos(angle), abs=1e-9)
@@ -83,17 +83,17 @@ def test_interpolation_takes_the_short_way_round() -> None:
     assert abs(middle.theta) == pytest.approx(math.pi)
 
 
-def test_planar_of_a_pose_in_space_is_its_yaw() -> None:
+def test_the_planar_part_of_a_3d_pose_has_its_yaw() -> None:
     turn = np.eye(3)
     turn[:2, :2] = rotation(0.7)
     assert Pose3(turn, np.array([1.0, 2.0, 3.0])).planar().array() == pytest.approx([1.0, 2.0, 0.7])
 
 
-def test_length_of_a_path_is_that_of_its_steps() -> None:
+def test_the_length_of_a_path_is_that_of_its_steps() -> None:
     assert Path(np.array([[0, 0, 0], [3, 4, 0], [3, 5, 1]], float)).length() == pytest.approx(6.0)
 
 
-def test_rectangle_is_counter_clockwise() -> None:
+def test_a_rectangle_is_counter_clockwise() -> None:
     corners = rectangle(0.75, 0.25, 0.3)
     x, y = corners.T
     assert 0.5 * np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) == pytest.approx(0.6)
@@ -101,7 +101,7 @@ def test_rectangle_is_counter_clockwise() -> None:
 
 
 @given(poses, poses, st.floats(0.0, 3.0))
-def test_poses_in_space_compose_and_invert_as_planar_ones_do(a: Pose2, b: Pose2, height: float) -> None:
+def test_3d_poses_compose_and_invert_like_planar_ones(a: Pose2, b: Pose2, height: float) -> None:
     both = in_space(a, height) @ in_space(b)
     assert both.translation == pytest.approx([*(a @ b).array()[:2], height], abs=1e-9)
     assert wrap_angle(both.planar().theta - (a @ b).theta) == pytest.approx(0.0, abs=1e-9)
@@ -117,7 +117,7 @@ def test_an_arc_driven_in_two_halves_is_the_same_arc(distance: float, turn: floa
 
 
 @given(st.lists(st.tuples(st.floats(-5, 5), st.floats(-3, 3)), min_size=1))
-def test_many_arcs_at_once_are_the_same_as_one_by_one(motions: list[tuple[float, float]]) -> None:
+def test_many_arcs_at_once_equal_single_ones(motions: list[tuple[float, float]]) -> None:
     distances, turns = np.array(motions).T
     assert arcs(distances, turns) == pytest.approx(np.array([arc(*motion).array() for motion in motions]), abs=1e-12)
 
@@ -126,7 +126,7 @@ def test_a_quarter_circle_ends_beside_its_middle() -> None:
     assert arc(math.pi, math.pi / 2).array() == pytest.approx([2.0, 2.0, math.pi / 2])
 
 
-def test_the_way_along_points_begins_at_nothing_and_adds_up_their_steps() -> None:
+def test_the_distance_along_points_starts_at_zero_and_sums_their_steps() -> None:
     assert arc_lengths(np.array([[0.0, 0.0], [3.0, 4.0], [3.0, 4.0], [3.0, 2.0]])) == pytest.approx(
         [0.0, 5.0, 5.0, 7.0]
     )
@@ -134,7 +134,7 @@ def test_the_way_along_points_begins_at_nothing_and_adds_up_their_steps() -> Non
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 1.0)), min_size=1, max_size=20))
-def test_what_is_eased_is_the_least_that_any_place_allows(places: list[tuple[float, float]]) -> None:
+def test_an_eased_profile_is_the_least_that_any_place_allows(places: list[tuple[float, float]]) -> None:
     most, steps = np.array(places).T
     rise = np.cumsum(steps)
     allowed = most[None] + np.abs(rise[:, None] - rise[None])

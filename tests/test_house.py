@@ -49,11 +49,11 @@ def test_wheel_sdist_and_lint_bans_name_exactly_the_rooms() -> None:
     assert bans == {room: {"msg": f"import waychair.{room}"} for room in ROOMS}
 
 
-def test_every_module_stands_in_one_layer() -> None:
+def test_every_module_is_in_one_layer() -> None:
     contract = PYPROJECT["tool"]["importlinter"]["contracts"][0]
     layered = {name.strip() for layer in contract["layers"] for name in layer.replace("|", ":").split(":")}
     modules = {path.stem for path in (ROOT / "src" / "waychair").glob("*.py")} - {"__init__"}
-    inner = {f"calibration.{name}" for name in _inner_rooms("calibration")}  # its drives stand above the rest of it
+    inner = {f"calibration.{name}" for name in _inner_rooms("calibration")}  # its drives are above the rest of it
     assert layered == {f"waychair.{name}" for name in (ROOMS - {"calibration"}) | inner | modules}
 
 
@@ -63,7 +63,7 @@ def _inner_rooms(room: str) -> set[str]:
     return folders | {path.stem for path in (ROOT / room).glob("*.py")} - {"__init__"}
 
 
-def test_product_is_forbidden_to_import_its_evaluation() -> None:
+def test_the_product_must_not_import_its_evaluation() -> None:
     linter = PYPROJECT["tool"]["importlinter"]
     forbidden = [contract for contract in linter["contracts"] if contract["type"] == "forbidden"]
     assert set(linter["root_packages"]) == {"waychair", "evaluation"}
@@ -73,7 +73,7 @@ def test_product_is_forbidden_to_import_its_evaluation() -> None:
     )
 
 
-def test_no_python_file_lies_in_the_root() -> None:
+def test_no_python_file_is_in_the_root() -> None:
     assert list(ROOT.glob("*.py")) == []
 
 
@@ -89,7 +89,7 @@ def _is_evaluation(name: str) -> bool:
     return "evaluation" in Path(name).parts and Path(name).parts[0] != "tests"
 
 
-def test_wheel_built_from_the_sdist_holds_every_room_and_no_evaluation(tmp_path: Path) -> None:
+def test_the_wheel_built_from_the_sdist_holds_every_room_and_no_evaluation(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(tmp_path), str(ROOT)]
     done = subprocess.run(build, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]

@@ -80,7 +80,7 @@ def test_each_key_is_explained(values: dict[str, Any], sentence: str) -> None:
 
 
 @pytest.mark.usefixtures("table")
-def test_a_section_of_a_removed_class_is_known_by_its_keys_and_by_its_name() -> None:
+def test_a_section_of_a_removed_class_is_recognised_by_its_keys_and_by_its_name() -> None:
     for name, always in (("gone", "1 s"), ("other", "7 s")):
         with pytest.raises(ConfigError, match=f"'{name}.a' is no longer a setting: it is always {always}; remove"):
             from_mapping(Outer, {name: {"a": 1}})
@@ -96,7 +96,7 @@ def test_many_keys_are_counted_and_the_first_five_named() -> None:
 
 
 @pytest.mark.usefixtures("table")
-def test_parameters_of_a_node_are_explained_alike() -> None:
+def test_parameters_of_a_node_are_explained_too() -> None:
     from waychair.ros.parameters import settings_from_parameters
 
     with pytest.raises(ConfigError, match=r"^bridge: 'inner\.way' is now called 'inner\.distance': rename it$"):

@@ -65,7 +65,9 @@ def made(path: Path, fill: Callable[[Bag], None], ros: int = 2) -> Recording:
         ("drive", {"storage": "sqlite3"}, {"drive", "drive/drive.db3", "drive/metadata.yaml"}),
     ],
 )
-def test_what_is_written_is_read_back(tmp_path: Path, name: str, options: dict[str, Any], files: set[str]) -> None:
+def test_a_written_bag_is_read_back_unchanged(
+    tmp_path: Path, name: str, options: dict[str, Any], files: set[str]
+) -> None:
     written = write_drive(tmp_path / name, **options)
     assert {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*")} == files
     recording = read_recording(tmp_path / name)
@@ -95,7 +97,7 @@ def test_an_existing_recording_is_never_overwritten(tmp_path: Path) -> None:
     assert (tmp_path / "drive.mcap").read_text() == "precious"
 
 
-def test_a_recording_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_a_failed_recording_leaves_no_file(tmp_path: Path) -> None:
     def fails_halfway() -> None:
         with RecordingWriter(tmp_path / "drive", MOUNT) as writer:
             writer.write(scan_at(START_NS))
@@ -106,13 +108,13 @@ def test_a_recording_that_fails_leaves_nothing_behind(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_an_empty_recording_is_refused_and_leaves_nothing_behind(tmp_path: Path) -> None:
+def test_an_empty_recording_is_refused_and_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="nothing was written"), RecordingWriter(tmp_path / "drive.db3", MOUNT):
         pass
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_target_that_cannot_be_made_is_an_output_error(tmp_path: Path) -> None:
+def test_an_impossible_path_is_an_output_error(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(OutputError, match="cannot write"):
         write_drive(tmp_path / "file" / "drive.mcap")
@@ -131,9 +133,7 @@ def test_a_stamp_that_ros_cannot_express_is_refused(tmp_path: Path, stamp_ns: in
 
 
 @pytest.mark.parametrize(("ros", "name"), [(1, "drive.bag"), (2, "drive")])
-def test_odometry_is_interpolated_at_the_scan_and_kept_since_the_one_before(
-    tmp_path: Path, ros: int, name: str
-) -> None:
+def test_odometry_is_interpolated_at_the_scan_and_kept_since_the_last_one(tmp_path: Path, ros: int, name: str) -> None:
     def fill(bag: Bag) -> None:
         for k in range(6):
             bag.odometry(k * SECOND, float(k), math.pi - 0.1 + 0.1 * k)
@@ -179,7 +179,7 @@ def test_a_bag_without_odometry_at_its_scans_gives_frames_without_wheels(tmp_pat
     assert any("scan matching alone" in warning for warning in recording.warnings)
 
 
-def test_the_topic_can_be_chosen_and_a_choice_made_for_the_user_is_named(tmp_path: Path) -> None:
+def test_the_topic_can_be_chosen_and_an_automatic_choice_is_named(tmp_path: Path) -> None:
     def fill(bag: Bag) -> None:
         for k in range(3):
             bag.odometry(k * SECOND, 1.0, topic="/wheels/odom")
@@ -228,7 +228,7 @@ def test_an_unknown_mount_is_the_identity_with_a_warning(tmp_path: Path) -> None
     assert any("give its mount with --base-from-laser" in warning for warning in recording.warnings)
 
 
-def test_beams_that_turn_right_are_put_in_order_with_their_own_times(tmp_path: Path) -> None:
+def test_clockwise_beams_are_reordered_with_their_own_times(tmp_path: Path) -> None:
     def fill(bag: Bag) -> None:
         bag.scan(SECOND, [1.0, 2.0, 3.0], step=-0.1)
 
@@ -241,7 +241,7 @@ def test_beams_that_turn_right_are_put_in_order_with_their_own_times(tmp_path: P
     assert first_measured == SECOND
 
 
-def test_a_laser_that_hangs_upside_down_sees_the_world_the_right_way_round(tmp_path: Path) -> None:
+def test_scans_of_a_laser_mounted_upside_down_are_corrected(tmp_path: Path) -> None:
     def fill(bag: Bag) -> None:
         bag.mount(0, ("base_link", "laser", (0.3, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)))  # half a turn about x
         bag.odometry(0, 0.0)
@@ -259,7 +259,7 @@ def test_a_laser_that_hangs_upside_down_sees_the_world_the_right_way_round(tmp_p
     }
 
 
-def test_scans_without_beams_are_left_out_and_alone_are_no_scans(tmp_path: Path) -> None:
+def test_scans_without_beams_are_left_out_and_a_bag_of_them_has_no_scans(tmp_path: Path) -> None:
     def fill(bag: Bag) -> None:
         bag.scan(0, [])
         bag.scan(SECOND, [1.0, 2.0])
@@ -293,7 +293,7 @@ def test_a_message_that_cannot_be_decoded_is_left_out_and_counted(tmp_path: Path
     assert "only the 29 scans that can be read are used, without 1 damaged messages" in recording.warnings[0]
 
 
-def test_an_error_of_the_progress_callback_is_the_callers_own(tmp_path: Path) -> None:
+def test_an_error_of_the_progress_callback_reaches_the_caller(tmp_path: Path) -> None:
     def stop(_: float) -> None:
         raise KeyError("stop")
 

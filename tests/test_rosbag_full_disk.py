@@ -72,9 +72,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_a_disk_that_really_fills_up_keeps_all_that_was_taken(
-    small_disk: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_full_disk_keeps_all_accepted_messages(small_disk: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rosbag_storage, "MIN_FREE", 0)  # another program fills the disk between two checks
     taken, message = record_until_full(small_disk / name)
     assert 20 < taken < 110
@@ -87,9 +85,7 @@ def test_a_disk_that_really_fills_up_keeps_all_that_was_taken(
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_recording_stops_in_time_before_the_disk_is_full(
-    tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recording_stops_before_the_disk_is_full(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     room = iter([1 << 30, 1 << 30, 1 << 30, rosbag_storage.MIN_FREE - 1])
     monkeypatch.setattr(rosbag_storage.shutil, "disk_usage", lambda path: _Usage(1 << 40, 0, next(room)))
     taken, message = record_until_full(tmp_path / name)
@@ -113,7 +109,7 @@ def test_the_reserve_is_used_once_and_then_a_full_disk_is_an_error(tmp_path: Pat
     assert not reserve.use()
 
 
-def test_a_disk_without_room_is_refused_before_the_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_without_space_is_refused_before_the_drive(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(rosbag_storage.shutil, "disk_usage", lambda path: _Usage(1 << 40, 0, 10_000))
     with pytest.raises(OutputError, match="No space left on device"), RecordingWriter(tmp_path / "drive", Pose2()):
         pass
@@ -121,7 +117,7 @@ def test_a_disk_without_room_is_refused_before_the_drive(tmp_path: Path, monkeyp
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_an_interrupted_recording_is_kept_and_the_user_is_told_where(tmp_path: Path, name: str) -> None:
+def test_an_interrupted_recording_is_kept_and_its_path_reported(tmp_path: Path, name: str) -> None:
     (tmp_path / name.replace("drive", "drive.part")).touch()  # of another day
 
     def drive() -> None:
@@ -138,7 +134,7 @@ def test_an_interrupted_recording_is_kept_and_the_user_is_told_where(tmp_path: P
     assert not (tmp_path / name).exists()
 
 
-def test_an_interrupt_while_nothing_is_written_yet_leaves_nothing(tmp_path: Path) -> None:
+def test_an_interrupt_before_the_first_message_leaves_no_file(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt), RecordingWriter(tmp_path / "drive.mcap", Pose2()):
         raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,5 @@
-"""Every noun in a bag: topic, type, frame, quality of service, rates and values, read back with rosbags alone."""
+"""Every message type in a bag: topic, type, frame, quality of service, rates and values, read back with rosbags
+alone."""
 
 from __future__ import annotations
 
@@ -100,7 +101,7 @@ def test_every_topic_has_its_type_rate_and_offered_quality(bag: Path) -> None:
     assert latched == ["/tf_static"]
 
 
-def test_messages_are_logged_in_the_order_in_which_they_came_and_keep_their_own_stamps(bag: Path) -> None:
+def test_messages_are_logged_in_order_of_arrival_and_keep_their_own_stamps(bag: Path) -> None:
     with opened(bag) as reader:
         logged = [(stamp, connection.topic) for connection, stamp, _ in reader.messages()]
     stamps = [stamp for stamp, _ in logged]
@@ -120,7 +121,7 @@ def test_an_imu_reports_specific_force_upwards_and_no_orientation(bag: Path) -> 
     assert not message.linear_acceleration_covariance.any()
 
 
-def test_pictures_are_whole_and_depth_is_registered_in_millimetres(bag: Path) -> None:
+def test_pictures_are_complete_and_depth_is_registered_in_millimetres(bag: Path) -> None:
     colour = messages(bag, "/camera/color/image_raw")[0]
     assert (colour.height, colour.width, colour.step, colour.encoding) == (6, 8, 24, "rgb8")
     assert colour.header.frame_id == "camera_color_optical_frame"
@@ -135,7 +136,7 @@ def test_pictures_are_whole_and_depth_is_registered_in_millimetres(bag: Path) ->
     np.testing.assert_array_equal(info.p.reshape(3, 4)[:, :3], FRAME.camera_matrix)
 
 
-def test_depth_that_is_none_or_cannot_be_told_in_millimetres_is_zero() -> None:
+def test_missing_depth_or_depth_beyond_16_bit_millimetres_is_zero() -> None:
     depth = np.array([[np.nan, np.inf, -np.inf, -1.0, 65.536, 65.535, 0.0004, 0.0006]], np.float32)
     message = depth_image(RgbdFrame(START_NS, np.zeros((1, 8), np.uint8), depth, np.eye(3)))
     assert message.data.view("<u2").tolist() == [0, 0, 0, 0, 0, 65535, 0, 1]
@@ -150,7 +151,7 @@ def test_a_grey_picture_is_mono8(tmp_path: Path) -> None:
     np.testing.assert_array_equal(message.data.reshape(6, 8), grey.image)
 
 
-def test_sonars_have_a_topic_and_a_frame_each_and_keep_the_codes_of_rep_117(bag: Path) -> None:
+def test_each_sonar_has_its_topic_and_frame_and_keeps_the_codes_of_rep_117(bag: Path) -> None:
     readings = [messages(bag, f"/sonar_{k}")[0] for k in range(3)]
     assert [reading.range for reading in readings] == [1.0, math.inf, -math.inf]
     assert [reading.header.frame_id for reading in readings] == ["sonar_0", "sonar_1", "sonar_2"]
@@ -191,7 +192,7 @@ def test_the_base_moves_in_odom_and_the_sensors_are_mounted_on_it(bag: Path) -> 
     np.testing.assert_allclose(forward, [1.0, 0.0, 0.0], atol=1e-12)
 
 
-def test_the_truth_is_told_in_map_and_taken_for_odometry_by_nobody(tmp_path: Path, bag: Path) -> None:
+def test_the_true_pose_is_in_map_and_never_read_as_odometry(tmp_path: Path, bag: Path) -> None:
     truth = messages(bag, "/ground_truth/odom")[0]
     assert (truth.header.frame_id, truth.child_frame_id, truth.pose.pose.position.x) == ("map", "base_link", 10.0)
     path = tmp_path / "drive.mcap"
@@ -206,7 +207,7 @@ def test_the_truth_is_told_in_map_and_taken_for_odometry_by_nobody(tmp_path: Pat
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=4, max_size=4).filter(lambda q: float(np.linalg.norm(q)) > 0.01))
-def test_any_rotation_becomes_the_quaternion_that_turns_alike(xyzw: list[float]) -> None:
+def test_any_rotation_becomes_the_quaternion_of_the_same_rotation(xyzw: list[float]) -> None:
     rotation = Rotation.from_quat(xyzw).as_matrix()
     turn = transforms(0, {("a", "b"): Pose3(rotation, np.zeros(3))}).transforms[0].transform.rotation
     assert turn.w >= 0.0

@@ -1,4 +1,4 @@
-"""CoreSLAM logs and rows of scans: the real ones, and broken ones."""
+"""CoreSLAM logs and rows of scans: real and damaged ones."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def coreslam_line(micros: int, left: int, right: int, ranges: int = 1500) -> str
 
 
 @pytest.mark.parametrize(("name", "scans", "seconds"), [("exp1", 756, 74.6), ("exp2", 641, 63.2)])
-def test_the_real_coreslam_logs_are_read_whole(data_dir: Path, name: str, scans: int, seconds: float) -> None:
+def test_the_real_coreslam_logs_are_read_completely(data_dir: Path, name: str, scans: int, seconds: float) -> None:
     recording = read_recording(data_dir / "lidar_coreslam" / f"{name}.dat.gz")
     assert len(recording.frames) == scans
     assert recording.warnings == ()
@@ -68,7 +68,7 @@ def test_the_turns_of_the_real_scans_follow_those_of_the_wheels_at_the_scans_own
     assert agreement[0] > agreement[1] + 0.1
 
 
-def test_a_whole_turn_of_both_wheels_is_their_circumference_and_of_one_an_arc(
+def test_a_full_turn_of_both_wheels_is_their_circumference_and_of_one_an_arc(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(coreslam, "SCAN_AGE", 0.0)
@@ -92,11 +92,11 @@ def test_a_scan_older_than_its_line_has_the_odometry_of_its_own_time(tmp_path: P
     readings = [reading for frame in frames for reading in frame.wheels if isinstance(reading, Odometry)]
     assert [frame.stamp_ns for frame in frames] == [k * 10**9 - 190_000_000 for k in range(5, 9)]
     ways = np.array([reading.odom_from_base.x for reading in readings]) / (math.pi * 0.077)
-    np.testing.assert_allclose(ways, [0.0, 0.81, 1.81, 2.81])  # before the first line nothing is known
+    np.testing.assert_allclose(ways, [0.0, 0.81, 1.81, 2.81])  # before the first line there is no odometry
     assert readings[2].twist.v == pytest.approx(math.pi * 0.077)
 
 
-def test_a_mount_that_is_told_replaces_that_of_the_published_robot(tmp_path: Path) -> None:
+def test_a_given_mount_replaces_that_of_the_published_robot(tmp_path: Path) -> None:
     (tmp_path / "log.dat").write_text("\n".join(coreslam_line(k * 10**5, 1000 * k, 1000 * k) for k in range(3)))
     assert read_recording(tmp_path / "log.dat").base_from_laser.x == 0.145
     mounted = read_recording(tmp_path / "log.dat", InputSettings(mounts=("0.3,0.1,0.2",)))
@@ -131,7 +131,7 @@ def test_the_real_rows_of_scans_are_read_and_have_no_odometry(data_dir: Path) ->
     assert any("scan matching alone" in warning for warning in recording.warnings)
 
 
-def test_rows_cut_short_are_left_out_and_a_cut_gzip_is_named(data_dir: Path, tmp_path: Path) -> None:
+def test_truncated_rows_are_left_out_and_a_truncated_gzip_is_named(data_dir: Path, tmp_path: Path) -> None:
     data = (data_dir / "ros_bags" / "hokuyo_scan_tools.txt.gz").read_bytes()
     (tmp_path / "cut.txt.gz").write_bytes(data[: len(data) // 2])
     recording = read_recording(tmp_path / "cut.txt.gz")
@@ -144,7 +144,7 @@ def test_rows_cut_short_are_left_out_and_a_cut_gzip_is_named(data_dir: Path, tmp
         read_recording(tmp_path / "none.txt")
 
 
-def test_a_text_log_can_be_told_that_its_laser_hangs_upside_down(data_dir: Path) -> None:
+def test_a_text_log_can_have_a_laser_mounted_upside_down(data_dir: Path) -> None:
     path = data_dir / "ros_bags" / "hokuyo_scan_tools.txt.gz"
     upright = read_recording(path).frames[5].scan
     hanging = read_recording(path, InputSettings(mounts=("0,0,0,upside-down",))).frames[5].scan

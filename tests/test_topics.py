@@ -15,7 +15,7 @@ def test_f11_a_scan_is_stale_after_half_a_second_and_so_is_one_from_the_future(a
     assert SCAN.is_stale(now - age_ms * 10**6, now) is stale
 
 
-def test_a_topic_never_heard_is_stale_unless_it_has_no_rate() -> None:
+def test_a_topic_without_a_message_is_stale_unless_it_has_no_rate() -> None:
     assert COMMAND.is_stale(None, 0)
     assert not GOAL.is_stale(None, 0)
     assert COMMAND.max_age_ns() == 150_000_000

@@ -24,7 +24,7 @@ def test_values_are_those_of_yaml_and_an_empty_file_has_none(tmp_path: Path) -> 
     assert compose_yaml(written(tmp_path, ""), ConfigError) is None
 
 
-def test_what_is_nested_just_so_deep_is_read(tmp_path: Path) -> None:
+def test_nesting_up_to_the_limit_is_read(tmp_path: Path) -> None:
     assert load_yaml(written(tmp_path, "[" * MAX_DEPTH + "]" * MAX_DEPTH), ConfigError)
     with pytest.raises(ConfigError, match="more than 50 nested lists"):
         load_yaml(written(tmp_path, "[" * (MAX_DEPTH + 1) + "]" * (MAX_DEPTH + 1)), ConfigError)
@@ -49,14 +49,14 @@ def test_what_is_nested_just_so_deep_is_read(tmp_path: Path) -> None:
         ("? [a]\n: 1\n", "unhashable"),
     ],
 )
-def test_what_is_wrong_is_named_in_one_short_sentence(tmp_path: Path, text: str, said: str) -> None:
+def test_every_defect_is_named_in_one_short_sentence(tmp_path: Path, text: str, said: str) -> None:
     with pytest.raises(ConfigError, match=said) as caught:
         load_yaml(written(tmp_path, text), ConfigError)
     assert "\n" not in str(caught.value)
     assert len(str(caught.value)) < 300
 
 
-def test_a_file_that_is_no_text_or_cannot_be_read_is_named(tmp_path: Path) -> None:
+def test_a_file_that_is_not_text_or_is_unreadable_is_named(tmp_path: Path) -> None:
     (tmp_path / "image").write_bytes(b"\x89PNG\xff")
     with pytest.raises(ConfigError, match="not UTF-8 text; give the other one"):
         load_yaml(tmp_path / "image", ConfigError, "give the other one")
@@ -66,12 +66,12 @@ def test_a_file_that_is_no_text_or_cannot_be_read_is_named(tmp_path: Path) -> No
         load_yaml(tmp_path, ConfigError)
 
 
-def test_a_text_is_read_as_a_file_is() -> None:
+def test_a_text_is_read_like_a_file() -> None:
     assert yaml_from_text("[1, 2]", "the parameter", WaychairError) == [1, 2]
     with pytest.raises(WaychairError, match="the parameter, line 1"):
         yaml_from_text("{a: 1, a: 2}", "the parameter", WaychairError)
 
 
-def test_a_long_value_is_quoted_short() -> None:
+def test_a_long_value_is_shortened_in_quotes() -> None:
     assert quoted([1.5, "x"]) == "[1.5, 'x']"
     assert len(quoted("9" * 5000)) < 80

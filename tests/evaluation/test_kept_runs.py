@@ -18,7 +18,9 @@ def _noted(notes: Path, seed: int) -> int:
     return seed * seed
 
 
-def test_what_was_done_is_not_run_again_and_what_is_missing_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_finished_runs_are_not_repeated_and_missing_ones_are_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(runs, "_kept", lambda: tmp_path / "kept")
     notes = tmp_path / "notes"
     assert over_seeds("squares", partial(_noted, notes), 3) == [0, 1, 4]
@@ -26,7 +28,7 @@ def test_what_was_done_is_not_run_again_and_what_is_missing_is(tmp_path: Path, m
     assert sorted(notes.read_text().split()) == ["0", "1", "2", "3", "4"]
 
 
-def test_runs_of_another_name_are_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_runs_of_another_name_are_separate(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runs, "_kept", lambda: tmp_path / "kept")
     notes = tmp_path / "notes"
     over_seeds("squares", partial(_noted, notes), 1)
@@ -59,7 +61,7 @@ def code_now() -> str:
         runs.code.cache_clear()
 
 
-def test_runs_are_kept_by_the_code_that_ran_and_a_document_is_none(checkout: Path) -> None:
+def test_runs_are_kept_by_the_code_that_ran_and_documents_do_not_count(checkout: Path) -> None:
     first = code_now()
     assert len(first) == 12
     (checkout / "docs" / "file").write_text("two")
@@ -72,7 +74,7 @@ def test_runs_are_kept_by_the_code_that_ran_and_a_document_is_none(checkout: Pat
 
 
 @pytest.mark.parametrize("changed", ["planning/file", "src/new.py"])
-def test_nothing_is_kept_of_code_that_no_commit_names(checkout: Path, changed: str) -> None:
+def test_runs_of_uncommitted_code_are_not_kept(checkout: Path, changed: str) -> None:
     (checkout / changed).write_text("two")
     assert code_now() == ""
     runs.code.cache_clear()
@@ -80,7 +82,7 @@ def test_nothing_is_kept_of_code_that_no_commit_names(checkout: Path, changed: s
     runs.code.cache_clear()
 
 
-def test_every_folder_of_the_house_is_one_that_runs_or_one_that_shows() -> None:
+def test_every_folder_of_the_repository_counts_as_code_or_as_documents() -> None:
     here = Path(__file__).parents[2]
     folders = {path.name for path in here.iterdir() if (path / "__init__.py").exists()} - {"tests"}
     assert folders - set(runs._RUNS) == {"cli", "ros", "ui"}

@@ -47,7 +47,7 @@ def motion_of(v: FloatArray, omega: FloatArray, pose: Pose2 = _ORIGIN) -> TrueMo
 
 
 @pytest.mark.parametrize("where", DROP_OFFS)
-def test_no_lidar_maps_an_edge_and_every_zone_holds_it_whole(where: str) -> None:
+def test_no_lidar_maps_an_edge_and_every_zone_contains_it_completely(where: str) -> None:
     for seed in range(5):
         hazard = DROP_OFFS[where](Protection.ZONE, seed)
         pit = hazard.world.pits[0]
@@ -70,7 +70,7 @@ def test_glass_is_in_the_world_and_not_on_the_map_that_a_lidar_makes() -> None:
     assert occupied(map_of_lidar(world))[tuple(wall)]
 
 
-def test_scenes_are_as_random_as_their_seed() -> None:
+def test_scenes_depend_on_their_seed_only() -> None:
     for scene in (*DROP_OFFS.values(), glass):
         starts = {scene(Protection.ZONE, seed).world.start for seed in range(10)}
         assert len(starts) == 10
@@ -80,7 +80,7 @@ def test_scenes_are_as_random_as_their_seed() -> None:
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_movers_stand_in_the_room_apart_and_off_the_start(seed: int) -> None:
+def test_movers_stand_in_the_room_apart_from_each_other_and_from_the_start(seed: int) -> None:
     hazard = movers(10, seed)
     points = [person.path[0] for person in hazard.world.people]
     assert len(points) == 10
@@ -89,7 +89,7 @@ def test_movers_stand_in_the_room_apart_and_off_the_start(seed: int) -> None:
     assert all(0.2 <= value <= 2.9 for point in points for value in point)
 
 
-def test_a_disc_that_comes_into_sight_beside_another_is_known_before_they_part() -> None:
+def test_a_disc_that_appears_beside_another_is_known_before_they_separate() -> None:
     hazard = movers(2, 0)
     tracker, radius = Tracker(MODELS[robot_settings().navigator.tracks.movers]), hazard.world.people[0].radius
     angles = np.linspace(-1.2, 1.2, 15)
@@ -120,7 +120,7 @@ def test_the_closing_speed_is_that_of_the_nearest_point_of_the_outline(
 
 
 @given(st.floats(-math.pi, math.pi), st.floats(0.3, 2.0), st.floats(-0.8, 0.8), st.floats(-0.8, 0.8))
-def test_the_closing_speed_does_not_depend_on_where_the_map_begins(
+def test_the_closing_speed_does_not_depend_on_the_origin_of_the_map(
     theta: float, ahead: float, v: float, omega: float
 ) -> None:
     here, moved = Pose2(), Pose2(3.0, -1.0, theta)
@@ -132,14 +132,14 @@ def test_the_closing_speed_does_not_depend_on_where_the_map_begins(
     assert found[0] == pytest.approx(found[1], abs=1e-9)
 
 
-def test_who_walks_into_a_standing_chair_was_not_run_into() -> None:
+def test_a_person_who_walks_into_a_standing_chair_was_not_hit_by_it() -> None:
     world = drop_off_ahead(Protection.NOTHING, 0).world
     contact = Contact(0, ContactKind.PERSON, 1.0, 0.0, 0.0)
     assert contact_cause(contact, world, CHAIR_A, motion_of(np.zeros(2), np.zeros(2))) is ContactCause.BUMPED
     assert contact_cause(contact, world, CHAIR_A, motion_of(np.full(2, 0.3), np.zeros(2))) is ContactCause.PERSON
 
 
-def test_contacts_with_edges_glass_and_walls_are_told_apart() -> None:
+def test_contacts_with_edges_glass_and_walls_are_counted_separately() -> None:
     still = motion_of(np.zeros(2), np.zeros(2))
     edge, pane = drop_off_ahead(Protection.NOTHING, 0).world, glass(Protection.NOTHING, 0).world
     pit = edge.pits[0]
@@ -150,14 +150,14 @@ def test_contacts_with_edges_glass_and_walls_are_told_apart() -> None:
 
 
 @pytest.mark.nightly
-def test_a_chair_that_sees_a_pit_ahead_goes_round_all_of_it() -> None:
+def test_a_chair_that_sees_a_pit_ahead_drives_round_all_of_it() -> None:
     result = run_hazard(drop_off_ahead(Protection.CAMERA, 3), 3)
     assert result.reached, result.reason
     assert not result.contacts
     assert result.drop_off_m > 0.05
 
 
-def test_a_keep_out_zone_keeps_the_chair_off_an_edge_that_it_would_drive_over_without() -> None:
+def test_a_keep_out_zone_keeps_the_chair_from_an_edge_that_it_would_otherwise_drive_over() -> None:
     kept = run_hazard(drop_off_ahead(Protection.ZONE, 0), 0)
     assert (kept.reached, kept.count(ContactCause.EDGE)) == (True, 0), kept.reason
     assert kept.drop_off_m > 0.05
@@ -166,14 +166,14 @@ def test_a_keep_out_zone_keeps_the_chair_off_an_edge_that_it_would_drive_over_wi
 
 
 @pytest.mark.nightly
-def test_a_glass_door_that_stands_askew_to_the_sonars_is_heard_in_time() -> None:
+def test_a_glass_door_oblique_to_the_sonars_is_heard_in_time() -> None:
     """Regression: driving along the wall and turning into the door, the chair touched the pane at 0.27 m/s."""
     result = run_hazard(glass(Protection.SONAR, 31), 31)
     assert result.reached, result.reason
     assert not result.contacts
 
 
-def test_who_appears_too_near_is_struck_after_full_braking_and_who_appears_far_enough_is_not() -> None:
+def test_a_person_who_appears_too_near_is_hit_after_full_braking_and_one_farther_away_is_not() -> None:
     near, far = run_sudden_person(0.3, 0), run_sudden_person(1.2, 0)
     assert near.speed >= 0.75
     assert far.speed >= 0.75
@@ -182,7 +182,7 @@ def test_who_appears_too_near_is_struck_after_full_braking_and_who_appears_far_e
     assert (far.contact_speed, far.nearest_m > 0.1) == (0.0, True)
 
 
-def test_watching_changes_nothing_that_the_chair_is_told() -> None:
+def test_recording_a_drive_does_not_change_the_messages_of_the_chair() -> None:
     world = drop_off_ahead(Protection.NOTHING, 0).world
     watched, plain = RecordingSimulator(world, CHAIR_A, seed=3), Simulator(world, CHAIR_A, seed=3)
     for simulator in (watched, plain):
@@ -197,7 +197,7 @@ def test_watching_changes_nothing_that_the_chair_is_told() -> None:
     )
 
 
-def test_the_ride_of_a_steady_acceleration_and_a_curve_is_theirs() -> None:
+def test_the_comfort_figures_of_a_steady_acceleration_and_a_curve_are_exact() -> None:
     seconds = np.arange(0.0, 8.0, 0.01)
     faster = ride_of(motion_of(0.4 * np.clip(seconds - 2.0, 0.0, 2.0), np.zeros(len(seconds))))
     assert faster.speeding_up == pytest.approx(0.4, rel=0.08)  # the filter overshoots a little at a corner
@@ -209,14 +209,14 @@ def test_the_ride_of_a_steady_acceleration_and_a_curve_is_theirs() -> None:
 
 
 @given(st.floats(0.1, 2.0))
-def test_a_ride_that_is_so_much_faster_is_so_much_rougher(factor: float) -> None:
+def test_a_faster_ride_is_rougher_by_the_same_factor(factor: float) -> None:
     v = 0.8 * np.sin(np.arange(0.0, 6.0, 0.01)) ** 2 + 0.1
     one, more = (ride_of(motion_of(share * v, np.zeros(len(v)))) for share in (1.0, factor))
     assert more.jerk == pytest.approx(factor * one.jerk)
     assert more.slowing_down == pytest.approx(factor * one.slowing_down)
 
 
-def test_a_chair_that_stood_has_no_ride_and_the_worst_of_many_is_the_worst_in_each_figure() -> None:
+def test_a_chair_at_rest_has_zero_figures_and_the_worst_of_many_rides_is_the_worst_in_each_figure() -> None:
     assert ride_of(motion_of(np.zeros(500), np.zeros(500))) == STILL
     assert ride_of(motion_of(np.zeros(3), np.zeros(3))) == STILL
     assert worst_of([]) == STILL

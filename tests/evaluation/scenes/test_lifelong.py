@@ -20,7 +20,7 @@ def days() -> list[Session]:
     return list(drive_sessions("small_clinic", 3, seed=3, share=0.4))
 
 
-def test_some_pieces_move_from_day_to_day_and_the_same_seed_moves_the_same(days: list[Session]) -> None:
+def test_some_pieces_move_from_day_to_day_and_the_same_seed_moves_the_same_ones(days: list[Session]) -> None:
     for before, after in pairwise(days):
         assert len(after.pieces) == PIECES
         assert len(set(before.pieces) - set(after.pieces)) == MOVED
@@ -30,7 +30,7 @@ def test_some_pieces_move_from_day_to_day_and_the_same_seed_moves_the_same(days:
 
 
 @pytest.mark.nightly
-def test_after_three_days_the_map_is_small_and_right_and_what_was_moved_is_gone(
+def test_after_three_days_the_map_is_small_and_right_without_the_moved_pieces(
     days: list[Session], tmp_path: Path
 ) -> None:
     life = Lifelong(tmp_path / "map")
@@ -39,9 +39,9 @@ def test_after_three_days_the_map_is_small_and_right_and_what_was_moved_is_gone(
     figures = life.figures()
     assert figures["growth"] <= 1.3
     assert figures["ate_m_worst"] < 0.05
-    assert figures["cells_of_what_was_moved"] > 30, "there was something to forget"
+    assert figures["cells_of_what_was_moved"] > 30, "there were nodes to forget"
     assert figures["ghost_share"] <= 0.1
-    assert figures["health_ok_worst"] >= 0.85, "a third of the furniture of a small place stands elsewhere"
+    assert figures["health_ok_worst"] >= 0.85, "a third of the furniture of a small building has moved"
     assert standing(life, days[-1]) >= 0.5
 
 

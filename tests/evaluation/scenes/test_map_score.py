@@ -16,7 +16,7 @@ def room(resolution: float = 0.05) -> OccupancyGrid:
     return OccupancyGrid(cells, resolution, Pose2(-1.0, 2.0, 0.0))
 
 
-def test_the_true_grid_agrees_with_itself_wherever_its_frame_is() -> None:
+def test_the_true_grid_agrees_with_itself_in_any_frame() -> None:
     true_from_map = Pose2(3.0, -1.0, 0.7)
     truth = room()
     seen = OccupancyGrid(truth.cells, truth.resolution, true_from_map.inverse() @ truth.map_from_grid)
@@ -32,7 +32,7 @@ def test_a_displaced_wall_agrees_within_the_tolerance_only(shift: float, agrees:
     assert (score.found_faces == 1.0) == agrees
 
 
-def test_a_wall_that_is_missing_is_counted_where_its_space_was_seen() -> None:
+def test_a_missing_wall_is_counted_where_its_space_was_seen() -> None:
     truth = room()
     cells = truth.cells.copy()
     cells[:2, :] = 0  # the lower wall mapped as free
@@ -41,7 +41,7 @@ def test_a_wall_that_is_missing_is_counted_where_its_space_was_seen() -> None:
     assert 0.6 < score.found_faces < 0.75
 
 
-def test_walls_of_rooms_never_seen_are_not_asked_for() -> None:
+def test_walls_of_unseen_rooms_do_not_count() -> None:
     truth = room()
     cells = truth.cells.copy()
     cells[:, 40:] = -1

@@ -15,7 +15,7 @@ from waychair.trials.simulated_calibration import MASK_HALL, scans_while_turning
 
 
 @pytest.mark.parametrize(("body", "seed"), [(CHAIR_A, 0), (CHAIR_A, 1), (CHAIR_B, 2)])
-def test_leg_hits_vanish_and_hardly_any_other_beam(body: ChairBody, seed: int) -> None:
+def test_beams_on_legs_are_masked_and_few_others(body: ChairBody, seed: int) -> None:
     settings = with_legs(SimulatorSettings())
     learnt = scans_while_turning(Simulator(open_hall(MASK_HALL, 0.05), body, settings, seed))
     mask = learn_self_mask(learnt, body)

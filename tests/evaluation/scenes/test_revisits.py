@@ -1,4 +1,5 @@
-"""A small sample of `evaluation.figures.mapping.floors`: a round of the basement, and a part of the alias world's drive."""
+"""A small sample of `evaluation.figures.mapping.floors`: a lap of the basement, and a part of the alias world's
+drive."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ pytestmark = pytest.mark.skipif(renderer_problem() is not None, reason="no pictu
 
 
 @pytest.mark.nightly
-def test_a_round_of_the_basement_is_closed_by_pictures_and_lidar(tmp_path: Path) -> None:
+def test_a_lap_of_the_basement_is_closed_by_pictures_and_lidar(tmp_path: Path) -> None:
     route = np.array([[12.5, 1.4], [12.5, 7.8], [1.4, 7.8], [1.4, 1.4], [7.0, 1.4]])
     record_drive("basement", tmp_path / "drive.mcap", 1.0, route, SMALL)
     figures = score(map_drive(tmp_path / "drive.mcap"))
@@ -28,7 +29,7 @@ def test_a_round_of_the_basement_is_closed_by_pictures_and_lidar(tmp_path: Path)
     assert figures["false_links"] == figures["false_edges"] == 0
 
 
-def test_rooms_that_are_alike_to_the_last_scratch_close_no_loop(tmp_path: Path) -> None:
+def test_identical_rooms_close_no_loop(tmp_path: Path) -> None:
     route = np.array([[12.5, 1.15]])
     record_drive("alias", tmp_path / "drive.mcap", 1.0, route, SMALL)
     figures = score(map_drive(tmp_path / "drive.mcap"))

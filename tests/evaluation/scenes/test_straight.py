@@ -53,7 +53,7 @@ def until_fault(drive: LoopDrive, command: Twist, seconds: float) -> tuple[float
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_eight_bits_and_an_asymmetry_that_nobody_calibrated_still_drive_ten_metres_straight(seed: int) -> None:
+def test_eight_bits_and_an_uncalibrated_asymmetry_still_drive_ten_metres_straight(seed: int) -> None:
     plant = randomised(PLANT, seed)
     drive = drive_of(lopsided(plant, 0.03 if seed % 2 else -0.03), plant)
     result = drive_straight(drive)
@@ -65,12 +65,12 @@ def test_eight_bits_and_an_asymmetry_that_nobody_calibrated_still_drive_ten_metr
     assert drive.loop.speed_limit == math.inf
 
 
-def test_without_the_loop_the_same_chair_leaves_its_line_by_metres() -> None:
+def test_without_the_speed_loop_the_same_chair_leaves_its_line_by_metres() -> None:
     result = drive_straight(drive_of(lopsided(PLANT, 0.03), PLANT), closed=False)
     assert abs(result.left_m) > 1.0
 
 
-def test_backwards_the_line_is_held_as_well() -> None:
+def test_in_reverse_the_line_is_held_too() -> None:
     drive = drive_of(lopsided(dataclasses.replace(PLANT, family=PlantFamily(caster_flip=0.12)), 0.03), PLANT)
     start = drive.simulator.truth()
     for k in range(400):
@@ -81,7 +81,7 @@ def test_backwards_the_line_is_held_as_well() -> None:
     assert abs(end.y) < 0.15
 
 
-def test_a_brake_that_opens_late_is_waited_for() -> None:
+def test_the_loop_waits_for_a_brake_that_opens_late() -> None:
     plant = dataclasses.replace(PLANT, family=PlantFamily(brake_release_s=0.5))
     result = drive_straight(drive_of(plant, PLANT), 4.0)
     assert result.fault == ""
@@ -105,7 +105,7 @@ def test_f20_a_chair_of_half_or_twice_the_gain_is_stopped(gain: float) -> None:
 
 
 @pytest.mark.usefixtures("deaf")
-def test_f20_a_slope_that_is_too_steep_for_the_motors_is_stopped_at() -> None:
+def test_f20_the_loop_stops_on_a_slope_too_steep_for_the_motors() -> None:
     start = Pose2(5.0, 10.0, 0.3)
     hill = World(
         "hill",
@@ -124,7 +124,7 @@ def test_f20_a_slope_that_is_too_steep_for_the_motors_is_stopped_at() -> None:
     assert (start.inverse() @ drive.simulator.truth()).x > 0.5  # it did follow on the level
 
 
-def test_f20_a_brake_that_never_opens_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_f20_a_brake_that_never_opens_is_detected(monkeypatch: pytest.MonkeyPatch) -> None:
     shut = dataclasses.replace(PLANT, family=PlantFamily(brake_release_s=2.0))
     monkeypatch.setattr(following, "STUCK_S", 1.5)
     seconds, fault = until_fault(drive_of(shut, PLANT), Twist(0.25, 0.0), 3.0)
@@ -143,7 +143,7 @@ def test_f21_a_neutral_that_has_moved_beyond_the_dead_band_is_a_fault_until_it_i
     assert drive.loop.fault == ""
 
 
-def test_f21_a_chair_that_slows_down_from_speed_at_neutral_is_no_fault() -> None:
+def test_f21_a_chair_that_coasts_at_neutral_is_no_fault() -> None:
     drive = drive_of(PLANT)
     assert until_fault(drive, Twist(1.0, 0.0), 4.0)[1] == ""
     assert until_fault(drive, Twist(), 4.0)[1] == ""
@@ -151,7 +151,7 @@ def test_f21_a_chair_that_slows_down_from_speed_at_neutral_is_no_fault() -> None
 
 
 @pytest.mark.parametrize(("dial", "known"), [(0.3, 1.0), (0.55, 1.0), (1.0, 0.6)])
-def test_a_dial_that_was_turned_stops_the_chair_within_three_metres(dial: float, known: float) -> None:
+def test_a_turned_speed_dial_stops_the_chair_within_three_metres(dial: float, known: float) -> None:
     turned, calibrated = (dataclasses.replace(PLANT, family=PlantFamily(dial=value)) for value in (dial, known))
     drive = drive_of(turned, calibrated)
     start = drive.simulator.truth()
@@ -160,7 +160,7 @@ def test_a_dial_that_was_turned_stops_the_chair_within_three_metres(dial: float,
     assert (start.inverse() @ drive.simulator.truth()).x < 3.0
 
 
-def test_a_dial_that_was_turned_a_little_makes_the_chair_go_slowly() -> None:
+def test_a_slightly_turned_speed_dial_slows_the_chair() -> None:
     drive = drive_of(dataclasses.replace(PLANT, family=PlantFamily(dial=0.7)), PLANT)
     assert until_fault(drive, Twist(0.8, 0.0), 8.0)[1] == ""
     assert drive.measured.v == pytest.approx(0.3, abs=0.03)
@@ -182,7 +182,7 @@ def test_an_unchanged_chair_gives_no_false_alarm(seed: int) -> None:
     assert drive.loop.gains == pytest.approx((1.0, 1.0), abs=0.12)
 
 
-def test_a_rider_who_drives_is_neither_judged_nor_trimmed() -> None:
+def test_a_rider_who_drives_is_neither_watched_nor_trimmed() -> None:
     drive = drive_of(PLANT)
     released = SentCommand(0, WheelSpeeds(), 0, 0, 0.0, 0.0, active=False, reason="the rider drives")
     for k in range(200):

@@ -27,20 +27,20 @@ from waychair.types import Pose2
 B = drive_variants(CHAIR_B)
 
 
-def test_the_tightest_door_is_mastered_from_beside_without_a_contact() -> None:
+def test_the_chair_passes_the_tightest_door_from_the_side_without_a_contact() -> None:
     result = run_scene(door_scene(0.80, 90.0, B["rear"], 1), 1)
     assert (result.reached, result.contacts) == (True, 0), result.reason
     assert result.door_error_m is not None
     assert result.door_error_m <= 0.02
 
 
-def test_a_chair_that_is_parked_in_a_corner_gets_out_without_a_contact() -> None:
+def test_a_chair_parked_in_a_corner_leaves_it_without_a_contact() -> None:
     result = run_scene(parked_scene("tail in", B["rear"], 1), 1)
     assert (result.reached, result.contacts) == (True, 0), result.reason
     assert result.min_clearance_m > 0.005
 
 
-def test_a_chair_without_any_room_says_on_which_side_and_stays_where_it_is() -> None:
+def test_a_chair_without_room_names_the_side_and_stays_in_place() -> None:
     scene = parked_scene("nose in", B["rear"], 0)
     touching = Pose2(4.2 - 0.004 - scene.body.front, 0.2 + 0.02 + scene.body.width / 2, 0.0)
     result = run_scene(replace(scene, world=replace(scene.world, start=touching)), 0)
@@ -50,13 +50,13 @@ def test_a_chair_without_any_room_says_on_which_side_and_stays_where_it_is() -> 
     assert result.contacts == 0
 
 
-def test_the_larger_chair_is_told_that_it_does_not_fit_round_the_corner() -> None:
+def test_the_larger_chair_is_refused_since_it_does_not_fit_round_the_corner() -> None:
     scene = corner_scene(B["rear"], 0)
     with pytest.raises(NoPath, match="does not fit"):
         plan(costmap_from_grid(map_of(scene.world), scene.body), scene.world.start, scene.goal.pose)
 
 
-def test_starts_are_where_they_are_asked_for_and_as_random_as_their_seed() -> None:
+def test_starts_are_at_their_requested_places_and_depend_on_their_seed_only() -> None:
     for seed in range(20):
         scene = door_scene(0.8, 60.0, B["rear"], seed)
         assert scene.door is not None
@@ -65,7 +65,7 @@ def test_starts_are_where_they_are_asked_for_and_as_random_as_their_seed() -> No
         assert scene.world.start == door_scene(0.8, 60.0, B["rear"], seed).world.start
 
 
-def test_the_corridor_is_as_wide_as_it_says_up_to_its_cells_and_its_corner_is_sharp() -> None:
+def test_the_corridor_has_its_stated_width_to_a_cell_and_a_sharp_corner() -> None:
     grid = corner_scene(CHAIR_A, 0).world.grid
     points = np.column_stack([np.full(1000, 2.0), np.linspace(0.0, 2.0, 1000)])
     free = ~occupied(grid)[tuple(cells_from_points(grid, points).T)]
@@ -74,7 +74,7 @@ def test_the_corridor_is_as_wide_as_it_says_up_to_its_cells_and_its_corner_is_sh
     assert not occupied(grid)[tuple(cells_from_points(grid, np.array([[3.15, 1.10]]))[0])]
 
 
-def test_the_door_error_is_that_of_the_middle_line_in_the_wall() -> None:
+def test_the_door_error_is_measured_at_the_middle_line_in_the_wall() -> None:
     door = Pose2(4.0, 2.0, 0.0)
     truth = np.array([[2.0, 2.5, 0.0], [3.5, 2.01, 0.0], [4.0, 2.0, 0.02], [6.0, 2.5, 0.0]])
     assert door_error(truth, CHAIR_A, door) == pytest.approx(0.01, abs=1e-9)

@@ -33,7 +33,7 @@ def shift(tmp_path_factory: pytest.TempPathFactory) -> Shift:
 
 
 @pytest.mark.nightly
-def test_a_shift_lasts_as_long_as_asked_for_and_is_one_drive_after_the_other(shift: Shift) -> None:
+def test_a_shift_lasts_as_long_as_requested_and_has_one_drive_after_the_other(shift: Shift) -> None:
     assert shift.seconds >= 60.0
     assert shift.drives >= 2
     assert shift.reached == shift.drives - len(shift.failures)
@@ -42,13 +42,13 @@ def test_a_shift_lasts_as_long_as_asked_for_and_is_one_drive_after_the_other(shi
 
 
 @pytest.mark.nightly
-def test_a_door_is_shut_that_leaves_a_way_round(shift: Shift) -> None:
+def test_only_a_door_with_a_detour_is_closed(shift: Shift) -> None:
     assert shift.shut in ("south", "north")
     assert shift.reached > 0
 
 
 @pytest.mark.nightly
-def test_nights_add_up_over_calls_and_each_shift_is_driven_once(
+def test_nights_are_summed_over_calls_and_each_shift_is_driven_once(
     shift: Shift, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for number in range(3):

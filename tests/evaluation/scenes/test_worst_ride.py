@@ -11,7 +11,7 @@ from waychair.control.speed.limiter import LimiterSettings
 LIMITS = LimiterSettings()
 
 
-def test_many_rides_together_weigh_as_long_as_they_took() -> None:
+def test_rides_are_weighted_by_their_duration() -> None:
     gentle, hard = ride(stopping(LIMITS.braking)), ride(stopping(LIMITS.emergency))
     worst = worst_of([gentle, hard, hard])
     assert worst.hard_stops == 2
