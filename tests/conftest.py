@@ -56,7 +56,7 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
 
 
 def pytest_collectreport(report: pytest.CollectReport) -> None:
-    """Remember each module that was skipped as a whole."""
+    """Remember each skipped module."""
     _remember(report)
 
 

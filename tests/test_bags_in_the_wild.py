@@ -46,7 +46,7 @@ def test_without_odom_the_motion_and_the_mounts_come_from_tf(tmp_path: Path, ros
     for k in range(41):
         now, pose = START + k * SECOND // 20, drive(k / 20)
         odom = ("/odom", "/base_footprint", (pose.x, pose.y, 0.0), yawed(pose.theta))
-        # As in ROS 1: transforms that never change come on /tf as well, and a localiser jumps about above odom.
+        # As in ROS 1: transforms that never change come on /tf, too, and a localiser above odom jumps.
         fixed = ("base_footprint", "base_link", (0.0, 0.0, 0.1), LEVEL), ("mast", "laser", (0.2, 0.1, 0.0), LEVEL)
         jump = ("map", "odom", (float(k % 7), -3.0, 0.0), yawed(0.2 * (k % 5)))
         bag.mount(now, odom, *fixed, jump, topic="/tf")

@@ -108,7 +108,7 @@ def test_a_symbolic_link_stays_and_its_target_is_written(tmp_path: Path) -> None
 
 
 def test_a_folder_without_permission_is_named(tmp_path: Path) -> None:
-    """In a process of its own that drops root, since root may enter every folder."""
+    """In a separate process that drops root, since root may enter every folder."""
     (tmp_path / "private").mkdir()
     (tmp_path / "private" / "a.txt").write_text("mine")
     tmp_path.chmod(0o755)

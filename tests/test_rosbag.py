@@ -271,7 +271,7 @@ def test_scans_without_beams_are_left_out_and_a_bag_of_them_has_no_scans(tmp_pat
         made(tmp_path / "empty", lambda bag: bag.scan(0, []))
 
 
-def test_a_bag_folder_whose_storage_is_missing_is_damaged(tmp_path: Path) -> None:
+def test_a_bag_folder_without_its_storage_is_damaged(tmp_path: Path) -> None:
     write_drive(tmp_path / "drive")
     (tmp_path / "drive" / "drive.mcap").unlink()
     with pytest.raises(RecordingDamaged, match="is a damaged bag"):

@@ -79,7 +79,7 @@ _RUNS = (
     "calibration", "control", "evaluation", "firmware_bridge", "maps", "offline", "planning", "pyproject.toml", "recordings", "runtime",
     "simulation", "slam", "src", "trials",
 )  # fmt: skip
-"""The folders whose code runs in drives and mapping, without nodes, page and command line."""
+"""The folders of code that runs in drives and mapping, without nodes, page and command line."""
 
 
 def _kept() -> Path | None:

@@ -118,7 +118,7 @@ def _within(thing: Block | Pit, points: FloatArray, margin: float = 0.0) -> Bool
 
 
 def _share(grid: OccupancyGrid, true_from_map: Pose2, points: FloatArray) -> float:
-    """Return the share of points (N, 2) [m, world] whose map cell, or a neighbour of it, is occupied."""
+    """Return the share of points (N, 2) [m, world] in or beside an occupied map cell."""
     thick = np.pad(occupied(grid), 1)
     thick = np.logical_or.reduce(
         [thick[i : i + grid.cells.shape[0], j : j + grid.cells.shape[1]] for i, j in np.ndindex(3, 3)]

@@ -251,7 +251,7 @@ DROP_OFFS = {"ahead": drop_off_ahead, "beside": drop_off_beside, "behind": drop_
 
 
 def glass(protection: Protection, seed: int) -> Hazard:
-    """Return a room whose straight exit is a closed glass door, seen at some angle; another door is open."""
+    """Return a room with a closed glass door, seen at some angle, as its straight exit; another door is open."""
     rng = np.random.default_rng(seed)
     world = load_world("glass_door")
     start = Pose2(rng.uniform(1.0, 3.0), rng.uniform(0.8, 2.4), rng.uniform(-0.4, 0.4))

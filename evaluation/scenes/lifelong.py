@@ -1,4 +1,4 @@
-"""Lifelong mapping of one floor whose furniture moves from session to session: does the map stay small and right?
+"""Lifelong mapping of one floor with furniture that moves from session to session: does the map stay small and right?
 
 Each session moves a part of the furniture, drives the floor's mapping route from another corner, and joins the drive to
 the map. The figures are

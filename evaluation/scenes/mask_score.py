@@ -1,4 +1,4 @@
-"""The score of a self-mask on a simulated chair, whose legs are known."""
+"""The score of a self-mask on a simulated chair with known legs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class MaskScore:
 
 
 def score_mask(mask: SelfMask, scans: Sequence[Scan], simulator: Simulator) -> MaskScore:
-    """Score a mask on scans of a simulated chair, whose legs are known."""
+    """Score a mask on scans of a simulated chair with known legs."""
     laser = simulator.body.base_from_laser
     circles = rider_legs(simulator.body)
     hits = left = others = lost = 0

@@ -64,7 +64,7 @@ def test_the_pictures_of_a_bag_are_drawn_unless_they_are_switched_off(
 
 @rendered
 @clouds
-def test_the_cloud_of_a_bag_and_of_its_map_is_written_whole(bag: Path, tmp_path: Path) -> None:
+def test_the_cloud_of_a_bag_and_of_its_map_is_written_completely(bag: Path, tmp_path: Path) -> None:
     app(["map", str(bag), "--out", str(tmp_path / "map"), "--quiet"])
     done = [export_cloud(source, tmp_path / f"{k}.ply") for k, source in enumerate((bag, tmp_path / "map"))]
     assert done[0] == done[1]

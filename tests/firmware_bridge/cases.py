@@ -30,7 +30,7 @@ MODULES = (
 
 
 def cases() -> list[Callable[[Rig], None]]:
-    """The tests whose only argument is `rig`, in the order of their modules."""
+    """The tests with `rig` as their only argument, in the order of their modules."""
     functions = [value for module in MODULES for name, value in vars(module).items() if name.startswith("test_")]
     return [function for function in functions if list(inspect.signature(function).parameters) == ["rig"]]
 

@@ -166,7 +166,7 @@ def explained() -> dict[str, str]:
 
 
 def _passes(library: Path) -> bool:
-    """Whether all cases pass, in a process of their own: a mutant may crash or never end."""
+    """Whether all cases pass, in a separate process: a mutant may crash or never end."""
     child = os.fork()
     if child == 0:
         signal.alarm(LONGEST_S)

@@ -1,6 +1,6 @@
 """The firmware's safety core and frames under a fake clock: the C as a shared library, one Python call per step.
 
-Functions named `test_*` whose only argument is a `Rig` are collected by pytest, and by `cases.py`, which runs them
+Functions named `test_*` with a `Rig` as their only argument are collected by pytest, and by `cases.py`, which runs them
 against libraries that were built in other ways: with sanitizers, with coverage, with mutations.
 """
 
@@ -195,7 +195,7 @@ def load_core(library: Path) -> ctypes.CDLL:
 class Rig:
     """One safety core, its clock and its surroundings: lines have the commanded voltages unless a test says otherwise.
 
-    `read_back` bends what the lines read, given (axis, mV); `stick` and `reference` are [mV].
+    `read_back` changes the voltage read from the lines, given (axis, mV); `stick` and `reference` are [mV].
     """
 
     def __init__(self, core: ctypes.CDLL) -> None:
@@ -204,7 +204,7 @@ class Rig:
         self.start()
 
     def start(self, config: Config | None = None, now_ms: int = 1000) -> bool:
-        """Switch the board on anew; whether its configuration is possible."""
+        """Switch the board on again; return whether its configuration is possible."""
         self._memory = ctypes.create_string_buffer(b"\xa5" * self.core.rig_core_size(), self.core.rig_core_size())
         self.config = config or self.core.safety_defaults(c_uint8(1))
         self.now_ms = now_ms

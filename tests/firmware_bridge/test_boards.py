@@ -41,7 +41,7 @@ def libraries(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 class Esp32:
-    """A board on paper: its library, its clock, its serial line. A copy of the library is a board of its own."""
+    """A board on paper: its library, its clock, its serial line. Each copy of the library is a separate board."""
 
     def __init__(self, folder: Path, built: Path) -> None:
         library = shutil.copy(built, folder / "board.so")
@@ -90,7 +90,7 @@ class Esp32:
                 self.heard()
 
     def heard(self) -> list[Message]:
-        """What the board has sent since the last call."""
+        """Return the bytes that the board has sent since the last call."""
         end = self.number("fake_tx_end")
         start = ctypes.addressof(ctypes.c_uint8.in_dll(self.library, "fake_tx"))
         data, end.value = ctypes.string_at(start, end.value), 0

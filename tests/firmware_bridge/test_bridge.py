@@ -253,7 +253,7 @@ def test_f19_threshold_and_debounce_of_the_board_hold_under_the_bridge(
         assert link.run(100, GOOD).active != wins
 
 
-def test_telemetry_says_what_the_board_reports(link: Bridged) -> None:
+def test_the_state_of_the_bridge_has_the_telemetry_of_the_board(link: Bridged) -> None:
     sent = link.drive()
     link.push_stick(0.1, -0.15)
     link.run(TICK_MS, GOOD)

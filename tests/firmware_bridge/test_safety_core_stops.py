@@ -74,7 +74,7 @@ def test_f18_the_rider_gets_the_joystick_back_without_a_computer(rig: Rig) -> No
     rig.idle(100)
     rig.estop_released = True
     rig.idle(1000)
-    rig.stick[0] += 200  # a hand on the stick: the two seconds begin anew
+    rig.stick[0] += 200  # a hand on the stick: the two seconds start again
     rig.step()
     rig.stick[0] -= 200
     assert rig.idle(2000).holder == CUT

@@ -1,4 +1,4 @@
-"""A map's folder is copied whole, and places and zones of one map never lie on another."""
+"""A map's folder is copied completely, and places and zones of one map never get onto another."""
 
 from __future__ import annotations
 

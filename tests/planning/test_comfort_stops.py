@@ -104,7 +104,8 @@ def most_eased(left: float, change: float) -> float:
 
 
 def plainly_towards(command: Twist, target: Twist, acceleration: Twist | None) -> Twist:
-    """`towards` as it is told of: a straight line at the limits, the change of the acceleration within the jerk's."""
+    """A plain reference of `towards`: a straight line to the limits, with the change of acceleration within the jerk
+    limit."""
     s, after = PROMPT, []
     faster = s.acceleration if command.v == 0 or (target.v - command.v) * command.v > 0 else s.braking
     times = abs(target.v - command.v) / faster, abs(target.omega - command.omega) / s.alpha

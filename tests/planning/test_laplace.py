@@ -115,7 +115,7 @@ def test_the_kernels_equal_plain_loops() -> None:
     np.testing.assert_allclose(x, relaxed, atol=1e-14)
 
 
-def test_the_same_problem_has_the_same_field_to_the_last_bit_wherever_it_lies_in_memory() -> None:
+def test_the_same_problem_has_exactly_the_same_field_anywhere_in_memory() -> None:
     rng, problem, kept = np.random.default_rng(3), scattered(3, 60, 70, 0.25), []
     fields = set()
     for _ in range(40):

@@ -93,7 +93,7 @@ def test_a_change_is_named_by_part_field_row_and_both_values(tape: Tape) -> None
     found = differences("base", old, changed_limiter()(tape))
     first = found[0]
     assert first.field in ("v", "omega", "forward_volts")
-    assert 50 < first.row < 80  # where it sets off
+    assert 50 < first.row < 80  # the start of the drive
     assert str(first).startswith(f"base: {first.field} was {first.old} and is {first.new} in row {first.row}")
     assert not {"mode", "halts"} & {difference.field for difference in found}
 
@@ -108,14 +108,14 @@ def test_numbers_within_the_tolerance_are_equal_and_beyond_it_are_not() -> None:
     assert [d.field for d in differences("localiser", old, [{**old[0], "x": None}])] == ["x"]
 
 
-def test_only_what_the_list_names_is_ignored() -> None:
+def test_only_the_listed_fields_are_ignored() -> None:
     old: list[Row] = [{"reason": "a", "stage": "driving"}]
     assert differences("pilot", old, [{"reason": "b", "stage": "driving"}]) == []
     assert [d.field for d in differences("pilot", old, [{"reason": "b", "stage": "failed"}])] == ["stage"]
     assert all(reason for reason in IGNORED.values())
 
 
-def test_a_field_or_a_row_that_is_gone_or_new_is_a_difference() -> None:
+def test_a_missing_or_new_field_or_row_counts_as_a_difference() -> None:
     old: list[Row] = [{"x": 1.0}, {"x": 2.0}]
     assert [d.field for d in differences("base", old, [{"x": 1.0, "y": 0.0}, {"x": 2.0, "y": 0.0}])] == ["y"]
     assert [d.field for d in differences("base", old, old[:1])] == ["rows"]

@@ -65,7 +65,7 @@ class Harness:
         """Serve the node until the condition holds; call `meanwhile` repeatedly."""
         deadline = time.monotonic() + PATIENCE_S
         while not condition():
-            assert time.monotonic() < deadline, f"waited in vain for {what}"
+            assert time.monotonic() < deadline, f"no result while waiting for {what}"
             self.executor.spin_once(timeout_sec=0.05)
             if meanwhile is not None:
                 meanwhile()

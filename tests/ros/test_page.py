@@ -119,7 +119,7 @@ def page(stack: LiveStack, port: int) -> Iterator[Page]:
 
 
 def sets_off(stack: LiveStack, page: Page, there: Callable[[], bool]) -> None:
-    """Ask for the far place by the page and say yes, again where a busy computer has ended the drive."""
+    """Ask for the far place by the page and confirm it, again where a busy computer has ended the drive."""
     asked_s = -10.0
 
     def done() -> bool:

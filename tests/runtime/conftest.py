@@ -1,4 +1,4 @@
-"""The drive round a block that the mapper's tests use serves maps of several drives as well."""
+"""The drive round a block of the mapper's tests serves maps of several drives, too."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ from waychair.types import FloatArray, Pose2
 
 LEVELS = [(name, level) for name in shipped_worlds() for level in levels_of(name)]
 SHORT = {"corridor_t", "glass_door", "ramp"}
-"""Worlds whose routes are driven every time; the others' are driven nightly."""
+"""Worlds with routes that are driven every time; the other routes are driven nightly."""
 
 ROUTES = [pytest.param(*each, marks=[] if each[0] in SHORT else pytest.mark.nightly) for each in LEVELS]
 
@@ -86,7 +86,7 @@ def test_a_mapping_route_has_its_stated_length_and_number_of_revisits(name: str,
 
 
 def _reachable(world: World, a: Pose2, b: Pose2, clearance: float = 0.35) -> float:
-    """Length [m] of the shortest way of a disc between two poses, on the grid; inf where there is none."""
+    """Return the length [m] of the shortest path of a disc between two poses, on the grid; inf without a path."""
     step = 2
     free = distance_transform_edt(~occupied(world.grid))[::step, ::step] * world.grid.resolution > clearance
     begin, end = cells_from_points(world.grid, np.array([[a.x, a.y], [b.x, b.y]])) // step

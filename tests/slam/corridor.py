@@ -22,7 +22,7 @@ SURE = np.diag([100.0, 100.0, 400.0])
 
 
 def view(k: int, words: list[int] | None = None, x: float | None = None, second: float | None = None) -> Node:
-    """A node k metres down the corridor, seen at second k, with five words of its own, unless told otherwise."""
+    """A node k metres down the corridor, seen at second k, with five own words, unless given."""
     own = list(range(10 * k + 1, 10 * k + 6)) if words is None else words
     rng = np.random.default_rng(k)
     scan = Scan(k * SECOND, rng.uniform(1.0, 5.0, 40).astype(np.float32), -math.pi, math.tau / 40, 0.0, 0.1, 10.0)

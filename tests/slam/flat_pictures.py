@@ -1,4 +1,4 @@
-"""Pictures of the synthetic flat from one metre above the floor: its walls have textures of their own."""
+"""Pictures of the synthetic flat from one metre above the floor: each wall has its own texture."""
 
 from __future__ import annotations
 

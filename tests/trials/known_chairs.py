@@ -1,4 +1,4 @@
-"""Simulated chairs whose calibration is known without a sweep."""
+"""Simulated chairs with a calibration known without a sweep."""
 
 from __future__ import annotations
 

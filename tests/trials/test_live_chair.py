@@ -39,7 +39,7 @@ def hall() -> World:
 
 @contextmanager
 def live(folder: Path, countdown_s: float = 0.0, **options: bool) -> Iterator[LiveChair]:
-    """Yield a chair in the hall, with a map whose origin is the chair's start."""
+    """Yield a chair in the hall, with the chair's start as the origin of its map."""
     world = hall()
     to_map = world.start.inverse()
     save_map(folder, OccupancyGrid(world.grid.cells, world.grid.resolution, to_map))

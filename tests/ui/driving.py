@@ -23,7 +23,7 @@ _NAP_S = 0.005
 
 @contextmanager
 def page_at(browser: Browser, address: str, **context: object) -> Iterator[Page]:
-    """A page in a browser of its own; any error in it fails the test."""
+    """A page in a separate browser; any error in it fails the test."""
     own = browser.new_context(**context)  # type: ignore[arg-type]
     page = own.new_page()
     page.set_default_timeout(1e3 * BROKEN_S)

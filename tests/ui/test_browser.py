@@ -249,7 +249,7 @@ def test_one_switch_chooses_a_place_confirms_and_stops(browser: Browser, port: N
         page.click("#tab-places")
 
         def switch(on: str, until_there: str) -> None:
-            while not page.is_visible(until_there):  # a busy computer may press when the frame has gone on
+            while not page.is_visible(until_there):  # a busy computer may press after the frame has moved on
                 page.wait_for_selector(f"{on}.scanned")
                 page.keyboard.press("Space")
                 page.wait_for_timeout(300)

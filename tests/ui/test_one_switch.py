@@ -51,7 +51,7 @@ def scanned(browser: Browser, port: Noted, interval: str = WALK) -> Iterator[Pag
 
 def take(page: Page, on: str, until_there: str) -> None:
     """Presses the switch when the frame is on a control, until the control has acted."""
-    while not page.evaluate(until_there):  # a busy computer may press when the frame has gone on
+    while not page.evaluate(until_there):  # a busy computer may press after the frame has moved on
         page.wait_for_selector(f"{on}.scanned")
         page.keyboard.press("Space")
         page.wait_for_timeout(300)

@@ -120,7 +120,7 @@ def watch_of(answers_s: Callable[[float], bool], phase_s: float, until_s: float)
     """Return when a drive ends whose page answers its views while `answers_s` of the time holds; None if it does not
     end.
 
-    `phase_s`: how much later than the views the chair is told.
+    `phase_s`: the delay of the chair's message after the views.
     """
     now_s = 0.0
     port, watch = Port(), PageWatch()

@@ -190,7 +190,7 @@ def far_goal(stack: LiveStack) -> Pose2:
 
 
 def is_at(stack: LiveStack, place: Place) -> bool:
-    """Return whether the chair truly stands within twice a place's tolerances, to allow for localisation errors."""
+    """Return whether the chair stands within twice a place's tolerances, to allow for localisation errors."""
     assert stack.really is not None
     off = place.pose.inverse() @ stack.really.odom_from_base
     return math.hypot(off.x, off.y) <= place.tolerance_m + 0.1 and abs(off.theta) <= place.tolerance_rad + 0.1

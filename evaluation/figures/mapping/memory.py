@@ -272,7 +272,7 @@ def killed(out: Path, kills: int = KILLS) -> Json:
 
 
 def _killed_after(path: Path, seconds: float) -> list[int]:
-    """Kill a child process; return the nodes whose addition had returned."""
+    """Kill a child process; return the nodes of finished additions."""
     read, tell = os.pipe()
     child = multiprocessing.get_context("fork").Process(target=_map_for_ever, args=(path, tell))
     child.start()

@@ -66,7 +66,7 @@ class BoardRig:
             self._step()
 
     def drive(self, meter: SpeedMeter | None = None, limits: DriveLimits | None = None) -> BoardDrive:
-        """Return a drive whose board was greeted, but not armed."""
+        """Return a drive with a board that was greeted, but not armed."""
         return BoardDrive(
             self.board.transport,
             self.sensors,

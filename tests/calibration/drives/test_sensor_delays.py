@@ -91,7 +91,7 @@ def test_without_a_gyro_or_without_another_sensor_there_is_no_delay() -> None:
         calibrator.result()
 
 
-def test_a_chair_that_stands_still_is_told_to_turn() -> None:
+def test_for_a_chair_that_stands_still_the_advice_is_to_turn() -> None:
     simulator, calibrator = simulated(7), TimeCalibrator(CHAIR_A)
     for message in simulator.advance(6_000_000_000):
         calibrator.add(message)

@@ -69,7 +69,7 @@ def test_a_chair_that_moves_is_refused() -> None:
         imu_at_rest(moved)
 
 
-def test_a_unit_that_lies_on_its_side_is_refused() -> None:
+def test_a_unit_mounted_on_its_side_is_refused() -> None:
     turned = [ImuSample(s.stamp_ns, s.accel[[2, 1, 0]], s.gyro) for s in _recorded(30.0)]
     with pytest.raises(CalibrationError, match="z axis"):
         imu_at_rest(turned)

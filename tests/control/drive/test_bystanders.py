@@ -1,4 +1,4 @@
-"""People who walk past, who linger and who have settled: how the planner treats each, and when the chair waits."""
+"""People who walk past, linger or have settled: the treatment of each by the planner, and the waits of the chair."""
 
 from __future__ import annotations
 

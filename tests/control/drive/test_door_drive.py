@@ -140,7 +140,7 @@ def test_it_backs_off_from_between_the_jambs_too() -> None:
 
 def test_a_retreat_stops_before_an_obstacle_behind_with_a_margin_for_localisation_errors() -> None:
     drive = before_a_door_it_knows()
-    behind = -1.5  # [m] where a wall stands across the room
+    behind = -1.5  # [m] the place of a wall across the room
     xs = -5.0 + 0.05 * (np.arange(200) + 0.5)
     away = np.maximum(xs - behind, 0.0).astype(np.float32)
     room = DistanceField(np.tile(np.minimum(away, 2.0), (200, 1)), 0.05, Pose2(-5.0, -5.0, 0.0))
@@ -156,7 +156,7 @@ def test_a_retreat_stops_before_an_obstacle_behind_with_a_margin_for_localisatio
     assert min(rear) > behind + 0.09
 
 
-def test_it_does_not_back_off_while_somebody_may_be_behind() -> None:
+def test_it_does_not_back_off_while_a_person_may_be_behind() -> None:
     """Nor does waiting use up its tries."""
     drive = before_a_door_it_knows()
     drive._lined_up = True

@@ -194,10 +194,10 @@ def test_the_chair_gives_way_to_a_person_beside_its_way_and_crawls_past_one_who_
     passing = shares(3.5, 5.0, beside_the_way, Twist(0.1, 0.0))
     assert 0.0 < min(passing) <= max(passing) <= CRAWL_SPEED / command.v + 1e-9
     assert set(shares(5.0, 6.5, np.empty((0, 2)), Twist(0.1, 0.0))) == {1.0}
-    assert set(shares(6.5, 7.0, beside_the_way, Twist())) == {0.0}  # the next one is given way to as well
+    assert set(shares(6.5, 7.0, beside_the_way, Twist())) == {0.0}  # the chair gives way to the next one too
 
 
-def test_a_person_who_stands_in_the_way_is_never_driven_into_however_long_the_chair_waits() -> None:
+def test_the_chair_never_drives_into_a_person_who_stands_in_the_way_however_long_it_waits() -> None:
     monitor, ahead = Monitor(CHAIR_A), np.array([[CHAIR_A.front + 0.25, 0.1]])
     for k in range(200):
         monitor.see(scan_of(ahead, stamp_ns=k * 50 * MS, seed=k))
@@ -406,7 +406,7 @@ def test_measured_stops_that_are_longer_than_assumed_count() -> None:
     table = StopTable(speeds=(0.4, 0.8), distances=(0.5, 1.4), turn_rate=0.8, turn_angle=0.9, delay_s=0.3)
     assert stop_seconds(Twist(0.8, 0.0), S, table) == pytest.approx(1.4 / 0.8)
     assert stop_seconds(Twist(0.0, 0.8), S, table) == pytest.approx(0.9 / 0.8)
-    assert stop_seconds(Twist(1.6, 0.0), S, table) == pytest.approx(2 * 1.4 / 0.8)  # beyond what was measured
+    assert stop_seconds(Twist(1.6, 0.0), S, table) == pytest.approx(2 * 1.4 / 0.8)  # beyond the measured speeds
     short = StopTable(speeds=(0.4, 0.8), distances=(0.01, 0.02), turn_rate=0.8, turn_angle=0.01, delay_s=0.0)
     assert stop_seconds(Twist(0.8, 0.0), S, short) == stop_seconds(Twist(0.8, 0.0), S)
 

@@ -241,7 +241,7 @@ def test_a_fault_is_named_and_leaves_the_riders_joystick_live(settings: Supervis
     assert verdict.reason == "the lidar is silent: check its cable and power"
 
 
-def test_a_chair_whose_stick_is_unknown_still_obeys_faults_and_goals() -> None:
+def test_a_chair_with_an_unknown_stick_still_obeys_faults_and_goals() -> None:
     unknown = Situation(None, False, False, True, False, True)
     assert supervise(DriveMode.MANUAL, unknown, ASSISTING).mode is DriveMode.AUTONOMOUS
     nothing = Situation(None, False, False, False, False, False)

@@ -123,7 +123,7 @@ def test_a_dial_turned_during_the_drive_is_found_and_one_turned_back_clears_the_
     assert chair.watch.speed_limit == math.inf
 
 
-def test_a_fault_stays_until_a_new_watch_is_begun() -> None:
+def test_a_fault_stays_until_a_new_watch_starts() -> None:
     chair = Chair(0.5)
     fault = chair.drive(3.0, [Twist(0.5, 0.0)])
     chair.v = 1.0

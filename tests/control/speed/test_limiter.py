@@ -56,7 +56,7 @@ def test_a_start_keeps_to_acceleration_and_jerk_and_reaches_the_speed_without_ov
 
 
 @given(st.lists(st.tuples(SPEEDS, SPEEDS, st.floats(0.0, 1.0)), min_size=1, max_size=30))
-def test_no_command_is_beyond_the_limits_whatever_is_asked(asked: list[tuple[float, float, float]]) -> None:
+def test_no_command_is_beyond_the_limits_for_any_target(asked: list[tuple[float, float, float]]) -> None:
     riding, s = Riding(), NORMAL
     for v, omega, share in asked:
         (before, turned), (after, turn) = riding.run(v, omega, 1, share=share)

@@ -96,7 +96,7 @@ def test_visible_floor_clears_obstacles_that_have_gone() -> None:
     assert value(grid, 2.24, 0.2) < 50
 
 
-def test_drawn_evidence_follows_its_nodes_and_equals_evidence_drawn_anew() -> None:
+def test_drawn_evidence_follows_its_nodes_and_equals_newly_drawn_evidence() -> None:
     assembly = DepthAssembly()
     nodes = np.array([[0.0, 0.0, 0.0], [1.0, 0.3, 0.4]])
     off = np.array([0.1, 0.0, 0.05])

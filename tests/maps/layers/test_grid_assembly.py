@@ -1,4 +1,4 @@
-"""The grid follows added, removed and moved scans, and always equals one drawn anew."""
+"""The grid follows added, removed and moved scans, and always equals a newly drawn one."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ steps = st.one_of(
 
 @settings(max_examples=60)
 @given(st.lists(steps, min_size=1, max_size=40))
-def test_after_any_changes_the_grid_equals_one_drawn_anew(script: list[tuple]) -> None:  # type: ignore[type-arg]
+def test_after_any_changes_the_grid_equals_a_newly_drawn_one(script: list[tuple]) -> None:  # type: ignore[type-arg]
     assembly = GridAssembly(CELLS)
     nodes, hung, number = POSES.copy(), dict[int, tuple[Scan, int, FloatArray, FloatArray]](), 0
     assembly.move_nodes(nodes, nodes[0, :2])

@@ -66,7 +66,8 @@ def rooms(rng: np.random.Generator, size: int) -> Prices:
 
 
 def test_dstar_lite_equals_dijkstra_in_1000_random_closures() -> None:
-    """Most changes bar the current path; some reopen what was closed, some toggle at random; the start walks on."""
+    """Most changes close the current path; some reopen closed cells, some toggle at random cells; the start moves
+    on."""
     rng = np.random.default_rng(20_05)
     checked = blocked = 0
     while checked < 1000:

@@ -301,7 +301,7 @@ def test_a_start_that_is_not_connected_or_outside_is_refused() -> None:
             trace((10, 3))
 
 
-def test_a_one_way_zone_is_never_gone_through_backwards() -> None:
+def test_a_one_way_zone_is_never_passed_backwards() -> None:
     free = np.ones((21, 30), np.bool_)
     free[:, 15] = False
     free[3, 15] = free[17, 15] = True  # two gaps; through the upper one only to the right, away from the goal

@@ -47,7 +47,7 @@ def two_ways(longer: float) -> OccupancyGrid:
     return OccupancyGrid(cells, 0.05)
 
 
-def test_a_standing_person_occupies_their_place_for_the_whole_window() -> None:
+def test_a_standing_person_occupies_one_place_for_the_whole_window() -> None:
     share = predicted_occupancy(among(walker(2.0, 1.0, 0.0, 0.0, 0.0)), GRID)
     x, y = np.meshgrid(-1.0 + 0.05 * (np.arange(160) + 0.5), -1.0 + 0.05 * (np.arange(120) + 0.5))
     away = np.hypot(x - 2.0, y - 1.0)

@@ -107,7 +107,7 @@ def test_delayed_requests_are_refused_and_an_earlier_goal_is_over(bridge: Bridge
         "the request",
         lambda: send(drive_request(DriveRequest(bridge.now_ns(), 7, True, True))),
     )
-    assert bridge.state.drops_goal, "a goal from before the bridge began does not go on by itself"
+    assert bridge.state.drops_goal, "a goal from before the start of the bridge does not resume by itself"
     assert bridge.state.command is None
 
 

@@ -97,7 +97,7 @@ def test_a_force_from_behind_counts_half(degrees: int) -> None:
 def test_veering_leads_a_head_on_encounter_past_the_right() -> None:
     x, y = veered(-2.0, 0.0, 0.1)
     _, force_y = repulsion(x, y, -1.0, 0.0, 0.5)
-    assert force_y < 0.0  # one who walks along x has its right at -y
+    assert force_y < 0.0  # the right of a person who walks along x is at -y
 
 
 @given(st.floats(-50, 50), st.floats(-50, 50), st.floats(0.1, 5.0))

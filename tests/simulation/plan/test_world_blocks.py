@@ -216,7 +216,7 @@ def test_movers_are_placed_within_the_walls_apart_and_the_same_in_every_run(tmp_
     assert points.shape == (12, 2)
     assert {person.behaviour for person in world.people} == {Behaviour.BOUNCE}
     assert (points > 0.25).all()
-    assert (points < (7.75, 2.25)).all()  # the doors are closed: nobody is in the other room
+    assert (points < (7.75, 2.25)).all()  # the doors are closed: no mover is in the other room
     apart = np.hypot(*(points[:, None] - points[None]).transpose(2, 0, 1)) + 9.0 * np.eye(12)
     assert apart.min() > 0.4
     again = _world(tmp_path, more, plan)

@@ -238,7 +238,7 @@ def test_the_imu_measures_the_motion_of_its_mount_through_the_map(x: float, y: f
     mounts = np.array([(pose @ Pose2(x, y)).array()[:2] for pose in poses])
     accelerations = np.diff(mounts, n=2, axis=0) / 0.001**2
     for i in range(100, len(accelerations), 50):
-        # the second difference lies about poses[i + 1], from which the force of the step after tells the change
+        # the second difference is centred on poses[i + 1]; the force of the next step has its change
         expected = rotation(poses[i + 1].theta).T @ accelerations[i]
         assert forces[i + 2][:2] == pytest.approx(expected, abs=0.01)
         assert rates[i + 1][2] == pytest.approx((poses[i + 1].theta - poses[i].theta) / 0.001, abs=1e-6)

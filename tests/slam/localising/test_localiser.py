@@ -98,7 +98,7 @@ def test_a_blinded_chair_that_drove_on_searches_for_its_place_and_finds_it(flat:
 def test_erased_parts_of_the_map_no_longer_lower_the_health(flat: OccupancyGrid) -> None:
     haunted = replace(flat, cells=flat.cells.copy())
     low, high = cells_from_points(flat, np.array([[2.6, 0.6], [3.4, 2.4]]))
-    haunted.cells[low[0] : high[0], low[1] : high[1]] = 100  # a cupboard that is gone, right ahead
+    haunted.cells[low[0] : high[0], low[1] : high[1]] = 100  # a removed cupboard, right ahead
     settings, way = LocaliserSettings(), straight(Pose2(1.2, 1.5, 0.0), 1.0)
     localiser = Localiser(haunted, Pose2(), way[0], settings)
     before = [found.health for found, _ in drive_on(localiser, way[:10], Pose2())]

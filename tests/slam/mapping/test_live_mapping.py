@@ -26,7 +26,7 @@ Drive = tuple[list[SensorFrame], FloatArray]
 
 
 def anew(live: LiveMapping, frames: list[SensorFrame]) -> OccupancyGrid:
-    """Return the mapper's kept scans, drawn anew at their poses; each scan is taken at one instant."""
+    """Return the mapper's kept scans, newly drawn at their poses; each scan is taken at one instant."""
     mapper = live.mapper
     numbers = sorted([*mapper.key_frames, *(n for latest in mapper.covered_frames for n in latest)])
     hung = [mapper.frames[number] for number in numbers]
@@ -41,7 +41,7 @@ def assert_same(found: OccupancyGrid, expected: OccupancyGrid) -> None:
     assert found.map_from_grid == expected.map_from_grid
 
 
-def test_the_grid_follows_the_chair_and_after_loop_closures_equals_one_drawn_anew(drive: Drive) -> None:
+def test_the_grid_follows_the_chair_and_after_loop_closures_equals_a_newly_drawn_one(drive: Drive) -> None:
     frames = drive[0]
     live = LiveMapping(MappingSettings(), Pose2())
     seen = []
@@ -145,7 +145,7 @@ def test_before_the_first_scan_the_map_is_empty_and_the_chair_is_at_the_origin()
 
 @pytest.mark.parametrize("radius", [0.165, 0.2])
 def test_wheel_counts_are_read_with_the_body_of_the_given_chair(radius: float) -> None:
-    """Wheels and IMU of frames without a scan count as well."""
+    """Wheels and IMU of frames without a scan count, too."""
     body = ChairBody(wheel_radius=radius)
     live = LiveMapping(MappingSettings(), Pose2(), body)
     per_metre = body.ticks_per_turn / (2 * np.pi * radius)

@@ -226,7 +226,8 @@ def test_a_link_seen_from_its_other_end_is_its_inverse() -> None:
 
 
 def test_propagated_information_equals_that_of_the_motions() -> None:
-    """Moving b by a little moves a, rigidly joined, by what the information of both calls equally unlikely."""
+    """A small motion of b moves a, rigidly joined, by an amount that is equally unlikely under the information of
+    both."""
     information, a_from_b = np.array([[4.0, 1.0, 0.5], [1.0, 9.0, 2.0], [0.5, 2.0, 50.0]]), Pose2(2.0, -1.0, 0.7)
     in_a = carried(information, a_from_b)
     for motion in 1e-5 * np.random.default_rng(1).standard_normal((20, 3)):

@@ -229,7 +229,7 @@ def grid_of(memory: NodeMemory, nodes: range, beams: int) -> OccupancyGrid:
 
 
 @pytest.mark.parametrize("beams", [1, 100, 20_000])
-def test_the_grid_stays_whole_while_nodes_sleep(beams: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_grid_stays_complete_while_nodes_sleep(beams: int, monkeypatch: pytest.MonkeyPatch) -> None:
     awake = corridor(60, MemorySettings())
     set_limits(monkeypatch, STM_SIZE=5, CACHED_NODES=0)
     memory = corridor(60, MemorySettings(working_memory_limit=5))
