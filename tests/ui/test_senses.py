@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from tests.ui.conftest import COUNTDOWN_S, WORLD
+from tests.ui.conftest import WORLD
 from tests.ui.driving import page_at, put_place, ready_page, until
 from tests.ui.noted import Noted
 from waychair.simulation.sensors.renderer import renderer_problem
@@ -17,6 +17,9 @@ from waychair.ui.server import page_server
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
+
+COUNTDOWN_S = 30.0
+"""The longest countdown there is, so that a busy computer presses Cancel before its end."""
 
 LISTEN = """
 globalThis.heard = { loudest: 0, notes: [], phrases: [], silenced: 0 };
@@ -43,6 +46,13 @@ speechSynthesis.cancel = () => { heard.silenced += 1; };
 """Records the loudspeaker, and replaces the voice, which Chromium without a window does not have."""
 
 
+@pytest.fixture(scope="module")
+def chair() -> Iterator[LiveChair]:
+    """A chair whose countdown lasts until it is cancelled."""
+    with LiveChair(WORLD, people=False, countdown_s=COUNTDOWN_S) as live:
+        yield live
+
+
 @contextmanager
 def heard_page(browser: Browser, address: str) -> Iterator[Page]:
     """A page that shows the chair, with recorded sound."""
@@ -54,11 +64,11 @@ def heard_page(browser: Browser, address: str) -> Iterator[Page]:
 
 
 def set_off_heard(page: Page, place: str) -> None:
-    """Asks for a place and says yes, and looks on from the count to the end of its first second."""
+    """Asks for a place and confirms it, and waits for the countdown's second number; the announcement is over then."""
     page.click(f".place:text-is('{place}')")
     page.click("#ask-yes")
     page.wait_for_selector("#count:visible")
-    page.wait_for_timeout(1e3 * COUNTDOWN_S / 2)
+    until(lambda: page.text_content("#count-number") != f"{COUNTDOWN_S:g}", "the page does not count")
 
 
 def test_a_tone_and_a_phrase_sound_before_the_chair_moves(browser: Browser, port: Noted, address: str) -> None:
@@ -87,6 +97,7 @@ def test_a_muted_page_is_quiet(browser: Browser, port: Noted, address: str) -> N
         assert heard["notes"] == heard["phrases"] == []
         assert heard["silenced"] > 0
         page.click("#count-no")
+        until(lambda: not port.view().goal, "the drive is not given up")
 
 
 @pytest.mark.skipif(renderer_problem() is not None, reason="this machine cannot render pictures")
