@@ -118,20 +118,22 @@ def page(stack: LiveStack, port: int) -> Iterator[Page]:
         yield open_page
 
 
-def sets_off(stack: LiveStack, page: Page, there: Callable[[], bool]) -> None:
-    """Ask for the far place by the page and confirm it, again where a busy computer has ended the drive."""
+def sets_off(stack: LiveStack, page: Page, there: Callable[[], bool], **goal: object) -> None:
+    """Ask for a goal by the page, by default the far place, and confirm it; ask again if a busy computer ends the drive."""
     asked_s = -10.0
 
     def done() -> bool:
         nonlocal asked_s
+        if there():
+            return True
         if page.view["waits"]:
             page.do("confirm")
         elif not page.view["goal"] and time.monotonic() - asked_s > 3.0:
             if page.view["obstacles"]:
                 page.do("reset")
-            page.do("go", place="ward")
+            page.do("go", **(goal or {"place": "ward"}))
             asked_s = time.monotonic()
-        return there()
+        return False
 
     stack.until(done, "the drive", 60.0)
 
@@ -162,18 +164,14 @@ def test_a_goal_of_a_page_is_counted_down_and_reached(stack: LiveStack, page: Pa
     stack.until(lambda: "did you mean" in page.do("go", place="wart")["sentence"], "the places of the map")
     assert not page.do("confirm")["done"]
     counted = False
-    for _ in range(TRIES):
-        until_ready(stack, page)
-        stack.until(lambda: page.do("go", pose=NEAR)["done"], "the navigator to take the goal")
-        stack.until(lambda: page.view["waits"] or not page.view["goal"], "the page to ask for a yes")
-        page.do("confirm")
-        stack.until(lambda: page.view["countdown"] is not None or not page.view["goal"], "the countdown")
+
+    def arrived() -> bool:
+        nonlocal counted
         counted = counted or page.view["countdown"] is not None
-        stack.until(lambda: not page.view["goal"], "the end of the drive")
-        if page.view["last"].startswith("Arrived at"):
-            break
+        return bool(page.view["last"] == "Arrived at 1.9, 1.0.")
+
+    sets_off(stack, page, arrived, pose=NEAR)
     assert counted
-    assert page.view["last"] == "Arrived at 1.9, 1.0."
     assert stack.really is not None
     assert abs(stack.really.odom_from_base.x - NEAR[0]) < 0.2
 
