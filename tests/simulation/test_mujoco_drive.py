@@ -76,7 +76,10 @@ def test_random_driving_in_the_clinic_never_puts_the_axle_through_a_wall(body: C
     assert simulator.contacts > 1
 
 
-@pytest.mark.parametrize(("body", "seed"), [(CHAIR_A, 0), pytest.param(CHAIR_B, 2, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize(
+    ("body", "seed"),
+    [pytest.param(body, seed, marks=pytest.mark.nightly) for body, seed in ((CHAIR_A, 0), (CHAIR_B, 2))],
+)
 def test_the_route_of_the_clinic_is_finished_without_contact(body: ChairBody, seed: int) -> None:
     world = load_world("small_clinic")
     plant = randomised(NOMINAL, seed) if seed else NOMINAL

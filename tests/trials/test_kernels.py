@@ -25,13 +25,13 @@ def kernels() -> set[tuple[str, str, int]]:
 
 
 def loaded_while_driving() -> set[tuple[str, str, int]]:
-    """Return the kernels loaded during 45 s along a corridor, past people."""
+    """Return the kernels loaded during 20 s along a corridor, past people."""
     hazard = to_the_lift(1)
     simulator = Simulator(hazard.world, hazard.body, replace(hazard.sensors, plant=randomised_settings(1).plant), 1)
     with simulated_chair(setup_of(hazard), simulator) as chair:
         start_drive(simulator, chair, Goal(hazard.goals[0].name))
         before = kernels()
-        for _ in range(45 * 20):
+        for _ in range(20 * 20):
             messages = advance_tick(simulator, chair)
             chair.step(simulator.now_ns, messages)
         assert chair.ready

@@ -90,6 +90,7 @@ def test_after_choosing_a_place_the_switch_still_works(browser: Browser, told: T
         until(lambda: bool(told.named("stop")), "Stop is not heard")
 
 
+@pytest.mark.nightly
 def test_after_saving_a_place_the_switch_still_works_and_the_place_has_a_name(browser: Browser, told: Told) -> None:
     pose_of(told)
     with scanned(browser, told) as page:
@@ -125,6 +126,7 @@ def test_stop_works_right_after_another_press(browser: Browser, told: Told) -> N
             until(lambda: len(told.named("stop")) == 2 * presses, "Stop is not heard")  # noqa: B023
 
 
+@pytest.mark.nightly
 def test_one_switch_removes_a_place(browser: Browser, told: Told) -> None:
     here = pose_of(told)
     for name in ("bed", "desk"):

@@ -53,7 +53,7 @@ def bring_to(page: Page, port: Noted, state: str) -> None:
         page.click("#option-scanning")
 
 
-@pytest.mark.parametrize("look", LOOKS)
+@pytest.mark.parametrize("look", [pytest.param("desktop, light", marks=pytest.mark.nightly), "phone, dark"])
 def test_axe_finds_no_fault(browser: Browser, port: Noted, address: str, look: str) -> None:
     from axe_playwright_python.sync_playwright import Axe
 

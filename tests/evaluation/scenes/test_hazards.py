@@ -157,6 +157,7 @@ def test_a_chair_that_sees_a_pit_ahead_drives_round_all_of_it() -> None:
     assert result.drop_off_m > 0.05
 
 
+@pytest.mark.nightly
 def test_a_keep_out_zone_keeps_the_chair_from_an_edge_that_it_would_otherwise_drive_over() -> None:
     kept = run_hazard(drop_off_ahead(Protection.ZONE, 0), 0)
     assert (kept.reached, kept.count(ContactCause.EDGE)) == (True, 0), kept.reason
@@ -173,6 +174,7 @@ def test_a_glass_door_oblique_to_the_sonars_is_heard_in_time() -> None:
     assert not result.contacts
 
 
+@pytest.mark.nightly
 def test_a_person_who_appears_too_near_is_hit_after_full_braking_and_one_farther_away_is_not() -> None:
     near, far = run_sudden_person(0.3, 0), run_sudden_person(1.2, 0)
     assert near.speed >= 0.75

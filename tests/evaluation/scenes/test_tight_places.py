@@ -34,6 +34,7 @@ def test_the_chair_passes_the_tightest_door_from_the_side_without_a_contact() ->
     assert result.door_error_m <= 0.02
 
 
+@pytest.mark.nightly
 def test_a_chair_parked_in_a_corner_leaves_it_without_a_contact() -> None:
     result = run_scene(parked_scene("tail in", B["rear"], 1), 1)
     assert (result.reached, result.contacts) == (True, 0), result.reason
