@@ -14,17 +14,11 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from waychair.calibration.fits.dac import (
-    DacModel,
-    counts_from_wheel_speeds,
-    nearest,
-    neutral_counts,
-    volts_from_counts,
-    wheel_speeds_from_counts,
-)
+from waychair.calibration.fits.dac import DacModel
 from waychair.config import Settings, setting
 from waychair.errors import CalibrationError
 from waychair.firmware_bridge.advice import fault_advice, is_of_host
+from waychair.firmware_bridge.line_counts import LineCounts
 from waychair.firmware_bridge.protocol import (
     BoardState,
     CommandFlag,
@@ -36,9 +30,6 @@ from waychair.firmware_bridge.protocol import (
 from waychair.firmware_bridge.session import SILENT, BoardSession
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.types import SentCommand, Telemetry, WheelSpeeds
-
-CREEP = 0.05
-"""Greatest speed [m/s] at the board's neutral by the calibration; the limit of F21."""
 
 RESET_NS = 1_000_000_000
 """Time for which a reset is requested: the board accepts it only when everything is in order."""
@@ -104,6 +95,44 @@ class _Reset:
         return not 0 <= now_ns - self.since_ns < RESET_NS
 
 
+@dataclass(slots=True)
+class _DriveAtBoard:
+    """Whether the board drives for this computer, why it ended the last drive, and whether it still has to release."""
+
+    lasts: bool = False
+    ended: str = ""
+    releasing: bool = False  # until the board reports that it has released the lines
+
+
+@dataclass(slots=True)
+class _Clock:
+    """The latest time, and the last times of `send` and `beat` by themselves.
+
+    A tick that began before a beat is not a clock that goes back.
+    """
+
+    now_ns: int = 0
+    sender_ns: int | None = None
+    beater_ns: int | None = None
+
+    def at_send(self, now_ns: int) -> tuple[int, int]:
+        """Return the time of a `send`, and by how much the sender's clock went back [ns]."""
+        before_ns, self.sender_ns = self.sender_ns, now_ns
+        return self._after(now_ns, before_ns)
+
+    def at_beat(self, now_ns: int) -> tuple[int, int]:
+        """Return the time of a `beat`, and by how much the heartbeat's clock went back [ns]."""
+        before_ns, self.beater_ns = self.beater_ns, now_ns
+        return self._after(now_ns, before_ns)
+
+    def _after(self, now_ns: int, before_ns: int | None) -> tuple[int, int]:
+        """Return the later of the caller's time and the latest one; a clock that went back sets the latest one."""
+        back_ns = 0 if before_ns is None or now_ns >= before_ns else before_ns - now_ns
+        if back_ns:
+            self.now_ns = now_ns
+        return max(now_ns, self.now_ns), back_ns
+
+
 class Bridge:
     """From wheel speeds to the board: `send` once a control tick, `beat` at least at 50 Hz. Thread-safe.
 
@@ -126,23 +155,16 @@ class Bridge:
         """
         self._gate = gate
         self._settings = settings or BridgeSettings()
-        self._calibration = calibration
-        self._session = BoardSession(cable, chair_id, self._settings.family, self._neutral_problem)
+        self._lines = LineCounts.of(calibration)
+        self._session = BoardSession(cable, chair_id, self._settings.family, self._lines.neutral_problem)
         self._lock = threading.Lock()
-        self._rest = neutral_counts(calibration)
-        self._volts_low, high = volts_from_counts(calibration, 0, calibration.counts_max)
-        self._volts_per_count = (high - self._volts_low) / calibration.counts_max
+        self._clock = _Clock()
         self._order = _Order(None, "no command", 0, 0)
-        self._now_ns = 0
-        self._called_ns: int | None = None  # last time of `send`; apart from `beat`'s, because a tick that began
-        self._beaten_ns: int | None = None  # before a beat is not a clock that goes back
-        self._sent_ns: int | None = None
-        self._volts: tuple[float, float] | None = None  # last volts commanded on the lines; None while released
-        self._releasing = False  # until the board reports that it has released the lines
-        self._drives = False
-        self._ended = ""
+        self._drive = _DriveAtBoard()
         self._failure = ""  # of the heartbeat, until the next beat
         self._reset: _Reset | None = None
+        self._sent_ns: int | None = None
+        self._volts: tuple[float, float] | None = None  # last volts commanded on the lines; None while released
         self._sent = self._released(0, SILENT)
 
     @property
@@ -159,17 +181,17 @@ class Bridge:
     def armed(self) -> bool:
         """Whether the board acts on set-points; before that only zero is sent."""
         board = self._session.board
-        return board is not None and board.state in (BoardState.ARMED, BoardState.DRIVE) and not self._releasing
+        return board is not None and board.state in (BoardState.ARMED, BoardState.DRIVE) and not self._drive.releasing
 
     @property
     def taken_over(self) -> bool:
         """Whether the rider's stick ended the drive at the board (F19), until `send(None)`."""
-        return self._ended == TAKEN_OVER
+        return self._drive.ended == TAKEN_OVER
 
     @property
     def trouble(self) -> tuple[str, ...]:
         """Why the board cannot drive now, as sentences with a remedy; faults being reset are left out."""
-        problem = self._drive_problem(self._now_ns)
+        problem = self._drive_problem(self._clock.now_ns)
         if problem:
             return (problem,)
         return () if self._resetting else fault_advice(self._faults)
@@ -186,7 +208,7 @@ class Bridge:
     def listen(self, now_ns: int) -> Telemetry | None:
         """Read the board's messages; return its last report."""
         with self._lock:
-            self._read_board(max(now_ns, self._now_ns))
+            self._read_board(max(now_ns, self._clock.now_ns))
             return self.telemetry
 
     def send(self, speeds: WheelSpeeds | None, stamp_ns: int, now_ns: int) -> SentCommand:
@@ -196,20 +218,17 @@ class Bridge:
         the board is not armed, zero is sent and `SentCommand` says so.
         """
         with self._lock:
-            back_ns, self._called_ns = self._step_back(now_ns, self._called_ns), now_ns
-            now_ns = max(now_ns, self._now_ns)
+            now_ns, back_ns = self._clock.at_send(now_ns)
             self._order = self._order_from(speeds, stamp_ns, now_ns, back_ns)
             if speeds is None:
-                self._releasing = self._releasing or self.armed
-                self._drives, self._ended = False, ""
+                self._drive = _DriveAtBoard(releasing=self._drive.releasing or self.armed)
             self._read_board(now_ns)
             return self._send_order(now_ns)
 
     def beat(self, now_ns: int) -> SentCommand:
         """Read the board's messages and, when it is due, repeat the last command while it is fresh."""
         with self._lock:
-            back_ns, self._beaten_ns = self._step_back(now_ns, self._beaten_ns), now_ns
-            now_ns = max(now_ns, self._now_ns)
+            now_ns, back_ns = self._clock.at_beat(now_ns)
             if back_ns:
                 self._order = replace(self._order, counts=None, reason=_went_back(back_ns))
             self._read_board(now_ns)
@@ -223,14 +242,7 @@ class Bridge:
         """Report why a heartbeat failed: it ends a drive, and `trouble` names it until the next heartbeat."""
         with self._lock:
             self._failure = reason
-            self._ended = self._ended or reason
-
-    def _step_back(self, now_ns: int, before_ns: int | None) -> int:
-        """Return by how much a caller's clock went back [ns]; if it did, take its new time as now."""
-        if before_ns is None or now_ns >= before_ns:
-            return 0
-        self._now_ns = now_ns
-        return before_ns - now_ns
+            self._drive.ended = self._drive.ended or reason
 
     def _order_from(self, speeds: WheelSpeeds | None, stamp_ns: int, now_ns: int, back_ns: int) -> _Order:
         """Return the command as counts, or with the reason why it must not be sent."""
@@ -238,14 +250,12 @@ class Bridge:
         if speeds is None or reason:
             return _Order(None, reason, stamp_ns, now_ns)
         try:
-            counts = counts_from_wheel_speeds(self._calibration, speeds)
+            counts = self._lines.counts(speeds)
         except CalibrationError as error:
             return _Order(None, str(error), stamp_ns, now_ns)
-        if not all(isinstance(count, int) and 0 <= count <= self._calibration.counts_max for count in counts):
-            return _Order(None, f"the calibration gave {counts}, which are not counts", stamp_ns, now_ns)
         late_ns = 0 if self._order.counts is None else now_ns - self._order.given_ns
         if late_ns > LATE_MS * 1_000_000:  # F17: the loop stalled before this tick, so this command is not trusted
-            return _Order(self._rest, _was_late(late_ns), stamp_ns, now_ns)
+            return _Order(self._lines.rest, _was_late(late_ns), stamp_ns, now_ns)
         return _Order(counts, "", stamp_ns, now_ns)
 
     def _refusal(self, speeds: WheelSpeeds | None, stamp_ns: int, now_ns: int, back_ns: int) -> str:
@@ -267,18 +277,18 @@ class Bridge:
 
     def _read_board(self, now_ns: int) -> None:
         """Read the board's messages, and detect that the board has ended a drive by itself."""
-        self._now_ns = now_ns
+        self._clock.now_ns = now_ns
         self._session.listen(now_ns)
-        board = self._session.board
+        board, drive = self._session.board, self._drive
         if board is None or board.state not in (BoardState.ARMED, BoardState.DRIVE):
-            self._releasing = False
+            drive.releasing = False
         if self._reset is not None and (self._reset.is_over(now_ns) or (board is not None and board.faults == 0)):
             self._reset = None
         if board is not None and board.state == BoardState.DRIVE:
-            self._drives = self._drives or not self._releasing
-        elif self._drives:
-            self._drives = False
-            self._ended = self._drive_problem(now_ns) or next(iter(fault_advice(self._faults)), self._end_reason())
+            drive.lasts = drive.lasts or not drive.releasing
+        elif drive.lasts:
+            drive.lasts = False
+            drive.ended = self._drive_problem(now_ns) or next(iter(fault_advice(self._faults)), self._end_reason())
 
     def _drive_problem(self, now_ns: int) -> str:
         """Return why this bridge cannot drive, apart from the board's faults; empty if it can."""
@@ -293,11 +303,11 @@ class Bridge:
         elapsed_ns = PERIOD_MS * 1_000_000 if self._sent_ns is None else now_ns - self._sent_ns
         self._sent_ns = now_ns
         reason = self._release_reason(now_ns)
-        reply = self._session.reply
+        reply, drive = self._session.reply, self._drive
         if reason or reply is None:
-            self._ended = reason if self._drives else self._ended
-            self._releasing = self._releasing or self.armed
-            self._drives, self._volts = False, None
+            drive.ended = reason if drive.lasts else drive.ended
+            drive.releasing = drive.releasing or self.armed
+            drive.lasts, self._volts = False, None
             if reply is not None:
                 self._session.command(0, 0, self._reset_flags(), now_ns)
             self._sent = self._released(now_ns, reason)
@@ -316,21 +326,21 @@ class Bridge:
             return "the board is being reset" if self._resetting else fault_advice(self._faults)[0]
         if now_ns - order.stamp_ns > MAX_AGE_MS * 1_000_000:
             return f"the command is {(now_ns - order.stamp_ns) / 1e6:g} ms old"
-        return self._ended or ("the board is releasing the lines" if self._releasing else "")
+        return self._drive.ended or ("the board is releasing the lines" if self._drive.releasing else "")
 
     def _send_driving(self, reply: HelloReply, now_ns: int, elapsed_ns: int) -> SentCommand:
         """Send the order to the board, enabled and within the slew limit; if the cable is full, the last one stays."""
         order, why = self._order, self._order.reason
         late_ns = now_ns - order.given_ns
         if late_ns > LATE_MS * 1_000_000:
-            order, why = replace(order, counts=self._rest), _was_late(late_ns)
+            order, why = replace(order, counts=self._lines.rest), _was_late(late_ns)
         closed = self._gate(now_ns)
         if closed:
-            order, why = replace(order, counts=self._rest), closed
+            order, why = replace(order, counts=self._lines.rest), closed
         if not self.armed:
-            order, why = replace(order, counts=self._rest), self._arming()
+            order, why = replace(order, counts=self._lines.rest), self._arming()
         neutral = reply.reference_mv / 1000.0
-        wanted = self._line_volts(order, neutral)
+        wanted = self._lines.volts(order.counts or self._lines.rest, neutral)
         limit = SLEW * min(max(elapsed_ns * 1e-9, 0.0), 0.001 * LATE_MS)
         line_volts = _limited_step(self._volts or (neutral, neutral), wanted, limit)
         forward, turn = (setpoint_from_millivolts(reply, 1000.0 * volts) for volts in line_volts)
@@ -339,8 +349,8 @@ class Bridge:
             return replace(self._sent, stamp_ns=now_ns, active=self._sent.active and self.armed, reason=why)
         self._volts = line_volts
         lines = line_millivolts(reply, forward) / 1000.0, line_millivolts(reply, turn) / 1000.0
-        counts = self._counts(lines[0]), self._counts(lines[1])
-        speeds = wheel_speeds_from_counts(self._calibration, *counts) if (forward, turn) != (0, 0) else WheelSpeeds()
+        counts = self._lines.count(lines[0]), self._lines.count(lines[1])
+        speeds = self._lines.speeds(counts) if (forward, turn) != (0, 0) else WheelSpeeds()
         return SentCommand(now_ns, speeds, *counts, *lines, active=self.armed, reason=why)
 
     def _arming(self) -> str:
@@ -349,18 +359,6 @@ class Bridge:
         if telemetry is not None and max(abs(telemetry.joystick.forward), abs(telemetry.joystick.turn)) > AT_REST:
             return "the board waits until the joystick is at rest: let go of it"
         return "the board arms after two seconds at rest: wait for it"
-
-    def _line_volts(self, order: _Order, neutral: float) -> tuple[float, float]:
-        """Return the volts of an order; an axis at rest is at the board's neutral, which follows the reference line."""
-        counts = order.counts or self._rest
-        volts = volts_from_counts(self._calibration, *counts)
-        forward, turn = (neutral if counts[axis] == self._rest[axis] else volts[axis] for axis in (0, 1))
-        return forward, turn
-
-    def _counts(self, volts: float) -> int:
-        """Return the calibration's nearest count to line volts."""
-        count = nearest((volts - self._volts_low) / self._volts_per_count)
-        return min(max(count, 0), self._calibration.counts_max)
 
     @property
     def _faults(self) -> int:
@@ -379,22 +377,9 @@ class Bridge:
         flags = CommandFlag.RESET if self._reset.rises else CommandFlag(0)
         return flags | CommandFlag.ESTOP_ACK if self._reset.by_rider else flags
 
-    def _neutral_problem(self, reply: HelloReply) -> str:
-        """Return why a board's neutral does not fit the calibration, by which the chair would then move (F22)."""
-        volts = reply.reference_mv / 1000.0
-        counts = self._counts(volts)
-        speeds = wheel_speeds_from_counts(self._calibration, counts, counts)
-        reached = abs(volts - self._volts_low - counts * self._volts_per_count) <= self._volts_per_count
-        if reached and max(abs(speeds.left), abs(speeds.right)) <= CREEP:
-            return ""
-        return (
-            f"the board rests the lines at {reply.reference_mv / 1000.0:g} V, where this calibration expects motion: "
-            "load the calibration of this chair and its joystick family"
-        )
-
     def _released(self, now_ns: int, reason: str) -> SentCommand:
-        volts = volts_from_counts(self._calibration, *self._rest)
-        return SentCommand(now_ns, WheelSpeeds(), *self._rest, *volts, active=False, reason=reason)
+        rest = self._lines.rest
+        return SentCommand(now_ns, WheelSpeeds(), *rest, *self._lines.volts(rest), active=False, reason=reason)
 
 
 def _limited_step(volts: tuple[float, float], wanted: tuple[float, float], limit: float) -> tuple[float, float]:

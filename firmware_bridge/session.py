@@ -7,6 +7,7 @@ longer echoes commands (it was reset and waits for a greeting). Then the board i
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 
 from waychair.firmware_bridge.advice import fault_names, handshake_problem
 from waychair.firmware_bridge.protocol import (
@@ -37,6 +38,20 @@ _REMEMBERED = 256
 """Number of commands whose echo is recognised: five seconds."""
 
 
+@dataclass(slots=True)
+class _Commands:
+    """The times [ns] of the last commands by number, and of the last new echo, with its round trip."""
+
+    sent_ns: dict[int, int] = field(default_factory=dict)
+    echoed_ns: int = 0
+    round_trip_ns: int | None = None
+
+    def forget(self) -> None:
+        """Forget the commands, because the session ended."""
+        self.sent_ns.clear()
+        self.round_trip_ns = None
+
+
 class BoardSession:
     """A session with one board; `reply` and `board` are its last handshake reply and its last telemetry.
 
@@ -64,9 +79,7 @@ class BoardSession:
         self._refusal = ""
         self._greeted_ns: int | None = None
         self._heard_ns: int | None = None
-        self._echoed_ns = 0
-        self._round_trip_ns: int | None = None
-        self._sent_ns: dict[int, int] = {}
+        self._commands = _Commands()
 
     def listen(self, now_ns: int) -> None:
         """Read the board's messages; open a lost cable again and greet the board when it is due."""
@@ -88,8 +101,8 @@ class BoardSession:
     def command(self, forward: int, turn: int, flags: int, now_ns: int) -> bool:
         """Send set-points [1/10000 of the swing] and flags; return whether the cable took them."""
         sequence = self._next()
-        self._sent_ns[sequence] = now_ns
-        self._sent_ns.pop((sequence - _REMEMBERED) & 0xFFFF, None)
+        self._commands.sent_ns[sequence] = now_ns
+        self._commands.sent_ns.pop((sequence - _REMEMBERED) & 0xFFFF, None)
         return self._cable.write(encode(Command(forward, turn, flags, _stamp_us(now_ns)), sequence))
 
     def problem(self, now_ns: int) -> str:
@@ -100,7 +113,7 @@ class BoardSession:
             return self._refusal
         if self.reply is None or self.board is None or TELEMETRY.is_stale(self._heard_ns, now_ns):
             return SILENT
-        if now_ns - self._echoed_ns > UNHEARD_NS:
+        if now_ns - self._commands.echoed_ns > UNHEARD_NS:
             return "the board does not hear the computer: check the cable between them"
         return ""
 
@@ -113,26 +126,26 @@ class BoardSession:
 
     def _end(self) -> None:
         """End the session: forget the board's messages, but keep a refusal until the next reply."""
-        self.reply = self.board = self.telemetry = self._heard_ns = self._round_trip_ns = None
-        self._sent_ns.clear()
+        self.reply = self.board = self.telemetry = self._heard_ns = None
+        self._commands.forget()
 
     def _handle(self, message: Message, now_ns: int) -> None:
         if isinstance(message, HelloReply):
             self._refusal = handshake_problem(message, self._hello) or self._judge(message)
             self.reply = None if self._refusal else message
-            self._heard_ns = self._echoed_ns = now_ns
+            self._heard_ns = self._commands.echoed_ns = now_ns
         elif isinstance(message, BoardTelemetry) and self.reply is not None and _is_sane(message):
             self._heard_ns = now_ns
             self._note_echo(message, now_ns)
             self.board = message
-            self.telemetry = _telemetry(message, self.reply, self._round_trip_ns, now_ns)
+            self.telemetry = _telemetry(message, self.reply, self._commands.round_trip_ns, now_ns)
 
     def _note_echo(self, message: BoardTelemetry, now_ns: int) -> None:
-        sent_ns = self._sent_ns.get(message.echo_sequence)
+        sent_ns = self._commands.sent_ns.get(message.echo_sequence)
         self.echoes = sent_ns is not None and _stamp_us(sent_ns) == message.echo_stamp_us
         fresh = self.board is None or self.board.echo_sequence != message.echo_sequence
         if sent_ns is not None and self.echoes and fresh:
-            self._round_trip_ns, self._echoed_ns = now_ns - sent_ns, now_ns
+            self._commands.round_trip_ns, self._commands.echoed_ns = now_ns - sent_ns, now_ns
 
 
 def _is_sane(message: BoardTelemetry) -> bool:

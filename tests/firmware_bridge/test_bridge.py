@@ -15,6 +15,7 @@ from tests.firmware_bridge.bridged import BOARD, GOOD, MS, NEUTRAL_MV, TICK_MS, 
 from waychair.calibration.fits.dac import DEFAULT, LinearDac
 from waychair.calibration.fits.fitted_dac import FittedDac
 from waychair.firmware_bridge import bridge as bridge_module
+from waychair.firmware_bridge import line_counts
 from waychair.firmware_bridge.board import BoardSettings
 from waychair.firmware_bridge.bridge import TAKEN_OVER
 from waychair.firmware_bridge.protocol import (
@@ -281,7 +282,7 @@ def test_wrong_counts_release_the_lines(link: Bridged, monkeypatch: pytest.Monke
     def broken(_model: LinearDac, _speeds: WheelSpeeds) -> tuple[int, int]:
         return wrong
 
-    monkeypatch.setattr(bridge_module, "counts_from_wheel_speeds", broken)
+    monkeypatch.setattr(line_counts, "counts_from_wheel_speeds", broken)
     assert "not counts" in link.send(GOOD).reason
 
 
