@@ -9,7 +9,7 @@ drives the chair must not read it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -17,40 +17,28 @@ import numpy as np
 from waychair.calibration.chair_body import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, WorldError
-from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, at_rest
-from waychair.simulation.people.people import CONTACT_GAP, SimulatedPeople
+from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState
+from waychair.simulation.contact_watch import ContactWatch
+from waychair.simulation.joystick_lines import JoystickLines
+from waychair.simulation.people.people import SimulatedPeople
 from waychair.simulation.plan.world import World
 from waychair.simulation.plant.kinematic_chair import KinematicChair
 from waychair.simulation.plant.mujoco_chair import MujocoChair, substeps
 from waychair.simulation.plant.mujoco_model import MujocoSettings
-from waychair.simulation.plant.plant import Plant, PlantSettings, volts_from_joystick, volts_from_twist
-from waychair.simulation.scene.contact import (
-    Contact,
-    ContactKind,
-    clearance,
-    in_contact,
-    nearest_person,
-    nearest_point,
-    person_distance,
-    solid_from_blocks,
-)
+from waychair.simulation.plant.plant import Plant, PlantSettings, volts_from_twist
+from waychair.simulation.scene.contact import Contact, in_contact, person_distance, solid_from_blocks
 from waychair.simulation.scene.scene import PersonPlan, PersonState
-from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera
-from waychair.simulation.sensors.height_slices import slice_at
-from waychair.simulation.sensors.imu import Imu, ImuSettings
-from waychair.simulation.sensors.lidar import Lidar, LidarSettings
-from waychair.simulation.sensors.rays import scenery_from_slice
-from waychair.simulation.sensors.renderer import Renderer, camera_matrix, renderer_problem
-from waychair.simulation.sensors.sonar import Sonars, SonarSettings
-from waychair.simulation.sensors.tilted_rays import TiltedPose, terrain_from_world
+from waychair.simulation.scene.seeds import random_stream
+from waychair.simulation.sensor_suite import SensorSuite
+from waychair.simulation.sensors.camera import CameraSettings
+from waychair.simulation.sensors.imu import ImuSettings
+from waychair.simulation.sensors.lidar import LidarSettings
+from waychair.simulation.sensors.sonar import SonarSettings
 from waychair.topics import CAMERA, IMU, SONAR, WHEELS
-from waychair.types import JoystickInput, Pose2, SensorMessage, Twist, WheelTicks
+from waychair.types import JoystickInput, Pose2, SensorMessage, Twist
 
 PLANT_MODELS = ("kinematic", "mujoco")
 """Ideal wheels, or mass, motors, casters and slip."""
-
-CONTACT_ENDS = 0.02
-"""Distance [m] at which a contact has ended, so that continued pushing counts once."""
 
 PEOPLE_STEP_NS = 50_000_000
 """Step of the people's motion and of the check for contact with them."""
@@ -158,44 +146,73 @@ class Simulator:
             WorldError: the chair does not fit at the world's start.
             MissingExtra: the plant is MuJoCo's, which is not installed.
         """
-        self.settings = settings or SimulatorSettings()
+        self.settings = s = settings or SimulatorSettings()
         self.body = body
-        self.rider = JoystickInput(0)
         self.now_ns = 0
         self.world = world
-        self.board_inputs: BoardInputs = at_rest()
-        self.contact_reports: list[Contact] = []
-        self.lines: LineState | None = None
-        """State of the joystick lines after the board's last step; None before a board was wired in."""
         self.pushed: Twist | None = None
         """Twist at which a helper pushes the chair by hand, its motors out of gear; None: no one pushes."""
         self._seed = seed
-        self._step_ns = self.settings.plant.step_ms * 1_000_000
-        self._lines: tuple[float, float] | None = None
-        self._board: HostBoard | None = None
-        self._board_volts = (0.0, 0.0)
-        self._touching: set[ContactKind] = set()
-        self._lidar = Lidar(self.settings.lidar, body, _random_stream(seed, 1))
-        self._imu = Imu(self.settings.imu, _random_stream(seed, 2))
-        self._sonars = Sonars(self.settings.sonar, body, _random_stream(seed, 3))
-        self._ticks_before = (0, 0)
-        self._plant_stream = _random_stream(seed, 0)
+        self._step_ns = s.plant.step_ms * 1_000_000
+        self._lines = JoystickLines(s.plant)
+        self._contacts = ContactWatch(body)
+        self._sensors = SensorSuite(
+            body,
+            seed,
+            self._step_ns,
+            lidar=s.lidar,
+            imu=s.imu,
+            sonar=s.sonar,
+            camera=s.camera,
+            wheels_hz=s.wheels_hz,
+            leans=s.plant_model == "mujoco",
+        )
+        self._plant_stream = random_stream(seed, 0)
+        self._chair: Plant
         self._place(world, world.start)
+
+    @property
+    def rider(self) -> JoystickInput:
+        """The rider's stick."""
+        return self._lines.rider
+
+    @rider.setter
+    def rider(self, stick: JoystickInput) -> None:
+        self._lines.rider = stick
+
+    @property
+    def board_inputs(self) -> BoardInputs:
+        """The board's other inputs: reference line, e-stop, a defect."""
+        return self._lines.inputs
+
+    @board_inputs.setter
+    def board_inputs(self, inputs: BoardInputs) -> None:
+        self._lines.inputs = inputs
+
+    @property
+    def lines(self) -> LineState | None:
+        """State of the joystick lines after the board's last step; None before a board was wired in."""
+        return self._lines.state
 
     @property
     def camera_problem(self) -> str | None:
         """Why the camera of the settings cannot render; None if it can, or if there is no camera."""
-        return renderer_problem() if self.settings.camera.rate_hz > 0.0 and self._camera is None else None
+        return self._sensors.camera_problem
 
     @property
     def in_contact(self) -> bool:
         """Whether the chair touches something solid or a person, or has fallen."""
-        return bool(self._touching)
+        return self._contacts.touches
+
+    @property
+    def contact_reports(self) -> list[Contact]:
+        """The contacts so far; each is reported once, however long it lasts."""
+        return self._contacts.reports
 
     @property
     def contacts(self) -> int:
-        """Number of contacts so far; each counts once, however long it lasts."""
-        return len(self.contact_reports)
+        """Number of contacts so far."""
+        return len(self._contacts.reports)
 
     @property
     def people(self) -> tuple[PersonState, ...]:
@@ -208,7 +225,7 @@ class Simulator:
         Raises:
             WorldError: a person's start is not free, or its speed is impossible.
         """
-        self._people = SimulatedPeople(people, self.world.grid, self.body, _random_stream(self._seed, 4))
+        self._people = SimulatedPeople(people, self.world.grid, self.body, random_stream(self._seed, 4))
         self._people_now = self._people.states
         self.world = replace(self.world, people=tuple(people))
 
@@ -217,10 +234,7 @@ class Simulator:
 
         `board_inputs` holds its other inputs (reference line, e-stop, a defect) and may be replaced.
         """
-        self._board = board
-        if board is not None:
-            self.board_inputs = at_rest(board.settings.family)
-            self._step_board(board)
+        self._lines.wire(board, self.now_ns)
 
     def drive(self, forward_volts: float, turn_volts: float) -> None:
         """Hold the lines at these volts (turn volts above neutral turn right) until the next `drive` or `release`.
@@ -228,15 +242,11 @@ class Simulator:
         Raises:
             ValueError: the volts are not finite, or a board holds the lines.
         """
-        if self._board is not None:
-            raise ValueError("a board holds the joystick lines: command it, or take it out with `wire(None)`")
-        if not (math.isfinite(forward_volts) and math.isfinite(turn_volts)):
-            raise ValueError(f"{forward_volts}, {turn_volts} V cannot be put on the lines: give finite volts")
-        self._lines = (forward_volts, turn_volts)
+        self._lines.hold(forward_volts, turn_volts)
 
     def release(self) -> None:
         """Release the lines, so that `rider` drives the chair."""
-        self._lines = None
+        self._lines.release()
 
     def close(self, *doors: str) -> None:
         """Close doors of this level.
@@ -274,7 +284,7 @@ class Simulator:
         messages: list[SensorMessage] = []
         for _ in range(duration_ns // self._step_ns):
             self._step()
-            self._sense(messages)
+            messages += self._sensors.sense(self.now_ns, self._chair, self._people_now)
         return tuple(messages)
 
     def truth(self) -> Pose2:
@@ -287,7 +297,7 @@ class Simulator:
 
     def clearance(self) -> float:
         """Return the true distance [m] from the chair's rectangle to the nearest obstacle."""
-        return clearance(self._solid, self.body, self._chair.pose)
+        return self._contacts.clearance(self._chair.pose)
 
     def person_distance(self) -> float:
         """Return the true distance [m] from the chair's rectangle to the nearest person; +inf without people."""
@@ -302,117 +312,34 @@ class Simulator:
                 f"'{world.name}': move it to free ground"
             )
         if self.now_ns:
-            self._ticks_before = self._ticks()
+            self._sensors.carry_over(self._chair)
         if not self.now_ns or world.level != self.world.level:
             self.world = world
             self.populate(world.people)
-        self.world, self._solid = world, solid
-        self._scenery = scenery_from_slice(slice_at(world.blocks, self.body.laser_z))
-        self._sonar_scenery = scenery_from_slice(slice_at(world.blocks, self.settings.sonar.height))
-        self._terrain = (
-            terrain_from_world(world) if self.settings.plant_model == "mujoco" else None
-        )  # the other cannot tilt
-        self._camera = self._camera_for(world)
+        self.world = world
+        self._contacts.place(solid)
+        self._sensors.place(world)
         self._chair = _plant(world, pose, self.body, self.settings, self._plant_stream)
 
-    def _camera_for(self, world: World) -> RgbdCamera | None:
-        camera = self.settings.camera
-        if camera.rate_hz == 0.0 or renderer_problem() is not None:
-            return None
-        matrix = camera_matrix(camera.width, camera.height, camera.field_of_view)
-        renderer = Renderer(world, matrix, camera.width, camera.height)
-        return RgbdCamera(camera, self.body.base_from_camera, _random_stream(self._seed, 5), renderer)
-
     def _step(self) -> None:
-        volts = self._lines or self._stick_volts()
-        speed = abs(self._chair.twist.v)
-        volts = self._board_volts if self._board is not None else volts
-        free = self._chair.step(*(volts if self.pushed is None else self._volts_of(self.pushed)), self._is_free)
+        """Let one step of the plant pass; a wired board follows it, and its volts drive the next step."""
+        chair, speed = self._chair, abs(self._chair.twist.v)
+        volts = self._lines.volts if self.pushed is None else self._volts_of(self.pushed)
+        free = chair.step(*volts, self._contacts.is_free)
         self.now_ns += self._step_ns
-        if self._board is not None:
-            self._step_board(self._board)
+        self._lines.step(self.now_ns)
         if self._people_now and self.now_ns % PEOPLE_STEP_NS == 0:
-            self._people.step(PEOPLE_STEP_NS, self._chair.pose, self._chair.twist)
+            self._people.step(PEOPLE_STEP_NS, chair.pose, chair.twist)
             self._people_now = self._people.states
-            self._report_person_contact(speed)
-        self._report_contacts(free, speed)
+            self._contacts.report_people(self.now_ns, chair.pose, speed, self._people_now)
+        self._contacts.report_solid(self.now_ns, chair.pose, speed, free=free, upright=chair.upright)
 
     def _volts_of(self, pushed: Twist) -> tuple[float, float]:
         """Return the volts that would drive the wheels at the speeds of a pushed chair."""
         return volts_from_twist(self.settings.plant, self.body.track, pushed)
-
-    def _stick_volts(self) -> tuple[float, float]:
-        return volts_from_joystick(self.settings.plant, self.rider.forward, self.rider.turn)
-
-    def _step_board(self, board: HostBoard) -> None:
-        """Run the board up to now; its line volts drive the chair in the next step."""
-        forward, turn = (round(1000.0 * volts) for volts in self._stick_volts())
-        inputs = replace(self.board_inputs, joystick_forward_mv=forward, joystick_turn_mv=turn)
-        lines = self.lines = board.step(self.now_ns // 1_000_000, inputs)
-        self._board_volts = lines.forward_mv / 1000.0, lines.turn_mv / 1000.0
-
-    def _sense(self, messages: list[SensorMessage]) -> None:
-        """Append the sensors' messages after a step."""
-        now_ns, chair, settings = self.now_ns, self._chair, self.settings
-        if self._is_due(settings.imu.rate_hz):
-            messages.append(self._imu.sample(now_ns, chair.specific_force, chair.angular_rate))
-        if self._is_due(settings.wheels_hz):
-            messages.append(WheelTicks(now_ns, *self._ticks()))
-        if self._is_due(settings.sonar.rate_hz):
-            messages.append(self._sonars.read(self._sonar_scenery, chair.pose, self._people_now, now_ns))
-        leaning = TiltedPose(self._terrain, chair.pose3) if self._terrain is not None else None
-        scan = self._lidar.step(self._scenery, chair.pose, self._people_now, now_ns, leaning)
-        if scan is not None:
-            messages.append(scan)
-        if self._camera is not None and self._is_due(settings.camera.rate_hz):
-            messages.append(self._camera.frame(now_ns, chair.pose3, chair.twist, self._people_now))
-
-    def _is_due(self, rate_hz: float) -> bool:
-        """Return whether a sample falls into the last step; half a nanosecond guards against rounding."""
-        if rate_hz == 0.0:
-            return False
-        before, now = (self.now_ns - self._step_ns + 0.5) * rate_hz * 1e-9, (self.now_ns + 0.5) * rate_hz * 1e-9
-        return math.floor(now) > math.floor(before)
-
-    def _ticks(self) -> tuple[int, int]:
-        """Return the encoder counts, which continue when the chair is put into another world."""
-        left, right = (sum(pair) for pair in zip(self._ticks_before, self._chair.ticks, strict=True))
-        return (left + 2**31) % 2**32 - 2**31, (right + 2**31) % 2**32 - 2**31
-
-    def _report_contacts(self, free: bool, speed: float) -> None:
-        """Report a contact when it begins, with the `speed` before it; it ends at a distance of CONTACT_ENDS."""
-        pose = self._chair.pose
-        if self._contact_begins(ContactKind.SOLID, not free, self.clearance):
-            self._report(ContactKind.SOLID, nearest_point(self._solid, self.body, pose), speed)
-        if self._contact_begins(ContactKind.FALL, not self._chair.upright, lambda: math.inf):
-            self._report(ContactKind.FALL, (pose.x, pose.y), speed)
-
-    def _report_person_contact(self, speed: float) -> None:
-        distance, x, y = nearest_person(self.body, self._chair.pose, self._people_now)
-        if self._contact_begins(ContactKind.PERSON, distance < 0.5 * CONTACT_GAP, lambda: distance):
-            self._report(ContactKind.PERSON, (x, y), speed)
-
-    def _contact_begins(self, kind: ContactKind, touches: bool, distance: Callable[[], float]) -> bool:
-        if touches and kind not in self._touching:
-            self._touching.add(kind)
-            return True
-        if not touches and kind in self._touching and distance() > CONTACT_ENDS:
-            self._touching.discard(kind)
-        return False
-
-    def _report(self, kind: ContactKind, at: tuple[float, float], speed: float) -> None:
-        self.contact_reports.append(Contact(self.now_ns, kind, *at, speed))
-
-    def _is_free(self, pose: Pose2) -> bool:
-        return not in_contact(self._solid, self.body, pose)
 
 
 def _plant(world: World, pose: Pose2, body: ChairBody, settings: SimulatorSettings, rng: np.random.Generator) -> Plant:
     if settings.plant_model == "mujoco":
         return MujocoChair(world=world, body=body, plant=settings.plant, settings=settings.mujoco, rng=rng, pose=pose)
     return KinematicChair(body, settings.plant, rng, pose)
-
-
-def _random_stream(seed: int, sensor: int) -> np.random.Generator:
-    """Return a part's own random stream, so that a change of one part does not change the others' bytes."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(sensor,)))

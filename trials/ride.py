@@ -86,8 +86,8 @@ class RecordingSimulator(Simulator):
 
     def _requested_speed(self) -> float:
         """Return the speed [m/s] at which the chair would settle with the present volts on its forward line."""
-        plant = self.settings.plant
-        beyond = self._board_volts[0] - plant.neutral_volts
+        plant, lines = self.settings.plant, self.lines
+        beyond = (0.0 if lines is None else lines.forward_mv / 1000.0) - plant.neutral_volts
         return math.copysign(plant.forward_gain * max(abs(beyond) - plant.forward_dead_band, 0.0), beyond)
 
 

@@ -9,9 +9,10 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.errors import ConfigError, WorldError
+from waychair.simulation.contact_watch import CONTACT_ENDS
 from waychair.simulation.plan.world import World, load_world, world_from_grid
 from waychair.simulation.sensors.lidar import LidarSettings
-from waychair.simulation.simulator import CONTACT_ENDS, Simulator, SimulatorSettings
+from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.types import JoystickInput, OccupancyGrid, Pose2, Scan, SensorMessage, Twist, WheelTicks
 
 SECOND = 1_000_000_000

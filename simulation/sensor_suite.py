@@ -1,0 +1,125 @@
+"""All sensors of a simulated chair: after each step of time they give the messages that are due."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.simulation.plan.world import World
+from waychair.simulation.plant.plant import Plant
+from waychair.simulation.scene.scene import PersonState
+from waychair.simulation.scene.seeds import random_stream
+from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera
+from waychair.simulation.sensors.height_slices import slice_at
+from waychair.simulation.sensors.imu import Imu, ImuSettings
+from waychair.simulation.sensors.lidar import Lidar, LidarSettings
+from waychair.simulation.sensors.rays import Scenery, scenery_from_slice
+from waychair.simulation.sensors.renderer import Renderer, camera_matrix, renderer_problem
+from waychair.simulation.sensors.sonar import Sonars, SonarSettings
+from waychair.simulation.sensors.tilted_rays import Terrain, TiltedPose, terrain_from_world
+from waychair.types import SensorMessage, WheelTicks
+
+
+@dataclass(frozen=True, slots=True)
+class _Rates:
+    """Samples per second [Hz] of sensors that are read after a step of `step_ns`; 0: never."""
+
+    step_ns: int
+    imu: float
+    wheels: float
+    sonar: float
+    camera: float
+
+    def is_due(self, rate_hz: float, now_ns: int) -> bool:
+        """Return whether a sample falls into the last step; half a nanosecond guards against rounding."""
+        if rate_hz == 0.0:
+            return False
+        before, now = (now_ns - self.step_ns + 0.5) * rate_hz * 1e-9, (now_ns + 0.5) * rate_hz * 1e-9
+        return math.floor(now) > math.floor(before)
+
+
+@dataclass(frozen=True, slots=True)
+class _Surroundings:
+    """A world as the sensors measure it: at the heights of lidar and sonars, and its terrain for a lidar that leans."""
+
+    lidar: Scenery
+    sonar: Scenery
+    terrain: Terrain | None
+
+
+class SensorSuite:
+    """Lidar, IMU, sonars, camera and wheel encoders of one chair, each with its own random stream."""
+
+    def __init__(
+        self,
+        body: ChairBody,
+        seed: int,
+        step_ns: int,
+        *,
+        lidar: LidarSettings,
+        imu: ImuSettings,
+        sonar: SonarSettings,
+        camera: CameraSettings,
+        wheels_hz: float,
+        leans: bool,
+    ) -> None:
+        """`step_ns`: the time between two calls of `sense`. `leans`: whether the chair can lean, and its lidar with it."""
+        self._body = body
+        self._seed = seed
+        self._rates = _Rates(step_ns, imu.rate_hz, wheels_hz, sonar.rate_hz, camera.rate_hz)
+        self._lidar = Lidar(lidar, body, random_stream(seed, 1))
+        self._imu = Imu(imu, random_stream(seed, 2))
+        self._sonars, self._sonar_height = Sonars(sonar, body, random_stream(seed, 3)), sonar.height
+        self._camera_settings = camera
+        self._camera: RgbdCamera | None = None
+        self._leans = leans
+        self._surroundings: _Surroundings
+        self._ticks_before = (0, 0)
+
+    @property
+    def camera_problem(self) -> str | None:
+        """Why the camera of the settings cannot render; None if it can, or if there is no camera."""
+        return renderer_problem() if self._rates.camera > 0.0 and self._camera is None else None
+
+    def place(self, world: World) -> None:
+        """Put the sensors into a world."""
+        lidar, sonar = (
+            scenery_from_slice(slice_at(world.blocks, height)) for height in (self._body.laser_z, self._sonar_height)
+        )
+        self._surroundings = _Surroundings(lidar, sonar, terrain_from_world(world) if self._leans else None)
+        self._camera = self._camera_in(world)
+
+    def carry_over(self, chair: Plant) -> None:
+        """Let the encoder counts go on from those of a chair that is about to be replaced."""
+        self._ticks_before = self._ticks(chair)
+
+    def sense(self, now_ns: int, chair: Plant, people: Sequence[PersonState]) -> Iterator[SensorMessage]:
+        """Yield the messages of the step that ends now."""
+        rates, seen = self._rates, self._surroundings
+        if rates.is_due(rates.imu, now_ns):
+            yield self._imu.sample(now_ns, chair.specific_force, chair.angular_rate)
+        if rates.is_due(rates.wheels, now_ns):
+            yield WheelTicks(now_ns, *self._ticks(chair))
+        if rates.is_due(rates.sonar, now_ns):
+            yield self._sonars.read(seen.sonar, chair.pose, people, now_ns)
+        leaning = TiltedPose(seen.terrain, chair.pose3) if seen.terrain is not None else None
+        scan = self._lidar.step(seen.lidar, chair.pose, people, now_ns, leaning)
+        if scan is not None:
+            yield scan
+        if self._camera is not None and rates.is_due(rates.camera, now_ns):
+            yield self._camera.frame(now_ns, chair.pose3, chair.twist, people)
+
+    def _camera_in(self, world: World) -> RgbdCamera | None:
+        camera = self._camera_settings
+        if camera.rate_hz == 0.0 or renderer_problem() is not None:
+            return None
+        matrix = camera_matrix(camera.width, camera.height, camera.field_of_view)
+        renderer = Renderer(world, matrix, camera.width, camera.height)
+        return RgbdCamera(camera, self._body.base_from_camera, random_stream(self._seed, 5), renderer)
+
+    def _ticks(self, chair: Plant) -> tuple[int, int]:
+        """Return the encoder counts, which continue when the chair is put into another world."""
+        left, right = (sum(pair) for pair in zip(self._ticks_before, chair.ticks, strict=True))
+        return (left + 2**31) % 2**32 - 2**31, (right + 2**31) % 2**32 - 2**31
