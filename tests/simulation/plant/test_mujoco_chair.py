@@ -342,7 +342,7 @@ def test_diverging_physics_is_reported_and_not_silently_restarted(
     monkeypatch.chdir(tmp_path)  # MuJoCo writes its own log of warnings where it runs
     drive = Drive()
     drive.hold(Twist(), 0.1)
-    drive.chair._data.qvel[0] = math.nan
+    drive.chair._physics.data.qvel[0] = math.nan
     with pytest.raises(WorldError, match="unstable"):
         drive.chair.step(*NEUTRAL)
 
