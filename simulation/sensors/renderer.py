@@ -109,11 +109,8 @@ class Renderer:
         vertices["shade"] = 1.0
         vertices["seed"] = surfaces.seeds[:, None]
         vertices["look"] = surfaces.looks[:, None]
-        self._normals, self._offsets = surfaces.normals, np.sum(surfaces.normals * surfaces.anchors, axis=1)
-        self._middles = surfaces.corners.mean(axis=1)
-        self._radii = np.linalg.norm(surfaces.corners - self._middles[:, None], axis=2).max(axis=1)
+        self._bounds = _Bounds.of(surfaces)
         self._floor = _Floor.of(surfaces, light)
-        self._is_glass = surfaces.looks == _NAMES.index(GLASS)
         with self._context:
             self._upload(vertices, light.texels)
 
@@ -135,7 +132,7 @@ class Renderer:
     ) -> RenderedImage:
         """Return the image from a pose of the optical frame (REP-103: z forward, x right, y down) at an exposure."""
         clip_from_map = self._projection @ _matrix(map_from_camera.inverse())
-        solid, glass = self._in_view(clip_from_map, map_from_camera.translation)
+        solid, glass = self._bounds.in_view(clip_from_map, map_from_camera.translation)
         middles = np.array([(p.pose.x, p.pose.y, 1.0) for p in people]).reshape(-1, 3)
         seen_people = list(compress(people, _in_frustum(clip_from_map, middles, np.full(len(people), PERSON_REACH))))
         with self._context as context:
@@ -159,15 +156,6 @@ class Renderer:
     def release(self) -> None:
         """Free the graphics data; nothing can be rendered afterwards."""
         self._close()
-
-    def _in_view(self, clip_from_map: FloatArray, camera: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return the faces that may be in view: opaque from near to far, to draw few pixels twice, and glass."""
-        facing = self._normals @ camera > self._offsets
-        seen = np.flatnonzero(facing & _in_frustum(clip_from_map, self._middles, self._radii))
-        distances = np.linalg.norm(self._middles[seen] - camera, axis=1) - self._radii[seen]
-        seen = seen[np.argsort(distances, kind="stable")]
-        is_glass = self._is_glass[seen]
-        return seen[~is_glass], seen[is_glass][::-1]
 
     def _draw_faces(self, faces: IntArray) -> None:
         if len(faces):
@@ -210,6 +198,40 @@ class Renderer:
 
     def _uniform(self, name: str) -> Any:
         return self._program[name]
+
+
+@dataclass(frozen=True, slots=True)
+class _Bounds:
+    """Where the faces lie: normals (N, 3), offsets of their planes (N,) [m], and spheres round them [m, map].
+
+    `is_glass` (N,) marks panes.
+    """
+
+    normals: FloatArray
+    offsets: FloatArray
+    middles: FloatArray
+    radii: FloatArray
+    is_glass: BoolArray
+
+    @classmethod
+    def of(cls, surfaces: Surfaces) -> _Bounds:
+        middles = surfaces.corners.mean(axis=1)
+        return cls(
+            normals=surfaces.normals,
+            offsets=np.sum(surfaces.normals * surfaces.anchors, axis=1),
+            middles=middles,
+            radii=np.linalg.norm(surfaces.corners - middles[:, None], axis=2).max(axis=1),
+            is_glass=surfaces.looks == _NAMES.index(GLASS),
+        )
+
+    def in_view(self, clip_from_map: FloatArray, camera: FloatArray) -> tuple[IntArray, IntArray]:
+        """Return the faces that may be in view: opaque from near to far, to draw few pixels twice, and glass."""
+        facing = self.normals @ camera > self.offsets
+        seen = np.flatnonzero(facing & _in_frustum(clip_from_map, self.middles, self.radii))
+        distances = np.linalg.norm(self.middles[seen] - camera, axis=1) - self.radii[seen]
+        seen = seen[np.argsort(distances, kind="stable")]
+        is_glass = self.is_glass[seen]
+        return seen[~is_glass], seen[is_glass][::-1]
 
 
 @dataclass(frozen=True, slots=True)
