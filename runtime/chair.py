@@ -225,7 +225,7 @@ class Chair:
         self, drawn: DrawnMap, zones: Sequence[Zone], places: Mapping[str, Place], known: SavedMap | None = None
     ) -> None:
         """Replace places, zones and the planner's map; `known`, where something was erased, also the localiser's."""
-        self._base.zones = tuple(zones)
+        self._base.replace_zones(zones)
         self._pilot.redraw(drawn, places)
         if known is not None:
             self._localiser.replace_map(known)
@@ -242,7 +242,7 @@ class Chair:
         heard = tuple(messages)
         for message in heard:
             self._take_in(self._base.with_true_stamp(message))
-        pose = self._base.map_from_base(now_ns)
+        pose = self._base.motion.map_from_base(now_ns)
         self._pilot.expire(now_ns)
         verdict, telemetry = self._base.supervise(now_ns, self._pilot.navigator.active, other_halts)
         if self._base.stopped_after_push and self._is_degraded:
@@ -255,7 +255,7 @@ class Chair:
         state = ChairState(
             stamp_ns=now_ns,
             map_from_base=pose,
-            twist=self._base.twist,
+            twist=self._base.motion.twist,
             localisation=self._localisation,
             verdict=verdict,
             halts=self._base.halts,
@@ -281,14 +281,14 @@ class Chair:
         """Pass a message to the base, and scans, sonars and pictures to localiser and pilot as well."""
         base = self._base
         base.hear(message)
-        if isinstance(message, Scan) and base.odometry is not None:
+        if isinstance(message, Scan) and base.motion.odometry is not None:
             scan = self._calibration.masked(message)
-            odom_from_base = base.odom_from_base(scan.stamp_ns)
-            self._localisation = self._localiser.process(scan, odom_from_base, base.twist)
+            odom_from_base = base.motion.odom_from_base(scan.stamp_ns)
+            self._localisation = self._localiser.process(scan, odom_from_base, base.motion.twist)
             base.locate(self._localisation, scan.stamp_ns)
-            self._pilot.see(scan, self._localisation, base.twist)
+            self._pilot.see(scan, self._localisation, base.motion.twist)
             base.note_mapped_legs(self._pilot.mapped_legs, scan.stamp_ns)
         elif isinstance(message, SonarReadings) and self._localisation is not None:
-            self._pilot.hear(message, base.map_from_base(message.stamp_ns))
+            self._pilot.hear(message, base.motion.map_from_base(message.stamp_ns))
         elif isinstance(message, RgbdFrame) and self._localisation is not None:
-            self._pilot.look(message, base.map_from_base(message.stamp_ns), base.tilt)
+            self._pilot.look(message, base.motion.map_from_base(message.stamp_ns), base.motion.tilt)

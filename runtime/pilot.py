@@ -22,7 +22,7 @@ from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.window.motion_limits import measured
-from waychair.runtime.drive_base import BaseSettings
+from waychair.runtime.base_settings import BaseSettings
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.tilt import Tilt
 from waychair.slam.scan.scan_points import beam_ends

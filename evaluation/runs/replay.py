@@ -363,7 +363,7 @@ def _replay_base(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -
                 active=driven.sent.active,
                 forward_volts=driven.sent.forward_volts,
                 turn_volts=driven.sent.turn_volts,
-                **_pose(base.map_from_base(tick.stamp_ns)),
+                **_pose(base.motion.map_from_base(tick.stamp_ns)),
             )
         )
     return rows

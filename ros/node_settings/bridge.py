@@ -13,8 +13,8 @@ from waychair.ros.node_settings.shared_fields import (
     scan_frame_field,
     stamped_field,
 )
+from waychair.runtime.base_settings import BaseSettings
 from waychair.runtime.black_box.recorder import BlackBoxSettings
-from waychair.runtime.drive_base import BaseSettings
 
 
 @dataclass(frozen=True, slots=True)

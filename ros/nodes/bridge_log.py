@@ -87,8 +87,8 @@ def _state(base: DriveBase, decided: TickRecord) -> ChairState:
     stage = _STAGES.get(request.stage, Stage.IDLE)
     return ChairState(
         stamp_ns=decided.now_ns,
-        map_from_base=base.map_from_base(decided.now_ns),
-        twist=base.twist,
+        map_from_base=base.motion.map_from_base(decided.now_ns),
+        twist=base.motion.twist,
         localisation=decided.located,
         verdict=decided.verdict,
         halts=base.halts,

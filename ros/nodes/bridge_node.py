@@ -210,7 +210,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
 
     def _take_wheels(self, message: WheelTicks) -> None:
         self._wheels = message = self._counts.update(message)
-        odometry = self._base.odometry if self._take_sensor(message) else None
+        odometry = self._base.motion.odometry if self._take_sensor(message) else None
         if odometry is not None:
             self._publish_odometry(replace(odometry, stamp_ns=message.stamp_ns))
 
@@ -228,7 +228,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
                 parent_from_base=pose,
                 twist=odometry.twist,
                 covariance=odometry.covariance,
-                twist_covariance=self._base.twist_covariance,
+                twist_covariance=self._base.motion.twist_covariance,
             )
         )
         self._publish.transform(transform(odometry.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
@@ -311,7 +311,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
                 telemetry=telemetry,
             )
             self._log.add_tick(self._base, decided)
-        tilt = self._base.tilt
+        tilt = self._base.motion.tilt
         self._drive.report = DriveReport(
             stamp_ns=self.now_ns(),
             goal_id=self._drive.goal_id,
@@ -376,7 +376,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         if not self.settings.map_folder:
             return
         try:
-            self._base.zones = load_zones(Path(self.settings.map_folder))
+            self._base.replace_zones(load_zones(Path(self.settings.map_folder)))
         except WaychairError as error:
             self.get_logger().error(f"{error}; the zones stay unchanged")
 

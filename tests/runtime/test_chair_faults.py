@@ -80,7 +80,7 @@ def test_f17_a_delayed_control_loop_ends_the_drive_and_needs_no_reset(ride: Ride
     verdict, _ = base.supervise(now_ns, active=True)
     assert not verdict.computer_drives
     assert "monitor_silent" not in {halted.stop.id for halted in base.halts}
-    assert base._latched is None
+    assert base._halts._latched is None
 
 
 def test_a_monitor_that_stays_silent_after_a_delay_is_named_half_a_second_later(ride: Ride) -> None:
