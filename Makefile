@@ -2,8 +2,9 @@
 PYTHON_BIN := .venv/bin
 NAME ?= all
 REALTIME := WAYCHAIR_REALTIME=1 $(PYTHON_BIN)/pytest -q tests/ros tests/ui
-# Each worker begins with a run of neighbouring tests, which share fixtures, and takes over from the other at the end.
-PARALLEL := -n auto --dist worksteal
+# Three workers to two cores, as many tests wait. Each begins with a run of neighbouring tests, which share fixtures, and
+# takes over from the others at the end.
+PARALLEL := -n $(shell echo $$(( $$(nproc) * 3 / 2 ))) --dist worksteal
 
 .PHONY: demo seeds night test nightly kernels lint acceptance bench format clean
 .DEFAULT_GOAL := test

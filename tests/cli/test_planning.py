@@ -190,6 +190,7 @@ def test_the_time_of_a_query_excludes_loading_the_kernels(
     assert planned(capsys, benchmark, "4,0", "4,3")["ms"] < 100
 
 
+@pytest.mark.nightly
 def test_a_scenario_gives_cost_optimum_and_time_of_every_query(benchmark: Path, tmp_path: Path) -> None:
     done = waychair("plan", "--map", benchmark, "--scen", f"{benchmark}.scen", "--json")
     rows = json.loads(done.stdout)["queries"]

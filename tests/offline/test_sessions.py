@@ -122,6 +122,7 @@ def test_a_drive_of_another_day_becomes_part_of_the_map(
     assert len(load_map(folder).cells) == len(both.grid.cells)
 
 
+@pytest.mark.nightly
 def test_a_drive_that_begins_outside_of_the_map_is_joined_where_it_meets_the_map(drive: Drive, tmp_path: Path) -> None:
     lap = len(drive[0]) // 2
     recording, then = part(drive, 0, lap // 2, 0)

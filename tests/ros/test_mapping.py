@@ -44,6 +44,7 @@ def occupied(grid: OccupancyGrid) -> FloatArray:
 
 
 @ALONE
+@pytest.mark.nightly
 def test_the_map_of_the_recorded_bag_is_the_live_one(ros: Harness, tmp_path: Path) -> None:
     """The rider's stick drives, in real time; both get all messages from the first one on."""
     from tests.ros.harness import ended

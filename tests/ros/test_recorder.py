@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosReliability
 
@@ -122,6 +123,7 @@ def test_a_killed_recorder_leaves_all_but_the_last_second(ros: Harness, tmp_path
     assert "is damaged" in recording.warnings[0]
 
 
+@pytest.mark.nightly
 def test_topics_with_weaker_qos_are_recorded_too(ros: Harness, tmp_path: Path) -> None:
     from tests.ros.harness import ended
 

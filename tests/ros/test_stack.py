@@ -152,6 +152,7 @@ def test_a_goal_by_topic_waits_for_the_riders_confirmation_and_is_reached(stack:
     node.destroy_publisher(publisher)
 
 
+@pytest.mark.nightly
 def test_a_goal_of_nav2s_own_client_is_reached_with_feedback(stack: LiveStack) -> None:
     client = stack.client
     client.waitUntilNav2Active()
@@ -352,6 +353,7 @@ def test_f25_a_killed_node_stops_the_chair_and_restarts(stack: LiveStack, name: 
     stops_and_comes_back(stack, kill(stack, name))
 
 
+@pytest.mark.nightly
 def test_the_black_box_survives_a_killed_bridge_and_tells_its_last_state(stack: LiveStack) -> None:
     stack.begin(far_from(stack))
     stops_and_comes_back(stack, kill(stack, "bridge"))

@@ -55,6 +55,7 @@ def test_a_slow_zone_is_driven_slowly_and_no_corner_enters_a_keep_out_zone() -> 
     assert elsewhere > 0.6
 
 
+@pytest.mark.nightly
 def test_an_oblique_pane_of_glass_invisible_to_the_lidar_is_heard_by_the_sonars_and_not_touched() -> None:
     pane = Block(Pose2(6.5, 2.5, math.radians(65.0)), 5.4, 0.02, 0.0, 2.0, "glass")
     with Ride(simulator=SimulatorSettings(sonar=SonarSettings(rate_hz=20.0)), blocks=(pane,)) as ride:

@@ -61,6 +61,7 @@ class Onlooker(DemoPage):
             assert self.stop().done
 
 
+@pytest.mark.nightly
 def test_a_page_sees_the_map_grow_and_the_chair_drive_to_each_place(plan: Path, tmp_path: Path) -> None:
     known = []
 

@@ -113,6 +113,7 @@ def test_stop_releases_the_lines_within_a_tenth_of_a_second(
     assert took[-1] <= SOON_MS, took
 
 
+@pytest.mark.nightly
 def test_a_reload_shows_the_drive_again_and_does_not_end_it(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         for _ in range(TRIES):
@@ -168,6 +169,7 @@ def test_a_hidden_page_does_not_count(browser: Browser, port: Noted, address: st
         until(lambda: rests(port.view()), "the chair drives on with nobody looking")
 
 
+@pytest.mark.nightly
 def test_two_browsers_show_the_same_and_either_can_stop(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as one, ready_page(browser, address) as other:
         place = put_place(port, 3.0)
@@ -189,6 +191,7 @@ def lent_until_stopped(server: Any) -> None:
         server.serve_forever()
 
 
+@pytest.mark.nightly
 def test_the_chair_comes_to_rest_when_the_server_is_killed(browser: Browser, port: Noted) -> None:
     key = secrets.token_hex(8)
     server = lending(port, key.encode())
@@ -239,6 +242,7 @@ def test_a_page_without_focus_releases_the_joystick(browser: Browser, port: Note
         until(lambda: rests(port.view()) and not port.view().steered, "the chair goes on")
 
 
+@pytest.mark.nightly
 def test_one_switch_chooses_a_place_confirms_and_stops(browser: Browser, port: Noted, address: str) -> None:
     place = put_place(port, 3.0)
     with ready_page(browser, address) as page:

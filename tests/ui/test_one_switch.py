@@ -101,6 +101,7 @@ def test_after_saving_a_place_the_switch_still_works_and_the_place_has_a_name(br
     told.remove_place("place 1")
 
 
+@pytest.mark.nightly
 def test_an_unused_field_loses_the_focus(browser: Browser, told: Told) -> None:
     with scanned(browser, told) as page:
         page.click("#tab-places")

@@ -182,6 +182,7 @@ def test_a_zone_is_drawn_and_undone_by_keyboard_alone(browser: Browser, port: No
         page.wait_for_selector("#drawn li:has-text('slow zone')", state="detached")
 
 
+@pytest.mark.nightly
 def test_a_one_way_zone_and_a_ghost_are_drawn_by_pointer(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         page.click("#tab-edit")
@@ -223,6 +224,7 @@ def test_the_present_place_is_saved_renamed_and_removed(browser: Browser, port: 
         until(lambda: "our bed" not in port.layout().places, "it is not removed")
 
 
+@pytest.mark.nightly
 def test_a_known_name_is_replaced_only_after_a_second_press(browser: Browser, port: Noted, address: str) -> None:
     here = pose_of(port)
     for name in ("bed", "desk"):
@@ -246,6 +248,7 @@ def test_a_known_name_is_replaced_only_after_a_second_press(browser: Browser, po
         port.remove_place(name)
 
 
+@pytest.mark.nightly
 def test_a_requested_drive_is_cancelled(browser: Browser, port: Noted, address: str) -> None:
     with ready_page(browser, address) as page:
         page.fill("#search", "WARD")

@@ -54,6 +54,7 @@ def test_delays_of_lidar_and_encoders_are_found_to_5_ms(seed: int, plant: str, l
     assert found.delays.camera_ns == 0
 
 
+@pytest.mark.nightly
 def test_the_cameras_delay_is_found_to_5_ms() -> None:
     if problem := renderer_problem():
         pytest.skip(problem)

@@ -299,6 +299,7 @@ def test_slow_drift_does_not_count_as_a_jump() -> None:
     assert state.plans == 1
 
 
+@pytest.mark.nightly
 def test_the_origin_of_odom_in_the_map_makes_no_difference() -> None:
     board = segment(5.0, 3.0, 5.0, 5.0)
     twists = []
@@ -469,6 +470,7 @@ def test_the_chair_passes_an_oncoming_person_in_a_corridor_on_its_right(begin: f
     assert abs(poses[-1].y - 4.0) < 0.15
 
 
+@pytest.mark.nightly
 def test_a_person_who_paces_beside_the_way_changes_no_plan() -> None:
     states, poses = in_a_corridor(lambda s: (6.0, 4.55 + 0.25 * math.sin(2.0 * s)), 60.0)
     assert states[-1].stage is Stage.ARRIVED

@@ -20,6 +20,7 @@ def days() -> list[Session]:
     return list(drive_sessions("small_clinic", 3, seed=3, share=0.4))
 
 
+@pytest.mark.nightly
 def test_some_pieces_move_from_day_to_day_and_the_same_seed_moves_the_same_ones(days: list[Session]) -> None:
     for before, after in pairwise(days):
         assert len(after.pieces) == PIECES

@@ -27,6 +27,7 @@ from waychair.types import Pose2
 B = drive_variants(CHAIR_B)
 
 
+@pytest.mark.nightly
 def test_the_chair_passes_the_tightest_door_from_the_side_without_a_contact() -> None:
     result = run_scene(door_scene(0.80, 90.0, B["rear"], 1), 1)
     assert (result.reached, result.contacts) == (True, 0), result.reason
@@ -57,6 +58,7 @@ def test_the_larger_chair_is_refused_since_it_does_not_fit_round_the_corner() ->
         plan(costmap_from_grid(map_of(scene.world), scene.body), scene.world.start, scene.goal.pose)
 
 
+@pytest.mark.nightly
 def test_starts_are_at_their_requested_places_and_depend_on_their_seed_only() -> None:
     for seed in range(20):
         scene = door_scene(0.8, 60.0, B["rear"], seed)

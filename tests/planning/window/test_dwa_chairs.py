@@ -25,6 +25,7 @@ STOPS = StopTable(speeds=(0.2, 0.4, 0.6), distances=(0.12, 0.3, 0.6), turn_rate=
 
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=12, deadline=None)
+@pytest.mark.nightly
 def test_a_chair_with_its_reaction_time_as_delay_touches_nothing(seed: int) -> None:
     """Any body, in clutter, on a path through it: each command moves the chair three ticks later, and jerk is limited."""
     rng = np.random.default_rng(seed)

@@ -120,6 +120,7 @@ def test_odometry_of_a_straight_drive_of_ten_metres_is_within_five_centimetres()
     assert abs(math.degrees(error.theta)) < 0.5
 
 
+@pytest.mark.nightly
 def test_odometry_of_a_five_metre_square_driven_twice_is_within_30_centimetres_and_five_degrees() -> None:
     start = Pose2(5.0, 5.0, 0.0)
     world = world_from_grid(OccupancyGrid(np.zeros((300, 300), np.int8), 0.05), start)

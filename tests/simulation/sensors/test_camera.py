@@ -82,6 +82,7 @@ def small() -> Iterator[tuple[World, Renderer]]:
     renderer.release()
 
 
+@pytest.mark.nightly
 def test_there_are_features_all_along_the_mapping_routes(building: tuple[World, Renderer]) -> None:
     world, renderer = building
     camera, detector = _camera(renderer, CameraSettings()), cv2.ORB_create(1000)
@@ -313,6 +314,7 @@ def _digest(seed: int) -> str:
     return digest.hexdigest()
 
 
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_bytes_in_another_process() -> None:
     run = f"import runpy; print(runpy.run_path({__file__!r})['_digest'](7))"
     there = subprocess.run([sys.executable, "-c", run], capture_output=True, text=True, check=True).stdout.strip()

@@ -189,6 +189,7 @@ def test_bundle_adjustment_recovers_poses_and_points() -> None:
     np.testing.assert_allclose(kernel, plain, rtol=1e-9)
 
 
+@pytest.mark.nightly
 def test_the_beginning_of_real_pictures_of_a_camera_that_rolls_is_followed(data_dir: Path) -> None:
     folder = data_dir / "rgbd_tum_fr1_rpy_head"
     frames = list(islice(read_recording(folder).pictures(), 40))

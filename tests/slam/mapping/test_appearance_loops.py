@@ -125,6 +125,7 @@ def test_nodes_of_the_second_lap_are_linked_to_the_first(
     assert len(linked) >= 0.95 * len(second)
 
 
+@pytest.mark.nightly
 def test_vocabulary_and_filter_hold_exactly_the_awake_nodes(route: Drive, monkeypatch: pytest.MonkeyPatch) -> None:
     set_limits(monkeypatch, PREDICTION_LEVELS=4, LOCAL_RADIUS=3.0)
     settings = AppearanceSettings(memory=MemorySettings(working_memory_limit=20))
@@ -208,6 +209,7 @@ def test_a_lookalike_place_is_refused_by_the_lidar(route: Drive) -> None:
     assert worst_error(route, mapper) < 0.1
 
 
+@pytest.mark.nightly
 def test_a_loop_that_the_graph_removes_is_no_link_of_the_memory(route: Drive) -> None:
     mapper, appearance = driven(route)
     edge, link = appearance._closed_loops[0]
