@@ -8,69 +8,29 @@ lines are released and the error states the cause.
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 import numpy as np
 
+from waychair.calibration.drives.board_talk import BoardTalk, Clock, MonotonicClock
 from waychair.calibration.drives.measured_speeds import SpeedMeter
 from waychair.calibration.drives.sensor_lines import SensorLines
 from waychair.calibration.fits.sweep import Sample, SweepSettings
 from waychair.config import Settings, setting
-from waychair.errors import BridgeError, CalibrationError, CalibrationMismatch, TransportError
-from waychair.firmware_bridge.advice import fault_names, handshake_problem
-from waychair.firmware_bridge.protocol import (
-    BoardState,
-    BoardTelemetry,
-    Command,
-    CommandFlag,
-    Decoder,
-    Family,
-    Hello,
-    HelloReply,
-    Message,
-    encode,
-    hello,
-    setpoint_from_millivolts,
-)
+from waychair.errors import BridgeError, CalibrationError, TransportError
+from waychair.firmware_bridge.advice import fault_names
+from waychair.firmware_bridge.protocol import BoardState, BoardTelemetry, Family, setpoint_from_millivolts
 from waychair.firmware_bridge.transports import Transport
 from waychair.geometry import arc
 from waychair.types import Pose2
 
-PERIOD_NS = 20_000_000
-"""Time between two commands (50 Hz)."""
-
-ANSWER_S = 2.0  # the board answers the greeting within this time
 ARM_S = 8.0  # the board arms within this time, after two seconds of rest; the sensors deliver by then
 TELEMETRY_TIMEOUT_S = 0.2  # the drive ends after this time without telemetry, which comes at 50 Hz
 SPEEDS_TIMEOUT_S = 0.6  # the drive ends after this time without speeds; a lidar gives 10 a second
 
-_RELEASE_COMMANDS = 3
 _TOLERANCE_MV = 5.0  # about one count of most converters
-
-
-class Clock(Protocol):
-    """The source of time of a drive; tests replace it by a simulated clock."""
-
-    def now_ns(self) -> int:
-        """Return a time [ns] that never steps back."""
-
-    def wait_until(self, moment_ns: int) -> None:
-        """Return at this moment, or at once if it has passed."""
-
-
-class MonotonicClock:
-    """The computer's monotonic clock."""
-
-    def now_ns(self) -> int:
-        """Return the monotonic time [ns]."""
-        return time.monotonic_ns()
-
-    def wait_until(self, moment_ns: int) -> None:
-        """Sleep until this moment."""
-        time.sleep(max(0.0, (moment_ns - self.now_ns()) * 1e-9))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +60,74 @@ class DriveLimits(Settings):
     )
 
 
+class _SensedSpeeds:
+    """The speeds that a chair's own sensors give; the last ones came at `heard_ns`."""
+
+    def __init__(self, sensors: Transport, meter: SpeedMeter, now_ns: int) -> None:
+        self.heard_ns = now_ns
+        self._sensors = sensors
+        self._meter = meter
+        self._lines = SensorLines()
+
+    @property
+    def closed(self) -> bool:
+        """Whether the cable was lost."""
+        return self._sensors.closed
+
+    @property
+    def ready(self) -> bool:
+        """Whether the sensors deliver speeds."""
+        return self._meter.ready
+
+    def read(self, now_ns: int) -> list[Sample]:
+        """Return the speeds that arrived."""
+        found = self._meter.add_messages(self._lines.feed(self._sensors.read(), now_ns))
+        if found:
+            self.heard_ns = now_ns
+        return found
+
+    def silence(self, seconds: float) -> str:
+        """Return why no speeds came for so long."""
+        if self._lines.bad:
+            return (
+                f"{self._lines.bad} lines of the sensors are invalid, the last one '{self._lines.last_bad}': see "
+                "calibration/drives/sensor_lines.py"
+            )
+        return f"no speeds came from the sensors for {seconds:.1f} s: check their cable, or change --speeds-from"
+
+
+class _MotionGuard:
+    """Ends a drive that is too fast, or too far from its start by dead reckoning."""
+
+    def __init__(self, limits: DriveLimits) -> None:
+        self._limits = limits
+        self._pose = Pose2()
+        self._last: Sample | None = None
+
+    def check(self, samples: list[Sample]) -> None:
+        """Take in the speeds of a period.
+
+        Raises:
+            CalibrationError: a speed or the distance from the start is beyond the limits.
+        """
+        limits = self._limits
+        for sample in samples:
+            last, self._last = self._last or sample, sample
+            if abs(sample.v) > limits.max_speed or abs(sample.omega) > limits.max_turn_rate:
+                raise CalibrationError(
+                    f"the chair moved at {sample.v:.2f} m/s and {sample.omega:.2f} rad/s, above the limits of "
+                    f"{limits.max_speed:g} and {limits.max_turn_rate:g}: reduce --swing, or check the sensors"
+                )
+            seconds = (sample.stamp_ns - last.stamp_ns) * 1e-9
+            self._pose = self._pose @ arc(sample.v * seconds, sample.omega * seconds)
+        away = math.hypot(self._pose.x, self._pose.y)
+        if away > limits.max_distance:
+            raise CalibrationError(
+                f"the chair is {away:.1f} m from its start, beyond the limit of {limits.max_distance:g} m: reduce "
+                "--swing, or raise --room"
+            )
+
+
 class BoardDrive:
     """A `Drive` of a chair through its board; a context manager that always releases the lines at the end.
 
@@ -125,22 +153,13 @@ class BoardDrive:
             CalibrationMismatch: the board belongs to another chair.
             TransportError: the cable was lost.
         """
-        self._board = board
-        self._sensors = sensors
-        self._meter = meter
         self._clock = clock or MonotonicClock()
-        self._limits = limits or DriveLimits()
-        self._decoder = Decoder()
-        self._lines = SensorLines()
-        self._sequence = 0
-        self._due_ns = self._clock.now_ns()
-        self._telemetry_ns = self._speeds_ns = self._due_ns
-        self._telemetry: BoardTelemetry | None = None
+        self._talk = BoardTalk(board, self._clock)
+        self._speeds = _SensedSpeeds(sensors, meter, self._clock.now_ns())
+        self._guard = _MotionGuard(limits or DriveLimits())
         self._armed = False
-        self._pose = Pose2()
-        self._last: Sample | None = None
         self.neutral = (0.0, 0.0)
-        self.reply = self._greet(chair_id, family)
+        self.reply = self._talk.greet(chair_id, family)
 
     def __enter__(self) -> Self:
         return self
@@ -163,15 +182,15 @@ class BoardDrive:
         """
         deadline_ns = self._clock.now_ns() + round(ARM_S * 1e9)
         stick: list[tuple[float, float]] = []
-        while not (self._armed and self._meter.ready):
+        while not (self._armed and self._speeds.ready):
             if self._clock.now_ns() > deadline_ns:
                 raise BridgeError(self._not_armed_reason())
             self._tick(0, 0)
-            telemetry = self._telemetry
+            telemetry = self._talk.telemetry
             if telemetry is not None:
                 self._armed = telemetry.state == BoardState.ARMED
                 stick.append(self._scaled_stick(telemetry))
-        self._speeds_ns = self._clock.now_ns()
+        self._speeds.heard_ns = self._clock.now_ns()
         forward, turn = np.median(stick, axis=0).tolist()
         self.neutral = forward / 1e3, turn / 1e3
 
@@ -208,41 +227,26 @@ class BoardDrive:
     def release(self) -> None:
         """Release the lines to the rider's joystick. May be called twice, and after the cable was lost."""
         self._armed = False
-        for _ in range(_RELEASE_COMMANDS):
-            self._send(Command(0, 0, 0, 0))
+        self._talk.release()
 
     def _tick(self, forward: int, turn: int) -> list[Sample]:
         """Send one command, wait a period, and return the speeds that arrived."""
+        self._talk.exchange(forward, turn)
         now_ns = self._clock.now_ns()
-        self._send(Command(forward, turn, CommandFlag.ENABLE, now_ns // 1000 & 0xFFFFFFFF))
-        self._due_ns = max(self._due_ns + PERIOD_NS, now_ns)
-        self._clock.wait_until(self._due_ns)
-        self._listen()
-        now_ns = self._clock.now_ns()
-        found = self._meter.add_messages(self._lines.feed(self._sensors.read(), now_ns))
-        if found:
-            self._speeds_ns = now_ns
-        if self._board.closed:
+        found = self._speeds.read(now_ns)
+        if self._talk.closed:
             raise TransportError("the cable to the board was lost and the joystick is live: plug it in and start again")
-        if self._sensors.closed:
+        if self._speeds.closed:
             raise TransportError("the cable to the sensors was lost: plug it in and start again")
-        if now_ns - self._telemetry_ns > TELEMETRY_TIMEOUT_S * 1e9:
+        if now_ns - self._talk.heard_ns > TELEMETRY_TIMEOUT_S * 1e9:
             raise BridgeError(
-                f"the board sent nothing for {(now_ns - self._telemetry_ns) * 1e-9:.2f} s: check its cable and power"
+                f"the board sent nothing for {(now_ns - self._talk.heard_ns) * 1e-9:.2f} s: check its cable and power"
             )
         return found
 
-    def _listen(self) -> list[Message]:
-        messages = [received.message for received in self._decoder.feed(self._board.read())]
-        for message in messages:
-            if isinstance(message, BoardTelemetry):
-                self._telemetry = message
-                self._telemetry_ns = self._clock.now_ns()
-        return messages
-
     def _check_holder(self) -> None:
         """Raise BridgeError with the cause if the board no longer holds the lines for this computer."""
-        telemetry = self._telemetry
+        telemetry = self._talk.telemetry
         assert telemetry is not None
         if telemetry.faults:
             raise BridgeError(
@@ -262,43 +266,13 @@ class BoardDrive:
         )
 
     def _check_motion(self, samples: list[Sample]) -> None:
-        limits, now_ns = self._limits, self._clock.now_ns()
-        if now_ns - self._speeds_ns > SPEEDS_TIMEOUT_S * 1e9:
-            raise CalibrationError(self._no_speeds_reason((now_ns - self._speeds_ns) * 1e-9))
-        for sample in samples:
-            last, self._last = self._last or sample, sample
-            if abs(sample.v) > limits.max_speed or abs(sample.omega) > limits.max_turn_rate:
-                raise CalibrationError(
-                    f"the chair moved at {sample.v:.2f} m/s and {sample.omega:.2f} rad/s, above the limits of "
-                    f"{limits.max_speed:g} and {limits.max_turn_rate:g}: reduce --swing, or check the sensors"
-                )
-            seconds = (sample.stamp_ns - last.stamp_ns) * 1e-9
-            self._pose = self._pose @ arc(sample.v * seconds, sample.omega * seconds)
-        away = math.hypot(self._pose.x, self._pose.y)
-        if away > limits.max_distance:
-            raise CalibrationError(
-                f"the chair is {away:.1f} m from its start, beyond the limit of {limits.max_distance:g} m: reduce "
-                "--swing, or raise --room"
-            )
-
-    def _greet(self, chair_id: str, family: Family) -> HelloReply:
-        ours = hello(chair_id, family)
-        self._send(ours)
-        deadline_ns = self._clock.now_ns() + round(ANSWER_S * 1e9)
-        while self._clock.now_ns() < deadline_ns and not self._board.closed:
-            self._due_ns = self._clock.now_ns() + PERIOD_NS
-            self._clock.wait_until(self._due_ns)
-            replies = [message for message in self._listen() if isinstance(message, HelloReply)]
-            if replies:
-                self._telemetry_ns = self._clock.now_ns()
-                _check_reply(replies[-1], ours)
-                return replies[-1]
-        if self._board.closed:
-            raise TransportError("the cable to the board was lost: plug it in and start again")
-        raise BridgeError(f"no board answered within {ANSWER_S:g} s: check its port and its power")
+        silent_ns = self._clock.now_ns() - self._speeds.heard_ns
+        if silent_ns > SPEEDS_TIMEOUT_S * 1e9:
+            raise CalibrationError(self._speeds.silence(silent_ns * 1e-9))
+        self._guard.check(samples)
 
     def _not_armed_reason(self) -> str:
-        seconds, telemetry = ARM_S, self._telemetry
+        seconds, telemetry = ARM_S, self._talk.telemetry
         if telemetry is None:
             return f"the board was not armed within {seconds:g} s and sends nothing: check its cable and power"
         if telemetry.faults:
@@ -307,42 +281,18 @@ class BoardDrive:
                 "firmware_bridge/README.md, then switch it off and on"
             )
         if self._armed:
-            return self._no_speeds_reason(seconds)
+            return self._speeds.silence(seconds)
         forward, turn = (value - telemetry.reference_mv for value in _stick(telemetry))
         return (
             f"the board was not armed within {seconds:g} s; the stick is {forward:+d} and {turn:+d} mV off the "
             "reference: take the hand off the joystick and start again"
         )
 
-    def _no_speeds_reason(self, seconds: float) -> str:
-        if self._lines.bad:
-            return (
-                f"{self._lines.bad} lines of the sensors are invalid, the last one '{self._lines.last_bad}': see "
-                "calibration/drives/sensor_lines.py"
-            )
-        return f"no speeds came from the sensors for {seconds:.1f} s: check their cable, or change --speeds-from"
-
     def _scaled_stick(self, telemetry: BoardTelemetry) -> tuple[float, float]:
         """Return the rider's stick (forward, turn) [mV], scaled to the nominal reference."""
         scale = self.reply.reference_mv / max(telemetry.reference_mv, 1)
         forward, turn = _stick(telemetry)
         return forward * scale, turn * scale
-
-    def _send(self, message: Message) -> None:
-        self._board.write(encode(message, self._sequence))
-        self._sequence += 1
-
-
-def _check_reply(reply: HelloReply, ours: Hello) -> None:
-    """Check the board's reply.
-
-    Raises:
-        CalibrationMismatch: the board belongs to another chair.
-        BridgeError: the board is incompatible.
-    """
-    why = handshake_problem(reply, ours)
-    if why:
-        raise CalibrationMismatch(why) if reply.chair_id != ours.chair_id else BridgeError(why)
 
 
 def _stick(telemetry: BoardTelemetry) -> tuple[int, int]:
