@@ -218,7 +218,7 @@ def test_f20_a_chair_that_does_not_follow_is_stopped_until_a_person_resets_it(
     ride.under_way()
     ride.tick(20)
     assert ride.simulator.twist().v > 0.4
-    monkeypatch.setattr(ride.simulator, "_is_free", lambda pose: False)  # an unseen obstacle holds it
+    monkeypatch.setattr(ride.simulator._contacts, "is_free", lambda pose: False)  # an unseen obstacle holds it
     state = ride.tick(30)
     assert (state.verdict.mode, state.sent.active) == (DriveMode.MANUAL, False)
     assert "follow" in state.verdict.reason or "stands" in state.verdict.reason, state.verdict.reason

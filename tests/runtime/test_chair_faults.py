@@ -272,7 +272,7 @@ def test_f20_a_chair_that_is_blocked_is_stopped_until_a_person_resets_it(
     ride: Ride, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     ride.drive()
-    monkeypatch.setattr(ride.simulator, "_is_free", lambda pose: False)
+    monkeypatch.setattr(ride.simulator._contacts, "is_free", lambda pose: False)
     assert ended_by(ride, within=20) == "disobeys"
     monkeypatch.undo()
     ride.chair.go(FAR)
@@ -391,7 +391,7 @@ def test_a_chair_with_a_seat_switch_does_not_drive_without_a_rider() -> None:
 
 def test_a_chair_without_measured_stops_crawls() -> None:
     with Ride() as ride:
-        board = ride.simulator._board
+        board = ride.simulator._lines._board
         assert board is not None
         ride.chair = Chair(
             ride.setup.grid,

@@ -14,7 +14,7 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import WorldError
-from waychair.simulation import simulator as module
+from waychair.simulation import sensor_suite as module
 from waychair.simulation.plan.world import World, load_world, world_from_grid
 from waychair.simulation.scene.contact import ContactKind
 from waychair.simulation.scene.scene import Behaviour, PersonPlan
