@@ -105,8 +105,8 @@ def on_line(poses: FloatArray, pose: Pose2, backwards: bool = False) -> OnLine:
 def _bends(poses: FloatArray, lengths: FloatArray, k: int, within: float) -> FloatArray:
     """Return the distances [m] to changes of curvature between steps of a line and their rates [1/m^2], (N, 2).
 
-    They start with the change before step k, of which the share `within` is driven. A change takes half of the step
-    before it and half of the step after it. The last step does not count: its end may turn to the next leg's heading.
+    The chair is on step k and has driven the share `within` of it. Each change spreads over half of the step before it
+    and half of the step after it. The last step is left out, since it may end in the heading of the next leg.
     """
     first = max(k - 1, 0)
     ways = np.cumsum(lengths[first:-1]) - (lengths[first:k].sum() + within * lengths[k])  # to each step's end

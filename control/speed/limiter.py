@@ -199,7 +199,7 @@ def _no_faster(before: Twist, after: Twist, dv: float, domega: float) -> Twist:
 
 
 def _grown(before: float, after: float, most: float) -> float:
-    """Return `after` grown by at most `most` over `before`; a speed in the other direction starts from 0."""
+    """Return `after`, limited to an increase of `most` in magnitude; a reversal counts as an increase from 0."""
     direction = math.copysign(1.0, after)
     return direction * min(abs(after), max(direction * before, 0.0) + most)
 

@@ -171,8 +171,8 @@ def find_stretches(
     consecutive beams of a column that tell the same, unless the gap between them is unseen. An obstacle needs `support`
     beams of a column and its neighbours within one bin and the bins beside it.
 
-    A column may begin on a stair: its first ground is then neither level with the wheels nor on the plane that the
-    chair stands on, which is `own` (H, W) [m] high. Such a column only yields obstacles above any ramp of `slope`.
+    A column may begin on a stair: its first ground is then neither level with the wheels nor on the plane under the
+    chair, whose height is `own` (H, W) [m]. In such a column only points above every ramp of `slope` are obstacles.
     """
     height, width = kind.shape
     room = 2 * height * width

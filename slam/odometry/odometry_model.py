@@ -19,8 +19,8 @@ from waychair.types import FloatArray, Pose2
 
 X, Y, THETA, V, OMEGA, BIAS, SCALE, DRIFT, TRACK, GAIN = range(10)
 """The state: pose in odom; twist; gyro bias [rad/s]; relative error of the wheels' distance; their turn per metre
-[rad/m]; relative error of the wheels' turn; relative error of the gyro's scale. Distance and turn: true over measured
-value less 1; gyro: measured over true value less 1."""
+[rad/m]; relative error of the wheels' turn; relative error of the gyro's scale. The errors of distance and turn are
+true / measured - 1, the gyro's is measured / true - 1."""
 
 POSE, MARK = slice(0, 3), slice(10, 13)
 """The present pose, and the mark: the pose at the end of the last measured motion, where the next one starts."""

@@ -62,8 +62,10 @@ def arc_lengths(points: FloatArray) -> FloatArray:
 
 
 def limit_slope(most: FloatArray, rise: FloatArray) -> FloatArray:
-    """Return the largest profile (N,) that stays below `most` (N,) and changes between two points by no more than `rise`
-    (N,) grows between them.
+    """Return the largest profile (N,) of limited slope below an upper bound.
+
+    The bound is `most` (N,). Between two points the profile changes by at most the difference of `rise` (N,), which grows
+    along the profile: with `rise` as twice the acceleration times the distance, squared speeds become drivable ones.
     """
     risen = np.minimum.accumulate(most - rise) + rise
     eased: FloatArray = np.minimum.accumulate((risen + rise)[::-1])[::-1] - rise
