@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 import tarfile
 import tomllib
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -82,6 +84,47 @@ def test_source_files_stay_under_500_lines(folder: str) -> None:
     for path in (ROOT / folder).rglob("*"):
         if path.suffix in {".py", ".c", ".h", ".js"} and "node_modules" not in path.parts:
             assert len(path.read_text().splitlines()) <= 500, path
+
+
+MIRRORS = {
+    "ChairBody": "a chair's file",
+    "ChairView": "the page's message",
+    "FloorPlan": "a world's file",
+    "MujocoSettings": "settings",
+    "PlantSettings": "settings",
+    "Stack": "the options of `waychair up`",
+    "Tick": "the black box's record",
+}
+"""Classes with more than fifteen attributes, and the thing whose fields each one repeats."""
+
+
+def _stored(statement: ast.AST) -> Iterator[str]:
+    """Yield the attributes of `self` that a statement sets."""
+    for node in ast.walk(statement):
+        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and ast.unparse(node.value) == "self":
+            yield node.attr
+
+
+def _attributes(defined: ast.ClassDef) -> set[str]:
+    """Return the names of a class's fields and of the attributes that its methods set."""
+    fields = {
+        line.target.id
+        for line in defined.body
+        if isinstance(line, ast.AnnAssign) and isinstance(line.target, ast.Name)
+        if "ClassVar" not in ast.unparse(line.annotation)
+    }
+    return fields.union(*(_stored(method) for method in defined.body if isinstance(method, ast.FunctionDef)))
+
+
+def test_a_class_has_at_most_fifteen_attributes_unless_it_mirrors_a_file_or_a_message() -> None:
+    large = {
+        node.name
+        for room in sorted(ROOMS | {"src", "tests", "evaluation"})
+        for path in (ROOT / room).rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ClassDef) and len(_attributes(node)) > 15
+    }
+    assert large == set(MIRRORS)
 
 
 def _is_evaluation(name: str) -> bool:

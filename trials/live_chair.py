@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import logging
 import resource
-import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -28,11 +27,7 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.errors import WaychairError
 from waychair.firmware_bridge.heartbeat import urgent
-from waychair.maps.drawn.places import save_places
-from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
 from waychair.maps.folders.map_drawing import DrawingEditor
-from waychair.maps.folders.map_files import load_map, save_map
-from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, LayoutView
@@ -43,6 +38,7 @@ from waychair.simulation.simulator import SimulationSettings, Simulator, Simulat
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, black_box, simulated_chair
+from waychair.trials.live_map import LiveMap, plan_folder
 from waychair.trials.real_time import RealTimeLoop
 from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Pose2, RgbdFrame, SensorMessage, Twist
 
@@ -59,6 +55,41 @@ _BEFORE_START = ChairView(
     twist=Twist(),
     next_action="The chair is starting.",
 )
+
+
+@dataclass(frozen=True, slots=True)
+class _Blueprint:
+    """The parts and options from which the chair's thread builds the simulated chair; see `LiveChair`."""
+
+    world: World
+    map_folder: Path | None
+    box: Path | None
+    seed: int
+    camera: bool
+    urgently: bool
+    simulation: SimulationSettings
+
+
+class _LatestPicture:
+    """The camera's latest picture; it is encoded only when somebody looks at it."""
+
+    def __init__(self) -> None:
+        self._frame: RgbdFrame | None = None
+        self._jpeg: tuple[int, bytes] | None = None
+
+    def hear(self, messages: Sequence[SensorMessage]) -> None:
+        """Take in the messages of a tick."""
+        self._frame = next((each for each in reversed(messages) if isinstance(each, RgbdFrame)), self._frame)
+
+    def jpeg(self) -> bytes | None:
+        """Return the picture as JPEG; None before the first one."""
+        frame, known = self._frame, self._jpeg
+        if frame is None:
+            return None
+        if known is None or known[0] != frame.stamp_ns:
+            done, data = cv2.imencode(".jpg", np.ascontiguousarray(frame.image[..., ::-1]))
+            self._jpeg = known = frame.stamp_ns, bytes(data) if done else b""
+        return known[1]
 
 
 class LiveChair(DrawingPort):
@@ -89,29 +120,27 @@ class LiveChair(DrawingPort):
             WorldError: the world does not exist.
         """
         building = world if isinstance(world, World) else load_world(world)
-        self._world = building if people else building.without_people()
-        self._map_folder, self._box, self._seed, self._camera = map_folder, box, seed, camera
-        self._urgently = urgently
+        self._blueprint = _Blueprint(
+            world=building if people else building.without_people(),
+            map_folder=map_folder,
+            box=box,
+            seed=seed,
+            camera=camera,
+            urgently=urgently,
+            simulation=simulation or SimulationSettings(),
+        )
         settings = settings or ChairSettings()
-        self._countdown_s = settings.supervisor.countdown_s or countdown_s
-        supervisor = replace(settings.supervisor, countdown_s=self._countdown_s)
+        supervisor = replace(settings.supervisor, countdown_s=settings.supervisor.countdown_s or countdown_s)
         self._settings = replace(settings, supervisor=supervisor)
-        self._simulation = simulation or SimulationSettings()
         self._view = _BEFORE_START
-        self._frame: RgbdFrame | None = None
-        self._jpeg: tuple[int, bytes] | None = None
-        self._map_revision = self._layout_revision = 1
-        self._drawing = threading.Lock()
+        self._picture = _LatestPicture()
         self._started = threading.Event()
         self._failure: Exception | None = None
+        self._map: LiveMap
         self._simulator: Simulator
         self._chair: Chair
         self._display: ChairDisplay
         self._loop: RealTimeLoop
-        self._drawings: DrawingEditor
-        self._folder: Path
-        self._grid: OccupancyGrid
-        self._prepared: DrawnMap
         self._thread = threading.Thread(target=self._run, name="live chair", daemon=True)
 
     def __enter__(self) -> Self:
@@ -161,23 +190,15 @@ class LiveChair(DrawingPort):
 
     def grid(self) -> OccupancyGrid | None:
         """See `ChairPort`."""
-        return self._grid
+        return self._map.grid
 
     def layout(self) -> LayoutView:
         """See `ChairPort`."""
-        with self._drawing:
-            drawn = self._drawings.drawing
-            return LayoutView(dict(drawn.places), drawn.zones, self._drawings.undoable)
+        return self._map.layout()
 
     def picture(self) -> bytes | None:
         """See `ChairPort`."""
-        frame, known = self._frame, self._jpeg
-        if frame is None:
-            return None
-        if known is None or known[0] != frame.stamp_ns:
-            done, data = cv2.imencode(".jpg", np.ascontiguousarray(frame.image[..., ::-1]))
-            self._jpeg = known = frame.stamp_ns, bytes(data) if done else b""
-        return known[1]
+        return self._picture.jpeg()
 
     def go(self, goal: str | Pose2) -> Answer:
         """See `ChairPort`."""
@@ -203,7 +224,9 @@ class LiveChair(DrawingPort):
             self._chair.confirm()
             verdict = self._loop.step().verdict
             if verdict.computer_drives:
-                return Answer(True, f"sets off to {self._display.label} in {self._countdown_s:.0f} s")
+                return Answer(
+                    True, f"sets off to {self._display.label} in {self._settings.supervisor.countdown_s:.0f} s"
+                )
             return Answer(False, verdict.reason)
 
         return self._request(said)
@@ -292,25 +315,7 @@ class LiveChair(DrawingPort):
             return Answer(False, str(error))
 
     def _drawn(self, change: Callable[[DrawingEditor], None], done: str) -> Answer:
-        """Apply a change of places, zones or erased cells to the files, then to the chair, which replans its drive."""
-        with self._drawing:
-            before = self._drawings.drawing
-            try:
-                change(self._drawings)
-                now = self._drawings.drawing
-                erased, known = not now.has_same_erased(before), None
-                if erased:
-                    self._grid = load_map(self._folder)
-                    self._map_revision += 1
-                    known = self._chair.known(scanned_part(self._grid, load_depth_layer(self._folder, self._grid)))
-                if erased or not now.has_same_zones(before):
-                    self._prepared = self._chair.drawn(self._grid, now.zones)
-                prepared = self._prepared
-                self._loop.ask(lambda: self._chair.redraw(prepared, now.zones, now.places, known))
-            except WaychairError as error:
-                return Answer(False, str(error))
-            self._layout_revision += 1
-        return Answer(True, done)
+        return self._map.change(change, done, self._chair, self._loop)
 
     def _run(self) -> None:
         """Run the chair; the thread's function."""
@@ -318,7 +323,7 @@ class LiveChair(DrawingPort):
             with ExitStack() as ends:
                 self._build(ends)
                 self._started.set()
-                if self._urgently:
+                if self._blueprint.urgently:
                     urgent()
                 self._loop.run()
         except Exception as error:
@@ -336,39 +341,36 @@ class LiveChair(DrawingPort):
             self._started.set()
 
     def _build(self, ends: ExitStack) -> None:
-        world, camera = self._world, self._camera
-        self._folder = ends.enter_context(_plan_folder(world)) if self._map_folder is None else self._map_folder
-        map_from_world = Pose2() if self._map_folder is None else world.start.inverse()
-        self._drawings = DrawingEditor(self._folder)
-        self._grid = grid = load_map(self._folder)
-        scanned = scanned_part(grid, load_depth_layer(self._folder, grid))
-        drawn = self._drawings.drawing
+        plan, settings = self._blueprint, randomised_settings(self._blueprint.seed)
+        folder = ends.enter_context(plan_folder(plan.world)) if plan.map_folder is None else plan.map_folder
+        self._map = LiveMap(folder)
+        drawn = self._map.drawing
         setup = DriveSetup(
-            grid=grid,
+            grid=self._map.grid,
             places=drawn.places,
             body=CHAIR_A,
             calibration=DEFAULT,
-            map_from_world=map_from_world,
+            map_from_world=Pose2() if plan.map_folder is None else plan.world.start.inverse(),
             chair=self._settings,
             zones=drawn.zones,
-            scanned=scanned,
+            scanned=self._map.scanned(),
         )
-        simulated = self._simulation.over(_with_pictures(randomised_settings(self._seed), camera))
-        self._simulator = Simulator(world, CHAIR_A, simulated, self._seed)
-        watcher = ends.enter_context(black_box(setup, self._box))
+        simulated = plan.simulation.over(_with_pictures(settings, plan.camera))
+        self._simulator = Simulator(plan.world, CHAIR_A, simulated, plan.seed)
+        watcher = ends.enter_context(black_box(setup, plan.box))
         self._chair = ends.enter_context(simulated_chair(setup, self._simulator, watcher))
         self._display = ChairDisplay(self._chair, CHAIR_A.base_from_laser)
-        self._prepared = self._chair.drawn(grid, drawn.zones)
+        self._map.prepare(self._chair)
         self._loop = RealTimeLoop(self._chair, self._simulator, self._after_tick)
 
     def _after_tick(self, messages: tuple[SensorMessage, ...], state: ChairState) -> None:
         """Update view and picture after a tick."""
         self._display.hear(messages, state)
-        self._frame = next((each for each in reversed(messages) if isinstance(each, RgbdFrame)), self._frame)
+        self._picture.hear(messages)
         self._view = replace(
             self._display.view(state),
-            map_revision=self._map_revision,
-            layout_revision=self._layout_revision,
+            map_revision=self._map.revision,
+            layout_revision=self._map.layout_revision,
             panel=self._panel(state),
             free_since_ns=self._loop.free_since_ns,
         )
@@ -385,7 +387,7 @@ class LiveChair(DrawingPort):
             "turn line [V]": state.sent.turn_volts,
             "plans of this drive": float(state.navigation.plans),
             "contacts": float(self._simulator.contacts),
-            "cells of the map": float(self._grid.cells.size),
+            "cells of the map": float(self._map.grid.cells.size),
             "memory, peak [MB]": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
         }
         if telemetry is not None and telemetry.round_trip_ns is not None:
@@ -396,12 +398,3 @@ class LiveChair(DrawingPort):
 def _with_pictures(settings: SimulatorSettings, camera: bool) -> SimulatorSettings:
     """Return the settings with few pictures for the page, if wanted; the chair does not use them."""
     return replace(settings, camera=replace(settings.camera, rate_hz=_PICTURES_HZ if camera else 0.0))
-
-
-@contextmanager
-def _plan_folder(world: World) -> Iterator[Path]:
-    """Yield a temporary map folder with the world's plan and places."""
-    with tempfile.TemporaryDirectory(prefix="waychair-") as name:
-        save_map(Path(name), world.grid)
-        save_places(Path(name), {place.name: place for place in world.places})
-        yield Path(name)

@@ -100,6 +100,7 @@ def test_the_chair_drives_to_a_place_after_a_confirmation(tmp_path: Path) -> Non
         assert np.hypot(over.map_from_base.x - 1.7, over.map_from_base.y) < 0.15
 
 
+@pytest.mark.nightly
 def test_a_drive_pauses_and_continues(tmp_path: Path) -> None:
     with live(tmp_path) as chair:
         assert chair.pause().sentence == "there is no drive to pause"
@@ -130,6 +131,7 @@ def test_stop_is_on_the_lines_within_a_tenth_of_a_second(tmp_path: Path) -> None
         assert not chair.confirm().done
 
 
+@pytest.mark.nightly
 def test_a_drive_continues_through_a_reload_and_ends_with_the_last_page(tmp_path: Path) -> None:
     with live(tmp_path) as chair:
         sets_off(chair)
@@ -141,6 +143,7 @@ def test_a_drive_continues_through_a_reload_and_ends_with_the_last_page(tmp_path
         until(chair, stands)
 
 
+@pytest.mark.nightly
 def test_a_drive_ends_when_the_calls_cease(tmp_path: Path) -> None:
     with live(tmp_path) as chair:
         sets_off(chair)
@@ -244,5 +247,5 @@ def test_an_unreadable_map_is_reported_before_anything_starts(tmp_path: Path) ->
 def test_a_world_without_a_map_does_not_keep_drawings(tmp_path: Path) -> None:
     with LiveChair(hall(), urgently=True) as chair:
         assert chair.place_here("desk", 0.1, 0.1).done or chair.view().map_from_base is None
-        folder = chair._folder
+        folder = chair._map.folder
     assert not folder.exists()

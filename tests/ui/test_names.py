@@ -77,7 +77,7 @@ def test_a_new_name_is_one_change_and_is_undone_by_one(drawn: Noted) -> None:
 
 
 def test_a_place_with_a_very_long_name_is_driven_to_renamed_and_removed(drawn: Noted, chair: LiveChair) -> None:
-    folder = chair._folder
+    folder = chair._map.folder
     save_places(folder, {**load_places(folder), LONG: Place(LONG, Pose2(1.0, 2.0))})
     assert put(drawn, "desk", 1.5).done  # then the file is read again
     assert LONG in drawn.layout().places
