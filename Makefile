@@ -2,11 +2,10 @@
 PYTHON_BIN := .venv/bin
 NAME ?= all
 REALTIME := WAYCHAIR_REALTIME=1 $(PYTHON_BIN)/pytest -q tests/ros tests/ui
-# Three workers to two cores, as many tests wait. Each begins with a run of neighbouring tests, which share fixtures, and
-# takes over from the others at the end.
-PARALLEL := -n $(shell echo $$(( $$(nproc) * 3 / 2 ))) --dist worksteal
+# Each worker begins with a run of neighbouring tests, which share fixtures, and takes over from the other at the end.
+PARALLEL := -n auto --dist worksteal
 
-.PHONY: demo seeds night test nightly kernels lint acceptance bench format clean
+.PHONY: demo seeds night test nightly lint acceptance bench format clean
 .DEFAULT_GOAL := test
 
 demo:  ## map a floor by joystick, find oneself on the map, drive to three places; ends in out/demo/report.html
@@ -23,18 +22,12 @@ night:  ## adds hours of simulated driving to those there are: make night HOURS=
 
 test:  ## everything that CI runs
 	@bash .ci/setup dev
-	@$(MAKE) --no-print-directory -j2 lint kernels
-	@$(PYTHON_BIN)/pytest -q $(PARALLEL)
-	@$(REALTIME) -m "realtime and not nightly"
+	@bash .ci/tests
 
 nightly:  ## what repeats on a larger scale the checks of `make test`; it takes an hour
 	@bash .ci/setup dev
 	@$(PYTHON_BIN)/pytest -q $(PARALLEL) -m "nightly or hypothesis" --hypothesis-profile=search
 	@$(REALTIME) -m "realtime and nightly"
-
-# compiled once for all workers, on the core that lint leaves idle
-kernels:
-	@$(PYTHON_BIN)/python -c 'from waychair.planning.warm_up import warm_up; warm_up()'
 
 lint:
 	@bash .ci/setup dev

@@ -24,7 +24,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 ROOT = Path(__file__).resolve().parent.parent
 
 MAY_BE_SKIPPED = (
-    "keeps real time: ",  # `make test` runs these in a second step, one after the other
+    "keeps real time: ",  # `make test` runs these one after the other, beside the others
     "there is a GPU",
     "this numba has no CUDA target",
     "Open3D is not installed",  # no wheel for every Python
@@ -41,7 +41,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Skip the tests that keep real time, unless this run is for them."""
     if os.environ.get("WAYCHAIR_REALTIME") == "1":
         return
-    alone = pytest.mark.skip(reason="keeps real time: run by itself, with WAYCHAIR_REALTIME=1")
+    alone = pytest.mark.skip(reason="keeps real time: run with WAYCHAIR_REALTIME=1, in one process")
     for item in items:
         if item.get_closest_marker("realtime"):
             item.add_marker(alone)

@@ -5,4 +5,4 @@ from __future__ import annotations
 import pytest
 
 ALONE = pytest.mark.realtime
-"""Marks for modules and tests that run alone, at the end of `make test`."""
+"""Marks for modules and tests that keep real time and run one after the other."""
