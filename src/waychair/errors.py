@@ -30,6 +30,10 @@ class RecordingDamaged(RecordingError):
     """The recording is empty, truncated or not of a known format."""
 
 
+class RecordingUnknown(RecordingDamaged):
+    """The file is of another kind than the recordings that can be read."""
+
+
 class NoScans(RecordingError):
     """The recording holds no laser scans, so no map can be made from it."""
 
