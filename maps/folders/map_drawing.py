@@ -188,7 +188,7 @@ class DrawingEditor:
             WaychairError: a file is broken or cannot be written.
         """
         polygon = checked_polygon("the part to be erased", np.asarray(polygon).tolist())
-        grid = load_map(self._map)
+        grid = load_map(self._map, lambda _: None)
         layer = load_depth_layer(self._map, grid)
         if layer is not None and (clear_erased(layer, [polygon]).cells != layer.cells)[drop_offs(layer)].any():
             raise ZoneError("there is a drop-off in this part of the map: erase a part without it")

@@ -50,6 +50,10 @@ class SessionError(MapError):
     """A drive cannot be joined to a map of earlier drives."""
 
 
+class GridTooLarge(MapError):
+    """A map in the making would have more cells than can be planned on."""
+
+
 class MapNotFound(MapError):
     """There is no map at this path."""
 
