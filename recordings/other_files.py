@@ -15,6 +15,8 @@ from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
 
+from waychair.recordings.packed import PACKED_ENDINGS
+
 
 class OtherKind(NamedTuple):
     """A kind of file that is no recording: its name with an article, and the way on."""
@@ -195,9 +197,10 @@ def likely_kind(path: Path, head: bytes) -> OtherKind | None:
         return _METADATA
     if re.search(rb"^image\s*:", text, re.MULTILINE) and re.search(rb"^resolution\s*:", text, re.MULTILINE):
         return _MAP_YAML
-    if path.suffix.lower() in _ENDINGS:
-        return _ENDINGS[path.suffix.lower()]
-    if text.startswith((b"{", b"[", b"<?xml", b"---", b"%YAML")) or path.suffix.lower() in (".yaml", ".yml", ".json"):
+    ending = Path(path.stem if path.suffix.lower() in PACKED_ENDINGS else path.name).suffix.lower()
+    if ending in _ENDINGS:
+        return _ENDINGS[ending]
+    if text.startswith((b"{", b"[", b"<?xml", b"---", b"%YAML")) or ending in (".yaml", ".yml", ".json"):
         return _DATA_TEXT
     first = _first_line(head)
     if _PICTURE_LINE.search(first):

@@ -36,6 +36,9 @@ PACKINGS: Mapping[bytes, Packing] = {
 }
 """The compressions that can be read, by their magic bytes."""
 
+PACKED_ENDINGS = (".gz", ".bz2", ".xz", ".zst", ".zstd")
+"""Usual endings of compressed files; only their content decides."""
+
 _CHUNK = 1 << 20  # bytes
 _BROKEN = (EOFError, zlib.error, lzma.LZMAError, zstd.ZstdError, gzip.BadGzipFile, ValueError)
 

@@ -19,7 +19,7 @@ from rosbags.rosbag2 import Reader as Reader2
 
 from waychair.errors import RecordingDamaged, RecordingError, RecordingUnknown
 from waychair.recordings.other_files import other_kind
-from waychair.recordings.packed import Packing, packing_of, unpack, unpacked_head
+from waychair.recordings.packed import PACKED_ENDINGS, Packing, packing_of, unpack, unpacked_head
 
 SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3": ".db3"}
 """The suffix of each kind of bag file, by its magic bytes."""
@@ -35,7 +35,6 @@ MOST_OVERLAP = 1.0
 
 _HEAD = 512  # bytes that tell the kind of a file
 _SENSORS = ("LaserScan", "PointCloud2", "Odometry", "Imu", "Image", "CompressedImage", "MultiEchoLaserScan")
-_STEMS = (".gz", ".bz2", ".xz", ".zst", ".zstd")
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +242,7 @@ def _is_copy(name: str, names: set[str]) -> bool:
 
 def _without_packing(name: str) -> str:
     suffix = Path(name).suffix.lower()
-    return name[: -len(suffix)] if suffix in _STEMS else name
+    return name[: -len(suffix)] if suffix in PACKED_ENDINGS else name
 
 
 def _head(file: Path) -> bytes:
