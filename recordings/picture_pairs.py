@@ -61,8 +61,10 @@ def read_pairs(path: Path) -> Pairs:
     """
     found, listed, told = _tum_pairs(path) if is_tum(path) else _numbered_pairs(path)
     if not found:
+        why = "; ".join(told) or "there are none"
         raise RecordingDamaged(
-            f"no colour picture in {path} has a depth picture within {MAX_SPREAD:g} s: copy both folders again"
+            f"no colour picture in {path} has a depth picture within {MAX_SPREAD:g} s ({why}): copy both folders again, or "
+            "list the pairs in associations.txt"
         )
     late = sum(b.stamp_ns <= a.stamp_ns for a, b in pairwise(found))
     usable = tuple(sorted({pair.stamp_ns: pair for pair in found}.values(), key=lambda pair: pair.stamp_ns))
@@ -114,15 +116,19 @@ def _tum_pairs(path: Path) -> tuple[list[Pair], int, list[str]]:
         return [], len(colours), told
     stamps = np.array([stamp for stamp, _ in depths], np.int64)
     order = np.argsort(stamps, kind="stable")
-    pairs = []
+    pairs, gaps = [], []
     for stamp, colour in colours:
         at = int(np.clip(np.searchsorted(stamps[order], stamp), 1, max(1, len(stamps) - 1)))
         near = min(order[max(0, at - 1) : at + 1].tolist(), key=lambda k: abs(depths[k][0] - stamp))
         if abs(depths[near][0] - stamp) <= MAX_SPREAD * 1e9 + _SLACK_NS:
             pairs.append(Pair(stamp, colour, depths[near][1]))
-    alone = len(colours) - len(pairs)
-    if alone:
-        told.append(f"{alone} colour pictures have no depth within {MAX_SPREAD:g} s")
+        else:
+            gaps.append(abs(depths[near][0] - stamp))
+    if gaps:
+        middle = sorted(gaps)[len(gaps) // 2] * 1e-9
+        told.append(
+            f"{len(gaps)} colour pictures have no depth within {MAX_SPREAD:g} s: the nearest is {middle:.3g} s away"
+        )
     return pairs, len(colours), told
 
 

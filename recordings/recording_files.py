@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from waychair.errors import RecordingDamaged, RecordingError, RecordingNotFound, RecordingUnknown
-from waychair.recordings.bags.bag_parts import BagFiles, bag_files, bag_kind, bags_in, is_ros2_folder
+from waychair.recordings.bags.bag_parts import BagFiles, bag_files, bag_kind, bags_in, files_in, is_ros2_folder
 from waychair.recordings.other_files import is_text, likely_kind, other_kind
 from waychair.recordings.packed import packing_of, unpacked_head
 from waychair.recordings.rgbd_folders import is_rgbd_folder
+from waychair.recordings.text.carmen import is_carmen
+from waychair.recordings.text.coreslam import is_coreslam
+from waychair.recordings.text.laser_text import is_laser_text
 
 _HEAD = 1 << 16  # bytes; the first data line of a text file lies within them
 _MOST_NAMED = 5  # files or folders that a message names
@@ -113,20 +116,16 @@ def _resolved(path: Path, warnings: list[str]) -> list[Path]:
 def _recordings_in(folder: Path) -> list[Path]:
     """Return the bags in a folder, else its text logs."""
     bags = bags_in(folder)
-    return bags or [file for file in _files(folder) if _looks_like_log(file)]
+    return bags or [file for file in files_in(folder) if _looks_like_log(file)]
 
 
 def _one_level_down(folder: Path) -> list[Path]:
     """Return the folders in a folder that are or hold a recording."""
     folders = sorted(each for each in folder.iterdir() if each.is_dir() and not each.name.startswith("."))
-    return [each for each in folders if is_rgbd_folder(each) or is_ros2_folder(each) or bags_in(each)]
+    return [each for each in folders if is_rgbd_folder(each) or is_ros2_folder(each) or _recordings_in(each)]
 
 
 def _looks_like_log(file: Path) -> bool:
-    from waychair.recordings.text.carmen import is_carmen
-    from waychair.recordings.text.coreslam import is_coreslam
-    from waychair.recordings.text.laser_text import is_laser_text
-
     head = text_head(file)
     lines = [line for line in head.split(b"\n") if line.strip() and not line.startswith(b"#")]
     return (
@@ -168,7 +167,7 @@ def _is_bag(path: Path) -> bool:
 
 def _content(folder: Path) -> str:
     """Return the content of a folder without a recording, as part of a sentence."""
-    files = _files(folder)
+    files = files_in(folder)
     for file in files:
         kind = other_kind(file, head := text_head(file))
         if kind is None and file.suffix.lower() not in _NOTES:
@@ -184,10 +183,6 @@ def _content(folder: Path) -> str:
 def _listed(paths: Sequence[Path]) -> str:
     names = ", ".join(path.name for path in paths[:_MOST_NAMED])
     return names + (f" and {len(paths) - _MOST_NAMED} more" if len(paths) > _MOST_NAMED else "")
-
-
-def _files(folder: Path) -> list[Path]:
-    return sorted(file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
 
 
 def _head(path: Path) -> bytes:

@@ -88,11 +88,15 @@ class RgbdSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class CameraIntrinsics:
-    """A camera's matrix (3, 3) [px], lens distortion (5,) k1, k2, p1, p2, k3 of Brown's model, and readout time [s]."""
+    """A camera's matrix (3, 3) [px], lens distortion (5,) k1, k2, p1, p2, k3 of Brown's model, and readout time [s].
+
+    `size` is the width and height [px] of the pictures that the matrix is of, None where it is not known.
+    """
 
     matrix: FloatArray
     distortion: FloatArray
     readout: float = 0.0
+    size: tuple[int, int] | None = None
 
     @property
     def undistorted(self) -> bool:
@@ -135,15 +139,14 @@ def read_rgbd_folder(path: Path, settings: RgbdSettings) -> RgbdFolder:
     scale = settings.depth_scale or (NUMBERED_DEPTH_SCALE if numbered else TUM_DEPTH_SCALE)
     sample = _sample(pairs.usable)
     if sample is not None:
-        fitted = _fitted(camera, sample.size, known)
-        if fitted is not camera:
-            factor = sample.size[0] / _CAMERA_SIZE[0]
+        factor = _factor(camera, sample.size)
+        if factor != 1.0:
             known += f", scaled by {factor:g}"
             warnings.append(
                 f"the pictures have {sample.size[0]} x {sample.size[1]} pixels and those of the camera {_CAMERA_SIZE[0]} x "
                 f"{_CAMERA_SIZE[1]}: its matrix was scaled by {factor:g}; give --camera FX,FY,CX,CY if that is wrong"
             )
-            camera = fitted
+            camera = replace(camera, matrix=scaled_matrix(camera.matrix, factor), size=sample.size)
         told = [doubt_about_centre(sample.size, camera.matrix)]
         if not sample.metres:
             told.append(doubt_about_scale(sample, scale))
@@ -170,14 +173,12 @@ def _sample(pairs: Sequence[Pair]) -> DepthSample | None:
     return sampled([units for pair in chosen if isinstance(units := _depth(pair.depth), np.ndarray)])
 
 
-def _fitted(camera: CameraIntrinsics, size: tuple[int, int], known: str) -> CameraIntrinsics:
-    """Return the camera for pictures of another size, where the size of its own pictures is known."""
-    if "fr" not in known and known != "default":
-        return camera
-    across, down = size[0] / _CAMERA_SIZE[0], size[1] / _CAMERA_SIZE[1]
-    if across == 1.0 or across != down or not _SIZES[0] <= across <= _SIZES[1]:
-        return camera
-    return replace(camera, matrix=scaled_matrix(camera.matrix, across))
+def _factor(camera: CameraIntrinsics, size: tuple[int, int]) -> float:
+    """Return by how much pictures are larger than those of the camera; 1 where its size or their shape is another."""
+    if camera.size is None:
+        return 1.0
+    across, down = size[0] / camera.size[0], size[1] / camera.size[1]
+    return across if across == down and _SIZES[0] <= across <= _SIZES[1] else 1.0
 
 
 def frames_of(folder: RgbdFolder, unread: Counter[str] | None = None) -> Iterator[RgbdFrame]:
@@ -244,7 +245,7 @@ def camera_from_text(text: str) -> CameraIntrinsics:
         ConfigError: the text has another form.
     """
     if text.strip().lower() in CAMERAS:
-        return _camera(CAMERAS[text.strip().lower()], READOUT)
+        return _camera(CAMERAS[text.strip().lower()], READOUT, _CAMERA_SIZE)
     try:
         values = tuple(float(field) for field in text.split(","))
     except ValueError:
@@ -256,10 +257,10 @@ def camera_from_text(text: str) -> CameraIntrinsics:
     return _camera(values)
 
 
-def _camera(values: tuple[float, ...], readout: float = 0.0) -> CameraIntrinsics:
+def _camera(values: tuple[float, ...], readout: float = 0.0, size: tuple[int, int] | None = None) -> CameraIntrinsics:
     fx, fy, cx, cy, *distortion = values
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    return CameraIntrinsics(matrix, np.array([*distortion, *[0.0] * (5 - len(distortion))]), readout)
+    return CameraIntrinsics(matrix, np.array([*distortion, *[0.0] * (5 - len(distortion))]), readout, size)
 
 
 def _camera_of(path: Path, settings: RgbdSettings, numbered: bool) -> tuple[CameraIntrinsics, str, str]:
@@ -274,10 +275,10 @@ def _camera_of(path: Path, settings: RgbdSettings, numbered: bool) -> tuple[Came
         return CameraIntrinsics(matrix, np.zeros(5)), _INTRINSICS, ""
     named = _CAMERA_NAME.search(path.resolve().name.lower())
     if named is not None and not numbered:
-        return _camera(CAMERAS[f"fr{named[1]}"], READOUT), f"the folder's name (fr{named[1]})", ""
+        return _camera(CAMERAS[f"fr{named[1]}"], READOUT, _CAMERA_SIZE), f"the folder's name (fr{named[1]})", ""
     fx, fy, cx, cy = _UNNAMED_CAMERA
     doubt = f"the camera of {path} is not known; fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g} are assumed: name it with --camera"
-    return _camera(_UNNAMED_CAMERA), "default", doubt
+    return _camera(_UNNAMED_CAMERA, size=_CAMERA_SIZE), "default", doubt
 
 
 def _colour(path: Path) -> Bytes | str:

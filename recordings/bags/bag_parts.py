@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 
 from rosbags.rosbag1 import Reader as Reader1
@@ -33,6 +33,7 @@ TOLD_PAUSE = 3.0
 MOST_OVERLAP = 1.0
 """[s] Parts with the same sensor topics that overlap longer are no parts of one recording."""
 
+_MOST_LOOKED_AT = 5000  # files of a folder; a recording of more files is one of pictures
 _HEAD = 512  # bytes that tell the kind of a file
 _SENSORS = ("LaserScan", "PointCloud2", "Odometry", "Imu", "Image", "CompressedImage", "MultiEchoLaserScan")
 
@@ -88,10 +89,15 @@ def is_ros2_folder(folder: Path) -> bool:
 
 def bags_in(folder: Path) -> list[Path]:
     """Return the bag files in a folder by name, without the copies that rosbag and compression leave beside them."""
-    files = sorted(file for file in folder.iterdir() if file.is_file() and not file.name.startswith("."))
-    bags = [file for file in files if bag_kind(file) is not None]
+    bags = [file for file in files_in(folder) if bag_kind(file) is not None]
     names = {file.name for file in bags}
     return [file for file in bags if not _is_copy(file.name, names)]
+
+
+def files_in(folder: Path) -> list[Path]:
+    """Return the files in a folder by name, without hidden ones; of a great many, the first in its list."""
+    files = (file for file in folder.iterdir() if not file.name.startswith(".") and file.is_file())
+    return sorted(islice(files, _MOST_LOOKED_AT))
 
 
 def bag_files(path: Path, files: Sequence[Path], *, chosen: bool) -> BagFiles:

@@ -121,6 +121,18 @@ def test_packed_bags_and_parts_are_read(tmp_path: Path, ending: str, packed: Any
     assert is_whole(read_recording(sorted((tmp_path / "drive").iterdir())))
 
 
+@pytest.mark.parametrize("packed", [gzip.compress, bz2.compress, lzma.compress, zstd.compress])
+def test_packed_logs_are_read_up_to_a_cut(tmp_path: Path, packed: Any) -> None:
+    line = "FLASER 4 1 2 2 1 0 0 0 0 0 0 {0} h {0}\n"
+    data = packed("".join(line.format(f"{k}.{k * 7919 % 1000:03d}") for k in range(20_000)).encode())
+    (tmp_path / "drive").write_bytes(data)
+    assert len(read_recording(tmp_path / "drive").frames) == 20_000
+    (tmp_path / "cut").write_bytes(data[:-100])
+    cut = read_recording(tmp_path / "cut")
+    assert 0 < len(cut.frames) < 20_000
+    assert any("is cut short or damaged" in warning for warning in cut.warnings)
+
+
 def test_a_packed_file_of_a_ros_2_bag_is_read_whatever_its_name(tmp_path: Path) -> None:
     bag = part(tmp_path / "bag", range(SCANS), ros=2)
     (tmp_path / "drive.mcap.zstd").write_bytes(zstd.compress(next(bag.glob("*.mcap")).read_bytes()))

@@ -196,3 +196,47 @@ def test_two_sensors_of_one_robot_are_no_two_robots(tmp_path: Path) -> None:
     assert not any("robots" in warning for warning in recording.warnings)
     both = read_recording(tmp_path / "bag", chosen(scan_topics=("/front/scan", "/rear/scan")))
     assert both.base_from_laser == Pose2()
+
+
+@pytest.mark.parametrize("topics", ["/{0}/", "/{0}_"])
+def test_the_camera_is_of_the_robot_too(tmp_path: Path, topics: str) -> None:
+    bag = Bag(tmp_path / "bag", storage=StoragePlugin.MCAP)
+    matrix = np.array([[50.0, 0.0, 16.0], [0.0, 50.0, 12.0], [0.0, 0.0, 1.0]])
+    for name, scans, images, grey in (("red", 20, 4, 200), ("blue", 10, 8, 90)):
+        space = topics.format(name)
+        ahead = 0.4 if name == "red" else 0.7
+        bag.mount(START, (f"{name}_base_link", f"{name}_laser", (0.3, 0.0, 0.2), LEVEL))
+        bag.mount(START, (f"{name}_base_link", "camera" if name == "red" else "other", (ahead, 0.0, 0.5), LEVEL))
+        for k in range(scans):
+            now = START + k * SECOND // 10
+            odometry(bag, f"{space}odom", now, 0.05 * k, f"{name}_odom", f"{name}_base_link")
+            bag.room(now, Pose2(5.0, 3.0), f"{space}scan", f"{name}_laser")
+        for k in range(images):
+            now = START + k * SECOND // 10
+            bag.camera_info(f"{space}camera/camera_info", now, matrix, (24, 32))
+            bag.image(f"{space}camera/image", now, np.full((24, 32), grey, np.uint8), "mono8")
+            bag.image(f"{space}camera/depth", now, np.full((24, 32), 1500, np.uint16), "16UC1")
+    bag.close()
+    recording = read_recording(tmp_path / "bag")
+    assert {int(frame.image.max()) for frame in recording.pictures()} == {200}
+    mount = recording.camera_mount()
+    assert mount is not None
+    assert mount.translation[0] == pytest.approx(0.4)
+
+
+def test_a_robot_without_odometry_of_its_own_does_not_get_that_of_another(tmp_path: Path) -> None:
+    """Red tells its motion by /tf alone, and has more scans; blue has a topic."""
+    bag = Bag(tmp_path / "bag", storage=StoragePlugin.MCAP)
+    for name, sign, scans in (("red", 1.0, 30), ("blue", -1.0, 24)):
+        bag.mount(START, (f"{name}/base_link", f"{name}/laser", (0.3 if sign > 0 else 0.1, 0.0, 0.2), LEVEL))
+        for k in range(scans):
+            now, x = START + k * SECOND // 10, sign * 0.05 * k
+            bag.mount(now, (f"{name}/odom", f"{name}/base_link", (x, 0.0, 0.0), LEVEL), topic="/tf")
+            if name == "blue":
+                odometry(bag, "/blue/odom", now, x, "blue/odom", "blue/base_link")
+            bag.room(now, Pose2(5.0 + x, 3.0, math.pi / 2), f"/{name}/scan", f"{name}/laser")
+    bag.close()
+    assert robot_of(read_recording(tmp_path / "bag")) == "blue"
+    asked = read_recording(tmp_path / "bag", chosen(scan_topics=("/red/scan",)))
+    assert robot_of(asked) == "red"
+    assert "odometry /tf from red/odom to red/base_link" in asked.source
