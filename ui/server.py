@@ -180,7 +180,7 @@ async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
             await page.close(UNAUTHORISED, "the token is missing or wrong")
             return
     except (TimeoutError, *_NO_JSON, KeyError, WebSocketDisconnect):
-        with contextlib.suppress(RuntimeError):
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it may be gone already
             await page.close(UNAUTHORISED, "the first message has no page and token")
         return
     opened = OpenPage(page_id)
