@@ -37,7 +37,7 @@ from waychair.control.speed.closed_loop import ClosedLoop
 from waychair.control.speed.kinematics import saturate, twist_from_wheel_speeds, wheel_speeds_from_twist
 from waychair.control.speed.limiter import Limiter, LimiterSettings, is_possible
 from waychair.control.speed.speed_loop import SpeedLoopSettings
-from waychair.firmware_bridge.bridge import LATE_MS, Bridge, BridgeSettings
+from waychair.firmware_bridge.bridge import LATE_MS, Bridge, BridgeSettings, with_family_of
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import arc, transform_points
 from waychair.maps.drawn.zones import Zone, zone_speed_limit
@@ -115,6 +115,7 @@ class DriveBase:
 
         Raises:
             BridgeError: the chair's name is too long for a board.
+            CalibrationMismatch: the settings name another joystick family than the calibration.
         """
         self.settings = s = settings or BaseSettings()
         self.body = body = calibration.body
@@ -125,7 +126,7 @@ class DriveBase:
         model = DeadBand(model) if isinstance(model, FittedDac) else model
         watched = Watched(body, s.monitor, calibration.stops, calibration.self_mask)
         self._monitor = monitor or MonitorInStep(watched)
-        self.bridge = Bridge(cable, model, calibration.chair_id, s.bridge, self._gate)
+        self.bridge = Bridge(cable, model, calibration.chair_id, with_family_of(s.bridge, calibration), self._gate)
         self._loop = ClosedLoop(model, body.track, s.speed_loop, calibration.stops)
         self._limiter = Limiter(s.limiter)
         self._fitness = Fitness(body, s.fitness)

@@ -37,6 +37,7 @@ from waychair.firmware_bridge.protocol import (
 )
 from waychair.firmware_bridge.transports import Transport
 from waychair.geometry import arc
+from waychair.install_advice import document
 from waychair.types import Pose2
 
 PERIOD_NS = 20_000_000
@@ -114,11 +115,11 @@ class BoardDrive:
         meter: SpeedMeter,
         chair_id: str,
         *,
-        family: Family = Family.HALL_5V,
+        family: Family | None = None,
         clock: Clock | None = None,
         limits: DriveLimits | None = None,
     ) -> None:
-        """Greet the board; the board takes the lines only in `arm`.
+        """Greet the board; the board takes the lines only in `arm`. `family` None takes the board's joystick family.
 
         Raises:
             BridgeError: the board does not answer, or it refuses (with its reason).
@@ -140,7 +141,7 @@ class BoardDrive:
         self._pose = Pose2()
         self._last: Sample | None = None
         self.neutral = (0.0, 0.0)
-        self.reply = self._greet(chair_id, family)
+        self.reply = self._greeted(chair_id, family)
 
     def __enter__(self) -> Self:
         return self
@@ -154,6 +155,11 @@ class BoardDrive:
     def now_ns(self) -> int:
         """Time [ns] of the clock that stamps commands and sensors."""
         return self._clock.now_ns()
+
+    @property
+    def family(self) -> Family:
+        """The joystick family for which the board was flashed."""
+        return Family(self.reply.family)
 
     def arm(self) -> None:
         """Stand still, with the rider's stick on the lines, until the board is armed and the sensors deliver speeds.
@@ -246,7 +252,7 @@ class BoardDrive:
         assert telemetry is not None
         if telemetry.faults:
             raise BridgeError(
-                f"the board stopped the chair: {_fault_text(telemetry.faults)}; see firmware_bridge/README.md"
+                f"the board stopped the chair: {_fault_text(telemetry.faults)}; see {document('firmware_bridge/README.md')}"
             )
         if telemetry.state in (BoardState.ARMED, BoardState.DRIVE):
             return
@@ -281,8 +287,17 @@ class BoardDrive:
                 "--swing, or raise --room"
             )
 
-    def _greet(self, chair_id: str, family: Family) -> HelloReply:
-        ours = hello(chair_id, family)
+    def _greeted(self, chair_id: str, family: Family | None) -> HelloReply:
+        """Greet the board as a computer of this chair and family, and return its reply."""
+        ours = hello(chair_id, family or Family.HALL_5V)
+        reply = self._greet(ours)
+        if family is None and reply.family != ours.family and reply.family in set(Family):
+            ours = hello(chair_id, Family(reply.family))
+            reply = self._greet(ours)
+        _check_reply(reply, ours)
+        return reply
+
+    def _greet(self, ours: Hello) -> HelloReply:
         self._send(ours)
         deadline_ns = self._clock.now_ns() + round(ANSWER_S * 1e9)
         while self._clock.now_ns() < deadline_ns and not self._board.closed:
@@ -291,7 +306,6 @@ class BoardDrive:
             replies = [message for message in self._listen() if isinstance(message, HelloReply)]
             if replies:
                 self._telemetry_ns = self._clock.now_ns()
-                _check_reply(replies[-1], ours)
                 return replies[-1]
         if self._board.closed:
             raise TransportError("the cable to the board was lost: plug it in and start again")
@@ -304,7 +318,7 @@ class BoardDrive:
         if telemetry.faults:
             return (
                 f"the board was not armed within {seconds:g} s because of {_fault_text(telemetry.faults)}: see "
-                "firmware_bridge/README.md, then switch it off and on"
+                f"{document('firmware_bridge/README.md')}, then switch it off and on"
             )
         if self._armed:
             return self._no_speeds_reason(seconds)
