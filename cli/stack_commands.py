@@ -53,6 +53,7 @@ def up_command(
     page: bool | None = None,
     page_port: NonNegativeInt | None = None,
     page_lan: bool = False,
+    page_name: tuple[str, ...] = (),
     token: str | None = None,
 ) -> None:
     """Start all ROS nodes of a chair, and keep them running until Ctrl-C or SIGTERM.
@@ -103,12 +104,15 @@ def up_command(
         Port of the page; default 8000, or a free port if that is taken.
     page_lan
         Let other computers on the network open the page with the token; the nodes stay hidden.
+    page_name
+        Further host name by which --page-lan may be opened, such as chair.lan; may be repeated. Numbers and NAME.local
+        always work.
     token
         Token for --page-lan; default a random one, which is printed.
     """
     from waychair.cli.options.arguments import BadArgument, pose_from_text
     from waychair.cli.options.configuration import load_configuration
-    from waychair.cli.options.page_process import TOKEN, has_ui, page_address, page_token, port_of_page
+    from waychair.cli.options.page_process import TOKEN, has_ui, page_names, page_sentence, page_token, port_of_page
     from waychair.errors import MissingExtra, RosError
     from waychair.maps.drawn.zones import check_zones, load_zones
     from waychair.maps.folders.map_files import load_map
@@ -124,6 +128,7 @@ def up_command(
         raise BadArgument("--unattended needs --sim: the rider of a real chair confirms each goal")
     if map is not None:
         check_zones(load_zones(map), load_map(map))  # here, else each node would report the error and exit
+    page_names(page_name, page_lan)  # refused here, before anything is started
     configured = load_configuration(config)
     environment = ros_environment(domain=domain, lan=lan)
     deaf = lan and not is_secured(environment)
@@ -145,6 +150,7 @@ def up_command(
         box=None if no_box else box or out / "box",
         page_port=port_of_page(page_port) if page or (page is None and has_ui()) else None,
         page_host="0.0.0.0" if page_lan else "127.0.0.1",
+        page_names=page_name,
         namespace=namespace,
         settings=node_parameters(configured.chair, configured.map, configured.simulation, configured.nodes),
     )
@@ -159,9 +165,8 @@ def up_command(
             file=sys.stderr,
         )
     if stack.page_port is not None:
-        print(
-            f"waychair: the page is at {page_address(stack.page_port, page_lan, environment[TOKEN])}", file=sys.stderr
-        )
+        said = page_sentence(stack.page_port, page_lan, environment[TOKEN], page_name)
+        print(f"waychair: {said}", file=sys.stderr)
     remove_dead_segments()
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     with Supervision(table, environment, lambda sentence: print(f"waychair: {sentence}", file=sys.stderr)) as running:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import secrets
 import socket
 import sys
+from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING
 
@@ -21,6 +23,10 @@ TOKEN = "WAYCHAIR_PAGE_TOKEN"
 
 _DEFAULT_PORT = 8000
 _SHORTEST_TOKEN = 12
+_HOST_NAME = re.compile(
+    r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9-]*[A-Za-z0-9])?(\.[A-Za-z0-9]([A-Za-z0-9-]*[A-Za-z0-9])?)*"
+)
+"""A name in ASCII letters, digits and hyphens (RFC 1123)."""
 
 
 def has_ui() -> bool:
@@ -43,10 +49,38 @@ def page_token(lan: bool, given: str | None) -> str:
     return given
 
 
-def page_address(port: int, lan: bool, token: str) -> str:
-    """Return the page's address."""
-    host = socket.gethostname() if lan else "127.0.0.1"
-    return f"http://{host}:{port}/{f'#token={token}' if token else ''}"
+def page_names(given: Sequence[str], lan: bool) -> tuple[str, ...]:
+    """Return the host names by which pages may be opened: this computer's own, and the given ones.
+
+    Raises:
+        BadArgument: a name is no host name, or names are given for a page that only this computer can open.
+    """
+    from waychair.ui.own_addresses import own_names
+
+    for name in given:
+        if not _HOST_NAME.fullmatch(name):
+            raise BadArgument(f"--page-name '{name}' is no host name: give the name alone, such as chair.lan")
+    if given and not lan:
+        raise BadArgument("--page-name needs --page-lan: only this computer can open the page without it")
+    return (*own_names(), *given)
+
+
+def page_addresses(port: int, lan: bool, token: str, names: Sequence[str] = ()) -> tuple[str, ...]:
+    """Return the page's address; with `lan` those for other computers: by number, by `names`, and by multicast DNS.
+
+    Most phones do not find a bare host name.
+    """
+    from waychair.ui.own_addresses import own_addresses, own_names
+
+    by_mdns = [name for name in own_names() if name.endswith(".local")]
+    hosts = (*own_addresses(), *names, *by_mdns) if lan else ()
+    end = f"#token={token}" if token else ""
+    return tuple(f"http://{host}:{port}/{end}" for host in dict.fromkeys(hosts or ("127.0.0.1",)))
+
+
+def page_sentence(port: int, lan: bool, token: str, names: Sequence[str] = ()) -> str:
+    """Return the sentence that tells the user the page's address or addresses."""
+    return "the page is at " + "\n  or at ".join(page_addresses(port, lan, token, names))
 
 
 def port_of_page(wanted: int | None) -> int:
@@ -66,9 +100,11 @@ def port_of_page(wanted: int | None) -> int:
 
 def served(port: ChairPort, settings: PageNodeSettings) -> AbstractContextManager[str]:
     """Return the page's server, with the token of the environment."""
+    from waychair.ui.own_addresses import own_names
     from waychair.ui.server import page_server
 
-    token, names = os.environ.get(TOKEN, ""), (socket.gethostname(),)
+    names = (*own_names(), *settings.names.replace(",", " ").split())
+    token = os.environ.get(TOKEN, "")
     return page_server(port, host=settings.host, http_port=settings.port, token=token, names=names)
 
 
