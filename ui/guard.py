@@ -43,13 +43,16 @@ def is_token(told: str, token: str) -> bool:
 def is_host(host: str, names: Sequence[str]) -> bool:
     """Whether a `Host` header names this server: an address, localhost or one of `names`, with or without a port.
 
-    A name under one of `names`, or with one of them at its end, is another computer's.
+    A name NAME without a dot stands for NAME.local, too (multicast DNS). All other names with one of `names` in them are
+    another computer's.
     """
     try:
         name = (urlsplit(f"//{host}").hostname or "").removesuffix(".")  # "chair.local." is the same name in full
     except ValueError:
         return False
-    if name and (name == "localhost" or name in {known.lower().removesuffix(".") for known in names}):
+    known = {"localhost", *(each.lower().removesuffix(".") for each in names)}
+    bare = name.removesuffix(".local")
+    if name and (name in known or ("." not in bare and bare in known - {"localhost"})):
         return True
     try:
         ipaddress.ip_address(name)

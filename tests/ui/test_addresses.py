@@ -42,6 +42,7 @@ def test_a_computer_answers_to_its_name_and_to_that_with_local(name: str, names:
 )
 def test_own_names_numbers_and_given_names_open_the_page(host: str) -> None:
     assert is_host(host, (*own_names("chair"), "chair.lan."))
+    assert is_host(host, ("chair", "chair.lan"))
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ async function heed(tries) {
   const late = new Promise((_, reject) => setTimeout(reject, UNANSWERED_MS));
   try {
     await Promise.race([Promise.any(tries), late]);
-    if (ways.length === 1) showNote("The chair has obeyed Stop.", "note");
+    if (document.getElementById("not-started")) showNote("The chair has obeyed Stop.", "note");
   } catch {
     showNote("No answer to Stop: check that the chair stands.", "note bad");
   }
