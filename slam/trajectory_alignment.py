@@ -15,7 +15,7 @@ from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Pose3, Trajec
 MAX_TRUTH_GAP = 0.05  # s; a pose that is this near a true pose counts, however far the next one is
 MAX_TRUTH_STEP = 0.2  # s; between true poses this close in time, a chair's motion is a straight line to 3 mm
 _MOST_INTERPOLATED = 1.0  # s; across a longer pause of the truth, the nearest true pose is taken
-_END_NS = 1_000_000  # stamps may be rounded to this at the ends of the truth
+_ROUNDING_NS = 1_000_000  # stamps may be rounded to a millisecond
 
 _PLANE_HEIGHT = 0.03  # m; a floor and a tracking system vary by less
 _PLANE_TILT = math.radians(3.0)
@@ -45,8 +45,8 @@ def truth_between(stamps: IntArray, times: IntArray) -> tuple[BoolArray, IntArra
     part = np.clip((times - stamps[before]) / np.maximum(step, 1), 0.0, 1.0)
     part = np.where(step > _MOST_INTERPOLATED * 1e9, np.rint(part), part)
     near = np.minimum(np.abs(times - stamps[before]), np.abs(times - stamps[after])) <= MAX_TRUTH_GAP * 1e9
-    inside = (times >= stamps[0] - _END_NS) & (times <= stamps[-1] + _END_NS)
-    usable: BoolArray = inside & (near | (step <= MAX_TRUTH_STEP * 1e9))
+    inside = (times >= stamps[0] - _ROUNDING_NS) & (times <= stamps[-1] + _ROUNDING_NS)
+    usable: BoolArray = inside & (near | (step <= MAX_TRUTH_STEP * 1e9 + _ROUNDING_NS))
     return usable, before, after, part
 
 
