@@ -6,6 +6,9 @@ import signal
 import sys
 import time
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from waychair.cli.options.arguments import NonNegativeInt
 
@@ -14,10 +17,10 @@ _LOOK_S = 0.1
 
 def page_command(
     *,
-    sim: str = "small_clinic",
+    sim: Annotated[str, Parameter(name=["--sim", "--world"])] = "small_clinic",
     map: Path | None = None,
-    port: NonNegativeInt = 8000,
-    lan: bool = False,
+    port: Annotated[NonNegativeInt, Parameter(name=["--port", "--page-port"])] = 8000,
+    lan: Annotated[bool, Parameter(name=["--lan", "--page-lan"])] = False,
     page_name: tuple[str, ...] = (),
     token: str | None = None,
     people: bool = True,
@@ -61,12 +64,13 @@ def page_command(
         Real-time priority for the chair, if the system grants it; useful on a busy computer.
     """
     from waychair.cli.options.configuration import load_configuration
-    from waychair.cli.options.page_process import page_names, page_sentence, page_token
-    from waychair.cli.stack_commands import WARNING
+    from waychair.cli.options.page_process import check_page_port, page_names, page_sentence, page_token
+    from waychair.cli.starting import WARNING
     from waychair.runtime.processes import signalled
     from waychair.trials.live_chair import LiveChair
     from waychair.ui.server import page_server
 
+    check_page_port(port, "--port")
     names, secret = page_names(page_name, lan), page_token(lan, token)
     configured = load_configuration(config)
     ending = signalled(signal.SIGINT, signal.SIGTERM)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 TOKEN = "WAYCHAIR_PAGE_TOKEN"
 """Environment variable with the page's token; files and arguments could be read by other users."""
 
-_DEFAULT_PORT = 8000
+_DEFAULT_PORT, _LAST_PORT = 8000, 65_535
 _SHORTEST_TOKEN = 12
 _HOST_NAME = re.compile(
     r"(?=.{1,253}$)[A-Za-z0-9]([A-Za-z0-9-]*[A-Za-z0-9])?(\.[A-Za-z0-9]([A-Za-z0-9-]*[A-Za-z0-9])?)*"
@@ -83,19 +83,30 @@ def page_sentence(port: int, lan: bool, token: str, names: Sequence[str] = ()) -
     return "the page is at " + "\n  or at ".join(page_addresses(port, lan, token, names))
 
 
+def check_page_port(wanted: int, option: str) -> None:
+    """Check the number of a page's port, before anything is built; `option` names it in errors.
+
+    Raises:
+        BadArgument: there is no such port.
+    """
+    if wanted > _LAST_PORT:
+        raise BadArgument(f"{option} {wanted} is no port: choose 1 to {_LAST_PORT}, or omit it")
+
+
 def port_of_page(wanted: int | None) -> int:
     """Return the wanted port; by default 8000, or a free port if that is taken.
 
     Raises:
         BadArgument: the wanted port is taken or invalid.
     """
+    check_page_port(wanted or 0, "--page-port")
     for port in (_DEFAULT_PORT, 0) if wanted is None else (wanted,):
         try:
             with socket.create_server(("127.0.0.1", port)) as listener:
                 return int(listener.getsockname()[1])
-        except (OSError, OverflowError):
-            continue
-    raise BadArgument(f"--page-port {wanted} is taken or invalid: choose another, or omit it")
+        except OSError as error:
+            why = error.strerror or str(error)
+    raise BadArgument(f"the page cannot be served on --page-port {wanted}: {why}: choose another port, or omit it")
 
 
 def served(port: ChairPort, settings: PageNodeSettings) -> AbstractContextManager[str]:
