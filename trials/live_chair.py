@@ -300,7 +300,7 @@ class LiveChair(DrawingPort):
                 now = self._drawings.drawing
                 erased, known = not now.has_same_erased(before), None
                 if erased:
-                    self._grid = load_map(self._folder)
+                    self._grid = load_map(self._folder, lambda _: None)
                     self._map_revision += 1
                     known = self._chair.known(scanned_part(self._grid, load_depth_layer(self._folder, self._grid)))
                 if erased or not now.has_same_zones(before):

@@ -128,12 +128,14 @@ def load_map(
     times = max(1, math.ceil(math.sqrt(height * width / MOST_CELLS)))
     while math.ceil(height / times) * math.ceil(width / times) > MOST_CELLS:
         times += 1
+    large = coarser(grid, times)
     if times > 1:
         warn(
-            f"{yaml_file}: the map has {width} by {height} cells, more than the {MOST_CELLS} that can be planned on: its "
-            f"cells are joined to cells of {grid.resolution * times:g} m, which count as occupied where any part is"
+            f"{yaml_file}: the map has {width} by {height} cells, more than the {MOST_CELLS} that can be planned on; they are "
+            f"joined to cells of {large.resolution:g} m, as by --resolution {large.resolution:g}, which are occupied where "
+            "any part is"
         )
-    return coarser(grid, times)
+    return large
 
 
 def _times(path: Path, own: float, wanted: float) -> int:

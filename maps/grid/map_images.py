@@ -107,6 +107,8 @@ def _pnm_image(path: Path, data: bytes, head: re.Match[bytes]) -> MapImage:
     if found and not 1 <= white <= _LARGEST_WHITE:
         raise MapError(f"{what} announces {white} for white, which must be 1 to {_LARGEST_WHITE}; save it again")
     count = int(head["height"]) * int(head["width"]) * channels
+    if found and not count:
+        raise MapError(f"{what} has no pixels; copy it again")
     if not found:
         raise MapError(f"{what} is cut short: its header ends before the value of white; copy it again")
     rest = memoryview(data)[found.end() :]

@@ -13,7 +13,9 @@ from waychair.types import Pose2
 
 POSE_SHAPE = "X,Y or X,Y,YAW in metres and radians (such as 1.5,-2,0.78 or 1.5,-2,45deg)"
 
-_NUMBER_AND_UNIT = re.compile(r"(?P<number>.*?)\s*(?P<unit>°|deg|degs|degree|degrees|rad|rads|radian|radians)?", re.IGNORECASE)
+_NUMBER_AND_UNIT = re.compile(
+    r"(?P<number>.*?)\s*(?P<unit>°|deg|degs|degree|degrees|rad|rads|radian|radians)?", re.IGNORECASE
+)
 _SLACK = 1e-3  # [rad] a full turn is typed with few decimals
 
 
@@ -38,7 +40,7 @@ def angle_from_text(text: str) -> float:
     if (match["unit"] or "rad").lower().startswith("rad"):
         return checked_turn(value)
     if abs(value) > 360.0:
-        raise ImpossiblePose(f"{value:g}deg is more than a full turn: give -360deg to 360deg")
+        raise ImpossiblePose(f"{value:g}deg is more than a full turn; give -360deg to 360deg")
     return math.radians(value)
 
 
@@ -52,8 +54,8 @@ def checked_turn(angle: float) -> float:
         return angle
     much = f"{angle:g} rad is {math.degrees(angle):.0f} degrees, more than a full turn"
     if abs(angle) <= 360.0:
-        raise ImpossiblePose(f"{much}: for {angle:g} degrees write {angle:g}deg or {math.radians(angle):.4g}")
-    raise ImpossiblePose(f"{much}: give -6.283 to 6.283, or degrees such as 90deg")
+        raise ImpossiblePose(f"{much}; for {angle:g} degrees write {angle:g}deg or {math.radians(angle):.4g}")
+    raise ImpossiblePose(f"{much}; give -6.283 to 6.283, or degrees such as 90deg")
 
 
 def pose_from_text(text: str) -> Pose2:

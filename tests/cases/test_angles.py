@@ -12,12 +12,15 @@ from hypothesis import strategies as st
 
 from tests.cli.command import refused, waychair
 from waychair.cli.options.arguments import BadArgument, place_from_text, pose_from_text
-from waychair.errors import ConfigError, PlaceError, UnknownPlace, ZoneError
+from waychair.cli.options.configuration import load_configuration
+from waychair.errors import ConfigError, PlaceError, UnknownPlace, WorldError, ZoneError
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import load_zones
 from waychair.maps.folders.map_files import save_map
 from waychair.pose_text import ImpossiblePose, NoPoseText, angle_from_text, is_like_pose
 from waychair.recordings.scans import mount_from_text
+from waychair.simulation.plan.plan_file import load_building
+from waychair.simulation.plant.chair_file import load_chair
 from waychair.types import OccupancyGrid, Place, Pose2
 
 SQUARE = "polygon: [[0, 0], [4, 0], [4, 4]]"
@@ -158,3 +161,47 @@ def test_a_name_that_reads_as_coordinates_is_refused(room: Path, name: str) -> N
     said = refused(waychair("places", "--map", room, "--add", name, "6,4"))
     assert f"'{name}' cannot be the name of a place, as it reads as coordinates" in said
     assert not (room / "places.yaml").exists()
+
+
+def test_a_setting_and_a_chair_file_take_degrees(tmp_path: Path) -> None:
+    file = tmp_path / "chair.yaml"
+    file.write_text("body: {chair_id: ward, laser_theta: 90deg, camera_pitch: 10 deg}\n")
+    body = load_chair(file).body
+    assert (body.laser_theta, body.camera_pitch) == pytest.approx((math.pi / 2, math.radians(10)))
+    settings_file = tmp_path / "c.yaml"
+    settings_file.write_text("map: {mapper: {key_angle: 20deg}}\n")
+    assert load_configuration(settings_file).map.mapper.key_angle == pytest.approx(math.radians(20))
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("90", r"must lie in .* rad; for 90 degrees write 90deg or 1\.571"),
+        ("9000deg", "9000deg is more than a full turn"),
+        ("left", "laser_theta is 'left'; it must be radians, or degrees such as 90deg"),
+    ],
+)
+def test_an_impossible_angle_of_a_chair_file_is_refused_with_the_words_to_write(
+    tmp_path: Path, value: str, said: str
+) -> None:
+    file = tmp_path / "chair.yaml"
+    file.write_text(f"body: {{chair_id: ward, laser_theta: {value}}}\n")
+    with pytest.raises(ConfigError, match=said):
+        load_chair(file)
+
+
+def test_the_plan_of_a_world_takes_degrees_and_refuses_ninety_radians_with_their_line(tmp_path: Path) -> None:
+    plan = (
+        "name: ward\nsize: [8, 6]\nstart: [2, 2, {start}]\nwalls: []\nresolution: 0.05\n"
+        "boxes:\n  - {{centre: [6, 5], size: [0.5, 0.5], yaw: 30deg, high: 1.0}}\nplaces:\n  bed: [4, 4, {bed}]\n"
+    )
+    file = tmp_path / "ward.yaml"
+    file.write_text(plan.format(start="90deg", bed="-1.5"))
+    level = load_building(file).levels[0].plan
+    assert (level.start[2], level.boxes[0].yaw) == pytest.approx((math.pi / 2, math.pi / 6))
+    file.write_text(plan.format(start="90", bed="0"))
+    with pytest.raises(WorldError, match=r"line 3: start\[2\]: 90 rad is 5157 degrees.*write 90deg"):
+        load_building(file)
+    file.write_text(plan.format(start="0", bed="180"))
+    with pytest.raises(WorldError, match=r"line 9: places\.bed\[2\]: 180 rad"):
+        load_building(file)

@@ -163,6 +163,7 @@ def test_a_text_pgm_is_read_in_parts(tmp_path: Path, part: int, monkeypatch: pyt
 @pytest.mark.parametrize(
     ("image", "said"),
     [
+        (b"P5\n0 4\n255\n", "has no pixels"),
         (b"P5\n2 1\n0\n\0\0", "announces 0 for white, which must be 1 to 65535"),
         (b"P5\n2 1\n70000\n" + bytes(4), "announces 70000 for white"),
         (pgm([[0, 200]], 100), "holds the value 200 beyond its white of 100"),
@@ -171,7 +172,7 @@ def test_a_text_pgm_is_read_in_parts(tmp_path: Path, part: int, monkeypatch: pyt
         (cv2.imencode(".jpg", np.array(THREE, np.uint8))[1].tobytes(), "is a JPEG file; save it as PNG"),
         (cv2.imencode(".tiff", np.array(THREE, np.uint8))[1].tobytes(), "is a TIFF file; save it as PNG"),
     ],
-    ids=range(7),
+    ids=range(8),
 )
 def test_an_image_that_cannot_be_trusted_is_refused_with_its_fault(tmp_path: Path, image: bytes, said: str) -> None:
     with pytest.raises(MapError, match=said):
@@ -315,7 +316,7 @@ def test_a_map_that_is_too_large_is_read_with_larger_cells_and_its_layer_too(
     large = load_map(tmp_path, warnings.append)
     assert large.cells.shape == (25, 35)
     assert "70 by 50 cells, more than the 1000 that can be planned on" in warnings[0]
-    assert "cells of 0.1 m" in warnings[0]
+    assert "joined to cells of 0.1 m, as by --resolution 0.1" in warnings[0]
     layer = load_depth_layer(tmp_path, large)
     assert layer is not None
     assert layer.cells.shape == large.cells.shape
