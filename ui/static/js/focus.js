@@ -14,7 +14,7 @@ function keep() {
   const lost = trail.at(-1);
   if (!lost || isUsable(lost) || ![document.body, lost].includes(document.activeElement)) return;
   const next = lost.closest("[data-next]");
-  const places = [next && $(next.dataset.next), ...trail.toReversed(), $("next")];
+  const places = [next && $(next.dataset.next), ...[...trail].reverse(), $("next")];
   // without scrolling for pointers: their users look at something else
   places.find(isUsable)?.focus({ preventScroll: byPointer });
 }
