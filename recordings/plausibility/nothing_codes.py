@@ -26,6 +26,11 @@ _SPIKE = 5.0  # times as often as the second of the values near it (a lidar may 
 # right angle gives 1 / (sqrt(3) - sqrt(2)) = 3.1
 _NEAR = 0.05  # m; values as near as this are compared
 _UNEXPLAINED = 0.2  # share of the beams that a flat surface cannot explain
+_SELDOM, _CHANGING = (
+    0.3,
+    0.5,
+)  # share of the views with the value at one beam; share of the beams at which it is that rare
+_OWN_PARTS = 1.2  # m; parts of the chair are nearer
 _JUMP = 0.3  # m; a lone beam that is so far from both its neighbours
 _FINE = 0.005  # m; with coarser steps, real surfaces share values as well
 _STEPS = 20_000  # different values; more mean that ranges are not rounded
@@ -37,9 +42,9 @@ def codes_for_nothing(scans: Sequence[Float32Array], angle_step: float, range_ma
     A value is a code if, in different views,
 
     1. it is frequent, and far more frequent than the values near it;
-    2. it is in views of the whole drive, at changing beams;
-    3. it is at or beyond the farthest other range, or flat surfaces cannot explain its beams: they form arcs about the lidar,
-       or lie alone far from both neighbours.
+    2. it is in many views of the drive;
+    3. its beams form arcs about the lidar that no flat surface can; or the beams change, and they lie alone, far from both
+       neighbours, or no other range is farther. Near arcs at unchanging beams are parts of the chair.
 
     Args:
         scans: ranges (N,) [m] of each scan, in order of time.
@@ -62,11 +67,13 @@ def codes_for_nothing(scans: Sequence[Float32Array], angle_step: float, range_ma
         if not _is_spike(values, counts, index, rounding):
             continue
         holds = [view == value for view in views]
-        if not _is_everywhere(holds):
+        if sum(bool(hold.any()) for hold in holds) < max(_LEAST_VIEWS, _VIEW_SHARE * len(views)):
             continue
+        change = _beams_change(holds)
+        arcs, lone = _arcs_and_lone(views, holds, float(value), rounding, angle_step)
         farthest = float(np.delete(values, index).max(initial=0.0))
         beyond = float(value) >= min(range_max, farthest) - 2.0 * rounding
-        if beyond or _unexplained(views, holds, float(value), rounding, angle_step) >= _UNEXPLAINED:
+        if (arcs and (change or value > _OWN_PARTS)) or (change and (lone or beyond)):
             codes.append(float(value))
     return tuple(codes)
 
@@ -119,26 +126,23 @@ def _is_spike(values: Float32Array, counts: np.ndarray, index: int, rounding: fl
     return bool(counts[index] >= _SPIKE * near[-2])
 
 
-def _is_everywhere(holds: Sequence[BoolArray]) -> bool:
-    """Return whether a value is in many views, and not always at the same beams as the chair's own parts are."""
+def _beams_change(holds: Sequence[BoolArray]) -> bool:
+    """Return whether a value is at changing beams; the chair's own parts, and the walls of a straight corridor, are not."""
     seen = [hold for hold in holds if hold.any()]
-    if len(seen) < max(_LEAST_VIEWS, _VIEW_SHARE * len(holds)):
-        return False
     size = min(len(hold) for hold in seen)
     share = np.mean([hold[:size] for hold in seen], axis=0)
-    always = float(share[share > 0.9].sum() / max(share.sum(), 1e-9))
-    return always < 0.8
+    return bool(share[share < _SELDOM].sum() >= _CHANGING * share.sum())
 
 
-def _unexplained(
+def _arcs_and_lone(
     views: Sequence[Float32Array], holds: Sequence[BoolArray], value: float, rounding: float, angle_step: float
-) -> float:
-    """Return the share of a value's beams in runs that are too wide for a flat surface, or too lonely for any.
+) -> tuple[bool, bool]:
+    """Return whether a good part of a value's beams lie in runs too wide for a flat surface, and in runs too lonely for any.
 
     A flat surface at distance d gives rounded ranges of d over at most +-acos(d / (d + rounding)).
     """
     widest = 2.0 * math.acos(value / (value + max(rounding, 1e-4))) + 2.0 * abs(angle_step)
-    total, odd = 0, 0
+    total, arcs, lone = 0, 0, 0
     for view, hold in zip(views, holds, strict=True):
         if not hold.any():
             continue
@@ -146,9 +150,9 @@ def _unexplained(
         for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
             count = end - first
             total += count
-            lone = count <= 2 and _far(view, first - 1, value) and _far(view, end, value)
-            odd += count * (count * abs(angle_step) > widest or lone)
-    return odd / max(total, 1)
+            arcs += count * (count * abs(angle_step) > widest)
+            lone += count * (count <= 2 and _far(view, first - 1, value) and _far(view, end, value))
+    return arcs >= _UNEXPLAINED * total, lone >= _UNEXPLAINED * total
 
 
 def _far(view: Float32Array, index: int, value: float) -> bool:
