@@ -133,7 +133,7 @@ def _sweep_of_real(options: ChairOptions, real: PortOptions, plan: SweepSettings
         swept = _swept(options, chair, suited, kept)
     options.say(
         f"{kept}: neutral {chair.neutral[0]:.3f} {chair.neutral[1]:.3f} V, {suited.bits} bits from "
-        f"{suited.volts_min:g} to {suited.volts_max:g} V"
+        f"{suited.volts_min:g} to {suited.volts_max:g} V, joystick family {drive.family.name.lower()}"
     )
     return _Sweep(name, body, chair.neutral, swept, drive.family.name.lower())
 
