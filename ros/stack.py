@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -151,7 +151,18 @@ def processes(stack: Stack) -> tuple[Process, ...]:
         rows[_PAGE] = {**place, "host": stack.page_host, "port": stack.page_port}
         if stack.page_names:
             rows[_PAGE]["names"] = ",".join(stack.page_names)
-    own = _users_parameters(stack, tuple(rows))
+    _add_settings(rows, stack)
+    return tuple(_process(name, values, folder, stack) for name, values in rows.items())
+
+
+def _add_settings(rows: Mapping[str, dict[str, object]], stack: Stack) -> None:
+    """Add the settings of the configuration file to each node's parameters, then those of the user's parameter file.
+
+    Raises:
+        ConfigError: see `processes`.
+    """
+    path, names = stack.parameters, tuple(rows)
+    own = {} if path is None else parameters_of_nodes(path, NODES, names, stack.namespace)
     for name, values in rows.items():
         given = stack.settings.get(name, {})
         if both := sorted(given.keys() & values.keys()):
@@ -160,18 +171,10 @@ def processes(stack: Stack) -> tuple[Process, ...]:
                 "the option instead"
             )
         values.update(given)
-        values.update(own[name])
-        if own[name]:
+        values.update(own.get(name, {}))
+        if own.get(name):
             checked = {key: value for key, value in values.items() if not key.startswith(ROS_PARAMETERS)}
-            settings_from_parameters(NODES[name], checked, f"{stack.parameters}: {name}")
-    return tuple(_process(name, values, folder, stack) for name, values in rows.items())
-
-
-def _users_parameters(stack: Stack, names: Sequence[str]) -> Mapping[str, Mapping[str, object]]:
-    """Return the parameters of the user's file for each node."""
-    if stack.parameters is None:
-        return {name: {} for name in names}
-    return parameters_of_nodes(stack.parameters, NODES, names, stack.namespace)
+            settings_from_parameters(NODES[name], checked, f"{path}: {name}")
 
 
 def _known_map(stack: Stack, folder: Path) -> tuple[Path, Pose2 | None] | None:
