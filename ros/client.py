@@ -431,8 +431,9 @@ class ChairClient:
         if self._subscribe(topic, read):
             self._spin_until(lambda: False, 0.0)
         if not self._spin_until(lambda: self._messages[topic.name] is not None, timeout_s):
-            why = self._decode_errors.get(topic.name, "")
-            raise RosError(self._silence(sender, f"sends no {topic.name}{why}", timeout_s))
+            if why := self._decode_errors.get(topic.name):
+                raise RosError(f"no {topic.name} from the {sender} within {timeout_s:g} s{why}")
+            raise RosError(self._silence(sender, f"sends no {topic.name}", timeout_s))
         found: T = self._messages[topic.name]
         return found
 
