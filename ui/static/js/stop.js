@@ -26,7 +26,7 @@ addEventListener("hashchange", readAddress);
 
 function readAddress() {
   if (!location.hash.startsWith(TOKEN_PART)) return;
-  useToken(tried(() => decodeURIComponent(location.hash.slice(TOKEN_PART.length))));
+  useToken(tried(() => decodeURIComponent(location.hash.slice(TOKEN_PART.length))) ?? token);
 }
 
 /** The token that this page sends, empty without one. */
