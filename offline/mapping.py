@@ -293,7 +293,7 @@ def _reported(live: LiveMapping, result: MapperResult, source: Recording, cost: 
     grid, depth = live.layered_grid()
     # a wrong mount also tears the map; its warning names the cause
     amiss = mount_warnings(live.odometry, result.drive_trajectory.poses, live.base_from_laser) or torn_warnings(result)
-    left_out = warnings_of(live.depth.counts, source.unread)
+    left_out = [*([live.size_warning] if live.size_warning else []), *warnings_of(live.depth.counts, source.unread)]
     report = mapping_report(
         recording=source,
         warnings=[*source.warnings, *amiss, *left_out],
