@@ -46,7 +46,9 @@ class InputSettings(Settings):
     """How to read a recording: its topics, and facts that the recording itself does not state."""
 
     mounts: tuple[str, ...] = setting(
-        (), "m, rad", "mount of the laser in the base as X,Y[,Z],YAW[,upside-down], one per scan topic; empty: as recorded"
+        (),
+        "m, rad",
+        "mount of the laser in the base as X,Y[,Z],YAW[,upside-down], one per scan topic; empty: as recorded",
     )
     bag: BagSettings = field(default_factory=BagSettings)
     rgbd: RgbdSettings = field(default_factory=RgbdSettings)

@@ -100,7 +100,9 @@ class DriveBase:
         self._halts = HaltWatch()
         self._limits = CommandLimits(body, calibration.stops, s, self._monitor, zones)
         self._loop = ClosedLoop(model, body.track, s.speed_loop, calibration.stops)
-        self.bridge = Bridge(cable, model, calibration.chair_id, with_family_of(s.bridge, calibration), self._limits.gate)
+        self.bridge = Bridge(
+            cable, model, calibration.chair_id, with_family_of(s.bridge, calibration), self._limits.gate
+        )
         self.stopped_after_push = False
         """Whether the chair came to rest in this tick after a push by hand; its pose may be wrong."""
         self._mode = DriveMode.MANUAL

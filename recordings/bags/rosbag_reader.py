@@ -79,7 +79,9 @@ class BagSettings(Settings):
     scan_topics: tuple[str, ...] = setting(
         (), "", "topics of the scans or point clouds to map; several are merged into one scan; empty: guessed"
     )
-    odom_topic: str = setting("", "", "topic of the odometry; empty: guessed, or /tf if no topic has any; none: not used")
+    odom_topic: str = setting(
+        "", "", "topic of the odometry; empty: guessed, or /tf if no topic has any; none: not used"
+    )
     imu_topic: str = setting("", "", "topic of the IMU; empty: guessed; none: not used")
     colour_topic: str = setting("", "", "topic of the colour or grey pictures; empty: guessed")
     depth_topic: str = setting("", "", "topic of the depth pictures that are registered to colour; empty: guessed")
