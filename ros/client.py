@@ -213,15 +213,11 @@ class ChairClient:
         before_ns = self._located(timeout_s)[0]
         self.set_initial_pose(pose, timeout_s)
 
-        def answered() -> bool:
-            located = self._located(timeout_s)
-            return bool(located[2]) or located[0] > before_ns
-
-        if not self._spin_until(answered, timeout_s):
+        if not self._spin_until(lambda: self._located(timeout_s)[0] > before_ns, timeout_s):
             raise RosError(f"no scan was localised within {timeout_s:g} s: see `waychair status`")
+        self.spin(_SETTLED_S)
         if refused := self.refused_pose():
             raise RosError(refused)
-        self.spin(_SETTLED_S)
         return self.localisation()
 
     def confirm(self, timeout_s: float = 5.0, *, goal_id: int | None = None) -> tuple[bool, str]:

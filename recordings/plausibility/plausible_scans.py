@@ -116,7 +116,7 @@ def without_nothing_codes(
     """
     if not scans:
         return [], []
-    full = [scan.ranges == np.float32(scan.range_max) for scan in scans]
+    full = [np.isfinite(scan.ranges) & (scan.ranges == np.float32(scan.range_max)) for scan in scans]
     if sum(int(most.sum()) for most in full) < _LEAST_FULL:
         full = [np.zeros(len(scan.ranges), np.bool_) for scan in scans]
     cleared = [
