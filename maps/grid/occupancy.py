@@ -159,7 +159,7 @@ class EvidenceGrid:
         if not (width + 2 * MARGIN) * (height + 2 * MARGIN) <= MOST_CELLS:
             cell = self.settings.resolution
             raise GridTooLarge(
-                f"the map would be {width * cell:.0f} x {height * cell:.0f} m, more than the {MOST_CELLS} cells of {cell:g} m "
+                f"the map would be {width * cell:.6g} x {height * cell:.6g} m, more than the {MOST_CELLS} cells of {cell:g} m "
                 f"that can be planned on: check the poses for jumps, or give larger cells, such as --resolution {2 * cell:g}"
             )
         self._hold(box.astype(np.int64))
