@@ -41,6 +41,7 @@ from waychair.recordings.bags.cloud_scans import (
     kind_of_clouds,
     told_scan,
 )
+from waychair.recordings.bags.continued_clock import ContinuedClock
 from waychair.recordings.bags.ros_decoding import (
     first_echoes,
     imu_from_message,
@@ -126,6 +127,8 @@ class _BagMessages:
     imu_frame: str = ""
     skipped: int = 0
     unstamped: int = 0
+    clock_steps: list[tuple[int, int]] = field(default_factory=list)
+    """Times of recording [ns] at which the stamps begin anew, and by how much [ns] they are set back."""
 
 
 def read_bag(
@@ -188,6 +191,7 @@ def _read(
         warnings.append(f"{found.skipped} odometry or IMU messages without finite numbers were left out")
     if found.unstamped:
         warnings.append(f"{found.unstamped} messages have no stamp: their time of recording is used instead")
+    warnings += [_clock_warning(step_ns) for _, step_ns in found.clock_steps]
     base = _base_frame(found, settings)
     odometry, name = ([], "none") if settings.odom_topic == NOT_USED else _odometry(found, topics, base)
     scans, mount = _scans(
@@ -230,7 +234,8 @@ def _collect(
                 found=found,
                 lost=lost,
             )
-        for connection, log_ns, message in iterate_messages(path, bag, connections, lost):
+        clock = ContinuedClock()
+        for connection, log_ns, message in clock.continued(iterate_messages(path, bag, connections, lost)):
             if connection.msgtype not in TRANSFORM_TYPES and stamp_ns(message.header.stamp) == 0 and log_ns > 0:
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(log_ns, 1_000_000_000)
                 found.unstamped += 1
@@ -241,6 +246,7 @@ def _collect(
             done += 1
             if progress is not None and done % _PROGRESS_EVERY == 0:
                 progress(min(1.0, done / total))
+        found.clock_steps = found.clock_steps or clock.resets
     if not any(found.told.values()) and not any(found.slices.values()):
         names = " and ".join(topics.scans)
         raise NoScans(f"the topic {names} of {path} holds no usable scan; choose another one: {topic_list(bag)}")
@@ -476,6 +482,14 @@ def _frames(
         frames.append(SensorFrame(scan.stamp_ns, scan=scan, wheels=tuple(wheels), imu=samples))
         imu_done = imu_until
     return tuple(frames)
+
+
+def _clock_warning(step_ns: int) -> str:
+    way = "back" if step_ns > 0 else "on"
+    return (
+        f"the stamps are set {way} by {abs(step_ns) * 1e-9:.1f} s in the middle of the bag, as where a simulator is reset or a "
+        "clock is set: they are continued by the time of recording"
+    )
 
 
 def _no_odometry(scans: Sequence[Scan], stamps: Sequence[int]) -> str:
