@@ -93,6 +93,7 @@ def load(ros: Harness, folder: Path) -> Any:
     return answer.result()
 
 
+@pytest.mark.nightly
 def test_after_loading_another_map_the_pose_is_saved_for_that_map(ros: Harness, tmp_path: Path) -> None:
     a, b, kept = room(tmp_path / "a", 80), room(tmp_path / "b", 70), tmp_path / "pose.json"
     arguments = ("-p", f"map_folder:={a}", "-p", f"pose_file:={kept}")
