@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 
 from waychair.calibration.calibration_file import ChairCalibration, save_calibration
 from waychair.calibration.fits.time_offset import SensorDelays
