@@ -98,6 +98,7 @@ def planned(capsys: pytest.CaptureFixture[str], map: Path, start: str, goal: str
     return values
 
 
+@pytest.mark.nightly
 def test_the_harmonic_planner_draws_its_potential_and_counts_its_turns(flat: Path, tmp_path: Path) -> None:
     png = tmp_path / "potential.png"
     ways = ("--map", flat, "--start", "0,0", "--goal", "kitchen")
@@ -332,6 +333,7 @@ def test_an_error_about_a_world_without_places_calls_it_a_world(tmp_path: Path) 
     assert "the world 'cut' has no places yet" in said
 
 
+@pytest.mark.nightly
 def test_the_chair_navigates_to_two_places_in_turn(flat: Path) -> None:
     done = waychair("navigate", "--map", flat, "--goal", "kitchen", "--goal", "nook", "--seed", "3")
     assert done.returncode == 0, done.stderr

@@ -29,6 +29,7 @@ def pictures(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize("detector", ["orb", "sift"])
+@pytest.mark.nightly
 def test_a_folder_of_pictures_becomes_a_usable_vocabulary(
     pictures: Path, tmp_path: Path, detector: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -186,6 +186,7 @@ def test_a_drive_without_pictures_keeps_the_memory_of_the_places(drive: Drive, t
     memory.close()
 
 
+@pytest.mark.nightly
 def test_a_damaged_memory_is_set_aside_and_reported_and_the_map_stays_usable(drive: Drive, tmp_path: Path) -> None:
     every = (drive[0][::3], drive[1][::3])
     lap = len(every[0]) // 2

@@ -34,6 +34,7 @@ def to_the_end(ride: Ride, goal: Goal, seconds: float) -> Stage:
     return ride.states[-1].navigation.stage
 
 
+@pytest.mark.nightly
 def test_a_slow_zone_is_driven_slowly_and_no_corner_enters_a_keep_out_zone() -> None:
     slow = Zone("ward", Rule.SLOW, np.array([[4.0, 0.0], [5.5, 0.0], [5.5, 5.0], [4.0, 5.0]]), 0.3)
     closed = Zone("stairs", Rule.KEEP_OUT, np.array([[6.8, 1.6], [7.8, 1.6], [7.8, 3.2], [6.8, 3.2]]))

@@ -83,6 +83,7 @@ def test_a_sweep_arrives_after_its_last_beam_with_the_stamp_of_its_first() -> No
 
 
 @needs_pictures
+@pytest.mark.nightly
 def test_the_same_seed_gives_identical_bytes_of_all_sensors_in_two_processes() -> None:
     code = (
         "from tests.simulation.test_simulator_sensors import drive, fingerprint; print(fingerprint(drive(3)), end='')"

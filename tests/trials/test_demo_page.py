@@ -88,6 +88,7 @@ def test_a_page_sees_the_map_grow_and_the_chair_drive_to_each_place(plan: Path, 
     assert np.array_equal(page.grid().cells, demo.setup.grid.cells)  # type: ignore[union-attr]
 
 
+@pytest.mark.nightly
 def test_stop_ends_the_drive_and_all_later_ones(plan: Path, tmp_path: Path) -> None:
     page = Onlooker(stops="door")
     demo = run_demo(tmp_path / "demo", seed=1, world=plan, surprises=False, watcher=page)

@@ -189,6 +189,7 @@ def test_drawings_are_saved_and_in_force_and_can_be_undone(tmp_path: Path) -> No
         assert np.array_equal(again.cells, grid.cells)
 
 
+@pytest.mark.nightly
 def test_a_page_steers_and_the_riders_own_joystick_has_priority(tmp_path: Path) -> None:
     with live(tmp_path) as chair:
         held = threading.Event()

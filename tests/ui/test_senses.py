@@ -101,6 +101,7 @@ def test_a_muted_page_is_quiet(browser: Browser, port: Noted, address: str) -> N
 
 
 @pytest.mark.skipif(renderer_problem() is not None, reason="this machine cannot render pictures")
+@pytest.mark.nightly
 def test_the_panel_shows_the_picture_of_the_camera(browser: Browser) -> None:
     with (
         LiveChair(WORLD, people=False, camera=True) as chair,

@@ -13,6 +13,7 @@ pytestmark = pytest.mark.skipif(renderer_problem() is not None, reason=f"no came
 
 
 @pytest.mark.parametrize("where", DROP_OFFS)
+@pytest.mark.nightly
 def test_an_edge_is_in_the_grid_before_the_wheels_are_near_it(where: str) -> None:
     drive = approach_edge(where, seed=int(np.random.default_rng(len(where)).integers(1000)))
     assert drive.known == drive.points > 15

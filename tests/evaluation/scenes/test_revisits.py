@@ -29,6 +29,7 @@ def test_a_lap_of_the_basement_is_closed_by_pictures_and_lidar(tmp_path: Path) -
     assert figures["false_links"] == figures["false_edges"] == 0
 
 
+@pytest.mark.nightly
 def test_identical_rooms_close_no_loop(tmp_path: Path) -> None:
     route = np.array([[12.5, 1.15]])
     record_drive("alias", tmp_path / "drive.mcap", 1.0, route, SMALL)

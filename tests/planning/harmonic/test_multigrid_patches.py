@@ -39,6 +39,7 @@ def made(seed: int = 5) -> tuple[Float32Array, tuple[MultigridLevel, ...], Smoot
 
 
 @pytest.mark.usefixtures("small")
+@pytest.mark.nightly
 def test_the_v_cycle_with_patches_equals_a_plain_reference() -> None:
     walls, levels, patches = made()
     b = drawn(walls, 0)

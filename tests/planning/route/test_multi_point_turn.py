@@ -179,6 +179,7 @@ def test_steering_changes_no_more_often_than_the_turn_needs(monkeypatch: pytest.
     assert changes(0.3) <= changes(0.0)
 
 
+@pytest.mark.nightly
 def test_a_turn_in_a_one_way_zone_never_leads_back_against_it() -> None:
     """Facing +x in a passage for -x only, a chair would drive on a little to turn: it reverses, and turns farther
     on."""

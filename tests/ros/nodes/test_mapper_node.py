@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pytest
 
 from waychair.calibration.calibration_file import ChairCalibration, save_calibration
 from waychair.calibration.fits.time_offset import SensorDelays
@@ -93,6 +94,7 @@ def load(ros: Harness, folder: Path) -> Any:
     return answer.result()
 
 
+@pytest.mark.nightly
 def test_after_loading_another_map_the_pose_is_saved_for_that_map(ros: Harness, tmp_path: Path) -> None:
     a, b, kept = room(tmp_path / "a", 80), room(tmp_path / "b", 70), tmp_path / "pose.json"
     arguments = ("-p", f"map_folder:={a}", "-p", f"pose_file:={kept}")

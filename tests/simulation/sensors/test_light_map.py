@@ -46,6 +46,7 @@ def _floor_light(light: LightMap, x: float, y: float) -> float:
 
 @settings(max_examples=10)
 @given(st.integers(0, 2**32 - 1))
+@pytest.mark.nightly
 def test_the_light_of_a_face_equals_a_plain_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     anchor, axes = rng.uniform(-1.0, 1.0, 3), np.linalg.qr(rng.standard_normal((3, 3)))[0][:2]

@@ -108,6 +108,7 @@ def _inside_outline(row: FloatArray, x: float, y: float) -> bool:
     return bool(abs(u) <= row[4] and abs(v) <= row[5])
 
 
+@pytest.mark.nightly
 def test_rays_meet_the_same_obstacles_as_small_steps_along_them() -> None:
     rng = np.random.default_rng(5)
     blocks = tuple(
