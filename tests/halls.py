@@ -22,3 +22,8 @@ boxes:
   - {centre: [4.0, 5.5], size: [1.2, 0.6]}
   - {centre: [5.5, 0.5], size: [0.6, 0.6]}
 """
+
+
+def mapped_hall(places: str, routes: str = "") -> str:
+    """A hall of 8 by 6 m with boxes and a route that maps it; `places` and further `routes` are indented lines of YAML."""
+    return hall_plan(8.0, 6.0, f"{BOXES}places:\n{places}routes:\n  mapping: [[6.0, 3.0], [2.0, 3.0]]\n{routes}")

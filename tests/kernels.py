@@ -8,21 +8,11 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from tests.halls import BOXES, hall_plan
+from tests.halls import mapped_hall
 from waychair.planning.warm_up import warm_up
 from waychair.trials.demo import run_demo
 
-PLAN = hall_plan(
-    8.0,
-    6.0,
-    BOXES
-    + """\
-places:
-  door: [2.0, 3.0, 3.1]
-routes:
-  mapping: [[6.0, 3.0], [2.0, 3.0]]
-""",
-)
+PLAN = mapped_hall("  door: [2.0, 3.0, 3.1]\n")
 
 
 def compile_kernels() -> None:

@@ -15,25 +15,14 @@ import pytest
 from rosbags.highlevel import AnyReader
 
 from tests.cli.command import WAYCHAIR, refused, waychair
-from tests.halls import BOXES, hall_plan
+from tests.halls import mapped_hall
 from waychair.recordings.recording import read_recording
 from waychair.simulation.plan.world import shipped_worlds
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.trials.demo import run_demo
 from waychair.types import Odometry
 
-PLAN = hall_plan(
-    8.0,
-    6.0,
-    BOXES
-    + """\
-places:
-  window: [6.0, 3.6, 0.0]
-routes:
-  mapping: [[6.0, 3.0], [2.0, 3.0]]
-  short: [[2.5, 3.0]]
-""",
-)
+PLAN = mapped_hall("  window: [6.0, 3.6, 0.0]\n", routes="  short: [[2.5, 3.0]]\n")
 
 
 @pytest.fixture

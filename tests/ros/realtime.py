@@ -1,4 +1,4 @@
-"""Tests of a complete stack in real time, which need a computer without other load."""
+"""Tests of a complete stack in real time; other programs must give way to them."""
 
 from __future__ import annotations
 

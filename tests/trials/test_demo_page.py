@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.halls import BOXES, hall_plan
+from tests.halls import mapped_hall
 from waychair.runtime.chair import ChairState
 from waychair.runtime.chair_port import ChairView
 from waychair.slam.localising.localisation import LocalisationState
@@ -25,18 +25,7 @@ from waychair.trials.demo import run_demo
 from waychair.trials.demo_page import DemoPage
 from waychair.types import UNKNOWN, DriveMode, Scan, SensorMessage
 
-PLAN = hall_plan(
-    8.0,
-    6.0,
-    BOXES
-    + """\
-places:
-  door: [2.0, 3.0, 3.1]
-  window: [6.0, 3.6, 0.0]
-routes:
-  mapping: [[6.0, 3.0], [2.0, 3.0]]
-""",
-)
+PLAN = mapped_hall("  door: [2.0, 3.0, 3.1]\n  window: [6.0, 3.6, 0.0]\n")
 
 
 @pytest.fixture
