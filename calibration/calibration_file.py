@@ -6,16 +6,18 @@ The calibration of another chair, or one edited by hand, can make a chair lurch.
 from __future__ import annotations
 
 import dataclasses
+import errno
 import hashlib
 import json
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar
 
 import msgspec
 import numpy as np
 
-from waychair.calibration.chair_body import CHAIR_A, ChairBody
+from waychair.calibration.chair_body import BODIES, CHAIR_A, ChairBody
 from waychair.calibration.fits.camera_mount import Extrinsics
 from waychair.calibration.fits.fitted_dac import FittedDac
 from waychair.calibration.fits.imu_at_rest import ImuCalibration
@@ -25,13 +27,20 @@ from waychair.calibration.fits.time_offset import SensorDelays, without_delay
 from waychair.calibration.fits.wheels import WheelCalibration
 from waychair.calibration.measured import Measured, measured
 from waychair.errors import CalibrationDamaged, CalibrationError, CalibrationMismatch, ConfigError
-from waychair.files import write_json
+from waychair.files import os_error_text, write_json
+from waychair.install_advice import document
 from waychair.types import Json, Pose3, Scan
 
 T = TypeVar("T")
 
 SCHEMA = 1
 """Version of the file's format; files of other versions are refused."""
+
+JoystickFamily = Literal["hall_5v", "inductive_12v", "eight_pin_3v3"]
+"""Names of the joystick families, as in `firmware_bridge.protocol.Family`."""
+
+_SIMULATED_NAME = re.compile(r"sim-\d+")
+"""Names of simulated chairs, as `waychair calibrate` gives them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +59,11 @@ class CameraMount(Measured):
 
 @dataclass(frozen=True, slots=True)
 class ChairCalibration:
-    """All that is known of one chair; parts not measured yet are None. `date` is ISO 8601."""
+    """All that is known of one chair; parts not measured yet are None. `date` is ISO 8601.
+
+    `family` is the joystick family of the board with which it was measured. `simulated`: it was measured on a simulated
+    chair, and no real chair may be driven by it.
+    """
 
     chair_id: str
     date: str
@@ -62,6 +75,13 @@ class ChairCalibration:
     camera: CameraMount | None = None
     sensor_delays: SensorDelays | None = None
     self_mask: SelfMask | None = None
+    family: JoystickFamily | None = None
+    simulated: bool = False
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether this is the calibration of a simulated chair, by its mark or its name."""
+        return self.simulated or is_simulated_name(self.chair_id)
 
     def with_true_stamp(self, message: T) -> T:
         """Return a sensor's message with its stamp corrected by the measured delay."""
@@ -70,6 +90,48 @@ class ChairCalibration:
     def masked(self, scan: Scan) -> Scan:
         """Return a scan without the beams that see the chair itself."""
         return scan if self.self_mask is None else self.self_mask.applied(scan)
+
+
+def is_simulated_name(chair_id: str) -> bool:
+    """Return whether `waychair calibrate` gives this name to a simulated chair."""
+    return _SIMULATED_NAME.fullmatch(chair_id) is not None
+
+
+def check_measured(calibration: ChairCalibration, source: str) -> None:
+    """Check that a board may drive a chair by a calibration: the joystick was measured. `source` names it in errors.
+
+    Raises:
+        CalibrationError: it holds no model of the joystick, in whose place that of the simulated chair would count.
+    """
+    if calibration.dac is None:
+        raise CalibrationError(
+            f"{source} holds no model of the joystick: run `waychair calibrate dac` with this chair first"
+        )
+
+
+def check_real(calibration: ChairCalibration, source: str) -> None:
+    """Check that a real chair may be driven by a calibration; `source` names it in errors.
+
+    Raises:
+        CalibrationMismatch: it is that of a simulated chair, or has the dimensions of a built-in one.
+        CalibrationError: see `check_measured`.
+    """
+    if calibration.is_simulated:
+        raise CalibrationMismatch(
+            f"{source} is the calibration of the simulated chair '{calibration.chair_id}', and a real chair is driven by "
+            f"its own file only: measure it with `waychair calibrate` ({document('docs/hardware.md')})"
+        )
+    check_measured(calibration, source)
+    if has_built_in_body(calibration):
+        raise CalibrationMismatch(
+            f"{source} has the dimensions of the built-in chair '{calibration.body.chair_id}': measure this chair by tape "
+            f"and run `waychair calibrate body` ({document('docs/hardware.md')})"
+        )
+
+
+def has_built_in_body(calibration: ChairCalibration) -> bool:
+    """Return whether the dimensions are a built-in chair's, since none were given."""
+    return calibration.body.chair_id in BODIES and calibration.body.chair_id != calibration.chair_id
 
 
 def mount_from_extrinsics(extrinsics: Extrinsics) -> CameraMount:
@@ -109,7 +171,7 @@ def load_calibration(path: Path, chair_id: str | None = None) -> ChairCalibratio
     try:
         text = path.read_text(encoding="utf-8")
     except OSError as error:
-        raise CalibrationError(f"cannot read {path}: {error.strerror}; run `waychair calibrate dac` first") from error
+        raise CalibrationError(f"cannot read {path}: {_unread(error)}") from error
     except UnicodeDecodeError as error:
         raise CalibrationDamaged(f"{path} is not text: calibrate the chair again") from error
     values = _refuse_altered(path, text)
@@ -143,10 +205,19 @@ def update_calibration(path: Path, measured: ChairCalibration) -> ChairCalibrati
         known = load_calibration(path, measured.chair_id)
         kept = {entry.name: getattr(known, entry.name) for entry in dataclasses.fields(measured)}
         measured = dataclasses.replace(
-            measured, **{name: value for name, value in kept.items() if getattr(measured, name) is None}
+            measured,
+            simulated=known.simulated or measured.simulated,
+            **{name: value for name, value in kept.items() if getattr(measured, name) is None},
         )
     save_calibration(path, measured)
     return measured
+
+
+def _unread(error: OSError) -> str:
+    """Return why a chair's file cannot be read, and the advice."""
+    if error.errno == errno.ENOENT:
+        return f"{error.strerror}; run `waychair calibrate dac` first, or name the chair's own file"
+    return os_error_text(error)
 
 
 def _unknown_entry(values: Any, known: Any) -> str | None:

@@ -24,6 +24,7 @@ def barn_command(
     jobs: PositiveInt | None = None,
     config: Path | None = None,
     json: bool = False,
+    quiet: bool = False,
 ) -> None:
     """Run the BARN benchmark (drives through fields of cylinders without a map), and print the score.
 
@@ -48,6 +49,8 @@ def barn_command(
         recovery, clearance, planner and dwa replace the benchmark's own; the benchmark has no other part of a chair.
     json
         Print JSON, with a row per world.
+    quiet
+        Show no progress, and print the score alone.
     """
     import json as text
 
@@ -62,7 +65,7 @@ def barn_command(
     speed = speed if speed is not None else file_speed
     task = BarnTask(body=body, speed=speed, scale=scale, starts=starts, changes=changes)
     paths = worlds_in(folder, worlds)
-    with Progress(console=Console(stderr=True), transient=True, disable=json) as bar:
+    with Progress(console=Console(stderr=True), transient=True, disable=json or quiet) as bar:
         shown = bar.add_task("driving", total=1.0)
         runs = run_worlds(paths, task, jobs or os.cpu_count() or 1, lambda share: bar.update(shown, completed=share))
     result = report(runs, task)
@@ -73,7 +76,8 @@ def barn_command(
     table = Table(*columns, title=f"BARN, body {body}, {speed:g} m/s, scale {scale:g}")
     for row in result["worlds"]:
         table.add_row(row["world"], *(f"{row[key]:.3f}" for key in columns[1:]))
-    print_table(table)
+    if not quiet:
+        print_table(table)
     print(
         f"score {result['score']:.4f}, success {result['success']:.3f}, contact {result['contact']:.4f} "
         f"(below {result['contact_below']:.4f} with 95 % confidence), timeout {result['timeout']:.3f} of {result['runs']} runs"

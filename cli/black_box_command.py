@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from waychair.cli.options.arguments import BadArgument, NonNegativeInt
 
@@ -11,7 +14,11 @@ DEFAULT_BOXES = (Path("out/up/box"), Path("out/box"))
 
 
 def why_command(
-    *, box: Path | None = None, last: NonNegativeInt = 1, json: bool = False, bag: Path | None = None
+    *,
+    box: Path | None = None,
+    last: NonNegativeInt = 1,
+    json: bool = False,
+    bag: Annotated[Path | None, Parameter(name=["--bag", "--out", "-o"])] = None,
 ) -> None:
     """Explain the chair's last stop: its state before, the cause, the consequences, and the remedy.
 

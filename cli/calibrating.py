@@ -33,12 +33,14 @@ _CHAIR, _REAL, _SWEEP = ChairOptions(), PortOptions(), SweepOptions()
 
 @dataclass(frozen=True, slots=True)
 class _Sweep:
-    """The input of a fit: the chair's name and body, its neutral (forward, turn) [V], and the sweep's log."""
+    """The input of a fit: the chair's name and body, its neutral (forward, turn) [V], the sweep's log, and the joystick
+    family of its board, None for a log."""
 
     name: str
     body: ChairBody
     neutral: tuple[float, float]
     log: SweepLog
+    family: str | None = None
 
 
 @calibrate_app.command(name="dac")
@@ -49,7 +51,6 @@ def dac_command(
     plan: SweepOptions = _SWEEP,
     csv: Path | None = None,
     neutral: tuple[float, float] | None = None,
-    chair_id: str | None = None,
     plant: PlantName = "kinematic",
     blocks: bool = False,
     log: Path | None = None,
@@ -68,8 +69,6 @@ def dac_command(
     neutral
         Volts of the forward and the turn line with the original stick at rest, for --csv. (With --port the board
         measures them.)
-    chair_id
-        Name of the chair, for --csv and --port; a simulated chair is called sim-SEED.
     plant
         kinematic: wheels follow their commands; mujoco: mass, motors, casters and slip.
     blocks
@@ -86,63 +85,57 @@ def dac_command(
     from waychair.calibration.fits.sweep import NEAR_NEUTRAL
 
     if csv is not None:
-        if neutral is None or chair_id is None or options.chair_sim is not None or real.port is not None:
-            raise BadArgument("--csv needs --neutral F T and --chair-id NAME, and no --chair-sim or --port")
-        swept = _sweep_from_csv(options, plan, csv, neutral, chair_id)
+        if neutral is None or real.port is not None:
+            raise BadArgument("--csv needs --neutral F T and --chair-id NAME, and no --port")
+        swept = _sweep_from_csv(options, plan, csv, neutral)
     elif real.port is not None:
-        if chair_id is None or options.chair_sim is not None or neutral is not None:
-            raise BadArgument("--port needs --chair-id NAME, the name in its board, and no --chair-sim or --neutral")
-        swept = _sweep_of_real(options, real, plan.settings(blocks), chair_id, log)
+        if neutral is not None:
+            raise BadArgument("--port needs no --neutral: the board measures it")
+        swept = _sweep_of_real(options, real, plan.settings(blocks), log)
     else:
         swept = _sweep_of_simulated(options, real, plan.settings(blocks), plant, log)
     if blocks:
         _print_blocks(on_blocks(swept.log, swept.neutral, NEAR_NEUTRAL))
         return
     fit = fit_dac(swept.log, swept.neutral, swept.body.track)
-    options.keep(swept.name, swept.body, dac=fit.model)
+    options.keep(swept.name, swept.body, dac=fit.model, family=swept.family)
     if plot is not None:
         plot_fit(fit, plot)
     _print_fit(options, fit)
 
 
-def _sweep_from_csv(
-    options: ChairOptions, plan: SweepOptions, csv: Path, neutral: tuple[float, float], name: str
-) -> _Sweep:
+def _sweep_from_csv(options: ChairOptions, plan: SweepOptions, csv: Path, neutral: tuple[float, float]) -> _Sweep:
     from waychair.calibration.fits.drive_log import read_sweep_log
 
-    options.refuse_other_chair(name)
-    return _Sweep(name, options.body(), neutral, read_sweep_log(csv, plan.bits, plan.volts_max, plan.volts_min))
+    name, body = options.real("--csv")
+    return _Sweep(name, body, neutral, read_sweep_log(csv, plan.bits, plan.volts_max, plan.volts_min))
 
 
 def _sweep_of_simulated(
     options: ChairOptions, real: PortOptions, plan: SweepSettings, plant: PlantName, log: Path | None
 ) -> _Sweep:
-    from waychair.trials.simulated_calibration import chair_in_hall
+    from waychair.trials.simulated_calibration import SIMULATED_FAMILY, chair_in_hall
 
-    options.refuse_other_chair(options.simulated_name)
     body, settings = options.simulated(plant)
     chair = chair_in_hall(settings, body, options.seed, encoders=real.speeds_from == "encoders")
-    return _Sweep(options.simulated_name, body, chair.neutral, _swept(options, chair, plan, log))
+    return _Sweep(options.simulated_name, body, chair.neutral, _swept(options, chair, plan, log), SIMULATED_FAMILY)
 
 
-def _sweep_of_real(
-    options: ChairOptions, real: PortOptions, plan: SweepSettings, name: str, log: Path | None
-) -> _Sweep:
+def _sweep_of_real(options: ChairOptions, real: PortOptions, plan: SweepSettings, log: Path | None) -> _Sweep:
     from waychair.calibration.drives.board_drive import plan_for_board
     from waychair.calibration.drives.dac_and_stops import ChairUnderTest
     from waychair.cli.options.real_chair import armed_chair
 
-    options.refuse_other_chair(name)
-    body = options.body()
+    name, body = options.real("--port")
     with armed_chair(real, body, name) as drive:
         chair = ChairUnderTest(drive, drive.neutral, body)
-        kept, suited = log or options.out.with_suffix(".sweep.csv"), plan_for_board(plan, drive)
+        kept, suited = log or options.file.with_suffix(".sweep.csv"), plan_for_board(plan, drive)
         swept = _swept(options, chair, suited, kept)
     options.say(
         f"{kept}: neutral {chair.neutral[0]:.3f} {chair.neutral[1]:.3f} V, {suited.bits} bits from "
-        f"{suited.volts_min:g} to {suited.volts_max:g} V"
+        f"{suited.volts_min:g} to {suited.volts_max:g} V, joystick family {drive.family.name.lower()}"
     )
-    return _Sweep(name, body, chair.neutral, swept)
+    return _Sweep(name, body, chair.neutral, swept, drive.family.name.lower())
 
 
 def _swept(options: ChairOptions, chair: ChairUnderTest, plan: SweepSettings, log: Path | None) -> SweepLog:
@@ -214,14 +207,14 @@ def stop_command(
     from waychair.errors import CalibrationError
     from waychair.trials.simulated_calibration import chair_in_hall
 
-    known = load_calibration(options.out, None if real.port else options.simulated_name)
+    known = load_calibration(options.file, options.chair_id if real.port else options.simulated_name)
     if known.dac is None:
-        raise CalibrationError(f"{options.out} holds no model of the joystick: run `waychair calibrate dac` first")
+        raise CalibrationError(f"{options.file} holds no model of the joystick: run `waychair calibrate dac` first")
     plan = StopSettings(fastest=fastest or StopSettings().fastest, repetitions=repetitions)
     if real.port is not None:
-        with armed_chair(real, known.body, known.chair_id) as drive:
+        with armed_chair(real.of_family(known.family), known.body, known.chair_id) as drive:
             chair = ChairUnderTest(drive, drive.neutral, known.body)
-            kept = log or options.out.with_suffix(".stops.csv")
+            kept = log or options.file.with_suffix(".stops.csv")
             table, stops = _stopped(options, chair, known.dac, plan, kept)
     else:
         body, settings = options.simulated(plant)
@@ -261,7 +254,6 @@ def wheels_command(
     against: Literal["truth", "map"] = "truth",
     recording: Path | None = None,
     trajectory: Path | None = None,
-    chair_id: str | None = None,
 ) -> None:
     """Find the radius of each drive wheel and the track, from a square driven in both directions.
 
@@ -279,8 +271,6 @@ def wheels_command(
         Bag of a real drive with joint states of both drive wheels.
     trajectory
         Poses of the same drive (trajectory.tum).
-    chair_id
-        Name of the chair, for --recording.
     """
     from waychair.calibration.drives.recorded_drives import wheels_from_recording
     from waychair.trials.simulated_calibration import WHEELS_HALL, calibrate_wheels
@@ -288,7 +278,7 @@ def wheels_command(
     if recording is not None or trajectory is not None:
         if recording is None or trajectory is None:
             raise BadArgument("--recording and --trajectory belong together: give both or none")
-        name, body = _recorded_chair(options, chair_id)
+        name, body = options.real("--recording")
         wheels = wheels_from_recording(recording, trajectory, body)
     else:
         from waychair.simulation.simulator import Simulator
@@ -310,7 +300,6 @@ def imu_command(
     options: ChairOptions = _CHAIR,
     seconds: float = 60.0,
     recording: Path | None = None,
-    chair_id: str | None = None,
 ) -> None:
     """Find bias and noise of the inertial unit; the chair stands still on a level floor.
 
@@ -320,14 +309,12 @@ def imu_command(
         Length of the simulated recording; 20 or more.
     recording
         Bag of a real chair at rest; --seconds has no effect then.
-    chair_id
-        Name of the chair, for --recording.
     """
     from waychair.calibration.drives.recorded_drives import imu_from_recording
     from waychair.trials.simulated_calibration import calibrate_imu
 
     if recording is not None:
-        name, body = _recorded_chair(options, chair_id)
+        name, body = options.real("--recording")
         imu = imu_from_recording(recording)
     else:
         from waychair.simulation.simulator import Simulator
@@ -343,9 +330,7 @@ def imu_command(
 
 
 @calibrate_app.command(name="camera")
-def camera_command(
-    *, options: ChairOptions = _CHAIR, recording: Path | None = None, chair_id: str | None = None
-) -> None:
+def camera_command(*, options: ChairOptions = _CHAIR, recording: Path | None = None) -> None:
     """Find the camera's pose relative to the lidar, from walls and floor that both see.
 
     The simulated chair's camera is off its nominal place by centimetres and degrees, depending on the seed.
@@ -355,8 +340,6 @@ def camera_command(
     recording
         Bag with scans, pictures and depth of a real chair that alternately turned and rested in a room with bare walls.
         --chair must give the places of lidar and camera to within some centimetres.
-    chair_id
-        Name of the chair, for --recording.
     """
     from waychair.calibration.calibration_file import mount_from_extrinsics
     from waychair.calibration.drives.camera_views import nominal_mount
@@ -364,7 +347,7 @@ def camera_command(
     from waychair.trials.simulated_calibration import calibrate_camera, with_displaced_camera
 
     if recording is not None:
-        name, body = _recorded_chair(options, chair_id)
+        name, body = options.real("--recording")
         found = camera_from_recording(recording, body)
     else:
         name, (body, settings) = options.simulated_name, options.simulated()
@@ -378,9 +361,22 @@ def camera_command(
     )
 
 
-def _recorded_chair(options: ChairOptions, chair_id: str | None) -> tuple[str, ChairBody]:
-    """Return name and body of a recording's chair; the calibration file must not belong to another chair."""
-    if chair_id is None or options.chair_sim is not None:
-        raise BadArgument("--recording needs --chair-id NAME and no --chair-sim")
-    options.refuse_other_chair(chair_id)
-    return chair_id, options.body()
+@calibrate_app.command(name="body")
+def body_command(chair: Path, /, *, options: ChairOptions = _CHAIR) -> None:
+    """Write a chair's dimensions, measured by tape, into its calibration file.
+
+    The .yaml file holds lines such as `body: {length: 1.05, width: 0.62, axle_from_rear: 0.3, track: 0.55,
+    wheel_radius: 0.17, laser_x: 0.55, laser_z: 0.3}`; the keys that it lacks have the values of the built-in chair A. Run it
+    again after a change to the seat, the leg rests or the sensors' mounts.
+
+    Parameters
+    ----------
+    chair
+        The .yaml file.
+    """
+    named = replace(options, chair=str(chair))
+    name, body = named.real("`waychair calibrate body`")
+    named.keep(name, body)
+    options.say(
+        f"{body.length:g} m long, {body.width:g} m wide, {body.axle_from_rear:g} m from the rear end to the axle"
+    )

@@ -22,7 +22,6 @@ def time_command(
     /,
     *,
     options: ChairOptions = ChairOptions(),  # noqa: B008
-    chair_id: str | None = None,
     seconds: float = 30.0,
     camera: bool = True,
     inject: tuple[float, float, float] = (0.0, 0.0, 0.0),
@@ -36,8 +35,6 @@ def time_command(
     ----------
     recording
         A ROS bag with an IMU, instead of a simulated chair.
-    chair_id
-        Name of the chair, for a recording; a simulated chair is called sim-SEED.
     seconds
         Duration of the simulated chair's turns.
     camera
@@ -45,14 +42,12 @@ def time_command(
     inject
         Delays in ms to add to the stamps of the simulated lidar, encoders and camera, as a test.
     """
-    from waychair.calibration.calibration_file import load_calibration
     from waychair.calibration.drives.sensor_delays import TimeCalibrator, merged, milliseconds
 
     if recording is not None:
-        name, read = _recorded(recording, chair_id, options)
         if any(inject):
             raise BadArgument("--inject needs a simulated chair: omit it, or omit the recording")
-        body = _with_laser_of(read, options.body())
+        name, body, read = _recorded(recording, options)
         calibrator = TimeCalibrator(body)
         for frame in read.frames:
             for message in (*frame.imu, *frame.wheels, *([frame.scan] if frame.scan is not None else [])):
@@ -65,8 +60,8 @@ def time_command(
     found = calibrator.result()
     for problem in found.problems:
         print(f"waychair: {problem}", file=sys.stderr)
-    known = load_calibration(options.out, name).sensor_delays if options.out.exists() else None
-    options.keep(name, body, sensor_delays=merged(known, found))
+    known = options.known(name)
+    options.keep(name, body, sensor_delays=merged(None if known is None else known.sensor_delays, found))
     for sensor, offset in found.offsets.items():
         options.say(f"{sensor}: {milliseconds(offset)} by {offset.turns} turns, correlation {offset.correlation:.4f}")
 
@@ -76,7 +71,6 @@ def mask_command(
     /,
     *,
     options: ChairOptions = ChairOptions(),  # noqa: B008
-    chair_id: str | None = None,
 ) -> None:
     """Learn which beams of the lidar hit the chair itself (legs, leg rests, a bag), so that they are no obstacles.
 
@@ -87,16 +81,13 @@ def mask_command(
     ----------
     recording
         Any recording that `waychair map` reads, instead of a simulated chair.
-    chair_id
-        Name of the chair, for a recording; a simulated chair is called sim-SEED.
     """
     import math
 
     from waychair.calibration.fits.self_mask import learn_self_mask
 
     if recording is not None:
-        name, read = _recorded(recording, chair_id, options)
-        body = _with_laser_of(read, options.body())
+        name, body, read = _recorded(recording, options)
         scans = [frame.scan for frame in read.frames if frame.scan is not None]
     else:
         name = options.simulated_name
@@ -111,15 +102,14 @@ def mask_command(
     options.say(f"{hidden:.1%} of all readings in {len(scans)} scans hit the chair itself")
 
 
-def _recorded(path: Path, chair_id: str | None, options: ChairOptions) -> tuple[str, Recording]:
-    """Return the chair's name and its recording."""
+def _recorded(path: Path, options: ChairOptions) -> tuple[str, ChairBody, Recording]:
+    """Return the chair's name, its body with the recording's lidar mount, and the recording."""
     from waychair.recordings.recording import read_recording
 
-    if chair_id is None or options.chair_sim is not None:
-        raise BadArgument("a recording needs --chair-id NAME of its chair, and no --chair-sim")
-    options.refuse_other_chair(chair_id)
+    name, body = options.real("a recording")
     with options.progress("reading") as show:
-        return chair_id, read_recording(path, progress=show)
+        read = read_recording(path, progress=show)
+    return name, _with_laser_of(read, body), read
 
 
 def _with_laser_of(recording: Recording, body: ChairBody) -> ChairBody:
@@ -141,7 +131,6 @@ def _turned(
     from waychair.trials.simulated_calibration import TIME_HALL, turns_to_and_fro
     from waychair.trials.simulated_drive import with_gyro
 
-    options.refuse_other_chair(options.simulated_name)
     body, settings = options.simulated()
     settings = with_all_sensors(settings) if camera else with_gyro(settings)
     simulator = Simulator(open_hall(TIME_HALL, 0.05), body, settings, options.seed)
@@ -163,7 +152,6 @@ def _seen_while_turning(options: ChairOptions) -> tuple[ChairBody, list[Scan]]:
     from waychair.trials.open_hall import open_hall
     from waychair.trials.simulated_calibration import MASK_HALL, scans_while_turning, with_legs
 
-    options.refuse_other_chair(options.simulated_name)
     body, settings = options.simulated()
     simulator = Simulator(open_hall(MASK_HALL, 0.05), body, with_legs(settings), options.seed)
     with options.progress("turning"):

@@ -15,6 +15,8 @@ from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
+from waychair.install_advice import pip_install
+
 GIGABYTE = 1e9
 LEAST_DISK = 2 * GIGABYTE
 LEAST_MEMORY = 1.5 * GIGABYTE
@@ -109,7 +111,7 @@ def _packages(part: str, extra: str | None, purpose: str, otherwise: PartState) 
         of_extra = re.search(r"extra == ['\"](\w+)['\"]", marker)
         if (of_extra[1] if of_extra else None) == extra and not _installed(needed):
             missing.append(f"'{needed.strip()}'")
-    return _check(part, purpose, f"pip install {' '.join(missing)}", not missing, otherwise)
+    return _check(part, purpose, f"{pip_install()} {' '.join(missing)}", not missing, otherwise)
 
 
 def _installed(requirement: str) -> bool:
@@ -129,7 +131,7 @@ def _camera() -> Check:
     )
     purpose, remedy = "simulated camera", "sudo apt-get install libegl1 libgl1-mesa-dri"
     if find_spec("moderngl") is None:
-        return Check("EGL", PartState.OPTIONAL, purpose, "pip install moderngl")
+        return Check("EGL", PartState.OPTIONAL, purpose, f"{pip_install()} moderngl")
     try:
         done = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False, timeout=60)
     except subprocess.TimeoutExpired:

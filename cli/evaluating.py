@@ -11,17 +11,17 @@ from cyclopts import Parameter
 from waychair.cli.options.recording_options import RecordingOptions, stages
 
 if TYPE_CHECKING:
-    from waychair.slam.trajectory_errors import Errors
+    from waychair.slam.trajectory_errors import Errors, SpaceErrors, TruthErrors
 
 AS_RECORDED = RecordingOptions()
 
 
 def localize_command(
-    recording: Path,
+    recordings: tuple[Path, ...],
     /,
     *,
     map: Path,
-    out: Path,
+    out: Annotated[Path, Parameter(name=["--out", "-o"])],
     start: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
     reading: RecordingOptions = AS_RECORDED,
     config: Path | None = None,
@@ -33,8 +33,8 @@ def localize_command(
 
     Parameters
     ----------
-    recording
-        A log or bag that `waychair map` can read.
+    recordings
+        A log or bag that `waychair map` can read, or the files of one bag that was recorded in parts.
     map
         Map folder or its map.yaml.
     out
@@ -50,6 +50,7 @@ def localize_command(
 
     from waychair.cli.options.arguments import BadArgument, pose_from_text
     from waychair.cli.options.configuration import load_recording_settings
+    from waychair.cli.options.messages import warnings_unless
     from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
     from waychair.maps.folders.map_files import load_map
     from waychair.offline.localising import LocalisingSettings, localise_recording, save_localised
@@ -57,14 +58,15 @@ def localize_command(
     settings = load_recording_settings(config, LocalisingSettings)
     settings = replace(settings, input=reading.over(settings.input))
     begin = None if start is None else pose_from_text(start, "--start")
-    grid = load_map(map)
+    grid = load_map(map, warnings_unless(quiet))
     grid = scanned_part(grid, load_depth_layer(map, grid))
     if out.resolve() in (map.resolve(), map.resolve().parent):
         raise BadArgument(f"--out {out} is the map's folder, whose files would be overwritten: choose another one")
     with stages(quiet) as progress:
-        log = progress.read(recording, settings.input)
+        log = progress.read(recordings, settings.input)
         localised = localise_recording(log, grid, settings, begin, progress.stage("localising"))
         save_localised(out, localised, settings)
+        progress.warn(localised.report["warnings"][len(log.warnings) :])
     if not quiet:
         report = localised.report
         states = ", ".join(f"{count} {state}" for state, count in report["states"].items())
@@ -94,7 +96,8 @@ def evaluate_command(
         File of published relations between poses (Kuemmerle et al. 2009), gzipped or not: gives errors in metres and
         degrees, separately for local ones and across loops (stamps more than 60 s apart).
     truth
-        The true trajectory in TUM format: gives the absolute trajectory error after alignment in the plane.
+        The true trajectory in TUM format: gives the absolute trajectory error after alignment, in the plane, or in space
+        where one of the two is of something that moves in space, such as a hand-held camera.
     base_from_laser
         X,Y,YAW: mount of the laser, if the relations are of the laser and the trajectory is of the base.
     json
@@ -104,15 +107,15 @@ def evaluate_command(
     from dataclasses import asdict
 
     from waychair.cli.options.arguments import BadArgument, pose_from_text
-    from waychair.recordings.recording import read_tum
-    from waychair.slam.trajectory_errors import read_relations, relation_errors, truth_errors
+    from waychair.recordings.recording import planar_part, read_tum, read_tum_in_space
+    from waychair.slam.trajectory_alignment import leaves_plane
+    from waychair.slam.trajectory_errors import read_relations, relation_errors, space_errors, truth_errors
 
     if (relations is None) == (truth is None):
         raise BadArgument("give either --relations or --truth")
-    poses = read_tum(trajectory)
     if relations is not None:
         mount = None if base_from_laser is None else pose_from_text(base_from_laser, "--base-from-laser")
-        found = relation_errors(poses, read_relations(relations), mount)
+        found = relation_errors(read_tum(trajectory), read_relations(relations), mount)
         lines = [
             f"{found.every.count} of {found.total} relations",
             _line("all", found.every),
@@ -122,13 +125,27 @@ def evaluate_command(
         values = asdict(found)
     else:
         assert truth is not None
-        errors = truth_errors(poses, read_tum(truth))
+        poses, true = read_tum_in_space(trajectory), read_tum_in_space(truth)
+        space = leaves_plane(poses) or leaves_plane(true)
+        errors: SpaceErrors | TruthErrors
+        errors = space_errors(poses, true) if space else truth_errors(planar_part(poses), planar_part(true))
+        count, where = errors.errors.count, "space" if space else "the plane"
         lines = [
-            f"{errors.errors.count} of {errors.total} poses, RMSE {errors.rmse_m:.4f} m",
+            f"{count} of {errors.total} poses, RMSE {errors.rmse_m:.4f} m, aligned in {where}",
             _line("absolute", errors.errors),
         ]
+        if _is_constant(errors.errors):
+            lines.append(
+                f"the rotations differ by about {errors.errors.mean_deg:.0f} degrees everywhere: the two files may be of "
+                "different frames, such as a camera's and the chair's"
+            )
         values = asdict(errors)
     print(text.dumps(_without_nan(values)) if json else "\n".join(lines))
+
+
+def _is_constant(errors: Errors) -> bool:
+    """Return whether the rotation's error is large and about the same at all poses."""
+    return errors.mean_deg > 10.0 and errors.std_deg < 0.2 * errors.mean_deg
 
 
 def _line(name: str, errors: Errors) -> str:

@@ -23,7 +23,7 @@ app = App(
 )
 app.command("waychair.cli.mapping_commands:map_command", name="map", help="Make a map of a recording.")
 app.command(
-    "waychair.cli.mapping_commands:places_command", name="places", help="List the named places of a map, or add one."
+    "waychair.cli.places_command:places_command", name="places", help="List, add or change the named places of a map."
 )
 app.command(
     "waychair.cli.evaluating:localize_command", name="localize", help="Localise the chair of a recording on a map."
@@ -31,7 +31,7 @@ app.command(
 app.command("waychair.cli.evaluating:evaluate_command", name="evaluate", help="Evaluate a trajectory.")
 app.command("waychair.cli.planning:plan_command", name="plan", help="Plan a path for the chair on a map.")
 app.command(
-    "waychair.cli.planning:navigate_command", name="navigate", help="Drive a simulated chair to places on a map."
+    "waychair.cli.driving:navigate_command", name="navigate", help="Drive a simulated chair to places on a map."
 )
 app.command(
     "waychair.cli.driving:demo_command",
@@ -48,9 +48,7 @@ app.command(
     name="why",
     help="Explain the chair's last stop from its black box.",
 )
-app.command(
-    "waychair.cli.stack_commands:up_command", name="up", help="Start all ROS 2 nodes of a chair, real or simulated."
-)
+app.command("waychair.cli.starting:up_command", name="up", help="Start all ROS 2 nodes of a chair, real or simulated.")
 app.command("waychair.cli.stack_commands:goto_command", name="goto", help="Send the running chair to places.")
 app.command(
     "waychair.cli.record_commands:record_command", name="record", help="Record a running chair's topics into a bag."
@@ -64,6 +62,13 @@ app.command(
 app.command("waychair.cli.stack_commands:pause_command", name="pause", help="Pause the running chair's drive.")
 app.command("waychair.cli.stack_commands:go_on_command", name="go-on", help="Continue the paused drive.")
 app.command("waychair.cli.stack_commands:cancel_command", name="cancel", help="Cancel the running chair's drive.")
+app.command("waychair.cli.stack_commands:stop_command", name="stop", help="Stop the running chair at once.")
+app.command("waychair.cli.stack_commands:reset_command", name="reset", help="Reset latched faults, after their repair.")
+app.command(
+    "waychair.cli.stack_commands:initial_pose_command",
+    name="initial-pose",
+    help="Tell the running chair where it stands.",
+)
 app.command(
     "waychair.cli.stack_commands:status_command", name="status", help="Print the running chair's pose and state."
 )

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import signal
-import socket
 import sys
 import time
 from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
 
 from waychair.cli.options.arguments import NonNegativeInt
 
@@ -15,10 +17,11 @@ _LOOK_S = 0.1
 
 def page_command(
     *,
-    sim: str = "small_clinic",
+    sim: Annotated[str, Parameter(name=["--sim", "--world"])] = "small_clinic",
     map: Path | None = None,
-    port: NonNegativeInt = 8000,
-    lan: bool = False,
+    port: Annotated[NonNegativeInt, Parameter(name=["--port", "--page-port"])] = 8000,
+    lan: Annotated[bool, Parameter(name=["--lan", "--page-lan"])] = False,
+    page_name: tuple[str, ...] = (),
     token: str | None = None,
     people: bool = True,
     camera: bool = False,
@@ -42,6 +45,9 @@ def page_command(
         Port of the page.
     lan
         Let other computers on the network open the page, with the token.
+    page_name
+        Further host name by which --lan may be opened, such as chair.lan; may be repeated. Numbers and NAME.local always
+        work.
     token
         Token for --lan; default a random one, which is printed.
     people
@@ -58,13 +64,14 @@ def page_command(
         Real-time priority for the chair, if the system grants it; useful on a busy computer.
     """
     from waychair.cli.options.configuration import load_configuration
-    from waychair.cli.options.page_process import page_address, page_token
-    from waychair.cli.stack_commands import WARNING
+    from waychair.cli.options.page_process import check_page_port, page_names, page_sentence, page_token
+    from waychair.cli.starting import WARNING
     from waychair.runtime.processes import signalled
     from waychair.trials.live_chair import LiveChair
     from waychair.ui.server import page_server
 
-    secret = page_token(lan, token)
+    check_page_port(port, "--port")
+    names, secret = page_names(page_name, lan), page_token(lan, token)
     configured = load_configuration(config)
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     print(WARNING, file=sys.stderr)
@@ -85,9 +92,9 @@ def page_command(
             host="0.0.0.0" if lan else "127.0.0.1",
             http_port=port,
             token=secret,
-            names=(socket.gethostname(),),
+            names=names,
         ),
     ):
-        print(f"waychair: the page is at {page_address(port, lan, secret)}; end with Ctrl-C", file=sys.stderr)
+        print(f"waychair: {page_sentence(port, lan, secret, page_name)}; end with Ctrl-C", file=sys.stderr)
         while chair.alive and not ending():
             time.sleep(_LOOK_S)

@@ -1,19 +1,18 @@
-"""`waychair plan` and `waychair navigate`."""
+"""`waychair plan`."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from waychair.cli.options.arguments import NonEmptyPath, NonNegativeInt
+from waychair.cli.options.arguments import NonEmptyPath
+from waychair.cli.options.messages import sayer, warnings_unless
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
-    from waychair.maps.drawn.zones import Zone
     from waychair.offline.report import PngFigure
     from waychair.planning.grid.costmap import Costmap
     from waychair.planning.route.global_planner import PlannerSettings
@@ -33,8 +32,10 @@ def plan_command(
     smooth: str | None = None,
     body: str = "A",
     config: Path | None = None,
-    png: NonEmptyPath | None = None,
+    png: Annotated[NonEmptyPath | None, Parameter(name=["--png", "--out", "-o"])] = None,
+    resolution: float | None = None,
     json: bool = False,
+    quiet: bool = False,
 ) -> None:
     """Plan a path for the chair on a map, or over the cells of a Moving AI benchmark map.
 
@@ -60,8 +61,12 @@ def plan_command(
     png
         Draw the path on the map into this .png file; with harmonic or band also the potential, D* Lite's path and the
         turns.
+    resolution
+        Side of the cells to plan on, in metres, a multiple of the map's own; for maps too large for this computer.
     json
         Print JSON.
+    quiet
+        Print nothing but errors.
     """
     from waychair.cli.options.arguments import BadArgument, check_picture
     from waychair.maps.folders.map_files import load_info, yaml_path
@@ -74,16 +79,19 @@ def plan_command(
         raise BadArgument(f"--scen needs a Moving AI {SUFFIX} file, not '{map}'")
     if on_cells and smooth not in (None, "auto", "none"):
         raise BadArgument(f"--smooth does not apply to a {SUFFIX} file: omit it")
+    if on_cells and resolution is not None:
+        raise BadArgument(f"--resolution does not apply to a {SUFFIX} file: omit it")
     if on_cells and body != "A":
         raise BadArgument(f"--body does not apply to a {SUFFIX} file: omit it")
     settings, comfortable = _planning_settings(config, planner, smooth)
+    say = sayer(quiet)
     if scen is not None:
-        _plan_scenario(map, scen, settings.planner, json)
+        _plan_scenario(map, scen, settings.planner, json, say)
     elif start is None or goal is None:
         raise BadArgument("give --start and --goal, or --scen")
     elif on_cells:
         check_picture(png, "--png", map)
-        _plan_on_cells(map=map, start=start, goal=goal, planner=settings.planner, png=png, json=json)
+        _plan_on_cells(map=map, start=start, goal=goal, planner=settings.planner, png=png, json=json, say=say)
     else:
         check_picture(png, "--png", yaml_path(map), load_info(yaml_path(map)).image)
         _plan_for_the_chair(
@@ -95,6 +103,8 @@ def plan_command(
             body=body,
             png=png,
             json=json,
+            resolution=resolution,
+            quiet=quiet,
         )
 
 
@@ -109,10 +119,10 @@ def _planning_settings(config: Path | None, planner: str | None, smooth: str | N
 
         navigator = load_configuration(config).chair.navigator
         settings, comfortable = navigator.planner, navigator.clearance.comfortable
-    return _with_options(settings, planner, smooth), comfortable
+    return with_planner_options(settings, planner, smooth), comfortable
 
 
-def _with_options(settings: PlannerSettings, planner: str | None, smooth: str | None) -> PlannerSettings:
+def with_planner_options(settings: PlannerSettings, planner: str | None, smooth: str | None) -> PlannerSettings:
     """Return the planner's settings with the options --planner and --smooth over them."""
     from dataclasses import replace
 
@@ -132,6 +142,8 @@ def _plan_for_the_chair(
     body: str,
     png: Path | None,
     json: bool,
+    resolution: float | None,
+    quiet: bool,
 ) -> None:
     """Plan a path in metres for the chair's footprint, and print it."""
     import time
@@ -150,8 +162,8 @@ def _plan_for_the_chair(
     if body not in BODIES:
         raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
     chair = BODIES[body]
-    grid = load_map(map)
-    begin, end, zones = _place(map, start, "--start"), _place(map, goal, "--goal"), load_zones(map)
+    grid = load_map(map, warnings_unless(quiet), resolution=resolution)
+    begin, end, zones = place_on_map(map, start, "--start"), place_on_map(map, goal, "--goal"), load_zones(map)
     check_zones(zones, grid)
     costmap = costmap_from_grid(grid, chair, zones=zones, comfortable=comfortable)
     check_free_space(costmap)
@@ -172,7 +184,7 @@ def _plan_for_the_chair(
         said += "\nturns at every 0.10 m, from degrees: " + ", ".join(
             f"{edge}: {count}" for edge, count in turns.items()
         )
-    print(_json({**values, "poses": path.poses.tolist()}) if json else said)
+    sayer(quiet)(_json({**values, "poses": path.poses.tolist()}) if json else said)
 
 
 def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: PlannerSettings, path: Poses) -> PngFigure:
@@ -193,7 +205,9 @@ def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: Planne
     return potential_picture(costmap.grid, found, paths, (begin, end))
 
 
-def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | None, json: bool) -> None:
+def _plan_on_cells(
+    map: Path, start: str, goal: str, planner: str, png: Path | None, json: bool, say: Callable[[str], None]
+) -> None:
     """Plan a point's path over the cells of a Moving AI map, and print it."""
     import time
 
@@ -214,7 +228,7 @@ def _plan_on_cells(map: Path, start: str, goal: str, planner: str, png: Path | N
     if png is not None:
         write_png(png, _cells_picture(free, found.cells, (start, goal), planner))
     values = {"cost": cost, "ms": ms, "cells": found.cells[:, ::-1].tolist()}
-    print(_json(values) if json else f"{cost:.4f} cells from {start} to {goal}" + (f": {png}" if png else ""))
+    say(_json(values) if json else f"{cost:.4f} cells from {start} to {goal}" + (f": {png}" if png else ""))
 
 
 def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], planner: str) -> PngFigure:
@@ -256,7 +270,7 @@ def _cells_picture(free: BoolArray, cells: IntArray, names: tuple[str, str], pla
     )
 
 
-def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
+def _plan_scenario(map: Path, scen: Path, planner: str, json: bool, say: Callable[[str], None]) -> None:
     """Plan all queries of a scenario from scratch, and print them; the cost of a query without a path is null.
 
     Raises:
@@ -290,9 +304,9 @@ def _plan_scenario(map: Path, scen: Path, planner: str, json: bool) -> None:
     right = [cost is not None and abs(cost - optimal) <= 1e-4 * optimal for cost, optimal in both]
     if json:
         rows = zip(costs, optima, times, strict=True)
-        print(_json({"queries": [{"cost": cost, "optimal": optimal, "ms": ms} for cost, optimal, ms in rows]}))
+        say(_json({"queries": [{"cost": cost, "optimal": optimal, "ms": ms} for cost, optimal, ms in rows]}))
     else:
-        print(f"{sum(right)} of {len(queries)} queries at their optimal cost, median {statistics.median(times):.2f} ms")
+        say(f"{sum(right)} of {len(queries)} queries at their optimal cost, median {statistics.median(times):.2f} ms")
     without = [number for number, cost in enumerate(costs, start=1) if cost is None]
     if without:
         raise NoPath(f"there is no path for {_listed(without)} of {scen}: give the scenario of this map")
@@ -341,132 +355,15 @@ def _json(values: object) -> str:
     return json.dumps(values, allow_nan=False)
 
 
-def navigate_command(
-    *,
-    goal: Annotated[list[str], Parameter(allow_leading_hyphen=True)],
-    map: NonEmptyPath | None = None,
-    world: str | None = None,
-    start: Pose | None = None,
-    people: NonNegativeInt = 0,
-    sensors: bool = False,
-    seed: NonNegativeInt = 0,
-    planner: str | None = None,
-    smooth: str | None = None,
-    box: Path | None = None,
-    config: Path | None = None,
-) -> None:
-    """Drive a simulated chair to places on a map, obeying the map's zones.
-
-    Without --world the world is raised from the map. With --world the map must be of a drive that began at the world's
-    start (as from `waychair simulate`); without a map it is the world's plan.
-
-    Parameters
-    ----------
-    goal
-        Name of a place, or X,Y or X,Y,YAW in metres and radians; may be repeated.
-    map
-        Map folder or its map.yaml.
-    world
-        Name of a world (see `waychair worlds`), or a plan's .yaml file.
-    start
-        The chair's start, in the same form; default 0,0,0 of the map, or the world's start.
-    people
-        Number of people who walk about.
-    sensors
-        Simulate sonars, a depth camera and an IMU besides the lidar.
-    seed
-        Seed of the simulated chair, of its sensors and noise, and of the people.
-    planner
-        dstar-lite, astar, dijkstra or harmonic; default that of --config, else dstar-lite.
-    smooth
-        taut, band, none, or auto (band for harmonic, else taut); default as for the planner.
-    box
-        Folder of a black box that logs the chair's inputs and actions, for `waychair why`.
-    config
-        YAML file with settings that differ from the defaults (see `waychair config chair` and `simulation`).
-    """
-    from dataclasses import replace
-
-    from rich.console import Console
-    from rich.table import Table
-
-    from waychair.cli.options.arguments import BadArgument
-    from waychair.cli.options.configuration import load_configuration
-    from waychair.errors import StartOccupied, StartOutsideMap
-    from waychair.maps.drawn.zones import check_zones, load_zones
-    from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
-    from waychair.maps.folders.map_files import load_map
-    from waychair.simulation.plan.world import load_world
-    from waychair.trials.demo_report import HEADER, IN_TERMINAL, row
-    from waychair.trials.navigate import navigate
-    from waychair.types import Pose2
-
-    if map is None and world is None:
-        raise BadArgument("no map is given: give --map, --world, or both")
-    if not goal:
-        raise BadArgument("no goal is given: give at least one --goal")
-    configured = load_configuration(config)
-    settings = configured.chair
-    navigator = replace(settings.navigator, planner=_with_options(settings.navigator.planner, planner, smooth))
-    plan = None if world is None else load_world(world)
-    scanned, map_from_world = None, Pose2()
-    zones: tuple[Zone, ...] = ()
-    if map is None:
-        assert plan is not None
-        own, owner = {place.name: place for place in plan.places}, f"the world '{plan.name}'"
-        grid, goals = plan.grid, [_place_among(own, text, "--goal", owner) for text in goal]
-        begin = plan.start if start is None else _place_among(own, start, "--start", owner).pose
-    else:
-        grid, goals = load_map(map), [_place(map, text, "--goal") for text in goal]
-        begin = _place(map, start or "0,0,0", "--start").pose
-        scanned, zones = scanned_part(grid, load_depth_layer(map, grid)), load_zones(map)
-        check_zones(zones, grid)
-        map_from_world = Pose2() if plan is None else plan.start.inverse()
-    try:
-        legs = navigate(
-            grid=grid,
-            start=begin,
-            goals=goals,
-            seed=seed,
-            people=people,
-            world=plan,
-            zones=zones,
-            sensors=sensors,
-            scanned=scanned,
-            map_from_world=map_from_world,
-            box=box,
-            settings=replace(settings, navigator=navigator),
-            simulation=configured.simulation,
-        )
-    except (StartOccupied, StartOutsideMap) as error:
-        if start is not None:
-            raise
-        raise type(error)(f"{error} with --start (the default start was used)") from error
-    table = Table(*HEADER[:IN_TERMINAL])
-    for leg in legs:
-        table.add_row(*row(leg)[:IN_TERMINAL])
-    Console().print(table)
-    failed = [leg for leg in legs if not leg.reached]
-    begun = " (the drive began at 0,0,0, the default --start)" if start is None and map is not None else ""
-    for leg in failed:
-        print(f"waychair: {leg.place} was not reached: {leg.reason}{begun}", file=sys.stderr)
-    if failed:
-        sys.exit(1)
-
-
-def _place(map: Path, text: str, option: str) -> Place:
+def place_on_map(map: Path, text: str, option: str) -> Place:
     """Return the map's place of this name, or the pose that the text gives, named by the text."""
     from waychair.maps.drawn.places import load_places
 
-    return _place_among(load_places(map), text, option)
+    return place_among(load_places(map), text, option)
 
 
-def _place_among(places: Mapping[str, Place], text: str, option: str, owner: str = "the map") -> Place:
+def place_among(places: Mapping[str, Place], text: str, option: str, owner: str = "the map") -> Place:
     """Return the place or pose that the text gives; `owner` names the owner of the places in errors."""
-    from waychair.cli.options.arguments import pose_from_text
-    from waychair.maps.drawn.places import find
-    from waychair.types import Place
+    from waychair.cli.options.arguments import place_from_text
 
-    if text in places or (not text[:1].lstrip("-+.").isdigit() and "," not in text):
-        return find(places, text, owner)
-    return Place(text, pose_from_text(text, option))
+    return place_from_text(places, text, option, owner)

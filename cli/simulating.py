@@ -5,7 +5,9 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
 
 from waychair.cli.options.arguments import BadArgument, NonNegativeInt, check_picture
 from waychair.cli.options.chair_options import PlantName
@@ -13,12 +15,18 @@ from waychair.cli.options.chair_options import PlantName
 if TYPE_CHECKING:
     from waychair.simulation.pacing import Pacer
     from waychair.simulation.plan.world import World
-    from waychair.simulation.simulator import Simulator
+    from waychair.simulation.simulator import SimulationSettings, Simulator
     from waychair.trials.record import RouteDrive
     from waychair.types import FloatArray
 
 
-def worlds_command(name: str | None = None, /, *, level: str | None = None, picture: Path | None = None) -> None:
+def worlds_command(
+    name: str | None = None,
+    /,
+    *,
+    level: str | None = None,
+    picture: Annotated[Path | None, Parameter(name=["--picture", "--out", "-o"])] = None,
+) -> None:
     """List the shipped simulated worlds: size, places, doors that can be closed, routes and hazards of each level.
 
     Parameters
@@ -77,16 +85,17 @@ def _row(world: World, brief: bool) -> tuple[str, ...]:
 
 def simulate_command(
     *,
-    world: str,
+    world: Annotated[str, Parameter(name=["--world", "--sim"])],
     level: str | None = None,
     route: str = "mapping",
-    record: Path | None = None,
+    record: Annotated[Path | None, Parameter(name=["--record", "--out", "-o"])] = None,
     seed: NonNegativeInt = 0,
     mode: Literal["lockstep", "fast", "realtime"] = "fast",
     camera: bool | None = None,
     people: bool = True,
     chair: str = "A",
-    plant: PlantName = "kinematic",
+    plant: PlantName | None = None,
+    config: Path | None = None,
     quiet: bool = False,
 ) -> None:
     """Drive a simulated chair along a route of a world, and record it.
@@ -117,18 +126,28 @@ def simulate_command(
     chair
         A built-in chair (A, B, ...), or a chair's .yaml file.
     plant
-        kinematic: wheels follow their commands; mujoco: mass, motors, casters and slip.
+        kinematic: wheels follow their commands; mujoco: mass, motors, casters and slip. Default that of --config, else
+        kinematic.
+    config
+        YAML file with settings that differ from the defaults (see `waychair config simulation`).
     quiet
         Print nothing but errors and warnings.
     """
+    from waychair.cli.options.configuration import load_configuration
     from waychair.simulation.pacing import PaceMode, Pacer
     from waychair.simulation.plan.world import load_world
 
+    configured = load_configuration(config).simulation
     place = load_world(world, level)
     place = place if people else place.without_people()
     waypoints = place.route(route)
     simulator = _simulator(
-        place=place, chair=chair, plant=plant, seed=seed, sensors=record is not None or bool(camera), camera=camera
+        place=place,
+        chair=chair,
+        configured=configured if plant is None else replace(configured, plant_model=plant),
+        seed=seed,
+        sensors=record is not None or bool(camera),
+        camera=camera,
     )
     pacer = Pacer(PaceMode(mode))
     drive = _driven(simulator, waypoints, record, pacer, quiet)
@@ -143,7 +162,7 @@ def simulate_command(
 
 
 def _simulator(
-    place: World, chair: str, plant: PlantName, seed: int, *, sensors: bool, camera: bool | None
+    place: World, chair: str, configured: SimulationSettings, seed: int, *, sensors: bool, camera: bool | None
 ) -> Simulator:
     """Return the simulator of this seed's chair; warn on standard error if a wanted camera is not available."""
     from waychair.simulation.plant.chair_file import load_chair, randomised_chair
@@ -151,9 +170,8 @@ def _simulator(
     from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 
     made = randomised_chair(load_chair(chair), seed)
-    settings = SimulatorSettings(plant_model=plant, plant=made.plant, mujoco=made.mujoco)
-    if sensors:
-        settings = with_all_sensors(settings)
+    settings = SimulatorSettings(plant=made.plant, mujoco=made.mujoco)
+    settings = configured.over(with_all_sensors(settings) if sensors else settings)
     if camera is False:
         settings = replace(settings, camera=CameraSettings())
     simulator = Simulator(place, made.body, settings, seed)

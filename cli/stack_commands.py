@@ -1,4 +1,4 @@
-"""Commands for a running chair: `waychair up`, goto, confirm, pause, go-on, cancel and status."""
+"""Commands for a running chair: goto, confirm, pause, go-on, cancel, stop, reset, initial-pose, status."""
 
 from __future__ import annotations
 
@@ -6,175 +6,53 @@ import math
 import signal
 import sys
 import time
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from waychair.cli.options.arguments import NonNegativeInt
+from waychair.cli.options.stack_options import ChairAddress
 
 if TYPE_CHECKING:
     from waychair.ros.client import ChairClient
     from waychair.ros.messages.chair import DriveReport
+    from waychair.slam.localising.localisation import Localisation
     from waychair.types import Pose2
 
 Pose = Annotated[str, Parameter(allow_leading_hyphen=True)]
 
-_WATCH_S = 0.05
+_ADDRESS = ChairAddress()
+
 _SAME_GOAL_M = 0.05
 
-WARNING = """\
-waychair is research software, not a medical device. Modifying a wheelchair may void its approval. A person must walk
-beside the chair, within reach of an emergency stop that cuts its motors. Test first in the simulator, then with the
-wheels off the ground, then with a dummy load and a walking spotter, and only then with a rider."""
+_DRAWN_S = 2.0
+"""Time in which the navigator reads a place that was added while it runs."""
 
+_NEEDED = ("bridge", "mapper", "navigator")
+"""The nodes without which no chair drives."""
 
-def up_command(
-    *,
-    sim: str | None = None,
-    map: Path | None = None,
-    mapping: bool = False,
-    chair: Path | None = None,
-    cable: str = "",
-    start: Pose | None = None,
-    camera: bool = True,
-    people: bool = True,
-    seed: NonNegativeInt = 0,
-    unattended: bool = False,
-    urgent: bool = False,
-    lan: bool = False,
-    domain: NonNegativeInt | None = None,
-    namespace: str = "",
-    config: Path | None = None,
-    params: Path | None = None,
-    out: Path = Path("out/up"),
-    box: Path | None = None,
-    no_box: Annotated[bool, Parameter(negative=())] = False,
-    page: bool | None = None,
-    page_port: NonNegativeInt | None = None,
-    page_lan: bool = False,
-    token: str | None = None,
-) -> None:
-    """Start all ROS nodes of a chair, and keep them running until Ctrl-C or SIGTERM.
+_DISCOVERED_S = 3.0
+"""Time in which this program discovers the nodes that run."""
 
-    Parameters
-    ----------
-    sim
-        Simulate a chair in this world (see `waychair worlds`), in real time.
-    map
-        Map folder to drive on; the default of a simulated chair is its world's plan.
-    mapping
-        Make a map during the drive.
-    chair
-        A real chair's calibration file.
-    cable
-        Port of a real chair's board: /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT.
-    start
-        X,Y,YAW: the chair's pose; default its last pose, else it relocalises.
-    camera
-        Simulate or use a camera.
-    people
-        Simulate the world's people.
-    seed
-        Seed of the simulated chair.
-    unattended
-        Let a simulated chair drive to goals without confirmation.
-    urgent
-        Real-time priority for the nodes, if the system grants it; useful on a busy computer.
-    lan
-        Let other computers on the network see the nodes; without security keys, velocity commands are then ignored.
-    domain
-        ROS domain, 0 to 101.
-    namespace
-        Prefix for the names of all nodes and topics, for several chairs in one domain.
-    config
-        YAML file with settings that differ from the defaults (see `waychair config`).
-    params
-        A ROS parameter file, which overrides --config.
-    out
-        Folder for the run's files.
-    box
-        Folder of the black box for `waychair why`; default `box` in the run's folder.
-    no_box
-        Write no black box.
-    page
-        Serve the rider's page; default if the extra [ui] is installed.
-    page_port
-        Port of the page; default 8000, or a free port if that is taken.
-    page_lan
-        Let other computers on the network open the page with the token; the nodes stay hidden.
-    token
-        Token for --page-lan; default a random one, which is printed.
-    """
-    from waychair.cli.options.arguments import BadArgument, pose_from_text
-    from waychair.cli.options.configuration import load_configuration
-    from waychair.cli.options.page_process import TOKEN, has_ui, page_address, page_token, port_of_page
-    from waychair.errors import MissingExtra, RosError
-    from waychair.maps.drawn.zones import check_zones, load_zones
-    from waychair.maps.folders.map_files import load_map
-    from waychair.ros.environment import is_secured, ros_environment
-    from waychair.ros.interface_types import interface_type
-    from waychair.ros.shared_memory import remove_dead_segments
-    from waychair.ros.stack import Stack, node_parameters, processes
-    from waychair.runtime.processes import Supervision, signalled
+_PLACED_S = 2.0
+"""Time to wait for a localisation, which comes 25 times a second once there is one."""
 
-    if page and not has_ui():
-        raise MissingExtra("the page needs the extra [ui]: pip install 'waychair[ui]'")
-    if unattended and sim is None:
-        raise BadArgument("--unattended needs --sim: the rider of a real chair confirms each goal")
-    if map is not None:
-        check_zones(load_zones(map), load_map(map))  # here, else each node would report the error and exit
-    configured = load_configuration(config)
-    environment = ros_environment(domain=domain, lan=lan)
-    deaf = lan and not is_secured(environment)
-    stack = Stack(
-        folder=out,
-        world=sim or "",
-        map_folder=map,
-        mapping=mapping,
-        calibration=chair,
-        cable=cable,
-        camera=camera,
-        people=people,
-        seed=seed,
-        unattended=unattended,
-        ignore_commands=deaf,
-        start=None if start is None else pose_from_text(start, "--start"),
-        parameters=params,
-        urgent=urgent,
-        box=None if no_box else box or out / "box",
-        page_port=port_of_page(page_port) if page or (page is None and has_ui()) else None,
-        page_host="0.0.0.0" if page_lan else "127.0.0.1",
-        namespace=namespace,
-        settings=node_parameters(configured.chair, configured.map, configured.simulation, configured.nodes),
-    )
-    table = processes(stack)
-    environment = {**environment, TOKEN: page_token(page_lan, token)}
-    interface_type("waychair_msgs/msg/DriveState")  # built here, else all nodes would wait for the first
-    print(WARNING, file=sys.stderr)
-    if lan:
-        print(
-            "The whole network can see the nodes: map, pictures, scans and goals. "
-            + ("Velocity commands are ignored, as there are no security keys." if deaf else "Messages are signed."),
-            file=sys.stderr,
-        )
-    if stack.page_port is not None:
-        print(
-            f"waychair: the page is at {page_address(stack.page_port, page_lan, environment[TOKEN])}", file=sys.stderr
-        )
-    remove_dead_segments()
-    ending = signalled(signal.SIGINT, signal.SIGTERM)
-    with Supervision(table, environment, lambda sentence: print(f"waychair: {sentence}", file=sys.stderr)) as running:
-        while not ending():
-            time.sleep(_WATCH_S)
-            if over := running.watch():
-                raise RosError(f"{over}: see its messages above")
+_LOCALISED_S = 5.0
+"""Time in which the mapper localises the chair at a pose that was set."""
 
 
 def goto_command(
-    *goals: Pose, yes: bool = False, timeout: float = 600.0, domain: NonNegativeInt | None = None, namespace: str = ""
+    *goals: Pose,
+    yes: bool = False,
+    wait: bool = True,
+    cancel_on_exit: bool = False,
+    timeout: float = 600.0,
+    address: ChairAddress = _ADDRESS,
 ) -> None:
     """Send the running chair to places, one after the other.
+
+    Ctrl-C ends this command, not the drive, unless --cancel-on-exit is given.
 
     Parameters
     ----------
@@ -182,54 +60,46 @@ def goto_command(
         Names of places, or X,Y or X,Y,YAW in metres and radians.
     yes
         Confirm the goal, too: you watch the chair now.
+    wait
+        Wait until the chair has arrived; --no-wait ends the command as soon as the goal is accepted.
+    cancel_on_exit
+        Cancel the drive if this command is ended before the chair has arrived, by Ctrl-C for instance.
     timeout
-        Time limit of each drive, in seconds.
-    domain
-        ROS domain of the chair.
-    namespace
-        Namespace of the chair's nodes.
+        Time limit of each drive, in seconds; the drive is cancelled then.
     """
     from waychair.cli.options.arguments import BadArgument
-    from waychair.ros.client import ChairClient, TaskResult
 
     if not goals:
         raise BadArgument("name a place to go to, or X,Y,YAW; `waychair places` lists them")
-    with ChairClient(domain=domain, namespace=namespace) as client:
+    if not wait and (len(goals) > 1 or cancel_on_exit):
+        raise BadArgument("--no-wait sends one goal and leaves: omit it, the other goals and --cancel-on-exit")
+    with address.client() as client:
         client.wait_until_active()
         poses = [_pose(client, text) for text in goals]
         for text, pose in zip(goals, poses, strict=True):
             if not client.go_to_pose(pose):
                 _fail(f"the goal '{text}' was refused; see `waychair status`")
-            _begin(client, yes)
-            ends = time.monotonic() + timeout
-            while not client.is_task_complete(0.2):
-                if time.monotonic() > ends:
-                    client.cancel_task()
-                    _fail(f"'{text}' was not reached within {timeout:g} s; the drive was cancelled")
-            ended = client.result()
-            if ended.result is not TaskResult.SUCCEEDED:
-                _fail(f"'{text}' was not reached: {ended.reason or ended.result.name.lower()}")
-            at = client.localisation().map_from_base
-            print(f"{text}: reached, {at.x:.2f}, {at.y:.2f}, {at.theta:.2f}")
+            with _ended_by_user(client, text, cancel_on_exit):
+                _begin(client, yes)
+                if wait:
+                    _wait_for_end(client, text, timeout)
+                else:
+                    print(
+                        f"{text}: the goal is accepted; `waychair status` tells more, `waychair cancel` ends the drive"
+                    )
 
 
-def confirm_command(goal: Pose | None = None, /, *, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
+def confirm_command(goal: Pose | None = None, /, *, address: ChairAddress = _ADDRESS) -> None:
     """Confirm the waiting goal for the rider, and no other goal that comes meanwhile.
 
     Parameters
     ----------
     goal
         Confirm only if the waiting goal is this place or pose; default any goal, whose name is printed.
-    domain
-        ROS domain of the chair.
-    namespace
-        Namespace of the chair's nodes.
     """
-    from waychair.ros.client import ChairClient
-
-    with ChairClient(domain=domain, namespace=namespace) as client:
+    with address.client() as client:
         state = client.drive_state()
-        named = _named(client, state)
+        named = _goal_name(client, state)
         if goal is not None and _distance(_pose(client, goal), state.goal) > _SAME_GOAL_M:
             _fail(f"the waiting goal is {named}: check it, then confirm that one")
         done, sentence = client.confirm(goal_id=state.goal_id)
@@ -238,104 +108,119 @@ def confirm_command(goal: Pose | None = None, /, *, domain: NonNegativeInt | Non
     print(f"{named}: {sentence}")
 
 
-def cancel_command(*, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
-    """Cancel the drive; the chair stops.
+def cancel_command(*, address: ChairAddress = _ADDRESS) -> None:
+    """Cancel the drive; the chair stops gently."""
+    _ask(address, "cancel")
+
+
+def pause_command(*, address: ChairAddress = _ADDRESS) -> None:
+    """Pause the drive: the chair stops and keeps its goal until `waychair go-on`."""
+    _ask(address, "pause")
+
+
+def go_on_command(*, address: ChairAddress = _ADDRESS) -> None:
+    """Continue the paused drive."""
+    _ask(address, "go_on")
+
+
+def stop_command(*, address: ChairAddress = _ADDRESS) -> None:
+    """Stop the chair, as the rider's Stop does: the computer lets go, and the joystick is live."""
+    _ask(address, "stop")
+
+
+def reset_command(*, address: ChairAddress = _ADDRESS) -> None:
+    """Reset latched faults, after somebody has repaired their cause; the chair does not move."""
+    _ask(address, "reset_faults")
+
+
+def initial_pose_command(pose: Pose, /, *, address: ChairAddress = _ADDRESS) -> None:
+    """Tell the chair where it stands on its map.
 
     Parameters
     ----------
-    domain
-        ROS domain of the chair.
-    namespace
-        Namespace of the chair's nodes.
+    pose
+        Name of a place, or X,Y or X,Y,YAW in metres and radians.
     """
-    from waychair.ros.client import ChairClient
-
-    with ChairClient(domain=domain, namespace=namespace) as client:
-        print(client.cancel()[1])
-
-
-def pause_command(*, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
-    """Pause the drive: the chair stops and keeps its goal until `waychair go-on`.
-
-    Parameters
-    ----------
-    domain
-        ROS domain of the chair.
-    namespace
-        Namespace of the chair's nodes.
-    """
-    from waychair.ros.client import ChairClient
-
-    with ChairClient(domain=domain, namespace=namespace) as client:
-        _say(client.pause())
+    with address.client() as client:
+        given = _pose(client, pose)
+        found = client.relocalise(given, _LOCALISED_S)
+    print(_place_line(found))
+    if found.lost:
+        _fail(f"the scans do not fit the map at {pose}: give the pose more exactly")
 
 
-def go_on_command(*, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
-    """Continue the paused drive.
-
-    Parameters
-    ----------
-    domain
-        ROS domain of the chair.
-    namespace
-        Namespace of the chair's nodes.
-    """
-    from waychair.ros.client import ChairClient
-
-    with ChairClient(domain=domain, namespace=namespace) as client:
-        _say(client.go_on())
-
-
-def _say(answer: tuple[bool, str]) -> None:
-    done, sentence = answer
-    if not done:
-        _fail(sentence)
-    print(sentence)
-
-
-def status_command(*, json: bool = False, domain: NonNegativeInt | None = None, namespace: str = "") -> None:
+def status_command(*, json: bool = False, address: ChairAddress = _ADDRESS) -> None:
     """Print the chair's pose and its certainty, the drive mode, and the reasons that prevent a drive.
 
     Parameters
     ----------
     json
         Print JSON.
-    domain
-        ROS domain of the chair.
-    namespace
-        Namespace of the chair's nodes.
     """
     import json as writer
 
-    from waychair.ros.client import ChairClient
-
-    with ChairClient(domain=domain, namespace=namespace) as client:
-        state, found = client.drive_state(), client.localisation()
-        goal = _named(client, state)
-    pose = found.map_from_base
+    with address.client() as client:
+        state = client.drive_state()
+        found, refused_pose, unknown = _place(client)
+        goal = _goal_name(client, state) if state.driving or state.waits else None
+        running = client.nodes(_NEEDED, _DISCOVERED_S)
+    missing = [name for name in _NEEDED if name not in running]
+    starting = _starting(missing, found is None)
     if json:
         facts = {
-            "pose": [pose.x, pose.y, pose.theta],
-            "localisation": found.state.value,
-            "health": found.health,
+            "starting": starting,
+            "pose": None if found is None else found.map_from_base.array().tolist(),
+            "localisation": None if found is None else found.state.value,
+            "health": None if found is None else found.health,
             "mode": state.mode.value,
             "reason": state.reason,
-            "goal": goal if state.driving or state.waits else None,
+            "goal": goal,
             "last_stop": state.last_stop,
-            "ready": state.ready,
+            "last_goal": state.last_goal,
+            "refused_pose": refused_pose,
+            "ready": state.ready and not starting,
             "halts": dict(state.halts),
         }
         print(writer.dumps(facts))
         return
-    print(f"place         {pose.x:.2f}, {pose.y:.2f}, {pose.theta:.2f} ({found.state.value}, {found.health:.0%})")
-    print(f"mode          {state.mode.value}{': ' if state.reason else ''}{state.reason}")
-    print(f"next          {_next(state, goal)}")
-    if state.last_stop:
-        print(f"last stop     {state.last_stop}; run `waychair why` for more")
-    for stop_id, sentence in state.halts:
-        print(f"{stop_id:13s} {sentence}")
-    if not state.halts:
-        print("ready         nothing prevents a drive")
+    lines = [
+        ("starting", starting),
+        ("place", unknown if found is None else _place_line(found)),
+        ("mode", f"{state.mode.value}{': ' if state.reason else ''}{state.reason}"),
+        ("next", _next(state, goal or "")),
+        ("last goal", state.last_goal),
+        ("initial pose", refused_pose),
+        ("last stop", state.last_stop and f"{state.last_stop}; run `waychair why` for more"),
+        *state.halts,
+        ("ready", "" if state.halts or starting else "nothing prevents a drive"),
+    ]
+    for name, text in lines:
+        if text:
+            print(f"{name:13s} {text}")
+
+
+def _starting(missing: list[str], unplaced: bool) -> str:
+    """Return why the chair is not ready yet, from the nodes that are missing and whether its place is unknown."""
+    if missing:
+        return f"{' and '.join(missing)} {'does' if len(missing) == 1 else 'do'} not run yet"
+    return "the chair does not know its place yet" if unplaced else ""
+
+
+def _place(client: ChairClient) -> tuple[Localisation | None, str, str]:
+    """Return the localisation, why the last initial pose was refused, and why there is no localisation yet."""
+    from waychair.errors import RosError
+
+    try:
+        return client.localisation(_PLACED_S), client.refused_pose(), ""
+    except RosError as error:
+        told = client.report("mapper", "localisation")
+        return None, "", f"unknown yet: {told.message if told is not None and told.message else error}"
+
+
+def _place_line(found: Localisation) -> str:
+    """Return a pose and its certainty as text."""
+    at = found.map_from_base
+    return f"{at.x:.2f}, {at.y:.2f}, {at.theta:.2f} ({found.state.value}, {found.health:.0%})"
 
 
 def _next(state: DriveReport, goal: str) -> str:
@@ -347,26 +232,31 @@ def _next(state: DriveReport, goal: str) -> str:
     return "it waits for a goal"
 
 
-def _pose(client: ChairClient, text: str) -> Pose2:
-    """Return the pose of a place of the running chair's map, or the pose that the text gives."""
-    from waychair.cli.options.arguments import pose_from_text
-    from waychair.maps.drawn.places import find
-
-    known = client.places()
-    return pose_from_text(text, "a goal") if "," in text and text not in known else find(known, text).pose
-
-
-def _named(client: ChairClient, state: DriveReport) -> str:
-    """Return the name of the bridge's goal: a place, its coordinates, or "no goal"."""
-    if not state.goal_id:
-        return "no goal"
-    near = {name: _distance(place.pose, state.goal) for name, place in client.places().items()}
-    name = min(near, key=near.__getitem__, default="")
-    return name if name and near[name] < _SAME_GOAL_M else f"{state.goal.x:.2f}, {state.goal.y:.2f}"
+def _ask(address: ChairAddress, service: str) -> None:
+    """Call a service of the running chair that needs no more than its name, and print its sentence."""
+    with address.client() as client:
+        done, sentence = client.trigger(service)
+    if not done:
+        _fail(sentence)
+    print(sentence)
 
 
-def _distance(one: Pose2, other: Pose2) -> float:
-    return math.hypot(one.x - other.x, one.y - other.y)
+@contextmanager
+def _ended_by_user(client: ChairClient, goal: str, cancels: bool) -> Iterator[None]:
+    """Cancel the drive if the user ends the block, or say that the chair drives on and how to end that."""
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, signal.default_int_handler)
+    try:
+        yield
+    except KeyboardInterrupt as stop:
+        if cancels:
+            client.cancel_task()
+            stop.add_note(f"the drive to {goal} was cancelled")
+        elif client.drive_state().driving:
+            stop.add_note(f"the chair DRIVES ON to {goal}: `waychair stop` stops it at once, `waychair cancel` gently")
+        else:
+            stop.add_note(f"the goal {goal} still waits for the rider's confirmation: `waychair cancel` withdraws it")
+        raise
 
 
 def _begin(client: ChairClient, yes: bool) -> None:
@@ -380,6 +270,51 @@ def _begin(client: ChairClient, yes: bool) -> None:
         if begun or client.is_task_complete(0.1):
             return
     _fail(f"the drive did not start: {said}")
+
+
+def _wait_for_end(client: ChairClient, goal: str, timeout_s: float) -> None:
+    """Wait until the chair has arrived, and print where.
+
+    Raises:
+        RosError: the drive ended elsewhere, or was cancelled after `timeout_s`.
+    """
+    from waychair.ros.client import TaskResult
+
+    ends = time.monotonic() + timeout_s
+    while not client.is_task_complete(0.2):
+        if time.monotonic() > ends:
+            client.cancel_task()
+            _fail(f"'{goal}' was not reached within {timeout_s:g} s; the drive was cancelled")
+    ended = client.result()
+    if ended.result is not TaskResult.SUCCEEDED:
+        _fail(f"'{goal}' was not reached: {ended.reason or ended.result.name.lower()}")
+    at = client.localisation().map_from_base
+    print(f"{goal}: reached, {at.x:.2f}, {at.y:.2f}, {at.theta:.2f}")
+
+
+def _pose(client: ChairClient, text: str) -> Pose2:
+    """Return the pose of a place of the running chair's map, or the pose that the text gives."""
+    from waychair.cli.options.arguments import place_from_text
+    from waychair.errors import UnknownPlace
+
+    try:
+        return place_from_text(client.places(), text, "a goal").pose
+    except UnknownPlace:
+        client.spin(_DRAWN_S)  # it may have been added just now
+        return place_from_text(client.places(), text, "a goal").pose
+
+
+def _goal_name(client: ChairClient, state: DriveReport) -> str:
+    """Return the name of the bridge's goal: a place, its coordinates, or "no goal"."""
+    if not state.goal_id:
+        return "no goal"
+    near = {name: _distance(place.pose, state.goal) for name, place in client.places().items()}
+    name = min(near, key=near.__getitem__, default="")
+    return name if name and near[name] < _SAME_GOAL_M else f"{state.goal.x:.2f}, {state.goal.y:.2f}"
+
+
+def _distance(one: Pose2, other: Pose2) -> float:
+    return math.hypot(one.x - other.x, one.y - other.y)
 
 
 def _fail(sentence: str) -> None:

@@ -11,6 +11,7 @@ from evaluation.figures.chair import bridge, calibration, closed_loop, sensor_ti
 from evaluation.figures.driving import (
     barn,
     demo,
+    drive_time,
     dstar_lite,
     dwa,
     harmonic,
@@ -33,6 +34,7 @@ from evaluation.figures.mapping import (
     odometry,
     posegraphs,
     rgbd,
+    spatial_posegraphs,
 )
 from waychair.files import write_json
 from waychair.types import Json
@@ -61,6 +63,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "kidnap_simulated": kidnap.simulated,
     "posegraphs": posegraphs.posegraphs,
     "false_loops": posegraphs.false_loops,
+    "spatial_posegraphs": spatial_posegraphs.spatial_posegraphs,
     "places": appearance.places,
     "words_speed": appearance.words_speed,
     "tum_rpy": rgbd.tum_rpy,
@@ -88,6 +91,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "doors": scenes.doors,
     "door_drives": scenes.door_drives,
     "corner": scenes.corner,
+    "drive_time": drive_time.drive_time,
     "dead_end": scenes.dead_end,
     "parked": scenes.parked,
     "harmonic_bands": harmonic.harmonic_bands,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, BoardFault, HandshakeRefusal, Hello, HelloReply
+from waychair.firmware_bridge.protocol import FIRMWARE_VERSION, BoardFault, Family, HandshakeRefusal, Hello, HelloReply
 
 HOST_FAULTS = BoardFault.HOST_SILENT | BoardFault.BAD_FRAMES | BoardFault.RANGE | BoardFault.NEW_HOST | BoardFault.CLOCK
 """Faults of the computer or its cable; lines and board are in order, so a new goal may clear them."""
@@ -88,8 +88,9 @@ def handshake_problem(reply: HelloReply, ours: Hello) -> str:
         )
     if HandshakeRefusal.FAMILY in refused or reply.family != ours.family:
         return (
-            f"the board is made for joystick family {reply.family} and the computer is set to {ours.family}: "
-            "set the family of this chair's joystick"
+            f"the board is made for joystick family {_family(reply.family)} and the computer is set to "
+            f"{_family(ours.family)}: measure the chair with this board, since `waychair calibrate dac` keeps its family in the "
+            f"chair's file; for a file without one set `bridge.family: {reply.family}` in the part chair of --config"
         )
     if refused or reply.swing_mv == 0 or reply.dac_high_mv <= reply.dac_low_mv or reply.dac_counts_max == 0:
         return "the board has no joystick family or impossible limits: configure and flash it again"
@@ -98,6 +99,11 @@ def handshake_problem(reply: HelloReply, ours: Hello) -> str:
 
 def _version(number: int) -> str:
     return f"{number >> 8}.{number & 0xFF}"
+
+
+def _family(number: int) -> str:
+    """Return the number of a joystick family, and its name if it is known."""
+    return f"{number} ({Family(number).name.lower()})" if number in set(Family) else str(number)
 
 
 def _name(chair_id: bytes) -> str:

@@ -14,9 +14,10 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.fits.dac import DacModel
 from waychair.config import Settings, setting
-from waychair.errors import CalibrationError
+from waychair.errors import CalibrationError, CalibrationMismatch
 from waychair.firmware_bridge.advice import fault_advice, is_of_host
 from waychair.firmware_bridge.line_counts import LineCounts
 from waychair.firmware_bridge.protocol import (
@@ -52,6 +53,9 @@ MAX_FUTURE_MS = 10
 SLEW = 6.0
 """Fastest change of a line [V/s], like the board's own limit."""
 
+USUAL_FAMILY = Family.EIGHT_PIN_3V3
+"""The joystick family of simulated chairs, and of chairs whose file and settings name none."""
+
 TAKEN_OVER = "the rider took over by joystick"
 
 
@@ -60,7 +64,11 @@ class BridgeSettings(Settings):
     """Limits of the commands that the bridge passes on."""
 
     family: int = setting(
-        Family.EIGHT_PIN_3V3, "", "number of the chair's joystick family in firmware/families.c", low=1, high=3
+        0,
+        "",
+        "joystick family: 0 that of the chair's file, 1 hall_5v, 2 inductive_12v, 3 eight_pin_3v3; for old files without it",
+        low=0,
+        high=3,
     )
     max_wheel_speed: float = setting(
         1.6,
@@ -133,6 +141,23 @@ class _Clock:
         return max(now_ns, self.now_ns), back_ns
 
 
+def with_family_of(settings: BridgeSettings, calibration: ChairCalibration) -> BridgeSettings:
+    """Return the settings with the joystick family of the chair's file.
+
+    Raises:
+        CalibrationMismatch: the settings name another family than the file.
+    """
+    if calibration.family is None:
+        return settings
+    known = Family[calibration.family.upper()]
+    if settings.family not in (0, known):
+        raise CalibrationMismatch(
+            f"`bridge.family: {settings.family}` is set, and the file of chair '{calibration.chair_id}' is of the joystick "
+            f"family {known.value} ({calibration.family}): remove the setting, or measure the chair again"
+        )
+    return replace(settings, family=int(known))
+
+
 class Bridge:
     """From wheel speeds to the board: `send` once a control tick, `beat` at least at 50 Hz. Thread-safe.
 
@@ -156,7 +181,9 @@ class Bridge:
         self._gate = gate
         self._settings = settings or BridgeSettings()
         self._lines = LineCounts.of(calibration)
-        self._session = BoardSession(cable, chair_id, self._settings.family, self._lines.neutral_problem)
+        self._session = BoardSession(
+            cable, chair_id, self._settings.family or USUAL_FAMILY, self._lines.neutral_problem
+        )
         self._lock = threading.Lock()
         self._clock = _Clock()
         self._order = _Order(None, "no command", 0, 0)

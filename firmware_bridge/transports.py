@@ -7,9 +7,12 @@ after it lost its other end, `closed` is true, writes fail and reads are empty. 
 from __future__ import annotations
 
 import contextlib
+import errno
+import grp
 import os
 import select
 import socket
+import stat
 import termios
 import threading
 import time
@@ -20,11 +23,14 @@ from pathlib import Path
 from typing import Protocol
 
 from waychair.errors import TransportError
+from waychair.install_advice import pip_install
 
 WRITE_TIMEOUT_S = 0.02
 """One command period. pyserial waits for ever with None and, on a full line, also with 0."""
 
 READ_MAX = 4096
+
+_TCP_PORTS = range(1, 65_536)
 
 
 class Transport(Protocol):
@@ -53,18 +59,19 @@ class SerialTransport:
     def __init__(self, path: str, baud: int = 115_200) -> None:
         """
         Raises:
-            TransportError: there is no such port, another program has it, or pyserial is not installed.
+            TransportError: there is no such port, this user has no right to it, another program has it, it is no serial
+                port, or pyserial is not installed.
         """
         try:
             import serial
         except ImportError as error:
-            raise TransportError("a serial port needs pyserial: install it with `pip install pyserial`") from error
+            raise TransportError(f"a serial port needs pyserial: install it with `{pip_install()} pyserial`") from error
         # A device that is removed also raises termios.error; a port that another thread closes has the descriptor None.
         self._failures = (OSError, ValueError, TypeError, termios.error, serial.SerialException)
         try:
             self._port = serial.Serial(path, baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True)
         except self._failures as error:
-            raise TransportError(f"cannot open the serial port {path}: {error}; is the board plugged in?") from error
+            raise TransportError(unopened_port(path, getattr(error, "errno", None), str(error))) from error
         self._timeout = serial.SerialTimeoutException
 
     @property
@@ -99,6 +106,60 @@ class SerialTransport:
     def close(self) -> None:
         with contextlib.suppress(*self._failures):
             self._port.close()
+
+
+def unopened_port(path: str, number: int | None, text: str) -> str:
+    """Return the sentence about a serial port that cannot be opened, from the error's number and text."""
+    if number in _MISSING:
+        there = sorted(str(each) for kind in _PORTS for each in Path("/dev").glob(kind))
+        found = f" (there are {', '.join(there)})" if there else ""
+        return f"there is no serial port {path}{found}: plug the board in, or name the port that it has"
+    if number in (errno.EACCES, errno.EPERM):
+        return (
+            f"the serial port {path} is there, but this user may not open it: run `sudo usermod -aG {_port_group(path)} "
+            "$USER`, then log out and in again"
+        )
+    if number in (errno.EBUSY, errno.EAGAIN):
+        return f"the serial port {path} is in use by {_holder(path)}: end that program first"
+    if number == errno.EISDIR or not Path(path).is_char_device():
+        return f"{path} is no serial port: name a port such as /dev/ttyUSB0"
+    return f"cannot open the serial port {path}: {text}; unplug the board and plug it in again"
+
+
+_MISSING = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR)
+
+_PORTS = ("ttyUSB*", "ttyACM*")
+"""Names under /dev of the ports of USB boards."""
+
+_USUAL_GROUP = "dialout"
+"""The group of serial ports on Debian and Ubuntu; elsewhere it is uucp or plugdev, for instance."""
+
+
+def _port_group(path: str) -> str:
+    """Return the group that may open a port, or the usual group where the port's own would not help."""
+    try:
+        found = Path(path).stat()
+        group = grp.getgrgid(found.st_gid).gr_name
+    except (OSError, KeyError):
+        return _USUAL_GROUP
+    both = stat.S_IRGRP | stat.S_IWGRP
+    return group if found.st_mode & both == both and found.st_gid != 0 else _USUAL_GROUP
+
+
+def _holder(path: str) -> str:
+    """Return the program that has a port open, by proc(5); programs of other users are not seen."""
+    port = Path(path).resolve()
+    for held in Path("/proc").glob("[0-9]*/fd/*"):
+        with contextlib.suppress(OSError):
+            if held.readlink() == port and held.parts[2] != str(os.getpid()):
+                name = (held.parents[1] / "comm").read_text(encoding="utf-8", errors="replace").strip()
+                return f"'{name}' (process {held.parts[2]})"
+    return "another program"
+
+
+def is_pseudo_terminal(path: str) -> bool:
+    """Return whether a port leads to a program on this computer (pts(4)), such as a simulated board; a link is followed."""
+    return Path(path).resolve().parent == Path("/dev/pts")
 
 
 class TcpTransport:
@@ -203,22 +264,38 @@ class DescriptorTransport:
             self._descriptor = None
 
 
-def transport_from_text(text: str, what: str = "a port") -> Transport:
-    """Open a port given as /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT; `what` names it in errors.
+def check_port(text: str, what: str = "a port") -> None:
+    """Check that a text has the form of a port, without opening it; `what` names it in errors.
 
     Raises:
-        TransportError: the text has none of these forms, the port cannot be opened, or a pseudo-terminal's link is older
-            than the terminal.
+        TransportError: the text is none of /dev/ttyUSB0, pty:PATH and tcp:HOST:PORT.
     """
     kind, _, rest = text.partition(":")
     if kind == "tcp":
         host, _, port = rest.rpartition(":")
-        if not host or not port.isdecimal():
-            raise TransportError(f"{what} tcp:HOST:PORT needs a host and a number, not '{text}'")
+        if not host or not port.isdecimal() or int(port) not in _TCP_PORTS:
+            raise TransportError(
+                f"{what} tcp:HOST:PORT needs a host and a number from 1 to {_TCP_PORTS[-1]}, not '{text}'"
+            )
+    elif not (rest if kind == "pty" else text).startswith("/"):
+        raise TransportError(f"{what} must be /dev/..., pty:/dev/pts/N or tcp:HOST:PORT, not '{text}'")
+
+
+def transport_from_text(text: str, what: str = "a port") -> Transport:
+    """Open a port given as /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT; `what` names it in errors.
+
+    Raises:
+        TransportError: see `check_port`; or the port cannot be opened, or a pseudo-terminal's link is older than the
+            terminal.
+    """
+    check_port(text, what)
+    kind, _, rest = text.partition(":")
+    if kind == "tcp":
+        host, _, port = rest.rpartition(":")
         return TcpTransport(host, int(port))
     path = rest if kind == "pty" else text
-    if not path.startswith("/"):
-        raise TransportError(f"{what} must be /dev/..., pty:/dev/pts/N or tcp:HOST:PORT, not '{text}'")
+    if kind == "pty" and not Path(path).exists():
+        raise TransportError(f"there is no terminal {path}: start the program that makes it, such as the simulator")
     if kind == "pty" and _is_older_than_its_terminal(Path(path)):
         raise TransportError(f"{path} leads to another program's terminal: restart the program that made it")
     return SerialTransport(path)

@@ -78,8 +78,9 @@ def remove_checkpoint(folder: Path) -> None:
 
 def _fingerprint(recording: Recording, settings: Settings) -> str:
     """Return a hash over the recording's files and frames, the settings and the program's version."""
-    files = sorted(path for path in recording.path.rglob("*") if path.is_file()) or [recording.path]
+    parts = recording.parts or (recording.path,)
+    files = [file for part in parts for file in sorted(each for each in part.rglob("*") if each.is_file()) or [part]]
     stats = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     stamps = [frame.stamp_ns for frame in recording.frames]
-    parts = (__version__, config.dump(settings), stats, len(stamps), stamps[:1], stamps[-1:], recording.source)
-    return hashlib.sha256(repr(parts).encode()).hexdigest()
+    told = (__version__, config.dump(settings), stats, len(stamps), stamps[:1], stamps[-1:], recording.source)
+    return hashlib.sha256(repr(told).encode()).hexdigest()

@@ -17,14 +17,14 @@ from waychair.config import Settings, setting
 from waychair.errors import MapError, MissingExtra, NoPictures
 from waychair.files import replacing
 from waychair.geometry import in_space, interpolate, pose_from_array
+from waychair.install_advice import install_command
 from waychair.maps.depth.depth_scan import DepthSettings, frame_problem
 from waychair.maps.folders.map_files import yaml_path
 from waychair.offline.depth_recording import mount_of_camera
 from waychair.offline.mapping import MappingSettings, map_recording
 from waychair.offline.rgbd_mapping import RgbdMappingSettings, map_pictures
-from waychair.recordings.recording import Recording, read_recording, read_tum
+from waychair.recordings.recording import Recording, read_recording, read_tum, read_tum_in_space
 from waychair.recordings.rgbd_folders import is_rgbd_folder
-from waychair.recordings.text.carmen import stamp_from_text
 from waychair.slam.camera.coloured_points import coloured_points
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.mapping.depth_mapping import DepthMapping
@@ -70,8 +70,15 @@ class ExportCounts:
     points: int
 
 
-def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None) -> ExportCounts:
+def export_cloud(
+    source: Path,
+    ply: Path,
+    settings: CloudSettings | None = None,
+    mapping: MappingSettings | RgbdMappingSettings | None = None,
+) -> ExportCounts:
     """Write the cloud of a recording, which is mapped first, or of a map folder, whose recording must still exist.
+
+    `mapping` tells how the recording is read and mapped; settings of the other kind of recording only tell how to read it.
 
     Raises:
         MissingExtra: Open3D, which makes and writes clouds, is not installed.
@@ -82,7 +89,7 @@ def export_cloud(source: Path, ply: Path, settings: CloudSettings | None = None)
     """
     s, clouds = settings or CloudSettings(), _open3d()
     sum_, pictures, keys, last = clouds.geometry.PointCloud(), 0, 0, None
-    for posed in _posed(source):
+    for posed in _posed(source, mapping or MappingSettings()):
         pictures += 1
         if frame_problem(posed.picture, s.view) is not None or not _is_key(last, posed.map_from_camera):
             continue
@@ -104,7 +111,7 @@ def _open3d() -> Any:
         open3d = importlib.import_module("open3d")
     except ImportError as error:
         raise MissingExtra(
-            f"clouds are made by Open3D, which cannot be used ({error}): pip install 'waychair[clouds]'"
+            f"clouds are made by Open3D, which cannot be used ({error}): {install_command('clouds')}"
         ) from error
     return open3d
 
@@ -116,49 +123,35 @@ def _is_key(last: Pose3 | None, here: Pose3) -> bool:
     return away >= _KEY_DISTANCE or angle_between(last, here) >= _KEY_ANGLE
 
 
-def _posed(source: Path) -> Iterator[PosedImage]:
+def _posed(source: Path, settings: MappingSettings | RgbdMappingSettings) -> Iterator[PosedImage]:
     """Yield the images of a recording, or of a map's recording, that have a pose, in order."""
     report = yaml_path(source).with_name("report.json")
     folder = report.parent if (report.parent / "trajectory.tum").is_file() and report.is_file() else None
-    recording = read_recording(source if folder is None else _recording_of(report))
+    recording = read_recording([source] if folder is None else _recording_of(report), settings.input)
     if is_rgbd_folder(recording.path):
         if folder is None:
-            way = map_pictures(recording, RgbdMappingSettings()).result.trajectory
+            pictured = settings if isinstance(settings, RgbdMappingSettings) else RgbdMappingSettings()
+            way = map_pictures(recording, pictured).result.trajectory
         else:
-            way = _poses_in_space(folder / "trajectory.tum")
+            way = read_tum_in_space(folder / "trajectory.tum")
         yield from _in_space(recording, way)
         return
-    mount, amiss = mount_of_camera(recording, MappingSettings().depth)
+    scanned = settings if isinstance(settings, MappingSettings) else MappingSettings()
+    mount, amiss = mount_of_camera(recording, scanned.depth)
     if mount is None:
         raise NoPictures(amiss[0] if amiss else f"{recording.path} holds no pictures with depth")
     if folder is None:
-        flat = map_recording(recording, MappingSettings(vision="off")).result.trajectory
+        flat = map_recording(recording, replace(scanned, vision="off")).result.trajectory
     else:
         flat = read_tum(folder / "trajectory.tum")
     yield from _on_floor(recording, mount, flat)
 
 
-def _poses_in_space(path: Path) -> Trajectory3:
-    """Read a trajectory that `waychair map` has written for a folder of images."""
-    from scipy.spatial.transform import Rotation
-
-    stamps, rows = [], []
+def _recording_of(report: Path) -> list[Path]:
     try:
-        for line in path.read_text(encoding="utf-8").splitlines():
-            stamp, *numbers = line.split()
-            stamps.append(stamp_from_text(stamp))
-            rows.append([float(number) for number in numbers])
-        values = np.array(rows).reshape(-1, 7)
-        turns = Rotation.from_quat(values[:, 3:]).as_matrix()
-    except (OSError, ValueError) as error:
-        raise MapError(f"{path} is not `stamp x y z qx qy qz qw` lines ({error}): make the map again") from error
-    return Trajectory3(np.array(stamps, np.int64), turns, values[:, :3])
-
-
-def _recording_of(report: Path) -> Path:
-    try:
-        return Path(str(json.loads(report.read_text(encoding="utf-8"))["input"]))
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        told = json.loads(report.read_text(encoding="utf-8"))
+        return [Path(str(part)) for part in told.get("parts") or [told["input"]]]
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise MapError(f"{report} does not say which recording the map was made of: make the map again") from error
 
 

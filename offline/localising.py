@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from waychair import __version__, config
 from waychair.config import Settings
 from waychair.errors import NoScans
 from waychair.files import write_json
+from waychair.offline.aids import CheckedRecording, checked_recording
 from waychair.offline.mapping import peak_memory_mb
 from waychair.recordings.recording import InputSettings, Recording, write_tum
 from waychair.slam.localising.localiser import Localisation, LocalisationState, Localiser, LocaliserSettings
@@ -50,10 +51,12 @@ def localise_recording(
     Raises:
         NoScans: the recording has no frame with a scan.
     """
+    cpu = time.process_time()
+    checked = checked_recording(recording, settings.localiser.matching.range_max)
+    recording = replace(checked.recording, warnings=(*recording.warnings, *checked.sentences))
     frames = [frame for frame in recording.frames if frame.scan is not None]
     if not frames:
         raise NoScans(f"{recording.path} holds no laser scan, so the drive cannot be localised")
-    cpu = time.process_time()
     localiser = Localiser(grid, recording.base_from_laser, start, settings.localiser)
     found: list[Localisation] = []
     for index, frame in enumerate(frames):
@@ -65,7 +68,7 @@ def localise_recording(
     known = [(frame.stamp_ns, _pose(where)) for frame, where in zip(frames, found, strict=True) if not where.lost]
     stamps = np.array([stamp for stamp, _ in known], np.int64)
     trajectory = Trajectory(stamps, np.array([pose.array() for _, pose in known]).reshape(-1, 3))
-    return LocalisedRecording(trajectory, _report(recording, trajectory, found, time.process_time() - cpu))
+    return LocalisedRecording(trajectory, _report(recording, checked, trajectory, found, time.process_time() - cpu))
 
 
 def save_localised(folder: Path, localised: LocalisedRecording, settings: LocalisingSettings) -> None:
@@ -98,15 +101,23 @@ def _pose(found: Localisation) -> Pose2:
     return found.map_from_base @ found.remaining
 
 
-def _report(recording: Recording, trajectory: Trajectory, found: list[Localisation], cpu_seconds: float) -> Json:
+def _report(
+    recording: Recording,
+    checked: CheckedRecording,
+    trajectory: Trajectory,
+    found: list[Localisation],
+    cpu_seconds: float,
+) -> Json:
     states = [localisation.state for localisation in found]
     inliers = np.array([localisation.inliers for localisation in found])
     poses = trajectory.poses
     return {
         "waychair": __version__,
         "input": str(recording.path),
+        "parts": [str(part) for part in recording.parts],
         "source": recording.source,
         "warnings": list(recording.warnings),
+        "aids": checked.data(),
         "frames": len(found),
         "distance_m": round(float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()), 3),
         "states": {state.value: states.count(state) for state in LocalisationState},

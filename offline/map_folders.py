@@ -85,7 +85,7 @@ def copy_map(map: Path, folder: Path) -> None:
     known = yaml_path(map)
     if (folder / MAP_YAML).resolve() == known.resolve():
         return
-    load_map(known)
+    load_map(known, lambda _: None)
     if _has_image_of(folder, known):
         DrawingEditor(folder).draw(DrawingEditor(known).drawing)
         return

@@ -19,6 +19,7 @@ from waychair.errors import NoScans, SessionError
 from waychair.files import remove, write_json
 from waychair.maps.folders.depth_layer import save_depth_layer
 from waychair.maps.folders.map_files import save_map
+from waychair.offline.aids import checked_recording
 from waychair.offline.appearance_mapping import (
     MEMORY,
     MemoryBuilder,
@@ -118,8 +119,11 @@ def map_recording(
     if settings.depth.use == "only":
         live = live_from_pictures(recording, settings, camera, progress)
         return _finished(live, recording, (started, cpu, reading_s), amiss, 0)
+    checked = checked_recording(recording, settings.mapper.matching.range_max)
+    recording, amiss = checked.recording, [*checked.sentences, *amiss]
     recording = replace(recording, frames=recording.frames[start_index(recording.frames) :])
     live = LiveMapping(settings, recording.base_from_laser, base_from_camera=camera)
+    live.seconds["checking"] = checked.seconds
     frames = [frame for frame in map(live.reckon, recording.frames) if frame.scan is not None]
     if not frames:
         raise NoScans(f"{recording.path} holds no laser scan, so no map can be made of it")
@@ -144,6 +148,7 @@ def map_recording(
     mapping = _finished(
         live=live, recording=recording, began=(started, cpu, reading_s), amiss=amiss, first=first, builder=builder
     )
+    mapping.report["aids"] = checked.data()
     return replace(mapping, state=state_of_map(live, lens, _features(settings)))
 
 
@@ -170,7 +175,10 @@ def join_recording(
     started, cpu = time.perf_counter(), time.process_time()
     if settings.depth.use == "only":
         raise SessionError("a drive is joined to a map by its laser scans: leave out --depth only")
+    checked = checked_recording(recording, settings.mapper.matching.range_max)
+    recording = checked.recording
     camera, amiss = mount_of_camera(recording, settings.depth)
+    amiss = [*checked.sentences, *amiss]
     lens, state = _lens(recording, settings, camera), load_state(folder)
     check_sensors(state, recording.base_from_laser, settings, lens, _features(settings))
     lean = replace(settings.appearance, memory=replace(settings.appearance.memory, reduce_graph=True))
@@ -202,6 +210,7 @@ def join_recording(
     )
     if builder is None:
         move_memory(keep_in, mapper)
+    mapping.report["aids"] = checked.data()
     mapping.report["session"] = {
         "number": live.scans.session + 1,
         "began_on_known_ground": start is not None,
@@ -293,7 +302,7 @@ def _reported(live: LiveMapping, result: MapperResult, source: Recording, cost: 
     grid, depth = live.layered_grid()
     # a wrong mount also tears the map; its warning names the cause
     amiss = mount_warnings(live.odometry, result.drive_trajectory.poses, live.base_from_laser) or torn_warnings(result)
-    left_out = warnings_of(live.depth.counts, source.unread)
+    left_out = [*([live.size_warning] if live.size_warning else []), *warnings_of(live.depth.counts, source.unread)]
     report = mapping_report(
         recording=source,
         warnings=[*source.warnings, *amiss, *left_out],

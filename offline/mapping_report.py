@@ -49,9 +49,11 @@ def mapping_report(
     return {
         "waychair": __version__,
         "input": str(recording.path),
+        "parts": [str(part) for part in recording.parts],
         "source": recording.source,
         "base_from_laser": [round(value, 6) for value in recording.base_from_laser.array().tolist()],
         "warnings": list(warnings),
+        "health": [finding.as_json() for finding in recording.findings],
         "frames": len(stamps),
         "duration_s": round(float(stamps.max() - stamps.min()) * 1e-9, 3),
         "distance_m": round(float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()), 3),
@@ -75,7 +77,7 @@ def mapping_report(
 
 
 def torn_warnings(result: MapperResult) -> list[str]:
-    """Return one sentence for each break in the scan matching, and whether a loop closure has bridged it."""
+    """Return a sentence about the breaks in the scan matching that a loop closure has bridged, and one about the others."""
     torn = [e for e in result.edges if e.kind is EdgeKind.UNKNOWN and result.key_frames[e.j] >= result.earlier_frames]
     whole = [edge for edge in result.edges if edge.kind is not EdgeKind.UNKNOWN]
     nodes = len(result.key_poses)
@@ -83,12 +85,20 @@ def torn_warnings(result: MapperResult) -> list[str]:
     _, piece = connected_components(links, directed=False)
     start = int(result.drive_trajectory.stamps_ns[0])
     warnings = []
-    for edge in torn:
-        seconds = (int(result.trajectory.stamps_ns[result.key_frames[edge.j]]) - start) * 1e-9
-        mended = "; a loop closure has joined the map again" if piece[edge.i] == piece[edge.j] else (
-            ", and the part after it is not joined to the rest: record a drive that returns to known ground"
-        )  # fmt: skip
-        warnings.append(f"at {seconds:.1f} s the scans do not match those before{mended}")
+    for mended, outcome in (
+        (True, "; a loop closure has joined the map again"),
+        (False, ", and the part after it is not joined to the rest: record a drive that returns to known ground"),
+    ):
+        stamps = [
+            int(result.trajectory.stamps_ns[result.key_frames[edge.j]])
+            for edge in torn
+            if bool(piece[edge.i] == piece[edge.j]) is mended
+        ]
+        if stamps:
+            more = f" and {len(stamps) - 1} times later" if len(stamps) > 2 else " and once later"
+            more = more if len(stamps) > 1 else ""
+            first = (min(stamps) - start) * 1e-9
+            warnings.append(f"at {first:.1f} s{more} the scans do not match those before{outcome}")
     return warnings
 
 

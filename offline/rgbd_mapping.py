@@ -15,6 +15,7 @@ from waychair.errors import NoPictures
 from waychair.files import write_json
 from waychair.offline.appearance_mapping import memory_report, new_memory, remove_memory
 from waychair.offline.mapping import peak_memory_mb
+from waychair.recordings.picture_pairs import LEAST_KEPT
 from waychair.recordings.recording import InputSettings, Recording, write_tum
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.rgbd.rgbd_mapper import NEAR_DISTANCE, RgbdMap, RgbdMapper, RgbdMapperSettings
@@ -85,6 +86,22 @@ def save_pictures_map(folder: Path, mapping: RgbdMapping, settings: RgbdMappingS
     write_json(folder / "report.json", mapping.report)
 
 
+def refuse_mostly_lost(report: Json, folder: Path) -> None:
+    """Refuse a map from which most of the pictures are missing.
+
+    Raises:
+        NoPictures: fewer than half of the listed pictures have a pose.
+    """
+    if report["placed"] >= LEAST_KEPT * report["listed"]:
+        return
+    reasons = {**report["unread"], **report["states"]}
+    why = ", ".join(f"{count} {reason}" for reason, count in reasons.items() if reason != "placed")
+    raise NoPictures(
+        f"only {report['placed']} of {report['listed']} pictures of {report['input']} could be placed ({why}); {folder} holds "
+        "their trajectory, but most of the drive is missing from it"
+    )
+
+
 def _in_order(recording: Recording) -> Iterator[RgbdFrame]:
     """Yield the images in order of time; count those that are not later than the one before."""
     latest: int | None = None
@@ -111,6 +128,7 @@ def _report(recording: Recording, result: RgbdMap, spent: list[float], cpu_s: fl
         "frame": "the optical frame (x right, y down, z forward) of the first picture",
         "warnings": [*recording.warnings, *warnings],
         "pictures": len(spent),
+        "listed": max(recording.listed, len(spent)),
         "placed": len(stamps),
         "states": result.states,
         "unread": dict(recording.unread),

@@ -182,7 +182,7 @@ def continue_map(live: LiveMapping, state: MapState) -> OccupancyGrid:
         live.depth.anchor(picture.told, picture.key, picture.key_from_base)
     live.depth.assembly.begin(state.sessions)
     live.scans.move_nodes(live.mapper.keys.poses, np.zeros(2))
-    live.scans.settle()
+    live.draw_all()
     return live.scans.grid()
 
 

@@ -7,9 +7,10 @@ are written by `RecordingWriter`.
 from __future__ import annotations
 
 import math
+import tempfile
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -17,15 +18,20 @@ from pathlib import Path
 import numpy as np
 
 from waychair.config import Settings, setting
-from waychair.errors import NoScans, RecordingDamaged, RecordingError, RecordingNotFound
+from waychair.errors import NoScans, RecordingError, RecordingUnknown
 from waychair.files import write_text
-from waychair.recordings.bags.rosbag_file import bag_suffix
 from waychair.recordings.bags.rosbag_pictures import read_camera_mount, read_pictures
-from waychair.recordings.bags.rosbag_reader import BagSettings, read_bag
+from waychair.recordings.bags.rosbag_reader import NOT_USED, BagSettings, read_bag
 from waychair.recordings.bags.rosbag_writer import RecordingWriter
-from waychair.recordings.rgbd_folders import RgbdSettings, frames_of, is_rgbd_folder, read_rgbd_folder
+from waychair.recordings.other_files import likely_kind
+from waychair.recordings.packed import packing_of, unpack
+from waychair.recordings.plausibility.findings import Finding
+from waychair.recordings.plausibility.plausible_scans import without_nothing_codes
+from waychair.recordings.recording_files import RecordingFiles, find_recording, text_head
+from waychair.recordings.rgbd_folders import RgbdSettings, frames_of, read_rgbd_folder
 from waychair.recordings.scans import LaserMount, count_silent_scans, mirrored, mount_from_text
-from waychair.recordings.text.carmen import GZIP_MAGIC, decompressed_text, read_carmen, stamp_from_text
+from waychair.recordings.stamps import read_pose_rows
+from waychair.recordings.text.carmen import GZIP_MAGIC, decompressed_text, read_carmen
 from waychair.recordings.text.coreslam import is_coreslam, read_coreslam
 from waychair.recordings.text.laser_text import is_laser_text, read_laser_text
 from waychair.types import Pose2, Pose3, RgbdFrame, SensorFrame, Trajectory, Trajectory3
@@ -40,7 +46,9 @@ class InputSettings(Settings):
     """How to read a recording: its topics, and facts that the recording itself does not state."""
 
     mounts: tuple[str, ...] = setting(
-        (), "m, rad", "mount of the laser in the base as X,Y,YAW[,upside-down], one per scan topic; empty: as recorded"
+        (),
+        "m, rad",
+        "mount of the laser in the base as X,Y[,Z],YAW[,upside-down], one per scan topic; empty: as recorded",
     )
     bag: BagSettings = field(default_factory=BagSettings)
     rgbd: RgbdSettings = field(default_factory=RgbdSettings)
@@ -61,9 +69,12 @@ class Recording:
     A folder of pictures has no frames, only `pictures()`.
 
     Frames are in recording order; their stamps may step backwards. `source` names the format and the topics, `warnings`
-    lists the defects, one sentence each. `pictures()` reads the recording again and decodes one picture with depth at a
-    time; `unread` counts unreadable pictures by reason. `picture_count` is the number of pictures, 0 if unknown.
-    `camera_mount()` reads the pose of a bag's optical frame in the base, None if the bag does not state it.
+    lists the defects, one sentence each, those of `findings` among them. `pictures()` reads the recording again and
+    decodes one picture with depth at a time; `unread` counts unreadable pictures by reason. `picture_count` is the number
+    of pictures, 0 if unknown.
+    `camera_mount()` reads the pose of a bag's optical frame in the base, None if the bag does not state it. `parts` are
+    the files and folders that were read. `listed` is the number of pairs of pictures in a folder's lists, lost ones
+    among them.
     """
 
     path: Path
@@ -71,20 +82,23 @@ class Recording:
     base_from_laser: Pose2
     source: str
     warnings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     pictures: Callable[[], Iterator[RgbdFrame]] = lambda: iter(())
     picture_count: int = 0
     unread: Counter[str] = field(default_factory=Counter)
     camera_mount: Callable[[], Pose3 | None] = lambda: None
+    parts: tuple[Path, ...] = ()
+    listed: int = 0
 
 
 def read_recording(
-    path: Path,
+    path: Path | Sequence[Path],
     settings: InputSettings | None = None,
     *,
     base_from_laser: Pose2 | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Recording:
-    """Return the recording at a path; its format is recognised by content.
+    """Return the recording at a path, or the one of which several files are the parts; the content tells its format.
 
     `base_from_laser` overrides the settings with one upright mount. Without a mount, a bag's mount comes from its /tf,
     and a CARMEN log's base is the laser, with the laser's pose as odometry. With a mount, a CARMEN log's odometry is its
@@ -92,67 +106,97 @@ def read_recording(
 
     Raises:
         RecordingNotFound: the path does not exist.
-        RecordingDamaged: the recording is empty, of an unknown format, or damaged so that no scan can be read.
+        RecordingUnknown: the file is of another kind; the sentence names it.
+        RecordingDamaged: the recording is empty, or damaged so that no scan can be read.
         NoScans: the recording holds no laser scans, or only scans without a distance; the message lists its topics.
-        RecordingError: the recording cannot be opened, or lacks a topic that the settings name.
+        RecordingError: the recording cannot be opened, lacks a topic that the settings name, or the files are no parts
+            of one recording.
     """
     settings = settings or InputSettings()
     mounts = settings.laser_mounts() if base_from_laser is None else (LaserMount(base_from_laser),)
-    if is_rgbd_folder(path):
-        folder, unread = read_rgbd_folder(path, settings.rgbd), Counter[str]()
-        pictures = partial(frames_of, folder, unread)
-        return Recording(
-            path=path,
-            frames=(),
-            base_from_laser=Pose2(),
-            source=folder.source,
-            warnings=folder.warnings,
-            pictures=pictures,
-            picture_count=len(folder.pairs),
-            unread=unread,
-        )
-    suffix = _bag_suffix(path)
-    if suffix is not None:
-        bag = read_bag(path, suffix, settings.bag, mounts, progress)
-        pictures = partial(read_pictures, path, suffix, settings.bag)
-        mount = partial(read_camera_mount, path, suffix, settings.bag)
+    files = find_recording([path] if isinstance(path, Path) else path)
+    if files.pictures:
+        return _read_folder(files, settings)
+    if files.bag is not None:
+        bag = read_bag(files.bag, settings.bag, mounts, progress)
         recording = Recording(
-            path=path,
+            path=files.path,
             frames=bag.frames,
             base_from_laser=bag.base_from_laser,
             source=bag.source,
-            warnings=bag.warnings,
-            pictures=pictures,
-            camera_mount=mount,
+            warnings=(*files.warnings, *bag.warnings),
+            findings=bag.findings,
+            pictures=partial(read_pictures, files.bag, settings.bag, bag.other_robots),
+            camera_mount=partial(read_camera_mount, files.bag, settings.bag, bag.other_robots),
+            parts=files.parts,
         )
         return _checked(recording)
     if len(mounts) > 1:
-        raise RecordingError(f"{len(mounts)} mounts are given for the one laser of {path}; give one")
-    recording = _read_text(path, mounts[0] if mounts else None, progress)
+        raise RecordingError(f"{len(mounts)} mounts are given for the one laser of {files.path}; give one")
+    recording = _without_codes(_read_text(files.path, mounts[0] if mounts else None, progress))
+    if settings.bag.odom_topic == NOT_USED:
+        recording = replace(recording, frames=tuple(replace(frame, wheels=()) for frame in recording.frames))
+    recording = replace(recording, warnings=(*files.warnings, *recording.warnings), parts=files.parts)
     if mounts and mounts[0].upside_down:
         turned = [replace(frame, scan=mirrored(frame.scan)) for frame in recording.frames if frame.scan is not None]
         recording = replace(recording, frames=tuple(turned))
     return _checked(recording)
 
 
+def _read_folder(files: RecordingFiles, settings: InputSettings) -> Recording:
+    """Read a folder of pictures."""
+    folder, unread = read_rgbd_folder(files.path, settings.rgbd), Counter[str]()
+    return Recording(
+        path=files.path,
+        frames=(),
+        base_from_laser=Pose2(),
+        source=folder.source,
+        warnings=(*files.warnings, *folder.warnings),
+        pictures=partial(frames_of, folder, unread),
+        picture_count=len(folder.pairs),
+        unread=unread,
+        parts=files.parts,
+        listed=folder.listed,
+    )
+
+
 def _read_text(path: Path, mount: LaserMount | None, progress: Callable[[float], None] | None) -> Recording:
     """Read a text log; the first line that is not a comment tells the format."""
-    data = path.read_bytes()
+    data, cut = _text_of(path)
     first = _first_line(data)
     base_from_laser = mount.base_from_laser if mount is not None else Pose2()
     if is_laser_text(first):
         text, warnings = decompressed_text(data, str(path))
         rows = read_laser_text(text, str(path), progress)
-        return Recording(path, rows.frames, base_from_laser, "rows of scans, no odometry", (*warnings, *rows.warnings))
+        told = (*cut, *warnings, *rows.warnings)
+        return Recording(path, rows.frames, base_from_laser, "rows of scans, no odometry", told)
     if is_coreslam(first):
         text, warnings = decompressed_text(data, str(path))
         log = read_coreslam(text, str(path), progress)
         at = base_from_laser if mount is not None else log.base_from_laser
-        return Recording(path, log.frames, at, "CoreSLAM log, odometry of its encoders", (*warnings, *log.warnings))
-    carmen = read_carmen(data, str(path), of_robot=mount is not None, progress=progress)
+        told = (*cut, *warnings, *log.warnings)
+        return Recording(path, log.frames, at, "CoreSLAM log, odometry of its encoders", told)
+    try:
+        carmen = read_carmen(data, str(path), of_robot=mount is not None, progress=progress)
+    except RecordingUnknown:
+        kind = likely_kind(path, text_head(path))
+        if kind is None:
+            raise
+        raise RecordingUnknown(kind.sentence(path)) from None
     pose = "laser's" if mount is None else "robot's"
     source = f"CARMEN log, {carmen.kind} with the {pose} pose as odometry"
-    return Recording(path, carmen.frames, base_from_laser, source, carmen.warnings)
+    return Recording(path, carmen.frames, base_from_laser, source, (*cut, *carmen.warnings))
+
+
+def _without_codes(recording: Recording) -> Recording:
+    """Return the recording with +inf in place of the lidar's codes for "nothing seen", and the finding about them."""
+    scanned = [index for index, frame in enumerate(recording.frames) if frame.scan is not None]
+    scans = [scan for frame in recording.frames if (scan := frame.scan) is not None]
+    cleared, findings = without_nothing_codes("lidar", scans)
+    frames = list(recording.frames)
+    for index, scan in zip(scanned, cleared, strict=True):
+        frames[index] = replace(frames[index], scan=scan)
+    return replace(recording, frames=tuple(frames), findings=(*recording.findings, *findings))
 
 
 def _checked(recording: Recording) -> Recording:
@@ -168,7 +212,7 @@ def _checked(recording: Recording) -> Recording:
             f"none of the {count} scans of {recording.path} holds a distance (all are nan, infinite or zero): "
             "check the laser and its driver"
         )
-    warnings = list(recording.warnings)
+    warnings = [*recording.warnings, *(finding.sentence() for finding in recording.findings)]
     if blind:
         warnings.append(f"{blind} of {count} scans hold no distance at all (nan, infinite or zero)")
     stamps = np.array([frame.stamp_ns for frame in recording.frames], np.int64)
@@ -178,17 +222,16 @@ def _checked(recording: Recording) -> Recording:
     return replace(recording, warnings=tuple(warnings))
 
 
-def _bag_suffix(path: Path) -> str | None:
-    """Return the kind of bag ('' for a folder); None for a file that is not a bag."""
-    if not path.is_dir():
-        return bag_suffix(_first_bytes(path))
-    storages = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3")]
-    if not (path / "metadata.yaml").is_file() and not storages:
-        raise RecordingDamaged(
-            f"{path} is not a recording: it has no metadata.yaml, .mcap or .db3 of a ROS 2 bag, and no pictures, which lie in "
-            "rgb/ and depth/ or are named frame-N.color.png and frame-N.depth.png"
-        )
-    return ""
+def _text_of(path: Path) -> tuple[bytes, list[str]]:
+    """Return the bytes of a text file, decompressed unless by gzip, and a warning where its end is missing."""
+    packing = packing_of(text := path.read_bytes())
+    if packing is None or text.startswith(GZIP_MAGIC):
+        return text, []
+    with tempfile.TemporaryDirectory() as work:
+        reason = unpack(path, packing, Path(work) / "text")
+        text = (Path(work) / "text").read_bytes()
+    cut = f"the {packing.name} file is cut short or damaged ({reason}): only the data before that was read"
+    return text, [cut] if reason else []
 
 
 def _first_line(data: bytes) -> bytes:
@@ -225,48 +268,37 @@ def write_tum(path: Path, trajectory: Trajectory | Trajectory3) -> None:
 
 
 def read_tum(path: Path) -> Trajectory:
-    """Return the planar part of a TUM trajectory in file order; empty lines and lines that begin with # are skipped.
+    """Return the planar part of a TUM trajectory in file order (see `read_tum_in_space`).
 
     Raises:
         RecordingNotFound: the file does not exist.
         RecordingDamaged: a line does not hold eight finite numbers with a quaternion in the last four.
     """
-    _first_bytes(path)
-    stamps, poses = [], []
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
-        fields = line.split()
-        if not fields or fields[0].startswith("#"):
-            continue
-        try:
-            stamps.append(stamp_from_text(fields[0]))
-            poses.append(_planar_pose(fields))
-        except ValueError as error:
-            raise RecordingDamaged(f"{path} line {number} is not `stamp x y z qx qy qz qw`: {error}") from error
-    return Trajectory(np.array(stamps, dtype=np.int64), np.array(poses, dtype=np.float64).reshape(-1, 3))
+    return planar_part(read_tum_in_space(path))
 
 
-def _planar_pose(fields: list[str]) -> tuple[float, float, float]:
-    x, y, z, qx, qy, qz, qw = (float(field) for field in fields[1:])
-    if not math.isfinite(x + y + z + qx + qy + qz + qw) or qx == qy == qz == qw == 0.0:
-        raise ValueError("these numbers are not a pose")
-    return x, y, math.atan2(2 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
+def planar_part(trajectory: Trajectory3) -> Trajectory:
+    """Return x, y and yaw of a trajectory in space."""
+    turns = trajectory.rotations
+    theta = np.arctan2(turns[:, 1, 0], turns[:, 0, 0])
+    return Trajectory(trajectory.stamps_ns, np.column_stack([trajectory.positions[:, :2], theta]))
+
+
+def read_tum_in_space(path: Path) -> Trajectory3:
+    """Return a TUM trajectory in file order; stamps are in seconds, or in ms, us or ns by their size.
+
+    Raises:
+        RecordingNotFound: the file does not exist.
+        RecordingDamaged: a line does not hold eight finite numbers with a quaternion in the last four.
+    """
+    from scipy.spatial.transform import Rotation
+
+    stamps, table = read_pose_rows(path)
+    turns = Rotation.from_quat(table[:, 3:]).as_matrix() if len(table) else np.zeros((0, 3, 3))
+    return Trajectory3(stamps, turns, table[:, :3])
 
 
 def _text_from_stamp(stamp_ns: int) -> str:
     seconds, nanoseconds = divmod(abs(stamp_ns), 1_000_000_000)
     fraction = f"{nanoseconds:09d}" if nanoseconds % 1000 else f"{nanoseconds // 1000:06d}"
     return f"{'-' if stamp_ns < 0 else ''}{seconds}.{fraction}"
-
-
-def _first_bytes(path: Path) -> bytes:
-    """Return the first bytes of a file, which identify its format."""
-    if not path.exists():
-        raise RecordingNotFound(f"there is no recording at {path}; check the path")
-    try:
-        with path.open("rb") as file:
-            head = file.read(16)
-    except OSError as error:
-        raise RecordingError(f"cannot read {path}: {error.strerror}") from error
-    if not head:
-        raise RecordingDamaged(f"{path} is empty; copy it again from its source")
-    return head

@@ -8,7 +8,8 @@ Numbered frames (the layout of 7-Scenes, Shotton et al., CVPR 2013, and of tsdf-
 `frame-N.depth.png` in millimetres, `frame-N.pose.txt` with the true world_from_camera (4, 4), and optionally
 `camera-intrinsics.txt` (3, 3). Their stamps are N divided by the frame rate.
 
-Lens distortion is removed on reading, so that an `RgbdFrame` is always of a pinhole camera.
+Lens distortion is removed on reading, so that an `RgbdFrame` is always of a pinhole camera. `picture_pairs` finds the
+pictures, `picture_doubts` tells where their scale or camera is unlikely.
 """
 
 from __future__ import annotations
@@ -16,9 +17,8 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,16 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, RecordingDamaged, RecordingNotFound
+from waychair.recordings.picture_doubts import (
+    SAMPLE,
+    DepthSample,
+    doubt_about_centre,
+    doubt_about_scale,
+    sampled,
+    scaled_matrix,
+)
+from waychair.recordings.picture_pairs import FRAME_RATE, Pair, is_numbered, is_tum, numbered_files, read_pairs
+from waychair.recordings.stamps import read_pose_rows, read_rows
 from waychair.types import Bytes, Float32Array, FloatArray, RgbdFrame, Trajectory3
 
 CAMERAS = {
@@ -43,14 +53,12 @@ Estimated from freiburg1_rpy alone: patches fit best at 0.016 to 0.02 s, and the
 """
 
 _UNNAMED_CAMERA = (525.0, 525.0, 319.5, 239.5)  # the default that the benchmark's page recommends
-_NUMBERED = re.compile(r"frame-(\d+)\.color\.(?:png|jpe?g)$")
 _CAMERA_NAME = re.compile(r"(?:freiburg|fr)([123])(?!\d)")
 _INTRINSICS = "camera-intrinsics.txt"
 _NO_DEPTH = 65535  # the code of 7-Scenes for missing depth
-_SLACK = 1e-6  # s; tolerance for rounding of decimal stamps
+_CAMERA_SIZE = (640, 480)  # px; pictures of the named cameras and of the unnamed one
+_SIZES = (0.2, 5.0)  # least and largest factor between the sizes of a camera's pictures
 
-MAX_SPREAD = 0.02  # s; a colour picture and its depth are this far apart at most
-FRAME_RATE = 30.0  # Hz; of numbered frames, which have no stamps
 TUM_DEPTH_SCALE, NUMBERED_DEPTH_SCALE = 5000.0, 1000.0  # depth units in a metre
 
 
@@ -63,6 +71,14 @@ class RgbdSettings(Settings):
         "px",
         "camera: fr1, fr2, fr3 or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]]; empty: by a file in the folder, or the folder's name",
     )
+    depth_scale: float = setting(
+        0.0,
+        "1/m",
+        "units of the depth pictures in a metre; larger: everything becomes smaller; 0: 5000 for rgb/ and depth/, 1000 for "
+        "numbered frames",
+        low=0.0,
+        high=1e6,
+    )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -72,11 +88,15 @@ class RgbdSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class CameraIntrinsics:
-    """A camera's matrix (3, 3) [px], lens distortion (5,) k1, k2, p1, p2, k3 of Brown's model, and readout time [s]."""
+    """A camera's matrix (3, 3) [px], lens distortion (5,) k1, k2, p1, p2, k3 of Brown's model, and readout time [s].
+
+    `size` is the width and height [px] of the pictures that the matrix is of, None where it is not known.
+    """
 
     matrix: FloatArray
     distortion: FloatArray
     readout: float = 0.0
+    size: tuple[int, int] | None = None
 
     @property
     def undistorted(self) -> bool:
@@ -85,17 +105,11 @@ class CameraIntrinsics:
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
-    """A colour picture with its stamp, and its depth picture."""
-
-    stamp_ns: int
-    colour: Path
-    depth: Path
-
-
-@dataclass(frozen=True, slots=True)
 class RgbdFolder:
-    """A folder's pairs by ascending stamp, its camera and depth scale, and warnings about it."""
+    """A folder's pairs by ascending stamp, its camera and depth scale, and warnings about it.
+
+    `listed` is the number of pairs, or of colour pictures, in its lists, lost ones among them.
+    """
 
     path: Path
     pairs: tuple[Pair, ...]
@@ -103,47 +117,68 @@ class RgbdFolder:
     depth_scale: float
     source: str
     warnings: tuple[str, ...]
+    listed: int = 0
 
 
 def is_rgbd_folder(path: Path) -> bool:
     """Return whether a folder holds colour and depth pictures in one of the two layouts."""
-    return path.is_dir() and (_is_tum(path) or _is_numbered(path))
+    return path.is_dir() and (is_tum(path) or is_numbered(path))
 
 
 def read_rgbd_folder(path: Path, settings: RgbdSettings) -> RgbdFolder:
-    """Return the pairs of pictures in a folder, without decoding them (see `frames_of`).
+    """Return the pairs of pictures in a folder; only a sample of them is decoded (see `frames_of`).
 
     Raises:
-        RecordingDamaged: a list has a wrong form, or no colour picture has a depth picture.
+        RecordingDamaged: a list has a wrong form, no colour picture has a depth picture, or most are lost.
         ConfigError: the camera's file does not hold a camera matrix.
     """
-    numbered = not _is_tum(path)
-    pairs, warnings = _numbered_pairs(path) if numbered else _tum_pairs(path)
-    if not pairs:
-        raise RecordingDamaged(
-            f"no colour picture in {path} has a depth picture within {MAX_SPREAD:g} s: copy both folders again"
-        )
-    late = sum(b.stamp_ns <= a.stamp_ns for a, b in pairwise(pairs))
-    ascending = tuple(sorted({pair.stamp_ns: pair for pair in pairs}.values(), key=lambda pair: pair.stamp_ns))
-    if late:
-        twice = len(pairs) - len(ascending)
-        warnings.append(
-            f"{late} pairs are not later than the one before them: they were sorted"
-            + (f", {twice} with a duplicate stamp left out" if twice else "")
-        )
+    numbered = not is_tum(path)
+    pairs = read_pairs(path)
+    warnings = list(pairs.warnings)
     camera, known, doubt = _camera_of(path, settings, numbered)
+    scale = settings.depth_scale or (NUMBERED_DEPTH_SCALE if numbered else TUM_DEPTH_SCALE)
+    sample = _sample(pairs.usable)
+    if sample is not None:
+        factor = _factor(camera, sample.size)
+        if factor != 1.0:
+            known += f", scaled by {factor:g}"
+            warnings.append(
+                f"the pictures have {sample.size[0]} x {sample.size[1]} pixels and those of the camera {_CAMERA_SIZE[0]} x "
+                f"{_CAMERA_SIZE[1]}: its matrix was scaled by {factor:g}; give --camera FX,FY,CX,CY if that is wrong"
+            )
+            camera = replace(camera, matrix=scaled_matrix(camera.matrix, factor), size=sample.size)
+        told = [doubt_about_centre(sample.size, camera.matrix)]
+        if not sample.metres:
+            told.append(doubt_about_scale(sample, scale))
+        warnings += [each for each in told if each]
+        scale = 1.0 if sample.metres else scale
     if doubt:
         warnings.append(doubt)
-    scale = NUMBERED_DEPTH_SCALE if numbered else TUM_DEPTH_SCALE
     layout = "numbered colour and depth frames" if numbered else "TUM colour and depth folders"
+    fx, fy, cx, cy = (camera.matrix[k] for k in ((0, 0), (1, 1), (0, 2), (1, 2)))
     return RgbdFolder(
         path=path,
-        pairs=ascending,
+        pairs=pairs.usable,
         camera=camera,
         depth_scale=scale,
-        source=f"{layout}, camera by {known}",
+        source=f"{layout}, camera by {known}: {fx:.1f},{fy:.1f},{cx:.1f},{cy:.1f}, {scale:g} depth units to a metre",
         warnings=tuple(warnings),
+        listed=pairs.listed,
     )
+
+
+def _sample(pairs: Sequence[Pair]) -> DepthSample | None:
+    """Return quantiles and size of a few depth pictures, evenly spread; None if none can be decoded."""
+    chosen = pairs[:: max(1, len(pairs) // SAMPLE)]
+    return sampled([units for pair in chosen if isinstance(units := _depth(pair.depth), np.ndarray)])
+
+
+def _factor(camera: CameraIntrinsics, size: tuple[int, int]) -> float:
+    """Return by how much pictures are larger than those of the camera; 1 where its size or their shape is another."""
+    if camera.size is None:
+        return 1.0
+    across, down = size[0] / camera.size[0], size[1] / camera.size[1]
+    return across if across == down and _SIZES[0] <= across <= _SIZES[1] else 1.0
 
 
 def frames_of(folder: RgbdFolder, unread: Counter[str] | None = None) -> Iterator[RgbdFrame]:
@@ -153,10 +188,9 @@ def frames_of(folder: RgbdFolder, unread: Counter[str] | None = None) -> Iterato
     unread = Counter() if unread is None else unread
     lens: Any = None
     for pair in folder.pairs:
-        image, units = _picture(pair.colour, colour=True), _picture(pair.depth, colour=False)
-        if image is None or units is None:
-            missing = pair.colour if image is None else pair.depth
-            unread[f"picture {'cannot be decoded' if missing.is_file() else 'is missing'}"] += 1
+        image, units = _colour(pair.colour), _depth(pair.depth)
+        if isinstance(image, str) or isinstance(units, str):
+            unread[image if isinstance(image, str) else str(units)] += 1
             continue
         if image.shape[:2] != units.shape:
             unread["colour and depth differ in size"] += 1
@@ -188,10 +222,10 @@ def read_truth(path: Path) -> Trajectory3:
         RecordingNotFound: the folder holds no true poses.
         RecordingDamaged: a pose file has a wrong form.
     """
-    if _is_tum(path):
+    if is_tum(path):
         return _tum_truth(path / "groundtruth.txt")
     stamps, rotations, positions = [], [], []
-    for number, colour in _numbered_files(path):
+    for number, colour in numbered_files(path):
         file = path / f"frame-{colour.name.split('.')[0].removeprefix('frame-')}.pose.txt"
         if not file.is_file():
             continue
@@ -211,7 +245,7 @@ def camera_from_text(text: str) -> CameraIntrinsics:
         ConfigError: the text has another form.
     """
     if text.strip().lower() in CAMERAS:
-        return _camera(CAMERAS[text.strip().lower()], READOUT)
+        return _camera(CAMERAS[text.strip().lower()], READOUT, _CAMERA_SIZE)
     try:
         values = tuple(float(field) for field in text.split(","))
     except ValueError:
@@ -223,16 +257,17 @@ def camera_from_text(text: str) -> CameraIntrinsics:
     return _camera(values)
 
 
-def _camera(values: tuple[float, ...], readout: float = 0.0) -> CameraIntrinsics:
+def _camera(values: tuple[float, ...], readout: float = 0.0, size: tuple[int, int] | None = None) -> CameraIntrinsics:
     fx, fy, cx, cy, *distortion = values
     matrix = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
-    return CameraIntrinsics(matrix, np.array([*distortion, *[0.0] * (5 - len(distortion))]), readout)
+    return CameraIntrinsics(matrix, np.array([*distortion, *[0.0] * (5 - len(distortion))]), readout, size)
 
 
 def _camera_of(path: Path, settings: RgbdSettings, numbered: bool) -> tuple[CameraIntrinsics, str, str]:
     """Return the camera, the source of its parameters, and a warning where they are a guess."""
     if settings.camera:
-        return camera_from_text(settings.camera), "the settings", ""
+        name = settings.camera.strip().lower()
+        return camera_from_text(settings.camera), name if name in CAMERAS else "the settings", ""
     if (path / _INTRINSICS).is_file():
         matrix = _matrix(path / _INTRINSICS, (3, 3))
         if not (matrix[0, 0] > 0 and matrix[1, 1] > 0):
@@ -240,128 +275,56 @@ def _camera_of(path: Path, settings: RgbdSettings, numbered: bool) -> tuple[Came
         return CameraIntrinsics(matrix, np.zeros(5)), _INTRINSICS, ""
     named = _CAMERA_NAME.search(path.resolve().name.lower())
     if named is not None and not numbered:
-        return _camera(CAMERAS[f"fr{named[1]}"], READOUT), f"the folder's name (fr{named[1]})", ""
+        return _camera(CAMERAS[f"fr{named[1]}"], READOUT, _CAMERA_SIZE), f"the folder's name (fr{named[1]})", ""
     fx, fy, cx, cy = _UNNAMED_CAMERA
     doubt = f"the camera of {path} is not known; fx {fx:g}, fy {fy:g}, cx {cx:g}, cy {cy:g} are assumed: name it with --camera"
-    return _camera(_UNNAMED_CAMERA), "default", doubt
+    return _camera(_UNNAMED_CAMERA, size=_CAMERA_SIZE), "default", doubt
 
 
-def _is_tum(path: Path) -> bool:
-    return (path / "rgb").is_dir() and (path / "depth").is_dir()
+def _colour(path: Path) -> Bytes | str:
+    """Return the decoded file in RGB order, or why there is none."""
+    import cv2
+
+    return _decoded(path, cv2.IMREAD_COLOR_RGB)
 
 
-def _is_numbered(path: Path) -> bool:
-    return any(_NUMBERED.match(file.name) for file in path.iterdir())
+def _depth(path: Path) -> Any:
+    """Return the decoded file (H, W) of whole units or of float metres, or why there is none."""
+    import cv2
+
+    found = _decoded(path, cv2.IMREAD_UNCHANGED)
+    if isinstance(found, str):
+        return found
+    if found.ndim != 2:
+        return "depth picture has colours: it was made for the eye, not as distances"
+    if found.dtype == np.uint8:
+        return "depth picture has 8 bits: it was made for the eye, not as distances"
+    return found if found.dtype in (np.uint16, np.float32) else f"depth picture holds {found.dtype} numbers"
 
 
-def _tum_pairs(path: Path) -> tuple[list[Pair], list[str]]:
-    """Return the pairs from the list of pairs if there is one, else each colour picture with its nearest depth in time."""
-    listed = next((path / name for name in ("associations.txt", "associate.txt") if (path / name).is_file()), None)
-    if listed is not None:
-        return [_listed_pair(path, listed, number, fields) for number, fields in _rows(listed)], []
-    colours, depths = _listed_pictures(path, "rgb"), _listed_pictures(path, "depth")
-    if not colours or not depths:
-        return [], []
-    stamps = np.array([stamp for stamp, _ in depths])
-    order = np.argsort(stamps, kind="stable")
-    pairs, alone = [], 0
-    for stamp, colour in colours:
-        at = int(np.clip(np.searchsorted(stamps[order], stamp), 1, max(1, len(stamps) - 1)))
-        near = min(order[max(0, at - 1) : at + 1].tolist(), key=lambda k: abs(depths[k][0] - stamp))
-        if abs(depths[near][0] - stamp) <= MAX_SPREAD + _SLACK:
-            pairs.append(Pair(round(stamp * 1e9), colour, depths[near][1]))
-        else:
-            alone += 1
-    lost = [f"{alone} colour pictures have no depth within {MAX_SPREAD:g} s"] if alone else []
-    return pairs, lost
-
-
-def _listed_pair(path: Path, listed: Path, number: int, fields: list[str]) -> Pair:
-    """Return the pair of a line `stamp file stamp file`, with the colour picture first or second."""
-    try:
-        first, second = (float(fields[0]), path / fields[1]), (float(fields[2]), path / fields[3])
-    except (ValueError, IndexError) as error:
-        raise RecordingDamaged(f"{listed} line {number} is not `stamp file stamp file`: {error}") from error
-    if fields[1].startswith("depth"):
-        first, second = second, first
-    return Pair(_nanoseconds(fields[2] if first[1] == path / fields[3] else fields[0]), first[1], second[1])
-
-
-def _listed_pictures(path: Path, kind: str) -> list[tuple[float, Path]]:
-    """Return stamps and files of `rgb` or `depth`, from their list if there is one, else from the file names."""
-    listed = path / f"{kind}.txt"
-    if not listed.is_file():
-        files = sorted((path / kind).iterdir())
-        return [(stamp, file) for file in files if (stamp := _stamp_of(file)) is not None]
-    pictures = []
-    for number, fields in _rows(listed):
-        try:
-            pictures.append((float(fields[0]), path / fields[1]))
-        except (ValueError, IndexError) as error:
-            raise RecordingDamaged(f"{listed} line {number} is not `stamp file`: {error}") from error
-    return pictures
-
-
-def _stamp_of(file: Path) -> float | None:
-    try:
-        return float(file.stem)
-    except ValueError:
-        return None
-
-
-def _nanoseconds(text: str) -> int:
-    """Return seconds as whole nanoseconds; a float of 1.3e9 s would resolve only 0.24 microseconds."""
-    whole, _, part = text.partition(".")
-    return int(whole) * 1_000_000_000 + int(f"{part[:9]:0<9}")
-
-
-def _numbered_files(path: Path) -> list[tuple[int, Path]]:
-    found = [(match, file) for file in path.iterdir() if (match := _NUMBERED.match(file.name))]
-    return sorted((int(match[1]), file) for match, file in found)
-
-
-def _numbered_pairs(path: Path) -> tuple[list[Pair], list[str]]:
-    pairs = []
-    for number, colour in _numbered_files(path):
-        depth = path / f"{colour.name.split('.')[0]}.depth.png"
-        pairs.append(Pair(round(number / FRAME_RATE * 1e9), colour, depth))
-    return pairs, []
-
-
-def _picture(path: Path, *, colour: bool) -> Bytes | None:
-    """Return the decoded file, colours in RGB order; None where it is missing or damaged."""
+def _decoded(path: Path, flags: int) -> Bytes | str:
     import cv2
 
     try:
         data = np.frombuffer(path.read_bytes(), np.uint8)
-        found = cv2.imdecode(data, cv2.IMREAD_COLOR_RGB if colour else cv2.IMREAD_UNCHANGED) if len(data) else None
+        found = cv2.imdecode(data, flags) if len(data) else None
+    except FileNotFoundError:
+        return "picture is missing"
     except (OSError, cv2.error):
-        return None
-    if found is None or (not colour and (found.ndim != 2 or found.dtype != np.uint16)):
-        return None
-    return np.asarray(found)
+        found = None
+    return "picture cannot be decoded" if found is None else np.asarray(found)
 
 
 def _metres(units: Bytes, scale: float) -> Float32Array:
     depth = units.astype(np.float32)
     depth *= np.float32(1.0 / scale)
-    depth[(units == 0) | (units == _NO_DEPTH)] = np.nan
+    depth[~(units > 0) | (units == _NO_DEPTH)] = np.nan
     return depth
-
-
-def _rows(path: Path) -> list[tuple[int, list[str]]]:
-    """Return the line number and the fields of each line that is not a comment."""
-    try:
-        text = path.read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        raise RecordingDamaged(f"cannot read {path}: {error.strerror}") from error
-    rows = [(number, line.replace(",", " ").split()) for number, line in enumerate(text.splitlines(), start=1)]
-    return [(number, fields) for number, fields in rows if fields and not fields[0].startswith("#")]
 
 
 def _matrix(path: Path, shape: tuple[int, int]) -> FloatArray:
     try:
-        values = np.array([[float(field) for field in fields] for _, fields in _rows(path)])
+        values = np.array([[float(field) for field in fields] for fields in _plain_rows(path)])
     except ValueError as error:
         raise RecordingDamaged(f"{path} is not a matrix of numbers: {error}") from error
     if values.shape != shape or not np.isfinite(values).all():
@@ -369,19 +332,14 @@ def _matrix(path: Path, shape: tuple[int, int]) -> FloatArray:
     return values
 
 
+def _plain_rows(path: Path) -> list[tuple[str, ...]]:
+    return [row.fields for row in read_rows(path)]
+
+
 def _tum_truth(path: Path) -> Trajectory3:
     from scipy.spatial.transform import Rotation
 
     if not path.is_file():
         raise RecordingNotFound(f"there are no true poses at {path}")
-    stamps, values = [], []
-    for number, fields in _rows(path):
-        try:
-            stamps.append(_nanoseconds(fields[0]))
-            values.append([float(field) for field in fields[1:8]])
-            if len(values[-1]) != 7 or not np.isfinite(values[-1]).all() or not any(values[-1][3:]):
-                raise ValueError("these numbers are not a pose")
-        except ValueError as error:
-            raise RecordingDamaged(f"{path} line {number} is not `stamp x y z qx qy qz qw`: {error}") from error
-    table = np.array(values).reshape(-1, 7)
-    return Trajectory3(np.array(stamps, np.int64), Rotation.from_quat(table[:, 3:]).as_matrix(), table[:, :3])
+    stamps, table = read_pose_rows(path)
+    return Trajectory3(stamps, Rotation.from_quat(table[:, 3:]).as_matrix(), table[:, :3])

@@ -9,9 +9,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from waychair.errors import ConfigError
+from waychair.geometry import wrap_angle
+from waychair.pose_text import ImpossiblePose, pose_from_text
 from waychair.types import Float32Array, FloatArray, Pose2, Scan
 
 UPSIDE_DOWN = "upside-down"
+MAX_HEIGHT = 10.0
+"""Largest height [m] of a lidar over the base, above or below."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,32 +24,37 @@ class LaserMount:
 
     base_from_laser: Pose2 = field(default_factory=Pose2)
     upside_down: bool = False
+    height: float = 0.0
+    """Height [m] over the base; only point clouds in space need it."""
 
 
 def mount_from_text(text: str) -> LaserMount:
-    """Return the mount from a text `X,Y`, `X,Y,YAW` or `X,Y,YAW,upside-down` in metres and radians.
+    """Return the mount from a text `X,Y`, `X,Y,YAW` or `X,Y,Z,YAW` in metres and radians, or `90deg`, perhaps with `,upside-down`.
 
     Raises:
-        ConfigError: the text has another form.
+        ConfigError: the text has another form, or the angle is more than a full turn.
     """
-    *numbers, last = [part.strip() for part in text.split(",")]
-    upside_down = last == UPSIDE_DOWN
+    what = f"a laser's mount (--base-from-laser) must be X,Y[,Z],YAW or X,Y,YAW,{UPSIDE_DOWN} in metres and radians"
+    pose, comma, last = text.rpartition(",")
+    upside_down = bool(comma) and last.strip() == UPSIDE_DOWN
+    parts = (pose if upside_down else text).split(",")
     try:
-        values = [float(part) for part in (numbers if upside_down else [*numbers, last])]
-    except ValueError:
-        values = []
-    if len(values) not in (2, 3) or not all(math.isfinite(value) for value in values):
-        raise ConfigError(
-            f"a laser's mount must be X,Y,YAW or X,Y,YAW,{UPSIDE_DOWN} in metres and radians "
-            f"(such as 0.6,0,0), not '{text}'"
-        )
-    return LaserMount(Pose2(*values), upside_down)
+        height = float(parts.pop(2)) if len(parts) == 4 else 0.0
+        at = pose_from_text(",".join(parts))
+    except ImpossiblePose as error:
+        raise ConfigError(f"{what}, not '{text}': {error}") from error
+    except ValueError as error:
+        raise ConfigError(f"{what} (such as 0.6,0,0 or 0.6,0,90deg), not '{text}'") from error
+    if not abs(height) <= MAX_HEIGHT:
+        raise ConfigError(f"{what}, not '{text}': Z may be up to {MAX_HEIGHT:g} m")
+    return LaserMount(replace(at, theta=wrap_angle(at.theta)), upside_down, height)
 
 
 def text_from_mount(mount: LaserMount) -> str:
     """Return the text that `mount_from_text` reads, with three decimals."""
     pose = mount.base_from_laser
-    return f"{pose.x:.3f},{pose.y:.3f},{pose.theta:.3f}" + (f",{UPSIDE_DOWN}" if mount.upside_down else "")
+    height = f"{mount.height:.3f}," if mount.height else ""
+    return f"{pose.x:.3f},{pose.y:.3f},{height}{pose.theta:.3f}" + (f",{UPSIDE_DOWN}" if mount.upside_down else "")
 
 
 def ascending(scan: Scan) -> Scan:

@@ -13,8 +13,9 @@ The method names of nav2_simple_commander's BasicNavigator work too (`goToPose`,
 from __future__ import annotations
 
 import enum
+import os
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self, TypeVar
@@ -34,10 +35,11 @@ from waychair.ros.messages.chair import (
     DriveReport,
     goal_id_of,
     read_drive_state,
-    read_localisation,
+    read_located,
     read_places,
 )
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_pose_stamped
+from waychair.ros.messages.reports import Report, read_diagnostics
 from waychair.ros.messages.wire import deserialised, native, serialised
 from waychair.slam.localising.localisation import Localisation
 from waychair.types import Place, Pose2
@@ -47,6 +49,15 @@ T = TypeVar("T")
 _SUCCEEDED, _CANCELED, _ABORTED = 4, 5, 6  # action_msgs/msg/GoalStatus
 
 _SPIN_S = 0.3
+_SETTLED_S = 1.0
+"""Time after which the localisation at a pose that was set can be judged: ten scans."""
+
+_NODES = ("simulator", "bridge", "mapper", "navigator", "page")
+"""The nodes of a chair, in the order of their start."""
+
+_OFFERED_BY = {"cancel": "navigator", "pause": "navigator", "go_on": "navigator"}
+"""The nodes that offer services; the bridge offers all others."""
+
 _SILENT_S = 3.0
 """A navigator that sends no feedback for so long has died; it normally sends feedback five times a second."""
 
@@ -80,6 +91,7 @@ class ChairClient:
         """
         enter_ros_environment(domain=domain)
         named = namespace_arguments(namespace)
+        self._namespace = namespace.strip("/")
         self._context = Context()
         rclpy.init(context=self._context, args=["--ros-args", *named] if named else [])
         self.node = Node(name, context=self._context, start_parameter_services=False)
@@ -120,7 +132,20 @@ class ChairClient:
         """
         self.localisation(timeout_s)
         if not self._spin_until(self._action.server_is_ready, timeout_s):
-            raise RosError(f"no navigator answers within {timeout_s:g} s: start the chair with `waychair up`")
+            raise RosError(self._silence("navigator", "offers no drive", timeout_s))
+
+    def nodes(self, expected: Collection[str] = (), timeout_s: float = 0.0) -> tuple[str, ...]:
+        """Return the names of the chair's nodes that run, as far as they are discovered.
+
+        It waits until all `expected` ones are discovered, at most `timeout_s`.
+        """
+        self._spin_until(lambda: set(expected) <= set(self._discovered()), timeout_s)
+        return self._discovered()
+
+    def _discovered(self) -> tuple[str, ...]:
+        here = f"/{self._namespace}"
+        found = self.node.get_node_names_and_namespaces()
+        return tuple(name for name in _NODES if (name, here) in found)
 
     def places(self, timeout_s: float = 5.0) -> Mapping[str, Place]:
         """Return the named places of the map.
@@ -136,7 +161,27 @@ class ChairClient:
         Raises:
             RosError: timeout.
         """
-        return self._latest(topics.LOCALISATION, read_localisation, timeout_s, "mapper")[1]
+        return self._located(timeout_s)[1]
+
+    def refused_pose(self, timeout_s: float = 5.0) -> str:
+        """Return why the last initial pose was refused, as a sentence; empty after one that was taken.
+
+        Raises:
+            RosError: timeout.
+        """
+        return self._located(timeout_s)[2]
+
+    def report(self, node: str, part: str, timeout_s: float = 2.0) -> Report | None:
+        """Return a node's report about one of its parts on /diagnostics; None if none arrives in time."""
+        name = f"{self._prefix}/{node}: {part}"
+
+        def found() -> Report | None:
+            reports = self._messages[topics.DIAGNOSTICS.name] or {}
+            return reports.get(name)
+
+        self._subscribe(topics.DIAGNOSTICS, self._collected_reports)
+        self._spin_until(lambda: found() is not None, timeout_s)
+        return found()
 
     def drive_state(self, timeout_s: float = 5.0) -> DriveReport:
         """Return the drive mode, its reason, and the conditions that prevent a drive.
@@ -159,6 +204,22 @@ class ChairClient:
         """Return the id of the goal that this client requested last; `NO_GOAL` before the first."""
         return NO_GOAL if self._handle is None else goal_id_of(self._handle.goal_id)
 
+    def relocalise(self, pose: Pose2, timeout_s: float = 5.0) -> Localisation:
+        """Tell the localiser the chair's pose in map, as `set_initial_pose`; return the localisation from there.
+
+        Raises:
+            RosError: no mapper answers in time, or it refuses the pose, with its reason.
+        """
+        before_ns = self._located(timeout_s)[0]
+        self.set_initial_pose(pose, timeout_s)
+
+        if not self._spin_until(lambda: self._located(timeout_s)[0] > before_ns, timeout_s):
+            raise RosError(f"no scan was localised within {timeout_s:g} s: see `waychair status`")
+        self.spin(_SETTLED_S)
+        if refused := self.refused_pose():
+            raise RosError(refused)
+        return self.localisation()
+
     def confirm(self, timeout_s: float = 5.0, *, goal_id: int | None = None) -> tuple[bool, str]:
         """Confirm one goal for the rider, by default this client's last; return whether the drive begins, and a sentence.
 
@@ -176,13 +237,22 @@ class ChairClient:
             )
         return self._ask("confirm", kind, kind.Request(goal_id=goal_id), timeout_s)
 
+    def trigger(self, name: str, timeout_s: float = 5.0) -> tuple[bool, str]:
+        """Call a std_srvs/Trigger service of the chair; return whether it did what it was asked for, and a sentence.
+
+        Raises:
+            RosError: no node offers it, or it does not answer in time.
+        """
+        kind = interface_type("std_srvs/srv/Trigger")
+        return self._ask(name, kind, kind.Request(), timeout_s)
+
     def stop(self, timeout_s: float = 5.0) -> tuple[bool, str]:
         """Stop the chair, as the rider's Stop does.
 
         Raises:
             RosError: the bridge does not answer in time.
         """
-        return self._trigger("stop", timeout_s)
+        return self.trigger("stop", timeout_s)
 
     def reset_faults(self, timeout_s: float = 5.0) -> tuple[bool, str]:
         """Reset latched faults, after somebody has repaired their cause.
@@ -190,7 +260,7 @@ class ChairClient:
         Raises:
             RosError: the bridge does not answer in time.
         """
-        return self._trigger("reset_faults", timeout_s)
+        return self.trigger("reset_faults", timeout_s)
 
     def cancel(self, timeout_s: float = 5.0) -> tuple[bool, str]:
         """Cancel the current drive, even if another client requested it.
@@ -198,7 +268,7 @@ class ChairClient:
         Raises:
             RosError: the navigator does not answer in time.
         """
-        return self._trigger("cancel", timeout_s)
+        return self.trigger("cancel", timeout_s)
 
     def pause(self, timeout_s: float = 5.0) -> tuple[bool, str]:
         """Pause the current drive, even if another client requested it; the chair stops and keeps its goal until `go_on`.
@@ -206,7 +276,7 @@ class ChairClient:
         Raises:
             RosError: the navigator does not answer in time.
         """
-        return self._trigger("pause", timeout_s)
+        return self.trigger("pause", timeout_s)
 
     def go_on(self, timeout_s: float = 5.0) -> tuple[bool, str]:
         """Resume the paused drive.
@@ -214,7 +284,7 @@ class ChairClient:
         Raises:
             RosError: the navigator does not answer in time.
         """
-        return self._trigger("go_on", timeout_s)
+        return self.trigger("go_on", timeout_s)
 
     def cancel_task(self, timeout_s: float = 5.0) -> None:
         """Cancel the drive that this client requested."""
@@ -258,7 +328,7 @@ class ChairClient:
                 interface_type(topic.type), topic.name, topics.profile(topic.qos)
             )
         if not self._spin_until(lambda: self._initial.get_subscription_count() > 0, timeout_s):
-            raise RosError(f"no mapper subscribes to {topic.name} within {timeout_s:g} s: start the chair")
+            raise RosError(self._silence("mapper", f"does not subscribe to {topic.name}", timeout_s))
         self._initial.publish(serialised(pose_with_covariance(self._now_ns(), pose)))
 
     def goToPose(self, pose: Any, behavior_tree: str = "") -> bool:
@@ -289,7 +359,7 @@ class ChairClient:
 
     def _send_goal(self, pose: Any, timeout_s: float) -> bool:
         if not self._spin_until(self._action.server_is_ready, timeout_s):
-            raise RosError(f"no navigator answers within {timeout_s:g} s: start the chair with `waychair up`")
+            raise RosError(self._silence("navigator", "offers no drive", timeout_s))
         goal = interface_type("nav2_msgs/action/NavigateToPose").Goal()
         goal.pose = pose
         self._feedback = self._ended = self._handle = None
@@ -310,18 +380,13 @@ class ChairClient:
     def _navigator_is_dead(self) -> bool:
         return self._ended is not None and time.monotonic() - self._feedback_s > _SILENT_S
 
-    def _trigger(self, name: str, timeout_s: float) -> tuple[bool, str]:
-        """Call a std_srvs/Trigger service."""
-        kind = interface_type("std_srvs/srv/Trigger")
-        return self._ask(name, kind, kind.Request(), timeout_s)
-
     def _ask(self, name: str, kind: Any, request: Any, timeout_s: float) -> tuple[bool, str]:
         """Call a service; return its success, and its sentence."""
         if name not in self._services:
             self._services[name] = self.node.create_client(kind, name)
         client = self._services[name]
         if not self._spin_until(client.service_is_ready, timeout_s):
-            raise RosError(f"no node offers '{name}' within {timeout_s:g} s: start the chair with `waychair up`")
+            raise RosError(self._silence(_OFFERED_BY.get(name, "bridge"), f"does not offer '{name}'", timeout_s))
         asked = client.call_async(request)
         if not self._spin_until(asked.done, timeout_s):
             client.remove_pending_request(asked)
@@ -329,29 +394,60 @@ class ChairClient:
         answer = asked.result()
         return bool(answer.success), str(answer.message)
 
+    @property
+    def _prefix(self) -> str:
+        return f"/{self._namespace}" if self._namespace else ""
+
+    def _located(self, timeout_s: float) -> tuple[int, Localisation, str]:
+        """Return the mapper's last message: the scan's stamp, the localisation, and why an initial pose was refused."""
+        return self._latest(topics.LOCALISATION, read_located, timeout_s, "mapper")
+
+    def _collected_reports(self, message: Any) -> dict[str, Report]:
+        """Return the last reports by name, with those of a message of /diagnostics."""
+        known = self._messages[topics.DIAGNOSTICS.name] or {}
+        return {**known, **{report.name: report for report in read_diagnostics(message)}}
+
+    def _subscribe(self, topic: topics.RosTopic, read: Callable[[Any], object]) -> bool:
+        """Subscribe to a topic unless that was done; return whether it was. Unreadable messages are skipped."""
+        if topic.name in self._messages:
+            return True
+        self._messages[topic.name] = None
+
+        def take(data: bytes) -> None:
+            try:
+                self._messages[topic.name] = read(deserialised(data, topic.type))
+            except MessageError as error:
+                self._decode_errors[topic.name] = f"; its messages cannot be decoded: {error}"
+
+        self.node.create_subscription(interface_type(topic.type), topic.name, take, topics.profile(topic.qos), raw=True)
+        return False
+
     def _latest(self, topic: topics.RosTopic, read: Callable[[Any], T], timeout_s: float, sender: str) -> T:
-        """Return the latest message of a topic; the first call subscribes and waits. Unreadable messages are skipped."""
-        if topic.name not in self._messages:
-            self._messages[topic.name] = None
-
-            def take(data: bytes) -> None:
-                try:
-                    self._messages[topic.name] = read(deserialised(data, topic.type))
-                except MessageError as error:
-                    self._decode_errors[topic.name] = f"; its messages cannot be decoded: {error}"
-
-            self.node.create_subscription(
-                interface_type(topic.type), topic.name, take, topics.profile(topic.qos), raw=True
-            )
-        else:
+        """Return the latest message of a topic; the first call subscribes and waits."""
+        if self._subscribe(topic, read):
             self._spin_until(lambda: False, 0.0)
         if not self._spin_until(lambda: self._messages[topic.name] is not None, timeout_s):
-            why = self._decode_errors.get(topic.name, "")
-            raise RosError(
-                f"no message from the {sender} within {timeout_s:g} s{why}: start the chair with `waychair up`"
-            )
+            if why := self._decode_errors.get(topic.name):
+                raise RosError(f"no {topic.name} from the {sender} within {timeout_s:g} s{why}")
+            raise RosError(self._silence(sender, f"sends no {topic.name}", timeout_s))
         found: T = self._messages[topic.name]
         return found
+
+    def _silence(self, sender: str, lacks: str, timeout_s: float) -> str:
+        """Return why a node of the chair has not answered: it says nothing, is not there yet, or no chair runs."""
+        running = self.nodes()
+        if sender in running:
+            return f"the {sender} runs, but {lacks} within {timeout_s:g} s: see `waychair status`"
+        if running:
+            run = "runs" if len(running) == 1 else "run"
+            return f"the chair is starting: {' and '.join(running)} {run}, the {sender} does not yet; ask again in some seconds"
+        where = (
+            f"ROS domain {os.environ.get('ROS_DOMAIN_ID') or 0}{f', namespace {self._prefix}' if self._prefix else ''}"
+        )
+        return (
+            f"no chair runs in {where}: start one with `waychair up`, or name its --domain and --namespace; a chair that was "
+            "just started needs some seconds"
+        )
 
     def _spin_until(self, true: Callable[[], bool], timeout_s: float) -> bool:
         """Receive messages until a condition holds; return whether it does within the timeout."""

@@ -26,6 +26,7 @@ import numpy as np
 
 from waychair.errors import InterfaceBuildError, MissingExtra, OutputError
 from waychair.files import cache_folder
+from waychair.install_advice import install_command
 from waychair.ros.interface_generator import DEPENDENCIES, INTROSPECTION
 
 TEXTS = Path(__file__).resolve().parent / "interfaces"
@@ -70,7 +71,7 @@ def ros_prefixes() -> list[Path]:
     missing = [name for name in ("rclpy", "rosidl_adapter", "rosidl_generator_py") if not _is_there(name)]
     if missing:
         raise MissingExtra(
-            f"ROS 2 messages need {missing[0]}, which is not installed: `pip install 'waychair[ros]'` (x86_64), or "
+            f"ROS 2 messages need {missing[0]}, which is not installed: `{install_command('ros')}` (x86_64), or "
             "install ROS 2 Jazzy, source its setup.bash, and `sudo apt install ros-jazzy-tf2-msgs ros-jazzy-nav2-msgs`"
         )
     named = os.environ.get("AMENT_PREFIX_PATH")

@@ -9,6 +9,7 @@ from functools import cache
 from typing import Any
 
 from waychair.errors import MissingExtra
+from waychair.install_advice import install_command
 from waychair.ros.interface_builder import TEXTS, built_interfaces
 
 
@@ -28,7 +29,7 @@ def interface_type(name: str) -> Any:
         return getattr(importlib.import_module(f"{package}.{kind}"), leaf)
     except ImportError as error:
         raise MissingExtra(
-            f"the ROS messages {package} cannot be loaded ({error}): `pip install 'waychair[ros]'` (x86_64), or install "
+            f"the ROS messages {package} cannot be loaded ({error}): `{install_command('ros')}` (x86_64), or install "
             "ROS 2 Jazzy and source its setup.bash"
         ) from error
 

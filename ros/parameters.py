@@ -18,6 +18,9 @@ from waychair.yaml_files import yaml_from_text
 
 S = TypeVar("S", bound=Settings)
 
+ROS_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
+"""Prefixes of the parameters that every ROS node has."""
+
 _SCALARS = (bool, int, float, str)
 _LARGEST = 2**62  # stands for an infinite bound of whole numbers
 

@@ -17,15 +17,19 @@ from pathlib import Path
 FOLDER = Path("/dev/shm")
 
 _LOCK_OF_SEGMENT = re.compile(r"(fastrtps_[0-9a-f]{16})_el")
-_OF_PORT = re.compile(r"(sem\.)?fastrtps_port\d+(_el|_sl|_mutex)?")
+_OF_PORT = re.compile(r"(?:sem\.)?fastrtps_port(\d+)(?:_el|_sl|_mutex)?")
+_LOCK_OF_PORT = re.compile(r"fastrtps_port(\d+)_[es]l")
+
+_FIRST_PORT, _PORTS_OF_DOMAIN = 7400, 250
+"""Numbers of ports by domain (RTPS 2.5, 9.6.2.3): the first of domain 0, and the step from one domain to the next."""
 
 
 def remove_dead_segments(folder: Path = FOLDER) -> int:
     """Remove segments and ports of dead processes, and return the number of segments; files of other users stay.
 
     Fast DDS reuses ports of dead processes itself, except a port whose owner was killed while creating it: every later
-    process waits for that port forever. A living process may hold any port open, so ports are removed only if no segment
-    has a living owner.
+    process waits for that port forever. A living process may hold any port of its ROS domain open, so a domain's ports
+    are removed only if nobody listens on any of them: other chairs may live in other domains.
     """
     cleared = 0
     for lock, segment in _locks(folder):
@@ -33,12 +37,33 @@ def remove_dead_segments(folder: Path = FOLDER) -> int:
             segment.unlink(missing_ok=True)
             lock.unlink()
             cleared += 1
-    if not any(_locks(folder)):
-        for path in _files(folder):
-            if _OF_PORT.fullmatch(path.name):
-                with suppress(OSError):
-                    path.unlink()
+    nobody_lives = not any(_locks(folder))
+    locks = [path for path in _files(folder) if _LOCK_OF_PORT.fullmatch(path.name)]
+    living = {_domain(lock, _LOCK_OF_PORT) for lock in locks if _is_held(lock)}
+    for path in _files(folder):
+        if not _OF_PORT.fullmatch(path.name):
+            continue
+        domain = _domain(path, _OF_PORT)
+        if nobody_lives or (domain >= 0 and domain not in living):  # ports below those of the domains are everybody's
+            with suppress(OSError):
+                path.unlink()
     return cleared
+
+
+def _domain(path: Path, shape: re.Pattern[str]) -> int:
+    """Return the ROS domain of a port's file."""
+    found = shape.fullmatch(path.name)
+    assert found is not None
+    return (int(found[1]) - _FIRST_PORT) // _PORTS_OF_DOMAIN
+
+
+def _is_held(lock: Path) -> bool:
+    """Return whether a process holds a lock file, exclusively or shared; also if it cannot be told."""
+    try:
+        with _held(lock):
+            return False
+    except OSError:
+        return True
 
 
 def _locks(folder: Path) -> Iterator[tuple[Path, Path]]:

@@ -17,7 +17,8 @@ from waychair.maps.folders.map_drawing import forget
 from waychair.maps.folders.map_files import MAP_YAML, load_map, save_map, yaml_path
 from waychair.ros.environment import namespace_arguments
 from waychair.ros.node_settings.sections import NODES
-from waychair.ros.parameters import changed_parameters, leaves
+from waychair.ros.parameter_files import parameters_of_nodes
+from waychair.ros.parameters import ROS_PARAMETERS, changed_parameters, leaves, settings_from_parameters
 from waychair.runtime.chair import ChairSettings
 from waychair.runtime.last_pose import remember_pose
 from waychair.runtime.processes import Process
@@ -52,9 +53,9 @@ class Stack:
 
     Without a map a simulated chair gets its world's floor plan as the map, unless `mapping`. `parameters` is a YAML file
     of the user that overrides these settings. `ignore_commands`: all commands are ignored. `urgent`: real-time priority.
-    `box`: folder of the black box; None: no log. `page_port`, `page_host`: address of the page; port None: no page. With
-    a page, each drive begins with a countdown that the page announces. `namespace`: that of all nodes. `settings`: the
-    parameters of each node from a configuration file (`node_parameters`).
+    `box`: folder of the black box; None: no log. `page_port`, `page_host`: address of the page; port None: no page.
+    `page_names`: its further host names. With a page, each drive begins with a countdown that the page announces.
+    `namespace`: that of all nodes. `settings`: the parameters of each node from a configuration file (`node_parameters`).
     """
 
     folder: Path
@@ -74,6 +75,7 @@ class Stack:
     box: Path | None = None
     page_port: int | None = None
     page_host: str = "127.0.0.1"
+    page_names: tuple[str, ...] = ()
     namespace: str = ""
     settings: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
 
@@ -100,7 +102,8 @@ def processes(stack: Stack) -> tuple[Process, ...]:
     Raises:
         ConfigError: a world or a cable is missing, a map or `mapping` is missing, or the namespace is invalid.
         WorldError: the world does not exist.
-        ConfigError: `settings` hold a parameter that `waychair up` sets by its options.
+        ConfigError: `settings` hold a parameter that `waychair up` sets by its options, or the user's parameter file
+            names an unknown node, or holds an unknown or impossible parameter.
         OutputError: the folder cannot be written to.
     """
     if not stack.world and not stack.cable:
@@ -146,6 +149,20 @@ def processes(stack: Stack) -> tuple[Process, ...]:
     rows["navigator"] = {**place, "camera": stack.camera}
     if stack.page_port is not None:
         rows[_PAGE] = {**place, "host": stack.page_host, "port": stack.page_port}
+        if stack.page_names:
+            rows[_PAGE]["names"] = ",".join(stack.page_names)
+    _add_settings(rows, stack)
+    return tuple(_process(name, values, folder, stack) for name, values in rows.items())
+
+
+def _add_settings(rows: Mapping[str, dict[str, object]], stack: Stack) -> None:
+    """Add the settings of the configuration file to each node's parameters, then those of the user's parameter file.
+
+    Raises:
+        ConfigError: see `processes`.
+    """
+    path, names = stack.parameters, tuple(rows)
+    own = {} if path is None else parameters_of_nodes(path, NODES, names, stack.namespace)
     for name, values in rows.items():
         given = stack.settings.get(name, {})
         if both := sorted(given.keys() & values.keys()):
@@ -154,7 +171,10 @@ def processes(stack: Stack) -> tuple[Process, ...]:
                 "the option instead"
             )
         values.update(given)
-    return tuple(_process(name, values, folder, stack) for name, values in rows.items())
+        values.update(own.get(name, {}))
+        if own.get(name):
+            checked = {key: value for key, value in values.items() if not key.startswith(ROS_PARAMETERS)}
+            settings_from_parameters(NODES[name], checked, f"{path}: {name}")
 
 
 def _known_map(stack: Stack, folder: Path) -> tuple[Path, Pose2 | None] | None:
@@ -176,7 +196,7 @@ def _known_map(stack: Stack, folder: Path) -> tuple[Path, Pose2 | None] | None:
 def _save_plan(world: World, folder: Path) -> None:
     """Save the world's floor plan as a map; places and zones drawn on it in an earlier run are kept."""
     if (folder / MAP_YAML).is_file():
-        known, grid = load_map(folder), clear_erased(world.grid, load_erased(folder))
+        known, grid = load_map(folder, lambda _: None), clear_erased(world.grid, load_erased(folder))
         if known.cells.shape == grid.cells.shape and (known.cells == grid.cells).all():
             return
     forget(folder)  # places and zones were drawn on another world's plan
@@ -187,9 +207,7 @@ def _save_plan(world: World, folder: Path) -> None:
 def _process(name: str, values: Mapping[str, object], folder: Path, stack: Stack) -> Process:
     path = folder / f"{name}.yaml"
     write_text(path, yaml.safe_dump({f"/**/{name}": {"ros__parameters": dict(values)}}, sort_keys=False))
-    files = [path, *([stack.parameters.resolve()] if stack.parameters is not None else [])]
-    given = tuple(word for file in files for word in ("--params-file", str(file)))
     named = namespace_arguments(stack.namespace)
     priority = _PRIORITIES.get(name, 0) if stack.urgent else 0
     module = _PAGE_MODULE if name == _PAGE else f"waychair.ros.nodes.{name}_node"
-    return Process(name, module, ("--ros-args", *named, *given), priority, vital=name != _PAGE)
+    return Process(name, module, ("--ros-args", *named, "--params-file", str(path)), priority, vital=name != _PAGE)

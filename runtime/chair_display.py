@@ -8,6 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from waychair.control.drive.navigator import Stage
+from waychair.control.safety.supervisor import SupervisorEvent
 from waychair.geometry import transform_points
 from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_port import ChairView
@@ -25,7 +26,7 @@ class ChairDisplay:
         """Name of the latest goal, set by the caller that asks for it."""
         self._chair, self._base_from_laser = chair, base_from_laser
         self._last_stop = ""
-        self._had_goal = self._was_pushed = self._was_driven = False  # at the last tick
+        self._had_goal = self._was_pushed = self._was_driven = self._was_stopped = False  # at the last tick
         self._points: FloatArray = np.empty((0, 2))
 
     def hear(self, messages: Iterable[object], state: ChairState) -> None:
@@ -82,14 +83,18 @@ class ChairDisplay:
         )
 
     def _note_end(self, state: ChairState) -> None:
-        """Keep the reason for which a drive ended or did not begin."""
+        """Keep the reason for which a drive ended or did not begin, or that somebody pressed Stop."""
         navigator, pushed = self._chair.navigator, any(halted.stop.id == "pushed" for halted in state.halts)
         has_goal = self._chair.waits or navigator.active
+        stopped = state.verdict.halt is not None and state.verdict.halt.stop.id == "stop_pressed"
+        gave_up = self._was_driven and not state.verdict.computer_drives and state.verdict.halt is not None
         if self._had_goal and not has_goal:
             arrived = navigator.stage is Stage.ARRIVED
             self._last_stop = sentence(f"arrived at {self.label}" if arrived else navigator.reason)
-        elif self._was_driven and not state.verdict.computer_drives and state.verdict.halt is not None:
-            self._last_stop = sentence(state.verdict.reason)
+        elif gave_up or (stopped and not self._was_stopped):
+            replaced = state.verdict.halt is not None and state.verdict.halt.stop.id == "unconfirmed"
+            self._last_stop = sentence(SupervisorEvent.REQUEST.value if replaced else state.verdict.reason)
         elif pushed and not self._was_pushed:
             self._last_stop = sentence(next(halted.text for halted in state.halts if halted.stop.id == "pushed"))
-        self._had_goal, self._was_pushed, self._was_driven = has_goal, pushed, state.verdict.computer_drives
+        self._had_goal, self._was_pushed, self._was_stopped = has_goal, pushed, stopped
+        self._was_driven = state.verdict.computer_drives

@@ -80,6 +80,9 @@ def _driving(facts: DriveFacts) -> str:
         return f"Waiting: {facts.reason.removesuffix('; waiting')}. The chair goes on by itself once there is a path."
     if facts.pose is None or not len(facts.way):
         return f"Looking for a path to {facts.goal}."
+    if not facts.holds_lines:  # the board has not armed
+        begins = f"Then the drive to {facts.goal} goes on."
+        return f"Waiting until the joystick has been at rest for two seconds: let go of it. {begins}"
     return driving_sentence(facts.goal, facts.way, facts.pose)
 
 

@@ -20,7 +20,7 @@ from waychair.control.safety.stops import STOPS, Halt, board_halt, halt, halt_as
 from waychair.control.safety.supervisor import DRIVEN, SupervisorVerdict, supervise
 from waychair.control.speed.closed_loop import ClosedLoop
 from waychair.control.speed.kinematics import saturate, wheel_speeds_from_twist
-from waychair.firmware_bridge.bridge import Bridge
+from waychair.firmware_bridge.bridge import Bridge, with_family_of
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.base_settings import BaseSettings
@@ -85,6 +85,7 @@ class DriveBase:
 
         Raises:
             BridgeError: the chair's name is too long for a board.
+            CalibrationMismatch: the settings name another joystick family than the calibration.
         """
         self.settings = s = settings or BaseSettings()
         self._calibration = calibration
@@ -99,7 +100,9 @@ class DriveBase:
         self._halts = HaltWatch()
         self._limits = CommandLimits(body, calibration.stops, s, self._monitor, zones)
         self._loop = ClosedLoop(model, body.track, s.speed_loop, calibration.stops)
-        self.bridge = Bridge(cable, model, calibration.chair_id, s.bridge, self._limits.gate)
+        self.bridge = Bridge(
+            cable, model, calibration.chair_id, with_family_of(s.bridge, calibration), self._limits.gate
+        )
         self.stopped_after_push = False
         """Whether the chair came to rest in this tick after a push by hand; its pose may be wrong."""
         self._mode = DriveMode.MANUAL

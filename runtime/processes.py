@@ -30,6 +30,9 @@ _BEAT_TO = "WAYCHAIR_BEAT_TO"
 _HELD_UP_S = 1.0
 """A supervisor that was held up for longer cannot tell how long the processes were silent."""
 
+CANNOT_START = 2
+"""Exit status of a process that is wrongly configured. At the begin of a run it is not started again."""
+
 MAX_DEATHS = 5  # deaths within DEATHS_WITHIN_S after which a process is not restarted again
 DEATHS_WITHIN_S = 60.0  # s
 RESTART_PAUSE_S = 0.2  # s; from a death to the restart
@@ -124,6 +127,8 @@ class Supervision:
             status = each.process.poll()
             if status is None:
                 continue
+            if status == CANNOT_START and each.row.vital and each.beaten_s is None and not each.deaths:
+                return f"'{each.row.name}' cannot start"
             how = f"by signal {signal.Signals(-status).name}" if status < 0 else f"with status {status}"
             each.deaths.append(now)
             while now - each.deaths[0] > DEATHS_WITHIN_S:

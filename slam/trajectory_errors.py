@@ -12,11 +12,18 @@ import numpy as np
 
 from waychair.errors import RecordingDamaged, RecordingError, RecordingNotFound
 from waychair.geometry import compose, invert, wrap_angles
-from waychair.recordings.text.carmen import GZIP_MAGIC, stamp_from_text
-from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Trajectory
+from waychair.recordings.stamps import stamp_from_text
+from waychair.recordings.text.carmen import GZIP_MAGIC
+from waychair.slam.trajectory_alignment import (
+    MAX_TRUTH_GAP,
+    alignment_in_plane,
+    alignment_in_space,
+    rotations_between,
+    truth_between,
+)
+from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Trajectory, Trajectory3
 
 MAX_GAP = 0.02  # s; a relation whose stamp is further from every pose is left out
-MAX_TRUTH_GAP = 0.05  # s; a pose without a true pose this near is left out
 LOOP_TIME = 60.0  # s; relations over a longer time cross a loop
 
 
@@ -62,6 +69,19 @@ class TruthErrors:
     errors: Errors
     rmse_m: float
     truth_from_map: Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class SpaceErrors:
+    """Errors of position [m] and of the whole rotation [deg] after alignment in space; `total` poses were given.
+
+    `truth_from_map` is the alignment's matrix (4, 4), row by row.
+    """
+
+    total: int
+    errors: Errors
+    rmse_m: float
+    truth_from_map: tuple[tuple[float, ...], ...]
 
 
 def read_relations(path: Path) -> Relations:
@@ -130,39 +150,66 @@ def relation_errors(
 
 
 def truth_errors(trajectory: Trajectory, truth: Trajectory) -> TruthErrors:
-    """Return the absolute trajectory error: each pose against the true pose nearest in time, after rigid alignment.
+    """Return the absolute trajectory error in the plane: each pose against the truth at its stamp, after alignment.
 
-    The planar alignment minimises the squared distances (Umeyama 1991, without scale and reflection).
+    The truth is interpolated between its poses (`truth_between`).
 
     Raises:
-        RecordingError: fewer than three poses have a true pose near in time.
+        RecordingError: fewer than three poses have a truth.
     """
-    order = np.argsort(truth.stamps_ns, kind="stable")
-    stamps, true_poses = truth.stamps_ns[order], truth.poses[order]
-    if len(stamps) == 0 or len(trajectory.stamps_ns) == 0:
-        raise RecordingError("one of the two trajectories is empty; there is nothing to compare")
-    near = _nearest(stamps, trajectory.stamps_ns)
-    usable: BoolArray = np.abs(stamps[near] - trajectory.stamps_ns) <= MAX_TRUTH_GAP * 1e9
-    if usable.sum() < 3:
-        raise RecordingError(
-            f"only {int(usable.sum())} of {len(usable)} poses have a true pose within {MAX_TRUTH_GAP:g} s: "
-            "check that both belong to one recording with one clock"
-        )
-    poses, true = trajectory.poses[usable], true_poses[near[usable]]
-    truth_from_map = _alignment(poses[:, :2], true[:, :2])
+    stamps, order = np.unique(truth.stamps_ns, return_index=True)
+    usable, before, after, part = _usable(stamps, trajectory.stamps_ns)
+    first, second = truth.poses[order[before[usable]]], truth.poses[order[after[usable]]]
+    share = part[usable][:, None]
+    true = first + share * np.column_stack([second[:, :2] - first[:, :2], wrap_angles(second[:, 2] - first[:, 2])])
+    poses = trajectory.poses[usable]
+    truth_from_map = alignment_in_plane(poses[:, :2], true[:, :2])
     aligned = compose(truth_from_map.array(), poses)
     away = np.column_stack([aligned[:, :2] - true[:, :2], wrap_angles(aligned[:, 2] - true[:, 2])])
     rmse = float(np.sqrt((away[:, :2] ** 2).sum(axis=1).mean()))
     return TruthErrors(len(usable), _errors(away, np.ones(len(away), bool)), rmse, truth_from_map)
 
 
-def _alignment(points: FloatArray, onto: FloatArray) -> Pose2:
-    """Return the pose that moves points (N, 2) onto others with the least sum of squared distances."""
-    a, b = points - points.mean(axis=0), onto - onto.mean(axis=0)
-    theta = math.atan2(float((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()), float((a * b).sum()))
-    turned = Pose2(0.0, 0.0, theta) @ Pose2(*points.mean(axis=0).tolist())
-    x, y = onto.mean(axis=0).tolist()
-    return Pose2(x - turned.x, y - turned.y, theta)
+def space_errors(trajectory: Trajectory3, truth: Trajectory3) -> SpaceErrors:
+    """Return the absolute trajectory error in space, as `truth_errors` does in the plane.
+
+    The rotation's error is the angle of the rotation between a pose and the truth.
+
+    Raises:
+        RecordingError: fewer than three poses have a truth.
+    """
+    stamps, order = np.unique(truth.stamps_ns, return_index=True)
+    usable, before, after, part = _usable(stamps, trajectory.stamps_ns)
+    first, second, share = order[before[usable]], order[after[usable]], part[usable]
+    true = truth.positions[first] + share[:, None] * (truth.positions[second] - truth.positions[first])
+    true_turns = rotations_between(truth.rotations[first], truth.rotations[second], share)
+    positions, turns = trajectory.positions[usable], trajectory.rotations[usable]
+    truth_from_map = alignment_in_space(positions, turns, true, true_turns)
+    away = np.linalg.norm(positions @ truth_from_map.rotation.T + truth_from_map.translation - true, axis=1)
+    between = np.swapaxes(truth_from_map.rotation @ turns, 1, 2) @ true_turns
+    # from the difference to the identity, since the cosine tells nothing of small angles
+    angles = 2.0 * np.arcsin(np.minimum(1.0, np.linalg.norm(between - np.eye(3), axis=(1, 2)) / math.sqrt(8.0)))
+    errors = _errors(np.column_stack([away, np.zeros(len(away)), angles]), np.ones(len(away), bool))
+    matrix = np.vstack([np.column_stack([truth_from_map.rotation, truth_from_map.translation]), [0.0, 0.0, 0.0, 1.0]])
+    rows = tuple(tuple(row) for row in matrix.tolist())
+    return SpaceErrors(len(usable), errors, float(np.sqrt((away**2).mean())), rows)
+
+
+def _usable(stamps: IntArray, times: IntArray) -> tuple[BoolArray, IntArray, IntArray, FloatArray]:
+    """Return `truth_between` for at least three poses.
+
+    Raises:
+        RecordingError: fewer have a truth.
+    """
+    if len(stamps) == 0 or len(times) == 0:
+        raise RecordingError("one of the two trajectories is empty; there is nothing to compare")
+    usable, before, after, part = truth_between(stamps, times)
+    if usable.sum() < 3:
+        raise RecordingError(
+            f"only {int(usable.sum())} of {len(usable)} poses have a true pose within {MAX_TRUTH_GAP:g} s: "
+            "check that both belong to one recording with one clock"
+        )
+    return usable, before, after, part
 
 
 def _errors(away: FloatArray, mask: BoolArray) -> Errors:

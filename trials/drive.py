@@ -20,6 +20,7 @@ from waychair.calibration.fits.dac import DacModel
 from waychair.calibration.fits.stopping import StopTable
 from waychair.control.drive.navigator import Stage
 from waychair.firmware_bridge.board import BoardSettings, HostBoard, board_program
+from waychair.firmware_bridge.bridge import USUAL_FAMILY
 from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.geometry import wrap_angle
 from waychair.maps.drawn.zones import Zone
@@ -198,7 +199,7 @@ def board_settings(setup: DriveSetup) -> BoardSettings:
     supervisor = setup.chair.supervisor
     return BoardSettings(
         chair_id=setup.body.chair_id,
-        family=setup.chair.bridge.family,
+        family=setup.chair.bridge.family or USUAL_FAMILY,
         dac_bits=max(8, setup.calibration.counts_max.bit_length()),
         neutral_per_mille=round(1000 * supervisor.at_rest),
         override_per_mille=round(1000 * supervisor.override),

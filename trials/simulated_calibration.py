@@ -9,6 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from waychair.calibration.calibration_file import JoystickFamily
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.drives.camera_views import views_of_planes
 from waychair.calibration.drives.dac_and_stops import ChairUnderTest
@@ -38,6 +39,9 @@ from waychair.types import (
     Twist,
     WheelTicks,
 )
+
+SIMULATED_FAMILY: JoystickFamily = "eight_pin_3v3"
+"""The joystick family of the simulated chairs, whose lines rest at 1.65 V."""
 
 WHEELS_HALL = 14.0
 """Side [m] of a hall that holds the square of `calibrate_wheels` with walls within the lidar's range."""

@@ -37,7 +37,7 @@ def simulated_stops(body: ChairBody, plant: PlantSettings | None = None) -> Stop
 
 def simulated_calibration(body: ChairBody, stops: StopTable | None = None) -> ChairCalibration:
     """Return the content of a simulated chair's calibration file; the stops are measured unless given."""
-    return ChairCalibration(body.chair_id, "", body, stops=stops or simulated_stops(body))
+    return ChairCalibration(body.chair_id, "", body, stops=stops or simulated_stops(body), simulated=True)
 
 
 def _stop(body: ChairBody, plant: PlantSettings, twist: Twist) -> MeasuredStop:

@@ -80,7 +80,7 @@ class Broadcaster:
         self._stops = ThreadPoolExecutor(_STOP_THREADS, "page-stop")
         self._watches = ThreadPoolExecutor(1, "page-watch")  # its own thread, so that a slow call ends no drive
         self._pages: set[OpenPage] = set()
-        self._answered: dict[OpenPage, float] = {}  # not by page id, which a duplicated tab shares
+        self._answered: dict[OpenPage, float] = {}  # not by page id, which a page chooses itself
         self._failing: set[str] = set()
         self._told: dict[str, str] = {}
         self._layout_revision: int | None = None

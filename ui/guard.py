@@ -41,12 +41,18 @@ def is_token(told: str, token: str) -> bool:
 
 
 def is_host(host: str, names: Sequence[str]) -> bool:
-    """Whether a `Host` header names this server: an address, localhost or one of `names`, with or without a port."""
+    """Whether a `Host` header names this server: an address, localhost or one of `names`, with or without a port.
+
+    A name NAME without a dot stands for NAME.local, too (multicast DNS). All other names with one of `names` in them are
+    another computer's.
+    """
     try:
-        name = urlsplit(f"//{host}").hostname or ""
+        name = (urlsplit(f"//{host}").hostname or "").removesuffix(".")  # "chair.local." is the same name in full
     except ValueError:
         return False
-    if name == "localhost" or name in {known.lower() for known in names}:
+    known = {"localhost", *(each.lower().removesuffix(".") for each in names)}
+    bare = name.removesuffix(".local")
+    if name and (name in known or ("." not in bare and bare in known - {"localhost"})):
         return True
     try:
         ipaddress.ip_address(name)
@@ -96,7 +102,8 @@ class RequestGuard:
         """Return the status and the sentence of a refusal; status 0 for none."""
         host = headers.get("host", "")
         if not is_host(host, self._names) or (self._local and not _is_loopback(host)):
-            return 403, "This name is not known here: open the page by the address that waychair printed."
+            other = "" if self._local else ", or start waychair with --page-name and this name"
+            return 403, f"This name is not known here: open the page by an address that waychair printed{other}."
         origin = headers.get("origin")
         if origin is not None and _netloc(origin) != host.lower():
             return 403, "Pages of other sites may not talk to the chair."

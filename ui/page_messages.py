@@ -10,6 +10,7 @@ import numpy as np
 from waychair.control.safety.stops import STOPS, Severity
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.chair_port import ChairView, LayoutView
+from waychair.runtime.sentences import sentence
 from waychair.types import Bytes, FloatArray, Json, OccupancyGrid, Place, Pose2
 
 MOST_POINTS = 400
@@ -21,6 +22,9 @@ _PALETTES = {
     "dark": ((222, 212, 200), (58, 47, 38), (30, 24, 19)),
 }
 THEMES = tuple(_PALETTES)
+
+_UNSEEN = sentence(STOPS["page_gone"].sentence).removesuffix(".")
+"""The beginning of the last stop's sentence if all pages were hidden or gone."""
 
 
 def encoded(message: Json) -> str:
@@ -47,6 +51,7 @@ def view_message(view: ChairView, count: int) -> str:
             "countdown": None if view.countdown_s is None else round(float(view.countdown_s), 2),
             "next": view.next_action,
             "last": view.last_stop,
+            "unseen": view.last_stop.startswith(_UNSEEN),
             "obstacles": [
                 {"id": each.stop_id, "text": each.sentence, "remedy": each.remedy, "reset": _takes_reset(each.stop_id)}
                 for each in view.obstacles

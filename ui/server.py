@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from waychair.errors import ConfigError, MissingExtra, OutputError
+from waychair.install_advice import install_command
 from waychair.runtime.chair_port import ChairPort
 from waychair.ui.broadcaster import Broadcaster, CommandRunner, OpenPage
 from waychair.ui.commands import COMMANDS, STICK
@@ -47,6 +48,9 @@ UNAUTHORISED = 4401
 _NO_JSON = (msgspec.DecodeError, ValueError, RecursionError)
 """Errors of decoding a page's text that is not JSON, or is nested too deeply."""
 
+PORTS = range(65_536)
+"""TCP ports; 0 stands for a free one."""
+
 _LARGEST = 65_536
 _ENDING_S = 3
 
@@ -67,7 +71,7 @@ def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: b
         from starlette.staticfiles import StaticFiles
         from xstatic.pkg import leaflet
     except ImportError as error:
-        raise MissingExtra("the page needs the extra [ui]: pip install 'waychair[ui]'") from error
+        raise MissingExtra(f"the page needs the extra [ui]: {install_command('ui')}") from error
 
     broadcaster = Broadcaster(port)
 
@@ -115,7 +119,7 @@ def page_server(
 
     Raises:
         ConfigError: the page would be open to the network without a token.
-        OutputError: the port is in use or not allowed.
+        OutputError: the port is in use, not allowed, or none.
         MissingExtra: the extra [ui] is not installed.
     """
     server, listener, address = _prepared(port, host, http_port, token, names)
@@ -148,6 +152,8 @@ def _prepared(
         timeout_graceful_shutdown=_ENDING_S,
         server_header=False,
     )
+    if http_port not in PORTS:
+        raise OutputError(f"{http_port} is no port of a page: choose 1 to {PORTS[-1]}")
     try:
         listener = socket.create_server((host, http_port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
@@ -180,7 +186,7 @@ async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
             await page.close(UNAUTHORISED, "the token is missing or wrong")
             return
     except (TimeoutError, *_NO_JSON, KeyError, WebSocketDisconnect):
-        with contextlib.suppress(RuntimeError):
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):  # it may be gone already
             await page.close(UNAUTHORISED, "the first message has no page and token")
         return
     opened = OpenPage(page_id)

@@ -24,6 +24,7 @@ from waychair.firmware_bridge.advice import fault_names
 from waychair.firmware_bridge.protocol import BoardState, BoardTelemetry, Family, setpoint_from_millivolts
 from waychair.firmware_bridge.transports import Transport
 from waychair.geometry import arc
+from waychair.install_advice import document
 from waychair.types import Pose2
 
 ARM_S = 8.0  # the board arms within this time, after two seconds of rest; the sensors deliver by then
@@ -142,11 +143,11 @@ class BoardDrive:
         meter: SpeedMeter,
         chair_id: str,
         *,
-        family: Family = Family.HALL_5V,
+        family: Family | None = None,
         clock: Clock | None = None,
         limits: DriveLimits | None = None,
     ) -> None:
-        """Greet the board; the board takes the lines only in `arm`.
+        """Greet the board; the board takes the lines only in `arm`. `family` None takes the board's joystick family.
 
         Raises:
             BridgeError: the board does not answer, or it refuses (with its reason).
@@ -173,6 +174,11 @@ class BoardDrive:
     def now_ns(self) -> int:
         """Time [ns] of the clock that stamps commands and sensors."""
         return self._clock.now_ns()
+
+    @property
+    def family(self) -> Family:
+        """The joystick family for which the board was flashed."""
+        return Family(self.reply.family)
 
     def arm(self) -> None:
         """Stand still, with the rider's stick on the lines, until the board is armed and the sensors deliver speeds.
@@ -250,7 +256,7 @@ class BoardDrive:
         assert telemetry is not None
         if telemetry.faults:
             raise BridgeError(
-                f"the board stopped the chair: {_fault_text(telemetry.faults)}; see firmware_bridge/README.md"
+                f"the board stopped the chair: {_fault_text(telemetry.faults)}; see {document('firmware_bridge/README.md')}"
             )
         if telemetry.state in (BoardState.ARMED, BoardState.DRIVE):
             return
@@ -278,7 +284,7 @@ class BoardDrive:
         if telemetry.faults:
             return (
                 f"the board was not armed within {seconds:g} s because of {_fault_text(telemetry.faults)}: see "
-                "firmware_bridge/README.md, then switch it off and on"
+                f"{document('firmware_bridge/README.md')}, then switch it off and on"
             )
         if self._armed:
             return self._speeds.silence(seconds)

@@ -67,28 +67,21 @@ class BoardTalk:
         """Whether the cable was lost."""
         return self._board.closed
 
-    def greet(self, chair_id: str, family: Family) -> HelloReply:
-        """Greet the board; return its reply.
+    def greet(self, chair_id: str, family: Family | None) -> HelloReply:
+        """Greet the board as a computer of this chair and joystick family (None: the board's); return its reply.
 
         Raises:
             BridgeError: the board does not answer, or it refuses (with its reason).
             CalibrationMismatch: the board belongs to another chair.
             TransportError: the cable was lost.
         """
-        ours = hello(chair_id, family)
-        self._send(ours)
-        deadline_ns = self._clock.now_ns() + round(ANSWER_S * 1e9)
-        while self._clock.now_ns() < deadline_ns and not self._board.closed:
-            self._due_ns = self._clock.now_ns() + PERIOD_NS
-            self._clock.wait_until(self._due_ns)
-            replies = [message for message in self._listen() if isinstance(message, HelloReply)]
-            if replies:
-                self.heard_ns = self._clock.now_ns()
-                _check_reply(replies[-1], ours)
-                return replies[-1]
-        if self._board.closed:
-            raise TransportError("the cable to the board was lost: plug it in and start again")
-        raise BridgeError(f"no board answered within {ANSWER_S:g} s: check its port and its power")
+        ours = hello(chair_id, family or Family.HALL_5V)
+        reply = self._reply(ours)
+        if family is None and reply.family != ours.family and reply.family in set(Family):
+            ours = hello(chair_id, Family(reply.family))
+            reply = self._reply(ours)
+        _check_reply(reply, ours)
+        return reply
 
     def exchange(self, forward: int, turn: int) -> None:
         """Send set-points [1/10000 of the swing], wait a period, and read the board's messages."""
@@ -102,6 +95,20 @@ class BoardTalk:
         """Release the lines to the rider's joystick. May be called twice, and after the cable was lost."""
         for _ in range(_RELEASE_COMMANDS):
             self._send(Command(0, 0, 0, 0))
+
+    def _reply(self, ours: Hello) -> HelloReply:
+        self._send(ours)
+        deadline_ns = self._clock.now_ns() + round(ANSWER_S * 1e9)
+        while self._clock.now_ns() < deadline_ns and not self._board.closed:
+            self._due_ns = self._clock.now_ns() + PERIOD_NS
+            self._clock.wait_until(self._due_ns)
+            replies = [message for message in self._listen() if isinstance(message, HelloReply)]
+            if replies:
+                self.heard_ns = self._clock.now_ns()
+                return replies[-1]
+        if self._board.closed:
+            raise TransportError("the cable to the board was lost: plug it in and start again")
+        raise BridgeError(f"no board answered within {ANSWER_S:g} s: check its port and its power")
 
     def _listen(self) -> list[Message]:
         messages = [received.message for received in self._decoder.feed(self._board.read())]

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from waychair.errors import RecordingDamaged, RecordingError, RecordingNotFound
-from waychair.recordings.bags.rosbag_file import bag_suffix, iterate_messages, open_bag
+from waychair.errors import RecordingDamaged, RecordingError
+from waychair.recordings.bags.rosbag_file import iterate_messages, open_bag
+from waychair.recordings.recording_files import find_recording
 from waychair.types import ImuSample, WheelTicks
 
 _JOINTS = "sensor_msgs/msg/JointState"
@@ -60,21 +61,11 @@ def _imu(stamp: int, message: Any) -> ImuSample:
 
 def _messages(path: Path, kind: str) -> Iterator[tuple[int, Any]]:
     """Yield (header stamp [ns], message) of all messages of a type."""
-    if not path.exists():
-        raise RecordingNotFound(f"no recording exists at {path}: give the file or folder of a bag")
-    with open_bag(path, _suffix(path)) as bag:
+    bag_of = find_recording([path]).bag
+    if bag_of is None:
+        raise RecordingDamaged(f"{path} is not a bag: give a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
+    with open_bag(bag_of) as bag:
         wanted = [connection for connection in bag.connections if connection.msgtype == kind]
         for _, _, message in iterate_messages(path, bag, wanted):
             stamp = message.header.stamp
             yield int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec), message
-
-
-def _suffix(path: Path) -> str:
-    """Return the suffix by which `open_bag` knows this kind of bag."""
-    if path.is_dir():
-        return ""
-    with path.open("rb") as file:
-        suffix = bag_suffix(file.read(16))
-    if suffix is None:
-        raise RecordingDamaged(f"{path} is not a bag: give a .bag, .mcap or .db3 file, or the folder of a ROS 2 bag")
-    return suffix

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import cyclopts
 from cyclopts import Parameter, Token, validators
 
-from waychair.errors import MapError, OutputError, WaychairError
+from waychair import pose_text
+from waychair.errors import MapError, OutputError, UnknownPlace, WaychairError
 from waychair.files import path_exists
-from waychair.geometry import MAX_ANGLE, MAX_COORDINATE, is_possible_pose
-from waychair.types import Pose2
+from waychair.pose_text import POSE_SHAPE, ImpossiblePose, NoPoseText, is_like_pose
+from waychair.types import Place, Pose2
 from waychair.yaml_files import quoted
 
 
@@ -48,20 +48,39 @@ NonEmptyPath = Annotated[Path, Parameter(converter=_named)]
 
 
 def pose_from_text(text: str, name: str) -> Pose2:
-    """Return the pose of `X,Y` or `X,Y,THETA` in metres and radians."""
+    """Return the pose of `X,Y` or `X,Y,YAW`, whose angle is in radians or has a unit; `name` names the option.
+
+    Raises:
+        BadArgument: it has another form, a coordinate is too large, or the angle is more than a full turn.
+    """
     try:
-        values = [float(part) for part in text.split(",")]
-    except ValueError:
-        values = []
-    if len(values) not in (2, 3) or not all(math.isfinite(value) for value in values):
-        raise BadArgument(
-            f"{name} must be X,Y or X,Y,THETA in metres and radians (such as 1.5,-2,0.78), not {quoted(text)}"
-        )
-    if not is_possible_pose(*values):
-        raise BadArgument(
-            f"{name} is {quoted(text)}; X and Y may be up to {MAX_COORDINATE:g} m from 0, THETA {MAX_ANGLE:g} rad"
-        )
-    return Pose2(*values)
+        return pose_text.pose_from_text(text)
+    except ImpossiblePose as error:
+        raise BadArgument(f"{name} is {quoted(text)}: {error}") from error
+    except NoPoseText as error:
+        raise BadArgument(f"{name} must be {POSE_SHAPE}, not {quoted(text)}") from error
+
+
+def place_from_text(places: Mapping[str, Place], text: str, name: str, owner: str = "the map") -> Place:
+    """Return the place of this name, or the pose that the text gives, called as the text.
+
+    A name may begin with a digit or hold commas: only a text that begins with two numbers is a pose. `name` names the
+    option, `owner` the owner of the places.
+
+    Raises:
+        BadArgument: it reads as a pose, but is none.
+        UnknownPlace: there is no place of this name; the message gives the most similar names.
+    """
+    from waychair.maps.drawn.places import find
+
+    if text not in places and is_like_pose(text):
+        return Place(text, pose_from_text(text, name))
+    try:
+        return find(places, text, owner)
+    except UnknownPlace as error:
+        if text[:1].isalpha() or ("," not in text and any(map(str.isalpha, text))):
+            raise
+        raise UnknownPlace(f"{error} A pose is {POSE_SHAPE}.") from error
 
 
 def check_picture(path: Path | None, name: str, *sources: Path) -> None:

@@ -31,14 +31,19 @@ def armed_chair(real: PortOptions, body: ChairBody, name: str) -> Iterator[Board
         BadArgument: a port is missing, or the drive was not confirmed.
         BridgeError, TransportError, CalibrationError: see `BoardDrive`.
     """
+    from waychair.calibration.calibration_file import is_simulated_name
     from waychair.calibration.drives.board_drive import BoardDrive, DriveLimits
     from waychair.firmware_bridge.protocol import Family
     from waychair.firmware_bridge.transports import transport_from_text
 
     if real.port is None or real.sensors is None:
         raise BadArgument("a real chair needs --port of its board and --sensors of its sensors")
+    if is_simulated_name(name):
+        raise BadArgument(
+            f"--chair-id {name} is the name of a simulated chair: give this one another name, and its board"
+        )
     limits = DriveLimits(max_distance=real.room)
-    family = Family[real.family.upper()]
+    family = None if real.family is None else Family[real.family.upper()]
     with (
         closing(transport_from_text(real.port, "--port")) as board,
         closing(transport_from_text(real.sensors, "--sensors")) as sensors,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,18 +25,21 @@ class RecordingOptions:
     Parameters
     ----------
     base_from_laser
-        Mount of the lidar: X,Y,YAW in metres and radians, with ",upside-down" appended for a hanging lidar; once per
-        --scan. The default in a bag is its /tf. In a CARMEN log it also selects the robot's pose as odometry (by
+        Mount of the lidar: X,Y,YAW in metres and radians, or X,Y,Z,YAW with the height of a lidar whose point clouds are
+        mapped; with ",upside-down" appended for a hanging lidar; once per --scan. The default in a bag is its /tf. In a CARMEN log it also selects the robot's pose as odometry (by
         default the base is the laser).
     scan
         Topic of the laser scans or point clouds in a bag; several lidars are merged.
     odom
-        Topic of the odometry in a bag; default /tf if there is none.
+        Topic of the odometry in a bag; default /tf if there is none. "none" leaves the odometry of any recording out.
     imu
-        Topic of the inertial unit in a bag.
+        Topic of the inertial unit in a bag; "none" leaves it out.
     camera
         Camera of a folder of pictures: fr1, fr2, fr3 (TUM RGB-D), or FX,FY,CX,CY[,K1,K2,P1,P2[,K3]] in pixels; default
         from a file in the folder or from the folder's name.
+    depth_scale
+        Units of the depth pictures in a metre, such as 1000 for millimetres; default 5000 for rgb/ and depth/, 1000 for
+        numbered frames.
     """
 
     base_from_laser: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = ()
@@ -44,6 +47,7 @@ class RecordingOptions:
     odom: str | None = None
     imu: str | None = None
     camera: str | None = None
+    depth_scale: float | None = None
 
     def over(self, settings: InputSettings) -> InputSettings:
         """Return the settings, overridden by these options."""
@@ -54,7 +58,8 @@ class RecordingOptions:
             odom_topic=self.odom or bag.odom_topic,
             imu_topic=self.imu or bag.imu_topic,
         )
-        rgbd = replace(settings.rgbd, camera=self.camera or settings.rgbd.camera)
+        scale = settings.rgbd.depth_scale if self.depth_scale is None else self.depth_scale
+        rgbd = replace(settings.rgbd, camera=self.camera or settings.rgbd.camera, depth_scale=scale)
         return replace(settings, bag=bag, rgbd=rgbd, mounts=self.base_from_laser or settings.mounts)
 
 
@@ -74,8 +79,8 @@ class Stages:
         for warning in warnings:
             self._bar.console.print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
 
-    def read(self, path: Path, settings: InputSettings) -> Recording:
-        """Read a recording and print its warnings."""
+    def read(self, path: Path | Sequence[Path], settings: InputSettings) -> Recording:
+        """Read a recording of one or several files and print its warnings."""
         from waychair.recordings.recording import read_recording
 
         recording = read_recording(path, settings, progress=self.stage("reading"))

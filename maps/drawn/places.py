@@ -1,9 +1,9 @@
 """Named places of a map: `places.yaml` beside `map.yaml`.
 
     lift: [12.4, 3.1, 1.5708]
-    desk: [2.0, 5.5, 3.1416, 0.05, 0.02]
+    desk: [2.0, 5.5, 180deg, 0.05, 0.02]
 
-A place is x, y [m], yaw [rad] in map, optionally with tolerances of arrival [m], [rad].
+A place is x, y [m], yaw [rad] in map, optionally with tolerances of arrival [m], [rad]. Angles may be in degrees.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from waychair.files import is_folder, path_exists, refuse_empty_file
 from waychair.geometry import MAX_ANGLE, MAX_COORDINATE, is_possible_pose, wrap_angle
 from waychair.maps.drawn.anchors import load_anchors, write_anchored
 from waychair.maps.grid.cells import OCCUPIED_FROM, cells_from_points, inside
+from waychair.pose_text import ImpossiblePose, angle_from_text, is_like_pose
 from waychair.types import OccupancyGrid, Place, Pose2
 from waychair.yaml_files import compose_yaml
 
@@ -32,6 +33,8 @@ CLOSEST_M, CLOSEST_RAD = 0.02, 0.02
 
 _DEFAULT = Place("", Pose2())
 _SHAPE = "[x, y, yaw] or [x, y, yaw, tolerance_m, tolerance_rad]"
+_ANGLES = (2, 4)
+"""Positions of the angles in a place's list; they may have a unit (`90deg`)."""
 
 
 def places_path(folder: Path) -> Path:
@@ -135,16 +138,18 @@ def checked_place(place: Place) -> Place:
     """
     if not place.name or place.name != place.name.strip() or not place.name.isprintable():
         raise PlaceError(f"{place.name!r} cannot be the name of a place; use letters, digits and single spaces")
+    if is_like_pose(place.name):
+        raise PlaceError(f"'{place.name}' cannot be the name of a place, as it reads as coordinates; use a word in it")
     x, y, yaw = place.pose.x, place.pose.y, place.pose.theta
     if not is_possible_pose(x, y, yaw):
         raise PlaceError(
             f"the place '{place.name}' has no pose on a map (x {x:g}, y {y:g}, yaw {yaw:g}); give metres up to "
             f"{MAX_COORDINATE:g} and radians up to {MAX_ANGLE:g}"
         )
-    if not (CLOSEST_M <= place.tolerance_m < math.inf and CLOSEST_RAD <= place.tolerance_rad < math.inf):
+    if not (CLOSEST_M <= place.tolerance_m < math.inf and CLOSEST_RAD <= place.tolerance_rad <= math.tau):
         raise PlaceError(
-            f"the tolerances of the place '{place.name}' must be finite, and at least {CLOSEST_M:g} m and "
-            f"{CLOSEST_RAD:g} rad: a chair stops no closer"
+            f"the tolerances of the place '{place.name}' must be at least {CLOSEST_M:g} m and {CLOSEST_RAD:g} rad, as a "
+            "chair stops no closer, and finite; that of the heading at most a full turn"
         )
     return place
 
@@ -163,15 +168,17 @@ def _place(path: Path, key: yaml.Node, value: yaml.Node) -> Place:
     if not isinstance(key, yaml.ScalarNode):
         raise PlaceError(f"{where}: a place's name must be a word; write `name: [x, y, yaw]`")
     items = value.value if isinstance(value, yaml.SequenceNode) else []
-    try:
-        numbers = [float(item.value) for item in items]
-    except (TypeError, ValueError) as error:
-        raise PlaceError(f"{where}: '{key.value}' must be {_SHAPE}, all numbers") from error
-    if len(numbers) not in (3, 5):
+    if len(items) not in (3, 5):
         raise PlaceError(f"{where}: '{key.value}' must be {_SHAPE}")
-    x, y, yaw, *tolerances = numbers
     try:
-        yaw = wrap_angle(yaw) if abs(yaw) <= MAX_ANGLE else yaw
-        return checked_place(Place(key.value, Pose2(x, y, yaw), *tolerances))
+        x, y, yaw, *tolerances = (
+            (angle_from_text if at in _ANGLES else float)(item.value) for at, item in enumerate(items)
+        )
+    except ImpossiblePose as error:
+        raise PlaceError(f"{where}: the place '{key.value}' cannot have this angle: {error}") from error
+    except (TypeError, ValueError, AttributeError) as error:
+        raise PlaceError(f"{where}: '{key.value}' must be {_SHAPE}, all numbers") from error
+    try:
+        return checked_place(Place(key.value, Pose2(x, y, wrap_angle(yaw)), *tolerances))
     except PlaceError as error:
         raise PlaceError(f"{where}: {error}") from error

@@ -2,10 +2,11 @@
 
     stairs: {keep_out: true, polygon: [[1.0, 2.0], [3.0, 2.0], [3.0, 4.0], [1.0, 4.0]]}
     ward: {slow: 0.3, polygon: [[5.0, 0.0], [9.0, 0.0], [9.0, 6.0]]}
-    ramp: {one_way: 1.5708, polygon: [[10.0, 0.0], [11.2, 0.0], [11.2, 3.0], [10.0, 3.0]]}
+    ramp: {one_way: 90deg, polygon: [[10.0, 0.0], [11.2, 0.0], [11.2, 3.0], [10.0, 3.0]]}
 
 A polygon's corners are x, y [m] in map. No part of the chair enters a keep-out zone; in a slow zone it drives at most
-that fast [m/s]; in a one-way zone it drives along that heading [rad], sideways to it, but not back against it.
+that fast [m/s]; in a one-way zone it drives along that heading (radians, or degrees as here), sideways to it, but not
+back against it.
 """
 
 from __future__ import annotations
@@ -21,9 +22,10 @@ import yaml
 
 from waychair.errors import ZoneError
 from waychair.files import path_exists, refuse_empty_file
-from waychair.geometry import MAX_ANGLE, MAX_COORDINATE, transform_points, wrap_angle
+from waychair.geometry import MAX_COORDINATE, transform_points, wrap_angle
 from waychair.maps.drawn.anchors import Anchors, load_anchors, write_anchored
 from waychair.maps.drawn.places import places_path
+from waychair.pose_text import ImpossiblePose, NoPoseText, angle_from_text, checked_turn
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 from waychair.yaml_files import compose_yaml, node_value, quoted
 
@@ -31,6 +33,9 @@ ZONES_YAML = "zones.yaml"
 _SHAPE = "{keep_out: true | slow: SPEED | one_way: HEADING, polygon: [[x, y], [x, y], [x, y], ...]}"
 SLOWEST = 0.05
 """Least speed [m/s] of a slow zone; for less, draw a keep-out zone."""
+
+_FASTEST = 1000.0
+"""Largest speed [m/s] of a slow zone; beyond it the number is damaged."""
 
 
 class Rule(enum.Enum):
@@ -227,11 +232,27 @@ def _value(at: str, rule: Rule, fields: Mapping[str, object]) -> float:
         if value is not True:
             raise ZoneError(f"{at}: keep_out is {quoted(value)}; write `keep_out: true`, or remove the zone")
         return 0.0
-    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= MAX_ANGLE:
-        raise ZoneError(f"{at}: {rule.value} is {quoted(value)}; it must be a number, and no more than {MAX_ANGLE:g}")
-    if rule is Rule.SLOW and value < SLOWEST:
+    if rule is Rule.ONE_WAY:
+        return _heading(at, value)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _FASTEST:
+        raise ZoneError(f"{at}: slow is {quoted(value)}; it must be a number, and no more than {_FASTEST:g} m/s")
+    if value < SLOWEST:
         raise ZoneError(f"{at}: slow is {value}; it must be at least {SLOWEST} m/s, or a keep-out zone")
-    return wrap_angle(float(value)) if rule is Rule.ONE_WAY else float(value)
+    return float(value)
+
+
+def _heading(at: str, value: object) -> float:
+    """Return the heading [rad] of a one-way zone: a number of radians, or a text such as `90deg`."""
+    try:
+        if isinstance(value, bool) or not isinstance(value, int | float | str):
+            raise NoPoseText(f"{value} is not a number")
+        return wrap_angle(checked_turn(float(value)) if isinstance(value, int | float) else angle_from_text(value))
+    except ImpossiblePose as error:
+        raise ZoneError(f"{at}: one_way is {quoted(value)}: {error}") from error
+    except NoPoseText as error:
+        raise ZoneError(
+            f"{at}: one_way is {quoted(value)}; it must be a heading in radians, or in degrees such as 90deg"
+        ) from error
 
 
 def checked_polygon(at: str, corners: object) -> FloatArray:

@@ -12,7 +12,7 @@ import numpy as np
 
 from waychair.errors import MapError
 from waychair.files import is_file
-from waychair.maps.folders.map_files import load_map, save_map, yaml_path
+from waychair.maps.folders.map_files import load_info, load_map, save_map, yaml_path
 from waychair.maps.grid.cells import occupied
 from waychair.types import UNKNOWN, BoolArray, Cells, OccupancyGrid
 
@@ -63,7 +63,9 @@ def load_depth_layer(path: Path, grid: OccupancyGrid) -> OccupancyGrid | None:
     file = yaml_path(path).with_name(f"{DEPTH}.yaml")
     if not is_file(file, MapError):
         return None
-    layer = load_map(file)
+    times = grid.resolution / load_info(file).resolution  # more than 1 where the map's cells were joined
+    whole = times >= 1.0 and abs(times - round(times)) < 1e-6
+    layer = load_map(file, lambda _: None, resolution=grid.resolution if whole else None)
     if (layer.cells.shape, layer.resolution, layer.map_from_grid) != (
         grid.cells.shape,
         grid.resolution,

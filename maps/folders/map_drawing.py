@@ -53,6 +53,35 @@ class MapDrawing:
         return [polygon.tolist() for polygon in self.erased] == [polygon.tolist() for polygon in other.erased]
 
 
+class DrawnFiles:
+    """The state of a map's drawings on disk, to notice that another program has changed them."""
+
+    def __init__(self, map_folder: Path) -> None:
+        """Note the present state of the files beside the map at a folder or YAML file."""
+        self._folder = places_path(map_folder).parent
+        self._known = self._state()
+
+    def note(self) -> None:
+        """Note the present state, since it is about to be read."""
+        self._known = self._state()
+
+    def changed(self) -> bool:
+        """Return whether a file was changed, made or removed since the last call or `note`."""
+        before, self._known = self._known, self._state()
+        return self._known != before
+
+    def _state(self) -> list[tuple[int, int] | None]:
+        return [_state_of(self._folder / name) for name in _FILES]
+
+
+def _state_of(path: Path) -> tuple[int, int] | None:
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_ino
+
+
 def forget(folder: Path) -> None:
     """Remove everything drawn on a map, before another map takes its place.
 
@@ -188,7 +217,7 @@ class DrawingEditor:
             WaychairError: a file is broken or cannot be written.
         """
         polygon = checked_polygon("the part to be erased", np.asarray(polygon).tolist())
-        grid = load_map(self._map)
+        grid = load_map(self._map, lambda _: None)
         layer = load_depth_layer(self._map, grid)
         if layer is not None and (clear_erased(layer, [polygon]).cells != layer.cells)[drop_offs(layer)].any():
             raise ZoneError("there is a drop-off in this part of the map: erase a part without it")

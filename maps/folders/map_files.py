@@ -5,10 +5,13 @@ Formats and thresholds follow the documentation of ROS map_server and of nav2_ma
 
 from __future__ import annotations
 
+import difflib
+import logging
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Literal, get_args
+from dataclasses import dataclass, field
+from pathlib import Path, PureWindowsPath
+from typing import Any, get_args
 
 import cv2
 import numpy as np
@@ -16,39 +19,44 @@ import yaml
 
 from waychair.errors import MapError, MapNotFound
 from waychair.files import is_file, is_folder, write_bytes, write_text
-from waychair.geometry import MAX_ANGLE, MAX_COORDINATE, is_possible_pose
+from waychair.geometry import MAX_COORDINATE, is_possible_pose
 from waychair.maps.drawn.erased import clear_erased, load_erased
-from waychair.maps.grid.cells import OCCUPIED_FROM
+from waychair.maps.folders.map_shades import (
+    FREE_PIXEL,
+    OCCUPIED_PIXEL,
+    UNKNOWN_PIXEL,
+    Mode,
+    ShadeRule,
+    cells_from_image,
+)
+from waychair.maps.grid.cells import MOST_CELLS, OCCUPIED_FROM, coarser
 from waychair.maps.grid.map_images import read_image
-from waychair.types import UNKNOWN, BoolArray, Bytes, Cells, FloatArray, OccupancyGrid, Pose2
+from waychair.pose_text import ImpossiblePose, checked_turn
+from waychair.types import Bytes, Cells, OccupancyGrid, Pose2
 from waychair.yaml_files import load_yaml, quoted
 
 MAP_YAML = "map.yaml"
-OCCUPIED_PIXEL, FREE_PIXEL, UNKNOWN_PIXEL = 0, 254, 205
 RAW_UNKNOWN_PIXEL = 255
 FREE_BELOW = 50
 """Cells below this value [%], more likely free than not, are drawn as free; from here to OCCUPIED_FROM as unknown."""
 
 OCCUPIED_THRESH = 0.65
 FREE_THRESH = 0.196
-"""map_server's thresholds. nav2's saver writes 0.25 for the second, but the grey of an unknown cell stands for
-(255 - 205) / 255 = 0.19608: with 0.25 every loader reads unknown cells as free (SteveMacenski/slam_toolbox#587)."""
+"""map_server's thresholds; nav2's saver writes 0.25 for the second (see `map_shades`)."""
 
-Mode = Literal["trinary", "scale", "raw"]
+_log = logging.getLogger(__name__)
+
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
 
 @dataclass(frozen=True, slots=True)
 class MapInfo:
-    """The content of a map's YAML: image path, resolution [m], pose of the image's lower left corner, pixel format."""
+    """The content of a map's YAML: image path, resolution [m], pose of the image's lower left corner, rule of shades."""
 
     image: Path
     resolution: float
     map_from_grid: Pose2
-    mode: Mode
-    negate: bool
-    occupied_thresh: float
-    free_thresh: float
+    rule: ShadeRule = field(default_factory=ShadeRule)
 
 
 def save_map(folder: Path, grid: OccupancyGrid, *, mode: Mode = "trinary", name: str = "map") -> None:
@@ -92,26 +100,57 @@ def _scale_image(grid: OccupancyGrid) -> bytes:
     return bytes(cv2.imencode(".png", np.ascontiguousarray(np.flipud(pixels)))[1].tobytes())
 
 
-def load_map(path: Path) -> OccupancyGrid:
-    """Return the grid of a map folder or YAML file; the image may be of any kind that OpenCV reads (PGM, PNG, BMP).
+def load_map(
+    path: Path, warn: Callable[[str], object] = _log.warning, *, resolution: float | None = None
+) -> OccupancyGrid:
+    """Return the grid of a map folder or YAML file; the image may be a PGM, PNG or BMP.
 
-    Cells that people have erased (`maps.drawn.erased`) are free.
+    Cells that people have erased (`maps.drawn.erased`) are free. Cells that a map saver left unknown are unknown, whatever
+    the thresholds say. `resolution` [m] joins cells to larger ones; a map of more than `MOST_CELLS` is joined likewise.
+    `warn` gets a sentence about each deviation from the files; by default it is logged.
 
     Raises:
         ZoneError: the file of erased parts is broken.
         MapNotFound: the YAML or the image it names is not there.
-        MapError: the YAML or the image is broken; the message says where.
+        MapError: the YAML or the image is broken, or contradict each other; the message says where. Or the resolution is
+            no multiple of the map's.
     """
-    info = load_info(yaml_path(path))
-    image, brightest = read_image(info.image)
-    cells_from_image = _CELLS_FROM_IMAGE[info.mode]
-    if image.shape[2] == 1:  # each shade is converted once, so that large maps take little memory
-        shades = np.arange(brightest + 1.0).reshape(1, -1, 1) / brightest
-        cells = cells_from_image(shades, info)[0][image[..., 0]]
-    else:
-        cells = cells_from_image(image / float(brightest), info)
+    yaml_file = yaml_path(path)
+    info = load_info(yaml_file)
+    cells, warnings = cells_from_image(read_image(info.image), info.rule, str(yaml_file))
+    for warning in warnings:
+        warn(warning)
     grid = OccupancyGrid(np.ascontiguousarray(np.flipud(cells)), info.resolution, info.map_from_grid)
-    return clear_erased(grid, load_erased(path))
+    grid = clear_erased(grid, load_erased(path))
+    if resolution is not None:
+        grid = coarser(grid, _times(yaml_file, info.resolution, resolution))
+    height, width = grid.cells.shape
+    times = max(1, math.ceil(math.sqrt(height * width / MOST_CELLS)))
+    while math.ceil(height / times) * math.ceil(width / times) > MOST_CELLS:
+        times += 1
+    large = coarser(grid, times)
+    if times > 1:
+        warn(
+            f"{yaml_file}: the map has {width} by {height} cells, more than the {MOST_CELLS} that can be planned on; they are "
+            f"joined to cells of {large.resolution:g} m, as by --resolution {large.resolution:g}, which are occupied where "
+            "any part is"
+        )
+    return large
+
+
+def _times(path: Path, own: float, wanted: float) -> int:
+    """Return how many cells of a map's own resolution [m] make one of the wanted resolution.
+
+    Raises:
+        MapError: the wanted resolution is no multiple of the map's own.
+    """
+    times = max(1, round(wanted / own)) if math.isfinite(wanted) else 1
+    if not abs(times * own - wanted) <= 1e-6 * own * times:
+        raise MapError(
+            f"{path} has cells of {own:g} m, which cannot be joined to cells of {wanted:g} m; give {own:g} or a multiple, "
+            f"such as {own * max(2, times):g}"
+        )
+    return times
 
 
 def yaml_path(path: Path) -> Path:
@@ -131,24 +170,55 @@ def load_info(path: Path) -> MapInfo:
     values = load_yaml(path, MapError, "give the .yaml file of a map, not its image")
     if not isinstance(values, dict):
         raise MapError(f"{path} must hold `key: value` lines, with {', '.join(_REQUIRED)}")
-    missing = [key for key in _REQUIRED if values.get(key) is None]
-    if missing:
-        raise MapError(f"{path} lacks {', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}")
+    _check_keys(path, values)
     mode = values.get("mode", "trinary")
     if mode not in get_args(Mode):
         raise MapError(f"{path}: mode is {quoted(mode)}; it must be one of {', '.join(get_args(Mode))}")
     low, high = (_number(path, values, key, 0.0, 1.0) for key in ("free_thresh", "occupied_thresh"))
     if low >= high:
         raise MapError(f"{path}: free_thresh {low} must be less than occupied_thresh {high}")
+    negate = _number(path=path, values=values, key="negate", low=0.0, high=1.0, or_bool=True) != 0.0
     return MapInfo(
-        image=path.parent / str(values["image"]),
+        image=_image_path(path, values["image"]),
         resolution=_number(path, values, "resolution", 1e-6, 1e6),
         map_from_grid=_origin(path, values["origin"]),
-        mode=mode,
-        negate=_number(path=path, values=values, key="negate", low=0.0, high=1.0, or_bool=True) != 0.0,
-        occupied_thresh=high,
-        free_thresh=low,
+        rule=ShadeRule(mode, negate, high, low),
     )
+
+
+def _check_keys(path: Path, values: Mapping[Any, Any]) -> None:
+    """Refuse a file that lacks a key; a misspelt one is named.
+
+    Raises:
+        MapError: a key is missing.
+    """
+    missing = [key for key in _REQUIRED if values.get(key) is None]
+    if not missing:
+        return
+    others = [str(key) for key in values if key not in (*_REQUIRED, "mode")]
+    near = difflib.get_close_matches(missing[0], others, n=1)
+    if near:
+        raise MapError(f"{path} lacks {', '.join(missing)}; rename its key '{near[0]}' to {missing[0]}")
+    raise MapError(f"{path} lacks {', '.join(missing)}; add {'it' if len(missing) == 1 else 'them'}")
+
+
+def _image_path(path: Path, image: Any) -> Path:
+    """Return the path of a map's image.
+
+    Raises:
+        MapError: it is not a name.
+        MapNotFound: it is not where the YAML says, but beside it.
+    """
+    if not isinstance(image, str):
+        raise MapError(f"{path}: image is {quoted(image)}; it must be the name of a file")
+    named = path.parent / image
+    beside = path.parent / PureWindowsPath(image).name  # knows both kinds of slashes
+    if not is_file(named, MapError) and is_file(beside, MapError):
+        raise MapNotFound(
+            f"the map's image {named} is not there, but {beside.name} lies beside {path.name}; write "
+            f"`image: {beside.name}` in that file"
+        )
+    return named
 
 
 def _number(
@@ -175,12 +245,14 @@ def _origin(path: Path, origin: Any) -> Pose2:
         x, y, theta = (_float(value) for value in origin)
     except (TypeError, ValueError) as error:
         raise MapError(f"{path}: origin is {quoted(origin)}; it must be [x, y, yaw] in metres and radians") from error
-    if not is_possible_pose(x, y, theta):
+    if not is_possible_pose(x, y):
+        raise MapError(f"{path}: origin is {quoted(origin)}; x and y may be up to {MAX_COORDINATE:g} m from 0")
+    try:
+        return Pose2(x, y, checked_turn(theta))
+    except ImpossiblePose as error:
         raise MapError(
-            f"{path}: origin is {quoted(origin)}; x and y may be up to {MAX_COORDINATE:g} m from 0, "
-            f"yaw {MAX_ANGLE:g} rad"
-        )
-    return Pose2(x, y, theta)
+            f"{path}: origin is {quoted(origin)}; its yaw must be in radians, at most a full turn (90 degrees are 1.571)"
+        ) from error
 
 
 def _trinary_pixels(cells: Cells) -> Bytes:
@@ -193,52 +265,3 @@ def _trinary_pixels(cells: Cells) -> Bytes:
 def _raw_pixels(cells: Cells) -> Bytes:
     pixels: Bytes = np.where(cells < 0, RAW_UNKNOWN_PIXEL, cells).astype(np.uint8)
     return pixels
-
-
-def _trinary_cells(image: FloatArray, info: MapInfo) -> Cells:
-    """Return 100 above the occupied threshold, 0 below the free one, else unknown; transparent pixels are unknown."""
-    shades, opaque = _opaque_part(image)
-    occupancy = _occupancy(shades, info)
-    cells = np.full(occupancy.shape, UNKNOWN, np.int8)
-    cells[occupancy > info.occupied_thresh] = 100
-    cells[occupancy < info.free_thresh] = 0
-    cells[~opaque] = UNKNOWN
-    return cells
-
-
-def _scale_cells(image: FloatArray, info: MapInfo) -> Cells:
-    """Return 0..100 linearly between the thresholds; a pixel that is not opaque is unknown."""
-    shades, opaque = _opaque_part(image)
-    occupancy = _occupancy(shades, info)
-    span = info.occupied_thresh - info.free_thresh
-    cells = np.clip(np.rint((occupancy - info.free_thresh) / span * 100.0), 0, 100).astype(np.int8)
-    cells[~opaque] = UNKNOWN
-    return cells
-
-
-def _opaque_part(image: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the channels (H, W, C) without transparency, and which pixels (H, W) are opaque."""
-    if image.shape[2] not in (2, 4):
-        return image, np.ones(image.shape[:2], np.bool_)
-    opaque: BoolArray = image[..., -1] >= 1.0
-    return image[..., :-1], opaque
-
-
-def _occupancy(image: FloatArray, info: MapInfo) -> FloatArray:
-    """Return the probability (H, W) that a cell is occupied: high for dark pixels unless negated."""
-    shade: FloatArray = image.mean(axis=2)
-    return shade if info.negate else 1.0 - shade
-
-
-def _raw_cells(image: FloatArray, _: MapInfo) -> Cells:
-    """Return the pixels as values; beyond 100 a cell is unknown."""
-    values = np.rint(image[..., 0] * 255.0)
-    cells: Cells = np.where(values <= 100.0, values, UNKNOWN).astype(np.int8)
-    return cells
-
-
-_CELLS_FROM_IMAGE: dict[Mode, Callable[[FloatArray, MapInfo], Cells]] = {
-    "trinary": _trinary_cells,
-    "scale": _scale_cells,
-    "raw": _raw_cells,
-}

@@ -6,14 +6,14 @@ import numpy as np
 
 from waychair.errors import MapError
 from waychair.geometry import transform_points
-from waychair.types import BoolArray, FloatArray, IntArray, OccupancyGrid
+from waychair.types import UNKNOWN, BoolArray, FloatArray, IntArray, OccupancyGrid
 
 OCCUPIED_FROM = 65
 """Smallest value of an occupied cell [%] (map_server's default occupied_thresh)."""
 
 
 MOST_CELLS = 64_000_000
-"""The largest map that is read [cells], 400 m by 400 m at 5 cm: planning takes some fifty bytes a cell."""
+"""The largest map that is made or planned on [cells], 400 m by 400 m at 5 cm: planning takes some fifty bytes a cell."""
 
 
 def check_size(what: str, height: int, width: int) -> None:
@@ -27,6 +27,28 @@ def check_size(what: str, height: int, width: int) -> None:
             f"{what} has {width} by {height} cells, more than the {MOST_CELLS} that can be planned on; cut it to the "
             "part that the chair drives in, or use coarser cells"
         )
+
+
+def coarser(grid: OccupancyGrid, times: int) -> OccupancyGrid:
+    """Return a grid whose cells are made of `times` by `times` cells: occupied where one is, else unknown where one is.
+
+    The lower left corner stays; beyond the other edges the new cells are unknown.
+    """
+    if times == 1:
+        return grid
+    height, width = grid.cells.shape
+    rows, cols = -(-height // times), -(-width // times)
+    most = np.full((rows, cols), UNKNOWN, np.int8)
+    least = np.full((rows, cols), 100, np.int8)
+    for row in range(times):
+        for col in range(times):
+            part = grid.cells[row::times, col::times]
+            window = slice(part.shape[0]), slice(part.shape[1])
+            np.maximum(most[window], part, out=most[window])
+            np.minimum(least[window], part, out=least[window])
+            least[part.shape[0] :] = least[:, part.shape[1] :] = UNKNOWN
+    cells = np.where((least < 0) & (most < OCCUPIED_FROM), np.int8(UNKNOWN), most)
+    return OccupancyGrid(cells, grid.resolution * times, grid.map_from_grid)
 
 
 def cells_from_points(grid: OccupancyGrid, points: FloatArray) -> IntArray:

@@ -17,9 +17,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from waychair.config import Settings, setting
-from waychair.errors import MapError
+from waychair.errors import GridTooLarge, MapError
 from waychair.geometry import wrap_angles
-from waychair.maps.grid.cells import OCCUPIED_FROM
+from waychair.maps.grid.cells import MOST_CELLS, OCCUPIED_FROM
 from waychair.types import (
     UNKNOWN,
     BoolArray,
@@ -47,9 +47,6 @@ PROB_MIN, PROB_MAX = 0.1192, 0.971
 
 MARGIN = 10
 """Unknown cells round the known ones of a finished grid."""
-
-MAX_CELLS = 200_000_000
-"""The largest grid [cells]; a larger one comes from a jump of the poses."""
 
 _Kinds = NDArray[np.int8]
 _Evidence = NDArray[np.int32]
@@ -113,8 +110,8 @@ class EvidenceGrid:
             scans: the N scans; nan, -inf and ranges outside the scan's own limits are ignored.
 
         Raises:
-            MapError: poses do not match the scans or are not finite, or the grid would grow beyond `MAX_CELLS`;
-                no scan is added then.
+            MapError: poses do not match the scans or are not finite; no scan is added then.
+            GridTooLarge: the grid would grow beyond `MOST_CELLS`; no scan is added then.
         """
         self._cast(first, last, scans, self._hit, self._miss)
 
@@ -126,7 +123,7 @@ class EvidenceGrid:
         """Add a hit or miss (N,) to each of cells (N, 2), or remove one; cells are column and row from x = y = 0.
 
         Raises:
-            MapError: the grid would grow beyond `MAX_CELLS`.
+            GridTooLarge: the grid would grow beyond `MOST_CELLS`.
         """
         if not len(cells):
             return
@@ -148,7 +145,7 @@ class EvidenceGrid:
         """Grow until the area between two points (2,) [m] is inside.
 
         Raises:
-            MapError: the grid would grow beyond `MAX_CELLS`.
+            GridTooLarge: the grid would grow beyond `MOST_CELLS`.
         """
         s = self.settings
         self._include_cells(np.floor(low / s.resolution), np.floor(high / s.resolution) + 1.0)
@@ -159,10 +156,11 @@ class EvidenceGrid:
         if self._evidence.size:
             box = np.array([np.minimum(box[0], self._box[0]), np.maximum(box[1], self._box[1])])
         width, height = (box[1] - box[0]).tolist()
-        if not width * height <= MAX_CELLS:
-            raise MapError(
-                f"a grid of {width:.0f} x {height:.0f} cells of {self.settings.resolution:g} m is too large: check the "
-                "poses for jumps, or choose larger cells"
+        if not (width + 2 * MARGIN) * (height + 2 * MARGIN) <= MOST_CELLS:
+            cell = self.settings.resolution
+            raise GridTooLarge(
+                f"the map would be {width * cell:.6g} x {height * cell:.6g} m, more than the {MOST_CELLS} cells of {cell:g} m "
+                f"that can be planned on: check the poses for jumps, or give larger cells, such as --resolution {2 * cell:g}"
             )
         self._hold(box.astype(np.int64))
 
@@ -254,7 +252,7 @@ def build_grid(
         its cell borders are multiples of the resolution.
 
     Raises:
-        MapError: no scans, poses that do not match them or are not finite, or a grid beyond `MAX_CELLS`.
+        MapError: no scans, poses that do not match them or are not finite, or a grid beyond `MOST_CELLS`.
     """
     if not scans:
         raise MapError("there are no scans to make a map of; give at least one")

@@ -81,6 +81,17 @@ class Sessions(Generic[T, A]):
         for layer in self._layers.values():
             layer.settle()
 
+    def draw_anew(self, make: Callable[[], A]) -> None:
+        """Begin to draw all scans again, in assemblies made by `make`, such as ones of larger cells."""
+        held = [(number, *self.attached(number)) for number in self._layer_of]
+        latest, self._make = self.session, make
+        self._layers, self._layer_of = {0: make()}, {}
+        self.move_nodes(self._nodes, self._near)
+        for number, session, scan, node, (first, last) in held:
+            self.begin(session)
+            self.add(number, scan, node, first, last)
+        self.begin(latest)
+
     @property
     def _by_age(self) -> list[A]:
         return [self._layers[session] for session in sorted(self._layers)]

@@ -1,4 +1,4 @@
-"""Decoding of ROS messages without ROS: scans, point clouds, odometry, IMU samples and pictures of common encodings.
+"""Decoding of ROS messages without ROS: scans, odometry, IMU samples and pictures of common encodings.
 
 Ranges follow REP-117, depths REP-118 (16UC1 in millimetres, 32FC1 in metres), IMU samples REP-145. Compressed depth has
 the layout of image_transport's compressed_depth plugin: a header of 12 bytes (an enumeration, and two floats for the
@@ -16,6 +16,7 @@ import numpy as np
 
 from waychair.errors import RecordingError
 from waychair.recordings.bags.ros_transforms import planar, pose_matrix, stamp_ns
+from waychair.recordings.plausibility.told_scans import MOST_BEAMS, ToldScan
 from waychair.recordings.scans import ascending, without_overflow_codes
 from waychair.types import Bytes, Float32Array, FloatArray, ImuSample, Odometry, Scan, Twist
 
@@ -29,7 +30,6 @@ _BAYER = {
 }
 _YUV = {"yuv422": cv2.COLOR_YUV2RGB_UYVY, "uyvy": cv2.COLOR_YUV2RGB_UYVY, "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2, "yuyv": cv2.COLOR_YUV2RGB_YUY2}  # fmt: skip
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "8UC3": 3, "rgba8": 4, "bgra8": 4, "8UC4": 4, "mono8": 1, "8UC1": 1}
-_FIELD_TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}  # sensor_msgs/PointField
 
 
 def scan_from_message(message: Any) -> Scan | None:
@@ -52,6 +52,36 @@ def scan_from_message(message: Any) -> Scan | None:
         range_max=farthest if farthest > 0.0 else math.inf,
     )
     return ascending(without_overflow_codes(scan))
+
+
+def told_scan_from_message(message: Any) -> ToldScan:
+    """Return a sensor_msgs/LaserScan as it is told; `recordings.plausibility` judges it together with the others of its topic."""
+    ranges = np.asarray(message.ranges, dtype=np.float32)
+    return ToldScan(
+        stamp_ns=stamp_ns(message.header.stamp),
+        ranges=ranges.copy() if len(ranges) <= MOST_BEAMS else ranges[:0],  # a view would keep the message in memory
+        angle_min=float(message.angle_min),
+        angle_max=float(message.angle_max),
+        angle_increment=float(message.angle_increment),
+        time_increment=float(message.time_increment),
+        scan_time=float(message.scan_time),
+        range_min=float(message.range_min),
+        range_max=float(message.range_max),
+    )
+
+
+def first_echoes(message: Any) -> Float32Array:
+    """Return the range (N,) [m] of each beam of a sensor_msgs/MultiEchoLaserScan; nan for a beam without an echo.
+
+    It is the nearest echo within the lidar's limits, which may be of glass; a farther one is of things behind it.
+    """
+    ranges = np.full(len(message.ranges), np.nan, np.float32)
+    for beam, echo in enumerate(message.ranges):
+        echoes = np.asarray(echo.echoes, np.float32)
+        valid = echoes[(echoes >= message.range_min) & (echoes <= message.range_max)]
+        if len(echoes):
+            ranges[beam] = valid.min() if len(valid) else echoes[0]
+    return ranges
 
 
 def odometry_from_message(message: Any) -> Odometry | None:
@@ -81,29 +111,6 @@ def imu_from_message(message: Any) -> ImuSample | None:
     if not np.isfinite(gyro).all() or not np.isfinite(accel).all():
         return None
     return ImuSample(stamp_ns(message.header.stamp), accel, gyro)
-
-
-def cloud_from_message(message: Any) -> FloatArray:
-    """Return the finite points (N, 3) float64 x, y, z [m] of a sensor_msgs/PointCloud2.
-
-    Raises:
-        RecordingError: the cloud has no x, y and z.
-    """
-    fields = {field.name: field for field in message.fields}
-    if not {"x", "y", "z"} <= set(fields):
-        raise RecordingError(
-            f"a point cloud holds {', '.join(fields) or 'nothing'} but no x, y, z; choose another topic"
-        )
-    order = ">" if message.is_bigendian else "<"
-    kinds = [order + _FIELD_TYPES[fields[name].datatype] for name in "xyz"]
-    offsets = [fields[name].offset for name in "xyz"]
-    layout = np.dtype({"names": ["x", "y", "z"], "formats": kinds, "offsets": offsets, "itemsize": message.point_step})
-    width = message.width * message.point_step
-    rows = np.asarray(message.data, np.uint8)[: message.height * message.row_step].reshape(message.height, -1)
-    records = np.ascontiguousarray(rows[:, :width]).reshape(-1).view(layout)
-    points = np.stack([records[name].astype(np.float64) for name in "xyz"], axis=1)
-    finite: FloatArray = points[np.isfinite(points).all(axis=1)]
-    return finite
 
 
 def camera_matrix_from_message(message: Any) -> FloatArray | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from array import array
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -82,6 +82,28 @@ class TransformTree:
             return None
         return np.linalg.inv(self._from_ancestor(common, upper, at_ns)) @ self._from_ancestor(common, lower, at_ns)
 
+    def bodies(self, above: Collection[str] = ()) -> dict[str, int]:
+        """Return the number of the body of each frame: frames that are connected below odom, map and the like.
+
+        `above` are further frames that connect nothing, such as those of odometry messages.
+        """
+        number: dict[str, int] = {}
+        for child in self._edges:
+            way = []
+            for frame in self._ancestry(child):
+                if is_above_base(frame) or frame in above:
+                    break
+                way.append(frame)
+            known = next((number[frame] for frame in way if frame in number), len(number))
+            for frame in way:
+                number.setdefault(frame, known)
+        return number
+
+    def base_above(self, frame: str) -> str | None:
+        """Return the nearest ancestor of a frame with a usual name of the base, such as robot1/base_link."""
+        way = [name for name in self._ancestry(frame) if _is_base(name)]
+        return min(way, key=lambda name: BASE_FRAMES.index(_base_name(name)), default=None)
+
     def moves_between(self, upper: str, lower: str) -> bool:
         """Return whether the pose of one frame in the other changes during the recording."""
         up, down = self._ancestry(upper), self._ancestry(lower)
@@ -94,7 +116,7 @@ class TransformTree:
         for child in self._ancestry(base)[:-1]:
             edge = self._edges[child]
             if edge.moves():
-                return None if edge.parent in WORLD_FRAMES else edge.parent
+                return None if edge.parent.rpartition("/")[2] in WORLD_FRAMES else edge.parent
         return None
 
     def odometry(self, odom: str, base: str) -> list[Odometry]:
@@ -127,6 +149,21 @@ class TransformTree:
             result = _at(*edge.rows(), at_ns) @ result
             frame = edge.parent
         return result
+
+
+def is_above_base(frame: str) -> bool:
+    """Return whether a frame is odom, map or the like, with or without the name of a robot before it."""
+    last = frame.rpartition("/")[2]
+    return last in WORLD_FRAMES or last.startswith("odom") or last.endswith(("_odom", "_map"))
+
+
+def _base_name(frame: str) -> str:
+    last = frame.rpartition("/")[2]
+    return next((name for name in BASE_FRAMES if last == name or last.endswith(f"_{name}")), "")
+
+
+def _is_base(frame: str) -> bool:
+    return bool(_base_name(frame))
 
 
 def _at(stamps: IntArray, values: FloatArray, at_ns: int) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, Protocol
@@ -14,10 +14,8 @@ from rosbags.interfaces import Connection
 from rosbags.typesys import Stores, get_typestore
 
 from waychair.errors import RecordingDamaged
+from waychair.recordings.bags.bag_parts import BagFiles
 from waychair.recordings.bags.rosbag_salvage import SalvagedBag
-
-SUFFIXES = {b"#ROSBAG V2.0": ".bag", b"\x89MCAP": ".mcap", b"SQLite format 3": ".db3"}
-"""The suffix of each kind of bag file, by its magic bytes."""
 
 _LONGEST_REASON = 200  # characters
 
@@ -33,32 +31,30 @@ class BagFile(Protocol):
     def deserialize(self, rawdata: bytes, typ: str) -> Any: ...
 
 
-def bag_suffix(head: bytes) -> str | None:
-    """Return `.bag`, `.mcap` or `.db3` by the first bytes of a file; None for anything else."""
-    return next((suffix for magic, suffix in SUFFIXES.items() if head.startswith(magic)), None)
-
-
 @contextmanager
-def open_bag(path: Path, suffix: str) -> Iterator[BagFile]:
-    """Yield the opened bag of the given kind ('' for the folder of a ROS 2 bag).
+def open_bag(files: BagFiles) -> Iterator[BagFile]:
+    """Yield the opened bag, whose messages come from all its files in the order of their logging.
 
-    rosbags goes by the file's suffix, so a file with another suffix is opened through a link with the right one.
+    rosbags goes by a file's suffix, so a file with another suffix is opened through a link with the right one.
 
     Raises:
-        RecordingDamaged: the bag cannot be opened.
+        RecordingDamaged: a file of the bag cannot be opened.
     """
     with ExitStack() as stack:
-        if path.suffix != suffix and not path.is_dir():
-            link = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"bag{suffix}"
-            link.symlink_to(path.resolve())
-        else:
-            link = path
+        links: list[Path] = []
+        for number, (file, suffix) in enumerate(files.members):
+            link = file
+            if suffix and file.suffix != suffix:
+                link = Path(stack.enter_context(tempfile.TemporaryDirectory())) / f"{number}{suffix}"
+                link.symlink_to(file.resolve())
+            links.append(link)
         try:
-            reader = AnyReader([link], default_typestore=get_typestore(Stores.ROS2_JAZZY))
+            reader = AnyReader(links, default_typestore=get_typestore(Stores.ROS2_JAZZY))
             stack.enter_context(reader)
         # Damaged bytes raise many kinds of errors in the parser: struct, key, index, decode, sqlite and its own.
         except Exception as error:
-            raise damage_error(path, error) from error
+            names = {str(link): file.name for link, (file, _) in zip(links, files.members, strict=True)}
+            raise damage_error(files.path, error, names) from error
         yield reader
 
 
@@ -107,21 +103,24 @@ def topic_list(bag: BagFile) -> str:
     return ", ".join(topics) or "no topics at all"
 
 
-def damage_error(path: Path, error: Exception) -> RecordingDamaged:
-    """Return the error for a damaged bag, as one sentence."""
-    reason = " ".join(f"{type(error).__name__}: {error}".split())[:_LONGEST_REASON].rstrip(":. ")
+def damage_error(path: Path, error: Exception, names: Mapping[str, str] | None = None) -> RecordingDamaged:
+    """Return the error for a damaged bag, as one sentence; `names` are the bag's own names of opened files."""
+    reason = " ".join(f"{type(error).__name__}: {error}".split())
+    for link, name in (names or {}).items():
+        reason = reason.replace(link, name)
+    reason = reason[:_LONGEST_REASON].rstrip(":. ")
     repair = "repair it (rosbag reindex, ros2 bag reindex, mcap recover) or copy it again from its source"
     return RecordingDamaged(f"{path} is a damaged bag ({reason}); {repair}")
 
 
-def salvage_bag(path: Path, suffix: str, damage: RecordingDamaged) -> SalvagedBag:
+def salvage_bag(files: BagFiles, damage: RecordingDamaged) -> SalvagedBag:
     """Return the readable part of a damaged bag.
 
     Raises:
         RecordingDamaged: `damage`, because nothing can be read.
     """
     try:
-        bag = SalvagedBag(path, suffix)
+        bag = SalvagedBag(files.members)
     except Exception as error:
         raise damage from error
     if not bag.connections:

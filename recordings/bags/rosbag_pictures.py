@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from waychair.errors import RecordingDamaged, RecordingError
+from waychair.recordings.bags.bag_parts import BagFiles
+from waychair.recordings.bags.bag_topics import TRANSFORM_TYPES, of_other_robot
 from waychair.recordings.bags.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
 from waychair.recordings.bags.ros_transforms import BASE_FRAMES, TransformTree, frame_name, stamp_ns
 from waychair.recordings.bags.rosbag_file import (
@@ -18,7 +20,7 @@ from waychair.recordings.bags.rosbag_file import (
     salvage_bag,
     topic_list,
 )
-from waychair.recordings.bags.rosbag_reader import TRANSFORM_TYPES, BagSettings
+from waychair.recordings.bags.rosbag_reader import BagSettings
 from waychair.types import FloatArray, Pose3, RgbdFrame
 
 IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -30,8 +32,10 @@ _WAITING = 8  # colour or depth messages that are kept to be paired
 _NOT_COLOUR = ("depth", "infra", "disparity", "confidence")
 
 
-def read_pictures(path: Path, suffix: str, settings: BagSettings) -> Iterator[RgbdFrame]:
+def read_pictures(files: BagFiles, settings: BagSettings, others: tuple[str, ...] = ()) -> Iterator[RgbdFrame]:
     """Yield every colour picture that has a depth picture of about the same time, in bag order.
+
+    Topics that begin as one of `others`, those of other robots, are left out.
 
     The stamp is that of the colour picture. A bag without colour or depth yields nothing; damage ends the iteration.
 
@@ -40,42 +44,44 @@ def read_pictures(path: Path, suffix: str, settings: BagSettings) -> Iterator[Rg
             and colour differ.
     """
     try:
-        with open_bag(path, suffix) as bag:
-            yield from _pictures(path, bag, settings)
+        with open_bag(files) as bag:
+            yield from _pictures(files.path, bag, settings, others)
     except RecordingDamaged as damage:
-        yield from _pictures(path, salvage_bag(path, suffix, damage), settings)
+        yield from _pictures(files.path, salvage_bag(files, damage), settings, others)
 
 
-def read_camera_mount(path: Path, suffix: str, settings: BagSettings) -> Pose3 | None:
+def read_camera_mount(files: BagFiles, settings: BagSettings, others: tuple[str, ...] = ()) -> Pose3 | None:
     """Return the pose of the pictures' optical frame in the base, from /tf; None where the bag does not hold it.
 
     Raises:
         RecordingError: a topic that the settings name is missing.
     """
     try:
-        with open_bag(path, suffix) as bag:
-            return _camera_mount(path, bag, settings)
+        with open_bag(files) as bag:
+            return _camera_mount(files.path, bag, settings, others)
     except RecordingDamaged as damage:
-        return _camera_mount(path, salvage_bag(path, suffix, damage), settings)
+        return _camera_mount(files.path, salvage_bag(files, damage), settings, others)
 
 
-def _camera_mount(path: Path, bag: BagFile, settings: BagSettings) -> Pose3 | None:
-    colour = _topic(path, bag, counts_by_topic(bag, *IMAGE_TYPES), settings.colour_topic, depth=False)
+def _camera_mount(path: Path, bag: BagFile, settings: BagSettings, others: tuple[str, ...]) -> Pose3 | None:
+    colour = _topic(path, bag, _picture_counts(bag, others), settings.colour_topic, depth=False)
     if colour is None:
         return None
     tree, camera = TransformTree(), ""
-    for _, _, message in iterate_messages(path, bag, [c for c in bag.connections if c.msgtype in TRANSFORM_TYPES]):
+    moves = [c for c in bag.connections if c.msgtype in TRANSFORM_TYPES and not of_other_robot(c.topic, others)]
+    for _, _, message in iterate_messages(path, bag, moves):
         tree.add(message)
     for _, _, message in iterate_messages(path, bag, [c for c in bag.connections if c.topic == colour]):
         camera = frame_name(message.header.frame_id)
         break
-    base = frame_name(settings.base_frame) or next((name for name in BASE_FRAMES if name in tree), BASE_FRAMES[0])
+    usual = next((name for name in BASE_FRAMES if name in tree), BASE_FRAMES[0])
+    base = frame_name(settings.base_frame) or tree.base_above(camera) or usual
     chain = tree.chain(base, camera, 0)
     return None if chain is None else Pose3(chain[:3, :3], chain[:3, 3])
 
 
-def _pictures(path: Path, bag: BagFile, settings: BagSettings) -> Iterator[RgbdFrame]:
-    counts = counts_by_topic(bag, *IMAGE_TYPES)
+def _pictures(path: Path, bag: BagFile, settings: BagSettings, others: tuple[str, ...]) -> Iterator[RgbdFrame]:
+    counts = _picture_counts(bag, others)
     colour = _topic(path, bag, counts, settings.colour_topic, depth=False)
     depth = _topic(path, bag, counts, settings.depth_topic, depth=True)
     if colour is None or depth is None:
@@ -95,6 +101,12 @@ def _pictures(path: Path, bag: BagFile, settings: BagSettings) -> Iterator[RgbdF
             yield _frame(path, *pair, matrix)
     if matrix is None and counts[colour]:
         raise RecordingError(f"{path} holds no calibration of the camera of {colour}; record its camera_info too")
+
+
+def _picture_counts(bag: BagFile, others: tuple[str, ...]) -> dict[str, int]:
+    """Return the topics of pictures that are not of other robots, with their counts."""
+    counts = counts_by_topic(bag, *IMAGE_TYPES)
+    return {topic: count for topic, count in counts.items() if not of_other_robot(topic, others)}
 
 
 def _pair(

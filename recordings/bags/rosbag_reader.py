@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -20,33 +20,52 @@ from rosbags.interfaces import Connection
 from waychair.config import Settings, setting
 from waychair.errors import NoScans, RecordingDamaged, RecordingError
 from waychair.geometry import in_space, interpolate
+from waychair.recordings.bags.bag_parts import BagFiles
+from waychair.recordings.bags.bag_topics import (
+    CLOUD_TYPE,
+    ECHO_TYPE,
+    IMU_TYPE,
+    ODOMETRY_TYPE,
+    SCAN_TYPE,
+    TRANSFORM_TYPES,
+    AskedTopics,
+    BagTopics,
+    choose_topics,
+)
+from waychair.recordings.bags.cloud_decoding import Cloud, CloudDamaged, cloud_from_message
+from waychair.recordings.bags.cloud_scans import (
+    SAMPLE,
+    CloudBand,
+    CloudKind,
+    height_over_floor,
+    kind_of_clouds,
+    told_scan,
+)
+from waychair.recordings.bags.continued_clock import ContinuedClock
 from waychair.recordings.bags.ros_decoding import (
-    cloud_from_message,
+    first_echoes,
     imu_from_message,
     odometry_from_message,
-    scan_from_message,
+    told_scan_from_message,
 )
 from waychair.recordings.bags.ros_transforms import BASE_FRAMES, TransformTree, frame_name, planar, stamp_ns
 from waychair.recordings.bags.rosbag_file import (
     BagFile,
-    counts_by_topic,
     iterate_messages,
     open_bag,
     salvage_bag,
     topic_list,
 )
+from waychair.recordings.plausibility.findings import Finding
+from waychair.recordings.plausibility.plausible_scans import plausible_scans, without_nothing_codes
+from waychair.recordings.plausibility.told_scans import ToldScan
 from waychair.recordings.scan_merging import OdometryInterpolation, merged_scans
-from waychair.recordings.scans import LaserMount, mirrored, scan_from_points
-from waychair.topics import IMU, ODOMETRY, SCAN
+from waychair.recordings.scans import LaserMount, mirrored
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorFrame, Twist
 
-SCAN_TYPE, CLOUD_TYPE = "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/PointCloud2"
-ODOMETRY_TYPE, IMU_TYPE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu"
-TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-GROUND_TRUTH = "/ground_truth/"
-"""Prefix of a simulator's true poses. These topics are used only if the settings name them."""
+NOT_USED = "none"
+"""Name in place of a topic for odometry or an IMU that is not to be used."""
 
-CLOUD_RANGE_MIN, CLOUD_RANGE_MAX = 0.3, 30.0  # m; points of a cloud that are nearer or farther are left out
 BEAM_STEP = math.radians(0.25)  # between beams of scans that are made from clouds or from several lasers
 SCAN_SPREAD = 0.1  # s; scans of several lasers up to this far apart are merged
 
@@ -61,8 +80,10 @@ class BagSettings(Settings):
     scan_topics: tuple[str, ...] = setting(
         (), "", "topics of the scans or point clouds to map; several are merged into one scan; empty: guessed"
     )
-    odom_topic: str = setting("", "", "topic of the odometry; empty: guessed, or /tf if no topic has any")
-    imu_topic: str = setting("", "", "topic of the IMU; empty: guessed")
+    odom_topic: str = setting(
+        "", "", "topic of the odometry; empty: guessed, or /tf if no topic has any; none: not used"
+    )
+    imu_topic: str = setting("", "", "topic of the IMU; empty: guessed; none: not used")
     colour_topic: str = setting("", "", "topic of the colour or grey pictures; empty: guessed")
     depth_topic: str = setting("", "", "topic of the depth pictures that are registered to colour; empty: guessed")
     base_frame: str = setting("", "", "frame of the chair in the bag, the parent of the sensor mounts; empty: guessed")
@@ -84,14 +105,9 @@ class BagContents:
     base_from_laser: Pose2
     source: str
     warnings: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class _Topics:
-    scans: tuple[str, ...]
-    clouds: tuple[str, ...]
-    odom: str | None
-    imu: str | None
+    findings: tuple[Finding, ...] = ()
+    other_robots: tuple[str, ...] = ()
+    """Beginnings of the topics of other robots in the bag, whose pictures are not used."""
 
 
 @dataclass(slots=True)
@@ -99,25 +115,29 @@ class _BagMessages:
     """Messages collected from a bag, in bag order."""
 
     tree: TransformTree = field(default_factory=TransformTree)
-    scans: dict[str, list[Scan]] = field(default_factory=dict)
+    told: dict[str, list[ToldScan]] = field(default_factory=dict)
+    bands: dict[str, CloudBand] = field(default_factory=dict)
+    slices: dict[str, list[Scan]] = field(default_factory=dict)
     scan_frames: dict[str, str] = field(default_factory=dict)
-    slices_at: dict[str, Pose2] = field(default_factory=dict)
+    findings: list[Finding] = field(default_factory=list)
+    damaged_clouds: Counter[str] = field(default_factory=Counter)
     odometry: list[Odometry] = field(default_factory=list)
     odometry_base: str = ""
     imu: list[ImuSample] = field(default_factory=list)
     imu_frame: str = ""
     skipped: int = 0
     unstamped: int = 0
+    clock_steps: list[tuple[int, int]] = field(default_factory=list)
+    """Times of recording [ns] at which the stamps begin anew, and by how much [ns] they are set back."""
 
 
 def read_bag(
-    path: Path,
-    suffix: str,
+    files: BagFiles,
     settings: BagSettings,
     mounts: Sequence[LaserMount] = (),
     progress: Callable[[float], None] | None = None,
 ) -> BagContents:
-    """Return every scan of a bag of the given kind ('' for the folder of a ROS 2 bag), in bag order.
+    """Return every scan of a bag, in bag order.
 
     A frame's `wheels` are the odometry messages since the previous frame, followed by the odometry interpolated to the
     scan's stamp. Its `imu` are the samples since then, in the axes of the base if /tf holds the IMU's mount. Stamps
@@ -128,11 +148,12 @@ def read_bag(
         RecordingDamaged: the bag is damaged, and no scan in it can be read.
         RecordingError: a topic that the settings name is missing.
     """
+    path = files.path
     try:
-        with open_bag(path, suffix) as bag:
+        with open_bag(files) as bag:
             return _read(path, bag, settings, mounts, progress)
     except RecordingDamaged as damage:
-        rest = salvage_bag(path, suffix, damage)
+        rest = salvage_bag(files, damage)
         lost: Counter[str] = Counter()
         try:
             contents = _read(path=path, bag=rest, settings=settings, mounts=mounts, progress=progress, lost=lost)
@@ -157,110 +178,76 @@ def _read(
     lost: Counter[str] | None = None,
 ) -> BagContents:
     warnings: list[str] = []
-    topics = _choose(path, bag, settings, warnings)
+    odom_asked, imu_asked = ("" if name == NOT_USED else name for name in (settings.odom_topic, settings.imu_topic))
+    topics = choose_topics(path, bag, AskedTopics(settings.scan_topics, odom_asked, imu_asked), warnings)
+    if settings.imu_topic == NOT_USED:
+        topics = replace(topics, imu=None)
     if len(mounts) > len(topics.scans):
         raise RecordingError(
             f"{len(mounts)} mounts are given for the {len(topics.scans)} scan topics of {path}; give one for each"
         )
     found = _collect(path=path, bag=bag, topics=topics, settings=settings, mounts=mounts, progress=progress, lost=lost)
     if found.skipped:
-        warnings.append(f"{found.skipped} scans without beams or angles, or odometry without a pose, were left out")
+        warnings.append(f"{found.skipped} odometry or IMU messages without finite numbers were left out")
     if found.unstamped:
         warnings.append(f"{found.unstamped} messages have no stamp: their time of recording is used instead")
+    warnings += [_clock_warning(step_ns) for _, step_ns in found.clock_steps]
     base = _base_frame(found, settings)
-    odometry, name = _odometry(found, topics, base)
+    odometry, name = ([], "none") if settings.odom_topic == NOT_USED else _odometry(found, topics, base)
     scans, mount = _scans(
         found=found, topics=topics, base=base, odometry=odometry, mounts=mounts, settings=settings, warnings=warnings
     )
-    frames = _frames(scans, odometry, _in_base_axes(found, base, warnings), warnings)
+    amiss: list[str] = []
+    frames = _frames(scans, odometry, _in_base_axes(found, base, warnings), amiss)
+    warnings += [] if settings.odom_topic == NOT_USED else amiss
     source = f"ROS {'2' if bag.is2 else '1'} bag, scans {' and '.join(topics.scans)}, odometry {name}"
-    return BagContents(frames, mount, source + (f", IMU {topics.imu}" if found.imu else ""), tuple(warnings))
-
-
-def _choose(path: Path, bag: BagFile, settings: BagSettings, warnings: list[str]) -> _Topics:
-    """Return the topics that the settings name, else the usual ones, else those with the most messages."""
-    scans = _chosen_scans(path, bag, settings.scan_topics, warnings)
-    odom = _chosen(
-        path=path, bag=bag, msgtype=ODOMETRY_TYPE, asked=settings.odom_topic, usual=ODOMETRY.name, warnings=warnings
-    )
-    imu = _chosen(path=path, bag=bag, msgtype=IMU_TYPE, asked=settings.imu_topic, usual=IMU.name, warnings=warnings)
-    for asked, chosen, kind in ((settings.odom_topic, odom, ODOMETRY_TYPE), (settings.imu_topic, imu, IMU_TYPE)):
-        if asked and chosen is None:
-            raise RecordingError(f"{path} holds no {kind} on {asked}, only {topic_list(bag)}")
-    clouds = counts_by_topic(bag, CLOUD_TYPE)
-    return _Topics(scans, tuple(topic for topic in scans if topic in clouds), odom, imu)
-
-
-def _chosen_scans(path: Path, bag: BagFile, asked: Sequence[str], warnings: list[str]) -> tuple[str, ...]:
-    if not asked:
-        usual = _chosen(path=path, bag=bag, msgtype=SCAN_TYPE, asked="", usual=SCAN.name, warnings=warnings) or _chosen(
-            path=path, bag=bag, msgtype=CLOUD_TYPE, asked="", usual="", warnings=warnings
-        )
-        if usual is None:
-            raise NoScans(f"{path} holds no {SCAN_TYPE}, only {topic_list(bag)}; give a bag with laser scans")
-        return (usual,)
-    known = counts_by_topic(bag, SCAN_TYPE, CLOUD_TYPE)
-    chosen = []
-    for name in asked:
-        topic = next((topic for topic in known if topic.strip("/") == name.strip("/")), None)
-        if topic is None:
-            advice = "choose another scan topic" if known else "give a bag with laser scans"
-            raise NoScans(f"{path} holds no {SCAN_TYPE} on {name}, only {topic_list(bag)}; {advice}")
-        chosen.append(topic)
-    return tuple(dict.fromkeys(chosen))
-
-
-def _chosen(path: Path, bag: BagFile, msgtype: str, asked: str, usual: str, warnings: list[str]) -> str | None:
-    counts = counts_by_topic(bag, msgtype)
-    if asked:
-        return next((topic for topic in counts if topic.strip("/") == asked.strip("/")), None)
-    counts = {topic: count for topic, count in counts.items() if not topic.startswith(GROUND_TRUTH)}
-    if not counts:
-        return None
-    if (name := f"/{usual}") in counts:
-        return name
-    best = max(counts, key=lambda topic: (counts[topic], topic))
-    if len(counts) > 1:
-        others = ", ".join(sorted(set(counts) - {best}))
-        warnings.append(f"{best} was chosen among the {msgtype} topics of {path.name}; there are also {others}")
-    return best
+    source += f", IMU {topics.imu}" if found.imu else ""
+    return BagContents(frames, mount, source, tuple(warnings), tuple(found.findings), topics.others)
 
 
 def _collect(
     path: Path,
     bag: BagFile,
-    topics: _Topics,
+    topics: BagTopics,
     settings: BagSettings,
     mounts: Sequence[LaserMount],
     progress: Callable[[float], None] | None,
     lost: Counter[str] | None,
 ) -> _BagMessages:
-    """Collect the messages in one pass, or in two where point clouds need all mounts before they can be sliced."""
-    small = [c for c in bag.connections if c.msgtype in TRANSFORM_TYPES or c.topic in (topics.odom, topics.imu)]
-    scans = [c for c in bag.connections if c.topic in topics.scans and c.msgtype in (SCAN_TYPE, CLOUD_TYPE)]
-    passes: list[Collection[Connection]] = [small, scans] if topics.clouds else [[*small, *scans]]
-    total, done, found = max(1, sum(c.msgcount for c in [*small, *scans])), 0, _BagMessages()
-    found.scans = {topic: [] for topic in topics.scans}
-    for connections in passes:
-        for connection, log_ns, message in iterate_messages(path, bag, connections, lost):
+    """Collect the messages in one pass; point clouds in another one, since they are sliced in the base's axes."""
+    small = [c for c in bag.connections if c.topic in (topics.odom, topics.imu, *topics.transforms)]
+    small += [c for c in bag.connections if c.topic in topics.scans and c.msgtype in (SCAN_TYPE, ECHO_TYPE)]
+    clouds = [c for c in bag.connections if c.topic in topics.scans and c.msgtype == CLOUD_TYPE]
+    total, done, found = max(1, sum(c.msgcount for c in [*small, *clouds])), 0, _BagMessages()
+    for topic in topics.scans:
+        (found.slices if topic in topics.clouds else found.told)[topic] = []
+    kinds: dict[str, CloudKind] = {}
+    for connections in [small, clouds] if clouds else [small]:
+        if connections is clouds:
+            kinds = _look_at_clouds(
+                path=path,
+                bag=bag,
+                clouds=clouds,
+                topics=topics,
+                settings=settings,
+                mounts=mounts,
+                found=found,
+                lost=lost,
+            )
+        clock = ContinuedClock()
+        for connection, log_ns, message in clock.continued(iterate_messages(path, bag, connections, lost)):
             if connection.msgtype not in TRANSFORM_TYPES and stamp_ns(message.header.stamp) == 0 and log_ns > 0:
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(log_ns, 1_000_000_000)
                 found.unstamped += 1
             if connection.msgtype == CLOUD_TYPE:
-                _take_cloud(
-                    found=found,
-                    topic=connection.topic,
-                    message=message,
-                    topics=topics,
-                    settings=settings,
-                    mounts=mounts,
-                )
+                _take_cloud(found, connection.topic, message, kinds[connection.topic])
             else:
                 _take(found, connection, message)
             done += 1
             if progress is not None and done % _PROGRESS_EVERY == 0:
                 progress(min(1.0, done / total))
-    if not any(found.scans.values()):
+        found.clock_steps = found.clock_steps or clock.resets
+    if not any(found.told.values()) and not any(found.slices.values()):
         names = " and ".join(topics.scans)
         raise NoScans(f"the topic {names} of {path} holds no usable scan; choose another one: {topic_list(bag)}")
     if progress is not None:
@@ -271,11 +258,11 @@ def _collect(
 def _take(found: _BagMessages, connection: Connection, message: Any) -> None:
     if connection.msgtype in TRANSFORM_TYPES:
         found.tree.add(message)
-    elif connection.msgtype == SCAN_TYPE:
+    elif connection.msgtype in (SCAN_TYPE, ECHO_TYPE):
+        if connection.msgtype == ECHO_TYPE:
+            message.ranges = first_echoes(message)
         found.scan_frames.setdefault(connection.topic, frame_name(message.header.frame_id))
-        scan = scan_from_message(message)
-        found.scans[connection.topic] += [scan] if scan else []
-        found.skipped += not scan
+        found.told[connection.topic].append(told_scan_from_message(message))
     elif connection.msgtype == ODOMETRY_TYPE:
         found.odometry_base = found.odometry_base or frame_name(message.child_frame_id)
         odometry = odometry_from_message(message)
@@ -288,36 +275,74 @@ def _take(found: _BagMessages, connection: Connection, message: Any) -> None:
         found.skipped += not sample
 
 
-def _take_cloud(
-    found: _BagMessages, topic: str, message: Any, topics: _Topics, settings: BagSettings, mounts: Sequence[LaserMount]
-) -> None:
-    """Add a height band of a point cloud as a level scan at the sensor's position."""
-    frame = found.scan_frames.setdefault(topic, frame_name(message.header.frame_id))
+def _look_at_clouds(
+    path: Path,
+    bag: BagFile,
+    clouds: Sequence[Connection],
+    topics: BagTopics,
+    settings: BagSettings,
+    mounts: Sequence[LaserMount],
+    found: _BagMessages,
+    lost: Counter[str] | None,
+) -> dict[str, CloudKind]:
+    """Return the kind of each topic's clouds from its first ones, and prepare the bands of those that are in space."""
+    kinds = {}
+    base = _base_frame(found, settings)
+    odometry, _ = _odometry(found, topics, base)
+    track = OdometryInterpolation(odometry) if odometry else None
+    for topic in topics.clouds:
+        sample: list[tuple[int, Cloud]] = []
+        for _, log_ns, message in iterate_messages(path, bag, [c for c in clouds if c.topic == topic], lost):
+            frame = found.scan_frames.setdefault(topic, frame_name(message.header.frame_id))
+            try:
+                sample.append((stamp_ns(message.header.stamp) or log_ns, cloud_from_message(message)))
+            except CloudDamaged:
+                continue
+            if len(sample) == SAMPLE:
+                break
+        if not sample:
+            kinds[topic] = CloudKind()
+            found.told[topic] = found.told.get(topic, [])
+            continue
+        kind = kinds[topic] = kind_of_clouds(topic, sample, found.findings, in_base=frame == base)
+        if kind.flat:
+            found.told[topic] = []
+            continue
+        index = topics.scans.index(topic)
+        given = mounts[index] if index < len(mounts) else None
+        matrix = None if given is None else _given_matrix(given)
+        if matrix is None:
+            matrix = found.tree.chain(base, frame, sample[0][0])
+        if matrix is None:
+            matrix = np.eye(4)
+            height = height_over_floor(sample, kind.unit)
+            if height is not None:
+                matrix[2, 3] = height
+                text = f"no mount is known: the sensor is taken to be {height:.2f} m over the floor that it sees"
+                found.findings.append(Finding("mount", topic, text, "give it with --base-from-laser X,Y,Z,YAW"))
+        found.bands[topic] = CloudBand(matrix, settings.cloud_low, settings.cloud_high, kind, track)
+    return kinds
+
+
+def _take_cloud(found: _BagMessages, topic: str, message: Any, kind: CloudKind) -> None:
+    """Add a cloud: a band of heights of one in space as a level scan at the sensor's position, a flat one as its scan."""
     stamp = stamp_ns(message.header.stamp)
-    points = cloud_from_message(message)
-    index = topics.scans.index(topic)
-    chain = found.tree.chain(_base_frame(found, settings), frame, stamp)
-    matrix = _given_matrix(mounts[index]) if index < len(mounts) else np.eye(4) if chain is None else chain
-    in_base = points @ matrix[:3, :3].T + matrix[:3, 3]
-    sensor = matrix[:2, 3]
-    inside = (in_base[:, 2] >= settings.cloud_low) & (in_base[:, 2] <= settings.cloud_high)
-    flat = in_base[:, :2] - sensor
-    scan = scan_from_points(
-        stamp_ns=stamp,
-        hits=flat[inside],
-        misses=flat[~inside],
-        step=BEAM_STEP,
-        range_min=CLOUD_RANGE_MIN,
-        range_max=CLOUD_RANGE_MAX,
-    )
-    found.slices_at.setdefault(topic, Pose2(float(sensor[0]), float(sensor[1])))
-    found.scans[topic].append(scan)
+    try:
+        cloud = cloud_from_message(message)
+    except CloudDamaged:
+        found.damaged_clouds[topic] += 1
+        return
+    if kind.flat:
+        if len(cloud.points):
+            found.told[topic].append(told_scan(stamp, cloud, kind))
+    elif topic in found.bands:
+        found.slices[topic].append(found.bands[topic].scan(stamp, cloud))
 
 
 def _given_matrix(mount: LaserMount) -> FloatArray:
     matrix = np.eye(4)
-    matrix[:3, :3] = in_space(mount.base_from_laser).rotation
-    matrix[:2, 3] = mount.base_from_laser.x, mount.base_from_laser.y
+    at = in_space(mount.base_from_laser, mount.height)
+    matrix[:3, :3], matrix[:3, 3] = at.rotation, at.translation
     if mount.upside_down:
         matrix[:3, :3] = matrix[:3, :3] @ np.diag([1.0, -1.0, -1.0])
     return matrix
@@ -326,10 +351,12 @@ def _given_matrix(mount: LaserMount) -> FloatArray:
 def _base_frame(found: _BagMessages, settings: BagSettings) -> str:
     if settings.base_frame or found.odometry_base:
         return frame_name(settings.base_frame) or found.odometry_base
-    return next((name for name in BASE_FRAMES if name in found.tree), BASE_FRAMES[0])
+    lidars = found.scan_frames.values()
+    above = next((base for lidar in lidars if (base := found.tree.base_above(lidar)) is not None), None)
+    return above or next((name for name in BASE_FRAMES if name in found.tree), BASE_FRAMES[0])
 
 
-def _odometry(found: _BagMessages, topics: _Topics, base: str) -> tuple[list[Odometry], str]:
+def _odometry(found: _BagMessages, topics: BagTopics, base: str) -> tuple[list[Odometry], str]:
     """Return the readings by stamp and the name of their source: a topic, else /tf from odom to the base."""
     if topics.odom is not None:
         return sorted(found.odometry, key=lambda reading: reading.stamp_ns), topics.odom
@@ -340,28 +367,52 @@ def _odometry(found: _BagMessages, topics: _Topics, base: str) -> tuple[list[Odo
 
 def _scans(
     found: _BagMessages,
-    topics: _Topics,
+    topics: BagTopics,
     base: str,
     odometry: Sequence[Odometry],
     mounts: Sequence[LaserMount],
     settings: BagSettings,
     warnings: list[str],
 ) -> tuple[list[Scan], Pose2]:
-    """Return the scans in bag order, and the pose in the base of the laser, real or virtual, that made them."""
+    """Return the scans in bag order, and the pose in the base of the laser, real or virtual, that made them.
+
+    Raises:
+        NoScans: no scan is left that can be used; the message says why.
+    """
     sources = []
     for index, topic in enumerate(topics.scans):
-        if not found.scans[topic]:
-            warnings.append(f"{topic} holds no usable scan and is left out")
-            continue
+        if damaged := found.damaged_clouds[topic]:
+            text = "clouds whose sizes contradict their data are left out"
+            found.findings.append(Finding("cloud size", topic, text, "check the driver", damaged))
         given = mounts[index] if index < len(mounts) else None
-        if topic in found.slices_at:
+        if found.told.get(topic):
+            mount = given or _mount(found, base, topic, warnings)
+            plausible = plausible_scans(topic, found.told[topic], odometry, mount)
+            scans, findings = list(plausible.scans), plausible.findings
+        elif topic in found.bands and found.slices[topic]:
+            band = found.bands[topic]
             if given is None and found.tree.chain(base, found.scan_frames[topic], 0) is None:
                 warnings.append(_unknown_mount(base, found.scan_frames[topic]))
-            mount = LaserMount(found.slices_at[topic])
+            if outside := band.outside():
+                raise NoScans(
+                    f"{topic}: {outside}: is the sensor's mount right? Give it with --base-from-laser X,Y,Z,YAW, or other "
+                    "heights with cloud_low and cloud_high (waychair config map)"
+                )
+            x, y = band.base_from_sensor[:2, 3].tolist()
+            mount = LaserMount(Pose2(x, y))
+            scans, found_codes = without_nothing_codes(topic, found.slices[topic])
+            findings = tuple(found_codes)
         else:
-            mount = given or _mount(found, base, topic, warnings)
-        scans = [mirrored(scan) for scan in found.scans[topic]] if mount.upside_down else found.scans[topic]
+            scans, findings = [], ()
+        found.findings.extend(findings)
+        if not scans:
+            warnings.append(f"{topic} holds no usable scan and is left out")
+            continue
+        scans = [mirrored(scan) for scan in scans] if mount.upside_down else scans
         sources.append((scans, mount.base_from_laser))
+    if not sources:
+        why = "; ".join(finding.sentence() for finding in found.findings)
+        raise NoScans(f"no usable scan is on {' and '.join(topics.scans)}" + (f": {why}" if why else ""))
     if len(sources) == 1:
         return list(sources[0][0]), sources[0][1]
     track = OdometryInterpolation(odometry) if odometry else None
@@ -370,7 +421,7 @@ def _scans(
 
 def _mount(found: _BagMessages, base: str, topic: str, warnings: list[str]) -> LaserMount:
     """Return a laser's mount from the transform tree."""
-    laser, first = found.scan_frames[topic], found.scans[topic][0].stamp_ns
+    laser, first = found.scan_frames[topic], found.told[topic][0].stamp_ns
     matrix = found.tree.chain(base, laser, first)
     if matrix is None:
         warnings.append(_unknown_mount(base, laser))
@@ -387,7 +438,7 @@ def _mount(found: _BagMessages, base: str, topic: str, warnings: list[str]) -> L
 def _unknown_mount(base: str, laser: str) -> str:
     return (
         f"/tf and /tf_static do not connect {base} with '{laser}': the laser is assumed at the base; "
-        "give its mount with --base-from-laser X,Y,YAW (and ,upside-down if it hangs upside down)"
+        "give its mount with --base-from-laser X,Y[,Z],YAW (and ,upside-down if it hangs upside down)"
     )
 
 
@@ -431,6 +482,14 @@ def _frames(
         frames.append(SensorFrame(scan.stamp_ns, scan=scan, wheels=tuple(wheels), imu=samples))
         imu_done = imu_until
     return tuple(frames)
+
+
+def _clock_warning(step_ns: int) -> str:
+    way = "back" if step_ns > 0 else "on"
+    return (
+        f"the stamps are set {way} by {abs(step_ns) * 1e-9:.1f} s in the middle of the bag, as where a simulator is reset or a "
+        "clock is set: they are continued by the time of recording"
+    )
 
 
 def _no_odometry(scans: Sequence[Scan], stamps: Sequence[int]) -> str:

@@ -12,7 +12,7 @@ import sqlite3
 import struct
 import tempfile
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from contextlib import closing, contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -54,11 +54,13 @@ class SalvagedBag:
     `lost` counts the skipped parts by kind: chunks, pages, and "end" if the rest of the file could not be read.
     """
 
-    def __init__(self, path: Path, suffix: str) -> None:
-        """Open the bag at a path, of the given kind: .bag, .mcap, .db3, or '' for a folder of the latter two."""
-        self.is2 = suffix != ".bag"
+    def __init__(self, members: Sequence[tuple[Path, str]]) -> None:
+        """Open a bag by its files, each of a kind: .bag, .mcap, .db3, or '' for a folder of the latter two."""
+        self.is2 = any(suffix != ".bag" for _, suffix in members)
         self.lost: Counter[str] = Counter()
-        self._files = _storage_files(path) if suffix == "" else [(path, suffix)]
+        self._files = [
+            each for path, suffix in members for each in (_storage_files(path) if suffix == "" else [(path, suffix)])
+        ]
         topics: dict[tuple[int, int], _Topic] = {}
         counts: Counter[tuple[int, int]] = Counter()
         for file, record in self._records():

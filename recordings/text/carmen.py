@@ -17,11 +17,11 @@ import zlib
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
 
 import numpy as np
 
-from waychair.errors import NoScans, RecordingDamaged
+from waychair.errors import NoScans, RecordingDamaged, RecordingUnknown
+from waychair.recordings.stamps import stamp_from_text
 from waychair.types import Float32Array, Odometry, Pose2, Scan, SensorFrame, Twist
 
 NO_RETURN = 80.0
@@ -31,8 +31,6 @@ and 81.91 m."""
 GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_CHUNK = 1 << 16
 _PROGRESS_EVERY = 256  # lines
-_NANOSECONDS = 9  # decimal places of a second
-_LONGEST_S = (1 << 63) // 10**_NANOSECONDS
 _OTHER_WORDS = frozenset(
     b"PARAM ODOM RLASER LASER1 LASER2 LASER3 LASER4 LASER5 RAWLASER1 RAWLASER2 RAWLASER3 RAWLASER4 RAWLASER5 "
     b"ROBOTLASER2 ROBOTLASER3 ROBOTLASER4 ROBOTLASER5 TRUEPOS NEFF SYNC SONAR BUMPER IMU NMEA-GGA NMEA-RMC "
@@ -59,7 +57,8 @@ def read_carmen(
     the nanosecond, and may step backwards. `where` names the log in messages; `progress` gets the part done, 0..1.
 
     Raises:
-        RecordingDamaged: no line is of a CARMEN log, or no scan is complete.
+        RecordingUnknown: no line is of a CARMEN log.
+        RecordingDamaged: no scan is complete.
         NoScans: the CARMEN log has neither FLASER nor ROBOTLASER1 lines.
     """
     text, warnings = decompressed_text(data, where)
@@ -88,19 +87,10 @@ def read_carmen(
     return CarmenLog(tuple(frames[kind]), kind.decode(), (*warnings, *_warnings(frames[kind], damaged)))
 
 
-def stamp_from_text(text: str) -> int:
-    """Return a decimal number of seconds as whole nanoseconds, without rounding through a float.
-
-    Raises:
-        ValueError: not a finite decimal number, or beyond 292 years (int64 nanoseconds).
-    """
-    try:
-        seconds = Decimal(text)
-    except InvalidOperation as error:
-        raise ValueError(f"'{text}' is not a time in seconds") from error
-    if not seconds.is_finite() or seconds.copy_abs() >= _LONGEST_S:
-        raise ValueError(f"'{text}' is not a time in seconds")
-    return round(seconds.scaleb(_NANOSECONDS))
+def is_carmen(line: bytes) -> bool:
+    """Return whether a line begins with a word of CARMEN logs."""
+    word = line.split(None, 1)[0] if line.strip() else b""
+    return word in _READERS or word in _OTHER_WORDS
 
 
 def _flaser(fields: Sequence[bytes], of_robot: bool) -> SensorFrame:
@@ -203,7 +193,7 @@ def _no_scans_error(where: str, others: Counter[bytes], damaged: Sequence[int]) 
     if others:
         kinds = ", ".join(f"{word.decode()} ({count})" for word, count in sorted(others.items()))
         return NoScans(f"{where} holds no FLASER or ROBOTLASER1 lines but {kinds}; give a log with laser scans")
-    return RecordingDamaged(
+    return RecordingUnknown(
         f"{where} is neither a CARMEN or CoreSLAM log nor a ROS 1 or ROS 2 bag; give a .clf, .log, .dat, .bag, .mcap or "
         ".db3 file or the folder of a ROS 2 bag"
     )

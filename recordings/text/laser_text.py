@@ -14,7 +14,7 @@ import numpy as np
 
 from waychair.errors import RecordingDamaged
 from waychair.recordings.scans import ascending
-from waychair.recordings.text.carmen import stamp_from_text
+from waychair.recordings.stamps import stamp_from_text
 from waychair.types import Scan, SensorFrame
 
 _COLUMNS = 9

@@ -32,7 +32,7 @@ class DriveRequest:
     """The navigator's request: `active` while there is a goal, `driving` while it commands speeds.
 
     `scan_ns`: stamp of the latest scan used in the decision; 0 for none. `goal`: the goal's pose in map. `stage`, `reason`
-    and `plans` are those of `Navigation`. `furniture` (N, 2) [m]: scan points that look like legs but are on the map, in
+    and `plans` are those of `Navigation`. `last_goal`: why the last goal was refused or given up. `furniture` (N, 2) [m]: scan points that look like legs but are on the map, in
     the base frame at that scan.
     """
 
@@ -46,6 +46,7 @@ class DriveRequest:
     reason: str = ""
     plans: int = 0
     furniture: FloatArray = field(default_factory=lambda: np.empty((0, 2)), compare=False)
+    last_goal: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class DriveReport:
     `command`: the command sent to the board, None while the lines are released. `drops_goal`: the goal is over. `ended`:
     why bridge or board ended a drive. `halts`: ids and sentences of the conditions that prevent a drive. `tilt`: the
     chair's roll and pitch [rad]. `scan_ns` and `goal`: from the request that the tick answers. `last_stop`: why the
-    last drive ended, or did not begin. `countdown_s`: time until the first motion of a confirmed drive, 0 for none.
+    last drive ended, or did not begin. `last_goal`: why the navigator refused or gave up the last goal. `countdown_s`: time until the first motion of a confirmed drive, 0 for none.
     `steered`: a page's joystick drives.
     """
 
@@ -74,6 +75,7 @@ class DriveReport:
     last_stop: str = ""
     countdown_s: float = 0.0
     steered: bool = False
+    last_goal: str = ""
 
     @property
     def driving(self) -> bool:
@@ -110,6 +112,7 @@ def drive_request(request: DriveRequest) -> Any:
         reason=request.reason,
         plans=request.plans,
         furniture=np.ascontiguousarray(request.furniture, np.float32).ravel(),
+        last_goal=request.last_goal,
     )
 
 
@@ -134,6 +137,7 @@ def read_drive_request(message: Any) -> DriveRequest:
         reason=str(message.reason),
         plans=int(message.plans),
         furniture=furniture.reshape(-1, 2),
+        last_goal=str(message.last_goal),
     )
 
 
@@ -153,6 +157,7 @@ def drive_state(report: DriveReport) -> Any:
         command=twist(command or Twist()),
         ended=report.ended,
         last_stop=report.last_stop,
+        last_goal=report.last_goal,
         countdown=report.countdown_s,
         steered=report.steered,
         halts=[stop_id for stop_id, _ in report.halts],
@@ -184,6 +189,7 @@ def read_drive_state(message: Any) -> DriveReport:
         scan_ns=int(message.scan_ns),
         goal=read_pose(message.goal),
         last_stop=str(message.last_stop),
+        last_goal=str(message.last_goal),
         countdown_s=float(message.countdown),
         steered=bool(message.steered),
     )
@@ -206,8 +212,11 @@ def read_lines(message: Any) -> Lines:
     return Lines(stamp_of(message), holder, float(message.forward), float(message.turn))
 
 
-def localisation(stamp_ns: int, found: Localisation) -> Any:
-    """Return a waychair_msgs/Localisation; the candidate poses of a lost chair are not sent."""
+def localisation(stamp_ns: int, found: Localisation, refused_pose: str = "") -> Any:
+    """Return a waychair_msgs/Localisation; the candidate poses of a lost chair are not sent.
+
+    `refused_pose` tells why the last initial pose was refused.
+    """
     covariance = np.full(9, np.nan) if found.covariance is None else np.ravel(found.covariance)
     return make(
         "waychair_msgs/msg/Localisation",
@@ -220,6 +229,7 @@ def localisation(stamp_ns: int, found: Localisation) -> Any:
         inliers=float(found.inliers),
         covariance=covariance.astype(np.float64),
         jumped=found.jumped,
+        refused_pose=refused_pose,
     )
 
 
@@ -242,6 +252,15 @@ def read_localisation(message: Any) -> tuple[int, Localisation]:
         remaining=read_pose(message.remaining),
         jumped=bool(message.jumped),
     )
+
+
+def read_located(message: Any) -> tuple[int, Localisation, str]:
+    """Return stamp and localisation as `read_localisation`, and why the last initial pose was refused.
+
+    Raises:
+        MessageError: as `read_localisation`.
+    """
+    return (*read_localisation(message), str(message.refused_pose))
 
 
 def places(stamp_ns: int, named: Mapping[str, Place]) -> Any:

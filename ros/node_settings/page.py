@@ -19,4 +19,10 @@ class PageNodeSettings(Settings):
     host: str = setting(
         "127.0.0.1", "", "address on which the page is served; 0.0.0.0: on all networks of this computer"
     )
+    names: str = setting(
+        "",
+        "",
+        "further host names by which other computers open the page, with commas between them; the computer's own "
+        "name and its addresses work without this",
+    )
     port: int = setting(8000, "", "TCP port on which the page is served", low=1, high=65535)

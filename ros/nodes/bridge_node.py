@@ -38,7 +38,8 @@ from waychair.control.safety.supervisor import DRIVEN
 from waychair.errors import WaychairError
 from waychair.firmware_bridge.bridge import MAX_AGE_MS
 from waychair.firmware_bridge.heartbeat import Heartbeat
-from waychair.firmware_bridge.transports import Reconnecting, transport_from_text
+from waychair.firmware_bridge.real_boards import check_cable, is_real, open_cable
+from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import in_space
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import load_zones
@@ -95,11 +96,13 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         super().__init__("bridge", BridgeNodeSettings)
         s = self.settings
         self._calibration = calibration = known_chair(s.calibration, s.chair)
+        if s.calibration or is_real(s.cable):
+            check_cable(s.cable, calibration, s.calibration or "the bridge")
         watched = Watched(calibration.body, s.monitor, calibration.stops, calibration.self_mask)
         monitor = MonitorProcess(watched)
         monitor.__enter__()
         self.at_end(lambda: monitor.__exit__(None, None, None))
-        cable = Reconnecting(lambda: transport_from_text(s.cable, "cable"), patience_s=_OPENING_S)
+        cable = Reconnecting(lambda: open_cable(s.cable, calibration), patience_s=_OPENING_S)
         zones = load_zones(Path(s.map_folder)) if s.map_folder else ()
         model = None if calibration.dac else DEFAULT
         self._base = DriveBase(
@@ -150,7 +153,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             topics.PAGE_JOYSTICK,
             read_page_joystick,
             self._take_page_joystick,
-            lambda: self._take_page_joystick(None),
+            lambda reason: self._take_page_joystick(None),
             needed=False,
         )
         self.listen(topics.PAGE_WATCH, lambda message: message, self._take_page_heartbeat, needed=False)
@@ -247,7 +250,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
     def _read_seat(self, message: Any) -> ChairStatus:
         return ChairStatus(self.now_ns(), seated=bool(message.data))
 
-    def _take_invalid_speed(self) -> None:
+    def _take_invalid_speed(self, reason: str) -> None:
         """Replace the last speed by nan after an invalid one, so that the chair stops at once (F5)."""
         self._command.take(Twist(math.nan, math.nan))
 
@@ -300,6 +303,8 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             self._relocalise()
         if active and (verdict.drops_goal or driven.ended):
             self._drive.ended_goal_id, self._drive.last_stop = self._drive.goal_id, driven.ended or verdict.reason
+        elif verdict.halt is not None and verdict.halt.stop.id == "stop_pressed":  # also without a goal
+            self._drive.last_stop = verdict.reason
         if self._log is not None:
             decided = TickRecord(
                 now_ns=now_ns,
@@ -326,6 +331,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             scan_ns=request.scan_ns,
             goal=request.goal,
             last_stop=self._drive.last_stop,
+            last_goal=request.last_goal,
             countdown_s=self._base.countdown_s(now_ns) or 0.0,
             steered=verdict.steered,
         )
@@ -377,8 +383,8 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             return
         try:
             self._base.replace_zones(load_zones(Path(self.settings.map_folder)))
-        except WaychairError as error:
-            self.get_logger().error(f"{error}; the zones stay unchanged")
+        except WaychairError:
+            return  # the zones stay unchanged; the navigator, which reads the same file, says so
 
     def _relocalise(self) -> None:
         """After a push by hand, restart the localiser at its pose if the scans confirm that pose only partly."""

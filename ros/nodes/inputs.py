@@ -27,6 +27,9 @@ DECODING_ERRORS = (ArithmeticError, AssertionError, IndexError, TypeError, Value
 
 _QUEUE_S = 0.1  # s; messages of this time are queued while the node is busy
 
+_CHAIR_NODES = frozenset(("bridge", "mapper", "navigator", "page", "recorder"))
+"""The nodes of a chair that subscribe to topics of drivers."""
+
 SLOW_FRACTION = 0.8
 """A topic below this fraction of its nominal rate is reported as slow."""
 
@@ -43,14 +46,14 @@ class Input(Generic[T]):
         topic: RosTopic,
         read: Callable[[Any], T],
         take: Callable[[T], object] | None = None,
-        refuse: Callable[[], object] | None = None,
+        refuse: Callable[[str], object] | None = None,
         *,
         needed: bool = True,
     ) -> None:
         """Subscribe; `read` decodes a plain message, and `take` is called with the result in the executor's thread.
 
-        A message for which `read` raises is counted and reported, and `refuse` is called: for inputs whose previous value
-        must not stay in force. An input that is not `needed` may stay silent.
+        A message for which `read` raises is counted and reported, and `refuse` is called with the reason: for inputs whose
+        previous value must not stay in force, or whose sender expects an answer. An input that is not `needed` may stay silent.
         """
         from rclpy.event_handler import SubscriptionEventCallbacks
 
@@ -163,7 +166,7 @@ class Input(Generic[T]):
             self._accept(message, value)
             return
         if self._refuse is not None:
-            self._refuse()
+            self._refuse(self._refused)
 
     def _accept(self, message: Any, value: T) -> None:
         header = getattr(message, "header", None)
@@ -181,9 +184,16 @@ class Input(Generic[T]):
                 senders,
                 self.publisher_problem(),
             )
-            if self._publisher_problem not in ("", before):
+            if self._publisher_problem not in ("", before) and self._tells_for_all():
                 self._node.get_logger().error(self._publisher_problem)
         return self._publisher_problem
+
+    def _tells_for_all(self) -> bool:
+        """Return whether this node logs the topic's problems: of the chair's nodes that subscribe, one does."""
+        here, own = self._node.get_namespace(), self._node.get_name()
+        others = self._node.get_subscriptions_info_by_topic(self.name)
+        names = {str(each.node_name) for each in others if each.node_namespace == here} & _CHAIR_NODES
+        return own not in names or bool(own == min(names))
 
     def _now_ns(self) -> int:
         return int(self._node.get_clock().now().nanoseconds)

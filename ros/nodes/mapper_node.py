@@ -38,6 +38,7 @@ from waychair.errors import ConfigError, MapNotFound, OutputError, WaychairError
 from waychair.geometry import in_space
 from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
 from waychair.maps.folders.map_files import load_map
+from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.offline.map_folders import copy_map
 from waychair.recordings.bags.ros_messages import MAP_FRAME, ODOM_FRAME
 from waychair.ros import topics
@@ -58,6 +59,7 @@ from waychair.ros.nodes.active_state import offer_get_state
 from waychair.ros.nodes.inputs import CLOCK_ERROR_NS
 from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.ros.nodes.refusals import Refusals
 from waychair.ros.topics import RosTopic
 from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.slam.localising.localiser import (
@@ -92,6 +94,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._track = OdometryTrack()
         self._waiting: deque[Scan] = deque(maxlen=5)
         self._localisation: tuple[int, Localisation] | None = None
+        self._refusals = Refusals("initial pose", self.get_logger().error)
         self._saved_pose: Pose2 | None = None
         self._send_map, self._send_pose = self.publisher(topics.MAP), self.publisher(topics.POSE)
         self._send_transform, self._send_localisation = self.publisher(topics.TF), self.publisher(topics.LOCALISATION)
@@ -108,7 +111,11 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self.listen(odometry, lambda message: with_true_stamp(read_odometry(message)), self._take_odometry)
         self.listen(scan, lambda message: with_true_stamp(read_scan(message, s.scan_frame)), self._take_scan)
         self.listen(
-            topics.INITIAL_POSE, read_pose_with_covariance, lambda given: self._set_pose(given[0]), needed=False
+            topics.INITIAL_POSE,
+            read_pose_with_covariance,
+            lambda given: self._set_pose(given[0]),
+            self._refuse_pose,
+            needed=False,
         )
         self.create_service(interface_type("nav2_msgs/srv/LoadMap"), "map_server/load_map", self._load)
         self.listen(topics.LAYOUT, lambda message: message, lambda message: self._reload_map(), needed=False)
@@ -141,6 +148,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
 
     def reports(self) -> Iterable[Report]:
         """Report the localisation's state, and whether mapping keeps up."""
+        yield self._refusals.report()
         if self._builder is not None:
             yield self._builder.report()
         if self._localisation is None:
@@ -163,7 +171,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         Raises:
             MapError: the map cannot be read.
         """
-        grid = load_map(folder)
+        grid = load_map(folder, self.get_logger().warning)
         scanned = scanned_part(grid, load_depth_layer(folder, grid))
         self._folder, self._grid = folder, grid
         self._localiser = Localiser(scanned, self._body.base_from_laser, start, self.settings.localiser)
@@ -199,9 +207,18 @@ class MapperNode(ChairNode[MapperNodeSettings]):
     def _set_pose(self, pose: Pose2) -> None:
         """Restart the localiser at a pose given by the rider."""
         if self._localiser is None:
-            self.get_logger().warning("the initial pose is ignored while a map is being made")
+            self._refuse_pose("a map is being made, which knows the chair's pose: save it first")
             return
+        cell = cells_from_points(self._grid, np.array([[pose.x, pose.y]]))
+        if not inside(self._grid, cell)[0]:
+            self._refuse_pose(f"{pose.x:.2f}, {pose.y:.2f} lies outside the map: give a pose on it")
+            return
+        self._refusals.accepted()
         self._localiser.restart(pose)
+
+    def _refuse_pose(self, reason: str) -> None:
+        """Answer an initial pose that cannot be used, in the log, on /diagnostics and in the localisation."""
+        self._refusals.refused(f"an initial pose was refused: {reason}")
 
     def _global_localisation(self, request: Any, response: Any) -> Any:
         """Start global localisation, as the service of Nav2's localiser does."""
@@ -215,7 +232,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         if localiser is None:
             return
         try:
-            grid = load_map(self._folder)
+            grid = load_map(self._folder, lambda _: None)
             if np.array_equal(grid.cells, self._grid.cells):
                 return
             scanned = scanned_part(grid, load_depth_layer(self._folder, grid))
@@ -268,7 +285,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
 
     def _publish(self, stamp_ns: int, found: Localisation) -> None:
         self._localisation = stamp_ns, found
-        self._send_localisation(localisation(stamp_ns, found))
+        self._send_localisation(localisation(stamp_ns, found, self._refusals.last))
         known = found.covariance is not None and found.state is not LocalisationState.LOST
         covariance = found.covariance if known else _ANYWHERE
         self._send_pose(pose_with_covariance(stamp_ns, found.map_from_base, covariance))
@@ -278,7 +295,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         if self._localisation is None:
             return
         stamp_ns, found = self._localisation
-        self._send_localisation(localisation(stamp_ns, found))
+        self._send_localisation(localisation(stamp_ns, found, self._refusals.last))
         self._send_transform(transform(self.now_ns(), MAP_FRAME, ODOM_FRAME, in_space(found.map_from_odom)))
 
     def _publish_map(self) -> None:

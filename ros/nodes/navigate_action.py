@@ -68,10 +68,13 @@ class DriveFeedback:
 
 
 class GoalDriver(Protocol):
-    """The interface of the action's owner. Both methods are called in the executor's thread and return at once."""
+    """The interface of the action's owner. All methods are called in the executor's thread and return at once."""
 
     def begin(self, goal: Pose2, goal_id: int) -> None:
         """Start a drive to a pose in map, which ends the current drive. Raises `WaychairError` if it cannot start."""
+
+    def refuse(self, reason: str) -> None:
+        """Note why a goal was refused, for others than its sender."""
 
     def cancel(self) -> None:
         """Stop and give the goal up; call `NavigateAction.end` afterwards."""
@@ -132,7 +135,7 @@ class NavigateAction:
         try:
             read_pose_stamped(goal.pose)
         except MessageError as error:
-            self._node.get_logger().error(f"a goal was refused: {error}")
+            self._drive.refuse(str(error))
             return GoalResponse.REJECT
         return GoalResponse.ACCEPT
 
@@ -149,5 +152,6 @@ class NavigateAction:
         try:
             self._drive.begin(read_pose_stamped(handle.request.pose), goal_id_of(handle.goal_id))
         except WaychairError as error:
+            self._drive.refuse(str(error))
             self.end(reached=False, reason=str(error), code=error_code(error))
         return await ended

@@ -37,6 +37,8 @@ from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.errors import ConfigError, WaychairError
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones
+from waychair.maps.folders.map_drawing import DrawnFiles
+from waychair.recordings.bags.ros_messages import make
 from waychair.ros import topics
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.camera import CameraPairing
@@ -65,6 +67,7 @@ from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.navigate_action import DriveFeedback, NavigateAction
 from waychair.ros.nodes.navigation_display import NavigationDisplay
 from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.ros.nodes.refusals import Refusals
 from waychair.ros.nodes.tick_phase import TickPhase
 from waychair.runtime.pilot import Pilot
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED
@@ -79,6 +82,8 @@ from waychair.types import Goal, OccupancyGrid, Odometry, Path, Place, Pose2, Rg
 _PERIOD_NS = round(1e9 / COMMAND_RATE.rate_hz)
 _FEEDBACK_EVERY = 4  # ticks
 _SONARS = 8
+_DRAWN_HZ = 1.0
+"""Rate at which the map's folder is searched for drawings that another program has changed."""
 _SILENT_NS = 500_000_000
 """A drive waits at rest so long for the bridge or the localiser before it ends (F25)."""
 
@@ -117,6 +122,8 @@ class _Drive:
     began_ns: int = 0
     recoveries: int = 0
     ticks: int = 0
+    is_open: bool = False  # until its end was noted
+    was_driven: bool = False  # the computer has driven to it
 
 
 class NavigatorNode(ChairNode[NavigatorNodeSettings]):
@@ -131,6 +138,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._pilot: Pilot | None = None
         self._track = OdometryTrack()
         self._latest, self._drive = _Latest(), _Drive()
+        self._refusals = Refusals("last goal", self.get_logger().error)
         self._navigation: Navigation | None = None
 
         stamped = s.enable_stamped_cmd_vel
@@ -140,6 +148,10 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._send_places = self.publisher(topics.PLACES)
         self._send_places(places(self.now_ns(), self._layout.places))
         self.listen(topics.LAYOUT, lambda message: message, lambda message: self._reload_layout(), needed=False)
+        if s.map_folder:
+            self._drawn = DrawnFiles(FilePath(s.map_folder))
+            self._send_layout = self.publisher(topics.LAYOUT)
+            self.every(_DRAWN_HZ, self._watch_drawing)
         self.listen(topics.MAP, read_occupancy_grid, self._take_map)
         with_true_stamp = self._calibration.with_true_stamp
         self.listen(topics.ODOMETRY, lambda message: with_true_stamp(read_odometry(message)), self._take_odometry)
@@ -149,7 +161,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._listen_to_sonars()
         if s.camera:
             self._listen_to_camera()
-        self.listen(topics.GOAL, read_pose_stamped, self._take_goal, needed=False)
+        self.listen(topics.GOAL, read_pose_stamped, self._take_goal, self.refuse, needed=False)
         full_speed = s.limiter.max_speed
         self.listen(
             topics.SPEED_LIMIT, lambda message: read_speed_limit(message, full_speed), self._limit_speed, needed=False
@@ -164,7 +176,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._timer = self.every(COMMAND_RATE.rate_hz, self._tick)
 
     def reports(self) -> Iterable[Report]:
-        """Report the stage of the drive."""
+        """Report the stage of the drive, and why the last goal was refused or given up."""
+        yield self._refusals.report()
         navigation = self._navigation
         if navigation is None:
             yield Report("navigation", DiagnosticLevel.STALE, "there is no map or no localisation yet")
@@ -185,11 +198,18 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._pilot.go(self._with_tolerances(goal))
         self._drive.goal, self._drive.goal_id, self._drive.began_ns = goal, goal_id, time.monotonic_ns()
         self._drive.recoveries = self._pilot.navigator.recovery.begun
+        self._drive.is_open, self._drive.was_driven = True, False
+        self._refusals.accepted()
 
     def cancel(self) -> None:
         """Give the goal up and stop; for the action and the service."""
+        self._drive.is_open = False
         if self._pilot is not None:
             self._pilot.drop("the drive was cancelled")
+
+    def refuse(self, reason: str) -> None:
+        """Answer a goal that cannot be begun, in the log, on /diagnostics and in the request to the bridge."""
+        self._refusals.refused(f"a goal was refused: {reason}")
 
     def _with_tolerances(self, goal: Pose2) -> Goal:
         """Return the goal, with the tolerances of the place at this pose if there is one."""
@@ -204,7 +224,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         try:
             self.begin(goal, time.time_ns())
         except WaychairError as error:
-            self.get_logger().error(str(error))
+            self.refuse(str(error))
 
     def _answer_cancel(self, request: Any, response: Any) -> Any:
         active = self._pilot is not None and self._pilot.navigator.active
@@ -256,6 +276,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if not self.settings.map_folder:
             return
         folder = FilePath(self.settings.map_folder)
+        self._drawn.note()
         try:
             self._layout.places, self._layout.zones = load_places(folder), load_zones(folder)
         except WaychairError as error:
@@ -266,6 +287,11 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if pilot is not None and grid is not None:
             self.worker.submit(lambda: pilot.drawn(grid, zones), lambda drawn: pilot.redraw(drawn, named))
             self._show_map(pilot, grid)
+
+    def _watch_drawing(self) -> None:
+        """Tell all nodes of places, zones or erased parts that another program has changed, such as `waychair places`."""
+        if self._drawn.changed():
+            self._send_layout(make("std_msgs/msg/Empty", 0))
 
     def _take_odometry(self, odometry: Odometry) -> None:
         if self._track.take(odometry):
@@ -336,6 +362,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if pilot is None or self._drive.goal_id == NO_GOAL:
             return
         mine = report.goal_id == self._drive.goal_id
+        self._drive.was_driven |= mine and report.driving
+        if mine and report.drops_goal:
+            self._drive.is_open = False  # the bridge itself tells why
         if mine and pilot.navigator.active:
             pilot.obey(SupervisorVerdict(report.mode, report.reason, drops_goal=report.drops_goal))
         pilot.note_sent(report.command if mine else None)
@@ -359,6 +388,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if missing and pilot is not None and pilot.navigator.active:
             pilot.drop(missing)
         if pilot is None or pose is None or self._latest.located is None or self._scan_is_stale(now_ns):
+            self._note_end()
             self._send(Twist(), self._request(now_ns))
             if pilot is None or not pilot.navigator.active:
                 self._display.clear()
@@ -367,6 +397,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._latest.pose_ns = steady_ns
         pilot.expire(steady_ns)
         navigation = self._navigation = pilot.step(steady_ns, pose, self._latest.located[1].map_from_odom)
+        self._note_end()
         command = self._slowed(navigation.twist) if navigation.driving else Twist()
         self._send(command, self._request(now_ns, navigation))
         map_from_odom = self._latest.located[1].map_from_odom
@@ -374,10 +405,19 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._update_action(pose)
         self._use_next_map()
 
+    def _note_end(self) -> None:
+        """Note once why a goal was given up, for its sender."""
+        if not self._drive.is_open or self._pilot is None or self._pilot.navigator.active:
+            return
+        self._drive.is_open = False
+        if self._pilot.navigator.stage is Stage.FAILED:
+            goal, ended = self._drive.goal, "given up" if self._drive.was_driven else "refused"
+            self._refusals.refused(f"the goal {goal.x:.2f}, {goal.y:.2f} was {ended}: {self._pilot.navigator.reason}")
+
     def _request(self, now_ns: int, navigation: Navigation | None = None) -> DriveRequest:
         """Return the request to the bridge from this tick's navigation; without one, only the goal."""
         if self._pilot is None:
-            return DriveRequest(now_ns)
+            return DriveRequest(now_ns, last_goal=self._refusals.last)
         navigator, last = self._pilot.navigator, navigation or self._navigation
         driving = navigator.active and navigation is not None and navigation.driving
         return DriveRequest(
@@ -391,6 +431,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             reason=navigator.reason,
             plans=0 if last is None else last.plans,
             furniture=self._pilot.mapped_legs,
+            last_goal=self._refusals.last,
         )
 
     def _missing_input(self, now_ns: int) -> str:

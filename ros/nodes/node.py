@@ -32,17 +32,14 @@ from waychair.ros.messages.reports import DiagnosticLevel, Report, diagnostics
 from waychair.ros.messages.wire import serialised
 from waychair.ros.nodes.inputs import Input
 from waychair.ros.nodes.worker import Worker
-from waychair.ros.parameters import descriptor, leaves, settings_from_parameters
+from waychair.ros.parameters import ROS_PARAMETERS, descriptor, leaves, settings_from_parameters
 from waychair.ros.topics import CLOCK, DIAGNOSTICS, RosTopic, profile
-from waychair.runtime.processes import BEAT_HZ, beats
+from waychair.runtime.processes import BEAT_HZ, CANNOT_START, beats
 
 S = TypeVar("S", bound=Settings)
 T = TypeVar("T")
 
 DIAGNOSTICS_HZ = 1.0
-
-_ROS_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides.")
-"""Prefixes of the parameters that every ROS node has."""
 
 
 class ChairNode(Node, Generic[S]):
@@ -97,7 +94,7 @@ class ChairNode(Node, Generic[S]):
         topic: RosTopic,
         read: Callable[[Any], T],
         take: Callable[[T], object] | None = None,
-        refuse: Callable[[], object] | None = None,
+        refuse: Callable[[str], object] | None = None,
         *,
         needed: bool = True,
     ) -> Input[T]:
@@ -160,7 +157,7 @@ class ChairNode(Node, Generic[S]):
     def _declared(self) -> S:
         """Return the settings from files and command line, and declare them as parameters with meaning and bounds."""
         given = {name: parameter.value for name, parameter in self.get_parameters_by_prefix("").items()}
-        own = {name: value for name, value in given.items() if not name.startswith(_ROS_PARAMETERS)}
+        own = {name: value for name, value in given.items() if not name.startswith(ROS_PARAMETERS)}
         settings = settings_from_parameters(self._kind, own, self.get_name())
         for name in own:
             self.undeclare_parameter(name)
@@ -195,14 +192,14 @@ class ChairNode(Node, Generic[S]):
 def run_node(make: Callable[[], ChairNode[Any]], arguments: Sequence[str] | None = None) -> int:
     """Run a node's process, and return its exit code.
 
-    0 after SIGINT or SIGTERM; 2 when the node cannot start or continue, with the reason logged in one sentence. See
-    `run_until_signal` for the arguments.
+    0 after SIGINT or SIGTERM; CANNOT_START when the node cannot start or continue, with the reason logged in one
+    sentence. See `run_until_signal` for the arguments.
     """
     try:
         run_until_signal(make, arguments)
     except WaychairError as error:
         rclpy.logging.get_logger("waychair").fatal(str(error))
-        return 2
+        return CANNOT_START
     return 0
 
 

@@ -20,6 +20,7 @@ from rclpy.action import ActionClient
 
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.control.drive.navigator import Stage
+from waychair.control.safety.stops import halt
 from waychair.errors import RecordingError, WaychairError
 from waychair.maps.drawn.places import find
 from waychair.maps.folders.map_drawing import DrawingEditor
@@ -386,7 +387,7 @@ class PagePort(DrawingPort):
         self._received.state = state
 
     def _note_end(self, state: DriveReport) -> None:
-        """Note the reason why a drive ended, or did not begin."""
+        """Note the reason why a drive ended, or did not begin, or that somebody pressed Stop."""
         has_goal = self._has_goal(state)
         halts, request = dict(state.halts), self._received.request
         if self._received.state is None:
@@ -397,7 +398,7 @@ class PagePort(DrawingPort):
             arrived = _stage(request.stage) is Stage.ARRIVED
             why = request.reason if not state.drops_goal else state.last_stop or state.reason
             self._story.last_stop = sentence(f"arrived at {self._story.label}" if arrived else why)
-        elif self._story.was_steered and not state.steered and state.reason:
+        elif state.reason and ((self._story.was_steered and not state.steered) or self._is_stop(state)):
             self._story.last_stop = sentence(state.reason)
         elif "pushed" in halts and not self._story.was_pushed:
             self._story.last_stop = sentence(halts["pushed"])
@@ -406,6 +407,11 @@ class PagePort(DrawingPort):
             "pushed" in halts,
             state.steered,
         )
+
+    def _is_stop(self, state: DriveReport) -> bool:
+        """Return whether somebody pressed Stop between the last state and this one."""
+        before, pressed = self._received.state, halt("stop_pressed").text
+        return before is not None and state.reason == pressed != before.reason
 
     def _take_request(self, request: DriveRequest) -> None:
         self._received.request = request

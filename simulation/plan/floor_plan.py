@@ -18,8 +18,8 @@
       - {behaviour: path, path: [[2.5, 1.5], [5.0, 1.5]], speed: 0.8}
 
 Further sections are `tables`, `ramps`, `thresholds`, `stairs`, `pits`, `lamps` and `lifts`. A building of several
-levels has a `name` and `levels`, a list of such plans with their own names. Units are metres and radians;
-`scene.MATERIALS` lists the materials and `scene.Behaviour` the behaviours.
+levels has a `name` and `levels`, a list of such plans with their own names. Units are metres and radians, or degrees as
+in `90deg`; `scene.MATERIALS` lists the materials and `scene.Behaviour` the behaviours.
 """
 
 from __future__ import annotations

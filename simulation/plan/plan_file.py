@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,7 @@ import msgspec
 import yaml
 
 from waychair.errors import WorldError
+from waychair.pose_text import ImpossiblePose, NoPoseText, angle_from_text, checked_turn
 from waychair.simulation.plan import floor_plan
 from waychair.simulation.plan.floor_plan import BuildingPlan, FloorPlan, Keys, Planar, Point
 from waychair.simulation.plan.floor_plan_checks import building_problems, plan_problems
@@ -19,6 +21,9 @@ from waychair.yaml_files import compose_yaml, node_value
 
 _Plan = TypeVar("_Plan", FloorPlan, BuildingPlan)
 _NAMED: dict[str, Any] = {"places": Planar, "routes": list[Point]}
+_POSES = ("start", "middle")
+"""Keys of poses x, y, yaw; a wall's start has no yaw."""
+
 _SECTIONS: dict[str, type[msgspec.Struct]] = {
     "levels": FloorPlan,
     "walls": floor_plan.PlanWall,
@@ -113,7 +118,43 @@ def _parsed(path: Path) -> tuple[PlanSource, Any]:
     root = compose_yaml(path, WorldError)
     if root is None:
         raise WorldError(f"{path}, line 1: the file is empty; give an object of name, size, start and walls")
-    return PlanSource(path, root), node_value(root, str(path), WorldError)
+    source = PlanSource(path, root)
+    return source, _in_radians(node_value(root, str(path), WorldError), source, ())
+
+
+def _in_radians(value: Any, source: PlanSource, keys: Keys) -> Any:
+    """Return a part of a plan at `keys` with its angles in radians; they may be written as `90deg`.
+
+    Raises:
+        WorldError: an angle is more than a full turn, or no angle.
+    """
+    if isinstance(value, list):
+        return [_in_radians(each, source, (*keys, at)) for at, each in enumerate(value)]
+    if not isinstance(value, dict):
+        return value
+    result = {}
+    for key, each in value.items():
+        here = (*keys, key)
+        if key == "yaw":
+            result[key] = _angle(each, source, here)
+        elif isinstance(each, list) and len(each) == 3 and (key in _POSES or keys[-1:] == ("places",)):
+            result[key] = [*each[:2], _angle(each[2], source, (*here, 2))]
+        else:
+            result[key] = _in_radians(each, source, here)
+    return result
+
+
+def _angle(value: Any, source: PlanSource, keys: Keys) -> Any:
+    """Return an angle in radians; a value of another kind stays, since msgspec refuses it."""
+    try:
+        if isinstance(value, str):
+            return angle_from_text(value)
+        is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        return checked_turn(value) if is_number else value
+    except ImpossiblePose as error:
+        raise source.error(keys, str(error)) from error
+    except NoPoseText:
+        return value
 
 
 def _converted(values: dict[str, Any], kind: type[_Plan], source: PlanSource) -> _Plan:

@@ -23,6 +23,7 @@ import msgspec
 import numpy as np
 
 from waychair.calibration.chair_body import BODIES, CHAIR_A, CHAIR_A_MID, ROBOT, ChairBody
+from waychair.config import with_angles
 from waychair.errors import ConfigError
 from waychair.simulation.plant.mujoco_chair import substeps
 from waychair.simulation.plant.mujoco_model import MujocoSettings
@@ -122,7 +123,7 @@ def _chair_from_file(path: Path) -> SimulatedChair:
     values = {} if values is None else values
     _refuse_unknown_keys(SimulatedChair, values, str(path))
     try:
-        return msgspec.convert(values, SimulatedChair)
+        return msgspec.convert(with_angles(SimulatedChair, values, str(path)), SimulatedChair)
     except msgspec.ValidationError as error:
         raise ConfigError(f"{path}: {error}; correct the value") from error
 

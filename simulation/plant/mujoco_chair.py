@@ -14,6 +14,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import ConfigError, MissingExtra, WorldError
+from waychair.install_advice import install_command
 from waychair.simulation.plan.world import World
 from waychair.simulation.plant.motor_controller import MotorController, WheelNoise
 from waychair.simulation.plant.mujoco_model import MujocoSettings, mjcf
@@ -234,7 +235,7 @@ def _import_mujoco() -> Any:
         import mujoco
     except ImportError as error:
         raise MissingExtra(
-            "the physical chair needs MuJoCo, which is not installed: run `pip install waychair[sim]`, or take the "
+            f"the physical chair needs MuJoCo, which is not installed: run `{install_command('sim')}`, or take the "
             "kinematic plant"
         ) from error
     return mujoco

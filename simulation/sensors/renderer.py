@@ -21,6 +21,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from waychair.errors import MissingExtra
+from waychair.install_advice import install_command
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.scene import PersonState
 from waychair.simulation.sensors.figures import body_meshes
@@ -279,7 +280,7 @@ def _context() -> Any:
     try:
         moderngl: Any = importlib.import_module("moderngl")
     except ImportError as error:
-        raise MissingExtra(f"the camera needs moderngl ({error}): pip install 'waychair[sim]'") from error
+        raise MissingExtra(f"the camera needs moderngl ({error}): {install_command('sim')}") from error
     try:
         return moderngl.create_context(standalone=True, backend="egl")
     except Exception as error:  # the exception's type depends on the missing library

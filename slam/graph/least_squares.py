@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from waychair.errors import GraphError
 from waychair.slam.graph.edges import EdgeArrays, chi_square
-from waychair.slam.graph.pose_synchronisation import spectral_poses
-from waychair.types import FloatArray, IntArray
+from waychair.slam.graph.pose_synchronisation import factorised, spectral_poses
+from waychair.types import BoolArray, FloatArray, IntArray
 
 PRIOR_SIGMA = 1e-6
 """Standard deviation [m], [rad] of the prior that fixes node 0."""
@@ -76,6 +77,27 @@ class PoseGraphProblem:
             if self._keys[edge][0] > self._keys[edge][1]:  # the joint covariance is in the order of the keys
                 jacobian = np.hstack([jacobian[:, 3:], jacobian[:, :3]])
             found[k] = away @ np.linalg.solve(np.eye(3) + jacobian @ joint @ jacobian.T, away)
+        return found
+
+    def group_innovations(self, poses: FloatArray, weights: FloatArray, groups: Sequence[IntArray]) -> FloatArray:
+        """Return the chi-square (K,) of the joint innovation of each group of edges against all other weighted edges.
+
+        With the group's whitened residuals r and their share K = J H^-1 J' in the solution, it is r' (I - K)^-1 r: to first
+        order, the cost of adding the whole group to the rest. All edges of a group have a weight above 0.
+        """
+        kept = np.cumsum(weights > 0)  # the prior of node 0 has the first rows
+        linear = self.factor_graph(poses, weights).linearize(gtsam_values(poses))
+        row, column, value = linear.sparseJacobian_()
+        shape = (3 * (1 + int(kept[-1])), 3 * len(poses) + 1)
+        system = csr_matrix((value, (row.astype(int) - 1, column.astype(int) - 1)), shape=shape)
+        jacobian, residual = system[:, :-1].tocsr(), system[:, -1].toarray().ravel()
+        factor = factorised((jacobian.T @ jacobian).tocsc())
+        found = np.empty(len(groups))
+        for k, members in enumerate(groups):
+            rows = (3 * kept[members][:, None] + np.arange(3)).ravel()
+            part, away = jacobian[rows], residual[rows]
+            share = part @ factor.solve(part.T.toarray())
+            found[k] = away @ np.linalg.solve((1 + 1e-9) * np.eye(len(rows)) - share, away)
         return found
 
     def factor_graph(self, poses: FloatArray | None, weights: FloatArray | None = None) -> Any:
@@ -161,6 +183,31 @@ def gtsam_values(poses: FloatArray, first: int = 0) -> Any:
     for index, pose in enumerate(poses, first):
         values.insert(index, gtsam.Pose2(*pose))
     return values
+
+
+def joined_weights(edges: EdgeArrays, weights: FloatArray, against: FloatArray, count: int) -> FloatArray:
+    """Return the weights (E,) with 1 for the few edges of weight 0 without which the `count` nodes fall apart.
+
+    Of the edges that join two parts, those of least chi-square `against` (E,) are taken.
+    """
+    part = _parts(edges, weights > 0, count)
+    if not part.any():
+        return weights
+    joined = weights.copy()
+    missing = np.flatnonzero(weights == 0)
+    for edge in missing[np.argsort(against[missing])].tolist():
+        one, other = part[edges.i[edge]], part[edges.j[edge]]
+        if one != other:
+            joined[edge] = 1.0
+            part[part == other] = one
+    return joined
+
+
+def _parts(edges: EdgeArrays, wanted: BoolArray, count: int) -> IntArray:
+    """Return the connected part (count,) of each node, from 0 on."""
+    i, j = edges.i[wanted], edges.j[wanted]
+    _, part = connected_components(csr_matrix((np.ones(len(i)), (i, j)), shape=(count, count)), directed=False)
+    return np.asarray(part, np.int64)
 
 
 def check_graph(poses: FloatArray, edges: EdgeArrays) -> None:

@@ -140,7 +140,7 @@ class PoseGraph:
             getattr(self, name)(*arguments)
 
     def _solve_all(self) -> Solution:
-        solution = solve(self.poses, self._edges)
+        solution = solve(self.poses, self._edges, solved_before=True)
         self.poses = solution.poses
         left_out = np.flatnonzero(~solution.accepted).tolist()
         self._rejected = dict(zip(left_out, solution.rejected, strict=True))
@@ -150,7 +150,7 @@ class PoseGraph:
     def _solve_accepted(self) -> None:
         """Solve the whole graph without the loops rejected before."""
         inside = [k for k in range(len(self._edges)) if k not in self._rejected]
-        solution = solve(self.poses, [self._edges[k] for k in inside])
+        solution = solve(self.poses, [self._edges[k] for k in inside], solved_before=True)
         self.poses = solution.poses
         left_out = [inside[k] for k in np.flatnonzero(~solution.accepted).tolist()]
         self._rejected |= dict(zip(left_out, solution.rejected, strict=True))

@@ -49,7 +49,7 @@ def spectral_poses(edges: EdgeArrays, count: int) -> FloatArray:
     Unlike averages of measured rotations (LAGO), it uses the information of translations about headings.
     """
     form = _form(edges, count)[1:, 1:].tocsc()  # node 0 is the origin
-    factor = _factorised(form)
+    factor = factorised(form)
     inner = count - 1
 
     def inverse(x: FloatArray) -> FloatArray:
@@ -62,7 +62,7 @@ def spectral_poses(edges: EdgeArrays, count: int) -> FloatArray:
     _, vectors = eigsh(operator, k=1, which="LM", v0=np.ones(count, complex), tol=1e-4)
     turns = vectors[:, 0] / np.maximum(np.abs(vectors[:, 0]), 1e-300)
     turns *= np.conj(turns[0])
-    places = _factorised(form[:inner, :inner].tocsc()).solve(-(form[:inner, inner:] @ turns))
+    places = factorised(form[:inner, :inner].tocsc()).solve(-(form[:inner, inner:] @ turns))
     places = np.concatenate([[0.0], places])
     return np.stack([places.real, places.imag, np.angle(turns)], axis=1)
 
@@ -93,7 +93,7 @@ def polished(poses: FloatArray, edges: EdgeArrays, iterations: int = 30) -> Floa
     best = sesync_objective(poses, edges)
     for _ in range(iterations):
         jacobian, residual = _linearised(poses, edges, kappa, tau)
-        step = _factorised((jacobian.T @ jacobian).tocsc()).solve(jacobian.T @ residual).reshape(-1, 3)
+        step = factorised((jacobian.T @ jacobian).tocsc()).solve(jacobian.T @ residual).reshape(-1, 3)
         moved = poses.copy()
         moved[1:] -= step
         value = sesync_objective(moved, edges)
@@ -150,7 +150,7 @@ def _form(edges: EdgeArrays, count: int) -> sparse.csc_matrix:
     return (moves.conj().T @ moves + turns.conj().T @ turns).tocsc()
 
 
-def _factorised(matrix: sparse.csc_matrix) -> splu:
+def factorised(matrix: sparse.csc_matrix) -> splu:
     """Return L D L^H as an LU factorisation with symmetric ordering and without off-diagonal pivoting."""
     return splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
 
@@ -158,7 +158,7 @@ def _factorised(matrix: sparse.csc_matrix) -> splu:
 def _positive(matrix: sparse.csc_matrix) -> bool:
     """Return whether a Hermitian matrix is positive definite: all pivots of L D L^H are (Sylvester's law of inertia)."""
     try:
-        factor = _factorised(matrix.tocsc())
+        factor = factorised(matrix.tocsc())
     except RuntimeError:  # a pivot is exactly zero
         return False
     untouched = bool((factor.perm_r == factor.perm_c).all())

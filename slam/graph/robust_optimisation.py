@@ -3,25 +3,29 @@
 The methods were measured on the Intel and Manhattan graphs with 50 false loops, at random or in mutually consistent
 groups (`evaluation/figures/mapping/posegraphs.py`). Cauchy and Geman-McClure kernels alone err by up to 1.3 m. Dynamic
 covariance scaling relies on the start: it is exact where the odometry is good, even for groups, and fails where it is
-not. Graduated non-convexity needs no good start, but a group of false loops can bend weakly constrained odometry. So
-both are tried, and the solution of greater likelihood is taken. Its noise level is estimated from the solution, because
-the information of many graphs is far too small (Intel's by a factor of 50).
+not. Graduated non-convexity needs no good start, but a group of false loops can bend weakly constrained odometry. Plain
+least squares is exact where no loop is false. So all are tried, each ends with all accepted loops at full weight, and
+the solution of greatest likelihood is taken. Its noise level is estimated from the solution, because the information of
+many graphs is far too small (Intel's by a factor of 50). Loops that say the same have one voice (`loop_groups.py`).
 """
 
 from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from waychair.errors import GraphError
 from waychair.geometry import pose_from_array
 from waychair.slam.graph.edges import Edge, EdgeKind, chi_square, edge_arrays
-from waychair.slam.graph.least_squares import PoseGraphProblem, check_graph, with_first_pose
+from waychair.slam.graph.least_squares import PoseGraphProblem, check_graph, joined_weights, with_first_pose
+from waychair.slam.graph.loop_groups import group_cost, loop_groups
 from waychair.slam.graph.pose_synchronisation import spectral_poses
-from waychair.types import BoolArray, FloatArray
+from waychair.types import BoolArray, FloatArray, IntArray
 
 LOOP_SCALE = 1.0  # chi-square up to which a loop has full weight (dynamic covariance scaling)
 MATCH_KERNEL = 2.0  # sigma; width of the Huber kernel on all edges except loops
@@ -33,6 +37,10 @@ MAX_ROUNDS = 100  # rounds of graduated non-convexity
 MAX_ITERATIONS = 50  # Levenberg-Marquardt steps
 HOPELESS_SHARE = 0.1  # share of rejected loops beyond which the start itself is doubted
 MAX_SECOND_LOOKS = 100  # rejected loops that are checked again
+LEAST_GROUP = 5  # loops; smaller groups are judged loop by loop
+MAX_DOUBTS = 6  # groups, the most doubtful first, that are left out on trial
+MAX_HEARD = 400  # loops; the largest groups up to so many loops in all are heard
+HUBER_COST = 0.171  # -2 log of the normalisation of Huber's density in 3 dimensions against the normal one
 
 
 class RejectionReason(enum.Enum):
@@ -76,33 +84,41 @@ class _Trial:
     variance: float
 
 
-def solve(poses: FloatArray, edges: Sequence[Edge]) -> Solution:
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """A graph in question: its factors, the group (E,) of each loop, and the start (N, 3)."""
+
+    problem: PoseGraphProblem
+    groups: IntArray
+    start: FloatArray
+
+
+def solve(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False) -> Solution:
     """Return the poses that fit the edges best, with node 0 fixed, and the rejected loops.
 
     All other edges are kept, under a Huber kernel (the largest single gain measured on the Freiburg and Intel logs).
-    The quick solution is taken if it contradicts no loop.
+    Poses that are an earlier solution (`solved_before`) save time: the quick solution is taken if it contradicts no loop,
+    and groups of loops are not heard one by one.
 
     Raises:
-        GraphError: the graph is not connected, values are not finite, or the equations cannot be solved.
+        GraphError: the graph is not connected, values are not finite, or the equations cannot be solved, not even by
+            plain least squares.
     """
     arrays = edge_arrays(edges)
     check_graph(poses, arrays)
     problem = PoseGraphProblem(arrays, MATCH_KERNEL)
     if not arrays.loop.any():
         return Solution(problem.solve(poses, iterations=MAX_ITERATIONS), ~arrays.loop, ())
-    quick = problem.solve_switchable(poses, LOOP_SCALE, MAX_ITERATIONS)
-    if _within(problem, quick).all():
-        return Solution(quick, np.ones(len(edges), bool), ())
-    best = _settled(problem, quick)
+    case = _Case(problem, loop_groups(poses, arrays), poses)
+    best = _likeliest(None, lambda: _quick(case, poses, settle=not solved_before))
+    if best is None:
+        best = _trusted(case, poses)
     if not best.weights.all():
-        best = min(best, _settled(problem, _trusting(problem, best, poses)), key=_score)
-        best = _reconsidered(problem, best)
-    left_out = int((best.weights == 0).sum())
-    if left_out > FEW_LOOPS:  # loops accepted earlier may have bent the poses
-        best = min(best, _quick(problem, chained_poses(poses, edges)), key=_score)
-    if left_out > HOPELESS_SHARE * arrays.loop.sum():
-        start = with_first_pose(spectral_poses(arrays, len(poses)), poses[0])
-        best = min(best, _quick(problem, start), key=_score)
+        best = _judged(case, best, chained_poses(poses, edges), solved_before)
+    elif not solved_before:  # the start may lie in another valley
+        best = _likelier(best, lambda: _trusted(case, _spectral(case)))
+    if not solved_before:
+        best = _without_kernel(case, _heard_by_group(case, best))
     accepted = best.weights > 0
     against = chi_square(best.poses, arrays)
     return Solution(
@@ -126,20 +142,72 @@ def chained_poses(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:
     return np.array([pose.array() for pose in chain])
 
 
-def _quick(problem: PoseGraphProblem, poses: FloatArray) -> _Trial:
-    """Return the settled solution next to that of dynamic covariance scaling."""
-    return _settled(problem, problem.solve_switchable(poses, LOOP_SCALE, MAX_ITERATIONS))
-
-
-def _score(candidate: _Trial) -> float:
-    return candidate.score
-
-
-def _trusting(problem: PoseGraphProblem, quick: _Trial, poses: FloatArray) -> FloatArray:
-    """Return poses that trust the loops rejected by the quick solution: all at once if they are few, else by annealing."""
+def _judged(case: _Case, quick: _Trial, chain: FloatArray, solved_before: bool) -> _Trial:
+    """Return the likeliest of many solutions, where the quick one rejects loops."""
+    best = _likelier(quick, lambda: _trusted(case, quick.poses))
     if (quick.weights == 0).sum() > FEW_LOOPS:
-        return _graduated(problem, poses)
-    return problem.solve(quick.poses, iterations=MAX_ITERATIONS)
+        best = _likelier(best, lambda: _settled(case, _graduated(case.problem, case.start)))
+    best = _reconsidered(case, best)
+    left_out, first = int((best.weights == 0).sum()), best
+    if left_out > FEW_LOOPS:  # loops accepted earlier may have bent the poses
+        best = _likelier(best, lambda: _quick(case, chain))
+    if left_out > HOPELESS_SHARE * case.problem.edges.loop.sum() or (left_out and not solved_before):
+        best = _likelier(best, lambda: _without_a_start(case))
+    return best if best is first else _reconsidered(case, best)
+
+
+def _without_a_start(case: _Case) -> _Trial:
+    """Return the likelier solution next to the spectral start: by dynamic covariance scaling, or with every loop trusted."""
+    start = _spectral(case)
+    best = _likeliest(None, lambda: _quick(case, start), lambda: _trusted(case, start))
+    if best is None:
+        raise GraphError("the equations cannot be solved from the spectral start")
+    return best
+
+
+def _likeliest(best: _Trial | None, *attempts: Callable[[], _Trial]) -> _Trial | None:
+    """Return the trial of greatest likelihood; an attempt whose equations cannot be solved counts for nothing."""
+    for attempt in attempts:
+        try:
+            trial = attempt()
+        except (GraphError, RuntimeError, np.linalg.LinAlgError):  # scipy's and gtsam's errors are RuntimeErrors
+            continue
+        if math.isfinite(trial.score) and (best is None or trial.score < best.score):
+            best = trial
+    return best
+
+
+def _likelier(best: _Trial, *attempts: Callable[[], _Trial]) -> _Trial:
+    found = _likeliest(best, *attempts)
+    assert found is not None
+    return found
+
+
+def _quick(case: _Case, poses: FloatArray, settle: bool = True) -> _Trial:
+    """Return the settled solution next to that of dynamic covariance scaling, or that itself if it contradicts no loop."""
+    quick = case.problem.solve_switchable(poses, LOOP_SCALE, MAX_ITERATIONS)
+    weights = _within(case, quick)
+    if settle or not weights.all():
+        return _settled(case, quick)
+    return _Trial(quick, weights, *_unlikelihood(case, quick, weights))
+
+
+def _trusted(case: _Case, poses: FloatArray) -> _Trial:
+    """Return the solution with every loop accepted, or, if it is likelier, the settled one next to it."""
+    weights = np.ones(len(case.problem.edges))
+    plain = case.problem.solve(poses, weights, iterations=MAX_ITERATIONS)
+    trial = _Trial(plain, weights, *_unlikelihood(case, plain, weights))
+    if _within(case, plain).all():
+        return trial
+    return _likelier(trial, lambda: _settled(case, plain))
+
+
+def _spectral(case: _Case) -> FloatArray:
+    """Return poses (N, 3) from the edges alone."""
+    poses = spectral_poses(case.problem.edges, len(case.start))
+    if not np.isfinite(poses).all():
+        raise GraphError("the edges alone do not determine the poses; add edges to loose nodes")
+    return with_first_pose(poses, case.start[0])
 
 
 def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> FloatArray:
@@ -157,6 +225,7 @@ def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> FloatArray:
         upper, lower = (1 + 1 / convexity) * limit, convexity / (1 + convexity) * limit
         soft = np.sqrt(limit * convexity * (1 + convexity) / np.maximum(against[loop], 1e-12)) - convexity
         weights[loop] = np.where(against[loop] >= upper, 0.0, np.where(against[loop] <= lower, 1.0, soft))
+        weights = joined_weights(problem.edges, weights, against, len(poses))
         poses = problem.solve(poses, weights, iterations=1, damped=False)
         against = chi_square(poses, problem.edges)
         if convexity > 1 and np.isin(weights, (0.0, 1.0)).all():
@@ -165,64 +234,151 @@ def _graduated(problem: PoseGraphProblem, poses: FloatArray) -> FloatArray:
     return poses
 
 
-def _settled(problem: PoseGraphProblem, poses: FloatArray) -> _Trial:
+def _settled(case: _Case, poses: FloatArray) -> _Trial:
     """Return the solution next to the poses whose accepted loops are exactly those within the limit."""
-    weights = _within(problem, poses)
+    weights = _within(case, poses)
     for _ in range(10):
-        poses = problem.solve(poses, weights, iterations=MAX_ITERATIONS)
-        now = _within(problem, poses)
+        poses = case.problem.solve(poses, weights, iterations=MAX_ITERATIONS)
+        now = _within(case, poses)
         if (now == weights).all():
             break
         weights = now
-    return _Trial(poses, weights, *_unlikelihood(problem, poses, weights))
+    return _Trial(poses, weights, *_unlikelihood(case, poses, weights))
 
 
-def _within(problem: PoseGraphProblem, poses: FloatArray) -> FloatArray:
-    """Return weights (E,): 0 for loops beyond the limit, 1 for all other edges."""
-    against = chi_square(poses, problem.edges)
-    return np.where(problem.edges.loop & (against >= LOOP_LIMIT), 0.0, 1.0)
+def _within(case: _Case, poses: FloatArray) -> FloatArray:
+    """Return weights (E,): 0 for loops beyond the limit that are not needed to connect the graph, 1 for other edges."""
+    against = chi_square(poses, case.problem.edges)
+    weights = np.where(case.problem.edges.loop & (against >= LOOP_LIMIT), 0.0, 1.0)
+    return joined_weights(case.problem.edges, weights, against, len(poses))
 
 
-def _variance(against: float, loops: float) -> float:
-    """Return the noise level of a solution: its chi-square per degree of freedom, pulled towards 1 for few loops."""
-    prior = 15.0  # as if five more loops fitted exactly as their information says
-    return (against + prior) / (3 * loops + prior)
+def _variance(against: float, loops: float) -> tuple[float, float]:
+    """Return the noise level of a solution, its chi-square per degree of freedom pulled towards 1, and the pull's weight.
+
+    The pull is as if some more loops fitted exactly as their information says: five if the noise is less than stated, as
+    in most graphs, and fifty if it is more, because false loops that bend the odometry look like noise.
+    """
+    prior = 15.0 if against < 3 * loops else 150.0
+    return (against + prior) / (3 * loops + prior), prior
 
 
-def _unlikelihood(problem: PoseGraphProblem, poses: FloatArray, weights: FloatArray) -> tuple[float, float, float]:
+def _unlikelihood(case: _Case, poses: FloatArray, weights: FloatArray) -> tuple[float, float, float]:
     """Return -2 log likelihood of the loops up to a constant, the sum of chi-squares, and the noise level.
 
-    Each accepted loop has 3 degrees of freedom with the solution's variance; each rejected loop costs `REJECTION_COST`. A group of
-    false loops that bends the odometry raises the variance, and with it the cost of every true loop.
+    Each accepted loop has 3 degrees of freedom with the solution's variance. A group of false loops that bends the
+    odometry raises the variance, and with it the cost of every true loop.
     """
-    loop = problem.edges.loop
-    accepted = float((weights[loop] > 0).sum())
-    against = float(chi_square(poses, problem.edges)[weights > 0].sum())
-    variance = _variance(against, accepted)
-    score = 3 * accepted * math.log(variance) + against / variance + REJECTION_COST * (float(loop.sum()) - accepted)
-    return score, against, variance
+    loops, left_out = float(case.problem.edges.loop.sum()), np.flatnonzero(weights == 0)
+    against = float(chi_square(poses, case.problem.edges)[weights > 0].sum())
+    variance, prior = _variance(against, loops - len(left_out))
+    doubted, groups = len(np.unique(case.groups[left_out])), int(case.groups.max()) + 1
+    cost = _rejection(case, left_out)
+    if groups > FEW_LOOPS and 2 * doubted > groups:  # it doubts the noise, not the loops: every loop counts by itself
+        cost = (3.0 + REJECTION_COST) * len(left_out)
+    return (3 * loops + prior) * math.log(variance) + (against + prior) / variance - prior + cost, against, variance
 
 
-def _reconsidered(problem: PoseGraphProblem, best: _Trial) -> _Trial:
+def _rejection(case: _Case, left_out: IntArray) -> float:
+    """Return the cost of leaving loops out: that of 3 degrees of freedom each, and `REJECTION_COST` per group.
+
+    A group that agrees is one mistake, and costs more only by the logarithm of its number.
+    """
+    return 3.0 * len(left_out) + group_cost(case.groups, left_out, REJECTION_COST)
+
+
+def _reconsidered(case: _Case, best: _Trial) -> _Trial:
     """Return the candidate after accepting again the loops that were rejected only because their poses are uncertain.
 
     A true loop that was rejected early may lie hundreds of sigmas from a solution that is uncertain there; its
     innovation tells it from a false loop. Real noise has long tails, so one loop may reach five times the noise level.
     Loops are accepted together, and stay if that costs less than their rejection.
     """
-    noise = max(best.variance, min(1.0, 5 * best.variance))
+    problem, noise = case.problem, max(best.variance, min(1.0, 5 * best.variance))
     for _ in range(5):
         left_out = np.flatnonzero(best.weights == 0)
         against = chi_square(best.poses, problem.edges)[left_out]
         asked = left_out[np.argsort(against)][:MAX_SECOND_LOOKS]
         if not len(asked):
             break
-        welcome = asked[problem.innovations(best.poses, best.weights, asked) < REJECTION_COST * noise]
-        weights = best.weights.copy()
-        weights[welcome] = 1.0
-        again = _settled(problem, problem.solve(best.poses, weights, iterations=MAX_ITERATIONS))
-        back = (again.weights > 0).sum() - (best.weights > 0).sum()
-        if back <= 0 or again.against - best.against > back * REJECTION_COST * noise:
+        try:
+            innovations = problem.innovations(best.poses, best.weights, asked)
+            welcome = asked[innovations < REJECTION_COST * noise]
+            weights = best.weights.copy()
+            weights[welcome] = 1.0
+            again = _settled(case, problem.solve(best.poses, weights, iterations=MAX_ITERATIONS))
+        except (GraphError, RuntimeError, np.linalg.LinAlgError):
+            break
+        back = np.flatnonzero((best.weights == 0) & (again.weights > 0))
+        gained = (again.weights > 0).sum() - (best.weights > 0).sum()
+        if gained <= 0 or again.against - best.against > noise * _rejection(case, back):
             break
         best = again
     return best
+
+
+def _heard_by_group(case: _Case, best: _Trial) -> _Trial:
+    """Return the candidate after leaving out, on trial, the accepted groups that the rest of the graph doubts most."""
+    for _ in range(MAX_DOUBTS):
+        better = best
+        for group in _doubted(case, best)[:MAX_DOUBTS]:
+            better = _likelier(best, partial(_without, case, best, group))
+            if better is not best:
+                break
+        if better is best:
+            break
+        best = better
+    return best
+
+
+def _without(case: _Case, best: _Trial, group: int) -> _Trial:
+    """Return the settled solution next to that without one group."""
+    problem, against = case.problem, chi_square(best.poses, case.problem.edges)
+    weights = np.where(case.groups == group, 0.0, best.weights)
+    weights = joined_weights(problem.edges, weights, against, len(best.poses))
+    return _reconsidered(case, _settled(case, problem.solve(best.poses, weights, iterations=MAX_ITERATIONS)))
+
+
+def _without_kernel(case: _Case, best: _Trial) -> _Trial:
+    """Return the candidate, or the least-squares solution of its edges if normal noise explains them better than long tails.
+
+    The Huber kernel takes weight from every edge whose noise is larger than stated, so that a graph with such noise
+    throughout is bent, although nothing in it is false.
+    """
+    edges = case.problem.edges
+    try:
+        poses = PoseGraphProblem(edges, None).solve(best.poses, best.weights, MAX_ITERATIONS)
+    except GraphError:
+        return best
+    accepted = best.weights > 0
+    bent, plain = (chi_square(each, edges)[accepted] for each in (best.poses, poses))
+    loop = edges.loop[accepted]
+    freedom, level = 3.0 * len(loop), _variance(float(plain.sum()), float(loop.sum()))[0]
+    tails = min(freedom * math.log(noise) + _long_tailed(bent / noise, loop) for noise in (best.variance, level))
+    if freedom * math.log(level) + float(plain.sum()) / level >= tails:
+        return best
+    return _Trial(poses, best.weights, *_unlikelihood(case, poses, best.weights))
+
+
+def _long_tailed(against: FloatArray, loop: BoolArray) -> float:
+    """Return -2 log likelihood of edges with Huber's density except for loops, up to the constant of the normal density."""
+    tail = against > MATCH_KERNEL**2
+    huber = np.where(tail, 2 * MATCH_KERNEL * np.sqrt(against) - MATCH_KERNEL**2, against) + HUBER_COST
+    return float(np.where(loop, against, huber).sum())
+
+
+def _doubted(case: _Case, best: _Trial) -> list[int]:
+    """Return the accepted groups whose innovation against all other edges exceeds their rejection, the worst first."""
+    accepted = np.flatnonzero((case.groups >= 0) & (best.weights > 0))
+    names, sizes = np.unique(case.groups[accepted], return_counts=True)
+    largest = np.argsort(-sizes, kind="stable")
+    heard = largest[(sizes[largest] >= LEAST_GROUP) & (np.cumsum(sizes[largest]) <= MAX_HEARD)]
+    if not len(heard):
+        return []
+    members = [accepted[case.groups[accepted] == name] for name in names[heard]]
+    try:
+        innovations = case.problem.group_innovations(best.poses, best.weights, members)
+    except (RuntimeError, np.linalg.LinAlgError):
+        return []
+    excess = innovations / best.variance - [_rejection(case, group) for group in members]
+    return [int(names[heard[k]]) for k in np.argsort(-excess).tolist() if excess[k] > 0]

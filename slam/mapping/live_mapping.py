@@ -4,18 +4,21 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.config import Settings, setting
-from waychair.errors import NoScans
+from waychair.errors import GridTooLarge, NoScans
 from waychair.maps.depth.depth_evidence import merge_sensors
 from waychair.maps.folders.depth_layer import depth_layer
+from waychair.maps.grid.cells import MOST_CELLS
 from waychair.maps.grid.occupancy import EvidenceGrid, OccupancySettings
+from waychair.maps.layers.grid_assembly import DepthAssembly, GridAssembly
 from waychair.maps.layers.session_grid import SessionGrid
 from waychair.slam.mapping.depth_mapping import DepthMapping, DepthMappingSettings
 from waychair.slam.mapping.mapper import Mapper, MapperResult, MapperSettings, odometry_of, twist_of
@@ -23,6 +26,11 @@ from waychair.slam.odometry.dead_reckoning import DeadReckoning
 from waychair.slam.odometry.odometry_model import OdometrySettings
 from waychair.slam.scan.scan_points import sweep_motion
 from waychair.types import OccupancyGrid, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
+
+T = TypeVar("T")
+
+LARGEST_CELLS = 0.2
+"""Side [m] of the largest cells that a site is drawn with by itself; through larger ones no door is seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,6 +77,8 @@ class LiveMapping:
         mount, height = base_from_laser, settings.laser_height
         body = replace(body, laser_x=mount.x, laser_y=mount.y, laser_theta=mount.theta, laser_z=height)
         self._reckoning = DeadReckoning(body, settings.odometry)
+        self.cells = settings.grid
+        """The settings of the grid, with larger cells than `settings` has where the site is too large for those."""
         self.scans = SessionGrid(settings.grid)
         """The scans that the grid is drawn from, by the numbers of their frames."""
         camera = base_from_camera or body.base_from_camera
@@ -117,7 +127,7 @@ class LiveMapping:
     def draw(self) -> int:
         """Do one slice of the pending drawing (see `GridAssembly.draw`)."""
         with self._timed("grid"):
-            return self.scans.draw() + self.depth.assembly.draw()
+            return self._fitted(lambda: self.scans.draw() + self.depth.assembly.draw())
 
     @property
     def pending(self) -> int:
@@ -137,7 +147,7 @@ class LiveMapping:
         if not len(self.depth.assembly):
             return self.scans.grid(), None
         # without a lidar the scans themselves are made of depth images
-        scanned = (EvidenceGrid(self.settings.grid) if self.settings.depth.use == "only" else self.scans).grid()
+        scanned = (EvidenceGrid(self.cells) if self.settings.depth.use == "only" else self.scans).grid()
         grid, drops = merge_sensors(scanned, *self.depth.grids())
         return grid, depth_layer(scanned, grid, drops)
 
@@ -153,9 +163,32 @@ class LiveMapping:
         self.depth.follow(self.mapper, ended=True)
         with self._timed("grid"):
             self._bend()
+            self.draw_all()
+        return result
+
+    def draw_all(self) -> None:
+        """Do all pending drawing.
+
+        Raises:
+            GridTooLarge: the map does not even fit into cells of `LARGEST_CELLS`.
+        """
+
+        def drawn() -> None:
             self.scans.settle()
             self.depth.assembly.settle()
-        return result
+
+        self._fitted(drawn)
+
+    @property
+    def size_warning(self) -> str:
+        """A sentence about cells that are larger than the settings say, or ''."""
+        own, wanted = self.cells.resolution, self.settings.grid.resolution
+        if own == wanted:
+            return ""
+        return (
+            f"the map is drawn with cells of {own:g} m, as cells of {wanted:g} m would be more than the {MOST_CELLS} that can be "
+            f"planned on: give --resolution {own:g}, or check the poses for jumps if the site is smaller than the map"
+        )
 
     def resume(self, mapper: Mapper, frames: Sequence[SensorFrame]) -> None:
         """Continue a checkpointed mapper that has seen these reckoned frames; call it before the first frame."""
@@ -177,6 +210,23 @@ class LiveMapping:
         self._covered = [list(latest) for latest in mapper.covered_frames]
         self.scans.begin(sessions)
         self.depth.assembly.begin(sessions)
+
+    def _fitted(self, draw: Callable[[], T]) -> T:
+        """Return the result of `draw`; while the grid is too large, its cells are doubled and it is drawn anew.
+
+        Raises:
+            GridTooLarge: it does not even fit into cells of `LARGEST_CELLS`.
+        """
+        while True:
+            try:
+                return draw()
+            except GridTooLarge:
+                cells = replace(self.cells, resolution=2 * self.cells.resolution)
+                if cells.resolution > LARGEST_CELLS:
+                    raise
+                self.cells = cells
+                self.scans.draw_anew(lambda: GridAssembly(self.cells))
+                self.depth.assembly.draw_anew(lambda: DepthAssembly(self.cells))
 
     def _follow(self, frame: SensorFrame) -> None:
         """Add the scan that the mapper has just kept to the grid, and drop those that it no longer keeps."""

@@ -49,6 +49,7 @@ _SURELY_CROSSED_SHARE = 0.32  # the same for a match that is merely below a good
 _TRACK_INLIERS = 0.5  # between full matches, a scan with a smaller share of points on surfaces leaves the odometry
 _TRACK_POINTS = 360  # points of a scan that are aligned between full matches
 _TRACK_REACH = 0.12  # m; largest error of the odometry since the last scan
+_FASTEST, _LEAST_STEP_S = 5.0, 0.3  # m/s, s; odometry that is faster for longer is no motion of a chair
 
 
 @dataclass(frozen=True, slots=True)
@@ -245,7 +246,16 @@ class Mapper:
         if own is None:
             return self._state.motion
         before, self._state.odometry = self._state.odometry, own.odom_from_base
-        return Pose2() if before is None else before.inverse() @ self._state.odometry
+        if before is None:
+            return Pose2()
+        step = before.inverse() @ self._state.odometry
+        seconds = (
+            max((frame.stamp_ns - self.frames[-1].stamp_ns) * 1e-9, _LEAST_STEP_S) if len(self.frames) else math.inf
+        )
+        if math.hypot(step.x, step.y) <= _FASTEST * seconds:
+            return step
+        self.counts["odometry_jumps"] += 1  # no motion, as where the odometry begins anew
+        return self._state.motion
 
     def _points(self, frame: SensorFrame) -> ScanPoints:
         assert frame.scan is not None

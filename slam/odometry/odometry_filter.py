@@ -108,6 +108,7 @@ class OdometryFilter:
         self._wheels: WheelTicks | Odometry | None = None
         self._gyro = _Gyro()
         self._still_s = 0.0
+        self._feels = True  # whether the last IMU sample had an acceleration
         self._slipped_ns: int | None = None
         self.innovation: float | None = None
         """Normalised innovation [sigma] of the wheels' last turn against the gyro; None without a comparison."""
@@ -166,11 +167,13 @@ class OdometryFilter:
     def update_imu(self, sample: ImuSample) -> Odometry:
         """Add an IMU sample in axes of the base, and return the odometry at its stamp.
 
-        A sample gives the motion since the last sample. A sample more than a second ahead of all other readings comes
+        A sample gives the motion since the last sample; one whose acceleration is all nan shows no slip of both wheels. A
+        sample more than a second ahead of all other readings comes
         from another clock, and is ignored until the wheels catch up.
         """
         rate, accel, stamp_ns = float(sample.gyro[2]), float(sample.accel[0]), sample.stamp_ns
-        if not math.isfinite(rate + accel) or abs(rate) > _FASTEST_TURN:
+        feels = not bool(np.isnan(sample.accel).all())
+        if not math.isfinite(rate + (accel if feels else 0.0)) or abs(rate) > _FASTEST_TURN:
             return self._last_output(stamp_ns)
         if self._now_ns is None:
             self._begin(stamp_ns)
@@ -185,7 +188,9 @@ class OdometryFilter:
         fresh = self._gyro.stamp_ns is None or self._gyro.stamp_ns <= self._state_ns
         self._gyro.complete = (fresh or self._gyro.complete) and fresh_ns <= REACH_NS
         self._gyro.turned += rate * fresh_ns * 1e-9
-        self._slip_detector.add_acceleration(accel, fresh_ns * 1e-9)
+        self._feels = feels
+        if self._feels:
+            self._slip_detector.add_acceleration(accel, fresh_ns * 1e-9)
         self._gyro.stamp_ns, self._gyro.rate = stamp_ns, rate
         if stamp_ns - self._state_ns > _COAST_NS:
             self._advance(stamp_ns, None)
@@ -266,7 +271,7 @@ class OdometryFilter:
         if seconds <= 0.0:
             return
         gyro, slip, self.innovation = self._gyro_until(end_ns), None, None
-        if wheels is not None and gyro is not None:
+        if wheels is not None and gyro is not None and self._feels:
             slip = self._slip_detector.slip_speed(forward(wheels) / seconds, seconds)
         motion = wheels if slip is None or wheels is None else arc(slip * seconds, wheels.theta)
         self._move(predict_step(self._filter.x, seconds, motion, gyro, self.settings))

@@ -15,6 +15,14 @@ from waychair.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2,
 MIN_POINTS = 20
 """A scan with fewer usable points cannot be matched."""
 
+_LINE_BEAMS = 3  # beams on either side of a point through which its line goes at least
+_LINE_NOISES = 5.0  # times the noise of the ranges; least length of a line on either side of its point
+_LEAST_SPREAD = 1.5  # times the noise; least standard deviation of the points along their line
+# Noise lies along the beams. Seven beams of a dense lidar span a few millimetres of a near surface: a line through them
+# shows the noise, its normal points along the surface, and such points hold the chair back.
+_NOISE_LIMITS = (0.004, 0.04)  # m; noise of usual lidars
+_NEAR_SPACING = 0.05  # m between two beams; farther, the shape of the surfaces hides the noise
+_LEAST_TRIPLES = 20  # three neighbouring beams, from which the noise is estimated
 _NO_MOTION = np.empty((0, 3))  # no motion during a scan
 
 
@@ -107,9 +115,11 @@ def _with_normals(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the usable points and their normals towards the laser.
 
-    A normal belongs to a total-least-squares line through up to 3 beams on either side.
+    A normal belongs to a total-least-squares line through `_LINE_BEAMS` beams on either side, or through more where they
+    lie so close together that the line would be short beside the noise of the ranges.
     """
     count, kept = len(points), 0
+    noise = _noise(points, usable, laser_x, laser_y, angle_step)
     ends = np.empty((np.count_nonzero(usable), 2))
     normals = np.zeros(ends.shape)
     for i in range(count):
@@ -118,17 +128,19 @@ def _with_normals(
         k, kept = kept, kept + 1
         ends[k, 0], ends[k, 1] = points[i, 0], points[i, 1]
         x, y = points[i, 0] - laser_x, points[i, 1] - laser_y
-        reach = 0.05 + 4.0 * angle_step * math.hypot(x, y)
+        reach = max(0.05, 4.0 * noise) + 4.0 * angle_step * math.hypot(x, y)
         n, mx, my, xx, xy, yy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
         for side in (-1, 1):
             last = i
-            for step in range(0 if side == -1 else 1, 4):
+            for step in range(0 if side == -1 else 1, count):
                 j = i + side * step
                 if j < 0 or j >= count or not usable[j]:
                     break
                 if math.hypot(points[j, 0] - points[last, 0], points[j, 1] - points[last, 1]) > reach:
                     break
                 dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+                if step > _LINE_BEAMS and math.hypot(dx, dy) > _LINE_NOISES * noise:
+                    break
                 n, mx, my = n + 1, mx + dx, my + dy
                 xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
                 last = j
@@ -137,7 +149,7 @@ def _with_normals(
         xx, xy, yy = xx / n - mx * mx / n**2, xy / n - mx * my / n**2, yy / n - my * my / n**2
         spread = math.sqrt((xx - yy) ** 2 + 4 * xy * xy)
         thin, wide = 0.5 * (xx + yy - spread), 0.5 * (xx + yy + spread)
-        if wide <= 0.0 or thin > 0.15 * wide or thin > 0.05**2:
+        if wide <= (_LEAST_SPREAD * noise) ** 2 or thin > 0.15 * wide or thin > max(0.05, 2.0 * noise) ** 2:
             continue
         angle = 0.5 * math.atan2(2 * xy, xx - yy)
         nx, ny = -math.sin(angle), math.cos(angle)
@@ -145,6 +157,26 @@ def _with_normals(
             nx, ny = -nx, -ny
         normals[k, 0], normals[k, 1] = nx, ny
     return ends, normals
+
+
+@njit(cache=True)
+def _noise(points: FloatArray, usable: BoolArray, laser_x: float, laser_y: float, angle_step: float) -> float:
+    """Return the standard deviation [m] of a scan's ranges, from their second differences, within `_NOISE_LIMITS`."""
+    bends, count = np.empty(len(points)), 0
+    for i in range(1, len(points) - 1):
+        if not (usable[i - 1] and usable[i] and usable[i + 1]):
+            continue
+        here = math.hypot(points[i, 0] - laser_x, points[i, 1] - laser_y)
+        if here * angle_step > _NEAR_SPACING:
+            continue
+        before = math.hypot(points[i - 1, 0] - laser_x, points[i - 1, 1] - laser_y)
+        after = math.hypot(points[i + 1, 0] - laser_x, points[i + 1, 1] - laser_y)
+        bends[count] = abs(before - 2.0 * here + after)
+        count += 1
+    if count < _LEAST_TRIPLES:
+        return _NOISE_LIMITS[0]
+    noise = np.median(bends[:count]) / (0.6745 * math.sqrt(6.0))
+    return min(max(noise, _NOISE_LIMITS[0]), _NOISE_LIMITS[1])
 
 
 class ScanStore:

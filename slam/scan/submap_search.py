@@ -19,6 +19,7 @@ from waychair.types import FloatArray, IntArray, Pose2
 
 REACH = 2.0  # m; the chair stands within this distance of a pose of the submap
 MAX_BEND = 0.1  # m; the pyramid of a submap whose poses moved further in its own frame is stale
+MAX_SPAN = 100.0  # m; key scans farther from most of their submap were put there by a jump of the odometry
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,19 +38,24 @@ class SubmapPyramids:
         self._kept: dict[int, tuple[IntArray, FloatArray, Pyramid]] = {}
 
     def pyramid(self, submap: int, store: ScanStore, poses: FloatArray, members: IntArray) -> Pyramid:
-        """Return the pyramid of the key scans `members` (M,), in the frame of the first of them."""
+        """Return the pyramid of the key scans `members` (M,), in the frame of the first of them.
+
+        Its size is limited: key scans that a jump has put beyond `MAX_SPAN` of most others are left out.
+        """
         shape = compose(invert(poses[members[0]]), poses[members])
         if submap in self._kept:
             known, then, pyramid = self._kept[submap]
             if np.array_equal(known, members) and np.hypot(*(shape - then)[:, :2].T).max() <= MAX_BEND:
                 return pyramid
+        near = np.hypot(*(shape[:, None, :2] - shape[None, :, :2]).transpose(2, 0, 1)) <= MAX_SPAN
+        together = near[int(np.argmax(near.sum(axis=0)))]
         every = np.concatenate(
             [
                 transform_points(pose_from_array(pose), store[int(member)].points)
-                for pose, member in zip(shape, members, strict=True)
+                for pose, member in zip(shape[together], members[together], strict=True)
             ]
         )
-        pyramid = pyramid_from_points(every, shape[:, :2], REACH)
+        pyramid = pyramid_from_points(every, shape[together, :2], REACH)
         self._kept[submap] = (members.copy(), shape, pyramid)
         return pyramid
 

@@ -24,11 +24,15 @@ import yaml
 
 from waychair.errors import ConfigError
 from waychair.files import write_text
+from waychair.pose_text import ImpossiblePose, NoPoseText, angle_from_text
 from waychair.removed_settings import RemovedKey, RemovedSettings, removed_keys_sentence
 from waychair.yaml_files import load_yaml
 
 T = TypeVar("T")
 S = TypeVar("S", bound="Settings")
+
+RADIANS = "rad"
+"""The unit of angles; their values may be written with `deg` in a file."""
 
 
 def setting(default: T, unit: str, about: str, *, low: float = -math.inf, high: float = math.inf) -> T:
@@ -58,7 +62,38 @@ def check_ranges(values: Any) -> None:
         low, high = entry.metadata.get("low", -math.inf), entry.metadata.get("high", math.inf)
         if not (math.isfinite(value) and low <= value <= high):
             unit = entry.metadata.get("unit", "")
-            raise ConfigError(f"{entry.name} = {value} is impossible: it must lie in [{low:g}, {high:g}] {unit}")
+            degrees = unit == RADIANS and low <= math.radians(value) <= high
+            advice = f"; for {value:g} degrees write {value:g}deg or {math.radians(value):.4g}" if degrees else ""
+            raise ConfigError(
+                f"{entry.name} = {value} is impossible: it must lie in [{low:g}, {high:g}] {unit}{advice}"
+            )
+
+
+def with_angles(kind: Any, values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return nested values for a dataclass of `setting`s, with the texts of angles (`90deg`) as radians.
+
+    Raises:
+        ConfigError: such a text is no angle, or more than a full turn. `where` names the source.
+    """
+    entries = {entry.name: entry for entry in dataclasses.fields(kind)}
+    result = dict(values)
+    for key, value in values.items():
+        entry = entries.get(key)
+        if entry is None:
+            continue
+        inner = entry.default_factory
+        if dataclasses.is_dataclass(inner) and isinstance(value, Mapping):
+            result[key] = with_angles(inner, value, f"{where}: {key}")
+        elif entry.metadata.get("unit") == RADIANS and isinstance(value, str):
+            try:
+                result[key] = angle_from_text(value)
+            except ImpossiblePose as error:
+                raise ConfigError(f"{where}: {key}: {error}") from error
+            except NoPoseText as error:
+                raise ConfigError(
+                    f"{where}: {key} is '{value}'; it must be radians, or degrees such as 90deg"
+                ) from error
+    return result
 
 
 def from_mapping(cls: type[S], values: Mapping[str, Any], where: str = "configuration") -> S:
@@ -69,7 +104,7 @@ def from_mapping(cls: type[S], values: Mapping[str, Any], where: str = "configur
     """
     _refuse_unknown_keys(cls, values, where)
     try:
-        return msgspec.convert(dict(values), cls)
+        return msgspec.convert(with_angles(cls, values, where), cls)
     except (msgspec.ValidationError, ConfigError) as error:
         raise ConfigError(f"{where}: {error}") from error
 

@@ -30,6 +30,10 @@ class RecordingDamaged(RecordingError):
     """The recording is empty, truncated or not of a known format."""
 
 
+class RecordingUnknown(RecordingDamaged):
+    """The file is of another kind than the recordings that can be read."""
+
+
 class NoScans(RecordingError):
     """The recording holds no laser scans, so no map can be made from it."""
 
@@ -44,6 +48,10 @@ class MapError(WaychairError):
 
 class SessionError(MapError):
     """A drive cannot be joined to a map of earlier drives."""
+
+
+class GridTooLarge(MapError):
+    """A map in the making would have more cells than can be planned on."""
 
 
 class MapNotFound(MapError):

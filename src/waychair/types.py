@@ -155,7 +155,7 @@ class RgbdFrame:
 
 @dataclass(frozen=True, slots=True)
 class ImuSample:
-    """REP-145: accel (3,) [m/s^2] with +g upwards at rest, gyro (3,) [rad/s]."""
+    """REP-145: accel (3,) [m/s^2] with +g upwards at rest, nan where it is unknown; gyro (3,) [rad/s]."""
 
     stamp_ns: int
     accel: FloatArray

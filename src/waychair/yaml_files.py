@@ -139,6 +139,8 @@ def _refusal(where: str, error: yaml.YAMLError, failure: type[WaychairError]) ->
     """Return the caller's error: the file, the line, the problem."""
     if isinstance(error, yaml.MarkedYAMLError):
         problem = _TOO_DEEP if "nesting depth" in (error.problem or "") else error.problem
+        if "cannot start any token" in (problem or ""):
+            problem = "a tab or another character stands where a value begins: indent by spaces"
         line = f", line {error.problem_mark.line + 1}" if error.problem_mark else ""
         context = f"{error.context}, " if (error.context or "").startswith("expected") else ""
         return failure(f"{where}{line}: {context}{problem}; correct the YAML there")

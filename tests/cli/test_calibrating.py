@@ -297,8 +297,8 @@ def test_firmware_with_another_hash_is_refused_before_anything_moves(
     [
         ("ttyUSB0", TransportError, "--port must be /dev/..."),
         ("tcp:localhost", TransportError, "needs a host and a number"),
-        ("/dev/no_such_port", TransportError, "cannot open the serial port"),
-        ("pty:/dev/pts/none", TransportError, "cannot open the serial port"),
+        ("/dev/no_such_port", TransportError, "there is no serial port /dev/no_such_port"),
+        ("pty:/dev/pts/none", TransportError, "there is no terminal /dev/pts/none"),
         ("tcp:127.0.0.1:1", TransportError, "cannot connect"),
     ],
 )

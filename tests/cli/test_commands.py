@@ -76,7 +76,7 @@ def test_places_are_added_listed_and_moved(map_folder: Path) -> None:
     assert waychair("places", "--map", map_folder, "--add", "desk", "1.0,0.5,1.57").returncode == 0
     added = waychair("places", "--map", map_folder / "map.yaml", "--add", "door", "-1.0,-0.5")
     assert added.stdout.splitlines() == ["desk: 1.00, 0.50, 1.57", "door: -1.00, -0.50, 0.00"]
-    assert "desk: 2.00" in waychair("places", "--map", map_folder, "--add", "desk", "2,0,0").stdout
+    assert "desk: 2.00" in waychair("places", "--map", map_folder, "--move", "desk", "2,0,0").stdout
 
 
 @pytest.mark.parametrize(

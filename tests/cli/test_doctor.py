@@ -14,6 +14,7 @@ import pytest
 
 from waychair.cli import doctor
 from waychair.cli.doctor import Check, PartState
+from waychair.install_advice import pip_install
 
 WAYCHAIR = Path(sys.executable).parent / "waychair"
 _Usage = namedtuple("_Usage", "total used free")
@@ -58,9 +59,9 @@ def test_missing_packages_are_named_with_the_required_versions(monkeypatch: pyte
         return "1"
 
     monkeypatch.setattr(metadata, "version", version)
-    assert (doctor._core().state, doctor._core().remedy) == (PartState.MISSING, "pip install 'numba>=0.60'")
+    assert (doctor._core().state, doctor._core().remedy) == (PartState.MISSING, f"{pip_install()} 'numba>=0.60'")
     assert doctor._physics().state is PartState.OPTIONAL
-    assert doctor._physics().remedy.startswith("pip install 'mujoco")
+    assert doctor._physics().remedy.startswith(f"{pip_install()} 'mujoco")
     assert doctor._web().state is PartState.OK
 
 
@@ -71,7 +72,7 @@ def test_a_machine_without_egl_only_loses_the_camera(monkeypatch: pytest.MonkeyP
     check = doctor._camera()
     assert (check.state, check.remedy) == (PartState.OPTIONAL, "sudo apt-get install libegl1 libgl1-mesa-dri")
     monkeypatch.setattr(doctor, "find_spec", lambda name: None)
-    assert doctor._camera().remedy == "pip install moderngl"
+    assert doctor._camera().remedy == f"{pip_install()} moderngl"
 
 
 def test_a_full_disk_is_a_failure_and_a_missing_compiler_is_not(monkeypatch: pytest.MonkeyPatch) -> None:

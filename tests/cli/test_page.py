@@ -20,7 +20,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waychair.cli.options.arguments import BadArgument
-from waychair.cli.options.page_process import page_address, page_token, port_of_page
+from waychair.cli.options.page_process import page_addresses, page_token, port_of_page
 from waychair.maps.drawn.places import load_places
 from waychair.maps.folders.map_drawing import DrawingEditor
 from waychair.ros.stack import Stack, processes
@@ -42,7 +42,7 @@ def test_only_a_page_for_others_needs_a_token_and_gets_one() -> None:
 def test_a_token_can_stand_in_an_address_or_is_refused(text: str) -> None:
     fits = len(text) >= 12 and all(c.isascii() and (c.isalnum() or c in "-_") for c in text)
     if fits:
-        assert page_address(8000, False, page_token(True, text)) == f"http://127.0.0.1:8000/#token={text}"
+        assert page_addresses(8000, False, page_token(True, text)) == (f"http://127.0.0.1:8000/#token={text}",)
     else:
         with pytest.raises(BadArgument, match="--token"):
             page_token(True, text)

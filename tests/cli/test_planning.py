@@ -57,7 +57,7 @@ def test_a_path_leads_through_the_door_and_is_drawn(flat: Path, tmp_path: Path) 
         ("0,0", "1,zwei", "X,Y"),
         ("0,0", "1e19,0", "up to 1e+06 m"),
         ("-1e308,0", "kitchen", "up to 1e+06 m"),
-        ("0,0,1e308", "kitchen", "THETA 1000 rad"),
+        ("0,0,1e308", "kitchen", "more than a full turn"),
         ("-0.75,3", "kitchen", "does not fit at its start (-0.75, 3.00) with the heading"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,9 @@ import pytest
 import yaml
 
 from waychair.cli.options.arguments import BadArgument
-from waychair.cli.stack_commands import goto_command, up_command
+from waychair.cli.options.stack_options import StackChairOptions, StackFileOptions, StackPageOptions
+from waychair.cli.stack_commands import goto_command
+from waychair.cli.starting import up_command
 from waychair.errors import ConfigError, MapNotFound, WorldError, ZoneError
 from waychair.maps.folders.map_files import load_map, save_map
 from waychair.ros.stack import BOARD_LINK, Stack, processes
@@ -78,8 +81,13 @@ def test_urgent_processes_have_priorities_in_the_order_of_safety(tmp_path: Path)
 
 def test_parameters_of_the_user_come_last_and_override_the_others(tmp_path: Path) -> None:
     own = tmp_path / "own.yaml"
-    for row in processes(Stack(tmp_path, world=WORLD, parameters=own)):
-        assert row.arguments[-2:] == ("--params-file", str(own))
+    own.write_text("/**/navigator: {ros__parameters: {limiter: {max_speed: 0.5}, camera: false, use_sim_time: true}}\n")
+    configured = {"navigator": {"limiter.max_speed": 0.9}}
+    for row in processes(Stack(tmp_path, world=WORLD, parameters=own, settings=configured)):
+        assert row.arguments[-2:] == ("--params-file", str(tmp_path / f"{row.name}.yaml"))
+    given = parameters(tmp_path, "navigator")
+    assert (given["limiter.max_speed"], given["camera"], given["use_sim_time"]) == (0.5, False, True)
+    assert "limiter.max_speed" not in parameters(tmp_path, "bridge")
 
 
 def test_nodes_of_a_namespace_keep_their_transforms_inside_of_it(tmp_path: Path) -> None:
@@ -105,7 +113,7 @@ def test_an_impossible_run_is_refused(stack: Stack, error: type[Exception], sent
 def test_unattended_drives_are_refused_for_a_real_chair() -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed (no rclpy)")
     with pytest.raises(BadArgument, match="--unattended needs --sim"):
-        up_command(chair=Path("chair.yaml"), cable="/dev/ttyUSB0", unattended=True)
+        up_command(chair=StackChairOptions(chair=Path("chair.yaml"), cable="/dev/ttyUSB0", unattended=True))
 
 
 def test_goto_without_a_goal_is_refused() -> None:
@@ -125,14 +133,17 @@ def test_the_status_of_a_chair_that_does_not_run_is_one_sentence() -> None:
         timeout=120.0,
     )
     assert told.returncode == 1
-    assert told.stderr == "waychair: no message from the bridge within 5 s: start the chair with `waychair up`\n"
+    assert told.stderr.startswith("waychair: no chair runs in ROS domain 101: start one with `waychair up`")
+    assert told.stderr.count("\n") == 1
 
 
 def test_an_invalid_map_or_a_zone_of_another_place_is_refused_before_any_node_starts(tmp_path: Path) -> None:
+    simulated, files = StackChairOptions(sim=WORLD), StackFileOptions(out=tmp_path)
+    up = partial(up_command, chair=simulated, files=files, page=StackPageOptions(page=False))
     with pytest.raises(MapNotFound, match="there is no map at"):
-        up_command(sim=WORLD, map=tmp_path / "nowhere", out=tmp_path, page=False)
+        up(map=tmp_path / "nowhere")
     folder = tmp_path / "map"
     save_map(folder, OccupancyGrid(np.zeros((40, 40), np.int8), 0.05))
     (folder / "zones.yaml").write_text("stairs: {keep_out: true, polygon: [[9, 9], [11, 9], [11, 12]]}\n")
     with pytest.raises(ZoneError, match="the zone 'stairs'"):
-        up_command(sim=WORLD, map=folder, out=tmp_path, page=False)
+        up(map=folder)

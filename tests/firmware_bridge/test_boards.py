@@ -25,6 +25,9 @@ from waychair.firmware_bridge.protocol import (
 )
 
 SHIMS = Path(__file__).with_name("shims")
+NAMED = ('-DCHAIR_ID="A"', "-DCHAIR_FAMILY=FAMILY_HALL_5V")
+"""The lines that a builder writes into the sketch."""
+
 PIN_SWITCH, PIN_CUT, PIN_ESTOP = 16, 17, 27
 
 
@@ -35,7 +38,7 @@ def libraries(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     for dac in ("dac_internal", "dac_mcp4728"):
         built[dac] = tmp_path_factory.mktemp("esp32") / f"{dac}.so"
         sources = [*FIRMWARE.glob("*.c"), *(FIRMWARE / "esp32" / f"{n}.c" for n in ("hal_esp32", "sketch", dac))]
-        flags = [*STRICT, "-g", "-fPIC", "-shared", f"-I{SHIMS}", f"-I{FIRMWARE}", f"-I{FIRMWARE / 'esp32'}"]
+        flags = [*STRICT, "-g", "-fPIC", "-shared", f"-I{SHIMS}", f"-I{FIRMWARE}", f"-I{FIRMWARE / 'esp32'}", *NAMED]
         compile_c([*flags, *map(str, sources), str(SHIMS / "fake_esp32.c"), "-o", str(built[dac])])
     return built
 

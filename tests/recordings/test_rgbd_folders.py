@@ -24,12 +24,12 @@ from waychair.types import Trajectory3
 
 
 def tum(folder: Path, count: int = 5, depth_late: float = 0.01) -> Path:
-    """A folder of small pictures without lists: the names are the stamps."""
+    """A folder of pictures without lists: the names are the stamps."""
     (folder / "rgb").mkdir(parents=True)
     (folder / "depth").mkdir()
     for k in range(count):
-        cv2.imwrite(str(folder / "rgb" / f"{100 + k:.6f}.png"), np.full((6, 8, 3), (10 * k, 20, 30), np.uint8))
-        depth = np.full((6, 8), 5000 * (k + 1), np.uint16)
+        cv2.imwrite(str(folder / "rgb" / f"{100 + k:.6f}.png"), np.full((480, 640, 3), (10 * k, 20, 30), np.uint8))
+        depth = np.full((480, 640), 5000 * (k + 1), np.uint16)
         depth[0, 0] = 0
         cv2.imwrite(str(folder / "depth" / f"{100 + k + depth_late:.6f}.png"), depth)
     return folder
@@ -108,8 +108,9 @@ def test_missing_damaged_and_wrong_pictures_are_left_out_and_counted(tmp_path: P
 
 def test_colour_without_depth_in_time_gives_a_warning_and_no_depth_at_all_is_refused(tmp_path: Path) -> None:
     folder = tum(tmp_path / "fr1")
-    next((folder / "depth").iterdir()).unlink()
-    assert read_recording(folder).warnings == ("1 colour pictures have no depth within 0.02 s",)
+    min((folder / "depth").iterdir()).unlink()
+    alone = "1 colour pictures have no depth within 0.02 s: the nearest is 1.01 s away"
+    assert read_recording(folder).warnings == (alone, "1 of 5 pictures are lost: 4 pairs are used")
     with pytest.raises(RecordingDamaged, match="no colour picture"):
         read_recording(tum(tmp_path / "late_fr1", depth_late=0.3))
 

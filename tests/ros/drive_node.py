@@ -40,6 +40,10 @@ class DriveNode(ChairNode[DriveSettings]):
             raise GoalOccupied(f"the goal ({goal.x:g}, {goal.y:g}) lies in a wall")
         self._goal, self._left_m, self._cancelled = goal, math.hypot(goal.x, goal.y), False
 
+    def refuse(self, reason: str) -> None:
+        """See `GoalDriver`."""
+        self.get_logger().error(f"a goal was refused: {reason}")
+
     def cancel(self) -> None:
         """See `GoalDriver`."""
         self._cancelled = True

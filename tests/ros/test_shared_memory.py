@@ -43,8 +43,9 @@ def test_ports_are_removed_only_if_no_process_lives(tmp_path: Path) -> None:
     for name in (SEGMENT, f"{SEGMENT}_el", PORT, f"{PORT}_el", f"sem.{PORT}_mutex", half_made, others):
         (tmp_path / name).touch()
     before = set(tmp_path.iterdir())
-    with (tmp_path / f"{SEGMENT}_el").open() as lock:
+    with (tmp_path / f"{SEGMENT}_el").open() as lock, (tmp_path / f"{PORT}_el").open() as listens:
         fcntl.flock(lock, fcntl.LOCK_EX)
+        fcntl.flock(listens, fcntl.LOCK_EX)
         assert remove_dead_segments(tmp_path) == 0
         assert set(tmp_path.iterdir()) == before
     assert remove_dead_segments(tmp_path) == 1

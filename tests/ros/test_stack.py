@@ -384,9 +384,7 @@ def test_a_dead_simulator_gives_one_clear_diagnostic(stack: LiveStack) -> None:
     dead_ns = time.time_ns()
     stops_and_comes_back(stack, kill(stack, "simulator"))
     said = [report for _, each in reports.since(dead_ns) for report in each if report.name == "/bridge: board"]
-    assert any(
-        report.level is DiagnosticLevel.ERROR and "is the board plugged in?" in report.message for report in said
-    )
+    assert any(report.level is DiagnosticLevel.ERROR and "there is no terminal" in report.message for report in said)
     back_ns = time.time_ns()
     stack.until(
         lambda: any(

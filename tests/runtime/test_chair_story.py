@@ -62,6 +62,10 @@ def test_repeated_points_are_no_turn() -> None:
         (replace(FACTS, countdown_s=2.0), "About to drive to lift."),
         (replace(FACTS, way=np.empty((0, 2))), "Looking for a path to lift."),
         (
+            replace(FACTS, holds_lines=False),
+            "Waiting until the joystick has been at rest for two seconds: let go of it. Then the drive to lift goes on.",
+        ),
+        (
             replace(FACTS, stage=Stage.WAITING, reason="something is in the way; waiting"),
             "Waiting: something is in the way. The chair goes on by itself once there is a path.",
         ),

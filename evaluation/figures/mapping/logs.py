@@ -52,7 +52,7 @@ def coreslam(out: Path) -> Json:
     """
     figures: dict[str, Json] = {}
     for name in ("exp1", "exp2"):
-        report, cpu = _mapped(out.with_name(f"{out.stem}_{name}.json"), f"lidar_coreslam/{name}.dat.gz")
+        report, cpu = mapped(out.with_name(f"{out.stem}_{name}.json"), f"lidar_coreslam/{name}.dat.gz")
         figures[name] = {
             "loops": report["edges"]["loop"],
             "torn": report["edges"]["torn"],
@@ -66,7 +66,7 @@ def coreslam(out: Path) -> Json:
 
 def sena(out: Path) -> Json:
     """The robotic wheelchair's loop: at least one loop closure; check the walls in map.pgm."""
-    report, _ = _mapped(out, "wheelchair_sena/sena_one_loop.clf.gz")
+    report, _ = mapped(out, "wheelchair_sena/sena_one_loop.clf.gz")
     return {"passed": report["edges"]["loop"] >= 1, "loops": report["edges"]["loop"], "map": str(_folder(out))}
 
 
@@ -74,7 +74,7 @@ def _folder(out: Path) -> Path:
     return out.with_suffix("")
 
 
-def _mapped(out: Path, log: str) -> tuple[Json, float]:
+def mapped(out: Path, log: str) -> tuple[Json, float]:
     """Return the report of `waychair map`, and the processor time of the whole command [s]."""
     command = [
         str(Path(sys.executable).parent / "waychair"),
@@ -93,7 +93,7 @@ def _mapped(out: Path, log: str) -> tuple[Json, float]:
 
 def _scored(out: Path, log: str, relations: str, bars: Bars) -> Json:
     """Score by the recordings' metric; ours, which separates relations across loops, must agree with it."""
-    report, cpu = _mapped(out, log)
+    report, cpu = mapped(out, log)
     tool = DATA.parent / "tools" / "trajectory_error.py"
     arguments = [str(_folder(out) / "trajectory.tum"), str(DATA / relations)]
     command = [sys.executable, str(tool), "relations", *arguments]

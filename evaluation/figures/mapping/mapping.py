@@ -105,7 +105,7 @@ def _spliced(recording: Recording, cut: int, on: int, relations: Path) -> tuple[
     error = relation_errors(result.trajectory, read_relations(relations)).loop.mean_m
     if error < 0.10:
         return "mended", error
-    known = any("could not be joined" in warning for warning in torn_warnings(result))
+    known = any("is not joined" in warning for warning in torn_warnings(result))
     return "known" if known else "wrong", error
 
 

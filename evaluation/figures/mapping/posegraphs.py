@@ -7,17 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.figures.mapping.logs import DATA
+from evaluation.figures.mapping.logs import DATA, mapped
 from waychair.geometry import compose, invert, pose_from_array
 from waychair.slam.graph.edges import Edge, EdgeKind, edge_arrays
 from waychair.slam.graph.g2o_files import read_g2o
 from waychair.slam.graph.least_squares import least_squares
 from waychair.slam.graph.pose_synchronisation import isotropic, lower_bound, polished, sesync_objective
 from waychair.slam.graph.robust_optimisation import chained_poses, solve
-from waychair.types import BoolArray, FloatArray, Json, Pose2
+from waychair.types import FloatArray, Json, Pose2
 
 PUBLISHED = {"intel": 52.35, "manhattan": 6432.0, "city10000": 638.6}
 """Certified optima of F: SE-Sync, IJRR 2019, tables 1 and 2. For MIT, which is missing, a bound is computed below."""
+
+SEEDS = {1: 3, 10: 3, 50: 4}
+"""Draws of 50 false loops per graph, by the size of the groups that agree: 30 in all."""
+
+FALSE_LOOPS_BAR = 0.05  # m
 
 
 def posegraphs(out: Path) -> Json:
@@ -44,32 +49,44 @@ def posegraphs(out: Path) -> Json:
 
 
 def false_loops(out: Path) -> Json:
-    """50 false loops, started from odometry: RMSE to the optimum of the clean graph at most 0.1 m.
+    """50 false loops, scattered and in groups of 10 and 50 that agree, from dead reckoning: RMSE at most 0.05 m each.
 
-    They are drawn singly and, as a harder case without a bar, in consistent groups.
+    The reference is the optimum of the clean graph, and each graph is also solved without a false loop. Freiburg 079 has no
+    published graph; the one that the mapper writes stands for it.
     """
     rows = []
-    for name, seeds in (("intel", 5), ("manhattan", 2)):
-        poses, edges = read_g2o(DATA / "posegraphs" / f"{name}.g2o.gz")
+    for name in ("intel", "fr079", "manhattan"):
+        poses, edges = read_g2o(_graph_file(out, name))
         start = chained_poses(poses, edges)
         clean = least_squares(start, edge_arrays(edges))
+        rows.append(_solved_row(name, 0, 0, start, clean, edges, []))
         for group in (1, 10, 50):
-            for seed in range(seeds):
+            for seed in range(SEEDS[group]):
                 false = drawn_false_loops(clean, edges, seed, group)
-                started = time.process_time()
-                solution = solve(start, (*edges, *false))
-                rows.append(_row(name, group, seed, solution.poses - clean, solution.accepted, len(false)))
-                rows[-1]["cpu_s"] = round(time.process_time() - started, 2)
-    worst = max(row["rmse_m"] for row in rows if row["group"] == 1)
+                rows.append(_solved_row(name, group, seed, start, clean, edges, false))
+    drawn = [row for row in rows if row["group"]]
+    worst = {group: max(row["rmse_m"] for row in rows if row["group"] == group) for group in (0, *SEEDS)}
     return {
-        "passed": worst <= 0.1,
-        "bar_m": 0.1,
-        "worst_rmse_m": worst,
-        "worst_rmse_of_groups_m": max(row["rmse_m"] for row in rows if row["group"] > 1),
-        "least_precision": min(row["precision"] for row in rows),
-        "least_recall": min(row["recall"] for row in rows),
+        "passed": max(worst.values()) <= FALSE_LOOPS_BAR,
+        "bar_m": FALSE_LOOPS_BAR,
+        "draws": len(drawn),
+        "draws_within_bar": sum(row["rmse_m"] <= FALSE_LOOPS_BAR for row in drawn),
+        "worst_rmse_without_false_loops_m": worst[0],
+        "worst_rmse_m": worst[1],
+        "worst_rmse_in_groups_of_10_m": worst[10],
+        "worst_rmse_in_a_group_of_50_m": worst[50],
+        "least_precision": min(row["precision"] for row in drawn),
+        "least_recall": min(row["recall"] for row in drawn),
         "runs": rows,
     }
+
+
+def _graph_file(out: Path, name: str) -> Path:
+    if name != "fr079":
+        return DATA / "posegraphs" / f"{name}.g2o.gz"
+    mapped_as = out.with_name(f"{out.stem}_fr079.json")
+    mapped(mapped_as, "lidar_fr079/fr079_laser.clf.gz")
+    return mapped_as.with_suffix("") / "graph.g2o"
 
 
 def drawn_false_loops(
@@ -98,17 +115,23 @@ def drawn_false_loops(
     return drawn
 
 
-def _row(name: str, group: int, seed: int, away: FloatArray, accepted: BoolArray, false: int) -> Json:
-    """Return a row; precision and recall refer to the rejection of exactly the false loops."""
-    left_out = ~accepted
-    caught = int(left_out[-false:].sum())
+def _solved_row(
+    name: str, group: int, seed: int, start: FloatArray, clean: FloatArray, edges: tuple[Edge, ...], false: list[Edge]
+) -> Json:
+    """Return the row of one solution; precision and recall refer to the rejection of exactly the false loops."""
+    started = time.process_time()
+    solution = solve(start, (*edges, *false))
+    seconds = time.process_time() - started
+    left_out, away = ~solution.accepted, solution.poses - clean
+    caught = int(left_out[len(edges) :].sum())
     return {
         "graph": name,
         "group": group,
         "seed": seed,
         "rmse_m": float(np.sqrt((away[:, :2] ** 2).sum(axis=1).mean())),
-        "false_kept": false - caught,
-        "true_lost": int(left_out[:-false].sum()),
+        "false_kept": len(false) - caught,
+        "true_lost": int(left_out[: len(edges)].sum()),
         "precision": caught / max(int(left_out.sum()), 1),
-        "recall": caught / false,
+        "recall": caught / max(len(false), 1),
+        "cpu_s": round(seconds, 2),
     }

@@ -6,9 +6,17 @@
 void setup(void);
 void loop(void);
 
-/* Change these for each chair; the computer must name the same chair and family. */
-static const char CHAIR_ID[CHAIR_ID_LENGTH] = "A";
-static const uint8_t FAMILY = FAMILY_HALL_5V;
+/* Write the chair's name (at most 16 characters; the --chair-id of `waychair calibrate`) and its joystick family here. No
+ * name is given in advance: a board that was never named must not answer to the file of another chair.
+#define CHAIR_ID "mine"
+#define CHAIR_FAMILY FAMILY_HALL_5V
+ */
+#if !defined(CHAIR_ID) || !defined(CHAIR_FAMILY)
+#error "write the chair's name and its joystick family into sketch.c: CHAIR_ID and CHAIR_FAMILY"
+#endif
+
+static const char NAME[CHAIR_ID_LENGTH] = CHAIR_ID;
+static const uint8_t FAMILY = CHAIR_FAMILY;
 
 static board self;
 static unsigned long last_ms;
@@ -17,7 +25,7 @@ void setup(void)
 {
     board_config config = {.safety = safety_defaults(FAMILY)};
     for (int i = 0; i < CHAIR_ID_LENGTH; i++)
-        config.chair_id[i] = CHAIR_ID[i];
+        config.chair_id[i] = NAME[i];
     board_init(&self, &config);
     last_ms = millis();
 }

@@ -14,6 +14,8 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch_ros.actions import Node
 
 from waychair.ros.stack import Stack, processes
+from waychair.ros.stack_checks import check_stack
+from waychair.runtime.chair import ChairSettings
 
 if TYPE_CHECKING:
     from launch import LaunchContext, LaunchDescriptionEntity
@@ -60,6 +62,7 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         box=_path(given["box"]) or Path(given["out"], "box"),
         namespace=given["namespace"],
     )
+    check_stack(stack, ChairSettings())
     return [
         Node(
             package="waychair_ros",

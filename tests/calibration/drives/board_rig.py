@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.calibration.drives.board_drive import BoardDrive, DriveLimits
 from waychair.calibration.drives.measured_speeds import EncoderSpeeds, SpeedMeter
 from waychair.calibration.drives.sensor_lines import text_from_message
@@ -29,15 +29,22 @@ STEP_MS = 10
 
 
 class BoardRig:
-    """The chair "ward 3" with an eight-pin joystick; a context manager, and the clock of its drives.
+    """A chair, by default "ward 3", with an eight-pin joystick; a context manager, and the clock of its drives.
 
     Time passes in `wait_until`. Each of `events` runs once, at its time [ms] after the lines were first held.
     """
 
-    def __init__(self, program: Path, settings: SimulatorSettings | None = None, side: float = 40.0) -> None:
+    def __init__(
+        self,
+        program: Path,
+        settings: SimulatorSettings | None = None,
+        side: float = 40.0,
+        chair_id: str = "ward 3",
+        body: ChairBody = CHAIR_A,
+    ) -> None:
         settings = settings or with_few_beams(SimulatorSettings(plant=PLANT))
-        self.board = HostBoard(program, BoardSettings(chair_id="ward 3", family=Family.EIGHT_PIN_3V3))
-        self.simulator = Simulator(open_hall(side), CHAIR_A, settings, SEED)
+        self.board = HostBoard(program, BoardSettings(chair_id=chair_id, family=Family.EIGHT_PIN_3V3))
+        self.simulator = Simulator(open_hall(side), body, settings, SEED)
         self.stick = JoystickInput(0)
         self.inputs: dict[str, object] = {}
         self.events: list[tuple[int, Callable[[], None]]] = []

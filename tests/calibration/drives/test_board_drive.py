@@ -178,7 +178,12 @@ def test_the_board_of_another_chair_is_refused_with_both_names(rig: BoardRig) ->
 
 def test_another_joystick_family_is_refused(rig: BoardRig) -> None:
     with pytest.raises(BridgeError, match="made for joystick family"):
-        BoardDrive(rig.board.transport, rig.sensors, EncoderSpeeds(CHAIR_A), "ward 3", clock=rig)
+        BoardDrive(rig.board.transport, rig.sensors, EncoderSpeeds(CHAIR_A), "ward 3", family=Family.HALL_5V, clock=rig)
+
+
+def test_a_drive_without_a_named_joystick_family_takes_that_of_the_board(rig: BoardRig) -> None:
+    with BoardDrive(rig.board.transport, rig.sensors, EncoderSpeeds(CHAIR_A), "ward 3", clock=rig) as drive:
+        assert drive.family == Family.EIGHT_PIN_3V3
 
 
 def test_a_board_with_different_firmware_is_refused_by_its_hash(rig: BoardRig, monkeypatch: pytest.MonkeyPatch) -> None:

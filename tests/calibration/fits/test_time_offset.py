@@ -20,6 +20,7 @@ from waychair.calibration.fits.time_offset import (
     without_delay,
 )
 from waychair.errors import CalibrationError, ThinData
+from waychair.recordings.bags.bag_parts import BagFiles
 from waychair.recordings.bags.ros_decoding import imu_from_message, odometry_from_message
 from waychair.recordings.bags.rosbag_file import iterate_messages, open_bag
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, RgbdFrame, Scan, SonarReadings, WheelTicks
@@ -159,7 +160,7 @@ def test_on_a_real_robot_both_halves_agree_and_an_added_delay_is_found(data_dir:
     samples: list[ImuSample] = []
     wheels: list[Odometry] = []
     path = data_dir / "ros_bags" / "husky_imu_odom_gps.bag"
-    with open_bag(path, ".bag") as bag:
+    with open_bag(BagFiles(path, ((path, ".bag"),))) as bag:
         for connection, _, message in iterate_messages(path, bag, bag.connections):
             if connection.msgtype == "sensor_msgs/msg/Imu" and (sample := imu_from_message(message)):
                 samples.append(sample)

@@ -132,7 +132,7 @@ def test_added_cells_are_summed(told: list[tuple[int, int, bool]]) -> None:
 def test_a_pose_that_is_not_a_number_and_a_jump_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(MapError, match="not finite"):
         DepthEvidence().add(np.array([[math.nan, 0.0, 0.0]]), HERE, [LOW])
-    monkeypatch.setattr(occupancy, "MAX_CELLS", 100_000)
+    monkeypatch.setattr(occupancy, "MOST_CELLS", 100_000)
     small = DepthEvidence()
     small.add(HERE, HERE, [LOW])
     with pytest.raises(MapError, match="jumps"):

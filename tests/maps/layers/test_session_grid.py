@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +12,8 @@ from hypothesis import strategies as st
 from tests.maps.depth_rooms import picture, scan_of_picture
 from tests.maps.layers.test_grid_assembly import CELLS, HERE, NOBODY, POSES, assembled, assert_same, scan_from
 from waychair.maps.grid.cells import cells_from_points, occupied
-from waychair.maps.grid.occupancy import EvidenceGrid, build_grid
+from waychair.maps.grid.occupancy import EvidenceGrid, OccupancySettings, build_grid
+from waychair.maps.layers.grid_assembly import GridAssembly
 from waychair.maps.layers.session_grid import SessionDepth, SessionGrid
 from waychair.types import BoolArray, Scan
 
@@ -18,9 +21,9 @@ PIECE = np.array([[5.0, 4.5]])
 EMPTY, FURNISHED = ([scan_from(pose, things) for pose in POSES] for things in (NOBODY, PIECE))
 
 
-def lived(*drives: list[Scan]) -> SessionGrid:
+def lived(*drives: list[Scan], cells: OccupancySettings = CELLS) -> SessionGrid:
     """Sessions with one scan on each node, all drawn."""
-    grid, number = SessionGrid(CELLS), 0
+    grid, number = SessionGrid(cells), 0
     for session, scans in enumerate(drives):
         grid.begin(session)
         for k, scan in enumerate(scans):
@@ -70,6 +73,19 @@ def test_new_furniture_is_shown_though_many_drives_saw_free_floor() -> None:
 def test_cells_that_a_later_drive_has_not_seen_stay_unchanged() -> None:
     blind = [Scan(0, np.full(72, np.nan, np.float32), 0.0, 0.1, range_max=30.0)] * len(POSES)
     assert_same(lived(FURNISHED, blind).grid(), lived(FURNISHED).grid())
+
+
+def test_a_grid_that_is_drawn_anew_with_larger_cells_is_as_if_it_had_had_them_from_the_beginning() -> None:
+    large = replace(CELLS, resolution=2 * CELLS.resolution)
+    grid, expected = lived(FURNISHED, EMPTY), lived(FURNISHED, EMPTY, cells=large)
+    for each in (grid, expected):
+        each.drop(3)
+    grid.draw_anew(lambda: GridAssembly(large))
+    assert grid.pending > 0
+    for each in (grid, expected):
+        each.settle()
+    assert_same(grid.grid(), expected.grid())
+    assert (grid.session, len(grid)) == (1, len(expected))
 
 
 def test_scans_of_any_session_are_counted_and_dropped() -> None:

@@ -13,7 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.errors import NoScans, RecordingDamaged
-from waychair.recordings.text.carmen import read_carmen, stamp_from_text
+from waychair.recordings.stamps import stamp_from_text
+from waychair.recordings.text.carmen import read_carmen
 from waychair.types import Odometry, Pose2
 
 

@@ -213,7 +213,11 @@ def test_f5_a_speed_that_is_not_a_number_replaces_the_one_before(ros: Harness) -
     heard = bridge_node.LastMessage(Twist(0.5, 0.0))
     node: Any = SimpleNamespace(_command=heard)
     listening = Input(
-        ros.node, topics.COMMAND, read_twist, heard.take, lambda: bridge_node.BridgeNode._take_invalid_speed(node)
+        ros.node,
+        topics.COMMAND,
+        read_twist,
+        heard.take,
+        lambda reason: bridge_node.BridgeNode._take_invalid_speed(node, reason),
     )
     send = ros.publisher(topics.COMMAND, listening.name)
     for told, kept in ((Twist(0.3, 0.1), True), (Twist(math.nan, 0.0), False), (Twist(0.2, 0.0), True)):

@@ -135,6 +135,7 @@ def test_the_reported_recoveries_are_those_of_this_drive(ros: Harness) -> None:
         _pilot=SimpleNamespace(navigator=SimpleNamespace(recovery=recovery), go=lambda goal: None),
         _action=SimpleNamespace(tell=told.append),
         _drive=SimpleNamespace(),
+        _refusals=SimpleNamespace(accepted=lambda: None),
         _missing_input=lambda now_ns: "",
         _with_tolerances=lambda goal: goal,
     )

@@ -350,7 +350,7 @@ def test_diverging_physics_is_reported_and_not_silently_restarted(
 
 def test_without_mujoco_the_error_names_the_package_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
-    with pytest.raises(MissingExtra, match=r"pip install waychair\[sim\]"):
+    with pytest.raises(MissingExtra, match=r"pip install .*\[sim\]"):
         Drive()
 
 

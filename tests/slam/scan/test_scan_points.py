@@ -159,3 +159,17 @@ def test_beams_that_end_on_the_chair_itself_give_no_points_and_spoil_no_normals(
     points = scan_points(replace(scan, ranges=ranges), Pose2(), 20.0, mask=own)
     assert len(points) == 81
     assert points.points[:, 0] == pytest.approx(np.full(81, 2.0), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("beams", "away", "noise"), [(480, 0.25, 0.012), (1440, 0.25, 0.012), (720, 0.15, 0.02), (480, 0.25, 0.03)]
+)
+def test_noise_close_to_a_dense_lidar_does_not_turn_the_normals(beams: int, away: float, noise: float) -> None:
+    """Noise lies along the beams: a line through beams that are closer together than it would show the noise."""
+    angles = np.linspace(-1.2, 1.2, beams)
+    ranges = away / np.cos(angles) + noise * np.random.default_rng(2).standard_normal(beams)
+    seen = scan_points(Scan(0, ranges.astype(np.float32), -1.2, 2.4 / (beams - 1), range_max=30.0), Pose2(), 20.0)
+    known = seen.normals.any(axis=1)
+    off = np.degrees(np.arccos(np.clip(-seen.normals[known, 0], -1.0, 1.0)))
+    assert known.mean() > 0.3
+    assert np.quantile(off, 0.95) < 25.0

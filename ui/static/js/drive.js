@@ -4,7 +4,7 @@ import { draws } from "./draw.js";
 import { ask, on } from "./link.js";
 import { follow, headingInMap, onPlace, onPress } from "./map_view.js";
 import { $, element, moves, note, now, say, sentenceOf, setText } from "./page.js";
-import { announce } from "./sound.js";
+import { announce, hush } from "./sound.js";
 import { onStop } from "./stop.js";
 import { showTab } from "./tabs.js";
 
@@ -19,7 +19,14 @@ let point = null;
 /** Asks for a drive; the chair then waits for a yes. */
 export async function goTo(wish) {
   asked = true;
-  if (!(await say(ask("go", wish)))) asked = false;
+  if (await refused(ask("go", wish))) asked = false;
+}
+
+/** Notes why a command was not done; resolves to whether so. If it was done, the sentence about the chair shows it. */
+async function refused(answering) {
+  const { done, sentence } = await answering;
+  if (!done) note(sentence, false);
+  return !done;
 }
 
 /** The goal's name in a sentence. */
@@ -65,7 +72,14 @@ function showQuestion(view) {
   if ($("ask").hidden) return;
   setText($("ask-title"), `Drive to ${named(view)}?`);
   setText($("ask-text"), "After your yes there are three seconds in which you can cancel.");
-  if (was && asked) $("ask-title").focus();
+  if (was && asked) lookAt("ask");
+}
+
+/** Moves the focus to a question; the sentence about the chair stays in view above it. */
+function lookAt(question) {
+  $(`${question}-title`).focus({ preventScroll: true });
+  $(question).scrollIntoView({ block: "nearest" });
+  $("next").scrollIntoView({ block: "nearest" });
 }
 
 function showCountdown(view) {
@@ -78,19 +92,15 @@ function showCountdown(view) {
   }
   if (counting && !was) {
     announce(`The chair is about to drive to ${named(view)}. Press Stop or Cancel to prevent it.`);
-    if (asked) $("count-title").focus();
+    if (asked) lookAt("count");
     follow(true);
   }
   if (!counting && now.before && !view.waits && !moves(view) && was) asked = false;
 }
 
-/** Shows Pause or Go on; the focus moves from the one to the other. */
 function showPause(view) {
-  const [pause, goOn] = [$("pause"), $("go-on")];
-  const held = [pause, goOn].includes(document.activeElement);
-  pause.hidden = view.mode !== "autonomous" || !view.goal || view.paused || view.countdown !== null;
-  goOn.hidden = !view.paused;
-  if (held) (goOn.hidden ? pause : goOn).focus();
+  $("pause").hidden = view.mode !== "autonomous" || !view.goal || view.paused || view.countdown !== null;
+  $("go-on").hidden = !view.paused;
 }
 
 function showModes({ mode }) {
@@ -141,11 +151,11 @@ $("here-found").addEventListener("click", () => {
   closePoint();
 });
 $("here-no").addEventListener("click", closePoint);
-$("ask-yes").addEventListener("click", () => say(ask("confirm", { goal: now.view.goal })));
+$("ask-yes").addEventListener("click", () => refused(ask("confirm", { goal: now.view.goal })));
 $("ask-no").addEventListener("click", () => say(ask("cancel")));
 $("count-no").addEventListener("click", () => say(ask("cancel")));
-$("pause").addEventListener("click", () => say(ask("pause")));
-$("go-on").addEventListener("click", () => say(ask("go_on")));
+$("pause").addEventListener("click", () => refused(ask("pause")));
+$("go-on").addEventListener("click", () => refused(ask("go_on")));
 $("cancel").addEventListener("click", () => say(ask("cancel")));
 $("reset").addEventListener("click", () => say(ask("reset")));
 $("mode-manual").addEventListener("click", () => {
@@ -157,5 +167,5 @@ $("mode-autonomous").addEventListener("click", () => showTab("places", "search")
 onStop(() => {
   asked = false;
   closePoint();
-  globalThis.speechSynthesis?.cancel();
+  hush();
 });

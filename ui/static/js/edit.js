@@ -82,12 +82,20 @@ const placeLine = (place) =>
 const zoneLine = ({ name, rule }) =>
   line(name, RULES[rule], [["Remove", () => say(ask("remove_zone", { name }))]]);
 
+/** Puts the focus on the button of the same label in the new list, else on Undo, which takes the change back. */
+function keepFocus(label) {
+  const again = [...$("drawn").querySelectorAll("button")].find((button) => button.getAttribute("aria-label") === label);
+  (again ?? $("undo")).focus();
+}
+
 on("layout", ({ places, zones, undoable }) => {
   const lines = [...places.map(placeLine), ...zones.map(zoneLine)];
   for (const [index, item] of lines.entries()) {
     item.dataset.scanGroup = `Places and zones ${Math.floor(index / IN_GROUP) + 1}`;
   }
+  const focused = $("drawn").contains(document.activeElement) && document.activeElement.getAttribute("aria-label");
   $("drawn").replaceChildren(...lines);
   $("undo").disabled = !undoable;
+  if (focused) keepFocus(focused);
   $("save-name").placeholder = freeName("place", places);
 });

@@ -1,16 +1,13 @@
-// The connection to the chair: one socket, and fetch as a second path. Silence counts as a lost connection.
+// The connection to the chair by a socket. Silence counts as a lost connection.
+
+import { alsoBy, headers, pageToken, useToken } from "./stop.js";
 
 const SILENT_MS = 1000;
 const TRIED_MS = 2000; // timeout of a try to connect
 const RETRY_MS = 300;
 const HEARD = new EventTarget();
 
-const id = sessionStorage.getItem("page") ?? self.crypto?.randomUUID?.() ?? `${Date.now()}-${Math.random()}`;
-sessionStorage.setItem("page", id);
-if (location.hash.startsWith("#token=")) {
-  sessionStorage.setItem("token", decodeURIComponent(location.hash.slice(7)));
-  history.replaceState(null, "", location.pathname); // keeps the token out of sight and of bookmarks
-}
+const id = `${Date.now()}-${Math.random()}`; // of this page
 
 let socket = null;
 let heardAt = performance.now();
@@ -27,11 +24,10 @@ export const on = (kind, heard) => HEARD.addEventListener(kind, (event) => heard
 export const linkState = () => state;
 
 export function enter(token) {
-  sessionStorage.setItem("token", token);
+  useToken(token);
   connect();
 }
 
-const token = () => sessionStorage.getItem("token") ?? "";
 const tell = (kind, detail) => HEARD.dispatchEvent(new CustomEvent(kind, { detail }));
 
 function become(next) {
@@ -45,12 +41,12 @@ function become(next) {
 }
 
 function connect() {
-  const scheme = location.protocol === "https:" ? "wss" : "ws";
-  const mine = new WebSocket(`${scheme}://${location.host}/api/live`);
+  const mine = opened();
+  if (!mine) return;
   socket?.close();
   socket = mine;
   triedAt = performance.now();
-  mine.onopen = () => mine.send(JSON.stringify({ token: token(), page: id }));
+  mine.onopen = () => mine.send(JSON.stringify({ token: pageToken(), page: id }));
   mine.onmessage = ({ data }) => mine === socket && hear(JSON.parse(data));
   mine.onclose = ({ code }) => {
     if (mine !== socket) return;
@@ -62,6 +58,19 @@ function connect() {
       setTimeout(() => socket ?? connect(), RETRY_MS);
     }
   };
+}
+
+/** A new socket; null where this browser refuses one. */
+function opened() {
+  try {
+    return new WebSocket(`${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/api/live`);
+  } catch {
+    setTimeout(() => {
+      become("lost");
+      socket ?? connect();
+    }, TRIED_MS);
+    return null;
+  }
 }
 
 function hear(message) {
@@ -101,6 +110,7 @@ setInterval(() => {
 }, 200);
 
 document.addEventListener("visibilitychange", () => answer(0));
+addEventListener("hashchange", () => state === "refused" && connect()); // the address was opened again, with a token
 addEventListener("pagehide", () => (leaves = true));
 addEventListener("pageshow", () => (leaves = false));
 
@@ -115,16 +125,11 @@ export function ask(name, asked = {}) {
   return new Promise((done) => waiting.set(mine, done));
 }
 
-/** Sends a command by fetch: the second path for Stop. */
-export const post = (name) =>
-  fetch(`api/do/${name}`, { method: "POST", headers: headers(), keepalive: true, body: "{}" });
-
 /** A picture as an object URL, null where there is none. */
 export async function picture(path) {
   const found = await fetch(path, { headers: headers() });
   return found.status === 200 ? URL.createObjectURL(await found.blob()) : null;
 }
 
-const headers = () => (token() ? { authorization: `Bearer ${token()}` } : {});
-
+alsoBy(() => ask("stop"));
 connect();

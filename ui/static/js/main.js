@@ -1,4 +1,4 @@
-// The page's entry point. Stop and the connection are loaded first and work without the rest.
+// The page's entry point. Stop is loaded before it, and works without all of this.
 
 import { ask, enter, on } from "./link.js";
 import "./stop.js";
@@ -10,6 +10,9 @@ import "./draw.js";
 import "./edit.js";
 import "./scan.js";
 import "./panel.js";
+import "./awake.js";
+import "./focus.js";
+import { remembers } from "./memory.js";
 import { $, say, setText } from "./page.js";
 import { setSound, soundWanted } from "./sound.js";
 
@@ -50,3 +53,5 @@ option.addEventListener("click", () => {
   option.setAttribute("aria-pressed", String(soundWanted()));
 });
 $("option-relocalise").addEventListener("click", () => say(ask("relocalise")));
+$("options-forgotten").hidden = remembers();
+$("not-started").remove();

@@ -1,6 +1,7 @@
 // Helpers of the other modules: elements, notes, sentences, and the newest messages.
 
 import { on } from "./link.js";
+import { showNote } from "./stop.js";
 
 export const $ = (id) => document.getElementById(id);
 
@@ -16,11 +17,7 @@ const NOTE_MS = 8000;
 /** Shows a short note that disappears by itself; bad ones stay longer. */
 export function note(sentence, good = true) {
   if (!sentence) return;
-  const text = sentenceOf(sentence);
-  for (const other of $("notes").children) if (other.textContent === text) other.remove();
-  const made = element("p", { className: good ? "note" : "note bad", textContent: text });
-  $("notes").append(made);
-  setTimeout(() => made.remove(), good ? NOTE_MS : 2 * NOTE_MS);
+  showNote(sentenceOf(sentence), good ? "note" : "note bad", good ? NOTE_MS : 2 * NOTE_MS);
 }
 
 /** Shows the answer to a command as a note; resolves to whether it was done. */

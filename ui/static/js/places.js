@@ -2,18 +2,15 @@
 
 import { goTo } from "./drive.js";
 import { on } from "./link.js";
+import { recallList, remember } from "./memory.js";
 import { $, element, now } from "./page.js";
 
 const IN_GROUP = 6; // places per group in one-switch scanning
 
-const latest = () => JSON.parse(localStorage.getItem("latest") ?? "[]");
-
-function remember(name) {
-  localStorage.setItem("latest", JSON.stringify([name, ...latest().filter((other) => other !== name)].slice(0, 5)));
-}
+const latest = () => recallList("latest");
 
 function choose(name) {
-  remember(name);
+  remember("latest", JSON.stringify([name, ...latest().filter((other) => other !== name)].slice(0, 5)));
   goTo({ place: name });
 }
 

@@ -1,6 +1,7 @@
 // One-switch scanning: a frame walks through groups of buttons, then through the buttons of the chosen group. The switch
 // is Space or Enter; while the chair moves it is Stop and nothing else, wherever the focus is.
 
+import { recall, remember } from "./memory.js";
 import { $, moves, now, setText } from "./page.js";
 import { onSpace, stop } from "./stop.js";
 
@@ -11,7 +12,7 @@ const ROUNDS = 2; // rounds through a group's buttons before the frame returns t
 const option = $("option-scanning");
 const interval = $("option-interval");
 
-let running = localStorage.getItem("scanning") === "on";
+let running = recall("scanning") === "on";
 let timer = 0;
 let group = null; // name of the chosen group
 let index = -1;
@@ -113,7 +114,7 @@ function restart() {
 function set(on) {
   running = on;
   [group, index, rounds] = [null, -1, 0];
-  localStorage.setItem("scanning", on ? "on" : "off");
+  remember("scanning", on ? "on" : "off");
   option.setAttribute("aria-pressed", String(on));
   document.body.classList.toggle("scanning", on);
   setText($("stop-keys"), on ? "the switch is Stop while the chair moves" : "or press Esc or Space");
@@ -166,9 +167,10 @@ addEventListener(
   true,
 );
 
-interval.value = localStorage.getItem("interval") ?? interval.value;
+const kept = recall("interval");
+if ([...interval.options].some(({ value }) => value === kept)) interval.value = kept;
 interval.addEventListener("change", () => {
-  localStorage.setItem("interval", interval.value);
+  remember("interval", interval.value);
   restart();
 });
 option.addEventListener("click", () => set(!running));

@@ -1,34 +1,44 @@
 // A tone and a spoken phrase before the chair moves. The page shows the same in words.
 
+import { recall, remember } from "./memory.js";
+
 let context = null;
-let wanted = localStorage.getItem("sound") !== "off";
+let wanted = recall("sound") !== "off";
 
 export const soundWanted = () => wanted;
 
 export function setSound(on) {
   wanted = on;
-  localStorage.setItem("sound", on ? "on" : "off");
-  if (!on) globalThis.speechSynthesis?.cancel();
+  remember("sound", on ? "on" : "off");
+  if (!on) hush();
+}
+
+/** Ends the phrase that is being spoken. */
+export function hush() {
+  globalThis.speechSynthesis?.cancel();
 }
 
 /** Two soft notes, then the phrase where this browser has a voice. */
 export function announce(phrase) {
   if (!wanted) return;
-  tone(660, 0);
-  tone(880, 0.22);
+  for (const part of [() => tone(660, 0), () => tone(880, 0.22), hush, () => speak(phrase)]) {
+    try {
+      part();
+    } catch {
+      // no sound or no voice on this computer
+    }
+  }
+}
+
+function speak(phrase) {
   if (!globalThis.speechSynthesis) return;
-  speechSynthesis.cancel();
   const spoken = new SpeechSynthesisUtterance(phrase);
   spoken.lang = "en";
   speechSynthesis.speak(spoken);
 }
 
 function tone(frequency, after) {
-  try {
-    context ??= new AudioContext();
-  } catch {
-    return; // no sound on this computer
-  }
+  context ??= new AudioContext();
   const [from, note, volume] = [context.currentTime + after, context.createOscillator(), context.createGain()];
   note.frequency.value = frequency;
   volume.gain.setValueAtTime(0, from);

@@ -1,16 +1,51 @@
-// Stop: by pointer, by Enter on the button, by Esc anywhere, by Space outside text fields. It is sent over the socket and
-// by fetch at the same time.
-
-import { ask, post } from "./link.js";
-import { note } from "./page.js";
+// Stop: by pointer, by Enter on the button, by Esc anywhere, by Space outside text fields. This module imports nothing and is
+// loaded before all others, so that Stop works if any other part of the page fails. Stop is sent by fetch, and at the same
+// time over the socket once there is one.
 
 const UNANSWERED_MS = 2000;
-
-const button = document.getElementById("stop");
+const NOTE_MS = 16_000;
+const TOKEN_PART = "#token="; // of the address
 const STOPPED = new EventTarget();
 
+const ways = [() => post("stop").then((response) => response.json())];
 let takesSpace = () => false;
 let isSwitch = () => false;
+
+/** The value of a function, null where it fails: storage may be blocked, full or damaged. */
+function tried(work) {
+  try {
+    return work();
+  } catch {
+    return null;
+  }
+}
+
+let token = tried(() => sessionStorage.getItem("token")) || tried(() => history.state?.token) || "";
+readAddress();
+addEventListener("hashchange", readAddress);
+
+function readAddress() {
+  if (!location.hash.startsWith(TOKEN_PART)) return;
+  useToken(tried(() => decodeURIComponent(location.hash.slice(TOKEN_PART.length))) ?? token);
+}
+
+/** The token that this page sends, empty without one. */
+export const pageToken = () => token;
+
+/** Takes another token, and keeps it for reloads out of sight and of bookmarks. */
+export function useToken(next) {
+  token = typeof next === "string" ? next : "";
+  tried(() => sessionStorage.setItem("token", token));
+  tried(() => history.replaceState({ token }, "", location.pathname));
+}
+
+export const headers = () => (token ? { authorization: `Bearer ${token}` } : {});
+
+/** Sends a command by fetch. */
+const post = (name) => fetch(`api/do/${name}`, { method: "POST", headers: headers(), keepalive: true, body: "{}" });
+
+/** Adds another way to send Stop: a function that resolves to the chair's answer {done, sentence}. */
+export const alsoBy = (way) => ways.push(way);
 
 /**
  * Registers the one-switch mode. `handler`: true where it has used the press of Space, which then is not Stop.
@@ -22,37 +57,64 @@ export const onSpace = (handler, stops) => ([takesSpace, isSwitch] = [handler, s
 export const onStop = (heard) => STOPPED.addEventListener("stop", heard);
 
 export function stop() {
-  heed([ask("stop"), post("stop").then((response) => response.json())]);
+  heed(ways.map(sent));
   STOPPED.dispatchEvent(new Event("stop"));
-  button.classList.remove("pressed");
-  void button.offsetWidth; // restarts the animation
-  button.classList.add("pressed");
+  const button = document.getElementById("stop");
+  button?.classList.remove("pressed");
+  void button?.offsetWidth; // restarts the animation
+  button?.classList.add("pressed");
 }
 
-/** Warns if neither path has brought an answer to Stop. */
-async function heed(ways) {
-  const done = ways.map(async (way) => (await way).done || Promise.reject());
+/** Sends Stop by one way; rejects where the chair has not obeyed, so that no way hinders another. */
+async function sent(way) {
+  const answer = await way();
+  if (!answer.done) throw new Error(answer.sentence);
+}
+
+/** Warns if no way has brought an answer to Stop; confirms it where nothing else on this page would. */
+async function heed(tries) {
   const late = new Promise((_, reject) => setTimeout(reject, UNANSWERED_MS));
-  const unanswered = () => note("No answer to Stop: check that the chair stands", false);
-  await Promise.race([Promise.any(done), late]).catch(unanswered);
+  try {
+    await Promise.race([Promise.any(tries), late]);
+    if (document.getElementById("not-started")) showNote("The chair has obeyed Stop.", "note");
+  } catch {
+    showNote("No answer to Stop: check that the chair stands.", "note bad");
+  }
 }
 
-export const isTextField = (element) =>
+/** Shows a sentence for some time, an equal one only once. */
+export function showNote(textContent, className, lastsMs = NOTE_MS) {
+  const notes = document.getElementById("notes");
+  for (const other of [...(notes?.children ?? [])]) if (other.textContent === textContent) other.remove();
+  const made = Object.assign(document.createElement("p"), { textContent, className });
+  notes?.append(made);
+  setTimeout(() => made.remove(), lastsMs);
+}
+
+const isTextField = (element) =>
   element instanceof HTMLTextAreaElement ||
   (element instanceof HTMLInputElement && !["button", "checkbox", "radio", "submit"].includes(element.type));
 
-button.addEventListener("pointerdown", stop);
-button.addEventListener("click", (event) => {
-  if (event.detail === 0) stop(); // by keyboard or an assistive device, without a pointer
-});
+const onButton = ({ target }) => target instanceof Element && target.closest("#stop") !== null;
+
 function pressed(event) {
   if (event.key !== "Escape" && event.key !== " ") return;
-  if (event.key === " " && isTextField(event.target) && !isSwitch()) return;
+  if (event.key === " " && isTextField(event.target) && !asked(isSwitch)) return;
   event.preventDefault(); // so that Space presses no button, neither on keydown nor on keyup
   if (event.type === "keyup" || event.repeat) return;
-  if (event.key === " " && takesSpace(event)) return;
+  if (event.key === " " && asked(takesSpace)) return;
   stop();
 }
 
+/** The answer of the one-switch mode; if it fails, Space is Stop. */
+const asked = (handler) => tried(handler) ?? false;
+
+// on the window, before all other listeners, and also before the button is there
+addEventListener("pointerdown", (event) => onButton(event) && stop(), true);
+addEventListener(
+  "click",
+  (event) => event.detail === 0 && onButton(event) && stop(), // by keyboard or an assistive device, without a pointer
+  true,
+);
 addEventListener("keydown", pressed, true);
 addEventListener("keyup", pressed, true);

@@ -1,0 +1,377 @@
+"""The aids of a recording are checked before they are believed; what is wrong is corrected or left out, by name."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from waychair.geometry import compose, invert, pose_from_array, wrap_angles
+from waychair.recordings.recording import Recording
+from waychair.recordings.scans import LaserMount, mirrored, text_from_mount
+from waychair.slam.frames.mount_check import MountCheck, check_mount
+from waychair.slam.odometry.aid_check import AidCheck, check_aids
+from waychair.slam.odometry.aid_findings import AidNames, Cause, Finding, Part, State, finding_from_break, sentence
+from waychair.slam.odometry.aid_series import ImuSeries, ScanSeries, WheelSeries, from_half_way, half_way
+from waychair.slam.odometry.broken_steps import Track, repaired
+from waychair.slam.scan.scan_motion import ScanMotions, scan_motions
+from waychair.types import FloatArray, ImuSample, Json, Odometry, Pose2, SensorFrame, Twist
+
+_LARGEST_YAW, _LARGEST_LEVER = np.radians(8.0), 0.2  # [rad], [m]; a mount that is off by more is not as told
+_LEAST_DEVIATIONS = 6.0  # sigma
+_MOUNT_SHARE = 0.5  # a better mount leaves at most this share of the disagreement
+_STEP, _STEP_TURN = 0.3, 0.3  # [m], [rad]; least motion that tells about a mount
+_LEAST_SCANS = 10  # fewer tell nothing about an aid
+_MOST_SEVERAL = 3  # breaks of one kind that get a sentence each
+
+
+@dataclass(frozen=True, slots=True)
+class CheckedRecording:
+    """A recording whose aids can be believed, and the findings that led to it."""
+
+    recording: Recording
+    findings: tuple[Finding, ...] = ()
+    sentences: tuple[str, ...] = ()
+    names: AidNames = field(default_factory=AidNames)
+    seconds: float = 0.0
+    """CPU time of the check."""
+
+    def data(self) -> list[Json]:
+        """Return the findings for a report."""
+        return [finding.data(self.names) for finding in self.findings]
+
+
+def checked_recording(
+    recording: Recording, range_max: float, progress: Callable[[float], None] | None = None
+) -> CheckedRecording:
+    """Return the recording with aids that agree with its scans, and the findings; a sound one is returned as it is.
+
+    `range_max` [m] is the longest range that is matched.
+    """
+    started = time.process_time()
+    checked = _checked(recording, range_max, progress)
+    return replace(checked, seconds=time.process_time() - started)
+
+
+def _checked(recording: Recording, range_max: float, progress: Callable[[float], None] | None) -> CheckedRecording:
+    frames = recording.frames
+    scans = sum(frame.scan is not None for frame in frames)
+    if scans < _LEAST_SCANS or scans < len(frames) or not any(frame.wheels or frame.imu for frame in frames):
+        return CheckedRecording(recording)
+    times = _times(frames)
+    findings: list[Finding] = []
+    mount = recording.base_from_laser
+    motions = _scan_motions(frames, mount, range_max, progress)
+    frames, broken = _without_broken_steps(frames, times, motions)
+    findings += broken
+    check, series = _check(frames, times, motions)
+    if any(found.part is Part.LIDAR and found.state is State.CORRECTED for found in check.findings):
+        findings += [_advised(found, LaserMount(mount, True)) for found in check.findings if found.part is Part.LIDAR]
+        frames = tuple(replace(f, scan=None if f.scan is None else mirrored(f.scan)) for f in frames)
+        motions = _scan_motions(frames, mount, range_max, progress)
+        check, series = _check(frames, times, motions)
+    better = _better_mount(frames, motions, mount, check)
+    if better is not None:
+        told = LaserMount(better.base_from_laser)
+        found = Finding(
+            Part.LIDAR, State.CORRECTED, Cause.MOUNT, value=better.residual_before, sigma=float(np.degrees(better.yaw))
+        )
+        findings.append(_advised(found, told))
+        mount = better.base_from_laser
+        motions = _scan_motions(frames, mount, range_max, progress)
+        check, series = _check(frames, times, motions)
+    findings += [found for found in check.findings if found.part is not Part.LIDAR or found.state is State.LEFT_OUT]
+    unmoved = not any(frame.wheels for frame in frames) and len(motions.before) > 0
+    if not findings and not unmoved:
+        return CheckedRecording(recording)
+    frames = _with_gyro(frames, times, check)
+    if unmoved:  # an IMU alone tells no way: the scans do
+        frames = _with_wheels(frames, times, motions, series.filled())
+    elif check.wheels is not None:
+        frames = _with_wheels(frames, times, motions, check.wheels)
+    elif check.speeds is not None:
+        frames = _with_speeds(frames, times, motions, check.speeds)
+    names = names_from_source(recording.source)
+    changed = replace(recording, frames=frames, base_from_laser=mount)
+    return CheckedRecording(changed, tuple(findings), _sentences(findings, names), names)
+
+
+def names_from_source(source: str) -> AidNames:
+    """Return the topics of lidar, wheels and IMU that a recording's source names."""
+    told = {kind: rest for kind, _, rest in (part.partition(" ") for part in source.split(", "))}
+    usual = AidNames()
+    wheels = told.get("odometry", usual.wheels)
+    return AidNames(
+        told.get("scans", usual.lidar), wheels if "/" in wheels else usual.wheels, told.get("IMU", usual.imu)
+    )
+
+
+def _advised(found: Finding, mount: LaserMount) -> Finding:
+    return replace(found, advice=f"They agree best with --base-from-laser {text_from_mount(mount)}")
+
+
+def _sentences(findings: list[Finding], names: AidNames) -> tuple[str, ...]:
+    """Return the sentences; of many breaks of one kind the first ones, and the number of the others."""
+    kept: list[Finding] = []
+    more = 0
+    for cause in (Cause.WILD, Cause.RESTART, Cause.JUMP):
+        same = [found for found in findings if found.cause is cause]
+        kept += same[:_MOST_SEVERAL]
+        more += len(same[_MOST_SEVERAL:])
+    rest = [found for found in findings if found.cause not in (Cause.WILD, Cause.RESTART, Cause.JUMP)]
+    told = [sentence(found, names) for found in (*kept, *rest)]
+    if more:
+        told.insert(len(kept), f"{names.wheels}: {more} more steps that no chair drives were bridged")
+    return tuple(told)
+
+
+def _times(frames: tuple[SensorFrame, ...]) -> FloatArray:
+    """Return times (N,) [s] of the frames from the first on that ascend, also where the recording's clock was set back."""
+    stamps = np.array([frame.stamp_ns for frame in frames], np.int64)
+    steps = np.diff(stamps) * 1e-9
+    usual = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.1
+    steps = np.where((steps > 0.0) & (steps < 600.0), steps, usual)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _scan_motions(
+    frames: tuple[SensorFrame, ...], mount: Pose2, range_max: float, progress: Callable[[float], None] | None
+) -> ScanMotions:
+    """Return the motions between the scans, with `before` and `after` as indices of the frames."""
+    indices = np.array([k for k, frame in enumerate(frames) if frame.scan is not None], np.int64)
+    scans = [frame.scan for frame in frames if frame.scan is not None]
+    found = scan_motions(scans, mount, range_max, progress)
+    return replace(found, before=indices[found.before], after=indices[found.after])
+
+
+def _without_broken_steps(
+    frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMotions
+) -> tuple[tuple[SensorFrame, ...], list[Finding]]:
+    track = _track(frames, times)
+    if track is None:
+        return frames, []
+    chain = _ScanChain(motions, times)
+    mended, breaks = repaired(track, chain.between)
+    if not breaks:
+        return frames, []
+    poses = iter(mended.poses)
+    changed = []
+    for frame in frames:
+        wheels = tuple(
+            replace(reading, odom_from_base=pose_from_array(next(poses))) if isinstance(reading, Odometry) else reading
+            for reading in frame.wheels
+        )
+        changed.append(replace(frame, wheels=wheels))
+    return tuple(changed), [finding_from_break(found) for found in breaks]
+
+
+def _track(frames: tuple[SensorFrame, ...], times: FloatArray) -> Track | None:
+    rows = [
+        (
+            time + (reading.stamp_ns - frame.stamp_ns) * 1e-9,
+            reading,
+            k == len(frame.wheels) - 1 and reading.stamp_ns == frame.stamp_ns,
+        )
+        for time, frame in zip(times.tolist(), frames, strict=True)
+        for k, reading in enumerate(frame.wheels)
+        if isinstance(reading, Odometry)
+    ]
+    if len(rows) < 10:
+        return None
+    return Track(
+        times=np.maximum.accumulate(np.array([row[0] for row in rows])),
+        poses=np.array([row[1].odom_from_base.array() for row in rows]),
+        speeds=np.array([(row[1].twist.v, row[1].twist.omega) for row in rows]),
+        between=np.array([row[2] for row in rows]),
+    )
+
+
+class _ScanChain:
+    """The motions by scans, chained: gives the motion between any two times within measured intervals."""
+
+    def __init__(self, motions: ScanMotions, times: FloatArray) -> None:
+        self._begin, self._end = times[motions.before], times[motions.after]
+        self._motions = half_way(motions.motions)
+        self._known = motions.turn_known & motions.way_known
+
+    def between(self, begin_s: float, end_s: float) -> FloatArray | None:
+        """Return the motion (3,) between two times, None where a scan on the way was not measured."""
+        first, last = np.searchsorted(self._end, begin_s, "right"), np.searchsorted(self._begin, end_s, "left")
+        inside = np.arange(first, last)
+        if not len(inside) or not self._known[inside].all():
+            return None
+        length = np.maximum(self._end[inside] - self._begin[inside], 1e-6)
+        part = (np.minimum(self._end[inside], end_s) - np.maximum(self._begin[inside], begin_s)) / length
+        if float((part * length).sum()) < 0.9 * (end_s - begin_s):
+            return None
+        total = np.zeros(3)
+        for step in from_half_way(part[:, None] * self._motions[inside]):
+            total = compose(total, step)
+        return total
+
+
+def _check(frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMotions) -> tuple[AidCheck, ScanSeries]:
+    series = ScanSeries(
+        np.stack([times[motions.before], times[motions.after]], axis=1), half_way(motions.motions), motions.turn_known,
+        motions.way_known, _sweep_s(frames),
+    )  # fmt: skip
+    track = _track(frames, times)
+    wheels = None if track is None else WheelSeries(track.times, track.poses, track.speeds)
+    return check_aids(series, wheels, _imu_series(frames, times)), series
+
+
+def _sweep_s(frames: tuple[SensorFrame, ...]) -> float:
+    """Return the median time [s] of a sweep."""
+    scans = [frame.scan for frame in frames if frame.scan is not None]
+    return float(np.median([scan.time_step * (len(scan.ranges) - 1) for scan in scans]))
+
+
+def _imu_series(frames: tuple[SensorFrame, ...], times: FloatArray) -> ImuSeries | None:
+    rows = [
+        (time + (sample.stamp_ns - frame.stamp_ns) * 1e-9, sample)
+        for time, frame in zip(times.tolist(), frames, strict=True)
+        for sample in frame.imu
+    ]
+    if len(rows) < 10:
+        return None
+    return ImuSeries(
+        np.maximum.accumulate(np.array([row[0] for row in rows])),
+        np.array([row[1].gyro for row in rows]),
+        np.array([row[1].accel for row in rows]),
+    )
+
+
+def _better_mount(
+    frames: tuple[SensorFrame, ...], motions: ScanMotions, mount: Pose2, check: AidCheck
+) -> MountCheck | None:
+    """Return the mount by which wheels and scans agree, if the told one is certainly wrong and the wheels are sound."""
+    turns_wrong = any(found.part in (Part.WHEEL_TURN, Part.LIDAR, Part.WHEELS) for found in check.findings)
+    poses = _poses(frames)
+    if turns_wrong or poses is None or len(motions.before) < 20:
+        return None
+    wheels, scans = [], []
+    start = 0
+    chained, whole = np.zeros(3), True
+    for k in range(len(motions.before)):
+        if k > 0 and motions.before[k] != motions.after[k - 1]:
+            start, chained, whole = k, np.zeros(3), True
+        chained = compose(chained, motions.motions[k])
+        whole = whole and bool(motions.turn_known[k] and motions.way_known[k])
+        step = compose(invert(poses[motions.before[start]]), poses[motions.after[k]])
+        if np.hypot(*step[:2]) >= _STEP or abs(step[2]) >= _STEP_TURN:
+            if whole:
+                wheels.append(step)
+                scans.append(chained)
+            start, chained, whole = k + 1, np.zeros(3), True
+    if len(wheels) < 20:
+        return None
+    steps = np.array(wheels)
+    along, across = np.abs(half_way(steps)[:, :2]).sum(axis=0)
+    found = check_mount(steps, np.array(scans), mount)
+    backward = float(steps[:, 0].sum()) < 0.0  # a chair drives forward most of the time
+    if found is None or backward or across > 0.2 * along or not 0.5 < found.scale < 2.0:
+        return None
+    off = abs(found.yaw) > _LARGEST_YAW or found.lever > _LARGEST_LEVER
+    certain = found.deviations >= _LEAST_DEVIATIONS and found.residual_after < _MOUNT_SHARE * found.residual_before
+    return found if off and certain else None
+
+
+def _poses(frames: tuple[SensorFrame, ...]) -> FloatArray | None:
+    """Return the odometry (N, 3) at each frame; None where a frame has none."""
+    rows = []
+    for frame in frames:
+        own = [reading for reading in frame.wheels if isinstance(reading, Odometry)]
+        if not own:
+            return None
+        rows.append(own[-1].odom_from_base.array())
+    return np.array(rows)
+
+
+def _with_gyro(frames: tuple[SensorFrame, ...], times: FloatArray, check: AidCheck) -> tuple[SensorFrame, ...]:
+    """Return the frames with the IMU's samples as the check says."""
+    if not check.gyro and check.force_scale == 1.0:
+        return frames
+    used = [
+        tuple(
+            changed
+            for sample in frame.imu
+            if (changed := _sample(sample, time_s + (sample.stamp_ns - frame.stamp_ns) * 1e-9, check)) is not None
+        )
+        for time_s, frame in zip(times.tolist(), frames, strict=True)
+    ]
+    if not any(use.delay_s for use in check.gyro):
+        return tuple(replace(frame, imu=own) for frame, own in zip(frames, used, strict=True))
+    ordered = sorted((sample for own in used for sample in own), key=lambda sample: sample.stamp_ns)
+    done, moved = 0, []
+    for frame in frames:
+        until = done
+        while until < len(ordered) and ordered[until].stamp_ns <= frame.stamp_ns:
+            until += 1
+        moved.append(replace(frame, imu=tuple(ordered[done:until])))
+        done = until
+    return tuple(moved)
+
+
+def _sample(sample: ImuSample, time_s: float, check: AidCheck) -> ImuSample | None:
+    use = next((use for use in check.gyro if use.begin_s < time_s <= use.end_s), None)
+    accel = sample.accel * check.force_scale if check.force_scale else np.full(3, np.nan)
+    if use is None:
+        return replace(sample, accel=accel)
+    if use.axis is None:
+        return None
+    rate = float(sample.gyro @ use.axis) / use.scale - use.bias
+    level = use.axis[2] == 1.0 and use.scale > 0.0
+    sideways = sample.gyro[:2] / use.scale if level else np.zeros(2)
+    stamp_ns = sample.stamp_ns - round(use.delay_s * 1e9)
+    return ImuSample(stamp_ns, accel if level else np.full(3, np.nan), np.array([*sideways, rate]))
+
+
+def _with_speeds(
+    frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMotions, moved: FloatArray
+) -> tuple[SensorFrame, ...]:
+    """Return the frames with the twists of their odometry from its own motions (N, 3)."""
+    middle, rates = _rates(times, motions, moved)
+    changed = []
+    for begin_s, frame in zip(times.tolist(), frames, strict=True):
+        wheels = []
+        for reading in frame.wheels:
+            if isinstance(reading, Odometry):
+                at = begin_s + (reading.stamp_ns - frame.stamp_ns) * 1e-9
+                v, omega = (float(np.interp(at, middle, rates[:, column])) for column in (0, 2))
+                reading = replace(reading, twist=Twist(v, omega))
+            wheels.append(reading)
+        changed.append(replace(frame, wheels=tuple(wheels)))
+    return tuple(changed)
+
+
+def _rates(times: FloatArray, motions: ScanMotions, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the middles (N,) [s] of the intervals, and the rates (N, 3) of their motions."""
+    seconds = np.maximum(times[motions.after] - times[motions.before], 1e-6)
+    return 0.5 * (times[motions.before] + times[motions.after]), np.nan_to_num(moved) / seconds[:, None]
+
+
+def _with_wheels(
+    frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMotions, used: FloatArray
+) -> tuple[SensorFrame, ...]:
+    """Return the frames with one odometry reading each, at its stamp, from motions (N, 3) half way through the turn."""
+    used = np.nan_to_num(used)
+    steps = from_half_way(used)
+    ends, poses = [times[motions.before[0]]], [np.zeros(3)]
+    for k in range(len(steps)):
+        if times[motions.before[k]] > ends[-1]:  # an interval that was not compared
+            ends.append(float(times[motions.before[k]]))
+            poses.append(poses[-1])
+        ends.append(float(times[motions.after[k]]))
+        poses.append(compose(poses[-1], steps[k]))
+    knots, corners = np.array(ends), np.array(poses)
+    corners[:, 2] = np.unwrap(corners[:, 2])
+    at = np.stack([np.interp(times, knots, column) for column in corners.T], axis=1)
+    middle, rates = _rates(times, motions, used)
+    v, omega = (np.interp(times, middle, rates[:, column]) for column in (0, 2))
+    changed = []
+    for k, frame in enumerate(frames):
+        pose = pose_from_array(np.array([at[k, 0], at[k, 1], float(wrap_angles(at[k, 2:3])[0])]))
+        changed.append(replace(frame, wheels=(Odometry(frame.stamp_ns, pose, Twist(float(v[k]), float(omega[k]))),)))
+    return tuple(changed)

@@ -1,0 +1,53 @@
+"""Groups of loops that say the same: they join the same two stretches of the drive and agree with each other.
+
+A repeated corridor that is mistaken once yields many false loops that all agree. They are one mistake, so a group has one
+voice: against it stands the odometry with all other groups, not the number of its loops.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from waychair.geometry import compose, invert, wrap_angles
+from waychair.slam.graph.edges import EdgeArrays
+from waychair.types import FloatArray, IntArray
+
+_NEAR = 5  # nodes; two loops whose ends are not farther apart may belong to one group
+_AGREE = 65.0  # chi-square of the difference of two such loops, four times the 99.9 % of 3 degrees of freedom
+_COMPARED = 16  # loops with which a loop is compared, the nearest first
+
+
+def loop_groups(poses: FloatArray, edges: EdgeArrays) -> IntArray:
+    """Return the group (E,) of each edge, from 0 on; -1 for edges that are no loops.
+
+    The short ways between the ends of two loops are taken from the poses (N, 3).
+    """
+    groups = np.full(len(edges), -1, np.int64)
+    loops = np.flatnonzero(edges.loop)
+    if not len(loops):
+        return groups
+    flipped = (edges.i > edges.j)[loops]
+    low, high = np.minimum(edges.i, edges.j)[loops], np.maximum(edges.i, edges.j)[loops]
+    measured = edges.i_from_j[loops]
+    low_from_high = np.where(flipped[:, None], invert(measured), measured)
+    ends = np.stack([low, high], axis=1)
+    _, others = cKDTree(ends).query(ends, min(_COMPARED, len(loops)), p=np.inf, distance_upper_bound=_NEAR + 0.5)
+    a = np.repeat(np.arange(len(loops)), others.size // len(loops))
+    a, b = a[others.ravel() < len(loops)], others.ravel()[others.ravel() < len(loops)]
+    to_low = compose(invert(poses[low[b]]), poses[low[a]])
+    to_high = compose(invert(poses[high[a]]), poses[high[b]])
+    away = compose(invert(low_from_high[b]), compose(compose(to_low, low_from_high[a]), to_high))
+    away[:, 2] = wrap_angles(away[:, 2])
+    against = np.einsum("ei,eij,ej->e", away, edges.information[loops[b]], away)
+    a, b = a[against < _AGREE], b[against < _AGREE]
+    _, groups[loops] = connected_components(csr_matrix((np.ones(len(a)), (a, b)), shape=(len(loops),) * 2), False)
+    return groups
+
+
+def group_cost(groups: IntArray, left_out: IntArray, single: float) -> float:
+    """Return the cost of leaving out the edges `left_out` (K,): `single` per group, more by the logarithm of its size."""
+    _, sizes = np.unique(groups[left_out], return_counts=True)
+    return float(single * (1.0 + np.log(sizes)).sum())

@@ -1,0 +1,139 @@
+"""The evidence about the aids of a drive: the scans, windows of time, and the findings so far."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waychair.slam.odometry.aid_findings import Cause, Finding, Part, State
+from waychair.slam.odometry.aid_series import ScanSeries, correlation
+from waychair.slam.odometry.aid_windows import Agreement, Windows, grown, stretches, turn_agreement, way_agreement
+from waychair.types import BoolArray, FloatArray
+
+ENOUGH_TURN = 1.2
+"""Least turning [rad] that tells about an aid."""
+
+GOOD = 0.15
+"""Share of contradicting evidence up to which a corrected aid agrees."""
+
+LEAST_CORRELATION = 0.8
+"""Least correlation of an aid that can be corrected with the scans."""
+
+LEAST_DELAY_S = 0.15
+"""A smaller delay [s] does no harm."""
+
+SNAP = 0.06
+"""A factor this near (relative) a known one is that one."""
+
+DELAYS_S = np.arange(-2.0, 2.01, 0.1)
+"""Delays [s] that are tried."""
+
+DEGREES = 180.0 / math.pi
+KNOWN_FACTORS = (-1.0, DEGREES, -DEGREES, 1.0 / DEGREES, 1000.0, 0.001, 100.0, 0.01, 1e6, 0.3048, 1 / 0.3048, 0.0254)
+"""Factors of units and signs."""
+
+_STANDS = 0.05  # share of the true motion below which an aid stands still
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A stretch: its intervals (N,), and its begin and end [s], None where no evidence lies before or after it."""
+
+    inside: BoolArray
+    since_s: float | None
+    until_s: float | None
+
+
+@dataclass(slots=True)
+class Evidence:
+    """The inputs, and the findings so far."""
+
+    scans: ScanSeries
+    spans: Windows
+    known_turn: BoolArray
+    known_way: BoolArray
+    findings: list[Finding] = field(default_factory=list)
+
+    @property
+    def turns(self) -> FloatArray:
+        return self.scans.motions[:, 2]
+
+    def turn(self, told: FloatArray) -> Agreement:
+        return turn_agreement(self.spans, told, self.turns, self.known_turn)
+
+    def way(self, told: FloatArray) -> Agreement:
+        return way_agreement(self.spans, told, self.scans.motions[:, :2], self.known_way)
+
+    def runs(self, found: Agreement) -> list[Run]:
+        """Return the stretches in which an aid is not right as it is."""
+        last = len(self.spans) - 1
+        result = []
+        for run in stretches(found, self.spans):
+            begin, end = self.spans.span(*run)
+            whole = grown(run, found)
+            since, until = (None if whole[0] == 0 else begin), (None if whole[1] == last else end)
+            result.append(Run(self.spans.members(*whole, len(self.turns)), since, until))
+        return result
+
+    def whole(self) -> Run:
+        """Return the stretch of the whole recording."""
+        return Run(np.ones(len(self.turns), np.bool_), None, None)
+
+    def add(self, part: Part, state: State, cause: Cause, run: Run | None, **values: float) -> None:
+        since, until = (None, None) if run is None else (run.since_s, run.until_s)
+        self.findings.append(Finding(part, state, cause, since, until, **values))  # type: ignore[arg-type]
+
+
+def unlike(told: FloatArray, size: float, true: float) -> Cause:
+    """Return the look of an aid that cannot be corrected: nothing, one value, or something else."""
+    finite = told[np.isfinite(told)]
+    if not len(finite):
+        return Cause.MISSING
+    if size < _STANDS * true or not finite.any():
+        return Cause.NOTHING
+    usual = float(np.median(finite))
+    spread = float(np.median(np.abs(finite - usual)))  # robust against the turns before it stuck
+    return Cause.STUCK if spread < 0.02 * abs(usual) + 1e-9 else Cause.UNLIKE
+
+
+def snapped(factor: float, sigma: float) -> float:
+    """Return the known factor that this one stands for, or itself."""
+    if abs(factor - 1.0) <= max(SNAP, 3.0 * sigma):
+        return 1.0
+    for known in KNOWN_FACTORS:
+        if abs(factor / known - 1.0) <= SNAP:
+            return known
+    return factor
+
+
+def delay_of(evidence: Evidence, turns_at: Callable[[float], FloatArray]) -> float:
+    """Return the delay [s] of an aid's stamps, 0 unless it is certain: its turns then agree twice as well."""
+    known = evidence.known_turn
+    if np.abs(evidence.turns[known]).sum() < ENOUGH_TURN:
+        return 0.0
+
+    def off(late: float) -> tuple[float, float]:
+        turns = turns_at(late)
+        both = known & np.isfinite(turns)
+        if both.sum() < 10:
+            return math.inf, 0.0
+        return float(np.abs(turns - evidence.turns)[both].mean()), correlation(turns, evidence.turns, both)
+
+    now, agreed = off(0.0)
+    if agreed > 0.97:
+        return 0.0
+    values = [off(float(late)) for late in DELAYS_S]
+    best = int(np.argmax([value[1] for value in values]))
+    delay = float(DELAYS_S[best])
+    if (
+        abs(delay - 0.5 * evidence.scans.sweep_s) < LEAST_DELAY_S
+        or values[best][0] > 0.5 * now
+        or values[best][1] < 0.9
+    ):
+        return 0.0
+    tried = delay + np.arange(-0.1, 0.11, 0.02)
+    finer = min(tried, key=lambda late: off(float(late))[0])
+    return round(float(finer) - 0.5 * evidence.scans.sweep_s, 2)

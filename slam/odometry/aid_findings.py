@@ -1,0 +1,223 @@
+"""Findings about the aids of a drive, and their sentences: which part, what is wrong with it, since when, what follows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+from waychair.slam.odometry.broken_steps import Break, BreakKind
+from waychair.types import Json
+
+
+class Part(Enum):
+    """The part of an aid that a finding is about."""
+
+    WHEELS = "odometry"
+    WHEEL_TURN = "headings"
+    WHEEL_WAY = "positions"
+    TWIST = "speeds"
+    GYRO = "turn rates"
+    GRAVITY = "acceleration"
+    LIDAR = "lidar"
+
+
+class State(Enum):
+    """What follows for the aid."""
+
+    CORRECTED = "corrected"
+    LEFT_OUT = "left out"
+
+
+class Cause(Enum):
+    """The look of a fault."""
+
+    DEGREES = "degrees"
+    OTHER_WAY = "the other way round"
+    UPSIDE_DOWN = "upside down"
+    ON_EDGE = "on edge"
+    SCALE = "scale"
+    BIAS = "bias"
+    DELAY = "delay"
+    NOTHING = "nothing"
+    STUCK = "stuck"
+    MISSING = "missing"
+    UNLIKE = "unlike"
+    NO_GRAVITY = "no gravity"
+    IN_G = "in g"
+    IN_MILLI_G = "in mg"
+    IN_CENTIMETRES = "in cm/s^2"
+    MILLIMETRES = "millimetres"
+    CENTIMETRES = "centimetres"
+    EXCHANGED = "exchanged axes"
+    AXES = "other axes"
+    BACKWARD = "backward"
+    LONG = "long wheels"
+    MIRRORED = "mirrored"
+    MIRRORED_OR_WHEELS = "mirrored, or wheels exchanged"
+    MOUNT = "mount"
+    WILD = "wild readings"
+    RESTART = "restart"
+    JUMP = "jump"
+
+
+@dataclass(frozen=True, slots=True)
+class AidNames:
+    """The topics of the aids, or what else to call them."""
+
+    lidar: str = "the lidar"
+    wheels: str = "the odometry"
+    imu: str = "the IMU"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One finding about an aid.
+
+    `since_s` and `until_s` [s] after the first scan; None: from the beginning, to the end. `value` is the factor, bias
+    [rad/s], delay [s] or jump [m] by which the aid is off, with its `sigma`. `gain_m` [m]: what the correction moves the
+    map by, where that is known. `count` messages are concerned. `advice` is an option that confirms the correction.
+    """
+
+    part: Part
+    state: State
+    cause: Cause
+    since_s: float | None = None
+    until_s: float | None = None
+    value: float = 0.0
+    sigma: float = 0.0
+    gain_m: float | None = None
+    count: int = 0
+    advice: str = ""
+
+    def data(self, names: AidNames) -> Json:
+        """Return the finding as JSON."""
+        return {
+            "name": name_of(self.part, names),
+            "part": self.part.value,
+            "state": self.state.value,
+            "cause": self.cause.value,
+            "since_s": None if self.since_s is None else round(self.since_s, 3),
+            "until_s": None if self.until_s is None else round(self.until_s, 3),
+            "value": round(self.value, 6),
+            "sigma": round(self.sigma, 6),
+            "gain_m": None if self.gain_m is None else round(self.gain_m, 3),
+            "count": self.count,
+        }
+
+
+def finding_from_break(found: Break) -> Finding:
+    """Return the finding about broken steps of wheel odometry."""
+    cause = {BreakKind.MESSAGES: Cause.WILD, BreakKind.RESTART: Cause.RESTART, BreakKind.JUMP: Cause.JUMP}[found.kind]
+    state = State.LEFT_OUT if cause is Cause.WILD else State.CORRECTED
+    return Finding(
+        Part.WHEELS,
+        state,
+        cause,
+        found.begin_s,
+        found.end_s,
+        value=found.metres,
+        sigma=found.radians,
+        count=found.messages,
+    )
+
+
+def name_of(part: Part, names: AidNames) -> str:
+    """Return the topic of a part."""
+    return {Part.LIDAR: names.lidar, Part.GYRO: names.imu, Part.GRAVITY: names.imu}.get(part, names.wheels)
+
+
+def sentence(finding: Finding, names: AidNames) -> str:
+    """Return a finding as one sentence that names the topic, what is wrong, since when, and what follows."""
+    name = name_of(finding.part, names)
+    if finding.cause in (Cause.WILD, Cause.RESTART, Cause.JUMP):
+        return _broken(finding, name)
+    return f"{name}: {_wrong(finding)}: {_follows(finding)}, {_when(finding)}{_advice(finding)}"
+
+
+def _broken(finding: Finding, name: str) -> str:
+    at, far = finding.since_s or 0.0, _distance(finding.value, finding.sigma)
+    if finding.cause is Cause.WILD:
+        until = finding.until_s or at
+        times = f"at {at:.1f} s" if until - at < 0.15 else f"from {at:.1f} to {until:.1f} s"
+        count = "one message" if finding.count <= 1 else f"{finding.count} messages"
+        return f"{name}: {count} {times} {'is' if finding.count <= 1 else 'are'} {far} off, and left out"
+    what = f"begins anew at zero, {far} away," if finding.cause is Cause.RESTART else f"jumps by {far}"
+    return f"{name}: it {what} at {at:.1f} s: that is no motion, and is bridged by its speeds and the scans"
+
+
+def _distance(metres: float, radians: float) -> str:
+    turn = f"{radians * 57.29578:.0f} degrees"
+    if metres < 0.2:
+        return turn
+    return f"{metres / 1000:.0f} km" if metres >= 10_000 else f"{metres:.0f} m" if metres >= 20 else f"{metres:.1f} m"
+
+
+def _wrong(finding: Finding) -> str:
+    """Return what is wrong with a part, as a clause."""
+    value, part = finding.value, finding.part.value
+    if finding.part is Part.LIDAR:
+        return _wrong_lidar(finding)
+    clauses = {
+        Cause.DEGREES: f"the {part} are {abs(value):.1f} times too large, as in degrees",
+        Cause.OTHER_WAY: f"the {part} go the other way than the scans",
+        Cause.UPSIDE_DOWN: "gravity points the wrong way, as where the IMU hangs upside down",
+        Cause.SCALE: f"the {part} are {_factor(value)} times the true ones",
+        Cause.BIAS: f"the {part} have a constant error of {value:.3f} rad/s",
+        Cause.DELAY: f"the stamps are {abs(value):.2f} s {'late' if value > 0 else 'early'} against the scans",
+        Cause.NOTHING: f"the {part} stand still while the scans move",
+        Cause.STUCK: f"the {part} are stuck at one value",
+        Cause.MISSING: f"the {part} are missing",
+        Cause.UNLIKE: f"the {part} do not follow the scans",
+        Cause.NO_GRAVITY: f"gravity is missing (mean {9.80665 * value:.2f} m/s^2 instead of 9.81)",
+        Cause.IN_G: f"the {part} is {9.80665 * value:.2f} at rest instead of 9.81 m/s^2, as in g",
+        Cause.IN_MILLI_G: f"the {part} is {9.80665 * value:.0f} at rest instead of 9.81 m/s^2, as in thousandths of g",
+        Cause.IN_CENTIMETRES: f"the {part} is {9.80665 * value:.0f} at rest instead of 9.81 m/s^2, as in cm/s^2",
+        Cause.MILLIMETRES: f"the {part} are 1000 times too large, as in millimetres",
+        Cause.CENTIMETRES: f"the {part} are 100 times too large, as in centimetres",
+        Cause.EXCHANGED: f"the {part} are mirrored against the headings, as where x and y are exchanged",
+        Cause.AXES: f"the {part} are turned by {value:.0f} degrees against the headings",
+        Cause.BACKWARD: f"the {part} go backward while the scans go forward",
+        Cause.LONG: f"the wheels measure {value:.3f} times the way of the scans",
+    }
+    if finding.cause is Cause.ON_EDGE:
+        return "gravity points sideways, as where the IMU is mounted on edge" if finding.part is Part.GRAVITY else (
+            "the chair's turns are on another axis than z, as where the IMU is mounted on edge"
+        )  # fmt: skip
+    return clauses[finding.cause]
+
+
+def _factor(value: float) -> str:
+    return f"{abs(value):.0f}" if abs(value) >= 100.0 else f"{abs(value):.3g}"
+
+
+def _wrong_lidar(finding: Finding) -> str:
+    clauses = {
+        Cause.MIRRORED: "the scans turn against wheels and IMU, as where it hangs upside down",
+        Cause.MIRRORED_OR_WHEELS: (
+            "the scans turn against the odometry, as where it hangs upside down (or where the left and the right "
+            "wheel are exchanged; then the map is mirrored)"
+        ),
+        Cause.SCALE: f"its scans turn {finding.value:.2f} times as far as wheels and IMU, which agree with each other",
+        Cause.MOUNT: f"its mount is not as told (the scans disagree with the odometry by "
+        f"{finding.sigma:.0f} degrees in the direction of travel, {finding.value:.2f} m a step)",
+    }
+    return clauses[finding.cause]
+
+
+def _follows(finding: Finding) -> str:
+    if finding.state is State.LEFT_OUT:
+        return "the turn rates are used, the tilt is not" if finding.part is Part.GRAVITY else "left out"
+    if finding.gain_m is not None:
+        return f"corrected, which moves the map by up to {finding.gain_m:.2f} m"
+    return "corrected"
+
+
+def _when(finding: Finding) -> str:
+    if finding.since_s is None and finding.until_s is None:
+        return "for the whole recording"
+    since = "from the beginning" if finding.since_s is None else f"since {finding.since_s:.0f} s"
+    return since if finding.until_s is None else f"{since} until {finding.until_s:.0f} s"
+
+
+def _advice(finding: Finding) -> str:
+    return f". {finding.advice}" if finding.advice else ""

@@ -1,0 +1,219 @@
+"""Steps of wheel odometry that no chair drives: a counter that begins anew, a pose that was set, a message that is wild.
+
+Between two readings a chair moves by at most its greatest speed, and about as its own twist says. A step beyond that is
+no motion. It is replaced by the motion that scans, twist or the steps around it tell.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from waychair.geometry import arcs, compose, invert, wrap_angles
+from waychair.types import BoolArray, FloatArray, IntArray
+
+FASTEST, FASTEST_TURN = 5.0, 6.0
+"""Greatest speed [m/s] and turn rate [rad/s] of a step; a chair drives at up to 2.8 m/s and turns at up to 2 rad/s."""
+
+_UNITS = 4.0  # a step may be so many times as fast as the fast steps of the same recording, in any unit
+_SLACK, _SLACK_TURN = 0.25, 0.35  # [m, rad]; a step may contradict its own twist by so much,
+_GROWTH, _GROWTH_TURN = 1.0, 1.5  # [m/s, rad/s]; and by so much more per second
+_TWIST_FITS = 0.3  # a twist is used whose median error is below this share of the motion
+_NEAR_S = 0.5  # broken steps this near belong together
+_NEIGHBOURS = 4  # steps on either side that tell the speed where no twist does
+_ON_LINE = 1e-6  # [m, rad]; a reading this near the line between its neighbours was interpolated
+_ORIGIN, _ORIGIN_TURN = 0.3, 0.2  # [m, rad]; a counter that begins anew begins this near zero
+_LONGEST_S = 1.0  # a chair goes on as before for so long
+_JITTER_S = 0.2  # stamps of two readings may be nearer than the readings were by so much
+
+
+class BreakKind(Enum):
+    """The kind of a break."""
+
+    MESSAGES = "messages"  # some messages are off, and those after them agree with those before
+    RESTART = "restart"  # it begins anew at zero
+    JUMP = "jump"
+
+
+@dataclass(frozen=True, slots=True)
+class Break:
+    """A place at which odometry is no motion: between two times [s] it is off by `metres` and `radians`; `messages` is
+    the number of messages between."""
+
+    kind: BreakKind
+    begin_s: float
+    end_s: float
+    metres: float
+    radians: float
+    messages: int
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """Odometry in the order of the recording: times (N,) [s], poses (N, 3) [m, m, rad], speeds (N, 2) [m/s, rad/s].
+
+    `between` (N,) marks readings that may have been interpolated from their neighbours.
+    """
+
+    times: FloatArray
+    poses: FloatArray
+    speeds: FloatArray
+    between: BoolArray
+
+
+Bridge = Callable[[float, float], FloatArray | None]
+"""Returns the motion (3,) between two times [s] by scans, or None."""
+
+
+def repaired(track: Track, bridge: Bridge = lambda begin_s, end_s: None) -> tuple[Track, tuple[Break, ...]]:
+    """Return the track without its broken steps, and the breaks; the same track where there are none."""
+    if len(track.times) < 3:
+        return track, ()
+    corners = _corners(track)
+    steps = _Steps.of(track, corners)
+    broken = steps.broken()
+    if not broken.any():
+        return track, ()
+    motions = steps.motions.copy()
+    for k in np.flatnonzero(broken):
+        measured = bridge(float(steps.times[k]), float(steps.times[k + 1]))
+        motions[k] = steps.expected[k] if measured is None else measured
+    poses = _rebuilt(track, corners, motions, broken)
+    return Track(track.times, poses, track.speeds, track.between), _breaks(track, corners, steps, broken, poses)
+
+
+def _corners(track: Track) -> IntArray:
+    """Return the indices of the readings that were not interpolated between their neighbours."""
+    t, p = track.times, track.poses
+    whole = t[2:] - t[:-2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        part = np.where(whole > 0.0, (t[1:-1] - t[:-2]) / whole, 0.0)[:, None]
+    step, passed = p[2:] - p[:-2], p[1:-1] - p[:-2]
+    step[:, 2], passed[:, 2] = wrap_angles(step[:, 2]), wrap_angles(passed[:, 2])
+    off = np.abs(passed - part * step)
+    off[:, 2] = np.abs(wrap_angles(off[:, 2]))
+    scale = 1.0 + np.abs(step[:, :2]).max(axis=1)
+    keep = np.ones(len(t), np.bool_)
+    keep[1:-1] = ~track.between[1:-1] | (off.max(axis=1) > _ON_LINE * scale)
+    return np.flatnonzero(keep)
+
+
+@dataclass(frozen=True, slots=True)
+class _Steps:
+    """Steps (N) between the corners: times (N + 1,) [s], seconds (N,), motions and expected motions (N, 3)."""
+
+    times: FloatArray
+    seconds: FloatArray
+    motions: FloatArray
+    expected: FloatArray
+    unit: float
+
+    @staticmethod
+    def of(track: Track, corners: IntArray) -> _Steps:
+        times, poses, speeds = track.times[corners], track.poses[corners], track.speeds[corners]
+        seconds = np.maximum(np.diff(times), max(1e-3, 0.5 * float(np.median(np.diff(times)))))
+        motions = compose(invert(poses[:-1]), poses[1:])
+        told = 0.5 * (speeds[:-1] + speeds[1:])
+        way = np.hypot(motions[:, 0], motions[:, 1])
+        moving = way / seconds > 0.02
+        quick = float(np.quantile((way / seconds)[moving], 0.9)) if moving.any() else 0.0
+        fits = _fits(told[:, 0] * seconds, motions[:, 0], 0.01 * seconds) and _fits(
+            told[:, 1] * seconds, motions[:, 2], 0.02 * seconds
+        )
+        rates = told if fits else _neighbouring(motions, seconds)
+        lasting = np.minimum(seconds, _LONGEST_S)
+        expected = arcs(rates[:, 0] * lasting, rates[:, 1] * lasting)
+        return _Steps(times, seconds, motions, expected, max(1.0, _UNITS * quick / FASTEST))
+
+    def broken(self) -> BoolArray:
+        """Return which steps (N,) are no motion of a chair."""
+        way = np.hypot(self.motions[:, 0], self.motions[:, 1])
+        off = np.hypot(*(self.motions[:, :2] - self.expected[:, :2]).T)
+        turn = np.abs(self.motions[:, 2])
+        off_turn = np.abs(wrap_angles(self.motions[:, 2] - self.expected[:, 2]))
+        s = np.maximum(self.seconds, _JITTER_S)
+        far = (way > self.unit * FASTEST * s + 0.05) | (off > self.unit * (_SLACK + _GROWTH * s))
+        return far | (turn > FASTEST_TURN * s + 0.1) | (off_turn > _SLACK_TURN + _GROWTH_TURN * s)
+
+
+def _fits(told: FloatArray, moved: FloatArray, least: FloatArray) -> bool:
+    """Return whether told motions (N,) agree with the motions (N,) of the poses in most steps that move."""
+    moving = (np.abs(moved) > least) | (np.abs(told) > least)
+    if not moving.any():
+        return True
+    off, whole = np.abs(told - moved)[moving], np.maximum(np.abs(told), np.abs(moved))[moving]
+    return float(np.median(off / whole)) < _TWIST_FITS
+
+
+def _neighbouring(motions: FloatArray, seconds: FloatArray) -> FloatArray:
+    """Return the median speed and turn rate (N, 2) of the steps around each."""
+    rates = np.stack([motions[:, 0] / seconds, motions[:, 2] / seconds], axis=1)
+    found = np.empty_like(rates)
+    for k in range(len(rates)):
+        around = np.r_[max(0, k - _NEIGHBOURS) : k, k + 1 : min(len(rates), k + 1 + _NEIGHBOURS)]
+        found[k] = np.median(rates[around], axis=0) if len(around) else 0.0
+    return found
+
+
+def _rebuilt(track: Track, corners: IntArray, motions: FloatArray, broken: BoolArray) -> FloatArray:
+    """Return the poses (N, 3) with these motions between the corners, on from the first broken step."""
+    poses = track.poses.copy()
+    for k in range(int(np.flatnonzero(broken)[0]), len(motions)):
+        begin, end = int(corners[k]), int(corners[k + 1])
+        inner = np.arange(begin + 1, end)
+        if broken[k]:
+            span = max(float(track.times[end] - track.times[begin]), 1e-9)
+            parts = (track.times[inner] - track.times[begin]) / span
+            moved = parts[:, None] * motions[k]
+        else:
+            moved = compose(invert(track.poses[begin]), track.poses[inner])
+        poses[inner] = compose(poses[begin], moved)
+        poses[end] = compose(poses[begin], motions[k])
+    after = np.arange(int(corners[-1]) + 1, len(poses))
+    poses[after] = compose(poses[corners[-1]], compose(invert(track.poses[corners[-1]]), track.poses[after]))
+    return poses
+
+
+def _breaks(track: Track, corners: IntArray, steps: _Steps, broken: BoolArray, poses: FloatArray) -> tuple[Break, ...]:
+    """Return the broken steps in groups, with what each looks like."""
+    told, true = track.poses[corners], poses[corners]
+    groups: list[list[int]] = []
+    for k in np.flatnonzero(broken).tolist():
+        if groups and (
+            steps.times[k] - steps.times[groups[-1][1] + 1] < _NEAR_S
+            or _returns(told, true, groups[-1][0], k, steps.unit)
+        ):
+            groups[-1][1] = k
+        else:
+            groups.append([k, k])
+    found = []
+    for first, last in groups:
+        worst = max(range(first, last + 2), key=lambda k: _off(told, true, first, k)[0])
+        metres, radians = _off(told, true, first, worst)
+        end = told[last + 1]
+        if last > first and _returns(told, true, first, last, steps.unit):
+            kind = BreakKind.MESSAGES
+        elif math.hypot(end[0], end[1]) < _ORIGIN * steps.unit and abs(end[2]) < _ORIGIN_TURN:
+            kind = BreakKind.RESTART
+        else:
+            kind, (metres, radians) = BreakKind.JUMP, _off(told, true, first, last + 1)
+        begin_s, end_s = float(steps.times[first + 1]), float(steps.times[last + 1])
+        between = range(int(corners[first]) + 1, int(corners[last + 1]))
+        count = sum(not track.between[index] for index in between)
+        found.append(Break(kind, begin_s, end_s, metres, radians, count))
+    return tuple(found)
+
+
+def _off(told: FloatArray, true: FloatArray, begin: int, end: int) -> tuple[float, float]:
+    """Return how far [m] and [rad] the told motion between two corners is from the true one."""
+    gap = compose(invert(compose(invert(true[begin]), true[end])), compose(invert(told[begin]), told[end]))
+    return float(math.hypot(gap[0], gap[1])), float(abs(gap[2]))
+
+
+def _returns(told: FloatArray, true: FloatArray, first: int, last: int, unit: float) -> bool:
+    metres, radians = _off(told, true, first, last + 1)
+    return metres < 2.0 * unit * _SLACK and radians < _SLACK_TURN

@@ -1,0 +1,1 @@
+"""Circumstances of public bug reports, rebuilt: one file a kind."""

@@ -1,0 +1,121 @@
+"""An IMU that is not what it says is corrected or left out, by name; it cannot ruin a map that is sound without it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.cases.aided_drive import Imu, ImuFault, checked, error_of, looks, recorded
+from waychair.slam.odometry.aid_findings import AidNames, Cause, Finding, Part, State, sentence
+from waychair.slam.odometry.odometry_filter import OdometryFilter
+from waychair.types import ImuSample, Odometry, Pose2, Twist
+
+GOOD = 0.05
+"""m; RMSE of a map that is as good as that of a sound IMU."""
+
+ON_SIDE = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+
+
+def since(second: float, other: Imu, sound: Imu) -> Imu:
+    """The sound IMU up to a time, then the other."""
+    late = (sound.times > second)[:, None]
+    return Imu(sound.times, np.where(late, other.gyro, sound.gyro), np.where(late, other.accel, sound.accel))
+
+
+def in_degrees(sound: Imu) -> Imu:
+    return replace(sound, gyro=np.degrees(sound.gyro))
+
+
+def hanging(sound: Imu) -> Imu:
+    return replace(sound, gyro=sound.gyro * (1, -1, -1), accel=sound.accel * (1, -1, -1))
+
+
+def on_edge(sound: Imu) -> Imu:
+    return replace(sound, gyro=sound.gyro @ ON_SIDE.T, accel=sound.accel @ ON_SIDE.T)
+
+
+def dead(sound: Imu) -> Imu:
+    return replace(sound, gyro=0.0 * sound.gyro, accel=0.0 * sound.accel)
+
+
+def without_gravity(sound: Imu) -> Imu:
+    return replace(sound, accel=sound.accel - (0.0, 0.0, 9.81))
+
+
+CASES: dict[str, tuple[ImuFault, tuple[Part, State, Cause]]] = {
+    "degrees": (in_degrees, (Part.GYRO, State.CORRECTED, Cause.DEGREES)),
+    "upside down": (hanging, (Part.GYRO, State.CORRECTED, Cause.OTHER_WAY)),
+    "on edge": (on_edge, (Part.GYRO, State.CORRECTED, Cause.ON_EDGE)),
+    "zeros": (dead, (Part.GYRO, State.LEFT_OUT, Cause.NOTHING)),
+    "no gravity": (without_gravity, (Part.GRAVITY, State.LEFT_OUT, Cause.NO_GRAVITY)),
+    "in g": (lambda sound: replace(sound, accel=sound.accel / 9.80665), (Part.GRAVITY, State.CORRECTED, Cause.IN_G)),
+    "bias": (lambda sound: replace(sound, gyro=sound.gyro + 0.3), (Part.GYRO, State.CORRECTED, Cause.BIAS)),
+    "twice": (lambda sound: replace(sound, gyro=2.0 * sound.gyro), (Part.GYRO, State.CORRECTED, Cause.SCALE)),
+    "late": (lambda sound: replace(sound, times=sound.times + 0.5), (Part.GYRO, State.CORRECTED, Cause.DELAY)),
+    "noise": (
+        lambda sound: replace(sound, gyro=np.random.default_rng(1).normal(0.0, 2.0, sound.gyro.shape)),
+        (Part.GYRO, State.LEFT_OUT, Cause.UNLIKE),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_imu_that_lies_is_named_and_the_map_is_sound(name: str) -> None:
+    fault, look = CASES[name]
+    recording, truth = recorded(imu=fault)
+    error, mapping = error_of(recording, truth)
+    assert look in looks(checked(recording).findings)
+    assert error < GOOD
+    assert all("odometry" not in warning and "lidar" not in warning for warning in mapping.report["warnings"])
+
+
+def test_a_gyro_that_sticks_is_left_out_from_then_on() -> None:
+    def stuck(sound: Imu) -> Imu:
+        return since(12.0, replace(sound, gyro=np.full_like(sound.gyro, 0.4)), sound)
+
+    recording, truth = recorded(imu=stuck)
+    found = checked(recording)
+    assert looks(found.findings) == [(Part.GYRO, State.LEFT_OUT, Cause.STUCK)]
+    assert found.findings[0].since_s == pytest.approx(12.0, abs=3.0)
+    assert any(frame.imu for frame in found.recording.frames[:40])
+    assert not any(frame.imu for frame in found.recording.frames[-40:])
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_a_gyro_in_degrees_becomes_one_in_radians() -> None:
+    sound, _ = recorded(imu=lambda sound: sound)
+    made, _ = recorded(imu=in_degrees)
+    for frame, true in zip(checked(made).recording.frames[20:], sound.frames[20:], strict=True):
+        for sample, told in zip(frame.imu, true.imu, strict=True):
+            assert sample.gyro[2] == pytest.approx(told.gyro[2], abs=0.02)
+
+
+def test_without_wheels_a_sound_imu_is_joined_by_the_ways_of_the_scans() -> None:
+    recording, truth = recorded(None, imu=lambda sound: sound)
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_the_sentence_names_the_topic_the_fault_the_consequence_and_the_time() -> None:
+    finding = Finding(Part.GYRO, State.CORRECTED, Cause.DEGREES, since_s=31.6, value=57.29578)
+    assert sentence(finding, AidNames("/scan", "/odom", "/imu/data")) == (
+        "/imu/data: the turn rates are 57.3 times too large, as in degrees: corrected, since 32 s"
+    )
+
+
+def test_an_unknown_acceleration_shows_no_slip() -> None:
+    def speed_after(accel: float) -> tuple[bool, float]:
+        odometry = OdometryFilter()
+        for k in range(60):
+            stamp, v = k * 20_000_000, 0.0 if k < 20 else 1.0
+            odometry.update_imu(ImuSample(stamp, np.array([accel, 0.0, 9.81]), np.zeros(3)))
+            x = 0.02 * max(0, k - 20)
+            odometry.update_wheels(Odometry(stamp, Pose2(x, 0.0, 0.0), Twist(v, 0.0)))
+        return odometry.slipping, odometry.predict(59 * 20_000_000).twist.v
+
+    assert speed_after(0.0)[0]
+    slips, speed = speed_after(math.nan)
+    assert not slips
+    assert speed == pytest.approx(1.0, abs=0.05)

@@ -1,0 +1,244 @@
+"""Wheel odometry that is not what it says is corrected or left out, by name, and the map is that of sound wheels."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.bags import SECOND, Bag
+from tests.cases.aided_drive import WheelFault, Wheels, checked, error_of, looks, recorded, turned
+from waychair.cli.options.recording_options import RecordingOptions
+from waychair.recordings.recording import InputSettings, read_recording
+from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
+from waychair.slam.odometry.aid_findings import Cause, Part, State
+from waychair.slam.odometry.broken_steps import BreakKind, Track, repaired
+from waychair.slam.trajectory_errors import truth_errors
+from waychair.types import FloatArray, Pose2
+
+GOOD = 0.05
+"""m; RMSE of a map that is as good as that of sound wheels."""
+
+
+def from_half(change: Callable[[FloatArray], FloatArray]) -> WheelFault:
+    """Odometry whose poses change from the middle of the drive on."""
+
+    def fault(sound: Wheels) -> Wheels:
+        half = len(sound.times) // 2
+        poses = sound.poses.copy()
+        poses[half:] = change(poses[half:])
+        return replace(sound, poses=poses)
+
+    return fault
+
+
+def begin_anew(poses: FloatArray) -> FloatArray:
+    """Poses that count from zero."""
+    first = poses[0]
+    back = np.array([-math.cos(first[2]) * first[0] - math.sin(first[2]) * first[1],
+                     math.sin(first[2]) * first[0] - math.cos(first[2]) * first[1], -first[2]])  # fmt: skip
+    return turned(poses, back)
+
+
+def some_off(count: int) -> WheelFault:
+    """Odometry of which some messages in the middle are 100 km away."""
+
+    def fault(sound: Wheels) -> Wheels:
+        poses, half = sound.poses.copy(), len(sound.times) // 2
+        poses[half : half + count, :2] += (1e5, -1e5)
+        return replace(sound, poses=poses)
+
+    return fault
+
+
+def silent(sound: Wheels) -> Wheels:
+    """Odometry that says nothing for a second, and then counts from zero."""
+    part = (sound.times > 0.4 * sound.times[-1]) & (sound.times < 0.4 * sound.times[-1] + 1.0)
+    poses, after = sound.poses.copy(), int(np.flatnonzero(part)[-1]) + 1
+    poses[after:] = begin_anew(poses[after:])
+    return Wheels(sound.times[~part], poses[~part], sound.speeds[~part])
+
+
+def stopped(sound: Wheels) -> Wheels:
+    """Odometry that stands still from the middle of the drive on."""
+    poses, speeds, half = sound.poses.copy(), sound.speeds.copy(), len(sound.times) // 2
+    poses[half:], speeds[half:] = poses[half], 0.0
+    return Wheels(sound.times, poses, speeds)
+
+
+def scaled(*factors: float) -> WheelFault:
+    """Odometry whose x, y and heading are other by factors."""
+    return lambda sound: sound.moved(lambda _, poses: poses * factors)
+
+
+def test_sound_aids_are_used_as_they_are() -> None:
+    recording, truth = recorded(imu=lambda sound: sound)
+    found = checked(recording)
+    assert found.recording is recording
+    assert found.findings == ()
+    assert error_of(recording, truth)[0] < GOOD
+
+
+@pytest.mark.parametrize(
+    ("fault", "cause", "words"),
+    [
+        (from_half(begin_anew), Cause.RESTART, "begins anew at zero"),
+        (from_half(lambda poses: poses + np.array([3.0, 0.0, 0.0])), Cause.JUMP, "jumps by 3.0 m"),
+        (from_half(lambda poses: turned(poses, np.array([1.0, -4.0, 1.2]))), Cause.JUMP, "jumps by"),
+        (silent, Cause.RESTART, "begins anew at zero"),
+        (some_off(1), Cause.WILD, "one message"),
+        (some_off(30), Cause.WILD, "30 messages"),
+    ],
+    ids=["restart", "jump", "turned jump", "silence and restart", "one wild message", "two seconds of wild messages"],
+)
+def test_a_step_that_no_chair_drives_is_no_motion(fault: WheelFault, cause: Cause, words: str) -> None:
+    recording, truth = recorded(fault)
+    error, mapping = error_of(recording, truth)
+    assert error < GOOD
+    (finding,) = mapping.report["aids"]
+    assert finding["cause"] == cause.value
+    end = (truth.stamps_ns[-1] - truth.stamps_ns[0]) * 1e-9
+    assert 0.35 * end < finding["since_s"] < 0.6 * end
+    assert any(words in warning for warning in mapping.report["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("fault", "part", "state", "cause"),
+    [
+        (scaled(1000.0, 1000.0, 1.0), Part.WHEEL_WAY, State.CORRECTED, Cause.MILLIMETRES),
+        (lambda sound: sound.moved(lambda _, p: p[:, [1, 0, 2]]), Part.WHEEL_WAY, State.CORRECTED, Cause.EXCHANGED),
+        (scaled(1.0, -1.0, 1.0), Part.WHEEL_WAY, State.CORRECTED, Cause.EXCHANGED),
+        (lambda sound: sound.rolled(way=0.5), Part.WHEEL_WAY, State.CORRECTED, Cause.SCALE),
+        (lambda sound: sound.rolled(way=-1.0), Part.WHEEL_WAY, State.CORRECTED, Cause.BACKWARD),
+        (lambda sound: sound.rolled(turn=1.5), Part.WHEEL_TURN, State.CORRECTED, Cause.SCALE),
+        (scaled(1.0, -1.0, -1.0), Part.WHEEL_TURN, State.CORRECTED, Cause.OTHER_WAY),
+        (scaled(1.0, 1.0, 0.0), Part.WHEEL_TURN, State.LEFT_OUT, Cause.NOTHING),
+        (lambda sound: replace(sound, times=sound.times + 0.6), Part.WHEELS, State.CORRECTED, Cause.DELAY),
+    ],
+    ids=["mm", "x and y exchanged", "y mirrored", "half", "backward", "track", "mirrored", "no heading", "late"],
+)
+def test_odometry_in_other_units_or_axes_is_corrected_by_name(
+    fault: WheelFault, part: Part, state: State, cause: Cause
+) -> None:
+    recording, truth = recorded(fault)
+    assert (part, state, cause) in looks(checked(recording).findings)
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_odometry_that_stops_is_replaced_by_the_scans_from_then_on() -> None:
+    recording, truth = recorded(stopped)
+    found = checked(recording)
+    causes = {(part, cause) for part, _, cause in looks(found.findings)}
+    assert (Part.WHEEL_WAY, Cause.NOTHING) in causes
+    end = (truth.stamps_ns[-1] - truth.stamps_ns[0]) * 1e-9
+    way = next(finding for finding in found.findings if finding.part is Part.WHEEL_WAY)
+    assert way.since_s is not None
+    assert 0.35 * end < way.since_s < 0.7 * end
+    assert way.until_s is None
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_exchanged_wheels_are_told_from_a_hanging_lidar_by_the_gyro() -> None:
+    recording, truth = recorded(lambda sound: sound.rolled(turn=-1.0), imu=lambda sound: sound)
+    assert looks(checked(recording).findings) == [(Part.WHEEL_TURN, State.CORRECTED, Cause.OTHER_WAY)]
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_without_a_gyro_both_causes_of_turns_the_other_way_are_named() -> None:
+    recording, _ = recorded(lambda sound: sound.rolled(turn=-1.0))
+    (said,) = checked(recording).sentences
+    assert "upside down" in said
+    assert "wheel are exchanged" in said
+
+
+def test_speeds_in_another_unit_are_taken_from_the_poses() -> None:
+    recording, truth = recorded(lambda sound: replace(sound, speeds=sound.speeds * (1000.0, 1.0)))
+    assert looks(checked(recording).findings) == [(Part.TWIST, State.CORRECTED, Cause.SCALE)]
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_wheels_some_per_cent_long_are_left_alone_where_scans_measure_the_way() -> None:
+    recording, truth = recorded(lambda sound: sound.rolled(way=1.05))
+    assert checked(recording).findings == ()
+    assert error_of(recording, truth)[0] < GOOD
+
+
+@pytest.mark.parametrize("yaw", [math.pi, math.pi / 2, 0.4])
+def test_a_lidar_that_looks_elsewhere_than_told_is_found(yaw: float) -> None:
+    recording, truth = recorded(told=Pose2(0.15, 0.0, yaw))
+    found = checked(recording)
+    assert looks(found.findings) == [(Part.LIDAR, State.CORRECTED, Cause.MOUNT)]
+    assert abs(found.recording.base_from_laser.theta) < 0.05
+    assert "--base-from-laser" in found.sentences[0]
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_a_restart_near_zero_is_named_with_its_distance() -> None:
+    times = np.arange(0.0, 10.0, 0.1)
+    poses = np.stack([0.5 * times, 0.0 * times, 0.0 * times], axis=1)
+    poses[50:, 0] -= poses[50, 0]
+    track = Track(times, poses, np.full((100, 2), (0.5, 0.0)), np.zeros(100, np.bool_))
+    mended, (found,) = repaired(track)
+    assert found.kind is BreakKind.RESTART
+    assert found.metres == pytest.approx(2.5, abs=0.06)
+    assert found.begin_s == pytest.approx(5.0)
+    assert mended.poses[-1, 0] == pytest.approx(0.5 * times[-1], abs=0.02)
+
+
+def test_jitter_of_stamps_is_no_broken_step() -> None:
+    rng = np.random.default_rng(3)
+    times = np.sort(np.arange(0.0, 20.0, 0.2) + rng.choice([0.0, 0.19], 100))
+    poses = np.stack([0.8 * np.arange(0.0, 20.0, 0.2), np.zeros(100), np.zeros(100)], axis=1)
+    track = Track(times, poses, np.zeros((100, 2)), np.zeros(100, np.bool_))
+    assert repaired(track) == (track, ())
+
+
+def test_a_drive_on_the_spot_tells_about_turns_only() -> None:
+    spin = ((0.0, math.pi), (0.0, math.pi), (0.0, -math.pi))
+    recording, _ = recorded(lambda sound: sound.rolled(turn=2.0), legs=spin)
+    assert (Part.WHEEL_TURN, State.CORRECTED, Cause.SCALE) in looks(checked(recording).findings)
+
+
+def test_the_live_mapper_takes_a_jump_for_no_motion() -> None:
+    recording, truth = recorded(from_half(begin_anew))
+    live = LiveMapping(LiveMappingSettings(), recording.base_from_laser)
+    for frame in recording.frames:
+        live.include(live.reckon(frame))
+    result = live.settle()
+    assert result.counts["odometry_jumps"] == 1
+    assert truth_errors(result.trajectory, truth).rmse_m < GOOD
+
+
+def test_stamps_that_begin_anew_are_continued(tmp_path: Path) -> None:
+    path = tmp_path / "reset"
+    bag = Bag(path)
+    for k in range(60):
+        stamp = (100 + k % 40) * SECOND // 5 if k != 10 else SECOND  # one odd stamp, and a clock that is set back
+        bag.scan(stamp, [1.0 + 0.05 * beam for beam in range(40)], logged_ns=(100 + k) * SECOND // 5)
+    bag.close()
+    recording = read_recording(path)
+    stamps = [frame.stamp_ns for frame in recording.frames]
+    assert stamps[40:] == [(100 + k) * SECOND // 5 for k in range(40, 60)]
+    assert stamps[10] == SECOND
+    assert sum("set back by 8.0 s" in warning for warning in recording.warnings) == 1
+
+
+def test_odometry_and_imu_are_left_out_on_wish(tmp_path: Path) -> None:
+    path = tmp_path / "drive"
+    bag = Bag(path)
+    for k in range(20):
+        stamp = (100 + k) * SECOND // 5
+        bag.odometry(stamp, 0.01 * k)
+        bag.imu(stamp, (0.0, 0.0, 0.0), (0.0, 0.0, 9.81), frame="base_link")
+        bag.scan(stamp, [1.0 + 0.05 * beam for beam in range(40)])
+    bag.close()
+    both = read_recording(path)
+    assert all(frame.wheels and frame.imu for frame in both.frames)
+    alone = read_recording(path, RecordingOptions(odom="none", imu="none").over(InputSettings()))
+    assert len(alone.frames) == 20
+    assert not any(frame.wheels or frame.imu for frame in alone.frames)
+    assert not any("scan matching alone" in warning for warning in alone.warnings)

@@ -1,0 +1,48 @@
+"""The sentences and the health in the report of a mapping run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from tests.cases.lidar_floor import replaced, write_scans
+from waychair.offline.mapping import MappingSettings, map_recording
+from waychair.offline.mapping_report import torn_warnings
+from waychair.recordings.recording import read_recording
+from waychair.slam.graph.graph_optimisation import Edge, EdgeKind
+from waychair.slam.mapping.mapper import MapperResult
+from waychair.types import Pose2, Trajectory
+
+
+def torn(breaks: int, joined: tuple[int, ...] = ()) -> MapperResult:
+    """Key scans a second apart, with a break before each of the last ones; loops join some of those to the first."""
+    count = breaks + 2
+    kinds = [EdgeKind.MATCH, *[EdgeKind.UNKNOWN] * breaks]
+    edges = [Edge(k, k + 1, Pose2(1.0), np.eye(3), kind) for k, kind in enumerate(kinds)]
+    edges += [Edge(0, k, Pose2(float(k)), np.eye(3), EdgeKind.LOOP) for k in joined]
+    poses = np.column_stack([np.arange(count), np.zeros((count, 2))]).astype(np.float64)
+    keys = tuple(range(count))
+    stamps = 1_000_000_000 * np.arange(count, dtype=np.int64)
+    return MapperResult(Trajectory(stamps, poses), poses, keys, keys, tuple(edges), (), {}, {})
+
+
+def test_seventy_breaks_are_one_sentence_with_their_count() -> None:
+    (warning,) = torn_warnings(torn(70))
+    assert warning.startswith("at 2.0 s and 69 times later the scans do not match those before, and the part after it")
+
+
+def test_mended_breaks_and_others_are_told_apart() -> None:
+    mended, open_ = torn_warnings(torn(3, joined=(2,)))
+    assert mended.startswith("at 2.0 s the scans do not match those before; a loop closure has joined")
+    assert open_.startswith("at 3.0 s and once later")
+    assert torn_warnings(torn(0)) == []
+
+
+def test_the_report_holds_the_health_of_the_recording(tmp_path: Path) -> None:
+    write_scans(tmp_path / "drive", replaced(time_increment=833_333.3))
+    report = map_recording(read_recording(tmp_path / "drive"), MappingSettings()).report
+    (finding,) = report["health"]
+    assert (finding["kind"], finding["topic"]) == ("beam times", "/scan")
+    assert "nanoseconds" in finding["text"]
+    assert sum("nanoseconds" in warning for warning in report["warnings"]) == 1
