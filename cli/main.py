@@ -104,7 +104,7 @@ app.command(
     help="Print all settings with their defaults, units and meaning.",
 )
 app.command(
-    "waychair.cli.calibrating:calibrate_app",
+    "waychair.cli.calibration.calibrating:calibrate_app",
     name="calibrate",
     help="Measure a chair and store the results in its calibration file.",
 )

@@ -7,7 +7,6 @@ REP-105, ranges REP-117. `rosbag_pictures` reads the pictures on demand.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,7 +18,8 @@ from rosbags.interfaces import Connection
 
 from waychair.config import Settings, setting
 from waychair.errors import NoScans, RecordingDamaged, RecordingError
-from waychair.geometry import in_space, interpolate
+from waychair.geometry import in_space
+from waychair.recordings.bags.bag_frames import sensor_frames
 from waychair.recordings.bags.bag_parts import BagFiles
 from waychair.recordings.bags.bag_topics import (
     CLOUD_TYPE,
@@ -61,7 +61,7 @@ from waychair.recordings.plausibility.plausible_scans import plausible_scans, wi
 from waychair.recordings.plausibility.told_scans import ToldScan
 from waychair.recordings.scan_merging import OdometryInterpolation, merged_scans
 from waychair.recordings.scans import LaserMount, mirrored
-from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorFrame, Twist
+from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorFrame
 
 NOT_USED = "none"
 """Name in place of a topic for odometry or an IMU that is not to be used."""
@@ -198,7 +198,7 @@ def _read(
         found=found, topics=topics, base=base, odometry=odometry, mounts=mounts, settings=settings, warnings=warnings
     )
     amiss: list[str] = []
-    frames = _frames(scans, odometry, _in_base_axes(found, base, warnings), amiss)
+    frames = sensor_frames(scans, odometry, _in_base_axes(found, base, warnings), amiss)
     warnings += [] if settings.odom_topic == NOT_USED else amiss
     source = f"ROS {'2' if bag.is2 else '1'} bag, scans {' and '.join(topics.scans)}, odometry {name}"
     source += f", IMU {topics.imu}" if found.imu else ""
@@ -455,55 +455,9 @@ def _in_base_axes(found: _BagMessages, base: str, warnings: list[str]) -> list[I
     return [replace(sample, accel=turn @ sample.accel, gyro=turn @ sample.gyro) for sample in samples]
 
 
-def _frames(
-    scans: Sequence[Scan], odometry: Sequence[Odometry], imu: Sequence[ImuSample], warnings: list[str]
-) -> tuple[SensorFrame, ...]:
-    """Return a frame for each scan, with its odometry; scans outside the odometry's time span are left out."""
-    stamps, imu_stamps = [reading.stamp_ns for reading in odometry], [sample.stamp_ns for sample in imu]
-    inside = [scan for scan in scans if stamps and stamps[0] <= scan.stamp_ns <= stamps[-1]]
-    if not inside:
-        warnings.append(_no_odometry(scans, stamps))
-    elif len(inside) < len(scans):
-        missing = len(scans) - len(inside)
-        warnings.append(f"{missing} scans before the first or after the last odometry were left out")
-    frames, done, imu_done = [], 0, 0
-    for scan in inside or scans:
-        imu_until = max(imu_done, bisect_right(imu_stamps, scan.stamp_ns))
-        wheels: list[Odometry] = []
-        if inside:
-            until = bisect_right(stamps, scan.stamp_ns)
-            wheels = list(odometry[done:until])
-            if stamps[until - 1] != scan.stamp_ns:
-                wheels.append(_between(odometry[until - 1], odometry[until], scan.stamp_ns))
-            elif not wheels:
-                wheels = [odometry[until - 1]]  # two scans at one stamp
-            done = max(done, until)
-        samples = tuple(imu[imu_done:imu_until])
-        frames.append(SensorFrame(scan.stamp_ns, scan=scan, wheels=tuple(wheels), imu=samples))
-        imu_done = imu_until
-    return tuple(frames)
-
-
 def _clock_warning(step_ns: int) -> str:
     way = "back" if step_ns > 0 else "on"
     return (
         f"the stamps are set {way} by {abs(step_ns) * 1e-9:.1f} s in the middle of the bag, as where a simulator is reset or a "
         "clock is set: they are continued by the time of recording"
     )
-
-
-def _no_odometry(scans: Sequence[Scan], stamps: Sequence[int]) -> str:
-    why = f"no {ODOMETRY_TYPE} and no /tf that moves the base"
-    if stamps:
-        late = (stamps[0] - scans[0].stamp_ns) * 1e-9
-        why = f"no odometry at the time of the scans (its first stamp is {late:+.1f} s from theirs)"
-    return f"the bag holds {why}: the motion is estimated by scan matching alone"
-
-
-def _between(before: Odometry, after: Odometry, at_ns: int) -> Odometry:
-    """Return the odometry at a stamp between two readings: pose and speeds interpolated, the later covariance."""
-    part = (at_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
-    v = before.twist.v + part * (after.twist.v - before.twist.v)
-    omega = before.twist.omega + part * (after.twist.omega - before.twist.omega)
-    pose = interpolate(before.odom_from_base, after.odom_from_base, part)
-    return Odometry(at_ns, pose, Twist(v, omega), after.covariance)

@@ -55,10 +55,9 @@ from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_imu, read_scan
 from waychair.ros.messages.wire import native
 from waychair.ros.node_settings.mapper import MapperNodeSettings
-from waychair.ros.nodes.active_state import offer_get_state
 from waychair.ros.nodes.inputs import CLOCK_ERROR_NS
 from waychair.ros.nodes.known_chair import known_chair
-from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.ros.nodes.node import ChairNode, offer_get_state, run_node
 from waychair.ros.nodes.refusals import Refusals
 from waychair.ros.topics import RosTopic
 from waychair.runtime.last_pose import remember_pose, remembered_pose

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, Protocol
 
+import numpy as np
 from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.duration import Duration
@@ -33,7 +34,7 @@ from waychair.ros.messages.motion import pose_stamped, read_pose_stamped
 from waychair.ros.messages.wire import native
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.topics import NAVIGATE_TO_POSE
-from waychair.types import Pose2
+from waychair.types import Path, Pose2
 
 NONE = 0
 
@@ -155,3 +156,12 @@ class NavigateAction:
             self._drive.refuse(str(error))
             self.end(reached=False, reason=str(error), code=error_code(error))
         return await ended
+
+
+def remaining_distance(path: Path | None, pose: Pose2) -> float:
+    """Return the length [m] of a path from its point nearest to a pose."""
+    if path is None or len(path.poses) < 2:
+        return 0.0
+    points = path.poses[:, :2]
+    nearest = int(np.argmin(np.hypot(*(points - (pose.x, pose.y)).T)))
+    return float(np.hypot(*np.diff(points[nearest:], axis=0).T).sum())

@@ -28,8 +28,6 @@ from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Any
 
-import numpy as np
-
 from waychair.control.drive.navigator import Navigation, Stage
 from waychair.control.safety.fitness import SLOW_SPEED, has_valid_reading
 from waychair.control.safety.stops import halt
@@ -62,11 +60,10 @@ from waychair.ros.messages.motion import (
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import SonarRing, read_scan
 from waychair.ros.node_settings.navigator import NavigatorNodeSettings
-from waychair.ros.nodes.active_state import offer_get_state
 from waychair.ros.nodes.known_chair import known_chair
-from waychair.ros.nodes.navigate_action import DriveFeedback, NavigateAction
+from waychair.ros.nodes.navigate_action import DriveFeedback, NavigateAction, remaining_distance
 from waychair.ros.nodes.navigation_display import NavigationDisplay
-from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.ros.nodes.node import ChairNode, offer_get_state, run_node
 from waychair.ros.nodes.refusals import Refusals
 from waychair.ros.nodes.tick_phase import TickPhase
 from waychair.runtime.pilot import Pilot
@@ -77,7 +74,7 @@ from waychair.slam.odometry.tilt import Tilt
 from waychair.topics import CAMERA as CAMERA_RATE
 from waychair.topics import COMMAND as COMMAND_RATE
 from waychair.topics import SCAN as SCAN_RATE
-from waychair.types import Goal, OccupancyGrid, Odometry, Path, Place, Pose2, RgbdFrame, Scan, SonarReadings, Twist
+from waychair.types import Goal, OccupancyGrid, Odometry, Place, Pose2, RgbdFrame, Scan, SonarReadings, Twist
 
 _PERIOD_NS = round(1e9 / COMMAND_RATE.rate_hz)
 _FEEDBACK_EVERY = 4  # ticks
@@ -481,19 +478,10 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if pose is None or navigation is None or self._pilot is None:
             return
         recoveries = self._pilot.navigator.recovery.begun - self._drive.recoveries
-        left = _remaining_distance(navigation.path, pose)
+        left = remaining_distance(navigation.path, pose)
         elapsed_s = (time.monotonic_ns() - self._drive.began_ns) * 1e-9
         seconds = left / max(self.settings.limiter.max_speed / 2, 0.05)
         self._action.tell(DriveFeedback(pose, elapsed_s, seconds, recoveries, left))
-
-
-def _remaining_distance(path: Path | None, pose: Pose2) -> float:
-    """Return the length [m] of a path from its point nearest to a pose."""
-    if path is None or len(path.poses) < 2:
-        return 0.0
-    points = path.poses[:, :2]
-    nearest = int(np.argmin(np.hypot(*(points - (pose.x, pose.y)).T)))
-    return float(np.hypot(*np.diff(points[nearest:], axis=0).T).sum())
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -39,6 +39,8 @@ from waychair.runtime.processes import BEAT_HZ, CANNOT_START, beats
 S = TypeVar("S", bound=Settings)
 T = TypeVar("T")
 
+_INACTIVE, _ACTIVE = (2, "inactive"), (3, "active")  # ids and labels of lifecycle_msgs/msg/State
+
 DIAGNOSTICS_HZ = 1.0
 
 
@@ -231,6 +233,20 @@ def run_until_signal(make: Callable[[], ChairNode[Any]], arguments: Sequence[str
                 node.close()
         finally:
             rclpy.try_shutdown()
+
+
+def offer_get_state(nav2_node: str, node: ChairNode[Any], is_active: Callable[[], bool]) -> None:
+    """Offer the service `get_state` (lifecycle_msgs/GetState) under the name of one of Nav2's nodes.
+
+    The chair's nodes have no lifecycle: `waychair up` starts and supervises their processes. But nav2_simple_commander
+    asks bt_navigator and amcl whether they are active before anything else (`waitUntilNav2Active`).
+    """
+
+    def answer(request: Any, response: Any) -> Any:
+        response.current_state.id, response.current_state.label = _ACTIVE if is_active() else _INACTIVE
+        return response
+
+    node.create_service(interface_type("lifecycle_msgs/srv/GetState"), f"{nav2_node}/get_state", answer)
 
 
 def _initialise(arguments: Sequence[str] | None) -> None:

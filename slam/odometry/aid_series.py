@@ -95,12 +95,12 @@ def robust_slope(
     Least absolute deviations by reweighting, so that slips and false matches do not count.
     """
     rows = reference[:, None] if extra is None else np.column_stack([reference, extra])
-    weights = np.ones(len(values))
-    solution = np.zeros(rows.shape[1])
+    weights: FloatArray = np.ones(len(values))
+    solution: FloatArray = np.zeros(rows.shape[1], np.float64)
     for _ in range(8):
         weighted = rows * weights[:, None]
         normal = weighted.T @ rows + 1e-12 * np.eye(rows.shape[1])
-        solution = np.linalg.solve(normal, weighted.T @ values)
+        solution = np.asarray(np.linalg.solve(normal, weighted.T @ values), np.float64)
         off = np.abs(values - rows @ solution)
         weights = 1.0 / np.maximum(off, max(1e-6, 0.3 * float(np.median(off))))
     spread = 1.48 * float(np.median(off))

@@ -136,8 +136,9 @@ class _Steps:
         turn = np.abs(self.motions[:, 2])
         off_turn = np.abs(wrap_angles(self.motions[:, 2] - self.expected[:, 2]))
         s = np.maximum(self.seconds, _JITTER_S)
-        far = (way > self.unit * FASTEST * s + 0.05) | (off > self.unit * (_SLACK + _GROWTH * s))
-        return far | (turn > FASTEST_TURN * s + 0.1) | (off_turn > _SLACK_TURN + _GROWTH_TURN * s)
+        far: BoolArray = (way > self.unit * FASTEST * s + 0.05) | (off > self.unit * (_SLACK + _GROWTH * s))
+        spun: BoolArray = (turn > FASTEST_TURN * s + 0.1) | (off_turn > _SLACK_TURN + _GROWTH_TURN * s)
+        return far | spun
 
 
 def _fits(told: FloatArray, moved: FloatArray, least: FloatArray) -> bool:

@@ -77,7 +77,7 @@ def speeds_are_wrong(evidence: Evidence, motions: FloatArray, driven: FloatArray
     silent = not np.abs(driven[np.isfinite(driven)]).any()
     if silent and evidence.scans.sweep_s == 0.0:
         return False
-    finite = np.isfinite(motions).all(axis=1) & np.isfinite(driven).all(axis=1)
+    finite: BoolArray = np.asarray(np.isfinite(np.hstack([motions, driven])).all(axis=1))
     turns = turn_agreement(evidence.spans, driven[:, 2], np.nan_to_num(motions[:, 2]), finite)
     ways = way_agreement(evidence.spans, driven[:, :2], np.nan_to_num(motions[:, :2]), finite)
     for found, told, true in ((ways, driven[:, 0], motions[:, 0]), (turns, driven[:, 2], motions[:, 2])):

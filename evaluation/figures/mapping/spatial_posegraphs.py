@@ -8,6 +8,7 @@ import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,7 +59,7 @@ def _read(name: str) -> tuple[list[SpatialEdge], int]:
         graph, values = gtsam.readG2o(str(path), True)
     edges = []
     for k in range(graph.size()):
-        factor = graph.at(k)
+        factor: Any = graph.at(k)  # gtsam has no types for it
         i, j = factor.keys()
         measured = factor.measured()
         pose = Pose3(measured.rotation().matrix(), np.asarray(measured.translation()))

@@ -22,9 +22,11 @@ if TYPE_CHECKING:
     from waychair.calibration.fits.sweep import SweepSettings
 
 calibrate_app = App(name="calibrate", help="Measure a chair and store the results in its calibration file.")
-calibrate_app.command("waychair.cli.calibrating_sensors:time_command", name="time", help="Find the delays of sensors.")
 calibrate_app.command(
-    "waychair.cli.calibrating_sensors:mask_command", name="mask", help="Mask the chair itself in the scans."
+    "waychair.cli.calibration.calibrating_sensors:time_command", name="time", help="Find the delays of sensors."
+)
+calibrate_app.command(
+    "waychair.cli.calibration.calibrating_sensors:mask_command", name="mask", help="Mask the chair itself in the scans."
 )
 
 _MANY_OUTLIERS = 0.02

@@ -1,0 +1,1 @@
+"""The commands that calibrate a chair: its drive, its sensors."""
