@@ -50,6 +50,7 @@ def places_command(
         Namespace of the chair's nodes.
     """
     from waychair.maps.drawn.places import load_places
+    from waychair.maps.folders.map_files import load_info, yaml_path
 
     changes = {"--add": add, "--move": move, "--rename": rename, "--remove": remove}
     given = [option for option, value in changes.items() if value is not None]
@@ -60,6 +61,7 @@ def places_command(
             raise BadArgument(f"{given[0]} needs the --map whose places to change")
         _print_running_places(domain, namespace)
         return
+    load_info(yaml_path(map))  # the map must exist
     if add is not None:
         _add(map, *add, yes=yes)
     elif move is not None:

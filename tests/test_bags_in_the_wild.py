@@ -140,7 +140,7 @@ def test_lidars_without_tf_are_merged_by_the_given_mounts(tmp_path: Path) -> Non
         read_recording(tmp_path / "drive", both(*mounts, "0,0,0"))
 
 
-@pytest.mark.parametrize("text", ["", "1", "1,2,3,4", "a,b", "1,2,nan", "0,0,0,upsidedown", "upside-down"])
+@pytest.mark.parametrize("text", ["", "1", "1,2,3,4,5", "a,b", "1,2,nan", "0,0,0,upsidedown", "upside-down"])
 def test_an_invalid_mount_is_refused_with_an_example(tmp_path: Path, text: str) -> None:
     two_lidars(tmp_path / "drive", mounted=False)
     with pytest.raises(ConfigError, match=r"X,Y,YAW,upside-down .*such as 0\.6,0,0"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.util
 import os
 import re
@@ -105,8 +106,8 @@ def port_of_page(wanted: int | None) -> int:
             with socket.create_server(("127.0.0.1", port)) as listener:
                 return int(listener.getsockname()[1])
         except OSError as error:
-            why = error.strerror or str(error)
-    raise BadArgument(f"the page cannot be served on --page-port {wanted}: {why}: choose another port, or omit it")
+            why = "is taken" if error.errno == errno.EADDRINUSE else f"cannot be used ({error.strerror})"
+    raise BadArgument(f"--page-port {wanted} {why}: choose another port, or omit it")
 
 
 def served(port: ChairPort, settings: PageNodeSettings) -> AbstractContextManager[str]:

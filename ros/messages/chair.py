@@ -32,8 +32,8 @@ class DriveRequest:
     """The navigator's request: `active` while there is a goal, `driving` while it commands speeds.
 
     `scan_ns`: stamp of the latest scan used in the decision; 0 for none. `goal`: the goal's pose in map. `stage`, `reason`
-    and `plans` are those of `Navigation`. `last_goal`: why the last goal was refused or given up. `furniture` (N, 2) [m]: scan points that look like legs but are on the map, in
-    the base frame at that scan.
+    and `plans` are those of `Navigation`. `last_goal`: why the last goal was refused or given up. `furniture` (N, 2) [m]:
+    scan points that look like legs but are on the map, in the base frame at that scan.
     """
 
     stamp_ns: int
@@ -56,8 +56,8 @@ class DriveReport:
     `command`: the command sent to the board, None while the lines are released. `drops_goal`: the goal is over. `ended`:
     why bridge or board ended a drive. `halts`: ids and sentences of the conditions that prevent a drive. `tilt`: the
     chair's roll and pitch [rad]. `scan_ns` and `goal`: from the request that the tick answers. `last_stop`: why the
-    last drive ended, or did not begin. `last_goal`: why the navigator refused or gave up the last goal. `countdown_s`: time until the first motion of a confirmed drive, 0 for none.
-    `steered`: a page's joystick drives.
+    last drive ended, or did not begin. `last_goal`: why the navigator refused or gave up the last goal. `countdown_s`: time
+    until the first motion of a confirmed drive, 0 for none. `steered`: a page's joystick drives.
     """
 
     stamp_ns: int

@@ -87,12 +87,13 @@ _SILENT_NS = 500_000_000
 
 @dataclass(slots=True)
 class _Layout:
-    """The map with its places and zones; `next_grid` waits for the end of the current drive."""
+    """The map with its places and zones; `next_grid` waits for the end of the current drive, `drawn` is their files."""
 
     places: dict[str, Place]
     zones: tuple[Zone, ...]
     grid: OccupancyGrid | None = None
     next_grid: OccupancyGrid | None = None
+    drawn: DrawnFiles | None = None
 
 
 @dataclass(slots=True)
@@ -146,9 +147,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._send_places(places(self.now_ns(), self._layout.places))
         self.listen(topics.LAYOUT, lambda message: message, lambda message: self._reload_layout(), needed=False)
         if s.map_folder:
-            self._drawn = DrawnFiles(FilePath(s.map_folder))
-            self._send_layout = self.publisher(topics.LAYOUT)
-            self.every(_DRAWN_HZ, self._watch_drawing)
+            self._watch_drawing(DrawnFiles(folder))
         self.listen(topics.MAP, read_occupancy_grid, self._take_map)
         with_true_stamp = self._calibration.with_true_stamp
         self.listen(topics.ODOMETRY, lambda message: with_true_stamp(read_odometry(message)), self._take_odometry)
@@ -270,10 +269,10 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _reload_layout(self) -> None:
         """Load changed places and zones; a current drive is replanned with them."""
-        if not self.settings.map_folder:
+        if self._layout.drawn is None:
             return
         folder = FilePath(self.settings.map_folder)
-        self._drawn.note()
+        self._layout.drawn.note()
         try:
             self._layout.places, self._layout.zones = load_places(folder), load_zones(folder)
         except WaychairError as error:
@@ -285,10 +284,15 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             self.worker.submit(lambda: pilot.drawn(grid, zones), lambda drawn: pilot.redraw(drawn, named))
             self._show_map(pilot, grid)
 
-    def _watch_drawing(self) -> None:
+    def _watch_drawing(self, drawn: DrawnFiles) -> None:
         """Tell all nodes of places, zones or erased parts that another program has changed, such as `waychair places`."""
-        if self._drawn.changed():
-            self._send_layout(make("std_msgs/msg/Empty", 0))
+        self._layout.drawn, send_layout = drawn, self.publisher(topics.LAYOUT)
+
+        def watch() -> None:
+            if drawn.changed():
+                send_layout(make("std_msgs/msg/Empty", 0))
+
+        self.every(_DRAWN_HZ, watch)
 
     def _take_odometry(self, odometry: Odometry) -> None:
         if self._track.take(odometry):

@@ -58,8 +58,9 @@ SCREENS = {
 }
 IS_SEEN = """() => {
   const sentence = document.querySelector("#next"), box = sentence.getBoundingClientRect();
-  const corners = [[box.left + 2, box.top + 2], [box.right - 2, box.bottom - 2], [(box.left + box.right) / 2, box.bottom - 2]];
-  return corners.every(([x, y]) => sentence.contains(document.elementFromPoint(x, y)));
+  const x = (box.left + box.right) / 2, y = (box.top + box.bottom) / 2;  // its corners are round
+  const edges = [[box.left + 2, y], [box.right - 2, y], [x, box.top + 2], [x, box.bottom - 2]];
+  return edges.every((point) => sentence.contains(document.elementFromPoint(...point)));
 }"""
 
 
