@@ -109,11 +109,14 @@ def test_missing_topics_and_a_bad_mount_are_refused_with_the_valid_ones(drive: P
     assert not out.exists()
 
 
-def test_a_mount_that_contradicts_the_motion_gives_a_warning(data_dir: Path, tmp_path: Path) -> None:
+def test_a_mount_that_contradicts_the_motion_is_corrected_with_a_warning(data_dir: Path, tmp_path: Path) -> None:
     log = data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz"
     done = waychair("map", log, "--out", tmp_path / "map", "--base-from-laser", "0.78,0,3.14159")
     assert done.returncode == 0, done.stderr
-    assert "is the laser's mount right? They agree best with --base-from-laser" in " ".join(done.stderr.split())
+    told = " ".join(done.stderr.split())
+    assert "the lidar: its mount is not as told" in told
+    yaw = float(told.partition("They agree best with --base-from-laser ")[2].split(",")[2])
+    assert abs(yaw) < 0.05
 
 
 def kept_often(folder: Path) -> Path:
