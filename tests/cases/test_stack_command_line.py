@@ -146,7 +146,7 @@ def test_a_port_of_the_page_that_is_taken_says_why() -> None:
 
     with socket.create_server(("127.0.0.1", 0)) as taken:
         number = taken.getsockname()[1]
-        with pytest.raises(BadArgument, match=f"--page-port {number}: Address already in use"):
+        with pytest.raises(BadArgument, match=f"--page-port {number} is taken: choose another port"):
             port_of_page(number)
     check_page_port(65_535, "--port")
     with pytest.raises(BadArgument, match="--port 65536 is no port"):

@@ -39,6 +39,7 @@ def _ground() -> Ground:
     return Ground("room", world, moved, map_from_world)
 
 
+@pytest.mark.nightly
 def test_random_poses_are_those_of_their_seed_and_lie_apart() -> None:
     ground = _ground()
     pairs = [random_poses(ground, seed) for seed in (1, 2, 1)]

@@ -51,7 +51,7 @@ def drawn_false_loops(clean: FloatArray, information: FloatArray, group: int, co
     return drawn
 
 
-@pytest.mark.parametrize("group", [1, 10])
+@pytest.mark.parametrize("group", [1, pytest.param(10, marks=pytest.mark.nightly)])
 def test_false_loops_do_not_move_the_optimum_and_are_named(
     intel: tuple[FloatArray, tuple[Edge, ...], FloatArray], group: int
 ) -> None:
