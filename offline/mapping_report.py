@@ -9,13 +9,12 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from waychair import __version__
 from waychair.offline.report import COLOURS, Bars, SvgFigure, Table, write_page
 from waychair.recordings.recording import Recording
 from waychair.slam.graph.graph_optimisation import EdgeKind
+from waychair.slam.graph.least_squares import connected_parts
 from waychair.slam.mapping.mapper import MapperResult
 from waychair.types import UNKNOWN, FloatArray, Json, OccupancyGrid
 
@@ -79,10 +78,11 @@ def mapping_report(
 def torn_warnings(result: MapperResult) -> list[str]:
     """Return a sentence about the breaks in the scan matching that a loop closure has bridged, and one about the others."""
     torn = [e for e in result.edges if e.kind is EdgeKind.UNKNOWN and result.key_frames[e.j] >= result.earlier_frames]
+    if not torn:
+        return []
     whole = [edge for edge in result.edges if edge.kind is not EdgeKind.UNKNOWN]
-    nodes = len(result.key_poses)
-    links = csr_matrix((np.ones(len(whole)), ([e.i for e in whole], [e.j for e in whole])), shape=(nodes, nodes))
-    _, piece = connected_components(links, directed=False)
+    ends = np.array([(edge.i, edge.j) for edge in whole], np.int64).reshape(-1, 2)
+    piece = connected_parts(ends[:, 0], ends[:, 1], len(result.key_poses))
     start = int(result.drive_trajectory.stamps_ns[0])
     warnings = []
     for mended, outcome in (

@@ -1,7 +1,7 @@
 """Reading recorded drives of every supported format, and writing and reading TUM trajectories.
 
 Formats: CARMEN and CoreSLAM logs, rows of scans, ROS 1 and ROS 2 bags, folders of colour and depth pictures. ROS 2 bags
-are written by `RecordingWriter`.
+are written by `bags.rosbag_writer.RecordingWriter`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,8 @@ import numpy as np
 from waychair.config import Settings, setting
 from waychair.errors import NoScans, RecordingError, RecordingUnknown
 from waychair.files import write_text
-from waychair.recordings.bags.rosbag_pictures import read_camera_mount, read_pictures
-from waychair.recordings.bags.rosbag_reader import NOT_USED, BagSettings, read_bag
-from waychair.recordings.bags.rosbag_writer import RecordingWriter
+from waychair.recordings.bags.bag_parts import BagFiles
+from waychair.recordings.bags.bag_settings import NOT_USED, BagSettings
 from waychair.recordings.other_files import likely_kind
 from waychair.recordings.packed import packing_of, unpack
 from waychair.recordings.plausibility.findings import Finding
@@ -35,8 +34,6 @@ from waychair.recordings.text.carmen import GZIP_MAGIC, decompressed_text, read_
 from waychair.recordings.text.coreslam import is_coreslam, read_coreslam
 from waychair.recordings.text.laser_text import is_laser_text, read_laser_text
 from waychair.types import Pose2, Pose3, RgbdFrame, SensorFrame, Trajectory, Trajectory3
-
-__all__ = ["InputSettings", "Recording", "RecordingWriter", "read_recording", "read_tum", "write_tum"]
 
 _HEAD = 1 << 16  # bytes; the first data line of a text file lies within them
 
@@ -118,19 +115,7 @@ def read_recording(
     if files.pictures:
         return _read_folder(files, settings)
     if files.bag is not None:
-        bag = read_bag(files.bag, settings.bag, mounts, progress)
-        recording = Recording(
-            path=files.path,
-            frames=bag.frames,
-            base_from_laser=bag.base_from_laser,
-            source=bag.source,
-            warnings=(*files.warnings, *bag.warnings),
-            findings=bag.findings,
-            pictures=partial(read_pictures, files.bag, settings.bag, bag.other_robots),
-            camera_mount=partial(read_camera_mount, files.bag, settings.bag, bag.other_robots),
-            parts=files.parts,
-        )
-        return _checked(recording)
+        return _checked(_read_bag(files, files.bag, settings, mounts, progress))
     if len(mounts) > 1:
         raise RecordingError(f"{len(mounts)} mounts are given for the one laser of {files.path}; give one")
     recording = _without_codes(_read_text(files.path, mounts[0] if mounts else None, progress))
@@ -141,6 +126,31 @@ def read_recording(
         turned = [replace(frame, scan=mirrored(frame.scan)) for frame in recording.frames if frame.scan is not None]
         recording = replace(recording, frames=tuple(turned))
     return _checked(recording)
+
+
+def _read_bag(
+    files: RecordingFiles,
+    bag_files: BagFiles,
+    settings: InputSettings,
+    mounts: Sequence[LaserMount],
+    progress: Callable[[float], None] | None,
+) -> Recording:
+    """Read the files of a bag; only here the bag libraries are loaded."""
+    from waychair.recordings.bags.rosbag_pictures import read_camera_mount, read_pictures
+    from waychair.recordings.bags.rosbag_reader import read_bag
+
+    bag = read_bag(bag_files, settings.bag, mounts, progress)
+    return Recording(
+        path=files.path,
+        frames=bag.frames,
+        base_from_laser=bag.base_from_laser,
+        source=bag.source,
+        warnings=(*files.warnings, *bag.warnings),
+        findings=bag.findings,
+        pictures=partial(read_pictures, bag_files, settings.bag, bag.other_robots),
+        camera_mount=partial(read_camera_mount, bag_files, settings.bag, bag.other_robots),
+        parts=files.parts,
+    )
 
 
 def _read_folder(files: RecordingFiles, settings: InputSettings) -> Recording:

@@ -15,7 +15,7 @@ import pytest
 from tests.bags import SECOND, Bag, off_the_walls, room_ranges
 from waychair.errors import ConfigError, NoScans, RecordingError
 from waychair.geometry import transform_points
-from waychair.recordings.bags.rosbag_reader import BagSettings
+from waychair.recordings.bags.bag_settings import BagSettings
 from waychair.recordings.recording import InputSettings, Recording, read_recording
 from waychair.recordings.scans import beam_ends
 from waychair.types import Odometry, Pose2, RgbdFrame

@@ -12,8 +12,9 @@ import pytest
 
 from tests.bags import SECOND, Bag
 from waychair.errors import NoScans, OutputError, RecordingDamaged, RecordingError
-from waychair.recordings.bags.rosbag_reader import BagSettings
-from waychair.recordings.recording import InputSettings, Recording, RecordingWriter, read_recording
+from waychair.recordings.bags.bag_settings import BagSettings
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
+from waychair.recordings.recording import InputSettings, Recording, read_recording
 from waychair.types import Odometry, Pose2, Scan, Twist
 
 START_NS = 1_700_000_000 * SECOND

@@ -16,7 +16,7 @@ from rosbags.highlevel import AnyReader
 
 from waychair.errors import OutputError
 from waychair.recordings.bags import rosbag_storage, rosbag_writer
-from waychair.recordings.recording import RecordingWriter
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
 from waychair.types import Odometry, Pose2, RgbdFrame, Scan
 
 START_NS = 1_700_000_000 * 10**9

@@ -18,9 +18,10 @@ from rosbags.interfaces import QosDurability, QosReliability
 from scipy.spatial.transform import Rotation
 
 from waychair.geometry import in_space
+from waychair.recordings.bags.bag_settings import BagSettings
 from waychair.recordings.bags.ros_messages import depth_image, transforms
-from waychair.recordings.bags.rosbag_reader import BagSettings
-from waychair.recordings.recording import InputSettings, RecordingWriter, read_recording
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
+from waychair.recordings.recording import InputSettings, read_recording
 from waychair.types import ImuSample, Odometry, Pose2, Pose3, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
 
 SECOND = 1_000_000_000

@@ -14,9 +14,10 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody, sonar_mounts
 from waychair.geometry import in_space
+from waychair.recordings.bags.bag_settings import BagSettings
 from waychair.recordings.bags.ros_messages import CAMERA_FRAME, CAMERA_FROM_OPTICAL, IMU_FRAME, LASER_FRAME, SONAR_FRAME
-from waychair.recordings.bags.rosbag_reader import BagSettings
-from waychair.recordings.recording import InputSettings, RecordingWriter, read_recording
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
+from waychair.recordings.recording import InputSettings, read_recording
 from waychair.simulation.follower import Follower, follow
 from waychair.simulation.pacing import Pacer
 from waychair.simulation.plant.plant import PlantSettings

@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+import cv2
 import numpy as np
 from numba import njit
-from scipy.ndimage import find_objects
 
 from waychair.config import Settings, setting
 from waychair.errors import NoPath, NotConverged, StartOutsideMap
@@ -188,11 +188,10 @@ def _staged(
     warm = warm_start.logs if warm_start is not None and warm_start.logs.shape == logs.shape else None
     while stages < STAGES and (until is None or not np.isfinite(logs[until])):
         unknown = wanted & ~np.isfinite(logs)
-        boxes = find_objects(unknown.astype(np.int8))
-        if not boxes:
+        left, top, width, height = cv2.boundingRect(unknown.view(np.uint8))
+        if not width:
             break
-        rows, columns = (slice(max(part.start - 1, 0), part.stop + 1) for part in boxes[0])
-        box = (rows, columns)
+        box = (slice(max(top - 1, 0), top + height + 1), slice(max(left - 1, 0), left + width + 1))
         found, done = yield from _stage(
             np.where(unknown[box], problem.absorption[box], np.float32(np.inf)),
             logs[box],

@@ -6,8 +6,8 @@ through it, so that paths avoid a cell the more the dearer it is.
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
-from scipy.ndimage import label
 
 from waychair.errors import NoPath
 from waychair.planning.grid.grid_graph import (
@@ -108,7 +108,8 @@ class HarmonicSearch:
         row, column = self._start
         top, left = max(row - _NEAR, 0), max(column - _NEAR, 0)
         about = (slice(top, row + _NEAR + 1), slice(left, column + _NEAR + 1))
-        rooms, _ = label(np.isfinite(self._field.logs[about]))
+        open_cells = np.isfinite(self._field.logs[about]).view(np.uint8)
+        _, rooms = cv2.connectedComponents(open_cells, connectivity=4)
         return bool((self._field.solved[about] & (rooms == rooms[row - top, column - left]) & (rooms > 0)).any())
 
     def replan(self) -> int:

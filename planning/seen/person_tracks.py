@@ -16,7 +16,6 @@ from types import MappingProxyType
 
 import numpy as np
 from numba import njit
-from scipy.optimize import linear_sum_assignment
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.config import Settings, setting
@@ -196,6 +195,8 @@ class Tracker:
     """The tracks, updated from scan to scan in a frame without jumps."""
 
     def __init__(self, model: MoverModel = PEOPLE) -> None:
+        import scipy.optimize  # noqa: F401 (loaded here, since loading takes longer than a tick)
+
         self._model = model
         self._tracks: tuple[Track, ...] = ()
         self._lost: tuple[Track, ...] = ()
@@ -341,6 +342,8 @@ def predicted(track: Track, stamp_ns: int, acceleration: float) -> Track:
 
 def associate(tracks: tuple[Track, ...], middles: FloatArray, sigma: float) -> dict[int, int]:
     """Return the index of the cluster (K, 2) of each track: the least sum of Mahalanobis distances, within the gate."""
+    from scipy.optimize import linear_sum_assignment
+
     if not tracks or not len(middles):
         return {}
     distances = np.empty((len(tracks), len(middles)))

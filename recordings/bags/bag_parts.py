@@ -14,9 +14,6 @@ from datetime import UTC, datetime
 from itertools import islice, pairwise
 from pathlib import Path
 
-from rosbags.rosbag1 import Reader as Reader1
-from rosbags.rosbag2 import Reader as Reader2
-
 from waychair.errors import RecordingDamaged, RecordingError, RecordingUnknown
 from waychair.recordings.other_files import other_kind
 from waychair.recordings.packed import PACKED_ENDINGS, Packing, packing_of, unpack, unpacked_head
@@ -168,6 +165,9 @@ def _in_order(path: Path, members: list[tuple[Path, str]], chosen: bool) -> tupl
 
 def _span(file: Path, kind: str) -> _Span | None:
     """Return the times and topics of a part; None for a damaged one or one without messages."""
+    from rosbags.rosbag1 import Reader as Reader1
+    from rosbags.rosbag2 import Reader as Reader2
+
     link = file
     with tempfile.TemporaryDirectory() as work, suppress(Exception):  # damaged bytes raise many kinds of errors
         if kind and file.suffix != kind:

@@ -9,6 +9,7 @@ from typing import Any
 
 from waychair.errors import RecordingDamaged, RecordingError
 from waychair.recordings.bags.bag_parts import BagFiles
+from waychair.recordings.bags.bag_settings import BagSettings
 from waychair.recordings.bags.bag_topics import TRANSFORM_TYPES, of_other_robot
 from waychair.recordings.bags.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
 from waychair.recordings.bags.ros_transforms import BASE_FRAMES, TransformTree, frame_name, stamp_ns
@@ -20,7 +21,6 @@ from waychair.recordings.bags.rosbag_file import (
     salvage_bag,
     topic_list,
 )
-from waychair.recordings.bags.rosbag_reader import BagSettings
 from waychair.types import FloatArray, Pose3, RgbdFrame
 
 IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")

@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 from rosbags.interfaces import Connection
 
-from waychair.config import Settings, setting
 from waychair.errors import NoScans, RecordingDamaged, RecordingError
 from waychair.geometry import in_space
 from waychair.recordings.bags.bag_frames import sensor_frames
 from waychair.recordings.bags.bag_parts import BagFiles
+from waychair.recordings.bags.bag_settings import NOT_USED, BagSettings
 from waychair.recordings.bags.bag_topics import (
     CLOUD_TYPE,
     ECHO_TYPE,
@@ -63,38 +63,11 @@ from waychair.recordings.scan_merging import OdometryInterpolation, merged_scans
 from waychair.recordings.scans import LaserMount, mirrored
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorFrame
 
-NOT_USED = "none"
-"""Name in place of a topic for odometry or an IMU that is not to be used."""
-
 BEAM_STEP = math.radians(0.25)  # between beams of scans that are made from clouds or from several lasers
 SCAN_SPREAD = 0.1  # s; scans of several lasers up to this far apart are merged
 
 _LEVEL = math.cos(math.radians(5.0))
 _PROGRESS_EVERY = 256  # messages
-
-
-@dataclass(frozen=True, slots=True)
-class BagSettings(Settings):
-    """The topics and frames to read from a bag; an empty name means the usual one, else the best guess."""
-
-    scan_topics: tuple[str, ...] = setting(
-        (), "", "topics of the scans or point clouds to map; several are merged into one scan; empty: guessed"
-    )
-    odom_topic: str = setting(
-        "", "", "topic of the odometry; empty: guessed, or /tf if no topic has any; none: not used"
-    )
-    imu_topic: str = setting("", "", "topic of the IMU; empty: guessed; none: not used")
-    colour_topic: str = setting("", "", "topic of the colour or grey pictures; empty: guessed")
-    depth_topic: str = setting("", "", "topic of the depth pictures that are registered to colour; empty: guessed")
-    base_frame: str = setting("", "", "frame of the chair in the bag, the parent of the sensor mounts; empty: guessed")
-    cloud_low: float = setting(
-        0.3, "m", "lowest height of point-cloud points that count as obstacles; larger: less floor, fewer low objects",
-        low=-10, high=10,
-    )  # fmt: skip
-    cloud_high: float = setting(
-        1.2, "m", "largest height of point-cloud points that count as obstacles; larger: more overhanging objects",
-        low=-10, high=10,
-    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from waychair.geometry import compose, wrap_angles
 from waychair.recordings.scan_merging import OdometryInterpolation
@@ -86,6 +85,8 @@ def _distances(surface: FloatArray, points: FloatArray, gap: float) -> FloatArra
 
     Ends that are `gap` apart do not lie on one surface.
     """
+    from scipy.spatial import cKDTree
+
     _, nearest = cKDTree(surface).query(points)
     distances: FloatArray = np.hypot(*(points - surface[nearest]).T)
     for side in (-1, 1):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import BoxError
-from waychair.recordings.recording import RecordingWriter
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
 from waychair.runtime.black_box.box_file import Log
 from waychair.runtime.black_box.why_evidence import LogCursor
 from waychair.slam.odometry.odometry_filter import OdometryFilter

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from waychair.slam.camera.feature_matching import distances_between, mutual_matches
 from waychair.slam.camera.features import ImageFeatures
@@ -203,4 +202,6 @@ def _refused(refusal: RegistrationRefusal, matches: int = 0, inliers: int = 0) -
 
 def angle_between(a: Pose3, b: Pose3) -> float:
     """Return the angle [rad] of the rotation between two poses."""
+    from scipy.spatial.transform import Rotation
+
     return float(np.linalg.norm(Rotation.from_matrix(a.rotation.T @ b.rotation).as_rotvec()))

@@ -15,7 +15,6 @@ from typing import TypeAlias
 
 import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from waychair.config import Settings, setting
 from waychair.slam.camera.dense_alignment import align_pictures
@@ -209,6 +208,8 @@ class VisualOdometry:
         assert self._tracked is not None
         assert self._tracked.camera_from_map is not None
         step = self._velocity * min(max((stamp_ns - self._stamp) * 1e-9, 0.0), _LONGEST_STEP)
+        from scipy.spatial.transform import Rotation
+
         return Pose3(Rotation.from_rotvec(step[:3]).as_matrix(), step[3:]) @ self._tracked.camera_from_map
 
     def _guess(self, picture: _Picture, predicted: Pose3) -> Pose3:
@@ -275,6 +276,8 @@ class VisualOdometry:
         if before is None or not 0.0 < elapsed < _LONGEST_STEP:
             return np.zeros(6)
         moved = pose @ before.inverse()
+        from scipy.spatial.transform import Rotation
+
         return np.concatenate([Rotation.from_matrix(moved.rotation).as_rotvec(), moved.translation]) / elapsed
 
     def _in_view(self, pose: Pose3, picture: _Picture) -> tuple[IntArray, FloatArray]:

@@ -1,4 +1,7 @@
-"""Weighted least squares over a pose graph with gtsam: factors are built once and solved with many weights."""
+"""Weighted least squares over a pose graph with gtsam: factors are built once and solved with many weights.
+
+gtsam and scipy.sparse are loaded by the first graph that has to be solved; a graph without a cycle has not.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +9,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
 
 from waychair.errors import GraphError
 from waychair.slam.graph.edges import EdgeArrays, chi_square
-from waychair.slam.graph.pose_synchronisation import factorised, spectral_poses
-from waychair.types import BoolArray, FloatArray, IntArray
+from waychair.types import FloatArray, IntArray
 
 PRIOR_SIGMA = 1e-6
 """Standard deviation [m], [rad] of the prior that fixes node 0."""
@@ -85,6 +85,10 @@ class PoseGraphProblem:
         With the group's whitened residuals r and their share K = J H^-1 J' in the solution, it is r' (I - K)^-1 r: to first
         order, the cost of adding the whole group to the rest. All edges of a group have a weight above 0.
         """
+        from scipy.sparse import csr_matrix
+
+        from waychair.slam.graph.pose_synchronisation import factorised
+
         kept = np.cumsum(weights > 0)  # the prior of node 0 has the first rows
         linear = self.factor_graph(poses, weights).linearize(gtsam_values(poses))
         row, column, value = linear.sparseJacobian_()
@@ -161,6 +165,8 @@ def least_squares(poses: FloatArray, edges: EdgeArrays, iterations: int = 100) -
     Raises:
         GraphError: as `check_graph`, or the equations cannot be solved.
     """
+    from waychair.slam.graph.pose_synchronisation import spectral_poses
+
     check_graph(poses, edges)
     problem = PoseGraphProblem(edges, None)
     starts = (poses, with_first_pose(spectral_poses(edges, len(poses)), poses[0]))
@@ -190,7 +196,7 @@ def joined_weights(edges: EdgeArrays, weights: FloatArray, against: FloatArray, 
 
     Of the edges that join two parts, those of least chi-square `against` (E,) are taken.
     """
-    part = _parts(edges, weights > 0, count)
+    part = connected_parts(edges.i[weights > 0], edges.j[weights > 0], count)
     if not part.any():
         return weights
     joined = weights.copy()
@@ -203,11 +209,19 @@ def joined_weights(edges: EdgeArrays, weights: FloatArray, against: FloatArray, 
     return joined
 
 
-def _parts(edges: EdgeArrays, wanted: BoolArray, count: int) -> IntArray:
-    """Return the connected part (count,) of each node, from 0 on."""
-    i, j = edges.i[wanted], edges.j[wanted]
+def connected_parts(i: IntArray, j: IntArray, count: int) -> IntArray:
+    """Return the connected part (count,), from 0 on, of each of `count` nodes that are linked from `i` (E,) to `j` (E,)."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import connected_components
+
     _, part = connected_components(csr_matrix((np.ones(len(i)), (i, j)), shape=(count, count)), directed=False)
     return np.asarray(part, np.int64)
+
+
+def is_tree(edges: EdgeArrays, count: int) -> bool:
+    """Return whether each of `count` nodes after the first hangs on one earlier node, so that the edges give the poses."""
+    hung = np.sort(edges.j)
+    return len(hung) == count - 1 and bool((edges.i < edges.j).all() and (hung == np.arange(1, count)).all())
 
 
 def check_graph(poses: FloatArray, edges: EdgeArrays) -> None:
@@ -222,8 +236,9 @@ def check_graph(poses: FloatArray, edges: EdgeArrays) -> None:
         raise GraphError(f"an edge names node {stray} of a graph of {count}; add the node or remove the edge")
     if not (np.isfinite(edges.i_from_j).all() and np.isfinite(edges.information).all() and np.isfinite(poses).all()):
         raise GraphError("a pose or an edge of the graph is not finite; remove it")
-    links = csr_matrix((np.ones(len(edges)), (edges.i, edges.j)), shape=(count, count))
-    parts, label = connected_components(links, directed=False)
-    if parts > 1:
+    if is_tree(edges, count):
+        return
+    label = connected_parts(edges.i, edges.j, count)
+    if (parts := int(label.max(initial=0)) + 1) > 1:
         loose = int(np.flatnonzero(label != label[0])[0])
         raise GraphError(f"no edges connect node {loose} with node 0; add one, or solve the {parts} parts separately")

@@ -7,12 +7,10 @@ voice: against it stands the odometry with all other groups, not the number of i
 from __future__ import annotations
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
 
 from waychair.geometry import compose, invert, wrap_angles
 from waychair.slam.graph.edges import EdgeArrays
+from waychair.slam.graph.least_squares import connected_parts
 from waychair.types import FloatArray, IntArray
 
 _NEAR = 5  # nodes; two loops whose ends are not farther apart may belong to one group
@@ -25,6 +23,8 @@ def loop_groups(poses: FloatArray, edges: EdgeArrays) -> IntArray:
 
     The short ways between the ends of two loops are taken from the poses (N, 3).
     """
+    from scipy.spatial import cKDTree
+
     groups = np.full(len(edges), -1, np.int64)
     loops = np.flatnonzero(edges.loop)
     if not len(loops):
@@ -43,7 +43,7 @@ def loop_groups(poses: FloatArray, edges: EdgeArrays) -> IntArray:
     away[:, 2] = wrap_angles(away[:, 2])
     against = np.einsum("ei,eij,ej->e", away, edges.information[loops[b]], away)
     a, b = a[against < _AGREE], b[against < _AGREE]
-    _, groups[loops] = connected_components(csr_matrix((np.ones(len(a)), (a, b)), shape=(len(loops),) * 2), False)
+    groups[loops] = connected_parts(a, b, len(loops))
     return groups
 
 

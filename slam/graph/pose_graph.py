@@ -15,7 +15,7 @@ import numpy as np
 
 from waychair.errors import GraphError
 from waychair.slam.graph.edges import Edge, EdgeKind, chi_square, edge_arrays
-from waychair.slam.graph.least_squares import PoseGraphProblem, gtsam_values
+from waychair.slam.graph.least_squares import PoseGraphProblem, gtsam_values, is_tree
 from waychair.slam.graph.robust_optimisation import (
     LOOP_LIMIT,
     MATCH_KERNEL,
@@ -144,7 +144,8 @@ class PoseGraph:
         self.poses = solution.poses
         left_out = np.flatnonzero(~solution.accepted).tolist()
         self._rejected = dict(zip(left_out, solution.rejected, strict=True))
-        self._restart()
+        if not is_tree(edge_arrays(self._edges), len(self.poses)):
+            self._restart()
         return replace(solution, rejected=self.rejected)
 
     def _solve_accepted(self) -> None:

@@ -20,11 +20,10 @@ from functools import partial
 import numpy as np
 
 from waychair.errors import GraphError
-from waychair.geometry import pose_from_array
-from waychair.slam.graph.edges import Edge, EdgeKind, chi_square, edge_arrays
-from waychair.slam.graph.least_squares import PoseGraphProblem, check_graph, joined_weights, with_first_pose
+from waychair.geometry import compose, pose_from_array
+from waychair.slam.graph.edges import Edge, EdgeArrays, EdgeKind, chi_square, edge_arrays
+from waychair.slam.graph.least_squares import PoseGraphProblem, check_graph, is_tree, joined_weights, with_first_pose
 from waychair.slam.graph.loop_groups import group_cost, loop_groups
-from waychair.slam.graph.pose_synchronisation import spectral_poses
 from waychair.types import BoolArray, FloatArray, IntArray
 
 LOOP_SCALE = 1.0  # chi-square up to which a loop has full weight (dynamic covariance scaling)
@@ -106,6 +105,8 @@ def solve(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False)
     """
     arrays = edge_arrays(edges)
     check_graph(poses, arrays)
+    if is_tree(arrays, len(poses)):
+        return Solution(_hung(poses, arrays), np.ones(len(arrays), bool), ())
     problem = PoseGraphProblem(arrays, MATCH_KERNEL)
     if not arrays.loop.any():
         return Solution(problem.solve(poses, iterations=MAX_ITERATIONS), ~arrays.loop, ())
@@ -140,6 +141,14 @@ def chained_poses(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:
         step = pose_from_array(poses[k]).inverse() @ pose_from_array(poses[k + 1]) if own is None else own
         chain.append(chain[-1] @ step)
     return np.array([pose.array() for pose in chain])
+
+
+def _hung(poses: FloatArray, edges: EdgeArrays) -> FloatArray:
+    """Return the poses (N, 3) of a tree: each node hangs at the end of its edge."""
+    hung = poses.copy()
+    for edge in np.argsort(edges.j).tolist():
+        hung[edges.j[edge]] = compose(hung[edges.i[edge]], edges.i_from_j[edge])
+    return hung
 
 
 def _judged(case: _Case, quick: _Trial, chain: FloatArray, solved_before: bool) -> _Trial:
@@ -204,6 +213,8 @@ def _trusted(case: _Case, poses: FloatArray) -> _Trial:
 
 def _spectral(case: _Case) -> FloatArray:
     """Return poses (N, 3) from the edges alone."""
+    from waychair.slam.graph.pose_synchronisation import spectral_poses
+
     poses = spectral_poses(case.problem.edges, len(case.start))
     if not np.isfinite(poses).all():
         raise GraphError("the edges alone do not determine the poses; add edges to loose nodes")

@@ -12,7 +12,6 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
@@ -234,6 +233,8 @@ def wall_points(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
     A point is the centre of its cell: lidar hits spread over the cells that they made occupied, so the centre is the
     surface's mean position. The normal belongs to a line through the nearest such cells and points to the free side.
     """
+    from scipy.spatial import cKDTree
+
     solid = np.pad(occupied(grid), 1)
     free = np.pad((grid.cells >= 0) & ~occupied(grid), 1)
     points, facing = [], []

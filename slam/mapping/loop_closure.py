@@ -17,8 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_matrix
-from scipy.sparse.csgraph import dijkstra
 
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
@@ -85,6 +83,9 @@ class LoopCandidate:
 
 def graph_distances(poses: FloatArray, edges: Sequence[Edge], node: int) -> FloatArray:
     """Return the length (N,) [m] of the shortest path along the edges from a node to every node."""
+    from scipy.sparse import csr_matrix
+    from scipy.sparse.csgraph import dijkstra
+
     i = np.array([edge.i for edge in edges], np.int64)
     j = np.array([edge.j for edge in edges], np.int64)
     unknown = np.array([edge.kind is EdgeKind.UNKNOWN for edge in edges], bool)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from waychair.slam.mapping.mapper import Mapper
 from waychair.slam.scan.scan_points import ScanPoints, scan_points
@@ -40,6 +39,8 @@ def renewed_surfaces(mapper: Mapper, scans: Mapping[int, tuple[Scan, Pose2]]) ->
 
 def _beside(points: FloatArray, surface: FloatArray) -> BoolArray:
     """Return (N,) whether points (N, 2) lie near a point of a surface (M, 2)."""
+    from scipy.spatial import cKDTree
+
     away, _ = cKDTree(surface).query(points, distance_upper_bound=_NEAR)
     near: BoolArray = away <= _NEAR
     return near

@@ -7,10 +7,14 @@ the next radius query builds a new k-d tree if a row of the tree has moved.
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
-from scipy.spatial import cKDTree
 
 from waychair.types import FloatArray, IntArray, Pose2
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 _MOVED = 1e-6  # [m], [rad]; an anchor that changed by less has not moved
 _UNINDEXED = 256  # new anchors that are compared one by one before a new tree is built
@@ -59,4 +63,6 @@ class AnchorPoses:
     def _build_tree(self) -> None:
         self._known = len(self.poses)
         self._rows = np.flatnonzero(np.isfinite(self.poses[:, :2]).all(axis=1))
+        from scipy.spatial import cKDTree
+
         self._tree = cKDTree(self.poses[self._rows, :2]) if len(self._rows) else cKDTree(np.zeros((1, 2)))

@@ -32,7 +32,7 @@ from waychair.cli.main import app
 from waychair.cli.options.arguments import BadArgument
 from waychair.errors import CalibrationError, CalibrationMismatch
 from waychair.firmware_bridge.board import build_board
-from waychair.recordings.recording import RecordingWriter
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
 from waychair.simulation.plant.chair_file import load_chair
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.trials.open_hall import open_hall

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from tests.bags import SECOND, Bag
 from waychair.errors import RecordingError
-from waychair.recordings.bags.rosbag_reader import BagSettings
+from waychair.recordings.bags.bag_settings import BagSettings
 from waychair.recordings.recording import InputSettings, Recording, read_recording
 from waychair.types import Odometry, Pose2
 

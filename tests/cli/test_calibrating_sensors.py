@@ -13,7 +13,7 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.cli.main import app
 from waychair.cli.options.arguments import BadArgument
 from waychair.errors import CalibrationMismatch, RecordingDamaged, RecordingNotFound, ThinData, WaychairError
-from waychair.recordings.recording import RecordingWriter
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.open_hall import open_hall
 from waychair.trials.simulated_calibration import MASK_HALL, scans_while_turning, with_legs

@@ -14,7 +14,8 @@ import pytest
 
 from tests.cli.command import WAYCHAIR, refused, started, waychair
 from waychair.maps.folders.map_files import load_map, save_map
-from waychair.recordings.recording import RecordingWriter, read_tum
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
+from waychair.recordings.recording import read_tum
 from waychair.types import OccupancyGrid, Odometry, Pose2, Scan
 
 

@@ -16,7 +16,8 @@ from waychair.cli.main import app
 from waychair.errors import MapError, MissingExtra, NoPictures, RecordingNotFound
 from waychair.offline import cloud_export
 from waychair.offline.cloud_export import export_cloud
-from waychair.recordings.recording import RecordingWriter, read_recording
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
+from waychair.recordings.recording import read_recording
 from waychair.simulation.plan.world import load_world
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.trials.record import mounts_of

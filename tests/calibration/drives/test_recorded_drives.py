@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.drives.camera_views import nominal_mount
 from waychair.calibration.drives.recorded_drives import camera_from_recording
-from waychair.recordings.recording import RecordingWriter
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
 from waychair.simulation.plant.plant import PlantSettings, randomised
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.trials.open_hall import open_hall

@@ -11,7 +11,8 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.drives.sensor_delays import TimeCalibration, TimeCalibrator, merged
 from waychair.calibration.fits.time_offset import SensorDelays, TimeOffset, without_delay
 from waychair.errors import CalibrationError, ThinData
-from waychair.recordings.recording import RecordingWriter, read_recording
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
+from waychair.recordings.recording import read_recording
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.simulator import Simulator, SimulatorSettings

@@ -12,7 +12,8 @@ from rosbags.rosbag2 import StoragePlugin
 from tests.bags import SECOND, Bag
 from waychair.errors import RecordingDamaged, RecordingError
 from waychair.recordings.bags.rosbag_salvage import SalvagedBag
-from waychair.recordings.recording import RecordingWriter, read_recording
+from waychair.recordings.bags.rosbag_writer import RecordingWriter
+from waychair.recordings.recording import read_recording
 from waychair.types import Odometry, Pose2, Scan
 
 SCANS = 400
