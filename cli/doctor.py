@@ -9,6 +9,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import metadata
@@ -44,10 +45,15 @@ class Check:
     remedy: str = ""
 
 
-def doctor_command() -> None:
+def doctor_command(*, warm: bool = False) -> None:
     """List missing parts of this machine and the commands that fix them.
 
     Exits with 1 if a part is missing that mapping, planning or simulated driving needs; optional parts are only listed.
+
+    Parameters
+    ----------
+    warm
+        Also compile the program for this computer, so that the first map and the first drive need not wait.
     """
     from rich.markup import escape
     from rich.table import Column, Table
@@ -63,6 +69,21 @@ def doctor_command() -> None:
     print_table(table)
     if any(check.state is PartState.MISSING for check in found):
         sys.exit(1)
+    if warm:
+        _warm_up()
+
+
+def _warm_up() -> None:
+    """Compile all kernels with a short simulated drive, and print how long it took."""
+    from rich.console import Console
+
+    from waychair.cli.options.progress import stage_bars
+    from waychair.trials.kernels import compile_kernels
+
+    began = time.monotonic()
+    with stage_bars(Console(stderr=True)) as show:
+        compile_kernels(show)
+    print(f"compiled for this computer, and tried in a short simulated drive, in {time.monotonic() - began:.0f} s")
 
 
 def examine() -> tuple[Check, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -69,6 +69,7 @@ def demo_command(
     from rich.console import Console
 
     from waychair.cli.options.configuration import load_configuration
+    from waychair.cli.options.progress import stage_bars
     from waychair.offline.mapping import MappingSettings
     from waychair.trials.demo import run_demo
     from waychair.trials.demo_page import DemoPage
@@ -77,7 +78,7 @@ def demo_command(
     configured = load_configuration(config)
     console = Console(stderr=True, quiet=quiet)
     page = DemoPage()
-    with _shown(page, headless, page_port, console), _stage_bars(console) as show:
+    with _shown(page, headless, page_port, console), stage_bars(console) as show:
         demo = run_demo(
             out=out,
             seed=seed,
@@ -95,22 +96,6 @@ def demo_command(
         _print_demo(demo, out)
     if demo.reached < len(demo.legs) or page.stop_requested:
         sys.exit(1)
-
-
-@contextmanager
-def _stage_bars(console: Console) -> Iterator[Callable[[str, float], None]]:
-    """Yield a callback that shows a bar for each stage, by its name and the share that is done."""
-    from rich.progress import Progress, TaskID
-
-    with Progress(console=console, transient=True, disable=console.quiet) as bar:
-        tasks: dict[str, TaskID] = {}
-
-        def show(stage: str, share: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = bar.add_task(stage, total=1.0)
-            bar.update(tasks[stage], completed=share)
-
-        yield show
 
 
 def _print_demo(demo: Demo, out: Path) -> None:

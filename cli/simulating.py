@@ -185,6 +185,10 @@ def _driven(simulator: Simulator, waypoints: FloatArray, record: Path | None, pa
     from rich.console import Console
     from rich.progress import Progress
 
+    from waychair.cli.options.progress import announce_compiling
+
+    if not quiet:
+        announce_compiling()
     from waychair.trials.record import drive_route
 
     with Progress(console=Console(file=sys.stderr, quiet=quiet), transient=True, disable=quiet) as bar:

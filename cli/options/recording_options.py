@@ -101,6 +101,10 @@ def stages(quiet: bool) -> Iterator[Stages]:
         TimeRemainingColumn,
     )
 
+    from waychair.cli.options.progress import announce_compiling
+
+    if not quiet:
+        announce_compiling()
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),

@@ -117,3 +117,15 @@ def test_recordings_are_found_in_the_folder_of_the_environment_variable(
     assert doctor._recordings().state is PartState.OPTIONAL
     (tmp_path / "lidar_intel").mkdir()
     assert doctor._recordings().state is PartState.OK
+
+
+@pytest.mark.nightly
+def test_warm_compiles_everything_for_a_drive_and_the_next_command_compiles_nothing(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+    told = [
+        subprocess.run([str(WAYCHAIR), "doctor", "--warm"], capture_output=True, text=True, check=True, env=environment)
+        for _ in range(2)
+    ]
+    assert "compiling for this computer, once" in told[0].stderr
+    assert all("compiled for this computer" in each.stdout for each in told)
+    assert "compiling" not in told[1].stderr

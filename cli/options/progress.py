@@ -1,0 +1,56 @@
+"""Progress on standard error: bars of a command's stages, and a sentence while numba compiles, once for each machine."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+@cache
+def announce_compiling() -> None:
+    """Say on standard error, at the first kernel that has to be compiled, that this happens once; later calls do nothing."""
+    from numba.core import event
+
+    class FirstCompilation(event.Listener):
+        """Prints the sentence at the first compilation of the process."""
+
+        said = False
+
+        def on_start(self, event: event.Event) -> None:
+            if not self.said:
+                self.said = True
+                print(
+                    "compiling for this computer, once: up to a minute the first time "
+                    "(`waychair doctor --warm` does it in advance)",
+                    file=sys.stderr,
+                    flush=True,
+                )
+
+        def on_end(self, event: event.Event) -> None:
+            pass
+
+    event.register("numba:compile", FirstCompilation())  # type: ignore[no-untyped-call]
+
+
+@contextmanager
+def stage_bars(console: Console) -> Iterator[Callable[[str, float], None]]:
+    """Yield a callback that shows a bar for each stage, by its name and the share that is done."""
+    from rich.progress import Progress, TaskID
+
+    if not console.quiet:
+        announce_compiling()
+    with Progress(console=console, transient=True, disable=console.quiet) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def show(stage: str, share: float) -> None:
+            if stage not in tasks:
+                tasks[stage] = bar.add_task(stage, total=1.0)
+            bar.update(tasks[stage], completed=share)
+
+        yield show

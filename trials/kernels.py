@@ -1,0 +1,42 @@
+"""Compiling the numba kernels of a whole chair, so that no command and no drive waits for them."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from waychair.planning.warm_up import warm_up
+from waychair.trials.demo import StageProgress, run_demo
+
+_HALL = """\
+name: hall
+size: [8.0, 6.0]
+start: [1.5, 3.0, 0.0]
+walls:
+  - {start: [0.0, 0.0], end: [8.0, 0.0]}
+  - {start: [8.0, 0.0], end: [8.0, 6.0]}
+  - {start: [8.0, 6.0], end: [0.0, 6.0]}
+  - {start: [0.0, 6.0], end: [0.0, 0.0]}
+boxes:
+  - {centre: [4.0, 5.5], size: [1.2, 0.6]}
+places:
+  door: [2.0, 3.0, 3.1]
+routes:
+  mapping: [[6.0, 3.0], [2.0, 3.0]]
+"""
+"""Floor plan of a small hall with one place and a route that maps it."""
+
+
+def compile_kernels(progress: StageProgress = lambda stage, share: None) -> None:
+    """Compile the planner's kernels, and by a short demo those of simulator, mapper, localiser and a drive.
+
+    numba keeps them on disk, for this user and this processor; where they are kept already it takes some seconds.
+
+    Raises:
+        BoardBuildError: the firmware cannot be built: no C compiler.
+    """
+    warm_up()
+    with tempfile.TemporaryDirectory() as name:
+        plan = Path(name) / "hall.yaml"
+        plan.write_text(_HALL, encoding="utf-8")
+        run_demo(Path(name) / "demo", seed=1, world=plan, surprises=False, progress=progress)
