@@ -14,6 +14,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.config import Settings, setting
+from waychair.control.safety.sensor_timing import SLOW_AGE_S, ScanTiming, SensorTiming, TickGaps
 from waychair.control.safety.stops import Halt, halt
 from waychair.errors import ConfigError
 from waychair.slam.localising.localiser import Localisation, LocalisationState
@@ -36,6 +37,9 @@ chairs begin to slide or tip: after the third, so that no sill counts, it ends a
 
 POSE_JUMP = 0.5
 """m; a localised pose that jumps farther was wrong before."""
+
+_WHEELS_AGE_S, _SCAN_AGE_S = 0.08, 0.18
+"""s; wheel readings and scans that arrive older than this are held up; usual ones are 0.02 and 0.1 s old."""
 
 Sensed: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | ChairStatus
 
@@ -83,6 +87,7 @@ class Fitness:
         self._settings = settings or FitnessSettings()
         self._tilt = TiltFilter(body)
         self._heard_ns: dict[type, int] = {}
+        self._scans, self._wheels, self._gaps = ScanTiming(), SensorTiming(), TickGaps()
         self._status = ChairStatus(0)  # each contact's last value
         self._contact_ns: dict[str, int] = {}
         self._tilted_since_ns: int | None = None
@@ -98,6 +103,8 @@ class Fitness:
         if not has_valid_reading(message):
             return
         self._heard_ns[type(message)] = message.stamp_ns
+        if isinstance(message, Scan | WheelTicks):
+            (self._scans if isinstance(message, Scan) else self._wheels).hear(message.stamp_ns)
         if isinstance(message, ChairStatus):
             known = {name: value for name in _CONTACTS if (value := getattr(message, name)) is not None}
             self._status = replace(self._status, **known)
@@ -126,14 +133,17 @@ class Fitness:
         self._jump_m = 0.0
 
     def halts(self, now_ns: int) -> tuple[Halt, ...]:
-        """Return the faults that end a drive or keep one from beginning."""
+        """Return the faults that end a drive or keep one from beginning; called once a tick."""
+        for timing in (self._scans, self._wheels, self._gaps):
+            timing.tick(now_ns)
         return (*self._silent(now_ns), *self._contacts(now_ns), *self._lost(), *self._steep(now_ns))
 
     def speed_limit(self, now_ns: int) -> float:
         """Return the highest speed [m/s] of a drive that may go on; +inf when all is well."""
         missed = self._is_missed(ImuSample, now_ns) or self._is_missed(RgbdFrame, now_ns)
         doubtful = self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
-        return SLOW_SPEED if missed or doubtful or self._lean > SLOW_TILT else math.inf
+        old = self._scans.oldest_s() > SLOW_AGE_S
+        return SLOW_SPEED if missed or doubtful or old or self._lean > SLOW_TILT else math.inf
 
     def _is_missed(self, sensor: type[ImuSample | RgbdFrame], now_ns: int) -> bool:
         """Return whether a sensor that the chair can do without was heard before and has fallen silent."""
@@ -142,17 +152,37 @@ class Fitness:
         return heard is not None and topic.is_stale(heard, now_ns)
 
     def _silent(self, now_ns: int) -> tuple[Halt, ...]:
-        """Return the halts of F11 and F13: silent sensors."""
-        s, halts = self._settings, []
-        if SCAN.is_stale(self._heard_ns.get(Scan), now_ns):
-            halts.append(halt("lidar_stale"))
-        if WHEELS.is_stale(self._heard_ns.get(WheelTicks), now_ns):
-            halts.append(halt("wheels_stale"))
+        """Return the halts of F11 and F13: sensors that are silent, late or too slow."""
+        s = self._settings
+        halts = [found for found in (self._slow_lidar(now_ns), self._slow_wheels(now_ns)) if found is not None]
         if s.imu_silent == "stop" and self._is_missed(ImuSample, now_ns):
             halts.append(halt("imu_stale"))
         if s.depth_silent == "stop" and self._is_missed(RgbdFrame, now_ns):
             halts.append(halt("depth_stale"))
         return tuple(halts)
+
+    def _slow_lidar(self, now_ns: int) -> Halt | None:
+        """Return the halt of a lidar that is silent, or late again and again, by its cause."""
+        late = self._scans.halt(self._gaps.often() or self._wheels.delay_s() > _WHEELS_AGE_S)
+        stamp_ns, longest_ns = self._heard_ns.get(Scan), SCAN.max_age_ns() or 0
+        if late is not None and self._scans.keeps_coming(now_ns, max(longest_ns, round(2e9 * self._scans.period_s()))):
+            return late
+        if not SCAN.is_stale(stamp_ns, now_ns):
+            return None
+        busy = stamp_ns is not None and self._gaps.explain(now_ns, now_ns - stamp_ns)
+        return halt("computer_slow" if busy else "lidar_stale")
+
+    def _slow_wheels(self, now_ns: int) -> Halt | None:
+        """Return the halt of silent or late wheel encoders, by its cause."""
+        stamp_ns, longest_ns = self._heard_ns.get(WheelTicks), WHEELS.max_age_ns() or 0
+        if not WHEELS.is_stale(stamp_ns, now_ns):
+            return None
+        if stamp_ns is not None and self._gaps.explain(now_ns, now_ns - stamp_ns):
+            return halt("computer_slow")
+        if self._wheels.keeps_coming(now_ns, longest_ns):
+            alike = self._scans.delay_s() > max(_SCAN_AGE_S, 0.5 * self._wheels.delay_s())
+            return halt("computer_slow" if alike else "wheels_delayed", f"they are {self._wheels.delay_s():.2f} s old")
+        return halt("wheels_stale")
 
     def _contacts(self, now_ns: int) -> tuple[Halt, ...]:
         """Return the halts of F24 and the seat switch; a contact's last value counts even if it is not set as
