@@ -35,6 +35,9 @@ SLOW_TILT, MOST_TILT, TILTED_S = 0.09, 0.14, 0.2
 """rad, rad, s; a tilt beyond the first, a little steeper than a ramp of 1:12, slows a drive. Beyond the second, 8 degrees,
 chairs begin to slide or tip: after the third, so that no sill counts, it ends a drive."""
 
+LEAST_HEALTH = 0.31
+"""Pose probability from which a scan confirms the pose from which the chair started, as by default in the localiser."""
+
 POSE_JUMP = 0.5
 """m; a localised pose that jumps farther was wrong before."""
 
@@ -93,6 +96,7 @@ class Fitness:
         self._tilted_since_ns: int | None = None
         self._lean = 0.0
         self._localisation: Localisation | None = None
+        self._is_placed = False  # whether scans have ever confirmed a pose
         self._jump_m = 0.0
 
     def hear(self, message: Sensed, twist: Twist) -> None:
@@ -121,6 +125,8 @@ class Fitness:
     def locate(self, localisation: Localisation, odom_from_base: Pose2) -> None:
         """Take in the localised pose now; a jump since the last call is remembered until `settle`."""
         before, self._localisation = self._localisation, localisation
+        confirmed = localisation.state is LocalisationState.OK or localisation.health >= LEAST_HEALTH
+        self._is_placed = self._is_placed or (confirmed and not localisation.lost)
         if before is None:
             return
         expected = before.map_from_odom @ odom_from_base
@@ -200,7 +206,9 @@ class Fitness:
         return tuple(halts)
 
     def _lost(self) -> tuple[Halt, ...]:
-        """Return the halts of F15: a lost or jumping pose."""
+        """Return the halts of F15: a pose that scans never confirmed, a lost one, or a jumping one."""
+        if self._localisation is not None and not self._is_placed:
+            return (halt("unplaced"),)
         if self._localisation is not None and self._localisation.lost:
             return (halt("lost"),)
         if self._jump_m > POSE_JUMP:

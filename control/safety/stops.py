@@ -161,6 +161,13 @@ _ROWS: tuple[StopReason, ...] = (
         _COMFORT,
     ),
     StopReason(
+        "unplaced",
+        "the scans do not show where the chair stands; it may have been moved while it was switched off",
+        "set its pose, or drive it some metres by joystick, so that it finds its place",
+        _ENDS,
+        _COMFORT,
+    ),
+    StopReason(
         "pose_jump",
         "the chair found itself elsewhere on the map",
         "see whether the map shows it right, then ask for the goal again",
@@ -240,7 +247,9 @@ _ROWS: tuple[StopReason, ...] = (
 STOPS: Mapping[str, StopReason] = MappingProxyType({stop.id: stop for stop in (*_ROWS, *_board_stops())})
 """All stops by id."""
 
-BY_MAP_ONLY = frozenset({"lost", "pose_jump", "pushed", "navigator_silent", "localiser_silent", "page_gone"})
+BY_MAP_ONLY = frozenset(
+    {"lost", "unplaced", "pose_jump", "pushed", "navigator_silent", "localiser_silent", "page_gone"}
+)
 """Ids of stops that concern drives to a goal on a map only; they do not stop a person that steers by a joystick."""
 
 _BY_ADVICE: Mapping[str, StopReason] = MappingProxyType(
