@@ -17,8 +17,8 @@ import numpy as np
 from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import wrap_angle
 from waychair.maps.grid.distance_field import DistanceField
-from waychair.planning.body.clearance import TRACKED, TRACKED_TIGHT
-from waychair.planning.body.footprint import along_arc, footprint, free_time, in_cells
+from waychair.planning.body.clearance import LEAVING_STEP, TRACKED, TRACKED_TIGHT
+from waychair.planning.body.footprint import along_arc, fits, footprint, free_time, in_cells
 from waychair.planning.window.dwa import DwaResult, rotate_to_heading
 from waychair.planning.window.motion_limits import (
     MIN_SPEED,
@@ -129,13 +129,15 @@ def track(
     gains: TrackingGains = TrackingGains(),
     in_position: bool = False,
     motion: CommandedMotion | None = None,
+    doubt: float = 0.0,
 ) -> DwaResult:
     """Return the next command on a line of poses (N, 3) [m, m, rad]; pose, poses and distances are in one frame.
 
     As in `dwa.choose`, the result is `in_position` at the line's end, and `arrived` when turned to its last heading and
     standing. It is `blocked` if the body could not stop before contact, or if the line goes backwards and reversing is
     forbidden. With a `motion` the jerk along the line is limited. Off the line the wide margin is kept; on it, the
-    narrow margin if the wide one blocks.
+    narrow margin if the wide one blocks. A chair that seems to touch a mapped obstacle, by up to the map's `doubt` [m],
+    comes no nearer to it.
     """
     limits = replace(
         limits,
@@ -146,14 +148,14 @@ def track(
     at = on_line(poses, ahead, backwards) if len(poses) > 1 else OnLine(0.0, 0.0, 0.0, 0.0)
 
     def with_margin(margin: float, turn_from: float) -> DwaResult:
-        kept = replace(limits, clearance=margin)
+        kept, shape = replace(limits, clearance=max(margin, 0.0)), shrunk(body, max(-margin, 0.0))
         if in_position or at.remaining <= END_TOLERANCE:
             turned = rotate_to_heading(
                 pose=pose,
                 command=command,
                 heading=float(poses[-1, 2]),
                 distances=distances,
-                body=body,
+                body=shape,
                 settings=kept,
                 motion=motion,
             )
@@ -165,7 +167,7 @@ def track(
                 command=command,
                 heading=heading,
                 distances=distances,
-                body=body,
+                body=shape,
                 settings=kept,
                 motion=motion,
             )
@@ -174,13 +176,16 @@ def track(
             return _halted(ahead, command, np.zeros((0, 2)), kept)
         wanted = _feedback(at, backwards, _until_steady(command, backwards, kept, motion), kept, gains)
         return _admitted(
-            ahead=ahead, command=command, wanted=wanted, distances=distances, body=body, limits=kept, motion=motion
+            ahead=ahead, command=command, wanted=wanted, distances=distances, body=shape, limits=kept, motion=motion
         )
 
     def turning_from(heading: float) -> DwaResult:
         result = with_margin(TRACKED, heading)
         if result.blocked and (len(poses) == 1 or abs(on_line(poses, pose, backwards).lateral) <= _BESIDE):
-            return with_margin(TRACKED_TIGHT, heading)  # the line may have been planned with a smaller margin
+            result = with_margin(TRACKED_TIGHT, heading)  # the line may have been planned with a smaller margin
+            within = standing_margin(body, distances, pose, doubt) if result.blocked else TRACKED_TIGHT
+            if within < TRACKED_TIGHT:
+                return with_margin(within, heading)
         return result
 
     stands = abs(command.v) < _STANDING
@@ -188,6 +193,22 @@ def track(
     if stands and result.blocked and TURN_FIRST < abs(at.heading) <= TURN_MIDWAY:
         return turning_from(TURN_MIDWAY)  # if it cannot turn on the spot, it turns while driving
     return result
+
+
+def shrunk(body: ChairBody, by: float) -> ChairBody:
+    """Return a body smaller by so much [m] on every side; the same one for 0."""
+    if by == 0.0:
+        return body
+    return replace(
+        body, length=body.length - 2 * by, width=body.width - 2 * by, axle_from_rear=body.axle_from_rear - by
+    )
+
+
+def standing_margin(body: ChairBody, field: DistanceField, pose: Pose2, doubt: float) -> float:
+    """Return the margin [m], down to minus the map's doubt, with which a body fits where it stands; 0 if with none."""
+    steps = range(1, 1 + math.floor(doubt / LEAVING_STEP + 1e-9))
+    margins = (TRACKED_TIGHT, *(-step * LEAVING_STEP for step in steps))
+    return next((margin for margin in margins if fits(body, margin, field, pose)), TRACKED_TIGHT)
 
 
 def _until_steady(command: Twist, backwards: bool, limits: DwaSettings, motion: CommandedMotion | None) -> float:

@@ -17,7 +17,7 @@ from numba import njit
 from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import compose, transform_points
 from waychair.maps.grid.distance_field import DistanceField
-from waychair.planning.body.clearance import CRAMPED, LEAVING, LEAVING_DIP, LEFT
+from waychair.planning.body.clearance import CRAMPED, LEAVING, LEAVING_DIP, LEAVING_STEP, LEFT
 from waychair.planning.body.footprint import Footprint, fits, footprint, in_cells, room
 from waychair.planning.grid.resumable import Resumable
 from waychair.types import FloatArray, Pose2
@@ -39,19 +39,24 @@ _REVERSE_PRICE, _GEAR_PRICE = 1.6, 0.5
 """Cost of a metre backwards in metres forwards, and of a change of direction [m]."""
 
 
-def leading_out_path(field: DistanceField, body: ChairBody, start: Pose2) -> Resumable[FloatArray | None]:
+def leading_out_path(
+    field: DistanceField, body: ChairBody, start: Pose2, doubt: float = 0.0
+) -> Resumable[FloatArray | None]:
     """Return poses (N, 3) [m, m, rad] in map, every 5 cm from the start to the nearest place with room; resumable.
 
     The path is a straight line, a turn, or a line and then a turn, each forwards or backwards. None when the chair has
-    room at the start, when it touches something there, or when there is no such path.
+    room at the start, when it touches something there, or when there is no such path. `doubt` [m]: by so much the cells
+    of a coarse map may reach beyond the true obstacles, so that a chair that seems to touch one by less stands free.
     """
     if fits(body, CRAMPED, field, start):
         return None
-    kept = next((margin for margin in LEAVING if fits(body, margin, field, start)), None)
+    margins = (*LEAVING, *(-step * LEAVING_STEP for step in range(1, 1 + math.floor(doubt / LEAVING_STEP + 1e-9))))
+    kept = next((margin for margin in margins if fits(body, margin, field, start)), None)
     if kept is None:
         return None
     yield
-    tight, roomy = footprint(body, kept * (1.0 - LEAVING_DIP), field), footprint(body, LEFT, field)
+    nearest = kept - max(kept * LEAVING_DIP, LEAVING[-2] * LEAVING_DIP if kept < 0.0 else 0.0)
+    tight, roomy = footprint(body, nearest, field), footprint(body, LEFT, field)
     turns = {1: _turns(body.rear, 1), -1: _turns(body.front, -1)}
     best: FloatArray | None = None
     least = math.inf
@@ -61,7 +66,7 @@ def leading_out_path(field: DistanceField, body: ChairBody, start: Pose2) -> Res
             yield
             before = _price(k, gear) + (_GEAR_PRICE if k and gear != onwards else 0.0)
             longest = _TURN if best is None else min(_TURN, math.floor((least - before) / _price(1, onwards)) - 1)
-            if longest < 0 or not fits(body, kept * (1.0 - LEAVING_DIP), field, Pose2(*straight[k])):
+            if longest < 0 or not fits(body, nearest, field, Pose2(*straight[k])):
                 break
             which, end = _shortest(tight, roomy, in_cells(field, Pose2(*straight[k])), turns[onwards], longest)
             if which >= 0:
