@@ -17,8 +17,9 @@ import numpy as np
 from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import wrap_angle
 from waychair.maps.grid.distance_field import DistanceField
-from waychair.planning.body.clearance import LEAVING_STEP, TRACKED, TRACKED_TIGHT
-from waychair.planning.body.footprint import along_arc, fits, footprint, free_time, in_cells
+from waychair.planning.body.clearance import TRACKED, TRACKED_TIGHT
+from waychair.planning.body.footprint import along_arc, footprint, free_time, in_cells
+from waychair.planning.route.leaving_a_wall import standing_body
 from waychair.planning.window.dwa import DwaResult, rotate_to_heading
 from waychair.planning.window.motion_limits import (
     MIN_SPEED,
@@ -147,8 +148,8 @@ def track(
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
     at = on_line(poses, ahead, backwards) if len(poses) > 1 else OnLine(0.0, 0.0, 0.0, 0.0)
 
-    def with_margin(margin: float, turn_from: float) -> DwaResult:
-        kept, shape = replace(limits, clearance=max(margin, 0.0)), shrunk(body, max(-margin, 0.0))
+    def with_margin(margin: float, turn_from: float, shape: ChairBody = body) -> DwaResult:
+        kept = replace(limits, clearance=margin)
         if in_position or at.remaining <= END_TOLERANCE:
             turned = rotate_to_heading(
                 pose=pose,
@@ -183,9 +184,9 @@ def track(
         result = with_margin(TRACKED, heading)
         if result.blocked and (len(poses) == 1 or abs(on_line(poses, pose, backwards).lateral) <= _BESIDE):
             result = with_margin(TRACKED_TIGHT, heading)  # the line may have been planned with a smaller margin
-            within = standing_margin(body, distances, pose, doubt) if result.blocked else TRACKED_TIGHT
-            if within < TRACKED_TIGHT:
-                return with_margin(within, heading)
+            shorter = standing_body(distances, body, pose, doubt) if result.blocked else None
+            if shorter is not None and shorter is not body:
+                return with_margin(TRACKED_TIGHT, heading, shorter)
         return result
 
     stands = abs(command.v) < _STANDING
@@ -193,22 +194,6 @@ def track(
     if stands and result.blocked and TURN_FIRST < abs(at.heading) <= TURN_MIDWAY:
         return turning_from(TURN_MIDWAY)  # if it cannot turn on the spot, it turns while driving
     return result
-
-
-def shrunk(body: ChairBody, by: float) -> ChairBody:
-    """Return a body smaller by so much [m] on every side; the same one for 0."""
-    if by == 0.0:
-        return body
-    return replace(
-        body, length=body.length - 2 * by, width=body.width - 2 * by, axle_from_rear=body.axle_from_rear - by
-    )
-
-
-def standing_margin(body: ChairBody, field: DistanceField, pose: Pose2, doubt: float) -> float:
-    """Return the margin [m], down to minus the map's doubt, with which a body fits where it stands; 0 if with none."""
-    steps = range(1, 1 + math.floor(doubt / LEAVING_STEP + 1e-9))
-    margins = (TRACKED_TIGHT, *(-step * LEAVING_STEP for step in steps))
-    return next((margin for margin in margins if fits(body, margin, field, pose)), TRACKED_TIGHT)
 
 
 def _until_steady(command: Twist, backwards: bool, limits: DwaSettings, motion: CommandedMotion | None) -> float:

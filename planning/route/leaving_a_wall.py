@@ -9,6 +9,7 @@ generated here directly.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -46,17 +47,16 @@ def leading_out_path(
 
     The path is a straight line, a turn, or a line and then a turn, each forwards or backwards. None when the chair has
     room at the start, when it touches something there, or when there is no such path. `doubt` [m]: by so much the cells
-    of a coarse map may reach beyond the true obstacles, so that a chair that seems to touch one by less stands free.
+    of a coarse map may reach beyond the true obstacles, so that a chair whose front or rear seems to touch one by less
+    stands free, and is led straight away from it.
     """
     if fits(body, CRAMPED, field, start):
         return None
-    margins = (*LEAVING, *(-step * LEAVING_STEP for step in range(1, 1 + math.floor(doubt / LEAVING_STEP + 1e-9))))
-    kept = next((margin for margin in margins if fits(body, margin, field, start)), None)
+    kept = next((margin for margin in LEAVING if fits(body, margin, field, start)), None)
     if kept is None:
-        return None
+        return _straight_out(field, body, start, doubt)
     yield
-    nearest = kept - max(kept * LEAVING_DIP, LEAVING[-2] * LEAVING_DIP if kept < 0.0 else 0.0)
-    tight, roomy = footprint(body, nearest, field), footprint(body, LEFT, field)
+    tight, roomy = footprint(body, kept * (1.0 - LEAVING_DIP), field), footprint(body, LEFT, field)
     turns = {1: _turns(body.rear, 1), -1: _turns(body.front, -1)}
     best: FloatArray | None = None
     least = math.inf
@@ -66,13 +66,41 @@ def leading_out_path(
             yield
             before = _price(k, gear) + (_GEAR_PRICE if k and gear != onwards else 0.0)
             longest = _TURN if best is None else min(_TURN, math.floor((least - before) / _price(1, onwards)) - 1)
-            if longest < 0 or not fits(body, nearest, field, Pose2(*straight[k])):
+            if longest < 0 or not fits(body, kept * (1.0 - LEAVING_DIP), field, Pose2(*straight[k])):
                 break
             which, end = _shortest(tight, roomy, in_cells(field, Pose2(*straight[k])), turns[onwards], longest)
             if which >= 0:
                 least = before + _price(end, onwards)
                 best = np.concatenate([straight[:k], compose(straight[k], turns[onwards][which, : end + 1])])
     return best
+
+
+def standing_body(field: DistanceField, body: ChairBody, pose: Pose2, doubt: float) -> ChairBody | None:
+    """Return the body, shortened at both ends by at most `doubt` [m] until it fits at a pose; None if it does not.
+
+    Its sides are not doubted: along a wall, no straight line leads away from it.
+    """
+    for step in range(math.floor(doubt / LEAVING_STEP + 1e-9) + 1):
+        by = step * LEAVING_STEP
+        shorter = replace(body, length=body.length - 2 * by, axle_from_rear=body.axle_from_rear - by) if step else body
+        if fits(shorter, 0.0, field, pose):
+            return shorter
+    return None
+
+
+def _straight_out(field: DistanceField, body: ChairBody, start: Pose2, doubt: float) -> FloatArray | None:
+    """Return the shortest straight line to a place with room, on which the body as it stands keeps free; or None."""
+    shorter = standing_body(field, body, start, doubt)
+    if shorter is None or shorter is body:
+        return None
+    for gear in (-1, 1):
+        line = compose(start.array(), _turn(0.0, 0.0, gear, _STRAIGHT))
+        for k, pose in enumerate(line):
+            if not fits(shorter, 0.0, field, Pose2(*pose)):
+                break
+            if fits(body, LEFT, field, Pose2(*pose)):
+                return line[: k + 1]
+    return None
 
 
 def reason_for_cramped(field: DistanceField, body: ChairBody, pose: Pose2, needed: float = CRAMPED) -> str | None:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_A_MID, ChairBody
-from waychair.control.drive.line_tracking import shrunk, standing_margin
 from waychair.geometry import transform_points
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import LEFT, MAP_DOUBT
@@ -16,7 +15,7 @@ from waychair.planning.grid.costmap import costmap_from_grid
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner
-from waychair.planning.route.leaving_a_wall import leading_out_path
+from waychair.planning.route.leaving_a_wall import leading_out_path, standing_body
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 CELL, SIDE = 0.05, 6.0
@@ -71,16 +70,15 @@ def test_a_chair_that_stands_deeper_in_a_wall_than_its_cells_explain_is_not_led_
     assert finished(leading_out_path(field_round(grid, start), CHAIR_A, start, MAP_DOUBT * CELL)) is None
 
 
-def test_fine_maps_are_believed_to_the_centimetre() -> None:
+def test_fine_maps_are_believed_to_the_centimetre_and_sides_always() -> None:
     grid, wall = room(0.0)
     start = parked(CHAIR_A, wall, -0.01)
     field = field_round(grid, start)
-    assert standing_margin(CHAIR_A, field, start, MAP_DOUBT * 0.01) == 0.0
-    assert standing_margin(CHAIR_A, field, start, MAP_DOUBT * CELL) == pytest.approx(-0.025, abs=0.0051)
-
-
-def test_a_shrunk_body_is_smaller_by_as_much_on_every_side() -> None:
-    smaller = shrunk(CHAIR_A, 0.02)
-    for side in ("front", "rear"):
-        assert getattr(smaller, side) == pytest.approx(getattr(CHAIR_A, side) - 0.02)
-    assert smaller.width == pytest.approx(CHAIR_A.width - 0.04)
+    assert standing_body(field, CHAIR_A, start, MAP_DOUBT * 0.01) is None
+    shorter = standing_body(field, CHAIR_A, start, MAP_DOUBT * CELL)
+    assert shorter is not None
+    assert CHAIR_A.front - shorter.front == pytest.approx(CHAIR_A.rear - shorter.rear)
+    assert 0.01 <= CHAIR_A.front - shorter.front <= 0.03
+    assert shorter.width == CHAIR_A.width
+    beside = Pose2(SIDE / 2, SIDE - CELL - CHAIR_A.width / 2 + 0.01, 0.0)
+    assert standing_body(field_round(grid, beside), CHAIR_A, beside, MAP_DOUBT * CELL) is None
