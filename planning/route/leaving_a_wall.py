@@ -54,7 +54,7 @@ def leading_out_path(
         return None
     kept = next((margin for margin in LEAVING if fits(body, margin, field, start)), None)
     if kept is None:
-        return _straight_out(field, body, start, doubt)
+        return (yield from _straight_out(field, body, start, doubt))
     yield
     tight, roomy = footprint(body, kept * (1.0 - LEAVING_DIP), field), footprint(body, LEFT, field)
     turns = {1: _turns(body.rear, 1), -1: _turns(body.front, -1)}
@@ -88,19 +88,33 @@ def standing_body(field: DistanceField, body: ChairBody, pose: Pose2, doubt: flo
     return None
 
 
-def _straight_out(field: DistanceField, body: ChairBody, start: Pose2, doubt: float) -> FloatArray | None:
-    """Return the shortest straight line to a place with room, on which the body as it stands keeps free; or None."""
+def _straight_out(field: DistanceField, body: ChairBody, start: Pose2, doubt: float) -> Resumable[FloatArray | None]:
+    """Return a path out that begins with a straight line, on which the body as it stands keeps free, or None; resumable.
+
+    The line ends where the whole body has room, or where it can be led out like anywhere else.
+    """
     shorter = standing_body(field, body, start, doubt)
     if shorter is None or shorter is body:
         return None
     for gear in (-1, 1):
         line = compose(start.array(), _turn(0.0, 0.0, gear, _STRAIGHT))
         for k, pose in enumerate(line):
-            if not fits(shorter, 0.0, field, Pose2(*pose)):
+            yield
+            here = Pose2(*pose)
+            if not fits(shorter, 0.0, field, here):
                 break
-            if fits(body, LEFT, field, Pose2(*pose)):
+            if fits(body, CRAMPED, field, here):
                 return line[: k + 1]
+            if k >= _OUT_FIRST and fits(body, LEAVING[-2], field, here):
+                onwards = yield from leading_out_path(field, body, here)
+                if onwards is not None:
+                    return np.concatenate([line[:k], onwards])
+                break
     return None
+
+
+_OUT_FIRST = 2
+"""Steps of the straight line before any turn: as far as two cells of a usual map."""
 
 
 def reason_for_cramped(field: DistanceField, body: ChairBody, pose: Pose2, needed: float = CRAMPED) -> str | None:
