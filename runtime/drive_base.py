@@ -184,6 +184,11 @@ class DriveBase:
         if not isinstance(message, SonarReadings):
             self._fitness.hear(message, self.motion.twist)
 
+    def dismiss(self, message: ChairMessage, age_s: float, now_ns: int) -> None:
+        """Note a message that cannot be used because its stamp, so much older [s] than now, is of another clock."""
+        if not isinstance(message, SonarReadings):
+            self._fitness.dismiss(message, age_s, now_ns)
+
     def locate(self, localisation: Localisation, stamp_ns: int) -> None:
         """Take in the localiser's result for a stamp."""
         self.motion.locate(localisation)

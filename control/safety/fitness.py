@@ -14,7 +14,14 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.config import Settings, setting
-from waychair.control.safety.sensor_timing import SLOW_AGE_S, ScanTiming, SensorTiming, TickGaps
+from waychair.control.safety.sensor_timing import (
+    SLOW_AGE_S,
+    WRONG_CLOCK_S,
+    ScanTiming,
+    SensorTiming,
+    TickGaps,
+    difference_of,
+)
 from waychair.control.safety.stops import Halt, halt
 from waychair.errors import ConfigError
 from waychair.slam.localising.localiser import Localisation, LocalisationState
@@ -91,6 +98,7 @@ class Fitness:
         self._tilt = TiltFilter(body)
         self._heard_ns: dict[type, int] = {}
         self._scans, self._wheels, self._gaps = ScanTiming(), SensorTiming(), TickGaps()
+        self._dismissed: dict[type, tuple[int, float]] = {}  # time and age [s] of messages of another clock
         self._status = ChairStatus(0)  # each contact's last value
         self._contact_ns: dict[str, int] = {}
         self._tilted_since_ns: int | None = None
@@ -121,6 +129,10 @@ class Fitness:
             elif self._tilted_since_ns is None:
                 self._tilted_since_ns = message.stamp_ns
             self._lean = lean
+
+    def dismiss(self, message: Sensed, age_s: float, now_ns: int) -> None:
+        """Note a message that cannot be used because its stamp, so much older [s] than now, is of another clock."""
+        self._dismissed[type(message)] = now_ns, age_s
 
     def locate(self, localisation: Localisation, odom_from_base: Pose2) -> None:
         """Take in the localised pose now; a jump since the last call is remembered until `settle`."""
@@ -175,6 +187,9 @@ class Fitness:
             return late
         if not SCAN.is_stale(stamp_ns, now_ns):
             return None
+        if (age_s := self._age_of_dismissed(Scan, now_ns)) is not None:
+            delayed = 0.0 < age_s <= WRONG_CLOCK_S
+            return halt("lidar_delayed" if delayed else "lidar_clock", difference_of(age_s))
         busy = stamp_ns is not None and self._gaps.explain(now_ns, now_ns - stamp_ns)
         return halt("computer_slow" if busy else "lidar_stale")
 
@@ -185,10 +200,17 @@ class Fitness:
             return None
         if stamp_ns is not None and self._gaps.explain(now_ns, now_ns - stamp_ns):
             return halt("computer_slow")
+        if (age_s := self._age_of_dismissed(WheelTicks, now_ns)) is not None:
+            return halt("wheels_delayed", f"their clock is {difference_of(age_s)}")
         if self._wheels.keeps_coming(now_ns, longest_ns):
             alike = self._scans.delay_s() > max(_SCAN_AGE_S, 0.5 * self._wheels.delay_s())
             return halt("computer_slow" if alike else "wheels_delayed", f"they are {self._wheels.delay_s():.2f} s old")
         return halt("wheels_stale")
+
+    def _age_of_dismissed(self, sensor: type, now_ns: int) -> float | None:
+        """Return the age [s] of a sensor's latest message of another clock; None without one in the last moments."""
+        when_ns, age_s = self._dismissed.get(sensor, (0, None))
+        return age_s if age_s is not None and not SCAN.is_stale(when_ns, now_ns) else None
 
     def _contacts(self, now_ns: int) -> tuple[Halt, ...]:
         """Return the halts of F24 and the seat switch; a contact's last value counts even if it is not set as

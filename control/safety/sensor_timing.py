@@ -113,8 +113,7 @@ class ScanTiming(SensorTiming):
             return None
         delay, period, limit = self.delay_s(), self.period_s(), 1e-3 * SCAN_MS
         if abs(delay) > WRONG_CLOCK_S or delay < -_TICK_S:
-            ahead = "ahead of" if delay < 0.0 else "behind"
-            return halt("lidar_clock", f"{abs(delay):.1f} s {ahead} the chair's")
+            return halt("lidar_clock", difference_of(delay))
         if slow_computer:
             return halt("computer_slow", f"scans are {delay:.2f} s old when they arrive")
         if delay + 1.0 / SCAN.rate_hz <= limit:
@@ -122,6 +121,11 @@ class ScanTiming(SensorTiming):
             return halt("lidar_slow", f"{1.0 / period:.1f} scans a second, and {needed} are needed")
         allowed = limit - min(period, 1.0 / SCAN.rate_hz)
         return halt("lidar_delayed", f"{delay:.2f} s after their first beam, and {allowed:.2f} s are allowed")
+
+
+def difference_of(age_s: float) -> str:
+    """Return how far a clock is behind the chair's by the age [s] of its messages, negative ahead of it."""
+    return f"{abs(age_s):.1f} s {'ahead of' if age_s < 0.0 else 'behind'} the chair's"
 
 
 class TickGaps:

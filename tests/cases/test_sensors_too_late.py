@@ -151,6 +151,21 @@ def test_scans_stamped_by_another_clock_are_told_from_late_ones(age_s: float, st
     assert told_fitness(round(age_s * 1e9), ticks) == {stop_id}
 
 
+@pytest.mark.parametrize(("age_s", "said"), [(3600.0, "3600.0 s behind"), (-7.5, "7.5 s ahead of")])
+def test_scans_that_were_dismissed_for_their_clock_are_not_called_silent(age_s: float, said: str) -> None:
+    fitness = Fitness(CHAIR_A)
+    for now_ns in range(0, 1000 * MS, 50 * MS):
+        fitness.hear(WheelTicks(now_ns, 0, 0), Twist())
+        fitness.dismiss(scan_at(now_ns - round(age_s * 1e9)), age_s, now_ns)
+        (found,) = fitness.halts(now_ns)
+        assert found.stop.id == "lidar_clock"
+        assert said in found.text
+    for now_ns in range(1000 * MS, 1700 * MS, 50 * MS):
+        fitness.hear(WheelTicks(now_ns, 0, 0), Twist())
+        (found,) = fitness.halts(now_ns)
+    assert found.stop.id == "lidar_stale"  # now nothing comes
+
+
 def test_a_cable_is_named_when_nothing_comes_and_the_computer_when_its_own_loop_was_held_up() -> None:
     fitness = Fitness(CHAIR_A)
     fitness.hear(scan_at(0), Twist())
