@@ -14,7 +14,6 @@ from typing import TypeAlias
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.fits.dac import DEFAULT, DacModel
 from waychair.calibration.fits.fitted_dac import DeadBand, FittedDac
-from waychair.control.safety.arming import Arming
 from waychair.control.safety.collision_monitor import is_at_rest
 from waychair.control.safety.fitness import Fitness
 from waychair.control.safety.own_parts import OwnParts
@@ -99,7 +98,6 @@ class DriveBase:
         self.motion = MeasuredMotion(body, start)
         self._rider = RiderInput(s.supervisor, s.steering)
         self._fitness, self._pushing = Fitness(body, s.fitness), Pushing(s.supervisor.at_rest)
-        self._arming, self._wants_lines = Arming(s.supervisor), False
         self._own_parts = OwnParts(body)
         self._monitor = monitor or MonitorInStep(watched)
         self._halts = HaltWatch()
@@ -208,8 +206,7 @@ class DriveBase:
         stick = None if telemetry is None else telemetry.joystick
         released = self._sent is not None and not self._sent.active and not driven
         self.stopped_after_push = self._pushing.update(now_ns, released, stick, self.motion.odometry)
-        holds = self._sent is not None and self._sent.active
-        self._arming.update(now_ns, stick, wants=self._wants_lines, holds=holds)
+        self._rider.arming.update(now_ns, stick)
         if not driven:
             self._fitness.settle()
         halts = self._halts.update(now_ns, self._monitor.verdict, self._found_halts(now_ns, other_halts), driven=driven)
@@ -235,7 +232,7 @@ class DriveBase:
         fastest, track = self.settings.bridge.max_wheel_speed, self._calibration.body.track
         speeds = None if command is None else saturate(wheel_speeds_from_twist(trimmed, track), fastest)
         before, self._sent = self._sent, self.bridge.send(speeds, now_ns, now_ns)
-        self._wants_lines = speeds is not None
+        self._rider.arming.note_sent(wants=speeds is not None, holds=self._sent.active)
         if self._sent.active and command is not None:
             return DriveResult(command, self._sent)
         self._limits.rest()
@@ -254,7 +251,7 @@ class DriveBase:
         """Yield the halts of board, sensors, caller, hands and control loop."""
         yield from map(board_halt, self.bridge.trouble)
         yield from self._fitness.halts(now_ns)
-        yield from self._arming.halts()
+        yield from self._rider.arming.halts()
         yield from self._own_parts.halts(now_ns, self._mode in DRIVEN and is_at_rest(self.motion.twist))
         yield from other_halts
         if self._pushing.pushed:

@@ -29,9 +29,15 @@ class Arming:
         self._unarmed_since_ns: int | None = None
         self._off_rest_ns = self._unarmed_ns = 0
         self._deflection = 0.0
+        self._wants = self._holds = False
 
-    def update(self, now_ns: int, stick: JoystickInput | None, *, wants: bool, holds: bool) -> None:
-        """Take in a tick: the rider's stick, whether the computer wants the lines, and whether it holds them."""
+    def note_sent(self, *, wants: bool, holds: bool) -> None:
+        """Note whether the computer wanted the lines in the last tick, and whether it held them."""
+        self._wants, self._holds = wants, holds
+
+    def update(self, now_ns: int, stick: JoystickInput | None) -> None:
+        """Take in the rider's stick, once a tick."""
+        wants, holds = self._wants, self._holds
         self._deflection = 0.0 if stick is None else deflection_of(stick)
         between = self._settings.at_rest < self._deflection <= self._settings.override  # a NaN is a takeover
         self._off_rest_since_ns, self._off_rest_ns = _lasting(self._off_rest_since_ns, between and not holds, now_ns)
