@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.control.drive.navigator import Stage
-from waychair.control.safety.stops import STOPS, Halt
+from waychair.control.safety.stops import STOPS, Halt, Severity
 from waychair.control.safety.supervisor import DRIVEN
 from waychair.errors import ZoneError
 from waychair.geometry import transform_points
@@ -76,6 +76,9 @@ def _driving(facts: DriveFacts) -> str:
     pauses = next((each for each in facts.obstacles if each.stop_id == "obstacle"), None)
     if pauses is not None:
         return f"Waiting: {pauses.sentence}. The chair goes on by itself once the way is free."
+    other = next((each for each in facts.obstacles if _is_pause(each.stop_id)), None)
+    if other is not None:
+        return f"Waiting: {other.sentence}. {sentence(other.remedy)}"
     if facts.stage is Stage.WAITING:
         return f"Waiting: {facts.reason.removesuffix('; waiting')}. The chair goes on by itself once there is a path."
     if facts.pose is None or not len(facts.way):
@@ -84,6 +87,10 @@ def _driving(facts: DriveFacts) -> str:
         begins = f"Then the drive to {facts.goal} goes on."
         return f"Waiting until the joystick has been at rest for two seconds: let go of it. {begins}"
     return driving_sentence(facts.goal, facts.way, facts.pose)
+
+
+def _is_pause(stop_id: str) -> bool:
+    return stop_id in STOPS and STOPS[stop_id].severity is Severity.PAUSES
 
 
 def shown_points(scan: Scan, mount: Pose2, pose: Pose2, twist: Twist) -> FloatArray:

@@ -14,7 +14,9 @@ from typing import TypeAlias
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.fits.dac import DEFAULT, DacModel
 from waychair.calibration.fits.fitted_dac import DeadBand, FittedDac
+from waychair.control.safety.collision_monitor import is_at_rest
 from waychair.control.safety.fitness import Fitness
+from waychair.control.safety.own_parts import OwnParts
 from waychair.control.safety.pushing import Pushing
 from waychair.control.safety.stops import STOPS, Halt, board_halt, halt, halt_as_told
 from waychair.control.safety.supervisor import DRIVEN, SupervisorVerdict, supervise
@@ -96,6 +98,7 @@ class DriveBase:
         self.motion = MeasuredMotion(body, start)
         self._rider = RiderInput(s.supervisor, s.steering)
         self._fitness, self._pushing = Fitness(body, s.fitness), Pushing(s.supervisor.at_rest)
+        self._own_parts = OwnParts(body)
         self._monitor = monitor or MonitorInStep(watched)
         self._halts = HaltWatch()
         self._limits = CommandLimits(body, calibration.stops, s, self._monitor, zones)
@@ -173,14 +176,23 @@ class DriveBase:
             self.motion.hear(message)
         elif isinstance(message, Scan) and self.motion.odometry is not None:
             self._monitor.see(message)
-            self._limits.see(self._calibration.masked(message))
+            masked = self._calibration.masked(message)
+            self._limits.see(masked)
+            self._own_parts.see(masked, self.motion.odom_from_base(message.stamp_ns))
         if not isinstance(message, SonarReadings):
             self._fitness.hear(message, self.motion.twist)
+
+    def dismiss(self, message: ChairMessage, age_s: float, now_ns: int) -> None:
+        """Note a message that cannot be used because its stamp, so much older [s] than now, is of another clock."""
+        if not isinstance(message, SonarReadings):
+            self._fitness.dismiss(message, age_s, now_ns)
 
     def locate(self, localisation: Localisation, stamp_ns: int) -> None:
         """Take in the localiser's result for a stamp."""
         self.motion.locate(localisation)
-        self._fitness.locate(localisation, self.motion.odom_from_base(stamp_ns))
+        odom_from_base = self.motion.odom_from_base(stamp_ns)
+        self._fitness.locate(localisation, odom_from_base)
+        self._loop.locate(stamp_ns, localisation.map_from_base @ localisation.remaining, odom_from_base)
 
     def supervise(
         self, now_ns: int, active: bool, other_halts: Iterable[Halt] = ()
@@ -194,6 +206,7 @@ class DriveBase:
         stick = None if telemetry is None else telemetry.joystick
         released = self._sent is not None and not self._sent.active and not driven
         self.stopped_after_push = self._pushing.update(now_ns, released, stick, self.motion.odometry)
+        self._rider.arming.update(now_ns, stick)
         if not driven:
             self._fitness.settle()
         halts = self._halts.update(now_ns, self._monitor.verdict, self._found_halts(now_ns, other_halts), driven=driven)
@@ -214,10 +227,12 @@ class DriveBase:
         limit = min(self._loop.speed_limit, self._fitness.speed_limit(now_ns))
         counts_down = self.countdown_s(now_ns) is not None
         command = self._limits.command(now_ns, verdict, asked, self.motion, limit, counts_down=counts_down)
-        trimmed = self._loop.step(command if self.bridge.armed else None, measured, now_ns, self._sent)
+        asked_now, wheels = command if self.bridge.armed else None, self.motion.wheel_paths()
+        trimmed = self._loop.step(asked_now, measured, now_ns, self._sent, wheels)
         fastest, track = self.settings.bridge.max_wheel_speed, self._calibration.body.track
         speeds = None if command is None else saturate(wheel_speeds_from_twist(trimmed, track), fastest)
         before, self._sent = self._sent, self.bridge.send(speeds, now_ns, now_ns)
+        self._rider.arming.note_sent(wants=speeds is not None, holds=self._sent.active)
         if self._sent.active and command is not None:
             return DriveResult(command, self._sent)
         self._limits.rest()
@@ -236,6 +251,8 @@ class DriveBase:
         """Yield the halts of board, sensors, caller, hands and control loop."""
         yield from map(board_halt, self.bridge.trouble)
         yield from self._fitness.halts(now_ns)
+        yield from self._rider.arming.halts()
+        yield from self._own_parts.halts(now_ns, self._mode in DRIVEN and is_at_rest(self.motion.twist))
         yield from other_halts
         if self._pushing.pushed:
             yield halt("pushed")

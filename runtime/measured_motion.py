@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.speed.wheel_signs import wheel_paths
 from waychair.geometry import arc
 from waychair.slam.localising.localisation import Localisation
 from waychair.slam.odometry.odometry_filter import OdometryFilter
@@ -16,7 +17,9 @@ class MeasuredMotion:
     def __init__(self, body: ChairBody, start: Pose2) -> None:
         """`start`: the chair's assumed pose in map until the localiser has found one."""
         self.odometry: Odometry | None = None
+        self._body = body
         self._filter = OdometryFilter(body)
+        self._wheels: tuple[WheelTicks, WheelTicks] | None = None  # at the last call of `wheel_paths`, and the latest
         self._tilt = TiltFilter(body)
         self._twists: list[Twist] = []  # since the last tick
         self._mean = Twist()
@@ -43,6 +46,7 @@ class MeasuredMotion:
         if isinstance(message, WheelTicks):
             self.odometry = self._filter.update_wheels(message)
             self._twists.append(self.odometry.twist)
+            self._wheels = (message if self._wheels is None else self._wheels[0]), message
         else:
             self._filter.update_imu(message)
             self._tilt.update(message, self.twist)
@@ -64,6 +68,14 @@ class MeasuredMotion:
         if self._localisation is None:
             return self._start
         return self._localisation.map_from_odom @ self.odom_from_base(now_ns)
+
+    def wheel_paths(self) -> tuple[float, float] | None:
+        """Return the paths [m] of the left and right wheel since the last call; None without a reading since."""
+        if self._wheels is None or self._wheels[0] is self._wheels[1]:
+            return None
+        before, now = self._wheels
+        self._wheels = now, now
+        return wheel_paths(before, now, self._body)
 
     def mean_twist(self) -> Twist:
         """Return the mean twist since the last call, because one encoder sample is coarse; without any, the last mean."""

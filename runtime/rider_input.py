@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from waychair.control.drive.steering import Steering, SteeringSettings
+from waychair.control.safety.arming import Arming
 from waychair.control.safety.stops import Halt
 from waychair.control.safety.supervisor import Override, Situation, SupervisorSettings, SupervisorVerdict
 from waychair.types import JoystickInput
 
 
 class RiderInput:
-    """The rider's requests since the last tick, and the joysticks' state; `steering` is that of a page's joystick."""
+    """The rider's requests since the last tick, and the joysticks' state; `steering` is that of a page's joystick.
+
+    `arming` watches whether the chair's own joystick lets the computer have the lines.
+    """
 
     def __init__(self, settings: SupervisorSettings, steering: SteeringSettings) -> None:
         self.steering = Steering(steering)
+        self.arming = Arming(settings)
         self._override = Override(settings)
         self._countdown_s = settings.countdown_s
         self._motion_from_ns: int | None = None  # the confirmed drive may move from this stamp on

@@ -13,6 +13,7 @@ from waychair.control.drive.door_drive import DoorDrive
 from waychair.control.drive.line_tracking import TRACKING_SPEED, on_line, track
 from waychair.geometry import compose, transform_points
 from waychair.maps.grid.distance_field import DistanceField
+from waychair.planning.body.clearance import MAP_DOUBT
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.route.legs import DoorPassage, DrivingManner, PathLeg, joined_legs
 from waychair.planning.seen.openings import openings
@@ -126,6 +127,7 @@ class LegDrive:
                 limits=limits,
                 in_position=self.in_position,
                 motion=view.motion,
+                doubt=MAP_DOUBT * self._grid.resolution,
             )
         else:
             choice = self._through_door(view, limits)

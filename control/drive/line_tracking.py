@@ -19,6 +19,7 @@ from waychair.geometry import wrap_angle
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import TRACKED, TRACKED_TIGHT
 from waychair.planning.body.footprint import along_arc, footprint, free_time, in_cells
+from waychair.planning.route.leaving_a_wall import standing_body
 from waychair.planning.window.dwa import DwaResult, rotate_to_heading
 from waychair.planning.window.motion_limits import (
     MIN_SPEED,
@@ -129,13 +130,15 @@ def track(
     gains: TrackingGains = TrackingGains(),
     in_position: bool = False,
     motion: CommandedMotion | None = None,
+    doubt: float = 0.0,
 ) -> DwaResult:
     """Return the next command on a line of poses (N, 3) [m, m, rad]; pose, poses and distances are in one frame.
 
     As in `dwa.choose`, the result is `in_position` at the line's end, and `arrived` when turned to its last heading and
     standing. It is `blocked` if the body could not stop before contact, or if the line goes backwards and reversing is
     forbidden. With a `motion` the jerk along the line is limited. Off the line the wide margin is kept; on it, the
-    narrow margin if the wide one blocks.
+    narrow margin if the wide one blocks. A chair that seems to touch a mapped obstacle, by up to the map's `doubt` [m],
+    comes no nearer to it.
     """
     limits = replace(
         limits,
@@ -145,7 +148,7 @@ def track(
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
     at = on_line(poses, ahead, backwards) if len(poses) > 1 else OnLine(0.0, 0.0, 0.0, 0.0)
 
-    def with_margin(margin: float, turn_from: float) -> DwaResult:
+    def with_margin(margin: float, turn_from: float, shape: ChairBody = body) -> DwaResult:
         kept = replace(limits, clearance=margin)
         if in_position or at.remaining <= END_TOLERANCE:
             turned = rotate_to_heading(
@@ -153,7 +156,7 @@ def track(
                 command=command,
                 heading=float(poses[-1, 2]),
                 distances=distances,
-                body=body,
+                body=shape,
                 settings=kept,
                 motion=motion,
             )
@@ -165,7 +168,7 @@ def track(
                 command=command,
                 heading=heading,
                 distances=distances,
-                body=body,
+                body=shape,
                 settings=kept,
                 motion=motion,
             )
@@ -174,13 +177,16 @@ def track(
             return _halted(ahead, command, np.zeros((0, 2)), kept)
         wanted = _feedback(at, backwards, _until_steady(command, backwards, kept, motion), kept, gains)
         return _admitted(
-            ahead=ahead, command=command, wanted=wanted, distances=distances, body=body, limits=kept, motion=motion
+            ahead=ahead, command=command, wanted=wanted, distances=distances, body=shape, limits=kept, motion=motion
         )
 
     def turning_from(heading: float) -> DwaResult:
         result = with_margin(TRACKED, heading)
         if result.blocked and (len(poses) == 1 or abs(on_line(poses, pose, backwards).lateral) <= _BESIDE):
-            return with_margin(TRACKED_TIGHT, heading)  # the line may have been planned with a smaller margin
+            result = with_margin(TRACKED_TIGHT, heading)  # the line may have been planned with a smaller margin
+            shorter = standing_body(distances, body, pose, doubt) if result.blocked else None
+            if shorter is not None and shorter is not body:
+                return with_margin(TRACKED_TIGHT, heading, shorter)
         return result
 
     stands = abs(command.v) < _STANDING

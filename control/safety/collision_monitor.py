@@ -189,7 +189,7 @@ class Monitor:
             passing, passing_contact_s = self._permitted(points, slim, command, gave_way=True)
             if passing > 0.0 and self._has_given_way(measured, now_ns):
                 share, contact_s = passing, passing_contact_s
-        if not _stands(measured):
+        if not is_at_rest(measured):
             self._gives_way_since_ns = None
         return MonitorVerdict(
             stamp_ns=now_ns,
@@ -238,7 +238,7 @@ class Monitor:
             self._gives_way_since_ns = None
         self._gave_way_ns = now_ns
         if self._passes_until_ns is None or now_ns > self._passes_until_ns:
-            if _stands(measured) and self._gives_way_since_ns is None:
+            if is_at_rest(measured) and self._gives_way_since_ns is None:
                 self._gives_way_since_ns = now_ns
             since_ns = self._gives_way_since_ns
             if since_ns is None or now_ns - since_ns < GIVE_WAY_S * 1e9:
@@ -264,7 +264,7 @@ _OTHERS_NS = 5_000_000_000
 """ns; legs in the way again after so long are somebody else's."""
 
 
-def _stands(twist: Twist) -> bool:
+def is_at_rest(twist: Twist) -> bool:
     """Return whether a measured twist is a standstill within noise."""
     return abs(twist.v) < 0.03 and abs(twist.omega) < 0.06
 

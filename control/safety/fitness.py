@@ -14,6 +14,14 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.config import Settings, setting
+from waychair.control.safety.sensor_timing import (
+    SLOW_AGE_S,
+    WRONG_CLOCK_S,
+    ScanTiming,
+    SensorTiming,
+    TickGaps,
+    difference_of,
+)
 from waychair.control.safety.stops import Halt, halt
 from waychair.errors import ConfigError
 from waychair.slam.localising.localiser import Localisation, LocalisationState
@@ -34,8 +42,14 @@ SLOW_TILT, MOST_TILT, TILTED_S = 0.09, 0.14, 0.2
 """rad, rad, s; a tilt beyond the first, a little steeper than a ramp of 1:12, slows a drive. Beyond the second, 8 degrees,
 chairs begin to slide or tip: after the third, so that no sill counts, it ends a drive."""
 
+LEAST_HEALTH = 0.31
+"""Pose probability from which a scan confirms the pose from which the chair started, as by default in the localiser."""
+
 POSE_JUMP = 0.5
 """m; a localised pose that jumps farther was wrong before."""
+
+_WHEELS_AGE_S, _SCAN_AGE_S = 0.08, 0.18
+"""s; wheel readings and scans that arrive older than this are held up; usual ones are 0.02 and 0.1 s old."""
 
 Sensed: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | ChairStatus
 
@@ -83,11 +97,14 @@ class Fitness:
         self._settings = settings or FitnessSettings()
         self._tilt = TiltFilter(body)
         self._heard_ns: dict[type, int] = {}
+        self._scans, self._wheels, self._gaps = ScanTiming(), SensorTiming(), TickGaps()
+        self._dismissed: dict[type, tuple[int, float]] = {}  # time and age [s] of messages of another clock
         self._status = ChairStatus(0)  # each contact's last value
         self._contact_ns: dict[str, int] = {}
         self._tilted_since_ns: int | None = None
         self._lean = 0.0
         self._localisation: Localisation | None = None
+        self._is_placed = False  # whether scans have ever confirmed a pose
         self._jump_m = 0.0
 
     def hear(self, message: Sensed, twist: Twist) -> None:
@@ -98,6 +115,8 @@ class Fitness:
         if not has_valid_reading(message):
             return
         self._heard_ns[type(message)] = message.stamp_ns
+        if isinstance(message, Scan | WheelTicks):
+            (self._scans if isinstance(message, Scan) else self._wheels).hear(message.stamp_ns)
         if isinstance(message, ChairStatus):
             known = {name: value for name in _CONTACTS if (value := getattr(message, name)) is not None}
             self._status = replace(self._status, **known)
@@ -111,9 +130,15 @@ class Fitness:
                 self._tilted_since_ns = message.stamp_ns
             self._lean = lean
 
+    def dismiss(self, message: Sensed, age_s: float, now_ns: int) -> None:
+        """Note a message that cannot be used because its stamp, so much older [s] than now, is of another clock."""
+        self._dismissed[type(message)] = now_ns, age_s
+
     def locate(self, localisation: Localisation, odom_from_base: Pose2) -> None:
         """Take in the localised pose now; a jump since the last call is remembered until `settle`."""
         before, self._localisation = self._localisation, localisation
+        confirmed = localisation.state is LocalisationState.OK or localisation.health >= LEAST_HEALTH
+        self._is_placed = self._is_placed or (confirmed and not localisation.lost)
         if before is None:
             return
         expected = before.map_from_odom @ odom_from_base
@@ -126,14 +151,17 @@ class Fitness:
         self._jump_m = 0.0
 
     def halts(self, now_ns: int) -> tuple[Halt, ...]:
-        """Return the faults that end a drive or keep one from beginning."""
+        """Return the faults that end a drive or keep one from beginning; called once a tick."""
+        for timing in (self._scans, self._wheels, self._gaps):
+            timing.tick(now_ns)
         return (*self._silent(now_ns), *self._contacts(now_ns), *self._lost(), *self._steep(now_ns))
 
     def speed_limit(self, now_ns: int) -> float:
         """Return the highest speed [m/s] of a drive that may go on; +inf when all is well."""
         missed = self._is_missed(ImuSample, now_ns) or self._is_missed(RgbdFrame, now_ns)
         doubtful = self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
-        return SLOW_SPEED if missed or doubtful or self._lean > SLOW_TILT else math.inf
+        old = self._scans.oldest_s() > SLOW_AGE_S
+        return SLOW_SPEED if missed or doubtful or old or self._lean > SLOW_TILT else math.inf
 
     def _is_missed(self, sensor: type[ImuSample | RgbdFrame], now_ns: int) -> bool:
         """Return whether a sensor that the chair can do without was heard before and has fallen silent."""
@@ -142,17 +170,47 @@ class Fitness:
         return heard is not None and topic.is_stale(heard, now_ns)
 
     def _silent(self, now_ns: int) -> tuple[Halt, ...]:
-        """Return the halts of F11 and F13: silent sensors."""
-        s, halts = self._settings, []
-        if SCAN.is_stale(self._heard_ns.get(Scan), now_ns):
-            halts.append(halt("lidar_stale"))
-        if WHEELS.is_stale(self._heard_ns.get(WheelTicks), now_ns):
-            halts.append(halt("wheels_stale"))
+        """Return the halts of F11 and F13: sensors that are silent, late or too slow."""
+        s = self._settings
+        halts = [found for found in (self._slow_lidar(now_ns), self._slow_wheels(now_ns)) if found is not None]
         if s.imu_silent == "stop" and self._is_missed(ImuSample, now_ns):
             halts.append(halt("imu_stale"))
         if s.depth_silent == "stop" and self._is_missed(RgbdFrame, now_ns):
             halts.append(halt("depth_stale"))
         return tuple(halts)
+
+    def _slow_lidar(self, now_ns: int) -> Halt | None:
+        """Return the halt of a lidar that is silent, or late again and again, by its cause."""
+        late = self._scans.halt(self._gaps.often() or self._wheels.delay_s() > _WHEELS_AGE_S)
+        stamp_ns, longest_ns = self._heard_ns.get(Scan), SCAN.max_age_ns() or 0
+        if late is not None and self._scans.keeps_coming(now_ns, max(longest_ns, round(2e9 * self._scans.period_s()))):
+            return late
+        if not SCAN.is_stale(stamp_ns, now_ns):
+            return None
+        if (age_s := self._age_of_dismissed(Scan, now_ns)) is not None:
+            delayed = 0.0 < age_s <= WRONG_CLOCK_S
+            return halt("lidar_delayed" if delayed else "lidar_clock", difference_of(age_s))
+        busy = stamp_ns is not None and self._gaps.explain(now_ns, now_ns - stamp_ns)
+        return halt("computer_slow" if busy else "lidar_stale")
+
+    def _slow_wheels(self, now_ns: int) -> Halt | None:
+        """Return the halt of silent or late wheel encoders, by its cause."""
+        stamp_ns, longest_ns = self._heard_ns.get(WheelTicks), WHEELS.max_age_ns() or 0
+        if not WHEELS.is_stale(stamp_ns, now_ns):
+            return None
+        if stamp_ns is not None and self._gaps.explain(now_ns, now_ns - stamp_ns):
+            return halt("computer_slow")
+        if (age_s := self._age_of_dismissed(WheelTicks, now_ns)) is not None:
+            return halt("wheels_delayed", f"their clock is {difference_of(age_s)}")
+        if self._wheels.keeps_coming(now_ns, longest_ns):
+            alike = self._scans.delay_s() > max(_SCAN_AGE_S, 0.5 * self._wheels.delay_s())
+            return halt("computer_slow" if alike else "wheels_delayed", f"they are {self._wheels.delay_s():.2f} s old")
+        return halt("wheels_stale")
+
+    def _age_of_dismissed(self, sensor: type, now_ns: int) -> float | None:
+        """Return the age [s] of a sensor's latest message of another clock; None without one in the last moments."""
+        when_ns, age_s = self._dismissed.get(sensor, (0, None))
+        return age_s if age_s is not None and not SCAN.is_stale(when_ns, now_ns) else None
 
     def _contacts(self, now_ns: int) -> tuple[Halt, ...]:
         """Return the halts of F24 and the seat switch; a contact's last value counts even if it is not set as
@@ -170,7 +228,9 @@ class Fitness:
         return tuple(halts)
 
     def _lost(self) -> tuple[Halt, ...]:
-        """Return the halts of F15: a lost or jumping pose."""
+        """Return the halts of F15: a pose that scans never confirmed, a lost one, or a jumping one."""
+        if self._localisation is not None and not self._is_placed:
+            return (halt("unplaced"),)
         if self._localisation is not None and self._localisation.lost:
             return (halt("lost"),)
         if self._jump_m > POSE_JUMP:

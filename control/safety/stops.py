@@ -88,13 +88,63 @@ _ROWS: tuple[StopReason, ...] = (
     StopReason(
         "lidar_late", "the last scan is too old to drive by", "wait; if it lasts, check the lidar", _PAUSES, _EMERGENCY
     ),
+    StopReason("lidar_slow", "the lidar sends too few scans", "set its rate of scans higher", _ENDS, _EMERGENCY),
+    StopReason(
+        "lidar_delayed",
+        "the lidar's scans arrive too late",
+        "see what holds them up, such as filters of its driver or the network",
+        _ENDS,
+        _EMERGENCY,
+    ),
+    StopReason(
+        "lidar_clock",
+        "the lidar's scans are stamped by another clock",
+        "set that clock, or let its driver stamp scans as they arrive",
+        _ENDS,
+        _EMERGENCY,
+    ),
     StopReason(
         "lidar_blind", "the lidar sees too little", "clean its window and take off what covers it", _ENDS, _EMERGENCY
     ),
     StopReason("lidar_frozen", "the lidar repeats one scan", "switch it off and on", _ENDS, _EMERGENCY),
     StopReason("wheels_stale", "the wheel encoders are silent", "check their cable", _ENDS, _RELEASE),
+    StopReason(
+        "wheels_delayed",
+        "the wheel encoders' readings arrive too late",
+        "see what holds them up, or whether their stamps are of another clock",
+        _ENDS,
+        _RELEASE,
+    ),
+    StopReason(
+        "computer_slow",
+        "the computer does not keep up",
+        "end other programs on it, then ask for the goal again",
+        _ENDS,
+        _RELEASE,
+    ),
     StopReason("imu_stale", "the IMU is silent", "check its cable", _ENDS, _COMFORT),
     StopReason("depth_stale", "the depth camera is silent", "check its cable", _ENDS, _COMFORT),
+    StopReason(
+        "own_parts",
+        "the lidar sees the chair itself, such as its footrests or the rider's legs",
+        "hide these from it by `waychair calibrate mask`, then ask for the goal again",
+        _ENDS,
+        _EMERGENCY,
+    ),
+    StopReason(
+        "near_parts",
+        "something is within a hand's breadth of the chair",
+        "take it away, or hide it by `waychair calibrate mask` if it belongs to the chair",
+        _PAUSES,
+        _COMFORT,
+    ),
+    StopReason(
+        "near_parts_stay",
+        "something stays within a hand's breadth of the chair",
+        "take it away, or hide it by `waychair calibrate mask` if it belongs to the chair, then ask for the goal again",
+        _ENDS,
+        _COMFORT,
+    ),
     StopReason("obstacle", "something is close ahead", "wait, or have the way cleared", _PAUSES, _EMERGENCY),
     StopReason(
         "monitor_silent",
@@ -107,6 +157,13 @@ _ROWS: tuple[StopReason, ...] = (
         "lost",
         "the chair no longer knows where it is",
         "drive it to a known place and set its pose",
+        _ENDS,
+        _COMFORT,
+    ),
+    StopReason(
+        "unplaced",
+        "the scans do not show where the chair stands; it may have been moved while it was switched off",
+        "set its pose, or drive it some metres by joystick, so that it finds its place",
         _ENDS,
         _COMFORT,
     ),
@@ -163,13 +220,36 @@ _ROWS: tuple[StopReason, ...] = (
         _ENDS,
         _RELEASE,
     ),
+    StopReason(
+        "stick_touched",
+        "the joystick is not at rest",
+        "let go of it, and the drive begins two seconds later",
+        _PAUSES,
+        _COMFORT,
+    ),
+    StopReason(
+        "stick_off_rest",
+        "the joystick does not come to rest",
+        "let go of it, or have it checked if nobody touches it, then ask for the goal again",
+        _ENDS,
+        _RELEASE,
+    ),
+    StopReason(
+        "never_armed",
+        "the board does not take up the drive",
+        "let go of the joystick and see whether the chair is switched on, then ask for the goal again",
+        _ENDS,
+        _RELEASE,
+    ),
     StopReason("board_unusable", "the board cannot be driven through", "check its cable and power", _ENDS, _RELEASE),
 )
 
 STOPS: Mapping[str, StopReason] = MappingProxyType({stop.id: stop for stop in (*_ROWS, *_board_stops())})
 """All stops by id."""
 
-BY_MAP_ONLY = frozenset({"lost", "pose_jump", "pushed", "navigator_silent", "localiser_silent", "page_gone"})
+BY_MAP_ONLY = frozenset(
+    {"lost", "unplaced", "pose_jump", "pushed", "navigator_silent", "localiser_silent", "page_gone"}
+)
 """Ids of stops that concern drives to a goal on a map only; they do not stop a person that steers by a joystick."""
 
 _BY_ADVICE: Mapping[str, StopReason] = MappingProxyType(

@@ -12,7 +12,8 @@ from waychair.control.speed.following_faults import FollowingWatch
 from waychair.control.speed.gain_watch import GainWatch
 from waychair.control.speed.kinematics import twist_from_wheel_speeds
 from waychair.control.speed.speed_loop import SpeedLoop, SpeedLoopSettings, chair_response
-from waychair.types import SentCommand, Twist
+from waychair.control.speed.wheel_signs import BOTH_DEAD, WheelSigns
+from waychair.types import Pose2, SentCommand, Twist
 
 
 class ClosedLoop:
@@ -37,7 +38,7 @@ class ClosedLoop:
     @property
     def fault(self) -> str:
         """The reason for which the chair must not be driven, with its remedy; empty when it may be."""
-        return self._following.fault or self._gain_watch.fault
+        return self._fault
 
     @property
     def speed_limit(self) -> float:
@@ -54,12 +55,26 @@ class ClosedLoop:
         forward, turn = self._response.forward, self._response.turn
         self._gain_watch = GainWatch(forward, turn)
         self._following = FollowingWatch(forward, turn, self._track)
+        self._signs = WheelSigns(self._track)
+        self._fault = ""
 
-    def step(self, command: Twist | None, measured: Twist, now_ns: int, sent: SentCommand | None = None) -> Twist:
+    def locate(self, stamp_ns: int, map_from_base: Pose2, odom_from_base: Pose2) -> None:
+        """Take in the pose by the scans at a stamp, and that by the odometry, to judge the wheel encoders by."""
+        self._signs.locate(stamp_ns, map_from_base, odom_from_base)
+
+    def step(
+        self,
+        command: Twist | None,
+        measured: Twist,
+        now_ns: int,
+        sent: SentCommand | None = None,
+        wheels: tuple[float, float] | None = None,
+    ) -> Twist:
         """Return the twist to send in this tick, exactly 0 while there is a `fault`.
 
         `command` None means that the computer does not drive. `measured` is the mean twist since the last call, and
-        `sent` is the result of the twist that was returned then.
+        `sent` is the result of the twist that was returned then. `wheels` are the paths [m] of the left and right wheel
+        since the last call, None without a reading.
         """
         held = sent is not None and sent.active
         sent_twist = twist_from_wheel_speeds(sent.wheel_speeds, self._track) if sent is not None and held else Twist()
@@ -71,6 +86,7 @@ class ClosedLoop:
         steady = held and not self._loop.waiting and not self._loop.casters_swing
         # a chair that stands although it is commanded to drive is stuck, not slow
         self._gain_watch.step(sent_twist, measured, now_ns, judged=steady and self._loop.moves(measured))
+        self._signs.step(self._gain_watch.expected, wheels, now_ns, judged=steady)
         if not held:
             self._following.released()
         elif sent_twist == Twist():
@@ -78,7 +94,16 @@ class ClosedLoop:
         else:
             expected = None if self._loop.waiting else self._loop.expected
             self._following.driving(sent_twist, expected, measured, now_ns)
+        self._fault = self._fault or self._found()
         return Twist() if self.fault else twist
+
+    def _found(self) -> str:
+        """Return the fault of this tick by its cause: wrong encoders also look like a stuck chair or another gain."""
+        if self._signs.fault:
+            return self._signs.fault
+        if self._following.stuck and self._signs.blind_standstill():
+            return BOTH_DEAD
+        return self._following.fault or self._gain_watch.fault
 
 
 def _slowed(command: Twist, limit: float) -> Twist:

@@ -49,6 +49,8 @@ class FollowingWatch:
         self._settling_s = max(axis.delay_s + 4.0 * axis.lag_s for axis in (forward, turn))
         self._off, self._stuck, self._neutral, self._creeping = (_Lasting() for _ in range(4))
         self._coasting_s = 0.0
+        self.stuck = False
+        """Whether the fault is that the wheels tell no motion."""
         self.fault = ""
 
     def driving(self, sent: Twist, expected: Twist | None, measured: Twist, now_ns: int) -> str:
@@ -68,6 +70,7 @@ class FollowingWatch:
             )
         stuck = self._at_wheel(sent) > STUCK_COMMAND and self._at_wheel(measured) < STUCK_V
         if self._stuck.seconds(stuck, now_ns) >= STUCK_S:
+            self.stuck = not self.fault
             self._found(
                 f"the chair does not move (F20) at a command of {sent.v:.2f} m/s, {sent.omega:.2f} rad/s; "
                 "check free-wheel levers, brakes and obstacles"

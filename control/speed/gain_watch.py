@@ -85,6 +85,8 @@ class GainWatch:
         self._gains = AxisGain(NOISE_V), AxisGain(NOISE_OMEGA)
         self._last_ns: int | None = None
         self._slow = False
+        self.expected = Twist()
+        """The twist that the calibration expects now of the counts that were sent."""
         self.fault = ""
 
     @property
@@ -109,6 +111,7 @@ class GainWatch:
         for axis, value in zip(self._expected, (sent.v, sent.omega), strict=True):
             axis.command(value, last_ns)
         v, omega = (axis.advance(now_ns) for axis in self._expected)
+        self.expected = Twist(v, omega)
         if judged and math.isfinite(measured.v) and math.isfinite(measured.omega):
             seconds = min((now_ns - last_ns) * 1e-9, LONGEST_STEP_S)
             forward, turn = self._gains

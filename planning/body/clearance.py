@@ -48,6 +48,11 @@ CRAMPED = PLANNED
 LEAVING = (0.025, 0.02, 0.015, 0.0125, 0.01, 0.0075, 0.005, 0.0025, 0.0)
 """[m] Tried in turn for leading a chair out of a cramped place: the first that fits where it stands is kept."""
 
+LEAVING_STEP, MAP_DOUBT = 0.005, 0.6
+"""[m] and part of a map's cell: a surface lies anywhere in the cell that it makes occupied, and the pose follows the cells'
+middles. So a chair whose front or rear seems to be in a mapped obstacle, by up to this part of a cell, stands free. It is
+led straight away from it, as a body shortened in steps of the first value."""
+
 LEAVING_DIP = 1 / 3
 """Part of the clearance in `LEAVING` that may be lost on the way out: every turn begins by coming a little nearer."""
 

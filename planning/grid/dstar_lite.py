@@ -45,7 +45,16 @@ from waychair.planning.grid.grid_graph import (
     step_cost,
 )
 from waychair.planning.grid.indexed_heap import ROOM, empty_heap, grown, has_room, less, put, remove
+from waychair.planning.grid.resumable import Resumable
 from waychair.types import Bytes, IntArray
+
+POPS_PER_STEP = 20_000
+"""Cells taken from the queue between two interruptions of `DStarLite.prepare`, about 8 ms of a control period's 50."""
+
+CELLS_PER_STEP = 200_000
+"""Cells whose records are made between two interruptions of it; on a large map their memory takes longest."""
+
+_ALL = np.iinfo(np.int64).max
 
 CELL = np.dtype([("g", np.int64), ("rhs", np.int64), ("ground", np.int32), ("place", np.int32)])
 """The search's record of a cell, 24 bytes: its two estimates, its ground and its place in the queue."""
@@ -89,16 +98,14 @@ class DStarLite:
         self._shape: tuple[int, int] = (prices.shape[0], prices.shape[1])
         self._goal = padded_index(goal, self._shape)
         self._start = padded_index(start, self._shape)
-        grounds = padded(prices, barred)
-        self._cells = np.empty(len(grounds), CELL)
-        _forget_all(self._cells, grounds)
+        self._grounds: Prices | None = padded(prices, barred)  # until all records are made
+        self._made = 0
+        self._cells = np.empty(len(self._grounds), CELL)
         self._steps = offsets(self._stride)
         self._heap = empty_heap(self._cells)
         self._aim = self._aimed(k_m=0)
         self.pops = 0
         self._cost = UNREACHABLE  # of the plan in force
-        self._cells["rhs"][self._goal] = 0
-        _update_vertex(*self._heap, self._goal, self._aim)
 
     @property
     def start(self) -> Cell:
@@ -126,6 +133,7 @@ class DStarLite:
         Raises:
             ValueError: a cell outside the grid, an impossible price, arrays of different length.
         """
+        self._make_records(_ALL)
         cells = np.ascontiguousarray(cells, np.int64).reshape(-1, 2)
         prices = np.ascontiguousarray(prices, np.int32)
         self._account_for_motion()
@@ -136,26 +144,43 @@ class DStarLite:
             check_changes(cells, prices, self._shape)
         self._cost = UNREACHABLE
 
+    def prepare(self) -> Resumable[None]:
+        """Do the search of the next `replan` in bounded parts; the start may move and prices change between them."""
+        while self._grounds is not None:
+            yield
+            self._make_records(CELLS_PER_STEP)
+        while self._searched(POPS_PER_STEP) is None:
+            yield
+
     def replan(self) -> int:
         """Return the cost of the cheapest path from start to goal, 10000 for a straight step between free cells.
 
         Raises:
             NoPath: they are not connected, or one of them is impassable.
         """
-        self._account_for_motion()
-        while True:
-            pops, cost, finished = _compute_shortest_path(*self._heap, self._steps, self._aim)
-            self.pops += pops
-            if finished:
-                break
-            self._heap = grown(self._heap)
+        cost = self._searched(_ALL)
+        assert cost is not None
         if cost >= UNREACHABLE:
             goal = cells_from_padded(np.array([self._goal], np.int32), self._shape)[0]
             raise NoPath(
                 f"cells {self.start} and ({goal[0]}, {goal[1]}) are not connected; choose another goal or clear the way"
             )
-        self._cost = int(cost)
+        self._cost = cost
         return self._cost
+
+    def _searched(self, most: int) -> int | None:
+        """Search on; return the start's cost, None if it is not final after so many pops."""
+        self._make_records(_ALL)
+        self._account_for_motion()
+        while True:
+            pops, cost, finished = _compute_shortest_path(*self._heap, self._steps, self._aim, most)
+            self.pops += pops
+            most -= pops
+            if finished:
+                return int(cost)
+            if most <= 0:
+                return None
+            self._heap = grown(self._heap)
 
     def path(self) -> IntArray:
         """Return the cells (N, 2) of the present plan, start and goal included; their costs sum to `replan`'s exactly.
@@ -170,6 +195,7 @@ class DStarLite:
 
     def consistency(self, cell: Cell) -> Consistency:
         """Return a cell's state in the sense of the paper's Fig. 6."""
+        self._make_records(_ALL)
         record = self._cells[padded_index(cell, self._shape)]
         return Consistency(_consistency(record["g"], record["rhs"]))
 
@@ -180,6 +206,18 @@ class DStarLite:
     def _aimed(self, k_m: int) -> _KeyBasis:
         row, column = divmod(self._start, self._stride)
         return _KeyBasis(goal=self._goal, start=self._start, row=row, column=column, k_m=k_m, stride=self._stride)
+
+    def _make_records(self, most: int) -> None:
+        """Make the next records of cells, at most so many; with the last one, queue the goal."""
+        if self._grounds is None:
+            return
+        end = min(self._made + most, len(self._cells))
+        _forget_all(self._cells[self._made : end], self._grounds[self._made : end])
+        self._made = end
+        if end == len(self._cells):
+            self._grounds = None
+            self._cells["rhs"][self._goal] = 0
+            _update_vertex(*self._heap, self._goal, self._aim)
 
     def _account_for_motion(self) -> None:
         """Raise k_m by the heuristic distance moved, so that all queued keys stay lower bounds without reordering."""
@@ -262,9 +300,9 @@ def _apply(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _compute_shortest_path(
-    entries: Records, size: IntArray, cells: Records, steps: IntArray, aim: _KeyBasis
+    entries: Records, size: IntArray, cells: Records, steps: IntArray, aim: _KeyBasis, most: int
 ) -> tuple[int, int, bool]:
-    """Make cells consistent until the start's cost is final; return (cells popped, cost, whether it is final)."""
+    """Make cells consistent until the start's cost is final, at most so many; return (pops, cost, whether it is final)."""
     start = cells[aim.start]
     pops = 0
     while size[0] > 0:
@@ -272,7 +310,7 @@ def _compute_shortest_path(
         nearest = min(start.g, start.rhs)
         if not less(first, second, nearest + aim.k_m, nearest) and start.rhs <= start.g:
             break
-        if size[0] + ROOM >= len(entries):
+        if size[0] + ROOM >= len(entries) or pops >= most:
             return pops, UNREACHABLE, False
         pops += 1
         g, rhs = cells[cell].g, cells[cell].rhs

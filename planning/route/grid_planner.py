@@ -76,13 +76,15 @@ def grid_planner(name: str, harmonic: HarmonicSettings | None = None) -> GridPla
 
 
 def prepared(planner: GridPlanner, has_time: HasTime | None = None) -> Resumable[None]:
-    """Do the slow part of the next `replan` resumably: the harmonic planner solves its field; others need nothing.
+    """Do the slow part of the next `replan` resumably: the harmonic planner's field, or the search of D* Lite.
 
     Raises:
         MapTooLarge, NotConverged: see `HarmonicSearch.prepare`.
     """
     if isinstance(planner, HarmonicSearch):
         yield from planner.prepare(has_time)
+    elif isinstance(planner, DStarLite):
+        yield from planner.prepare()
 
 
 def plan_on_cells(prices: Prices, start: Cell, goal: Cell, planner: str = "dstar-lite") -> GridPath:

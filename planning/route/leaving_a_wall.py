@@ -9,6 +9,7 @@ generated here directly.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -17,7 +18,7 @@ from numba import njit
 from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import compose, transform_points
 from waychair.maps.grid.distance_field import DistanceField
-from waychair.planning.body.clearance import CRAMPED, LEAVING, LEAVING_DIP, LEFT
+from waychair.planning.body.clearance import CRAMPED, LEAVING, LEAVING_DIP, LEAVING_STEP, LEFT
 from waychair.planning.body.footprint import Footprint, fits, footprint, in_cells, room
 from waychair.planning.grid.resumable import Resumable
 from waychair.types import FloatArray, Pose2
@@ -39,17 +40,21 @@ _REVERSE_PRICE, _GEAR_PRICE = 1.6, 0.5
 """Cost of a metre backwards in metres forwards, and of a change of direction [m]."""
 
 
-def leading_out_path(field: DistanceField, body: ChairBody, start: Pose2) -> Resumable[FloatArray | None]:
+def leading_out_path(
+    field: DistanceField, body: ChairBody, start: Pose2, doubt: float = 0.0
+) -> Resumable[FloatArray | None]:
     """Return poses (N, 3) [m, m, rad] in map, every 5 cm from the start to the nearest place with room; resumable.
 
     The path is a straight line, a turn, or a line and then a turn, each forwards or backwards. None when the chair has
-    room at the start, when it touches something there, or when there is no such path.
+    room at the start, when it touches something there, or when there is no such path. `doubt` [m]: by so much the cells
+    of a coarse map may reach beyond the true obstacles, so that a chair whose front or rear seems to touch one by less
+    stands free, and is led straight away from it.
     """
     if fits(body, CRAMPED, field, start):
         return None
     kept = next((margin for margin in LEAVING if fits(body, margin, field, start)), None)
     if kept is None:
-        return None
+        return (yield from _straight_out(field, body, start, doubt))
     yield
     tight, roomy = footprint(body, kept * (1.0 - LEAVING_DIP), field), footprint(body, LEFT, field)
     turns = {1: _turns(body.rear, 1), -1: _turns(body.front, -1)}
@@ -68,6 +73,48 @@ def leading_out_path(field: DistanceField, body: ChairBody, start: Pose2) -> Res
                 least = before + _price(end, onwards)
                 best = np.concatenate([straight[:k], compose(straight[k], turns[onwards][which, : end + 1])])
     return best
+
+
+def standing_body(field: DistanceField, body: ChairBody, pose: Pose2, doubt: float) -> ChairBody | None:
+    """Return the body, shortened at both ends by at most `doubt` [m] until it fits at a pose; None if it does not.
+
+    Its sides are not doubted: along a wall, no straight line leads away from it.
+    """
+    for step in range(math.floor(doubt / LEAVING_STEP + 1e-9) + 1):
+        by = step * LEAVING_STEP
+        shorter = replace(body, length=body.length - 2 * by, axle_from_rear=body.axle_from_rear - by) if step else body
+        if fits(shorter, 0.0, field, pose):
+            return shorter
+    return None
+
+
+def _straight_out(field: DistanceField, body: ChairBody, start: Pose2, doubt: float) -> Resumable[FloatArray | None]:
+    """Return a path out that begins with a straight line, on which the body as it stands keeps free, or None; resumable.
+
+    The line ends where the whole body has room, or where it can be led out like anywhere else.
+    """
+    shorter = standing_body(field, body, start, doubt)
+    if shorter is None or shorter is body:
+        return None
+    for gear in (-1, 1):
+        line = compose(start.array(), _turn(0.0, 0.0, gear, _STRAIGHT))
+        for k, pose in enumerate(line):
+            yield
+            here = Pose2(*pose)
+            if not fits(shorter, 0.0, field, here):
+                break
+            if fits(body, CRAMPED, field, here):
+                return line[: k + 1]
+            if k >= _OUT_FIRST and fits(body, LEAVING[-2], field, here):
+                onwards = yield from leading_out_path(field, body, here)
+                if onwards is not None:
+                    return np.concatenate([line[:k], onwards])
+                break
+    return None
+
+
+_OUT_FIRST = 2
+"""Steps of the straight line before any turn: as far as two cells of a usual map."""
 
 
 def reason_for_cramped(field: DistanceField, body: ChairBody, pose: Pose2, needed: float = CRAMPED) -> str | None:

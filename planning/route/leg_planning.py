@@ -16,7 +16,15 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.errors import NoPath
 from waychair.geometry import arc_lengths, wrap_angle
 from waychair.maps.grid.distance_field import DistanceField
-from waychair.planning.body.clearance import EXACT_BEND, HARD, MANOEUVRE, MANOEUVRE_TIGHT, NOISE, PLANNED_ON_PATH
+from waychair.planning.body.clearance import (
+    EXACT_BEND,
+    HARD,
+    MANOEUVRE,
+    MANOEUVRE_TIGHT,
+    MAP_DOUBT,
+    NOISE,
+    PLANNED_ON_PATH,
+)
 from waychair.planning.body.footprint import fits, fits_each, footprint, free_time, in_cells
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import fine_field
@@ -260,7 +268,7 @@ def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2) -> Resumable[FloatArr
     turned = yield from _turned(field=field, body=body, begin=begin, end=end, attempts=_ROOMY, barred=barred)
     if turned is not None:
         return turned
-    out = yield from leading_out_path(field, body, begin)
+    out = yield from leading_out_path(field, body, begin, MAP_DOUBT * costmap.grid.resolution)
     if out is not None:
         turned = yield from _turned(
             field=field, body=body, begin=Pose2(*out[-1]), end=end, attempts=_ROOMY, barred=barred

@@ -204,6 +204,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         """Process a sensor's message with its stamp converted to the steady clock; return False if it is of another clock."""
         age_ns = self.now_ns() - message.stamp_ns
         if abs(age_ns) > MAX_CLOCK_DIFFERENCE_NS:
+            self._base.dismiss(message, 1e-9 * age_ns, time.monotonic_ns())
             return False
         heard = replace(message, stamp_ns=time.monotonic_ns() - age_ns)
         self._base.hear(self._base.with_true_stamp(heard))

@@ -93,6 +93,7 @@ class Localiser:
         self._state = LocalisationState.LOST if start is None else LocalisationState.DEGRADED
         self._recovery = self._new_recovery()
         self._unfit_scans, self._degraded_distance, self._motion_since_fit = 0, 0.0, Pose2()
+        self._has_fitted = False
         self._large_corrections: deque[bool] = deque(maxlen=10)
         self._last_odometry: Pose2 | None = None
 
@@ -122,6 +123,7 @@ class Localiser:
             return Localisation(here, self._published, 0.0, self._state, 0.0, candidates=candidates)
         self.restart(pose)
         self._start, self._state, self._last_odometry = None, LocalisationState.OK, odom_from_base
+        self._has_fitted = True
         self._estimate = self._published = pose @ odom_from_base.inverse()
         return Localisation(pose, self._published, 1.0, self._state, health, jumped=True, candidates=candidates)
 
@@ -195,9 +197,11 @@ class Localiser:
             math.hypot(self._motion_since_fit.x, self._motion_since_fit.y) < _STILL_DISTANCE
             and abs(self._motion_since_fit.theta) < _STILL_ANGLE
         )
+        self._has_fitted = self._has_fitted or fits
         if fits:
             self._unfit_scans = 0
-        elif blind or not stands:  # while the chair stands at a pose that fitted, the surroundings have changed
+        elif blind or not stands or not self._has_fitted:
+            # while the chair stands at a pose that fitted, the surroundings have changed; a start that never did is wrong
             self._unfit_scans += 1
         well = health >= settings.ok_health and not any(self._large_corrections)
         self._degraded_distance = 0.0 if well else self._degraded_distance + math.hypot(step.x, step.y)

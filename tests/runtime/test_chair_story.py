@@ -123,3 +123,10 @@ def test_a_keep_out_zone_under_the_chair_is_refused() -> None:
     check_zone(here, Pose2(-1.0), outline)
     check_zone(here, None, outline)
     check_zone(replace(here, rule=Rule.SLOW, value=0.2), HERE, outline)
+
+
+@pytest.mark.parametrize("stop_id", ["stick_touched", "near_parts", "lidar_late"])
+def test_a_drive_that_waits_for_another_reason_than_an_obstacle_tells_it_with_its_remedy(stop_id: str) -> None:
+    stop = STOPS[stop_id]
+    said = next_action(replace(FACTS, obstacles=obstacles_of([halt(stop_id)])))
+    assert said == f"Waiting: {stop.sentence}. {sentence(stop.remedy)}"

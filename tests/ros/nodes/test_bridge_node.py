@@ -76,7 +76,9 @@ def test_scans_of_another_clock_are_named_and_not_taken(bridge: BridgeAlone) -> 
     report = bridge.ros.report("input scan", lambda report: "this node's clock" in report.message, scan)
     assert report.level is DiagnosticLevel.ERROR
     assert "3600" in report.message
-    assert "lidar_stale" in dict(bridge.next_state().halts)
+    halts = dict(bridge.next_state().halts)
+    assert "3600.0 s behind" in halts["lidar_clock"]
+    assert "lidar_stale" not in halts
 
 
 @pytest.mark.parametrize("name", ["joint_states", "battery_state"])
