@@ -1,0 +1,273 @@
+"""The true cause of a failed plan, found by planning again with one thing after another taken away.
+
+Taken away in turn are slim live obstacles (people stand on two legs, so somebody is as wide as a leg or two), all live
+obstacles, the one-way zones, the keep-out zones, and last the chair's width. The first of them without which there is a
+way is the cause, and the place where that way meets it is told.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import ndimage
+
+from waychair.errors import GoalOccupied, NoPath, PlanningError, StartOccupied
+from waychair.geometry import arc_lengths, transform_points
+from waychair.maps.drawn.zones import Rule, Zone, zone_contains
+from waychair.maps.grid.cells import cells_from_points, inside
+from waychair.planning.body.clearance import HARD, NARROW, PLANNED
+from waychair.planning.body.footprint import fits
+from waychair.planning.grid.costmap import Costmap, costmap_from_grid
+from waychair.planning.grid.drawn_map import DrawnMap
+from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings
+from waychair.planning.route.path_ends import cell_at
+from waychair.types import FloatArray, Pose2
+
+SLIM = 0.5
+"""[m] An obstacle no longer than this is somebody, or something as slim; a longer one shuts the way."""
+
+_APART = 0.4
+"""[m] Points of one obstacle are no farther apart than two legs of one person."""
+
+_ANYTHING = 0.15
+"""[m] Half the width of the narrowest body that is tried: a gap too narrow for it is a crack in a wall."""
+
+_STEPS = 7
+"""Halvings of the interval in which the width of the widest way lies: to about a centimetre."""
+
+
+@dataclass(frozen=True, slots=True)
+class Obstruction:
+    """The thing that a way meets: a sentence without advice, the advice, and where [m] in map, if at one place."""
+
+    what: str
+    advice: str
+    at: tuple[float, float] | None = None
+
+    @property
+    def text(self) -> str:
+        """The sentence with its advice."""
+        return f"{self.what}; {self.advice}"
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Live obstacles: points (N, 2) [m] in map, whose height is unknown or that concern a layer of the body only."""
+
+    points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+
+
+def explained(
+    error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen = Seen()
+) -> PlanningError:
+    """Return the error of a plan over a map with its zones and live obstacles, saying what is truly in the way.
+
+    It is the error itself if nothing better is known.
+    """
+    found = cause_of(error, drawn, start, goal, seen)
+    return error if found is None else type(error)(found.text)
+
+
+def cause_of(
+    error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen = Seen()
+) -> Obstruction | None:
+    """Return what keeps a plan over a map with its zones and live obstacles from its goal; None if unknown."""
+    if isinstance(error, StartOccupied):
+        return _at_an_end(drawn, start, seen, "start")
+    if isinstance(error, GoalOccupied):
+        return _at_an_end(drawn, goal, seen, "goal")
+    if not isinstance(error, NoPath):
+        return None
+    place = getattr(error, "place", None)
+    if place is not None:  # there is a way for a narrow body, but the whole chair does not fit there
+        return _at_a_place(drawn, place, seen)
+    return _across(drawn, start, goal, seen)
+
+
+def _at_an_end(drawn: DrawnMap, pose: Pose2, seen: Seen, end: str) -> Obstruction | None:
+    """Return what the chair would touch at the start or the goal, other than the map's walls."""
+    body = drawn.body
+    free = costmap_from_grid(drawn.bare, body) if drawn.zones else drawn.costmap()
+    if not (_passable(free, pose) and fits(body, HARD, free.field, pose)) and end == "goal":
+        return None
+    outline = _outline(drawn, pose)
+    zone = _first_zone(drawn.zones, Rule.KEEP_OUT, outline)
+    if zone is not None:
+        what = "covers the goal" if end == "goal" else "lies under the chair"
+        advice = "choose another goal" if end == "goal" else "drive it out by hand"
+        return Obstruction(
+            f"the keep-out zone '{zone.name}' {what} at ({pose.x:.2f}, {pose.y:.2f})", f"{advice}, or change the zone"
+        )
+    group = _group_near(seen.points, np.array([[pose.x, pose.y]]), body.circumscribed_radius + PLANNED)
+    if group is None:
+        return None
+    at = f"({group[:, 0].mean():.1f}, {group[:, 1].mean():.1f})"
+    if end == "start":
+        return Obstruction(f"{_who(group)} stands close beside the chair, at {at}", "ask for room, or drive by hand")
+    return Obstruction(f"{_who(group)} stands where the goal is, at {at}", "ask for room, or choose another goal")
+
+
+def _at_a_place(drawn: DrawnMap, place: tuple[float, float], seen: Seen) -> Obstruction | None:
+    """Return the live obstacle or the keep-out zone that leaves the chair no room at a place."""
+    room = drawn.body.circumscribed_radius + PLANNED
+    group = _group_near(seen.points, np.array([place]), room)
+    if group is not None:
+        return _in_the_way(group, None)
+    around = np.array([place]) + room * np.array([(math.cos(a), math.sin(a)) for a in np.arange(0.0, math.tau, 0.2)])
+    zone = _first_zone(drawn.zones, Rule.KEEP_OUT, around)
+    if zone is None:
+        return None
+    return Obstruction(
+        f"the keep-out zone '{zone.name}' leaves the chair no room at ({place[0]:.2f}, {place[1]:.2f})",
+        "change the zone or choose another goal",
+    )
+
+
+def _across(drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen) -> Obstruction | None:
+    """Return what bars every way from the start to the goal."""
+    usual = drawn.costmap()
+    if len(seen.points):
+        group = _barring(usual, start, goal, seen.points)
+        if group is not None:
+            return _in_the_way(group, usual)
+    both_ways = replace(usual, barred=None)
+    if usual.barred is not None and (way := _way(both_ways, start, goal)) is not None:
+        return _zone_told(drawn.zones, Rule.ONE_WAY, way, start, goal)
+    bare = costmap_from_grid(drawn.bare, drawn.body) if drawn.zones else both_ways
+    if drawn.zones and (way := _way(bare, start, goal)) is not None:
+        return _zone_told(drawn.zones, Rule.KEEP_OUT, way, start, goal)
+    return _too_narrow(bare, start, goal)
+
+
+def _barring(usual: Costmap, start: Pose2, goal: Pose2, points: FloatArray) -> FloatArray | None:
+    """Return the first live obstacle (N, 2) [m] on the way that there would be without any; None without a way."""
+    way = _way(usual, start, goal)
+    if way is None:
+        return None
+    needed = usual.body.width / 2 + PLANNED + usual.grid.resolution
+    for k, point in enumerate(way):
+        if (np.hypot(*(points - point).T) < needed).any():
+            return _group_near(points, way[k : k + 1], needed)
+    return None
+
+
+def _in_the_way(group: FloatArray, usual: Costmap | None) -> Obstruction:
+    """Return a live obstacle in the way, in a doorway where the map is narrow."""
+    x, y = group.mean(axis=0).tolist()
+    at, where = f"({x:.1f}, {y:.1f})", "in the way"
+    if usual is not None:
+        cells = cells_from_points(usual.grid, group)
+        cells = cells[inside(usual.grid, cells)]
+        if len(cells) and float(usual.clearance[tuple(cells.T)].max()) < NARROW:
+            where = "in the doorway"
+    if _length(group) <= SLIM:
+        what = f"{_who(group)} stands {where} at {at}"
+        return Obstruction(what, "wait, or ask for room", (x, y))
+    what = f"the door is shut at {at}, or something stands in it" if where == "in the doorway" else f"the way is shut at {at}"
+    return Obstruction(what, "wait, or have it opened", (x, y))
+
+
+def _zone_told(zones: Sequence[Zone], rule: Rule, way: FloatArray, start: Pose2, goal: Pose2) -> Obstruction:
+    zone = _first_zone(zones, rule, way)
+    kind = "keep-out" if rule is Rule.KEEP_OUT else "one-way"
+    name = f"the {kind} zone '{zone.name}'" if zone is not None else f"a {kind} zone"
+    return Obstruction(
+        f"{name} bars every way from ({start.x:.2f}, {start.y:.2f}) to ({goal.x:.2f}, {goal.y:.2f})",
+        "change the zone or choose another goal",
+    )
+
+
+def _too_narrow(bare: Costmap, start: Pose2, goal: Pose2) -> Obstruction:
+    """Return the widest way there is, if a narrow body could pass at all; else the walls between start and goal."""
+    ends = f"from ({start.x:.2f}, {start.y:.2f}) to ({goal.x:.2f}, {goal.y:.2f})"
+    cells = cell_at(bare, start), cell_at(bare, goal)
+    if cells[0] is None or cells[1] is None or not _joined(bare, cells[0], cells[1], _ANYTHING):
+        return Obstruction(
+            f"no path leads {ends}: walls on the map close every way",
+            "map again with the doors open if one was shut, or choose another goal",
+        )
+    low, high = _ANYTHING, bare.body.width / 2 + PLANNED + bare.grid.resolution
+    for _ in range(_STEPS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if _joined(bare, cells[0], cells[1], middle) else (low, middle)
+    place = ""
+    slim = replace(bare, prices=np.where(bare.clearance >= low, np.maximum(bare.prices, 1000), 0).astype(np.int32))
+    if (way := _way(slim, start, goal)) is not None:
+        at = cells_from_points(bare.grid, way)
+        x, y = way[int(np.argmin(bare.clearance[tuple(at.T)]))].tolist()
+        place = f" at ({x:.1f}, {y:.1f})"
+    return Obstruction(
+        f"no path wide enough for the chair leads {ends}: the widest is about {2 * low:.2f} m wide{place}",
+        "clear the way or choose another goal",
+    )
+
+
+def _joined(costmap: Costmap, start: tuple[int, int], goal: tuple[int, int], half: float) -> bool:
+    """Return whether a round body of this half width [m] can pass from cell to cell."""
+    free = costmap.clearance >= half
+    free[start] = free[goal] = True
+    numbers, _ = ndimage.label(free)
+    return bool(numbers[start] == numbers[goal])
+
+
+def _way(costmap: Costmap, start: Pose2, goal: Pose2) -> FloatArray | None:
+    """Return points (N, 2) [m] of a path for the half width alone; None where there is none."""
+    with suppress(PlanningError):
+        return GlobalPlanner(goal, PlannerSettings(), check_footprint=False).replan(costmap, start).poses[:, :2]
+    return None
+
+
+def _passable(costmap: Costmap, pose: Pose2) -> bool:
+    cell = cell_at(costmap, pose)
+    return cell is not None and bool(costmap.prices[cell])
+
+
+def _outline(drawn: DrawnMap, pose: Pose2) -> FloatArray:
+    """Return points (N, 2) [m] in map on and in the chair's outline at a pose, a cell apart."""
+    body, step = drawn.body, drawn.grid.resolution
+    x, y = np.arange(-body.rear, body.front + step, step), np.arange(-body.width / 2, body.width / 2 + step, step)
+    return transform_points(pose, np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
+
+
+def _first_zone(zones: Sequence[Zone], rule: Rule, points: FloatArray) -> Zone | None:
+    """Return the first zone of a kind on points (N, 2) [m] in map, in their order; None if there is none."""
+    hits = [(int(np.argmax(on)), k) for k, zone in enumerate(zones) if zone.rule is rule and (on := zone_contains(zone, points)).any()]
+    return zones[min(hits)[1]] if hits else None
+
+
+def _group_near(points: FloatArray, places: FloatArray, within: float) -> FloatArray | None:
+    """Return the points (N, 2) [m] of the obstacle nearest to places (M, 2), if nearer than `within` [m]."""
+    if not len(points):
+        return None
+    gaps = np.hypot(*(points[:, None] - places[None]).transpose(2, 0, 1)).min(axis=1)
+    if gaps.min() > within:
+        return None
+    group, border = np.zeros(len(points), np.bool_), np.zeros(len(points), np.bool_)
+    border[int(np.argmin(gaps))] = True
+    while border.any():
+        group |= border
+        near = np.hypot(*(points[:, None] - points[border][None]).transpose(2, 0, 1)).min(axis=1) < _APART
+        border = near & ~group
+    found: FloatArray = points[group]
+    return found
+
+
+def _length(group: FloatArray) -> float:
+    """Return the length [m] of an obstacle: the longer side of the box round its points."""
+    turned = group - group.mean(axis=0)
+    if len(group) > 2:
+        turned = turned @ np.linalg.svd(turned, full_matrices=False)[2].T
+    return float(np.ptp(turned, axis=0).max())
+
+
+def _who(group: FloatArray) -> str:
+    return "somebody (or something as slim)" if _length(group) <= SLIM else "something"
+
+
+def longer_by(path: FloatArray, other: FloatArray) -> float:
+    """Return by how many metres a path (N, 2) is longer than another one."""
+    return float(arc_lengths(path)[-1] - arc_lengths(other)[-1])
