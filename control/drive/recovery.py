@@ -1,4 +1,4 @@
-"""Recovery of a chair that makes no progress: wait first, then back out along its own trail, then give up.
+"""Recovery of a chair that makes no progress: wait first, then back out along its own trail, then only wait.
 
 Standing still and coming no nearer to the goal are both judged by time. Backing out follows the trail that was driven,
 the only path known to have been free, and goes farther at each try, so that two chairs waiting for each other part. If
@@ -47,6 +47,9 @@ BACKING_LENGTH = 0.4
 BLOCKED_S = 1.0
 """s; a backing that is blocked for so long is given up."""
 
+REST_S = 10.0
+"""s; a chair that has backed out often enough stands for so long before it tries to go on again."""
+
 TRIES_RESET = 1.0
 """m; the tries count anew once the chair is nearer to the goal by this than at its last try."""
 
@@ -70,15 +73,17 @@ class RecoverySettings(Settings):
         high=600.0,
     )
     tries: int = setting(
-        6, "", "times that the chair backs out before it gives up its goal; larger: it gives up later", low=0, high=100
+        2,
+        "",
+        "times that the chair backs out at one place before it only waits there; larger: it moves to and fro for longer",
+        low=0,
+        high=100,
     )
     patience: float = setting(
-        20.0, "s", "standstill before the chair gives up its goal; larger: it gives up later", low=1.0, high=3600.0
-    )
-    patience_with_people: float = setting(
-        60.0,
+        120.0,
         "s",
-        "standstill among walking people before the chair gives up its goal; larger: it gives up later",
+        "time for which the chair waits at a shut door, or for somebody in its way, before it gives up its goal; "
+        "larger: it gives up later",
         low=1.0,
         high=3600.0,
     )
@@ -99,6 +104,8 @@ class Recovery:
         self._kept_clearance = Pose2(), -math.inf  # pose of the last backing, and its clearance there [m]
         self._blocked_since: int | None = None
         self._tried_at: float | None = None  # smallest distance to the goal of all tries [m]
+        self._rests_until: int | None = None
+        self._first_rest: int | None = None  # start of the first rest at this place
 
     @property
     def exhausted(self) -> bool:
@@ -114,6 +121,25 @@ class Recovery:
         """Start anew for another goal; the trail and the clearance kept here stay."""
         self.tries, self._tried_at, self._standing_since = 0, None, None
         self._nearest, self._turned, self._backing = None, None, None
+        self._rests_until = self._first_rest = None
+
+    def rest(self, now_ns: int) -> None:
+        """Stand for a while before the next try to go on; no further backing out at this place."""
+        self.tries = self._settings.tries
+        self._backing, self._nearest, self._turned = None, None, None
+        self._rests_until = now_ns + round(REST_S * 1e9)
+        self._first_rest = now_ns if self._first_rest is None else self._first_rest
+
+    def rests(self, now_ns: int) -> bool:
+        """Return whether the chair stands for a `rest`."""
+        if self._rests_until is not None and now_ns >= self._rests_until:
+            self._rests_until = None
+            self.note_motion()
+        return self._rests_until is not None
+
+    def rested_s(self, now_ns: int) -> float:
+        """Return for how long [s] the chair has rested and tried at this place; 0 before the first rest."""
+        return 0.0 if self._first_rest is None else (now_ns - self._first_rest) * 1e-9
 
     def note_standstill(self, now_ns: int) -> float:
         """Note that no motion is possible in this tick; return for how long [s] that has been so."""
@@ -157,7 +183,7 @@ class Recovery:
         if waits:
             self._backing, self._nearest, self._turned = None, None, None
         if remaining is not None and self._tried_at is not None and remaining < self._tried_at - TRIES_RESET:
-            self.tries, self._tried_at = 0, None
+            self.tries, self._tried_at, self._first_rest = 0, None, None
         if self._backing is None:
             self._remember(pose)
             if waits or not self._stuck(now_ns, pose, remaining):

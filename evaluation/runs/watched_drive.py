@@ -85,7 +85,12 @@ def watch(found: Situation, seed: int) -> Watched:
         settings = replace(settings, lidar=replace(settings.lidar, rate_hz=found.lidar_hz))
     simulator = Simulator(found.world, CHAIR_A, settings, seed)
     setup = DriveSetup(
-        grid=found.grid, places={"goal": found.goal}, body=CHAIR_A, calibration=DEFAULT, chair=found.chair, zones=found.zones
+        grid=found.grid,
+        places={"goal": found.goal},
+        body=CHAIR_A,
+        calibration=DEFAULT,
+        chair=found.chair,
+        zones=found.zones,
     )
     rider = _Rider(found)
     try:

@@ -213,7 +213,9 @@ def _zone_over_the_goal(rng: np.random.Generator) -> Situation:
     world = _hall(rng)
     x, y = rng.uniform(4.5, 6.5), rng.uniform(1.5, 3.5)
     zone = Zone("carpet", Rule.KEEP_OUT, _square(x - 0.9, y - 0.7, x + 0.9, y + 0.7))
-    return _made("zone over the goal", world, Place("goal", Pose2(x, y, 0.0)), cause="zone", zones=(zone,), limit_s=30.0)
+    return _made(
+        "zone over the goal", world, Place("goal", Pose2(x, y, 0.0)), cause="zone", zones=(zone,), limit_s=30.0
+    )
 
 
 def _zone_over_the_start(rng: np.random.Generator) -> Situation:
@@ -248,7 +250,9 @@ def _person_ahead_of_the_goal(rng: np.random.Generator) -> Situation:
 
 def _person_beside_the_goal(rng: np.random.Generator) -> Situation:
     goal, side = Pose2(rng.uniform(4.5, 5.5), rng.uniform(2.2, 2.8), 0.0), float(rng.choice([-1.0, 1.0]))
-    person = _stands(goal.x + rng.uniform(-0.2, 0.4), goal.y + side * (CHAIR_A.width / 2 + 0.25 + rng.uniform(0.15, 0.6)))
+    person = _stands(
+        goal.x + rng.uniform(-0.2, 0.4), goal.y + side * (CHAIR_A.width / 2 + 0.25 + rng.uniform(0.15, 0.6))
+    )
     return _made("somebody beside the goal", _hall(rng, [person]), Place("goal", goal), limit_s=75.0)
 
 

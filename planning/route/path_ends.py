@@ -107,7 +107,9 @@ def _nearest_room(costmap: Costmap, goal: Pose2, start: Pose2 | None) -> tuple[f
     if start is not None and (begin := cell_at(costmap, start)) is not None and costmap.prices[begin]:
         numbers, _ = ndimage.label(costmap.prices != 0)
         cells = cells[numbers[tuple(cells.T)] == numbers[begin]]
-    turns = costmap.clearance[tuple(cells.T)] > costmap.body.circumscribed_radius + PLANNED_TURN + costmap.grid.resolution
+    turns = (
+        costmap.clearance[tuple(cells.T)] > costmap.body.circumscribed_radius + PLANNED_TURN + costmap.grid.resolution
+    )
     for candidates in (cells[turns], cells):
         points = points_from_cells(costmap.grid, candidates[:_LOOKED_AT]).round(2)
         poses = np.column_stack([points, np.full(len(points), goal.theta)])

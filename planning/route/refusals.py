@@ -16,7 +16,7 @@ import numpy as np
 from scipy import ndimage
 
 from waychair.errors import GoalOccupied, NoPath, PlanningError, StartOccupied
-from waychair.geometry import arc_lengths, transform_points
+from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Rule, Zone, zone_contains
 from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.planning.body.clearance import HARD, NARROW, PLANNED
@@ -27,8 +27,10 @@ from waychair.planning.route.global_planner import GlobalPlanner, PlannerSetting
 from waychair.planning.route.path_ends import cell_at
 from waychair.types import FloatArray, Pose2
 
-SLIM = 0.5
-"""[m] An obstacle no longer than this is somebody, or something as slim; a longer one shuts the way."""
+SLIM, LEAF, FLAT = 0.9, 0.45, 0.03
+"""[m] An obstacle no longer than the first is somebody, or something as slim, unless it is longer than the second and as
+flat as the third (r.m.s. off a line): then it is the leaf of a door, the part of it that no jamb hides. People are round
+and have a shadow of mixed pixels."""
 
 _APART = 0.4
 """[m] Points of one obstacle are no farther apart than two legs of one person."""
@@ -61,9 +63,7 @@ class Seen:
     points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
 
-def explained(
-    error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen = Seen()
-) -> PlanningError:
+def explained(error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen = Seen()) -> PlanningError:
     """Return the error of a plan over a map with its zones and live obstacles, saying what is truly in the way.
 
     It is the error itself if nothing better is known.
@@ -146,12 +146,24 @@ def _across(drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen) -> Obstructi
 def _barring(usual: Costmap, start: Pose2, goal: Pose2, points: FloatArray) -> FloatArray | None:
     """Return the first live obstacle (N, 2) [m] on the way that there would be without any; None without a way."""
     way = _way(usual, start, goal)
-    if way is None:
+    return None if way is None else _first_on(way, points, usual.body.width / 2 + PLANNED + usual.grid.resolution)
+
+
+def obstruction_on(way: FloatArray, points: FloatArray, usual: Costmap, half: float) -> Obstruction | None:
+    """Return the first of live obstacles (N, 2) [m] nearer than `half` [m] to a way (M, 2) [m]; None without one.
+
+    `usual` is the costmap without live obstacles, which tells doorways.
+    """
+    group = _first_on(way, points, half)
+    return None if group is None else _in_the_way(group, usual)
+
+
+def _first_on(way: FloatArray, points: FloatArray, half: float) -> FloatArray | None:
+    if not len(points):
         return None
-    needed = usual.body.width / 2 + PLANNED + usual.grid.resolution
     for k, point in enumerate(way):
-        if (np.hypot(*(points - point).T) < needed).any():
-            return _group_near(points, way[k : k + 1], needed)
+        if (np.hypot(*(points - point).T) < half).any():
+            return _group_near(points, way[k : k + 1], half)
     return None
 
 
@@ -164,10 +176,14 @@ def _in_the_way(group: FloatArray, usual: Costmap | None) -> Obstruction:
         cells = cells[inside(usual.grid, cells)]
         if len(cells) and float(usual.clearance[tuple(cells.T)].max()) < NARROW:
             where = "in the doorway"
-    if _length(group) <= SLIM:
+    if _is_slim(group):
         what = f"{_who(group)} stands {where} at {at}"
         return Obstruction(what, "wait, or ask for room", (x, y))
-    what = f"the door is shut at {at}, or something stands in it" if where == "in the doorway" else f"the way is shut at {at}"
+    what = (
+        f"the door is shut at {at}, or something stands in it"
+        if where == "in the doorway"
+        else f"the way is shut at {at}"
+    )
     return Obstruction(what, "wait, or have it opened", (x, y))
 
 
@@ -235,7 +251,11 @@ def _outline(drawn: DrawnMap, pose: Pose2) -> FloatArray:
 
 def _first_zone(zones: Sequence[Zone], rule: Rule, points: FloatArray) -> Zone | None:
     """Return the first zone of a kind on points (N, 2) [m] in map, in their order; None if there is none."""
-    hits = [(int(np.argmax(on)), k) for k, zone in enumerate(zones) if zone.rule is rule and (on := zone_contains(zone, points)).any()]
+    hits = [
+        (int(np.argmax(on)), k)
+        for k, zone in enumerate(zones)
+        if zone.rule is rule and (on := zone_contains(zone, points)).any()
+    ]
     return zones[min(hits)[1]] if hits else None
 
 
@@ -256,18 +276,14 @@ def _group_near(points: FloatArray, places: FloatArray, within: float) -> FloatA
     return found
 
 
-def _length(group: FloatArray) -> float:
-    """Return the length [m] of an obstacle: the longer side of the box round its points."""
-    turned = group - group.mean(axis=0)
+def _is_slim(group: FloatArray) -> bool:
+    """Return whether an obstacle of points (N, 2) [m] is as slim as somebody, and no leaf of a door."""
+    off = group - group.mean(axis=0)
     if len(group) > 2:
-        turned = turned @ np.linalg.svd(turned, full_matrices=False)[2].T
-    return float(np.ptp(turned, axis=0).max())
+        off = off @ np.linalg.svd(off, full_matrices=False)[2].T
+    length, thickness = float(np.ptp(off[:, 0])), float(np.sqrt((off[:, 1] ** 2).mean()))
+    return length <= SLIM and not (length > LEAF and thickness < FLAT)
 
 
 def _who(group: FloatArray) -> str:
-    return "somebody (or something as slim)" if _length(group) <= SLIM else "something"
-
-
-def longer_by(path: FloatArray, other: FloatArray) -> float:
-    """Return by how many metres a path (N, 2) is longer than another one."""
-    return float(arc_lengths(path)[-1] - arc_lengths(other)[-1])
+    return "somebody (or something as slim)" if _is_slim(group) else "something"

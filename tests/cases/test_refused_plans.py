@@ -46,10 +46,14 @@ def refused(
 ) -> PlanningError:
     drawn = DrawnMap(grid, CHAIR_A, zones)
     costmap = drawn.costmap(seen)
-    with pytest.raises(PlanningError) as caught:
+
+    def plan() -> None:
         check_start(costmap, CHAIR_A, START)
         check_goal(costmap, CHAIR_A, goal, START)
         GlobalPlanner(goal).replan(costmap, START)
+
+    with pytest.raises(PlanningError) as caught:
+        plan()
     return explained(caught.value, drawn, START, goal, Seen(seen))
 
 

@@ -76,4 +76,6 @@ def _row(kind: str, runs: list[Watched]) -> Json:
 
 def _confusions(runs: list[Watched]) -> Json:
     """Return for each cause how often each cause was named."""
-    return {cause: dict(Counter(run.named for run in runs if run.cause == cause)) for cause in {r.cause: 0 for r in runs}}
+    return {
+        cause: dict(Counter(run.named for run in runs if run.cause == cause)) for cause in {r.cause: 0 for r in runs}
+    }
