@@ -219,7 +219,8 @@ class Navigator:
             return self._navigation(stopping(self._now.command, self._dwa, self._now.motion))
         # after a jump of the pose: slow down, and plan anew from the true pose
         self._note_correction(now_ns, pose, odom_from_map)
-        if self._now.stands_for(TOLD_AFTER_S) and is_at(self._goals[0], pose):
+        begins = self._plan.path is None and self._now.rested_ticks >= RESTED_TICKS
+        if (begins or self._now.stands_for(TOLD_AFTER_S)) and is_at(self._goals[0], pose):
             return self._reached()
         if (self._plan.generator is not None or self._needs_plan(now_ns)) and not self._advance_plan(now_ns):
             self.recovery.leave_out_planning(since_ns)
@@ -310,7 +311,9 @@ class Navigator:
         )
         if (why := reason_for_cramped(field, body, here)) is not None:
             return f"{why}: {BY_HAND}"
-        tries = self.settings.recovery.tries
+        tries, what = self.settings.recovery.tries, self._maker.what_bars("").partition("; ")[0]
+        if what:
+            return f"{what}, and the chair found no way past it in {tries} tries: ask for room, clear the way or choose another goal"
         return f"no way through after {tries} tries: clear the way or choose another goal"
 
     def _outcome(self, now_ns: int, choice: DwaResult) -> Navigation:
@@ -341,8 +344,8 @@ class Navigator:
                 self._plan.made_ns = None
             return self._halt(now_ns, self._maker.what_bars("something is in the way"), choice)
         self.recovery.note_motion()
-        self._stage, told = Stage.DRIVING, now_ns - self._plan.detour_ns < DETOUR_TOLD_S * 1e9
-        self._reason = self._plan.detour if told else ""
+        since_ns, detour = self._plan.detour
+        self._stage, self._reason = Stage.DRIVING, detour if now_ns - since_ns < DETOUR_TOLD_S * 1e9 else ""
         others_s = self.settings.recovery.progress_time
         if choice.twist != Twist():
             self._say_at_rest(

@@ -61,7 +61,7 @@ class PlanState:
     to ask for a new plan. `generator`: planning that takes several ticks; the chair `stops` for it, and then `stands`.
     `obstacles` (N, 2) [m] in map: the ones that the latest planning avoids. `among_people`: it expects walking people.
     `refusal`: why the goal is refused for good. `approaches`: drives to the goal's place that missed its tolerances.
-    `detour`: a sentence on a longer way round, taken at `detour_ns`.
+    `detour`: stamp [ns] and sentence of a longer way round.
     """
 
     planner: GlobalPlanner | None = None
@@ -78,15 +78,14 @@ class PlanState:
     no_path_reason: str = ""
     refusal: str = ""
     approaches: int = 0
-    detour: str = ""
-    detour_ns: int = 0
+    detour: tuple[int, str] = (0, "")
 
     def start(self, planner: GlobalPlanner) -> None:
         """Start planning to another goal from scratch."""
         self.planner = planner
         self.path, self.made_ns, self.count, self.leg = None, None, 0, None
         self.generator, self.stops, self.stands = None, False, False
-        self.refusal, self.approaches, self.detour = "", 0, ""
+        self.refusal, self.approaches, self.detour = "", 0, (0, "")
 
     def adopt(self, path: Path, legs: list[PathLeg], leg: LegDrive) -> None:
         """Follow another path from now on; a chair in position at the end of a single free leg stays in position."""

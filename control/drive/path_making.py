@@ -170,8 +170,7 @@ class PathMaker:
         found = obstruction_on(before, points, self.drawn.costmap(), self._body.width / 2)
         what = "the way is barred" if found is None else found.what
         seconds = longer / max(self._settings.dwa.max_speed, 0.05)
-        self._plan.detour = f"{what}: the chair takes another way, {longer:.0f} m ({seconds:.0f} s) longer"
-        self._plan.detour_ns = now_ns
+        self._plan.detour = now_ns, f"{what}: the chair takes another way, {longer:.0f} m ({seconds:.0f} s) longer"
 
     def _is_as_good(self, path: Path) -> bool:
         """Return whether the rest of the present path is free and arrives not much later than another path."""

@@ -19,7 +19,7 @@ from waychair.errors import GoalOccupied, NoPath, PlanningError, StartOccupied
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Rule, Zone, zone_contains
 from waychair.maps.grid.cells import cells_from_points, inside
-from waychair.planning.body.clearance import HARD, NARROW, PLANNED
+from waychair.planning.body.clearance import HARD, PLANNED
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.grid.drawn_map import DrawnMap
@@ -31,6 +31,9 @@ SLIM, LEAF, FLAT = 0.9, 0.45, 0.03
 """[m] An obstacle no longer than the first is somebody, or something as slim, unless it is longer than the second and as
 flat as the third (r.m.s. off a line): then it is the leaf of a door, the part of it that no jamb hides. People are round
 and have a shadow of mixed pixels."""
+
+_DOORWAY = 0.75
+"""[m] A place on the map with walls on both sides no farther than this is told as a doorway."""
 
 _APART = 0.4
 """[m] Points of one obstacle are no farther apart than two legs of one person."""
@@ -174,7 +177,7 @@ def _in_the_way(group: FloatArray, usual: Costmap | None) -> Obstruction:
     if usual is not None:
         cells = cells_from_points(usual.grid, group)
         cells = cells[inside(usual.grid, cells)]
-        if len(cells) and float(usual.clearance[tuple(cells.T)].max()) < NARROW:
+        if len(cells) and float(usual.clearance[tuple(cells.T)].max()) < _DOORWAY:
             where = "in the doorway"
     if _is_slim(group):
         what = f"{_who(group)} stands {where} at {at}"
