@@ -205,7 +205,7 @@ class _Rider:
         named: Counter[str] = Counter()
         for text, seconds in self._texts.items():
             if (cause := cause_named(text)) and seconds >= 0.5:
-                named[cause] += seconds  # type: ignore[assignment]
+                named[cause] += seconds
         return named.most_common(1)[0][0] if named else ""
 
 
