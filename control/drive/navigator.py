@@ -346,15 +346,8 @@ class Navigator:
         self.recovery.note_motion()
         since_ns, detour = self._plan.detour
         self._stage, self._reason = Stage.DRIVING, detour if now_ns - since_ns < DETOUR_TOLD_S * 1e9 else ""
-        others_s = self.settings.recovery.progress_time
-        if choice.twist != Twist():
-            self._say_at_rest(
-                f"the chair sets off once nothing holds it back, and tries otherwise after {others_s:.0f} s"
-            )
-        elif self._among_people:
-            self._say_at_rest(f"the chair lets somebody pass, for up to {self.settings.recovery.patience:.0f} s")
-        else:
-            self._say_at_rest(f"no motion is free at this moment; the chair tries otherwise after {others_s:.0f} s")
+        if self._now.stands_for(TOLD_AFTER_S):
+            self._reason = self._why_at_rest(choice.twist != Twist())
         return self._navigation(choice.twist, choice)
 
     def _reached(self, choice: DwaResult | None = None) -> Navigation:
@@ -365,6 +358,17 @@ class Navigator:
         else:
             self._stage, self._reason = Stage.ARRIVED, "arrived"
         return self._navigation(Twist(), choice)
+
+    def _why_at_rest(self, wants_to_move: bool) -> str:
+        """Return for what a chair stands that is not blocked, and for how long."""
+        recovery = self.settings.recovery
+        if self._among_people:
+            return f"the chair lets somebody pass, for up to {recovery.patience:.0f} s"
+        otherwise = (
+            "the chair sets off once nothing holds it back" if wants_to_move else "no motion is free at this moment"
+        )
+        what = self._maker.what_bars(otherwise).partition("; ")[0]
+        return f"{what}; the chair tries otherwise after {recovery.progress_time:.0f} s"
 
     def _say_at_rest(self, why: str) -> None:
         """Tell for what the chair stands, once it has stood for a while in a drive."""

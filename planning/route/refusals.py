@@ -209,7 +209,8 @@ def _too_narrow(bare: Costmap, start: Pose2, goal: Pose2) -> Obstruction:
             f"no path leads {ends}: walls on the map close every way",
             "map again with the doors open if one was shut, or choose another goal",
         )
-    low, high = _ANYTHING, bare.body.width / 2 + PLANNED + bare.grid.resolution
+    needed = bare.body.width / 2 + PLANNED
+    low, high = _ANYTHING, needed + bare.grid.resolution
     for _ in range(_STEPS):
         middle = (low + high) / 2
         low, high = (middle, high) if _joined(bare, cells[0], cells[1], middle) else (low, middle)
@@ -220,7 +221,8 @@ def _too_narrow(bare: Costmap, start: Pose2, goal: Pose2) -> Obstruction:
         x, y = way[int(np.argmin(bare.clearance[tuple(at.T)]))].tolist()
         place = f" at ({x:.1f}, {y:.1f})"
     return Obstruction(
-        f"no path wide enough for the chair leads {ends}: the widest is about {2 * low:.2f} m wide{place}",
+        f"no path wide enough for the chair leads {ends}: the widest is about {2 * low - bare.grid.resolution:.2f} m "
+        f"wide{place}, and the chair needs {2 * needed:.2f} m",
         "clear the way or choose another goal",
     )
 

@@ -61,7 +61,7 @@ def test_a_gap_that_is_too_narrow_is_told_with_its_width_and_place() -> None:
     error = refused(rooms(0.5))
     assert isinstance(error, NoPath)
     assert "no path wide enough" in str(error)
-    told = re.search(r"about (.*) m wide at \((.*), (.*)\)", str(error))
+    told = re.search(r"about (.*) m wide at \((.*), (.*)\), and the chair needs 0.66 m", str(error))
     assert told is not None
     wide, x, y = (float(part) for part in told.groups())
     assert wide == pytest.approx(0.5, abs=0.1)
