@@ -271,6 +271,8 @@ class Navigator:
             settings=self._dwa,
             waits=behind or self._people.someone_passes_near(view.pose),
         )
+        if backing is not None and self.recovery.repeats:  # it has not helped before
+            return replace(backing, twist=braking(self._now.command, self._dwa), blocked=True)
         if backing is not None:
             return backing
         if backed:  # the old path does not start here
@@ -318,7 +320,7 @@ class Navigator:
 
     def _outcome(self, now_ns: int, choice: DwaResult) -> Navigation:
         """Return the tick's output from a choice: reached, given up, waiting or driving."""
-        if self.recovery.exhausted:
+        if self.recovery.exhausted or self.recovery.repeats:
             if self.recovery.rested_s(now_ns) < self.settings.recovery.patience:
                 self.recovery.rest(now_ns)
                 self._plan.made_ns = None

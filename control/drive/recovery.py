@@ -31,6 +31,9 @@ _LEAP = 0.3
 _FARTHEST = 4
 """Each try backs out farther, up to so many times the first try's distance."""
 
+_HERE = 0.5
+"""m; a backing that begins within this distance of the last one's beginning repeats it."""
+
 _SAME_PLACE = 0.1
 """m; a try within this distance of the last one keeps the last one's clearance."""
 
@@ -104,6 +107,9 @@ class Recovery:
         self._kept_clearance = Pose2(), -math.inf  # pose of the last backing, and its clearance there [m]
         self._blocked_since: int | None = None
         self._tried_at: float | None = None  # smallest distance to the goal of all tries [m]
+        self._begun_at: Pose2 | None = None  # where the latest backing began
+        self.repeats = False
+        """Whether the present backing begins where the one before began, which has not helped."""
         self._rests_until: int | None = None
         self._first_rest: int | None = None  # start of the first rest at this place
 
@@ -121,11 +127,12 @@ class Recovery:
         """Start anew for another goal; the trail and the clearance kept here stay."""
         self.tries, self._tried_at, self._standing_since = 0, None, None
         self._nearest, self._turned, self._backing = None, None, None
-        self._rests_until = self._first_rest = None
+        self._rests_until = self._first_rest = self._begun_at = None
+        self.repeats = False
 
     def rest(self, now_ns: int) -> None:
         """Stand for a while before the next try to go on; no further backing out at this place."""
-        self.tries = self._settings.tries
+        self.tries, self.repeats = self._settings.tries, False
         self._backing, self._nearest, self._turned = None, None, None
         self._rests_until = now_ns + round(REST_S * 1e9)
         self._first_rest = now_ns if self._first_rest is None else self._first_rest
@@ -190,6 +197,9 @@ class Recovery:
                 return None
             self._backing, self._blocked_since, self.tries = (now_ns, pose), None, self.tries + 1
             self.begun += 1
+            at = self._begun_at
+            self.repeats = at is not None and math.dist((at.x, at.y), (pose.x, pose.y)) < _HERE
+            self._begun_at = pose
             if remaining is not None:
                 self._tried_at = min(remaining, math.inf if self._tried_at is None else self._tried_at)
         self._take_back(pose)
