@@ -117,10 +117,10 @@ class PathMaker:
         points = np.concatenate([upright, *(seen for _, seen in layered)])
         near = points[np.hypot(*(points - (pose.x, pose.y)).T) < _BARRED_WITHIN]
         ahead = rest[: round(_BARRED_WITHIN / SPACING)]
-        usual, front = self.drawn.costmap(), pose @ Pose2(self._body.front)
-        found = obstruction_on(ahead, near, usual, self._body.width / 2 + _BESIDE)
+        front = pose @ Pose2(self._body.front)
+        found = obstruction_on(ahead, near, self.drawn, self._body.width / 2 + _BESIDE)
         if found is None:
-            found = obstruction_on(np.array([[front.x, front.y]]), near, usual, self._body.width / 2 + 3 * _BESIDE)
+            found = obstruction_on(np.array([[front.x, front.y]]), near, self.drawn, self._body.width / 2 + 3 * _BESIDE)
         return otherwise if found is None else found.text
 
     def _turns_at(self, goal: Goal, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]) -> bool:
@@ -167,7 +167,7 @@ class PathMaker:
         if longer < _TOLD_DETOUR_M:
             return
         points = np.concatenate([upright, *(points for _, points in layered)])
-        found = obstruction_on(before, points, self.drawn.costmap(), self._body.width / 2)
+        found = obstruction_on(before, points, self.drawn, self._body.width / 2)
         what = "the way is barred" if found is None else found.what
         seconds = longer / max(self._settings.dwa.max_speed, 0.05)
         self._plan.detour = now_ns, f"{what}: the chair takes another way, {longer:.0f} m ({seconds:.0f} s) longer"

@@ -18,7 +18,7 @@ from scipy import ndimage
 from waychair.errors import GoalOccupied, NoPath, PlanningError, StartOccupied
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Rule, Zone, zone_contains
-from waychair.maps.grid.cells import cells_from_points, inside
+from waychair.maps.grid.cells import cells_from_points
 from waychair.planning.body.clearance import HARD, PLANNED
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
@@ -119,7 +119,7 @@ def _at_a_place(drawn: DrawnMap, place: tuple[float, float], seen: Seen) -> Obst
     room = drawn.body.circumscribed_radius + PLANNED
     group = _group_near(seen.points, np.array([place]), room)
     if group is not None:
-        return _in_the_way(group, None)
+        return _in_the_way(group, drawn)
     around = np.array([place]) + room * np.array([(math.cos(a), math.sin(a)) for a in np.arange(0.0, math.tau, 0.2)])
     zone = _first_zone(drawn.zones, Rule.KEEP_OUT, around)
     if zone is None:
@@ -136,7 +136,7 @@ def _across(drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen) -> Obstructi
     if len(seen.points):
         group = _barring(usual, start, goal, seen.points)
         if group is not None:
-            return _in_the_way(group, usual)
+            return _in_the_way(group, drawn)
     both_ways = replace(usual, barred=None)
     if usual.barred is not None and (way := _way(both_ways, start, goal)) is not None:
         return _zone_told(drawn.zones, Rule.ONE_WAY, way, start, goal)
@@ -152,13 +152,10 @@ def _barring(usual: Costmap, start: Pose2, goal: Pose2, points: FloatArray) -> F
     return None if way is None else _first_on(way, points, usual.body.width / 2 + PLANNED + usual.grid.resolution)
 
 
-def obstruction_on(way: FloatArray, points: FloatArray, usual: Costmap, half: float) -> Obstruction | None:
-    """Return the first of live obstacles (N, 2) [m] nearer than `half` [m] to a way (M, 2) [m]; None without one.
-
-    `usual` is the costmap without live obstacles, which tells doorways.
-    """
+def obstruction_on(way: FloatArray, points: FloatArray, drawn: DrawnMap, half: float) -> Obstruction | None:
+    """Return the first of live obstacles (N, 2) [m] nearer than `half` [m] to a way (M, 2) [m]; None without one."""
     group = _first_on(way, points, half)
-    return None if group is None else _in_the_way(group, usual)
+    return None if group is None else _in_the_way(group, drawn)
 
 
 def _first_on(way: FloatArray, points: FloatArray, half: float) -> FloatArray | None:
@@ -170,15 +167,11 @@ def _first_on(way: FloatArray, points: FloatArray, half: float) -> FloatArray | 
     return None
 
 
-def _in_the_way(group: FloatArray, usual: Costmap | None) -> Obstruction:
-    """Return a live obstacle in the way, in a doorway where the map is narrow."""
+def _in_the_way(group: FloatArray, drawn: DrawnMap) -> Obstruction:
+    """Return a live obstacle in the way, in a doorway where the map's walls are near."""
     x, y = group.mean(axis=0).tolist()
-    at, where = f"({x:.1f}, {y:.1f})", "in the way"
-    if usual is not None:
-        cells = cells_from_points(usual.grid, group)
-        cells = cells[inside(usual.grid, cells)]
-        if len(cells) and float(usual.clearance[tuple(cells.T)].max()) < _DOORWAY:
-            where = "in the doorway"
+    at = f"({x:.1f}, {y:.1f})"
+    where = "in the doorway" if drawn.is_mapped(group, _DOORWAY).all() else "in the way"
     if _is_slim(group):
         what = f"{_who(group)} stands {where} at {at}"
         return Obstruction(what, "wait, or ask for room", (x, y))
