@@ -32,8 +32,9 @@ SLIM, LEAF, FLAT = 0.9, 0.45, 0.03
 flat as the third (r.m.s. off a line): then it is the leaf of a door, the part of it that no jamb hides. People are round
 and have a shadow of mixed pixels."""
 
-_DOORWAY = 0.75
-"""[m] A place on the map with walls on both sides no farther than this is told as a doorway."""
+_DOORWAY, _NEAR_WALL = 0.75, 0.2
+"""[m] A place with walls on both sides no farther than the first is told as a doorway; a point nearer than the second to a
+wall is at that wall."""
 
 _APART = 0.4
 """[m] Points of one obstacle are no farther apart than two legs of one person."""
@@ -171,7 +172,7 @@ def _in_the_way(group: FloatArray, drawn: DrawnMap) -> Obstruction:
     """Return a live obstacle in the way, in a doorway where the map's walls are near."""
     x, y = group.mean(axis=0).tolist()
     at = f"({x:.1f}, {y:.1f})"
-    where = "in the doorway" if drawn.is_mapped(group, _DOORWAY).all() else "in the way"
+    where = "in the doorway" if _is_doorway(drawn, x, y) else "in the way"
     if _is_slim(group):
         what = f"{_who(group)} stands {where} at {at}"
         return Obstruction(what, "wait, or ask for room", (x, y))
@@ -181,6 +182,16 @@ def _in_the_way(group: FloatArray, drawn: DrawnMap) -> Obstruction:
         else f"the way is shut at {at}"
     )
     return Obstruction(what, "wait, or have it opened", (x, y))
+
+
+def _is_doorway(drawn: DrawnMap, x: float, y: float) -> bool:
+    """Return whether walls of the map are near on two opposite sides of a point [m] in map, and free ground across."""
+    away = np.linspace(0.3, _DOORWAY, 4)
+    angles = np.arange(0.0, math.tau, math.pi / 4)
+    rays = np.array([x, y]) + away[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    at_walls = drawn.is_mapped(rays.reshape(-1, 2), _NEAR_WALL).reshape(len(away), 8)
+    walls = np.logical_or.reduce(at_walls, axis=0).tolist()
+    return any(walls[k] and walls[k + 4] and not walls[k + 2] and not walls[(k + 6) % 8] for k in range(4))
 
 
 def _zone_told(zones: Sequence[Zone], rule: Rule, way: FloatArray, start: Pose2, goal: Pose2) -> Obstruction:
