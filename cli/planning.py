@@ -153,14 +153,17 @@ def _plan_for_the_chair(
 
     from waychair.calibration.chair_body import BODIES
     from waychair.cli.options.arguments import BadArgument
+    from waychair.errors import PlanningError
     from waychair.maps.drawn.zones import check_zones, load_zones
     from waychair.maps.folders.map_files import load_map
     from waychair.offline.report import path_picture, write_png
-    from waychair.planning.grid.costmap import check_free_space, costmap_from_grid
+    from waychair.planning.grid.costmap import check_free_space
+    from waychair.planning.grid.drawn_map import DrawnMap
     from waychair.planning.route.global_planner import GlobalPlanner, check_goal
     from waychair.planning.route.grid_planner import HARMONIC
     from waychair.planning.route.path_ends import check_start
     from waychair.planning.route.path_turns import turn_histogram
+    from waychair.planning.route.refusals import explained
 
     if body not in BODIES:
         raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
@@ -168,13 +171,17 @@ def _plan_for_the_chair(
     grid = load_map(map, warnings_unless(quiet), resolution=resolution)
     begin, end, zones = place_on_map(map, start, "--start"), place_on_map(map, goal, "--goal"), load_zones(map)
     check_zones(zones, grid)
-    costmap = costmap_from_grid(grid, chair, zones=zones, comfortable=comfortable)
+    drawn = DrawnMap(grid, chair, zones, comfortable)
+    costmap = drawn.costmap()
     check_free_space(costmap)
-    check_start(costmap, chair, begin.pose)
-    check_goal(costmap, chair, end.pose)
     search = GlobalPlanner(end.pose, settings)
-    begun = time.thread_time()
-    path = search.replan(costmap, begin.pose)
+    try:
+        check_start(costmap, chair, begin.pose)
+        check_goal(costmap, chair, end.pose, begin.pose)
+        begun = time.thread_time()
+        path = search.replan(costmap, begin.pose)
+    except PlanningError as error:
+        raise explained(error, drawn, begin.pose, end.pose) from error
     ms = 1e3 * (time.thread_time() - begun)
     if png is not None:
         plain = path_picture(grid, path, (begin, end))

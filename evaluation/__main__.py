@@ -20,6 +20,7 @@ from evaluation.figures.driving import (
     nights,
     real_maps,
     scenes,
+    situations,
 )
 from evaluation.figures.mapping import (
     appearance,
@@ -94,6 +95,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "drive_time": drive_time.drive_time,
     "dead_end": scenes.dead_end,
     "parked": scenes.parked,
+    "situations": situations.situations,
     "harmonic_bands": harmonic.harmonic_bands,
     "harmonic_fields": harmonic.harmonic_fields,
     "harmonic_movers": harmonic.harmonic_movers,

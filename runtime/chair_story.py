@@ -80,7 +80,11 @@ def _driving(facts: DriveFacts) -> str:
     if other is not None:
         return f"Waiting: {other.sentence}. {sentence(other.remedy)}"
     if facts.stage is Stage.WAITING:
-        return f"Waiting: {facts.reason.removesuffix('; waiting')}. The chair goes on by itself once there is a path."
+        why, _, how_long = facts.reason.partition("; waiting, ")
+        within = f", and waits {how_long}" if how_long else ""
+        return f"Waiting: {why.removesuffix('; waiting')}. The chair goes on by itself once there is a path{within}."
+    if facts.stage is Stage.DRIVING and facts.reason:
+        return sentence(facts.reason)
     if facts.pose is None or not len(facts.way):
         return f"Looking for a path to {facts.goal}."
     if not facts.holds_lines:  # the board has not armed

@@ -256,6 +256,14 @@ class Simulator:
         """
         self._place(self.world.with_closed(doors), self.truth())
 
+    def refurnish(self, world: World) -> None:
+        """Replace the level by another state of it, such as one with a door open again; the chair comes to rest.
+
+        Raises:
+            WorldError: the chair does not fit there.
+        """
+        self._place(world, self.truth())
+
     def ride(self, level: World) -> None:
         """Take the lift to another level of the building; the chair keeps its pose in the cabin and is at rest.
 

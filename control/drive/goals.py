@@ -55,3 +55,31 @@ def is_missed(goal: Goal, pose: Pose2) -> bool:
     assert isinstance(goal.target, Pose2)
     away = math.hypot(goal.target.x - pose.x, goal.target.y - pose.y)
     return away > goal.tolerance_m or abs(wrap_angle(goal.target.theta - pose.theta)) > goal.tolerance_rad
+
+
+IN_PLACE, AT_GOAL = 0.8, 0.75
+"""Shares of a goal's tolerances: a chair within the first of the distance only turns, since driving a few centimetres
+takes two turns; a chair that stands within the second of both has arrived. The rest is left to the localisation."""
+
+
+def is_in_place(goal: Goal, pose: Pose2) -> bool:
+    """Return whether a chair at a pose in map is so near to a goal that is a pose that it need only turn."""
+    assert isinstance(goal.target, Pose2)
+    return math.hypot(goal.target.x - pose.x, goal.target.y - pose.y) <= IN_PLACE * goal.tolerance_m
+
+
+def is_at(goal: Goal, pose: Pose2) -> bool:
+    """Return whether a chair that stands at a pose in map has arrived at a goal that is a pose."""
+    within = replace(goal, tolerance_m=AT_GOAL * goal.tolerance_m, tolerance_rad=AT_GOAL * goal.tolerance_rad)
+    return not is_missed(within, pose)
+
+
+def how_far_off(goal: Goal, pose: Pose2) -> str:
+    """Return a sentence on how far a chair stands from a goal that it could not meet as exactly as its tolerances."""
+    assert isinstance(goal.target, Pose2)
+    away = math.hypot(goal.target.x - pose.x, goal.target.y - pose.y)
+    turn = math.degrees(abs(wrap_angle(goal.target.theta - pose.theta)))
+    return (
+        f"the chair stands {away:.2f} m and {turn:.0f} degrees from the goal and cannot stop more exactly: give the place "
+        "a larger tolerance, or drive the rest by hand"
+    )

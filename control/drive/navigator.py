@@ -8,43 +8,42 @@ The navigator decides where to go; the supervisor decides whether the computer d
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from waychair.calibration.chair_body import BodyLayer, ChairBody
+from waychair.calibration.chair_body import ChairBody
 from waychair.control.drive.bystanders import Bystanders
-from waychair.control.drive.goals import is_missed, limits_to, posed
+from waychair.control.drive.goals import how_far_off, is_at, is_missed, limits_to, posed
 from waychair.control.drive.leg_drive import LegDrive, View
 from waychair.control.drive.local_obstacles import Surroundings, have_mostly_moved, without_mixed_pixels
 from waychair.control.drive.navigation import ACTIVE, Navigation, Stage
 from waychair.control.drive.navigator_settings import NavigatorSettings
 from waychair.control.drive.navigator_state import (
     CORNER_TOLERANCE,
-    LONGEST_FIELD_S,
+    DETOUR_TOLD_S,
     LONGEST_PLAN_S,
+    LONGEST_SEARCH_S,
     LOOK_AHEAD,
-    PATH_HYSTERESIS_S,
+    MOST_APPROACHES,
     REPLAN_PERIOD_S,
     RESTED_TICKS,
+    TOLD_AFTER_S,
     MotionState,
     PlanState,
 )
+from waychair.control.drive.path_making import PathMaker, or_another_goal
 from waychair.control.drive.pose_corrections import Corrections
 from waychair.control.drive.recovery import Recovery
-from waychair.errors import GoalOccupied, NotConverged, WaychairError
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.grid.distance_field import DistanceField
-from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.fine_distances import fine_field
-from waychair.planning.grid.resumable import Resumable
-from waychair.planning.route.global_planner import SPACING, GlobalPlanner, check_goal
+from waychair.planning.route.global_planner import SPACING, GlobalPlanner
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
 from waychair.planning.route.legs import DrivingManner
-from waychair.planning.seen.forecast import arrival
 from waychair.planning.warm_up import warm_up
 from waychair.planning.window.dwa import DwaResult
 from waychair.planning.window.motion_limits import CommandedMotion, braking, crawling, stopping
@@ -53,7 +52,6 @@ from waychair.types import (
     FloatArray,
     Goal,
     OccupancyGrid,
-    Path,
     Place,
     Pose2,
     RgbdFrame,
@@ -65,8 +63,9 @@ __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
 
 _UNKNOWN_POSE = "the chair does not know where it is; drive it by joystick to a place that it knows"
 
-_SLICES_STANDING = 3
-"""Steps of planning done in one tick while the chair stands because it has no path."""
+_SLICES_STANDING, _SLICES_OF_A_TURN = 3, 6
+"""Steps of planning done in one tick while the chair stands because it has no path: of a field, and of a search for a
+multi-point turn, whose steps are shorter."""
 
 
 class Navigator:
@@ -82,10 +81,10 @@ class Navigator:
     ) -> None:
         warm_up()
         self.settings = s = settings or NavigatorSettings()
-        self._drawn = DrawnMap(grid, body, zones, self.settings.clearance.comfortable)
+        drawn = DrawnMap(grid, body, zones, self.settings.clearance.comfortable)
         self._places = places
         self._body = body
-        self._surroundings = Surroundings(self._drawn, body, self.settings.surroundings)
+        self._surroundings = Surroundings(drawn, body, self.settings.surroundings)
         self.recovery = Recovery(self.settings.recovery)
         self._people = Bystanders(body, s.tracks.model, s.personal_space, s.dwa.clearance)
         self._among_people = False
@@ -93,6 +92,7 @@ class Navigator:
         self._goals: list[Goal] = []
         self._dwa = self.settings.dwa
         self._plan, self._now = PlanState(), MotionState()
+        self._maker = PathMaker(drawn, body, s, self._surroundings, self._people, self._plan, self._now)
         self._corrections = Corrections()
 
     @property
@@ -123,16 +123,16 @@ class Navigator:
     def redraw(self, drawn: DrawnMap, places: Mapping[str, Place]) -> None:
         """Go on with another drawing of the same map and other places; a drive under way is planned anew."""
         self._places = places
-        if drawn is self._drawn:
+        if drawn is self._maker.drawn:
             return
-        self._drawn, self._now.local = drawn, None
+        self._maker.drawn, self._now.local = drawn, None
         self._surroundings.redraw(drawn)
         if self._plan.planner is not None and self.active:
             self._plan.start(GlobalPlanner(self._plan.planner.goal, self.settings.planner))
 
     def is_mapped(self, points: FloatArray, within: float) -> BoolArray:
         """Return a mask (N,) of points (N, 2) [m] in map that lie within `within` [m] of an obstacle of the map."""
-        return self._drawn.is_mapped(points, within)
+        return self._maker.drawn.is_mapped(points, within)
 
     @property
     def people(self) -> FloatArray:
@@ -197,6 +197,7 @@ class Navigator:
         self._now.pose, self._now.map_from_odom = pose, odom_from_map.inverse()
         since_ns, self._now.stepped_ns = now_ns - (self._now.stepped_ns or now_ns), now_ns
         self._now.note_tick(self._dwa)
+        self._now.note_place(now_ns, odom_from_map @ pose)
         if obstacles is not None:
             laser, self._now.local = pose @ self._body.base_from_laser, None
             obstacles = without_mixed_pixels(obstacles, laser)
@@ -218,11 +219,17 @@ class Navigator:
             return self._navigation(stopping(self._now.command, self._dwa, self._now.motion))
         # after a jump of the pose: slow down, and plan anew from the true pose
         self._note_correction(now_ns, pose, odom_from_map)
+        begins = self._plan.path is None and self._now.rested_ticks >= RESTED_TICKS
+        if (begins or self._now.stands_for(TOLD_AFTER_S)) and is_at(self._goals[0], pose):
+            return self._reached()
         if (self._plan.generator is not None or self._needs_plan(now_ns)) and not self._advance_plan(now_ns):
             self.recovery.leave_out_planning(since_ns)
+            self._say_at_rest(f"the chair looks for a way, for up to {LONGEST_SEARCH_S:.0f} s")
             return self._navigation(braking(self._now.command, self._dwa))
         if self._plan.path is None or not self.active:
             return self._halt(now_ns, self._plan.no_path_reason)
+        if self.recovery.rests(now_ns):
+            return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
         choice = self._choose(now_ns, pose, self._view(now_ns, pose, obstacles, odom_from_map))
         return self._outcome(now_ns, choice)
 
@@ -264,6 +271,8 @@ class Navigator:
             settings=self._dwa,
             waits=behind or self._people.someone_passes_near(view.pose),
         )
+        if backing is not None and self.recovery.repeats:  # it has not helped before
+            return replace(backing, twist=braking(self._now.command, self._dwa), blocked=True)
         if backing is not None:
             return backing
         if backed:  # the old path does not start here
@@ -282,7 +291,7 @@ class Navigator:
     def _follow(self, view: View, behind: bool) -> DwaResult:
         """Return the next command on the present leg, never backwards if somebody may be `behind`."""
         if self._plan.leg is None:
-            self._plan.leg = LegDrive(self._plan.legs, self._drawn.grid, self._body)
+            self._plan.leg = LegDrive(self._plan.legs, self._maker.drawn.grid, self._body)
         limits = crawling(self._dwa) if self._now.jumping else self._dwa
         if behind:
             limits = replace(limits, max_reverse=0.0)
@@ -293,21 +302,29 @@ class Navigator:
 
     def _remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the goal, None while the chair turns at the end of a leg."""
-        leg = self._plan.leg or LegDrive(self._plan.legs, self._drawn.grid, self._body)
+        leg = self._plan.leg or LegDrive(self._plan.legs, self._maker.drawn.grid, self._body)
         here = leg.remaining(pose)
         return None if here is None else here + sum(leg.path.length() for leg in self._plan.legs[1:])
 
     def _why_given_up(self) -> str:
         body, here = self._body, self._now.pose
-        field = fine_field(self._drawn.grid, here, body.circumscribed_radius + 0.3, self._surroundings.stationary()[0])
+        field = fine_field(
+            self._maker.drawn.grid, here, body.circumscribed_radius + 0.3, self._surroundings.stationary()[0]
+        )
         if (why := reason_for_cramped(field, body, here)) is not None:
             return f"{why}: {BY_HAND}"
-        tries = self.settings.recovery.tries
+        tries, what = self.settings.recovery.tries, self._maker.what_bars("").partition("; ")[0]
+        if what:
+            return f"{what}, and the chair found no way past it in {tries} tries: ask for room, clear the way or choose another goal"
         return f"no way through after {tries} tries: clear the way or choose another goal"
 
     def _outcome(self, now_ns: int, choice: DwaResult) -> Navigation:
         """Return the tick's output from a choice: reached, given up, waiting or driving."""
-        if self.recovery.exhausted:
+        if self.recovery.exhausted or self.recovery.repeats:
+            if self.recovery.rested_s(now_ns) < self.settings.recovery.patience:
+                self.recovery.rest(now_ns)
+                self._plan.made_ns = None
+                return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
             self.cancel(self._why_given_up())
             return self._navigation(braking(self._now.command, self._dwa), choice)
         if (
@@ -317,22 +334,48 @@ class Navigator:
             and is_missed(self._goals[0], self._now.pose)
         ):
             self._plan.made_ns, choice = None, replace(choice, arrived=False)
+            self._plan.approaches += 1
+            if self._plan.approaches >= MOST_APPROACHES:
+                self.cancel(how_far_off(self._goals[0], self._now.pose))
         if choice.arrived:
-            self._goals = self._goals[1:]
-            if self._goals:
-                self._begin(self._goals[0])
-            else:
-                self._stage, self._reason = Stage.ARRIVED, "arrived"
-            return self._navigation(Twist(), choice)
+            return self._reached(choice)
         if choice.blocked:
             leg = self._plan.leg
             if self._plan.planner is not None and leg is not None and leg.refused_door is not None:
                 self._plan.planner.distrust(leg.refused_door)
                 self._plan.made_ns = None
-            return self._halt(now_ns, "something is in the way", choice)
+            return self._halt(now_ns, self._maker.what_bars("something is in the way"), choice)
         self.recovery.note_motion()
-        self._stage, self._reason = Stage.DRIVING, ""
+        since_ns, detour = self._plan.detour
+        self._stage, self._reason = Stage.DRIVING, detour if now_ns - since_ns < DETOUR_TOLD_S * 1e9 else ""
+        if self._now.stands_for(TOLD_AFTER_S):
+            self._reason = self._why_at_rest(choice.twist != Twist())
         return self._navigation(choice.twist, choice)
+
+    def _reached(self, choice: DwaResult | None = None) -> Navigation:
+        """Go on to the next goal, or end the drive."""
+        self._goals = self._goals[1:]
+        if self._goals:
+            self._begin(self._goals[0])
+        else:
+            self._stage, self._reason = Stage.ARRIVED, "arrived"
+        return self._navigation(Twist(), choice)
+
+    def _why_at_rest(self, wants_to_move: bool) -> str:
+        """Return for what a chair stands that is not blocked, and for how long."""
+        recovery = self.settings.recovery
+        if self._among_people:
+            return f"the chair lets somebody pass, for up to {recovery.patience:.0f} s"
+        otherwise = (
+            "the chair sets off once nothing holds it back" if wants_to_move else "no motion is free at this moment"
+        )
+        what = self._maker.what_bars(otherwise).partition("; ")[0]
+        return f"{what}; the chair tries otherwise after {recovery.progress_time:.0f} s"
+
+    def _say_at_rest(self, why: str) -> None:
+        """Tell for what the chair stands, once it has stood for a while in a drive."""
+        if self.active and self._now.stands_for(TOLD_AFTER_S):
+            self._reason = why
 
     def _navigation(self, twist: Twist, choice: DwaResult | None = None) -> Navigation:
         self._now.command = twist
@@ -352,11 +395,11 @@ class Navigator:
         """Brake and wait; give up when the patience is over."""
         if self.active:
             waited = self.recovery.note_standstill(now_ns)
-            self._stage, self._reason = Stage.WAITING, f"{why}; waiting"
-            s = self.settings.recovery
-            if waited > (s.patience_with_people if self._among_people else s.patience):
+            patience = self.settings.recovery.patience
+            self._stage, self._reason = Stage.WAITING, f"{why}; waiting, for up to {patience:.0f} s"
+            if waited > patience:
                 what, _, advice = why.partition("; ")
-                self.cancel(f"{what}, for {waited:.0f} s: {advice or 'clear the way or choose another goal'}")
+                self.cancel(f"{what}, for {waited:.0f} s: {or_another_goal(advice.removeprefix('wait, or '))}")
         return self._navigation(braking(self._now.command, self._dwa) if choice is None else choice.twist, choice)
 
     def _note_correction(self, now_ns: int, pose: Pose2, odom_from_map: Pose2) -> None:
@@ -402,96 +445,32 @@ class Navigator:
             self._plan.generator = None  # the obstacles that it avoids are gone, so it is worthless
         if self._plan.generator is None:
             may_stay = self._plan.made_ns is not None and self._plan.among_people
-            self._plan.made_ns, self._plan.generator = now_ns, self._make_plan(now_ns, may_stay)
-        drives = self._plan.path is not None and not self._plan.stands
+            self._plan.made_ns = now_ns
+            self._plan.generator = self._maker.make(now_ns, self._goals[0], may_stay, self._among_people)
+        had_path = self._plan.path is not None
+        drives = had_path and not self._plan.stands
         for done, _ in enumerate(self._plan.generator, 1):
-            if self._plan.planner is None or not self._plan.planner.valid_from_anywhere:
-                self._plan.stops = self._now.rested_ticks < RESTED_TICKS
-                return False
-            if drives or done == _SLICES_STANDING:
+            moves_on = self._plan.planner is not None and self._plan.planner.valid_from_anywhere
+            if moves_on and (drives or done == _SLICES_STANDING):
                 return drives
+            if not moves_on and (self._now.rested_ticks < RESTED_TICKS or done == _SLICES_OF_A_TURN):
+                self._plan.stops = self._now.rested_ticks < RESTED_TICKS
+                return self._ends_search(lasts_s)
         self._plan.generator, self._plan.stands = None, False
+        if not had_path and self._plan.path is not None:  # the wait for a path must not count towards backing out
+            self.recovery.note_motion()
+        if self._plan.refusal:
+            self.cancel(self._plan.refusal)
         return True
 
-    def _make_plan(self, now_ns: int, may_stay: bool) -> Resumable[None]:
-        """Plan a new path over the map and the present obstacles, in slices; while there is none, the chair waits.
-
-        If a potential field is not found in time, the old path is kept. Among people the old path is also kept if it
-        `may_stay`, unless another one arrives much sooner: a chair that keeps changing its path is in everybody's way.
-        """
-        assert self._plan.planner is not None
-        upright, layered = self._surroundings.stationary()
-        self._plan.obstacles = upright
-        foreseen = self._people.expected_people(self._now.map_from_odom).tracks
-        self._plan.among_people = len(foreseen) > 0
-        news = len(upright) or any(len(points) for _, points in layered) or foreseen
-        path = None
-        try:
-            if self._plan.count == 0:  # refuse a goal that the map alone rules out, instead of waiting
-                costmap = self._drawn.costmap()
-                check_goal(costmap, self._body, self._plan.planner.goal)
-                path = yield from self._plan.planner.replan_resumably(
-                    costmap, lambda: self._now.pose, has_time=self._until(now_ns)
-                )
-        except WaychairError as error:
-            self.cancel(str(error))
-            return
-        try:
-            if news or path is None:
-                path = yield from self._path_round_obstacles(now_ns, upright, layered)
-        except NotConverged as error:
-            self._plan.no_path_reason = str(error)
-            return
-        except WaychairError as error:
-            self._plan.drop_path(str(error))
-            return
-        if may_stay and foreseen and self._is_as_good(path):
-            return
-        if self._plan.path is None:  # the wait for a path must not count towards backing out
-            self.recovery.note_motion()
-        legs = list(self._plan.planner.legs)
-        self._plan.adopt(path, legs, LegDrive(legs, self._drawn.grid, self._body))
-
-    def _is_as_good(self, path: Path) -> bool:
-        """Return whether the rest of the present path is free and arrives not much later than another path."""
-        assert self._plan.planner is not None
-        rest = self._plan.rest(self._now.pose)
-        if rest is None or not self._plan.planner.is_free(rest):
+    def _ends_search(self, lasts_s: float) -> bool:
+        """End a search for multi-point turns that takes too long; return whether it did."""
+        if lasts_s < LONGEST_SEARCH_S:
             return False
-        people, cruise = self._people.expected_people(self._now.map_from_odom), self.settings.dwa.max_speed
-        forecast = self.settings.planner.forecast
-        now, then = (arrival(people, points, cruise, forecast)[0] for points in (rest, path.poses[:, :2]))
-        return now < then + PATH_HYSTERESIS_S
-
-    def _path_round_obstacles(
-        self, now_ns: int, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]
-    ) -> Resumable[Path]:
-        """Plan a path round the present obstacles; obstacles at a goal that is still far may be gone by then."""
-        assert self._plan.planner is not None
-        goal = self._plan.planner.goal
-        try:
-            return (yield from self._path_over(now_ns, self._drawn.costmap(upright, layered)))
-        except GoalOccupied:
-            if math.hypot(goal.x - self._now.pose.x, goal.y - self._now.pose.y) < self.settings.goal_wait_distance:
-                raise
-        room = self._body.circumscribed_radius + self.settings.clearance.comfortable
-        layered = [(layer, points[np.hypot(*(points - (goal.x, goal.y)).T) > room]) for layer, points in layered]
-        upright = upright[np.hypot(*(upright - (goal.x, goal.y)).T) > room]
-        return (yield from self._path_over(now_ns, self._drawn.costmap(upright, layered)))
-
-    def _path_over(self, now_ns: int, costmap: Costmap) -> Resumable[Path]:
-        """Plan a path over a costmap among walking people."""
-        assert self._plan.planner is not None
-        people, cruise = self._people.expected_people(self._now.map_from_odom), self.settings.dwa.max_speed
-        return self._plan.planner.replan_among_people(
-            costmap=costmap,
-            start=lambda: self._now.pose,
-            people=people,
-            cruise=cruise,
-            near=self._among_people,
-            has_time=self._until(now_ns),
-        )
-
-    def _until(self, began_ns: int) -> Callable[[], bool]:
-        """Return a function that tells whether there still is time for a field begun at `began_ns`."""
-        return lambda: (self._now.stepped_ns or 0) - began_ns < LONGEST_FIELD_S * 1e9
+        self._plan.generator, self._plan.stands = None, False
+        why = f"no way was found within {LONGEST_SEARCH_S:.0f} s, not even with multi-point turns"
+        if self._plan.count == 0:
+            self.cancel(f"{why}: there is hardly room to turn; clear the way or choose another goal")
+        else:
+            self._plan.drop_path(why)
+        return True

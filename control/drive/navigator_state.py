@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -27,6 +28,21 @@ LONGEST_PLAN_S, LONGEST_FIELD_S = 2.0, 60.0
 """s; a plan that takes longer is begun again if obstacles have moved; a potential field that takes longer is given up, and
 the old path is kept."""
 
+LONGEST_SEARCH_S = 20.0
+"""s; a search for multi-point turns that takes longer is given up, with a sentence: nobody waits longer for an answer."""
+
+TOLD_AFTER_S = 1.0
+"""s; a chair that has stood for so long in a drive says for what it stands."""
+
+STILL_M, STILL_RAD = 0.02, 0.03
+"""m, rad; a chair that has moved by no more than this stands, whatever it was commanded."""
+
+MOST_APPROACHES = 3
+"""Drives to a goal's place that may each end outside its tolerances: then the chair cannot stop there as exactly."""
+
+DETOUR_TOLD_S = 8.0
+"""s; for so long a way round is told, with what bars the shorter way."""
+
 PATH_HYSTERESIS_S = 1.5
 """s; among people a new path replaces the present one only if it arrives sooner by this."""
 
@@ -44,6 +60,8 @@ class PlanState:
     `leg` drives the first of the `legs`. `count`: plans made for this goal. `made_ns`: start of the latest planning, None
     to ask for a new plan. `generator`: planning that takes several ticks; the chair `stops` for it, and then `stands`.
     `obstacles` (N, 2) [m] in map: the ones that the latest planning avoids. `among_people`: it expects walking people.
+    `refusal`: why the goal is refused for good. `approaches`: drives to the goal's place that missed its tolerances.
+    `detour`: stamp [ns] and sentence of a longer way round.
     """
 
     planner: GlobalPlanner | None = None
@@ -58,12 +76,16 @@ class PlanState:
     obstacles: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     among_people: bool = False
     no_path_reason: str = ""
+    refusal: str = ""
+    approaches: int = 0
+    detour: tuple[int, str] = (0, "")
 
     def start(self, planner: GlobalPlanner) -> None:
         """Start planning to another goal from scratch."""
         self.planner = planner
         self.path, self.made_ns, self.count, self.leg = None, None, 0, None
         self.generator, self.stops, self.stands = None, False, False
+        self.refusal, self.approaches, self.detour = "", 0, (0, "")
 
     def adopt(self, path: Path, legs: list[PathLeg], leg: LegDrive) -> None:
         """Follow another path from now on; a chair in position at the end of a single free leg stays in position."""
@@ -91,6 +113,7 @@ class MotionState:
 
     `before` is the command before `command`, and `motion` the acceleration of both. `rested_ticks`: ticks without a
     command to move. `jumping`: the localised pose has just jumped. `local` is None until the distances are asked for.
+    `still_at` is where the chair has stood, in odom, since `still_since_ns`.
     """
 
     pose: Pose2 = field(default_factory=Pose2)
@@ -102,6 +125,18 @@ class MotionState:
     rested_ticks: int = RESTED_TICKS
     jumping: bool = False
     local: DistanceField | None = None
+    still_at: Pose2 | None = None
+    still_since_ns: int = 0
+
+    def note_place(self, now_ns: int, odom_from_base: Pose2) -> None:
+        """Note where the chair is, in odom, to tell for how long it has stood there."""
+        off = None if self.still_at is None else self.still_at.inverse() @ odom_from_base
+        if off is None or math.hypot(off.x, off.y) > STILL_M or abs(off.theta) > STILL_RAD:
+            self.still_at, self.still_since_ns = odom_from_base, now_ns
+
+    def stands_for(self, seconds: float) -> bool:
+        """Return whether the chair has stood for so long."""
+        return ((self.stepped_ns or 0) - self.still_since_ns) * 1e-9 >= seconds
 
     def note_tick(self, limits: DwaSettings) -> None:
         """Count the ticks at rest, and update the acceleration by the last command."""

@@ -1,4 +1,4 @@
-"""Recovery of a chair that makes no progress: wait first, then back out along its own trail, then give up.
+"""Recovery of a chair that makes no progress: wait first, then back out along its own trail, then only wait.
 
 Standing still and coming no nearer to the goal are both judged by time. Backing out follows the trail that was driven,
 the only path known to have been free, and goes farther at each try, so that two chairs waiting for each other part. If
@@ -31,6 +31,9 @@ _LEAP = 0.3
 _FARTHEST = 4
 """Each try backs out farther, up to so many times the first try's distance."""
 
+_HERE = 0.5
+"""m; a backing that begins within this distance of the last one's beginning repeats it."""
+
 _SAME_PLACE = 0.1
 """m; a try within this distance of the last one keeps the last one's clearance."""
 
@@ -46,6 +49,9 @@ BACKING_LENGTH = 0.4
 
 BLOCKED_S = 1.0
 """s; a backing that is blocked for so long is given up."""
+
+REST_S = 10.0
+"""s; a chair that has backed out often enough stands for so long before it tries to go on again."""
 
 TRIES_RESET = 1.0
 """m; the tries count anew once the chair is nearer to the goal by this than at its last try."""
@@ -70,15 +76,17 @@ class RecoverySettings(Settings):
         high=600.0,
     )
     tries: int = setting(
-        6, "", "times that the chair backs out before it gives up its goal; larger: it gives up later", low=0, high=100
+        2,
+        "",
+        "times that the chair backs out at one place before it only waits there; larger: it moves to and fro for longer",
+        low=0,
+        high=100,
     )
     patience: float = setting(
-        20.0, "s", "standstill before the chair gives up its goal; larger: it gives up later", low=1.0, high=3600.0
-    )
-    patience_with_people: float = setting(
-        60.0,
+        120.0,
         "s",
-        "standstill among walking people before the chair gives up its goal; larger: it gives up later",
+        "time for which the chair waits at a shut door, or for somebody in its way, before it gives up its goal; "
+        "larger: it gives up later",
         low=1.0,
         high=3600.0,
     )
@@ -99,6 +107,11 @@ class Recovery:
         self._kept_clearance = Pose2(), -math.inf  # pose of the last backing, and its clearance there [m]
         self._blocked_since: int | None = None
         self._tried_at: float | None = None  # smallest distance to the goal of all tries [m]
+        self._begun_at: Pose2 | None = None  # where the latest backing began
+        self.repeats = False
+        """Whether the present backing begins where the one before began, which has not helped."""
+        self._rests_until: int | None = None
+        self._first_rest: int | None = None  # start of the first rest at this place
 
     @property
     def exhausted(self) -> bool:
@@ -114,6 +127,26 @@ class Recovery:
         """Start anew for another goal; the trail and the clearance kept here stay."""
         self.tries, self._tried_at, self._standing_since = 0, None, None
         self._nearest, self._turned, self._backing = None, None, None
+        self._rests_until = self._first_rest = self._begun_at = None
+        self.repeats = False
+
+    def rest(self, now_ns: int) -> None:
+        """Stand for a while before the next try to go on; no further backing out at this place."""
+        self.tries, self.repeats = self._settings.tries, False
+        self._backing, self._nearest, self._turned = None, None, None
+        self._rests_until = now_ns + round(REST_S * 1e9)
+        self._first_rest = now_ns if self._first_rest is None else self._first_rest
+
+    def rests(self, now_ns: int) -> bool:
+        """Return whether the chair stands for a `rest`."""
+        if self._rests_until is not None and now_ns >= self._rests_until:
+            self._rests_until = None
+            self.note_motion()
+        return self._rests_until is not None
+
+    def rested_s(self, now_ns: int) -> float:
+        """Return for how long [s] the chair has rested and tried at this place; 0 before the first rest."""
+        return 0.0 if self._first_rest is None else (now_ns - self._first_rest) * 1e-9
 
     def note_standstill(self, now_ns: int) -> float:
         """Note that no motion is possible in this tick; return for how long [s] that has been so."""
@@ -157,13 +190,16 @@ class Recovery:
         if waits:
             self._backing, self._nearest, self._turned = None, None, None
         if remaining is not None and self._tried_at is not None and remaining < self._tried_at - TRIES_RESET:
-            self.tries, self._tried_at = 0, None
+            self.tries, self._tried_at, self._first_rest = 0, None, None
         if self._backing is None:
             self._remember(pose)
             if waits or not self._stuck(now_ns, pose, remaining):
                 return None
             self._backing, self._blocked_since, self.tries = (now_ns, pose), None, self.tries + 1
             self.begun += 1
+            at = self._begun_at
+            self.repeats = at is not None and math.dist((at.x, at.y), (pose.x, pose.y)) < _HERE
+            self._begun_at = pose
             if remaining is not None:
                 self._tried_at = min(remaining, math.inf if self._tried_at is None else self._tried_at)
         self._take_back(pose)

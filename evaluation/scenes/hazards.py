@@ -375,7 +375,7 @@ def robot_settings() -> ChairSettings:
     return ChairSettings(
         navigator=NavigatorSettings(
             goal_wait_distance=0.6,
-            recovery=RecoverySettings(patience=150.0, patience_with_people=150.0),  # discs never stand for long
+            recovery=RecoverySettings(patience=150.0),  # discs never stand for long
             tracks=TrackSettings(movers="robots"),
             personal_space=PersonalSpaceSettings(radius=0.2, squeezed=0.2),
             dwa=DwaSettings(

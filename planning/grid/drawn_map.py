@@ -14,7 +14,7 @@ from waychair.types import BoolArray, FloatArray, OccupancyGrid
 
 
 class DrawnMap:
-    """The grid with its keep-out zones occupied, and its costmap.
+    """The grid with its keep-out zones occupied, and its costmap; `bare` is the grid without them.
 
     Construction takes many control periods: do it outside the control loop.
     """
@@ -22,6 +22,7 @@ class DrawnMap:
     def __init__(
         self, grid: OccupancyGrid, body: ChairBody, zones: Sequence[Zone] = (), comfortable: float = COMFORTABLE
     ) -> None:
+        self.bare, self.zones, self.body = grid, tuple(zones), body
         self.grid = closed_off(grid, zones)
         self._from_things = self._from_known = distances(occupied(grid), grid.resolution)
         if self.grid is not grid:

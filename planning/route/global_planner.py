@@ -29,6 +29,7 @@ from waychair.planning.grid.smoothing import line_cost, pull_taut, round_corners
 from waychair.planning.harmonic.harmonic_field import HarmonicSettings
 from waychair.planning.harmonic.laplace_solvers import HasTime
 from waychair.planning.harmonic.rubber_band import band
+from waychair.planning.route.direct_leg import direct_leg
 from waychair.planning.route.door_alignment import legs_between_turns, line_up, tight_doors
 from waychair.planning.route.grid_planner import HARMONIC, GridPlanner, grid_planner, prepared
 from waychair.planning.route.keep_right import KeepRightSettings, kept_right
@@ -100,14 +101,16 @@ def plan(
     return GlobalPlanner(goal, settings, check_footprint).replan(costmap, start)
 
 
-def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2) -> None:
+def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2, start: Pose2 | None = None) -> None:
     """Refuse a goal at which the whole chair, turned to the goal's heading, would touch something.
+
+    A place that is proposed instead can be reached from the `start`, if that is given.
 
     Raises:
         NoFreeSpace, GoalOutsideMap, GoalOccupied.
     """
     check_free_space(costmap)
-    goal_cell(costmap, goal)
+    goal_cell(costmap, goal, start)
     if not fits(body, HARD, costmap.field, goal):
         raise GoalOccupied(
             f"the chair does not fit at the goal ({goal.x:.2f}, {goal.y:.2f}) with the heading {goal.theta:.2f} rad; "
@@ -169,6 +172,10 @@ class GlobalPlanner:
             yield from prepared(self._search_over(costmap, start()), has_time)
             here = start()
             cells = self._cells(costmap, here)
+            direct = direct_leg(costmap, here, self.goal) if self._check_footprint and not among_people else None
+            if direct is not None:
+                self.legs = (direct,)
+                return joined_legs(self.legs)
             legs = yield from _legs_from_cells(
                 costmap=costmap,
                 cells=cells,
@@ -255,7 +262,7 @@ class GlobalPlanner:
         """Return the search over a costmap from the start."""
         check_free_space(costmap)
         begin = start_cell(costmap, start, START_REACH)
-        return self._updated_search(costmap, begin, goal_cell(costmap, self.goal))
+        return self._updated_search(costmap, begin, goal_cell(costmap, self.goal, start))
 
     def _updated_search(self, costmap: Costmap, start: Cell, goal: Cell) -> GridPlanner:
         """Return the search over these prices; a new one only if the grid's geometry changed."""

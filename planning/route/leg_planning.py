@@ -187,10 +187,11 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray) -> Resumable
         why = reason_for_cramped(near, costmap.body, start, NOISE)
         if why is None:
             return [PathLeg(Path(poses))]
-        raise NoPath(f"{why}; {BY_HAND}")
+        raise NoPath(f"{why}; {BY_HAND}", (float(x), float(y)))
     raise NoPath(
         f"the chair does not fit at ({x:.2f}, {y:.2f}), not even with a multi-point turn; clear the way or choose "
-        "another goal"
+        "another goal",
+        (float(x), float(y)),
     )
 
 

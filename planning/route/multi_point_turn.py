@@ -56,7 +56,7 @@ MOST_STATES = 60_000
 POLISH = 2000
 """States expanded for a better path once one is known."""
 
-CHECKS_PER_STEP = 2000
+CHECKS_PER_STEP = 8000
 """Pose checks in one control period."""
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy import ndimage
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import GoalOccupied, GoalOutsideMap, StartOccupied, StartOutsideMap
 from waychair.geometry import transform_points
 from waychair.maps.grid.cells import cells_from_points, inside, occupied, points_from_cells
-from waychair.planning.body.clearance import HARD
+from waychair.planning.body.clearance import HARD, PLANNED_TURN
 from waychair.planning.body.footprint import fits_each
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.grid_graph import Cell
@@ -75,8 +76,8 @@ def _start_outside(start: Pose2) -> StartOutsideMap:
     )
 
 
-def goal_cell(costmap: Costmap, goal: Pose2) -> Cell:
-    """Return the goal's cell.
+def goal_cell(costmap: Costmap, goal: Pose2, start: Pose2 | None = None) -> Cell:
+    """Return the goal's cell. A place that is proposed instead of an occupied goal can be reached from the start.
 
     Raises:
         GoalOutsideMap, GoalOccupied.
@@ -85,7 +86,7 @@ def goal_cell(costmap: Costmap, goal: Pose2) -> Cell:
     if cell is None:
         raise GoalOutsideMap(f"the goal ({goal.x:.2f}, {goal.y:.2f}) lies outside the map; choose one inside it")
     if costmap.prices[cell] == 0:
-        near = _nearest_room(costmap, goal)
+        near = _nearest_room(costmap, goal, start)
         found = "none was found near with room for its heading"
         if near is not None:
             found = f"the nearest place with room is ({near[0]:.2f}, {near[1]:.2f})"
@@ -95,13 +96,27 @@ def goal_cell(costmap: Costmap, goal: Pose2) -> Cell:
     return cell
 
 
-def _nearest_room(costmap: Costmap, goal: Pose2) -> tuple[float, float] | None:
-    """Return the nearest point [m], to the centimetre, at which the chair fits with the goal's heading, if any."""
-    cells = np.array(_passable_by_distance(costmap, goal, _NEAREST)[:_LOOKED_AT], np.int64).reshape(-1, 2)
-    points = points_from_cells(costmap.grid, cells).round(2)
-    poses = np.column_stack([points, np.full(len(points), goal.theta)])
-    with_room = poses[fits_each(costmap.body, HARD, costmap.field, poses)]
-    return (float(with_room[0, 0]), float(with_room[0, 1])) if len(with_room) else None
+def _nearest_room(costmap: Costmap, goal: Pose2, start: Pose2 | None) -> tuple[float, float] | None:
+    """Return the nearest point [m], to the centimetre, at which the chair fits with the goal's heading, if any.
+
+    Preferred is one with room to turn on the spot, since there the chair can come from anywhere: beside a wall it fits
+    at places to which no drive leads.
+    """
+    found = _passable_by_distance(costmap, goal, _NEAREST)
+    cells = np.array(found, np.int64).reshape(-1, 2)
+    if start is not None and (begin := cell_at(costmap, start)) is not None and costmap.prices[begin]:
+        numbers, _ = ndimage.label(costmap.prices != 0)
+        cells = cells[numbers[tuple(cells.T)] == numbers[begin]]
+    turns = (
+        costmap.clearance[tuple(cells.T)] > costmap.body.circumscribed_radius + PLANNED_TURN + costmap.grid.resolution
+    )
+    for candidates in (cells[turns], cells):
+        points = points_from_cells(costmap.grid, candidates[:_LOOKED_AT]).round(2)
+        poses = np.column_stack([points, np.full(len(points), goal.theta)])
+        with_room = poses[fits_each(costmap.body, HARD, costmap.field, poses)]
+        if len(with_room):
+            return float(with_room[0, 0]), float(with_room[0, 1])
+    return None
 
 
 def cell_at(costmap: Costmap, pose: Pose2) -> Cell | None:

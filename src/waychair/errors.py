@@ -147,7 +147,14 @@ class NoFreeSpace(PlanningError):
 
 
 class NoPath(PlanningError):
-    """Start and goal are not connected by free space wide enough for the chair."""
+    """Start and goal are not connected by free space wide enough for the chair.
+
+    `place` [m, m] in map is where the whole chair does not fit on a way that is wide enough.
+    """
+
+    def __init__(self, message: str, place: tuple[float, float] | None = None) -> None:
+        super().__init__(message)
+        self.place = place
 
 
 class MapTooLarge(PlanningError):

@@ -284,7 +284,11 @@ def test_the_plan_obeys_the_zones_of_the_map(flat: Path, tmp_path: Path, capsys:
     zones.write_text("hall: {slow: 0.1, polygon: [[-1, -1], [9, -1], [9, 5], [-1, 5]]}\n")
     assert planned(capsys, folder, "0,0", "kitchen")["cost"] > 4 * free["cost"]
     for text, error, said in (
-        ("door: {one_way: 3.1416, polygon: [[3.5, 0], [4.5, 0], [4.5, 4], [3.5, 4]]}", NoPath, "no path"),
+        (
+            "door: {one_way: 3.1416, polygon: [[3.5, 0], [4.5, 0], [4.5, 4], [3.5, 4]]}",
+            NoPath,
+            "one-way zone 'door' bars",
+        ),
         ("all: {keep_out: true, polygon: [[-1, -1], [9, -1], [9, 5], [-1, 5]]}", NoFreeSpace, "no free space"),
         ("far: {keep_out: true, polygon: [[90, 0], [91, 0], [91, 4]]}", ZoneError, r"'far', round \(90\.7, 1\.3\)"),
         ("\ndoor: {keep_out: true}", ZoneError, r"zones\.yaml line 2: 'door'"),

@@ -13,7 +13,7 @@ import pytest
 from tests.control.drive.navigator_hall import NOTHING, TICK_NS, drive, hall, navigator, segment
 from tests.people import body, half_view, past
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.drive import navigator as navigator_module
+from waychair.control.drive import path_making
 from waychair.control.drive.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.drive.recovery import RecoverySettings
 from waychair.errors import GoalTooExact, UnknownPlace
@@ -67,7 +67,7 @@ def test_a_walled_in_start_has_no_path_and_the_message_has_advice() -> None:
     pilot.go(Goal("lift"))
     state = pilot.step(0, Pose2(2.0, 2.0), NOTHING)
     assert state.stage is Stage.FAILED
-    assert "clear the way" in state.reason
+    assert "walls on the map close every way; map again" in state.reason
 
 
 def test_the_chair_drives_round_a_board_across_the_planned_way() -> None:
@@ -111,7 +111,7 @@ def test_the_chair_drives_near_an_occupied_goal_and_waits_for_it() -> None:
     box = np.concatenate([segment(9.7, y, 10.3, y) for y in np.arange(3.7, 4.31, 0.1)])
     states, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 20.0, box)
     assert states[-1].stage is Stage.WAITING
-    assert "does not fit at the goal" in states[-1].reason
+    assert "stands where the goal is" in states[-1].reason
     away = math.hypot(poses[-1].x - 10.0, poses[-1].y - 4.0)
     assert CHAIR_A.front + 0.3 < away < NavigatorSettings().goal_wait_distance + 0.1
     states, _ = drive(pilot, poses[-1], 30.0, NOTHING, start_ns=20_000_000_000)
@@ -129,7 +129,7 @@ def test_cancelling_stops_the_chair_and_nothing_resumes() -> None:
 
 
 def test_a_chair_that_makes_no_progress_backs_out_and_finally_gives_up() -> None:
-    pilot = navigator(hall(), NavigatorSettings(recovery=RecoverySettings(progress_time=2.0, tries=2)))
+    pilot = navigator(hall(), NavigatorSettings(recovery=RecoverySettings(progress_time=2.0, tries=2, patience=20.0)))
     pilot.go(Goal("lift"))
     here = Pose2(2.0, 2.0, 0.0)
     for k in range(20 * 120):
@@ -383,7 +383,7 @@ def test_a_field_not_found_in_time_leaves_the_present_path(monkeypatch: pytest.M
     pilot = navigator(hall(), harmonic())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     states, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 6)
-    monkeypatch.setattr(navigator_module, "LONGEST_FIELD_S", 0.1)
+    monkeypatch.setattr(path_making, "LONGEST_FIELD_S", 0.1)
     later = drive(pilot, poses[-1], 3, segment(8.0, 2.5, 8.0, 4.5), 6_000_000_000)[0]
     assert later[-1].plans == states[-1].plans == 1
     assert later[-1].path is states[-1].path
@@ -392,7 +392,7 @@ def test_a_field_not_found_in_time_leaves_the_present_path(monkeypatch: pytest.M
 
 @pytest.mark.usefixtures("slow_field")
 def test_a_field_that_does_not_converge_is_reported_with_its_residual(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(navigator_module, "LONGEST_FIELD_S", 0.1)
+    monkeypatch.setattr(path_making, "LONGEST_FIELD_S", 0.1)
     pilot = navigator(hall(), harmonic())
     pilot.go(Goal(Pose2(10.0, 4.0, 0.0)))
     states, poses = drive(pilot, Pose2(2.0, 4.0, 0.0), 6)
