@@ -3,8 +3,9 @@
 A nearby candidate is a run of earlier key scans that is close in the map, while its path through the graph is long. Its
 uncertainty, and so the search window, grows with that path. Where whole views do not match, because the chair returned
 with another heading, the small common part has to match (`partial_overlap`), twice, some distance apart. Where the
-window would be too large to search, after long drift or when the chair was kidnapped, whole submaps are searched, and a
-place found there counts only when a second find, some distance on, agrees. A loop is accepted by geometry (enough of the
+window would be too large to search, after long drift or when the chair was kidnapped, whole submaps are searched: those
+where the chair can be, nearest first, one with each key scan, so that the work per scan is bounded. A place found there
+counts only when a second find, some distance on, agrees. A loop is accepted by geometry (enough of the
 query lies on the reference's surfaces, no second place fits nearly as well), never by the likelihood alone.
 """
 
@@ -27,7 +28,7 @@ from waychair.slam.scan import partial_overlap as overlap
 from waychair.slam.scan.partial_overlap import find_partial_overlap, known_ground
 from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_matching import MatchSettings, Window, correlative_search, refine
-from waychair.slam.scan.submap_search import SubmapHypothesis, SubmapPyramids, global_candidates
+from waychair.slam.scan.submap_search import SubmapHypothesis, SubmapPyramids, SubmapRound
 from waychair.types import FloatArray, IntArray, Pose2
 
 _UNKNOWN_LENGTH = 1e4
@@ -48,6 +49,9 @@ _MIN_RESPONSE = 0.5  # least mean likelihood
 _MIN_INLIERS = 0.7  # least share of points on the reference's surfaces
 _SUBMAP_SCANS = 40  # key scans of a submap that is searched as a whole
 _SUBMAP_QUERY = 15  # latest key scans that are searched for in submaps
+# A submap takes about as long to search as the rest of a key scan.
+_SUBMAPS_A_SCAN = 1  # submaps that are searched with each key scan
+_FAR_DRIFT = 3.0  # times the assumed drift; the chair is hardly ever farther from where the map says
 _AGREE_DISTANCE, _AGREE_ANGLE = 0.5, 0.15  # m, rad; two finds this near agree
 _MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
 
@@ -121,11 +125,19 @@ def candidates(poses: FloatArray, path_lengths: FloatArray, settings: LoopSettin
     return tuple(found[:_CHAINS])
 
 
-def uncertain_submaps(path_lengths: FloatArray, settings: LoopSettings) -> dict[int, IntArray]:
-    """Return the finished submaps that are too uncertain for a window: their members by submap number."""
-    size, uncertain = _SUBMAP_SCANS, settings.drift * path_lengths > _MAX_WINDOW
-    members = {k: np.arange(k * size, (k + 1) * size) for k in range(len(path_lengths) // size)}
-    return {k: nodes for k, nodes in members.items() if uncertain[nodes].all()}
+def uncertain_submaps(poses: FloatArray, path_lengths: FloatArray, settings: LoopSettings) -> dict[int, IntArray]:
+    """Return the finished submaps that are too uncertain for a window and where the chair can be, nearest first.
+
+    Arguments as of `candidates`; the members by submap number. The chair can be at a key scan if three times the drift of
+    the path from there explains the distance on the map.
+    """
+    size, recent = _SUBMAP_SCANS, len(path_lengths)
+    drift = settings.drift * path_lengths
+    away = np.hypot(*(poses[:recent, :2] - poses[-1, :2]).T)
+    uncertain, reachable = drift > _MAX_WINDOW, away < _RADIUS + _FAR_DRIFT * drift
+    members = {k: np.arange(k * size, (k + 1) * size) for k in range(recent // size)}
+    possible = {k: nodes for k, nodes in members.items() if uncertain[nodes].all() and reachable[nodes].any()}
+    return dict(sorted(possible.items(), key=lambda item: float(away[item[1]].min())))
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +146,16 @@ class _Find:
 
     node: int
     pose: Pose2
+
+
+@dataclass(slots=True)
+class _SubmapSearch:
+    """A search of submaps for the view of the key scans `recent`, the last of which is at the chair's place; the members
+    of the searched submaps by number."""
+
+    recent: list[int]
+    submaps: dict[int, IntArray]
+    round: SubmapRound
 
 
 class LoopRejection(enum.Enum):
@@ -164,6 +186,7 @@ class LoopCloser:
         self._pyramids = SubmapPyramids()
         self._base_from_laser = base_from_laser
         self._since_search = self._since_submaps = self._since_overlap = self._since_loop = math.inf
+        self._submap_search: _SubmapSearch | None = None
         self._submap_find: _Find | None = None
         self._overlap_finds: list[_Find] = []
         self._recognised: _Find | None = None
@@ -175,8 +198,24 @@ class LoopCloser:
         self._since_overlap += distance
         self._since_loop += distance
 
+    def begin_part(self) -> None:
+        """Forget what was found before, since the chair may have been carried."""
+        self._submap_search = self._submap_find = self._recognised = None
+        self._overlap_finds = []
+
     def loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
-        """Return edges that close loops at the last key scan; `recent` are the latest key scans in driving order."""
+        """Return edges that close loops at the last key scan, or at the view of a search of submaps.
+
+        `recent` are the latest key scans in driving order.
+        """
+        edges = self._loops_here(keys, recent) or self._submap_edges(keys)
+        self.counts["loops_closed"] += len(edges)
+        if edges:
+            self._since_loop, self._submap_search = 0.0, None
+        return edges
+
+    def _loops_here(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
+        """Return edges to candidates near the last key scan, and begin a search of submaps where one is due."""
         settings = self._settings
         known = len(keys) - len(recent)
         if self._since_search < settings.spacing or known < 1 or len(recent) < _QUERY_SCANS:
@@ -189,12 +228,8 @@ class LoopCloser:
         if not edges and near and self._is_overlap_search_due():
             edges = self._partial_overlap_edges(keys, recent, near)
         enough = len(recent) >= _SUBMAP_QUERY and self._since_submaps >= settings.submap_spacing
-        if not edges and enough:
-            edge = self._submap_edge(keys, recent, path_lengths)
-            edges = [edge] if isinstance(edge, Edge) else []
-        self.counts["loops_closed"] += len(edges)
-        if edges:
-            self._since_loop = 0.0
+        if not edges and enough and self._submap_search is None:
+            self._begin_submap_search(keys, recent, path_lengths)
         return edges
 
     def verify_recognised(
@@ -306,30 +341,38 @@ class LoopCloser:
                 edges.append(self._edge(keys, node, candidate, found.pose, found.information))
         return edges
 
-    def _submap_edge(
-        self, keys: KeyGraph, recent: Sequence[int], path_lengths: FloatArray
-    ) -> Edge | LoopRejection | None:
-        """Return the edge to a submap that is too uncertain for a window, when two finds agree."""
-        node = len(keys) - 1
-        submaps = uncertain_submaps(path_lengths, self._settings)
+    def _begin_submap_search(self, keys: KeyGraph, recent: Sequence[int], path_lengths: FloatArray) -> None:
+        """Begin to search the submaps that are too uncertain for a window for the latest key scans."""
+        submaps = uncertain_submaps(keys.poses, path_lengths, self._settings)
         if not submaps:
-            return None
+            return
         self._since_submaps = 0.0
         self.counts["submap_searches"] += 1
-        base = keys.pose(node)
-        query = keys.joined_points(recent[-_SUBMAP_QUERY:], base, _QUERY_CELL)
-        found = global_candidates(keys.store, keys.poses, submaps, query.points, self._pyramids)
+        query = keys.joined_points(recent[-_SUBMAP_QUERY:], keys.pose(recent[-1]), _QUERY_CELL)
+        self._submap_search = _SubmapSearch(list(recent), submaps, SubmapRound(query.points, list(submaps.items())))
+
+    def _submap_edges(self, keys: KeyGraph) -> list[Edge]:
+        """Search the next submap; return the edge to one of them, when all are searched and two finds agree."""
+        search = self._submap_search
+        if search is None:
+            return []
+        self.counts["submaps_searched"] += min(_SUBMAPS_A_SCAN, len(search.round.waiting))
+        if not search.round.search(keys.store, keys.poses, self._pyramids, _SUBMAPS_A_SCAN):
+            return []
+        self._submap_search = None
+        found = search.round.hypotheses(keys.poses)
         before, self._submap_find = self._submap_find, None
         if not found or self._ambiguous(found):
-            return None
+            return []
         pose = found[0].map_from_base
-        self._submap_find = _Find(node, pose)
+        self._submap_find = _Find(search.recent[-1], pose)
         if before is None or not self._agree(keys, before, self._submap_find):
-            return None
-        members = submaps[found[0].submap]
+            return []
+        members = search.submaps[found[0].submap]
         nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
         near = LoopCandidate(nearest, members, _MIN_WINDOW, _AGREE_ANGLE)
-        return self._verified(keys, recent, near, pose)
+        edge = self._verified(keys, search.recent, near, pose)
+        return [edge] if isinstance(edge, Edge) else []
 
     def _ambiguous(self, found: tuple[SubmapHypothesis, ...]) -> bool:
         """Return whether a second place, in any submap, fits nearly as well as the best."""

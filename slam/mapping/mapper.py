@@ -395,6 +395,7 @@ class Mapper:
     def _begin_new_part(self, node: int, here_from_node: Pose2) -> None:
         """Start an unconnected part of the map at a key scan, and attach the last unmatched frames to it."""
         self._recent_keys = []
+        self._closer.begin_part()
         for k in range(1 - self._state.unmatched, 0):
             frame = self.frames[k]
             self.frames[k] = AttachedFrame(frame.stamp_ns, node, here_from_node.inverse() @ frame.key_from_base)

@@ -8,7 +8,7 @@ least response that still counts.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -60,6 +60,42 @@ class SubmapPyramids:
         return pyramid
 
 
+@dataclass(slots=True)
+class SubmapRound:
+    """A search of many submaps for one view, a few submaps at a time.
+
+    `points` (N, 2) [m, base] are the view, `waiting` the key scans of each submap that is still to be searched, in order.
+    `found` holds the fits so far, relative to the first key scan of their submaps, so that the graph may move meanwhile.
+    """
+
+    points: FloatArray
+    waiting: list[tuple[int, IntArray]]
+    found: list[tuple[int, int, Pose2, float]] = field(default_factory=list)
+    """Submap, its first key scan, the pose in its frame, and the response."""
+    floor: float = MIN_RESPONSE
+
+    def search(self, store: ScanStore, poses: FloatArray, pyramids: SubmapPyramids, most: int) -> bool:
+        """Search at most so many further submaps; return whether the round is complete."""
+        for submap, members in self.waiting[:most]:
+            pyramid = pyramids.pyramid(submap, store, poses, members)
+            for place in global_search(self.points, pyramid, floor=self.floor):
+                self.found.append((submap, int(members[0]), place.pose, place.response))
+                self.floor = max(self.floor, place.response - SPREAD)
+        del self.waiting[:most]
+        return not self.waiting
+
+    def hypotheses(self, poses: FloatArray) -> tuple[SubmapHypothesis, ...]:
+        """Return the fits so far by the present poses, best first, up to the number of hypotheses.
+
+        Positions are exact to one cell of the search; a match against the submap's key scans has to follow.
+        """
+        best = sorted((each for each in self.found if each[3] >= self.floor), key=lambda each: -each[3])
+        return tuple(
+            SubmapHypothesis(submap, pose_from_array(poses[first]) @ pose, response)
+            for submap, first, pose, response in best[:HYPOTHESES]
+        )
+
+
 def global_candidates(
     store: ScanStore,
     poses: FloatArray,
@@ -67,19 +103,11 @@ def global_candidates(
     points: FloatArray,
     pyramids: SubmapPyramids,
 ) -> tuple[SubmapHypothesis, ...]:
-    """Return the fits of points (N, 2) [m, base] in the submaps, best first, up to the number of hypotheses.
+    """Return the fits of points (N, 2) [m, base] in all submaps at once, as a complete `SubmapRound`.
 
     `poses` (K, 3) [m, m, rad] are those of all key scans in the map, `members_by_submap` the key scans of each submap.
-    Positions are exact to one cell of the search; a match against the submap's key scans has to follow.
     """
-    found, floor = list[SubmapHypothesis](), MIN_RESPONSE
-    for submap, members in members_by_submap.items():
-        if len(members) == 0:
-            continue
-        pyramid = pyramids.pyramid(submap, store, poses, np.asarray(members, np.int64))
-        map_from_submap = pose_from_array(poses[members[0]])
-        for place in global_search(points, pyramid, floor=floor):
-            found.append(SubmapHypothesis(submap, map_from_submap @ place.pose, place.response))
-            floor = max(floor, place.response - SPREAD)
-    found.sort(key=lambda hypothesis: -hypothesis.response)
-    return tuple(hypothesis for hypothesis in found if hypothesis.response >= floor)[:HYPOTHESES]
+    waiting = [(submap, np.asarray(members, np.int64)) for submap, members in members_by_submap.items() if len(members)]
+    whole = SubmapRound(points, waiting)
+    whole.search(store, poses, pyramids, len(waiting))
+    return whole.hypotheses(poses)
