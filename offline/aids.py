@@ -9,20 +9,32 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from waychair.geometry import compose, invert, pose_from_array, wrap_angles
+from waychair.recordings.plausibility.findings import Finding
 from waychair.recordings.recording import Recording
 from waychair.recordings.scans import LaserMount, mirrored, text_from_mount
 from waychair.slam.frames.mount_check import MountCheck, check_mount
 from waychair.slam.odometry.aid_check import AidCheck, check_aids
-from waychair.slam.odometry.aid_findings import AidNames, Cause, Finding, Part, State, finding_from_break, sentence
+from waychair.slam.odometry.aid_findings import (
+    AidFinding,
+    AidNames,
+    Cause,
+    Part,
+    State,
+    clause,
+    finding_from_break,
+    name_of,
+    remedy,
+    sentence,
+)
 from waychair.slam.odometry.aid_series import ImuSeries, ScanSeries, WheelSeries, from_half_way, half_way
 from waychair.slam.odometry.broken_steps import Track, repaired
 from waychair.slam.scan.scan_motion import ScanMotions, scan_motions
 from waychair.types import FloatArray, ImuSample, Json, Odometry, Pose2, SensorFrame, Twist
 
-_LARGEST_YAW, _LARGEST_LEVER = np.radians(8.0), 0.2  # [rad], [m]; a mount that is off by more is not as told
+_LARGEST_YAW, _LARGEST_LEVER = np.radians(8.0), 0.3  # [rad], [m]; a mount that is off by more is not as told
 _LEAST_DEVIATIONS = 6.0  # sigma
 _MOUNT_SHARE = 0.5  # a better mount leaves at most this share of the disagreement
-_STEP, _STEP_TURN = 0.3, 0.3  # [m], [rad]; least motion that tells about a mount
+_STEP, _STEP_TURN = 0.6, 0.3  # [m], [rad]; least motion that tells about a mount
 _LEAST_SCANS = 10  # fewer tell nothing about an aid
 _MOST_SEVERAL = 3  # breaks of one kind that get a sentence each
 
@@ -32,11 +44,25 @@ class CheckedRecording:
     """A recording whose aids can be believed, and the findings that led to it."""
 
     recording: Recording
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[AidFinding, ...] = ()
     sentences: tuple[str, ...] = ()
     names: AidNames = field(default_factory=AidNames)
     seconds: float = 0.0
     """CPU time of the check."""
+
+    def health(self) -> list[Json]:
+        """Return the findings as those about the recording's messages are reported (`plausibility.findings`)."""
+        return [
+            Finding(
+                found.cause.value,
+                name_of(found.part, self.names),
+                clause(found),
+                remedy(found),
+                found.count,
+                found.since_s,
+            ).as_json()
+            for found in self.findings
+        ]
 
     def data(self) -> list[Json]:
         """Return the findings for a report."""
@@ -61,7 +87,7 @@ def _checked(recording: Recording, range_max: float, progress: Callable[[float],
     if scans < _LEAST_SCANS or scans < len(frames) or not any(frame.wheels or frame.imu for frame in frames):
         return CheckedRecording(recording)
     times = _times(frames)
-    findings: list[Finding] = []
+    findings: list[AidFinding] = []
     mount = recording.base_from_laser
     motions = _scan_motions(frames, mount, range_max, progress)
     frames, broken = _without_broken_steps(frames, times, motions)
@@ -75,8 +101,8 @@ def _checked(recording: Recording, range_max: float, progress: Callable[[float],
     better = _better_mount(frames, motions, mount, check)
     if better is not None:
         told = LaserMount(better.base_from_laser)
-        found = Finding(
-            Part.LIDAR, State.CORRECTED, Cause.MOUNT, value=better.residual_before, sigma=float(np.degrees(better.yaw))
+        found = AidFinding(
+            Part.LIDAR, State.CORRECTED, Cause.MOUNT, value=better.lever, sigma=float(np.degrees(better.yaw))
         )
         findings.append(_advised(found, told))
         mount = better.base_from_laser
@@ -108,13 +134,13 @@ def names_from_source(source: str) -> AidNames:
     )
 
 
-def _advised(found: Finding, mount: LaserMount) -> Finding:
+def _advised(found: AidFinding, mount: LaserMount) -> AidFinding:
     return replace(found, advice=f"They agree best with --base-from-laser {text_from_mount(mount)}")
 
 
-def _sentences(findings: list[Finding], names: AidNames) -> tuple[str, ...]:
+def _sentences(findings: list[AidFinding], names: AidNames) -> tuple[str, ...]:
     """Return the sentences; of many breaks of one kind the first ones, and the number of the others."""
-    kept: list[Finding] = []
+    kept: list[AidFinding] = []
     more = 0
     for cause in (Cause.WILD, Cause.RESTART, Cause.JUMP):
         same = [found for found in findings if found.cause is cause]
@@ -148,7 +174,7 @@ def _scan_motions(
 
 def _without_broken_steps(
     frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMotions
-) -> tuple[tuple[SensorFrame, ...], list[Finding]]:
+) -> tuple[tuple[SensorFrame, ...], list[AidFinding]]:
     track = _track(frames, times)
     if track is None:
         return frames, []
@@ -218,7 +244,7 @@ def _check(frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMoti
         motions.way_known, _sweep_s(frames),
     )  # fmt: skip
     track = _track(frames, times)
-    wheels = None if track is None else WheelSeries(track.times, track.poses, track.speeds)
+    wheels = None if track is None else WheelSeries(track.times, track.poses, track.speeds, track.times[~track.between])
     return check_aids(series, wheels, _imu_series(frames, times)), series
 
 
@@ -273,9 +299,11 @@ def _better_mount(
     backward = float(steps[:, 0].sum()) < 0.0  # a chair drives forward most of the time
     if found is None or backward or across > 0.2 * along or not 0.5 < found.scale < 2.0:
         return None
-    off = abs(found.yaw) > _LARGEST_YAW or found.lever > _LARGEST_LEVER
-    certain = found.deviations >= _LEAST_DEVIATIONS and found.residual_after < _MOUNT_SHARE * found.residual_before
-    return found if off and certain else None
+    if found.deviations < _LEAST_DEVIATIONS:
+        return None
+    yawed = abs(found.yaw) > _LARGEST_YAW and found.residual_after < _MOUNT_SHARE * found.residual_before
+    moved = found.lever > _LARGEST_LEVER and found.lever_is_clear()
+    return found if yawed or moved else None
 
 
 def _poses(frames: tuple[SensorFrame, ...]) -> FloatArray | None:
@@ -291,7 +319,7 @@ def _poses(frames: tuple[SensorFrame, ...]) -> FloatArray | None:
 
 def _with_gyro(frames: tuple[SensorFrame, ...], times: FloatArray, check: AidCheck) -> tuple[SensorFrame, ...]:
     """Return the frames with the IMU's samples as the check says."""
-    if not check.gyro and check.force_scale == 1.0:
+    if not check.gyro and check.force.scale == 1.0 and check.force.level is None:
         return frames
     used = [
         tuple(
@@ -316,16 +344,19 @@ def _with_gyro(frames: tuple[SensorFrame, ...], times: FloatArray, check: AidChe
 
 def _sample(sample: ImuSample, time_s: float, check: AidCheck) -> ImuSample | None:
     use = next((use for use in check.gyro if use.begin_s < time_s <= use.end_s), None)
-    accel = sample.accel * check.force_scale if check.force_scale else np.full(3, np.nan)
+    level = check.force.level
+    if level is not None:
+        sample = replace(sample, accel=level @ sample.accel, gyro=level @ sample.gyro)
+    accel = sample.accel * check.force.scale if check.force.scale else np.full(3, np.nan)
     if use is None:
         return replace(sample, accel=accel)
     if use.axis is None:
         return None
     rate = float(sample.gyro @ use.axis) / use.scale - use.bias
-    level = use.axis[2] == 1.0 and use.scale > 0.0
-    sideways = sample.gyro[:2] / use.scale if level else np.zeros(2)
+    upright = use.axis[2] == 1.0 and use.scale > 0.0
+    sideways = sample.gyro[:2] / use.scale - use.sideways if upright else np.zeros(2)
     stamp_ns = sample.stamp_ns - round(use.delay_s * 1e9)
-    return ImuSample(stamp_ns, accel if level else np.full(3, np.nan), np.array([*sideways, rate]))
+    return ImuSample(stamp_ns, accel if upright else np.full(3, np.nan), np.array([*sideways, rate]))
 
 
 def _with_speeds(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.cases.aided_drive import Imu, ImuFault, checked, error_of, looks, recorded
-from waychair.slam.odometry.aid_findings import AidNames, Cause, Finding, Part, State, sentence
+from waychair.slam.odometry.aid_findings import AidFinding, AidNames, Cause, Part, State, sentence
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.types import ImuSample, Odometry, Pose2, Twist
 
@@ -99,7 +99,7 @@ def test_without_wheels_a_sound_imu_is_joined_by_the_ways_of_the_scans() -> None
 
 
 def test_the_sentence_names_the_topic_the_fault_the_consequence_and_the_time() -> None:
-    finding = Finding(Part.GYRO, State.CORRECTED, Cause.DEGREES, since_s=31.6, value=57.29578)
+    finding = AidFinding(Part.GYRO, State.CORRECTED, Cause.DEGREES, since_s=31.6, value=57.29578)
     assert sentence(finding, AidNames("/scan", "/odom", "/imu/data")) == (
         "/imu/data: the turn rates are 57.3 times too large, as in degrees: corrected, since 32 s"
     )
