@@ -37,6 +37,18 @@ def on_edge(sound: Imu) -> Imu:
     return replace(sound, gyro=sound.gyro @ ON_SIDE.T, accel=sound.accel @ ON_SIDE.T)
 
 
+def leaning(sound: Imu) -> Imu:
+    """An IMU whose front is 8 degrees down, though the mount says level."""
+    c, s = math.cos(math.radians(8.0)), math.sin(math.radians(8.0))
+    turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return replace(sound, gyro=sound.gyro @ turn, accel=sound.accel @ turn)
+
+
+def backward(sound: Imu) -> Imu:
+    """An IMU that looks backward, though the mount says forward."""
+    return replace(sound, gyro=sound.gyro * (-1, -1, 1), accel=sound.accel * (-1, -1, 1))
+
+
 def dead(sound: Imu) -> Imu:
     return replace(sound, gyro=0.0 * sound.gyro, accel=0.0 * sound.accel)
 
@@ -51,6 +63,8 @@ CASES: dict[str, tuple[ImuFault, tuple[Part, State, Cause]]] = {
     "on edge": (on_edge, (Part.GYRO, State.CORRECTED, Cause.ON_EDGE)),
     "zeros": (dead, (Part.GYRO, State.LEFT_OUT, Cause.NOTHING)),
     "no gravity": (without_gravity, (Part.GRAVITY, State.LEFT_OUT, Cause.NO_GRAVITY)),
+    "leaning": (leaning, (Part.GRAVITY, State.CORRECTED, Cause.LEANING)),
+    "backward": (backward, (Part.GRAVITY, State.LEFT_OUT, Cause.FALSE_SLIPS)),
     "in g": (lambda sound: replace(sound, accel=sound.accel / 9.80665), (Part.GRAVITY, State.CORRECTED, Cause.IN_G)),
     "bias": (lambda sound: replace(sound, gyro=sound.gyro + 0.3), (Part.GYRO, State.CORRECTED, Cause.BIAS)),
     "twice": (lambda sound: replace(sound, gyro=2.0 * sound.gyro), (Part.GYRO, State.CORRECTED, Cause.SCALE)),
@@ -91,6 +105,20 @@ def test_a_gyro_in_degrees_becomes_one_in_radians() -> None:
     for frame, true in zip(checked(made).recording.frames[20:], sound.frames[20:], strict=True):
         for sample, told in zip(frame.imu, true.imu, strict=True):
             assert sample.gyro[2] == pytest.approx(told.gyro[2], abs=0.02)
+
+
+def test_a_gyro_in_degrees_is_told_although_scans_blur_turns() -> None:
+    made, _ = recorded(imu=lambda sound: replace(sound, gyro=np.degrees(0.93 * sound.gyro)))
+    (finding,) = checked(made).findings
+    assert finding.cause is Cause.DEGREES
+    assert finding.value == pytest.approx(180.0 / math.pi)
+
+
+def test_gravity_that_is_lost_on_the_way_has_its_time() -> None:
+    made, _ = recorded(imu=lambda sound: since(14.0, without_gravity(sound), sound))
+    (finding,) = checked(made).findings
+    assert (finding.part, finding.cause) == (Part.GRAVITY, Cause.NO_GRAVITY)
+    assert finding.since_s == pytest.approx(14.0, abs=3.0)
 
 
 def test_without_wheels_a_sound_imu_is_joined_by_the_ways_of_the_scans() -> None:
