@@ -29,12 +29,14 @@ from waychair.slam.odometry.aid_findings import (
 from waychair.slam.odometry.aid_series import ImuSeries, ScanSeries, WheelSeries, from_half_way, half_way
 from waychair.slam.odometry.broken_steps import Track, repaired
 from waychair.slam.scan.scan_motion import ScanMotions, scan_motions
-from waychair.types import FloatArray, ImuSample, Json, Odometry, Pose2, SensorFrame, Twist
+from waychair.types import BoolArray, FloatArray, ImuSample, Json, Odometry, Pose2, SensorFrame, Twist
 
 _LARGEST_YAW, _LARGEST_LEVER = np.radians(8.0), 0.3  # [rad], [m]; a mount that is off by more is not as told
 _LEAST_DEVIATIONS = 6.0  # sigma
 _MOUNT_SHARE = 0.5  # a better mount leaves at most this share of the disagreement
 _STEP, _STEP_TURN = 0.6, 0.3  # [m], [rad]; least motion that tells about a mount
+_MANY_SCANS = 1500  # of so many a sample is compared first; all of them only if it shows a fault
+_SAMPLE_S, _SAMPLE_EVERY_S = 10.0, 40.0  # long enough for windows that tell about ways
 _LEAST_SCANS = 10  # fewer tell nothing about an aid
 _MOST_SEVERAL = 3  # breaks of one kind that get a sentence each
 
@@ -87,16 +89,48 @@ def _checked(recording: Recording, range_max: float, progress: Callable[[float],
     if scans < _LEAST_SCANS or scans < len(frames) or not any(frame.wheels or frame.imu for frame in frames):
         return CheckedRecording(recording)
     times = _times(frames)
+    wanted = _looked_at(frames, times)
+    if wanted is not None:
+        looked = _with_motions(recording, times, range_max, progress, wanted)
+        if looked.recording is recording:
+            return looked
+    return _with_motions(recording, times, range_max, progress, None)
+
+
+def _looked_at(frames: tuple[SensorFrame, ...], times: FloatArray) -> BoolArray | None:
+    """Return which frames (N,) are compared at first, some seconds in a row of each part; None for all.
+
+    A sound recording is told from a sample. Without wheels, or in gaps of theirs, all scans are needed.
+    """
+    track = _track(frames, times)
+    if (
+        len(times) < _MANY_SCANS
+        or track is None
+        or _wheel_series(track).missing(np.stack([times, times], axis=1)).any()
+    ):
+        return None
+    wanted: BoolArray = times % _SAMPLE_EVERY_S < _SAMPLE_S
+    return wanted
+
+
+def _with_motions(
+    recording: Recording,
+    times: FloatArray,
+    range_max: float,
+    progress: Callable[[float], None] | None,
+    wanted: BoolArray | None,
+) -> CheckedRecording:
+    """Return the checked recording by the motions of all scans, or of the wanted ones."""
+    frames, mount = recording.frames, recording.base_from_laser
     findings: list[AidFinding] = []
-    mount = recording.base_from_laser
-    motions = _scan_motions(frames, mount, range_max, progress)
+    motions = _scan_motions(frames, mount, range_max, progress, wanted)
     frames, broken = _without_broken_steps(frames, times, motions)
     findings += broken
     check, series = _check(frames, times, motions)
     if any(found.part is Part.LIDAR and found.state is State.CORRECTED for found in check.findings):
         findings += [_advised(found, LaserMount(mount, True)) for found in check.findings if found.part is Part.LIDAR]
         frames = tuple(replace(f, scan=None if f.scan is None else mirrored(f.scan)) for f in frames)
-        motions = _scan_motions(frames, mount, range_max, progress)
+        motions = _scan_motions(frames, mount, range_max, progress, wanted)
         check, series = _check(frames, times, motions)
     better = _better_mount(frames, motions, mount, check)
     if better is not None:
@@ -106,7 +140,7 @@ def _checked(recording: Recording, range_max: float, progress: Callable[[float],
         )
         findings.append(_advised(found, told))
         mount = better.base_from_laser
-        motions = _scan_motions(frames, mount, range_max, progress)
+        motions = _scan_motions(frames, mount, range_max, progress, wanted)
         check, series = _check(frames, times, motions)
     findings += [found for found in check.findings if found.part is not Part.LIDAR or found.state is State.LEFT_OUT]
     unmoved = not any(frame.wheels for frame in frames) and len(motions.before) > 0
@@ -135,7 +169,10 @@ def names_from_source(source: str) -> AidNames:
 
 
 def _advised(found: AidFinding, mount: LaserMount) -> AidFinding:
-    return replace(found, advice=f"They agree best with --base-from-laser {text_from_mount(mount)}")
+    advice = f"They agree best with --base-from-laser {text_from_mount(mount)}"
+    if found.cause is Cause.MIRRORED_OR_WHEELS:
+        advice += "; if it hangs upright, --odom none makes a map that is not mirrored"
+    return replace(found, advice=advice)
 
 
 def _sentences(findings: list[AidFinding], names: AidNames) -> tuple[str, ...]:
@@ -163,12 +200,16 @@ def _times(frames: tuple[SensorFrame, ...]) -> FloatArray:
 
 
 def _scan_motions(
-    frames: tuple[SensorFrame, ...], mount: Pose2, range_max: float, progress: Callable[[float], None] | None
+    frames: tuple[SensorFrame, ...],
+    mount: Pose2,
+    range_max: float,
+    progress: Callable[[float], None] | None,
+    wanted: BoolArray | None,
 ) -> ScanMotions:
     """Return the motions between the scans, with `before` and `after` as indices of the frames."""
     indices = np.array([k for k, frame in enumerate(frames) if frame.scan is not None], np.int64)
     scans = [frame.scan for frame in frames if frame.scan is not None]
-    found = scan_motions(scans, mount, range_max, progress)
+    found = scan_motions(scans, mount, range_max, progress, None if wanted is None else wanted[indices])
     return replace(found, before=indices[found.before], after=indices[found.after])
 
 
@@ -214,6 +255,10 @@ def _track(frames: tuple[SensorFrame, ...], times: FloatArray) -> Track | None:
     )
 
 
+def _wheel_series(track: Track) -> WheelSeries:
+    return WheelSeries(track.times, track.poses, track.speeds, track.times[~track.between])
+
+
 class _ScanChain:
     """The motions by scans, chained: gives the motion between any two times within measured intervals."""
 
@@ -244,7 +289,7 @@ def _check(frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMoti
         motions.way_known, _sweep_s(frames),
     )  # fmt: skip
     track = _track(frames, times)
-    wheels = None if track is None else WheelSeries(track.times, track.poses, track.speeds, track.times[~track.between])
+    wheels = None if track is None else _wheel_series(track)
     return check_aids(series, wheels, _imu_series(frames, times)), series
 
 

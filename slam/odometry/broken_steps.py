@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from waychair.geometry import arcs, compose, invert, wrap_angles
 from waychair.types import BoolArray, FloatArray, IntArray
@@ -154,10 +155,9 @@ def _fits(told: FloatArray, moved: FloatArray, least: FloatArray) -> bool:
 def _neighbouring(motions: FloatArray, seconds: FloatArray) -> FloatArray:
     """Return the median speed and turn rate (N, 2) of the steps around each."""
     rates = np.stack([motions[:, 0] / seconds, motions[:, 2] / seconds], axis=1)
-    found = np.empty_like(rates)
-    for k in range(len(rates)):
-        around = np.r_[max(0, k - _NEIGHBOURS) : k, k + 1 : min(len(rates), k + 1 + _NEIGHBOURS)]
-        found[k] = np.median(rates[around], axis=0) if len(around) else 0.0
+    padded = np.pad(rates, ((_NEIGHBOURS, _NEIGHBOURS), (0, 0)), mode="reflect")
+    around = sliding_window_view(padded, 2 * _NEIGHBOURS + 1, axis=0)
+    found: FloatArray = np.median(np.delete(around, _NEIGHBOURS, axis=2), axis=2)
     return found
 
 

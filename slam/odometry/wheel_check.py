@@ -121,8 +121,9 @@ def _fitted_turns(
         return corrected, True
     known, reference = evidence.known_turn & run.inside, evidence.turns
     size, true = float(np.nansum(np.abs(told[known]))), float(np.abs(reference[known]).sum())
-    rates = told[known] / evidence.scans.seconds[known]
-    evidence.add(Part.WHEEL_TURN, State.LEFT_OUT, unlike(rates, size, true), run, value=size / max(true, 1e-9))
+    look = unlike(told[known] / evidence.scans.seconds[known], size, true)
+    look = Cause.UNLIKE if look is Cause.STUCK else look  # a heading that turns evenly is that of a wrong wheel
+    evidence.add(Part.WHEEL_TURN, State.LEFT_OUT, look, run, value=size / max(true, 1e-9))
     for other in (driven, gyro):
         if other is not None and turn_agreement(evidence.spans, other, reference, known).share <= GOOD:
             return np.where(np.isfinite(other), other, filled), False

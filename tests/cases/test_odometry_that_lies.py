@@ -170,6 +170,7 @@ def test_without_a_gyro_both_causes_of_turns_the_other_way_are_named() -> None:
     (said,) = checked(recording).sentences
     assert "upside down" in said
     assert "wheel are exchanged" in said
+    assert "--odom none" in said
 
 
 def test_speeds_in_another_unit_are_taken_from_the_poses() -> None:
