@@ -36,7 +36,7 @@ _LEAST_DEVIATIONS = 6.0  # sigma
 _MOUNT_SHARE = 0.5  # a better mount leaves at most this share of the disagreement
 _STEP, _STEP_TURN = 0.6, 0.3  # [m], [rad]; least motion that tells about a mount
 _MANY_SCANS = 1500  # of so many a sample is compared first; all of them only if it shows a fault
-_SAMPLE_S, _SAMPLE_EVERY_S = 10.0, 40.0  # long enough for windows that tell about ways
+_SAMPLE_S, _SAMPLE_EVERY_S = 9.0, 60.0  # long enough for windows that tell about ways
 _LEAST_SCANS = 10  # fewer tell nothing about an aid
 _MOST_SEVERAL = 3  # breaks of one kind that get a sentence each
 
@@ -98,7 +98,7 @@ def _checked(recording: Recording, range_max: float, progress: Callable[[float],
 
 
 def _looked_at(frames: tuple[SensorFrame, ...], times: FloatArray) -> BoolArray | None:
-    """Return which frames (N,) are compared at first, some seconds in a row of each part; None for all.
+    """Return which frames (N,) are compared at first, some seconds of each minute; None for all.
 
     A sound recording is told from a sample. Without wheels, or in gaps of theirs, all scans are needed.
     """
