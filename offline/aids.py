@@ -9,20 +9,34 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from waychair.geometry import compose, invert, pose_from_array, wrap_angles
+from waychair.recordings.plausibility.findings import Finding
 from waychair.recordings.recording import Recording
 from waychair.recordings.scans import LaserMount, mirrored, text_from_mount
 from waychair.slam.frames.mount_check import MountCheck, check_mount
 from waychair.slam.odometry.aid_check import AidCheck, check_aids
-from waychair.slam.odometry.aid_findings import AidNames, Cause, Finding, Part, State, finding_from_break, sentence
+from waychair.slam.odometry.aid_findings import (
+    AidFinding,
+    AidNames,
+    Cause,
+    Part,
+    State,
+    clause,
+    finding_from_break,
+    name_of,
+    remedy,
+    sentence,
+)
 from waychair.slam.odometry.aid_series import ImuSeries, ScanSeries, WheelSeries, from_half_way, half_way
 from waychair.slam.odometry.broken_steps import Track, repaired
 from waychair.slam.scan.scan_motion import ScanMotions, scan_motions
-from waychair.types import FloatArray, ImuSample, Json, Odometry, Pose2, SensorFrame, Twist
+from waychair.types import BoolArray, FloatArray, ImuSample, Json, Odometry, Pose2, SensorFrame, Twist
 
-_LARGEST_YAW, _LARGEST_LEVER = np.radians(8.0), 0.2  # [rad], [m]; a mount that is off by more is not as told
+_LARGEST_YAW, _LARGEST_LEVER = np.radians(8.0), 0.3  # [rad], [m]; a mount that is off by more is not as told
 _LEAST_DEVIATIONS = 6.0  # sigma
 _MOUNT_SHARE = 0.5  # a better mount leaves at most this share of the disagreement
-_STEP, _STEP_TURN = 0.3, 0.3  # [m], [rad]; least motion that tells about a mount
+_STEP, _STEP_TURN = 0.6, 0.3  # [m], [rad]; least motion that tells about a mount
+_MANY_SCANS = 1500  # of so many a sample is compared first; all of them only if it shows a fault
+_SAMPLE_S, _SAMPLE_EVERY_S = 9.0, 60.0  # long enough for windows that tell about ways
 _LEAST_SCANS = 10  # fewer tell nothing about an aid
 _MOST_SEVERAL = 3  # breaks of one kind that get a sentence each
 
@@ -32,11 +46,25 @@ class CheckedRecording:
     """A recording whose aids can be believed, and the findings that led to it."""
 
     recording: Recording
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[AidFinding, ...] = ()
     sentences: tuple[str, ...] = ()
     names: AidNames = field(default_factory=AidNames)
     seconds: float = 0.0
     """CPU time of the check."""
+
+    def health(self) -> list[Json]:
+        """Return the findings as those about the recording's messages are reported (`plausibility.findings`)."""
+        return [
+            Finding(
+                found.cause.value,
+                name_of(found.part, self.names),
+                clause(found),
+                remedy(found),
+                found.count,
+                found.since_s,
+            ).as_json()
+            for found in self.findings
+        ]
 
     def data(self) -> list[Json]:
         """Return the findings for a report."""
@@ -61,26 +89,58 @@ def _checked(recording: Recording, range_max: float, progress: Callable[[float],
     if scans < _LEAST_SCANS or scans < len(frames) or not any(frame.wheels or frame.imu for frame in frames):
         return CheckedRecording(recording)
     times = _times(frames)
-    findings: list[Finding] = []
-    mount = recording.base_from_laser
-    motions = _scan_motions(frames, mount, range_max, progress)
+    wanted = _looked_at(frames, times)
+    if wanted is not None:
+        looked = _with_motions(recording, times, range_max, progress, wanted)
+        if looked.recording is recording:
+            return looked
+    return _with_motions(recording, times, range_max, progress, None)
+
+
+def _looked_at(frames: tuple[SensorFrame, ...], times: FloatArray) -> BoolArray | None:
+    """Return which frames (N,) are compared at first, some seconds of each minute; None for all.
+
+    A sound recording is told from a sample. Without wheels, or in gaps of theirs, all scans are needed.
+    """
+    track = _track(frames, times)
+    if (
+        len(times) < _MANY_SCANS
+        or track is None
+        or _wheel_series(track).missing(np.stack([times, times], axis=1)).any()
+    ):
+        return None
+    wanted: BoolArray = times % _SAMPLE_EVERY_S < _SAMPLE_S
+    return wanted
+
+
+def _with_motions(
+    recording: Recording,
+    times: FloatArray,
+    range_max: float,
+    progress: Callable[[float], None] | None,
+    wanted: BoolArray | None,
+) -> CheckedRecording:
+    """Return the checked recording by the motions of all scans, or of the wanted ones."""
+    frames, mount = recording.frames, recording.base_from_laser
+    findings: list[AidFinding] = []
+    motions = _scan_motions(frames, mount, range_max, progress, wanted)
     frames, broken = _without_broken_steps(frames, times, motions)
     findings += broken
     check, series = _check(frames, times, motions)
     if any(found.part is Part.LIDAR and found.state is State.CORRECTED for found in check.findings):
         findings += [_advised(found, LaserMount(mount, True)) for found in check.findings if found.part is Part.LIDAR]
         frames = tuple(replace(f, scan=None if f.scan is None else mirrored(f.scan)) for f in frames)
-        motions = _scan_motions(frames, mount, range_max, progress)
+        motions = _scan_motions(frames, mount, range_max, progress, wanted)
         check, series = _check(frames, times, motions)
     better = _better_mount(frames, motions, mount, check)
     if better is not None:
         told = LaserMount(better.base_from_laser)
-        found = Finding(
-            Part.LIDAR, State.CORRECTED, Cause.MOUNT, value=better.residual_before, sigma=float(np.degrees(better.yaw))
+        found = AidFinding(
+            Part.LIDAR, State.CORRECTED, Cause.MOUNT, value=better.lever, sigma=float(np.degrees(better.yaw))
         )
         findings.append(_advised(found, told))
         mount = better.base_from_laser
-        motions = _scan_motions(frames, mount, range_max, progress)
+        motions = _scan_motions(frames, mount, range_max, progress, wanted)
         check, series = _check(frames, times, motions)
     findings += [found for found in check.findings if found.part is not Part.LIDAR or found.state is State.LEFT_OUT]
     unmoved = not any(frame.wheels for frame in frames) and len(motions.before) > 0
@@ -108,13 +168,16 @@ def names_from_source(source: str) -> AidNames:
     )
 
 
-def _advised(found: Finding, mount: LaserMount) -> Finding:
-    return replace(found, advice=f"They agree best with --base-from-laser {text_from_mount(mount)}")
+def _advised(found: AidFinding, mount: LaserMount) -> AidFinding:
+    advice = f"They agree best with --base-from-laser {text_from_mount(mount)}"
+    if found.cause is Cause.MIRRORED_OR_WHEELS:
+        advice += "; if it hangs upright, --odom none makes a map that is not mirrored"
+    return replace(found, advice=advice)
 
 
-def _sentences(findings: list[Finding], names: AidNames) -> tuple[str, ...]:
+def _sentences(findings: list[AidFinding], names: AidNames) -> tuple[str, ...]:
     """Return the sentences; of many breaks of one kind the first ones, and the number of the others."""
-    kept: list[Finding] = []
+    kept: list[AidFinding] = []
     more = 0
     for cause in (Cause.WILD, Cause.RESTART, Cause.JUMP):
         same = [found for found in findings if found.cause is cause]
@@ -137,18 +200,22 @@ def _times(frames: tuple[SensorFrame, ...]) -> FloatArray:
 
 
 def _scan_motions(
-    frames: tuple[SensorFrame, ...], mount: Pose2, range_max: float, progress: Callable[[float], None] | None
+    frames: tuple[SensorFrame, ...],
+    mount: Pose2,
+    range_max: float,
+    progress: Callable[[float], None] | None,
+    wanted: BoolArray | None,
 ) -> ScanMotions:
     """Return the motions between the scans, with `before` and `after` as indices of the frames."""
     indices = np.array([k for k, frame in enumerate(frames) if frame.scan is not None], np.int64)
     scans = [frame.scan for frame in frames if frame.scan is not None]
-    found = scan_motions(scans, mount, range_max, progress)
+    found = scan_motions(scans, mount, range_max, progress, None if wanted is None else wanted[indices])
     return replace(found, before=indices[found.before], after=indices[found.after])
 
 
 def _without_broken_steps(
     frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMotions
-) -> tuple[tuple[SensorFrame, ...], list[Finding]]:
+) -> tuple[tuple[SensorFrame, ...], list[AidFinding]]:
     track = _track(frames, times)
     if track is None:
         return frames, []
@@ -188,6 +255,10 @@ def _track(frames: tuple[SensorFrame, ...], times: FloatArray) -> Track | None:
     )
 
 
+def _wheel_series(track: Track) -> WheelSeries:
+    return WheelSeries(track.times, track.poses, track.speeds, track.times[~track.between])
+
+
 class _ScanChain:
     """The motions by scans, chained: gives the motion between any two times within measured intervals."""
 
@@ -218,7 +289,7 @@ def _check(frames: tuple[SensorFrame, ...], times: FloatArray, motions: ScanMoti
         motions.way_known, _sweep_s(frames),
     )  # fmt: skip
     track = _track(frames, times)
-    wheels = None if track is None else WheelSeries(track.times, track.poses, track.speeds)
+    wheels = None if track is None else _wheel_series(track)
     return check_aids(series, wheels, _imu_series(frames, times)), series
 
 
@@ -273,9 +344,11 @@ def _better_mount(
     backward = float(steps[:, 0].sum()) < 0.0  # a chair drives forward most of the time
     if found is None or backward or across > 0.2 * along or not 0.5 < found.scale < 2.0:
         return None
-    off = abs(found.yaw) > _LARGEST_YAW or found.lever > _LARGEST_LEVER
-    certain = found.deviations >= _LEAST_DEVIATIONS and found.residual_after < _MOUNT_SHARE * found.residual_before
-    return found if off and certain else None
+    if found.deviations < _LEAST_DEVIATIONS:
+        return None
+    yawed = abs(found.yaw) > _LARGEST_YAW and found.residual_after < _MOUNT_SHARE * found.residual_before
+    moved = found.lever > _LARGEST_LEVER and found.lever_is_clear()
+    return found if yawed or moved else None
 
 
 def _poses(frames: tuple[SensorFrame, ...]) -> FloatArray | None:
@@ -291,7 +364,7 @@ def _poses(frames: tuple[SensorFrame, ...]) -> FloatArray | None:
 
 def _with_gyro(frames: tuple[SensorFrame, ...], times: FloatArray, check: AidCheck) -> tuple[SensorFrame, ...]:
     """Return the frames with the IMU's samples as the check says."""
-    if not check.gyro and check.force_scale == 1.0:
+    if not check.gyro and check.force.scale == 1.0 and check.force.level is None:
         return frames
     used = [
         tuple(
@@ -316,16 +389,19 @@ def _with_gyro(frames: tuple[SensorFrame, ...], times: FloatArray, check: AidChe
 
 def _sample(sample: ImuSample, time_s: float, check: AidCheck) -> ImuSample | None:
     use = next((use for use in check.gyro if use.begin_s < time_s <= use.end_s), None)
-    accel = sample.accel * check.force_scale if check.force_scale else np.full(3, np.nan)
+    level = check.force.level
+    if level is not None:
+        sample = replace(sample, accel=level @ sample.accel, gyro=level @ sample.gyro)
+    accel = sample.accel * check.force.scale if check.force.scale else np.full(3, np.nan)
     if use is None:
         return replace(sample, accel=accel)
     if use.axis is None:
         return None
     rate = float(sample.gyro @ use.axis) / use.scale - use.bias
-    level = use.axis[2] == 1.0 and use.scale > 0.0
-    sideways = sample.gyro[:2] / use.scale if level else np.zeros(2)
+    upright = use.axis[2] == 1.0 and use.scale > 0.0
+    sideways = sample.gyro[:2] / use.scale - use.sideways if upright else np.zeros(2)
     stamp_ns = sample.stamp_ns - round(use.delay_s * 1e9)
-    return ImuSample(stamp_ns, accel if level else np.full(3, np.nan), np.array([*sideways, rate]))
+    return ImuSample(stamp_ns, accel if upright else np.full(3, np.nan), np.array([*sideways, rate]))
 
 
 def _with_speeds(

@@ -117,6 +117,7 @@ def _report(
         "parts": [str(part) for part in recording.parts],
         "source": recording.source,
         "warnings": list(recording.warnings),
+        "health": [*(found.as_json() for found in recording.findings), *checked.health()],
         "aids": checked.data(),
         "frames": len(found),
         "distance_m": round(float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()), 3),

@@ -148,6 +148,7 @@ def map_recording(
     mapping = _finished(
         live=live, recording=recording, began=(started, cpu, reading_s), amiss=amiss, first=first, builder=builder
     )
+    mapping.report["health"] += checked.health()
     mapping.report["aids"] = checked.data()
     return replace(mapping, state=state_of_map(live, lens, _features(settings)))
 
@@ -210,6 +211,7 @@ def join_recording(
     )
     if builder is None:
         move_memory(keep_in, mapper)
+    mapping.report["health"] += checked.health()
     mapping.report["aids"] = checked.data()
     mapping.report["session"] = {
         "number": live.scans.session + 1,

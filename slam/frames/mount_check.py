@@ -26,6 +26,7 @@ _LARGEST_YAW, _LARGEST_LEVER = math.radians(6.0), 0.15  # [rad], [m]; odometry a
 _LARGEST_SCALE = 0.2
 _LEAST_DEVIATIONS = 4.0  # sigma; a larger disagreement is significant
 _LEAST_TURN_RATIO = 0.3
+_LEAST_TURNS, _EXPLAINED = 8, 0.5  # motions that tell about a lever, and share of the disagreement that may remain
 _NOISE = 0.02  # [m]; smaller residuals have equal weight
 _ROUNDS = 10
 
@@ -48,6 +49,14 @@ class MountCheck:
     residual_before: float
     residual_after: float
     base_from_laser: Pose2
+    turns: int = 0
+    """Motions with a turn in them, which tell about the lever."""
+    turn_residual_before: float = 0.0
+    turn_residual_after: float = 0.0
+
+    def lever_is_clear(self) -> bool:
+        """Whether the better lever explains most of the disagreement in turns; wheels that slip sideways look alike."""
+        return self.turns >= _LEAST_TURNS and self.turn_residual_after < _EXPLAINED * self.turn_residual_before
 
 
 def check_mount(odometry: FloatArray, matched: FloatArray, base_from_laser: Pose2) -> MountCheck | None:
@@ -77,6 +86,8 @@ def check_mount(odometry: FloatArray, matched: FloatArray, base_from_laser: Pose
     sigmas = spread * np.sqrt(np.diag(np.linalg.inv(np.einsum("nij,nik->jk", rows, rows))))
     deviations = np.abs([yaw * scale, *solution[2:]]) / sigmas[1:]
     correction = Pose2(float(arm[0]), float(arm[1]), yaw)
+    bent = np.abs(theta) >= _STEP_TURN
+    off = np.hypot(*(told - odometry[:, :2])[bent].T) if bent.any() else np.zeros(1)
     return MountCheck(
         yaw=yaw,
         lever=float(np.hypot(*arm)),
@@ -86,6 +97,9 @@ def check_mount(odometry: FloatArray, matched: FloatArray, base_from_laser: Pose
         residual_before=float(np.median(np.hypot(*(told - odometry[:, :2]).T))),
         residual_after=float(np.median(away)),
         base_from_laser=correction.inverse() @ base_from_laser,
+        turns=int(bent.sum()),
+        turn_residual_before=float(np.median(off)),
+        turn_residual_after=float(np.median(away[bent])) if bent.any() else 0.0,
     )
 
 
@@ -104,7 +118,7 @@ def mount_warnings(frames: Sequence[SensorFrame], poses: FloatArray, base_from_l
         return (f"{turning}: if the laser is mounted {UPSIDE_DOWN}, give --base-from-laser X,Y,YAW,{UPSIDE_DOWN}",)
     if abs(check.scale - 1.0) > _LARGEST_SCALE:
         return (f"the scans measure {check.scale:.2f} times the odometry's distance: check the wheel radius",)
-    off = abs(check.yaw) > _LARGEST_YAW or check.lever > _LARGEST_LEVER
+    off = abs(check.yaw) > _LARGEST_YAW or (check.lever > _LARGEST_LEVER and check.lever_is_clear())
     if not off or check.deviations < _LEAST_DEVIATIONS:
         return ()
     better = text_from_mount(LaserMount(check.base_from_laser))

@@ -7,15 +7,16 @@ which it ceases to agree. Two independent aids that agree with each other outvot
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from waychair.slam.odometry.aid_evidence import ENOUGH_TURN, GOOD, LEAST_CORRELATION, Evidence
-from waychair.slam.odometry.aid_findings import Cause, Finding, Part, State
+from waychair.slam.odometry.aid_findings import AidFinding, Cause, Part, State
 from waychair.slam.odometry.aid_series import ImuSeries, ScanSeries, WheelSeries, correlation, robust_slope
 from waychair.slam.odometry.aid_windows import turn_agreement, windows
-from waychair.slam.odometry.imu_check import GyroUse, check_force, check_gyro, gyro_turns, up_axis
+from waychair.slam.odometry.force_check import ForceUse, check_force, shows_false_slips
+from waychair.slam.odometry.imu_check import GyroUse, check_gyro, gyro_turns, up_axis
 from waychair.slam.odometry.wheel_check import check_wheels, speeds_are_wrong
 from waychair.types import FloatArray
 
@@ -27,14 +28,14 @@ class AidCheck:
     """The findings, and the motions to use.
 
     `wheels` (N, 3), half way through the turn, are the motions of wheel odometry that is corrected or replaced; None where
-    it is used as told. `gyro` are the uses of the gyro that differ from the told one. `force_scale` is the factor of the
-    accelerometer, 0 where it is left out.
+    it is used as told. `gyro` are the uses of the gyro that differ from the told one, and `force` that of the
+    accelerometer.
     """
 
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[AidFinding, ...] = ()
     wheels: FloatArray | None = None
     gyro: tuple[GyroUse, ...] = ()
-    force_scale: float = 1.0
+    force: ForceUse = field(default_factory=ForceUse)
     wheels_by_scans: float = 0.0
     """Share of the motion that comes from scans in place of the wheels."""
     speeds: FloatArray | None = None
@@ -57,9 +58,12 @@ def check_aids(scans: ScanSeries, wheels: WheelSeries | None, imu: ImuSeries | N
         evidence.findings = [found for found in evidence.findings if found.part is not Part.GRAVITY]
     turned = None if imu is None else gyro_turns(imu, scans.intervals, gyro)
     if wheels is None or told is None:
-        return AidCheck(tuple(evidence.findings), gyro=gyro, force_scale=force)
+        return AidCheck(tuple(evidence.findings), gyro=gyro, force=force)
     used, by_scans = check_wheels(evidence, wheels, told, turned)
     driven = wheels.driven(scans.intervals)
+    motions = told if used is None else used
+    if imu is not None and force.scale and shows_false_slips(evidence, imu, force, wheels, motions):
+        force = ForceUse(0.0)
     wrong = used is None and speeds_are_wrong(evidence, told, driven)
     return AidCheck(tuple(evidence.findings), used, gyro, force, by_scans, told if wrong else None)
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from waychair.slam.odometry.aid_findings import Cause, Finding, Part, State
+from waychair.slam.odometry.aid_findings import AidFinding, Cause, Part, State
 from waychair.slam.odometry.aid_series import ScanSeries, correlation
 from waychair.slam.odometry.aid_windows import Agreement, Windows, grown, stretches, turn_agreement, way_agreement
 from waychair.types import BoolArray, FloatArray
@@ -25,8 +25,8 @@ LEAST_CORRELATION = 0.8
 LEAST_DELAY_S = 0.15
 """A smaller delay [s] does no harm."""
 
-SNAP = 0.06
-"""A factor this near (relative) a known one is that one."""
+NEAR = 0.12
+"""A factor this near (relative) a known one is that one, if the aid then agrees: scans that blur turns measure less."""
 
 DELAYS_S = np.arange(-2.0, 2.01, 0.1)
 """Delays [s] that are tried."""
@@ -36,15 +36,20 @@ KNOWN_FACTORS = (-1.0, DEGREES, -DEGREES, 1.0 / DEGREES, 1000.0, 0.001, 100.0, 0
 """Factors of units and signs."""
 
 _STANDS = 0.05  # share of the true motion below which an aid stands still
+_STUCK = 0.005  # relative spread of a rate that does not change
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A stretch: its intervals (N,), and its begin and end [s], None where no evidence lies before or after it."""
+    """A stretch: its intervals (N,), and its begin and end [s], None where no evidence lies before or after it.
+
+    An aid that is left out is so with the window before and after, `around`: the fault may begin or end in them.
+    """
 
     inside: BoolArray
     since_s: float | None
     until_s: float | None
+    around: tuple[float, float] = (-math.inf, math.inf)
 
 
 @dataclass(slots=True)
@@ -55,7 +60,7 @@ class Evidence:
     spans: Windows
     known_turn: BoolArray
     known_way: BoolArray
-    findings: list[Finding] = field(default_factory=list)
+    findings: list[AidFinding] = field(default_factory=list)
 
     @property
     def turns(self) -> FloatArray:
@@ -75,7 +80,9 @@ class Evidence:
             begin, end = self.spans.span(*run)
             whole = grown(run, found)
             since, until = (None if whole[0] == 0 else begin), (None if whole[1] == last else end)
-            result.append(Run(self.spans.members(*whole, len(self.turns)), since, until))
+            around = self.spans.span(max(whole[0] - 1, 0), min(whole[1] + 1, last))
+            bounds = (-math.inf if since is None else around[0]), (math.inf if until is None else around[1])
+            result.append(Run(self.spans.members(*whole, len(self.turns)), since, until, bounds))
         return result
 
     def whole(self) -> Run:
@@ -84,11 +91,11 @@ class Evidence:
 
     def add(self, part: Part, state: State, cause: Cause, run: Run | None, **values: float) -> None:
         since, until = (None, None) if run is None else (run.since_s, run.until_s)
-        self.findings.append(Finding(part, state, cause, since, until, **values))  # type: ignore[arg-type]
+        self.findings.append(AidFinding(part, state, cause, since, until, **values))  # type: ignore[arg-type]
 
 
 def unlike(told: FloatArray, size: float, true: float) -> Cause:
-    """Return the look of an aid that cannot be corrected: nothing, one value, or something else."""
+    """Return the look of an aid that cannot be corrected, from its rates: nothing, one value, or something else."""
     finite = told[np.isfinite(told)]
     if not len(finite):
         return Cause.MISSING
@@ -96,17 +103,15 @@ def unlike(told: FloatArray, size: float, true: float) -> Cause:
         return Cause.NOTHING
     usual = float(np.median(finite))
     spread = float(np.median(np.abs(finite - usual)))  # robust against the turns before it stuck
-    return Cause.STUCK if spread < 0.02 * abs(usual) + 1e-9 else Cause.UNLIKE
+    if spread > _STUCK * abs(usual) + 1e-9:
+        return Cause.UNLIKE
+    return Cause.STUCK if usual else Cause.NOTHING
 
 
-def snapped(factor: float, sigma: float) -> float:
-    """Return the known factor that this one stands for, or itself."""
-    if abs(factor - 1.0) <= max(SNAP, 3.0 * sigma):
-        return 1.0
-    for known in KNOWN_FACTORS:
-        if abs(factor / known - 1.0) <= SNAP:
-            return known
-    return factor
+def factors(fitted: float, sigma: float) -> list[float]:
+    """Return the factors that a fitted one may stand for, the most likely first: known ones near it, then itself."""
+    near = max(NEAR, 3.0 * sigma / max(abs(fitted), 1e-9))
+    return [*(known for known in (1.0, *KNOWN_FACTORS) if abs(fitted / known - 1.0) <= near), fitted]
 
 
 def delay_of(evidence: Evidence, turns_at: Callable[[float], FloatArray]) -> float:

@@ -42,6 +42,8 @@ class Cause(Enum):
     STUCK = "stuck"
     MISSING = "missing"
     UNLIKE = "unlike"
+    LEANING = "leaning"
+    FALSE_SLIPS = "false slips"
     NO_GRAVITY = "no gravity"
     IN_G = "in g"
     IN_MILLI_G = "in mg"
@@ -70,11 +72,11 @@ class AidNames:
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class AidFinding:
     """One finding about an aid.
 
     `since_s` and `until_s` [s] after the first scan; None: from the beginning, to the end. `value` is the factor, bias
-    [rad/s], delay [s] or jump [m] by which the aid is off, with its `sigma`. `gain_m` [m]: what the correction moves the
+    [rad/s], delay [s], lever or jump [m] by which the aid is off, with its `sigma` (a turn for jumps [rad], mounts [deg]). `gain_m` [m]: what the correction moves the
     map by, where that is known. `count` messages are concerned. `advice` is an option that confirms the correction.
     """
 
@@ -105,11 +107,11 @@ class Finding:
         }
 
 
-def finding_from_break(found: Break) -> Finding:
+def finding_from_break(found: Break) -> AidFinding:
     """Return the finding about broken steps of wheel odometry."""
     cause = {BreakKind.MESSAGES: Cause.WILD, BreakKind.RESTART: Cause.RESTART, BreakKind.JUMP: Cause.JUMP}[found.kind]
     state = State.LEFT_OUT if cause is Cause.WILD else State.CORRECTED
-    return Finding(
+    return AidFinding(
         Part.WHEELS,
         state,
         cause,
@@ -126,35 +128,56 @@ def name_of(part: Part, names: AidNames) -> str:
     return {Part.LIDAR: names.lidar, Part.GYRO: names.imu, Part.GRAVITY: names.imu}.get(part, names.wheels)
 
 
-def sentence(finding: Finding, names: AidNames) -> str:
+def sentence(finding: AidFinding, names: AidNames) -> str:
     """Return a finding as one sentence that names the topic, what is wrong, since when, and what follows."""
-    name = name_of(finding.part, names)
+    return f"{name_of(finding.part, names)}: {clause(finding)}{_advice(finding)}"
+
+
+def clause(finding: AidFinding) -> str:
+    """Return a finding without the topic: what is wrong with it, since when, and what follows."""
     if finding.cause in (Cause.WILD, Cause.RESTART, Cause.JUMP):
-        return _broken(finding, name)
-    return f"{name}: {_wrong(finding)}: {_follows(finding)}, {_when(finding)}{_advice(finding)}"
+        return _broken(finding)
+    return f"{_wrong(finding)}: {_follows(finding)}, {_when(finding)}"
 
 
-def _broken(finding: Finding, name: str) -> str:
-    at, far = finding.since_s or 0.0, _distance(finding.value, finding.sigma)
+def remedy(finding: AidFinding) -> str:
+    """Return what the user can do about the cause."""
+    if finding.advice:
+        return finding.advice
+    if finding.part is Part.LIDAR:
+        return "check the lidar's mount, and its angles"
+    if finding.part in (Part.GYRO, Part.GRAVITY):
+        if finding.cause in (Cause.LEANING, Cause.ON_EDGE, Cause.UPSIDE_DOWN, Cause.OTHER_WAY):
+            return "give the IMU's mount on /tf_static"
+        return "check the IMU's driver; --imu none leaves it out from the start"
+    return "check the wheels' driver; --odom none leaves it out from the start"
+
+
+def _broken(finding: AidFinding) -> str:
+    at, far = max(finding.since_s or 0.0, 0.0), _distance(finding.value, finding.sigma)
     if finding.cause is Cause.WILD:
         until = finding.until_s or at
         times = f"at {at:.1f} s" if until - at < 0.15 else f"from {at:.1f} to {until:.1f} s"
         count = "one message" if finding.count <= 1 else f"{finding.count} messages"
-        return f"{name}: {count} {times} {'is' if finding.count <= 1 else 'are'} {far} off, and left out"
+        return f"{count} {times} {'is' if finding.count <= 1 else 'are'} {far} off, and left out"
     what = f"begins anew at zero, {far} away," if finding.cause is Cause.RESTART else f"jumps by {far}"
-    return f"{name}: it {what} at {at:.1f} s: that is no motion, and is bridged by its speeds and the scans"
+    return f"it {what} at {at:.1f} s: that is no motion, and is bridged by its speeds and the scans"
 
 
 def _distance(metres: float, radians: float) -> str:
     turn = f"{radians * 57.29578:.0f} degrees"
     if metres < 0.2:
         return turn
+    if metres >= 1e9:
+        return "more than a million km"
     return f"{metres / 1000:.0f} km" if metres >= 10_000 else f"{metres:.0f} m" if metres >= 20 else f"{metres:.1f} m"
 
 
-def _wrong(finding: Finding) -> str:
+def _wrong(finding: AidFinding) -> str:
     """Return what is wrong with a part, as a clause."""
     value, part = finding.value, finding.part.value
+    if finding.part is Part.GRAVITY and finding.cause is Cause.SCALE:
+        return f"the {part} is {9.80665 * value:.2f} at rest instead of 9.81 m/s^2"
     if finding.part is Part.LIDAR:
         return _wrong_lidar(finding)
     clauses = {
@@ -166,9 +189,11 @@ def _wrong(finding: Finding) -> str:
         Cause.DELAY: f"the stamps are {abs(value):.2f} s {'late' if value > 0 else 'early'} against the scans",
         Cause.NOTHING: f"the {part} stand still while the scans move",
         Cause.STUCK: f"the {part} are stuck at one value",
-        Cause.MISSING: f"the {part} are missing",
+        Cause.MISSING: "there are no messages while the scans move",
         Cause.UNLIKE: f"the {part} do not follow the scans",
         Cause.NO_GRAVITY: f"gravity is missing (mean {9.80665 * value:.2f} m/s^2 instead of 9.81)",
+        Cause.FALSE_SLIPS: f"the {part} shows slips of the wheels, {value:.1f} m in all, where the scans show none",
+        Cause.LEANING: f"gravity is {value:.0f} degrees from upright, as where the IMU is not mounted level",
         Cause.IN_G: f"the {part} is {9.80665 * value:.2f} at rest instead of 9.81 m/s^2, as in g",
         Cause.IN_MILLI_G: f"the {part} is {9.80665 * value:.0f} at rest instead of 9.81 m/s^2, as in thousandths of g",
         Cause.IN_CENTIMETRES: f"the {part} is {9.80665 * value:.0f} at rest instead of 9.81 m/s^2, as in cm/s^2",
@@ -190,7 +215,7 @@ def _factor(value: float) -> str:
     return f"{abs(value):.0f}" if abs(value) >= 100.0 else f"{abs(value):.3g}"
 
 
-def _wrong_lidar(finding: Finding) -> str:
+def _wrong_lidar(finding: AidFinding) -> str:
     clauses = {
         Cause.MIRRORED: "the scans turn against wheels and IMU, as where it hangs upside down",
         Cause.MIRRORED_OR_WHEELS: (
@@ -199,25 +224,27 @@ def _wrong_lidar(finding: Finding) -> str:
         ),
         Cause.SCALE: f"its scans turn {finding.value:.2f} times as far as wheels and IMU, which agree with each other",
         Cause.MOUNT: f"its mount is not as told (the scans disagree with the odometry by "
-        f"{finding.sigma:.0f} degrees in the direction of travel, {finding.value:.2f} m a step)",
+        f"{abs(finding.sigma):.0f} degrees in the direction of travel and by {finding.value:.2f} m in turns)",
     }
     return clauses[finding.cause]
 
 
-def _follows(finding: Finding) -> str:
+def _follows(finding: AidFinding) -> str:
     if finding.state is State.LEFT_OUT:
+        if finding.cause is Cause.MISSING:
+            return "the scans stand in for them"
         return "the turn rates are used, the tilt is not" if finding.part is Part.GRAVITY else "left out"
     if finding.gain_m is not None:
         return f"corrected, which moves the map by up to {finding.gain_m:.2f} m"
     return "corrected"
 
 
-def _when(finding: Finding) -> str:
+def _when(finding: AidFinding) -> str:
     if finding.since_s is None and finding.until_s is None:
         return "for the whole recording"
     since = "from the beginning" if finding.since_s is None else f"since {finding.since_s:.0f} s"
     return since if finding.until_s is None else f"{since} until {finding.until_s:.0f} s"
 
 
-def _advice(finding: Finding) -> str:
+def _advice(finding: AidFinding) -> str:
     return f". {finding.advice}" if finding.advice else ""

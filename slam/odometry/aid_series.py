@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,6 +10,7 @@ from waychair.geometry import compose, invert, wrap_angles
 from waychair.types import BoolArray, FloatArray
 
 _FASTEST = 4000.0  # in any unit; a greater rate or speed is a wild value
+_LEAST_MISSING_S = 2.0  # wheels that are silent for longer while the chair moves are missing
 _LONGEST_GAP_S = 0.3
 """s; over a longer gap between IMU samples the turn is unknown."""
 
@@ -21,6 +22,19 @@ class WheelSeries:
     times: FloatArray
     poses: FloatArray
     speeds: FloatArray
+    read: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Times (K,) [s] of readings that are not interpolated."""
+
+    def missing(self, intervals: FloatArray) -> BoolArray:
+        """Return which intervals (N, 2) [s] lie in gaps of the readings."""
+        gaps = np.diff(self.read)
+        long = gaps > max(_LEAST_MISSING_S, 10.0 * float(np.median(gaps))) if len(gaps) else np.zeros(0, np.bool_)
+        begin, end = self.read[:-1][long], self.read[1:][long]
+        if len(gaps):
+            begin, end = np.append(begin, self.read[-1] + _LEAST_MISSING_S), np.append(end, np.inf)
+        middle = intervals.mean(axis=1)[:, None]
+        found: BoolArray = ((middle > begin) & (middle < end)).any(axis=1)
+        return found
 
     def motions(self, intervals: FloatArray, delay_s: float = 0.0) -> FloatArray:
         """Return the motions (N, 3) of the base over intervals (N, 2) [s], whose stamps are `delay_s` late.

@@ -137,12 +137,16 @@ def stretches(found: Agreement, spans: Windows) -> list[tuple[int, int]]:
 
 
 def grown(run: tuple[int, int], found: Agreement) -> tuple[int, int]:
-    """Return the stretch with the windows before and after it that tell nothing for the aid."""
+    """Return the stretch with the windows before and after it that tell nothing for the aid.
+
+    One window that agrees beside one that does not may do so by chance.
+    """
     first, last = run
     telling = ~found.bad & (found.weight >= _TELLING)
-    while first > 0 and not telling[first - 1]:
+    bad = np.concatenate([found.bad, [False, False]])  # also at -1 and -2
+    while first > 0 and (not telling[first - 1] or bad[first - 2]):
         first -= 1
-    while last + 1 < len(telling) and not telling[last + 1]:
+    while last + 1 < len(telling) and (not telling[last + 1] or bad[last + 2]):
         last += 1
     return first, last
 

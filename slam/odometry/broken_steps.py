@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from waychair.geometry import arcs, compose, invert, wrap_angles
 from waychair.types import BoolArray, FloatArray, IntArray
@@ -19,7 +20,7 @@ from waychair.types import BoolArray, FloatArray, IntArray
 FASTEST, FASTEST_TURN = 5.0, 6.0
 """Greatest speed [m/s] and turn rate [rad/s] of a step; a chair drives at up to 2.8 m/s and turns at up to 2 rad/s."""
 
-_UNITS = 4.0  # a step may be so many times as fast as the fast steps of the same recording, in any unit
+_USUAL = 0.5  # [m/s]; fast steps of a recording that is not in metres stand for so much
 _SLACK, _SLACK_TURN = 0.25, 0.35  # [m, rad]; a step may contradict its own twist by so much,
 _GROWTH, _GROWTH_TURN = 1.0, 1.5  # [m/s, rad/s]; and by so much more per second
 _TWIST_FITS = 0.3  # a twist is used whose median error is below this share of the motion
@@ -28,6 +29,7 @@ _NEIGHBOURS = 4  # steps on either side that tell the speed where no twist does
 _ON_LINE = 1e-6  # [m, rad]; a reading this near the line between its neighbours was interpolated
 _ORIGIN, _ORIGIN_TURN = 0.3, 0.2  # [m, rad]; a counter that begins anew begins this near zero
 _LONGEST_S = 1.0  # a chair goes on as before for so long
+_FEW = 3  # readings before or after a break at either end of the recording that are wild ones
 _JITTER_S = 0.2  # stamps of two readings may be nearer than the readings were by so much
 
 
@@ -120,14 +122,14 @@ class _Steps:
         told = 0.5 * (speeds[:-1] + speeds[1:])
         way = np.hypot(motions[:, 0], motions[:, 1])
         moving = way / seconds > 0.02
-        quick = float(np.quantile((way / seconds)[moving], 0.9)) if moving.any() else 0.0
+        quick = float(np.quantile((way / seconds)[moving], 0.75)) if moving.any() else 0.0
         fits = _fits(told[:, 0] * seconds, motions[:, 0], 0.01 * seconds) and _fits(
             told[:, 1] * seconds, motions[:, 2], 0.02 * seconds
         )
         rates = told if fits else _neighbouring(motions, seconds)
         lasting = np.minimum(seconds, _LONGEST_S)
         expected = arcs(rates[:, 0] * lasting, rates[:, 1] * lasting)
-        return _Steps(times, seconds, motions, expected, max(1.0, _UNITS * quick / FASTEST))
+        return _Steps(times, seconds, motions, expected, quick / _USUAL if quick > FASTEST else 1.0)
 
     def broken(self) -> BoolArray:
         """Return which steps (N,) are no motion of a chair."""
@@ -153,10 +155,9 @@ def _fits(told: FloatArray, moved: FloatArray, least: FloatArray) -> bool:
 def _neighbouring(motions: FloatArray, seconds: FloatArray) -> FloatArray:
     """Return the median speed and turn rate (N, 2) of the steps around each."""
     rates = np.stack([motions[:, 0] / seconds, motions[:, 2] / seconds], axis=1)
-    found = np.empty_like(rates)
-    for k in range(len(rates)):
-        around = np.r_[max(0, k - _NEIGHBOURS) : k, k + 1 : min(len(rates), k + 1 + _NEIGHBOURS)]
-        found[k] = np.median(rates[around], axis=0) if len(around) else 0.0
+    padded = np.pad(rates, ((_NEIGHBOURS, _NEIGHBOURS), (0, 0)), mode="reflect")
+    around = sliding_window_view(padded, 2 * _NEIGHBOURS + 1, axis=0)
+    found: FloatArray = np.median(np.delete(around, _NEIGHBOURS, axis=2), axis=2)
     return found
 
 
@@ -193,17 +194,30 @@ def _breaks(track: Track, corners: IntArray, steps: _Steps, broken: BoolArray, p
             groups.append([k, k])
     found = []
     for first, last in groups:
-        worst = max(range(first, last + 2), key=lambda k: _off(told, true, first, k)[0])
+        worst = max(range(first, last + 2), key=lambda k: _size(*_off(told, true, first, k), steps.unit))
         metres, radians = _off(told, true, first, worst)
-        end = told[last + 1]
-        if last > first and _returns(told, true, first, last, steps.unit):
+        end, begin_s, end_s = told[last + 1], float(steps.times[first + 1]), float(steps.times[last + 1])
+        between = range(int(corners[first]) + 1, int(corners[last + 1]))
+        if last < _FEW <= len(told) - last - 1:
+            kind, begin_s, end_s, between = (
+                BreakKind.MESSAGES,
+                float(steps.times[0]),
+                float(steps.times[last]),
+                range(int(corners[last]) + 1),
+            )
+            metres, radians = _off(told, true, 0, last + 1)
+        elif first >= len(told) - 1 - _FEW > _FEW:
+            kind, end_s, between = (
+                BreakKind.MESSAGES,
+                float(steps.times[-1]),
+                range(int(corners[first]) + 1, len(track.times)),
+            )
+        elif last > first and _returns(told, true, first, last, steps.unit):
             kind = BreakKind.MESSAGES
         elif math.hypot(end[0], end[1]) < _ORIGIN * steps.unit and abs(end[2]) < _ORIGIN_TURN:
             kind = BreakKind.RESTART
         else:
             kind, (metres, radians) = BreakKind.JUMP, _off(told, true, first, last + 1)
-        begin_s, end_s = float(steps.times[first + 1]), float(steps.times[last + 1])
-        between = range(int(corners[first]) + 1, int(corners[last + 1]))
         count = sum(not track.between[index] for index in between)
         found.append(Break(kind, begin_s, end_s, metres, radians, count))
     return tuple(found)
@@ -213,6 +227,10 @@ def _off(told: FloatArray, true: FloatArray, begin: int, end: int) -> tuple[floa
     """Return how far [m] and [rad] the told motion between two corners is from the true one."""
     gap = compose(invert(compose(invert(true[begin]), true[end])), compose(invert(told[begin]), told[end]))
     return float(math.hypot(gap[0], gap[1])), float(abs(gap[2]))
+
+
+def _size(metres: float, radians: float, unit: float) -> float:
+    return metres / unit + radians
 
 
 def _returns(told: FloatArray, true: FloatArray, first: int, last: int, unit: float) -> bool:

@@ -1,4 +1,4 @@
-"""Check of an IMU: its gyro against the scans' turns, its accelerometer against gravity."""
+"""Check of an IMU's gyro against the turns of the scans."""
 
 from __future__ import annotations
 
@@ -14,22 +14,21 @@ from waychair.slam.odometry.aid_evidence import (
     GOOD,
     LEAST_CORRELATION,
     LEAST_DELAY_S,
-    SNAP,
+    NEAR,
     Evidence,
     Run,
     delay_of,
-    snapped,
+    factors,
     unlike,
 )
 from waychair.slam.odometry.aid_findings import Cause, Part, State
 from waychair.slam.odometry.aid_series import ImuSeries, correlation, robust_slope
-from waychair.slam.odometry.aid_windows import Agreement, turn_agreement
-from waychair.types import FloatArray
+from waychair.slam.odometry.aid_windows import turn_agreement
+from waychair.types import BoolArray, FloatArray
 
-GRAVITY = 9.80665
 _UP = np.array([0.0, 0.0, 1.0])
-_UPRIGHT = math.cos(math.radians(20.0))  # a chair does not lean further
-_FORCE_OFF = 1.5  # [m/s^2]; the mean force may differ from gravity by this
+_CLEAR, _GAIN = 0.97, 0.03  # correlation that needs no delay, and gain of one that does
+_FINER_S = np.arange(-0.1, 0.11, 0.02)  # [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,48 +43,9 @@ class GyroUse:
     axis: FloatArray | None
     scale: float = 1.0
     bias: float = 0.0
+    sideways: tuple[float, float] = (0.0, 0.0)
+    """Bias [rad/s] of the rates about x and y, where that about z is wrong too."""
     delay_s: float = 0.0
-
-
-def check_force(evidence: Evidence, imu: ImuSeries | None) -> float:
-    """Return the factor of the accelerometer; 0 to leave it out."""
-    if imu is None or len(imu.times) < 10:
-        return 1.0
-    force = np.median(imu.accel, axis=0)
-    size = float(np.linalg.norm(force))
-    upright = size > 0.0 and force[2] / size >= _UPRIGHT
-    if upright and abs(size - GRAVITY) <= _FORCE_OFF:
-        return _check_force_over_time(evidence, imu)
-    if upright:
-        for factor, cause in ((1.0, Cause.IN_G), (1000.0, Cause.IN_MILLI_G), (100.0 * GRAVITY, Cause.IN_CENTIMETRES)):
-            if abs(size / factor - 1.0) < 0.12:
-                evidence.add(Part.GRAVITY, State.CORRECTED, cause, None, value=factor / GRAVITY)
-                return GRAVITY / factor
-    if size < 0.5:
-        cause = Cause.NO_GRAVITY
-    elif abs(force[2]) / size >= _UPRIGHT:
-        cause = Cause.UPSIDE_DOWN if force[2] < 0.0 else Cause.SCALE
-    else:
-        cause = Cause.ON_EDGE
-    evidence.add(Part.GRAVITY, State.LEFT_OUT, cause, None, value=size / GRAVITY)
-    return 0.0
-
-
-def _check_force_over_time(evidence: Evidence, imu: ImuSeries) -> float:
-    """Leave the accelerometer out if gravity is lost for some time in the middle."""
-    starts = evidence.spans.starts
-    bounds = np.stack([evidence.spans.times[starts[:-1], 0], evidence.spans.times[starts[1:] - 1, 1]], axis=1)
-    mean = imu.forces(bounds)
-    size = np.linalg.norm(mean, axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        bad = np.isfinite(size) & ((np.abs(size - GRAVITY) > 2.0 * _FORCE_OFF) | (mean[:, 2] < _UPRIGHT * size))
-    seconds = bounds[:, 1] - bounds[:, 0]
-    runs = evidence.runs(Agreement(bad, seconds))
-    for run in runs:
-        evidence.add(
-            Part.GRAVITY, State.LEFT_OUT, Cause.NO_GRAVITY, run, value=float(np.nanmedian(size[bad])) / GRAVITY
-        )
-    return 0.0 if runs else 1.0
 
 
 def check_gyro(evidence: Evidence, imu: ImuSeries) -> tuple[GyroUse, ...]:
@@ -116,8 +76,14 @@ def _fitted_gyro(evidence: Evidence, imu: ImuSeries, run: Run) -> GyroUse:
     known = evidence.known_turn & run.inside
     told = imu.turns(evidence.scans.intervals, _UP)[known]
     size, true = float(np.nansum(np.abs(told))), float(np.abs(evidence.turns[known]).sum())
-    evidence.add(Part.GYRO, State.LEFT_OUT, unlike(told, size, true), run, value=size / max(true, 1e-9))
-    return GyroUse(*_bounds(run), None)
+    evidence.add(
+        Part.GYRO,
+        State.LEFT_OUT,
+        unlike(told / evidence.scans.seconds[known], size, true),
+        run,
+        value=size / max(true, 1e-9),
+    )
+    return GyroUse(*run.around, None)
 
 
 def _bounds(run: Run) -> tuple[float, float]:
@@ -126,42 +92,56 @@ def _bounds(run: Run) -> tuple[float, float]:
 
 def _corrected_gyro(evidence: Evidence, imu: ImuSeries, run: Run) -> GyroUse | None:
     """Return the correction by which the gyro agrees with the scans in a stretch, and note it; None without one."""
-    scans = evidence.scans
-    known = evidence.known_turn & run.inside
-    best = LEAST_CORRELATION
-    use: tuple[FloatArray, float, FloatArray] | None = None
-    for delay in (0.0, *DELAYS_S):
-        for axis in np.eye(3):
-            turns = imu.turns(scans.intervals, axis, delay)
-            value = correlation(turns, evidence.turns, known)
-            if abs(value) > best + (0.0 if delay == 0.0 else 0.03):
-                best, use = abs(value), (axis, float(delay), turns)
-        if use is not None and delay == 0.0 and best > 0.97:
-            break
-    if use is not None:
-        axis, delay, turns = use
-        usable = known & np.isfinite(turns)
-        solution, sigma = robust_slope(turns[usable], evidence.turns[usable], scans.seconds[usable, None])
-        scale, bias = snapped(float(solution[0]), float(sigma[0])), float(solution[1]) / float(solution[0])
-        corrected = turns / scale - bias * scans.seconds
-        after = turn_agreement(evidence.spans, corrected, evidence.turns, known)
-        if after.share <= GOOD and not evidence.runs(after):
-            late = delay - 0.5 * scans.sweep_s if abs(delay) > 0.0 else 0.0
-            cause = _gyro_cause(axis, scale, bias, late)
-            told = late if cause is Cause.DELAY else bias if cause is Cause.BIAS else scale
+    scans, known = evidence.scans, evidence.known_turn & run.inside
+    found = _axis_and_delay(evidence, imu, known)
+    if found is None:
+        return None
+    axis, delay = found
+    turns = imu.turns(scans.intervals, axis, delay)
+    usable = known & np.isfinite(turns)
+    solution, sigma = robust_slope(turns[usable], evidence.turns[usable], scans.seconds[usable, None])
+    late = delay - 0.5 * scans.sweep_s if delay else 0.0
+    for scale in factors(float(solution[0]), float(sigma[0])):
+        bias = float(np.median((turns[usable] / scale - evidence.turns[usable]) / scans.seconds[usable]))
+        for offset in (0.0, bias):
+            after = turn_agreement(evidence.spans, turns / scale - offset * scans.seconds, evidence.turns, known)
+            if after.share > GOOD or evidence.runs(after):
+                continue
+            cause = _gyro_cause(axis, scale, late)
+            told = late if cause is Cause.DELAY else offset if cause is Cause.BIAS else scale
             evidence.add(Part.GYRO, State.CORRECTED, cause, run, value=told, sigma=float(sigma[0]))
-            return GyroUse(*_bounds(run), axis, scale, bias, late)
+            since, until = _bounds(run)
+            rates = imu.gyro[(imu.times > since) & (imu.times < until)] / scale
+            sideways = np.median(rates[:, :2], axis=0).tolist() if offset and len(rates) else (0.0, 0.0)
+            return GyroUse(since, until, axis, scale, offset, (sideways[0], sideways[1]), late)
     return None
 
 
-def _gyro_cause(axis: FloatArray, scale: float, bias: float, delay: float) -> Cause:
+def _axis_and_delay(evidence: Evidence, imu: ImuSeries, known: BoolArray) -> tuple[FloatArray, float] | None:
+    """Return the axis (3,) about which the IMU turns as the scans do, and the delay [s]; None where there is none."""
+
+    def agreed(axis: FloatArray, delay: float) -> float:
+        return abs(correlation(imu.turns(evidence.scans.intervals, axis, delay), evidence.turns, known))
+
+    axis = max(np.eye(3)[::-1], key=lambda axis: agreed(axis, 0.0))
+    now, delay = agreed(axis, 0.0), 0.0
+    if now <= _CLEAR:
+        tried = [(agreed(each, float(late)), float(late), each) for each in np.eye(3)[::-1] for late in DELAYS_S]
+        best, near, other = max(tried, key=lambda row: row[0])
+        if best > now + _GAIN:
+            axis, now = other, best
+            delay = max((near + late for late in _FINER_S), key=lambda late: agreed(axis, late))
+    return (axis, float(delay)) if now > LEAST_CORRELATION else None
+
+
+def _gyro_cause(axis: FloatArray, scale: float, delay: float) -> Cause:
     if axis[2] == 0.0:
         return Cause.ON_EDGE
     if abs(abs(scale) - DEGREES) < 1e-6:
         return Cause.DEGREES
     if scale < 0.0:
         return Cause.OTHER_WAY
-    if abs(scale - 1.0) > SNAP:
+    if abs(scale - 1.0) > NEAR:
         return Cause.SCALE
     return Cause.DELAY if abs(delay) >= LEAST_DELAY_S else Cause.BIAS
 

@@ -14,7 +14,7 @@ from waychair.slam.odometry.aid_evidence import (
     Evidence,
     Run,
     delay_of,
-    snapped,
+    factors,
     unlike,
 )
 from waychair.slam.odometry.aid_findings import Cause, Part, State
@@ -24,10 +24,13 @@ from waychair.types import BoolArray, FloatArray
 
 _LEAST_SCALE, _LEAST_GAIN = 0.015, 0.25  # wheels this wrong are corrected where it moves the map by so much [m]
 _SIGMAS = 4.0
+_LEAST_MOVED = 0.3  # [m] or [rad] of a chair whose wheels are silent
 _LEAST_INTERVALS = 5  # fewer tell no correction
 _LEAST_FACTOR = 1e-4  # ways that are smaller are none
 _LEAST_ANGLE = math.radians(10.0)  # ways that are turned by less are not
 _STANDS = 0.05  # share of the true way below which wheels stand still
+
+_Corrected = tuple[FloatArray, Cause, float]  # ways (N, 2), what was wrong with them, and by how much
 
 
 def check_wheels(
@@ -43,7 +46,9 @@ def check_wheels(
         base, driven = wheels.motions(scans.intervals, delay), wheels.driven(scans.intervals, delay)
         lost = ~np.isfinite(base[:, 2])
         base[lost] = told[lost]
-    used, filled, by_scans = base.copy(), scans.filled(), 0.0
+    filled, by_scans = scans.filled(), 0.0
+    silent = _without_gaps(evidence, wheels, base, filled)
+    used = base.copy()
     turn_runs = evidence.runs(evidence.turn(base[:, 2]))
     whole = _corrected_turns(evidence, base[:, 2], evidence.whole()) if turn_runs else None
     if whole is not None:
@@ -67,9 +72,27 @@ def check_wheels(
     if wrong_heading.any():
         inside = wrong_heading & ~np.any([run.inside for run in way_runs], axis=0) if way_runs else wrong_heading
         used[inside, :2] = ways[inside]
-    if turn_runs or way_runs or delay or whole is not None or whole_way is not None:
+    if silent or turn_runs or way_runs or delay or whole is not None or whole_way is not None:
         return used, by_scans
     return _scaled(evidence, base), 0.0
+
+
+def _without_gaps(evidence: Evidence, wheels: WheelSeries, motions: FloatArray, filled: FloatArray) -> bool:
+    """Put the motions of the scans into gaps of the readings in which the chair moves, and note the gaps."""
+    intervals, missing = evidence.scans.intervals, wheels.missing(evidence.scans.intervals)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int64), [0]])))
+    found = False
+    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        moved = np.abs(filled[first:end])
+        if moved[:, :2].sum() + moved[:, 2].sum() < _LEAST_MOVED:
+            continue
+        motions[first:end] = filled[first:end]
+        inside = np.zeros(len(missing), np.bool_)
+        inside[first:end] = True
+        run = Run(inside, float(intervals[first, 0]), float(intervals[end - 1, 1]))
+        evidence.add(Part.WHEELS, State.LEFT_OUT, Cause.MISSING, run)
+        found = True
+    return found
 
 
 def speeds_are_wrong(evidence: Evidence, motions: FloatArray, driven: FloatArray) -> bool:
@@ -98,7 +121,9 @@ def _fitted_turns(
         return corrected, True
     known, reference = evidence.known_turn & run.inside, evidence.turns
     size, true = float(np.nansum(np.abs(told[known]))), float(np.abs(reference[known]).sum())
-    evidence.add(Part.WHEEL_TURN, State.LEFT_OUT, unlike(told[known], size, true), run, value=size / max(true, 1e-9))
+    look = unlike(told[known] / evidence.scans.seconds[known], size, true)
+    look = Cause.UNLIKE if look is Cause.STUCK else look  # a heading that turns evenly is that of a wrong wheel
+    evidence.add(Part.WHEEL_TURN, State.LEFT_OUT, look, run, value=size / max(true, 1e-9))
     for other in (driven, gyro):
         if other is not None and turn_agreement(evidence.spans, other, reference, known).share <= GOOD:
             return np.where(np.isfinite(other), other, filled), False
@@ -111,13 +136,13 @@ def _corrected_turns(evidence: Evidence, told: FloatArray, run: Run) -> FloatArr
     if abs(correlation(told, reference, known)) <= LEAST_CORRELATION:
         return None
     solution, sigma = robust_slope(told[known], reference[known])
-    scale = snapped(float(solution[0]), float(sigma[0]))
-    after = turn_agreement(evidence.spans, told / scale, reference, known)
-    if after.share > GOOD or evidence.runs(after):
-        return None
-    cause = Cause.OTHER_WAY if scale < 0.0 else Cause.DEGREES if abs(scale - DEGREES) < 1e-6 else Cause.SCALE
-    evidence.add(Part.WHEEL_TURN, State.CORRECTED, cause, run, value=scale, sigma=float(sigma[0]))
-    return told / scale
+    for scale in factors(float(solution[0]), float(sigma[0])):
+        after = turn_agreement(evidence.spans, told / scale, reference, known)
+        if after.share <= GOOD and not evidence.runs(after):
+            cause = Cause.OTHER_WAY if scale < 0.0 else Cause.DEGREES if abs(scale - DEGREES) < 1e-6 else Cause.SCALE
+            evidence.add(Part.WHEEL_TURN, State.CORRECTED, cause, run, value=scale, sigma=float(sigma[0]))
+            return told / scale
+    return None
 
 
 def _lengths(told: FloatArray, driven: FloatArray) -> FloatArray:
@@ -158,40 +183,42 @@ def _corrected_ways(evidence: Evidence, wheels: WheelSeries, told: FloatArray, r
     if known.sum() < _LEAST_INTERVALS:
         return None
     for found, cause, value in (
-        _in_base(told, reference, known),
-        _in_odom(wheels, evidence, told, reference, known),
+        *_in_base(told, reference, known, run),
+        *_in_odom(wheels, evidence, told, reference, known),
     ):
-        after = None if found is None else way_agreement(evidence.spans, found, reference, known)
-        if after is not None and after.share <= GOOD and not evidence.runs(after):
+        after = way_agreement(evidence.spans, found, reference, known)
+        if after.share <= GOOD and not evidence.runs(after):
             evidence.add(Part.WHEEL_WAY, State.CORRECTED, cause, run, value=value)
             return found
     return None
 
 
-def _in_base(told: FloatArray, reference: FloatArray, known: BoolArray) -> tuple[FloatArray | None, Cause, float]:
+def _in_base(told: FloatArray, reference: FloatArray, known: BoolArray, run: Run) -> list[_Corrected]:
     """Return the ways corrected by a factor and a rotation in the base's axes."""
-    factor, angle = _similarity(told[known], reference[known], 1.0)
-    if factor < _LEAST_FACTOR:
-        return None, Cause.UNLIKE, factor
-    factor = snapped(factor, 0.0)
+    fitted, angle = _similarity(told[known], reference[known], 1.0)
+    if fitted < _LEAST_FACTOR:
+        return []
+    tried = factors(fitted, 0.0)
     if abs(angle) < _LEAST_ANGLE:
-        return told / factor, _unit_cause(factor), factor
+        return [(told / factor, _unit_cause(factor), factor) for factor in tried]
     if abs(abs(angle) - math.pi) < _LEAST_ANGLE:
-        return told / -factor, Cause.BACKWARD, factor
-    return _rotated(told, -angle) / factor, Cause.AXES, math.degrees(angle)
+        return [(told / -factor, Cause.BACKWARD, factor) for factor in tried]
+    if run.since_s is not None or run.until_s is not None:
+        return []  # axes do not change on the way: poses that drift look like that for a while
+    return [(_rotated(told, -angle) / factor, Cause.AXES, math.degrees(angle)) for factor in tried]
 
 
 def _in_odom(
     wheels: WheelSeries, evidence: Evidence, told: FloatArray, reference: FloatArray, known: BoolArray
-) -> tuple[FloatArray | None, Cause, float]:
+) -> list[_Corrected]:
     """Return the ways corrected by a reflection in the axes of odom, as where x and y are exchanged."""
     middle = np.interp(evidence.scans.intervals.mean(axis=1), wheels.times, np.unwrap(wheels.poses[:, 2]))
     in_odom = _rotated(told, middle)
-    factor, angle = _similarity(in_odom[known], _rotated(reference[known], middle[known]) * (1.0, -1.0), 1.0)
-    if factor < _LEAST_FACTOR:
-        return None, Cause.UNLIKE, factor
-    factor = snapped(factor, 0.0)
-    return _rotated(_rotated(in_odom, -angle) * (1.0, -1.0), -middle) / factor, Cause.EXCHANGED, factor
+    fitted, angle = _similarity(in_odom[known], _rotated(reference[known], middle[known]) * (1.0, -1.0), 1.0)
+    if fitted < _LEAST_FACTOR:
+        return []
+    mirrored = _rotated(_rotated(in_odom, -angle) * (1.0, -1.0), -middle)
+    return [(mirrored / factor, Cause.EXCHANGED, factor) for factor in factors(fitted, 0.0)]
 
 
 def _rotated(ways: FloatArray, angle: FloatArray | float) -> FloatArray:
@@ -218,7 +245,8 @@ def _scaled(evidence: Evidence, told: FloatArray) -> FloatArray | None:
     moving = known & (np.abs(evidence.scans.motions[:, 0]) > 0.03)
     if moving.sum() < 20:
         return None
-    solution, sigma = robust_slope(told[moving, 0], evidence.scans.motions[moving, 0])
+    turns = evidence.scans.motions[moving, 2:]  # a lidar beside the base drives another way in turns
+    solution, sigma = robust_slope(told[moving, 0], evidence.scans.motions[moving, 0], turns)
     factor, one_sigma = float(solution[0]), float(sigma[0])
     if abs(factor - 1.0) < max(_LEAST_SCALE, _SIGMAS * one_sigma) or factor < 0.5:
         return None

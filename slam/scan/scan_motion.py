@@ -50,18 +50,25 @@ class ScanMotions:
 
 
 def scan_motions(
-    scans: Sequence[Scan], base_from_laser: Pose2, range_max: float, progress: Callable[[float], None] | None = None
+    scans: Sequence[Scan],
+    base_from_laser: Pose2,
+    range_max: float,
+    progress: Callable[[float], None] | None = None,
+    wanted: BoolArray | None = None,
 ) -> ScanMotions:
     """Return the motions between neighbouring scans in the order of the recording, at most one in 0.09 s.
 
     Ranges beyond `range_max` [m] are left out, and so is a pair whose stamps step backwards or lie more than 2 s apart.
-    Both scans of a pair are corrected for the motion of the pair before, since the chair moves while the lidar sweeps.
+    Of a sample only the pairs of `wanted` (N,) scans are measured. Both scans of a pair are corrected for the motion of the pair before, since the chair moves while the lidar sweeps.
     """
     settings = MatchSettings(resolution=_RESOLUTION, range_max=range_max)
     rows: list[tuple[int, int, Match, bool]] = []
     last, twist = -1, Twist()
     for index, scan in enumerate(scans):
         apart = math.inf if last < 0 else (scan.stamp_ns - scans[last].stamp_ns) * 1e-9
+        if wanted is not None and not wanted[index]:
+            last = -1
+            continue
         if 0.0 <= apart < LEAST_APART_S:
             continue
         if 0.0 < apart <= LONGEST_APART_S:

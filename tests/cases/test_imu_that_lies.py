@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.cases.aided_drive import Imu, ImuFault, checked, error_of, looks, recorded
-from waychair.slam.odometry.aid_findings import AidNames, Cause, Finding, Part, State, sentence
+from waychair.slam.odometry.aid_findings import AidFinding, AidNames, Cause, Part, State, sentence
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.types import ImuSample, Odometry, Pose2, Twist
 
@@ -37,6 +37,18 @@ def on_edge(sound: Imu) -> Imu:
     return replace(sound, gyro=sound.gyro @ ON_SIDE.T, accel=sound.accel @ ON_SIDE.T)
 
 
+def leaning(sound: Imu) -> Imu:
+    """An IMU whose front is 8 degrees down, though the mount says level."""
+    c, s = math.cos(math.radians(8.0)), math.sin(math.radians(8.0))
+    turn = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
+    return replace(sound, gyro=sound.gyro @ turn, accel=sound.accel @ turn)
+
+
+def backward(sound: Imu) -> Imu:
+    """An IMU that looks backward, though the mount says forward."""
+    return replace(sound, gyro=sound.gyro * (-1, -1, 1), accel=sound.accel * (-1, -1, 1))
+
+
 def dead(sound: Imu) -> Imu:
     return replace(sound, gyro=0.0 * sound.gyro, accel=0.0 * sound.accel)
 
@@ -51,6 +63,8 @@ CASES: dict[str, tuple[ImuFault, tuple[Part, State, Cause]]] = {
     "on edge": (on_edge, (Part.GYRO, State.CORRECTED, Cause.ON_EDGE)),
     "zeros": (dead, (Part.GYRO, State.LEFT_OUT, Cause.NOTHING)),
     "no gravity": (without_gravity, (Part.GRAVITY, State.LEFT_OUT, Cause.NO_GRAVITY)),
+    "leaning": (leaning, (Part.GRAVITY, State.CORRECTED, Cause.LEANING)),
+    "backward": (backward, (Part.GRAVITY, State.LEFT_OUT, Cause.FALSE_SLIPS)),
     "in g": (lambda sound: replace(sound, accel=sound.accel / 9.80665), (Part.GRAVITY, State.CORRECTED, Cause.IN_G)),
     "bias": (lambda sound: replace(sound, gyro=sound.gyro + 0.3), (Part.GYRO, State.CORRECTED, Cause.BIAS)),
     "twice": (lambda sound: replace(sound, gyro=2.0 * sound.gyro), (Part.GYRO, State.CORRECTED, Cause.SCALE)),
@@ -93,13 +107,27 @@ def test_a_gyro_in_degrees_becomes_one_in_radians() -> None:
             assert sample.gyro[2] == pytest.approx(told.gyro[2], abs=0.02)
 
 
+def test_a_gyro_in_degrees_is_told_although_scans_blur_turns() -> None:
+    made, _ = recorded(imu=lambda sound: replace(sound, gyro=np.degrees(0.93 * sound.gyro)))
+    (finding,) = checked(made).findings
+    assert finding.cause is Cause.DEGREES
+    assert finding.value == pytest.approx(180.0 / math.pi)
+
+
+def test_gravity_that_is_lost_on_the_way_has_its_time() -> None:
+    made, _ = recorded(imu=lambda sound: since(14.0, without_gravity(sound), sound))
+    (finding,) = checked(made).findings
+    assert (finding.part, finding.cause) == (Part.GRAVITY, Cause.NO_GRAVITY)
+    assert finding.since_s == pytest.approx(14.0, abs=3.0)
+
+
 def test_without_wheels_a_sound_imu_is_joined_by_the_ways_of_the_scans() -> None:
     recording, truth = recorded(None, imu=lambda sound: sound)
     assert error_of(recording, truth)[0] < GOOD
 
 
 def test_the_sentence_names_the_topic_the_fault_the_consequence_and_the_time() -> None:
-    finding = Finding(Part.GYRO, State.CORRECTED, Cause.DEGREES, since_s=31.6, value=57.29578)
+    finding = AidFinding(Part.GYRO, State.CORRECTED, Cause.DEGREES, since_s=31.6, value=57.29578)
     assert sentence(finding, AidNames("/scan", "/odom", "/imu/data")) == (
         "/imu/data: the turn rates are 57.3 times too large, as in degrees: corrected, since 32 s"
     )
