@@ -23,6 +23,7 @@ from evaluation.figures.driving import (
 )
 from evaluation.figures.mapping import (
     appearance,
+    corruptions,
     depth_grid,
     floors,
     kidnap,
@@ -59,6 +60,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "growth": mapping.growth,
     "live_grid": live_grid.live_grid,
     "carried": mapping.carried,
+    "corruptions": corruptions.corruptions,
     "kidnap": kidnap.fr079,
     "kidnap_simulated": kidnap.simulated,
     "posegraphs": posegraphs.posegraphs,
