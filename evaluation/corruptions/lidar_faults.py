@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from evaluation.corruptions.fault import faults_of, messages_fault
-from evaluation.corruptions.messages import SCAN, SECOND, Event, Messages, change, set_stamp, stamp_of
-from evaluation.corruptions.sound_drive import PERIOD_S, REACH_M
+from evaluation.corruptions.messages import SCAN, Event, Messages, change, set_stamp, stamp_of
+from evaluation.corruptions.sound_drive import PERIOD_S, REACH_M, SECOND
 
 Rng = np.random.Generator
 _CODE = "code|nothing|share|same value|range_max"
@@ -16,7 +16,7 @@ _UNIT = "unit|millimet|mm|cm|centimet|metre|scale|times|range|corrected"
 _ANGLE = "angle|degree|increment|beams|turn"
 _LIMIT = "range_min|range_max|limit|exchanged|contradict"
 _SWEEP = "time_increment|sweep|scan_time|point"
-_STAMP = "stamp|time|clock|order|set back|same"
+_STAMP = "stamp|clock|order|set back|same"
 _SIZE = "size|beams|count|length|empty|left out|damaged|usable|odd|no distance"
 
 
@@ -270,9 +270,7 @@ def cloud_times_are_wrong(messages: Messages, rng: Rng) -> None:
     which = int(rng.integers(4))
     for event in messages.of("/cloud"):
         table = event.body.data.view("<f4").reshape(-1, 4).copy()
-        table[:, 3] = (
-            [1e9, 1e3, -1.0, 0.0][which] * table[:, 3] if which != 2 else table[:, 3] - np.float32(PERIOD_S)
-        )
+        table[:, 3] = [1e9, 1e3, -1.0, 0.0][which] * table[:, 3] if which != 2 else table[:, 3] - np.float32(PERIOD_S)
         event.body.data = table.reshape(-1).view(np.uint8)
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import copy
 import math
+import pickle
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache, reduce
 from pathlib import Path
 from typing import Any, Literal
@@ -47,7 +47,11 @@ class Messages:
 
     ros: Literal[1, 2]
     events: list[Event]
-    stores: dict[int, Any] = field(default_factory=lambda: _STORES)
+
+    @property
+    def store(self) -> Any:
+        """Return the types of messages of this version of ROS."""
+        return _STORES[self.ros]
 
     def of(self, topic: str) -> list[Event]:
         """Return the messages of a topic, in the order of recording."""
@@ -55,7 +59,7 @@ class Messages:
 
     def make(self, kind: str, *fields: Any) -> Any:
         """Return a message of a kind."""
-        return self.stores[self.ros].types[kind](*fields)
+        return self.store.types[kind](*fields)
 
     def remove(self, gone: Iterable[Event]) -> None:
         """Take messages out."""
@@ -70,7 +74,8 @@ class Messages:
 
 def sound_messages(ros: Literal[1, 2], *, clouds: bool = False) -> Messages:
     """Return the messages of the sound drive, whose scans are LaserScans or, as `clouds`, flat PointCloud2s."""
-    return copy.deepcopy(_sound(ros, clouds))
+    messages: Messages = pickle.loads(_packed(ros, clouds))
+    return messages
 
 
 def stamp_of(body: Any) -> int:
@@ -111,7 +116,7 @@ def yaw_of(body: Any) -> float:
 
 def write_messages(path: Path, messages: Messages, storage: Storage) -> None:
     """Write a bag: a folder with metadata.yaml of mcap or db3, or a ROS 1 file."""
-    store = messages.stores[messages.ros]
+    store = messages.store
     writer: Any
     if storage == "bag":
         writer = Writer1(path)
@@ -125,12 +130,18 @@ def write_messages(path: Path, messages: Messages, storage: Storage) -> None:
             if (event.topic, kind) not in connections:
                 connections[event.topic, kind] = writer.add_connection(event.topic, kind, typestore=store)
             own = event.body.__msgtype__
-            packed = store.serialize_ros1(event.body, own) if messages.ros == 1 else store.serialize_cdr(event.body, own)
+            packed = (
+                store.serialize_ros1(event.body, own) if messages.ros == 1 else store.serialize_cdr(event.body, own)
+            )
             data = bytes(packed) if event.raw is None else event.raw(bytes(packed))
             writer.write(connections[event.topic, kind], event.log_ns, data)
 
 
 @cache
+def _packed(ros: Literal[1, 2], clouds: bool) -> bytes:
+    return pickle.dumps(_sound(ros, clouds))
+
+
 def _sound(ros: Literal[1, 2], clouds: bool) -> Messages:
     messages = Messages(ros, [])
     drive = sound_drive()

@@ -13,7 +13,7 @@ from evaluation.corruptions.fault import faults_of, file_fault
 from waychair.recordings.rgbd_folders import TUM_DEPTH_SCALE
 
 Rng = np.random.Generator
-PAIRS, FIRST = 40, 60
+PAIRS, FIRST = 12, 60
 """Number of pairs of the recording that are taken, from which on."""
 _LISTS = "associations.txt"
 _LINE = "line|list|pair|left out|none|stamp|associations|placed|missing|later"
@@ -170,8 +170,8 @@ def camera_is_another(path: Path, rng: Rng) -> Path:
 @file_fault(5, "pictures", _PICTURES + "|same|stamp|later", "pictures")
 def pictures_repeat(path: Path, rng: Rng) -> Path:
     files = sorted((path / "rgb").iterdir())
-    first = int(rng.integers(5, len(files) - 12))
-    for k in range(first + 1, first + int(rng.integers(3, 11))):
+    first = int(rng.integers(1, len(files) - 5))
+    for k in range(first + 1, first + int(rng.integers(2, 5))):
         shutil.copyfile(files[first], files[k])
     return path
 

@@ -75,10 +75,11 @@ def sound_drive(beams: int = 180, view: float = math.tau) -> SoundDrive:
     def at(seconds: FloatArray) -> FloatArray:
         return np.stack([np.interp(seconds, times, column) for column in truth.T], axis=1)
 
-    scan_times = np.arange(0.05, times[-1] - PERIOD_S, PERIOD_S)
+    end = float(times[-1])
+    scan_times = np.arange(0.05, end - PERIOD_S, PERIOD_S)
     later, angles = PERIOD_S / beams * np.arange(beams), first + step * np.arange(beams)
-    scans = np.array([_ranges(at(begin + later), angles, rng) for begin in scan_times])
-    wheel_times, imu_times = np.arange(0.0, times[-1], _WHEELS_S), np.arange(0.0, times[-1], _IMU_S)
+    scans = np.array([_ranges(at(begin + later), angles, rng) for begin in scan_times.tolist()])
+    wheel_times, imu_times = np.arange(0.0, end, _WHEELS_S), np.arange(0.0, end, _IMU_S)
     poses, speeds = _wheels(at(wheel_times), rng)
     gyro, accel = _imu(at(imu_times), rng)
     return SoundDrive(

@@ -29,7 +29,7 @@ _PARTS: dict[Part, str] = {
     "imu": r"/imu|\bIMU\b|gyro|inertial|gravity",
     "lidar": r"/scan|/cloud|lidar|laser|\bscans?\b|beam|ranges?\b|cloud",
     "mount": r"mount|base-from-laser|connect|/tf|upside|laser '",
-    "clock": r"stamp|clock|\btimes?\b|recorded",
+    "clock": r"stamp|clock|times? of recording|recorded",
     "file": r"file|bag|metadata|damage|\bparts?\b|folder|recording|drive",
     "log": r"line|log|stamp",
     "pictures": r"picture|pair|depth|\blist|camera|associations|stamp",

@@ -99,7 +99,7 @@ def _be_the_command(arguments: list[str], limit_s: float, output: int) -> None:
         code = 0
     except SystemExit as end:
         code = end.code if isinstance(end.code, int) else int(bool(end.code))
-    except BaseException:
+    except BaseException:  # noqa: BLE001  # it is printed, and ends this process
         import traceback
 
         traceback.print_exc()

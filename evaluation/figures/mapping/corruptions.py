@@ -38,7 +38,7 @@ def corruptions(out: Path) -> Json:
     `CORRUPTIONS_RUNS=30` takes a sample, `CORRUPTIONS_FIRST=60` begins at another seed, and `CORRUPTIONS_FAULTS=log_`
     takes those seeds only whose fault's name contains the text.
     """
-    count, first = int(os.environ.get("CORRUPTIONS_RUNS", RUNS)), int(os.environ.get("CORRUPTIONS_FIRST", 0))
+    count, first = int(os.environ.get("CORRUPTIONS_RUNS", str(RUNS))), int(os.environ.get("CORRUPTIONS_FIRST", "0"))
     named = os.environ.get("CORRUPTIONS_FAULTS", "")
     pictures = pictures_in(DATA)
     seeds = [k for k in range(first, first + count) if named in fault_of(k, pictures).name]
@@ -62,7 +62,9 @@ class _Bench:
             folder = self.folder / f"sound_{name}"
             folder.mkdir()
             path = sound(name, folder, self.pictures)
-            runs = [self.runner.run(["map", str(path), "--out", str(folder / f"map_{k}")], 60.0) for k in range(_SOUND_RUNS)]
+            runs = [
+                self.runner.run(["map", str(path), "--out", str(folder / f"map_{k}")], 60.0) for k in range(_SOUND_RUNS)
+            ]
             cpu, memory = (median(getattr(run, what) for run in runs) for what in ("cpu_s", "memory_mb"))
             run = Run(runs[0].status, runs[0].text, cpu, runs[0].wall_s, memory)
             self.sound_runs[name] = (run, sentences_of(run.text))
@@ -93,7 +95,11 @@ def _kept_or_run(seed: int, bench: _Bench) -> Judged:
 
         write_bytes(path, pickle.dumps(row))
     told = " | ".join(row.sentences)
-    print(f"{seed} {row.fault}: {row.verdict} {row.rmse_m} m, {row.time_times} x: {told[:300]}", file=sys.stderr, flush=True)
+    print(
+        f"{seed} {row.fault}: {row.verdict} {row.rmse_m} m, {row.time_times} x: {told[:300]}",
+        file=sys.stderr,
+        flush=True,
+    )
     return row
 
 
@@ -136,5 +142,3 @@ def _print_table(kinds: dict[str, dict[str, int]], counts: Counter[Verdict]) -> 
     print(f"{'':24}" + "".join(f"{verdict:>13}" for verdict in Verdict))
     for name, own in (*kinds.items(), ("all", {str(verdict): count for verdict, count in counts.items()})):
         print(f"{name:24}" + "".join(f"{own.get(str(verdict), 0):13}" for verdict in Verdict))
-
-
