@@ -17,7 +17,7 @@ from evaluation.corruptions.file_faults import FILE_FAULTS
 from evaluation.corruptions.imu_faults import IMU_FAULTS
 from evaluation.corruptions.lidar_faults import LIDAR_FAULTS
 from evaluation.corruptions.log_faults import LOG_FAULTS, write_log
-from evaluation.corruptions.messages import SCAN, Messages, Storage, sound_messages, stamp_of, write_messages
+from evaluation.corruptions.messages import ODOM, SCAN, Messages, Storage, sound_messages, stamp_of, write_messages
 from evaluation.corruptions.odometry_faults import ODOMETRY_FAULTS
 from evaluation.corruptions.picture_faults import PICTURE_FAULTS, write_pictures
 from waychair.types import IntArray
@@ -102,6 +102,14 @@ def sound(name: str, folder: Path, pictures: Path | None) -> Path:
     storage: Storage = next(storage for storage in ("mcap", "db3", "bag") if name.endswith(storage))
     path = folder / ("drive.bag" if storage == "bag" else "drive")
     write_messages(path, sound_messages(1 if storage == "bag" else 2, clouds=name.startswith("cloud")), storage)
+    return path
+
+
+def torn(path: Path) -> Path:
+    """Write a drive without odometry in whose middle scans are missing, so that the mapper has to find its place again."""
+    messages = sound_messages(2)
+    messages.remove(messages.of(ODOM) + messages.of(SCAN)[50:75])
+    write_messages(path, messages, "mcap")
     return path
 
 

@@ -18,12 +18,13 @@ _LINE = "line|damage|cut|left out|read|neither|no scan|complete"
 _DAMAGE = _LINE + "|zero|end|incomplete|gz|empty|encod|text|UTF"
 _COUNT, _POSE, _STAMP = 1, -9, -3  # places of the number of beams, of the laser's pose, of the stamp on a line
 
+_SWEEP_S = 0.013  # of a lidar whose mirror turns 75 times a second
 Row = list[str]
 
 
 def write_log(path: Path) -> None:
     """Write the drive as FLASER lines of a lidar of half a turn, with the pose of the laser by dead reckoning."""
-    drive = sound_drive(180, math.pi)
+    drive = sound_drive(180, math.pi, _SWEEP_S)
     poses = np.stack([np.interp(drive.scan_times, drive.wheel_times, column) for column in drive.wheel_poses.T], axis=1)
     lines = [
         "# message_name [message contents] ipc_timestamp ipc_hostname logger_timestamp",

@@ -132,7 +132,7 @@ def odometry_has_no_orientation(messages: Messages, rng: Rng) -> None:
         turn.w = 0.0 if zero else 1.0
 
 
-@messages_fault(1, "odometry", "nothing|stand|stuck|stop|stick|same|from .* s on|restart")
+@messages_fault(1, "odometry", "nothing|stand|stuck|stop|stick|same|from .* s on|restart|jump")
 def odometry_sticks(messages: Messages, rng: Rng) -> None:
     later = _from(messages, rng)
     kept: Any = later[0].body

@@ -135,7 +135,7 @@ def _error(made: Corrupted, out: Path) -> tuple[float, float]:
     except WaychairError:
         return math.nan, 0.0
     drive = sound_drive()
-    scans = len(drive.scan_times)
+    scans = len(made.stamps) or len(drive.scan_times)
     base = Trajectory(START_NS + np.rint(drive.times * SECOND).astype(np.int64), drive.truth)
     truth = base
     if made.original == "log":

@@ -1,6 +1,6 @@
 """Runs of `waychair map`, each in a process of its own, forked from one that has imported everything and mapped once.
 
-`python -m evaluation.corruptions.warm_runner RECORDING` answers each line of JSON on its standard input by one on its
+`python -m evaluation.corruptions.warm_runner RECORDING ...` answers each line of JSON on its standard input by one on its
 standard output. A run is forked, so that it costs neither the start of the interpreter nor the loading of kernels, and
 shares nothing with other runs.
 """
@@ -40,9 +40,9 @@ class Run:
 class WarmRunner:
     """The warm process; a context manager."""
 
-    def __init__(self, recording: Path) -> None:
-        """Begin the process, which maps the sound `recording` once."""
-        command = [sys.executable, "-m", "evaluation.corruptions.warm_runner", str(recording)]
+    def __init__(self, recordings: list[Path]) -> None:
+        """Begin the process, which maps each of the `recordings` once."""
+        command = [sys.executable, "-m", "evaluation.corruptions.warm_runner", *map(str, recordings)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
     def __enter__(self) -> Self:
@@ -109,13 +109,14 @@ def _be_the_command(arguments: list[str], limit_s: float, output: int) -> None:
         os._exit(code)
 
 
-def _serve(recording: Path) -> None:
+def _serve(recordings: list[str]) -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)
     from waychair.cli.main import app
 
-    with tempfile.TemporaryDirectory() as folder:
-        app(["map", str(recording), "--out", folder, "--quiet"], result_action="return_value")
+    for recording in recordings:
+        with tempfile.TemporaryDirectory() as folder:
+            app(["map", recording, "--out", folder, "--quiet"], result_action="return_value")
     for line in sys.stdin:
         asked = json.loads(line)
         answers.write(json.dumps(asdict(_forked(asked["arguments"], asked["limit_s"]))) + "\n")
@@ -123,4 +124,4 @@ def _serve(recording: Path) -> None:
 
 
 if __name__ == "__main__":
-    _serve(Path(sys.argv[1]))
+    _serve(sys.argv[1:])

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import math
+import pickle
 import shutil
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +14,13 @@ import pytest
 from evaluation.corruptions import drawing
 from evaluation.corruptions.drawing import FAULTS, Corrupted, corrupted, fault_of
 from evaluation.corruptions.fault import Fault
-from evaluation.corruptions.messages import Event, Messages
+from evaluation.corruptions.messages import SCAN, Event, Messages
 from evaluation.corruptions.odometry_faults import odometry_jumps
 from evaluation.corruptions.verdict import Verdict, judged, names
 from evaluation.corruptions.warm_runner import Run
 
-SHORT = 200
-"""Messages of a shortened drive: all kinds of them, some of them each."""
+SHORT = 60
+"""About the number of messages of each topic of a shortened drive, but for those of the lidar."""
 
 RUN = Run(0, "", 2.0, 3.0, 300.0)
 
@@ -36,12 +38,24 @@ def packed(messages: Messages) -> bytes:
 
 def shortened(*, clouds: bool) -> Messages:
     """Return the sound drive with one of many messages of each topic."""
+    messages: Messages = pickle.loads(_shortened(clouds))
+    return messages
+
+
+@cache
+def sound_bytes(clouds: bool) -> bytes:
+    """Return what a bag of the shortened drive would hold."""
+    return packed(shortened(clouds=clouds))
+
+
+@cache
+def _shortened(clouds: bool) -> bytes:
     whole = drawing.sound_messages(2, clouds=clouds)
     kept: list[Event] = []
     for topic in dict.fromkeys(event.topic for event in whole.events):
         own = whole.of(topic)
-        kept += own[:: max(1, len(own) // SHORT)]
-    return Messages(2, sorted(kept, key=lambda event: event.log_ns))
+        kept += own if topic in (SCAN, "/cloud") else own[:: max(1, len(own) // SHORT)]
+    return pickle.dumps(Messages(2, sorted(kept, key=lambda event: event.log_ns)))
 
 
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.messages], ids=lambda fault: fault.name)
@@ -49,14 +63,13 @@ def test_a_fault_of_messages_changes_them_and_a_seed_does_the_same_again(fault: 
     assert fault.messages is not None
     clouds = fault.where == "clouds"
     drawn = []
-    for seed in (3, 3, 4, 5):
+    for seed in (3, 3, 4):
         messages = shortened(clouds=clouds)
         with np.errstate(all="ignore"):
             fault.messages(messages, np.random.default_rng(seed))
             drawn.append(packed(messages))
-    sound = packed(shortened(clouds=clouds))
     assert drawn[0] == drawn[1]
-    assert any(each != sound for each in drawn[1:])
+    assert any(each != sound_bytes(clouds) for each in drawn[1:])
 
 
 @pytest.fixture(scope="module")

@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from statistics import median
 
-from evaluation.corruptions.drawing import corrupted, fault_of, faults, pictures_in, sound
+from evaluation.corruptions.drawing import corrupted, fault_of, faults, pictures_in, sound, torn
 from evaluation.corruptions.verdict import TIMES, Judged, Verdict, judged, sentences_of
 from evaluation.corruptions.warm_runner import Run, WarmRunner
 from evaluation.figures.mapping.logs import DATA
@@ -78,8 +78,12 @@ class _Bench:
 def _bench(pictures: Path | None) -> Iterator[_Bench]:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        (folder / "first").mkdir()
-        runner = stack.enter_context(WarmRunner(sound("bag.mcap", folder / "first", None)))
+        warming = []
+        for name in ("bag.mcap", "cloud.mcap", "log"):
+            (folder / f"warming_{name}").mkdir()
+            warming.append(sound(name, folder / f"warming_{name}", None))
+        warming.append(torn(folder / "torn"))
+        runner = stack.enter_context(WarmRunner(warming))
         yield _Bench(folder, runner, pictures)
 
 
@@ -136,8 +140,13 @@ def _figures(rows: list[Judged], pictures: Path | None, *, whole: bool) -> Json:
         "most_time": max((row.time_times for row in rows), default=0.0),
         "most_memory": max((row.memory_times for row in rows), default=0.0),
         "by_kind": kinds,
-        "rows": [asdict(row) for row in rows],
+        "rows": [_row(row) for row in rows],
     }
+
+
+def _row(row: Judged) -> Json:
+    """Return a row without the number that JSON does not know."""
+    return {name: None if value != value else value for name, value in asdict(row).items()}  # noqa: PLR0124
 
 
 def _print_table(kinds: dict[str, dict[str, int]], counts: Counter[Verdict]) -> None:
