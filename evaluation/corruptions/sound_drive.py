@@ -69,7 +69,7 @@ def sound_drive(beams: int = 180, view: float = math.tau, sweep_s: float = PERIO
     """Return the drive with a lidar of so many beams over a field of view [rad], ahead in its middle, in `sweep_s` [s]."""
     rng = np.random.default_rng(2026)
     truth = _poses()
-    times = _STEP_S * np.arange(len(truth))
+    times = np.asarray(_STEP_S * np.arange(len(truth)), np.float64)
     step, first = view / beams, -view / 2
 
     def at(seconds: FloatArray) -> FloatArray:
@@ -77,7 +77,7 @@ def sound_drive(beams: int = 180, view: float = math.tau, sweep_s: float = PERIO
 
     end = float(times[-1])
     scan_times = np.arange(0.05, end - PERIOD_S, PERIOD_S)
-    later, angles = sweep_s / beams * np.arange(beams), first + step * np.arange(beams)
+    later, angles = sweep_s / beams * np.arange(beams), np.asarray(first + step * np.arange(beams), np.float64)
     scans = np.array([_ranges(at(begin + later), angles, rng) for begin in scan_times.tolist()])
     wheel_times, imu_times = np.arange(0.0, end, _WHEELS_S), np.arange(0.0, end, _IMU_S)
     poses, speeds = _wheels(at(wheel_times), rng)

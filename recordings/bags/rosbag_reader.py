@@ -200,7 +200,7 @@ def _read(
         found=found, topics=topics, base=base, odometry=odometry, mounts=mounts, settings=settings, warnings=warnings
     )
     amiss: list[str] = []
-    scans = sorted(scans, key=lambda scan: scan.stamp_ns)
+    scans = _by_stamp(scans, warnings)
     frames = sensor_frames(scans, odometry, _in_base_axes(found, base, warnings), amiss)
     warnings += [] if settings.odom_topic == NOT_USED else amiss
     source = f"ROS {'2' if bag.is2 else '1'} bag, scans {' and '.join(topics.scans)}, odometry {name}"
@@ -348,6 +348,15 @@ def _take_cloud(found: _BagMessages, topic: str, message: Any, kind: CloudKind) 
     if topic in found.bands:
         found.slices[topic].append(found.bands[topic].scan(stamp, cloud))
     return topic in found.bands
+
+
+def _by_stamp(scans: Sequence[Scan], warnings: list[str]) -> list[Scan]:
+    """Return the scans by stamp, as their odometry is; recorders write messages late."""
+    ordered = sorted(scans, key=lambda scan: scan.stamp_ns)
+    late = sum(one is not other for one, other in zip(scans, ordered, strict=True))
+    if late:
+        warnings.append(f"{late} scans are not recorded in the order of their stamps: they were sorted")
+    return ordered
 
 
 def _put_stamps_right(found: _BagMessages, topics: BagTopics) -> None:
