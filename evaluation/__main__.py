@@ -23,6 +23,7 @@ from evaluation.figures.driving import (
 )
 from evaluation.figures.mapping import (
     appearance,
+    cases,
     corruptions,
     depth_grid,
     floors,
@@ -61,6 +62,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "live_grid": live_grid.live_grid,
     "carried": mapping.carried,
     "corruptions": corruptions.corruptions,
+    "cases": cases.cases,
     "kidnap": kidnap.fr079,
     "kidnap_simulated": kidnap.simulated,
     "posegraphs": posegraphs.posegraphs,

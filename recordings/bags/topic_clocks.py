@@ -19,6 +19,7 @@ _OTHER_CLOCK_NS = 2_000_000_000  # a topic that is further from the others has a
 _ODD_NS = 500_000_000  # a stamp out of order that is further off is odd
 _FEW = 0.3  # share of a topic's stamps up to which they are odd ones
 _REPEATS = 0.02  # share of stamps that repeat from which they are no times of their messages
+_NO_STAMP = "messages have no stamp: their time of recording is used"
 _LEAST = 5  # messages of a topic; fewer tell nothing about its clock
 
 
@@ -44,12 +45,14 @@ def plausible_stamps(topics: Sequence[TopicTimes]) -> tuple[list[IntArray], list
     mended = []
     for times, own in zip(topics, behind, strict=True):
         if usual is None or own is None:
+            if times.unstamped.any():
+                findings.append(_found(times, _NO_STAMP, times.unstamped))
             mended.append(times.stamps)
             continue
         stamps = times.stamps.copy()
         expected = usual + times.waits_ns
         if times.unstamped.all():
-            findings.append(_found(times, "messages have no stamp: their time of recording is used", times.unstamped))
+            findings.append(_found(times, _NO_STAMP, times.unstamped))
             mended.append(times.logs - expected)
             continue
         if abs(own - usual) > _OTHER_CLOCK_NS:
@@ -104,8 +107,7 @@ def _without_odd(times: TopicTimes, stamps: IntArray, findings: list[Finding]) -
         text = "stamps that lie seconds beside those of the messages before and after: the time of recording is used"
         findings.append(_found(times, text, odd))
     if times.unstamped.any():
-        text = "messages have no stamp: their time of recording is used"
-        findings.append(_found(times, text, times.unstamped))
+        findings.append(_found(times, _NO_STAMP, times.unstamped))
     wrong = odd | times.unstamped
     if not wrong.any():
         return stamps

@@ -35,7 +35,9 @@ def ordered_frames(frames: Sequence[SensorFrame]) -> tuple[list[SensorFrame], li
 
 def _stepping_back(stamps: Sequence[int]) -> list[str]:
     backwards = sum(b < a for a, b in pairwise(stamps))
-    return [f"stamps step backwards {backwards} times: the scans are kept in the order of the file"] if backwards else []
+    return (
+        [f"stamps step backwards {backwards} times: the scans are kept in the order of the file"] if backwards else []
+    )
 
 
 def _without_doubles(frames: Sequence[SensorFrame]) -> list[SensorFrame]:
