@@ -222,6 +222,7 @@ def _collect(
     small += [c for c in bag.connections if c.topic in topics.scans and c.msgtype in (SCAN_TYPE, ECHO_TYPE)]
     clouds = [c for c in bag.connections if c.topic in topics.scans and c.msgtype == CLOUD_TYPE]
     total, done, found = max(1, sum(c.msgcount for c in [*small, *clouds])), 0, _BagMessages()
+    read: Counter[str] = Counter()
     for topic in topics.scans:
         (found.slices if topic in topics.clouds else found.told)[topic] = []
     kinds: dict[str, CloudKind] = {}
@@ -239,8 +240,8 @@ def _collect(
             )
         clock = ContinuedClock()
         for connection, log_ns, message in clock.continued(iterate_messages(path, bag, connections, lost)):
-            unstamped = connection.msgtype not in TRANSFORM_TYPES and stamp_ns(message.header.stamp) == 0
-            if unstamped and log_ns > 0:
+            unstamped = connection.msgtype not in TRANSFORM_TYPES and stamp_ns(message.header.stamp) == 0 < log_ns
+            if unstamped:
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(log_ns, 1_000_000_000)
             if connection.msgtype == CLOUD_TYPE:
                 kept = _take_cloud(found, connection.topic, message, kinds[connection.topic])
@@ -249,15 +250,29 @@ def _collect(
             if kept:
                 found.logs.setdefault(connection.topic, []).append((log_ns, unstamped))
             done += 1
+            read[connection.topic] += 1
             if progress is not None and done % _PROGRESS_EVERY == 0:
                 progress(min(1.0, done / total))
         found.clock_steps = found.clock_steps or clock.resets
+    if lost is None:
+        _note_missing([*small, *clouds], read, found.findings)
     if not any(found.told.values()) and not any(found.slices.values()):
         names = " and ".join(topics.scans)
         raise NoScans(f"the topic {names} of {path} holds no usable scan; choose another one: {topic_list(bag)}")
     if progress is not None:
         progress(1.0)
     return found
+
+
+def _note_missing(connections: Sequence[Connection], read: Counter[str], findings: list[Finding]) -> None:
+    """Add a finding for each topic of which a bag holds fewer messages than it tells, as where a file has a hole."""
+    told: Counter[str] = Counter()
+    for connection in connections:
+        told[connection.topic] += connection.msgcount
+    for topic, count in told.items():
+        if read[topic] < count:
+            text = f"{count - read[topic]} of {count} messages are missing from the file, which is damaged"
+            findings.append(Finding("missing messages", topic, text, "copy it again from its source"))
 
 
 def _take(found: _BagMessages, connection: Connection, message: Any) -> bool:
