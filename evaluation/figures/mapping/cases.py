@@ -117,13 +117,13 @@ def _with_pictures(check: Callable[[Path, Path], tuple[str, bool]], name: str) -
 def _scaled(path: Path, work: Path) -> tuple[str, bool]:
     _, doubted = _waychair("map", path, "--out", work / "doubted", "--camera", "fr1")
     _, said = _waychair("map", path, "--out", work / "map", "--camera", "fr1", "--depth-scale", "1000")
-    error = _rmse(work / "map" / "trajectory.tum", path / "groundtruth.txt")
+    error = _rmse(work / "map" / "trajectory.tum", DATA / _PICTURES / "groundtruth.txt")
     return f"{error:.3f} m with --depth-scale 1000; {_warnings(doubted)}", error <= _RIGHT_M and "depth" in doubted
 
 
 def _stamped(path: Path, work: Path) -> tuple[str, bool]:
     status, said = _waychair("map", path, "--out", work / "map", "--camera", "fr1")
-    error = _rmse(work / "map" / "trajectory.tum", path / "groundtruth.txt") if status == 0 else float("inf")
+    error = _rmse(work / "map" / "trajectory.tum", DATA / _PICTURES / "groundtruth.txt") if status == 0 else float("inf")
     return f"{error:.3f} m; {_warnings(said)}" if status == 0 else said, error <= _RIGHT_M
 
 
