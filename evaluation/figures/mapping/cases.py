@@ -116,7 +116,7 @@ def _with_pictures(check: Callable[[Path, Path], tuple[str, bool]], name: str) -
 
 def _scaled(path: Path, work: Path) -> tuple[str, bool]:
     _, doubted = _waychair("map", path, "--out", work / "doubted", "--camera", "fr1")
-    _, said = _waychair("map", path, "--out", work / "map", "--camera", "fr1", "--depth-scale", "1000")
+    _waychair("map", path, "--out", work / "map", "--camera", "fr1", "--depth-scale", "1000")
     error = _rmse(work / "map" / "trajectory.tum", DATA / _PICTURES / "groundtruth.txt")
     return f"{error:.3f} m with --depth-scale 1000; {_warnings(doubted)}", error <= _RIGHT_M and "depth" in doubted
 
