@@ -123,7 +123,9 @@ def _scaled(path: Path, work: Path) -> tuple[str, bool]:
 
 def _stamped(path: Path, work: Path) -> tuple[str, bool]:
     status, said = _waychair("map", path, "--out", work / "map", "--camera", "fr1")
-    error = _rmse(work / "map" / "trajectory.tum", DATA / _PICTURES / "groundtruth.txt") if status == 0 else float("inf")
+    error = (
+        _rmse(work / "map" / "trajectory.tum", DATA / _PICTURES / "groundtruth.txt") if status == 0 else float("inf")
+    )
     return f"{error:.3f} m; {_warnings(said)}" if status == 0 else said, error <= _RIGHT_M
 
 
