@@ -24,6 +24,8 @@ from evaluation.figures.driving import (
 )
 from evaluation.figures.mapping import (
     appearance,
+    cases,
+    corruptions,
     depth_grid,
     floors,
     kidnap,
@@ -60,6 +62,8 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "growth": mapping.growth,
     "live_grid": live_grid.live_grid,
     "carried": mapping.carried,
+    "corruptions": corruptions.corruptions,
+    "cases": cases.cases,
     "kidnap": kidnap.fr079,
     "kidnap_simulated": kidnap.simulated,
     "posegraphs": posegraphs.posegraphs,

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from waychair.errors import RecordingDamaged
-from waychair.recordings.stamps import Row, read_rows, stamp_from_text, unit_of_stamps
+from waychair.recordings.stamps import UNIT_NAMES, Row, read_rows, stamp_from_text, unit_of_stamps
 
 MAX_SPREAD = 0.02  # s; a colour picture and its depth are this far apart at most
 FRAME_RATE = 30.0  # Hz; of numbered frames, which have no stamps
@@ -147,6 +147,7 @@ def _listed_pairs(path: Path, listed: Path) -> tuple[list[Pair], list[str]]:
             first, second = second, first
         stamp = _stamp(listed, row, first[0], unit)
         _stamp(listed, row, second[0], unit)
+        _refuse_no_name(listed, row)
         pairs.append(Pair(stamp, _file(path, "rgb", first[1]), _file(path, "depth", second[1])))
     return pairs, told
 
@@ -164,6 +165,7 @@ def _listed_pictures(path: Path, kind: str) -> tuple[list[tuple[int, Path]], lis
             if len(row.fields) < 2:
                 raise RecordingDamaged(f"{listed} line {row.number} is not `stamp file`: {len(row.fields)} field")
             stamp = _stamp(listed, row, row.fields[0], unit)
+            _refuse_no_name(listed, row)
             pictures.append((stamp, _file(path, kind, row.fields[1])))
         return pictures, told
     files = sorted(file for file in (path / kind).iterdir() if file.suffix.lower() in _PICTURES)
@@ -177,10 +179,7 @@ def _listed_pictures(path: Path, kind: str) -> tuple[list[tuple[int, Path]], lis
 def _unit(where: Path, texts: Sequence[str]) -> tuple[str, list[str]]:
     """Return the unit of stamps, and a note where it is not the second."""
     unit = unit_of_stamps(texts)
-    return unit, [f"the stamps of {where.name} are read as {_UNIT_NAMES[unit]}"] if unit != "s" else []
-
-
-_UNIT_NAMES = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+    return unit, [f"the stamps of {where.name} are read as {UNIT_NAMES[unit]}"] if unit != "s" else []
 
 
 def _stamp(listed: Path, row: Row, text: str, unit: str) -> int:
@@ -188,6 +187,12 @@ def _stamp(listed: Path, row: Row, text: str, unit: str) -> int:
         return stamp_from_text(text, unit)
     except ValueError as error:
         raise RecordingDamaged(f"{listed} line {row.number} holds no stamp where one belongs: {error}") from error
+
+
+def _refuse_no_name(listed: Path, row: Row) -> None:
+    """Refuse a line with bytes that no text has, as where a file was damaged."""
+    if any("\0" in field or "\ufffd" in field for field in row.fields):
+        raise RecordingDamaged(f"{listed} line {row.number} holds bytes that are no text; copy the list again")
 
 
 def _stamp_of(file: Path, unit: str) -> int | None:

@@ -25,6 +25,8 @@ from waychair.types import FloatArray, IntArray
 UNITS = {"s": 9, "ms": 6, "us": 3, "ns": 0}
 """Names of the units of stamps, and the decimal places of a nanosecond in each."""
 
+UNIT_NAMES = {"s": "seconds", "ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds"}
+
 _NANOSECONDS = UNITS["s"]
 _LONGEST_NS = 1 << 63
 _LONGEST_S = _LONGEST_NS // 10**_NANOSECONDS

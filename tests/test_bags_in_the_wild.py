@@ -209,7 +209,7 @@ def test_messages_without_a_stamp_take_the_time_of_their_recording(tmp_path: Pat
     bag.close()
     recording = read_recording(tmp_path / "drive")
     assert [frame.stamp_ns for frame in recording.frames] == [START + k * SECOND for k in range(4)]
-    assert any(warning.startswith("4 messages have no stamp") for warning in recording.warnings)
+    assert any("messages have no stamp" in warning and "(4 times" in warning for warning in recording.warnings)
 
 
 def test_empty_scans_are_reported_and_a_bag_of_empty_scans_is_refused(tmp_path: Path) -> None:
@@ -228,16 +228,16 @@ def test_empty_scans_are_reported_and_a_bag_of_empty_scans_is_refused(tmp_path: 
         read_recording(tmp_path / "none")
 
 
-def test_stamps_that_step_back_in_a_bag_are_reported_and_its_order_kept(tmp_path: Path) -> None:
+def test_scans_of_a_bag_are_sorted_by_stamp(tmp_path: Path) -> None:
     bag = Bag(tmp_path / "drive")
     for k, second in enumerate((1, 2, 5, 3, 4)):
         bag.odometry((k + 1) * SECOND, float(k))
         bag.scan(second * SECOND, [1.0, 2.0], logged_ns=(k + 1) * SECOND)
     bag.close()
     recording = read_recording(tmp_path / "drive")
-    assert [frame.stamp_ns // SECOND for frame in recording.frames] == [1, 2, 5, 3, 4]
-    assert any(warning.startswith("stamps step backwards 1 times") for warning in recording.warnings)
-    assert [reading.odom_from_base.x for reading in own(recording)] == [0.0, 1.0, 4.0, 2.0, 3.0]
+    assert [frame.stamp_ns // SECOND for frame in recording.frames] == [1, 2, 3, 4, 5]
+    assert any("3 scans are not recorded in the order of their stamps" in warning for warning in recording.warnings)
+    assert [reading.odom_from_base.x for reading in own(recording)] == [0.0, 1.0, 2.0, 3.0, 4.0]
 
 
 K = np.array([[500.0, 0.0, 320.0], [0.0, 501.0, 240.0], [0.0, 0.0, 1.0]])

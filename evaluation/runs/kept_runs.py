@@ -31,9 +31,13 @@ def over_seeds(name: str, run: Callable[[int], Result], count: int) -> list[Resu
 
     `name` identifies these runs; stored results under it are not run again.
     """
+    return list(_processes().map(partial(_known_or_run, kept_folder(name), run), range(count)))
+
+
+def kept_folder(name: str) -> Path | None:
+    """Return the folder for the results of runs of this code; None if the code cannot be identified."""
     kept = _kept()
-    folder = None if kept is None else kept / re.sub(r"[^\w.]+", "_", name)
-    return list(_processes().map(partial(_known_or_run, folder, run), range(count)))
+    return None if kept is None else kept / re.sub(r"[^\w.]+", "_", name)
 
 
 def processes() -> int:

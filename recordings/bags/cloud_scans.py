@@ -78,7 +78,8 @@ def kind_of_clouds(
     own_height = abs(middle) <= _AT_HEIGHT or (in_base and middle > _AT_HEIGHT)  # else it is the floor
     if not (level and own_height) and _deviation(points) > _FLAT_TILT:
         return CloudKind(unit, times, step=_closed_step([cloud.points for _, cloud in filled]))
-    step, first = _beams_of([cloud.points for _, cloud in filled])
+    near = [cloud.points[np.hypot(*cloud.points[:, :2].T) * unit <= CLOUD_RANGE_MAX] for _, cloud in filled]
+    step, first = _beams_of(near)
     return CloudKind(unit, times, True, step, first)
 
 
@@ -129,7 +130,9 @@ def told_scan(stamp_ns: int, cloud: Cloud, kind: CloudKind) -> ToldScan:
     ranges[np.isinf(ranges)] = np.nan
     increment, delay = 0.0, 0.0
     if kind.times is not None and cloud.times is not None and len(beams) > 2:
-        increment, delay = _line(beams, kind.times.seconds(cloud.times, stamp_ns))
+        near = distances <= CLOUD_RANGE_MAX  # a point that is none lies in a direction of its own
+        if near.sum() > 2:
+            increment, delay = _line(beams[near], kind.times.seconds(cloud.times, stamp_ns)[near])
     single: Float32Array = ranges.astype(np.float32)
     return ToldScan(
         stamp_ns=stamp_ns + round(delay * 1e9),

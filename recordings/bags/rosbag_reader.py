@@ -56,6 +56,7 @@ from waychair.recordings.bags.rosbag_file import (
     salvage_bag,
     topic_list,
 )
+from waychair.recordings.bags.topic_clocks import TopicTimes, plausible_stamps
 from waychair.recordings.plausibility.findings import Finding
 from waychair.recordings.plausibility.plausible_scans import plausible_scans, without_nothing_codes
 from waychair.recordings.plausibility.told_scans import ToldScan
@@ -64,6 +65,7 @@ from waychair.recordings.scans import LaserMount, mirrored
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorFrame
 
 BEAM_STEP = math.radians(0.25)  # between beams of scans that are made from clouds or from several lasers
+LONGEST_SWEEP = 1.0  # s; a longer one is told in another unit
 SCAN_SPREAD = 0.1  # s; scans of several lasers up to this far apart are merged
 
 _LEVEL = math.cos(math.radians(5.0))
@@ -99,7 +101,8 @@ class _BagMessages:
     imu: list[ImuSample] = field(default_factory=list)
     imu_frame: str = ""
     skipped: int = 0
-    unstamped: int = 0
+    logs: dict[str, list[tuple[int, bool]]] = field(default_factory=dict)
+    """The time of recording [ns] of each message that was kept, and whether it has no stamp, by topic."""
     clock_steps: list[tuple[int, int]] = field(default_factory=list)
     """Times of recording [ns] at which the stamps begin anew, and by how much [ns] they are set back."""
 
@@ -162,8 +165,7 @@ def _read(
     found = _collect(path=path, bag=bag, topics=topics, settings=settings, mounts=mounts, progress=progress, lost=lost)
     if found.skipped:
         warnings.append(f"{found.skipped} odometry or IMU messages without finite numbers were left out")
-    if found.unstamped:
-        warnings.append(f"{found.unstamped} messages have no stamp: their time of recording is used instead")
+    _put_stamps_right(found, topics)
     warnings += [_clock_warning(step_ns) for _, step_ns in found.clock_steps]
     base = _base_frame(found, settings)
     odometry, name = ([], "none") if settings.odom_topic == NOT_USED else _odometry(found, topics, base)
@@ -171,6 +173,7 @@ def _read(
         found=found, topics=topics, base=base, odometry=odometry, mounts=mounts, settings=settings, warnings=warnings
     )
     amiss: list[str] = []
+    scans = _by_stamp(scans, warnings)
     frames = sensor_frames(scans, odometry, _in_base_axes(found, base, warnings), amiss)
     warnings += [] if settings.odom_topic == NOT_USED else amiss
     source = f"ROS {'2' if bag.is2 else '1'} bag, scans {' and '.join(topics.scans)}, odometry {name}"
@@ -192,6 +195,7 @@ def _collect(
     small += [c for c in bag.connections if c.topic in topics.scans and c.msgtype in (SCAN_TYPE, ECHO_TYPE)]
     clouds = [c for c in bag.connections if c.topic in topics.scans and c.msgtype == CLOUD_TYPE]
     total, done, found = max(1, sum(c.msgcount for c in [*small, *clouds])), 0, _BagMessages()
+    read: Counter[str] = Counter()
     for topic in topics.scans:
         (found.slices if topic in topics.clouds else found.told)[topic] = []
     kinds: dict[str, CloudKind] = {}
@@ -209,17 +213,22 @@ def _collect(
             )
         clock = ContinuedClock()
         for connection, log_ns, message in clock.continued(iterate_messages(path, bag, connections, lost)):
-            if connection.msgtype not in TRANSFORM_TYPES and stamp_ns(message.header.stamp) == 0 and log_ns > 0:
+            unstamped = connection.msgtype not in TRANSFORM_TYPES and stamp_ns(message.header.stamp) == 0 < log_ns
+            if unstamped:
                 message.header.stamp.sec, message.header.stamp.nanosec = divmod(log_ns, 1_000_000_000)
-                found.unstamped += 1
             if connection.msgtype == CLOUD_TYPE:
-                _take_cloud(found, connection.topic, message, kinds[connection.topic])
+                kept = _take_cloud(found, connection.topic, message, kinds[connection.topic])
             else:
-                _take(found, connection, message)
+                kept = _take(found, connection, message)
+            if kept:
+                found.logs.setdefault(connection.topic, []).append((log_ns, unstamped))
             done += 1
+            read[connection.topic] += 1
             if progress is not None and done % _PROGRESS_EVERY == 0:
                 progress(min(1.0, done / total))
         found.clock_steps = found.clock_steps or clock.resets
+    if lost is None:
+        _note_missing([*small, *clouds], read, found.findings)
     if not any(found.told.values()) and not any(found.slices.values()):
         names = " and ".join(topics.scans)
         raise NoScans(f"the topic {names} of {path} holds no usable scan; choose another one: {topic_list(bag)}")
@@ -228,7 +237,19 @@ def _collect(
     return found
 
 
-def _take(found: _BagMessages, connection: Connection, message: Any) -> None:
+def _note_missing(connections: Sequence[Connection], read: Counter[str], findings: list[Finding]) -> None:
+    """Add a finding for each topic of which a bag holds fewer messages than it tells, as where a file has a hole."""
+    told: Counter[str] = Counter()
+    for connection in connections:
+        told[connection.topic] += connection.msgcount
+    for topic, count in told.items():
+        if read[topic] < count:
+            text = f"{count - read[topic]} of {count} messages are missing from the file, which is damaged"
+            findings.append(Finding("missing messages", topic, text, "copy it again from its source"))
+
+
+def _take(found: _BagMessages, connection: Connection, message: Any) -> bool:
+    """Add a message; return whether it can be used."""
     if connection.msgtype in TRANSFORM_TYPES:
         found.tree.add(message)
     elif connection.msgtype in (SCAN_TYPE, ECHO_TYPE):
@@ -241,11 +262,14 @@ def _take(found: _BagMessages, connection: Connection, message: Any) -> None:
         odometry = odometry_from_message(message)
         found.odometry += [odometry] if odometry else []
         found.skipped += not odometry
+        return odometry is not None
     elif connection.msgtype == IMU_TYPE:
         found.imu_frame = found.imu_frame or frame_name(message.header.frame_id)
         sample = imu_from_message(message)
         found.imu += [sample] if sample else []
         found.skipped += not sample
+        return sample is not None
+    return True
 
 
 def _look_at_clouds(
@@ -297,19 +321,65 @@ def _look_at_clouds(
     return kinds
 
 
-def _take_cloud(found: _BagMessages, topic: str, message: Any, kind: CloudKind) -> None:
+def _take_cloud(found: _BagMessages, topic: str, message: Any, kind: CloudKind) -> bool:
     """Add a cloud: a band of heights of one in space as a level scan at the sensor's position, a flat one as its scan."""
     stamp = stamp_ns(message.header.stamp)
     try:
         cloud = cloud_from_message(message)
     except CloudDamaged:
         found.damaged_clouds[topic] += 1
-        return
+        return False
     if kind.flat:
         if len(cloud.points):
             found.told[topic].append(told_scan(stamp, cloud, kind))
-    elif topic in found.bands:
+        return len(cloud.points) > 0
+    if topic in found.bands:
         found.slices[topic].append(found.bands[topic].scan(stamp, cloud))
+    return topic in found.bands
+
+
+def _by_stamp(scans: Sequence[Scan], warnings: list[str]) -> list[Scan]:
+    """Return the scans by stamp, as their odometry is; recorders write messages late."""
+    ordered = sorted(scans, key=lambda scan: scan.stamp_ns)
+    late = sum(one is not other for one, other in zip(scans, ordered, strict=True))
+    if late:
+        warnings.append(f"{late} scans are not recorded in the order of their stamps: they were sorted")
+    return ordered
+
+
+def _put_stamps_right(found: _BagMessages, topics: BagTopics) -> None:
+    """Put the stamps of scans, odometry and IMU right by the times of recording where they cannot be."""
+    kept: dict[str, list[Any]] = {
+        topic: list(found.told.get(topic) or found.slices.get(topic) or ()) for topic in topics.scans
+    }
+    kept |= {
+        topic: held for topic, held in ((topics.odom, found.odometry), (topics.imu, found.imu)) if topic is not None
+    }
+    kept = {topic: held for topic, held in kept.items() if held and len(held) == len(found.logs.get(topic, ()))}
+    told = [_times_of(topic, held, found.logs[topic]) for topic, held in kept.items()]
+    stamps, findings = plausible_stamps(told)
+    found.findings += findings
+    for times, mended, held in zip(told, stamps, kept.values(), strict=True):
+        if np.array_equal(mended, times.stamps):
+            continue
+        changed = [replace(one, stamp_ns=int(stamp)) for one, stamp in zip(held, mended, strict=True)]
+        if times.topic == topics.odom:
+            found.odometry = changed
+        elif times.topic == topics.imu:
+            found.imu = changed
+        elif found.told.get(times.topic):
+            found.told[times.topic] = changed
+        else:
+            found.slices[times.topic] = changed
+
+
+def _times_of(topic: str, held: Sequence[Any], logs: Sequence[tuple[int, bool]]) -> TopicTimes:
+    stamps = np.array([one.stamp_ns for one in held], np.int64)
+    sweeps = [one.time_increment * one.steps for one in held if isinstance(one, ToldScan)]
+    sweep_s = float(np.median(sweeps)) if sweeps else 0.0
+    waits_ns = round(sweep_s * 1e9) if 0.0 < sweep_s < LONGEST_SWEEP else 0
+    recorded = np.array([log_ns for log_ns, _ in logs], np.int64)
+    return TopicTimes(topic, stamps, recorded, np.array([none for _, none in logs], np.bool_), waits_ns)
 
 
 def _given_matrix(mount: LaserMount) -> FloatArray:

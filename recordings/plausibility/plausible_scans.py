@@ -19,6 +19,7 @@ from waychair.recordings.plausibility.angle_readings import AngleReading, AngleR
 from waychair.recordings.plausibility.findings import Finding, seconds_after
 from waychair.recordings.plausibility.motion_witness import MotionWitness
 from waychair.recordings.plausibility.nothing_codes import codes_for_nothing, without_codes
+from waychair.recordings.plausibility.own_chair import without_own_chair
 from waychair.recordings.plausibility.range_readings import (
     UNITS,
     RangeLimits,
@@ -27,6 +28,7 @@ from waychair.recordings.plausibility.range_readings import (
     range_limits,
     sampled_ranges,
 )
+from waychair.recordings.plausibility.repeated_scans import without_repeated
 from waychair.recordings.plausibility.sweep_readings import SHORTEST, scan_interval, sweep_readings
 from waychair.recordings.plausibility.told_scans import MOST_BEAMS, ToldScan
 from waychair.recordings.scans import LaserMount, ascending, mirrored, without_overflow_codes
@@ -86,7 +88,7 @@ def plausible_scans(
         NoScans: no message can be used, or no reading of their angles is certain enough to make a map.
     """
     findings: list[Finding] = []
-    told = _without_huge(topic, told, findings)
+    told = without_repeated(topic, _without_huge(topic, told, findings), odometry, findings)
     if not told:
         return PlausibleScans((), tuple(findings))
     start_ns = told[0].stamp_ns
@@ -104,7 +106,8 @@ def plausible_scans(
     told, reading = judge.beam_times(chosen, reading)
     scans = [reading.scan(scan, entry) for scan, entry in zip(told, chosen, strict=True)]
     scans, found = without_nothing_codes(topic, scans, start_ns)
-    return PlausibleScans(tuple(scans), (*findings, *found))
+    scans, own = without_own_chair(topic, scans)
+    return PlausibleScans(tuple(scans), (*findings, *found, *own))
 
 
 def without_nothing_codes(

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import io
 import math
+import re
 import zlib
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -21,7 +22,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.errors import NoScans, RecordingDamaged, RecordingUnknown
-from waychair.recordings.stamps import stamp_from_text
+from waychair.recordings.stamps import UNIT_NAMES, stamp_from_text, unit_of_stamps
+from waychair.recordings.text.line_order import ordered_frames
 from waychair.types import Float32Array, Odometry, Pose2, Scan, SensorFrame, Twist
 
 NO_RETURN = 80.0
@@ -31,6 +33,8 @@ and 81.91 m."""
 GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_CHUNK = 1 << 16
 _PROGRESS_EVERY = 256  # lines
+_SAMPLE = 1 << 20  # bytes of the text that tell the unit of its stamps
+_LARGE_STAMP = re.compile(r"\d{12,}(\.\d*)?")  # since 1970 in ms, us or ns
 _OTHER_WORDS = frozenset(
     b"PARAM ODOM RLASER LASER1 LASER2 LASER3 LASER4 LASER5 RAWLASER1 RAWLASER2 RAWLASER3 RAWLASER4 RAWLASER5 "
     b"ROBOTLASER2 ROBOTLASER3 ROBOTLASER4 ROBOTLASER5 TRUEPOS NEFF SYNC SONAR BUMPER IMU NMEA-GGA NMEA-RMC "
@@ -64,6 +68,9 @@ def read_carmen(
     text, warnings = decompressed_text(data, where)
     frames: dict[bytes, list[SensorFrame]] = {word: [] for word in _READERS}
     others: Counter[bytes] = Counter()
+    unit = _unit_of(text)
+    if unit != "s":
+        warnings.append(f"the stamps of {where} are read as {UNIT_NAMES[unit]}")
     damaged: list[int] = []
     lines = io.BytesIO(text)
     for number, line in enumerate(lines, start=1):
@@ -75,7 +82,7 @@ def read_carmen(
                 others[word] += 1
             continue
         try:
-            frames[word].append(_READERS[word](line.split(), of_robot))
+            frames[word].append(_READERS[word](line.split(), of_robot, unit))
         except (ValueError, IndexError):
             damaged.append(number)
     if progress is not None:
@@ -84,7 +91,9 @@ def read_carmen(
     kind = max(frames, key=lambda word: len(frames[word]))
     if not frames[kind]:
         raise _no_scans_error(where, others, damaged)
-    return CarmenLog(tuple(frames[kind]), kind.decode(), (*warnings, *_warnings(frames[kind], damaged)))
+    ordered, order_warnings = ordered_frames(frames[kind])
+    told = (*warnings, *_warnings(len(frames[kind]), damaged), *order_warnings)
+    return CarmenLog(tuple(ordered), kind.decode(), told)
 
 
 def is_carmen(line: bytes) -> bool:
@@ -93,32 +102,32 @@ def is_carmen(line: bytes) -> bool:
     return word in _READERS or word in _OTHER_WORDS
 
 
-def _flaser(fields: Sequence[bytes], of_robot: bool) -> SensorFrame:
+def _flaser(fields: Sequence[bytes], of_robot: bool, unit: str = "s") -> SensorFrame:
     """Read a FLASER line: beams over half a turn in front; an even number of beams leaves out the one at +90 degrees."""
     count = int(fields[1])
     tail = fields[2 + count :]
     if count < 2 or len(tail) < 9:
         raise ValueError("cut short")
-    stamp_ns = stamp_from_text(tail[6].decode())
+    stamp_ns = stamp_from_text(tail[6].decode(), unit)
     step = math.pi / (count - count % 2)
     scan = Scan(stamp_ns, _ranges(fields[2 : 2 + count], NO_RETURN), -math.pi / 2, step, range_max=NO_RETURN)
     return _frame(scan, tail[3:6] if of_robot else tail[:3], Twist())
 
 
-def _robotlaser(fields: Sequence[bytes], of_robot: bool) -> SensorFrame:
+def _robotlaser(fields: Sequence[bytes], of_robot: bool, unit: str = "s") -> SensorFrame:
     start, _, step, max_range = (_finite(field) for field in fields[2:6])
     count = int(fields[8])
     remissions = int(fields[9 + count])
     tail = fields[10 + count + remissions :]
     if count < 2 or remissions < 0 or len(tail) < 14 or step <= 0.0:
         raise ValueError("cut short")
-    stamp_ns = stamp_from_text(tail[11].decode())
+    stamp_ns = stamp_from_text(tail[11].decode(), unit)
     reach = min(NO_RETURN, max_range) if max_range > 0.0 else NO_RETURN
     scan = Scan(stamp_ns, _ranges(fields[9 : 9 + count], reach), start, step, range_max=reach)
     return _frame(scan, tail[3:6] if of_robot else tail[:3], Twist(_finite(tail[6]), _finite(tail[7])))
 
 
-_READERS: dict[bytes, Callable[[Sequence[bytes], bool], SensorFrame]] = {
+_READERS: dict[bytes, Callable[[Sequence[bytes], bool, str], SensorFrame]] = {
     b"FLASER": _flaser,
     b"ROBOTLASER1": _robotlaser,
 }
@@ -173,15 +182,19 @@ def decompressed_text(data: bytes, where: str) -> tuple[bytes, list[str]]:
     return b"".join(parts), []
 
 
-def _warnings(frames: Sequence[SensorFrame], damaged: Sequence[int]) -> list[str]:
+def _unit_of(text: bytes) -> str:
+    """Return the unit of the stamps: seconds, unless they count from 1970 in a smaller one."""
+    lines = [line for line in text[:_SAMPLE].splitlines() if line.split(b" ", 1)[0] in _READERS]
+    stamps = [parts[0].decode(errors="replace") for line in lines if len(parts := line.rsplit(None, 3)[1:]) == 3]
+    large = [stamp for stamp in stamps if _LARGE_STAMP.fullmatch(stamp)]
+    return unit_of_stamps(large) if 2 * len(large) > len(stamps) else "s"
+
+
+def _warnings(count: int, damaged: Sequence[int]) -> list[str]:
     warnings = []
     if damaged:
         lines = "line" if len(damaged) == 1 else "lines, the first of them line"
-        warnings.append(f"{len(damaged)} damaged scan {lines} {damaged[0]}, left out; {len(frames)} scans were read")
-    stamps = np.array([frame.stamp_ns for frame in frames], dtype=np.int64)
-    backwards = int((np.diff(stamps) < 0).sum())
-    if backwards:
-        warnings.append(f"stamps step backwards {backwards} times: the scans are kept in the order of the file")
+        warnings.append(f"{len(damaged)} damaged scan {lines} {damaged[0]}, left out; {count} scans were read")
     return warnings
 
 

@@ -173,11 +173,13 @@ def correlative_search(
     excluded: Pose2 | None = None,
     penalised: bool = True,
 ) -> tuple[Pose2, float]:
-    """Return the best pose of the window and its response; the guess and 0 when no pose scores above `floor`.
+    """Return the best pose of the window and its response; the guess and 0 when no pose scores above `floor`, or without points.
 
     With `excluded`, poses within 0.5 m and 15 degrees of it do not count: the result is the runner-up, whose response tells
     how ambiguous the winner is. Unless `penalised` is False, poses lose score with their distance from the guess.
     """
+    if not len(points):
+        return guess, 0.0
     radii = np.hypot(points[:, 0], points[:, 1])
     fifth = len(radii) - 1 - len(radii) // 5
     far = max(1.0, float(np.partition(radii, fifth)[fifth]))  # four fifths of the beams end nearer

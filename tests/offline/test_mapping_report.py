@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tests.cases.lidar_floor import replaced, write_scans
+from tests.cases.mapping.lidar_floor import replaced, write_scans
 from waychair.offline.mapping import MappingSettings, map_recording
 from waychair.offline.mapping_report import torn_warnings
 from waychair.recordings.recording import read_recording

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.cases.aided_drive import Imu, ImuFault, checked, error_of, looks, recorded
+from tests.cases.mapping.aided_drive import Imu, ImuFault, checked, error_of, looks, recorded
 from waychair.slam.odometry.aid_findings import AidFinding, AidNames, Cause, Part, State, sentence
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.types import ImuSample, Odometry, Pose2, Twist

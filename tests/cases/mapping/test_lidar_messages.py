@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.cases.lidar_floor import (
+from tests.cases.mapping.lidar_floor import (
     Change,
     Drive,
     Lidar,

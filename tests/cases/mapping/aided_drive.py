@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from tests.bags import SECOND
-from tests.cases.lidar_floor import MOUNT, Drive, Lidar, sweeps, walls
+from tests.cases.mapping.lidar_floor import MOUNT, Drive, Lidar, sweeps, walls
 from waychair.geometry import compose, interpolate, pose_from_array
 from waychair.offline.aids import CheckedRecording, checked_recording
 from waychair.offline.mapping import Mapping, MappingSettings, map_recording

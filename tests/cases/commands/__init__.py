@@ -1,0 +1,1 @@
+"""Commands and files of a chair with the faults that people met."""

@@ -1,0 +1,1 @@
+"""Drives with the faults that people met."""

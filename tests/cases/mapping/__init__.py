@@ -1,0 +1,1 @@
+"""Recordings and maps with the faults that people met."""
