@@ -15,7 +15,7 @@ import pytest
 from waychair import install_advice
 from waychair.install_advice import document, install_command, pip_install
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def installed(monkeypatch: pytest.MonkeyPatch, folder: Path, source: dict[str, object] | None) -> None:

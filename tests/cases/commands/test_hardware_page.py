@@ -46,7 +46,7 @@ from waychair.trials.simulated_calibration import (
 )
 from waychair.trials.simulated_drive import with_few_beams, with_gyro
 
-PAGE = Path(__file__).parents[2] / "docs" / "hardware.md"
+PAGE = Path(__file__).parents[3] / "docs" / "hardware.md"
 BLOCKS = re.findall(r"^ *```(\w*)\n(.*?)^ *```", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
 COMMANDS = [line.strip() for kind, text in BLOCKS if not kind for line in text.splitlines() if "waychair " in line]
 LESS = {"stop": ("--fastest", "0.3", "--repetitions", "1")}

@@ -202,7 +202,7 @@ def test_the_sketch_has_no_name_of_a_chair_until_somebody_writes_one() -> None:
     from waychair.errors import BoardBuildError
     from waychair.firmware_bridge.board import FIRMWARE, compile_c
 
-    shims = Path(__file__).parents[1] / "firmware_bridge" / "shims"
+    shims = Path(__file__).parents[2] / "firmware_bridge" / "shims"
     words = ["-fsyntax-only", f"-I{shims}", f"-I{FIRMWARE}", str(FIRMWARE / "esp32" / "sketch.c")]
     with pytest.raises(BoardBuildError, match=r"write the chair.s name and its joystick family into sketch\.c"):
         compile_c(words)
