@@ -163,7 +163,7 @@ def _plan_for_the_chair(
     from waychair.planning.route.grid_planner import HARMONIC
     from waychair.planning.route.path_ends import check_start
     from waychair.planning.route.path_turns import turn_histogram
-    from waychair.planning.route.refusals import explained
+    from waychair.planning.route.refused_plans import explained
 
     if body not in BODIES:
         raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")

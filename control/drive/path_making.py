@@ -1,6 +1,6 @@
 """Making the navigator's path: over the map first, then round the present obstacles, in slices of a tick.
 
-A failed plan is told with its true cause (`planning.route.refusals`). A path that became much longer because something
+A failed plan is told with its true cause (`planning.route.refused_plans`). A path that became much longer because something
 bars the shorter one is told with what it costs.
 """
 
@@ -25,7 +25,7 @@ from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.direct_leg import turning_leg
 from waychair.planning.route.global_planner import SPACING, check_goal
 from waychair.planning.route.legs import joined_legs
-from waychair.planning.route.refusals import Obstruction, Seen, cause_of, explained, obstruction_on
+from waychair.planning.route.refused_plans import Obstruction, Seen, cause_of, explained, obstruction_on
 from waychair.planning.seen.forecast import arrival
 from waychair.types import FloatArray, Goal, Path, Pose2
 

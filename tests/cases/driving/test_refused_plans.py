@@ -14,7 +14,7 @@ from waychair.maps.drawn.zones import Rule, Zone
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.route.global_planner import GlobalPlanner, check_goal
 from waychair.planning.route.path_ends import check_start
-from waychair.planning.route.refusals import Seen, explained
+from waychair.planning.route.refused_plans import Seen, explained
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 CELL = 0.05

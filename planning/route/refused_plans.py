@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
+import cv2
 import numpy as np
-from scipy import ndimage
 
 from waychair.errors import GoalOccupied, NoPath, PlanningError, StartOccupied
 from waychair.geometry import transform_points
@@ -235,7 +235,7 @@ def _joined(costmap: Costmap, start: tuple[int, int], goal: tuple[int, int], hal
     """Return whether a round body of this half width [m] can pass from cell to cell."""
     free = costmap.clearance >= half
     free[start] = free[goal] = True
-    numbers, _ = ndimage.label(free)
+    _, numbers = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
     return bool(numbers[start] == numbers[goal])
 
 
