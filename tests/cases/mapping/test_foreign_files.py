@@ -140,7 +140,7 @@ def test_a_file_of_noise_and_a_folder_of_other_things_say_which_would_be_right(t
 
 
 def test_the_metadata_of_a_bag_stands_for_its_folder(tmp_path: Path) -> None:
-    from tests.cases.test_several_files import SCANS, part
+    from tests.cases.mapping.test_several_files import SCANS, part
 
     bag = part(tmp_path / "drive", range(SCANS), ros=2)
     recording = read_recording(bag / "metadata.yaml")
