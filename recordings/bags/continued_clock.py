@@ -116,3 +116,12 @@ def _shift(stamp: Any, shift_ns: int) -> None:
     if shift_ns:
         seconds, stamp.nanosec = divmod(stamp_ns(stamp) + shift_ns, _SECOND)
         stamp.sec = seconds
+
+
+def clock_warning(step_ns: int) -> str:
+    """Return the sentence about stamps that are set back by so much [ns]."""
+    way = "back" if step_ns > 0 else "on"
+    return (
+        f"the stamps are set {way} by {abs(step_ns) * 1e-9:.1f} s in the middle of the bag, as where a simulator is reset or a "
+        "clock is set: they are continued by the time of recording"
+    )

@@ -41,7 +41,7 @@ from waychair.recordings.bags.cloud_scans import (
     kind_of_clouds,
     told_scan,
 )
-from waychair.recordings.bags.continued_clock import ContinuedClock
+from waychair.recordings.bags.continued_clock import ContinuedClock, clock_warning
 from waychair.recordings.bags.ros_decoding import (
     first_echoes,
     imu_from_message,
@@ -166,7 +166,7 @@ def _read(
     if found.skipped:
         warnings.append(f"{found.skipped} odometry or IMU messages without finite numbers were left out")
     _put_stamps_right(found, topics)
-    warnings += [_clock_warning(step_ns) for _, step_ns in found.clock_steps]
+    warnings += [clock_warning(step_ns) for _, step_ns in found.clock_steps]
     base = _base_frame(found, settings)
     odometry, name = ([], "none") if settings.odom_topic == NOT_USED else _odometry(found, topics, base)
     scans, mount = _scans(
@@ -496,11 +496,3 @@ def _in_base_axes(found: _BagMessages, base: str, warnings: list[str]) -> list[I
         return samples
     turn = matrix[:3, :3]
     return [replace(sample, accel=turn @ sample.accel, gyro=turn @ sample.gyro) for sample in samples]
-
-
-def _clock_warning(step_ns: int) -> str:
-    way = "back" if step_ns > 0 else "on"
-    return (
-        f"the stamps are set {way} by {abs(step_ns) * 1e-9:.1f} s in the middle of the bag, as where a simulator is reset or a "
-        "clock is set: they are continued by the time of recording"
-    )

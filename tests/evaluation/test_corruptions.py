@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import math
-import pickle
 import shutil
 from functools import cache
 from pathlib import Path
@@ -38,8 +38,7 @@ def packed(messages: Messages) -> bytes:
 
 def shortened(*, clouds: bool) -> Messages:
     """Return the sound drive with one of many messages of each topic."""
-    messages: Messages = pickle.loads(_shortened(clouds))
-    return messages
+    return copy.deepcopy(_shortened(clouds))
 
 
 @cache
@@ -49,13 +48,13 @@ def sound_bytes(clouds: bool) -> bytes:
 
 
 @cache
-def _shortened(clouds: bool) -> bytes:
+def _shortened(clouds: bool) -> Messages:
     whole = drawing.sound_messages(2, clouds=clouds)
     kept: list[Event] = []
     for topic in dict.fromkeys(event.topic for event in whole.events):
         own = whole.of(topic)
         kept += own if topic in (SCAN, "/cloud") else own[:: max(1, len(own) // SHORT)]
-    return pickle.dumps(Messages(2, sorted(kept, key=lambda event: event.log_ns)))
+    return Messages(2, sorted(kept, key=lambda event: event.log_ns))
 
 
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.messages], ids=lambda fault: fault.name)
