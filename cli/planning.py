@@ -163,7 +163,6 @@ def _plan_for_the_chair(
     from waychair.planning.route.grid_planner import HARMONIC
     from waychair.planning.route.path_ends import check_start
     from waychair.planning.route.path_turns import turn_histogram
-    from waychair.planning.route.refused_plans import explained
 
     if body not in BODIES:
         raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
@@ -181,7 +180,10 @@ def _plan_for_the_chair(
         begun = time.thread_time()
         path = search.replan(costmap, begin.pose)
     except PlanningError as error:
-        raise explained(error, drawn, begin.pose, end.pose) from error
+        from waychair.planning.grid.resumable import finished
+        from waychair.planning.route.refused_plans import explained
+
+        raise finished(explained(error, drawn, begin.pose, end.pose)) from error
     ms = 1e3 * (time.thread_time() - begun)
     if png is not None:
         plain = path_picture(grid, path, (begin, end))

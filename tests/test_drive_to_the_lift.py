@@ -67,6 +67,7 @@ def test_the_report_holds_the_figures_of_the_drive(demo: Demo, out: Path) -> Non
     assert {path.name for path in (out / "map").iterdir()} >= {"map.yaml", "map.pgm", "places.yaml", "report.json"}
 
 
+@pytest.mark.nightly
 def test_the_live_map_equals_that_of_the_recording(demo: Demo, out: Path) -> None:
     """The bag rounds a scan's angles to single precision: beams fall into other cells, and matches differ a little."""
     offline = map_recording(read_recording(out / "drive.mcap"), MappingSettings())
@@ -240,6 +241,7 @@ def test_an_unreachable_place_is_refused_with_a_reason_and_the_chair_stands(demo
     assert not state.sent.active
 
 
+@pytest.mark.nightly
 def test_the_same_seed_gives_the_same_volts(demo: Demo, stack: ExitStack) -> None:
     first, second = Ride(demo, stack), Ride(demo, stack)
     a = [first.tick().sent for _ in range(100)]

@@ -85,7 +85,7 @@ class PathMaker:
                 )
                 before = path.poses[:, :2]
         except PlanningError as error:
-            plan.refusal = str(explained(error, self.drawn, self._now.pose, planner.goal))
+            plan.refusal = str((yield from explained(error, self.drawn, self._now.pose, planner.goal)))
             return
         except WaychairError as error:
             plan.refusal = str(error)
@@ -97,7 +97,9 @@ class PathMaker:
             plan.no_path_reason = str(error)
             return
         except PlanningError as error:
-            plan.drop_path(self._cause_of(now_ns, error, upright, layered))
+            told = self._told
+            plan.drop_path(told[2] if told is not None and told[0] is type(error) else str(error))
+            plan.no_path_reason = yield from self._cause_of(now_ns, error, upright, layered)
             return
         except WaychairError as error:
             plan.drop_path(str(error))
@@ -136,21 +138,21 @@ class PathMaker:
 
     def _cause_of(
         self, now_ns: int, error: PlanningError, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]
-    ) -> str:
+    ) -> Resumable[str]:
         """Return the cause of a plan that failed among live obstacles; the search for it is not repeated at once."""
         if self._told is not None and self._told[0] is type(error) and now_ns - self._told[1] < _TOLD_AGAIN_S * 1e9:
             return self._told[2]
-        found = self._obstruction(error, upright, layered)
+        found = yield from self._obstruction(error, upright, layered)
         self._told = type(error), now_ns, str(error) if found is None else found.text
         return self._told[2]
 
     def _obstruction(
         self, error: PlanningError, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]
-    ) -> Obstruction | None:
+    ) -> Resumable[Obstruction | None]:
         planner = self._plan.planner
         assert planner is not None
         seen = Seen(np.concatenate([upright, *(points for _, points in layered)]))
-        return cause_of(error, self.drawn, self._now.pose, planner.goal, seen)
+        return (yield from cause_of(error, self.drawn, self._now.pose, planner.goal, seen))
 
     def _note_detour(
         self,

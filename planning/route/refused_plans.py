@@ -2,7 +2,8 @@
 
 Taken away in turn are slim live obstacles (people stand on two legs, so somebody is as wide as a leg or two), all live
 obstacles, the one-way zones, the keep-out zones, and last the chair's width. The first of them without which there is a
-way is the cause, and the place where that way meets it is told.
+way is the cause, and the place where that way meets it is told. The plans are made in parts of a tick, since a chair that
+waits asks for the cause, too.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from dataclasses import dataclass, field, replace
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from waychair.errors import GoalOccupied, NoPath, PlanningError, StartOccupied
 from waychair.geometry import transform_points
@@ -23,6 +25,7 @@ from waychair.planning.body.clearance import HARD, PLANNED
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.grid.drawn_map import DrawnMap
+from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings
 from waychair.planning.route.path_ends import cell_at
 from waychair.types import FloatArray, Pose2
@@ -38,6 +41,9 @@ wall is at that wall."""
 
 _APART = 0.4
 """[m] Points of one obstacle are no farther apart than two legs of one person."""
+
+_CELL = 0.05
+"""[m] Points this near are one in the search for an obstacle's points: a camera sees thousands."""
 
 _ANYTHING = 0.15
 """[m] Half the width of the narrowest body that is tried: a gap too narrow for it is a crack in a wall."""
@@ -67,19 +73,22 @@ class Seen:
     points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
 
 
-def explained(error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen = Seen()) -> PlanningError:
+def explained(
+    error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen = Seen()
+) -> Resumable[PlanningError]:
     """Return the error of a plan over a map with its zones and live obstacles, saying what is truly in the way.
 
     It is the error itself if nothing better is known.
     """
-    found = cause_of(error, drawn, start, goal, seen)
+    found = yield from cause_of(error, drawn, start, goal, seen)
     return error if found is None else type(error)(found.text)
 
 
 def cause_of(
     error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen = Seen()
-) -> Obstruction | None:
+) -> Resumable[Obstruction | None]:
     """Return what keeps a plan over a map with its zones and live obstacles from its goal; None if unknown."""
+    yield
     if isinstance(error, StartOccupied):
         return _at_an_end(drawn, start, seen, "start")
     if isinstance(error, GoalOccupied):
@@ -89,7 +98,7 @@ def cause_of(
     place = getattr(error, "place", None)
     if place is not None:  # there is a way for a narrow body, but the whole chair does not fit there
         return _at_a_place(drawn, place, seen)
-    return _across(drawn, start, goal, seen)
+    return (yield from _across(drawn, start, goal, seen))
 
 
 def _at_an_end(drawn: DrawnMap, pose: Pose2, seen: Seen, end: str) -> Obstruction | None:
@@ -131,25 +140,27 @@ def _at_a_place(drawn: DrawnMap, place: tuple[float, float], seen: Seen) -> Obst
     )
 
 
-def _across(drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen) -> Obstruction | None:
+def _across(drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen) -> Resumable[Obstruction | None]:
     """Return what bars every way from the start to the goal."""
     usual = drawn.costmap()
     if len(seen.points):
-        group = _barring(usual, start, goal, seen.points)
+        group = yield from _barring(usual, start, goal, seen.points)
         if group is not None:
             return _in_the_way(group, drawn)
     both_ways = replace(usual, barred=None)
-    if usual.barred is not None and (way := _way(both_ways, start, goal)) is not None:
+    if usual.barred is not None and (way := (yield from _way(both_ways, start, goal))) is not None:
         return _zone_told(drawn.zones, Rule.ONE_WAY, way, start, goal)
     bare = costmap_from_grid(drawn.bare, drawn.body) if drawn.zones else both_ways
-    if drawn.zones and (way := _way(bare, start, goal)) is not None:
+    yield
+    if drawn.zones and (way := (yield from _way(bare, start, goal))) is not None:
         return _zone_told(drawn.zones, Rule.KEEP_OUT, way, start, goal)
-    return _too_narrow(bare, start, goal)
+    return (yield from _too_narrow(bare, start, goal))
 
 
-def _barring(usual: Costmap, start: Pose2, goal: Pose2, points: FloatArray) -> FloatArray | None:
+def _barring(usual: Costmap, start: Pose2, goal: Pose2, points: FloatArray) -> Resumable[FloatArray | None]:
     """Return the first live obstacle (N, 2) [m] on the way that there would be without any; None without a way."""
-    way = _way(usual, start, goal)
+    way = yield from _way(usual, start, goal)
+    yield
     return None if way is None else _first_on(way, points, usual.body.width / 2 + PLANNED + usual.grid.resolution)
 
 
@@ -204,7 +215,7 @@ def _zone_told(zones: Sequence[Zone], rule: Rule, way: FloatArray, start: Pose2,
     )
 
 
-def _too_narrow(bare: Costmap, start: Pose2, goal: Pose2) -> Obstruction:
+def _too_narrow(bare: Costmap, start: Pose2, goal: Pose2) -> Resumable[Obstruction]:
     """Return the widest way there is, if a narrow body could pass at all; else the walls between start and goal."""
     ends = f"from ({start.x:.2f}, {start.y:.2f}) to ({goal.x:.2f}, {goal.y:.2f})"
     cells = cell_at(bare, start), cell_at(bare, goal)
@@ -217,10 +228,11 @@ def _too_narrow(bare: Costmap, start: Pose2, goal: Pose2) -> Obstruction:
     low, high = _ANYTHING, needed + bare.grid.resolution
     for _ in range(_STEPS):
         middle = (low + high) / 2
+        yield
         low, high = (middle, high) if _joined(bare, cells[0], cells[1], middle) else (low, middle)
     place = ""
     slim = replace(bare, prices=np.where(bare.clearance >= low, np.maximum(bare.prices, 1000), 0).astype(np.int32))
-    if (way := _way(slim, start, goal)) is not None:
+    if (way := (yield from _way(slim, start, goal))) is not None:
         at = cells_from_points(bare.grid, way)
         x, y = way[int(np.argmin(bare.clearance[tuple(at.T)]))].tolist()
         place = f" at ({x:.1f}, {y:.1f})"
@@ -239,10 +251,12 @@ def _joined(costmap: Costmap, start: tuple[int, int], goal: tuple[int, int], hal
     return bool(numbers[start] == numbers[goal])
 
 
-def _way(costmap: Costmap, start: Pose2, goal: Pose2) -> FloatArray | None:
+def _way(costmap: Costmap, start: Pose2, goal: Pose2) -> Resumable[FloatArray | None]:
     """Return points (N, 2) [m] of a path for the half width alone; None where there is none."""
+    planner = GlobalPlanner(goal, PlannerSettings(), check_footprint=False)
     with suppress(PlanningError):
-        return GlobalPlanner(goal, PlannerSettings(), check_footprint=False).replan(costmap, start).poses[:, :2]
+        path = yield from planner.replan_resumably(costmap, lambda: start)
+        return path.poses[:, :2]
     return None
 
 
@@ -272,16 +286,19 @@ def _group_near(points: FloatArray, places: FloatArray, within: float) -> FloatA
     """Return the points (N, 2) [m] of the obstacle nearest to places (M, 2), if nearer than `within` [m]."""
     if not len(points):
         return None
-    gaps = np.hypot(*(points[:, None] - places[None]).transpose(2, 0, 1)).min(axis=1)
-    if gaps.min() > within:
+    gaps, _ = cKDTree(places).query(points)
+    first = int(np.argmin(gaps))
+    if gaps[first] > within:
         return None
-    group, border = np.zeros(len(points), np.bool_), np.zeros(len(points), np.bool_)
-    border[int(np.argmin(gaps))] = True
-    while border.any():
-        group |= border
-        near = np.hypot(*(points[:, None] - points[border][None]).transpose(2, 0, 1)).min(axis=1) < _APART
-        border = near & ~group
-    found: FloatArray = points[group]
+    cells, cell_of = np.unique(np.floor(points / _CELL).astype(np.int64), axis=0, return_inverse=True)
+    tree, cell_of = cKDTree(cells * _CELL), cell_of.ravel()
+    group = np.zeros(len(cells), np.bool_)
+    border = [int(cell_of[first])]
+    while border:
+        group[border] = True
+        near = np.concatenate(tree.query_ball_point(cells[border] * _CELL, _APART)).astype(np.int64)
+        border = np.unique(near[~group[near]]).tolist()
+    found: FloatArray = points[group[cell_of]]
     return found
 
 

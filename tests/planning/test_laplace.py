@@ -220,7 +220,8 @@ print("equal")
 """
 
 
-@pytest.mark.parametrize("cycles", ["one", pytest.param("all", marks=pytest.mark.nightly)])
+@pytest.mark.nightly
+@pytest.mark.parametrize("cycles", ["one", "all"])
 def test_the_gpu_kernels_on_the_simulator_agree_with_the_processor(cycles: str) -> None:
     """One cycle after the other, on a small map: the simulator's threads are Python's."""
     pytest.importorskip("numba.cuda", reason="this numba has no CUDA target: install waychair[gpu]")

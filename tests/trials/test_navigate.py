@@ -100,6 +100,7 @@ def test_the_harmonic_field_leads_round_a_corner_and_through_a_door_without_a_st
     assert leg.duration_s < 35.0
 
 
+@pytest.mark.nightly
 def test_a_chair_does_not_turn_into_a_bystander_and_finally_says_that_one_is_in_the_way() -> None:
     corner = CHAIR_A.circumscribed_radius + 0.13
     standing = PersonPlan(Behaviour.PATH, np.array([[4.0 + corner * math.cos(1.01), 4.0 + corner * math.sin(1.01)]]))

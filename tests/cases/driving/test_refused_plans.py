@@ -12,6 +12,7 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import GoalOccupied, NoPath, PlanningError, StartOccupied
 from waychair.maps.drawn.zones import Rule, Zone
 from waychair.planning.grid.drawn_map import DrawnMap
+from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner, check_goal
 from waychair.planning.route.path_ends import check_start
 from waychair.planning.route.refused_plans import Seen, explained
@@ -54,7 +55,7 @@ def refused(
 
     with pytest.raises(PlanningError) as caught:
         plan()
-    return explained(caught.value, drawn, START, goal, Seen(seen))
+    return finished(explained(caught.value, drawn, START, goal, Seen(seen)))
 
 
 def test_a_gap_that_is_too_narrow_is_told_with_its_width_and_place() -> None:

@@ -125,6 +125,7 @@ def kept_often(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.nightly
 def test_a_killed_run_resumes_and_gives_the_same_map(data_dir: Path, tmp_path: Path) -> None:
     log, settings = data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz", kept_often(tmp_path)
     arguments = [str(WAYCHAIR), "map", str(log), "--config", str(settings), "--quiet", "--out"]
