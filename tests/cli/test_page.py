@@ -68,6 +68,7 @@ def served() -> Iterator[tuple[subprocess.Popen[str], int]]:
     process.wait()
 
 
+@pytest.mark.nightly
 @UI
 def test_a_simulated_chair_is_driven_by_its_page_and_ends_with_ctrl_c(
     served: tuple[subprocess.Popen[str], int],

@@ -127,6 +127,7 @@ def test_realtime_takes_as_long_as_the_simulated_time(plan: Path) -> None:
     assert waychair("simulate", "--world", plan, "--mode", "slow").returncode != 0
 
 
+@pytest.mark.nightly
 def test_an_interrupted_simulation_keeps_its_recording_and_names_its_path(plan: Path, tmp_path: Path) -> None:
     waychair("simulate", "--world", plan, "--route", "short", "--quiet")  # compile the kernels
     bag = tmp_path / "drive.mcap"

@@ -15,6 +15,7 @@ from waychair.maps.folders.map_drawing import DrawingEditor
 from waychair.types import Place, Pose2
 
 
+@pytest.mark.nightly
 def test_places_and_zones_follow_the_nodes_when_a_drive_of_another_day_is_joined(drive: Drive, tmp_path: Path) -> None:
     folder, lap = tmp_path / "map", len(drive[0]) // 2
     mapped(part(drive, 0, lap * 3 // 4, 0)[0], folder)

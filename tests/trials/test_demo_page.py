@@ -99,6 +99,7 @@ def test_requests_that_a_demo_does_not_support_give_one_sentence_each() -> None:
     assert page.stop_requested
 
 
+@pytest.mark.nightly
 def test_the_command_serves_the_page_while_it_runs(plan: Path, tmp_path: Path) -> None:
     command = [sys.executable, "-c", "from waychair.cli.main import main; main()", "demo", "--world", str(plan)]
     command += ["--no-surprises", "--out", str(tmp_path / "demo")]

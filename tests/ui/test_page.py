@@ -286,6 +286,7 @@ def test_a_page_without_the_token_asks_for_it_and_shows_nothing(browser: Browser
             assert "token" not in page.url
 
 
+@pytest.mark.nightly
 def test_an_unanswered_connection_is_given_up_for_another_one(browser: Browser, port: Noted) -> None:
     with ExitStack() as first, ExitStack() as pages:
         address = first.enter_context(page_server(port))

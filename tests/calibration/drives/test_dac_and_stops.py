@@ -57,6 +57,7 @@ def test_delay_lag_and_ramps_are_found_from_the_steps(fit: DacFit) -> None:
     assert turn.ramp == pytest.approx(PLANT.turn_acceleration, rel=0.1)
 
 
+@pytest.mark.nightly
 def test_a_chair_without_encoders_is_calibrated_by_lidar_and_gyro() -> None:
     blind = chair_in_hall(SETTINGS, CHAIR_A, SEED, encoders=False)
     found = calibrate_dac(blind, replace(SHORT, levels=5, combined=1), replace(ENOUGH, levels=6))

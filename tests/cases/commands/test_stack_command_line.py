@@ -195,6 +195,7 @@ def test_ports_of_a_dead_chair_go_while_a_chair_of_another_domain_lives(tmp_path
     assert left == {living, f"{living}_el", f"sem.{living}_mutex", everybodys, segment, f"{segment}_el"}
 
 
+@pytest.mark.nightly
 def test_stop_without_a_chair_says_that_none_runs() -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed (no rclpy)")
     script = "from waychair.cli.main import main; main()"

@@ -222,6 +222,7 @@ def test_an_impossible_evaluation_gives_one_sentence(tmp_path: Path) -> None:
     assert "there is no relations file" in refused(waychair("evaluate", tum, "--relations", tmp_path / "none"))
 
 
+@pytest.mark.nightly
 def test_another_drive_joins_a_map_or_leaves_it_unchanged(data_dir: Path, drive: Path, tmp_path: Path) -> None:
     log, folder = data_dir / "wheelchair_sena" / "sena_one_loop.clf.gz", tmp_path / "map"
     assert waychair("map", log, "--out", folder, "--quiet").returncode == 0
