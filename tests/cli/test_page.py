@@ -100,8 +100,8 @@ def test_a_simulated_chair_is_driven_by_its_page_and_ends_with_ctrl_c(
     ("options", "said"),
     [
         (("--sim", "atlantis"), "there is no world"),
-        (("--map", "/nowhere"), "there is no map"),
-        (("--token", "a"), "--token"),
+        pytest.param(("--map", "/nowhere"), "there is no map", marks=pytest.mark.nightly),
+        pytest.param(("--token", "a"), "--token", marks=pytest.mark.nightly),
     ],
 )
 def test_an_impossible_request_gives_one_sentence(options: tuple[str, ...], said: str) -> None:

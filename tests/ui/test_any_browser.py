@@ -116,7 +116,12 @@ def press_stop_in_each_way(page: Page, port: Noted, per_press: int) -> None:
     until(lambda: len(port.named("stop")) == 3 * per_press, "Stop by Space is not heard")
 
 
-@pytest.mark.parametrize("storage", STORAGE)
+BY_DAY = ("blocked", "damaged")
+
+
+@pytest.mark.parametrize(
+    "storage", [*BY_DAY, *(pytest.param(name, marks=pytest.mark.nightly) for name in STORAGE if name not in BY_DAY)]
+)
 def test_the_page_works_whatever_the_browser_s_storage_does(
     browser: Browser, port: Noted, address: str, storage: str
 ) -> None:
@@ -134,7 +139,7 @@ def test_the_page_works_whatever_the_browser_s_storage_does(
         assert page.is_visible("#options-forgotten") is (storage not in ("damaged", "of other kinds"))
 
 
-@pytest.mark.parametrize("storage", ["blocked", "full"])
+@pytest.mark.parametrize("storage", ["blocked", pytest.param("full", marks=pytest.mark.nightly)])
 def test_a_browser_that_keeps_nothing_still_keeps_the_token_of_its_address(
     browser: Browser, port: Noted, storage: str
 ) -> None:
@@ -149,7 +154,10 @@ def test_a_browser_that_keeps_nothing_still_keeps_the_token_of_its_address(
         press_stop_in_each_way(page, port, per_press=2)
 
 
-@pytest.mark.parametrize("missing", ["main.js", "link.js", "leaflet.js", "the socket"])
+@pytest.mark.parametrize(
+    "missing",
+    ["main.js", "the socket", *(pytest.param(name, marks=pytest.mark.nightly) for name in ("link.js", "leaflet.js"))],
+)
 def test_stop_works_where_another_part_of_the_page_fails(
     browser: Browser, port: Noted, address: str, missing: str
 ) -> None:
@@ -235,7 +243,9 @@ def test_the_sentence_about_the_chair_is_in_view_on_every_screen(
                 assert page.evaluate("document.documentElement.scrollWidth") <= width, screen
 
 
-@pytest.mark.parametrize("screen", ["small phone, sideways", "narrowest phone"])
+@pytest.mark.parametrize(
+    "screen", ["small phone, sideways", pytest.param("narrowest phone", marks=pytest.mark.nightly)]
+)
 def test_a_question_leaves_the_sentence_about_the_chair_in_view(
     browser: Browser, port: Noted, address: str, screen: str
 ) -> None:

@@ -76,7 +76,12 @@ CASES: dict[str, tuple[ImuFault, tuple[Part, State, Cause]]] = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+BY_DAY = ("degrees", "bias", "zeros", "upside down", "no gravity", "leaning")
+
+
+@pytest.mark.parametrize(
+    "name", [*BY_DAY, *(pytest.param(name, marks=pytest.mark.nightly) for name in CASES if name not in BY_DAY)]
+)
 def test_an_imu_that_lies_is_named_and_the_map_is_sound(name: str) -> None:
     fault, look = CASES[name]
     recording, truth = recorded(imu=fault)

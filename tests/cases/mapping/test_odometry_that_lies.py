@@ -185,7 +185,9 @@ def test_wheels_some_per_cent_long_are_left_alone_where_scans_measure_the_way() 
     assert error_of(recording, truth)[0] < GOOD
 
 
-@pytest.mark.parametrize("yaw", [math.pi, math.pi / 2, 0.4])
+@pytest.mark.parametrize(
+    "yaw", [0.4, *(pytest.param(yaw, marks=pytest.mark.nightly) for yaw in (math.pi, math.pi / 2))]
+)
 def test_a_lidar_that_looks_elsewhere_than_told_is_found(yaw: float) -> None:
     recording, truth = recorded(told=Pose2(0.15, 0.0, yaw))
     found = checked(recording)
@@ -195,7 +197,13 @@ def test_a_lidar_that_looks_elsewhere_than_told_is_found(yaw: float) -> None:
     assert error_of(recording, truth)[0] < GOOD
 
 
-@pytest.mark.parametrize("told", [Pose2(0.75, 0.0, 0.0), Pose2(-0.45, 0.0, 0.0), Pose2(0.15, 0.5, 0.0)])
+@pytest.mark.parametrize(
+    "told",
+    [
+        Pose2(0.75, 0.0, 0.0),
+        *(pytest.param(told, marks=pytest.mark.nightly) for told in (Pose2(-0.45, 0.0, 0.0), Pose2(0.15, 0.5, 0.0))),
+    ],
+)
 def test_a_lidar_elsewhere_than_told_is_found_by_the_turns(told: Pose2) -> None:
     recording, truth = recorded(told=told)
     found = checked(recording)

@@ -121,7 +121,13 @@ def test_packed_bags_and_parts_are_read(tmp_path: Path, ending: str, packed: Any
     assert is_whole(read_recording(sorted((tmp_path / "drive").iterdir())))
 
 
-@pytest.mark.parametrize("packed", [gzip.compress, bz2.compress, lzma.compress, zstd.compress])
+@pytest.mark.parametrize(
+    "packed",
+    [
+        gzip.compress,
+        *(pytest.param(by, marks=pytest.mark.nightly) for by in (bz2.compress, lzma.compress, zstd.compress)),
+    ],
+)
 def test_packed_logs_are_read_up_to_a_cut(tmp_path: Path, packed: Any) -> None:
     line = "FLASER 4 1 2 2 1 0 0 0 0 0 0 {0} h {0}\n"
     data = packed("".join(line.format(f"{k}.{k * 7919 % 1000:03d}") for k in range(20_000)).encode())

@@ -52,6 +52,7 @@ def test_a_chair_without_room_names_the_side_and_stays_in_place() -> None:
     assert result.contacts == 0
 
 
+@pytest.mark.nightly
 def test_the_larger_chair_is_refused_since_it_does_not_fit_round_the_corner() -> None:
     scene = corner_scene(B["rear"], 0)
     with pytest.raises(NoPath, match="does not fit"):

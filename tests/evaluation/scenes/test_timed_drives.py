@@ -49,6 +49,7 @@ def test_random_poses_are_those_of_their_seed_and_lie_apart() -> None:
         assert all(0.8 < pose.x < 5.6 and 0.8 < pose.y < 3.6 for pose in (start, goal))
 
 
+@pytest.mark.nightly
 def test_a_drive_ahead_in_a_map_with_a_frame_of_its_own_is_reached_and_no_faster_than_the_best() -> None:
     ground = _ground()
     (found,) = drives(ground, Pose2(1.2, 2.2, 0.0), [Place("ahead", Pose2(4.2, 2.2, 0.0))], 0)

@@ -131,6 +131,7 @@ def test_a_change_from_a_version_without_empty_lists_is_undone(folder: Path) -> 
     assert DrawingEditor(folder).drawing.places == {}
 
 
+@pytest.mark.nightly
 def test_the_number_of_kept_changes_is_limited(folder: Path) -> None:
     layout = DrawingEditor(folder)
     for k in range(MOST_UNDONE + 5):

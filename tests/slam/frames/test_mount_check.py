@@ -57,7 +57,7 @@ def test_a_right_mount_gives_no_warning_and_too_little_motion_gives_no_answer() 
 @pytest.mark.parametrize(
     ("mount", "warning"),
     [
-        ("0.78,0,0", ""),
+        pytest.param("0.78,0,0", "", marks=pytest.mark.nightly),
         pytest.param("0.78,0,3.14159", "in the direction of travel", marks=pytest.mark.nightly),
         ("0.78,0,0.3", "They agree best with --base-from-laser 0.7"),
         pytest.param("0.78,0,0,upside-down", "the scans turn against the odometry", marks=pytest.mark.nightly),

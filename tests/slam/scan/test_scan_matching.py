@@ -268,7 +268,13 @@ def disagreement(store: ScanStore, poses: FloatArray, nodes: Iterable[int], sett
     return np.array(squares)
 
 
-@pytest.mark.parametrize("log", ["lidar_intel/intel_first1088s.clf.gz", "lidar_fr079/fr079_laser.clf.gz"])
+@pytest.mark.parametrize(
+    "log",
+    [
+        "lidar_intel/intel_first1088s.clf.gz",
+        pytest.param("lidar_fr079/fr079_laser.clf.gz", marks=pytest.mark.nightly),
+    ],
+)
 def test_the_covariance_covers_the_disagreement_of_disjoint_halves_of_real_scans(data_dir: Path, log: str) -> None:
     frames = read_recording(data_dir / log).frames[:600]
     mapper = Mapper(MapperSettings(), Pose2())

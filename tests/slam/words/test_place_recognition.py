@@ -175,7 +175,7 @@ def test_a_view_with_too_few_features_has_no_words() -> None:
     recognition.leave(1)
 
 
-@pytest.mark.parametrize("detector", ["gftt_orb", "sift"])
+@pytest.mark.parametrize("detector", ["gftt_orb", pytest.param("sift", marks=pytest.mark.nightly)])
 def test_other_features_and_a_fixed_vocabulary_find_places_too(detector: str) -> None:
     features = FeatureSettings(detector=detector, max_features=150)
     settings = RecognitionSettings(accept=0.02, features=features)  # so few places never look very different
