@@ -32,7 +32,8 @@ def read_occupancy_grid(message: Any) -> OccupancyGrid:
     """
     require_frame(message, MAP_FRAME)
     info = message.info
-    cells = np.asarray(message.data, np.int8)
+    # A copy: a read-only array, as messages have, would make numba compile the kernels again, in a drive's first tick.
+    cells = np.array(message.data, np.int8)
     if len(cells) != info.width * info.height or not len(cells):
         raise MessageError(f"a map of {info.width} x {info.height} cells holds {len(cells)}: restart its sender")
     low, high = int(cells.min()), int(cells.max())

@@ -75,6 +75,7 @@ def test_a_late_subscriber_gets_the_map_and_the_places(stack: LiveStack) -> None
     stack.listen(topics.MAP, read_occupancy_grid, maps)
     stack.until(lambda: maps.last is not None, "the map")
     assert maps.last.cells.shape == (200, 300)
+    assert maps.last.cells.flags.writeable  # as in all other maps, so that no kernel is compiled for this one
     costs = Seen()
     stack.listen(topics.GLOBAL_COSTMAP, read_occupancy_grid, costs)
     stack.until(lambda: costs.last is not None, "the costmap")
