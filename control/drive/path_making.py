@@ -116,7 +116,7 @@ class PathMaker:
         if rest is None:
             return otherwise
         upright, layered = self._surroundings.stationary()
-        points = np.concatenate([upright, *(seen for _, seen in layered)])
+        points = _all_points(upright, layered)
         near = points[np.hypot(*(points - (pose.x, pose.y)).T) < _BARRED_WITHIN]
         ahead = rest[: round(_BARRED_WITHIN / SPACING)]
         front = pose @ Pose2(self._body.front)
@@ -151,7 +151,7 @@ class PathMaker:
     ) -> Resumable[Obstruction | None]:
         planner = self._plan.planner
         assert planner is not None
-        seen = Seen(np.concatenate([upright, *(points for _, points in layered)]))
+        seen = Seen(_all_points(upright, layered))
         return (yield from cause_of(error, self.drawn, self._now.pose, planner.goal, seen))
 
     def _note_detour(
@@ -168,8 +168,7 @@ class PathMaker:
         longer = float(np.hypot(*np.diff(path, axis=0).T).sum() - np.hypot(*np.diff(before, axis=0).T).sum())
         if longer < _TOLD_DETOUR_M:
             return
-        points = np.concatenate([upright, *(points for _, points in layered)])
-        found = obstruction_on(before, points, self.drawn, self._body.width / 2)
+        found = obstruction_on(before, _all_points(upright, layered), self.drawn, self._body.width / 2)
         what = "the way is barred" if found is None else found.what
         seconds = longer / max(self._settings.dwa.max_speed, 0.05)
         self._plan.detour = now_ns, f"{what}: the chair takes another way, {longer:.0f} m ({seconds:.0f} s) longer"
@@ -221,6 +220,11 @@ class PathMaker:
     def _until(self, began_ns: int) -> Callable[[], bool]:
         """Return a function that tells whether there still is time for a field begun at `began_ns`."""
         return lambda: (self._now.stepped_ns or 0) - began_ns < LONGEST_FIELD_S * 1e9
+
+
+def _all_points(upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]) -> FloatArray:
+    """Return the points (N, 2) [m] of obstacles of full height and of those that concern one layer of the body."""
+    return np.concatenate([upright, *(points for _, points in layered)])
 
 
 def or_another_goal(advice: str) -> str:

@@ -73,11 +73,7 @@ def gaps(around: Surroundings, poses: FloatArray, reach: float, most: int) -> Fl
     rows = np.empty((_MOST_NEAR * 8, 4))
     near = np.empty(_MOST_NEAR, np.int64)
     for i in range(len(poses)):
-        x, y = poses[i, 0], poses[i, 1]
-        chair = _chair(around, x, y, poses[i, 2])
-        total = 0
-        for k in range(_near(around, chair, reach, near)):
-            total = _rows_of(chair, around.boxes[near[k]], x, y, reach, rows, total)
+        total = _rows_at(around, poses[i], reach, near, rows)
         order = np.argsort(rows[:total, 0])
         for k in range(min(most, total)):
             found[count, 0] = i
@@ -87,17 +83,24 @@ def gaps(around: Surroundings, poses: FloatArray, reach: float, most: int) -> Fl
 
 
 @njit(cache=True, nogil=True)
+def _rows_at(around: Surroundings, pose: FloatArray, reach: float, near: IntArray, rows: FloatArray) -> int:
+    """Write the gaps of the chair at a pose (3,) within `reach` [m] into the rows (R, 4); return their number."""
+    x, y = pose[0], pose[1]
+    chair = _chair(around, x, y, pose[2])
+    count = 0
+    for k in range(_near(around, chair, reach, near)):
+        count = _rows_of(chair, around.boxes[near[k]], x, y, reach, rows, count)
+    return count
+
+
+@njit(cache=True, nogil=True)
 def overlaps(around: Surroundings, poses: FloatArray, clear: float) -> float:
     """Return the sum over the poses (N, 3) of the length [m] by which the least gap falls short of `clear` [m]."""
     total = 0.0
     rows = np.empty((_MOST_NEAR * 8, 4))
     near = np.empty(_MOST_NEAR, np.int64)
     for i in range(len(poses)):
-        x, y = poses[i, 0], poses[i, 1]
-        chair = _chair(around, x, y, poses[i, 2])
-        count = 0
-        for k in range(_near(around, chair, clear, near)):
-            count = _rows_of(chair, around.boxes[near[k]], x, y, clear, rows, count)
+        count = _rows_at(around, poses[i], clear, near, rows)
         if count:
             total += clear - rows[:count, 0].min()
     return total
