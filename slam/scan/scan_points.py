@@ -16,7 +16,7 @@ MIN_POINTS = 20
 """A scan with fewer usable points cannot be matched."""
 
 _LINE_BEAMS = 3  # beams on either side of a point through which its line goes at least
-_LINE_NOISES = 5.0  # times the noise of the ranges; least length of a line on either side of its point
+_LINE_NOISES = 3.0  # times the noise of the ranges; least length of a line on either side of its point
 _LEAST_SPREAD = 1.5  # times the noise; least standard deviation of the points along their line
 # Noise lies along the beams. Seven beams of a dense lidar span a few millimetres of a near surface: a line through them
 # shows the noise, its normal points along the surface, and such points hold the chair back.
