@@ -52,6 +52,7 @@ from waychair.recordings.bags.ros_transforms import BASE_FRAMES, TransformTree, 
 from waychair.recordings.bags.rosbag_file import (
     BagFile,
     iterate_messages,
+    missing_messages,
     open_bag,
     salvage_bag,
     topic_list,
@@ -66,6 +67,7 @@ from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorF
 
 BEAM_STEP = math.radians(0.25)  # between beams of scans that are made from clouds or from several lasers
 LONGEST_SWEEP = 1.0  # s; a longer one is told in another unit
+FARTHEST = 2.0  # m; no lidar on a chair is further from the base along one axis
 SCAN_SPREAD = 0.1  # s; scans of several lasers up to this far apart are merged
 
 _LEVEL = math.cos(math.radians(5.0))
@@ -100,7 +102,8 @@ class _BagMessages:
     odometry_base: str = ""
     imu: list[ImuSample] = field(default_factory=list)
     imu_frame: str = ""
-    skipped: int = 0
+    not_finite: dict[str, list[int]] = field(default_factory=dict)
+    """The times of recording [ns] of messages that hold no numbers, by topic."""
     logs: dict[str, list[tuple[int, bool]]] = field(default_factory=dict)
     """The time of recording [ns] of each message that was kept, and whether it has no stamp, by topic."""
     clock_steps: list[tuple[int, int]] = field(default_factory=list)
@@ -163,8 +166,6 @@ def _read(
             f"{len(mounts)} mounts are given for the {len(topics.scans)} scan topics of {path}; give one for each"
         )
     found = _collect(path=path, bag=bag, topics=topics, settings=settings, mounts=mounts, progress=progress, lost=lost)
-    if found.skipped:
-        warnings.append(f"{found.skipped} odometry or IMU messages without finite numbers were left out")
     _put_stamps_right(found, topics)
     warnings += [clock_warning(step_ns) for _, step_ns in found.clock_steps]
     base = _base_frame(found, settings)
@@ -202,15 +203,8 @@ def _collect(
     for connections in [small, clouds] if clouds else [small]:
         if connections is clouds:
             kinds = _look_at_clouds(
-                path=path,
-                bag=bag,
-                clouds=clouds,
-                topics=topics,
-                settings=settings,
-                mounts=mounts,
-                found=found,
-                lost=lost,
-            )
+                path=path, bag=bag, clouds=clouds, topics=topics, settings=settings, mounts=mounts, found=found, lost=lost
+            )  # fmt: skip
         clock = ContinuedClock()
         for connection, log_ns, message in clock.continued(iterate_messages(path, bag, connections, lost)):
             unstamped = connection.msgtype not in TRANSFORM_TYPES and stamp_ns(message.header.stamp) == 0 < log_ns
@@ -222,13 +216,16 @@ def _collect(
                 kept = _take(found, connection, message)
             if kept:
                 found.logs.setdefault(connection.topic, []).append((log_ns, unstamped))
+            elif connection.msgtype in (ODOMETRY_TYPE, IMU_TYPE):
+                found.not_finite.setdefault(connection.topic, []).append(log_ns)
             done += 1
             read[connection.topic] += 1
             if progress is not None and done % _PROGRESS_EVERY == 0:
                 progress(min(1.0, done / total))
         found.clock_steps = found.clock_steps or clock.resets
     if lost is None:
-        _note_missing([*small, *clouds], read, found.findings)
+        found.findings += missing_messages(path, [*small, *clouds], read)
+    found.findings += _not_finite(found)
     if not any(found.told.values()) and not any(found.slices.values()):
         names = " and ".join(topics.scans)
         raise NoScans(f"the topic {names} of {path} holds no usable scan; choose another one: {topic_list(bag)}")
@@ -237,15 +234,14 @@ def _collect(
     return found
 
 
-def _note_missing(connections: Sequence[Connection], read: Counter[str], findings: list[Finding]) -> None:
-    """Add a finding for each topic of which a bag holds fewer messages than it tells, as where a file has a hole."""
-    told: Counter[str] = Counter()
-    for connection in connections:
-        told[connection.topic] += connection.msgcount
-    for topic, count in told.items():
-        if read[topic] < count:
-            text = f"{count - read[topic]} of {count} messages are missing from the file, which is damaged"
-            findings.append(Finding("missing messages", topic, text, "copy it again from its source"))
+def _not_finite(found: _BagMessages) -> list[Finding]:
+    """Return a finding for each topic with messages that hold no numbers."""
+    begin_ns = min((log_ns for logs in found.logs.values() for log_ns, _ in logs[:1]), default=0)
+    text = "messages without finite numbers are left out"
+    return [
+        Finding("not finite", topic, text, "check its driver", len(at), max(at[0] - begin_ns, 0) * 1e-9)
+        for topic, at in found.not_finite.items()
+    ]
 
 
 def _take(found: _BagMessages, connection: Connection, message: Any) -> bool:
@@ -261,13 +257,11 @@ def _take(found: _BagMessages, connection: Connection, message: Any) -> bool:
         found.odometry_base = found.odometry_base or frame_name(message.child_frame_id)
         odometry = odometry_from_message(message)
         found.odometry += [odometry] if odometry else []
-        found.skipped += not odometry
         return odometry is not None
     elif connection.msgtype == IMU_TYPE:
         found.imu_frame = found.imu_frame or frame_name(message.header.frame_id)
         sample = imu_from_message(message)
         found.imu += [sample] if sample else []
-        found.skipped += not sample
         return sample is not None
     return True
 
@@ -471,6 +465,12 @@ def _mount(found: _BagMessages, base: str, topic: str, warnings: list[str]) -> L
         return LaserMount()
     if found.tree.moves_between(base, laser):
         warnings.append(f"the laser '{laser}' moves on the base by /tf: its pose at the first scan is used for all")
+    far = float(np.abs(matrix[:2, 3]).max())
+    if not far <= FARTHEST:
+        raise RecordingError(
+            f"/tf_static: the mount of the laser '{laser}' ({topic}) is {far:.6g} m from {base}, and no chair is that large: "
+            "correct it, or give it with --base-from-laser X,Y,YAW"
+        )
     upright = float(matrix[2, 2])
     if abs(upright) < _LEVEL:
         tilt = math.degrees(math.acos(min(1.0, abs(upright))))

@@ -24,7 +24,7 @@ import numpy as np
 from waychair.errors import NoScans, RecordingDamaged, RecordingUnknown
 from waychair.recordings.stamps import UNIT_NAMES, stamp_from_text, unit_of_stamps
 from waychair.recordings.text.line_order import ordered_frames
-from waychair.types import Float32Array, Odometry, Pose2, Scan, SensorFrame, Twist
+from waychair.types import Float32Array, FloatArray, Odometry, Pose2, Scan, SensorFrame, Twist
 
 NO_RETURN = 80.0
 """Ranges from here on [m] mean "no return": the maximum range of a SICK LMS 2xx, whose overflow codes decode to 81.83 m
@@ -63,7 +63,7 @@ def read_carmen(
     Raises:
         RecordingUnknown: no line is of a CARMEN log.
         RecordingDamaged: no scan is complete.
-        NoScans: the CARMEN log has neither FLASER nor ROBOTLASER1 lines.
+        NoScans: the CARMEN log has neither FLASER nor ROBOTLASER1 lines, or its ranges are in another unit.
     """
     text, warnings = decompressed_text(data, where)
     frames: dict[bytes, list[SensorFrame]] = {word: [] for word in _READERS}
@@ -91,6 +91,7 @@ def read_carmen(
     kind = max(frames, key=lambda word: len(frames[word]))
     if not frames[kind]:
         raise _no_scans_error(where, others, damaged)
+    _refuse_another_unit(text, frames[kind], where)
     ordered, order_warnings = ordered_frames(frames[kind])
     told = (*warnings, *_warnings(len(frames[kind]), damaged), *order_warnings)
     return CarmenLog(tuple(ordered), kind.decode(), told)
@@ -188,6 +189,31 @@ def _unit_of(text: bytes) -> str:
     stamps = [parts[0].decode(errors="replace") for line in lines if len(parts := line.rsplit(None, 3)[1:]) == 3]
     large = [stamp for stamp in stamps if _LARGE_STAMP.fullmatch(stamp)]
     return unit_of_stamps(large) if 2 * len(large) > len(stamps) else "s"
+
+
+def _refuse_another_unit(text: bytes, frames: Sequence[SensorFrame], where: str) -> None:
+    """Refuse a log whose ranges all lie beyond those that a CARMEN log can hold.
+
+    Raises:
+        NoScans: with the usual range.
+    """
+    if any(frame.scan is not None and not np.isinf(frame.scan.ranges).all() for frame in frames):
+        return
+    lines = [line.split() for line in text[:_SAMPLE].splitlines()]
+    told = [_flaser_ranges(fields) for fields in lines if fields and fields[0] == b"FLASER"]
+    usual = float(np.median(np.concatenate(told))) if told else math.inf
+    if math.isfinite(usual):
+        raise NoScans(
+            f"the ranges of {where} are {usual:.0f} m in the median, and a CARMEN log holds metres up to {NO_RETURN:g} m: are they "
+            "in millimetres or centimetres? Divide them by 1000 or 100"
+        )
+
+
+def _flaser_ranges(fields: Sequence[bytes]) -> FloatArray:
+    try:
+        return np.array(fields[2 : 2 + int(fields[1])], np.float64)
+    except (ValueError, IndexError):
+        return np.full(1, math.inf)
 
 
 def _warnings(count: int, damaged: Sequence[int]) -> list[str]:

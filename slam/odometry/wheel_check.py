@@ -23,6 +23,7 @@ from waychair.slam.odometry.aid_windows import turn_agreement, way_agreement
 from waychair.types import BoolArray, FloatArray
 
 _LEAST_SCALE, _LEAST_GAIN = 0.015, 0.25  # wheels this wrong are corrected where it moves the map by so much [m]
+_NOTED_SCALE = 0.01  # wheels that are longer or shorter by this share than the scans are worth a note
 _SIGMAS = 4.0
 _LEAST_MOVED = 0.3  # [m] or [rad] of a chair whose wheels are silent
 _LEAST_INTERVALS = 5  # fewer tell no correction
@@ -240,7 +241,10 @@ def _similarity(told: FloatArray, reference: FloatArray, floor: float) -> tuple[
 
 
 def _scaled(evidence: Evidence, told: FloatArray) -> FloatArray | None:
-    """Return the motions with the wheels' scale corrected, if that moves the map: where no scan measures the way."""
+    """Return the motions with the wheels' scale corrected, if that moves the map: where no scan measures the way.
+
+    Elsewhere a scale that differs from the scans' is noted only: neither is known to be the right one.
+    """
     known = evidence.known_way & np.isfinite(told).all(axis=1)
     moving = known & (np.abs(evidence.scans.motions[:, 0]) > 0.03)
     if moving.sum() < 20:
@@ -248,14 +252,15 @@ def _scaled(evidence: Evidence, told: FloatArray) -> FloatArray | None:
     turns = evidence.scans.motions[moving, 2:]  # a lidar beside the base drives another way in turns
     solution, sigma = robust_slope(told[moving, 0], evidence.scans.motions[moving, 0], turns)
     factor, one_sigma = float(solution[0]), float(sigma[0])
-    if abs(factor - 1.0) < max(_LEAST_SCALE, _SIGMAS * one_sigma) or factor < 0.5:
+    if abs(factor - 1.0) < max(_NOTED_SCALE, _SIGMAS * one_sigma) or factor < 0.5:
         return None
     length, longest = 0.0, 0.0
     for is_known, way in zip(evidence.known_way.tolist(), np.abs(told[:, 0]).tolist(), strict=True):
         length = 0.0 if is_known else length + way
         longest = max(longest, length)
     gain = abs(1.0 - 1.0 / factor) * longest
-    if gain < _LEAST_GAIN:
+    if gain < _LEAST_GAIN or abs(factor - 1.0) < _LEAST_SCALE:
+        evidence.add(Part.SCALES, State.NOTED, Cause.SCALES_DIFFER, None, value=factor, sigma=one_sigma)
         return None
     evidence.add(Part.WHEEL_WAY, State.CORRECTED, Cause.LONG, None, value=factor, sigma=one_sigma, gain_m=gain)
     return np.column_stack([told[:, :2] / factor, told[:, 2]])
