@@ -48,7 +48,15 @@ from waychair.recordings.bags.ros_decoding import (
     odometry_from_message,
     told_scan_from_message,
 )
-from waychair.recordings.bags.ros_transforms import BASE_FRAMES, TransformTree, frame_name, planar, stamp_ns
+from waychair.recordings.bags.ros_transforms import (
+    BASE_FRAMES,
+    TransformTree,
+    frame_name,
+    laser_mount,
+    matrix_from_mount,
+    stamp_ns,
+    unknown_mount,
+)
 from waychair.recordings.bags.rosbag_file import (
     BagFile,
     iterate_messages,
@@ -67,10 +75,8 @@ from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorF
 
 BEAM_STEP = math.radians(0.25)  # between beams of scans that are made from clouds or from several lasers
 LONGEST_SWEEP = 1.0  # s; a longer one is told in another unit
-FARTHEST = 2.0  # m; no lidar on a chair is further from the base along one axis
 SCAN_SPREAD = 0.1  # s; scans of several lasers up to this far apart are merged
 
-_LEVEL = math.cos(math.radians(5.0))
 _PROGRESS_EVERY = 256  # messages
 
 
@@ -98,6 +104,8 @@ class _BagMessages:
     scan_frames: dict[str, str] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     damaged_clouds: Counter[str] = field(default_factory=Counter)
+    cloud_damage: dict[str, str] = field(default_factory=dict)
+    """What is wrong with the first damaged cloud of each topic."""
     odometry: list[Odometry] = field(default_factory=list)
     odometry_base: str = ""
     imu: list[ImuSample] = field(default_factory=list)
@@ -228,7 +236,8 @@ def _collect(
     found.findings += _not_finite(found)
     if not any(found.told.values()) and not any(found.slices.values()):
         names = " and ".join(topics.scans)
-        raise NoScans(f"the topic {names} of {path} holds no usable scan; choose another one: {topic_list(bag)}")
+        why = "".join(f" ({damage})" for damage in found.cloud_damage.values())
+        raise NoScans(f"the topic {names} of {path} holds no usable scan{why}; choose another one: {topic_list(bag)}")
     if progress is not None:
         progress(1.0)
     return found
@@ -287,7 +296,8 @@ def _look_at_clouds(
             frame = found.scan_frames.setdefault(topic, frame_name(message.header.frame_id))
             try:
                 sample.append((stamp_ns(message.header.stamp) or log_ns, cloud_from_message(message)))
-            except CloudDamaged:
+            except CloudDamaged as damage:
+                found.cloud_damage.setdefault(topic, str(damage))
                 continue
             if len(sample) == SAMPLE:
                 break
@@ -301,7 +311,7 @@ def _look_at_clouds(
             continue
         index = topics.scans.index(topic)
         given = mounts[index] if index < len(mounts) else None
-        matrix = None if given is None else _given_matrix(given)
+        matrix = None if given is None else matrix_from_mount(given)
         if matrix is None:
             matrix = found.tree.chain(base, frame, sample[0][0])
         if matrix is None:
@@ -320,8 +330,9 @@ def _take_cloud(found: _BagMessages, topic: str, message: Any, kind: CloudKind) 
     stamp = stamp_ns(message.header.stamp)
     try:
         cloud = cloud_from_message(message)
-    except CloudDamaged:
+    except CloudDamaged as damage:
         found.damaged_clouds[topic] += 1
+        found.cloud_damage.setdefault(topic, str(damage))
         return False
     if kind.flat:
         if len(cloud.points):
@@ -376,15 +387,6 @@ def _times_of(topic: str, held: Sequence[Any], logs: Sequence[tuple[int, bool]])
     return TopicTimes(topic, stamps, recorded, np.array([none for _, none in logs], np.bool_), waits_ns)
 
 
-def _given_matrix(mount: LaserMount) -> FloatArray:
-    matrix = np.eye(4)
-    at = in_space(mount.base_from_laser, mount.height)
-    matrix[:3, :3], matrix[:3, 3] = at.rotation, at.translation
-    if mount.upside_down:
-        matrix[:3, :3] = matrix[:3, :3] @ np.diag([1.0, -1.0, -1.0])
-    return matrix
-
-
 def _base_frame(found: _BagMessages, settings: BagSettings) -> str:
     if settings.base_frame or found.odometry_base:
         return frame_name(settings.base_frame) or found.odometry_base
@@ -415,21 +417,24 @@ def _scans(
 
     Raises:
         NoScans: no scan is left that can be used; the message says why.
+        RecordingError: a mount is larger than a chair.
     """
     sources = []
     for index, topic in enumerate(topics.scans):
         if damaged := found.damaged_clouds[topic]:
-            text = "clouds whose sizes contradict their data are left out"
+            text = f"clouds whose sizes contradict their data are left out: {found.cloud_damage[topic]}"
             found.findings.append(Finding("cloud size", topic, text, "check the driver", damaged))
         given = mounts[index] if index < len(mounts) else None
         if found.told.get(topic):
-            mount = given or _mount(found, base, topic, warnings)
+            mount = given or laser_mount(
+                found.tree, base, found.scan_frames[topic], found.told[topic][0].stamp_ns, warnings
+            )
             plausible = plausible_scans(topic, found.told[topic], odometry, mount)
             scans, findings = list(plausible.scans), plausible.findings
         elif topic in found.bands and found.slices[topic]:
             band = found.bands[topic]
             if given is None and found.tree.chain(base, found.scan_frames[topic], 0) is None:
-                warnings.append(_unknown_mount(base, found.scan_frames[topic]))
+                warnings.append(unknown_mount(base, found.scan_frames[topic]))
             if outside := band.outside():
                 raise NoScans(
                     f"{topic}: {outside}: is the sensor's mount right? Give it with --base-from-laser X,Y,Z,YAW, or other "
@@ -454,35 +459,6 @@ def _scans(
         return list(sources[0][0]), sources[0][1]
     track = OdometryInterpolation(odometry) if odometry else None
     return merged_scans(sources, track, BEAM_STEP, SCAN_SPREAD), Pose2()
-
-
-def _mount(found: _BagMessages, base: str, topic: str, warnings: list[str]) -> LaserMount:
-    """Return a laser's mount from the transform tree."""
-    laser, first = found.scan_frames[topic], found.told[topic][0].stamp_ns
-    matrix = found.tree.chain(base, laser, first)
-    if matrix is None:
-        warnings.append(_unknown_mount(base, laser))
-        return LaserMount()
-    if found.tree.moves_between(base, laser):
-        warnings.append(f"the laser '{laser}' moves on the base by /tf: its pose at the first scan is used for all")
-    far = float(np.abs(matrix[:2, 3]).max())
-    if not far <= FARTHEST:
-        raise RecordingError(
-            f"/tf_static: the mount of the laser '{laser}' ({topic}) is {far:.6g} m from {base}, and no chair is that large: "
-            "correct it, or give it with --base-from-laser X,Y,YAW"
-        )
-    upright = float(matrix[2, 2])
-    if abs(upright) < _LEVEL:
-        tilt = math.degrees(math.acos(min(1.0, abs(upright))))
-        warnings.append(f"the laser '{laser}' is tilted by {tilt:.0f} degrees: its scans are used as if it were level")
-    return LaserMount(planar(matrix), upright < 0.0)
-
-
-def _unknown_mount(base: str, laser: str) -> str:
-    return (
-        f"/tf and /tf_static do not connect {base} with '{laser}': the laser is assumed at the base; "
-        "give its mount with --base-from-laser X,Y[,Z],YAW (and ,upside-down if it hangs upside down)"
-    )
 
 
 def _in_base_axes(found: _BagMessages, base: str, warnings: list[str]) -> list[ImuSample]:

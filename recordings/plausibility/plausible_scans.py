@@ -16,6 +16,7 @@ import numpy as np
 
 from waychair.errors import NoScans
 from waychair.recordings.plausibility.angle_readings import AngleReading, AngleReadings, angle_readings
+from waychair.recordings.plausibility.blind_sector import blind_sector
 from waychair.recordings.plausibility.findings import Finding, seconds_after
 from waychair.recordings.plausibility.motion_witness import MotionWitness
 from waychair.recordings.plausibility.nothing_codes import codes_for_nothing, without_codes
@@ -107,8 +108,9 @@ def plausible_scans(
     told, reading = judge.beam_times(chosen, reading)
     scans = [reading.scan(scan, entry) for scan, entry in zip(told, chosen, strict=True)]
     scans, found = without_nothing_codes(topic, scans, start_ns)
+    blind = blind_sector(topic, scans)
     scans, own = without_own_chair(topic, scans)
-    return PlausibleScans(tuple(scans), (*findings, *found, *own))
+    return PlausibleScans(tuple(scans), (*findings, *found, *blind, *own))
 
 
 def without_nothing_codes(

@@ -211,6 +211,8 @@ def _wrong(finding: AidFinding) -> str:
         return f"the {part} is {9.80665 * value:.2f} at rest instead of 9.81 m/s^2"
     if finding.part is Part.LIDAR:
         return _wrong_lidar(finding)
+    if finding.part is Part.WHEELS and finding.cause is Cause.STUCK:
+        return "the readings are stuck, and stay the same while the scans move"
     clauses = {
         Cause.DEGREES: f"the {part} are {abs(value):.1f} times too large, as in degrees",
         Cause.OTHER_WAY: f"the {part} go the other way than the scans",
@@ -262,7 +264,7 @@ def _wrong_lidar(finding: AidFinding) -> str:
 
 def _follows(finding: AidFinding) -> str:
     if finding.state is State.LEFT_OUT:
-        if finding.cause is Cause.MISSING:
+        if finding.cause is Cause.MISSING or (finding.part is Part.WHEELS and finding.cause is Cause.STUCK):
             return "the scans stand in for them"
         return "the turn rates are used, the tilt is not" if finding.part is Part.GRAVITY else "left out"
     if finding.gain_m is not None:

@@ -11,6 +11,7 @@ from waychair.types import BoolArray, FloatArray
 
 _FASTEST = 4000.0  # in any unit; a greater rate or speed is a wild value
 _LEAST_MISSING_S = 2.0  # wheels that are silent for longer while the chair moves are missing
+_SAME = 1e-9  # [m, rad]; poses that differ by less are the same reading
 _LONGEST_GAP_S = 0.3
 """s; over a longer gap between IMU samples the turn is unknown."""
 
@@ -34,6 +35,17 @@ class WheelSeries:
             begin, end = np.append(begin, self.read[-1] + _LEAST_MISSING_S), np.append(end, np.inf)
         middle = intervals.mean(axis=1)[:, None]
         found: BoolArray = ((middle > begin) & (middle < end)).any(axis=1)
+        return found
+
+    def stuck(self, intervals: FloatArray) -> BoolArray:
+        """Return which intervals (N, 2) [s] lie where the readings stay the same for long, as of a chair that stands."""
+        same = np.abs(np.diff(self.poses, axis=0)).max(axis=1) <= _SAME
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int64), [0]])))
+        begin, end = self.times[edges[::2]], self.times[edges[1::2]]
+        long = end - begin > _LEAST_MISSING_S
+        middle = intervals.mean(axis=1)
+        run = np.searchsorted(begin[long], middle) - 1
+        found: BoolArray = (run >= 0) & (middle < np.append(end[long], -np.inf)[run])
         return found
 
     def motions(self, intervals: FloatArray, delay_s: float = 0.0) -> FloatArray:

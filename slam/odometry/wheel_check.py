@@ -26,6 +26,8 @@ _LEAST_SCALE, _LEAST_GAIN = 0.015, 0.25  # wheels this wrong are corrected where
 _NOTED_SCALE = 0.01  # wheels that are longer or shorter by this share than the scans are worth a note
 _SIGMAS = 4.0
 _LEAST_MOVED = 0.3  # [m] or [rad] of a chair whose wheels are silent
+_LEAST_AWAY, _CREEP = 0.4, 0.05  # [m] or [rad], and per second; the same for wheels whose readings stay the same
+_MOST_STUCK = 0.5  # share of the recording; wheels that stand still for longer are judged as a whole
 _LEAST_INTERVALS = 5  # fewer tell no correction
 _LEAST_FACTOR = 1e-4  # ways that are smaller are none
 _LEAST_ANGLE = math.radians(10.0)  # ways that are turned by less are not
@@ -79,21 +81,44 @@ def check_wheels(
 
 
 def _without_gaps(evidence: Evidence, wheels: WheelSeries, motions: FloatArray, filled: FloatArray) -> bool:
-    """Put the motions of the scans into gaps of the readings in which the chair moves, and note the gaps."""
-    intervals, missing = evidence.scans.intervals, wheels.missing(evidence.scans.intervals)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int64), [0]])))
+    """Put the motions of the scans into stretches in which the chair moves, but readings are missing or stay the same.
+
+    The stretches are noted.
+    """
+    intervals = evidence.scans.intervals
+    missing, stuck = wheels.missing(intervals), wheels.stuck(intervals)
     found = False
-    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for first, end in _runs_of(missing):
         moved = np.abs(filled[first:end])
-        if moved[:, :2].sum() + moved[:, 2].sum() < _LEAST_MOVED:
-            continue
-        motions[first:end] = filled[first:end]
-        inside = np.zeros(len(missing), np.bool_)
-        inside[first:end] = True
-        run = Run(inside, float(intervals[first, 0]), float(intervals[end - 1, 1]))
-        evidence.add(Part.WHEELS, State.LEFT_OUT, Cause.MISSING, run)
-        found = True
+        if moved[:, :2].sum() + moved[:, 2].sum() >= _LEAST_MOVED:
+            _stand_in(evidence, motions, filled, first, end, Cause.MISSING)
+            found = True
+    for first, end in _runs_of(stuck & ~missing) if stuck.mean() < _MOST_STUCK else ():
+        # noise of scans adds up while a chair stands
+        away = np.abs(np.cumsum(filled[first:end], axis=0)).max()
+        if away >= _LEAST_AWAY + _CREEP * (intervals[end - 1, 1] - intervals[first, 0]):
+            _stand_in(evidence, motions, filled, first, end, Cause.STUCK)
+            found = True
     return found
+
+
+def _runs_of(mask: BoolArray) -> list[tuple[int, int]]:
+    """Return the first index and the end of each run of a mask (N,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int64), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _stand_in(
+    evidence: Evidence, motions: FloatArray, filled: FloatArray, first: int, end: int, cause: Cause
+) -> None:  # fmt: skip
+    """Put the motions (N, 3) of the scans in place of the wheels' between two intervals, and note it."""
+    intervals = evidence.scans.intervals
+    motions[first:end] = filled[first:end]
+    inside = np.zeros(len(motions), np.bool_)
+    inside[first:end] = True
+    since, until = float(intervals[first, 0]), float(intervals[end - 1, 1])
+    run = Run(inside, since if first else None, until if end < len(motions) else None)
+    evidence.add(Part.WHEELS, State.LEFT_OUT, cause, run)
 
 
 def speeds_are_wrong(evidence: Evidence, motions: FloatArray, driven: FloatArray) -> bool:
