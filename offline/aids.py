@@ -38,7 +38,7 @@ _LEAST_DEVIATIONS = 6.0  # sigma
 _MOUNT_SHARE = 0.5  # a better mount leaves at most this share of the disagreement
 _STEP, _STEP_TURN = 0.6, 0.3  # [m], [rad]; least motion that tells about a mount
 _MANY_SCANS = 1500  # of so many a sample is compared first; all of them only if it shows a fault
-_SAMPLE_S, _SAMPLE_EVERY_S = 9.0, 80.0  # long enough for windows that tell about ways
+_SAMPLE_S, _SAMPLE_EVERY_S = 9.0, 75.0  # long enough for windows that tell about ways
 _LEAST_SCANS = 10  # fewer tell nothing about an aid
 _REVERSED = "The first beam is the last in time: does the driver give the ranges in reverse order?"
 _MOST_SEVERAL = 3  # breaks of one kind that get a sentence each
@@ -114,7 +114,7 @@ def _compared(
 
 
 def _looked_at(frames: tuple[SensorFrame, ...], times: FloatArray) -> BoolArray | None:
-    """Return which frames (N,) are compared at first, some seconds of every 80; None for all.
+    """Return which frames (N,) are compared at first, some seconds of every 75; None for all.
 
     A sound recording is told from a sample. Without wheels, or in gaps of theirs, all scans are needed.
     """

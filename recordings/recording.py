@@ -24,8 +24,8 @@ from waychair.recordings.bags.bag_parts import BagFiles
 from waychair.recordings.bags.bag_settings import NOT_USED, BagSettings
 from waychair.recordings.other_files import likely_kind
 from waychair.recordings.packed import packing_of, unpack
-from waychair.recordings.plausibility.findings import Finding
 from waychair.recordings.plausibility.blind_sector import blind_sector
+from waychair.recordings.plausibility.findings import Finding
 from waychair.recordings.plausibility.own_chair import without_own_chair
 from waychair.recordings.plausibility.plausible_scans import without_nothing_codes
 from waychair.recordings.recording_files import RecordingFiles, find_recording, text_head

@@ -124,7 +124,7 @@ def metadata_is_wrong(path: Path, rng: Rng) -> Path:
     return path
 
 
-@file_fault(4, "file", _META + "|part|split|gap|between|silen|set")
+@file_fault(4, "file", "part is missing|no usable part|nothing was recorded")
 def a_part_is_missing(path: Path, rng: Rng) -> Path:
     folder, parts = _parts(path)
     parts[int(rng.integers(len(parts)))].unlink()

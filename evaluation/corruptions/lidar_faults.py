@@ -274,7 +274,7 @@ def cloud_times_are_wrong(messages: Messages, rng: Rng) -> None:
         event.body.data = table.reshape(-1).view(np.uint8)
 
 
-@messages_fault(2, "lidar", "sizes?|damaged|contradict|point_step|fields?", clouds=True)
+@messages_fault(2, "lidar", "sizes?|damaged|contradict|bytes|point_step|fields?", clouds=True)
 def cloud_sizes_contradict_the_data(messages: Messages, rng: Rng) -> None:
     which = int(rng.integers(5))
     for event in _some(messages.of("/cloud"), rng):

@@ -37,7 +37,9 @@ _PARTS: dict[Part, str] = {
 _CONSEQUENCE = r"do not match those before|could not be joined"
 """A sentence that says what the map looks like, and not why."""
 
-_PUT_RIGHT = r"corrected|left out|bridged|converted|(is|are|was|were) (used|sorted|moved|put there|read as)|stands? in"
+_PUT_RIGHT = (
+    r"corrected|left out|bridged|converted|(?<!read )(is|are|was|were) (used|sorted|moved|put there|read as)|stands? in"
+)
 _ACCUSED: dict[Part, str] = {
     "odometry": r"/odom|odometry|wheels?\b",
     "imu": r"/imu|\bIMU\b|\bgyro",
@@ -103,7 +105,7 @@ def names(made: Corrupted, sentence: str) -> bool:
     if re.search(_CONSEQUENCE, sentence):
         return False
     part = "|".join(_PARTS[part] for part in made.fault.parts)
-    told = re.sub(r"\S*/seed_\d+", "", sentence)  # the path's own words name nothing
+    told = re.sub(r"\S*/seed_\d+\S*", "", sentence)  # the path's own words name nothing
     return bool(re.search(part, told) and re.search(rf"(?<![a-z])(?:{made.fault.words})", told))
 
 

@@ -136,7 +136,7 @@ class TransformTree:
         readings = []
         for k, (stamp, pose) in enumerate(zip(stamps.tolist(), poses, strict=True)):
             before = max(k - 1, 0)
-            readings.append(Odometry(stamp, pose, _twist(poses[before], pose, stamp - int(stamps[before]))))
+            readings.append(Odometry(stamp, pose, mean_twist(poses[before], pose, stamp - int(stamps[before]))))
         return readings
 
     def _ancestry(self, frame: str) -> list[str]:
@@ -222,7 +222,7 @@ def _unit(x: float, y: float, z: float, w: float) -> tuple[float, float, float, 
     return (x / norm, y / norm, z / norm, w / norm) if norm > 0.0 else (0.0, 0.0, 0.0, 1.0)
 
 
-def _twist(before: Pose2, after: Pose2, step_ns: int) -> Twist:
+def mean_twist(before: Pose2, after: Pose2, step_ns: int) -> Twist:
     """Return the mean twist of the base between two poses; zero across a gap."""
     seconds = step_ns * 1e-9
     if not 0.0 < seconds <= _LONGEST_STEP_S:

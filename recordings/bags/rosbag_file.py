@@ -83,7 +83,8 @@ def iterate_messages(
             message = bag.deserialize(data, connection.msgtype)
         except Exception as error:
             if lost is None:
-                raise damage_error(path, error) from error
+                reason = " ".join(f"a message on {connection.topic} cannot be decoded: {error}".split())
+                raise damage_error(path, reason) from error
             lost["messages"] += 1
             continue
         yield connection, log_ns, message

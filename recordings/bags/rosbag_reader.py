@@ -17,7 +17,6 @@ import numpy as np
 from rosbags.interfaces import Connection
 
 from waychair.errors import NoScans, RecordingDamaged, RecordingError
-from waychair.geometry import in_space
 from waychair.recordings.bags.bag_frames import sensor_frames
 from waychair.recordings.bags.bag_parts import BagFiles
 from waychair.recordings.bags.bag_settings import NOT_USED, BagSettings
@@ -54,6 +53,7 @@ from waychair.recordings.bags.ros_transforms import (
     frame_name,
     laser_mount,
     matrix_from_mount,
+    mean_twist,
     stamp_ns,
     unknown_mount,
 )
@@ -71,7 +71,7 @@ from waychair.recordings.plausibility.plausible_scans import plausible_scans, wi
 from waychair.recordings.plausibility.told_scans import ToldScan
 from waychair.recordings.scan_merging import OdometryInterpolation, merged_scans
 from waychair.recordings.scans import LaserMount, mirrored
-from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorFrame
+from waychair.types import ImuSample, Odometry, Pose2, Scan, SensorFrame
 
 BEAM_STEP = math.radians(0.25)  # between beams of scans that are made from clouds or from several lasers
 LONGEST_SWEEP = 1.0  # s; a longer one is told in another unit
@@ -103,6 +103,7 @@ class _BagMessages:
     slices: dict[str, list[Scan]] = field(default_factory=dict)
     scan_frames: dict[str, str] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
+    without_speeds: Counter[str] = field(default_factory=Counter)
     damaged_clouds: Counter[str] = field(default_factory=Counter)
     cloud_damage: dict[str, str] = field(default_factory=dict)
     """What is wrong with the first damaged cloud of each topic."""
@@ -248,8 +249,14 @@ def _not_finite(found: _BagMessages) -> list[Finding]:
     begin_ns = min((log_ns for logs in found.logs.values() for log_ns, _ in logs[:1]), default=0)
     text = "messages without finite numbers are left out"
     return [
-        Finding("not finite", topic, text, "check its driver", len(at), max(at[0] - begin_ns, 0) * 1e-9)
-        for topic, at in found.not_finite.items()
+        *(
+            Finding("not finite", topic, text, "check its driver", len(at), max(at[0] - begin_ns, 0) * 1e-9)
+            for topic, at in found.not_finite.items()
+        ),
+        *(
+            Finding("not finite", topic, "speeds without finite numbers are taken from the poses", "", count)
+            for topic, count in found.without_speeds.items()
+        ),
     ]
 
 
@@ -265,6 +272,12 @@ def _take(found: _BagMessages, connection: Connection, message: Any) -> bool:
     elif connection.msgtype == ODOMETRY_TYPE:
         found.odometry_base = found.odometry_base or frame_name(message.child_frame_id)
         odometry = odometry_from_message(message)
+        told = message.twist.twist
+        if odometry is not None and not math.isfinite(told.linear.x + told.angular.z):
+            found.without_speeds[connection.topic] += 1
+            last = found.odometry[-1] if found.odometry else odometry
+            step_ns = odometry.stamp_ns - last.stamp_ns
+            odometry = replace(odometry, twist=mean_twist(last.odom_from_base, odometry.odom_from_base, step_ns))
         found.odometry += [odometry] if odometry else []
         return odometry is not None
     elif connection.msgtype == IMU_TYPE:

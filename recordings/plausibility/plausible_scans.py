@@ -22,6 +22,8 @@ from waychair.recordings.plausibility.motion_witness import MotionWitness
 from waychair.recordings.plausibility.nothing_codes import codes_for_nothing, without_codes
 from waychair.recordings.plausibility.own_chair import without_own_chair
 from waychair.recordings.plausibility.range_readings import (
+    FAR,
+    FAR_UNITS,
     UNITS,
     RangeLimits,
     is_odd,
@@ -266,9 +268,16 @@ class _Judge:
             raise NoScans(
                 f"{self._topic}: the median range is {median} m, as no lidar measures in a building; {_DRIVER}"
             )
-        if units == (1.0,):
-            return 1.0
         free = RangeLimits(0.0, math.inf)
+        if units == (1.0,):
+            if not len(ranges) or float(np.median(ranges)) < FAR:
+                return 1.0
+            tried = (1.0, *FAR_UNITS)
+            unit = tried[self._choose([(_Reading(unit, free), angles) for unit in tried]) or 0]
+            if unit != 1.0:
+                text = f"the ranges are in {FAR_UNITS[unit]}, as the odometry confirms, and are converted to metres"
+                self._add("range unit", text)
+            return unit
         unit = units[self._choose([(_Reading(unit, free), angles) for unit in units]) or 0]
         self._add("range unit", f"the ranges are in {UNITS[unit]}, and are converted to metres")
         return unit

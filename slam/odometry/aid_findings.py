@@ -179,7 +179,7 @@ def _scales(finding: AidFinding) -> str:
     """Return the clause about ways by wheels and by scans that differ: neither is known to be the right one."""
     longer = "longer" if finding.value > 1.0 else "shorter"
     return (
-        f"the way by wheels is {abs(finding.value - 1.0):.1%} {longer} than by scans, so one of both has a wrong scale; "
+        f"the way by wheels is about {abs(finding.value - 1.0):.0%} {longer} than by scans, so one of both has a wrong scale; "
         "the map follows the scans: check the wheel radius, or the scale of the lidar's ranges"
     )
 

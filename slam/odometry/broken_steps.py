@@ -80,8 +80,8 @@ def repaired(track: Track, bridge: Bridge = lambda begin_s, end_s: None) -> tupl
     corners = _corners(track)
     steps = _Steps.of(track, corners)
     broken = steps.broken()
-    for k in np.flatnonzero(broken & (steps.seconds > _LONGEST_S)).tolist():
-        broken[k] = _is_broken_gap(steps, k, track.poses[corners[k + 1]], bridge)
+    for gap in np.flatnonzero(broken & (steps.seconds > _LONGEST_S)).tolist():
+        broken[gap] = _is_broken_gap(steps, gap, track.poses[corners[gap + 1]], bridge)
     if not broken.any():
         return track, ()
     motions = steps.motions.copy()

@@ -105,7 +105,8 @@ def shows_false_slips(
 def _beside(mask: BoolArray) -> BoolArray:
     """Return a mask (N,) with the intervals before and after each of its runs."""
     wide = np.concatenate([[False], mask, [False]])
-    return wide[:-2] | wide[1:-1] | wide[2:]
+    found: BoolArray = wide[:-2] | wide[1:-1] | wide[2:]
+    return found
 
 
 def _slip_distance(imu: ImuSeries, use: ForceUse, wheels: WheelSeries, intervals: FloatArray) -> FloatArray:

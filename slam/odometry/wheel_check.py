@@ -18,7 +18,7 @@ from waychair.slam.odometry.aid_evidence import (
     unlike,
 )
 from waychair.slam.odometry.aid_findings import Cause, Part, State
-from waychair.slam.odometry.aid_series import WheelSeries, correlation, robust_slope
+from waychair.slam.odometry.aid_series import ScanSeries, WheelSeries, correlation, robust_slope
 from waychair.slam.odometry.aid_windows import turn_agreement, way_agreement
 from waychair.types import BoolArray, FloatArray
 
@@ -27,6 +27,7 @@ _NOTED_SCALE = 0.01  # wheels that are longer or shorter by this share than the 
 _SIGMAS = 4.0
 _LEAST_MOVED = 0.3  # [m] or [rad] of a chair whose wheels are silent
 _LEAST_AWAY, _CREEP = 0.4, 0.05  # [m] or [rad], and per second; the same for wheels whose readings stay the same
+_MEASURED = 0.7  # share of a stretch that scans must measure; along a corridor they do not
 _MOST_STUCK = 0.5  # share of the recording; wheels that stand still for longer are judged as a whole
 _LEAST_INTERVALS = 5  # fewer tell no correction
 _LEAST_FACTOR = 1e-4  # ways that are smaller are none
@@ -94,12 +95,23 @@ def _without_gaps(evidence: Evidence, wheels: WheelSeries, motions: FloatArray, 
             _stand_in(evidence, motions, filled, first, end, Cause.MISSING)
             found = True
     for first, end in _runs_of(stuck & ~missing) if stuck.mean() < _MOST_STUCK else ():
+        away = _measured_away(evidence.scans, first, end)
         # noise of scans adds up while a chair stands
-        away = np.abs(np.cumsum(filled[first:end], axis=0)).max()
         if away >= _LEAST_AWAY + _CREEP * (intervals[end - 1, 1] - intervals[first, 0]):
             _stand_in(evidence, motions, filled, first, end, Cause.STUCK)
             found = True
     return found
+
+
+def _measured_away(scans: ScanSeries, first: int, end: int) -> float:
+    """Return how far [m] or [rad] the chair gets in a stretch by the motions that scans measure, if they measure most."""
+    away = 0.0
+    for columns, known in (((0, 1), scans.way_known), ((2,), scans.turn_known)):
+        own = known[first:end]
+        if own.mean() >= _MEASURED:
+            moved = np.where(own[:, None], scans.motions[first:end][:, columns], 0.0)
+            away = max(away, float(np.abs(np.cumsum(moved, axis=0)).max()))
+    return away
 
 
 def _runs_of(mask: BoolArray) -> list[tuple[int, int]]:

@@ -39,7 +39,9 @@ def wild_forces(times: FloatArray, forces: FloatArray) -> BoolArray:
     size = float(np.linalg.norm(np.median(forces, axis=0)))
     unit = size / _GRAVITY if size > 0.5 else 1.0
     off = np.stack([forces[:, axis] - _medians(times, forces[:, axis])[0] for axis in range(3)], axis=1)
-    return _unless_many(~(np.abs(off) <= _FORCE_OFF * unit).all(axis=1))
+    near: BoolArray = np.abs(off) <= _FORCE_OFF * unit
+    wild: BoolArray = ~np.all(near, axis=1)
+    return _unless_many(wild)
 
 
 def without_wild_readings(

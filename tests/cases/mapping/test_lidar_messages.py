@@ -77,6 +77,7 @@ def test_a_chair_that_only_stands_has_no_codes(tmp_path: Path) -> None:
         (replaced(ranges=lambda r: 1e3 * r), "range unit"),
         (replaced(ranges=lambda r: 1e3 * r, range_min=100.0, range_max=12_000.0), "range unit"),
         (replaced(ranges=lambda r: 100.0 * r), "range unit"),
+        (replaced(ranges=lambda r: 39.37 * r, range_min=3.937, range_max=472.44), "range unit"),
         (replaced(range_min=100.0, range_max=12_000.0), "range limits"),
         (replaced(range_min=12.0, range_max=0.1), "range limits"),
         (replaced(range_max=0.5), "range limits"),
