@@ -49,8 +49,55 @@ PATH_HYSTERESIS_S = 1.5
 RESTED_TICKS, AT_REST = 8, 1e-3
 """A chair commanded less than the second [m/s, rad/s] for so many ticks stands."""
 
+MOST_CHANGES, ONE_WAY_M, LEAST_GEAR = 4, 1.0, 0.03
+"""Changes of gear in a row without the second [m] driven one way between them, after which a chair on a free leg waits instead
+of backing once more; slower commands than the third [m/s] are no gear."""
+
 OFF_PATH = 0.5
 """m; a chair farther off its path needs a new plan."""
+
+
+@dataclass(slots=True)
+class GearChanges:
+    """The gear, 1 or -1 (0 at first), the way [m] driven in it, and the changes of gear in a row."""
+
+    gear: float = 0.0
+    way: float = 0.0
+    count: int = 0
+
+    def note(self, v: float, seconds: float) -> None:
+        """Take in the speed [m/s] that was commanded for a time."""
+        if abs(v) <= LEAST_GEAR:
+            return
+        gear = math.copysign(1.0, v)
+        if self.gear and gear != self.gear:
+            self.count, self.way = self.count + 1, 0.0
+        self.gear, self.way = gear, self.way + abs(v) * seconds
+        if self.way > ONE_WAY_M:
+            self.count = 0
+
+    @property
+    def are_enough(self) -> bool:
+        """Whether the chair has moved to and fro enough here, so that it must not begin to back again."""
+        return self.count >= (MOST_CHANGES - 1 if self.gear > 0.0 else MOST_CHANGES)
+
+
+@dataclass(frozen=True, slots=True)
+class Offer:
+    """Another way round a doorway that is shut or taken: the sentence for the rider, and where [m] in map the doorway is.
+
+    The chair waits there for `wait_s` [s] from `since_ns` on, or until somebody has `taken` the offer.
+    """
+
+    text: str
+    at: tuple[float, float]
+    since_ns: int
+    wait_s: float
+    taken: bool = False
+
+    def is_over(self, now_ns: int) -> bool:
+        """Return whether the chair now goes the other way."""
+        return self.taken or now_ns - self.since_ns >= self.wait_s * 1e9
 
 
 @dataclass(slots=True)
@@ -61,7 +108,8 @@ class PlanState:
     to ask for a new plan. `generator`: planning that takes several ticks; the chair `stops` for it, and then `stands`.
     `obstacles` (N, 2) [m] in map: the ones that the latest planning avoids. `among_people`: it expects walking people.
     `refusal`: why the goal is refused for good. `approaches`: drives to the goal's place that missed its tolerances.
-    `detour`: stamp [ns] and sentence of a longer way round.
+    `detour`: stamp [ns] and sentence of a longer way round. `offer`: the longer way that is offered now; `offered`: the
+    latest offer on this drive.
     """
 
     planner: GlobalPlanner | None = None
@@ -79,6 +127,8 @@ class PlanState:
     refusal: str = ""
     approaches: int = 0
     detour: tuple[int, str] = (0, "")
+    offer: Offer | None = None
+    offered: Offer | None = None
 
     def start(self, planner: GlobalPlanner) -> None:
         """Start planning to another goal from scratch."""
@@ -86,16 +136,19 @@ class PlanState:
         self.path, self.made_ns, self.count, self.leg = None, None, 0, None
         self.generator, self.stops, self.stands = None, False, False
         self.refusal, self.approaches, self.detour = "", 0, (0, "")
+        self.offer = self.offered = None
 
     def adopt(self, path: Path, legs: list[PathLeg], leg: LegDrive) -> None:
         """Follow another path from now on; a chair in position at the end of a single free leg stays in position."""
         if self.leg is not None and len(legs) == len(self.legs) == 1 and legs[0].manner is DrivingManner.FREE:
             leg.in_position = self.leg.in_position
         self.path, self.legs, self.leg, self.count = path, legs, leg, self.count + 1
+        self.offer = None
 
     def drop_path(self, reason: str) -> None:
         """Follow no path, for a reason."""
         self.path, self.leg, self.no_path_reason = None, None, reason
+        self.offer = None
 
     def rest(self, pose: Pose2) -> FloatArray | None:
         """Return the rest (N, 2) [m] of the path from a pose in map; None without a path, or if the chair is off it."""
@@ -113,7 +166,7 @@ class MotionState:
 
     `before` is the command before `command`, and `motion` the acceleration of both. `rested_ticks`: ticks without a
     command to move. `jumping`: the localised pose has just jumped. `local` is None until the distances are asked for.
-    `still_at` is where the chair has stood, in odom, since `still_since_ns`.
+    `still_at` is where the chair has stood, in odom, since `still_since_ns`. `gears`: the changes of gear on this drive.
     """
 
     pose: Pose2 = field(default_factory=Pose2)
@@ -127,6 +180,7 @@ class MotionState:
     local: DistanceField | None = None
     still_at: Pose2 | None = None
     still_since_ns: int = 0
+    gears: GearChanges = field(default_factory=GearChanges)
 
     def note_place(self, now_ns: int, odom_from_base: Pose2) -> None:
         """Note where the chair is, in odom, to tell for how long it has stood there."""
@@ -138,8 +192,12 @@ class MotionState:
         """Return whether the chair has stood for so long."""
         return ((self.stepped_ns or 0) - self.still_since_ns) * 1e-9 >= seconds
 
-    def note_tick(self, limits: DwaSettings) -> None:
-        """Count the ticks at rest, and update the acceleration by the last command."""
+    def note_tick(self, limits: DwaSettings, seconds: float) -> None:
+        """Count the ticks at rest and the changes of gear, and update the acceleration by the last command.
+
+        `seconds` is the time since the last tick.
+        """
+        self.gears.note(self.command.v, seconds)
         self.rested_ticks = self.rested_ticks + 1 if max(abs(self.command.v), abs(self.command.omega)) < AT_REST else 0
         self.motion = motion_after(self.motion, self.before, self.command, limits)
         self.before = self.command

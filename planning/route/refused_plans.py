@@ -54,11 +54,15 @@ _STEPS = 7
 
 @dataclass(frozen=True, slots=True)
 class Obstruction:
-    """The thing that a way meets: a sentence without advice, the advice, and where [m] in map, if at one place."""
+    """The thing that a way meets: a sentence without advice, the advice, and where [m] in map, if at one place.
+
+    `in_doorway`: it may be gone before long, since people leave doors and open them.
+    """
 
     what: str
     advice: str
     at: tuple[float, float] | None = None
+    in_doorway: bool = False
 
     @property
     def text(self) -> str:
@@ -183,16 +187,13 @@ def _in_the_way(group: FloatArray, drawn: DrawnMap) -> Obstruction:
     """Return a live obstacle in the way, in a doorway where the map's walls are near."""
     x, y = group.mean(axis=0).tolist()
     at = f"({x:.1f}, {y:.1f})"
-    where = "in the doorway" if _is_doorway(drawn, x, y) else "in the way"
+    in_doorway = _is_doorway(drawn, x, y)
+    where = "in the doorway" if in_doorway else "in the way"
     if _is_slim(group):
         what = f"{_who(group)} stands {where} at {at}"
-        return Obstruction(what, "wait, or ask for room", (x, y))
-    what = (
-        f"the door is shut at {at}, or something stands in it"
-        if where == "in the doorway"
-        else f"the way is shut at {at}"
-    )
-    return Obstruction(what, "wait, or have it opened", (x, y))
+        return Obstruction(what, "wait, or ask for room", (x, y), in_doorway)
+    what = f"the door is shut at {at}, or something stands in it" if in_doorway else f"the way is shut at {at}"
+    return Obstruction(what, "wait, or have it opened", (x, y), in_doorway)
 
 
 def _is_doorway(drawn: DrawnMap, x: float, y: float) -> bool:

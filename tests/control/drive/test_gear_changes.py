@@ -1,0 +1,58 @@
+"""Moving to and fro at one place ends: after four changes of gear a chair waits instead of backing again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.drive.navigator_state import MOST_CHANGES, GearChanges
+from waychair.control.drive.recovery import Recovery, RecoverySettings
+from waychair.maps.grid.distance_field import DistanceField, distances
+from waychair.planning.window.motion_limits import DwaSettings
+from waychair.types import Pose2, Twist
+
+
+def driven(*ways: float) -> GearChanges:
+    """Return the changes after ways [m] at 0.2 m/s, negative ones backwards."""
+    gears = GearChanges()
+    for way in ways:
+        for _ in range(round(abs(way) / 0.01)):
+            gears.note(0.2 if way > 0.0 else -0.2, 0.05)
+    return gears
+
+
+def test_four_changes_are_enough_and_the_last_one_is_forwards() -> None:
+    assert not driven(0.5, -0.3).are_enough
+    assert not driven(0.5, -0.3, 0.3, -0.3).are_enough  # it may end this backing
+    forwards = driven(0.5, -0.3, 0.3, -0.3, 0.3)
+    assert forwards.count == MOST_CHANGES
+    assert forwards.are_enough
+    assert driven(-0.5, 0.3, -0.3, 0.3).are_enough  # one more would end in a fifth
+
+
+def test_a_metre_one_way_counts_anew() -> None:
+    gears = driven(0.5, -0.3, 0.3, -0.3, 0.3)
+    for _ in range(80):
+        gears.note(0.2, 0.05)
+    assert not gears.are_enough
+
+
+def test_creeping_is_no_change_of_gear() -> None:
+    gears = driven(0.5)
+    for v in (-0.02, 0.02, -0.03, 0.0):
+        gears.note(v, 0.05)
+    assert gears.count == 0
+
+
+def test_a_stuck_chair_that_must_not_back_has_no_tries_left() -> None:
+    recovery, field = (
+        Recovery(RecoverySettings()),
+        DistanceField(distances(np.zeros((200, 200), np.bool_), 0.05), 0.05, Pose2(-5, -5)),
+    )
+    for tick in range(200):
+        choice = recovery.step(
+            tick * 50_000_000, Pose2(), 3.0, Twist(), lambda: field, CHAIR_A, DwaSettings(), may_back=False
+        )
+        assert choice is None
+    assert recovery.exhausted
+    assert not recovery.backing
