@@ -44,7 +44,7 @@ from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.route.global_planner import SPACING, GlobalPlanner
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
-from waychair.planning.route.legs import DrivingManner
+from waychair.planning.route.legs import DrivingManner, PathLeg
 from waychair.planning.warm_up import warm_up
 from waychair.planning.window.dwa import DwaResult
 from waychair.planning.window.motion_limits import CommandedMotion, braking, crawling, stopping
@@ -199,7 +199,7 @@ class Navigator:
             return self._halt(now_ns, _UNKNOWN_POSE)
         self._now.pose, self._now.map_from_odom = pose, odom_from_map.inverse()
         since_ns, self._now.stepped_ns = now_ns - (self._now.stepped_ns or now_ns), now_ns
-        self._now.note_tick(self._dwa, since_ns * 1e-9)
+        self._now.note_tick(self._dwa)
         self._now.note_place(now_ns, odom_from_map @ pose)
         if obstacles is not None:
             laser, self._now.local = pose @ self._body.base_from_laser, None
@@ -299,18 +299,21 @@ class Navigator:
     def _follow(self, view: View, behind: bool) -> DwaResult:
         """Return the next command on the present leg, never backwards if somebody may be `behind`.
 
-        On a free leg it is not backwards either after several changes of gear in a row.
+        Nor is it backwards after several changes of gear in a row, if the chair could as well wait.
         """
         if self._plan.leg is None:
             self._plan.leg = LegDrive(self._plan.legs, self._maker.drawn.grid, self._body)
         limits = crawling(self._dwa) if self._now.jumping else self._dwa
-        to_and_fro = self._now.gears.are_enough and self._plan.leg.leg.manner is DrivingManner.FREE
-        if behind or to_and_fro:
+        if behind or (self._now.gears.are_enough and self._could_wait(self._plan.leg.leg)):
             limits = replace(limits, max_reverse=0.0)
         if len(self._plan.legs) > 1:
             corner = replace(limits.tolerances, position=CORNER_TOLERANCE)
             limits = replace(limits, tolerances=corner)
         return self._plan.leg.step(view, limits)
+
+    def _could_wait(self, leg: PathLeg) -> bool:
+        """Return whether waiting may help on a leg: a free one, or a turn in several parts before something that may leave."""
+        return leg.manner is DrivingManner.FREE or (leg.backwards and bool(self._maker.what_bars("")))
 
     def _remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the goal, None while the chair turns at the end of a leg."""

@@ -34,6 +34,9 @@ LONGEST_SEARCH_S = 20.0
 TOLD_AFTER_S = 1.0
 """s; a chair that has stood for so long in a drive says for what it stands."""
 
+_LEAP = 0.3
+"""m; a larger step from one tick to the next is the beginning, or a jump of the odometry."""
+
 STILL_M, STILL_RAD = 0.02, 0.03
 """m, rad; a chair that has moved by no more than this stands, whatever it was commanded."""
 
@@ -49,9 +52,9 @@ PATH_HYSTERESIS_S = 1.5
 RESTED_TICKS, AT_REST = 8, 1e-3
 """A chair commanded less than the second [m/s, rad/s] for so many ticks stands."""
 
-MOST_CHANGES, ONE_WAY_M, LEAST_GEAR = 4, 1.0, 0.03
+MOST_CHANGES, ONE_WAY_M, ROLLS_M = 4, 1.0, 0.004
 """Changes of gear in a row without the second [m] driven one way between them, after which a chair on a free leg waits instead
-of backing once more; slower commands than the third [m/s] are no gear."""
+of backing once more. A way back shorter than the third [m] is the noise of the wheels."""
 
 OFF_PATH = 0.5
 """m; a chair farther off its path needs a new plan."""
@@ -59,21 +62,27 @@ OFF_PATH = 0.5
 
 @dataclass(slots=True)
 class GearChanges:
-    """The gear, 1 or -1 (0 at first), the way [m] driven in it, and the changes of gear in a row."""
+    """The gear, 1 or -1 (0 at first), and the changes of gear in a row, by the way along the chair's own axis.
+
+    `at`, `began` and `farthest` [m] are along that way: now, where the present gear began, and farthest in it.
+    """
 
     gear: float = 0.0
-    way: float = 0.0
     count: int = 0
+    at: float = 0.0
+    began: float = 0.0
+    farthest: float = 0.0
 
-    def note(self, v: float, seconds: float) -> None:
-        """Take in the speed [m/s] that was commanded for a time."""
-        if abs(v) <= LEAST_GEAR:
-            return
-        gear = math.copysign(1.0, v)
-        if self.gear and gear != self.gear:
-            self.count, self.way = self.count + 1, 0.0
-        self.gear, self.way = gear, self.way + abs(v) * seconds
-        if self.way > ONE_WAY_M:
+    def note(self, forwards: float) -> None:
+        """Take in a step [m] forwards, negative backwards."""
+        self.at += forwards
+        back = self.at - self.farthest
+        if self.gear * back > 0.0:
+            self.farthest = self.at
+        elif abs(back) > ROLLS_M:
+            self.count += 1 if self.gear else 0
+            self.gear, self.began, self.farthest = math.copysign(1.0, back), self.farthest, self.at
+        if abs(self.farthest - self.began) > ONE_WAY_M:
             self.count = 0
 
     @property
@@ -166,7 +175,7 @@ class MotionState:
 
     `before` is the command before `command`, and `motion` the acceleration of both. `rested_ticks`: ticks without a
     command to move. `jumping`: the localised pose has just jumped. `local` is None until the distances are asked for.
-    `still_at` is where the chair has stood, in odom, since `still_since_ns`. `gears`: the changes of gear on this drive.
+    `still_at` is where the chair has stood, in odom, since `still_since_ns`; `odom_from_base` is its latest place there. `gears`: the changes of gear on this drive.
     """
 
     pose: Pose2 = field(default_factory=Pose2)
@@ -180,10 +189,15 @@ class MotionState:
     local: DistanceField | None = None
     still_at: Pose2 | None = None
     still_since_ns: int = 0
+    odom_from_base: Pose2 = field(default_factory=Pose2)
     gears: GearChanges = field(default_factory=GearChanges)
 
     def note_place(self, now_ns: int, odom_from_base: Pose2) -> None:
-        """Note where the chair is, in odom, to tell for how long it has stood there."""
+        """Note where the chair is, in odom, to tell for how long it has stood there, and its changes of gear."""
+        step = self.odom_from_base.inverse() @ odom_from_base
+        self.odom_from_base = odom_from_base
+        if math.hypot(step.x, step.y) < _LEAP:
+            self.gears.note(step.x)
         off = None if self.still_at is None else self.still_at.inverse() @ odom_from_base
         if off is None or math.hypot(off.x, off.y) > STILL_M or abs(off.theta) > STILL_RAD:
             self.still_at, self.still_since_ns = odom_from_base, now_ns
@@ -192,12 +206,8 @@ class MotionState:
         """Return whether the chair has stood for so long."""
         return ((self.stepped_ns or 0) - self.still_since_ns) * 1e-9 >= seconds
 
-    def note_tick(self, limits: DwaSettings, seconds: float) -> None:
-        """Count the ticks at rest and the changes of gear, and update the acceleration by the last command.
-
-        `seconds` is the time since the last tick.
-        """
-        self.gears.note(self.command.v, seconds)
+    def note_tick(self, limits: DwaSettings) -> None:
+        """Count the ticks at rest, and update the acceleration by the last command."""
         self.rested_ticks = self.rested_ticks + 1 if max(abs(self.command.v), abs(self.command.omega)) < AT_REST else 0
         self.motion = motion_after(self.motion, self.before, self.command, limits)
         self.before = self.command

@@ -13,11 +13,11 @@ from waychair.types import Pose2, Twist
 
 
 def driven(*ways: float) -> GearChanges:
-    """Return the changes after ways [m] at 0.2 m/s, negative ones backwards."""
+    """Return the changes after ways [m] in steps of a centimetre, negative ones backwards."""
     gears = GearChanges()
     for way in ways:
         for _ in range(round(abs(way) / 0.01)):
-            gears.note(0.2 if way > 0.0 else -0.2, 0.05)
+            gears.note(0.01 if way > 0.0 else -0.01)
     return gears
 
 
@@ -33,15 +33,18 @@ def test_four_changes_are_enough_and_the_last_one_is_forwards() -> None:
 def test_a_metre_one_way_counts_anew() -> None:
     gears = driven(0.5, -0.3, 0.3, -0.3, 0.3)
     for _ in range(80):
-        gears.note(0.2, 0.05)
+        gears.note(0.01)
     assert not gears.are_enough
 
 
-def test_creeping_is_no_change_of_gear() -> None:
+def test_the_noise_of_wheels_at_rest_is_no_change_of_gear_and_a_slow_roll_back_is() -> None:
     gears = driven(0.5)
-    for v in (-0.02, 0.02, -0.03, 0.0):
-        gears.note(v, 0.05)
+    for step in (-0.002, 0.002, -0.003, 0.0, 0.001):
+        gears.note(step)
     assert gears.count == 0
+    for _ in range(10):
+        gears.note(-0.001)
+    assert gears.count == 1
 
 
 def test_a_stuck_chair_that_must_not_back_has_no_tries_left() -> None:
