@@ -24,9 +24,10 @@ LEAST_PATH = 0.07
 one hypothesis only."""
 
 DEAD_PATH = 0.15
-"""m; path of a wheel beside which the other one counts as dead, longer because a wheel may stall at a sill."""
+"""m; path of a wheel beside which the other one counts as dead, longer because a wheel may stall at a sill. Twice as far that
+the dead one should have driven is enough as well, if the other one, on the inside of a bend, has driven LEAST_PATH."""
 
-BETTER, WRONG, RIGHT = 4.0, 0.2, 0.2
+BETTER, WRONG, RIGHT = 4.0, 0.12, 0.2
 """A hypothesis must leave this many times less than right encoders, which leave more than WRONG, and itself at most RIGHT
 of the expected motion's square unexplained."""
 
@@ -109,8 +110,10 @@ class WheelSigns:
         way = _WAYS[best]
         if not way or missed[0] < WRONG or missed[best] > RIGHT or missed[0] < BETTER * missed[best]:
             return ""
-        if way.endswith("dead") and np.abs(measured).sum(axis=0).max() < DEAD_PATH:
-            return ""
+        if way.endswith("dead"):
+            told = float(np.abs(measured).sum(axis=0).max())
+            if told < LEAST_PATH or (told < DEAD_PATH and driven.max() < 2 * DEAD_PATH):
+                return ""
         # a straight drive does not show whether the wheels are exchanged, too, and a turn on the spot shows either
         alike = {_WAYS[k] for k in range(1, len(_WAYS)) if missed[k] <= min(RIGHT, BETTER * missed[best])}
         if driven.min() < LEAST_PATH and len(alike) > 1:

@@ -141,3 +141,10 @@ def test_a_turn_about_one_wheel_shows_exchanged_encoders_before_the_pose_is_lost
 
 def test_a_turn_about_one_wheel_names_nothing_that_two_causes_explain() -> None:
     assert told_after((0.12, 0.0), (-0.12, 0.0)) == ""  # the left one, or both
+
+
+def test_a_dead_encoder_on_the_outside_of_a_tight_bend_is_named() -> None:
+    assert "the left wheel's encoder tells no motion" in told_after((0.36, 0.1), (0.0, 0.1))
+    assert "the right wheel's encoder tells no motion" in told_after((0.1, 0.36), (0.1, 0.0))
+    assert told_after((0.36, 0.1), (0.0, 0.0)) == ""  # the chair stands
+    assert told_after((0.2, 0.1), (0.0, 0.1)) == ""  # it may have stalled at a sill
