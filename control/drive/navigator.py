@@ -153,8 +153,8 @@ class Navigator:
 
     def resume(self) -> None:
         """Go on after a pause, by a new plan, or by the other way that is offered."""
-        if self._plan.offer is not None and self._stage is Stage.OFFERING:
-            self._plan.offered, self._plan.made_ns = replace(self._plan.offer, taken=True), None
+        if self._plan.other.offer is not None and self._stage is Stage.OFFERING:
+            self._plan.other.latest, self._plan.made_ns = replace(self._plan.other.offer, taken=True), None
         if self._stage is Stage.PAUSED:
             self._stage, self._reason, self._plan.made_ns = Stage.DRIVING, "", None
             self.recovery.reset()
@@ -229,8 +229,8 @@ class Navigator:
             self.recovery.leave_out_planning(since_ns)
             self._say_at_rest(f"the chair looks for a way, for up to {LONGEST_SEARCH_S:.0f} s")
             return self._navigation(braking(self._now.command, self._dwa))
-        if self._plan.offer is not None and self.active:
-            self._stage, self._reason = Stage.OFFERING, self._plan.offer.text
+        if self._plan.other.offer is not None and self.active:
+            self._stage, self._reason = Stage.OFFERING, self._plan.other.offer.text
             self.recovery.leave_out_planning(since_ns)
             return self._navigation(braking(self._now.command, self._dwa))
         if self._plan.path is None or not self.active:
@@ -361,7 +361,7 @@ class Navigator:
                 self._plan.made_ns = None
             return self._halt(now_ns, self._maker.what_bars("something is in the way"), choice)
         self.recovery.note_motion()
-        since_ns, detour = self._plan.detour
+        since_ns, detour = self._plan.other.taken
         self._stage, self._reason = Stage.DRIVING, detour if now_ns - since_ns < DETOUR_TOLD_S * 1e9 else ""
         if self._now.stands_for(TOLD_AFTER_S):
             self._reason = self._why_at_rest(choice.twist != Twist())
@@ -389,7 +389,7 @@ class Navigator:
 
     def _say_at_rest(self, why: str) -> None:
         """Tell for what the chair stands, once it has stood for a while in a drive."""
-        if self.active and self._plan.offer is None and self._now.stands_for(TOLD_AFTER_S):
+        if self.active and self._plan.other.offer is None and self._now.stands_for(TOLD_AFTER_S):
             self._reason = why
 
     def _navigation(self, twist: Twist, choice: DwaResult | None = None) -> Navigation:
@@ -462,7 +462,7 @@ class Navigator:
             may_stay = self._plan.made_ns is not None and self._plan.among_people
             self._plan.made_ns = now_ns
             self._plan.generator = self._maker.make(now_ns, self._goals[0], may_stay, self._among_people)
-        had_path, detour = self._plan.path is not None, self._plan.detour
+        had_path, detour = self._plan.path is not None, self._plan.other.taken
         drives = had_path and not self._plan.stands
         for done, _ in enumerate(self._plan.generator, 1):
             moves_on = self._plan.planner is not None and self._plan.planner.valid_from_anywhere
@@ -474,7 +474,7 @@ class Navigator:
         self._plan.generator, self._plan.stands = None, False
         if not had_path and self._plan.path is not None:  # the wait for a path must not count towards backing out
             self.recovery.note_motion()
-        if self._plan.detour is not detour:
+        if self._plan.other.taken is not detour:
             self.recovery.note_longer_way()
         if self._plan.refusal:
             self.cancel(self._plan.refusal)

@@ -110,6 +110,15 @@ class Offer:
 
 
 @dataclass(slots=True)
+class OtherWay:
+    """The longer way: stamp [ns] and sentence once the chair has `taken` it, the present `offer`, and the `latest` of a drive."""
+
+    taken: tuple[int, str] = (0, "")
+    offer: Offer | None = None
+    latest: Offer | None = None
+
+
+@dataclass(slots=True)
 class PlanState:
     """The path to a goal and the planning of the next one.
 
@@ -117,8 +126,7 @@ class PlanState:
     to ask for a new plan. `generator`: planning that takes several ticks; the chair `stops` for it, and then `stands`.
     `obstacles` (N, 2) [m] in map: the ones that the latest planning avoids. `among_people`: it expects walking people.
     `refusal`: why the goal is refused for good. `approaches`: drives to the goal's place that missed its tolerances.
-    `detour`: stamp [ns] and sentence of a longer way round. `offer`: the longer way that is offered now; `offered`: the
-    latest offer on this drive.
+    `other`: a longer way round.
     """
 
     planner: GlobalPlanner | None = None
@@ -135,29 +143,26 @@ class PlanState:
     no_path_reason: str = ""
     refusal: str = ""
     approaches: int = 0
-    detour: tuple[int, str] = (0, "")
-    offer: Offer | None = None
-    offered: Offer | None = None
+    other: OtherWay = field(default_factory=OtherWay)
 
     def start(self, planner: GlobalPlanner) -> None:
         """Start planning to another goal from scratch."""
         self.planner = planner
         self.path, self.made_ns, self.count, self.leg = None, None, 0, None
         self.generator, self.stops, self.stands = None, False, False
-        self.refusal, self.approaches, self.detour = "", 0, (0, "")
-        self.offer = self.offered = None
+        self.refusal, self.approaches, self.other = "", 0, OtherWay()
 
     def adopt(self, path: Path, legs: list[PathLeg], leg: LegDrive) -> None:
         """Follow another path from now on; a chair in position at the end of a single free leg stays in position."""
         if self.leg is not None and len(legs) == len(self.legs) == 1 and legs[0].manner is DrivingManner.FREE:
             leg.in_position = self.leg.in_position
         self.path, self.legs, self.leg, self.count = path, legs, leg, self.count + 1
-        self.offer = None
+        self.other.offer = None
 
     def drop_path(self, reason: str) -> None:
         """Follow no path, for a reason."""
         self.path, self.leg, self.no_path_reason = None, None, reason
-        self.offer = None
+        self.other.offer = None
 
     def rest(self, pose: Pose2) -> FloatArray | None:
         """Return the rest (N, 2) [m] of the path from a pose in map; None without a path, or if the chair is off it."""

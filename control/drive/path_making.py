@@ -122,7 +122,7 @@ class PathMaker:
         if may_stay and foreseen and self._is_as_good(path):
             return
         if self._puts_off(now_ns, before, path.poses[:, :2], _all_points(upright, layered)):
-            if mapped is not None and plan.offer is None:  # it drives up to the doorway first
+            if mapped is not None and plan.other.offer is None:  # it drives up to the doorway first
                 plan.adopt(*mapped, LegDrive(mapped[1], self.drawn.grid, self._body))
             return
         legs = list(planner.legs)
@@ -184,7 +184,7 @@ class PathMaker:
         Note what bars the way before, and by how much the path is longer. `points` (N, 2) [m] in map are live obstacles.
         """
         plan = self._plan
-        plan.offer = None
+        plan.other.offer = None
         if before is None:
             return False
         longer = float(np.hypot(*np.diff(path, axis=0).T).sum() - np.hypot(*np.diff(before, axis=0).T).sum())
@@ -194,7 +194,7 @@ class PathMaker:
         seconds = longer / max(_USUAL_SHARE * self._settings.dwa.max_speed, 0.05)
         cost, what = f"{longer:.0f} m ({seconds:.0f} s) longer", "the way is barred" if found is None else found.what
         at = None if found is None or longer < _OFFERED_DETOUR_M or not found.in_doorway else found.at
-        offer = plan.offered
+        offer = plan.other.latest
         if at is not None and (offer is None or math.dist(offer.at, at) > _ONE_DOORWAY):
             if math.dist(at, (self._now.pose.x, self._now.pose.y)) > _WAITS_WITHIN:
                 return True
@@ -205,9 +205,9 @@ class PathMaker:
             )
             offer = Offer(text, at, now_ns, wait_s)
         if at is None or offer is None or offer.is_over(now_ns):
-            plan.detour = now_ns, f"{what}: the chair takes another way, {cost}"
+            plan.other.taken = now_ns, f"{what}: the chair takes another way, {cost}"
             return False
-        plan.offer = plan.offered = offer
+        plan.other.offer = plan.other.latest = offer
         return True
 
     def _is_as_good(self, path: Path) -> bool:
