@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from waychair.errors import GraphError
+from waychair.geometry import compose, invert
 from waychair.slam.graph.edges import Edge, EdgeKind, chi_square, edge_arrays
 from waychair.slam.graph.least_squares import PoseGraphProblem, gtsam_values, is_tree
 from waychair.slam.graph.robust_optimisation import (
@@ -170,6 +171,30 @@ class PoseGraph:
             self._remove(gone)
         else:
             raise GraphError(f"{len(going) - len(gone)} of the edges to remove are not in the graph; remove each once")
+
+    def replace(self, old: Edge, new: Edge) -> None:
+        """Put an edge in the place of one between the same nodes that is no loop.
+
+        If no solution knows the old edge yet, the later of its nodes and all nodes after it move rigidly, so that the new
+        edge fits; else the next `update` solves the whole graph.
+
+        Raises:
+            GraphError: there is no such edge, or the new one joins other nodes or is a loop.
+        """
+        index = next((k for k, edge in enumerate(self._edges) if edge is old), None)
+        if index is None or (old.i, old.j) != (new.i, new.j) or EdgeKind.LOOP in (old.kind, new.kind):
+            raise GraphError(f"edge {old.i}-{old.j} cannot be replaced; give an edge of the graph that is no loop")
+        self._history.append(("_replace", index, new))
+        self._replace(index, new)
+
+    def _replace(self, index: int, new: Edge) -> None:
+        """Put an edge in the place of the edge at this index."""
+        self._edges[index] = new
+        if index < self._known_edges or new.j < new.i:
+            self._isam, self._closes_cycle = None, True
+            return
+        moved = compose(compose(self.poses[new.i], new.i_from_j.array()), invert(self.poses[new.j]))
+        self.poses = np.concatenate([self.poses[: new.j], compose(moved, self.poses[new.j :])])
 
     def _remove(self, gone: list[int]) -> None:
         """Remove the edges at these indices."""
