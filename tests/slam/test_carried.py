@@ -119,7 +119,7 @@ def visit(room: int) -> list[tuple[float, float]]:
 def mapped(walls: FloatArray, *drives: Sequence[Pose2]) -> tuple[MapperResult, FloatArray]:
     """Map drives one after the other, between which the chair is carried; the odometry shows only what is driven."""
     mapper, odometry, last = Mapper(MapperSettings(), Pose2()), Pose2(), None
-    truth = []
+    truth: list[FloatArray] = []
     for drive in drives:
         last = None
         for pose in drive:
@@ -135,7 +135,8 @@ def mapped(walls: FloatArray, *drives: Sequence[Pose2]) -> tuple[MapperResult, F
 def away_from(result: MapperResult, truth: FloatArray) -> FloatArray:
     """Return the distance (N,) [m] of each pose to the truth, both relative to the first."""
     moved = compose(truth[0], compose(invert(result.trajectory.poses[0]), result.trajectory.poses))
-    return np.hypot(*(moved - truth)[:, :2].T)
+    away: FloatArray = np.hypot(*(moved - truth)[:, :2].T)
+    return away
 
 
 def torn(result: MapperResult) -> list[Edge]:
