@@ -9,7 +9,8 @@ import numpy as np
 from waychair.errors import SessionError
 from waychair.slam.graph.edges import EdgeKind
 from waychair.slam.localising.localiser import LocalisationState, Localiser, LocaliserSettings
-from waychair.slam.mapping.mapper import CERTAIN_PATH, Mapper, twist_of
+from waychair.slam.mapping.mapper import CERTAIN_PATH, Mapper
+from waychair.slam.mapping.tracking import twist_of
 from waychair.types import OccupancyGrid, Pose2, SensorFrame
 
 

@@ -37,7 +37,7 @@ from waychair.simulation.plan.world import WORLDS, World, world_from_plan
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.slam.localising.localiser import LocalisationState, Localiser, LocaliserSettings
-from waychair.slam.mapping.mapper import odometry_of, twist_of
+from waychair.slam.mapping.tracking import odometry_of, twist_of
 from waychair.slam.odometry.dead_reckoning import DeadReckoning
 from waychair.slam.trajectory_errors import truth_errors
 from waychair.types import (

@@ -25,7 +25,7 @@ from waychair.slam.frames.first_motion import rests
 from waychair.slam.frames.frame_synchroniser import Synchroniser, SynchroniserSettings
 from waychair.slam.localising.localiser import Localisation, LocalisationState
 from waychair.slam.mapping.live_mapping import LiveMapping
-from waychair.slam.mapping.mapper import odometry_of
+from waychair.slam.mapping.tracking import odometry_of
 from waychair.types import ImuSample, OccupancyGrid, Odometry, Pose2, Scan, SensorFrame
 
 MAX_QUEUED = 100

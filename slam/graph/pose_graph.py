@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from waychair.errors import GraphError
+from waychair.geometry import compose, invert
 from waychair.slam.graph.edges import Edge, EdgeKind, chi_square, edge_arrays
 from waychair.slam.graph.least_squares import PoseGraphProblem, gtsam_values, is_tree
 from waychair.slam.graph.robust_optimisation import (
@@ -35,6 +36,9 @@ _STEPS = 5
 
 _REVIEW = 4
 """Number of rejected loops at which all are first reviewed; later whenever the number has doubled."""
+
+_NODES_A_JUDGEMENT = 50
+"""After a solution of the whole graph that rejected loops, the next may come when the graph has grown by one fiftieth."""
 
 
 class PoseGraph:
@@ -59,6 +63,8 @@ class PoseGraph:
         self._known_nodes = 0  # nodes and edges that iSAM2 has
         self._known_edges = 0
         self._review_at = _REVIEW
+        self._parked: set[int] = set()  # rejected loops that no solution has judged yet
+        self._judge_at = 0  # number of nodes from which loops in doubt are judged again
         self._cost = 0.0  # sum of robust chi-squares at iSAM2's estimate
 
     @property
@@ -107,19 +113,41 @@ class PoseGraph:
 
         While every node has one edge to an earlier node, the poses already fit and nothing is done. When an edge closes
         a cycle, iSAM2 (Kaess et al., IJRR 2012) solves the affected part. If the new loops raise the cost by more than
-        the rejection of a loop costs, or a loop does not fit, `robust.solve` solves the whole graph.
+        the rejection of a loop costs, or a loop does not fit, `robust.solve` solves the whole graph. Soon after such a
+        solution has rejected loops, further ones in doubt are left out at once and wait for the next.
 
         Raises:
             GraphError: the graph is not connected, or the equations cannot be solved.
         """
         if self._closes_cycle or self._connected < len(self.poses):
             self._history.append(("update",))
-            if not self._update_incrementally():
-                self._solve_accepted()
-                if len(self._rejected) >= self._review_at:  # perhaps an older loop is false
-                    self._review_at = 2 * len(self._solve_all().rejected) + _REVIEW
+            before, known, can_park = self.poses, self._known_edges, self._isam is not None
+            fits, is_due = self._update_incrementally(), len(self.poses) >= self._judge_at
+            if can_park and not fits and not is_due:
+                self._park(before, known)
+            elif not fits or (self._parked and is_due):
+                self._judge()
             self._closes_cycle = False
         return self.poses
+
+    def _judge(self) -> None:
+        """Solve the whole graph with the loops in doubt and those that wait; review all rejected ones now and then."""
+        known = len(self._rejected) - len(self._parked)
+        self._solve_accepted()
+        if len(self._rejected) > known:  # the dear case: no other before the graph has grown
+            self._judge_at = len(self.poses) + len(self.poses) // _NODES_A_JUDGEMENT
+        if len(self._rejected) >= self._review_at:  # perhaps an older loop is false
+            self._review_at = 2 * len(self._solve_all().rejected) + _REVIEW
+
+    def _park(self, poses: FloatArray, known: int) -> None:
+        """Leave the loops from edge `known` on out, at the poses without them, until the next judgement is due."""
+        self.poses = poses
+        fresh = [k for k in range(known, len(self._edges)) if self._edges[k].kind is EdgeKind.LOOP]
+        against = chi_square(poses, [self._edges[k] for k in fresh])
+        for k, value in zip(fresh, against.tolist(), strict=True):
+            self._rejected[k] = RejectedLoop(self._edges[k], RejectionReason.CONTRADICTED, value, LOOP_LIMIT)
+        self._parked |= set(fresh)
+        self._restart()
 
     def solve(self) -> Solution:
         """Solve the whole graph from the present poses, check every loop again, and set `poses` to the solution.
@@ -141,7 +169,7 @@ class PoseGraph:
 
     def _solve_all(self) -> Solution:
         solution = solve(self.poses, self._edges, solved_before=True)
-        self.poses = solution.poses
+        self.poses, self._parked = solution.poses, set()
         left_out = np.flatnonzero(~solution.accepted).tolist()
         self._rejected = dict(zip(left_out, solution.rejected, strict=True))
         if not is_tree(edge_arrays(self._edges), len(self.poses)):
@@ -150,6 +178,8 @@ class PoseGraph:
 
     def _solve_accepted(self) -> None:
         """Solve the whole graph without the loops rejected before."""
+        self._rejected = {k: loop for k, loop in self._rejected.items() if k not in self._parked}
+        self._parked = set()
         inside = [k for k in range(len(self._edges)) if k not in self._rejected]
         solution = solve(self.poses, [self._edges[k] for k in inside], solved_before=True)
         self.poses = solution.poses
@@ -171,6 +201,30 @@ class PoseGraph:
         else:
             raise GraphError(f"{len(going) - len(gone)} of the edges to remove are not in the graph; remove each once")
 
+    def replace(self, old: Edge, new: Edge) -> None:
+        """Put an edge in the place of one between the same nodes that is no loop.
+
+        If no solution knows the old edge yet, the later of its nodes and all nodes after it move rigidly, so that the new
+        edge fits; else the next `update` solves the whole graph.
+
+        Raises:
+            GraphError: there is no such edge, or the new one joins other nodes or is a loop.
+        """
+        index = next((k for k, edge in enumerate(self._edges) if edge is old), None)
+        if index is None or (old.i, old.j) != (new.i, new.j) or EdgeKind.LOOP in (old.kind, new.kind):
+            raise GraphError(f"edge {old.i}-{old.j} cannot be replaced; give an edge of the graph that is no loop")
+        self._history.append(("_replace", index, new))
+        self._replace(index, new)
+
+    def _replace(self, index: int, new: Edge) -> None:
+        """Put an edge in the place of the edge at this index."""
+        self._edges[index] = new
+        if index < self._known_edges or new.j < new.i:
+            self._isam, self._closes_cycle = None, True
+            return
+        moved = compose(compose(self.poses[new.i], new.i_from_j.array()), invert(self.poses[new.j]))
+        self.poses = np.concatenate([self.poses[: new.j], compose(moved, self.poses[new.j :])])
+
     def _remove(self, gone: list[int]) -> None:
         """Remove the edges at these indices."""
         loops = [self._edges[k] for k in gone if self._edges[k].kind is EdgeKind.LOOP]
@@ -181,6 +235,7 @@ class PoseGraph:
         ]
         kept = [k for k in range(len(self._edges)) if k not in set(gone)]
         self._rejected = {new: self._rejected[old] for new, old in enumerate(kept) if old in self._rejected}
+        self._parked = {new for new, old in enumerate(kept) if old in self._parked}
         self._edges = [self._edges[k] for k in kept]
         self._isam, self._closes_cycle = None, True
 

@@ -26,13 +26,14 @@ from waychair.slam.camera.reprojection import pinhole
 from waychair.slam.graph.edges import Edge, EdgeKind
 from waychair.slam.graph.information import odometry_information
 from waychair.slam.mapping.loop_closure import MIN_LOOP_PATH, LoopRejection
-from waychair.slam.mapping.mapper import Mapper, twist_of
+from waychair.slam.mapping.mapper import Mapper
 from waychair.slam.mapping.place_verification import (
     features_of,
     fit_to_keys,
     motion_of_base,
     nearest_place,
 )
+from waychair.slam.mapping.tracking import twist_of
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.memory_settings import MemorySettings
 from waychair.slam.memory.nodes import LOOPS, Link, LinkKind, Node, NodeScan, NodeStatus, WordIds, carried

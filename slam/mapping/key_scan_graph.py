@@ -47,6 +47,11 @@ class KeyGraph:
         """The rejected loops, with reasons."""
         return self._graph.rejected
 
+    @property
+    def is_torn(self) -> bool:
+        """Whether the graph has an edge of unknown motion."""
+        return self.kinds[EdgeKind.UNKNOWN] > 0
+
     def pose(self, node: int) -> Pose2:
         """Return `map_from_base` of a key scan."""
         x, y, theta = self.poses[node].tolist()
@@ -64,6 +69,12 @@ class KeyGraph:
     def link(self, edge: Edge) -> None:
         """Add an edge between two existing key scans; the poses follow at the next `optimise`."""
         self._graph.add(np.empty((0, 3)), [edge])
+        self._count_edge(edge)
+
+    def undo_tear(self, tear: Edge, edge: Edge) -> None:
+        """Put an edge of known motion in the place of an edge of unknown motion between the same key scans."""
+        self._graph.replace(tear, edge)
+        self.kinds[tear.kind] -= 1
         self._count_edge(edge)
 
     def optimise(self) -> None:

@@ -5,8 +5,9 @@ uncertainty, and so the search window, grows with that path. Where whole views d
 with another heading, the small common part has to match (`partial_overlap`), twice, some distance apart. Where the
 window would be too large to search, after long drift or when the chair was kidnapped, whole submaps are searched: those
 where the chair can be, nearest first, one with each key scan, so that the work per scan is bounded. A place found there
-counts only when a second find, some distance on, agrees. A loop is accepted by geometry (enough of the
-query lies on the reference's surfaces, no second place fits nearly as well), never by the likelihood alone.
+counts only if all latest key scans, laid there, see the surfaces of the place and the place sees theirs, if that holds
+at no other place, and when a second find, some distance on, agrees. A loop is accepted by geometry (enough of the query
+lies on the reference's surfaces, no second place fits nearly as well), never by the likelihood alone.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -23,12 +25,13 @@ from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
 from waychair.slam.graph.edges import Edge, EdgeKind
 from waychair.slam.graph.information import match_information, rotated_information
+from waychair.slam.mapping.carried import EMBEDDED, CarryJudge
 from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.scan import partial_overlap as overlap
 from waychair.slam.scan.partial_overlap import find_partial_overlap, known_ground
 from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_matching import MatchSettings, Window, correlative_search, refine
-from waychair.slam.scan.submap_search import SubmapHypothesis, SubmapPyramids, SubmapRound
+from waychair.slam.scan.submap_search import SubmapPyramids, SubmapRound
 from waychair.types import FloatArray, IntArray, Pose2
 
 _UNKNOWN_LENGTH = 1e4
@@ -48,11 +51,15 @@ _QUERY_SCANS = 6  # latest key scans that are matched together
 _MIN_RESPONSE = 0.5  # least mean likelihood
 _MIN_INLIERS = 0.7  # least share of points on the reference's surfaces
 _SUBMAP_SCANS = 40  # key scans of a submap that is searched as a whole
+_LEAST_SUBMAP = 5  # key scans; fewer before a tear show too little of a place
 _SUBMAP_QUERY = 15  # latest key scans that are searched for in submaps
 # A submap takes about as long to search as the rest of a key scan.
 _SUBMAPS_A_SCAN = 1  # submaps that are searched with each key scan
 _FAR_DRIFT = 3.0  # times the assumed drift; the chair is hardly ever farther from where the map says
 _AGREE_DISTANCE, _AGREE_ANGLE = 0.5, 0.15  # m, rad; two finds this near agree
+_PLACE_REACH, _PLACE_PATH = 12.0, 15.0  # m; key scans this near to a part laid at a place, and so connected, see it
+_PLACE_VIEWS, _PART_VIEWS = 30, 20  # key scans of the place and of the part that are compared
+_LEAST_SHARED = 300  # surface points that both must know about
 _MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
 
 
@@ -125,18 +132,29 @@ def candidates(poses: FloatArray, path_lengths: FloatArray, settings: LoopSettin
     return tuple(found[:_CHAINS])
 
 
-def uncertain_submaps(poses: FloatArray, path_lengths: FloatArray, settings: LoopSettings) -> dict[int, IntArray]:
+def uncertain_submaps(
+    poses: FloatArray, path_lengths: FloatArray, settings: LoopSettings, part_starts: Sequence[int] = ()
+) -> dict[int, IntArray]:
     """Return the finished submaps that are too uncertain for a window and where the chair can be, nearest first.
 
-    Arguments as of `candidates`; the members by submap number. The chair can be at a key scan if three times the drift of
-    the path from there explains the distance on the map.
+    Arguments as of `candidates`; `part_starts` are the key scans at which the chair may have been carried. No submap spans
+    two parts, and the rest before such a key scan is a smaller one. The members by the first of them. The chair can be at
+    a key scan if three times the drift of the path from there explains the distance on the map.
     """
     size, recent = _SUBMAP_SCANS, len(path_lengths)
     drift = settings.drift * path_lengths
     away = np.hypot(*(poses[:recent, :2] - poses[-1, :2]).T)
     uncertain, reachable = drift > _MAX_WINDOW, away < _RADIUS + _FAR_DRIFT * drift
-    members = {k: np.arange(k * size, (k + 1) * size) for k in range(recent // size)}
-    possible = {k: nodes for k, nodes in members.items() if uncertain[nodes].all() and reachable[nodes].any()}
+    starts = sorted({start for start in part_starts if 0 < start <= recent})
+    members: dict[int, IntArray] = {}
+    for first, end in pairwise([0, *starts, recent]):
+        finished = end if end in starts else end - (end - first) % size
+        members |= {k: np.arange(k, min(k + size, finished)) for k in range(first, finished, size)}
+    possible = {
+        k: nodes
+        for k, nodes in members.items()
+        if len(nodes) >= _LEAST_SUBMAP and uncertain[nodes].all() and reachable[nodes].any()
+    }
     return dict(sorted(possible.items(), key=lambda item: float(away[item[1]].min())))
 
 
@@ -166,6 +184,7 @@ class LoopRejection(enum.Enum):
     AMBIGUOUS = "the scans fit at two places nearly as well"
     BETTER_ELSEWHERE = "the scans fit better at another place within the drift"
     FEW_INLIERS = "too few points of the scans lie on the surfaces there"
+    SEEN_THROUGH = "the scans look through walls there, or the walls stand where the chair once saw free ground"
     UNCONFIRMED = "the position is too uncertain, and no second find agrees"
     FEW_KEY_SCANS = "too few key scans since the start or a kidnapping"
 
@@ -179,15 +198,16 @@ class LoopCloser:
         matching: MatchSettings,
         reach: float,
         base_from_laser: Pose2,
+        judge: CarryJudge,
     ) -> None:
         """`reach` [m]: half side of a reference beyond the window and the chain's size."""
         self.counts: Counter[str] = Counter()
         self._settings, self._matching, self._reach = settings, matching, reach
         self._pyramids = SubmapPyramids()
-        self._base_from_laser = base_from_laser
+        self._base_from_laser, self._judge = base_from_laser, judge
         self._since_search = self._since_submaps = self._since_overlap = self._since_loop = math.inf
         self._submap_search: _SubmapSearch | None = None
-        self._submap_find: _Find | None = None
+        self._submap_find: Edge | None = None
         self._overlap_finds: list[_Find] = []
         self._recognised: _Find | None = None
 
@@ -259,8 +279,12 @@ class LoopCloser:
         latest = set(recent[-_SUBMAP_QUERY:])
         near = [node for node in sorted(keys.path_lengths(old, CHAIN_REACH)) if node not in latest]
         candidate = LoopCandidate(old, np.array(near, np.int64), _MIN_WINDOW, _AGREE_ANGLE)
-        rivals = None if drift > _MAX_WINDOW else Window(_MIN_WINDOW + drift, angle)
-        return self._verified(keys, recent, candidate, map_from_base, rivals)
+        if drift <= _MAX_WINDOW:
+            return self._verified(keys, recent, candidate, map_from_base, Window(_MIN_WINDOW + drift, angle))
+        edge = self._verified(keys, recent, candidate, map_from_base)
+        if isinstance(edge, Edge) and not self._belongs(keys, recent, edge):
+            return LoopRejection.SEEN_THROUGH
+        return edge
 
     def _verified(
         self,
@@ -343,7 +367,8 @@ class LoopCloser:
 
     def _begin_submap_search(self, keys: KeyGraph, recent: Sequence[int], path_lengths: FloatArray) -> None:
         """Begin to search the submaps that are too uncertain for a window for the latest key scans."""
-        submaps = uncertain_submaps(keys.poses, path_lengths, self._settings)
+        part_starts = [edge.j for edge in keys.edges if edge.kind is EdgeKind.UNKNOWN] if keys.is_torn else []
+        submaps = uncertain_submaps(keys.poses, path_lengths, self._settings, part_starts)
         if not submaps:
             return
         self._since_submaps = 0.0
@@ -360,33 +385,56 @@ class LoopCloser:
         if not search.round.search(keys.store, keys.poses, self._pyramids, _SUBMAPS_A_SCAN):
             return []
         self._submap_search = None
-        found = search.round.hypotheses(keys.poses)
-        before, self._submap_find = self._submap_find, None
-        if not found or self._ambiguous(found):
+        before, self._submap_find = self._submap_find, self._only_place(keys, search)
+        if before is None or self._submap_find is None or not self._same_place(keys, before, self._submap_find):
             return []
-        pose = found[0].map_from_base
-        self._submap_find = _Find(search.recent[-1], pose)
-        if before is None or not self._agree(keys, before, self._submap_find):
-            return []
-        members = search.submaps[found[0].submap]
-        nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
-        near = LoopCandidate(nearest, members, _MIN_WINDOW, _AGREE_ANGLE)
-        edge = self._verified(keys, search.recent, near, pose)
-        return [edge] if isinstance(edge, Edge) else []
+        return [self._submap_find]
 
-    def _ambiguous(self, found: tuple[SubmapHypothesis, ...]) -> bool:
-        """Return whether a second place, in any submap, fits nearly as well as the best."""
-        best = found[0]
-        for other in found[1:]:
-            gap = best.map_from_base.inverse() @ other.map_from_base
-            apart = math.hypot(gap.x, gap.y) > _AGREE_DISTANCE or abs(gap.theta) > _AGREE_ANGLE
-            if apart and other.response > _MAX_AMBIGUITY * best.response:
-                return True
-        return False
+    def _only_place(self, keys: KeyGraph, search: _SubmapSearch) -> Edge | None:
+        """Return the edge to the only place where the view of a search fits and belongs, or None."""
+        found = search.round.hypotheses(keys.poses)
+        edges: list[Edge] = []
+        for rival in found:
+            if rival.response < _MAX_AMBIGUITY * found[0].response:
+                break
+            pose, members = rival.map_from_base, search.submaps[rival.submap]
+            if any(_near(keys.pose(edge.i) @ edge.i_from_j, pose) for edge in edges):
+                continue
+            nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
+            near = LoopCandidate(nearest, members, _MIN_WINDOW, _AGREE_ANGLE)
+            edge = self._verified(keys, search.recent, near, pose)
+            if isinstance(edge, Edge) and self._belongs(keys, search.recent, edge):
+                edges.append(edge)
+        self.counts["places_ambiguous"] += len(edges) > 1
+        return edges[0] if len(edges) == 1 else None
+
+    def _belongs(self, keys: KeyGraph, recent: Sequence[int], edge: Edge) -> bool:
+        """Return whether the latest key scans, laid where an edge says, and the place there see the same surfaces."""
+        moved = keys.pose(edge.i) @ edge.i_from_j @ keys.pose(edge.j).inverse()
+        part = list(recent)[:: -(-len(recent) // _PART_VIEWS)]
+        laid = np.array([(moved @ keys.pose(node)).array() for node in part])
+        latest = set(recent)
+        connected = [node for node in sorted(keys.path_lengths(edge.i, _PLACE_PATH)) if node not in latest]
+        apart = np.hypot(*(keys.poses[connected, None, :2] - laid[None, :, :2]).transpose(2, 0, 1)).min(axis=1)
+        place = [node for node, away in zip(connected, apart, strict=True) if away < _PLACE_REACH]
+        if not place:
+            return False
+        seen = self._judge.embedded(keys, part, place[:: -(-len(place) // _PLACE_VIEWS)], moved)
+        fits = seen.shared >= _LEAST_SHARED and seen.contradiction <= EMBEDDED
+        self.counts["places_contradicted"] += not fits
+        return fits
+
+    def _same_place(self, keys: KeyGraph, before: Edge, now: Edge) -> bool:
+        """Return whether the motion between two finds equals the motion that was driven."""
+        driven = keys.pose(before.j).inverse() @ keys.pose(now.j)
+        return _near(keys.pose(before.i) @ before.i_from_j @ driven, keys.pose(now.i) @ now.i_from_j)
 
     def _agree(self, keys: KeyGraph, before: _Find, now: _Find) -> bool:
         """Return whether the motion between two finds equals the motion that was driven."""
-        driven = keys.pose(before.node).inverse() @ keys.pose(now.node)
-        gap = (before.pose @ driven).inverse() @ now.pose
-        near = math.hypot(gap.x, gap.y) < _AGREE_DISTANCE
-        return near and abs(wrap_angle(gap.theta)) < _AGREE_ANGLE
+        return _near(before.pose @ (keys.pose(before.node).inverse() @ keys.pose(now.node)), now.pose)
+
+
+def _near(a: Pose2, b: Pose2) -> bool:
+    """Return whether two finds of one pose agree."""
+    gap = a.inverse() @ b
+    return math.hypot(gap.x, gap.y) < _AGREE_DISTANCE and abs(wrap_angle(gap.theta)) < _AGREE_ANGLE

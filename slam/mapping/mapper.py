@@ -22,12 +22,14 @@ from waychair.slam.graph.information import (
     unknown_information,
 )
 from waychair.slam.mapping.attached_frames import AttachedFrame, AttachedFrames
+from waychair.slam.mapping.carried import CarryJudge, OpenTear, Verdict, agrees_with_odometry
 from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.mapping.loop_closure import LoopCloser, LoopRejection, LoopSettings
+from waychair.slam.mapping.tracking import TrackingState, odometry_of, twist_of
 from waychair.slam.scan.reference_surfaces import ScanReference
-from waychair.slam.scan.scan_matching import Match, MatchSettings, Window, crossed_share, match, refine
+from waychair.slam.scan.scan_matching import MatchSettings, Window, match, refine
 from waychair.slam.scan.scan_points import MIN_POINTS, ScanPoints, scan_points
-from waychair.types import FloatArray, Odometry, Pose2, SensorFrame, Trajectory, Twist
+from waychair.types import FloatArray, Pose2, SensorFrame, Trajectory
 
 LOCAL_REACH = 12.0
 """Half side [m] of the reference round the chair."""
@@ -42,10 +44,8 @@ _MATCHED_SHARE = 0.4  # share of that window if the scan was already aligned
 _GOOD_RESPONSE = 0.7  # a match with a lower response is searched again in the slip window
 _SLIP_WINDOW = Window(1.2, 0.6)  # where the odometry may have slipped
 _MIN_INLIERS = 0.3  # a match with a smaller share of points on surfaces is not used
-_DOUBTED_INLIERS = 0.5  # with a smaller share the chair may have been kidnapped
-_SURE_INLIERS = 0.7  # with a larger share and no wheel slip it was not kidnapped
-_CROSSED_SHARE = 0.25  # kidnapped if a doubted match crosses a larger share of surfaces
-_SURELY_CROSSED_SHARE = 0.32  # the same for a match that is merely below a good one
+_GUESS_DOUBT = 100.0  # without odometry, a motion that is continued has so much less information
+_DOUBTS = 2  # scans in a row that contradict the key scans before a tear is declared
 _TRACK_INLIERS = 0.5  # between full matches, a scan with a smaller share of points on surfaces leaves the odometry
 _TRACK_POINTS = 360  # points of a scan that are aligned between full matches
 _TRACK_REACH = 0.12  # m; largest error of the odometry since the last scan
@@ -97,18 +97,6 @@ class MapperResult:
         )
 
 
-@dataclass(slots=True)
-class _TrackingState:
-    """State of the frame-to-frame tracking; poses are relative to the current key scan."""
-
-    odometry: Pose2 | None = None  # odom_from_base at the latest frame
-    motion: Pose2 = field(default_factory=Pose2)  # between the last two frames
-    last_match: Pose2 = field(default_factory=Pose2)  # pose at the last full match
-    by_odometry: Pose2 = field(default_factory=Pose2)  # the same pose continued by odometry alone
-    unmatched: int = 0  # frames since the latest matched scan
-    inliers: float = 1.0  # of the latest scan
-
-
 class Mapper:
     """Graph SLAM over key scans: `process` the frames in the order of the recording, then take the `result`.
 
@@ -129,8 +117,10 @@ class Mapper:
         self.seconds: defaultdict[str, float] = defaultdict(float)
         self._recent_keys: list[int] = []  # latest key scans visited; new frames are attached to the last one
         self._reference: ScanReference | None = None
-        self._state = _TrackingState()
-        self._closer = LoopCloser(settings.loops, settings.matching, LOCAL_REACH, base_from_laser)
+        self._state = TrackingState()
+        self._judge = CarryJudge(settings.matching, LOCAL_REACH, base_from_laser)
+        self._tear: OpenTear | None = None  # where the map is torn until the next scans have judged it
+        self._closer = LoopCloser(settings.loops, settings.matching, LOCAL_REACH, base_from_laser, self._judge)
 
     def process(self, frame: SensorFrame) -> Pose2:
         """Return `map_from_base` at the stamp of the frame's scan."""
@@ -139,8 +129,11 @@ class Mapper:
         here_from_base = self._track(scan, last_from_base)  # corrected by the scan
         if self._is_match_due(here_from_base):
             edge = self._match(scan, here_from_base)  # full match, every few steps
-            if not self._is_covered(frame, edge):
+            if self._is_first_doubt(edge):
+                self._attach_frame(frame, here_from_base)  # the next scan has a say, too
+            elif not self._is_covered(frame, edge):
                 self._add(frame, scan, edge)  # a view that no key scan covers
+                self._judge_tear()  # the chair may have been carried
                 self._close_loops()  # may be a revisited place
         else:
             self._attach_frame(frame, here_from_base)
@@ -316,7 +309,11 @@ class Mapper:
         if not self._recent_keys:  # another drive, with an unknown start
             return Edge(len(self.keys) - 1, len(self.keys), Pose2(), unknown_information(), EdgeKind.UNKNOWN)
         with self._timed("matching"):
-            settings, here, node = self.settings, self._current_key, len(self.keys)
+            settings, node = self.settings, len(self.keys)
+            if self._tear is not None and (back := self._judge.returned(self.keys, self._tear, scan, here_from_base)):
+                self._close_tear(self._tear, back[0], latest_before=True)
+                return back[1]
+            here = self._current_key
             guess = self.keys.pose(here) @ here_from_base
             by_odometry = odometry_information(self._state.last_match.inverse() @ self._state.by_odometry)
             prior = rotated_information(by_odometry, guess.theta)
@@ -341,7 +338,9 @@ class Mapper:
                     self.counts["slips"] += 1
             if len(scan) < MIN_POINTS:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
-            if self._is_kidnapped(scan, found, guess, slipped):
+            doubted = self._tear is None and (slipped or found.response < _GOOD_RESPONSE)
+            again = self._state.doubted > 0
+            if doubted and self._judge.is_doubted(self.keys, self._recent_keys, scan, found, guess, again):
                 return Edge(here, node, here_from_base, unknown_information(), EdgeKind.UNKNOWN)
             if found.inliers < _MIN_INLIERS:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
@@ -349,24 +348,17 @@ class Mapper:
             information = rotated_information(match_information(found.information) + prior, -found.pose.theta)
             return Edge(here, node, self._relative_to(here, found.pose), information, EdgeKind.MATCH)
 
-    def _is_kidnapped(self, scan: ScanPoints, found: Match, guess: Pose2, slipped: bool) -> bool:
-        """Return whether the chair was kidnapped: its beams cross surfaces, both at the match and at the odometry's pose.
-
-        The worse the match, the fewer crossed surfaces are needed.
-        """
-        doubted = slipped or found.inliers < _DOUBTED_INLIERS
-        if not doubted and (found.response >= _GOOD_RESPONSE or found.inliers >= _SURE_INLIERS):
-            return False
-        through = [
-            crossed_share(scan, self.base_from_laser, self._local_reference(), pose) for pose in (guess, found.pose)
-        ]
-        return min(through) > (_CROSSED_SHARE if doubted else _SURELY_CROSSED_SHARE)
+    def _is_first_doubt(self, edge: Edge | None) -> bool:
+        """Return whether a scan would tear the map after which no other has contradicted the key scans yet."""
+        doubted = edge is not None and edge.kind is EdgeKind.UNKNOWN and bool(self._recent_keys)
+        self._state.doubted = self._state.doubted + 1 if doubted else 0
+        return doubted and self._state.doubted < _DOUBTS
 
     def _is_covered(self, frame: SensorFrame, edge: Edge | None) -> bool:
         """Attach the frame to an earlier key scan that covers the view from here; return whether there is one."""
         if edge is None or edge.kind is not EdgeKind.MATCH:
             return False
-        here = self._current_key
+        here = edge.i
         pose = self.keys.pose(here) @ edge.i_from_j
         key = self.keys.covering_key(here, pose, _COVER_PATH, _COVER_DISTANCE, _COVER_ANGLE)
         if key is None:
@@ -381,7 +373,7 @@ class Mapper:
     def _add(self, frame: SensorFrame, scan: ScanPoints, edge: Edge | None) -> None:
         node = self.keys.add(scan, edge)
         if edge is not None and edge.kind is EdgeKind.UNKNOWN:
-            self._begin_new_part(node, edge.i_from_j)
+            self._begin_new_part(node, edge)
         elif edge is not None:
             self._distribute_correction(edge.i_from_j)
         if edge is not None:
@@ -392,14 +384,38 @@ class Mapper:
         self._set_current_key(node, Pose2())
         self._attach_frame(frame, Pose2())
 
-    def _begin_new_part(self, node: int, here_from_node: Pose2) -> None:
+    def _begin_new_part(self, node: int, torn: Edge) -> None:
         """Start an unconnected part of the map at a key scan, and attach the last unmatched frames to it."""
+        if self._recent_keys:
+            step = self._state.last_match.inverse() @ self._state.by_odometry
+            known = odometry_information(step) / (1.0 if self._state.odometry is not None else _GUESS_DOUBT)
+            self._tear = OpenTear(torn, tuple(self._recent_keys), known)
         self._recent_keys = []
         self._closer.begin_part()
-        for k in range(1 - self._state.unmatched, 0):
+        for k in range(1 - max(self._state.unmatched, self._state.doubted), 0):
             frame = self.frames[k]
-            self.frames[k] = AttachedFrame(frame.stamp_ns, node, here_from_node.inverse() @ frame.key_from_base)
+            self.frames[k] = AttachedFrame(frame.stamp_ns, node, torn.i_from_j.inverse() @ frame.key_from_base)
         self._state.unmatched = 0
+
+    def _judge_tear(self) -> None:
+        """Undo the open tear if the scans since then show that the chair drove over it, or confirm it."""
+        if (tear := self._tear) is None:
+            return
+        since = [node for node in self._recent_keys if node >= tear.edge.j]
+        with self._timed("matching"):
+            verdict, edge = self._judge.judged(self.keys, tear, since)
+        self._tear = tear if verdict is Verdict.OPEN else None
+        if edge is not None:
+            self._close_tear(tear, edge)
+
+    def _close_tear(self, tear: OpenTear, edge: Edge, latest_before: bool = False) -> None:
+        """Undo a tear by an edge of known motion; the latest key scan is then the last one before it, or stays."""
+        self.counts["tears_undone"], self._tear = self.counts["tears_undone"] + 1, None
+        self.keys.undo_tear(tear.edge, edge)
+        since, before = self._recent_keys, [node for node in tear.before if node not in self._recent_keys]
+        self._recent_keys = ([*since, *before] if latest_before else [*before, *since])[-_RECENT_KEYS:]
+        self._state.unmatched *= not latest_before  # the frames between were placed by the odometry and stay there
+        self._reference = None
 
     def _set_current_key(self, key: int, key_from_base: Pose2) -> None:
         """Attach the frames from now on to this key scan."""
@@ -459,7 +475,20 @@ class Mapper:
             for loop in loops:
                 self.keys.link(loop)
             self.keys.optimise()
+            self._undo_false_tears()
             self._reference = None
+
+    def _undo_false_tears(self) -> None:
+        """Undo the tears of this drive over which loops have shown the motion that the odometry measured."""
+        if not self.keys.is_torn:
+            return
+        for edge in self.keys.edges:
+            torn = edge.kind is EdgeKind.UNKNOWN and self.key_frames[edge.j] > self.earlier_frames
+            if torn and (known := agrees_with_odometry(self.keys, edge)) is not None:
+                self.counts["tears_undone"] += 1
+                self.keys.undo_tear(edge, known)
+                if self._tear is not None and self._tear.edge is edge:
+                    self._tear = None
 
     def _relative_to(self, node: int, pose: Pose2) -> Pose2:
         return self.keys.pose(node).inverse() @ pose
@@ -469,14 +498,3 @@ class Mapper:
         started = time.process_time()
         yield
         self.seconds[stage] += time.process_time() - started
-
-
-def odometry_of(frame: SensorFrame) -> Odometry | None:
-    """Return the latest odometry among the frame's readings, or None."""
-    return next((reading for reading in reversed(frame.wheels) if isinstance(reading, Odometry)), None)
-
-
-def twist_of(frame: SensorFrame) -> Twist | None:
-    """Return the twist of the base by the frame's odometry, or None."""
-    own = odometry_of(frame)
-    return None if own is None else own.twist

@@ -15,18 +15,13 @@ from numba import njit
 
 from waychair.angles import wrapped
 from waychair.config import Settings, setting
-from waychair.geometry import pose_from_array, transform_points, wrap_angles
+from waychair.geometry import pose_from_array, wrap_angles
 from waychair.slam.scan.reference_surfaces import LEVELS, ScanReference, Slots
 from waychair.slam.scan.scan_points import ScanPoints
 from waychair.types import Bytes, FloatArray, Pose2
 
 WIDE, NARROW = 0.3, 0.1
 """First and last width [m] of the refinement's kernel."""
-
-CROSSING_DEPTH = 0.3
-"""A beam has crossed a surface that lies at least so far [m] before its end."""
-
-_GAP = 0.05  # [rad]; a larger angle between two beams is a gap
 
 UNKNOWN_VARIANCE = 100.0
 """Variance [m^2], [rad^2] of a direction in which a scan gives no information."""
@@ -217,27 +212,6 @@ def refine(
     )  # fmt: skip
     pose[2] = wrap_angles(pose[2:])[0]
     return pose_from_array(pose), information, inliers, rms
-
-
-def crossed_share(scan: ScanPoints, base_from_laser: Pose2, reference: ScanReference, pose: Pose2) -> float:
-    """Return the share in [0, 1] of the reference's surfaces that the scan's beams, from this pose, cross.
-
-    Only surfaces on a beam count: those before its end by more than `CROSSING_DEPTH` (crossed) and those at its end. A new place
-    or people round the chair hide surfaces but cross none; at a wrong pose beams cross many. 0 without such surfaces.
-    """
-    beams = transform_points(base_from_laser.inverse(), scan.points)
-    bearing = np.arctan2(beams[:, 1], beams[:, 0])
-    order = np.argsort(bearing)
-    bearing, ranges = bearing[order], np.hypot(beams[order, 0], beams[order, 1])
-    surfaces = transform_points((pose @ base_from_laser).inverse(), reference.surfaces[1:, :2])
-    towards, away = np.arctan2(surfaces[:, 1], surfaces[:, 0]), np.hypot(surfaces[:, 0], surfaces[:, 1])
-    above = np.clip(np.searchsorted(bearing, towards), 1, len(bearing) - 1)
-    close = bearing[above] - bearing[above - 1] < _GAP
-    between = close & (towards >= bearing[above - 1]) & (towards <= bearing[above])
-    nearer = np.minimum(ranges[above], ranges[above - 1])[between]
-    looked_through = int((away[between] < nearer - CROSSING_DEPTH).sum())
-    looked_at = int((np.abs(away[between] - nearer) <= CROSSING_DEPTH).sum())
-    return looked_through / max(1, looked_through + looked_at)
 
 
 @njit(cache=True)

@@ -29,7 +29,7 @@ from waychair.simulation.plan.world import load_world
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.slam.localising.localiser import LocalisationState, Localiser, LocaliserSettings
-from waychair.slam.mapping.mapper import odometry_of, twist_of
+from waychair.slam.mapping.tracking import odometry_of, twist_of
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.slam.scan.scan_points import motion_of_beams, scan_points
 from waychair.trials.barn import upper_bound

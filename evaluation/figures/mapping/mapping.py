@@ -19,7 +19,8 @@ from waychair.maps.folders.map_files import load_map
 from waychair.offline.mapping_report import torn_warnings
 from waychair.recordings.recording import Recording, read_recording, read_tum
 from waychair.simulation.plan.world import load_world
-from waychair.slam.mapping.mapper import Mapper, MapperSettings, odometry_of
+from waychair.slam.mapping.mapper import Mapper, MapperSettings
+from waychair.slam.mapping.tracking import odometry_of
 from waychair.slam.trajectory_errors import read_relations, relation_errors, truth_errors
 from waychair.trials.record import true_trajectory
 from waychair.types import Json, Odometry, SensorFrame

@@ -10,7 +10,7 @@ import pytest
 from waychair.errors import GraphError
 from waychair.geometry import compose
 from waychair.slam.graph.edges import EdgeArrays, chi_square, edge_arrays
-from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, RejectionReason, read_g2o, solve
+from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, RejectionReason, Solution, read_g2o, solve
 from waychair.slam.graph.least_squares import least_squares
 from waychair.slam.graph.pose_graph import PoseGraph
 from waychair.slam.graph.pose_synchronisation import isotropic, lower_bound, polished, sesync_objective, spectral_poses
@@ -157,6 +157,50 @@ def test_a_false_loop_is_rejected_during_a_drive_and_a_removed_one_is_remembered
     assert edges[-1] not in graph.edges
     with pytest.raises(GraphError, match="not in the graph"):
         graph.remove([edges[-1]])
+
+
+def test_many_loops_in_doubt_are_judged_together_now_and_then_and_all_at_the_end(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    truth, edges = laps()
+    solutions: list[int] = []
+
+    def counted(poses: FloatArray, known: list[Edge], solved_before: bool = False) -> Solution:
+        solutions.append(len(poses))
+        return solve(poses, known, solved_before)
+
+    monkeypatch.setattr("waychair.slam.graph.pose_graph.solve", counted)
+    monkeypatch.setattr("waychair.slam.graph.pose_graph._NODES_A_JUDGEMENT", 4)
+    rng = np.random.default_rng(3)
+    drifts = [Pose2(float(x), float(y), float(turn)) for x, y, turn in rng.uniform(-1, 1, (36, 3)) * (4.0, 4.0, 2.0)]
+    false = [measured(truth, k, k + 42, EdgeKind.LOOP, drift) for k, drift in enumerate(drifts)]
+    graph = grown([*edges, *false], truth)
+    assert rmse(graph.poses, truth) < 0.1
+    assert len(solutions) < 20
+    graph.solve()
+    assert {id(item.edge) for item in graph.rejected} == {id(edge) for edge in false}
+    assert rmse(graph.poses, truth) < 0.1
+
+
+@pytest.mark.parametrize("closed", [False, True])
+def test_an_edge_is_replaced_before_and_after_a_solution_and_a_stored_graph_remembers_it(closed: bool) -> None:
+    truth, edges = laps()
+    wrong = measured(truth, 20, 21, EdgeKind.MATCH, Pose2(0.6, 0.0, 0.2))
+    edges[20], right = wrong, edges[20]
+    graph = grown(edges if closed else edges[:79], truth)
+    with pytest.raises(GraphError, match="cannot be replaced"):
+        graph.replace(right, wrong)
+    with pytest.raises(GraphError, match="cannot be replaced"):
+        graph.replace(wrong, edges[21])
+    graph.replace(wrong, right)
+    graph.update()
+    true_edges = [*edges[:20], right, *edges[21:]] if closed else [*edges[:20], right, *edges[21:79]]
+    assert graph.poses == pytest.approx(grown(true_edges, truth).poses, abs=0.01)
+    assert right in graph.edges
+    assert wrong not in graph.edges
+    again = PoseGraph()
+    again.__setstate__(graph.__getstate__())
+    assert again.poses == pytest.approx(graph.poses, abs=1e-9)
 
 
 def test_without_a_loop_closure_nothing_is_solved() -> None:

@@ -1,0 +1,176 @@
+"""A chair that was carried while it mapped: the doubt, the tear, and the scans after it that confirm or undo the tear.
+
+A scan that matches poorly and contradicts the scans before it (`scan_agreement`) tears the map: a new part begins, placed
+by the odometry. One scan may err, so the tear stays open. The next key scans of the new part are matched with each
+other only. Together they are laid on the surfaces before the tear, near where the odometry says. If both parts then see
+the same surfaces, the chair drove: the tear is undone. If they contradict each other, it was carried: only a loop can
+join the parts.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from waychair.slam.graph.edges import Edge, EdgeKind
+from waychair.slam.graph.information import (
+    ODOMETRY_DISTANCE_SIGMA,
+    match_information,
+    odometry_information,
+    rotated_information,
+)
+from waychair.slam.mapping.key_scan_graph import KeyGraph
+from waychair.slam.scan.scan_agreement import Agreement, View, agreement, view_of
+from waychair.slam.scan.scan_matching import Match, MatchSettings, Window, match
+from waychair.slam.scan.scan_points import ScanPoints
+from waychair.types import FloatArray, Pose2
+
+_BEFORE = 10  # latest key scans that a doubted scan is compared with
+_POOR_RESPONSE, _CONTRADICTED = 0.62, 0.15  # a match as poor as this is a tear if it contradicts more
+_SURELY_CONTRADICTED = 0.25  # the same for a better match
+_SLIP, _SLIP_CONTRADICTED = 0.5, 0.1  # m; a slip of the odometry by more must be contradicted as little as this
+_AGAIN = 0.7  # times these limits for the scan after a doubted one, which shows nearly the same
+_LEAST_SHARED = 60  # surface points that must be shared with all scans before; fewer prove nothing
+_JUDGED_AT = (3, 6, 10, 15, 20)  # key scans since the tear at which it is judged
+_AGREED, _CARRIED = 0.12, 0.2  # contradicted share up to which the chair drove, and from which it was carried
+_SOON = 3  # key scans after a tear within which the chair may be back on known ground
+_SURE_RESPONSE = 0.75  # response and share of inliers of a scan that is
+_LEAST_RESPONSE = 0.5  # of the match of both parts, for an edge by the scans and not by the odometry
+_WINDOW = Window(0.5, 0.35)  # m, rad; where the odometry may have slipped over a tear
+_QUERY_CELL = 0.1  # m
+# A tear that a loop has bridged is undone if the odometry over it differs by no more than this, plus so much per metre of
+# the way through the loop.
+_NEAR_AWAY, _NEAR_TURNED = 0.3, 0.1  # m, rad
+_DRIFT, _TURN_DRIFT = 0.01, 0.001  # m/m, rad/m
+_MOST_AWAY, _MOST_TURNED, _LONGEST_WAY = 1.5, 0.35, 500.0  # m, rad, m
+EMBEDDED = 0.12
+"""Greatest contradicted share at which a part of the map fits a place where another part was seen."""
+
+
+class Verdict(enum.Enum):
+    """What the scans after a tear say."""
+
+    OPEN = "more scans are needed"
+    DROVE = "the chair drove over the tear"
+    CARRIED = "the chair was carried"
+
+
+@dataclass(frozen=True, slots=True)
+class OpenTear:
+    """A tear that is not yet judged: its edge, the key scans before it, and the information (3, 3) of the odometry."""
+
+    edge: Edge
+    before: tuple[int, ...]
+    by_odometry: FloatArray
+
+
+class CarryJudge:
+    """Compares the scans on both sides of a step."""
+
+    def __init__(self, matching: MatchSettings, reach: float, base_from_laser: Pose2) -> None:
+        """`reach` [m]: half side of the reference round the tear."""
+        self._matching, self._reach, self._mount = matching, reach, base_from_laser
+
+    def is_doubted(
+        self, keys: KeyGraph, recent: Sequence[int], scan: ScanPoints, found: Match, guess: Pose2, again: bool
+    ) -> bool:
+        """Return whether a scan contradicts the latest key scans, both at its match and at the odometry's guess.
+
+        The better the match, the more contradiction is needed; less where the odometry would have to have slipped, and
+        `again`, after another doubted scan.
+        """
+        earlier = self.views(keys, recent[-_BEFORE:])
+        view = view_of(scan, self._mount)
+        at = [agreement(earlier, [(view, pose @ self._mount)]) for pose in (found.pose, guess)]
+        least = min(at, key=lambda each: each.contradiction)
+        if least.shared < _LEAST_SHARED:
+            return False
+        limit = _CONTRADICTED if found.response < _POOR_RESPONSE else _SURELY_CONTRADICTED
+        if math.hypot(found.pose.x - guess.x, found.pose.y - guess.y) > _SLIP and at[1].contradiction > limit:
+            limit = _SLIP_CONTRADICTED
+        return least.contradiction > (_AGAIN * limit if again else limit)
+
+    def returned(
+        self, keys: KeyGraph, tear: OpenTear, scan: ScanPoints, key_from_base: Pose2
+    ) -> tuple[Edge, Edge] | None:
+        """Return the odometry's edge over a tear, and that from the last key scan before it to a new key scan.
+
+        They exist if a scan soon after the tear, at `key_from_base` from the last key scan, fits the key scans before the
+        tear again: those between were hidden or faulty.
+        """
+        node, last = tear.edge.j, tear.edge.i
+        if len(keys) - node > _SOON:
+            return None
+        guess = keys.pose(len(keys) - 1) @ key_from_base
+        reference = keys.reference(tear.before, keys.poses[last], self._reach, self._matching.resolution)
+        prior = rotated_information(tear.by_odometry, guess.theta)
+        found = match(scan, reference, guess, prior, _WINDOW, self._matching)
+        if found.response < _SURE_RESPONSE or found.inliers < _SURE_RESPONSE:
+            return None
+        seen = agreement(
+            self.views(keys, tear.before[-_BEFORE:]), [(view_of(scan, self._mount), found.pose @ self._mount)]
+        )
+        if seen.contradiction > _AGREED:
+            return None
+        known = rotated_information(match_information(found.information) + prior, -found.pose.theta)
+        over = Edge(last, node, tear.edge.i_from_j, tear.by_odometry, EdgeKind.ODOMETRY)
+        return over, Edge(last, len(keys), keys.pose(last).inverse() @ found.pose, known, EdgeKind.MATCH)
+
+    def judged(self, keys: KeyGraph, tear: OpenTear, since: Sequence[int]) -> tuple[Verdict, Edge | None]:
+        """Return what the key scans `since` a tear say about it, and the edge that takes its place if the chair drove."""
+        if len(since) not in _JUDGED_AT:
+            return Verdict.OPEN, None
+        node, base = tear.edge.j, keys.pose(tear.edge.j)
+        query = keys.joined_points(since, base, _QUERY_CELL)
+        reference = keys.reference(
+            tear.before, keys.poses[tear.edge.i], self._reach + _WINDOW.distance, self._matching.resolution
+        )
+        prior = rotated_information(tear.by_odometry, base.theta)
+        found = match(query, reference, base, prior, _WINDOW, self._matching)
+        earlier = self.views(keys, tear.before[-_BEFORE:])
+        tried = [self._laid(keys, earlier, since, pose @ base.inverse()) for pose in (found.pose, base)]
+        best = min(tried, key=lambda each: each.contradiction)
+        last = len(since) >= _JUDGED_AT[-1]
+        if best.contradiction > (_CARRIED if not last else 0.5 * (_AGREED + _CARRIED)):
+            return (Verdict.CARRIED if len(since) > _JUDGED_AT[0] else Verdict.OPEN), None
+        if best.contradiction > _AGREED and not last:
+            return Verdict.OPEN, None
+        before_from_base = keys.pose(tear.edge.i).inverse()
+        if best is tried[0] and found.response >= _LEAST_RESPONSE:
+            known = rotated_information(match_information(found.information) + prior, -found.pose.theta)
+            return Verdict.DROVE, Edge(tear.edge.i, node, before_from_base @ found.pose, known, EdgeKind.MATCH)
+        return Verdict.DROVE, Edge(tear.edge.i, node, tear.edge.i_from_j, tear.by_odometry, EdgeKind.ODOMETRY)
+
+    def _laid(
+        self, keys: KeyGraph, earlier: Sequence[tuple[View, Pose2]], nodes: Sequence[int], moved: Pose2
+    ) -> Agreement:
+        """Return the agreement of key scans, moved rigidly in the map, with views."""
+        return agreement(earlier, [(view, moved @ pose) for view, pose in self.views(keys, nodes)])
+
+    def embedded(self, keys: KeyGraph, part: Sequence[int], place: Sequence[int], moved: Pose2) -> Agreement:
+        """Return how far the key scans of a part, moved rigidly in the map, agree with those of a place."""
+        return self._laid(keys, self.views(keys, place), part, moved)
+
+    def views(self, keys: KeyGraph, nodes: Sequence[int]) -> list[tuple[View, Pose2]]:
+        """Return key scans as views with the poses of their lidars."""
+        return [(view_of(keys.store[node], self._mount), keys.pose(node) @ self._mount) for node in nodes]
+
+
+def agrees_with_odometry(keys: KeyGraph, tear: Edge) -> Edge | None:
+    """Return the odometry's edge over a tear that loops have bridged, if the poses since then agree with it.
+
+    The longer the way through the loops from one side of the tear to the other, the more they may differ.
+    """
+    shown = keys.pose(tear.i).inverse() @ keys.pose(tear.j)
+    gap = tear.i_from_j.inverse() @ shown
+    away, turned = math.hypot(gap.x, gap.y), abs(gap.theta)
+    if away > _MOST_AWAY or turned > _MOST_TURNED:
+        return None
+    way = keys.path_lengths(tear.i, _LONGEST_WAY).get(tear.j)
+    if way is None or away > _NEAR_AWAY + _DRIFT * way or turned > _NEAR_TURNED + _TURN_DRIFT * way:
+        return None
+    step = math.hypot(tear.i_from_j.x, tear.i_from_j.y)
+    known = odometry_information(Pose2(step + away / ODOMETRY_DISTANCE_SIGMA, 0.0, tear.i_from_j.theta))
+    return Edge(tear.i, tear.j, tear.i_from_j, known, EdgeKind.ODOMETRY)
