@@ -102,8 +102,12 @@ MIRRORS = {
 def _stored(statement: ast.AST) -> Iterator[str]:
     """Yield the attributes of `self` that a statement sets."""
     for node in ast.walk(statement):
-        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and ast.unparse(node.value) == "self":
+        if isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store) and _is_self(node.value):
             yield node.attr
+
+
+def _is_self(node: ast.expr) -> bool:
+    return isinstance(node, ast.Name) and node.id == "self"
 
 
 def _attributes(defined: ast.ClassDef) -> set[str]:

@@ -26,7 +26,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from scipy.stats import beta
 
 from waychair import config
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
@@ -200,6 +199,8 @@ def report(runs: Sequence[BarnRun], task: BarnTask) -> Json:
 
 def upper_bound(count: int, trials: int) -> float:
     """Return the one-sided 95 % upper bound of a share (Clopper and Pearson, Biometrika 26, 1934)."""
+    from scipy.stats import beta
+
     return 1.0 if count >= trials else float(beta.ppf(0.95, count + 1, trials - count))
 
 

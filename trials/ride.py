@@ -19,7 +19,6 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.signal import bilinear, butter, lfilter, sosfilt, sosfiltfilt
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.speed.limiter import LimiterSettings
@@ -165,6 +164,8 @@ _MOVES = 0.01
 
 def weighted(acceleration: FloatArray) -> FloatArray:
     """Return accelerations (T,) [m/s^2], sampled every 10 ms, weighted by W_d of ISO 2631-1, annex A (Q4 = 0.63)."""
+    from scipy.signal import bilinear, butter, lfilter, sosfilt  # here, since it loads slowly and few commands use it
+
     corner = math.tau * 2.0
     transition = bilinear([1.0 / corner, 1.0], [corner**-2, 1.0 / (0.63 * corner), 1.0], fs=_RATE_HZ)
     high_pass = butter(2, 0.4, "highpass", fs=_RATE_HZ, output="sos")
@@ -206,6 +207,8 @@ def ride_row(name: str, ride: Ride) -> Json:
 
 def _smooth(values: FloatArray) -> FloatArray:
     """Return the low-pass filtered values (T,)."""
+    from scipy.signal import butter, sosfiltfilt
+
     low_pass = butter(2, FILTER_HZ, fs=_RATE_HZ, output="sos")
     smoothed: FloatArray = sosfiltfilt(low_pass, values)
     return smoothed

@@ -13,8 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.spatial.transform import Rotation
 
 from waychair.errors import CalibrationError, ThinData
 from waychair.types import FloatArray, Pose3
@@ -83,6 +81,8 @@ def _refined(
     start: Pose3, normals: FloatArray, distances: FloatArray, points: FloatArray, weights: FloatArray
 ) -> Pose3:
     """Return the least-squares transform, starting from one near it."""
+    from scipy.optimize import least_squares  # here, since every command reads calibration files and few fit anything
+    from scipy.spatial.transform import Rotation
 
     def residuals(p: FloatArray) -> FloatArray:
         return weights * _off(_pose(p), normals, distances, points)
@@ -95,6 +95,8 @@ def _refined(
 
 
 def _pose(p: FloatArray) -> Pose3:
+    from scipy.spatial.transform import Rotation
+
     return Pose3(np.asarray(Rotation.from_rotvec(p[:3]).as_matrix(), np.float64), p[3:])
 
 

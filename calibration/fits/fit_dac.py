@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from waychair.calibration.fits.axis_model import AxisModel, AxisSide
 from waychair.calibration.fits.drive_log import Holds, SweepLog, steady_holds
@@ -93,6 +92,8 @@ def fit_dac(log: SweepLog, neutral: tuple[float, float], track: float, least: Le
         NotRepeatable: the chair was faster or slower at the beginning or the end of the sweep than in between.
         CalibrationError: the chair moves at its neutral, or an axis does not move at all.
     """
+    from scipy.optimize import least_squares
+
     least = least or LeastData()
     refuse_creeping(log, neutral, NEAR_NEUTRAL)
     holds = steady_holds(log, MEASURE_S, STEADY)

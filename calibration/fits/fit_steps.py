@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from waychair.calibration.fits.drive_log import SweepLog
 from waychair.errors import ThinData
@@ -57,6 +56,8 @@ def fit_steps(log: SweepLog, axis: int, neutral: tuple[float, float], near: floa
     Raises:
         ThinData: there is no such step.
     """
+    from scipy.optimize import least_squares
+
     seconds, speeds, final = _steps(log, axis, neutral, near)
 
     def residuals(p: FloatArray) -> FloatArray:

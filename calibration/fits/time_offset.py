@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 
 from waychair.calibration.measured import Measured, measured
 from waychair.errors import CalibrationError, ThinData
@@ -215,6 +214,8 @@ def _turns(heading: Heading, gyro: Heading) -> _Turns:
 
 def _best(turns: _Turns) -> float:
     """Return the delay [s] of the least misfit: the best of a grid, refined between its neighbours (Brent's method)."""
+    from scipy.optimize import minimize_scalar  # here, since it loads slowly and few commands fit anything
+
     grid = np.arange(EARLIEST_S, LATEST_S + 0.5 * STEP_S, STEP_S)
     best = float(grid[np.argmin([turns.misfit(float(delay)) for delay in grid])])
     bounds = (best - STEP_S, best + STEP_S)

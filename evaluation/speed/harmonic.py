@@ -107,7 +107,7 @@ def rectangle_fits(costmap: Costmap, points: FloatArray) -> bool:
     line = resampled(points, 0.05 / CELL)
     ahead = np.diff(line, axis=0)
     return all(
-        room(shape, x, y, math.atan2(dy, dx)) >= 0.0
+        room(shape, x, y, math.atan2(dy, dx), 0.0) >= 0.0
         for (x, y), (dx, dy) in zip(line[1:-1].tolist(), ahead[1:].tolist(), strict=True)
     )
 

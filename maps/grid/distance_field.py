@@ -85,7 +85,8 @@ def near_distances(obstacles: BoolArray, resolution: float, reach: float) -> Flo
     """
     cells = max(1, math.ceil(reach / resolution))
     if cells <= _SHORT and obstacles.size:
-        return _near_distances(obstacles, cells, np.float32(resolution), np.float32(reach))
+        whole = np.ascontiguousarray(obstacles)  # so that no second kernel is compiled for windows of grids
+        return _near_distances(whole, cells, np.float32(resolution), np.float32(reach))
     found = distances(obstacles, 1.0)
     exact = np.sqrt(np.rint(found * found)) * np.float32(resolution)
     result: Float32Array = np.minimum(exact, np.float32(reach)) if obstacles.any() else np.full_like(found, reach)
@@ -159,10 +160,11 @@ def _near_distances(obstacles: BoolArray, cells: int, resolution: np.float32, re
     least = np.empty(width, np.uint16)
     for i in range(height):
         row, here = up_or_down[i], squares[begin : begin + width]
+        aside, farthest = 1, np.uint16(0)
         for j in range(width):
             here[j] = row[j] * row[j]
             least[j] = here[j]
-        aside, farthest = 1, least.max()
+            farthest = max(farthest, least[j])
         while aside * aside < farthest:
             farthest = _nearer(least, squares, begin, aside)
             aside += _AT_ONCE

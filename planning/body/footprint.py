@@ -164,7 +164,7 @@ def poses_in_cells(field: DistanceField, poses: FloatArray) -> FloatArray:
 def fits(body: ChairBody, margin: float, field: DistanceField, pose: Pose2) -> bool:
     """Return whether the body, grown by a margin [m], is certainly free of obstacles at a pose in map."""
     at = in_cells(field, pose)
-    return bool(room(footprint(body, margin, field), at[0], at[1], at[2]) >= 0.0)
+    return bool(room(footprint(body, margin, field), at[0], at[1], at[2], 0.0) >= 0.0)
 
 
 def fits_each(body: ChairBody, margin: float, field: DistanceField, poses: FloatArray) -> BoolArray:
@@ -181,7 +181,7 @@ def _distance(outline: DiscTree, column: float, row: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def room(shape: Footprint, x: float, y: float, theta: float, wanted: float = 0.0) -> float:
+def room(shape: Footprint, x: float, y: float, theta: float, wanted: float) -> float:
     """Return a lower bound [cells] on how far every point of the body may move and stay free; negative on contact.
 
     The search stops refining once it has found the room wanted.
@@ -218,7 +218,7 @@ def _room_of(outline: DiscTree, x: float, y: float, theta: float, wanted: float)
 def _rooms(shape: Footprint, poses: FloatArray) -> FloatArray:
     rooms = np.empty(len(poses))
     for i in range(len(poses)):
-        rooms[i] = room(shape, poses[i, 0], poses[i, 1], poses[i, 2])
+        rooms[i] = room(shape, poses[i, 0], poses[i, 1], poses[i, 2], 0.0)
     return rooms
 
 

@@ -19,7 +19,7 @@ _REACH = 400
 
 
 @njit(cache=True)
-def line_cost(prices: Prices, x0: float, y0: float, x1: float, y1: float, barred: Bytes | None = None) -> float:
+def line_cost(prices: Prices, x0: float, y0: float, x1: float, y1: float, barred: Bytes | None) -> float:
     """Return price times length [cells of free floor] of a line; infinite through impassable cells or off the map.
 
     Also infinite through cells whose `barred` directions (see `grid_graph`) include the line's, rounded to one of
@@ -52,7 +52,7 @@ def pull_taut(prices: Prices, points: FloatArray, barred: Bytes | None = None) -
     count = len(points)
     along = np.zeros(count)
     for i in range(1, count):
-        cost = line_cost(prices, points[i - 1, 0], points[i - 1, 1], points[i, 0], points[i, 1])
+        cost = line_cost(prices, points[i - 1, 0], points[i - 1, 1], points[i, 0], points[i, 1], None)
         # An impassable step costs more than any shortcut across it could save.
         along[i] = along[i - 1] + (cost if cost < math.inf else 0.0)
     kept = np.zeros(count, np.int64)

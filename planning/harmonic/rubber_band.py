@@ -267,7 +267,7 @@ def _fits_about(shape: Footprint, line: FloatArray, k: int) -> bool:
 
 @njit(cache=True, inline="always")
 def _fits(shape: Footprint, x: float, y: float, dx: float, dy: float) -> bool:
-    return bool(room(shape, x, y, math.atan2(dy, dx)) >= 0.0)
+    return bool(room(shape, x, y, math.atan2(dy, dx), 0.0) >= 0.0)
 
 
 @njit(cache=True, nogil=True)

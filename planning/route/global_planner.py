@@ -423,7 +423,7 @@ def _is_against_one_way(costmap: Costmap, points: FloatArray) -> bool:
         return False
     return any(
         line_cost(costmap.prices, a, b, c, d, costmap.barred) == math.inf
-        and line_cost(costmap.prices, a, b, c, d) < math.inf
+        and line_cost(costmap.prices, a, b, c, d, None) < math.inf
         for (a, b), (c, d) in pairwise(points.tolist())
         if (a, b) != (c, d)
     )

@@ -159,9 +159,9 @@ def _shortest(
         for k in range(longest + 1):
             u, v = turns[i, k, 0] / tight.cell, turns[i, k, 1] / tight.cell
             x, y, theta = start[0] + c * u - s * v, start[1] + s * u + c * v, start[2] + turns[i, k, 2]
-            if room(tight, x, y, theta) < 0.0:
+            if room(tight, x, y, theta, 0.0) < 0.0:
                 break
-            if room(roomy, x, y, theta) >= 0.0:
+            if room(roomy, x, y, theta, 0.0) >= 0.0:
                 which, longest = i, k - 1
                 break
     return which, longest + 1

@@ -110,7 +110,7 @@ def manoeuvre_resumably(
     shape = footprint(body, attempt.clearance, field)
     begin, end = in_cells(field, start), in_cells(field, goal)
     for name, at, pose in (("start", begin, start), ("end", end, goal)):
-        if room(shape, at[0], at[1], at[2]) < 0.0:
+        if room(shape, at[0], at[1], at[2], 0.0) < 0.0:
             raise NoPath(
                 f"the chair has no room at the {name} of a tight turn ({pose.x:.2f}, {pose.y:.2f}); "
                 "clear the way or choose another goal"
@@ -307,7 +307,7 @@ def _search(
             checked += 1
             spare = room(shape, nx, ny, ntheta, prices[4] / cell) * cell
             cost = least + _tight_price(spare, way * cell, turn, prices)
-            if cost >= known or (spare < 0.0 and room(shape, nx, ny, ntheta) < 0.0):
+            if cost >= known or (spare < 0.0 and room(shape, nx, ny, ntheta, 0.0) < 0.0):
                 continue
             checked += _SWEEP
             if free_time(shape, states[here, :3], way, turn, 1.0, 1.0) < 1.0:
@@ -433,7 +433,9 @@ def _chain(states: FloatArray, parents: NDArray[np.int64], last: int, goal: Floa
     chain = np.empty((length + 3, 6))
     here = last
     for index in range(length - 1, -1, -1):
-        chain[index], here = states[here], parents[here]
+        for part in range(6):
+            chain[index, part] = states[here, part]
+        here = parents[here]
     first, way, turn = _connection_angles(states[last], goal, kind)
     used = length
     for part in range(3):

@@ -75,8 +75,9 @@ def measure(
     table = np.empty((FINE + 1, 4))
     tabled = math.nan
     rows = np.zeros((len(candidates), 6))
-    rows[:, 0] = free_times(shape, start, candidates, needed, horizon)
+    free = free_times(shape, start, candidates, needed, horizon)
     for i in range(len(candidates)):
+        rows[i, 0] = free[i]
         if rows[i, 0] < needed[i]:
             continue
         v, omega = candidates[i, 0] / shape.cell, candidates[i, 1]
@@ -201,7 +202,7 @@ def fits_after(shape: Footprint, start: FloatArray, candidates: FloatArray, time
     for i in range(len(candidates)):
         v, omega = candidates[i, 0] / shape.cell, candidates[i, 1]
         x, y, theta = along_arc(start[0], start[1], start[2], v, omega, times[i])
-        fits[i] = (v == 0.0 and omega == 0.0) or room(shape, x, y, theta) >= 0.0
+        fits[i] = (v == 0.0 and omega == 0.0) or room(shape, x, y, theta, 0.0) >= 0.0
     return fits
 
 

@@ -164,7 +164,7 @@ def meet_kernel(
             z * facing[0] - x * facing[2],
             x * facing[1] - y * facing[0],
         )
-        row[3:] = facing
+        row[3], row[4], row[5] = facing[0], facing[1], facing[2]
         for i in range(6):
             gradient[i] += row[i] * error
             for j in range(6):

@@ -248,7 +248,7 @@ def _insert(
         while to_centre[cell] != least:
             cell += 1
         count = counts[cell]
-        bits[cell, :, count] = words[n]
+        _put(bits, cell, count, words[n])
         slots[cell, count] = new_slots[n]
         place[new_slots[n]] = cell * CELL + count
         counts[cell] += 1
@@ -270,17 +270,38 @@ def _halve(
     for _ in range(3):
         for i in range(CELL):
             lean[i] = hamming(words[i], a) - hamming(words[i], b)
-        order[:] = np.argsort(lean, kind="mergesort")
+        _sort_by_lean(lean, order)
         a, b = majority(words[order[: CELL // 2]]), majority(words[order[CELL // 2 :]])
     for side in range(2):
         into = cell if side == 0 else other
         for i in range(CELL // 2):
             source = order[side * (CELL // 2) + i]
-            bits[into, :, i] = words[source]
+            _put(bits, into, i, words[source])
             slots[into, i] = old_slots[source]
             place[old_slots[source]] = into * CELL + i
         counts[into] = CELL // 2
-        centres[:, into] = a if side == 0 else b
+        for quarter in range(4):
+            centres[quarter, into] = a[quarter] if side == 0 else b[quarter]
+
+
+@njit(cache=True, inline="always")
+def _put(bits: Words64, cell: int, position: int, word: Words64) -> None:
+    """Write a word (4,) into a cell. Assigned as an array it would take seconds to compile, for its check of shapes."""
+    for quarter in range(4):
+        bits[cell, quarter, position] = word[quarter]
+
+
+@njit(cache=True, nogil=True)
+def _sort_by_lean(lean: IntArray, order: IntArray) -> None:
+    """Write the stable order of leans (N,), which lie from -BITS to BITS, into `order`, by counting."""
+    starts = np.zeros(2 * BITS + 2, np.int64)
+    for i in range(len(lean)):
+        starts[lean[i] + BITS + 1] += 1
+    for value in range(2 * BITS + 1):
+        starts[value + 1] += starts[value]
+    for i in range(len(lean)):
+        order[starts[lean[i] + BITS]] = i
+        starts[lean[i] + BITS] += 1
 
 
 @njit(cache=True, nogil=True)

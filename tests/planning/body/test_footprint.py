@@ -136,7 +136,7 @@ def test_obstacles_at_the_heights_of_a_layer_must_be_clear_of_that_layer_only(se
         free = fits(CHAIR_A, 0.0, field, pose)
         assert not free or min(gaps) > 0.0
         assert free or min(gaps) < 1.7 * CELL
-        assert (room(shape, *in_cells(field, pose).tolist()) >= 0.0) is free
+        assert (room(shape, *in_cells(field, pose).tolist(), 0.0) >= 0.0) is free
     start, certain = in_cells(field, Pose2(2.0, 2.0, 0.3)), np.full(30, 2.5)
     times = free_times(shape, start, arcs, certain, 2.5)
     for (v, omega), seconds in zip(arcs, times, strict=True):

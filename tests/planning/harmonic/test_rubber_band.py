@@ -193,7 +193,7 @@ def test_a_band_does_not_extend_into_a_one_way_zone_beside_it(planner: str, seed
     except NoPath:
         return
     against = [
-        line_cost(costmap.prices, a, b, c, d, costmap.barred) > line_cost(costmap.prices, a, b, c, d)
+        line_cost(costmap.prices, a, b, c, d, costmap.barred) > line_cost(costmap.prices, a, b, c, d, None)
         for (a, b), (c, d) in pairwise(points.tolist())
     ]
     assert sum(against) <= 1, "a path may touch the corner of a cell, and no more"

@@ -179,15 +179,15 @@ def test_the_cost_of_a_line_equals_the_plain_reference(seed: int) -> None:
     rng = np.random.default_rng(seed)
     prices = np.where(rng.random((12, 15)) < 0.05, 0, rng.integers(1000, 9000, (12, 15))).astype(np.int32)
     a, b = rng.uniform(0, (15, 12), (2, 2))
-    assert line_cost(prices, *a, *b) == pytest.approx(plain_line_cost(prices, a, b))
+    assert line_cost(prices, *a, *b, None) == pytest.approx(plain_line_cost(prices, a, b))
 
 
 @pytest.mark.parametrize("end", [(15.0, 3.0), (-0.1, 3.0), (3.0, 12.0), (3.0, -0.1), (40.0, 40.0)])
 def test_no_line_leads_outside_of_the_map(end: tuple[float, float]) -> None:
     prices = np.full((12, 15), FREE_PRICE, np.int32)
-    assert line_cost(prices, 5.0, 5.0, *end) == math.inf
-    assert line_cost(prices, *end, 5.0, 5.0) == math.inf
-    assert line_cost(prices, 5.0, 5.0, 14.9, 11.9) < math.inf
+    assert line_cost(prices, 5.0, 5.0, *end, None) == math.inf
+    assert line_cost(prices, *end, 5.0, 5.0, None) == math.inf
+    assert line_cost(prices, 5.0, 5.0, 14.9, 11.9, None) < math.inf
 
 
 def test_a_corner_is_not_rounded_against_a_one_way_zone() -> None:
