@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.corruptions.fault import faults_of, file_fault, messages_fault
+from evaluation.corruptions.fault import Part, faults_of, file_fault, messages_fault
 from evaluation.corruptions.messages import IMU, ODOM, SCAN, Event, Messages, sound_messages, write_messages
 
 Rng = np.random.Generator
@@ -17,7 +17,7 @@ _DAMAGE = "damage|cut|truncat|incomplete|zero|empty|corrupt|not a|neither|missin
 _META = "metadata|yaml|damage|part|listed"
 _TYPE = "type|damage|decode|std_msgs|no sensor_msgs|no nav_msgs|sizes?|contradict|finite|numbers"
 _VALUES = "wild|no chair|jump|code|range_m|angles?|time_increment|stamps?"
-_ALL = ("file", "lidar", "odometry", "imu")
+_ALL: tuple[Part, ...] = ("file", "lidar", "odometry", "imu")
 """The parts whose messages lie in a file: bytes that are wrong in it may be those of any of them."""
 
 
