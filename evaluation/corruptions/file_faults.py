@@ -9,13 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.corruptions.fault import faults_of, file_fault, messages_fault
+from evaluation.corruptions.fault import Part, faults_of, file_fault, messages_fault
 from evaluation.corruptions.messages import IMU, ODOM, SCAN, Event, Messages, sound_messages, write_messages
 
 Rng = np.random.Generator
 _DAMAGE = "damage|cut|truncat|incomplete|zero|empty|corrupt|not a|neither|missing from the file"
 _META = "metadata|yaml|damage|part|listed"
 _TYPE = "type|damage|decode|std_msgs|no sensor_msgs|no nav_msgs|sizes?|contradict|finite|numbers"
+_VALUES = "wild|no chair|jump|code|range_m|angles?|time_increment|stamps?"
+_ALL: tuple[Part, ...] = ("file", "lidar", "odometry", "imu")
+"""The parts whose messages lie in a file: bytes that are wrong in it may be those of any of them."""
 
 
 def data_file(path: Path) -> Path:
@@ -42,7 +45,7 @@ def file_is_cut(path: Path, rng: Rng) -> Path:
     return _bytes_by(path, rng, lambda data: data[: int(share * len(data))])
 
 
-@file_fault(4, "file", _DAMAGE)
+@file_fault(4, _ALL, _DAMAGE + "|finite|" + _VALUES)
 def file_holds_zeros(path: Path, rng: Rng) -> Path:
     def zeroed(data: bytearray) -> bytearray:
         first, size = int(rng.uniform(0.05, 0.8) * len(data)), int(rng.choice([64, 4096, 200_000]))
@@ -52,7 +55,7 @@ def file_holds_zeros(path: Path, rng: Rng) -> Path:
     return _bytes_by(path, rng, zeroed)
 
 
-@file_fault(4, "file", _DAMAGE)
+@file_fault(4, _ALL, _DAMAGE + "|finite|" + _VALUES)
 def file_holds_other_bytes(path: Path, rng: Rng) -> Path:
     def flipped(data: bytearray) -> bytearray:
         for at in rng.integers(0, len(data), int(rng.choice([1, 20, 500]))):
@@ -218,9 +221,7 @@ def messages_hold_zeros(messages: Messages, rng: Rng) -> None:
         event.raw = lambda data: data[:4] + bytes(len(data) - 4)
 
 
-@messages_fault(
-    4, ("file", "lidar", "odometry", "imu"), _TYPE + "|wild|no chair|jump|code|range_m|angles?|time_increment|stamps?"
-)
+@messages_fault(4, _ALL, _TYPE + "|" + _VALUES)
 def messages_hold_other_bytes(messages: Messages, rng: Rng) -> None:
     count = int(rng.choice([1, 8, 60]))
 

@@ -105,7 +105,8 @@ def names(made: Corrupted, sentence: str) -> bool:
     if re.search(_CONSEQUENCE, sentence):
         return False
     part = "|".join(_PARTS[part] for part in made.fault.parts)
-    told = re.sub(r"\S*/seed_\d+\S*", "", sentence)  # the path's own words name nothing
+    told = re.sub(r"^(\s*\w+: )\S*/seed_\d+\S*", r"\1the file", sentence)  # its subject
+    told = re.sub(r"\S*/seed_\d+\S*", "", told)  # the path's own words name nothing
     return bool(re.search(part, told) and re.search(rf"(?<![a-z])(?:{made.fault.words})", told))
 
 

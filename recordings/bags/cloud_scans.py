@@ -15,7 +15,6 @@ from waychair.geometry import compose, invert
 from waychair.recordings.bags.cloud_decoding import Cloud
 from waychair.recordings.plausibility.findings import Finding
 from waychair.recordings.plausibility.point_times import PointTimes, point_times
-from waychair.recordings.plausibility.range_readings import possible_units
 from waychair.recordings.plausibility.sweep_readings import scan_interval
 from waychair.recordings.plausibility.told_scans import ToldScan
 from waychair.recordings.scan_merging import OdometryInterpolation
@@ -54,18 +53,16 @@ class CloudKind:
 
 
 def kind_of_clouds(
-    topic: str, sample: Sequence[tuple[int, Cloud]], findings: list[Finding], *, in_base: bool = False
+    topic: str, sample: Sequence[tuple[int, Cloud]], unit: float, findings: list[Finding], *, in_base: bool = False
 ) -> CloudKind:
-    """Return the kind of a topic's clouds from a sample of them, with their stamps [ns]; `in_base`: in axes of the base."""
+    """Return the kind of a topic's clouds in a unit [m] from a sample of them, with their stamps [ns].
+
+    `in_base`: their points are in axes of the base.
+    """
     filled = [(stamp, cloud) for stamp, cloud in sample if len(cloud.points)]
     if not filled:
-        return CloudKind()
+        return CloudKind(unit)
     points = np.concatenate([cloud.points for _, cloud in filled])
-    distances = np.hypot(points[:, 0], points[:, 1])
-    units = possible_units(distances[distances > 0.0].astype(np.float32), math.inf)
-    unit = units[0] if units else 1.0
-    if unit != 1.0:
-        findings.append(Finding("range unit", topic, f"the points are given in units of {unit:g} m, and are converted"))
     interval = scan_interval([stamp for stamp, _ in filled])
     times = None
     told = [(stamp, cloud.times) for stamp, cloud in filled if cloud.times is not None]

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,7 @@ from waychair.recordings.bags.cloud_scans import (
     kind_of_clouds,
     told_scan,
 )
+from waychair.recordings.bags.cloud_units import unit_of_clouds
 from waychair.recordings.bags.continued_clock import ContinuedClock, clock_warning
 from waychair.recordings.bags.ros_decoding import (
     first_echoes,
@@ -304,29 +307,22 @@ def _look_at_clouds(
     odometry, _ = _odometry(found, topics, base)
     track = OdometryInterpolation(odometry) if odometry else None
     for topic in topics.clouds:
-        sample: list[tuple[int, Cloud]] = []
-        for _, log_ns, message in iterate_messages(path, bag, [c for c in clouds if c.topic == topic], lost):
-            frame = found.scan_frames.setdefault(topic, frame_name(message.header.frame_id))
-            try:
-                sample.append((stamp_ns(message.header.stamp) or log_ns, cloud_from_message(message)))
-            except CloudDamaged as damage:
-                found.cloud_damage.setdefault(topic, str(damage))
-                continue
-            if len(sample) == SAMPLE:
-                break
+        own = [c for c in clouds if c.topic == topic]
+        sample = list(islice(_clouds(path, bag, own, found, lost), SAMPLE))
         if not sample:
             kinds[topic] = CloudKind()
             found.told[topic] = found.told.get(topic, [])
             continue
-        kind = kinds[topic] = kind_of_clouds(topic, sample, found.findings, in_base=frame == base)
+        frame = found.scan_frames[topic]
+        index = topics.scans.index(topic)
+        given = mounts[index] if index < len(mounts) else None
+        matrix = found.tree.chain(base, frame, sample[0][0]) if given is None else matrix_from_mount(given)
+        again = partial(_clouds, path, bag, own, found, None if lost is None else Counter())
+        unit = unit_of_clouds(topic, sample, again, odometry, matrix, found.findings)
+        kind = kinds[topic] = kind_of_clouds(topic, sample, unit, found.findings, in_base=frame == base)
         if kind.flat:
             found.told[topic] = []
             continue
-        index = topics.scans.index(topic)
-        given = mounts[index] if index < len(mounts) else None
-        matrix = None if given is None else matrix_from_mount(given)
-        if matrix is None:
-            matrix = found.tree.chain(base, frame, sample[0][0])
         if matrix is None:
             matrix = np.eye(4)
             height = height_over_floor(sample, kind.unit)
@@ -336,6 +332,20 @@ def _look_at_clouds(
                 found.findings.append(Finding("mount", topic, text, "give it with --base-from-laser X,Y,Z,YAW"))
         found.bands[topic] = CloudBand(matrix, settings.cloud_low, settings.cloud_high, kind, track)
     return kinds
+
+
+def _clouds(
+    path: Path, bag: BagFile, connections: Sequence[Connection], found: _BagMessages, lost: Counter[str] | None
+) -> Iterator[tuple[int, Cloud]]:
+    """Yield the stamps [ns] and the clouds of one topic; the damage of the first damaged one is kept."""
+    for connection, log_ns, message in iterate_messages(path, bag, connections, lost):
+        found.scan_frames.setdefault(connection.topic, frame_name(message.header.frame_id))
+        try:
+            cloud = cloud_from_message(message)
+        except CloudDamaged as damage:
+            found.cloud_damage.setdefault(connection.topic, str(damage))
+            continue
+        yield stamp_ns(message.header.stamp) or log_ns, cloud
 
 
 def _take_cloud(found: _BagMessages, topic: str, message: Any, kind: CloudKind) -> bool:

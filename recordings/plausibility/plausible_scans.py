@@ -22,14 +22,12 @@ from waychair.recordings.plausibility.motion_witness import MotionWitness
 from waychair.recordings.plausibility.nothing_codes import codes_for_nothing, without_codes
 from waychair.recordings.plausibility.own_chair import without_own_chair
 from waychair.recordings.plausibility.range_readings import (
-    FAR,
-    FAR_UNITS,
-    UNITS,
     RangeLimits,
     is_odd,
-    possible_units,
     range_limits,
     sampled_ranges,
+    tried_units,
+    unit_text,
 )
 from waychair.recordings.plausibility.repeated_scans import without_repeated
 from waychair.recordings.plausibility.sweep_readings import SHORTEST, scan_interval, sweep_readings
@@ -262,25 +260,18 @@ class _Judge:
         Raises:
             NoScans: the ranges are those of no lidar, in whatever unit.
         """
-        units = possible_units(ranges, range_max)
+        units = tried_units(ranges, range_max)
         if not units:
             median = f"{float(np.median(ranges)):g}"
             raise NoScans(
                 f"{self._topic}: the median range is {median} m, as no lidar measures in a building; {_DRIVER}"
             )
         free = RangeLimits(0.0, math.inf)
-        if units == (1.0,):
-            if not len(ranges) or float(np.median(ranges)) < FAR:
-                return 1.0
-            tried = (1.0, *FAR_UNITS)
-            unit = tried[self._choose([(_Reading(unit, free), angles) for unit in tried]) or 0]
-            if unit != 1.0:
-                text = f"the ranges are in {FAR_UNITS[unit]}, as the odometry confirms, and are converted to metres"
-                self._add("range unit", text)
-            return unit
-        unit = units[self._choose([(_Reading(unit, free), angles) for unit in units]) or 0]
-        self._add("range unit", f"the ranges are in {UNITS[unit]}, and are converted to metres")
-        return unit
+        number = self._choose([(_Reading(unit, free), angles) for unit in units])
+        text = unit_text("ranges", units, number)
+        if text:
+            self._add("range unit", text)
+        return units[number or 0]
 
     def angles(self, entries: Sequence[AngleReadings], reading: _Reading) -> list[AngleReading]:
         """Return the angles of each scan; where several readings fit, the motion chooses one for all.

@@ -17,6 +17,8 @@ UNITS = {1.0: "metres", 1e-3: "millimetres", 1e-2: "centimetres", 1e3: "kilometr
 FAR_UNITS = {0.3048: "feet", 0.0254: "inches", **{unit: UNITS[unit] for unit in (1e-2, 1e-3)}}
 """Units that are tried where the usual range in metres is that of a hall: only motion tells them from metres."""
 
+_NAMES = {**FAR_UNITS, **UNITS}
+
 FAR = 25.0
 """m; a median range from which on another unit is tried."""
 
@@ -61,6 +63,32 @@ def possible_units(ranges: Float32Array, range_max: float) -> tuple[float, ...]:
     if 1.0 in within or (1.0 in fitting and not within):
         return (1.0,)
     return tuple(within or fitting)
+
+
+def tried_units(ranges: Float32Array, range_max: float) -> tuple[float, ...]:
+    """Return the units among which the motion has to decide for ranges (N,), the likelier first: `possible_units`, and where
+    metres would be those of a hall, `FAR_UNITS` as well."""
+    units = possible_units(ranges, range_max)
+    if units == (1.0,) and len(ranges) and float(np.median(ranges)) >= FAR:
+        return (1.0, *FAR_UNITS)
+    return units
+
+
+def unit_text(quantity: str, units: Sequence[float], confirmed: int | None) -> str:
+    """Return the clause about the unit of a quantity: the one that the motion confirmed, or the likeliest of `units`, with
+    the doubt that is left; an empty text for metres."""
+    names = [_NAMES[unit] for unit in units]
+    if units[confirmed or 0] == 1.0:
+        return ""
+    if confirmed is not None:
+        return f"the {quantity} are in {names[confirmed]}, as the odometry confirms, and are converted to metres"
+    text = f"the {quantity} are in {names[0]}, and are converted to metres"
+    if len(units) == 1:
+        return text
+    others = " or ".join(
+        f"{name} ({unit / units[0]:g} times the size)" for unit, name in zip(units[1:], names[1:], strict=True)
+    )
+    return f"{text}; they may be in {others}, since no motion by odometry tells the unit: measure a wall on the map"
 
 
 def range_limits(ranges: Float32Array, range_min: float, range_max: float, unit: float) -> RangeLimits:

@@ -16,6 +16,7 @@ from waychair.slam.odometry.aid_findings import AidFinding, Cause, Part, State
 from waychair.slam.odometry.aid_series import ImuSeries, ScanSeries, WheelSeries, correlation, robust_slope
 from waychair.slam.odometry.aid_windows import turn_agreement, windows
 from waychair.slam.odometry.force_check import ForceUse, check_force, shows_false_slips
+from waychair.slam.odometry.heading_check import with_true_headings
 from waychair.slam.odometry.imu_check import GyroUse, check_gyro, gyro_turns, up_axis
 from waychair.slam.odometry.wheel_check import check_wheels, speeds_are_wrong
 from waychair.types import FloatArray
@@ -50,6 +51,10 @@ def check_aids(scans: ScanSeries, wheels: WheelSeries | None, imu: ImuSeries | N
     ways = np.hypot(*scans.motions[:, :2].T)
     spans = windows(scans.intervals, scans.motions[:, 2], ways)
     evidence = Evidence(scans, spans, scans.turn_known, scans.way_known)
+    wheels_as_told = wheels
+    if wheels is not None and told is not None:
+        wheels = with_true_headings(evidence, wheels, told, imu)
+        told = wheels.motions(scans.intervals)
     if told is not None and _lidar_is_wrong(evidence, wheels, told, imu):
         return AidCheck(tuple(evidence.findings))
     force = check_force(evidence, imu)
@@ -60,6 +65,8 @@ def check_aids(scans: ScanSeries, wheels: WheelSeries | None, imu: ImuSeries | N
     if wheels is None or told is None:
         return AidCheck(tuple(evidence.findings), gyro=gyro, force=force)
     used, by_scans = check_wheels(evidence, wheels, told, turned)
+    if used is None and wheels is not wheels_as_told:
+        used = told
     driven = wheels.driven(scans.intervals)
     motions = told if used is None else used
     if imu is not None and force.scale and shows_false_slips(evidence, imu, force, wheels, motions):

@@ -35,6 +35,7 @@ class Cause(Enum):
 
     DEGREES = "degrees"
     OTHER_WAY = "the other way round"
+    MIRRORED_HEADINGS = "mirrored headings"
     UPSIDE_DOWN = "upside down"
     ON_EDGE = "on edge"
     SCALE = "scale"
@@ -216,6 +217,7 @@ def _wrong(finding: AidFinding) -> str:
     clauses = {
         Cause.DEGREES: f"the {part} are {abs(value):.1f} times too large, as in degrees",
         Cause.OTHER_WAY: f"the {part} go the other way than the scans",
+        Cause.MIRRORED_HEADINGS: f"the {part} turn the other way than its own positions and the scans",
         Cause.UPSIDE_DOWN: "gravity points the wrong way, as where the IMU hangs upside down",
         Cause.SCALE: f"the {part} are {_factor(value)} times the true ones",
         Cause.BIAS: f"the {part} have a constant error of {value:.3f} rad/s",

@@ -25,6 +25,7 @@ from waychair.types import BoolArray, FloatArray
 _LEAST_SCALE, _LEAST_GAIN = 0.015, 0.25  # wheels this wrong are corrected where it moves the map by so much [m]
 _NOTED_SCALE = 0.01  # wheels that are longer or shorter by this share than the scans are worth a note
 _SIGMAS = 4.0
+_DOUBT = 2.0  # sigma by which a scale must exceed the noted one: sound wheels are up to a hundredth long
 _LEAST_MOVED = 0.3  # [m] or [rad] of a chair whose wheels are silent
 _LEAST_AWAY, _CREEP = 0.4, 0.05  # [m] or [rad], and per second; the same for wheels whose readings stay the same
 _MEASURED = 0.7  # share of a stretch that scans must measure; along a corridor they do not
@@ -283,11 +284,13 @@ def _scaled(evidence: Evidence, told: FloatArray) -> FloatArray | None:
     Elsewhere a scale that differs from the scans' is noted only: neither is known to be the right one.
     """
     known = evidence.known_way & np.isfinite(told).all(axis=1)
-    moving = known & (np.abs(evidence.scans.motions[:, 0]) > 0.03)
+    gained = np.gradient(told[:, 0]) if len(told) > 1 else np.zeros(len(told))
+    moving = known & (np.abs(evidence.scans.motions[:, 0]) > 0.03) & np.isfinite(gained)
     if moving.sum() < 20:
         return None
-    turns = evidence.scans.motions[moving, 2:]  # a lidar beside the base drives another way in turns
-    solution, sigma = robust_slope(told[moving, 0], evidence.scans.motions[moving, 0], turns)
+    # a lidar beside the base drives another way in turns; and a swept scan sees the chair a little later than its stamp
+    extra = np.column_stack([evidence.scans.motions[moving, 2], gained[moving]])
+    solution, sigma = robust_slope(told[moving, 0], evidence.scans.motions[moving, 0], extra)
     factor, one_sigma = float(solution[0]), float(sigma[0])
     if abs(factor - 1.0) < max(_NOTED_SCALE, _SIGMAS * one_sigma) or factor < 0.5:
         return None
@@ -297,6 +300,8 @@ def _scaled(evidence: Evidence, told: FloatArray) -> FloatArray | None:
         longest = max(longest, length)
     gain = abs(1.0 - 1.0 / factor) * longest
     if gain < _LEAST_GAIN or abs(factor - 1.0) < _LEAST_SCALE:
+        if abs(factor - 1.0) - _DOUBT * one_sigma < _NOTED_SCALE:
+            return None
         evidence.add(Part.SCALES, State.NOTED, Cause.SCALES_DIFFER, None, value=factor, sigma=one_sigma)
         return None
     evidence.add(Part.WHEEL_WAY, State.CORRECTED, Cause.LONG, None, value=factor, sigma=one_sigma, gain_m=gain)

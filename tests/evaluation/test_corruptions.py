@@ -6,6 +6,7 @@ import copy
 import hashlib
 import math
 import shutil
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -134,6 +135,22 @@ def test_a_sentence_names_a_fault_by_part_and_kind() -> None:
     assert not names(MADE, "warning: /odom is left alone")
 
 
+def test_a_sentence_about_the_path_names_the_file_and_the_words_of_the_path_name_nothing() -> None:
+    cut = replace(MADE, fault=next(fault for fault in FAULTS if fault.name == "log_is_cut"))
+    assert names(cut, "waychair: /a/seed_128/drive.log is empty; copy it again from its source")
+    assert not names(cut, "waychair: nothing is empty in /a/seed_128/drive.log")
+    assert not names(MADE, "waychair: /a/seed_128/odom jumps")
+
+
+def test_a_wild_value_of_any_topic_is_true_of_a_file_with_wrong_bytes(tmp_path: Path) -> None:
+    text = "warning: /imu/data: one message at 15.7 s has wild acceleration (6.2e+294 m/s^2), and is left out\n"
+    flipped = replace(MADE, fault=next(fault for fault in FAULTS if fault.name == "file_holds_other_bytes"))
+    write_truth(tmp_path)
+    run = Run(0, text, 2.0, 3.0, 300.0)
+    assert judged(flipped, run, tmp_path, RUN, ()).verdict is Verdict.MAPS
+    assert judged(MADE, run, tmp_path, RUN, ()).verdict is Verdict.MISBLAMED
+
+
 @pytest.mark.parametrize(
     ("text", "verdict"),
     [
@@ -144,13 +161,17 @@ def test_a_sentence_names_a_fault_by_part_and_kind() -> None:
     ],
 )
 def test_a_map_that_is_wrong_is_judged_by_the_sentences(tmp_path: Path, text: str, verdict: Verdict) -> None:
-    drive = drawing_truth()
-    rows = [
-        f"{stamp * 1e-9:.6f} {2 * x:.4f} {y:.4f} 0 0 0 {math.sin(yaw / 2):.6f} {math.cos(yaw / 2):.6f}\n"
-        for stamp, (x, y, yaw) in drive
-    ]
-    (tmp_path / "trajectory.tum").write_text("".join(rows))
+    write_truth(tmp_path, scale=2.0)
     assert judged(MADE, Run(0, text, 2.0, 3.0, 300.0), tmp_path, RUN, ()).verdict is verdict
+
+
+def write_truth(folder: Path, scale: float = 1.0) -> None:
+    """Write the true trajectory into a map's folder, x times a scale."""
+    rows = [
+        f"{stamp * 1e-9:.6f} {scale * x:.4f} {y:.4f} 0 0 0 {math.sin(yaw / 2):.6f} {math.cos(yaw / 2):.6f}\n"
+        for stamp, (x, y, yaw) in drawing_truth()
+    ]
+    (folder / "trajectory.tum").write_text("".join(rows))
 
 
 def drawing_truth() -> list[tuple[int, list[float]]]:

@@ -169,12 +169,14 @@ def write_clouds(
     scale: float = 1.0,
     beams: int = 240,
     over_floor: float = math.inf,
+    odometry: bool = True,
 ) -> Drive:
     """Write a bag of point clouds of one ring for each elevation [rad]; without a `height` [m] no /tf tells the mount."""
     drive, bag, lidar = Drive(), Bag(path), Lidar(beams=beams)
     if height is not None:
         bag.mount(START, ("base_link", "lidar", (*MOUNT, height), (0.0, 0.0, 0.0, 1.0)))
-    _write_odometry(bag, drive)
+    if odometry:
+        _write_odometry(bag, drive)
     names = ["x", "y", "z"] + ([time.name] if time else [])
     kinds = ["<f4"] * 3 + (["<" + time.kind] if time else [])
     layout = np.dtype(list(zip(names, kinds, strict=True)))

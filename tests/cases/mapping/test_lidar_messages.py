@@ -230,6 +230,27 @@ def test_points_of_a_cloud_in_space_are_put_right_by_their_times(tmp_path: Path,
     assert mapped_error(recording, drive) < ACCURATE
 
 
+RINGS = tuple(np.radians([-15.0, 0.0, 15.0]).tolist())
+
+
+@pytest.mark.parametrize("rings", [(0.0,), RINGS], ids=["flat", "in space"])
+@pytest.mark.parametrize(("scale", "unit"), [(100.0, "centimetres"), (1e3, "millimetres"), (39.37, "inches")])
+def test_the_motion_tells_the_unit_of_clouds(tmp_path: Path, scale: float, unit: str, rings: tuple[float, ...]) -> None:
+    drive = write_clouds(tmp_path / "drive", rings, REL, 0.3, over_floor=0.3, scale=scale)
+    recording = read_recording(tmp_path / "drive")
+    (found,) = [finding for finding in recording.findings if finding.kind == "range unit"]
+    assert found.text.startswith(f"the points are in {unit}, ")
+    assert "may be" not in found.text
+    assert mapped_error(recording, drive) < 2.0 * ACCURATE
+
+
+def test_without_odometry_the_likelier_unit_of_clouds_is_taken_and_the_doubt_is_named(tmp_path: Path) -> None:
+    write_clouds(tmp_path / "drive", time=REL, height=0.2, scale=1e3, odometry=False)
+    (found,) = [finding for finding in read_recording(tmp_path / "drive").findings if finding.kind == "range unit"]
+    assert "the points are in millimetres" in found.text
+    assert "they may be in centimetres (10 times the size), since no motion by odometry tells the unit" in found.text
+
+
 def test_a_cloud_in_millimetres_is_converted(tmp_path: Path) -> None:
     drive = write_clouds(tmp_path / "drive", time=REL, height=0.2, scale=1e3)
     recording = read_recording(tmp_path / "drive")

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from tests.bags import SECOND, Bag
-from tests.cases.mapping.aided_drive import WheelFault, Wheels, checked, error_of, looks, recorded, turned
+from tests.cases.mapping.aided_drive import ImuFault, WheelFault, Wheels, checked, error_of, looks, recorded, turned
 from waychair.cli.options.recording_options import RecordingOptions
 from waychair.recordings.recording import InputSettings, read_recording
+from waychair.recordings.scans import mirrored
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.odometry.aid_findings import Cause, Part, State
 from waychair.slam.odometry.broken_steps import BreakKind, Track, repaired
@@ -166,6 +167,25 @@ def test_exchanged_wheels_are_told_from_a_hanging_lidar_by_the_gyro() -> None:
     assert error_of(recording, truth)[0] < GOOD
 
 
+def mirrored_headings(sound: Wheels) -> Wheels:
+    """Odometry whose positions are right, and whose headings count to the right; its speeds do as well."""
+    return replace(sound, poses=sound.poses * (1.0, 1.0, -1.0), speeds=sound.speeds * (1.0, -1.0))
+
+
+@pytest.mark.parametrize("imu", [None, lambda sound: sound], ids=["alone", "with a gyro"])
+def test_headings_against_their_own_positions_are_corrected_and_the_lidar_is_not_blamed(imu: ImuFault | None) -> None:
+    recording, truth = recorded(mirrored_headings, imu)
+    found = checked(recording)
+    assert looks(found.findings) == [(Part.WHEEL_TURN, State.CORRECTED, Cause.MIRRORED_HEADINGS)]
+    assert "the headings turn the other way than its own positions and the scans: corrected" in found.sentences[0]
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_a_lidar_upside_down_is_still_told_from_odometry_that_agrees_with_itself() -> None:
+    recording, _ = recorded(scan=mirrored)
+    assert (Part.LIDAR, State.CORRECTED, Cause.MIRRORED_OR_WHEELS) in looks(checked(recording).findings)
+
+
 def test_without_a_gyro_both_causes_of_turns_the_other_way_are_named() -> None:
     recording, _ = recorded(lambda sound: sound.rolled(turn=-1.0))
     (said,) = checked(recording).sentences
@@ -193,6 +213,15 @@ def test_ranges_some_per_cent_short_are_noted_without_blame() -> None:
     recording, _ = recorded(scan=lambda sound: replace(sound, ranges=(0.97 * sound.ranges).astype(np.float32)))
     (said,) = checked(recording).sentences
     assert re.search(r"the way by wheels is about [34]% longer than by scans, so one of both has a wrong scale", said)
+
+
+def test_the_scale_is_told_to_some_thousandths_though_swept_scans_see_the_chair_later() -> None:
+    """Speeding up, the wheels seem shorter, and longer in slowing down: no scatter of the scale."""
+    recording, _ = recorded(scan=lambda sound: replace(sound, ranges=(1.025 * sound.ranges).astype(np.float32)))
+    (found,) = checked(recording).findings
+    assert found.cause is Cause.SCALES_DIFFER
+    assert found.value == pytest.approx(1.005 / 1.025, abs=0.004)
+    assert found.sigma < 0.003
 
 
 def test_readings_that_stay_the_same_for_a_while_are_stood_in_for_by_the_scans() -> None:
