@@ -107,9 +107,8 @@ class _BagMessages:
     scan_frames: dict[str, str] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
     without_speeds: Counter[str] = field(default_factory=Counter)
-    damaged_clouds: Counter[str] = field(default_factory=Counter)
-    cloud_damage: dict[str, str] = field(default_factory=dict)
-    """What is wrong with the first damaged cloud of each topic."""
+    damaged_clouds: dict[str, list[str]] = field(default_factory=dict)
+    """What is wrong with each damaged cloud, by topic."""
     odometry: list[Odometry] = field(default_factory=list)
     odometry_base: str = ""
     imu: list[ImuSample] = field(default_factory=list)
@@ -240,7 +239,7 @@ def _collect(
     found.findings += _not_finite(found)
     if not any(found.told.values()) and not any(found.slices.values()):
         names = " and ".join(topics.scans)
-        why = "".join(f" ({damage})" for damage in found.cloud_damage.values())
+        why = "".join(f" ({damage})" for damage, *_ in found.damaged_clouds.values())
         raise NoScans(f"the topic {names} of {path} holds no usable scan{why}; choose another one: {topic_list(bag)}")
     if progress is not None:
         progress(1.0)
@@ -342,8 +341,7 @@ def _clouds(
         found.scan_frames.setdefault(connection.topic, frame_name(message.header.frame_id))
         try:
             cloud = cloud_from_message(message)
-        except CloudDamaged as damage:
-            found.cloud_damage.setdefault(connection.topic, str(damage))
+        except CloudDamaged:
             continue
         yield stamp_ns(message.header.stamp) or log_ns, cloud
 
@@ -354,8 +352,7 @@ def _take_cloud(found: _BagMessages, topic: str, message: Any, kind: CloudKind) 
     try:
         cloud = cloud_from_message(message)
     except CloudDamaged as damage:
-        found.damaged_clouds[topic] += 1
-        found.cloud_damage.setdefault(topic, str(damage))
+        found.damaged_clouds.setdefault(topic, []).append(str(damage))
         return False
     if kind.flat:
         if len(cloud.points):
@@ -444,9 +441,9 @@ def _scans(
     """
     sources = []
     for index, topic in enumerate(topics.scans):
-        if damaged := found.damaged_clouds[topic]:
-            text = f"clouds whose sizes contradict their data are left out: {found.cloud_damage[topic]}"
-            found.findings.append(Finding("cloud size", topic, text, "check the driver", damaged))
+        if damages := found.damaged_clouds.get(topic):
+            text = f"clouds whose sizes contradict their data are left out: {damages[0]}"
+            found.findings.append(Finding("cloud size", topic, text, "check the driver", len(damages)))
         given = mounts[index] if index < len(mounts) else None
         if found.told.get(topic):
             mount = given or laser_mount(

@@ -145,7 +145,7 @@ def torn(result: MapperResult) -> list[Edge]:
 
 def test_a_chair_carried_to_another_room_is_found_there() -> None:
     walls = rooms(2, furnished=True)
-    tour, again = way((0.8, 1.0), *visit(0), *visit(1), (9.0, 1.0)), way(*visit(0)[1:], (5.0, 1.0))
+    tour, again = way((0.8, 1.0), *visit(0), *visit(1), (9.0, 1.0)), way(*visit(0)[1:], (5.0, 1.0), (9.0, 1.0))
     result, truth = mapped(walls, tour, again)
     assert len(torn(result)) == 1
     assert any("has joined" in warning for warning in torn_warnings(result))

@@ -175,7 +175,7 @@ def test_pictures_without_features_are_refused_in_one_sentence(tmp_path: Path) -
     frame = render(pose())
     black = dataclasses.replace(frame, image=np.zeros_like(frame.image))
     recording = Recording(Path("dark"), (), Pose2(), "test", pictures=lambda: iter([black, black]))
-    with pytest.raises(NoPictures, match="1 nothing to be seen in it"):
+    with pytest.raises(NoPictures, match=r"nothing to be seen in it .*: 1"):
         map_pictures(recording, RgbdMappingSettings(), keep_in=tmp_path)
     assert list(tmp_path.iterdir()) == []
 
