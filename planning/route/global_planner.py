@@ -180,7 +180,7 @@ class GlobalPlanner:
             line = line_over(costmap, cells, here, self.goal)
             grid_from_map, cell = costmap.grid.map_from_grid.inverse(), costmap.grid.resolution
             spaced = _evenly_spaced(transform_points(grid_from_map, line) / cell, SPACING / cell)
-            doors = [door for _, _, door in tight_doors(costmap, spaced, self._narrow, costmap.body.width + TIGHT_DOOR)]
+            doors = [door for _, _, door in tight_doors(costmap, spaced, self._narrow, costmap.body.width + 0.25)]
             line = transform_points(costmap.grid.map_from_grid, spaced * cell)
             way = way_legs(costmap, line, here, self.goal, doors)
             if way is not None:

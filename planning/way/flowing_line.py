@@ -21,7 +21,7 @@ from waychair.types import Float32Array, FloatArray
 SPACING = 0.08
 """[m] Distance of the line's points."""
 
-LENGTH_PRICE, BEND_PRICE, BEND_RATE_PRICE, ROOM_PRICE = 0.6, 1.0, 0.12, 120.0
+LENGTH_PRICE, BEND_PRICE, BEND_RATE_PRICE, ROOM_PRICE = 0.3, 1.0, 0.12, 120.0
 """Prices of a metre, of curvature squared and its rate squared over a metre, and of lacking room squared over a metre."""
 
 COMFORT, CORNER = 0.16, 0.05
@@ -142,32 +142,55 @@ def _relax(
     count = stop - first
     if count < 1:
         return True
-    width = 8  # half bandwidth of the system, in scalars, with the diagonal
-    band = np.zeros((2 * count, width))
-    right = np.zeros(2 * count)
+    width = 4  # half bandwidth of the system, with the diagonal: a point moves across the line only
+    band = np.zeros((count, width))
+    right = np.zeros(count)
     stencils = np.array([[-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]])
     prices = np.array([LENGTH_PRICE / h, BEND_PRICE / h**3, BEND_RATE_PRICE / h**5])
     sizes = np.array([2, 3, 4])
-    at = np.zeros(3, np.int64)
-    jacobian = np.zeros((3, 2))
+    across = np.zeros((n, 2))
+    slopes = np.zeros(4)
+    lever = np.zeros(3)
     for _ in range(steps):
+        for i in range(n):
+            before, after = max(i - 1, 0), min(i + 1, n - 1)
+            tx, ty = p[after, 0] - p[before, 0], p[after, 1] - p[before, 1]
+            long = math.hypot(tx, ty) + 1e-9
+            across[i, 0], across[i, 1] = -ty / long, tx / long
         band[:] = 0.0
         right[:] = 0.0
         for term in range(3):
             size = sizes[term]
             for i in range(n - size + 1):
-                for axis in range(2):
-                    residual = 0.0
+                rx, ry = 0.0, 0.0
+                for a in range(size):
+                    rx += stencils[term, a] * p[i + a, 0]
+                    ry += stencils[term, a] * p[i + a, 1]
+                if term > 0:  # bends are what deviates across the line; along it only the points' spacing does
+                    nx, ny = across[i + 1, 0], across[i + 1, 1]
+                    if term == 2:
+                        nx, ny = nx + across[i + 2, 0], ny + across[i + 2, 1]
+                        long = math.hypot(nx, ny) + 1e-9
+                        nx, ny = nx / long, ny / long
+                    residual = rx * nx + ry * ny
                     for a in range(size):
-                        residual += stencils[term, a] * p[i + a, axis]
+                        slopes[a] = stencils[term, a] * (across[i + a, 0] * nx + across[i + a, 1] * ny)
                     for a in range(size):
-                        if not first <= i + a < stop:
-                            continue
-                        row = 2 * (i + a - first) + axis
-                        right[row] -= prices[term] * stencils[term, a] * residual
+                        if first <= i + a < stop:
+                            row = i + a - first
+                            right[row] -= prices[term] * slopes[a] * residual
+                            for b in range(a + 1):
+                                if first <= i + b < stop:
+                                    band[row, a - b] += prices[term] * slopes[a] * slopes[b]
+                    continue
+                for a in range(size):
+                    if first <= i + a < stop:
+                        row = i + a - first
+                        right[row] -= prices[term] * stencils[term, a] * (rx * across[i + a, 0] + ry * across[i + a, 1])
                         for b in range(a + 1):
                             if first <= i + b < stop:
-                                band[row, 2 * (a - b)] += prices[term] * stencils[term, a] * stencils[term, b]
+                                dot = across[i + a, 0] * across[i + b, 0] + across[i + a, 1] * across[i + b, 1]
+                                band[row, a - b] += prices[term] * stencils[term, a] * stencils[term, b] * dot
         for i in range(1, n - 1):
             tx, ty = p[i + 1, 0] - p[i - 1, 0], p[i + 1, 1] - p[i - 1, 1]
             long = math.hypot(tx, ty) + 1e-9
@@ -182,34 +205,32 @@ def _relax(
                 gx = (interpolated(metres, u + 1.0, v) - interpolated(metres, u - 1.0, v)) / (2 * cell)
                 gy = (interpolated(metres, u, v + 1.0) - interpolated(metres, u, v - 1.0)) / (2 * cell)
                 # the point moves with the turn of the heading: d(point)/d(theta) = (-o ty - w tx, o tx - w ty)
-                lever = gx * (-o * ty - w * tx) + gy * (o * tx - w * ty)
-                jacobian[1, 0], jacobian[1, 1] = -gx, -gy
-                jacobian[2, 0], jacobian[2, 1] = lever * ty / long, -lever * tx / long
-                jacobian[0, 0], jacobian[0, 1] = -jacobian[2, 0], -jacobian[2, 1]
+                turned = gx * (-o * ty - w * tx) + gy * (o * tx - w * ty)
+                for a in range(3):
+                    nx, ny = across[i + a - 1, 0], across[i + a - 1, 1]
+                    if a == 1:
+                        lever[a] = -(gx * nx + gy * ny)
+                    else:
+                        lever[a] = -turned * (a - 1) * (-ty * nx + tx * ny) / long
                 price = room_price * h
                 for a in range(3):
                     if not first <= i + a - 1 < stop:
                         continue
-                    for ax in range(2):
-                        row = 2 * (i + a - 1 - first) + ax
-                        right[row] -= price * jacobian[a, ax] * lacking
-                        for b in range(3):
-                            if not first <= i + b - 1 < stop:
-                                continue
-                            for bx in range(2):
-                                column = 2 * (i + b - 1 - first) + bx
-                                if column <= row:
-                                    band[row, row - column] += price * jacobian[a, ax] * jacobian[b, bx]
-        for row in range(2 * count):
+                    row = i + a - 1 - first
+                    right[row] -= price * lever[a] * lacking
+                    for b in range(a + 1):
+                        if first <= i + b - 1 < stop:
+                            band[row, a - b] += price * lever[a] * lever[b]
+        for row in range(count):
             band[row, 0] += DAMPING
         _solve(band, right)
         longest = 0.0
         for j in range(count):
-            longest = max(longest, math.hypot(right[2 * j], right[2 * j + 1]))
+            longest = max(longest, abs(right[j]))
         share = min(1.0, LONGEST_MOVE / max(longest, 1e-12))
         for j in range(count):
-            p[first + j, 0] += share * right[2 * j]
-            p[first + j, 1] += share * right[2 * j + 1]
+            p[first + j, 0] += share * right[j] * across[first + j, 0]
+            p[first + j, 1] += share * right[j] * across[first + j, 1]
         if longest < STILL:
             return True
     return False

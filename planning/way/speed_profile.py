@@ -26,6 +26,9 @@ LEAST_SPEED = 0.15
 STEERING_SHARE = 0.7
 """Part of the turning speed and acceleration that a line may need; the rest corrects the chair's errors."""
 
+SEEN_TURN = 0.5
+"""[rad/s] About the rate of a turn on the spot whose rear corners no sensor sees."""
+
 RESERVE = 0.8
 """Part of the braking and jerk that a profile plans with; the rest is for the chair's lag."""
 
@@ -97,18 +100,33 @@ def fastest_now(speeds: FloatArray, along: FloatArray, s: float, lead: float, a:
     return best
 
 
-def predicted_time(speeds: FloatArray, along: FloatArray, limits: DwaSettings) -> float:
-    """Return about how long [s] a drive along a line takes from standstill to standstill, without limits of jerk."""
-    if len(along) < 2:
-        return 0.0
-    v = speeds.copy()
-    v[0] = v[-1] = 0.0
-    steps = np.diff(along)
-    for i in range(1, len(v)):
-        v[i] = min(v[i], math.sqrt(v[i - 1] ** 2 + 2 * 0.7 * limits.acceleration * steps[i - 1]))
-    for i in range(len(v) - 2, -1, -1):
-        v[i] = min(v[i], math.sqrt(v[i + 1] ** 2 + 2 * 0.7 * limits.braking * steps[i]))
-    return float((2 * steps / np.maximum(v[1:] + v[:-1], 0.05)).sum())
+def predicted_time(speeds: FloatArray, along: FloatArray, limits: DwaSettings, rolls: float = 0.0) -> float:
+    """Return how long [s] a drive along a line takes that begins at a speed `rolls` [m/s] and ends standing."""
+    ended = speeds.copy()
+    ended[-1] = 0.0
+    return float(
+        _drive_time(ended, along, rolls, limits.acceleration, limits.braking, RESERVE * limits.braking, limits.jerk, RESERVE)
+    )
+
+
+@njit(cache=True, nogil=True)
+def _drive_time(
+    speeds: FloatArray, along: FloatArray, v: float, faster: float, slower: float, a_brake: float, jerk: float, reserve: float
+) -> float:
+    s, a, t, dt = 0.0, 0.0, 0.0, 0.05
+    while s < along[-1] - 0.02 and t < 300.0:
+        gain = max(a, 0.0)
+        lead = v * dt + v * gain / jerk + gain**3 / (3 * jerk**2)
+        wanted = max(fastest_now(speeds, along, s, lead, a_brake, reserve * jerk), 0.06)
+        goal = min(max((wanted - v) / dt, -slower), faster)
+        # the acceleration that jerk can bring to 0 by the time the speed is reached
+        most = math.sqrt(2 * jerk * max(abs(wanted - v), 1e-9))
+        goal = min(max(goal, -most), most)
+        a = min(max(goal, a - jerk * dt), a + jerk * dt)
+        v = max(v + a * dt, 0.0)
+        s += max(v, 0.01) * dt
+        t += dt
+    return t
 
 
 def turn_time(turn: float, limits: DwaSettings) -> float:
@@ -116,5 +134,6 @@ def turn_time(turn: float, limits: DwaSettings) -> float:
     turn = abs(turn)
     if turn < 1e-3:
         return 0.0
-    ramp = limits.max_omega**2 / limits.alpha
-    return 0.5 + (2 * math.sqrt(turn / limits.alpha) if turn < ramp else turn / limits.max_omega + limits.max_omega / limits.alpha)
+    rate = min(limits.max_omega, SEEN_TURN)
+    ramp = rate**2 / limits.alpha
+    return 0.5 + (2 * math.sqrt(turn / limits.alpha) if turn < ramp else turn / rate + rate / limits.alpha)
