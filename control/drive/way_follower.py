@@ -120,7 +120,8 @@ class WayFollower:
                 return self._halt(ahead, command, kept)
         v = self.gear * max(fastest, MIN_SPEED)
         speed = abs(v)
-        reach = max(0.16, 0.55 * abs(command.v))
+        room = float(self.rooms[min(self.k, len(self.rooms) - 1)])
+        reach = max(float(np.interp(room, (0.04, 0.12), (0.16, 0.3))), 0.55 * abs(command.v))
         gain = 1.0 / reach
         damping = float(np.interp(abs(lateral), (0.02, 0.04), (1.6, 1.0)))
         pull = max(-0.5, min(0.5, gain * lateral)) * gain
@@ -181,12 +182,13 @@ class WayFollower:
         return self._halt(ahead, command, limits)
 
     def _stepped(self, command: Twist, wanted: Twist, limits: DwaSettings, motion: CommandedMotion | None) -> Twist:
-        if motion is None:
-            return towards(command, wanted, limits)
-        v = towards(command, wanted, limits, motion).v
-        share = max(v / wanted.v, 0.0) if wanted.v else 0.0
-        omega = min(max(wanted.omega * share, -limits.max_omega), limits.max_omega)
-        return Twist(v, towards(command, Twist(v, omega), limits).omega)
+        """Return the next command on the wanted arc: the limiter shapes its growth, jerk is limited here on the way down."""
+        if abs(wanted.v) >= abs(command.v) or command.v * wanted.v < 0.0:
+            most = max(self.gear * command.v, 0.0) + limits.acceleration * PERIOD
+            v = self.gear * min(abs(wanted.v), most)
+        else:
+            v = towards(command, wanted, limits, motion).v
+        return Twist(v, wanted.omega * (v / wanted.v if wanted.v else 0.0))
 
     def _halt(self, ahead: Pose2, command: Twist, limits: DwaSettings) -> DwaResult:
         return DwaResult(braking(command, limits), np.zeros((0, 2)), np.zeros(0), ahead.array()[None], blocked=True)
