@@ -182,24 +182,9 @@ class GlobalPlanner:
             spaced = _evenly_spaced(transform_points(grid_from_map, line) / cell, SPACING / cell)
             doors = [door for _, _, door in tight_doors(costmap, spaced, self._narrow, costmap.body.width + 0.25)]
             line = transform_points(costmap.grid.map_from_grid, spaced * cell)
-            way = way_legs(costmap, line, here, self.goal, doors)
-            if way is not None:
-                self.legs = tuple(way)
-                return joined_legs(self.legs)
-            legs = yield from _legs_from_cells(
-                costmap=costmap,
-                cells=cells,
-                start=here,
-                goal=self.goal,
-                settings=self.settings,
-                narrow=self._narrow,
-                distrusted=self._distrusted,
-            )
+            legs = yield from way_legs(costmap, line, here, self.goal, doors)
         finally:
             self.valid_from_anywhere = False
-        if self._check_footprint and not among_people:
-            banded = self.settings.smoothing == "band"
-            legs = yield from checked(costmap, here, legs, banded)
         self.legs = tuple(legs)
         return joined_legs(self.legs)
 

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from waychair.errors import NoPath
 from waychair.geometry import arc_lengths, wrap_angle
 from waychair.maps.grid.distance_field import DistanceField
-from waychair.planning.body.clearance import HARD, PLANNED_TURN
+from waychair.planning.body.clearance import HARD, PLANNED, PLANNED_TURN
 from waychair.planning.body.footprint import fits, footprint, free_time, in_cells
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import fine_field
+from waychair.planning.grid.resumable import Resumable
+from waychair.planning.route.leg_planning import legs_of_manoeuvre, manoeuvre_between
 from waychair.planning.route.legs import DoorPassage, DrivingManner, PathLeg
 from waychair.planning.way.flowing_line import COMFORT, SPACING, flowing
 from waychair.planning.way.speed_profile import (
@@ -58,6 +60,7 @@ class _Piece:
     seconds: float
     turns_first: bool
     turns_last: bool
+    backwards: bool = False
 
 
 def way_legs(
@@ -67,15 +70,20 @@ def way_legs(
     goal: Pose2,
     doors: Sequence[DoorPassage],
     limits: DwaSettings = _LIMITS,
-) -> list[PathLeg] | None:
-    """Return legs along a line (N, 2) [m] from a start to a goal in map, straight through its doors; None without room.
+) -> Resumable[list[PathLeg]]:
+    """Return legs along a line (N, 2) [m] from a start to a goal in map, straight through its doors.
 
-    The chair stops only where it turns on the spot; it does so where that is sooner than a bend, or the only way.
+    The chair stops only where it turns on the spot or changes gear; it does so where that is sooner than a bend, or the
+    only way.
+
+    Raises:
+        NoPath: the chair does not fit somewhere, not even with a multi-point turn.
     """
     field = field_round(costmap, line)
     pieces: list[_Piece] = []
     here, rest = start, line
     for door in doors:
+        yield
         found = _through(costmap, field, rest, here, goal, door, limits)
         if found is None:
             continue
@@ -83,11 +91,84 @@ def way_legs(
         pieces += [*([before] if before is not None else []), straight]
         here = Pose2(*straight.poses[-1])
     if math.dist((here.x, here.y), (goal.x, goal.y)) > 0.05 or not pieces:
-        last = _between(costmap, field, rest, here, goal, limits)
-        if last is None:
-            return None
-        pieces.append(last)
-    return _joined(pieces, start, goal, doors)
+        pieces += yield from _pieces(costmap, field, rest, here, goal, limits)
+    return _joined(pieces, goal, doors)
+
+
+def _pieces(
+    costmap: Costmap, field: DistanceField, line: FloatArray, start: Pose2, goal: Pose2, limits: DwaSettings
+) -> Resumable[list[_Piece]]:
+    """Return the band from pose to pose, with multi-point turns where it does not fit."""
+    yield
+    whole = _between(costmap, field, line, start, goal, limits)
+    if whole is not None:
+        return [whole]
+    poses = flowing(line, field, costmap.body, price=_TRIES[0][1])
+    fits_there = rooms_along(costmap.body, field, poses) >= PLANNED
+    bad = np.flatnonzero(~fits_there[1:-1]) + 1
+    turns_in = can_turn(costmap, field, start, float(poses[0, 2]))
+    turns_out = can_turn(costmap, field, Pose2(*poses[-1]), goal.theta)
+    marked = [*([] if turns_in else [0]), *bad.tolist(), *([] if turns_out else [len(poses) - 1])]
+    if not marked:
+        marked = [0, len(poses) - 1]
+    first = last = marked[0]
+    for k in marked[1:]:
+        if (k - last) * SPACING > _ONE_TURN:
+            break
+        last = k
+    for around in _ROUND:
+        begin, end = first, last
+        while begin > 0 and ((first - begin) * SPACING < around or not fits_there[begin]):
+            begin -= 1
+        while end < len(poses) - 1 and ((end - last) * SPACING < around or not fits_there[end]):
+            end += 1
+        into = start if begin == 0 else Pose2(*poses[begin])
+        out = goal if end == len(poses) - 1 else Pose2(*poses[end])
+        before: list[_Piece] = []
+        if begin > 0:
+            piece = _between(costmap, field, poses[: begin + 1, :2], start, into, limits)
+            if piece is None:
+                continue
+            before = [piece]
+        turned = yield from manoeuvre_between(costmap, into, out)
+        if turned is None:
+            continue
+        after: list[_Piece] = []
+        if end < len(poses) - 1:
+            after = yield from _pieces(costmap, field, poses[end:, :2], out, goal, limits)
+        return [*before, *_gears(costmap, field, turned), *after]
+    x, y, _ = poses[first]
+    raise NoPath(
+        f"the chair does not fit at ({x:.2f}, {y:.2f}), not even with a multi-point turn; clear the way or choose "
+        "another goal",
+        (float(x), float(y)),
+    )
+
+
+_ONE_TURN = 1.5
+"""[m] Places no farther apart, at which the band does not fit, are passed by one multi-point turn."""
+
+_ROUND = (0.8, 2.0)
+"""[m] Lengths of line on both sides of such a place that a multi-point turn replaces; the longer if the shorter fails."""
+
+
+def _gears(costmap: Costmap, field: DistanceField, poses: FloatArray) -> list[_Piece]:
+    """Return the drives of a multi-point turn, each smoothed where the smoother one fits."""
+    done = []
+    for leg in legs_of_manoeuvre(poses):
+        line = leg.path.poses
+        keep = np.concatenate([[True], np.hypot(*np.diff(line[:, :2], axis=0).T) > 1e-6])
+        line = line[keep]
+        if len(line) < 2:
+            continue
+        line[-1, 2] = line[-1, 2] if len(line) < 3 else leg.path.poses[keep.nonzero()[0][-1], 2]
+        ends = float(line[0, 2]), float(poses[np.argmin(np.hypot(*(poses[:, :2] - line[-1, :2]).T)), 2])
+        smooth = flowing(line[:, :2], field, costmap.body, ends[0], ends[1], backwards=leg.backwards, price=_TRIES[0][1])
+        room = rooms_along(costmap.body, field, line)[1:-1].min(initial=1.0)
+        if _sharpest(smooth) < _SHARPEST and rooms_along(costmap.body, field, smooth)[1:-1].min(initial=1.0) >= room:
+            line = smooth
+        done.append(_Piece(line, 0.0, True, True, leg.backwards))
+    return done
 
 
 def _through(
@@ -180,24 +261,31 @@ def nearest(line: FloatArray, pose: Pose2) -> int:
     return int(np.argmin(np.hypot(*(line - (pose.x, pose.y)).T)))
 
 
-def _joined(pieces: list[_Piece], start: Pose2, goal: Pose2, doors: Sequence[DoorPassage]) -> list[PathLeg]:
-    """Return the pieces as legs, cut where the chair turns on the spot."""
-    legs: list[FloatArray] = []
-    for k, piece in enumerate(pieces):
-        cut = k == 0 or piece.turns_first or pieces[k - 1].turns_last
-        if cut:
-            legs.append(piece.poses)
+def _joined(pieces: list[_Piece], goal: Pose2, doors: Sequence[DoorPassage]) -> list[PathLeg]:
+    """Return the pieces as legs, cut where the chair turns on the spot or changes gear."""
+    joined: list[_Piece] = []
+    for piece in pieces:
+        before = joined[-1] if joined else None
+        if (
+            before is None
+            or before.backwards != piece.backwards
+            or abs(wrap_angle(before.poses[-1, 2] - piece.poses[0, 2])) > _SAME_HEADING
+        ):
+            joined.append(piece)
         else:
-            legs[-1] = np.concatenate([legs[-1], piece.poses[1:]])
-    for before, after in pairwise(legs):
-        before[-1, 2] = before[-1, 2]
-    done = []
-    for k, poses in enumerate(legs):
-        heading = legs[k + 1][0, 2] if k + 1 < len(legs) else goal.theta
+            joined[-1] = replace(before, poses=np.concatenate([before.poses, piece.poses[1:]]))
+    legs = []
+    for k, piece in enumerate(joined):
+        poses = piece.poses
+        heading = joined[k + 1].poses[0, 2] if k + 1 < len(joined) else goal.theta
         if abs(wrap_angle(poses[-1, 2] - heading)) > 1e-6:
             poses = np.concatenate([poses, [[poses[-1, 0], poses[-1, 1], heading]]])
-        done.append(PathLeg(Path(poses), DrivingManner.LINE, doors=tuple(doors)))
-    return done
+        legs.append(PathLeg(Path(poses), DrivingManner.LINE, backwards=piece.backwards, doors=tuple(doors)))
+    return legs
+
+
+_SAME_HEADING = 0.02
+"""[rad] Two pieces whose headings differ by no more are driven without a stop."""
 
 
 def _fitting(
