@@ -167,7 +167,9 @@ def _map_line(report: Json, out: Path) -> str:
 
 def _aids_line(report: Json) -> str:
     """Return the summary of the aids that were not believed as they are, or an empty text."""
-    told = dict.fromkeys(f"{aid['part']} of {aid['name']} {aid['state']}" for aid in report.get("aids", []))
+    told = dict.fromkeys(
+        f"{aid['part']} of {aid['name']} {aid['state']}" for aid in report.get("aids", []) if aid["state"] != "noted"
+    )
     return "".join(f"{part}, " for part in told)
 
 

@@ -119,7 +119,7 @@ def pause_command(*, address: ChairAddress = _ADDRESS) -> None:
 
 
 def go_on_command(*, address: ChairAddress = _ADDRESS) -> None:
-    """Continue the paused drive."""
+    """Continue the paused drive, or take the other way that the chair offers."""
     _ask(address, "go_on")
 
 

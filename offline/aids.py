@@ -10,8 +10,9 @@ import numpy as np
 
 from waychair.geometry import compose, invert, pose_from_array, wrap_angles
 from waychair.recordings.plausibility.findings import Finding
+from waychair.recordings.plausibility.upright_scans import upright_scans
 from waychair.recordings.recording import Recording
-from waychair.recordings.scans import LaserMount, mirrored, text_from_mount
+from waychair.recordings.scans import LaserMount, text_from_mount
 from waychair.slam.frames.mount_check import MountCheck, check_mount
 from waychair.slam.odometry.aid_check import AidCheck, check_aids
 from waychair.slam.odometry.aid_findings import (
@@ -28,6 +29,7 @@ from waychair.slam.odometry.aid_findings import (
 )
 from waychair.slam.odometry.aid_series import ImuSeries, ScanSeries, WheelSeries, from_half_way, half_way
 from waychair.slam.odometry.broken_steps import Track, repaired
+from waychair.slam.odometry.wild_readings import without_wild_readings
 from waychair.slam.scan.scan_motion import ScanMotions, scan_motions
 from waychair.types import BoolArray, FloatArray, ImuSample, Json, Odometry, Pose2, SensorFrame, Twist
 
@@ -36,8 +38,9 @@ _LEAST_DEVIATIONS = 6.0  # sigma
 _MOUNT_SHARE = 0.5  # a better mount leaves at most this share of the disagreement
 _STEP, _STEP_TURN = 0.6, 0.3  # [m], [rad]; least motion that tells about a mount
 _MANY_SCANS = 1500  # of so many a sample is compared first; all of them only if it shows a fault
-_SAMPLE_S, _SAMPLE_EVERY_S = 9.0, 60.0  # long enough for windows that tell about ways
+_SAMPLE_S, _SAMPLE_EVERY_S = 9.0, 75.0  # long enough for windows that tell about ways
 _LEAST_SCANS = 10  # fewer tell nothing about an aid
+_REVERSED = "The first beam is the last in time: does the driver give the ranges in reverse order?"
 _MOST_SEVERAL = 3  # breaks of one kind that get a sentence each
 
 
@@ -89,7 +92,20 @@ def _checked(recording: Recording, range_max: float, progress: Callable[[float],
     if scans < _LEAST_SCANS or scans < len(frames) or not any(frame.wheels or frame.imu for frame in frames):
         return CheckedRecording(recording)
     times = _times(frames)
-    wanted = _looked_at(frames, times)
+    cleaned, wild = without_wild_readings(frames, times)
+    if wild:
+        checked = _compared(replace(recording, frames=cleaned), times, range_max, progress)
+        names = names_from_source(recording.source)
+        findings = (*wild, *checked.findings)
+        return replace(checked, findings=findings, sentences=_sentences(list(findings), names), names=names)
+    return _compared(recording, times, range_max, progress)
+
+
+def _compared(
+    recording: Recording, times: FloatArray, range_max: float, progress: Callable[[float], None] | None
+) -> CheckedRecording:
+    """Return the recording with aids that agree with its scans: by a sample of a long one, unless it shows a fault."""
+    wanted = _looked_at(recording.frames, times)
     if wanted is not None:
         looked = _with_motions(recording, times, range_max, progress, wanted)
         if looked.recording is recording:
@@ -98,7 +114,7 @@ def _checked(recording: Recording, range_max: float, progress: Callable[[float],
 
 
 def _looked_at(frames: tuple[SensorFrame, ...], times: FloatArray) -> BoolArray | None:
-    """Return which frames (N,) are compared at first, some seconds of each minute; None for all.
+    """Return which frames (N,) are compared at first, some seconds of every 75; None for all.
 
     A sound recording is told from a sample. Without wheels, or in gaps of theirs, all scans are needed.
     """
@@ -128,8 +144,12 @@ def _with_motions(
     findings += broken
     check, series = _check(frames, times, motions)
     if any(found.part is Part.LIDAR and found.state is State.CORRECTED for found in check.findings):
-        findings += [_advised(found, LaserMount(mount, True)) for found in check.findings if found.part is Part.LIDAR]
-        frames = tuple(replace(f, scan=None if f.scan is None else mirrored(f.scan)) for f in frames)
+        frames, swept_back = _upright(frames, mount)
+        upright = [found for found in check.findings if found.part is Part.LIDAR]
+        findings += [
+            replace(found, advice=_REVERSED) if swept_back else _advised(found, LaserMount(mount, True))
+            for found in upright
+        ]
         motions = _scan_motions(frames, mount, range_max, progress, wanted)
         check, series = _check(frames, times, motions)
     better = _better_mount(frames, motions, mount, check)
@@ -144,8 +164,9 @@ def _with_motions(
         check, series = _check(frames, times, motions)
     findings += [found for found in check.findings if found.part is not Part.LIDAR or found.state is State.LEFT_OUT]
     unmoved = not any(frame.wheels for frame in frames) and len(motions.before) > 0
-    if not findings and not unmoved:
-        return CheckedRecording(recording)
+    if not unmoved and all(found.state is State.NOTED for found in findings):
+        names = names_from_source(recording.source)
+        return CheckedRecording(recording, tuple(findings), _sentences(findings, names), names)
     frames = _with_gyro(frames, times, check)
     if unmoved:  # an IMU alone tells no way: the scans do
         frames = _with_wheels(frames, times, motions, series.filled())
@@ -168,6 +189,14 @@ def names_from_source(source: str) -> AidNames:
     )
 
 
+def _upright(frames: tuple[SensorFrame, ...], mount: Pose2) -> tuple[tuple[SensorFrame, ...], bool]:
+    """Return the frames with mirrored scans, and whether a driver reversed their ranges."""
+    odometry = [reading for frame in frames for reading in frame.wheels if isinstance(reading, Odometry)]
+    found, swept_back = upright_scans([frame.scan for frame in frames if frame.scan is not None], odometry, mount)
+    scans = iter(found)
+    return tuple(frame if frame.scan is None else replace(frame, scan=next(scans)) for frame in frames), swept_back
+
+
 def _advised(found: AidFinding, mount: LaserMount) -> AidFinding:
     advice = f"They agree best with --base-from-laser {text_from_mount(mount)}"
     if found.cause is Cause.MIRRORED_OR_WHEELS:
@@ -180,10 +209,11 @@ def _sentences(findings: list[AidFinding], names: AidNames) -> tuple[str, ...]:
     kept: list[AidFinding] = []
     more = 0
     for cause in (Cause.WILD, Cause.RESTART, Cause.JUMP):
-        same = [found for found in findings if found.cause is cause]
+        same = [found for found in findings if found.cause is cause and found.part is Part.WHEELS]
         kept += same[:_MOST_SEVERAL]
         more += len(same[_MOST_SEVERAL:])
-    rest = [found for found in findings if found.cause not in (Cause.WILD, Cause.RESTART, Cause.JUMP)]
+    steps = (Cause.WILD, Cause.RESTART, Cause.JUMP)
+    rest = [found for found in findings if found.cause not in steps or found.part is not Part.WHEELS]
     told = [sentence(found, names) for found in (*kept, *rest)]
     if more:
         told.insert(len(kept), f"{names.wheels}: {more} more steps that no chair drives were bridged")

@@ -56,6 +56,8 @@ from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.mapping.mapper import MapperResult
 from waychair.types import Json, OccupancyGrid, Pose2, Pose3
 
+_LEAST_SCANS = 10  # a recording of fewer is no drive
+
 
 @dataclass(frozen=True, slots=True)
 class MappingSettings(LiveMappingSettings):
@@ -120,7 +122,7 @@ def map_recording(
         live = live_from_pictures(recording, settings, camera, progress)
         return _finished(live, recording, (started, cpu, reading_s), amiss, 0)
     checked = checked_recording(recording, settings.mapper.matching.range_max)
-    recording, amiss = checked.recording, [*checked.sentences, *amiss]
+    recording, amiss = checked.recording, [*checked.sentences, *amiss, *_too_short(recording)]
     recording = replace(recording, frames=recording.frames[start_index(recording.frames) :])
     live = LiveMapping(settings, recording.base_from_laser, base_from_camera=camera)
     live.seconds["checking"] = checked.seconds
@@ -244,6 +246,14 @@ def _beginning(
         finally:
             if builder is not None:
                 builder.appearance.memory.close()
+
+
+def _too_short(recording: Recording) -> list[str]:
+    """Return a warning about a recording with too few scans for a map of more than one view."""
+    count = sum(frame.scan is not None for frame in recording.frames)
+    if count >= _LEAST_SCANS:
+        return []
+    return [f"{recording.path} holds only {count} scans: the map shows what is seen from one place; record a drive"]
 
 
 def _lens(recording: Recording, settings: MappingSettings, camera: Pose3 | None) -> Pose3 | None:

@@ -68,7 +68,7 @@ def map_pictures(
     if len(result.trajectory.stamps_ns) == 0:
         if keep_in is not None:
             remove_memory(keep_in)
-        why = "; ".join(f"{count} {reason}" for reason, count in {**recording.unread, **result.states}.items())
+        why = "; ".join(f"{reason}: {count}" for reason, count in {**recording.unread, **result.states}.items())
         raise NoPictures(f"no pose can be estimated from the pictures of {recording.path} ({why or 'there are none'})")
     report = _report(recording, result, spent, time.process_time() - cpu, time.perf_counter() - started)
     report["warnings"] += [*memory.store.notes, *([] if memory.store.fault is None else [str(memory.store.fault)])]
@@ -95,7 +95,7 @@ def refuse_mostly_lost(report: Json, folder: Path) -> None:
     if report["placed"] >= LEAST_KEPT * report["listed"]:
         return
     reasons = {**report["unread"], **report["states"]}
-    why = ", ".join(f"{count} {reason}" for reason, count in reasons.items() if reason != "placed")
+    why = ", ".join(f"{reason}: {count}" for reason, count in reasons.items() if reason != "placed")
     raise NoPictures(
         f"only {report['placed']} of {report['listed']} pictures of {report['input']} could be placed ({why}); {folder} holds "
         "their trajectory, but most of the drive is missing from it"

@@ -66,6 +66,7 @@ def read_pairs(path: Path) -> Pairs:
             f"no colour picture in {path} has a depth picture within {MAX_SPREAD:g} s ({why}): copy both folders again, or "
             "list the pairs in associations.txt"
         )
+    _refuse_missing(path, found)
     late = sum(b.stamp_ns <= a.stamp_ns for a, b in pairwise(found))
     usable = tuple(sorted({pair.stamp_ns: pair for pair in found}.values(), key=lambda pair: pair.stamp_ns))
     twice = len(found) - len(usable)
@@ -86,6 +87,26 @@ def numbered_files(path: Path) -> list[tuple[int, Path]]:
     """Return the colour pictures of numbered frames by number."""
     found = [(match, file) for file in path.iterdir() if (match := _NUMBERED.match(file.name))]
     return sorted((int(match[1]), file) for match, file in found)
+
+
+def _refuse_missing(path: Path, pairs: Sequence[Pair]) -> None:
+    """Refuse a folder most of whose listed pictures are not there.
+
+    Raises:
+        RecordingDamaged: with the first of them, and its true place where a picture of that name lies elsewhere.
+    """
+    for kind, files in (("colour", [pair.colour for pair in pairs]), ("depth", [pair.depth for pair in pairs])):
+        gone = [file for file in files if not file.is_file()]
+        if len(gone) <= (1.0 - LEAST_KEPT) * len(files):
+            continue
+        first = gone[0].relative_to(path) if gone[0].is_relative_to(path) else gone[0]
+        other = next((place for place in sorted(path.glob(f"*/{gone[0].name}")) if place.is_file()), None)
+        advice = "copy the folder again from its source"
+        if other is not None:
+            advice = f"a picture of that name lies in {other.parent.name}: are the folders rgb and depth exchanged?"
+        raise RecordingDamaged(
+            f"{len(gone)} of {len(files)} {kind} pictures in the list of {path} are missing, the first of them {first}; {advice}"
+        )
 
 
 def _most_lost(path: Path, found: Sequence[Pair], listed: int, usable: int, twice: int) -> str:

@@ -279,7 +279,7 @@ class ChairClient:
         return self.trigger("pause", timeout_s)
 
     def go_on(self, timeout_s: float = 5.0) -> tuple[bool, str]:
-        """Resume the paused drive.
+        """Resume the paused drive, or take the other way that the chair offers.
 
         Raises:
             RosError: the navigator does not answer in time.

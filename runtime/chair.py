@@ -184,7 +184,10 @@ class Chair:
         return self._pilot.pause()
 
     def go_on(self) -> bool:
-        """Let the paused drive go on, by a person's deliberate act; return whether there is one."""
+        """Let the paused drive go on, or take the other way that is offered, by a person's deliberate act.
+
+        Return whether there is one.
+        """
         return self._pilot.go_on()
 
     def stop(self) -> None:

@@ -80,6 +80,7 @@ class ChairDisplay:
             people=people,
             steered=state.verdict.steered,
             paused=navigation.stage is Stage.PAUSED and bool(goal),
+            offers=navigation.stage is Stage.OFFERING and bool(goal),
         )
 
     def _note_end(self, state: ChairState) -> None:

@@ -55,7 +55,7 @@ class ChairView:
     zones. `panel` is for engineers: figures by name, units in the names. `stamp_ns` and `free_since_ns` are of the
     computer's steady clock (`time.monotonic_ns`); the latter is the time since which the rider's own joystick has the
     lines, None while the computer holds them. `steered`: a page's joystick drives. `paused`: the drive stands until
-    somebody lets it go on.
+    somebody lets it go on. `offers`: it waits at a doorway, and another way is taken once somebody lets it go on.
     """
 
     stamp_ns: int
@@ -79,6 +79,7 @@ class ChairView:
     free_since_ns: int | None = None
     steered: bool = False
     paused: bool = False
+    offers: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +124,7 @@ class ChairPort(Protocol):
         """Come to rest and stand, the goal kept, until `go_on`, or until something ends the drive."""
 
     def go_on(self) -> Answer:
-        """Let the paused drive go on."""
+        """Let the paused drive go on, or a drive that offers another way take it."""
 
     def cancel(self) -> Answer:
         """Come to rest and drop the goal."""

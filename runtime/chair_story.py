@@ -83,7 +83,7 @@ def _driving(facts: DriveFacts) -> str:
         why, _, how_long = facts.reason.partition("; waiting, ")
         within = f", and waits {how_long}" if how_long else ""
         return f"Waiting: {why.removesuffix('; waiting')}. The chair goes on by itself once there is a path{within}."
-    if facts.stage is Stage.DRIVING and facts.reason:
+    if facts.stage in (Stage.DRIVING, Stage.OFFERING) and facts.reason:
         return sentence(facts.reason)
     if facts.pose is None or not len(facts.way):
         return f"Looking for a path to {facts.goal}."

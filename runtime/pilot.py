@@ -102,10 +102,10 @@ class Pilot:
         return True
 
     def go_on(self) -> bool:
-        """Let a paused drive go on; return whether there is one."""
-        paused = self.navigator.stage is Stage.PAUSED
+        """Let a paused drive go on, or one that offers another way take it; return whether there is one."""
+        goes_on = not self.waits and self.navigator.stage in (Stage.PAUSED, Stage.OFFERING)
         self.navigator.resume()
-        return paused
+        return goes_on
 
     def drop(self, reason: str) -> None:
         """Drop the waiting goals and end the drive."""

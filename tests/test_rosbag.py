@@ -206,7 +206,7 @@ def test_the_mount_is_chained_through_static_transforms_in_both_directions(tmp_p
         bag.mount(0, ("base_footprint", "base_link", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0)))
         bag.mount(
             0,
-            ("base_footprint", "mast", (1.0, 2.0, 0.5), quarter),
+            ("base_footprint", "mast", (0.5, 1.0, 0.5), quarter),
             ("mast", "/laser", (0.5, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)),
         )
         bag.odometry(0, 0.0)
@@ -214,9 +214,31 @@ def test_the_mount_is_chained_through_static_transforms_in_both_directions(tmp_p
 
     recording = made(tmp_path / "drive", fill)
     assert recording.warnings == ()
-    np.testing.assert_allclose(recording.base_from_laser.array(), [1.0, 2.5, math.pi / 2], atol=1e-12)
+    np.testing.assert_allclose(recording.base_from_laser.array(), [0.5, 1.5, math.pi / 2], atol=1e-12)
     given = read_recording(tmp_path / "drive", base_from_laser=Pose2(9.0, 0.0, 0.0))
     assert given.base_from_laser == Pose2(9.0, 0.0, 0.0)
+
+
+def test_a_mount_farther_away_than_a_chair_is_large_is_refused_by_its_topic_and_frame(tmp_path: Path) -> None:
+    def fill(bag: Bag) -> None:
+        bag.mount(0, ("base_link", "laser", (350.0, 0.0, 0.5), (0.0, 0.0, 0.0, 1.0)))
+        bag.odometry(0, 0.0)
+        bag.scan(0, [1.0, 2.0])
+
+    with pytest.raises(RecordingError, match=r"/tf_static: the mount of the laser 'laser' is 350 m from base_link"):
+        made(tmp_path / "drive", fill)
+
+
+def test_a_topic_that_only_the_metadata_tells_of_does_not_hide_the_scans(tmp_path: Path) -> None:
+    def fill(bag: Bag) -> None:
+        bag.scan(0, [1.0, 2.0])
+
+    made(tmp_path / "drive", fill)
+    meta = tmp_path / "drive" / "metadata.yaml"
+    meta.write_text(meta.read_text().replace("name: /scan", "name: /lidar"))
+    recording = read_recording(tmp_path / "drive")
+    assert len(recording.frames) == 1
+    assert "metadata.yaml tells of 1 messages on /lidar, of which the file holds none" in recording.warnings[0]
 
 
 def test_an_unknown_mount_is_the_identity_with_a_warning(tmp_path: Path) -> None:

@@ -45,6 +45,7 @@ def view_message(view: ChairView, count: int) -> str:
             "mode": view.mode.value,
             "steered": view.steered,
             "paused": view.paused,
+            "offers": view.offers,
             "twist": [round(float(view.twist.v), 3), round(float(view.twist.omega), 3)],
             "goal": view.goal,
             "waits": view.waits,

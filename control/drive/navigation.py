@@ -16,12 +16,13 @@ class Stage(enum.Enum):
     IDLE = "idle"
     DRIVING = "driving"
     WAITING = "waiting"
+    OFFERING = "offering"  # waits at a doorway, and offers another way, which `Navigator.resume` takes
     PAUSED = "paused"
     ARRIVED = "arrived"
     FAILED = "failed"
 
 
-ACTIVE = (Stage.DRIVING, Stage.WAITING, Stage.PAUSED)
+ACTIVE = (Stage.DRIVING, Stage.WAITING, Stage.OFFERING, Stage.PAUSED)
 """The stages in which there still is a goal to reach."""
 
 

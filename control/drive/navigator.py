@@ -30,6 +30,7 @@ from waychair.control.drive.navigator_state import (
     REPLAN_PERIOD_S,
     RESTED_TICKS,
     TOLD_AFTER_S,
+    GearChanges,
     MotionState,
     PlanState,
 )
@@ -43,7 +44,7 @@ from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.route.global_planner import SPACING, GlobalPlanner
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
-from waychair.planning.route.legs import DrivingManner
+from waychair.planning.route.legs import DrivingManner, PathLeg
 from waychair.planning.warm_up import warm_up
 from waychair.planning.window.dwa import DwaResult
 from waychair.planning.window.motion_limits import CommandedMotion, braking, crawling, stopping
@@ -151,7 +152,9 @@ class Navigator:
             self._stage, self._reason, self._plan.generator = Stage.PAUSED, "paused", None
 
     def resume(self) -> None:
-        """Go on after a pause, by a new plan."""
+        """Go on after a pause, by a new plan, or by the other way that is offered."""
+        if self._plan.other.offer is not None and self._stage is Stage.OFFERING:
+            self._plan.other.latest, self._plan.made_ns = replace(self._plan.other.offer, taken=True), None
         if self._stage is Stage.PAUSED:
             self._stage, self._reason, self._plan.made_ns = Stage.DRIVING, "", None
             self.recovery.reset()
@@ -226,6 +229,10 @@ class Navigator:
             self.recovery.leave_out_planning(since_ns)
             self._say_at_rest(f"the chair looks for a way, for up to {LONGEST_SEARCH_S:.0f} s")
             return self._navigation(braking(self._now.command, self._dwa))
+        if self._plan.other.offer is not None and self.active:
+            self._stage, self._reason = Stage.OFFERING, self._plan.other.offer.text
+            self.recovery.leave_out_planning(since_ns)
+            return self._navigation(braking(self._now.command, self._dwa))
         if self._plan.path is None or not self.active:
             return self._halt(now_ns, self._plan.no_path_reason)
         if self.recovery.rests(now_ns):
@@ -236,7 +243,7 @@ class Navigator:
     def _begin(self, goal: Goal) -> None:
         assert isinstance(goal.target, Pose2)
         self._plan.start(GlobalPlanner(goal.target, self.settings.planner))
-        self._dwa = limits_to(goal, self.settings.dwa)
+        self._dwa, self._now.gears = limits_to(goal, self.settings.dwa), GearChanges()
         self._stage, self._reason = Stage.DRIVING, ""
         self.recovery.reset()
 
@@ -270,6 +277,7 @@ class Navigator:
             body=self._body,
             settings=self._dwa,
             waits=behind or self._people.someone_passes_near(view.pose),
+            may_back=not self._now.gears.are_enough,
         )
         if backing is not None and self.recovery.repeats:  # it has not helped before
             return replace(backing, twist=braking(self._now.command, self._dwa), blocked=True)
@@ -289,16 +297,23 @@ class Navigator:
         return replace(choice, arrived=choice.arrived and len(self._plan.legs) == 1)
 
     def _follow(self, view: View, behind: bool) -> DwaResult:
-        """Return the next command on the present leg, never backwards if somebody may be `behind`."""
+        """Return the next command on the present leg, never backwards if somebody may be `behind`.
+
+        Nor is it backwards after several changes of gear in a row, if the chair could as well wait.
+        """
         if self._plan.leg is None:
             self._plan.leg = LegDrive(self._plan.legs, self._maker.drawn.grid, self._body)
         limits = crawling(self._dwa) if self._now.jumping else self._dwa
-        if behind:
+        if behind or (self._now.gears.are_enough and self._could_wait(self._plan.leg.leg)):
             limits = replace(limits, max_reverse=0.0)
         if len(self._plan.legs) > 1:
             corner = replace(limits.tolerances, position=CORNER_TOLERANCE)
             limits = replace(limits, tolerances=corner)
         return self._plan.leg.step(view, limits)
+
+    def _could_wait(self, leg: PathLeg) -> bool:
+        """Return whether waiting may help on a leg: a free one, or a turn in several parts before something that may leave."""
+        return leg.manner is DrivingManner.FREE or (leg.backwards and bool(self._maker.what_bars("")))
 
     def _remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the goal, None while the chair turns at the end of a leg."""
@@ -346,7 +361,7 @@ class Navigator:
                 self._plan.made_ns = None
             return self._halt(now_ns, self._maker.what_bars("something is in the way"), choice)
         self.recovery.note_motion()
-        since_ns, detour = self._plan.detour
+        since_ns, detour = self._plan.other.taken
         self._stage, self._reason = Stage.DRIVING, detour if now_ns - since_ns < DETOUR_TOLD_S * 1e9 else ""
         if self._now.stands_for(TOLD_AFTER_S):
             self._reason = self._why_at_rest(choice.twist != Twist())
@@ -374,7 +389,7 @@ class Navigator:
 
     def _say_at_rest(self, why: str) -> None:
         """Tell for what the chair stands, once it has stood for a while in a drive."""
-        if self.active and self._now.stands_for(TOLD_AFTER_S):
+        if self.active and self._plan.other.offer is None and self._now.stands_for(TOLD_AFTER_S):
             self._reason = why
 
     def _navigation(self, twist: Twist, choice: DwaResult | None = None) -> Navigation:
@@ -419,7 +434,7 @@ class Navigator:
             return False
         if self._plan.leg is not None and self._plan.leg.entered and self._plan.path is not None:
             return False
-        if self._plan.path is None or self._stage is Stage.WAITING:
+        if self._plan.path is None or self._stage in (Stage.WAITING, Stage.OFFERING):
             return True
         if not self._plan.among_people and self._people.expected_people(self._now.map_from_odom).tracks:
             return True
@@ -447,7 +462,7 @@ class Navigator:
             may_stay = self._plan.made_ns is not None and self._plan.among_people
             self._plan.made_ns = now_ns
             self._plan.generator = self._maker.make(now_ns, self._goals[0], may_stay, self._among_people)
-        had_path = self._plan.path is not None
+        had_path, detour = self._plan.path is not None, self._plan.other.taken
         drives = had_path and not self._plan.stands
         for done, _ in enumerate(self._plan.generator, 1):
             moves_on = self._plan.planner is not None and self._plan.planner.valid_from_anywhere
@@ -459,6 +474,8 @@ class Navigator:
         self._plan.generator, self._plan.stands = None, False
         if not had_path and self._plan.path is not None:  # the wait for a path must not count towards backing out
             self.recovery.note_motion()
+        if self._plan.other.taken is not detour:
+            self.recovery.note_longer_way()
         if self._plan.refusal:
             self.cancel(self._plan.refusal)
         return True

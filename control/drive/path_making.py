@@ -1,7 +1,8 @@
 """Making the navigator's path: over the map first, then round the present obstacles, in slices of a tick.
 
 A failed plan is told with its true cause (`planning.route.refused_plans`). A path that became much longer because something
-bars the shorter one is told with what it costs.
+bars the shorter one is told with what it costs. Round a doorway that is shut or taken it is only offered: the chair waits as
+long as the other way would cost, unless somebody takes the offer, or the doorway is free before.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from waychair.control.drive.goals import is_in_place, is_missed
 from waychair.control.drive.leg_drive import LegDrive
 from waychair.control.drive.local_obstacles import Surroundings
 from waychair.control.drive.navigator_settings import NavigatorSettings
-from waychair.control.drive.navigator_state import LONGEST_FIELD_S, PATH_HYSTERESIS_S, MotionState, PlanState
+from waychair.control.drive.navigator_state import LONGEST_FIELD_S, PATH_HYSTERESIS_S, MotionState, Offer, PlanState
 from waychair.errors import GoalOccupied, NotConverged, PlanningError, WaychairError
+from waychair.geometry import transform_points
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.resumable import Resumable
@@ -32,12 +34,25 @@ from waychair.types import FloatArray, Goal, Path, Pose2
 _TOLD_DETOUR_M = 2.0
 """m; a way round that is longer by this is told, with what bars the shorter one."""
 
+_OFFERED_DETOUR_M, _LEAST_WAIT_S = 3.0, 8.0
+"""m, s; a way round a doorway that is longer by the first is offered before it is taken, for at least the second."""
+
+_WAITS_WITHIN, _ONE_DOORWAY = 2.5, 1.0
+"""m; the chair drives up to a doorway to this distance before it offers the way round it. Obstacles nearer to each other
+than the second are in one doorway, for which the chair waits once."""
+
+_USUAL_SHARE = 0.5
+"""Share of the greatest speed that a drive through rooms usually reaches."""
+
 _TOLD_AGAIN_S = 4.0
 """s; the cause of a plan that fails again and again is looked for so often."""
 
+_ROUND = 0.15 * np.array([(math.cos(angle), math.sin(angle)) for angle in np.arange(0.0, math.tau, math.pi / 4)])
+"""m; points (8, 2) round the middle of a person that has walked, whose own points the obstacles leave out."""
+
 _BARRED_WITHIN, _BESIDE = 2.5, 0.15
 """m; obstacles within the first distance of a chair that stands, and no farther beside its body than the second, bar
-its path."""
+its path. Where there is none, one up to three times as far beside it does: the drive keeps more room than a plan."""
 
 
 class PathMaker:
@@ -75,7 +90,7 @@ class PathMaker:
         foreseen = self._people.expected_people(self._now.map_from_odom).tracks
         plan.among_people = len(foreseen) > 0
         news = len(upright) or any(len(points) for _, points in layered) or foreseen
-        before, path = plan.rest(self._now.pose), None
+        before, path, mapped = plan.rest(self._now.pose), None, None
         try:
             if plan.count == 0:  # refuse a goal that the map alone rules out, instead of waiting
                 costmap = self.drawn.costmap()
@@ -83,7 +98,7 @@ class PathMaker:
                 path = yield from planner.replan_resumably(
                     costmap, lambda: self._now.pose, has_time=self._until(now_ns)
                 )
-                before = path.poses[:, :2]
+                before, mapped = path.poses[:, :2], (path, list(planner.legs))
         except PlanningError as error:
             plan.refusal = str((yield from explained(error, self.drawn, self._now.pose, planner.goal)))
             return
@@ -106,7 +121,10 @@ class PathMaker:
             return
         if may_stay and foreseen and self._is_as_good(path):
             return
-        self._note_detour(now_ns, before, path.poses[:, :2], upright, layered)
+        if self._puts_off(now_ns, before, path.poses[:, :2], _all_points(upright, layered)):
+            if mapped is not None and plan.other.offer is None:  # it drives up to the doorway first
+                plan.adopt(*mapped, LegDrive(mapped[1], self.drawn.grid, self._body))
+            return
         legs = list(planner.legs)
         plan.adopt(path, legs, LegDrive(legs, self.drawn.grid, self._body))
 
@@ -115,15 +133,21 @@ class PathMaker:
         rest, pose = self._plan.rest(self._now.pose), self._now.pose
         if rest is None:
             return otherwise
-        upright, layered = self._surroundings.stationary()
-        points = _all_points(upright, layered)
+        points = self._seen_points(*self._surroundings.stationary())
         near = points[np.hypot(*(points - (pose.x, pose.y)).T) < _BARRED_WITHIN]
-        ahead = rest[: round(_BARRED_WITHIN / SPACING)]
         front = pose @ Pose2(self._body.front)
-        found = obstruction_on(ahead, near, self.drawn, self._body.width / 2 + _BESIDE)
-        if found is None:
-            found = obstruction_on(np.array([[front.x, front.y]]), near, self.drawn, self._body.width / 2 + 3 * _BESIDE)
-        return otherwise if found is None else found.text
+        ahead = rest[: round(_BARRED_WITHIN / SPACING)]
+        tries = ((ahead, _BESIDE), (np.array([[front.x, front.y]]), 3 * _BESIDE), (ahead, 3 * _BESIDE))
+        for way, beside in tries:
+            found = obstruction_on(way, near, self.drawn, self._body.width / 2 + beside)
+            if found is not None:
+                return found.text
+        return otherwise
+
+    def _seen_points(self, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]) -> FloatArray:
+        """Return the points (N, 2) [m] in map of obstacles that stand, and of people that have walked."""
+        people = transform_points(self._now.map_from_odom, self._people.positions)
+        return np.concatenate([_all_points(upright, layered), (people[:, None] + _ROUND).reshape(-1, 2)])
 
     def _turns_at(self, goal: Goal, upright: FloatArray, layered: Sequence[tuple[BodyLayer, FloatArray]]) -> bool:
         """Adopt a turn on the spot if the chair is at the goal's place and can turn there; return whether it did."""
@@ -151,27 +175,40 @@ class PathMaker:
     ) -> Resumable[Obstruction | None]:
         planner = self._plan.planner
         assert planner is not None
-        seen = Seen(_all_points(upright, layered))
+        seen = Seen(self._seen_points(upright, layered))
         return (yield from cause_of(error, self.drawn, self._now.pose, planner.goal, seen))
 
-    def _note_detour(
-        self,
-        now_ns: int,
-        before: FloatArray | None,
-        path: FloatArray,
-        upright: FloatArray,
-        layered: Sequence[tuple[BodyLayer, FloatArray]],
-    ) -> None:
-        """Note what bars the way before, if the path is much longer, and by how much."""
+    def _puts_off(self, now_ns: int, before: FloatArray | None, path: FloatArray, points: FloatArray) -> bool:
+        """Return whether a path is put off, because it is much longer than the way before and a doorway there may be free soon.
+
+        Note what bars the way before, and by how much the path is longer. `points` (N, 2) [m] in map are live obstacles.
+        """
+        plan = self._plan
+        plan.other.offer = None
         if before is None:
-            return
+            return False
         longer = float(np.hypot(*np.diff(path, axis=0).T).sum() - np.hypot(*np.diff(before, axis=0).T).sum())
         if longer < _TOLD_DETOUR_M:
-            return
-        found = obstruction_on(before, _all_points(upright, layered), self.drawn, self._body.width / 2)
-        what = "the way is barred" if found is None else found.what
-        seconds = longer / max(self._settings.dwa.max_speed, 0.05)
-        self._plan.detour = now_ns, f"{what}: the chair takes another way, {longer:.0f} m ({seconds:.0f} s) longer"
+            return False
+        found = obstruction_on(before, points, self.drawn, self._body.width / 2)
+        seconds = longer / max(_USUAL_SHARE * self._settings.dwa.max_speed, 0.05)
+        cost, what = f"{longer:.0f} m ({seconds:.0f} s) longer", "the way is barred" if found is None else found.what
+        at = None if found is None or longer < _OFFERED_DETOUR_M or not found.in_doorway else found.at
+        offer = plan.other.latest
+        if at is not None and (offer is None or math.dist(offer.at, at) > _ONE_DOORWAY):
+            if math.dist(at, (self._now.pose.x, self._now.pose.y)) > _WAITS_WITHIN:
+                return True
+            wait_s = min(max(seconds, _LEAST_WAIT_S), self._settings.recovery.patience)
+            text = (
+                f"{what}: the chair waits for it up to {wait_s:.0f} s, then takes another way, {cost}; "
+                "'Go on' takes that way at once"
+            )
+            offer = Offer(text, at, now_ns, wait_s)
+        if at is None or offer is None or offer.is_over(now_ns):
+            plan.other.taken = now_ns, f"{what}: the chair takes another way, {cost}"
+            return False
+        plan.other.offer = plan.other.latest = offer
+        return True
 
     def _is_as_good(self, path: Path) -> bool:
         """Return whether the rest of the present path is free and arrives not much later than another path."""

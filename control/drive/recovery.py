@@ -161,6 +161,10 @@ class Recovery:
         """Note that motion is possible in this tick."""
         self._standing_since = None
 
+    def note_longer_way(self) -> None:
+        """Note that the chair now follows a longer way to its goal, so that its progress counts from there."""
+        self._nearest = None
+
     def leave_out_planning(self, duration_ns: int) -> None:
         """Leave out the time for which the chair stood to plan, because it was not stuck then."""
         if self._standing_since is not None:
@@ -180,12 +184,13 @@ class Recovery:
         body: ChairBody,
         settings: DwaSettings,
         waits: bool = False,
+        may_back: bool = True,
     ) -> DwaResult | None:
         """Return a command for backing out, or None while the path is to be followed.
 
         `remaining` [m] is the distance to the goal, None while turning there or retrying a door. `local` computes the
         distances round the chair in the pose's frame, which must not jump. A chair that `waits` for people does not
-        start to back out, and stops doing so.
+        start to back out, and stops doing so. One that must not back (`may_back`) has no tries left once it is stuck.
         """
         if waits:
             self._backing, self._nearest, self._turned = None, None, None
@@ -194,6 +199,9 @@ class Recovery:
         if self._backing is None:
             self._remember(pose)
             if waits or not self._stuck(now_ns, pose, remaining):
+                return None
+            if not may_back:
+                self.tries = self._settings.tries + 1
                 return None
             self._backing, self._blocked_since, self.tries = (now_ns, pose), None, self.tries + 1
             self.begun += 1

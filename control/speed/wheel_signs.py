@@ -20,12 +20,14 @@ WINDOW_S = 1.2
 """s; the motion of so long is judged."""
 
 LEAST_PATH = 0.07
-"""m; each wheel must be expected to drive so far in it."""
+"""m; each wheel must be expected to drive so far in it. In a turn about one wheel, the other one alone is enough if it leaves
+one hypothesis only."""
 
 DEAD_PATH = 0.15
-"""m; path of a wheel beside which the other one counts as dead, longer because a wheel may stall at a sill."""
+"""m; path of a wheel beside which the other one counts as dead, longer because a wheel may stall at a sill. Twice as far that
+the dead one should have driven is enough as well, if the other one, on the inside of a bend, has driven LEAST_PATH."""
 
-BETTER, WRONG, RIGHT = 4.0, 0.2, 0.2
+BETTER, WRONG, RIGHT = 4.0, 0.12, 0.2
 """A hypothesis must leave this many times less than right encoders, which leave more than WRONG, and itself at most RIGHT
 of the expected motion's square unexplained."""
 
@@ -93,7 +95,8 @@ class WheelSigns:
 
     def _judge(self, steps: FloatArray) -> str:
         expected, measured = steps[:, 1:3], steps[:, 3:5]
-        if len(steps) < 4 or np.abs(expected).sum(axis=0).min() < LEAST_PATH:
+        driven = np.abs(expected).sum(axis=0)
+        if len(steps) < 4 or driven.max() < LEAST_PATH:
             return ""
         left, right = expected.T
         still = np.zeros_like(left)
@@ -107,10 +110,14 @@ class WheelSigns:
         way = _WAYS[best]
         if not way or missed[0] < WRONG or missed[best] > RIGHT or missed[0] < BETTER * missed[best]:
             return ""
-        if way.endswith("dead") and np.abs(measured).sum(axis=0).max() < DEAD_PATH:
-            return ""
+        if way.endswith("dead"):
+            told = float(np.abs(measured).sum(axis=0).max())
+            if told < LEAST_PATH or (told < DEAD_PATH and driven.max() < 2 * DEAD_PATH):
+                return ""
         # a straight drive does not show whether the wheels are exchanged, too, and a turn on the spot shows either
         alike = {_WAYS[k] for k in range(1, len(_WAYS)) if missed[k] <= min(RIGHT, BETTER * missed[best])}
+        if driven.min() < LEAST_PATH and len(alike) > 1:
+            return ""
         if {"exchanged", "both"} <= alike:
             return _sentence("exchanged or both")
         return _sentence("both" if {"both", "turned"} <= alike else way)

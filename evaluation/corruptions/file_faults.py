@@ -13,9 +13,9 @@ from evaluation.corruptions.fault import faults_of, file_fault, messages_fault
 from evaluation.corruptions.messages import IMU, ODOM, SCAN, Event, Messages, sound_messages, write_messages
 
 Rng = np.random.Generator
-_DAMAGE = "damage|cut|truncat|incomplete|zero|empty|corrupt|not a|neither|holds no|missing|end"
-_META = "metadata|yaml|damage|missing|holds|topics|listed"
-_TYPE = "type|damage|decode|read|left out|message|usable|std_msgs|no laser|no scan|holds no|choose|std_msgs|size"
+_DAMAGE = "damage|cut|truncat|incomplete|zero|empty|corrupt|not a|neither|missing from the file"
+_META = "metadata|yaml|damage|part|listed"
+_TYPE = "type|damage|decode|std_msgs|no sensor_msgs|no nav_msgs|sizes?|contradict|finite|numbers"
 
 
 def data_file(path: Path) -> Path:
@@ -124,7 +124,7 @@ def metadata_is_wrong(path: Path, rng: Rng) -> Path:
     return path
 
 
-@file_fault(4, "file", _META + "|part|split|gap|between|silen|set")
+@file_fault(4, "file", "part is missing|no usable part|nothing was recorded")
 def a_part_is_missing(path: Path, rng: Rng) -> Path:
     folder, parts = _parts(path)
     parts[int(rng.integers(len(parts)))].unlink()
@@ -218,7 +218,9 @@ def messages_hold_zeros(messages: Messages, rng: Rng) -> None:
         event.raw = lambda data: data[:4] + bytes(len(data) - 4)
 
 
-@messages_fault(4, ("file", "lidar", "odometry", "imu"), _TYPE + "|finite|wild|no chair|jump|code|finite|" + "range")
+@messages_fault(
+    4, ("file", "lidar", "odometry", "imu"), _TYPE + "|wild|no chair|jump|code|range_m|angles?|time_increment|stamps?"
+)
 def messages_hold_other_bytes(messages: Messages, rng: Rng) -> None:
     count = int(rng.choice([1, 8, 60]))
 

@@ -36,13 +36,13 @@ def _vectors(events: list[Event], field: str, by: Callable[[float, float, float]
         told.x, told.y, told.z = by(float(told.x), float(told.y), float(told.z))
 
 
-@messages_fault(1, "imu", "degree|57|scale|unit|times|corrected")
+@messages_fault(1, "imu", "degrees|57|scale|units?|[\\d.]+ times (too|the true)")
 def gyro_is_in_other_units(messages: Messages, rng: Rng) -> None:
     unit = float(rng.choice([180 / math.pi, 1000.0, 0.5, 2.0]))
     _vectors(_samples(messages), "angular_velocity", lambda x, y, z: (unit * x, unit * y, unit * z))
 
 
-@messages_fault(1, "imu", "upside|other way|sign|axis|axes|edge|turns")
+@messages_fault(1, "imu", "upside|other way|axis|axes|on edge")
 def imu_is_mounted_otherwise(messages: Messages, rng: Rng) -> None:
     which = int(rng.integers(3))
     turned = [
@@ -54,12 +54,12 @@ def imu_is_mounted_otherwise(messages: Messages, rng: Rng) -> None:
         _vectors(_samples(messages), field, turned)
 
 
-@messages_fault(1, "imu", "other way|sign|mirror|turns|upside")
+@messages_fault(1, "imu", "other way|mirror|upside")
 def gyro_turns_the_other_way(messages: Messages, rng: Rng) -> None:
     _vectors(_samples(messages), "angular_velocity", lambda x, y, z: (x, y, -z))
 
 
-@messages_fault(1, "imu", "nothing|zero|left out")
+@messages_fault(1, "imu", "nothing|zero|stand still|missing")
 def imu_is_all_zero(messages: Messages, rng: Rng) -> None:
     samples = _samples(messages)
     part = samples if rng.random() < 0.5 else samples[int(rng.uniform(0.2, 0.7) * len(samples)) :]
@@ -78,7 +78,7 @@ def forces_are_in_other_units(messages: Messages, rng: Rng) -> None:
     _vectors(_samples(messages), "linear_acceleration", lambda x, y, z: (unit * x, unit * y, unit * z))
 
 
-@messages_fault(1, "imu", "finite|nan|left out")
+@messages_fault(1, "imu", "finite|nan|numbers")
 def imu_has_nan(messages: Messages, rng: Rng) -> None:
     share = float(rng.choice([0.02, 0.5, 1.0]))
     field = str(rng.choice(["angular_velocity", "linear_acceleration"]))
@@ -87,7 +87,7 @@ def imu_has_nan(messages: Messages, rng: Rng) -> None:
             _vectors([event], field, lambda x, y, z: (x, math.nan, math.nan))
 
 
-@messages_fault(1, "imu", "stick|stuck|nothing|same|from .* s on|bias|left out|agree")
+@messages_fault(1, "imu", "stick|stuck|same|stand still|do not follow")
 def imu_sticks(messages: Messages, rng: Rng) -> None:
     samples = _samples(messages)
     first = int(rng.uniform(0.2, 0.7) * len(samples))
@@ -96,7 +96,7 @@ def imu_sticks(messages: Messages, rng: Rng) -> None:
         event.body.angular_velocity, event.body.linear_acceleration = kept.angular_velocity, kept.linear_acceleration
 
 
-@messages_fault(1, "imu", "bias|drift|turn|offset|stand|rest")
+@messages_fault(1, "imu", "bias|drift|offset|constant error")
 def gyro_has_a_bias(messages: Messages, rng: Rng) -> None:
     bias = float(rng.choice([-0.3, -0.05, 0.1, 0.5]))
     samples = _samples(messages)
@@ -104,7 +104,7 @@ def gyro_has_a_bias(messages: Messages, rng: Rng) -> None:
     _vectors(part, "angular_velocity", lambda x, y, z: (x, y, z + bias))
 
 
-@messages_fault(1, "imu", "wild|left out|turn|agree|step|plausible|no chair")
+@messages_fault(1, "imu", "wild|no chair")
 def gyro_has_wild_samples(messages: Messages, rng: Rng) -> None:
     samples, size = _samples(messages), 10.0 ** rng.uniform(1.0, 8.0)
     for k in rng.integers(0, len(samples), int(rng.choice([1, 10, 100]))):
@@ -124,7 +124,7 @@ def imu_has_no_stamps(messages: Messages, rng: Rng) -> None:
         set_stamp(event.body, 0)
 
 
-@messages_fault(1, "imu", "gap|missing|silen|without|until|from .* s|no samples")
+@messages_fault(1, "imu", "gap|missing|silen|no samples|no messages|end before")
 def imu_is_silent_for_a_while(messages: Messages, rng: Rng) -> None:
     samples = _samples(messages)
     first = int(rng.uniform(0.1, 0.6) * len(samples))
@@ -161,7 +161,7 @@ def lidar_mount_is_missing(messages: Messages, rng: Rng) -> None:
     messages.remove(_mounts(messages, "laser"))
 
 
-@messages_fault(1, ("mount", "imu"), "mount|connect|/tf|level")
+@messages_fault(1, ("mount", "imu"), "mount|connect|level")
 def imu_mount_is_missing(messages: Messages, rng: Rng) -> None:
     messages.remove(_mounts(messages, "imu_link"))
 
@@ -212,7 +212,7 @@ def scans_change_their_frame(messages: Messages, rng: Rng) -> None:
         event.body.header.frame_id = str(rng.choice(["", "laser_frame", "/laser"]))
 
 
-@messages_fault(1, ("mount", "imu"), "tilt|level|axes|upside|mount|turns|gravity|lean|axis")
+@messages_fault(1, ("mount", "imu"), "tilt|level|axes|upside|mount|gravity|lean|axis")
 def imu_mount_is_wrong(messages: Messages, rng: Rng) -> None:
     roll = float(rng.choice([math.pi, math.pi / 2]))
     for event in _mounts(messages, "imu_link"):

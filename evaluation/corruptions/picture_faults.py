@@ -16,9 +16,9 @@ Rng = np.random.Generator
 PAIRS, FIRST = 12, 60
 """Number of pairs of the recording that are taken, from which on."""
 _LISTS = "associations.txt"
-_LINE = "line|list|pair|left out|none|stamp|associations|placed|missing|later"
-_PICTURES = "picture|read|left out|lost|damage|missing|placed|depth|colour|size"
-_SCALE = "scale|millimet|metre|--depth-scale|near|far|depth|unlikely|placed"
+_LINE = "lines?|list|stamps?|associations|later|sorted|depth within"
+_PICTURES = "decoded|read|damage|missing|has colours|sizes?"
+_SCALE = "scale|millimet|--depth-scale|unlikely"
 
 
 def write_pictures(source: Path, folder: Path) -> None:
@@ -131,7 +131,7 @@ def depth_has_another_scale(path: Path, rng: Rng) -> Path:
     return path
 
 
-@file_fault(5, "pictures", _SCALE + "|bit|size|channel|read", "pictures")
+@file_fault(5, "pictures", _SCALE + "|bits?\\b|sizes?|channel|decoded|colours|no depth", "pictures")
 def depth_is_no_depth(path: Path, rng: Rng) -> Path:
     which = int(rng.integers(4))
     changes: list[Callable[[Any], Any]] = [
@@ -144,7 +144,7 @@ def depth_is_no_depth(path: Path, rng: Rng) -> Path:
     return path
 
 
-@file_fault(5, "pictures", "size|camera|centre|half|pixels|" + _PICTURES, "pictures")
+@file_fault(5, "pictures", "sizes?|camera|centre|half|pixels|" + _PICTURES, "pictures")
 def pictures_have_another_size(path: Path, rng: Rng) -> Path:
     both, step = rng.random() < 0.6, int(rng.choice([2, 4]))
     for kind in ("rgb", "depth") if both else ("depth",):
@@ -152,7 +152,7 @@ def pictures_have_another_size(path: Path, rng: Rng) -> Path:
     return path
 
 
-@file_fault(5, "pictures", _PICTURES + "|" + _LINE, "pictures")
+@file_fault(5, "pictures", "exchanged|has colours|made for the eye", "pictures")
 def pictures_are_exchanged(path: Path, rng: Rng) -> Path:
     (path / "rgb").rename(path / "swapped")
     (path / "depth").rename(path / "rgb")
@@ -160,14 +160,14 @@ def pictures_are_exchanged(path: Path, rng: Rng) -> Path:
     return path
 
 
-@file_fault(5, "pictures", "camera|placed|centre|lens|lost|matrix|intrinsic", "pictures")
+@file_fault(5, "pictures", "camera|centre|lens|matrix|intrinsic", "pictures")
 def camera_is_another(path: Path, rng: Rng) -> Path:
     other = path.with_name(str(rng.choice(["fr2", "fr3", "room"])))
     path.rename(other)
     return other
 
 
-@file_fault(5, "pictures", _PICTURES + "|same|stamp|later", "pictures")
+@file_fault(5, "pictures", "same|repeat|again|stamps?|later", "pictures")
 def pictures_repeat(path: Path, rng: Rng) -> Path:
     files = sorted((path / "rgb").iterdir())
     first = int(rng.integers(1, len(files) - 5))

@@ -27,13 +27,19 @@ _LEAST_SHARE = 0.8  # of the scans that a whole map holds
 _PARTS: dict[Part, str] = {
     "odometry": r"/odom|/robot2/odom|odometry|wheel|encoder",
     "imu": r"/imu|\bIMU\b|gyro|inertial|gravity",
-    "lidar": r"/scan|/cloud|lidar|laser|\bscans?\b|beam|ranges?\b|cloud",
+    "lidar": r"/scan|/cloud|\blidar\b|\blaser\b|\bscans?\b|\bbeams?\b|ranges?\b|\bclouds?\b",
     "mount": r"mount|base-from-laser|connect|/tf|upside|laser '",
     "clock": r"stamp|clock|times? of recording|recorded",
     "file": r"file|bag|metadata|damage|\bparts?\b|folder|recording|drive",
     "log": r"line|log|stamp",
     "pictures": r"picture|pair|depth|\blist|camera|associations|stamp",
 }
+_CONSEQUENCE = r"do not match those before|could not be joined"
+"""A sentence that says what the map looks like, and not why."""
+
+_PUT_RIGHT = (
+    r"corrected|left out|bridged|converted|(?<!read )(is|are|was|were) (used|sorted|moved|put there|read as)|stands? in"
+)
 _ACCUSED: dict[Part, str] = {
     "odometry": r"/odom|odometry|wheels?\b",
     "imu": r"/imu|\bIMU\b|\bgyro",
@@ -96,8 +102,16 @@ def sentences_of(text: str) -> tuple[str, ...]:
 
 def names(made: Corrupted, sentence: str) -> bool:
     """Return whether a sentence names a part that is at fault, and the kind of the fault."""
+    if re.search(_CONSEQUENCE, sentence):
+        return False
     part = "|".join(_PARTS[part] for part in made.fault.parts)
-    return bool(re.search(part, sentence) and re.search(made.fault.words, sentence))
+    told = re.sub(r"\S*/seed_\d+\S*", "", sentence)  # the path's own words name nothing
+    return bool(re.search(part, told) and re.search(rf"(?<![a-z])(?:{made.fault.words})", told))
+
+
+def explains(sentence: str, rmse: float) -> bool:
+    """Return whether a sentence may explain an error [m]: one that says the fault was put right explains no wrong map."""
+    return not rmse > WRONG_M or not re.search(_PUT_RIGHT, sentence)
 
 
 def accuses_another(made: Corrupted, sentence: str) -> bool:
@@ -112,7 +126,7 @@ def _verdict(made: Corrupted, run: Run, rmse: float, share: float, sentences: tu
         return Verdict.TRACEBACK
     if run.status < 0:
         return Verdict.TOO_SLOW
-    named = any(names(made, sentence) for sentence in sentences)
+    named = any(names(made, sentence) and explains(sentence, rmse) for sentence in sentences)
     blamed = not named and any(accuses_another(made, sentence) for sentence in sentences)
     right = run.status == 0 and rmse <= GOOD_M and (share >= _LEAST_SHARE or named)
     if right:

@@ -20,7 +20,7 @@ import msgspec
 import numpy as np
 
 from waychair.calibration.calibration_file import ChairCalibration
-from waychair.control.drive.navigator import Stage
+from waychair.control.drive.navigation import ACTIVE
 from waychair.control.safety.stops import STOPS, Halt
 from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.errors import BoxError, ConfigError
@@ -349,7 +349,7 @@ def _replay_base(tape: Tape, setup: DriveSetup, calibration: ChairCalibration) -
                 base.locate(_localisation(tick.located, tick.map_from_base), message.stamp_ns)
         board.say(taped.answers)
         verdict, _ = base.supervise(tick.stamp_ns, taped.active)
-        drives = tick.stage in (Stage.DRIVING.value, Stage.WAITING.value, Stage.PAUSED.value)
+        drives = tick.stage in {stage.value for stage in ACTIVE}
         driven = base.drive(tick.stamp_ns, verdict, tick.asked if drives else None)
         command = driven.command or Twist()
         rows.append(

@@ -29,7 +29,7 @@ TURNS_WITHIN, STRAIGHT_ON = 0.5, 1.0
 _ESTIMATE = re.compile(r"\d+(\.\d+)? ?(s|min|m/s)\b")
 
 CAUSES = (
-    ("footrests", r"footrest|the chair itself|calibrate mask|own "),
+    ("footrests", r"footrest|the chair itself|calibrate mask|\bown "),
     ("encoders", r"encoder|wheels? (is|are) (exchanged|reversed)|count"),
     ("stick", r"joystick"),
     ("lidar", r"lidar|\bscans?\b"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from waychair.maps.grid.cells import OCCUPIED_FROM, cells_under, cells_where, oc
 from waychair.maps.grid.distance_field import DistanceField, near_distances, update_near
 from waychair.planning.body.clearance import COMFORTABLE, PLANNED, TOLD_APART
 from waychair.planning.grid.grid_graph import FREE_PRICE, MAX_PRICE, NO_BARS, Prices, directions_against
+from waychair.planning.grid.resumable import Resumable, ranges_of
 from waychair.types import UNKNOWN, BoolArray, Bytes, Float32Array, FloatArray, IntArray, OccupancyGrid
 
 WALL_PRICE = 5000
@@ -27,6 +28,9 @@ WALL_PRICE = 5000
 
 UNKNOWN_PRICE = 9000
 """[per mille] Price added to an unknown cell: ten times as dear as a free one."""
+
+_BAND_CELLS = 400_000
+"""Cells of a band of `costmap_in_bands`: about 10 ms of a control period's 50."""
 
 CRUISE = 0.8
 """[m/s] Speed in the open; the price of a slow zone is the ratio of this to the zone's speed."""
@@ -76,6 +80,24 @@ def costmap_from_grid(
     return LiveCostmap(grid, body, zones, comfortable).costmap(live_points)
 
 
+def costmap_in_bands(grid: OccupancyGrid, body: ChairBody, comfortable: float = COMFORTABLE) -> Resumable[Costmap]:
+    """Return `costmap_from_grid` of a grid without zones and present obstacles, with a yield after each band of rows."""
+    fixed, reach = occupied(grid), _reach(body, comfortable)
+    clearance = np.empty(grid.cells.shape, np.float32)
+    prices = np.empty(grid.cells.shape, np.int32)
+    height, width = grid.cells.shape
+    beside = math.ceil(reach / grid.resolution)
+    yield
+    for first, after in ranges_of(0, height, max(1, _BAND_CELLS // max(width, 1))):
+        above = min(first, beside)
+        near = near_distances(fixed[first - above : after + beside], grid.resolution, reach)
+        clearance[first:after] = near[above : above + after - first]
+        added = _added_prices(replace(grid, cells=grid.cells[first:after]), ())
+        prices[first:after] = _priced(clearance[first:after], added, body, comfortable, grid.resolution)
+        yield
+    return Costmap(prices, clearance, grid, body)
+
+
 def check_free_space(costmap: Costmap) -> None:
     """Refuse a costmap without a passable cell, or without a cell known to be free.
 
@@ -100,7 +122,7 @@ class LiveCostmap:
         """`comfortable` [m]: the clearance from which a cell costs no more than open floor."""
         self._body, self._comfortable = body, comfortable
         self._grid = closed_off(grid, zones)
-        self._reach = max(TOLD_APART, comfortable, body.circumscribed_radius)
+        self._reach = _reach(body, comfortable)
         self._fixed = occupied(self._grid)
         self._solid = self._fixed.copy()
         self._clearance = near_distances(self._fixed, grid.resolution, self._reach)
@@ -163,13 +185,23 @@ class LiveCostmap:
 
     def _priced(self, clearance: Float32Array, window: tuple[slice, slice]) -> Prices:
         """Return the prices of a window's cells."""
-        needed = self._body.width / 2 + PLANNED + self._grid.resolution / 2
-        missing = (self._comfortable - clearance) / max(self._comfortable - needed, 1e-6)
-        prices = self._added[window] + WALL_PRICE * np.clip(missing, 0.0, 1.0) ** 2
-        # Clearances are float32: this tolerance lets a cell at exactly the needed distance pass.
-        prices[clearance < needed - 1e-5] = 0
-        rounded: Prices = np.minimum(np.rint(prices), MAX_PRICE).astype(np.int32)
-        return rounded
+        return _priced(clearance, self._added[window], self._body, self._comfortable, self._grid.resolution)
+
+
+def _reach(body: ChairBody, comfortable: float) -> float:
+    """Return the distance [m] up to which clearances are known."""
+    return max(TOLD_APART, comfortable, body.circumscribed_radius)
+
+
+def _priced(clearance: Float32Array, added: Float32Array, body: ChairBody, comfortable: float, cell: float) -> Prices:
+    """Return the prices (H, W) of cells with these clearances [m] and prices without obstacles."""
+    needed = body.width / 2 + PLANNED + cell / 2
+    missing = (comfortable - clearance) / max(comfortable - needed, 1e-6)
+    prices = added + WALL_PRICE * np.clip(missing, 0.0, 1.0) ** 2
+    # Clearances are float32: this tolerance lets a cell at exactly the needed distance pass.
+    prices[clearance < needed - 1e-5] = 0
+    rounded: Prices = np.minimum(np.rint(prices), MAX_PRICE).astype(np.int32)
+    return rounded
 
 
 def closed_off(grid: OccupancyGrid, zones: Sequence[Zone]) -> OccupancyGrid:

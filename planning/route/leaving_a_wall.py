@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.errors import ConfigError
 from waychair.geometry import compose, transform_points
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import CRAMPED, LEAVING, LEAVING_DIP, LEAVING_STEP, LEFT
@@ -82,7 +83,12 @@ def standing_body(field: DistanceField, body: ChairBody, pose: Pose2, doubt: flo
     """
     for step in range(math.floor(doubt / LEAVING_STEP + 1e-9) + 1):
         by = step * LEAVING_STEP
-        shorter = replace(body, length=body.length - 2 * by, axle_from_rear=body.axle_from_rear - by) if step else body
+        try:
+            shorter = (
+                replace(body, length=body.length - 2 * by, axle_from_rear=body.axle_from_rear - by) if step else body
+            )
+        except ConfigError:  # no body is so short, or has its axle so near to its rear
+            return None
         if fits(shorter, 0.0, field, pose):
             return shorter
     return None

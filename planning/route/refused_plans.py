@@ -23,7 +23,7 @@ from waychair.maps.drawn.zones import Rule, Zone, zone_contains
 from waychair.maps.grid.cells import cells_from_points
 from waychair.planning.body.clearance import HARD, PLANNED
 from waychair.planning.body.footprint import fits
-from waychair.planning.grid.costmap import Costmap, costmap_from_grid
+from waychair.planning.grid.costmap import Costmap, costmap_in_bands
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings
@@ -54,11 +54,15 @@ _STEPS = 7
 
 @dataclass(frozen=True, slots=True)
 class Obstruction:
-    """The thing that a way meets: a sentence without advice, the advice, and where [m] in map, if at one place."""
+    """The thing that a way meets: a sentence without advice, the advice, and where [m] in map, if at one place.
+
+    `in_doorway`: it may be gone before long, since people leave doors and open them.
+    """
 
     what: str
     advice: str
     at: tuple[float, float] | None = None
+    in_doorway: bool = False
 
     @property
     def text(self) -> str:
@@ -90,9 +94,9 @@ def cause_of(
     """Return what keeps a plan over a map with its zones and live obstacles from its goal; None if unknown."""
     yield
     if isinstance(error, StartOccupied):
-        return _at_an_end(drawn, start, seen, "start")
+        return (yield from _at_an_end(drawn, start, seen, "start"))
     if isinstance(error, GoalOccupied):
-        return _at_an_end(drawn, goal, seen, "goal")
+        return (yield from _at_an_end(drawn, goal, seen, "goal"))
     if not isinstance(error, NoPath):
         return None
     place = getattr(error, "place", None)
@@ -101,10 +105,10 @@ def cause_of(
     return (yield from _across(drawn, start, goal, seen))
 
 
-def _at_an_end(drawn: DrawnMap, pose: Pose2, seen: Seen, end: str) -> Obstruction | None:
+def _at_an_end(drawn: DrawnMap, pose: Pose2, seen: Seen, end: str) -> Resumable[Obstruction | None]:
     """Return what the chair would touch at the start or the goal, other than the map's walls."""
     body = drawn.body
-    free = costmap_from_grid(drawn.bare, body) if drawn.zones else drawn.costmap()
+    free = (yield from costmap_in_bands(drawn.bare, body)) if drawn.zones else drawn.costmap()
     if not (_passable(free, pose) and fits(body, HARD, free.field, pose)) and end == "goal":
         return None
     outline = _outline(drawn, pose)
@@ -150,8 +154,7 @@ def _across(drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen) -> Resumable
     both_ways = replace(usual, barred=None)
     if usual.barred is not None and (way := (yield from _way(both_ways, start, goal))) is not None:
         return _zone_told(drawn.zones, Rule.ONE_WAY, way, start, goal)
-    bare = costmap_from_grid(drawn.bare, drawn.body) if drawn.zones else both_ways
-    yield
+    bare = (yield from costmap_in_bands(drawn.bare, drawn.body)) if drawn.zones else both_ways
     if drawn.zones and (way := (yield from _way(bare, start, goal))) is not None:
         return _zone_told(drawn.zones, Rule.KEEP_OUT, way, start, goal)
     return (yield from _too_narrow(bare, start, goal))
@@ -183,16 +186,13 @@ def _in_the_way(group: FloatArray, drawn: DrawnMap) -> Obstruction:
     """Return a live obstacle in the way, in a doorway where the map's walls are near."""
     x, y = group.mean(axis=0).tolist()
     at = f"({x:.1f}, {y:.1f})"
-    where = "in the doorway" if _is_doorway(drawn, x, y) else "in the way"
+    in_doorway = _is_doorway(drawn, x, y)
+    where = "in the doorway" if in_doorway else "in the way"
     if _is_slim(group):
         what = f"{_who(group)} stands {where} at {at}"
-        return Obstruction(what, "wait, or ask for room", (x, y))
-    what = (
-        f"the door is shut at {at}, or something stands in it"
-        if where == "in the doorway"
-        else f"the way is shut at {at}"
-    )
-    return Obstruction(what, "wait, or have it opened", (x, y))
+        return Obstruction(what, "wait, or ask for room", (x, y), in_doorway)
+    what = f"the door is shut at {at}, or something stands in it" if in_doorway else f"the way is shut at {at}"
+    return Obstruction(what, "wait, or have it opened", (x, y), in_doorway)
 
 
 def _is_doorway(drawn: DrawnMap, x: float, y: float) -> bool:
@@ -231,8 +231,12 @@ def _too_narrow(bare: Costmap, start: Pose2, goal: Pose2) -> Resumable[Obstructi
         yield
         low, high = (middle, high) if _joined(bare, cells[0], cells[1], middle) else (low, middle)
     place = ""
-    slim = replace(bare, prices=np.where(bare.clearance >= low, np.maximum(bare.prices, 1000), 0).astype(np.int32))
-    if (way := (yield from _way(slim, start, goal))) is not None:
+    yield
+    prices = np.maximum(bare.prices, 1000)
+    yield
+    prices[bare.clearance < low] = 0
+    yield
+    if (way := (yield from _way(replace(bare, prices=prices), start, goal))) is not None:
         at = cells_from_points(bare.grid, way)
         x, y = way[int(np.argmin(bare.clearance[tuple(at.T)]))].tolist()
         place = f" at ({x:.1f}, {y:.1f})"

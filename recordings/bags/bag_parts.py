@@ -6,6 +6,7 @@ topics at the same time. Such files are one recording. Files of several drives a
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Sequence
 from contextlib import suppress
@@ -31,6 +32,8 @@ MOST_OVERLAP = 1.0
 """[s] Parts with the same sensor topics that overlap longer are no parts of one recording."""
 
 _MOST_LOOKED_AT = 5000  # files of a folder; a recording of more files is one of pictures
+_PART = re.compile(r"(.*_)(\d+)(\.[a-z0-9]+)", re.IGNORECASE)
+_MOST_PARTS = 500  # a greater number at the end of a name is a date or a time
 _HEAD = 512  # bytes that tell the kind of a file
 _SENSORS = ("LaserScan", "PointCloud2", "Odometry", "Imu", "Image", "CompressedImage", "MultiEchoLaserScan")
 
@@ -138,7 +141,7 @@ def bag_files(path: Path, files: Sequence[Path], *, chosen: bool) -> BagFiles:
         raise RecordingError(f"{one.name} is a bag of ROS 1 and {other.name} of ROS 2: give the files of one bag")
     if len(members) > 1:
         members, told = _in_order(path, members, chosen)
-        warnings += told
+        warnings += told if chosen else [*told, *_missing_parts(path, files)]
     return BagFiles(path, tuple(members), tuple(warnings), room)
 
 
@@ -222,6 +225,20 @@ def _pauses(path: Path, spans: Sequence[_Span], chosen: bool) -> list[str]:
             "join further drives with --session"
         )
     return warnings
+
+
+def _missing_parts(path: Path, files: Sequence[Path]) -> list[str]:
+    """Return a warning about the numbers that are missing among the parts; recorders count them from 0."""
+    found = [_PART.fullmatch(_without_packing(file.name)) for file in files]
+    numbers = {int(match[2]) for match in found if match is not None}
+    stems = {(match[1], match[3]) for match in found if match is not None}
+    if None in found or len(stems) != 1 or len(numbers) < len(files) or max(numbers) > _MOST_PARTS:
+        return []
+    gone = [str(number) for number in range(max(numbers)) if number not in numbers]
+    if not gone:
+        return []
+    text = "the parts of this recording are numbered, and there is no usable part"
+    return [f"{path}: {text} {', '.join(gone)}: its topics and transforms are lost with it"]
 
 
 def _pause(seconds: float, before: _Span, span: _Span) -> str:

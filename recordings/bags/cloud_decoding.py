@@ -34,14 +34,11 @@ def cloud_from_message(message: Any) -> Cloud:
     """Return the points of a sensor_msgs/PointCloud2; its sizes are checked before anything is copied.
 
     Raises:
-        CloudDamaged: the sizes in the message do not fit its data.
-        RecordingError: the cloud has no x, y and z.
+        CloudDamaged: the sizes in the message do not fit its data, or it has no x, y and z.
     """
     fields = {field.name: field for field in message.fields}
     if not {"x", "y", "z"} <= set(fields):
-        raise RecordingError(
-            f"a point cloud holds {', '.join(fields) or 'nothing'} but no x, y, z; choose another topic"
-        )
+        raise CloudDamaged(f"a point cloud holds the fields {', '.join(fields) or 'none'}, but no x, y, z")
     time = next((name for name in TIME_FIELDS if name in fields and fields[name].datatype in _FIELD_TYPES), None)
     names = ["x", "y", "z"] if time is None else ["x", "y", "z", time]
     order = ">" if message.is_bigendian else "<"

@@ -10,7 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from waychair.geometry import wrap_angle
+from waychair.errors import RecordingError
+from waychair.geometry import in_space, wrap_angle
+from waychair.recordings.scans import LaserMount
 from waychair.types import FloatArray, IntArray, Odometry, Pose2, Pose3, Twist
 
 BASE_FRAMES = ("base_link", "base_footprint", "base", "base_frame")
@@ -20,6 +22,8 @@ WORLD_FRAMES = ("map", "world", "earth")
 """Frames above odom. Motion in them is not dead reckoning: it jumps with corrections, or is a simulator's truth."""
 
 _LONGEST_STEP_S = 0.5  # no twist is computed across a longer gap
+_FARTHEST = 2.0  # m; no lidar on a chair is further from the base along one axis
+_LEVEL = math.cos(math.radians(5.0))
 
 
 @dataclass(slots=True)
@@ -132,7 +136,7 @@ class TransformTree:
         readings = []
         for k, (stamp, pose) in enumerate(zip(stamps.tolist(), poses, strict=True)):
             before = max(k - 1, 0)
-            readings.append(Odometry(stamp, pose, _twist(poses[before], pose, stamp - int(stamps[before]))))
+            readings.append(Odometry(stamp, pose, mean_twist(poses[before], pose, stamp - int(stamps[before]))))
         return readings
 
     def _ancestry(self, frame: str) -> list[str]:
@@ -218,10 +222,53 @@ def _unit(x: float, y: float, z: float, w: float) -> tuple[float, float, float, 
     return (x / norm, y / norm, z / norm, w / norm) if norm > 0.0 else (0.0, 0.0, 0.0, 1.0)
 
 
-def _twist(before: Pose2, after: Pose2, step_ns: int) -> Twist:
+def mean_twist(before: Pose2, after: Pose2, step_ns: int) -> Twist:
     """Return the mean twist of the base between two poses; zero across a gap."""
     seconds = step_ns * 1e-9
     if not 0.0 < seconds <= _LONGEST_STEP_S:
         return Twist()
     step = before.inverse() @ after
     return Twist(step.x / seconds, wrap_angle(step.theta) / seconds)
+
+
+def laser_mount(tree: TransformTree, base: str, laser: str, first_ns: int, warnings: list[str]) -> LaserMount:
+    """Return the mount of a laser on the base at its first stamp, with warnings where it is doubtful.
+
+    Raises:
+        RecordingError: no chair is as large as the mount says.
+    """
+    matrix = tree.chain(base, laser, first_ns)
+    if matrix is None:
+        warnings.append(unknown_mount(base, laser))
+        return LaserMount()
+    if tree.moves_between(base, laser):
+        warnings.append(f"the laser '{laser}' moves on the base by /tf: its pose at the first scan is used for all")
+    far = float(np.abs(matrix[:2, 3]).max())
+    if not far <= _FARTHEST:
+        raise RecordingError(
+            f"/tf_static: the mount of the laser '{laser}' is {far:.6g} m from {base}, and no chair is that large: "
+            "correct it, or give it with --base-from-laser X,Y,YAW"
+        )
+    upright = float(matrix[2, 2])
+    if abs(upright) < _LEVEL:
+        tilt = math.degrees(math.acos(min(1.0, abs(upright))))
+        warnings.append(f"the laser '{laser}' is tilted by {tilt:.0f} degrees: its scans are used as if it were level")
+    return LaserMount(planar(matrix), upright < 0.0)
+
+
+def unknown_mount(base: str, laser: str) -> str:
+    """Return the warning about a laser whose mount is not known."""
+    return (
+        f"/tf and /tf_static do not connect {base} with '{laser}': the laser is assumed at the base; "
+        "give its mount with --base-from-laser X,Y[,Z],YAW (and ,upside-down if it hangs upside down)"
+    )
+
+
+def matrix_from_mount(mount: LaserMount) -> FloatArray:
+    """Return `base_from_laser` (4, 4) of a mount."""
+    matrix = np.eye(4)
+    at = in_space(mount.base_from_laser, mount.height)
+    matrix[:3, :3], matrix[:3, 3] = at.rotation, at.translation
+    if mount.upside_down:
+        matrix[:3, :3] = matrix[:3, :3] @ np.diag([1.0, -1.0, -1.0])
+    return matrix

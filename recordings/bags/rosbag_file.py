@@ -16,6 +16,7 @@ from rosbags.typesys import Stores, get_typestore
 from waychair.errors import RecordingDamaged
 from waychair.recordings.bags.bag_parts import BagFiles
 from waychair.recordings.bags.rosbag_salvage import SalvagedBag
+from waychair.recordings.plausibility.findings import Finding
 
 _LONGEST_REASON = 200  # characters
 
@@ -82,7 +83,8 @@ def iterate_messages(
             message = bag.deserialize(data, connection.msgtype)
         except Exception as error:
             if lost is None:
-                raise damage_error(path, error) from error
+                reason = " ".join(f"a message on {connection.topic} cannot be decoded: {error}".split())
+                raise damage_error(path, reason) from error
             lost["messages"] += 1
             continue
         yield connection, log_ns, message
@@ -97,15 +99,35 @@ def counts_by_topic(bag: BagFile, *msgtypes: str) -> dict[str, int]:
     return counts
 
 
+def missing_messages(path: Path, connections: Collection[Connection], read: Counter[str]) -> list[Finding]:
+    """Return a finding for each topic of which a bag holds fewer messages than it tells, as where a file has a hole.
+
+    Raises:
+        RecordingDamaged: a topic that it tells is not in its file at all, as where metadata.yaml is that of another bag.
+    """
+    told: Counter[str] = Counter()
+    for connection in connections:
+        told[connection.topic] += connection.msgcount
+    findings = []
+    for topic, count in told.items():
+        if count and not read[topic]:
+            where = "metadata.yaml" if path.is_dir() else "the index of the file"
+            raise damage_error(path, f"{where} tells of {count} messages on {topic}, of which the file holds none")
+        if read[topic] < count:
+            text = f"{count - read[topic]} of {count} messages are missing from the file, which is damaged"
+            findings.append(Finding("missing messages", topic, text, "copy it again from its source"))
+    return findings
+
+
 def topic_list(bag: BagFile) -> str:
     """Return all topics with their types, as text for an error message."""
     topics = sorted({f"{connection.topic} ({connection.msgtype})" for connection in bag.connections})
     return ", ".join(topics) or "no topics at all"
 
 
-def damage_error(path: Path, error: Exception, names: Mapping[str, str] | None = None) -> RecordingDamaged:
+def damage_error(path: Path, error: Exception | str, names: Mapping[str, str] | None = None) -> RecordingDamaged:
     """Return the error for a damaged bag, as one sentence; `names` are the bag's own names of opened files."""
-    reason = " ".join(f"{type(error).__name__}: {error}".split())
+    reason = error if isinstance(error, str) else " ".join(f"{type(error).__name__}: {error}".split())
     for link, name in (names or {}).items():
         reason = reason.replace(link, name)
     reason = reason[:_LONGEST_REASON].rstrip(":. ")

@@ -17,7 +17,6 @@ import numpy as np
 from rosbags.interfaces import Connection
 
 from waychair.errors import NoScans, RecordingDamaged, RecordingError
-from waychair.geometry import in_space
 from waychair.recordings.bags.bag_frames import sensor_frames
 from waychair.recordings.bags.bag_parts import BagFiles
 from waychair.recordings.bags.bag_settings import NOT_USED, BagSettings
@@ -48,10 +47,20 @@ from waychair.recordings.bags.ros_decoding import (
     odometry_from_message,
     told_scan_from_message,
 )
-from waychair.recordings.bags.ros_transforms import BASE_FRAMES, TransformTree, frame_name, planar, stamp_ns
+from waychair.recordings.bags.ros_transforms import (
+    BASE_FRAMES,
+    TransformTree,
+    frame_name,
+    laser_mount,
+    matrix_from_mount,
+    mean_twist,
+    stamp_ns,
+    unknown_mount,
+)
 from waychair.recordings.bags.rosbag_file import (
     BagFile,
     iterate_messages,
+    missing_messages,
     open_bag,
     salvage_bag,
     topic_list,
@@ -62,13 +71,12 @@ from waychair.recordings.plausibility.plausible_scans import plausible_scans, wi
 from waychair.recordings.plausibility.told_scans import ToldScan
 from waychair.recordings.scan_merging import OdometryInterpolation, merged_scans
 from waychair.recordings.scans import LaserMount, mirrored
-from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Scan, SensorFrame
+from waychair.types import ImuSample, Odometry, Pose2, Scan, SensorFrame
 
 BEAM_STEP = math.radians(0.25)  # between beams of scans that are made from clouds or from several lasers
 LONGEST_SWEEP = 1.0  # s; a longer one is told in another unit
 SCAN_SPREAD = 0.1  # s; scans of several lasers up to this far apart are merged
 
-_LEVEL = math.cos(math.radians(5.0))
 _PROGRESS_EVERY = 256  # messages
 
 
@@ -95,12 +103,16 @@ class _BagMessages:
     slices: dict[str, list[Scan]] = field(default_factory=dict)
     scan_frames: dict[str, str] = field(default_factory=dict)
     findings: list[Finding] = field(default_factory=list)
+    without_speeds: Counter[str] = field(default_factory=Counter)
     damaged_clouds: Counter[str] = field(default_factory=Counter)
+    cloud_damage: dict[str, str] = field(default_factory=dict)
+    """What is wrong with the first damaged cloud of each topic."""
     odometry: list[Odometry] = field(default_factory=list)
     odometry_base: str = ""
     imu: list[ImuSample] = field(default_factory=list)
     imu_frame: str = ""
-    skipped: int = 0
+    not_finite: dict[str, list[int]] = field(default_factory=dict)
+    """The times of recording [ns] of messages that hold no numbers, by topic."""
     logs: dict[str, list[tuple[int, bool]]] = field(default_factory=dict)
     """The time of recording [ns] of each message that was kept, and whether it has no stamp, by topic."""
     clock_steps: list[tuple[int, int]] = field(default_factory=list)
@@ -163,8 +175,6 @@ def _read(
             f"{len(mounts)} mounts are given for the {len(topics.scans)} scan topics of {path}; give one for each"
         )
     found = _collect(path=path, bag=bag, topics=topics, settings=settings, mounts=mounts, progress=progress, lost=lost)
-    if found.skipped:
-        warnings.append(f"{found.skipped} odometry or IMU messages without finite numbers were left out")
     _put_stamps_right(found, topics)
     warnings += [clock_warning(step_ns) for _, step_ns in found.clock_steps]
     base = _base_frame(found, settings)
@@ -202,15 +212,8 @@ def _collect(
     for connections in [small, clouds] if clouds else [small]:
         if connections is clouds:
             kinds = _look_at_clouds(
-                path=path,
-                bag=bag,
-                clouds=clouds,
-                topics=topics,
-                settings=settings,
-                mounts=mounts,
-                found=found,
-                lost=lost,
-            )
+                path=path, bag=bag, clouds=clouds, topics=topics, settings=settings, mounts=mounts, found=found, lost=lost
+            )  # fmt: skip
         clock = ContinuedClock()
         for connection, log_ns, message in clock.continued(iterate_messages(path, bag, connections, lost)):
             unstamped = connection.msgtype not in TRANSFORM_TYPES and stamp_ns(message.header.stamp) == 0 < log_ns
@@ -222,30 +225,39 @@ def _collect(
                 kept = _take(found, connection, message)
             if kept:
                 found.logs.setdefault(connection.topic, []).append((log_ns, unstamped))
+            elif connection.msgtype in (ODOMETRY_TYPE, IMU_TYPE):
+                found.not_finite.setdefault(connection.topic, []).append(log_ns)
             done += 1
             read[connection.topic] += 1
             if progress is not None and done % _PROGRESS_EVERY == 0:
                 progress(min(1.0, done / total))
         found.clock_steps = found.clock_steps or clock.resets
     if lost is None:
-        _note_missing([*small, *clouds], read, found.findings)
+        found.findings += missing_messages(path, [*small, *clouds], read)
+    found.findings += _not_finite(found)
     if not any(found.told.values()) and not any(found.slices.values()):
         names = " and ".join(topics.scans)
-        raise NoScans(f"the topic {names} of {path} holds no usable scan; choose another one: {topic_list(bag)}")
+        why = "".join(f" ({damage})" for damage in found.cloud_damage.values())
+        raise NoScans(f"the topic {names} of {path} holds no usable scan{why}; choose another one: {topic_list(bag)}")
     if progress is not None:
         progress(1.0)
     return found
 
 
-def _note_missing(connections: Sequence[Connection], read: Counter[str], findings: list[Finding]) -> None:
-    """Add a finding for each topic of which a bag holds fewer messages than it tells, as where a file has a hole."""
-    told: Counter[str] = Counter()
-    for connection in connections:
-        told[connection.topic] += connection.msgcount
-    for topic, count in told.items():
-        if read[topic] < count:
-            text = f"{count - read[topic]} of {count} messages are missing from the file, which is damaged"
-            findings.append(Finding("missing messages", topic, text, "copy it again from its source"))
+def _not_finite(found: _BagMessages) -> list[Finding]:
+    """Return a finding for each topic with messages that hold no numbers."""
+    begin_ns = min((log_ns for logs in found.logs.values() for log_ns, _ in logs[:1]), default=0)
+    text = "messages without finite numbers are left out"
+    return [
+        *(
+            Finding("not finite", topic, text, "check its driver", len(at), max(at[0] - begin_ns, 0) * 1e-9)
+            for topic, at in found.not_finite.items()
+        ),
+        *(
+            Finding("not finite", topic, "speeds without finite numbers are taken from the poses", "", count)
+            for topic, count in found.without_speeds.items()
+        ),
+    ]
 
 
 def _take(found: _BagMessages, connection: Connection, message: Any) -> bool:
@@ -260,14 +272,18 @@ def _take(found: _BagMessages, connection: Connection, message: Any) -> bool:
     elif connection.msgtype == ODOMETRY_TYPE:
         found.odometry_base = found.odometry_base or frame_name(message.child_frame_id)
         odometry = odometry_from_message(message)
+        told = message.twist.twist
+        if odometry is not None and not math.isfinite(told.linear.x + told.angular.z):
+            found.without_speeds[connection.topic] += 1
+            last = found.odometry[-1] if found.odometry else odometry
+            step_ns = odometry.stamp_ns - last.stamp_ns
+            odometry = replace(odometry, twist=mean_twist(last.odom_from_base, odometry.odom_from_base, step_ns))
         found.odometry += [odometry] if odometry else []
-        found.skipped += not odometry
         return odometry is not None
     elif connection.msgtype == IMU_TYPE:
         found.imu_frame = found.imu_frame or frame_name(message.header.frame_id)
         sample = imu_from_message(message)
         found.imu += [sample] if sample else []
-        found.skipped += not sample
         return sample is not None
     return True
 
@@ -293,7 +309,8 @@ def _look_at_clouds(
             frame = found.scan_frames.setdefault(topic, frame_name(message.header.frame_id))
             try:
                 sample.append((stamp_ns(message.header.stamp) or log_ns, cloud_from_message(message)))
-            except CloudDamaged:
+            except CloudDamaged as damage:
+                found.cloud_damage.setdefault(topic, str(damage))
                 continue
             if len(sample) == SAMPLE:
                 break
@@ -307,7 +324,7 @@ def _look_at_clouds(
             continue
         index = topics.scans.index(topic)
         given = mounts[index] if index < len(mounts) else None
-        matrix = None if given is None else _given_matrix(given)
+        matrix = None if given is None else matrix_from_mount(given)
         if matrix is None:
             matrix = found.tree.chain(base, frame, sample[0][0])
         if matrix is None:
@@ -326,8 +343,9 @@ def _take_cloud(found: _BagMessages, topic: str, message: Any, kind: CloudKind) 
     stamp = stamp_ns(message.header.stamp)
     try:
         cloud = cloud_from_message(message)
-    except CloudDamaged:
+    except CloudDamaged as damage:
         found.damaged_clouds[topic] += 1
+        found.cloud_damage.setdefault(topic, str(damage))
         return False
     if kind.flat:
         if len(cloud.points):
@@ -382,15 +400,6 @@ def _times_of(topic: str, held: Sequence[Any], logs: Sequence[tuple[int, bool]])
     return TopicTimes(topic, stamps, recorded, np.array([none for _, none in logs], np.bool_), waits_ns)
 
 
-def _given_matrix(mount: LaserMount) -> FloatArray:
-    matrix = np.eye(4)
-    at = in_space(mount.base_from_laser, mount.height)
-    matrix[:3, :3], matrix[:3, 3] = at.rotation, at.translation
-    if mount.upside_down:
-        matrix[:3, :3] = matrix[:3, :3] @ np.diag([1.0, -1.0, -1.0])
-    return matrix
-
-
 def _base_frame(found: _BagMessages, settings: BagSettings) -> str:
     if settings.base_frame or found.odometry_base:
         return frame_name(settings.base_frame) or found.odometry_base
@@ -421,21 +430,24 @@ def _scans(
 
     Raises:
         NoScans: no scan is left that can be used; the message says why.
+        RecordingError: a mount is larger than a chair.
     """
     sources = []
     for index, topic in enumerate(topics.scans):
         if damaged := found.damaged_clouds[topic]:
-            text = "clouds whose sizes contradict their data are left out"
+            text = f"clouds whose sizes contradict their data are left out: {found.cloud_damage[topic]}"
             found.findings.append(Finding("cloud size", topic, text, "check the driver", damaged))
         given = mounts[index] if index < len(mounts) else None
         if found.told.get(topic):
-            mount = given or _mount(found, base, topic, warnings)
+            mount = given or laser_mount(
+                found.tree, base, found.scan_frames[topic], found.told[topic][0].stamp_ns, warnings
+            )
             plausible = plausible_scans(topic, found.told[topic], odometry, mount)
             scans, findings = list(plausible.scans), plausible.findings
         elif topic in found.bands and found.slices[topic]:
             band = found.bands[topic]
             if given is None and found.tree.chain(base, found.scan_frames[topic], 0) is None:
-                warnings.append(_unknown_mount(base, found.scan_frames[topic]))
+                warnings.append(unknown_mount(base, found.scan_frames[topic]))
             if outside := band.outside():
                 raise NoScans(
                     f"{topic}: {outside}: is the sensor's mount right? Give it with --base-from-laser X,Y,Z,YAW, or other "
@@ -460,29 +472,6 @@ def _scans(
         return list(sources[0][0]), sources[0][1]
     track = OdometryInterpolation(odometry) if odometry else None
     return merged_scans(sources, track, BEAM_STEP, SCAN_SPREAD), Pose2()
-
-
-def _mount(found: _BagMessages, base: str, topic: str, warnings: list[str]) -> LaserMount:
-    """Return a laser's mount from the transform tree."""
-    laser, first = found.scan_frames[topic], found.told[topic][0].stamp_ns
-    matrix = found.tree.chain(base, laser, first)
-    if matrix is None:
-        warnings.append(_unknown_mount(base, laser))
-        return LaserMount()
-    if found.tree.moves_between(base, laser):
-        warnings.append(f"the laser '{laser}' moves on the base by /tf: its pose at the first scan is used for all")
-    upright = float(matrix[2, 2])
-    if abs(upright) < _LEVEL:
-        tilt = math.degrees(math.acos(min(1.0, abs(upright))))
-        warnings.append(f"the laser '{laser}' is tilted by {tilt:.0f} degrees: its scans are used as if it were level")
-    return LaserMount(planar(matrix), upright < 0.0)
-
-
-def _unknown_mount(base: str, laser: str) -> str:
-    return (
-        f"/tf and /tf_static do not connect {base} with '{laser}': the laser is assumed at the base; "
-        "give its mount with --base-from-laser X,Y[,Z],YAW (and ,upside-down if it hangs upside down)"
-    )
 
 
 def _in_base_axes(found: _BagMessages, base: str, warnings: list[str]) -> list[ImuSample]:

@@ -19,6 +19,8 @@ _OTHER_CLOCK_NS = 2_000_000_000  # a topic that is further from the others has a
 _ODD_NS = 500_000_000  # a stamp out of order that is further off is odd
 _FEW = 0.3  # share of a topic's stamps up to which they are odd ones
 _REPEATS = 0.02  # share of stamps that repeat from which they are no times of their messages
+_FROZEN = 0.9  # share of stamps that repeat from which a clock stands still, and tells nothing
+_REPEATED = "messages have the stamp of the one before: the times of recording are used"
 _NO_STAMP = "messages have no stamp: their time of recording is used"
 _LEAST = 5  # messages of a topic; fewer tell nothing about its clock
 
@@ -41,13 +43,19 @@ def plausible_stamps(topics: Sequence[TopicTimes]) -> tuple[list[IntArray], list
     """Return the stamps (N,) [ns] of each topic, put right where they cannot be, and a finding for each defect."""
     findings: list[Finding] = []
     behind = [_behind(times) for times in topics]
-    usual = _usual(topics, behind)
+    frozen = [own is not None and _repeated(times).mean() > _FROZEN for times, own in zip(topics, behind, strict=True)]
+    alive = [own if not still else None for own, still in zip(behind, frozen, strict=True)]
+    usual = _usual(topics, alive if any(own is not None for own in alive) else behind)
     mended = []
-    for times, own in zip(topics, behind, strict=True):
+    for times, own, still in zip(topics, behind, frozen, strict=True):
         if usual is None or own is None:
             if times.unstamped.any():
                 findings.append(_found(times, _NO_STAMP, times.unstamped))
             mended.append(times.stamps)
+            continue
+        if still:
+            findings.append(_found(times, _REPEATED, _repeated(times)))
+            mended.append(times.logs - usual - times.waits_ns)
             continue
         stamps = times.stamps.copy()
         expected = usual + times.waits_ns
@@ -119,15 +127,19 @@ def _without_odd(times: TopicTimes, stamps: IntArray, findings: list[Finding]) -
 
 def _without_repeats(times: TopicTimes, stamps: IntArray, findings: list[Finding]) -> IntArray:
     """Return the stamps by the time of recording where many of them repeat."""
-    same = np.concatenate([[False], np.diff(stamps) == 0])
-    fresh = np.concatenate([[True], np.diff(times.logs) > 1_000_000])  # a message that is written twice is no repeat
-    repeated = same & fresh
+    repeated = _repeated(times)
     if repeated.sum() <= _REPEATS * len(stamps):
         return stamps
-    text = "messages have the stamp of the one before: the times of recording are used"
-    findings.append(_found(times, text, repeated))
+    findings.append(_found(times, _REPEATED, repeated))
     # a stamp that is repeated, or cut to whole seconds, is too early: the least delay is the true one
     return times.logs - int(np.percentile(times.logs - stamps, 5))
+
+
+def _repeated(times: TopicTimes) -> BoolArray:
+    """Return which messages (N,) have the stamp of the one before, but were recorded later: not merely written twice."""
+    same = np.diff(times.stamps) == 0
+    later = np.diff(times.logs) > 1_000_000
+    return np.concatenate([[False], same & later]) if len(times.stamps) else np.zeros(0, np.bool_)
 
 
 def _found(times: TopicTimes, text: str, which: BoolArray) -> Finding:

@@ -16,11 +16,14 @@ import numpy as np
 
 from waychair.errors import NoScans
 from waychair.recordings.plausibility.angle_readings import AngleReading, AngleReadings, angle_readings
+from waychair.recordings.plausibility.blind_sector import blind_sector
 from waychair.recordings.plausibility.findings import Finding, seconds_after
 from waychair.recordings.plausibility.motion_witness import MotionWitness
 from waychair.recordings.plausibility.nothing_codes import codes_for_nothing, without_codes
 from waychair.recordings.plausibility.own_chair import without_own_chair
 from waychair.recordings.plausibility.range_readings import (
+    FAR,
+    FAR_UNITS,
     UNITS,
     RangeLimits,
     is_odd,
@@ -35,6 +38,7 @@ from waychair.recordings.scans import LaserMount, ascending, mirrored, without_o
 from waychair.types import Odometry, Scan
 
 _FEW = 0.2  # share of a topic's messages up to which they are left out rather than read in another way
+_MOST_ODD = 0.6  # share up to which scans that contradict themselves are read as the sound ones are
 _OTHER_SWEEP = 0.5  # of the usual duration of a sweep; a scan that differs by more is of another kind
 _LEAST_FULL = 5  # ranges of exactly `range_max`; fewer are measured ones
 _RARE = 0.001  # share of ranges; codes that rare are not worth a word
@@ -106,8 +110,9 @@ def plausible_scans(
     told, reading = judge.beam_times(chosen, reading)
     scans = [reading.scan(scan, entry) for scan, entry in zip(told, chosen, strict=True)]
     scans, found = without_nothing_codes(topic, scans, start_ns)
+    blind = blind_sector(topic, scans)
     scans, own = without_own_chair(topic, scans)
-    return PlausibleScans(tuple(scans), (*findings, *found, *own))
+    return PlausibleScans(tuple(scans), (*findings, *found, *blind, *own))
 
 
 def without_nothing_codes(
@@ -167,6 +172,9 @@ def _with_angles(
     by_shape = {scan.shape: angle_readings(scan) for scan in told}
     entries = [by_shape[scan.shape] for scan in told]
     odd = sum(not entry.sound for entry in entries)
+    if _FEW * len(told) < odd < _MOST_ODD * len(told):
+        told, entries = _as_the_others(topic, told, entries, findings)
+        odd = 0
     if all(not entry.readings for entry in entries):
         raise NoScans(f"{topic}: {_contradiction(told[0])}; {_DRIVER}")
     few = odd <= _FEW * len(told)
@@ -175,6 +183,31 @@ def _with_angles(
     ]
     scans = [scan for scan, _ in kept]
     text = "scans whose angles contradict their number of beams are left out"
+    _note_left_out("angles", topic, text, told, scans, findings)
+    return scans, [entry for _, entry in kept]
+
+
+def _as_the_others(
+    topic: str, told: Sequence[ToldScan], entries: list[AngleReadings], findings: list[Finding]
+) -> tuple[list[ToldScan], list[AngleReadings]]:
+    """Return the scans where some of a topic contradict themselves, with the angles that most of the others tell.
+
+    They come from the same lidar. Those with another number of beams are left out: nothing tells how they were made.
+    """
+    usual, _ = Counter(scan.shape for scan, entry in zip(told, entries, strict=True) if entry.sound).most_common(1)[0]
+    model = next((scan, entry) for scan, entry in zip(told, entries, strict=True) if scan.shape == usual)
+    kept = [
+        (scan, entry if entry.sound else model[1])
+        for scan, entry in zip(told, entries, strict=True)
+        if entry.sound or scan.steps == model[0].steps
+    ]
+    stamps = [scan.stamp_ns for scan in told]
+    same = [k for k, entry in enumerate(entries) if not entry.sound and told[k].steps == model[0].steps]
+    if same:
+        text = f"{_contradiction(told[same[0]])}: the angles of the other scans are used"
+        findings.append(Finding("angles", topic, text, _DRIVER, len(same), seconds_after(stamps, same[0])))
+    scans = [scan for scan, _ in kept]
+    text = "scans whose angles contradict their number of beams, which is not that of the others, are left out"
     _note_left_out("angles", topic, text, told, scans, findings)
     return scans, [entry for _, entry in kept]
 
@@ -235,9 +268,16 @@ class _Judge:
             raise NoScans(
                 f"{self._topic}: the median range is {median} m, as no lidar measures in a building; {_DRIVER}"
             )
-        if units == (1.0,):
-            return 1.0
         free = RangeLimits(0.0, math.inf)
+        if units == (1.0,):
+            if not len(ranges) or float(np.median(ranges)) < FAR:
+                return 1.0
+            tried = (1.0, *FAR_UNITS)
+            unit = tried[self._choose([(_Reading(unit, free), angles) for unit in tried]) or 0]
+            if unit != 1.0:
+                text = f"the ranges are in {FAR_UNITS[unit]}, as the odometry confirms, and are converted to metres"
+                self._add("range unit", text)
+            return unit
         unit = units[self._choose([(_Reading(unit, free), angles) for unit in units]) or 0]
         self._add("range unit", f"the ranges are in {UNITS[unit]}, and are converted to metres")
         return unit

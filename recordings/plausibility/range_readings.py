@@ -14,6 +14,12 @@ from waychair.types import Float32Array
 UNITS = {1.0: "metres", 1e-3: "millimetres", 1e-2: "centimetres", 1e3: "kilometres"}
 """Metres in a unit, and its name; the likelier unit first."""
 
+FAR_UNITS = {0.3048: "feet", 0.0254: "inches", **{unit: UNITS[unit] for unit in (1e-2, 1e-3)}}
+"""Units that are tried where the usual range in metres is that of a hall: only motion tells them from metres."""
+
+FAR = 25.0
+"""m; a median range from which on another unit is tried."""
+
 _TYPICAL = (0.15, 100.0)  # m; a median range outside is that of no lidar in a building
 _LONGEST_REACH = 300.0  # m; a longer `range_max` is in another unit
 _SAMPLE = 200  # scans that are looked at
@@ -64,7 +70,7 @@ def range_limits(ranges: Float32Array, range_min: float, range_max: float, unit:
     texts: list[str] = []
     if not len(ranges):
         return RangeLimits(least, most) if least <= most else RangeLimits(0.0, math.inf)
-    if unit < 1.0 and most > _LONGEST_REACH:
+    if unit < 1.0 and (most > _LONGEST_REACH or least > 1.0):
         least, most = least * unit, most * unit  # in the same unit as the ranges
     elif _LONGEST_REACH < most <= 1e3 * _LONGEST_REACH and float(np.quantile(ranges, 0.99)) <= 1.1e-3 * most:
         least, most = (least * 1e-3 if least > 1.0 else least), most * 1e-3

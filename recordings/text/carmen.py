@@ -24,7 +24,7 @@ import numpy as np
 from waychair.errors import NoScans, RecordingDamaged, RecordingUnknown
 from waychair.recordings.stamps import UNIT_NAMES, stamp_from_text, unit_of_stamps
 from waychair.recordings.text.line_order import ordered_frames
-from waychair.types import Float32Array, Odometry, Pose2, Scan, SensorFrame, Twist
+from waychair.types import Float32Array, FloatArray, Odometry, Pose2, Scan, SensorFrame, Twist
 
 NO_RETURN = 80.0
 """Ranges from here on [m] mean "no return": the maximum range of a SICK LMS 2xx, whose overflow codes decode to 81.83 m
@@ -33,6 +33,7 @@ and 81.91 m."""
 GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_CHUNK = 1 << 16
 _PROGRESS_EVERY = 256  # lines
+_FLASER_TAIL = 9  # fields after the ranges: two poses, the stamp, the host, the time of logging
 _SAMPLE = 1 << 20  # bytes of the text that tell the unit of its stamps
 _LARGE_STAMP = re.compile(r"\d{12,}(\.\d*)?")  # since 1970 in ms, us or ns
 _OTHER_WORDS = frozenset(
@@ -41,6 +42,10 @@ _OTHER_WORDS = frozenset(
     b"VERTEX2 EDGE2 MARKER POSITION".split()
 )
 """First words of the other lines of a CARMEN log."""
+
+
+class _LineDamaged(ValueError):
+    """A line whose fields contradict each other; the message says what it holds, without a subject."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +68,7 @@ def read_carmen(
     Raises:
         RecordingUnknown: no line is of a CARMEN log.
         RecordingDamaged: no scan is complete.
-        NoScans: the CARMEN log has neither FLASER nor ROBOTLASER1 lines.
+        NoScans: the CARMEN log has neither FLASER nor ROBOTLASER1 lines, or its ranges are in another unit.
     """
     text, warnings = decompressed_text(data, where)
     frames: dict[bytes, list[SensorFrame]] = {word: [] for word in _READERS}
@@ -72,6 +77,7 @@ def read_carmen(
     if unit != "s":
         warnings.append(f"the stamps of {where} are read as {UNIT_NAMES[unit]}")
     damaged: list[int] = []
+    why = ""
     lines = io.BytesIO(text)
     for number, line in enumerate(lines, start=1):
         if progress is not None and number % _PROGRESS_EVERY == 0:
@@ -83,14 +89,16 @@ def read_carmen(
             continue
         try:
             frames[word].append(_READERS[word](line.split(), of_robot, unit))
-        except (ValueError, IndexError):
+        except (ValueError, IndexError) as error:
+            why = why or (str(error) if isinstance(error, _LineDamaged) else "")
             damaged.append(number)
     if progress is not None:
         progress(1.0)
     # Some loggers write every scan in both forms: keep the more frequent one.
     kind = max(frames, key=lambda word: len(frames[word]))
     if not frames[kind]:
-        raise _no_scans_error(where, others, damaged)
+        raise _no_scans_error(where, others, damaged, why)
+    _refuse_another_unit(text, frames[kind], where)
     ordered, order_warnings = ordered_frames(frames[kind])
     told = (*warnings, *_warnings(len(frames[kind]), damaged), *order_warnings)
     return CarmenLog(tuple(ordered), kind.decode(), told)
@@ -104,14 +112,27 @@ def is_carmen(line: bytes) -> bool:
 
 def _flaser(fields: Sequence[bytes], of_robot: bool, unit: str = "s") -> SensorFrame:
     """Read a FLASER line: beams over half a turn in front; an even number of beams leaves out the one at +90 degrees."""
-    count = int(fields[1])
+    count = _count(fields[1])
     tail = fields[2 + count :]
-    if count < 2 or len(tail) < 9:
-        raise ValueError("cut short")
-    stamp_ns = stamp_from_text(tail[6].decode(), unit)
+    if count < 2 or len(tail) != _FLASER_TAIL:
+        raise _LineDamaged(f"tells of {count} ranges, and holds {max(len(fields) - 2 - _FLASER_TAIL, 0)}")
+    stamp_ns = _stamp(tail[6], unit)
     step = math.pi / (count - count % 2)
     scan = Scan(stamp_ns, _ranges(fields[2 : 2 + count], NO_RETURN), -math.pi / 2, step, range_max=NO_RETURN)
     return _frame(scan, tail[3:6] if of_robot else tail[:3], Twist())
+
+
+def _count(field: bytes) -> int:
+    if not field.lstrip(b"-").isdigit():
+        raise _LineDamaged(f"tells of '{field.decode(errors='replace')}' ranges, which is no whole number")
+    return int(field)
+
+
+def _stamp(field: bytes, unit: str) -> int:
+    try:
+        return stamp_from_text(field.decode(), unit)
+    except ValueError as error:
+        raise _LineDamaged(f"holds a stamp that cannot be read: {error}") from error
 
 
 def _robotlaser(fields: Sequence[bytes], of_robot: bool, unit: str = "s") -> SensorFrame:
@@ -121,7 +142,7 @@ def _robotlaser(fields: Sequence[bytes], of_robot: bool, unit: str = "s") -> Sen
     tail = fields[10 + count + remissions :]
     if count < 2 or remissions < 0 or len(tail) < 14 or step <= 0.0:
         raise ValueError("cut short")
-    stamp_ns = stamp_from_text(tail[11].decode(), unit)
+    stamp_ns = _stamp(tail[11], unit)
     reach = min(NO_RETURN, max_range) if max_range > 0.0 else NO_RETURN
     scan = Scan(stamp_ns, _ranges(fields[9 : 9 + count], reach), start, step, range_max=reach)
     return _frame(scan, tail[3:6] if of_robot else tail[:3], Twist(_finite(tail[6]), _finite(tail[7])))
@@ -148,9 +169,12 @@ def _ranges(fields: Sequence[bytes], reach: float) -> Float32Array:
 
 
 def _finite(field: bytes) -> float:
-    value = float(field)
+    try:
+        value = float(field)
+    except ValueError:
+        value = math.nan
     if not math.isfinite(value):
-        raise ValueError(f"{value} is no measurement")
+        raise _LineDamaged(f"holds '{field.decode(errors='replace')}' where a number belongs")
     return value
 
 
@@ -190,6 +214,31 @@ def _unit_of(text: bytes) -> str:
     return unit_of_stamps(large) if 2 * len(large) > len(stamps) else "s"
 
 
+def _refuse_another_unit(text: bytes, frames: Sequence[SensorFrame], where: str) -> None:
+    """Refuse a log whose ranges all lie beyond those that a CARMEN log can hold.
+
+    Raises:
+        NoScans: with the usual range.
+    """
+    if any(frame.scan is not None and not np.isinf(frame.scan.ranges).all() for frame in frames):
+        return
+    lines = [line.split() for line in text[:_SAMPLE].splitlines()]
+    told = [_flaser_ranges(fields) for fields in lines if fields and fields[0] == b"FLASER"]
+    usual = float(np.median(np.concatenate(told))) if told else math.inf
+    if math.isfinite(usual):
+        raise NoScans(
+            f"the ranges of {where} are {usual:.0f} m in the median, and a CARMEN log holds metres up to {NO_RETURN:g} m: are they "
+            "in millimetres or centimetres? Divide them by 1000 or 100"
+        )
+
+
+def _flaser_ranges(fields: Sequence[bytes]) -> FloatArray:
+    try:
+        return np.array(fields[2 : 2 + int(fields[1])], np.float64)
+    except (ValueError, IndexError):
+        return np.full(1, math.inf)
+
+
 def _warnings(count: int, damaged: Sequence[int]) -> list[str]:
     warnings = []
     if damaged:
@@ -198,10 +247,12 @@ def _warnings(count: int, damaged: Sequence[int]) -> list[str]:
     return warnings
 
 
-def _no_scans_error(where: str, others: Counter[bytes], damaged: Sequence[int]) -> RecordingDamaged | NoScans:
+def _no_scans_error(
+    where: str, others: Counter[bytes], damaged: Sequence[int], why: str
+) -> RecordingDamaged | NoScans:  # fmt: skip
     """Return the error for a log without a single readable scan."""
     if damaged:
-        message = f"none of the {len(damaged)} scan lines of {where} is complete (the first is line {damaged[0]})"
+        message = f"none of the {len(damaged)} scan lines of {where} is complete (the first, line {damaged[0]}, {why or 'is cut short'})"
         return RecordingDamaged(f"{message}; copy the file again from its source")
     if others:
         kinds = ", ".join(f"{word.decode()} ({count})" for word, count in sorted(others.items()))

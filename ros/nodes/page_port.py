@@ -217,6 +217,7 @@ class PagePort(DrawingPort):
             path=path,
             steered=state.steered,
             paused=has_goal and scene.stage is Stage.PAUSED,
+            offers=has_goal and scene.stage is Stage.OFFERING,
         )
 
     def grid(self) -> OccupancyGrid | None:

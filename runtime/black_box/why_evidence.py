@@ -238,7 +238,7 @@ def _contacts(cursor: LogCursor) -> tuple[str, ...]:
 
 def _given_up(cursor: LogCursor) -> tuple[str, ...]:
     """Return the waiting time, the number of plans, and the nearest obstacle."""
-    waits = {Stage.WAITING.value, Stage.FAILED.value}
+    waits = {Stage.WAITING.value, Stage.OFFERING.value, Stage.FAILED.value}
     since = cursor.index
     while since > 0 and cursor.log.moments[since - 1].tick.stage in waits:
         since -= 1

@@ -16,6 +16,7 @@ class Part(Enum):
     WHEEL_TURN = "headings"
     WHEEL_WAY = "positions"
     TWIST = "speeds"
+    SCALES = "scales"
     GYRO = "turn rates"
     GRAVITY = "acceleration"
     LIDAR = "lidar"
@@ -26,6 +27,7 @@ class State(Enum):
 
     CORRECTED = "corrected"
     LEFT_OUT = "left out"
+    NOTED = "noted"
 
 
 class Cause(Enum):
@@ -54,6 +56,7 @@ class Cause(Enum):
     AXES = "other axes"
     BACKWARD = "backward"
     LONG = "long wheels"
+    SCALES_DIFFER = "scales differ"
     MIRRORED = "mirrored"
     MIRRORED_OR_WHEELS = "mirrored, or wheels exchanged"
     MOUNT = "mount"
@@ -124,7 +127,9 @@ def finding_from_break(found: Break) -> AidFinding:
 
 
 def name_of(part: Part, names: AidNames) -> str:
-    """Return the topic of a part."""
+    """Return the topic of a part; of the scales, which two parts share, both topics."""
+    if part is Part.SCALES:
+        return f"{names.wheels} and {names.lidar}"
     return {Part.LIDAR: names.lidar, Part.GYRO: names.imu, Part.GRAVITY: names.imu}.get(part, names.wheels)
 
 
@@ -135,6 +140,10 @@ def sentence(finding: AidFinding, names: AidNames) -> str:
 
 def clause(finding: AidFinding) -> str:
     """Return a finding without the topic: what is wrong with it, since when, and what follows."""
+    if finding.part is Part.SCALES:
+        return _scales(finding)
+    if finding.cause is Cause.WILD and finding.part is not Part.WHEELS:
+        return _wild(finding)
     if finding.cause in (Cause.WILD, Cause.RESTART, Cause.JUMP):
         return _broken(finding)
     return f"{_wrong(finding)}: {_follows(finding)}, {_when(finding)}"
@@ -144,6 +153,8 @@ def remedy(finding: AidFinding) -> str:
     """Return what the user can do about the cause."""
     if finding.advice:
         return finding.advice
+    if finding.part is Part.SCALES:
+        return "measure a wall on the map, and correct the wheel radius or the scale of the lidar's ranges"
     if finding.part is Part.LIDAR:
         return "check the lidar's mount, and its angles"
     if finding.part in (Part.GYRO, Part.GRAVITY):
@@ -164,6 +175,26 @@ def _broken(finding: AidFinding) -> str:
     return f"it {what} at {at:.1f} s: that is no motion, and is bridged by its speeds and the scans"
 
 
+def _scales(finding: AidFinding) -> str:
+    """Return the clause about ways by wheels and by scans that differ: neither is known to be the right one."""
+    longer = "longer" if finding.value > 1.0 else "shorter"
+    return (
+        f"the way by wheels is about {abs(finding.value - 1.0):.0%} {longer} than by scans, so one of both has a wrong scale; "
+        "the map follows the scans: check the wheel radius, or the scale of the lidar's ranges"
+    )
+
+
+def _wild(finding: AidFinding) -> str:
+    """Return the clause about single readings that no chair can cause."""
+    begin, end = max(finding.since_s or 0.0, 0.0), max(finding.until_s or 0.0, 0.0)
+    units = {Part.GYRO: "rad/s", Part.GRAVITY: "m/s^2"}
+    size = f"{finding.value:.3g} {units.get(finding.part, 'm/s or rad/s')}"
+    if finding.count == 1:
+        return f"one message at {begin:.1f} s has wild {finding.part.value} ({size}), and is left out"
+    times = f"{finding.count} messages from {begin:.1f} to {end:.1f} s"
+    return f"{times} have wild {finding.part.value} (up to {size}), and are left out"
+
+
 def _distance(metres: float, radians: float) -> str:
     turn = f"{radians * 57.29578:.0f} degrees"
     if metres < 0.2:
@@ -180,6 +211,8 @@ def _wrong(finding: AidFinding) -> str:
         return f"the {part} is {9.80665 * value:.2f} at rest instead of 9.81 m/s^2"
     if finding.part is Part.LIDAR:
         return _wrong_lidar(finding)
+    if finding.part is Part.WHEELS and finding.cause is Cause.STUCK:
+        return "the readings are stuck, and stay the same while the scans move"
     clauses = {
         Cause.DEGREES: f"the {part} are {abs(value):.1f} times too large, as in degrees",
         Cause.OTHER_WAY: f"the {part} go the other way than the scans",
@@ -231,7 +264,7 @@ def _wrong_lidar(finding: AidFinding) -> str:
 
 def _follows(finding: AidFinding) -> str:
     if finding.state is State.LEFT_OUT:
-        if finding.cause is Cause.MISSING:
+        if finding.cause is Cause.MISSING or (finding.part is Part.WHEELS and finding.cause is Cause.STUCK):
             return "the scans stand in for them"
         return "the turn rates are used, the tilt is not" if finding.part is Part.GRAVITY else "left out"
     if finding.gain_m is not None:

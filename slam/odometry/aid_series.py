@@ -11,6 +11,8 @@ from waychair.types import BoolArray, FloatArray
 
 _FASTEST = 4000.0  # in any unit; a greater rate or speed is a wild value
 _LEAST_MISSING_S = 2.0  # wheels that are silent for longer while the chair moves are missing
+_TURNS = 0.1  # [rad]; headings that vary by less over a recording are none
+_SAME = 1e-9  # [m, rad]; poses that differ by less are the same reading
 _LONGEST_GAP_S = 0.3
 """s; over a longer gap between IMU samples the turn is unknown."""
 
@@ -34,6 +36,22 @@ class WheelSeries:
             begin, end = np.append(begin, self.read[-1] + _LEAST_MISSING_S), np.append(end, np.inf)
         middle = intervals.mean(axis=1)[:, None]
         found: BoolArray = ((middle > begin) & (middle < end)).any(axis=1)
+        return found
+
+    def stuck(self, intervals: FloatArray) -> BoolArray:
+        """Return which intervals (N, 2) [s] lie where the readings stay the same for long, as of a chair that stands.
+
+        Poses without a heading look alike in turns on the spot; they are a fault of another kind.
+        """
+        if float(np.ptp(self.poses[:, 2])) < _TURNS:
+            return np.zeros(len(intervals), np.bool_)
+        same = np.abs(np.diff(np.hstack([self.poses, self.speeds]), axis=0)).max(axis=1) <= _SAME
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(np.int64), [0]])))
+        begin, end = self.times[edges[::2]], self.times[edges[1::2]]
+        long = end - begin > _LEAST_MISSING_S
+        middle = intervals.mean(axis=1)
+        run = np.searchsorted(begin[long], middle) - 1
+        found: BoolArray = (run >= 0) & (middle < np.append(end[long], -np.inf)[run])
         return found
 
     def motions(self, intervals: FloatArray, delay_s: float = 0.0) -> FloatArray:

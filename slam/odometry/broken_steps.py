@@ -29,6 +29,8 @@ _NEIGHBOURS = 4  # steps on either side that tell the speed where no twist does
 _ON_LINE = 1e-6  # [m, rad]; a reading this near the line between its neighbours was interpolated
 _ORIGIN, _ORIGIN_TURN = 0.3, 0.2  # [m, rad]; a counter that begins anew begins this near zero
 _LONGEST_S = 1.0  # a chair goes on as before for so long
+_QUICK = 2.8  # m/s; speed of the fastest chair
+_DRIFT = 0.2  # share of its way by which odometry and scans may differ over a gap
 _FEW = 3  # readings before or after a break at either end of the recording that are wild ones
 _JITTER_S = 0.2  # stamps of two readings may be nearer than the readings were by so much
 
@@ -78,6 +80,8 @@ def repaired(track: Track, bridge: Bridge = lambda begin_s, end_s: None) -> tupl
     corners = _corners(track)
     steps = _Steps.of(track, corners)
     broken = steps.broken()
+    for gap in np.flatnonzero(broken & (steps.seconds > _LONGEST_S)).tolist():
+        broken[gap] = _is_broken_gap(steps, gap, track.poses[corners[gap + 1]], bridge)
     if not broken.any():
         return track, ()
     motions = steps.motions.copy()
@@ -86,6 +90,25 @@ def repaired(track: Track, bridge: Bridge = lambda begin_s, end_s: None) -> tupl
         motions[k] = steps.expected[k] if measured is None else measured
     poses = _rebuilt(track, corners, motions, broken)
     return Track(track.times, poses, track.speeds, track.between), _breaks(track, corners, steps, broken, poses)
+
+
+def _is_broken_gap(steps: _Steps, k: int, end: FloatArray, bridge: Bridge) -> bool:
+    """Return whether the step over a gap of the readings is no motion: a chair may have driven anywhere meanwhile.
+
+    The scans tell, where there are any; elsewhere a step is broken that is too far, or ends at zero.
+    """
+    motion, s, unit = steps.motions[k], float(steps.seconds[k]), steps.unit
+    measured = bridge(float(steps.times[k]), float(steps.times[k + 1]))
+    if measured is not None:
+        gap = compose(invert(measured), motion)
+        way = math.hypot(measured[0], measured[1])
+        return bool(math.hypot(gap[0], gap[1]) > unit * (_SLACK + _DRIFT * way) or abs(gap[2]) > _SLACK_TURN)
+    way = math.hypot(motion[0], motion[1])
+    return way > unit * _QUICK * s + _SLACK or (way > unit and _is_origin(end, unit))
+
+
+def _is_origin(pose: FloatArray, unit: float) -> bool:
+    return math.hypot(pose[0], pose[1]) < _ORIGIN * unit and abs(pose[2]) < _ORIGIN_TURN
 
 
 def _corners(track: Track) -> IntArray:
@@ -214,7 +237,7 @@ def _breaks(track: Track, corners: IntArray, steps: _Steps, broken: BoolArray, p
             )
         elif last > first and _returns(told, true, first, last, steps.unit):
             kind = BreakKind.MESSAGES
-        elif math.hypot(end[0], end[1]) < _ORIGIN * steps.unit and abs(end[2]) < _ORIGIN_TURN:
+        elif _is_origin(end, steps.unit):
             kind = BreakKind.RESTART
         else:
             kind, (metres, radians) = BreakKind.JUMP, _off(told, true, first, last + 1)

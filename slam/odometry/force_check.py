@@ -13,7 +13,7 @@ from waychair.slam.odometry.aid_series import ImuSeries, WheelSeries
 from waychair.slam.odometry.aid_windows import Agreement
 from waychair.slam.odometry.odometry_model import OdometrySettings
 from waychair.slam.odometry.slip import SlipDetector
-from waychair.types import FloatArray
+from waychair.types import BoolArray, FloatArray
 
 GRAVITY = 9.80665
 _UPRIGHT = math.cos(math.radians(20.0))  # a chair does not lean further
@@ -94,11 +94,19 @@ def shows_false_slips(
     slipped = np.diff(_slip_distance(imu, use, wheels, scans.intervals), axis=1)[:, 0]
     off = scans.motions[:, 0] - motions[:, 0]
     false = evidence.known_way & np.isfinite(off) & (np.abs(off - slipped) > _SLIPPED * np.abs(slipped))
+    false &= ~_beside(wheels.stuck(scans.intervals) | wheels.missing(scans.intervals))  # the wheels are wrong there
     harm, way = float(np.abs(slipped[false]).sum()), float(np.abs(np.nan_to_num(motions[:, 0])).sum())
     if harm < max(_LEAST_HARM, _HARM_SHARE * way) or harm < _SLIPPED * float(np.abs(slipped).sum()):
         return False
     evidence.add(Part.GRAVITY, State.LEFT_OUT, Cause.FALSE_SLIPS, None, value=harm)
     return True
+
+
+def _beside(mask: BoolArray) -> BoolArray:
+    """Return a mask (N,) with the intervals before and after each of its runs."""
+    wide = np.concatenate([[False], mask, [False]])
+    found: BoolArray = wide[:-2] | wide[1:-1] | wide[2:]
+    return found
 
 
 def _slip_distance(imu: ImuSeries, use: ForceUse, wheels: WheelSeries, intervals: FloatArray) -> FloatArray:

@@ -18,13 +18,17 @@ from waychair.slam.odometry.aid_evidence import (
     unlike,
 )
 from waychair.slam.odometry.aid_findings import Cause, Part, State
-from waychair.slam.odometry.aid_series import WheelSeries, correlation, robust_slope
+from waychair.slam.odometry.aid_series import ScanSeries, WheelSeries, correlation, robust_slope
 from waychair.slam.odometry.aid_windows import turn_agreement, way_agreement
 from waychair.types import BoolArray, FloatArray
 
 _LEAST_SCALE, _LEAST_GAIN = 0.015, 0.25  # wheels this wrong are corrected where it moves the map by so much [m]
+_NOTED_SCALE = 0.01  # wheels that are longer or shorter by this share than the scans are worth a note
 _SIGMAS = 4.0
 _LEAST_MOVED = 0.3  # [m] or [rad] of a chair whose wheels are silent
+_LEAST_AWAY, _CREEP = 0.4, 0.05  # [m] or [rad], and per second; the same for wheels whose readings stay the same
+_MEASURED = 0.7  # share of a stretch that scans must measure; along a corridor they do not
+_MOST_STUCK = 0.5  # share of the recording; wheels that stand still for longer are judged as a whole
 _LEAST_INTERVALS = 5  # fewer tell no correction
 _LEAST_FACTOR = 1e-4  # ways that are smaller are none
 _LEAST_ANGLE = math.radians(10.0)  # ways that are turned by less are not
@@ -78,21 +82,55 @@ def check_wheels(
 
 
 def _without_gaps(evidence: Evidence, wheels: WheelSeries, motions: FloatArray, filled: FloatArray) -> bool:
-    """Put the motions of the scans into gaps of the readings in which the chair moves, and note the gaps."""
-    intervals, missing = evidence.scans.intervals, wheels.missing(evidence.scans.intervals)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], missing.astype(np.int64), [0]])))
+    """Put the motions of the scans into stretches in which the chair moves, but readings are missing or stay the same.
+
+    The stretches are noted.
+    """
+    intervals = evidence.scans.intervals
+    missing, stuck = wheels.missing(intervals), wheels.stuck(intervals)
     found = False
-    for first, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for first, end in _runs_of(missing):
         moved = np.abs(filled[first:end])
-        if moved[:, :2].sum() + moved[:, 2].sum() < _LEAST_MOVED:
-            continue
-        motions[first:end] = filled[first:end]
-        inside = np.zeros(len(missing), np.bool_)
-        inside[first:end] = True
-        run = Run(inside, float(intervals[first, 0]), float(intervals[end - 1, 1]))
-        evidence.add(Part.WHEELS, State.LEFT_OUT, Cause.MISSING, run)
-        found = True
+        if moved[:, :2].sum() + moved[:, 2].sum() >= _LEAST_MOVED:
+            _stand_in(evidence, motions, filled, first, end, Cause.MISSING)
+            found = True
+    for first, end in _runs_of(stuck & ~missing) if stuck.mean() < _MOST_STUCK else ():
+        away = _measured_away(evidence.scans, first, end)
+        # noise of scans adds up while a chair stands
+        if away >= _LEAST_AWAY + _CREEP * (intervals[end - 1, 1] - intervals[first, 0]):
+            _stand_in(evidence, motions, filled, first, end, Cause.STUCK)
+            found = True
     return found
+
+
+def _measured_away(scans: ScanSeries, first: int, end: int) -> float:
+    """Return how far [m] or [rad] the chair gets in a stretch by the motions that scans measure, if they measure most."""
+    away = 0.0
+    for columns, known in (((0, 1), scans.way_known), ((2,), scans.turn_known)):
+        own = known[first:end]
+        if own.mean() >= _MEASURED:
+            moved = np.where(own[:, None], scans.motions[first:end][:, columns], 0.0)
+            away = max(away, float(np.abs(np.cumsum(moved, axis=0)).max()))
+    return away
+
+
+def _runs_of(mask: BoolArray) -> list[tuple[int, int]]:
+    """Return the first index and the end of each run of a mask (N,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int64), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _stand_in(
+    evidence: Evidence, motions: FloatArray, filled: FloatArray, first: int, end: int, cause: Cause
+) -> None:  # fmt: skip
+    """Put the motions (N, 3) of the scans in place of the wheels' between two intervals, and note it."""
+    intervals = evidence.scans.intervals
+    motions[first:end] = filled[first:end]
+    inside = np.zeros(len(motions), np.bool_)
+    inside[first:end] = True
+    since, until = float(intervals[first, 0]), float(intervals[end - 1, 1])
+    run = Run(inside, since if first else None, until if end < len(motions) else None)
+    evidence.add(Part.WHEELS, State.LEFT_OUT, cause, run)
 
 
 def speeds_are_wrong(evidence: Evidence, motions: FloatArray, driven: FloatArray) -> bool:
@@ -240,7 +278,10 @@ def _similarity(told: FloatArray, reference: FloatArray, floor: float) -> tuple[
 
 
 def _scaled(evidence: Evidence, told: FloatArray) -> FloatArray | None:
-    """Return the motions with the wheels' scale corrected, if that moves the map: where no scan measures the way."""
+    """Return the motions with the wheels' scale corrected, if that moves the map: where no scan measures the way.
+
+    Elsewhere a scale that differs from the scans' is noted only: neither is known to be the right one.
+    """
     known = evidence.known_way & np.isfinite(told).all(axis=1)
     moving = known & (np.abs(evidence.scans.motions[:, 0]) > 0.03)
     if moving.sum() < 20:
@@ -248,14 +289,15 @@ def _scaled(evidence: Evidence, told: FloatArray) -> FloatArray | None:
     turns = evidence.scans.motions[moving, 2:]  # a lidar beside the base drives another way in turns
     solution, sigma = robust_slope(told[moving, 0], evidence.scans.motions[moving, 0], turns)
     factor, one_sigma = float(solution[0]), float(sigma[0])
-    if abs(factor - 1.0) < max(_LEAST_SCALE, _SIGMAS * one_sigma) or factor < 0.5:
+    if abs(factor - 1.0) < max(_NOTED_SCALE, _SIGMAS * one_sigma) or factor < 0.5:
         return None
     length, longest = 0.0, 0.0
     for is_known, way in zip(evidence.known_way.tolist(), np.abs(told[:, 0]).tolist(), strict=True):
         length = 0.0 if is_known else length + way
         longest = max(longest, length)
     gain = abs(1.0 - 1.0 / factor) * longest
-    if gain < _LEAST_GAIN:
+    if gain < _LEAST_GAIN or abs(factor - 1.0) < _LEAST_SCALE:
+        evidence.add(Part.SCALES, State.NOTED, Cause.SCALES_DIFFER, None, value=factor, sigma=one_sigma)
         return None
     evidence.add(Part.WHEEL_WAY, State.CORRECTED, Cause.LONG, None, value=factor, sigma=one_sigma, gain_m=gain)
     return np.column_stack([told[:, :2] / factor, told[:, 2]])

@@ -129,34 +129,50 @@ def _with_normals(
         ends[k, 0], ends[k, 1] = points[i, 0], points[i, 1]
         x, y = points[i, 0] - laser_x, points[i, 1] - laser_y
         reach = max(0.05, 4.0 * noise) + 4.0 * angle_step * math.hypot(x, y)
-        n, mx, my, xx, xy, yy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
-        for side in (-1, 1):
-            last = i
-            for step in range(0 if side == -1 else 1, count):
-                j = i + side * step
-                if j < 0 or j >= count or not usable[j]:
-                    break
-                if math.hypot(points[j, 0] - points[last, 0], points[j, 1] - points[last, 1]) > reach:
-                    break
-                dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-                if step > _LINE_BEAMS and math.hypot(dx, dy) > _LINE_NOISES * noise:
-                    break
-                n, mx, my = n + 1, mx + dx, my + dy
-                xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
-                last = j
-        if n < 3:
-            continue
-        xx, xy, yy = xx / n - mx * mx / n**2, xy / n - mx * my / n**2, yy / n - my * my / n**2
-        spread = math.sqrt((xx - yy) ** 2 + 4 * xy * xy)
-        thin, wide = 0.5 * (xx + yy - spread), 0.5 * (xx + yy + spread)
-        if wide <= (_LEAST_SPREAD * noise) ** 2 or thin > 0.15 * wide or thin > max(0.05, 2.0 * noise) ** 2:
-            continue
-        angle = 0.5 * math.atan2(2 * xy, xx - yy)
-        nx, ny = -math.sin(angle), math.cos(angle)
+        nx, ny, short = _normal(points, usable, i, reach, 0.0, noise)
+        if short:
+            nx, ny, _ = _normal(points, usable, i, reach, _LINE_NOISES * noise, noise)
         if nx * x + ny * y > 0:
             nx, ny = -nx, -ny
         normals[k, 0], normals[k, 1] = nx, ny
     return ends, normals
+
+
+@njit(cache=True)
+def _normal(
+    points: FloatArray, usable: BoolArray, i: int, reach: float, longest: float, noise: float
+) -> tuple[float, float, bool]:
+    """Return the normal of the line round point i, (0, 0) without one, and whether the line is too short for its noise.
+
+    The line goes through `_LINE_BEAMS` beams on either side, and through further ones within `longest` [m]. It ends where
+    two of them are farther apart than `reach` [m].
+    """
+    n, mx, my, xx, xy, yy = 0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for side in (-1, 1):
+        last = i
+        for step in range(0 if side == -1 else 1, len(points)):
+            j = i + side * step
+            if j < 0 or j >= len(points) or not usable[j]:
+                break
+            if math.hypot(points[j, 0] - points[last, 0], points[j, 1] - points[last, 1]) > reach:
+                break
+            dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
+            if step > _LINE_BEAMS and math.hypot(dx, dy) > longest:
+                break
+            n, mx, my = n + 1, mx + dx, my + dy
+            xx, xy, yy = xx + dx * dx, xy + dx * dy, yy + dy * dy
+            last = j
+    if n < 3:
+        return 0.0, 0.0, False
+    xx, xy, yy = xx / n - mx * mx / n**2, xy / n - mx * my / n**2, yy / n - my * my / n**2
+    spread = math.sqrt((xx - yy) ** 2 + 4 * xy * xy)
+    thin, wide = 0.5 * (xx + yy - spread), 0.5 * (xx + yy + spread)
+    if wide <= (_LEAST_SPREAD * noise) ** 2:
+        return 0.0, 0.0, True
+    if thin > 0.15 * wide or thin > max(0.05, 2.0 * noise) ** 2:
+        return 0.0, 0.0, False
+    angle = 0.5 * math.atan2(2 * xy, xx - yy)
+    return -math.sin(angle), math.cos(angle), False
 
 
 @njit(cache=True)

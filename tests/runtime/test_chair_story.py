@@ -70,6 +70,10 @@ def test_repeated_points_are_no_turn() -> None:
             "Waiting: something is in the way. The chair goes on by itself once there is a path.",
         ),
         (
+            replace(FACTS, stage=Stage.OFFERING, reason="the door is shut: the chair waits for it up to 12 s"),
+            "The door is shut: the chair waits for it up to 12 s.",
+        ),
+        (
             replace(FACTS, obstacles=obstacles_of([halt("obstacle")])),
             "Waiting: something is close ahead. The chair goes on by itself once the way is free.",
         ),

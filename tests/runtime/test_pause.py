@@ -6,11 +6,14 @@ from itertools import pairwise
 
 import pytest
 
+from tests.control.drive.navigator_hall import TICK_NS, drive, hall, segment
 from tests.runtime.riding import FAR, Ride
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.drive.navigator import Stage
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.runtime.chair import ChairSettings
-from waychair.types import JoystickInput
+from waychair.runtime.pilot import Pilot
+from waychair.types import Goal, JoystickInput, Pose2
 
 TICK_S = 0.05
 
@@ -102,3 +105,16 @@ def test_a_second_pause_has_the_full_time_again() -> None:
             assert ride.chair.go_on()
             ride.tick(5)
         assert ride.chair.navigator.active
+
+
+def test_go_on_takes_another_way_that_is_offered_and_nothing_else() -> None:
+    wall = ((6.0, 0.0, 6.15, 1.5), (6.0, 2.5, 6.15, 6.0), (6.0, 7.0, 6.15, 8.0))
+    pilot = Pilot(hall(*wall), {}, CHAIR_A)
+    pilot.navigator.go(Goal(Pose2(8.5, 2.0, 0.0)))
+    shut = segment(6.07, 1.5, 6.07, 2.5)
+    states, poses = drive(pilot.navigator, Pose2(3.7, 2.0, 0.0), 1, shut)
+    assert states[-1].stage is Stage.OFFERING
+    assert pilot.go_on()
+    on, _ = drive(pilot.navigator, poses[-1], 1, shut, len(states) * TICK_NS)
+    assert on[-1].stage is Stage.DRIVING
+    assert not pilot.go_on()

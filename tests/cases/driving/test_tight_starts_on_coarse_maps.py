@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from waychair.calibration.chair_body import CHAIR_A, CHAIR_A_MID, ChairBody
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_A_MID, ROBOT, ChairBody
 from waychair.geometry import transform_points
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import LEFT, MAP_DOUBT
@@ -82,3 +83,11 @@ def test_fine_maps_are_believed_to_the_centimetre_and_sides_always() -> None:
     assert shorter.width == CHAIR_A.width
     beside = Pose2(SIDE / 2, SIDE - CELL - CHAIR_A.width / 2 + 0.01, 0.0)
     assert standing_body(field_round(grid, beside), CHAIR_A, beside, MAP_DOUBT * CELL) is None
+
+
+def test_a_body_that_cannot_be_shortened_further_does_not_fit_and_nothing_is_raised() -> None:
+    cells = np.full((60, 60), 100, np.int8)
+    field = field_round(OccupancyGrid(cells, CELL), Pose2(1.5, 1.5))
+    axle_at_the_rear = replace(CHAIR_A, axle_from_rear=0.0)
+    for body in (ROBOT, axle_at_the_rear):
+        assert standing_body(field, body, Pose2(1.5, 1.5), MAP_DOUBT * CELL) is None

@@ -120,3 +120,31 @@ def test_paths_of_wheels_pass_the_end_of_their_counters() -> None:
     before, now = WheelTicks(0, 2**31 - 10, -(2**31) + 10), WheelTicks(1, -(2**31) + 10, 2**31 - 10)
     per_count = math.tau * CHAIR_A.wheel_radius / CHAIR_A.ticks_per_turn
     assert wheel_paths(before, now, CHAIR_A) == pytest.approx((20 * per_count, -20 * per_count))
+
+
+def told_after(expected: tuple[float, float], measured: tuple[float, float]) -> str:
+    """Return the fault told after half a second in which the left and right wheel should drive and seem to drive so far [m]."""
+    signs, ticks = WheelSigns(TRACK), 10
+    v, omega = sum(expected) / 2 / 0.5, (expected[1] - expected[0]) / TRACK / 0.5
+    signs.step(Twist(), None, 0, judged=True)
+    for k in range(ticks):
+        paths = measured[0] / ticks, measured[1] / ticks
+        told = signs.step(Twist(v, omega), paths, (k + 1) * 50_000_000, judged=True)
+    return told
+
+
+def test_a_turn_about_one_wheel_shows_exchanged_encoders_before_the_pose_is_lost() -> None:
+    assert "exchanged" in told_after((0.12, 0.0), (0.0, 0.12))
+    assert "exchanged" in told_after((0.0, 0.12), (0.12, 0.0))
+    assert told_after((0.12, 0.0), (0.12, 0.0)) == ""
+
+
+def test_a_turn_about_one_wheel_names_nothing_that_two_causes_explain() -> None:
+    assert told_after((0.12, 0.0), (-0.12, 0.0)) == ""  # the left one, or both
+
+
+def test_a_dead_encoder_on_the_outside_of_a_tight_bend_is_named() -> None:
+    assert "the left wheel's encoder tells no motion" in told_after((0.36, 0.1), (0.0, 0.1))
+    assert "the right wheel's encoder tells no motion" in told_after((0.1, 0.36), (0.1, 0.0))
+    assert told_after((0.36, 0.1), (0.0, 0.0)) == ""  # the chair stands
+    assert told_after((0.2, 0.1), (0.0, 0.1)) == ""  # it may have stalled at a sill

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -152,3 +153,30 @@ def test_an_unknown_acceleration_shows_no_slip() -> None:
     slips, speed = speed_after(math.nan)
     assert not slips
     assert speed == pytest.approx(1.0, abs=0.05)
+
+
+@pytest.mark.parametrize("size", [15.0, 1e3, 1e8])
+def test_single_wild_samples_are_left_out_by_name_and_the_map_stays_right(size: float) -> None:
+    def wild(sound: Imu) -> Imu:
+        gyro = sound.gyro.copy()
+        gyro[np.random.default_rng(4).integers(0, len(gyro), 40), 2] += size
+        return replace(sound, gyro=gyro)
+
+    recording, truth = recorded(imu=wild)
+    found = checked(recording)
+    (finding,) = found.findings
+    assert (finding.part, finding.state, finding.cause) == (Part.GYRO, State.LEFT_OUT, Cause.WILD)
+    assert 35 <= finding.count <= 40
+    assert finding.value == pytest.approx(size, rel=0.1)
+    assert re.search(r"messages from [\d.]+ to [\d.]+ s have wild turn rates", found.sentences[0])
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_a_burst_of_wild_forces_is_left_out() -> None:
+    def shaken(sound: Imu) -> Imu:
+        accel = sound.accel.copy()
+        accel[400:425] = (900.0, 0.0, -900.0)
+        return replace(sound, accel=accel)
+
+    (finding,) = checked(recorded(imu=shaken)[0]).findings
+    assert (finding.part, finding.cause, finding.count) == (Part.GRAVITY, Cause.WILD, 25)

@@ -23,6 +23,7 @@ from tests.cases.mapping.lidar_floor import (
     write_scans,
 )
 from waychair.errors import NoScans
+from waychair.offline.aids import checked_recording
 from waychair.recordings.recording import InputSettings, Recording, read_recording
 
 ACCURATE = 0.03  # m RMSE; a sound recording of this floor gives 0.01
@@ -76,6 +77,7 @@ def test_a_chair_that_only_stands_has_no_codes(tmp_path: Path) -> None:
         (replaced(ranges=lambda r: 1e3 * r), "range unit"),
         (replaced(ranges=lambda r: 1e3 * r, range_min=100.0, range_max=12_000.0), "range unit"),
         (replaced(ranges=lambda r: 100.0 * r), "range unit"),
+        (replaced(ranges=lambda r: 39.37 * r, range_min=3.937, range_max=472.44), "range unit"),
         (replaced(range_min=100.0, range_max=12_000.0), "range limits"),
         (replaced(range_min=12.0, range_max=0.1), "range limits"),
         (replaced(range_max=0.5), "range limits"),
@@ -145,6 +147,51 @@ def test_one_odd_message_among_sound_ones_changes_nothing_and_is_named_with_its_
         assert (finding.topic, finding.count) == ("/scan", 1)
         assert finding.first_s == pytest.approx(6.0, abs=0.01)
     assert mapped_error(recording, drive) < ACCURATE
+
+
+def every_third(change: Change) -> Change:
+    """The change, to every third message."""
+    return lambda number, told: change(number, told) if number % 3 == 0 else told
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        replaced(angle_min=DEGREES),
+        replaced(angle_min=lambda angle: angle + 2.0),
+        replaced(angle_increment=0.0),
+        exchanged,
+        replaced(ranges=lambda r: np.concatenate([r, r])),
+    ],
+)
+def test_scans_that_contradict_themselves_among_sound_ones_have_the_angles_of_these(
+    tmp_path: Path, change: Change
+) -> None:
+    drive = write_scans(tmp_path / "drive", every_third(change))
+    recording = read_recording(tmp_path / "drive")
+    assert set(kinds(recording)) == {("/scan", "angles")}
+    assert mapped_error(recording, drive) < ACCURATE
+
+
+def test_ranges_in_reverse_order_are_mirrored_and_their_sweep_turned_round(tmp_path: Path) -> None:
+    drive = write_scans(tmp_path / "drive", replaced(ranges=lambda r: r[::-1].copy()))
+    recording = read_recording(tmp_path / "drive")
+    checked = checked_recording(recording, 20.0)
+    (said,) = checked.sentences
+    assert "does the driver give the ranges in reverse order?" in said
+    assert mapped_error(checked.recording, drive) < ACCURATE
+
+
+def test_half_of_the_beams_without_a_distance_are_told(tmp_path: Path) -> None:
+    def covered(number: int, told: dict[str, Any]) -> dict[str, Any]:
+        ranges = told["ranges"].copy()
+        ranges[: int(0.7 * len(ranges))] = math.inf
+        return {**told, "ranges": ranges}
+
+    write_scans(tmp_path / "drive", covered)
+    recording = read_recording(tmp_path / "drive")
+    assert kinds(recording) == [("/scan", "blind sector")]
+    assert "168 of 240 beams" in recording.findings[0].text
 
 
 def test_ranges_of_no_lidar_are_refused_by_name(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -150,9 +151,9 @@ def test_odometry_that_stops_is_replaced_by_the_scans_from_then_on() -> None:
     recording, truth = recorded(stopped)
     found = checked(recording)
     causes = {(part, cause) for part, _, cause in looks(found.findings)}
-    assert (Part.WHEEL_WAY, Cause.NOTHING) in causes
+    assert (Part.WHEELS, Cause.STUCK) in causes
     end = (truth.stamps_ns[-1] - truth.stamps_ns[0]) * 1e-9
-    way = next(finding for finding in found.findings if finding.part is Part.WHEEL_WAY)
+    way = next(finding for finding in found.findings if finding.cause is Cause.STUCK)
     assert way.since_s is not None
     assert 0.35 * end < way.since_s < 0.7 * end
     assert way.until_s is None
@@ -179,9 +180,45 @@ def test_speeds_in_another_unit_are_taken_from_the_poses() -> None:
     assert error_of(recording, truth)[0] < GOOD
 
 
-def test_wheels_some_per_cent_long_are_left_alone_where_scans_measure_the_way() -> None:
+def test_wheels_some_per_cent_long_are_noted_and_left_alone_where_scans_measure_the_way() -> None:
     recording, truth = recorded(lambda sound: sound.rolled(way=1.05))
-    assert checked(recording).findings == ()
+    found = checked(recording)
+    assert looks(found.findings) == [(Part.SCALES, State.NOTED, Cause.SCALES_DIFFER)]
+    assert found.findings[0].value == pytest.approx(1.05 * 1.005, abs=0.01)
+    assert found.recording is recording
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_ranges_some_per_cent_short_are_noted_without_blame() -> None:
+    recording, _ = recorded(scan=lambda sound: replace(sound, ranges=(0.97 * sound.ranges).astype(np.float32)))
+    (said,) = checked(recording).sentences
+    assert re.search(r"the way by wheels is about [34]% longer than by scans, so one of both has a wrong scale", said)
+
+
+def test_readings_that_stay_the_same_for_a_while_are_stood_in_for_by_the_scans() -> None:
+    def stuck(sound: Wheels) -> Wheels:
+        at = 0.4 * sound.times[-1]
+        kept = (sound.times > at) & (sound.times < at + 4.0)
+        first = int(np.argmax(kept))
+        poses, speeds = sound.poses.copy(), sound.speeds.copy()
+        poses[kept], speeds[kept] = poses[first], speeds[first]
+        return replace(sound, poses=poses, speeds=speeds)
+
+    recording, truth = recorded(stuck)
+    assert (Part.WHEELS, State.LEFT_OUT, Cause.STUCK) in looks(checked(recording).findings)
+    assert error_of(recording, truth)[0] < GOOD
+
+
+def test_single_speeds_that_no_chair_drives_are_left_out_and_the_poses_kept() -> None:
+    def wild(sound: Wheels) -> Wheels:
+        speeds = sound.speeds.copy()
+        speeds[[100, 250, 251]] = ((1e6, 0.0), (0.0, -40.0), (30.0, 0.0))
+        return replace(sound, speeds=speeds)
+
+    recording, truth = recorded(wild)
+    (finding,) = checked(recording).findings
+    assert (finding.part, finding.state, finding.cause) == (Part.TWIST, State.LEFT_OUT, Cause.WILD)
+    assert finding.count == 3
     assert error_of(recording, truth)[0] < GOOD
 
 

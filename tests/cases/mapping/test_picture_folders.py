@@ -164,7 +164,8 @@ def test_pairs_that_are_lost_are_counted_and_most_of_them_end_the_run(pictures: 
     (gone / "associations.txt").write_text("\n".join(lines))
     sentence = refused(waychair("map", gone, "-o", tmp_path / "out"))
     assert "fr1_gone" in sentence
-    assert f"{COUNT - 1} picture is missing" in sentence
+    assert f"{COUNT - 1} of {COUNT} colour pictures" in sentence
+    assert "missing, the first of them rgb/1.png" in sentence
 
 
 @pytest.mark.parametrize(("units", "scale"), [(1000.0, 1000), (10000.0, 10000), (256.0, 256)])

@@ -199,8 +199,10 @@ def test_a_missing_part_is_told_and_drives_of_their_own_are_refused_in_a_folder(
     folder.mkdir()
     first, third = part(folder / "a_0.bag", range(15)), part(folder / "a_2.bag", range(60, 75))
     assert [warning[:45] for warning in read_recording(folder).warnings] == [
-        "nothing was recorded for 5 s between a_0.bag "
+        "nothing was recorded for 5 s between a_0.bag ",
+        f"{folder}: the parts of this recording"[:45],
     ]
+    assert "there is no usable part 1:" in read_recording(folder).warnings[1]
     day = 86_400 * SECOND
     later = part(folder / "b_0.bag", range(15), start=START + day)
     with pytest.raises(

@@ -16,7 +16,13 @@ from waychair.maps.drawn.zones import Rule, Zone
 from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.maps.grid.distance_field import distances
 from waychair.planning.body.clearance import COMFORTABLE, PLANNED
-from waychair.planning.grid.costmap import WALL_PRICE, LiveCostmap, check_free_space, costmap_from_grid
+from waychair.planning.grid.costmap import (
+    WALL_PRICE,
+    LiveCostmap,
+    check_free_space,
+    costmap_from_grid,
+    costmap_in_bands,
+)
 from waychair.planning.route.global_planner import plan
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
@@ -216,3 +222,23 @@ def test_a_clearance_above_the_kept_one_is_limited_but_not_below_that_of_the_pri
     costmap = costmap_from_grid(wide, CHAIR_A, comfortable=4.0)
     assert costmap.clearance.max() == 4.0
     assert costmap.prices[60, 40] > 1000
+
+
+def test_a_costmap_made_in_bands_is_the_same_one() -> None:
+    rng = np.random.default_rng(5)
+    cells = np.where(rng.random((900, 700)) < 0.002, 100, 0).astype(np.int8)
+    cells[rng.random(cells.shape) < 0.05] = -1
+    grid = OccupancyGrid(cells, 0.05, Pose2(1.0, -2.0, 0.3))
+    work, parts = costmap_in_bands(grid, CHAIR_A), 0
+    while True:
+        try:
+            next(work)
+        except StopIteration as done:
+            found = done.value
+            break
+        parts += 1
+    whole = costmap_from_grid(grid, CHAIR_A)
+    assert parts >= 3
+    np.testing.assert_array_equal(found.prices, whole.prices)
+    np.testing.assert_array_equal(found.clearance, whole.clearance)
+    assert found.barred is None

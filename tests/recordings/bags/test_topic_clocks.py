@@ -90,3 +90,11 @@ def test_without_times_of_recording_nothing_is_changed() -> None:
     (mended, _), findings = plausible_stamps([scan, ODOM])
     assert np.array_equal(mended, scan.stamps)
     assert findings == []
+
+
+def test_a_clock_that_stands_still_gives_way_to_the_times_of_recording_less_the_sweep() -> None:
+    true = ticks(50, 0.2)
+    scan = times("/scan", np.full(50, START), true + SECOND // 5 + SECOND // 100, waits_ns=SECOND // 5)
+    stamps, findings = plausible_stamps([scan, ODOM, IMU])
+    assert [(found.topic, found.count) for found in findings] == [("/scan", 49)]
+    assert np.abs(stamps[0] - true).max() <= 1000

@@ -191,3 +191,8 @@ def test_progress_runs_from_0_to_1() -> None:
     assert len(told) > 2
     assert told[-1] == 1.0
     assert math.isclose(told[0], 0.256, abs_tol=0.005)
+
+
+def test_a_log_in_millimetres_is_refused_with_its_usual_range() -> None:
+    with pytest.raises(NoScans, match=r"the ranges of log are 2500 m in the median.*millimetres or centimetres"):
+        read_carmen(b"".join(flaser([2500.0] * 180, f"{5.0 + 0.2 * k}") for k in range(5)), "log")

@@ -26,6 +26,16 @@ def test_a_log_from_its_end_to_its_beginning_is_put_in_order() -> None:
     assert found.warnings == ("39 scan lines are not in the order of their stamps: they were sorted",)
 
 
+def test_two_lines_that_were_exchanged_go_back_to_their_places() -> None:
+    stamps = [100.0 + 0.2 * k for k in range(80)]
+    moved = [*stamps[:20], stamps[60], *stamps[21:60], stamps[20], *stamps[61:]]
+    found = read_carmen(log(moved), "log")
+    assert [frame.stamp_ns for frame in found.frames] == [round(stamp * 1e9) for stamp in stamps]
+    assert found.warnings == (
+        "2 scan lines are far from the place of their stamps, where lines are missing: they were put there",
+    )
+
+
 def test_doubled_lines_are_left_out() -> None:
     found = read_carmen(log(STAMPS[:20] + STAMPS[10:]), "log")
     assert len(found.frames) == 40

@@ -100,7 +100,7 @@ function showCountdown(view) {
 
 function showPause(view) {
   $("pause").hidden = view.mode !== "autonomous" || !view.goal || view.paused || view.countdown !== null;
-  $("go-on").hidden = !view.paused;
+  $("go-on").hidden = !view.paused && !view.offers;
 }
 
 function showModes({ mode }) {
