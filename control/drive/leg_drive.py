@@ -89,6 +89,11 @@ class LegDrive:
         """The leg's door if the chair gave up entering it as a door."""
         return self.leg.door if self._door is not None and self._door.refused else None
 
+    @property
+    def is_barred(self) -> bool:
+        """Whether something stands on the line ahead, as far as the live picture reaches."""
+        return self._follower is not None and self._follower.is_barred
+
     def remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the leg's end from a pose in map; None while turning there or retrying a door.
 

@@ -27,6 +27,7 @@ from waychair.planning.window.motion_limits import (
 )
 from waychair.types import FloatArray, Pose2, Twist
 
+LAG_S = 0.08
 END_TOLERANCE, HEADING_TOLERANCE = 0.02, 0.03
 TURN_FIRST, TURN_MIDWAY = 0.2, 0.9
 STANDING = 0.01
@@ -44,7 +45,7 @@ class WayFollower:
         self.rooms, self.body, self.gear = rooms[keep], body, -1.0 if backwards else 1.0
         self.k = 0
         self.s = 0.0
-        self.in_position = False
+        self.in_position = self.is_barred = False
 
     def remaining(self, pose: Pose2) -> float:
         """Return the distance [m] to the end from a pose in map."""
@@ -98,7 +99,7 @@ class WayFollower:
                 motion=motion,
             )
 
-        if self.in_position or left <= END_TOLERANCE:
+        if self.in_position or (left <= END_TOLERANCE and abs(command.v) <= MIN_SPEED):
             self.in_position = True
             return replace(turn_to(final), in_position=True)
         stands = abs(command.v) < STANDING
@@ -114,6 +115,7 @@ class WayFollower:
         a, jerk = RESERVE * kept.braking, RESERVE * kept.jerk
         fastest = fastest_now(speeds, self.along, s, lead, a, jerk)
         free = self._free_way(poses, s, distances)
+        self.is_barred = free is not None
         if free is not None:
             fastest = min(fastest, fastest_now(np.zeros(1), np.array([s + free]), s, lead + 0.02, a, jerk))
             if free < 0.06 and stands:
@@ -148,7 +150,7 @@ class WayFollower:
     def _lead(self, command: Twist, limits: DwaSettings, motion: CommandedMotion | None) -> float:
         faster = 0.0 if motion is None else max(self.gear * motion.acceleration.v, 0.0)
         v = max(self.gear * command.v, 0.0)
-        return v * PERIOD + v * faster / limits.jerk + faster**3 / (3 * limits.jerk**2)
+        return v * (PERIOD + LAG_S) + v * faster / limits.jerk + faster**3 / (3 * limits.jerk**2)
 
     def _free_way(self, poses: FloatArray, s: float, distances: DistanceField) -> float | None:
         """Return the distance [m] to the first pose ahead where the outline does not fit; None if all do."""

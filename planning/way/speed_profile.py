@@ -91,7 +91,7 @@ def fastest_now(speeds: FloatArray, along: FloatArray, s: float, lead: float, a:
     """Return the highest speed at `s` [m] from which the chair can keep every speed ahead; it brakes after `lead` [m]."""
     best = math.inf
     for i in range(len(speeds)):
-        if along[i] < s - 0.1:
+        if along[i] < s - 0.1 and i < len(speeds) - 1:
             continue
         way = along[i] - s - lead
         if way > 4.0:

@@ -182,7 +182,7 @@ def _through(
             continue
         entry = Pose2(*straight.poses[0])
         seconds, before = straight.seconds, None
-        if math.dist((entry.x, entry.y), (here.x, here.y)) > 0.05:
+        if math.dist((entry.x, entry.y), (here.x, here.y)) > _ON_AXIS:
             k = max(1, nearest(line, entry))
             before = _between(costmap, field, np.concatenate([line[:k], [[entry.x, entry.y]]]), here, entry, limits)
             if before is None:
@@ -204,6 +204,10 @@ _PAST = (0.2, 0.1)
 """[m] Distances of the rear end past a door's middle up to which the chair stays straight."""
 
 
+_ON_AXIS = 0.04
+"""[m] A chair no farther off a door's axis goes on from where it is, after a turn on the spot if need be."""
+
+
 def _straight(
     costmap: Costmap, field: DistanceField, door: DoorPassage, here: Pose2, goal: Pose2, ahead: float, limits: DwaSettings
 ) -> _Piece | None:
@@ -211,7 +215,7 @@ def _straight(
     begin = -(body.front + ahead)
     end = next((body.rear + past for past in _PAST if fits(body, HARD, field, middle @ Pose2(body.rear + past))), None)
     at, there = middle.inverse() @ here, middle.inverse() @ goal
-    if at.x > begin and abs(at.y) < 0.03 and abs(at.theta) < 0.06:
+    if at.x > begin - 0.1 and abs(at.y) < _ON_AXIS and can_turn(costmap, field, here, middle.theta, PLANNED):
         begin = at.x
     if end is None or not fits(body, HARD, field, middle @ Pose2(begin)):
         return None
