@@ -204,7 +204,7 @@ _PAST = (0.2, 0.1)
 """[m] Distances of the rear end past a door's middle up to which the chair stays straight."""
 
 
-_ON_AXIS = 0.04
+_ON_AXIS = 0.015
 """[m] A chair no farther off a door's axis goes on from where it is, after a turn on the spot if need be."""
 
 
