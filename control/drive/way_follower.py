@@ -23,7 +23,6 @@ from waychair.planning.window.motion_limits import (
     DwaSettings,
     braking,
     stop_time,
-    towards,
 )
 from waychair.types import FloatArray, Pose2, Twist
 
@@ -189,8 +188,15 @@ class WayFollower:
             most = max(self.gear * command.v, 0.0) + limits.acceleration * PERIOD
             v = self.gear * min(abs(wanted.v), most)
         else:
-            v = towards(command, wanted, limits, motion).v
+            v = self.gear * self._slower(self.gear * command.v, abs(wanted.v), limits, motion)
         return Twist(v, wanted.omega * (v / wanted.v if wanted.v else 0.0))
+
+    def _slower(self, v: float, wanted: float, limits: DwaSettings, motion: CommandedMotion | None) -> float:
+        """Return the next speed [m/s] on the way down; the profile has seen to the end of the braking."""
+        if motion is None:
+            return max(wanted, v - limits.braking * PERIOD)
+        a = max(min(self.gear * motion.acceleration.v, 0.0) - limits.jerk * PERIOD, -limits.braking)
+        return max(wanted, v + a * PERIOD)
 
     def _halt(self, ahead: Pose2, command: Twist, limits: DwaSettings) -> DwaResult:
         return DwaResult(braking(command, limits), np.zeros((0, 2)), np.zeros(0), ahead.array()[None], blocked=True)
