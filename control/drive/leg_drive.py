@@ -163,8 +163,25 @@ class LegDrive:
             if watch.sure:
                 seen.append((door, watch.odom_from_door))
                 opening = opening or (view.odom_from_map.inverse() @ watch.odom_from_door, watch.width)
-        return self._follower.step(
+        choice = self._follower.step(
             view.odom_from_map, view.pose, view.command, self._near_field(view, opening, 2.0), limits, view.motion, seen
+        )
+        if not (view.tracks or self._follower.is_barred) or choice.in_position or not self._follower.is_roomy:
+            return choice
+        # somebody or something near the line, and room beside it: the dynamic window weighs the arcs round it
+        rest = self._follower.rest_in(view.odom_from_map)
+        if self.leg.backwards or len(rest) < 2:
+            return choice
+        return choose(
+            pose=view.pose,
+            command=view.command,
+            path=Path(rest),
+            distances=view.local(),
+            body=self._body,
+            settings=limits,
+            motion=view.motion,
+            tracks=view.tracks,
+            fastest=self._follower.fastest,
         )
 
     def _fastest(self, view: View, limits: DwaSettings) -> float:

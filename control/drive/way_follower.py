@@ -32,6 +32,10 @@ TURN_FIRST, TURN_MIDWAY = 0.2, 0.9
 STANDING = 0.01
 
 
+_ROOMY, _ROOMY_OVER = 0.1, 2.0
+"""m; room beside a line, over so much of it, in which the dynamic window may leave it."""
+
+
 class WayFollower:
     """The drive along one line, with its state from tick to tick; poses (N, 3) in map."""
 
@@ -45,6 +49,19 @@ class WayFollower:
         self.k = 0
         self.s = 0.0
         self.in_position = self.is_barred = False
+        self.fastest = math.inf
+
+    @property
+    def is_roomy(self) -> bool:
+        """Whether there is room beside the line for the next metres."""
+        near = (self.along >= self.along[self.k]) & (self.along < self.along[self.k] + _ROOMY_OVER)
+        return bool((self.rooms[near] >= _ROOMY).all())
+
+    def rest_in(self, odom_from_map: Pose2) -> FloatArray:
+        """Return the rest (N, 3) of the line in odom, with the last heading."""
+        rest = compose(odom_from_map.array(), self.poses[self.k :])
+        rest[-1, 2] = wrap_angle(self._final + odom_from_map.theta)
+        return rest
 
     def remaining(self, pose: Pose2) -> float:
         """Return the distance [m] to the end from a pose in map."""
@@ -113,6 +130,7 @@ class WayFollower:
         speeds[-1] = 0.0
         a, jerk = RESERVE * kept.braking, RESERVE * kept.jerk
         fastest = fastest_now(speeds, self.along, s, lead, a, jerk)
+        self.fastest = fastest
         free = self._free_way(poses, s, distances)
         self.is_barred = free is not None
         if free is not None:
