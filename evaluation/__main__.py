@@ -37,6 +37,7 @@ from evaluation.figures.mapping import (
     odometry,
     posegraphs,
     rgbd,
+    rooms,
     spatial_posegraphs,
 )
 from waychair.files import write_json
@@ -64,6 +65,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "carried": mapping.carried,
     "corruptions": corruptions.corruptions,
     "cases": cases.cases,
+    "rooms": rooms.rooms,
     "kidnap": kidnap.fr079,
     "kidnap_simulated": kidnap.simulated,
     "posegraphs": posegraphs.posegraphs,
