@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from waychair.errors import BuildingError
+from waychair.errors import BuildingError, OutputError
 from waychair.files import path_exists
 from waychair.maps.building.hgraph import (
     ROOT,
@@ -22,6 +24,7 @@ from waychair.maps.building.hgraph_files import GENERAL, read_hgraph, write_hgra
 from waychair.maps.building.text_forms import is_id
 from waychair.maps.drawn.anchors import load_anchors
 from waychair.maps.drawn.places import load_places
+from waychair.maps.folders.map_files import load_info, yaml_path
 from waychair.types import Place, Pose2
 
 MAPS = "maps"
@@ -90,6 +93,48 @@ def add_storey(building: Building, storey: Storey) -> Building:
         )
     submap = SubMap(storey.id, storey.name, storey=storey.id)
     return replace(building, hgraph=with_submap(with_storey(hgraph, storey), submap))
+
+
+def copied_map(building: Building, storey: str, source: Path) -> Building:
+    """Copy a map folder into the building's folder as that of a storey, and return the building, not written yet.
+
+    Raises:
+        MapError: `source` is no map folder.
+        BuildingError: there is no such storey, or it has a map already.
+        OutputError: the folder cannot be written to.
+    """
+    yaml = yaml_path(source)
+    load_info(yaml)  # it must be a map
+    target = building.folder / MAPS / storey
+    if path_exists(target, BuildingError):
+        raise BuildingError(f"storey '{storey}' has a map in {target} already: take it away first")
+    storeys = {each.id: each for each in building.hgraph.storeys}
+    if storey not in storeys:
+        raise BuildingError(f"there is no storey '{storey}': add it first")
+    try:
+        shutil.copytree(yaml.parent, target)
+    except (OSError, shutil.Error) as error:
+        shutil.rmtree(target, ignore_errors=True)
+        raise OutputError(f"cannot copy {yaml.parent} to {target}: make room on the disk, or check it") from error
+    hgraph = with_storey(building.hgraph, replace(storeys[storey], map=f"{MAPS}/{storey}"))
+    return replace(building, hgraph=hgraph)
+
+
+def stats(hgraph: HGraph) -> dict[str, int]:
+    """Return how many storeys, sub-maps, nodes of each kind, arcs, doorways and lifts a building has, and its depth."""
+    kinds = Counter(node.kind for _, node in hgraph.nodes())
+    return {
+        "storeys": len(hgraph.storeys),
+        "submaps": len(hgraph.submaps),
+        "depth": max((path.count("/") + 1 for path in hgraph.submaps if path), default=0),
+        "nodes": sum(kinds.values()),
+        **{f"{kind.name.lower()}_nodes": kinds[kind] for kind in NodeKind if kind is not NodeKind.SUBMAP},
+        "arcs": sum(len(submap.arcs) for submap in hgraph.submaps.values()),
+        "doorways": sum(len(submap.doorways) for submap in hgraph.submaps.values()),
+        "lifts": len(hgraph.lifts),
+        "stops": sum(len(lift.stops) for lift in hgraph.lifts.values()),
+        "beacons": sum(len(submap.beacons) for submap in hgraph.submaps.values()),
+    }
 
 
 def goals(hgraph: HGraph) -> dict[str, NodeRef]:
