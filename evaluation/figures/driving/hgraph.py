@@ -1,0 +1,224 @@
+"""The building's border tables: exact costs on seeded hospitals, and their speed beside Dijkstra and A*.
+
+`HGRAPH_SIZES=H1,H2` takes only these hospitals. Times are processor times of this thread, ratios of one run. H1 and H2 are
+checked query by query, H3 and H4 by Dijkstra from some starts to all nodes.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+
+from evaluation.scenes.hospital import SIZES, Hospital, Size, hospital
+from waychair.maps.building.costs import CLOSED_MM
+from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
+from waychair.planning.building.border_tables import BorderTables
+from waychair.planning.building.graph_search import GraphSearch, cost_of_way
+from waychair.planning.building.table_files import load_tables, save_tables
+from waychair.types import IntArray, Json
+
+QUERIES = 10_000
+SEARCHED = {"H1": 10_000, "H2": 10_000, "H3": 500, "H4": 20}
+"""Queries that A* answers, too."""
+
+STARTS = {"H3": (200, 50), "H4": (20, 500)}
+"""Starts of Dijkstra to all nodes, and goals compared of each."""
+
+CLOSURES = {"H1": 2000, "H2": 2000, "H3": 1000, "H4": 100}
+BARS = {
+    "H1": {"cost_same": 400.0, "cost_across": 1500.0, "way_same": 45.0, "way_across": 130.0},
+    "H2": {"cost_same": 1500.0, "cost_across": 5000.0, "way_same": 90.0, "way_across": 450.0},
+    "H3": {"cost_across": 100_000.0, "way_across": 8000.0},
+}
+"""Least speed-ups over our own A*."""
+
+LIMITS = {
+    "H3": {
+        "cost_us": 1.0,
+        "way_us": 15.0,
+        "build_s": 6.0,
+        "load_s": 2.0,
+        "closure_median_ms": 50.0,
+        "closure_worst_ms": 500.0,
+    },
+    "H4": {"cost_us": 5.0, "way_us": 45.0, "build_s": 45.0},
+}
+MOST_BYTES = 260.0
+"""Bytes a node of all tables."""
+
+PEERS = ("rustworkx", "routingkit_cch")
+
+
+def hgraph(out: Path) -> Json:
+    """Exact costs everywhere, speed-ups, memory, and repair after closures, as one growth curve over the hospitals."""
+    names = os.environ.get("HGRAPH_SIZES", ",".join(SIZES)).split(",")
+    _load_kernels()
+    rows = {name: _measured(name) for name in names}
+    wrong = sum(int(row["wrong"]) for row in rows.values())
+    missed = [f"{name} {bar}" for name, row in rows.items() for bar in _missed(name, row)]
+    peers = {name: "installed" if find_spec(name) else "not installed" for name in PEERS}
+    return {"passed": wrong == 0 and not missed, "wrong": wrong, "missed": missed, "hospitals": rows, "peers": peers}
+
+
+def _load_kernels() -> None:
+    """Run every kernel once on a small hospital, so that no time counts compilation."""
+    small = hospital(Size(2, 2, 3, 2))
+    tables, searches = BorderTables(small.graph), GraphSearch(small.graph)
+    goals = small.goals.astype(np.int32)
+    tables.costs(goals[:1], goals[1:2])
+    tables.ways(goals[:1], goals[1:2])
+    tables.reprice(np.array([0]), np.array([1]))
+    cost_of_way(small.graph, tables.way(int(goals[0]), int(goals[1])).arcs)
+    searches.costs_to_all(0)
+    searches.cost(0, 1, guided=True)
+
+
+def _measured(name: str) -> dict[str, float]:
+    made = hospital(SIZES[name])
+    graph, row = made.graph, {"nodes": float(len(made.graph.xy)), "submaps": float(len(made.graph.parent))}
+    begun = time.process_time()
+    tables = BorderTables(graph)
+    row["build_s"] = time.process_time() - begun
+    row["bytes_per_node"] = tables.nbytes / len(graph.xy)
+    row["load_s"] = _load_time(tables)
+    searches = GraphSearch(graph)
+    wrong = 0
+    for kind in ("same", "across"):
+        starts, goals = _pairs(made, kind, QUERIES)
+        wrong += _timed(row, kind, tables, searches, starts, goals, SEARCHED[name])
+    if name in STARTS:
+        wrong += _wrong_to_all(made, tables, searches, *STARTS[name])
+    wrong += _closures(row, made, tables, CLOSURES[name])
+    row["wrong"] = wrong
+    return row
+
+
+def _pairs(made: Hospital, kind: str, count: int) -> tuple[Int32Array, Int32Array]:
+    """Return starts and goals (Q,) among the End nodes: on one storey, or on two."""
+    rng = np.random.default_rng(2002)
+    level = made.graph.level
+    starts, goals = (rng.choice(made.goals, 40 * count).astype(np.int32) for _ in range(2))
+    if kind == "same":  # the goals of each storey, shuffled
+        goals = starts.copy()
+        order = np.lexsort((rng.random(len(goals)), level[goals]))
+        goals[order] = np.roll(goals[order], 1)
+    fitting = (level[starts] == level[goals]) == (kind == "same")
+    fitting &= starts != goals
+    return starts[fitting][:count], goals[fitting][:count]
+
+
+def _timed(
+    row: dict[str, float],
+    kind: str,
+    tables: BorderTables,
+    searches: GraphSearch,
+    starts: Int32Array,
+    goals: Int32Array,
+    searched: int,
+) -> int:
+    """Add the times of one kind of query and their ratios to A*'s; return how many answers are wrong."""
+    count = len(starts)
+    costs, row[f"cost_us_{kind}"] = _repeated(lambda: tables.costs(starts, goals), count)
+    (again, arcs), row[f"way_us_{kind}"] = _repeated(lambda: tables.ways(starts, goals), count)
+    wrong = int((costs != again).sum())
+    row[f"arcs_{kind}"] = float(arcs.mean())
+    searched = min(searched, count)
+    pairs = list(zip(starts.tolist(), goals.tolist(), strict=True))
+    found = [tables.way(*pair) for pair in pairs[: min(count, QUERIES)]]
+    wrong += sum(
+        cost_of_way(tables.graph, way.arcs) != cost
+        for way, cost in zip(found, costs.tolist(), strict=False)
+        if cost < CLOSED_MM
+    )
+    begun = time.process_time()
+    truth = [searches.cost(*pair, guided=True) for pair in pairs[:searched]]
+    row[f"astar_us_{kind}"] = 1e6 * (time.process_time() - begun) / searched
+    wrong += int((np.array(truth) != costs[:searched]).sum())
+    if searched == count:
+        begun = time.process_time()
+        truth = [searches.cost(*pair, guided=False) for pair in pairs]
+        row[f"dijkstra_us_{kind}"] = 1e6 * (time.process_time() - begun) / count
+        wrong += int((np.array(truth) != costs).sum())
+    for what in ("cost", "way"):
+        row[f"{what}_{kind}"] = row[f"astar_us_{kind}"] / row[f"{what}_us_{kind}"]
+    return int(wrong)
+
+
+def _repeated(call, count: int):  # type: ignore[no-untyped-def]
+    """Return an answer, and its processor time [us] a query, the lesser of two runs."""
+    times = []
+    for _ in range(2):
+        begun = time.process_time()
+        found = call()
+        times.append(1e6 * (time.process_time() - begun) / count)
+    return found, min(times)
+
+
+def _wrong_to_all(made: Hospital, tables: BorderTables, searches: GraphSearch, starts: int, goals: int) -> int:
+    rng, wrong = np.random.default_rng(11), 0
+    for start in rng.choice(made.goals, starts).tolist():
+        ends = rng.choice(made.goals, goals)
+        wrong += int((searches.costs_to_all(start)[ends] != tables.costs_from(start, ends)).sum())
+    return wrong
+
+
+def _closures(row: dict[str, float], made: Hospital, tables: BorderTables, count: int) -> int:
+    """Close, re-price and open arcs, two of three on the current way; compare each time with A* on one query."""
+    graph, rng = made.graph, np.random.default_rng(5)
+    before, wrong = graph.cost.copy(), 0
+    closed: list[IntArray] = []
+    times = np.empty(count)
+    checks = count if len(graph.xy) < 1_000_000 else 30
+    searches = GraphSearch(graph)  # its bound is that of the open costs
+    for number in range(count):
+        start, goal = rng.choice(made.goals, 2).tolist()
+        arcs, costs = _change(graph, tables.way(start, goal).arcs, before, closed, rng)
+        begun = time.process_time()
+        tables.reprice(arcs, costs)
+        times[number] = 1e3 * (time.process_time() - begun)
+        if number % max(1, count // checks) == 0:
+            wrong += tables.cost(start, goal) != searches.cost(start, goal, guided=True)
+    row["closure_median_ms"], row["closure_worst_ms"] = float(np.median(times)), float(times.max())
+    for arcs in closed:
+        tables.reprice(arcs, before[arcs])
+    return wrong
+
+
+def _change(
+    graph: GraphArrays, way: Int32Array, before: Int32Array, closed: list[IntArray], rng: np.random.Generator
+) -> tuple[IntArray, IntArray]:
+    """Return arcs and their new costs: one of the way closed or dearer, or an earlier closure opened."""
+    if len(closed) > 20 or not len(way):
+        arcs = closed.pop(int(rng.integers(len(closed))))
+        return arcs, before[arcs].astype(np.int64)
+    if rng.random() < 0.2:
+        arc = int(rng.choice(way))
+        return np.array([arc]), np.array([int(before[arc]) * int(rng.integers(1, 4))])
+    arc = int(rng.choice(way))
+    arcs = np.array([each for each in (arc, int(graph.reverse[arc])) if each >= 0])
+    closed.append(arcs)
+    return arcs, np.full(len(arcs), CLOSED_MM)
+
+
+def _load_time(tables: BorderTables) -> float:
+    """Return the time to read the tables from their file [s]."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "tables.bin"
+        save_tables(path, tables.tables, "key")
+        begun = time.process_time()
+        load_tables(path, "key")
+        return time.process_time() - begun
+
+
+def _missed(name: str, row: dict[str, float]) -> list[str]:
+    missed = [key for key, bar in BARS.get(name, {}).items() if row[key] < bar]
+    worst = {"cost_us": row["cost_us_across"], "way_us": row["way_us_across"], **row}
+    missed += [key for key, limit in LIMITS.get(name, {}).items() if worst[key] > limit]
+    if row["bytes_per_node"] > MOST_BYTES:
+        missed.append("bytes_per_node")
+    return missed

@@ -1,0 +1,245 @@
+"""The checks of a whole building: lifts, tree, reachability, names across storeys, tables (E8 to E11, E13, E15, E16, E18, W1 to W3)."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter, defaultdict
+from collections.abc import Iterator
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+
+from waychair.errors import BuildingError
+from waychair.maps.building.costs import CLOSED_MM
+from waychair.maps.building.findings import Finding, Surroundings, error, warning
+from waychair.maps.building.hgraph import HGraph, Lift, NodeKind, NodeRef, ancestors, inner_end, parent_path
+from waychair.maps.building.hgraph_edits import arc_ref
+from waychair.maps.building.indexed import IndexedGraph, indexed
+from waychair.maps.building.submap_checks import folded
+from waychair.types import IntArray
+
+_IN_LINE_M = 0.3
+"""Most by which the stops of a lift may lie beside each other, seen from above [m]."""
+
+_DEEPEST, _MOST_ITEMS = 4, 7
+"""Most menus one below the other, and most goals and children of a sub-map in one menu."""
+
+_DETOUR, _NEIGHBOURS_M = 3.0, 6.0
+"""Rooms whose doors are closer than this [m] should not be more than this many times as far by driving."""
+
+_SHOWN = 5
+
+
+def building_findings(hgraph: HGraph, around: Surroundings) -> Iterator[Finding]:
+    """Yield the faults of the whole building."""
+    yield from _tree(hgraph)
+    yield from _menus(hgraph)
+    for lift in hgraph.lifts.values():
+        yield from _lift(hgraph, lift, around)
+    yield from _levels(hgraph)
+    yield from _names(hgraph)
+    yield from _maps(hgraph, around)
+    if around.stale_tables:
+        yield error(
+            "E15", hgraph.name, "the tables are older than the graph", "make them with waychair building tables"
+        )
+    try:
+        built = indexed(hgraph)
+    except BuildingError:  # a broken doorway or lift, told above
+        return
+    yield from _reach(hgraph, built)
+    yield from _detours(hgraph, built)
+    yield from _undriven(hgraph)
+
+
+def _tree(hgraph: HGraph) -> Iterator[Finding]:
+    entered = {inner_end(submap, doorway).submap for submap in hgraph.submaps.values() for doorway in submap.doorways}
+    for lift in hgraph.lifts.values():
+        for stop in lift.stops:
+            entered.update(ancestors(stop.at.submap))
+    for path in hgraph.submaps:
+        if not path:
+            continue
+        if parent_path(path) not in hgraph.submaps:
+            remedy = f"add '{parent_path(path)}', or take it out"
+            yield error("E10", path, f"sub-map '{path}' has no parent, so a level is missing", remedy)
+        elif path not in entered and len(hgraph.submaps) > 2:
+            yield error("E10", path, f"sub-map '{path}' has neither doorway nor lift", "add a doorway from its parent")
+        if path.count("/") + 1 > _DEEPEST:
+            sentence = f"'{path}' lies {path.count('/') + 1} menus deep"
+            yield warning("W2", path, sentence, f"use at most {_DEEPEST} levels")
+
+
+def _menus(hgraph: HGraph) -> Iterator[Finding]:
+    children = Counter(parent_path(path) for path in hgraph.submaps if path)
+    for path, submap in hgraph.submaps.items():
+        items = children[path] + sum(node.kind is NodeKind.END for node in submap.nodes.values())
+        if items > _MOST_ITEMS:
+            sentence = f"the menu of '{submap.title or hgraph.name}' has {items} items"
+            yield warning("W2", path, sentence, f"group them in sub-maps, at most {_MOST_ITEMS} in each")
+
+
+def _lift(hgraph: HGraph, lift: Lift, around: Surroundings) -> Iterator[Finding]:
+    place = f"lift {lift.id}"
+    if len(lift.stops) < 2:
+        yield error("E8", place, f"lift '{lift.id}' has {len(lift.stops)} stops", "add stops, or delete it")
+    storeys: dict[str, NodeRef] = {}
+    known = {storey.id for storey in hgraph.storeys}
+    points = []
+    for stop in lift.stops:
+        if stop.storey not in known:
+            sentence = f"lift '{lift.id}' stops at storey '{stop.storey}', which is not there"
+            yield error("E8", place, sentence, "add the storey, or correct the stop")
+        if stop.storey in storeys:
+            sentence = f"lift '{lift.id}' has two stops on storey '{stop.storey}'"
+            yield error("E8", stop.at, sentence, "take one out, or make it a lift of its own")
+        storeys[stop.storey] = stop.at
+        node = hgraph.node(stop.at)
+        if node is None:
+            yield error("E8", stop.at, f"lift '{lift.id}' stops at {stop.at}, which is no node", "add the node")
+            continue
+        if node.kind is not NodeKind.LIFT:
+            sentence = f"lift '{lift.id}' stops at {stop.at}, which is of kind '{node.kind}'"
+            yield error("E8", stop.at, sentence, f"make it of kind '{NodeKind.LIFT}'")
+        points.append((stop, hgraph.frame_of(stop.at.submap).point(node.x, node.y)))
+    for stop, point in points[1:]:
+        beside = math.dist(point, points[0][1])
+        if beside > _IN_LINE_M + 1e-9:
+            sentence = f"the stops of lift '{lift.id}' at '{points[0][0].storey}' and '{stop.storey}' are {beside:.1f} m out of line"
+            yield error("E8", stop.at, sentence, "align the storeys' frames, or move the stop")
+            break
+    for name, size, body in (("width", lift.cabin_width, around.width), ("depth", lift.cabin_depth, around.length)):
+        if size is not None and body is not None and size < body:
+            sentence = f"the cabin of lift '{lift.id}' has a {name} of {size:.2f} m, and the chair one of {body:.2f} m"
+            yield error("E8", place, sentence, "take the lift out for this chair")
+
+
+def _levels(hgraph: HGraph) -> Iterator[Finding]:
+    """Yield doorways between storeys that a lift joins, unless they are ramps."""
+    by_lift: dict[frozenset[str], str] = {}
+    for lift in hgraph.lifts.values():
+        for lower in lift.stops:
+            for upper in lift.stops:
+                by_lift.setdefault(frozenset((lower.storey, upper.storey)), lift.id)
+    for submap in hgraph.submaps.values():
+        for doorway in submap.doorways:
+            end = inner_end(submap, doorway)
+            two = frozenset((hgraph.storey_of(submap.path), hgraph.storey_of(end.submap)))
+            if len(two) == 2 and "" not in two and not doorway.way.ramp and two in by_lift:
+                ref = arc_ref(submap, doorway)
+                sentence = f"{ref} joins storeys that lift '{by_lift[two]}' joins, too"
+                yield error("E9", ref, sentence, "mark it ramp=yes if it is one, else take it out")
+
+
+def _names(hgraph: HGraph) -> Iterator[Finding]:
+    """Yield goals of different storeys, and sub-maps of one parent, that people cannot tell apart by name."""
+    goals: dict[tuple[str, ...], NodeRef] = {}
+    for ref, node in hgraph.nodes():
+        if node.kind is NodeKind.END and node.name.strip():
+            titles = (hgraph.submaps[path].title for path in ancestors(ref.submap)[2:] if path in hgraph.submaps)
+            name = (*(folded(title) for title in titles), folded(node.name))
+            first = goals.setdefault(name, ref)
+            if first != ref and first.submap != ref.submap:
+                sentence = f"'{node.name}' is a goal on two storeys, {first} and {ref}"
+                yield warning("E13", ref, sentence, "add the storey to one of the names")
+    siblings: dict[tuple[str, str], str] = {}
+    for path, submap in hgraph.submaps.items():
+        if path:
+            first_path = siblings.setdefault((parent_path(path), folded(submap.title)), path)
+            if first_path != path:
+                yield error("E13", path, f"'{first_path}' and '{path}' are named alike", "rename one")
+
+
+def _maps(hgraph: HGraph, around: Surroundings) -> Iterator[Finding]:
+    for storey in hgraph.storeys:
+        if storey.id in around.missing:
+            yield error("E16", f"storey {storey.id}", f"the map of storey '{storey.id}' is missing", "restore it")
+        if storey.id in around.moved:
+            sentence = f"the map of storey '{storey.id}' has moved since the graph was saved"
+            yield warning(
+                "E16", f"storey {storey.id}", sentence, "load and save the building, so that its nodes follow"
+            )
+
+
+def _components(built: IndexedGraph, both_ways: bool) -> IntArray:
+    """Return the component of each node: strongly connected by open arcs, or by all arcs both ways."""
+    graph, count = built.graph, len(built.refs)
+    used = np.ones(len(graph.tail), np.bool_) if both_ways else graph.cost < CLOSED_MM
+    matrix = csr_array((np.ones(int(used.sum()), np.int8), (graph.tail[used], graph.head[used])), shape=(count, count))
+    found: IntArray = connected_components(matrix, directed=not both_ways, connection="strong")[1]
+    return found
+
+
+def _reach(hgraph: HGraph, built: IndexedGraph) -> Iterator[Finding]:
+    if not built.refs:
+        return
+    component = _components(built, both_ways=False)
+    goals = [index for ref, index in built.index.items() if _is_goal(hgraph, ref)]
+    counts = np.bincount(component[goals] if goals else component)
+    main = int(counts.argmax())
+    for index in goals:
+        if component[index] != main:
+            ref = built.refs[index]
+            island = np.flatnonzero(component == component[index])
+            names = ", ".join(str(built.refs[each]) for each in island[:_SHOWN])
+            more = f" and {len(island) - _SHOWN} more" if len(island) > _SHOWN else ""
+            node = hgraph.node(ref)
+            sentence = f"the goal '{node.name if node else ref}' cannot be reached from all others and back: its island is {names}{more}"
+            yield error("E11", ref, sentence, "join it by an arc that a chair can drive both ways")
+    told = set()
+    for arc, (forward, backward) in built.arcs.items():
+        arcs = [each for each in (forward, backward) if each >= 0]
+        is_special = len(arcs) == 1 or any(built.graph.cost[each] >= CLOSED_MM for each in arcs)
+        ends = built.graph.tail[arcs[0]], built.graph.head[arcs[0]]
+        if is_special and component[ends[0]] != component[ends[1]] and arc not in told:
+            told.add(arc)
+            what = "one-way" if len(arcs) == 1 else "closed"
+            sentence = f"the {what} arc {arc} leaves no way back"
+            yield warning("E18", arc, sentence, "open it, or add a way back")
+
+
+def _is_goal(hgraph: HGraph, ref: NodeRef) -> bool:
+    node = hgraph.node(ref)
+    return node is not None and node.kind is NodeKind.END
+
+
+def _detours(hgraph: HGraph, built: IndexedGraph) -> Iterator[Finding]:
+    """Yield rooms of one parent whose doors are close to each other, but far by driving."""
+    graph = built.graph
+    doors: dict[str, list[int]] = defaultdict(list)
+    for submap in hgraph.submaps.values():
+        for doorway in submap.doorways:
+            doors[submap.path].append(built.index[inner_end(submap, doorway)])
+    open_ = graph.cost < CLOSED_MM
+    length = np.hypot(*(graph.xy[graph.head] - graph.xy[graph.tail]).T) + 1e-3
+    count = len(built.refs)
+    matrix = csr_array((length[open_], (graph.tail[open_], graph.head[open_])), shape=(count, count))
+    for of_parent in doors.values():
+        rooms = np.array(sorted(set(of_parent)))
+        points = graph.xy[rooms]
+        for at, room in enumerate(rooms.tolist()):
+            away = np.hypot(*(points - points[at]).T)
+            near = rooms[(away < _NEIGHBOURS_M) & (away > 1.0) & (graph.node_submap[rooms] > graph.node_submap[room])]
+            if not len(near):
+                continue
+            driven = dijkstra(matrix, indices=room, limit=_DETOUR * _NEIGHBOURS_M)
+            for other in near.tolist():
+                line = float(np.hypot(*(graph.xy[other] - graph.xy[room])))
+                if driven[other] > _DETOUR * line:
+                    ref = built.refs[room]
+                    sentence = f"from {ref} to {built.refs[other]}, {line:.1f} m away, the way is more than {_DETOUR:g} times as long"
+                    yield warning("W1", ref, sentence, "look whether a doorway between them is missing")
+
+
+def _undriven(hgraph: HGraph) -> Iterator[Finding]:
+    """Yield nodes that nobody has driven past, once some drives have been measured."""
+    driven: set[NodeRef] = set()
+    for submap in hgraph.submaps.values():
+        for arc in submap.arcs:
+            if arc.way.drive_s is not None:
+                driven |= {NodeRef(submap.path, arc.start), NodeRef(submap.path, arc.end)}
+    if driven:
+        for ref, _ in hgraph.nodes():
+            if ref not in driven:
+                yield warning("W3", ref, f"nobody has driven past {ref}", "drive there once")

@@ -1,0 +1,459 @@
+"""Costs and ways between two nodes, read from the border tables.
+
+A way from one sub-map into another leaves the first by an exit and enters the second by an entry for the last time; in
+between, the table around their common sub-map has the cost. Where an end is a node of the common sub-map itself, its
+overlay is searched, a few hundred states. Ways are unpacked from their end.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from waychair.maps.building.costs import CLOSED_MM
+from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
+from waychair.planning.building.border_kernels import (
+    Tables,
+    down_cost,
+    from_parent,
+    outside,
+    to_parent,
+    up_cost,
+)
+from waychair.planning.building.overlay import (
+    COLUMNS,
+    EXITS_AT,
+    ROWS,
+    STATES,
+    Layout,
+    arc_of_state,
+    child_of_state,
+    meeting_depth,
+    overlay,
+    state_of_arc,
+)
+from waychair.planning.building.packed_heap import SHIFT, pop, push
+
+
+@njit(cache=True, inline="always")
+def _exits(lay: Layout, m: int) -> int:
+    return int(lay.exit_first[m + 1] - lay.exit_first[m])
+
+
+@njit(cache=True, inline="always")
+def _entries(lay: Layout, m: int) -> int:
+    return int(lay.entry_first[m + 1] - lay.entry_first[m])
+
+
+@njit(cache=True)
+def costs_out(tables: Tables, node: int, m: int, c: int, costs: Int32Array) -> int:
+    """Fill the costs from a node of `m` to the exits of `c`, which is `m` or an ancestor; return how many there are."""
+    lay, labels = tables.layout, tables.labels
+    own, count = _exits(lay, m), _exits(lay, c)
+    at = labels.out_first[m] + (node - lay.node_first[m]) * own
+    if c == m:
+        costs[:own] = labels.out[at : at + own]
+        return own
+    costs[:count] = CLOSED_MM
+    d = lay.depth[c]
+    for x in range(own):
+        part = labels.out[at + x]
+        if part < CLOSED_MM:
+            for y in range(count):
+                costs[y] = min(costs[y], part + up_cost(lay, tables.borders, tables.climbs, m, d, x, y))
+    return count
+
+
+@njit(cache=True)
+def costs_into(tables: Tables, node: int, m: int, c: int, costs: Int32Array) -> int:
+    """Fill the costs from the entries of `c` to a node of `m`, below or in it; return how many there are."""
+    lay, labels = tables.layout, tables.labels
+    own, count = _entries(lay, m), _entries(lay, c)
+    at = labels.into_first[m] + (node - lay.node_first[m]) * own
+    if c == m:
+        costs[:own] = labels.into[at : at + own]
+        return own
+    costs[:count] = CLOSED_MM
+    d = lay.depth[c]
+    for e in range(own):
+        part = labels.into[at + e]
+        if part < CLOSED_MM:
+            for y in range(count):
+                costs[y] = min(costs[y], part + down_cost(lay, tables.borders, tables.climbs, m, d, e, y))
+    return count
+
+
+@njit(cache=True)
+def _joined(tables: Tables, top: int, one: int, other: int, out: Int32Array, into: Int32Array) -> tuple[int, int, int]:
+    """Return the least cost over the exits of `one` and the entries of `other`, children of `top`, and these two."""
+    lay, borders = tables.layout, tables.borders
+    width = lay.sizes[top, EXITS_AT] - lay.sizes[top, ROWS]
+    left = lay.entries_at[other] - lay.sizes[top, ROWS]
+    least, exit, entry = CLOSED_MM, -1, -1
+    at = borders.around_first[top] + (lay.exits_at[one] - _entries(lay, top)) * width + left
+    for x in range(_exits(lay, one)):
+        if out[x] < least:
+            for e in range(_entries(lay, other)):
+                cost = np.int64(out[x]) + borders.around[at + e] + into[e]
+                if cost < least:
+                    least, exit, entry = cost, x, e
+        at += width
+    return least, exit, entry
+
+
+@njit(cache=True)
+def cost_between(graph: GraphArrays, tables: Tables, start: int, goal: int, out: Int32Array, into: Int32Array) -> int:
+    """Return the cost from node to node [mm], `CLOSED_MM` if there is no way. `out`, `into`: room for all exits, entries."""
+    if start == goal:
+        return 0
+    lay = tables.layout
+    one, other = graph.node_submap[start], graph.node_submap[goal]
+    d = meeting_depth(lay.depth, lay.ancestor, one, other)
+    if lay.depth[one] == d or lay.depth[other] == d:
+        return searched(graph, tables, start, goal, d, out, into)[0]
+    from_map, to_map = lay.ancestor[one, d + 1], lay.ancestor[other, d + 1]
+    costs_out(tables, start, one, from_map, out)
+    costs_into(tables, goal, other, to_map, into)
+    return _joined(tables, lay.ancestor[one, d], from_map, to_map, out, into)[0]
+
+
+@njit(cache=True)
+def searched(
+    graph: GraphArrays, tables: Tables, start: int, goal: int, d: int, out: Int32Array, into: Int32Array
+) -> tuple[int, int, Int32Array]:
+    """Search the overlay of the common sub-map at depth d, of which one end is a node: return cost, last state, befores.
+
+    The state before a first state is -1 - exit if the way comes from a child, else `NO_STATE`.
+    """
+    lay, borders = tables.layout, tables.borders
+    one, other = graph.node_submap[start], graph.node_submap[goal]
+    m = lay.ancestor[one, d]
+    first, to, weight = overlay(graph, lay, borders.first, borders.within, m)
+    states, exits_at = lay.sizes[m, STATES], lay.sizes[m, EXITS_AT]
+    cost, before = np.full(states, CLOSED_MM, np.int32), np.full(states, NO_STATE, np.int32)
+    tail_cost = np.full(states, CLOSED_MM, np.int32)
+    p = graph.parent[m]
+    heap, size = np.empty(states + len(to) + _exits(lay, m) * _entries(lay, m) + 8, np.int64), 0
+    if one == m:
+        for b in range(graph.first[start], graph.first[start + 1]):
+            if graph.cost[b] < CLOSED_MM:
+                s = state_of_arc(graph, lay, m, b)
+                cost[s] = graph.cost[b]
+                size = push(heap, size, int((np.int64(cost[s]) << SHIFT) | s))
+    else:
+        c = lay.ancestor[one, d + 1]
+        for x in range(costs_out(tables, start, one, c, out)):
+            if out[x] < CLOSED_MM:
+                s = lay.exits_at[c] + x
+                cost[s], before[s] = out[x], -1 - x
+                size = push(heap, size, int((np.int64(out[x]) << SHIFT) | s))
+    if other == m:
+        for s in range(states):
+            if graph.head[arc_of_state(lay, m, s)] == goal:
+                tail_cost[s] = 0
+    else:
+        c = lay.ancestor[other, d + 1]
+        count = costs_into(tables, goal, other, c, into)
+        tail_cost[lay.entries_at[c] : lay.entries_at[c] + count] = into[:count]
+    least, last = CLOSED_MM, -1
+    while size > 0:
+        item = heap[0]
+        size = pop(heap, size)
+        here, s = item >> SHIFT, item & 0xFFFFFFFF
+        if here >= least:
+            break
+        if here > cost[s]:
+            continue
+        if here + tail_cost[s] < least:
+            least, last = here + tail_cost[s], s
+        for k in range(first[s], first[s + 1]):
+            if here + weight[k] < cost[to[k]]:
+                cost[to[k]], before[to[k]] = here + weight[k], s
+                size = push(heap, size, int((np.int64(cost[to[k]]) << SHIFT) | to[k]))
+        x = s - exits_at
+        if p >= 0 and 0 <= x < _exits(lay, m):
+            for e in range(_entries(lay, m)):
+                new = here + outside(lay, borders, p, m, x, e)
+                if new < cost[e]:
+                    cost[e], before[e] = new, s
+                    size = push(heap, size, int((np.int64(new) << SHIFT) | e))
+    return least, last, before
+
+
+NO_STATE = -(1 << 30)
+"""Before a state at which a way begins in the sub-map itself."""
+
+
+@njit(cache=True)
+def _emit(way: Int32Array, count: int, arc: int) -> int:
+    """Append an arc, unless it is the last one, which another overlay has seen, too."""
+    if 0 < count <= len(way) and way[count - 1] == arc:
+        return count
+    if count < len(way):
+        way[count] = arc
+    return count + 1
+
+
+@njit(cache=True)
+def _emit_row(tables: Tables, m: int, row: int, state: int, way: Int32Array, count: int) -> int:
+    """Append the arcs from a state back to a row's, within `m`; children are unpacked, too."""
+    lay, steps = tables.layout, tables.steps
+    depth = 0
+    maps, rows, states = np.empty(64, np.int32), np.empty(64, np.int32), np.empty(64, np.int32)
+    while True:
+        count = _emit(way, count, arc_of_state(lay, m, state))
+        if state == row:
+            if depth == 0:
+                return count
+            depth -= 1
+            m, row, state = maps[depth], rows[depth], states[depth]
+            continue
+        before = int(steps.before[steps.first[m] + np.int64(row) * lay.sizes[m, STATES] + state])
+        c = child_of_state(lay, m, state)
+        if c >= 0 and state < lay.sizes[m, ROWS] and is_jump(lay, m, c, before):
+            maps[depth], rows[depth], states[depth] = m, row, before
+            depth += 1
+            exit = state - lay.exits_at[c]
+            m, row, state = c, before - lay.entries_at[c], lay.sizes[c, EXITS_AT] + exit
+        else:
+            state = before
+
+
+@njit(cache=True, inline="always")
+def is_jump(lay: Layout, m: int, c: int, before: int) -> bool:
+    """Return whether a state before an exit of the child `c` is one of its entries."""
+    return bool(lay.entries_at[c] <= before < lay.entries_at[c] + _entries(lay, c) and before >= lay.sizes[m, ROWS])
+
+
+@njit(cache=True)
+def _emit_around(graph: GraphArrays, tables: Tables, m: int, row: int, state: int, way: Int32Array, count: int) -> int:
+    """Append the arcs from a state (an entry of a child of `m`) back to a row (an exit of a child), by any way."""
+    lay, borders = tables.layout, tables.borders
+    maps, rows, exits, depth = np.empty(64, np.int32), np.empty(64, np.int32), np.empty(64, np.int32), 0
+    while True:
+        columns, n_rows, exits_at = lay.sizes[m, COLUMNS], lay.sizes[m, ROWS], lay.sizes[m, EXITS_AT]
+        width = exits_at - n_rows
+        least = borders.around[borders.around_first[m] + (row - _entries(lay, m)) * np.int64(width) + state - n_rows]
+        start = borders.first[m]
+        if borders.within[start + row * np.int64(columns) + state - n_rows] == least:
+            count = _emit_row(tables, m, row, state, way, count)
+            break
+        p, best_exit, best_entry = graph.parent[m], -1, -1
+        for x in range(_exits(lay, m)):
+            there = borders.within[start + row * np.int64(columns) + width + x]
+            if there < least:
+                for e in range(_entries(lay, m)):
+                    back = borders.within[start + e * np.int64(columns) + state - n_rows]
+                    if there + np.int64(outside(lay, borders, p, m, x, e)) + back == least:
+                        best_exit, best_entry = x, e
+        count = _emit_row(tables, m, best_entry, state, way, count)
+        maps[depth], rows[depth], exits[depth] = m, row, best_exit
+        depth += 1
+        m, row, state = p, lay.exits_at[m] + best_exit, lay.entries_at[m] + best_entry
+    while depth > 0:
+        depth -= 1
+        m = maps[depth]
+        count = _emit_row(tables, m, rows[depth], lay.sizes[m, EXITS_AT] + exits[depth], way, count)
+    return count
+
+
+@njit(cache=True)
+def _emit_into(
+    graph: GraphArrays, tables: Tables, goal: int, m: int, c: int, entry: int, cost: int, way: Int32Array, count: int
+) -> int:
+    """Append the arcs from a node of `m` back to an entry of `c`, in which it lies, at this cost."""
+    lay, labels = tables.layout, tables.labels
+    borders, climbs, d = tables.borders, tables.climbs, lay.depth[c]
+    own = _entries(lay, m)
+    at = labels.into_first[m] + (goal - lay.node_first[m]) * np.int64(own)
+    below = entry
+    if m != c:
+        for e in range(own):
+            part = labels.into[at + e]
+            if part < CLOSED_MM and part + down_cost(lay, borders, climbs, m, d, e, entry) == cost:
+                below = e
+    count = _emit_row(tables, m, below, int(labels.into_state[at + below]), way, count)
+    rest, q = cost - labels.into[at + below], m
+    while q != c:  # up to the entry of c
+        p = graph.parent[q]
+        above = entry
+        if p != c:
+            for z in range(_entries(lay, p)):
+                part = from_parent(lay, borders, p, q, z, below)
+                if part < CLOSED_MM and part + down_cost(lay, borders, climbs, p, d, z, entry) == rest:
+                    above = z
+            rest -= from_parent(lay, borders, p, q, above, below)
+        count = _emit_row(tables, p, above, lay.entries_at[q] + below, way, count)
+        below, q = above, p
+    return count
+
+
+@njit(cache=True)
+def _emit_out(
+    graph: GraphArrays, tables: Tables, start: int, m: int, c: int, exit: int, cost: int, way: Int32Array, count: int
+) -> int:
+    """Append the arcs from an exit of `c` back to a node of `m`, which lies in it, at this cost."""
+    lay, labels = tables.layout, tables.labels
+    borders, climbs, d = tables.borders, tables.climbs, lay.depth[c]
+    own = _exits(lay, m)
+    at = labels.out_first[m] + (start - lay.node_first[m]) * np.int64(own)
+    chain, length, bottom = np.empty(64, np.int32), 0, exit
+    if m != c:
+        for x in range(own):
+            if (
+                labels.out[at + x] < CLOSED_MM
+                and labels.out[at + x] + up_cost(lay, borders, climbs, m, d, x, exit) == cost
+            ):
+                bottom = x
+        rest, here, q = cost - labels.out[at + bottom], bottom, m
+        chain[0], length = bottom, 1
+        while graph.parent[q] != c:
+            p = graph.parent[q]
+            for z in range(_exits(lay, p)):
+                part = to_parent(lay, borders, p, q, here, z)
+                if part < CLOSED_MM and part + up_cost(lay, borders, climbs, p, d, z, exit) == rest:
+                    chain[length] = z
+                    length += 1
+                    here, rest = z, rest - part
+                    break
+            q = p
+        onto = exit
+        for k in range(length - 1, -1, -1):  # from c downwards
+            q = lay.ancestor[m, lay.depth[m] - k]
+            p = graph.parent[q]
+            count = _emit_row(tables, p, lay.exits_at[q] + chain[k], lay.sizes[p, EXITS_AT] + onto, way, count)
+            onto = chain[k]
+    return _emit_after(tables, m, bottom, int(labels.out_state[at + bottom]), way, count)
+
+
+@njit(cache=True)
+def _emit_after(tables: Tables, m: int, exit: int, state: int, way: Int32Array, count: int) -> int:
+    """Append the arcs from an exit of `m` back to a state, by the states after it; children are unpacked."""
+    lay, steps = tables.layout, tables.steps
+    at = steps.after_first[m] + np.int64(exit) * lay.sizes[m, STATES]
+    length, s, goal = 1, state, lay.sizes[m, EXITS_AT] + exit
+    while s != goal:
+        s = int(steps.after[at + s])
+        length += 1
+    states = np.empty(length, np.int32)
+    states[0] = state
+    for k in range(1, length):
+        states[k] = steps.after[at + states[k - 1]]
+    return _emit_states(tables, m, states, way, count)
+
+
+@njit(cache=True)
+def _emit_states(tables: Tables, m: int, states: Int32Array, way: Int32Array, count: int) -> int:
+    """Append the arcs of states of `m`, given in the order of driving, from the last one back."""
+    lay = tables.layout
+    for k in range(len(states) - 1, -1, -1):
+        count = _emit(way, count, arc_of_state(lay, m, states[k]))
+        if k > 0:
+            c = child_of_state(lay, m, states[k])
+            if c >= 0 and states[k] < lay.sizes[m, ROWS] and is_jump(lay, m, c, states[k - 1]):
+                exit = lay.sizes[c, EXITS_AT] + states[k] - lay.exits_at[c]
+                count = _emit_row(tables, c, states[k - 1] - lay.entries_at[c], exit, way, count)
+    return count
+
+
+@njit(cache=True)
+def way_between(
+    graph: GraphArrays, tables: Tables, start: int, goal: int, out: Int32Array, into: Int32Array, way: Int32Array
+) -> tuple[int, int]:
+    """Fill the arcs of the cheapest way into `way`; return its cost and how many arcs there are, also if too many.
+
+    The cost is `CLOSED_MM` if there is none.
+    """
+    if start == goal:
+        return 0, 0
+    lay = tables.layout
+    one, other = graph.node_submap[start], graph.node_submap[goal]
+    d = meeting_depth(lay.depth, lay.ancestor, one, other)
+    count = 0
+    if lay.depth[one] == d or lay.depth[other] == d:
+        cost, last, before = searched(graph, tables, start, goal, d, out, into)
+        if cost < CLOSED_MM:
+            count = _emit_searched(graph, tables, start, goal, d, last, before, out, into, way)
+    else:
+        from_map, to_map, top = lay.ancestor[one, d + 1], lay.ancestor[other, d + 1], lay.ancestor[one, d]
+        costs_out(tables, start, one, from_map, out)
+        costs_into(tables, goal, other, to_map, into)
+        cost, x, e = _joined(tables, top, from_map, to_map, out, into)
+        if cost < CLOSED_MM:
+            count = _emit_into(graph, tables, goal, other, to_map, e, into[e], way, 0)
+            count = _emit_around(graph, tables, top, lay.exits_at[from_map] + x, lay.entries_at[to_map] + e, way, count)
+            count = _emit_out(graph, tables, start, one, from_map, x, out[x], way, count)
+    if count <= len(way):
+        for k in range(count >> 1):
+            way[k], way[count - 1 - k] = way[count - 1 - k], way[k]
+    return cost, count
+
+
+@njit(cache=True)
+def _emit_searched(
+    graph: GraphArrays,
+    tables: Tables,
+    start: int,
+    goal: int,
+    d: int,
+    last: int,
+    before: Int32Array,
+    out: Int32Array,
+    into: Int32Array,
+    way: Int32Array,
+) -> int:
+    lay = tables.layout
+    one, other = graph.node_submap[start], graph.node_submap[goal]
+    m, count, s = lay.ancestor[one, d], 0, last
+    exits_at = lay.sizes[m, EXITS_AT]
+    if other != m:
+        c = lay.ancestor[other, d + 1]
+        e = last - lay.entries_at[c]
+        count = _emit_into(graph, tables, goal, other, c, e, into[e], way, count)
+    while True:
+        count = _emit(way, count, arc_of_state(lay, m, s))
+        b = before[s]
+        if b == NO_STATE:
+            return count
+        if b < 0:
+            x = -1 - b
+            return _emit_out(graph, tables, start, one, lay.ancestor[one, d + 1], x, out[x], way, count)
+        if s < _entries(lay, m) and exits_at <= b < exits_at + _exits(lay, m):
+            p = graph.parent[m]
+            count = _emit_around(graph, tables, p, lay.exits_at[m] + b - exits_at, lay.entries_at[m] + s, way, count)
+        c = child_of_state(lay, m, s)
+        if c >= 0 and s < lay.sizes[m, ROWS] and is_jump(lay, m, c, b):
+            exit = lay.sizes[c, EXITS_AT] + s - lay.exits_at[c]
+            count = _emit_row(tables, c, b - lay.entries_at[c], exit, way, count)
+        s = b
+
+
+@njit(cache=True)
+def costs_between(graph: GraphArrays, tables: Tables, starts: Int32Array, goals: Int32Array) -> Int32Array:
+    """Return the costs of many ways (Q,) [mm], `CLOSED_MM` where there is none."""
+    out, into = room(tables.layout)
+    found = np.empty(len(starts), np.int32)
+    for q in range(len(starts)):
+        found[q] = cost_between(graph, tables, starts[q], goals[q], out, into)
+    return found
+
+
+@njit(cache=True)
+def ways_between(
+    graph: GraphArrays, tables: Tables, starts: Int32Array, goals: Int32Array, way: Int32Array
+) -> tuple[Int32Array, Int32Array]:
+    """Return the costs [mm] and numbers of arcs (Q,) of many ways, each written out into `way` in turn."""
+    out, into = room(tables.layout)
+    found, counts = np.empty(len(starts), np.int32), np.empty(len(starts), np.int32)
+    for q in range(len(starts)):
+        found[q], counts[q] = way_between(graph, tables, starts[q], goals[q], out, into, way)
+    return found, counts
+
+
+@njit(cache=True)
+def room(lay: Layout) -> tuple[Int32Array, Int32Array]:
+    """Return arrays with room for the costs of all exits and all entries of any sub-map."""
+    exits, entries = 1, 1
+    for m in range(len(lay.depth)):
+        exits, entries = max(exits, _exits(lay, m)), max(entries, _entries(lay, m))
+    return np.empty(exits, np.int32), np.empty(entries, np.int32)
