@@ -16,7 +16,7 @@ from numba import njit
 
 from waychair.maps.building.costs import CLOSED_MM
 from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
-from waychair.planning.building.graph_search import Way, cost_of_way
+from waychair.planning.building.graph_search import GraphSearch, Way, cost_of_way
 from waychair.planning.building.overlay import (
     COLUMNS,
     ROWS,
@@ -59,20 +59,24 @@ class Trajectories(NamedTuple):
 
 
 class Tetranauta:
-    """Finds ways by the paper's trajectories; with `brothers=False` without group 5, as in its first experiment."""
+    """Finds ways by the paper's trajectories; with `brothers=False` without group 5, as in its first experiment.
+
+    Where every way leaves a sub-map and returns, no trajectory helps; A* then searches the whole graph.
+    """
 
     def __init__(self, graph: GraphArrays, brothers: bool = True) -> None:
         self.graph = graph
         self.layout = layout(graph)
         self.trajectories = _prepared(graph, self.layout)
         self._brothers = brothers
+        self._search = GraphSearch(graph)
         _solve_all(graph, self.layout, self.trajectories)
 
     def way(self, start: int, goal: int) -> Way:
         """Return the way between two nodes, not always the cheapest; its cost [mm] is that of its arcs."""
         arcs = _way(self.graph, self.layout, self.trajectories, start, goal, self._brothers)
         if start != goal and not len(arcs):
-            return Way(CLOSED_MM, arcs)
+            return self._search.way(start, goal, guided=True)
         return Way(int(cost_of_way(self.graph, arcs)), arcs)
 
     @property
