@@ -153,7 +153,7 @@ def route_command(
     avoid
         Lift or node that the route must avoid; can be given more than once.
     method
-        tables, astar, dijkstra or brute-force.
+        tables, tetranauta, tetranauta-without-tables, astar, dijkstra or brute-force.
     json
         Print JSON.
     """

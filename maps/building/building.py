@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from waychair.errors import BuildingError, OutputError
-from waychair.files import path_exists
+from waychair.files import is_folder, path_exists, write_text
 from waychair.maps.building.hgraph import (
-    ROOT,
     HGraph,
     NodeKind,
     NodeRef,
@@ -22,13 +21,16 @@ from waychair.maps.building.hgraph import (
 from waychair.maps.building.hgraph_edits import with_storey, with_submap
 from waychair.maps.building.hgraph_files import GENERAL, read_hgraph, write_hgraph
 from waychair.maps.building.text_forms import is_id
-from waychair.maps.drawn.anchors import load_anchors
+from waychair.maps.drawn.anchors import ANCHORS_YAML, anchors_text, load_anchors
 from waychair.maps.drawn.places import load_places
 from waychair.maps.folders.map_files import load_info, yaml_path
 from waychair.types import Place, Pose2
 
 MAPS = "maps"
 """The folder of the storeys' map folders."""
+
+ANCHORED = "hgraph"
+"""The kind of the nodes' anchors in a storey's `anchors.yaml`."""
 
 HIGHEST_M = 10_000.0
 """Largest height of a storey above or below the ground [m]."""
@@ -50,14 +52,33 @@ class Building:
 
 
 def load_building(folder: Path, progress: Callable[[float], None] | None = None) -> Building:
-    """Return the building in a folder; raises as `read_hgraph`. Nodes follow their storey's map where it was bent."""
-    hgraph = read_hgraph(folder, progress)
-    return Building(folder, hgraph)
+    """Return the building in a folder, its nodes moved with those of their storey's map (`followed`).
+
+    Raises:
+        BuildingError: as `read_hgraph`.
+        MapError: the anchors of a storey's map are damaged.
+    """
+    building = Building(folder, read_hgraph(folder, progress))
+    for storey in building.hgraph.storeys:
+        building = replace(building, hgraph=followed(building, storey.id))
+    return building
 
 
 def save_building(building: Building) -> None:
-    """Write the text files of a building; raises as `write_hgraph`."""
+    """Write the text files of a building, and its nodes' anchors beside those of the places of each storey's map.
+
+    Raises:
+        BuildingError, OutputError: as `write_hgraph`.
+        MapError: the anchors of a storey's map are damaged.
+    """
     write_hgraph(building.folder, building.hgraph)
+    for storey in building.hgraph.storeys:
+        folder = building.map_folder(storey.id)
+        if folder is None or not is_folder(folder, BuildingError):
+            continue
+        text = anchors_text(folder, ANCHORED, _poses(building.hgraph, storey.id))
+        if text is not None:
+            write_text(folder / ANCHORS_YAML, text)
 
 
 def new_building(folder: Path, name: str) -> Building:
@@ -157,23 +178,23 @@ def place_of(building: Building, ref: NodeRef) -> Place | None:
 def followed(building: Building, storey: str) -> HGraph:
     """Return the graph with a storey's nodes moved with the nodes of its map, as places are.
 
-    `anchors.yaml` of the storey's map folder holds them by sub-map, under `hgraph`. Nodes that were not anchored, or were
+    `anchors.yaml` of the storey's map folder holds them by sub-map. Nodes that were not anchored, or were
     changed by hand since then, stay.
 
     Raises:
         MapError: the anchors are damaged.
     """
     hgraph, folder = building.hgraph, building.map_folder(storey)
-    if folder is None:
+    if folder is None or not is_folder(folder, BuildingError):
         return hgraph
     anchors = load_anchors(folder)
     changed = dict(hgraph.submaps)
     for path, submap in hgraph.submaps.items():
-        if path == ROOT or hgraph.storey_of(path) != storey:
+        if hgraph.storey_of(path) != storey or not submap.nodes:
             continue
         frame = hgraph.frame_of(path)
         points = [frame.point(node.x, node.y) for node in submap.nodes.values()]
-        poses = anchors.follow("hgraph", path, [Pose2(x, y) for x, y in points])
+        poses = anchors.follow(ANCHORED, path, [Pose2(x, y) for x, y in points])
         moved = [frame.inside(pose.x, pose.y) for pose in poses]
         pairs = zip(submap.nodes.values(), points, poses, moved, strict=True)
         nodes = {
@@ -183,3 +204,13 @@ def followed(building: Building, storey: str) -> HGraph:
         if nodes != submap.nodes:
             changed[path] = replace(submap, nodes=nodes)
     return replace(hgraph, submaps=changed)
+
+
+def _poses(hgraph: HGraph, storey: str) -> dict[str, list[Pose2]]:
+    """Return the poses of a storey's nodes in its map, by sub-map."""
+    found = {}
+    for path, submap in hgraph.submaps.items():
+        if submap.nodes and hgraph.storey_of(path) == storey:
+            frame = hgraph.frame_of(path)
+            found[path] = [Pose2(*frame.point(node.x, node.y)) for node in submap.nodes.values()]
+    return found

@@ -99,8 +99,13 @@ def estimate(graph: GraphArrays, bound: Bound, node: int, goal: int) -> int:
 
 
 @njit(cache=True)
-def search(graph: GraphArrays, bound: Bound, room: Room, start: int, goal: int, guided: bool) -> tuple[int, int, int]:
-    """Return the cost from node to node, the last arc, and the states taken from the queue; A* if guided, else Dijkstra."""
+def search(
+    graph: GraphArrays, bound: Bound, room: Room, start: int, goal: int, guided: bool, shut: BoolArray
+) -> tuple[int, int, int]:
+    """Return the cost from node to node, the last arc, and the states taken from the queue; A* if guided, else Dijkstra.
+
+    `shut` (M,) are the sub-maps that are not entered, (0,) for none. The cost is -1 if the queue has no room.
+    """
     if start == goal:
         return 0, -1, 0
     room.search[0] += 1
@@ -128,7 +133,7 @@ def search(graph: GraphArrays, bound: Bound, room: Room, start: int, goal: int, 
         if size + graph.first[node + 1] - graph.first[node] >= len(room.heap):
             return -1, -1, pops
         for b in range(graph.first[node], graph.first[node + 1]):
-            if graph.cost[b] >= CLOSED_MM:
+            if graph.cost[b] >= CLOSED_MM or (len(shut) and shut[graph.node_submap[graph.head[b]]]):
                 continue
             new = here + turn(graph.heading, graph.turns, a, b) + graph.cost[b]
             if room.written[b] != now or new < room.cost[b]:
@@ -227,6 +232,9 @@ def cost_of_way(graph: GraphArrays, way: Int32Array) -> int:
     return total
 
 
+_NOTHING_SHUT = np.zeros(0, np.bool_)
+
+
 class GraphSearch:
     """Dijkstra and A* on a graph, with the memory they need; the bound of A* is that of the costs given here or dearer."""
 
@@ -235,24 +243,29 @@ class GraphSearch:
         self._bound = lower_bound(graph)
         self._room = search_room(graph)
         self._heap = 2
+        self._is_leaf = np.ones(len(graph.parent), np.bool_)
+        self._is_leaf[graph.parent[1:]] = False
         self.pops = 0
         """States taken from the queue by the last search."""
 
     def way(self, start: int, goal: int, guided: bool) -> Way:
         """Return the cheapest way between two nodes, by A* if guided, else by Dijkstra."""
-        cost, last, self.pops = search(self.graph, self._bound, self._room, start, goal, guided)
-        if cost < 0:
-            self._grow()
-            return self.way(start, goal, guided)
-        return Way(int(cost), traced(self._room.before, last))
+        cost, last = self._searched(start, goal, guided, _NOTHING_SHUT)
+        return Way(cost, traced(self._room.before, last))
 
     def cost(self, start: int, goal: int, guided: bool) -> int:
         """Return the cost between two nodes [mm], `CLOSED_MM` if there is no way."""
-        cost, _, self.pops = search(self.graph, self._bound, self._room, start, goal, guided)
-        if cost < 0:
-            self._grow()
-            return self.cost(start, goal, guided)
-        return int(cost)
+        return self._searched(start, goal, guided, _NOTHING_SHUT)[0]
+
+    def way_past_rooms(self, start: int, goal: int) -> Way:
+        """Return the cheapest way by A* that enters no leaf of the tree but the first and the last: the paper's method
+        without tables, where rooms are no short cut."""
+        ends = self.graph.node_submap[[start, goal]]
+        kept = self._is_leaf[ends]
+        self._is_leaf[ends] = False
+        cost, last = self._searched(start, goal, True, self._is_leaf)
+        self._is_leaf[ends] = kept
+        return Way(cost, traced(self._room.before, last))
 
     def costs_to_all(self, start: int) -> Int32Array:
         """Return the costs from a node to all nodes (N,) [mm], `CLOSED_MM` where there is no way."""
@@ -261,6 +274,14 @@ class GraphSearch:
             self._grow()
             return self.costs_to_all(start)
         return found
+
+    def _searched(self, start: int, goal: int, guided: bool, shut: BoolArray) -> tuple[int, int]:
+        """Return the cost and the last arc of the cheapest way."""
+        cost, last, self.pops = search(self.graph, self._bound, self._room, start, goal, guided, shut)
+        if cost < 0:
+            self._grow()
+            return self._searched(start, goal, guided, shut)
+        return int(cost), int(last)
 
     def _grow(self) -> None:
         self._heap *= 2

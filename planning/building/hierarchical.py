@@ -28,12 +28,15 @@ from waychair.planning.building.graph_search import (
     traced,
 )
 from waychair.planning.building.movements import Movement, lift_title, movements, record_of
+from waychair.planning.building.tetranauta import Tetranauta
 
 
 class Method(enum.StrEnum):
-    """The methods that find a way: the exact tables, and three searches of the whole graph."""
+    """The methods that find a way: the exact tables, the paper's two, and three searches of the whole graph."""
 
     TABLES = "tables"
+    TETRANAUTA = "tetranauta"
+    TETRANAUTA_WITHOUT_TABLES = "tetranauta-without-tables"
     ASTAR = "astar"
     DIJKSTRA = "dijkstra"
     BRUTE_FORCE = "brute-force"
@@ -89,6 +92,7 @@ class RoutePlanner:
         needs = method is Method.TABLES and tables is None
         self.tables = BorderTables(self.built.graph) if needs else tables
         self._search = GraphSearch(self.built.graph)
+        self._preset = Tetranauta(self.built.graph) if method is Method.TETRANAUTA else None
         self._goals = {name.casefold(): ref for name, ref in goals(hgraph).items()}
 
     def node(self, text: str) -> NodeRef:
@@ -145,6 +149,10 @@ class RoutePlanner:
     def _way(self, start: int, goal: int) -> Way:
         if self._method is Method.TABLES and self.tables is not None:
             return self.tables.way(start, goal)
+        if self._preset is not None:
+            return self._preset.way(start, goal)
+        if self._method is Method.TETRANAUTA_WITHOUT_TABLES:
+            return self._search.way_past_rooms(start, goal)
         if self._method is Method.BRUTE_FORCE:
             cost, last, before = brute_force(self.built.graph, start, goal)
             return Way(int(cost), traced(before, last))

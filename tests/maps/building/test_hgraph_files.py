@@ -12,9 +12,16 @@ from hypothesis import strategies as st
 from tests.maps.building.buildings import two_storeys
 from waychair.errors import BuildingError, BuildingNotFound, OutputError
 from waychair.maps.building import rewriting
-from waychair.maps.building.building import add_storey, load_building, new_building, save_building
+from waychair.maps.building.building import Building, add_storey, load_building, new_building, save_building
 from waychair.maps.building.hgraph import Arc, ArcRef, Closure, Node, NodeKind, Storey, SubMap
-from waychair.maps.building.hgraph_edits import closed, with_nodes, with_submap, without_node, without_submap
+from waychair.maps.building.hgraph_edits import (
+    closed,
+    with_nodes,
+    with_storey,
+    with_submap,
+    without_node,
+    without_submap,
+)
 from waychair.maps.building.hgraph_files import (
     GENERAL,
     general_from_text,
@@ -179,3 +186,18 @@ def test_a_new_building_gets_storeys_and_refuses_doubles(tmp_path: Path) -> None
         add_storey(building, Storey("g"))
     with pytest.raises(BuildingError, match="there is a building in"):
         new_building(tmp_path, "Other")
+
+
+def test_nodes_follow_the_storeys_map_when_it_bends_as_places_do(tmp_path: Path) -> None:
+    folder = tmp_path / "maps" / "g"
+    folder.mkdir(parents=True)
+    (folder / "graph.g2o").write_text("VERTEX_SE2 0 5 0 0\nVERTEX_SE2 1 15 0 0\n")
+    hgraph = with_storey(two_storeys(), Storey("g", "Ground", map="maps/g"))
+    save_building(Building(tmp_path, hgraph))
+    (folder / "graph.g2o").write_text("VERTEX_SE2 0 5 0 0\nVERTEX_SE2 1 15 0.5 0\n")
+    loaded = load_building(tmp_path).hgraph
+    assert (loaded.submaps["g"].nodes["c3"].y, loaded.submaps["g"].nodes["c1"].y) == (0.5, 0.0)
+    assert loaded.submaps["g/store"].nodes["e"].y == pytest.approx(3.5)
+    assert loaded.submaps["1"] == hgraph.submaps["1"]
+    save_building(Building(tmp_path, loaded))
+    assert load_building(tmp_path).hgraph == loaded

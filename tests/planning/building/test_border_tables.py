@@ -14,6 +14,7 @@ from waychair.maps.building.graph_arrays import NO_HEADING, GraphArrays
 from waychair.planning.building.border_tables import BorderTables
 from waychair.planning.building.graph_search import GraphSearch, brute_force, cost_of_way
 from waychair.planning.building.table_files import StaleTables, load_tables, save_tables
+from waychair.planning.building.tetranauta import Tetranauta
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +130,28 @@ def test_tables_come_back_from_their_file_and_refuse_another_graphs(small: Hospi
         load_tables(path, "key")
     with pytest.raises(StaleTables, match="there are no tables"):
         load_tables(tmp_path / "none.bin", "key")
+
+
+@pytest.mark.parametrize("brothers", [True, False])
+def test_the_papers_trajectories_find_ways_a_little_longer_than_the_shortest(brothers: bool) -> None:
+    made = hospital(Size(3, 4, 6, 3), seed=2)
+    preset, searches, rng = Tetranauta(made.graph, brothers), GraphSearch(made.graph), np.random.default_rng(1)
+    found = best = 0
+    for start, goal in rng.choice(made.goals, (60, 2)).tolist():
+        way, least = preset.way(start, goal), searches.cost(start, goal, guided=False)
+        assert way.cost >= least
+        if start != goal:
+            assert (made.graph.tail[way.arcs[0]], made.graph.head[way.arcs[-1]]) == (start, goal)
+        found, best = found + way.cost, best + least
+    assert found <= 1.0027 * best
+
+
+def test_searches_past_rooms_enter_only_the_first_and_the_last(small: Hospital) -> None:
+    graph, searches, rng = small.graph, GraphSearch(small.graph), np.random.default_rng(2)
+    is_leaf = ~np.isin(np.arange(len(graph.parent)), graph.parent)
+    for start, goal in rng.choice(small.goals, (40, 2)).tolist():
+        way = searches.way_past_rooms(start, goal)
+        entered = set(graph.node_submap[graph.head[way.arcs]].tolist())
+        entered -= {int(graph.node_submap[start]), int(graph.node_submap[goal])}
+        assert not is_leaf[list(entered)].any()
+        assert way.cost >= searches.cost(start, goal, guided=False)
