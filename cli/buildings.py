@@ -18,6 +18,13 @@ if TYPE_CHECKING:
 
 buildings_app = App(name="building", help="Make, check and route through buildings of several storeys.")
 
+buildings_app.command(
+    "waychair.cli.building_imports:import_command", name="import", help="Make a building of another program's file."
+)
+buildings_app.command(
+    "waychair.cli.building_imports:export_command", name="export", help="Write a building for another program."
+)
+
 
 @buildings_app.command(name="new")
 def new_command(folder: Path, /, *, name: str) -> None:

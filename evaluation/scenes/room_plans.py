@@ -47,7 +47,8 @@ def true_rooms(path: Path) -> IntArray:
     large = np.flatnonzero(boxes[:, cv2.CC_STAT_AREA] > LEAST_PIXELS)
     numbers = np.zeros(count, np.int64)
     numbers[large[large > 0]] = np.arange(1, (large > 0).sum() + 1)
-    return numbers[parts]
+    result: IntArray = numbers[parts]
+    return result
 
 
 def agreement(found: IntArray, true: IntArray) -> Agreement:

@@ -111,7 +111,7 @@ def rooms_of_grid(grid: OccupancyGrid) -> FloorRooms:
 
 def _room_numbers(basins: Basins, known: BoolArray, resolution: float) -> Labels:
     """Return (N + 1,) int32 the number, from 1, of the room that each basin is part of; 0 for specks and the unknown."""
-    sizes = np.bincount(basins.labels.ravel(), minlength=len(basins.peaks)) * resolution**2
+    sizes: FloatArray = np.bincount(basins.labels.ravel(), minlength=len(basins.peaks)) * np.float64(resolution**2)
     become = merged_basins(basins.peaks, sizes, contacts_of(basins.labels, basins.clearance))
     floor = np.bincount(become[basins.labels[known]], minlength=len(basins.peaks)) * resolution**2
     floor[0] = 0.0
