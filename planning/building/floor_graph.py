@@ -1,0 +1,270 @@
+"""The graph of a mapped storey: rooms as sub-maps, doors as doorways, corridors as chains of nodes, places as End nodes.
+
+Rooms and doors come from `maps.rooms`. The chair's body decides: an arc is a way that D* Lite finds for it, with the length
+of that way, and a door that it does not pass is no doorway. Corridors, and rooms with several doors that lead on, are drawn
+in the storey's own sub-map; other rooms are children. `regenerated_storey` brings the sketch into a building's graph.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waychair.maps.building.hgraph import NodeKind
+from waychair.maps.grid.cells import cells_from_points, inside
+from waychair.maps.rooms.floor_rooms import FloorRooms, Room, RoomKind
+from waychair.maps.rooms.openings import Opening
+from waychair.planning.building.region_network import MOST_ARCS, Region, ahead_of_opening, region_links, region_of
+from waychair.planning.grid.costmap import Costmap
+from waychair.types import FloatArray, Place
+
+THROUGH = 3
+"""A room with so many doors to other rooms is passed through, and drawn in the storey's sub-map."""
+
+SAME = 0.5
+"""[m] Nodes in front of two doors that are nearer to each other than this are one."""
+
+
+@dataclass(frozen=True, slots=True)
+class SketchNode:
+    """A node: its kind, place [m] in map, name, and `role`, the letter that its id begins with."""
+
+    role: str
+    kind: NodeKind
+    x: float
+    y: float
+    name: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class SketchArc:
+    """An arc between two nodes by index, with its length [m], and the width [m] of a door on it."""
+
+    start: int
+    end: int
+    length: float
+    width: float | None = None
+
+
+@dataclass(slots=True)
+class SketchMap:
+    """Nodes and arcs of the storey's sub-map or of one room; `middle` [m] tells rooms apart."""
+
+    title: str
+    middle: tuple[float, float]
+    nodes: list[SketchNode] = field(default_factory=list)
+    arcs: list[SketchArc] = field(default_factory=list)
+
+    def add(self, node: SketchNode) -> int:
+        """Add a node and return its index."""
+        self.nodes.append(node)
+        return len(self.nodes) - 1
+
+
+@dataclass(frozen=True, slots=True)
+class SketchDoorway:
+    """A doorway: the node of the storey's sub-map, the room's index, its node, and the clear width [m]."""
+
+    start: int
+    room: int
+    node: int
+    width: float
+
+
+@dataclass(frozen=True, slots=True)
+class Sketch:
+    """The graph of a storey before it has ids.
+
+    Attributes:
+        storey: nodes and arcs of the storey's own sub-map.
+        rooms: those of its rooms.
+        doorways: between them.
+        shut: openings that this chair does not pass, with their widths [m].
+        lost: places that it cannot drive to.
+    """
+
+    storey: SketchMap
+    rooms: tuple[SketchMap, ...]
+    doorways: tuple[SketchDoorway, ...]
+    shut: tuple[Opening, ...]
+    lost: tuple[str, ...]
+
+
+def sketch_of(costmap: Costmap, found: FloorRooms, places: Mapping[str, Place]) -> Sketch:
+    """Return the graph of a storey.
+
+    Args:
+        costmap: of the storey's map for the chair's body.
+        found: rooms and openings of the same map.
+        places: the storey's places by name.
+    """
+    regions = {room.number: region_of(costmap, found.labels == room.number) for room in _drivable(found)}
+    open_, shut = _passed(found, regions)
+    inner = _inner_rooms(found, regions, open_)
+    at = _places_by_room(costmap, found, regions, places)
+    storey = SketchMap("", (0.0, 0.0))
+    hubs = {number: _Hub(storey) for number in regions if number not in inner}
+    rooms: list[SketchMap] = []
+    numbers: dict[int, int] = {}
+    for number in sorted(inner):
+        room = found.rooms[number - 1]
+        numbers[number] = len(rooms)
+        rooms.append(SketchMap(_title(room, at.get(number, [])), (float(room.centre[0]), float(room.centre[1]))))
+    doorways: list[SketchDoorway] = []
+    for opening in open_:
+        door = storey.add(_door_node(opening))
+        for number in dict.fromkeys(opening.rooms):
+            if number in numbers:
+                inside_ = rooms[numbers[number]].add(_door_node(opening, NodeKind.BRIDGE))
+                doorways.append(SketchDoorway(door, numbers[number], inside_, opening.width))
+            elif opening.is_door and len(set(opening.rooms)) == 2:
+                hubs[number].meet(door, _ahead(costmap, found, opening, number), opening.width)
+            else:
+                hubs[number].points.append(door)
+    lost = set(places)
+    for number, region in regions.items():
+        assert region is not None
+        own = at.get(number, [])
+        lost -= {place.name for place in own}
+        if number in numbers:
+            _fill_room(rooms[numbers[number]], region, own)
+        else:
+            hubs[number].fill(region, own)
+    return Sketch(storey, tuple(rooms), tuple(doorways), tuple(shut), tuple(sorted(lost)))
+
+
+@dataclass(slots=True)
+class _Hub:
+    """The nodes of the storey's sub-map in one corridor or hall, by index."""
+
+    storey: SketchMap
+    points: list[int] = field(default_factory=list)
+
+    def meet(self, door: int, ahead: FloatArray, width: float) -> None:
+        """Join a door to a node in front of it, that of another door where there is one."""
+        nodes = self.storey.nodes
+        near = [k for k in self.points if nodes[k].role == "c" and _apart(nodes[k], ahead) < SAME]
+        crossing = near[0] if near else self.storey.add(SketchNode("c", NodeKind.CROSS, *map(float, ahead)))
+        if not near:
+            self.points.append(crossing)
+        self.storey.arcs.append(SketchArc(door, crossing, _apart(nodes[door], ahead), width))
+
+    def fill(self, region: Region, places: list[Place]) -> None:
+        """Add the places, and join all nodes of the corridor."""
+        self.points += [self.storey.add(_place_node(place)) for place in places]
+        if len(self.points) == 1 and not places:
+            best = region.widest()
+            if best is not None:
+                self.points.append(self.storey.add(SketchNode("c", NodeKind.CROSS, *map(float, best[0]))))
+        _join(self.storey, region, self.points)
+
+
+def _fill_room(room: SketchMap, region: Region, places: list[Place]) -> None:
+    """Add the room's places, or a goal in its middle where the chair can turn, and join them to its doors."""
+    points = list(range(len(room.nodes)))
+    points += [room.add(_place_node(place)) for place in places]
+    best = region.widest()
+    if best is not None:
+        middle, clearance = best
+        turns = clearance >= region.costmap.body.circumscribed_radius
+        goal = not places and turns
+        if goal or len(points) > 2:
+            kind = NodeKind.END if goal else NodeKind.CROSS
+            points.append(room.add(SketchNode("m", kind, *map(float, middle), room.title if goal else "")))
+    _join(room, region, points)
+
+
+def _join(sketch: SketchMap, region: Region, points: list[int]) -> None:
+    """Add the arcs between nodes of one region, with a node at each bend."""
+    where = np.array([(sketch.nodes[k].x, sketch.nodes[k].y) for k in points]).reshape(-1, 2)
+    used = np.bincount([end for arc in sketch.arcs for end in (arc.start, arc.end)], minlength=len(sketch.nodes))
+    room = [max(1, MOST_ARCS - int(used[k])) for k in points]
+    most = [
+        2 if sketch.nodes[k].kind in (NodeKind.END, NodeKind.BRIDGE) else each
+        for k, each in zip(points, room, strict=True)
+    ]
+    for link in region_links(region, where, most):
+        chain = [points[link.start]]
+        chain += [sketch.add(SketchNode("k", NodeKind.CROSS, x, y)) for x, y in link.bends.tolist()]
+        chain.append(points[link.end])
+        for start, end, length in zip(chain, chain[1:], link.lengths.tolist(), strict=False):
+            sketch.arcs.append(SketchArc(start, end, length))
+
+
+def _drivable(found: FloorRooms) -> list[Room]:
+    return [room for room in found.rooms if room.kind is not RoomKind.SEEN]
+
+
+def _passed(found: FloorRooms, regions: Mapping[int, Region | None]) -> tuple[list[Opening], list[Opening]]:
+    """Return the openings that the chair drives through, and the doors that it does not."""
+    passed, shut = [], []
+    for opening in found.openings:
+        if opening.rooms[0] == opening.rooms[1]:
+            continue  # the chain of the corridor leads through it
+        sides = [regions.get(number) for number in opening.rooms]
+        if any(side is None for side in sides):
+            continue
+        if all(side is not None and side.cell(opening.middle) is not None for side in sides):
+            passed.append(opening)
+        else:
+            shut.append(opening)
+    return passed, shut
+
+
+def _inner_rooms(found: FloorRooms, regions: Mapping[int, Region | None], open_: list[Opening]) -> set[int]:
+    """Return the numbers of the rooms that become sub-maps: no corridors, and not passed through."""
+    doors: dict[int, int] = {}
+    for opening in open_:
+        for number in opening.rooms:
+            doors[number] = doors.get(number, 0) + 1
+    return {
+        number
+        for number in regions
+        if found.rooms[number - 1].kind is RoomKind.ROOM and 0 < doors.get(number, 0) < THROUGH
+    }
+
+
+def _places_by_room(
+    costmap: Costmap, found: FloorRooms, regions: Mapping[int, Region | None], places: Mapping[str, Place]
+) -> dict[int, list[Place]]:
+    """Return the places that the chair can drive to, by the number of their room."""
+    by_room: dict[int, list[Place]] = {}
+    for place in places.values():
+        point = np.array([place.pose.x, place.pose.y])
+        cell = cells_from_points(costmap.grid, point)
+        if not inside(costmap.grid, cell)[0]:
+            continue
+        number = int(found.labels[tuple(cell[0])])
+        region = regions.get(number)
+        if region is not None and region.cell(point) is not None:
+            by_room.setdefault(number, []).append(place)
+    return by_room
+
+
+def _ahead(costmap: Costmap, found: FloorRooms, opening: Opening, number: int) -> FloatArray:
+    side = found.rooms[number - 1].centre
+    across = opening.jambs[1] - opening.jambs[0]
+    normal = np.array([-across[1], across[0]]) / max(float(np.hypot(*across)), 1e-9)
+    for sign in (0.4, -0.4):  # a corridor round a block has its middle anywhere: its label tells the side
+        cell = cells_from_points(costmap.grid, opening.middle + sign * normal)
+        if inside(costmap.grid, cell)[0] and found.labels[tuple(cell[0])] == number:
+            side = opening.middle + sign * normal
+    return ahead_of_opening(costmap.grid, costmap.clearance.astype(np.float64), opening.middle, opening.jambs, side)
+
+
+def _door_node(opening: Opening, kind: NodeKind = NodeKind.CROSS) -> SketchNode:
+    return SketchNode("d", kind, float(opening.middle[0]), float(opening.middle[1]))
+
+
+def _place_node(place: Place) -> SketchNode:
+    return SketchNode("p", NodeKind.END, place.pose.x, place.pose.y, place.name)
+
+
+def _title(room: Room, places: list[Place]) -> str:
+    return places[0].name if len(places) == 1 else f"Room {room.number}"
+
+
+def _apart(node: SketchNode, point: FloatArray) -> float:
+    return float(np.hypot(node.x - point[0], node.y - point[1]))
