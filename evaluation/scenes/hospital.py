@@ -171,6 +171,7 @@ def _drawn(
                 far[side, w // 2] = _node(
                     sheet, rng, s, (2 * side - 1) * (_STEP * (length + 1)), _SPINE_STEP * (w // 2), f, 0.4
                 )
+        is_joined = np.zeros(2, np.bool_)
         for side in range(2):
             last = -1
             for r in range(rows):
@@ -184,7 +185,11 @@ def _drawn(
             m = _submap(sheet, s)
             double = rng.random() < 0.33
             through = far[side, r] >= 0
-            cut = length // 2 if through and rng.random() < 0.2 else -1
+            cut = -1
+            if through:
+                if is_joined[side] and rng.random() < 0.25:
+                    cut = length // 2
+                is_joined[side] = True  # the first way through stays whole, and joins the far spine
             first = at[0]
             for i in range(length):
                 _node(sheet, rng, m, sign * _STEP * (i + 1), _SPINE_STEP * r, f, 0.4)

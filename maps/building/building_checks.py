@@ -1,23 +1,17 @@
-"""The checks of a whole building: lifts, tree, reachability, names across storeys, tables (E8 to E11, E13, E15, E16, E18, W1 to W3)."""
+"""The checks of a whole building: lifts, tree, reachability, names across storeys, tables (E8 to E11, E13, E15, E16, E18, W2, W3)."""
 
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components, dijkstra
 
-from waychair.errors import BuildingError
-from waychair.maps.building.costs import CLOSED_MM
+from waychair.maps.building.connections import Connections, Part, connections, folded, special_arcs
 from waychair.maps.building.findings import Finding, Surroundings, error, warning
 from waychair.maps.building.hgraph import HGraph, Lift, NodeKind, NodeRef, ancestors, inner_end, parent_path
 from waychair.maps.building.hgraph_edits import arc_ref
-from waychair.maps.building.indexed import IndexedGraph, indexed
-from waychair.maps.building.submap_checks import folded
-from waychair.types import IntArray
 
 _IN_LINE_M = 0.3
 """Most by which the stops of a lift may lie beside each other, seen from above [m]."""
@@ -25,32 +19,25 @@ _IN_LINE_M = 0.3
 _DEEPEST, _MOST_ITEMS = 4, 7
 """Most menus one below the other, and most goals and children of a sub-map in one menu."""
 
-_DETOUR, _NEIGHBOURS_M = 3.0, 6.0
-"""Rooms whose doors are closer than this [m] should not be more than this many times as far by driving."""
-
 _SHOWN = 5
 
 
-def building_findings(hgraph: HGraph, around: Surroundings) -> Iterator[Finding]:
-    """Yield the faults of the whole building."""
+def building_findings(hgraph: HGraph, parts: dict[str, Part], around: Surroundings) -> Iterator[Finding]:
+    """Yield the faults of the whole building; `parts` are the arrays of its sub-maps."""
     yield from _tree(hgraph)
     yield from _menus(hgraph)
     for lift in hgraph.lifts.values():
         yield from _lift(hgraph, lift, around)
     yield from _levels(hgraph)
-    yield from _names(hgraph)
+    yield from _names(hgraph, parts)
     yield from _maps(hgraph, around)
     if around.stale_tables:
         yield error(
             "E15", hgraph.name, "the tables are older than the graph", "make them with waychair building tables"
         )
-    try:
-        built = indexed(hgraph)
-    except BuildingError:  # a broken doorway or lift, told above
-        return
-    yield from _reach(hgraph, built)
-    yield from _detours(hgraph, built)
-    yield from _undriven(hgraph)
+    linked = connections(hgraph, parts)
+    yield from _reach(hgraph, linked)
+    yield from _undriven(linked)
 
 
 def _tree(hgraph: HGraph) -> Iterator[Finding]:
@@ -132,16 +119,19 @@ def _levels(hgraph: HGraph) -> Iterator[Finding]:
                 yield error("E9", ref, sentence, "mark it ramp=yes if it is one, else take it out")
 
 
-def _names(hgraph: HGraph) -> Iterator[Finding]:
+def _names(hgraph: HGraph, parts: dict[str, Part]) -> Iterator[Finding]:
     """Yield goals of different storeys, and sub-maps of one parent, that people cannot tell apart by name."""
-    goals: dict[tuple[str, ...], NodeRef] = {}
-    for ref, node in hgraph.nodes():
-        if node.kind is NodeKind.END and node.name.strip():
-            titles = (hgraph.submaps[path].title for path in ancestors(ref.submap)[2:] if path in hgraph.submaps)
-            name = (*(folded(title) for title in titles), folded(node.name))
-            first = goals.setdefault(name, ref)
-            if first != ref and first.submap != ref.submap:
-                sentence = f"'{node.name}' is a goal on two storeys, {first} and {ref}"
+    goals: dict[tuple[str, str], NodeRef] = {}
+    for path, part in parts.items():
+        if not part.goals:
+            continue
+        titles = [hgraph.submaps[each].title for each in ancestors(path)[2:] if each in hgraph.submaps]
+        within = folded("/".join(titles))
+        for key, name in part.goals:
+            ref = NodeRef(path, key)
+            first = goals.setdefault((within, name), ref)
+            if name and first.submap != path:
+                sentence = f"'{hgraph.submaps[path].nodes[key].name}' is a goal on two storeys, {first} and {ref}"
                 yield warning("E13", ref, sentence, "add the storey to one of the names")
     siblings: dict[tuple[str, str], str] = {}
     for path, submap in hgraph.submaps.items():
@@ -162,84 +152,34 @@ def _maps(hgraph: HGraph, around: Surroundings) -> Iterator[Finding]:
             )
 
 
-def _components(built: IndexedGraph, both_ways: bool) -> IntArray:
-    """Return the component of each node: strongly connected by open arcs, or by all arcs both ways."""
-    graph, count = built.graph, len(built.refs)
-    used = np.ones(len(graph.tail), np.bool_) if both_ways else graph.cost < CLOSED_MM
-    matrix = csr_array((np.ones(int(used.sum()), np.int8), (graph.tail[used], graph.head[used])), shape=(count, count))
-    found: IntArray = connected_components(matrix, directed=not both_ways, connection="strong")[1]
-    return found
-
-
-def _reach(hgraph: HGraph, built: IndexedGraph) -> Iterator[Finding]:
-    if not built.refs:
-        return
-    component = _components(built, both_ways=False)
-    goals = [index for ref, index in built.index.items() if _is_goal(hgraph, ref)]
-    counts = np.bincount(component[goals] if goals else component)
-    main = int(counts.argmax())
-    for index in goals:
-        if component[index] != main:
-            ref = built.refs[index]
-            island = np.flatnonzero(component == component[index])
-            names = ", ".join(str(built.refs[each]) for each in island[:_SHOWN])
+def _reach(hgraph: HGraph, linked: Connections) -> Iterator[Finding]:
+    goals = [
+        (NodeRef(path, key), linked.first[path] + part.index[key])
+        for path, part in linked.parts.items()
+        for key, _ in part.goals
+    ]
+    component = linked.component
+    main = int(np.bincount(component[[number for _, number in goals]]).argmax()) if goals else -1
+    for ref, number in goals:
+        if component[number] != main:
+            island = np.flatnonzero(component == component[number])
+            names = ", ".join(map(str, linked.refs(island[:_SHOWN])))
             more = f" and {len(island) - _SHOWN} more" if len(island) > _SHOWN else ""
             node = hgraph.node(ref)
-            sentence = f"the goal '{node.name if node else ref}' cannot be reached from all others and back: its island is {names}{more}"
+            name = node.name if node is not None and node.name else str(ref)
+            sentence = f"the goal '{name}' cannot be reached from all others and back: its island is {names}{more}"
             yield error("E11", ref, sentence, "join it by an arc that a chair can drive both ways")
-    told = set()
-    for arc, (forward, backward) in built.arcs.items():
-        arcs = [each for each in (forward, backward) if each >= 0]
-        is_special = len(arcs) == 1 or any(built.graph.cost[each] >= CLOSED_MM for each in arcs)
-        ends = built.graph.tail[arcs[0]], built.graph.head[arcs[0]]
-        if is_special and component[ends[0]] != component[ends[1]] and arc not in told:
-            told.add(arc)
-            what = "one-way" if len(arcs) == 1 else "closed"
-            sentence = f"the {what} arc {arc} leaves no way back"
-            yield warning("E18", arc, sentence, "open it, or add a way back")
+    for arc, way, ends in special_arcs(hgraph, linked):
+        if component[ends[0]] != component[ends[1]]:
+            what = "closed" if way.closure is not None else "one-way"
+            yield warning("E18", arc, f"the {what} arc {arc} leaves no way back", "open it, or add a way back")
 
 
-def _is_goal(hgraph: HGraph, ref: NodeRef) -> bool:
-    node = hgraph.node(ref)
-    return node is not None and node.kind is NodeKind.END
-
-
-def _detours(hgraph: HGraph, built: IndexedGraph) -> Iterator[Finding]:
-    """Yield rooms of one parent whose doors are close to each other, but far by driving."""
-    graph = built.graph
-    doors: dict[str, list[int]] = defaultdict(list)
-    for submap in hgraph.submaps.values():
-        for doorway in submap.doorways:
-            doors[submap.path].append(built.index[inner_end(submap, doorway)])
-    open_ = graph.cost < CLOSED_MM
-    length = np.hypot(*(graph.xy[graph.head] - graph.xy[graph.tail]).T) + 1e-3
-    count = len(built.refs)
-    matrix = csr_array((length[open_], (graph.tail[open_], graph.head[open_])), shape=(count, count))
-    for of_parent in doors.values():
-        rooms = np.array(sorted(set(of_parent)))
-        points = graph.xy[rooms]
-        for at, room in enumerate(rooms.tolist()):
-            away = np.hypot(*(points - points[at]).T)
-            near = rooms[(away < _NEIGHBOURS_M) & (away > 1.0) & (graph.node_submap[rooms] > graph.node_submap[room])]
-            if not len(near):
-                continue
-            driven = dijkstra(matrix, indices=room, limit=_DETOUR * _NEIGHBOURS_M)
-            for other in near.tolist():
-                line = float(np.hypot(*(graph.xy[other] - graph.xy[room])))
-                if driven[other] > _DETOUR * line:
-                    ref = built.refs[room]
-                    sentence = f"from {ref} to {built.refs[other]}, {line:.1f} m away, the way is more than {_DETOUR:g} times as long"
-                    yield warning("W1", ref, sentence, "look whether a doorway between them is missing")
-
-
-def _undriven(hgraph: HGraph) -> Iterator[Finding]:
+def _undriven(linked: Connections) -> Iterator[Finding]:
     """Yield nodes that nobody has driven past, once some drives have been measured."""
-    driven: set[NodeRef] = set()
-    for submap in hgraph.submaps.values():
-        for arc in submap.arcs:
-            if arc.way.drive_s is not None:
-                driven |= {NodeRef(submap.path, arc.start), NodeRef(submap.path, arc.end)}
-    if driven:
-        for ref, _ in hgraph.nodes():
-            if ref not in driven:
-                yield warning("W3", ref, f"nobody has driven past {ref}", "drive there once")
+    if any(part.driven.any() for part in linked.parts.values()):
+        for path, part in linked.parts.items():
+            for key, at in part.index.items():
+                if not part.driven[at]:
+                    ref = NodeRef(path, key)
+                    yield warning("W3", ref, f"nobody has driven past {ref}", "drive there once")

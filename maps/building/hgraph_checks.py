@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from waychair.maps.building.building_checks import building_findings
+from waychair.maps.building.connections import Part, part_of
 from waychair.maps.building.findings import NO_SURROUNDINGS, Finding, Severity, Surroundings
 from waychair.maps.building.hgraph import Frame, HGraph, SubMap, parent_path
 from waychair.maps.building.submap_checks import outer_ends, submap_findings
@@ -28,6 +29,7 @@ class Checker:
     def __init__(self, around: Surroundings = NO_SURROUNDINGS) -> None:
         self._around = around
         self._kept: dict[str, tuple[tuple[object, ...], tuple[Finding, ...]]] = {}
+        self._parts: dict[str, tuple[SubMap, Part]] = {}
 
     def check(self, hgraph: HGraph) -> tuple[Finding, ...]:
         """Return all faults and warnings of a graph."""
@@ -43,7 +45,13 @@ class Checker:
                 kept[path] = seen, tuple(submap_findings(hgraph, path, ends.get(path, frozenset()), self._around))
             found += kept[path][1]
         self._kept = kept
-        return (*found, *building_findings(hgraph, self._around))
+        self._parts = {path: self._part(path, submap) for path, submap in hgraph.submaps.items()}
+        parts = {path: part for path, (_, part) in self._parts.items()}
+        return (*found, *building_findings(hgraph, parts, self._around))
+
+    def _part(self, path: str, submap: SubMap) -> tuple[SubMap, Part]:
+        kept = self._parts.get(path)
+        return kept if kept is not None and kept[0] is submap else (submap, part_of(submap))
 
 
 def _seen(hgraph: HGraph, submap: SubMap) -> Iterator[SubMap | Frame | None]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
@@ -20,6 +22,9 @@ from waychair.maps.building.hgraph import (
     Way,
     parent_path,
 )
+
+FEWEST_DRIVES = 5
+"""Drives along an arc from which on their median replaces the estimate of its cost."""
 
 A = TypeVar("A", Arc, Doorway)
 
@@ -87,6 +92,20 @@ def with_way(hgraph: HGraph, ref: ArcRef, **changes: object) -> HGraph:
         if any(map(_is_other, arcs, submap.arcs)) or any(map(_is_other, doors, submap.doorways)):
             return with_submap(hgraph, replace(submap, arcs=tuple(arcs), doorways=tuple(doors)))
     raise BuildingError(f"there is no arc {ref}: name the sub-map, then its two ends, as in ground/west:n1>n2")
+
+
+def with_drives(hgraph: HGraph, drives: Mapping[ArcRef, Sequence[float]]) -> HGraph:
+    """Return the graph with learnt driving times: the median [s] of each arc's drives, where there are enough of them.
+
+    Raises:
+        BuildingError: there is no such arc, or a time is not above 0.
+    """
+    for ref, seconds in drives.items():
+        if not all(0.0 < each < math.inf for each in seconds):
+            raise BuildingError(f"a drive along {ref} took {min(seconds):g} s, which is impossible: measure it again")
+        if len(seconds) >= FEWEST_DRIVES:
+            hgraph = with_way(hgraph, ref, drive_s=float(statistics.median(seconds)))
+    return hgraph
 
 
 def closed(hgraph: HGraph, ref: ArcRef, reason: str, until_ns: int | None = None) -> HGraph:

@@ -1,14 +1,17 @@
-"""The checks of one sub-map: its nodes, arcs, doorways and names (E1 to E7, E12, E13, E14, E17)."""
+"""The checks of one sub-map: its nodes, arcs, doorways and names (E1 to E7, E12, E13, E14, E17, W1)."""
 
 from __future__ import annotations
 
 import math
-import unicodedata
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
 
+from waychair.maps.building.connections import folded
 from waychair.maps.building.findings import Finding, Severity, Surroundings, error, warning
 from waychair.maps.building.hgraph import (
     Arc,
@@ -38,6 +41,9 @@ _SHORTEST, _LONGEST, _DETOUR = 0.9, 3.0, 1.5
 
 _BESIDE_M = 0.05
 """Room on each side of the chair in a door [m]."""
+
+_FAR, _NEIGHBOURS_M = 3.0, 6.0
+"""Doors of one sub-map closer than this [m] should not be more than this many times as far by driving."""
 
 _WIDEST_DOOR_M, _LARGEST_M = 3.0, 2000.0
 """A door as wide, or a sub-map as large [m], has a wrong unit or scale."""
@@ -69,6 +75,7 @@ def submap_findings(hgraph: HGraph, path: str, ends: frozenset[str], around: Sur
     yield from _names(submap)
     yield from _on_map(hgraph, submap, points, around)
     yield from _size(submap, points)
+    yield from _detours(hgraph, submap, points)
 
 
 def _nodes(submap: SubMap, ends: frozenset[str]) -> Iterator[Finding]:
@@ -194,8 +201,6 @@ def _doorways(
 
 def _almost_joined(submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator[Finding]:
     """Yield pairs of nodes that are not joined though they almost touch, and arcs that cross without a node."""
-    from scipy.spatial import cKDTree
-
     keys = list(points)
     joined = {frozenset((arc.start, arc.end)) for arc in submap.arcs}
     if len(keys) > 1:
@@ -237,12 +242,6 @@ def _crossings(starts: FloatArray, stops: FloatArray) -> list[tuple[int, int]]:
 def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
     product: FloatArray = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
     return product
-
-
-def folded(name: str) -> str:
-    """Return a name without case, accents and doubled spaces."""
-    plain = unicodedata.normalize("NFKD", name)
-    return " ".join("".join(each for each in plain if not unicodedata.combining(each)).casefold().split())
 
 
 def _names(submap: SubMap) -> Iterator[Finding]:
@@ -307,3 +306,36 @@ def _point(hgraph: HGraph, ref: NodeRef) -> tuple[float, float] | None:
 
 def _direction(one: tuple[float, float], other: tuple[float, float]) -> float:
     return math.atan2(other[1] - one[1], other[0] - one[0])
+
+
+def _detours(hgraph: HGraph, submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator[Finding]:
+    """Yield rooms whose doors are close to each other, but far by driving within the sub-map that both open to."""
+    doors = [(doorway, _point(hgraph, inner_end(submap, doorway))) for doorway in submap.doorways]
+    rooms = [(doorway, point) for doorway, point in doors if point is not None]
+    if len(rooms) < 2:
+        return
+    index = {key: at for at, key in enumerate(points)}
+    rows, lengths = [], []
+    for arc in submap.arcs:
+        if arc.way.closure is None:
+            rows.append((index[arc.start], index[arc.end]))
+            lengths.append(math.dist(points[arc.start], points[arc.end]) + 1e-3)
+    ends = np.array(rows, np.int64).reshape(-1, 2)
+    matrix = csr_array((np.array(lengths), (ends[:, 0], ends[:, 1])), shape=(len(index), len(index)))
+    places = np.array([point for _, point in rooms])
+    near = sorted(cKDTree(places).query_pairs(_NEIGHBOURS_M))
+    pairs = [
+        (i, j) for i, j in near if rooms[i][0].child != rooms[j][0].child and math.dist(places[i], places[j]) > 1.0
+    ]
+    starts = sorted({index[rooms[i][0].start] for i, _ in pairs})
+    if not starts:
+        return
+    driven = dijkstra(matrix, directed=False, indices=starts, limit=2.0 * _FAR * _NEIGHBOURS_M)
+    for i, j in pairs:
+        line = math.dist(places[i], places[j])
+        between = driven[starts.index(index[rooms[i][0].start]), index[rooms[j][0].start]]
+        sides = math.dist(places[i], points[rooms[i][0].start]) + math.dist(places[j], points[rooms[j][0].start])
+        if between + sides > _FAR * line:
+            one, other = inner_end(submap, rooms[i][0]), inner_end(submap, rooms[j][0])
+            sentence = f"from {one} to {other}, {line:.1f} m away, the way is more than {_FAR:g} times as long"
+            yield warning("W1", one, sentence, "look whether a doorway between them is missing")

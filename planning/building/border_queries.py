@@ -198,25 +198,26 @@ def _emit(way: Int32Array, count: int, arc: int) -> int:
 def _emit_row(tables: Tables, m: int, row: int, state: int, way: Int32Array, count: int) -> int:
     """Append the arcs from a state back to a row's, within `m`; children are unpacked, too."""
     lay, steps = tables.layout, tables.steps
-    depth = 0
-    maps, rows, states = np.empty(64, np.int32), np.empty(64, np.int32), np.empty(64, np.int32)
+    waiting, depth = np.empty((64, 3), np.int64), 0  # sub-map, row and state to go on with
+    here, one, at = int(m), int(row), int(state)
     while True:
-        count = _emit(way, count, arc_of_state(lay, m, state))
-        if state == row:
+        count = _emit(way, count, arc_of_state(lay, here, at))
+        if at == one:
             if depth == 0:
-                return count
+                break
             depth -= 1
-            m, row, state = maps[depth], rows[depth], states[depth]
+            here, one, at = waiting[depth, 0], waiting[depth, 1], waiting[depth, 2]
             continue
-        before = int(steps.before[steps.first[m] + np.int64(row) * lay.sizes[m, STATES] + state])
-        c = child_of_state(lay, m, state)
-        if c >= 0 and state < lay.sizes[m, ROWS] and is_jump(lay, m, c, before):
-            maps[depth], rows[depth], states[depth] = m, row, before
+        before = int(steps.before[steps.first[here] + one * lay.sizes[here, STATES] + at])
+        c = child_of_state(lay, here, at)
+        if c >= 0 and at < lay.sizes[here, ROWS] and is_jump(lay, here, c, before):
+            waiting[depth, 0], waiting[depth, 1], waiting[depth, 2] = here, one, before
             depth += 1
-            exit = state - lay.exits_at[c]
-            m, row, state = c, before - lay.entries_at[c], lay.sizes[c, EXITS_AT] + exit
+            at = int(lay.sizes[c, EXITS_AT] + at - lay.exits_at[c])
+            here, one = int(c), int(before - lay.entries_at[c])
         else:
-            state = before
+            at = before
+    return count
 
 
 @njit(cache=True, inline="always")
@@ -229,31 +230,33 @@ def is_jump(lay: Layout, m: int, c: int, before: int) -> bool:
 def _emit_around(graph: GraphArrays, tables: Tables, m: int, row: int, state: int, way: Int32Array, count: int) -> int:
     """Append the arcs from a state (an entry of a child of `m`) back to a row (an exit of a child), by any way."""
     lay, borders = tables.layout, tables.borders
-    maps, rows, exits, depth = np.empty(64, np.int32), np.empty(64, np.int32), np.empty(64, np.int32), 0
+    steps, depth = np.empty((64, 5), np.int64), 0  # at each level: sub-map, row, state, exit, entry
+    steps[0, 0], steps[0, 1], steps[0, 2] = m, row, state
     while True:
-        columns, n_rows, exits_at = lay.sizes[m, COLUMNS], lay.sizes[m, ROWS], lay.sizes[m, EXITS_AT]
-        width = exits_at - n_rows
-        least = borders.around[borders.around_first[m] + (row - _entries(lay, m)) * np.int64(width) + state - n_rows]
-        start = borders.first[m]
-        if borders.within[start + row * np.int64(columns) + state - n_rows] == least:
-            count = _emit_row(tables, m, row, state, way, count)
+        here, one, other = steps[depth, 0], steps[depth, 1], steps[depth, 2]
+        columns, rows = np.int64(lay.sizes[here, COLUMNS]), lay.sizes[here, ROWS]
+        width, start = np.int64(lay.sizes[here, EXITS_AT] - rows), borders.first[here]
+        least = borders.around[borders.around_first[here] + (one - _entries(lay, here)) * width + other - rows]
+        if borders.within[start + one * columns + other - rows] == least:
             break
-        p, best_exit, best_entry = graph.parent[m], -1, -1
-        for x in range(_exits(lay, m)):
-            there = borders.within[start + row * np.int64(columns) + width + x]
+        parent = graph.parent[here]
+        for x in range(_exits(lay, here)):
+            there = borders.within[start + one * columns + width + x]
             if there < least:
-                for e in range(_entries(lay, m)):
-                    back = borders.within[start + e * np.int64(columns) + state - n_rows]
-                    if there + np.int64(outside(lay, borders, p, m, x, e)) + back == least:
-                        best_exit, best_entry = x, e
-        count = _emit_row(tables, m, best_entry, state, way, count)
-        maps[depth], rows[depth], exits[depth] = m, row, best_exit
+                for e in range(_entries(lay, here)):
+                    back = borders.within[start + e * columns + other - rows]
+                    if there + outside(lay, borders, parent, here, x, e) + back == least:
+                        steps[depth, 3], steps[depth, 4] = x, e
         depth += 1
-        m, row, state = p, lay.exits_at[m] + best_exit, lay.entries_at[m] + best_entry
-    while depth > 0:
-        depth -= 1
-        m = maps[depth]
-        count = _emit_row(tables, m, rows[depth], lay.sizes[m, EXITS_AT] + exits[depth], way, count)
+        steps[depth, 0] = parent
+        steps[depth, 1] = lay.exits_at[here] + steps[depth - 1, 3]
+        steps[depth, 2] = lay.entries_at[here] + steps[depth - 1, 4]
+    for k in range(depth):
+        count = _emit_row(tables, steps[k, 0], steps[k, 4], steps[k, 2], way, count)
+    count = _emit_row(tables, steps[depth, 0], steps[depth, 1], steps[depth, 2], way, count)
+    for k in range(depth - 1, -1, -1):
+        exit = lay.sizes[steps[k, 0], EXITS_AT] + steps[k, 3]
+        count = _emit_row(tables, steps[k, 0], steps[k, 1], exit, way, count)
     return count
 
 

@@ -15,10 +15,12 @@ import numpy as np
 
 from waychair.errors import BuildingError, NoPath
 from waychair.maps.building.building import goals
-from waychair.maps.building.costs import CLOSED_MM
+from waychair.maps.building.costs import CLOSED_MM, millimetres
 from waychair.maps.building.graph_arrays import NO_HEADING, Int32Array
-from waychair.maps.building.hgraph import ArcRef, HGraph, NodeRef, full_name
-from waychair.maps.building.indexed import IndexedGraph, indexed
+from waychair.maps.building.hgraph import Arc, ArcRef, Closure, Doorway, HGraph, NodeRef, SubMap, full_name
+from waychair.maps.building.hgraph_edits import arc_ref, with_way
+from waychair.maps.building.indexed import IndexedGraph, arc_cost_m, indexed
+from waychair.maps.building.text_forms import LONGEST_M
 from waychair.planning.building.border_tables import BorderTables
 from waychair.planning.building.graph_search import (
     GraphSearch,
@@ -146,6 +148,59 @@ class RoutePlanner:
             raise NoPath(self._no_way(one, other, shut))
         return self._route(start, goal, way)
 
+    def close(self, ref: ArcRef, reason: str, until_ns: int | None = None) -> None:
+        """Close an arc or doorway, for a reason and until a time [ns UTC]; routes avoid it from now on.
+
+        Raises:
+            BuildingError: there is no such arc.
+        """
+        self._change(ref, closure=Closure(reason, until_ns))
+
+    def reopen(self, ref: ArcRef) -> None:
+        """Open an arc or doorway again; raises as `close`."""
+        self._change(ref, closure=None)
+
+    def reopen_ended(self, now_ns: int) -> tuple[ArcRef, ...]:
+        """Open all arcs and doorways whose closure has ended by a time [ns UTC]; return them."""
+        ended = [
+            arc_ref(submap, each)
+            for submap in self.hgraph.submaps.values()
+            for each in _ways_of(submap)
+            if each.way.closure is not None and not each.way.closure.holds(now_ns)
+        ]
+        for ref in ended:
+            self.reopen(ref)
+        return tuple(ended)
+
+    def reprice(self, ref: ArcRef, metres: float | None) -> None:
+        """Give an arc or doorway a price [m of straight driving] in place of its cost, None for its own again.
+
+        Raises:
+            BuildingError: there is no such arc, or the price is impossible.
+        """
+        if metres is not None and not 0.0 <= metres <= LONGEST_M:
+            raise BuildingError(f"the price of {ref} is {metres:g} m: give 0 to {LONGEST_M:g} m, or close it")
+        self._change(ref, price=metres)
+
+    def _change(self, ref: ArcRef, **changes: object) -> None:
+        self.hgraph = with_way(self.hgraph, ref, **changes)
+        record = record_of(self.hgraph, ref)
+        if record is None or ref not in self.built.arcs:
+            raise BuildingError(f"arc {ref} is stored the other way round: name its ends as its record does")
+        arcs = np.array([arc for arc in self.built.arcs[ref] if arc >= 0])
+        graph = self.built.graph
+        distance = float(np.hypot(*(graph.xy[graph.head[arcs[0]]] - graph.xy[graph.tail[arcs[0]]])))
+        cost = max(1, millimetres(arc_cost_m(record.way, distance, self.hgraph.costs)))
+        self.built.open_cost[arcs] = cost
+        shown = np.full(len(arcs), cost if record.way.closure is None else CLOSED_MM)
+        if self.tables is not None:
+            self.tables.reprice(arcs, shown)
+        else:
+            graph.cost[arcs] = shown
+        self._search = GraphSearch(graph)  # its bound is that of the new costs
+        if self._preset is not None:
+            self._preset = Tetranauta(graph)
+
     def _way(self, start: int, goal: int) -> Way:
         if self._method is Method.TABLES and self.tables is not None:
             return self.tables.way(start, goal)
@@ -255,3 +310,7 @@ class RoutePlanner:
         if record is not None and record.way.length is not None:
             return record.way.length
         return float(np.hypot(*(graph.xy[graph.head[arc]] - graph.xy[graph.tail[arc]])))
+
+
+def _ways_of(submap: SubMap) -> tuple[Arc | Doorway, ...]:
+    return (*submap.arcs, *submap.doorways)

@@ -20,6 +20,7 @@ from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
 from waychair.planning.building.border_tables import BorderTables
 from waychair.planning.building.graph_search import GraphSearch, cost_of_way
 from waychair.planning.building.table_files import load_tables, save_tables
+from waychair.planning.building.tetranauta import Tetranauta
 from waychair.types import IntArray, Json
 
 QUERIES = 10_000
@@ -48,6 +49,15 @@ LIMITS = {
     },
     "H4": {"cost_us": 5.0, "way_us": 45.0, "build_s": 45.0},
 }
+TABLE_1 = {
+    "horizontal_1": (0.27, 13.7, 2.3),
+    "horizontal_2": (0.27, 13.5, 2.3),
+    "vertical": (0.69, 8.6, 4.4),
+}
+"""The paper's Table 1: most percent longer with tables, least speed-up with tables and without, for H1 and H2."""
+
+PRESET_SIZES, PRESET_QUERIES = ("H1", "H2"), 2000
+
 MOST_BYTES = 260.0
 """Bytes a node of all tables."""
 
@@ -58,11 +68,23 @@ def hgraph(out: Path) -> Json:
     """Exact costs everywhere, speed-ups, memory, and repair after closures, as one growth curve over the hospitals."""
     names = os.environ.get("HGRAPH_SIZES", ",".join(SIZES)).split(",")
     _load_kernels()
-    rows = {name: _measured(name) for name in names}
+    both = {name: _measured(name) for name in names}
+    rows, printed = (
+        {name: row for name, (row, _) in both.items()},
+        {name: table for name, (_, table) in both.items() if table},
+    )
     wrong = sum(int(row["wrong"]) for row in rows.values())
     missed = [f"{name} {bar}" for name, row in rows.items() for bar in _missed(name, row)]
+    missed += [f"{name} {bar}" for name, table in printed.items() for bar in _missed_of_table_1(table)]
     peers = {name: "installed" if find_spec(name) else "not installed" for name in PEERS}
-    return {"passed": wrong == 0 and not missed, "wrong": wrong, "missed": missed, "hospitals": rows, "peers": peers}
+    return {
+        "passed": wrong == 0 and not missed,
+        "wrong": wrong,
+        "missed": missed,
+        "hospitals": rows,
+        "table_1": printed,
+        "peers": peers,
+    }
 
 
 def _load_kernels() -> None:
@@ -78,7 +100,8 @@ def _load_kernels() -> None:
     searches.cost(0, 1, guided=True)
 
 
-def _measured(name: str) -> dict[str, float]:
+def _measured(name: str) -> tuple[dict[str, float], dict[str, dict[str, float]]]:
+    """Return one hospital's figures, and the paper's experiments on it."""
     made = hospital(SIZES[name])
     graph, row = made.graph, {"nodes": float(len(made.graph.xy)), "submaps": float(len(made.graph.parent))}
     begun = time.process_time()
@@ -95,7 +118,7 @@ def _measured(name: str) -> dict[str, float]:
         wrong += _wrong_to_all(made, tables, searches, *STARTS[name])
     wrong += _closures(row, made, tables, CLOSURES[name])
     row["wrong"] = wrong
-    return row
+    return row, _table_1(made, searches) if name in PRESET_SIZES else {}
 
 
 def _pairs(made: Hospital, kind: str, count: int) -> tuple[Int32Array, Int32Array]:
@@ -147,6 +170,41 @@ def _timed(
     for what in ("cost", "way"):
         row[f"{what}_{kind}"] = row[f"astar_us_{kind}"] / row[f"{what}_us_{kind}"]
     return int(wrong)
+
+
+def _table_1(made: Hospital, searches: GraphSearch) -> dict[str, dict[str, float]]:
+    """Return the paper's three experiments: its methods beside A* on the same queries, lengths, costs and times."""
+    experiments = {"horizontal_1": ("same", False), "horizontal_2": ("same", True), "vertical": ("across", True)}
+    found = {}
+    for name, (kind, brothers) in experiments.items():
+        starts, goals = _pairs(made, kind, PRESET_QUERIES)
+        pairs = list(zip(starts.tolist(), goals.tolist(), strict=True))
+        preset = Tetranauta(made.graph, brothers)
+        ways, times = {}, {}
+        for method, way in (
+            ("astar", lambda one, other: searches.way(one, other, guided=True)),
+            ("with_tables", preset.way),
+            ("without_tables", searches.way_past_rooms),
+        ):
+            way(*pairs[0])
+            begun = time.process_time()
+            ways[method] = [way(*pair) for pair in pairs]
+            times[method] = time.process_time() - begun
+        row = {}
+        for method, found_ways in ways.items():
+            row[f"{method}_us"] = 1e6 * times[method] / len(pairs)
+            row[f"{method}_length_m"] = sum(_length(made.graph, way.arcs) for way in found_ways)
+            row[f"{method}_longer_percent"] = 100.0 * (row[f"{method}_length_m"] / row["astar_length_m"] - 1.0)
+            row[f"{method}_dearer_percent"] = 100.0 * (
+                sum(way.cost for way in found_ways) / sum(way.cost for way in ways["astar"]) - 1.0
+            )
+            row[f"{method}_faster"] = times["astar"] / times[method]
+        found[name] = row
+    return found
+
+
+def _length(graph: GraphArrays, arcs: Int32Array) -> float:
+    return float(np.hypot(*(graph.xy[graph.head[arcs]] - graph.xy[graph.tail[arcs]]).T).sum())
 
 
 def _repeated(call, count: int):  # type: ignore[no-untyped-def]
@@ -221,4 +279,17 @@ def _missed(name: str, row: dict[str, float]) -> list[str]:
     missed += [key for key, limit in LIMITS.get(name, {}).items() if worst[key] > limit]
     if row["bytes_per_node"] > MOST_BYTES:
         missed.append("bytes_per_node")
+    return missed
+
+
+def _missed_of_table_1(table: dict[str, dict[str, float]]) -> list[str]:
+    missed = []
+    for name, (longer, with_tables, without) in TABLE_1.items():
+        row = table[name]
+        if row["with_tables_longer_percent"] > longer:
+            missed.append(f"{name} longer")
+        if row["with_tables_faster"] < with_tables:
+            missed.append(f"{name} with tables")
+        if row["without_tables_faster"] < without:
+            missed.append(f"{name} without tables")
     return missed

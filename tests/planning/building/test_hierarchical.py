@@ -7,7 +7,7 @@ import pytest
 from tests.maps.building.buildings import two_storeys
 from waychair.errors import BuildingError, NoPath
 from waychair.maps.building.hgraph import ArcRef, Closure, NodeRef
-from waychair.maps.building.hgraph_edits import closed, with_lift, with_way
+from waychair.maps.building.hgraph_edits import closed, with_drives, with_lift, with_way
 from waychair.planning.building.hierarchical import Method, RoutePlanner
 from waychair.planning.building.movements import MovementKind
 
@@ -90,3 +90,35 @@ def test_an_unknown_or_ambiguous_goal_is_answered_with_names() -> None:
     with pytest.raises(BuildingError, match="there is no goal 'Bath'; did you mean"):
         planner.node("Bath")
     assert planner.node("ward/bed g") == NodeRef("g/ward", "e")
+
+
+@pytest.mark.parametrize("method", [Method.TABLES, Method.ASTAR])
+def test_a_closure_is_a_call_that_ends_by_itself_and_a_price_changes_the_way(method: Method) -> None:
+    planner = RoutePlanner(two_storeys(), method)
+    ends, arc = (NodeRef("g/ward", "e"), NodeRef("g/store", "e")), ArcRef("g", "c2", "c3")
+    before = planner.cost(*ends)
+    planner.close(arc, "wet floor", until_ns=5_000)
+    with pytest.raises(NoPath, match=r"g:c2>c3 is closed \(wet floor\)"):
+        planner.route(*ends)
+    assert planner.reopen_ended(4_999) == ()
+    assert planner.reopen_ended(5_000) == (arc,)
+    assert planner.cost(*ends) == before
+    planner.reprice(arc, 12.5)
+    assert planner.cost(*ends) == before + 7_500
+    planner.reprice(arc, None)
+    assert planner.cost(*ends) == before
+    with pytest.raises(BuildingError, match="there is no arc g:c1>c3"):
+        planner.close(ArcRef("g", "c1", "c3"), "wet floor")
+    with pytest.raises(BuildingError, match="the price of g:c2>c3 is -1 m"):
+        planner.reprice(arc, -1.0)
+
+
+def test_five_measured_drives_replace_the_estimate_and_four_do_not() -> None:
+    arc, ends = ArcRef("g", "c2", "c3"), (NodeRef("g/ward", "e"), NodeRef("g/store", "e"))
+    before = RoutePlanner(two_storeys()).cost(*ends)
+    few = with_drives(two_storeys(), {arc: [10.0, 11.0, 12.0, 13.0]})
+    assert RoutePlanner(few).cost(*ends) == before
+    many = with_drives(two_storeys(), {arc: [10.0, 11.0, 12.0, 13.0, 50.0]})
+    assert RoutePlanner(many).cost(*ends) == before - 5_000 + round(1000 * 12.0 * 0.8)
+    with pytest.raises(BuildingError, match="took 0 s, which is impossible"):
+        with_drives(two_storeys(), {arc: [0.0]})
