@@ -24,6 +24,9 @@ buildings_app.command(
 buildings_app.command(
     "waychair.cli.building_imports:export_command", name="export", help="Write a building for another program."
 )
+buildings_app.command(
+    "waychair.cli.building_imports:generate_command", name="generate", help="Make the graph of a mapped storey."
+)
 
 
 @buildings_app.command(name="new")

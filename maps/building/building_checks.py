@@ -10,7 +10,7 @@ import numpy as np
 
 from waychair.maps.building.connections import Connections, Part, connections, folded, special_arcs
 from waychair.maps.building.findings import Finding, Surroundings, error, warning
-from waychair.maps.building.hgraph import HGraph, Lift, NodeKind, NodeRef, ancestors, inner_end, parent_path
+from waychair.maps.building.hgraph import ROOT, HGraph, Lift, NodeKind, NodeRef, ancestors, inner_end, parent_path
 from waychair.maps.building.hgraph_edits import arc_ref
 
 _IN_LINE_M = 0.3
@@ -51,7 +51,7 @@ def _tree(hgraph: HGraph) -> Iterator[Finding]:
         if parent_path(path) not in hgraph.submaps:
             remedy = f"add '{parent_path(path)}', or take it out"
             yield error("E10", path, f"sub-map '{path}' has no parent, so a level is missing", remedy)
-        elif path not in entered and len(hgraph.submaps) > 2:
+        elif path not in entered and hgraph.children(ROOT) != (path,):
             yield error("E10", path, f"sub-map '{path}' has neither doorway nor lift", "add a doorway from its parent")
         if path.count("/") + 1 > _DEEPEST:
             sentence = f"'{path}' lies {path.count('/') + 1} menus deep"

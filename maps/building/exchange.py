@@ -66,8 +66,8 @@ def read_exchange(path: Path, name: str, graph: int | None, scale: float) -> Imp
     else:
         folder = path if is_folder(path, BuildingError) else path.parent
         title = name or folder.name
-        both = (read_bytes(folder / each, BuildingError) for each in (floor_csv.NODES, floor_csv.EDGES))
-        found = floor_csv.building_from_floor_csv(*both, title, scale)
+        nodes, edges = (read_bytes(folder / each, BuildingError) for each in (floor_csv.NODES, floor_csv.EDGES))
+        found = floor_csv.building_from_floor_csv(nodes, edges, title, scale)
     options = json.dumps({"graph": graph, "scale": scale}).encode()
     return replace(found, hgraph=replace(found.hgraph, name=title), kept={**found.kept, OPTIONS: options})
 
@@ -92,7 +92,9 @@ def write_exchange(building: Building, path: Path) -> None:
         kept = [kept_file(folder, each) for each in (floor_csv.NODES, floor_csv.EDGES)]
         target = path.parent if path.suffix else path
         both = None if kept[0] is None or kept[1] is None else (kept[0], kept[1])
-        for name, text in zip((floor_csv.NODES, floor_csv.EDGES), floor_csv.floor_csv_of(hgraph, both, scale), strict=True):
+        for name, text in zip(
+            (floor_csv.NODES, floor_csv.EDGES), floor_csv.floor_csv_of(hgraph, both, scale), strict=True
+        ):
             write_text(target / name, text)
 
 

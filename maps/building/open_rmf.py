@@ -147,8 +147,8 @@ def _levels(values: dict[str, Any], name: str) -> tuple[list[Level], list[str]]:
         points = {key: each * (1.0, -1.0) for key, each in vertices.items()}
         notes: list[str] = []
     else:
-        reference = values.get("reference_level_name")
-        reference = reference if reference in raw else next(iter(raw))
+        named = values.get("reference_level_name")
+        reference = named if isinstance(named, str) and named in raw else next(iter(raw))
         points, notes = _laid(raw, vertices, reference, name)
     levels = []
     for position, (key, level) in enumerate(raw.items()):
@@ -185,9 +185,7 @@ def _laid(
     return points, notes
 
 
-def _similar(
-    points: FloatArray, own: dict[str, complex], base: dict[str, complex], common: list[str]
-) -> FloatArray:
+def _similar(points: FloatArray, own: dict[str, complex], base: dict[str, complex], common: list[str]) -> FloatArray:
     """Return points (N, 2) moved, turned and scaled as the fiducials of one name, by the mean over all pairs."""
     pairs = [(a, b) for i, a in enumerate(common) for b in common[:i] if abs(own[a] - own[b]) > 0]
     ratios = [(base[a] - base[b]) / (own[a] - own[b]) for a, b in pairs]
@@ -248,9 +246,7 @@ def _edges(level: Level, kind: str, name: str) -> list[list[Any]]:
 
 def _submap(level: Level, graph: int, name: str, cabins: dict[str, list[NodeRef]]) -> SubMap:
     """Return the sub-map of a level: the vertices at lanes of a graph, and its lanes; adds stops to `cabins`."""
-    doors = [
-        (level.points[row[0]], level.points[row[1]]) for row in _edges(level, "doors", name)
-    ]
+    doors = [(level.points[row[0]], level.points[row[1]]) for row in _edges(level, "doors", name)]
     _edges(level, "walls", name)
     arcs: dict[tuple[int, int], Arc] = {}
     for lane in _edges(level, "lanes", name):

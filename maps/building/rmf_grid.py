@@ -6,6 +6,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from waychair.maps.grid.cells import MOST_CELLS
 from waychair.types import UNKNOWN, FloatArray, OccupancyGrid, Pose2
@@ -33,8 +34,9 @@ def grid_of_level(points: FloatArray, level: dict[str, Any]) -> OccupancyGrid | 
         return None
     cells = np.full((height, width), UNKNOWN, np.int16)
 
-    def at(indices: list[int]) -> np.ndarray:
-        return np.floor((points[indices] - low) / CELL).astype(np.int32)
+    def at(indices: list[int]) -> NDArray[np.int32]:
+        found: NDArray[np.int32] = np.floor((points[indices] - low) / CELL).astype(np.int32)
+        return found
 
     floors = [floor.get("vertices") for floor in level.get("floors") or [] if isinstance(floor, dict)]
     drawn = [f for f in floors if f and all(isinstance(i, int) and 0 <= i < len(points) for i in f)]

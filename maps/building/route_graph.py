@@ -43,7 +43,7 @@ STOREY = "map"
 """The storey of nodes that name none: Nav2's frame."""
 
 _LINES = ("LineString", "MultiLineString")
-_EMPTY = {"type": "FeatureCollection", "name": "graph", "features": []}
+_EMPTY: dict[str, Any] = {"type": "FeatureCollection", "name": "graph", "features": []}
 
 
 def building_from_route_graph(data: bytes, name: str) -> Imported:
@@ -68,9 +68,9 @@ def building_from_route_graph(data: bytes, name: str) -> Imported:
         inside = [_node(key, feature, name, ends) for key, feature in nodes.items() if storeys[key] == storey]
         submap = SubMap(storey, storey, storey=storey, nodes={node.id: node for node in inside})
         hgraph = with_submap(hgraph, replace(submap, arcs=tuple(arcs.get(storey, ()))))
-    for key, refs in lifts.items():
+    for lift, refs in lifts.items():
         stops = sorted((Stop(ref.submap, ref) for ref in refs), key=lambda stop: heights[stop.storey])
-        hgraph = with_lift(hgraph, Lift(key, key, tuple(stops)))
+        hgraph = with_lift(hgraph, Lift(lift, lift, tuple(stops)))
     return Imported(hgraph, {KEPT_NAME: data}, tuple(notes))
 
 
@@ -83,6 +83,7 @@ def route_graph_of(hgraph: HGraph, kept: bytes | None) -> str:
         BuildingError: the kept file is damaged.
     """
     current = flat_graph(hgraph)
+    document: dict[str, Any]
     if kept is None:
         document, before = {**_EMPTY, "name": hgraph.name}, NOTHING
     else:
@@ -115,7 +116,7 @@ def _document(data: bytes, name: str) -> dict[str, Any]:
         raise ValueError(f"{constant} is no number")
 
     try:
-        document = json.loads(data.decode(), parse_constant=refuse)
+        document: Any = json.loads(data.decode(), parse_constant=refuse)
     except (ValueError, RecursionError) as error:
         raise BuildingError(f"{name} is no GeoJSON: {error}; export it again") from error
     features = document.get("features") if isinstance(document, dict) else None
@@ -128,7 +129,8 @@ def _document(data: bytes, name: str) -> dict[str, Any]:
             raise BuildingError(f"feature {position} of {name} has no geometry or properties: it must have both")
         if (_is_point(feature) or _is_line(feature)) and not _is_number(feature["properties"].get("id")):
             raise BuildingError(f"feature {position} of {name} has no whole number as its id: give it one from 0")
-    return document
+    found: dict[str, Any] = document
+    return found
 
 
 def _features(document: dict[str, Any], name: str) -> tuple[dict[int, Json], list[Json]]:
@@ -157,7 +159,8 @@ def _lifts_and_arcs(
     nodes: dict[int, Json], edges: list[Json], storeys: dict[int, Any]
 ) -> tuple[dict[str, list[NodeRef]], list[str], dict[str, list[Arc]]]:
     """Return the stops of each lift, notes on edges that are not used, and the arcs of each storey."""
-    notes, lifts = [], {}
+    notes: list[str] = []
+    lifts: dict[str, list[NodeRef]] = {}
     ways: dict[tuple[int, int], Way] = {}
     for edge in edges:
         start, end = _end(edge, "startid"), _end(edge, "endid")
@@ -281,8 +284,8 @@ def _is_number(value: object) -> bool:
 
 
 def _is_point(feature: Json) -> bool:
-    return feature["geometry"].get("type") == "Point"
+    return bool(feature["geometry"].get("type") == "Point")
 
 
 def _is_line(feature: Json) -> bool:
-    return feature["geometry"].get("type") in _LINES
+    return bool(feature["geometry"].get("type") in _LINES)

@@ -23,6 +23,9 @@ from waychair.types import FloatArray, Place
 THROUGH = 3
 """A room with so many doors to other rooms is passed through, and drawn in the storey's sub-map."""
 
+IN_DOOR = 0.1
+"""[m] The chair must be able to drive so near to the middle of a door."""
+
 SAME = 0.5
 """[m] Nodes in front of two doors that are nearer to each other than this are one."""
 
@@ -50,7 +53,10 @@ class SketchArc:
 
 @dataclass(slots=True)
 class SketchMap:
-    """Nodes and arcs of the storey's sub-map or of one room; `middle` [m] tells rooms apart."""
+    """Nodes and arcs of the storey's sub-map or of one room; `middle` [m] tells rooms apart.
+
+    `title` is the name of the room's only place, "" if it has none or several.
+    """
 
     title: str
     middle: tuple[float, float]
@@ -102,6 +108,7 @@ def sketch_of(costmap: Costmap, found: FloorRooms, places: Mapping[str, Place]) 
     """
     regions = {room.number: region_of(costmap, found.labels == room.number) for room in _drivable(found)}
     open_, shut = _passed(found, regions)
+    regions = _entered(found, regions, open_)
     inner = _inner_rooms(found, regions, open_)
     at = _places_by_room(costmap, found, regions, places)
     storey = SketchMap("", (0.0, 0.0))
@@ -111,7 +118,7 @@ def sketch_of(costmap: Costmap, found: FloorRooms, places: Mapping[str, Place]) 
     for number in sorted(inner):
         room = found.rooms[number - 1]
         numbers[number] = len(rooms)
-        rooms.append(SketchMap(_title(room, at.get(number, [])), (float(room.centre[0]), float(room.centre[1]))))
+        rooms.append(SketchMap(_title(at.get(number, [])), (float(room.centre[0]), float(room.centre[1]))))
     doorways: list[SketchDoorway] = []
     for opening in open_:
         door = storey.add(_door_node(opening))
@@ -146,7 +153,9 @@ class _Hub:
         """Join a door to a node in front of it, that of another door where there is one."""
         nodes = self.storey.nodes
         near = [k for k in self.points if nodes[k].role == "c" and _apart(nodes[k], ahead) < SAME]
-        crossing = near[0] if near else self.storey.add(SketchNode("c", NodeKind.CROSS, *map(float, ahead)))
+        crossing = (
+            near[0] if near else self.storey.add(SketchNode("c", NodeKind.CROSS, float(ahead[0]), float(ahead[1])))
+        )
         if not near:
             self.points.append(crossing)
         self.storey.arcs.append(SketchArc(door, crossing, _apart(nodes[door], ahead), width))
@@ -157,7 +166,9 @@ class _Hub:
         if len(self.points) == 1 and not places:
             best = region.widest()
             if best is not None:
-                self.points.append(self.storey.add(SketchNode("c", NodeKind.CROSS, *map(float, best[0]))))
+                self.points.append(
+                    self.storey.add(SketchNode("c", NodeKind.CROSS, float(best[0][0]), float(best[0][1])))
+                )
         _join(self.storey, region, self.points)
 
 
@@ -172,7 +183,7 @@ def _fill_room(room: SketchMap, region: Region, places: list[Place]) -> None:
         goal = not places and turns
         if goal or len(points) > 2:
             kind = NodeKind.END if goal else NodeKind.CROSS
-            points.append(room.add(SketchNode("m", kind, *map(float, middle), room.title if goal else "")))
+            points.append(room.add(SketchNode("m", kind, float(middle[0]), float(middle[1]))))
     _join(room, region, points)
 
 
@@ -185,12 +196,21 @@ def _join(sketch: SketchMap, region: Region, points: list[int]) -> None:
         2 if sketch.nodes[k].kind in (NodeKind.END, NodeKind.BRIDGE) else each
         for k, each in zip(points, room, strict=True)
     ]
+    bends: list[int] = []
+    joined = {frozenset((arc.start, arc.end)) for arc in sketch.arcs}
     for link in region_links(region, where, most):
         chain = [points[link.start]]
-        chain += [sketch.add(SketchNode("k", NodeKind.CROSS, x, y)) for x, y in link.bends.tolist()]
+        for x, y in link.bends.tolist():
+            near = [k for k in bends if _apart(sketch.nodes[k], np.array([x, y])) < SAME]
+            if not near:
+                near = [sketch.add(SketchNode("k", NodeKind.CROSS, x, y))]
+                bends += near
+            chain.append(near[0])
         chain.append(points[link.end])
         for start, end, length in zip(chain, chain[1:], link.lengths.tolist(), strict=False):
-            sketch.arcs.append(SketchArc(start, end, length))
+            if start != end and frozenset((start, end)) not in joined:
+                joined.add(frozenset((start, end)))
+                sketch.arcs.append(SketchArc(start, end, length))
 
 
 def _drivable(found: FloorRooms) -> list[Room]:
@@ -206,11 +226,18 @@ def _passed(found: FloorRooms, regions: Mapping[int, Region | None]) -> tuple[li
         sides = [regions.get(number) for number in opening.rooms]
         if any(side is None for side in sides):
             continue
-        if all(side is not None and side.cell(opening.middle) is not None for side in sides):
+        if all(side is not None and side.cell(opening.middle, IN_DOOR) is not None for side in sides):
             passed.append(opening)
         else:
             shut.append(opening)
     return passed, shut
+
+
+def _entered(found: FloorRooms, regions: dict[int, Region | None], open_: list[Opening]) -> dict[int, Region | None]:
+    """Return the regions that the chair can enter or leave, and the largest one in any case."""
+    joined = {number for opening in open_ for number in opening.rooms}
+    largest = max(regions, key=lambda number: found.rooms[number - 1].area, default=0)
+    return {number: region for number, region in regions.items() if number in joined or number == largest}
 
 
 def _inner_rooms(found: FloorRooms, regions: Mapping[int, Region | None], open_: list[Opening]) -> set[int]:
@@ -262,8 +289,8 @@ def _place_node(place: Place) -> SketchNode:
     return SketchNode("p", NodeKind.END, place.pose.x, place.pose.y, place.name)
 
 
-def _title(room: Room, places: list[Place]) -> str:
-    return places[0].name if len(places) == 1 else f"Room {room.number}"
+def _title(places: list[Place]) -> str:
+    return places[0].name if len(places) == 1 else ""
 
 
 def _apart(node: SketchNode, point: FloatArray) -> float:

@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 
 from waychair.errors import NoPath
-from waychair.maps.grid.cells import cells_from_points, points_from_cells
+from waychair.maps.grid.cells import cells_from_points, inside, points_from_cells
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.dstar_lite import DStarLite
+from waychair.planning.grid.grid_graph import Prices
 from waychair.types import BoolArray, FloatArray, IntArray, OccupancyGrid
 
 REACH = 0.3
@@ -57,12 +58,12 @@ class Region:
 
     costmap: Costmap
     low: IntArray
-    prices: IntArray
+    prices: Prices
 
-    def cell(self, point: FloatArray) -> tuple[int, int] | None:
-        """Return the cell nearest to a point (2,) [m] in map on which the chair can drive; None beyond `REACH`."""
+    def cell(self, point: FloatArray, reach: float = REACH) -> tuple[int, int] | None:
+        """Return the cell nearest to a point (2,) [m] in map on which the chair can drive; None beyond `reach` [m]."""
         at = cells_from_points(self.costmap.grid, point)[0] - self.low
-        span = math.ceil(REACH / self.costmap.grid.resolution)
+        span = math.ceil(reach / self.costmap.grid.resolution)
         begin = np.maximum(at - span, 0)
         near = np.argwhere(self.prices[begin[0] : at[0] + span + 1, begin[1] : at[1] + span + 1] > 0) + begin
         if not len(near):
@@ -182,7 +183,7 @@ def _passes_another(link: Link, points: FloatArray) -> bool:
     """Return whether a way leads past a third point, over which there are ways already."""
     line = np.vstack([points[link.start], link.bends, points[link.end]])
     others = np.delete(points, [link.start, link.end], axis=0)
-    return any((_from_segment(others, a, b) < 2 * BEND).any() for a, b in pairwise(line)) if len(others) else False
+    return len(others) > 0 and any(_from_segment(others, a, b).min() < 2 * BEND for a, b in pairwise(line))
 
 
 def _from_segment(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
@@ -227,8 +228,8 @@ def ahead_of_opening(
     steps = np.arange(0.3, AHEAD, grid.resolution)
     points = middle + steps[:, None] * normal
     cells = cells_from_points(grid, points)
-    inside = ((cells >= 0) & (cells < clearance.shape)).all(axis=1)
-    values = np.where(inside, clearance[tuple(np.where(inside[:, None], cells, 0).T)], -1.0)
+    on_grid = inside(grid, cells)
+    values = np.where(on_grid, clearance[tuple(np.where(on_grid[:, None], cells, 0).T)], -1.0)
     falls = np.flatnonzero(np.diff(values) < -1e-4)
     stop = int(falls[0]) if len(falls) else len(values) - 1
     best: FloatArray = points[stop]

@@ -15,7 +15,7 @@ from pathlib import Path
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import BuildingError
 from waychair.files import is_file, read_bytes, write_json
-from waychair.maps.building.building import Building
+from waychair.maps.building.building import Building, save_building
 from waychair.maps.building.hgraph import (
     Arc,
     Doorway,
@@ -29,13 +29,13 @@ from waychair.maps.building.hgraph import (
     Way,
 )
 from waychair.maps.building.hgraph_edits import with_lift, with_submap, without_submap
-from waychair.maps.drawn.places import load_places
+from waychair.maps.drawn.places import load_places, save_places
 from waychair.maps.drawn.zones import load_zones
 from waychair.maps.folders.map_files import load_map
 from waychair.maps.rooms.floor_rooms import FloorRooms, rooms_of_grid
 from waychair.planning.building.floor_graph import Sketch, SketchArc, SketchMap, sketch_of
 from waychair.planning.grid.costmap import costmap_from_grid
-from waychair.types import Json
+from waychair.types import Json, Place, Pose2
 
 GENERATED = "generated"
 NEAR = 0.75
@@ -46,12 +46,13 @@ ROOM_NEAR = 1.5
 
 @dataclass(frozen=True, slots=True)
 class Generation:
-    """A building with the graph of a storey made, and what it was made of."""
+    """A building with the graph of a storey made, what it was made of, and the new places of its goals."""
 
     building: Building
     record: Json
     rooms: FloorRooms
     sketch: Sketch
+    places: Mapping[str, Place]
 
 
 def generated_storey(building: Building, storey: str, body: ChairBody) -> Generation:
@@ -69,14 +70,34 @@ def generated_storey(building: Building, storey: str, body: ChairBody) -> Genera
     grid = load_map(folder)
     costmap = costmap_from_grid(grid, body, zones=load_zones(folder))
     rooms = rooms_of_grid(costmap.grid)
-    sketch = sketch_of(costmap, rooms, load_places(folder))
-    hgraph, record = regenerated_storey(building.hgraph, storey, sketch, _last_record(building.folder, storey))
-    return Generation(replace(building, hgraph=hgraph), record, rooms, sketch)
+    last, places = _last_record(building.folder, storey), load_places(folder)
+    known = last.get("places", {})
+    sketch = sketch_of(costmap, rooms, {name: place for name, place in places.items() if name not in known})
+    hgraph, record = regenerated_storey(building.hgraph, storey, sketch, last)
+    new = _new_places(hgraph, storey, places)
+    kept = {name: point for name, point in known.items() if name in places}
+    record["places"] = {**kept, **{name: [place.pose.x, place.pose.y] for name, place in new.items()}}
+    return Generation(replace(building, hgraph=hgraph), record, rooms, sketch, new)
 
 
-def write_record(folder: Path, storey: str, record: Json) -> None:
-    """Write the record of a generation beside the building; raises OutputError."""
-    write_json(folder / GENERATED / f"{storey}.json", record)
+def save_generation(generation: Generation, storey: str) -> None:
+    """Write a generated graph: new places, the record, and the text files last; raises OutputError."""
+    folder = generation.building.map_folder(storey)
+    if generation.places and folder is not None:
+        save_places(folder, {**load_places(folder), **generation.places})
+    write_json(generation.building.folder / GENERATED / f"{storey}.json", generation.record)
+    save_building(generation.building)
+
+
+def _new_places(hgraph: HGraph, storey: str, places: Mapping[str, Place]) -> dict[str, Place]:
+    """Return a place for each generated goal of a storey that has none."""
+    found = {}
+    for ref, node in hgraph.nodes():
+        new = node.kind is NodeKind.END and node.origin is Origin.AUTO and node.name not in places
+        if new and hgraph.storey_of(ref.submap) == storey:
+            x, y = hgraph.frame_of(ref.submap).point(node.x, node.y)
+            found[node.name] = Place(node.name, Pose2(x, y, 0.0))
+    return found
 
 
 def with_lift_stop(hgraph: HGraph, storey: str, lift: str, place: str) -> HGraph:
@@ -116,14 +137,15 @@ def regenerated_storey(hgraph: HGraph, storey: str, sketch: Sketch, last: Json) 
     record: Json = {"maps": {}}
     own, ids = _merged(hgraph.submaps[storey], sketch.storey, maps.get(storey, {}))
     record["maps"][storey] = _record_of(sketch.storey, ids)
-    inner: list[dict[int, str]] = []
+    inner: list[list[str]] = []
     for path, room in zip(paths, sketch.rooms, strict=True):
         known = hgraph.submaps.get(path)
         if known is None and path in maps:  # somebody took the room away
-            inner.append({})
+            inner.append([])
             record["maps"][path] = maps[path]
             continue
-        merged, room_ids = _merged(known or SubMap(path, room.title), room, maps.get(path, {}))
+        title = room.title or f"Room {path.rpartition('/r')[2]}"
+        merged, room_ids = _merged(known or SubMap(path, title), room, maps.get(path, {}))
         hgraph = with_submap(hgraph, merged)
         record["maps"][path] = _record_of(room, room_ids)
         inner.append(room_ids)
@@ -135,8 +157,8 @@ def regenerated_storey(hgraph: HGraph, storey: str, sketch: Sketch, last: Json) 
     return with_submap(hgraph, replace(own, doorways=doorways)), record
 
 
-def _merged(known: SubMap, sketch: SketchMap, last: Json) -> tuple[SubMap, dict[int, str]]:
-    """Return a sub-map with a sketch's nodes and arcs in it, and the id of each node of the sketch that it holds."""
+def _merged(known: SubMap, sketch: SketchMap, last: Json) -> tuple[SubMap, list[str]]:
+    """Return a sub-map with a sketch's nodes and arcs in it, and the id of each node, also of those taken away."""
     before = {key: (role, x, y) for key, (role, x, y) in last.get("nodes", {}).items()}
     names = _matched(sketch, before, known)
     nodes = {key: node for key, node in known.nodes.items() if node.origin is Origin.HAND or key not in before}
@@ -147,7 +169,8 @@ def _merged(known: SubMap, sketch: SketchMap, last: Json) -> tuple[SubMap, dict[
             continue  # somebody took it away
         ids[index] = key
         if key not in nodes:
-            nodes[key] = Node(key, made.kind, made.x, made.y, made.name, Origin.AUTO)
+            name = made.name or (known.title if made.kind is NodeKind.END else "")
+            nodes[key] = Node(key, made.kind, made.x, made.y, name, Origin.AUTO)
     gone = {frozenset(ends) for ends in last.get("arcs", [])} - {frozenset((a.start, a.end)) for a in known.arcs}
     kept = [arc for arc in known.arcs if arc.origin is Origin.HAND and {arc.start, arc.end} <= set(nodes)]
     old = {frozenset((arc.start, arc.end)): arc for arc in known.arcs}
@@ -160,7 +183,7 @@ def _merged(known: SubMap, sketch: SketchMap, last: Json) -> tuple[SubMap, dict[
         if len(ends) == 2 and ends not in gone and ends not in taken:
             arcs.append(_arc(made_arc, ids, nodes, old.get(ends)))
             taken.add(ends)
-    return replace(known, nodes=nodes, arcs=tuple(arcs)), ids
+    return replace(known, nodes=nodes, arcs=tuple(arcs)), names
 
 
 def _arc(made: SketchArc, ids: Mapping[int, str], nodes: Mapping[str, Node], old: Arc | None) -> Arc:
@@ -221,8 +244,8 @@ def _doorways(
     own: SubMap,
     sketch: Sketch,
     paths: list[str],
-    ids: Mapping[int, str],
-    inner: list[dict[int, str]],
+    ids: list[str],
+    inner: list[list[str]],
     last: Iterable[list[str]],
 ) -> tuple[tuple[Doorway, ...], list[list[str]]]:
     """Return the doorways of the storey's sub-map, and the list of those that were made."""
@@ -231,25 +254,26 @@ def _doorways(
     made = {}
     for each in sketch.doorways:
         child = paths[each.room].rpartition("/")[2]
-        if each.start not in ids or each.node not in inner[each.room]:
+        if not inner[each.room]:
             continue
         key = ids[each.start], child, inner[each.room][each.node]
         way = old[key].way if key in old else Way(width=round(each.width, 3))
         made[key] = old.get(key) or Doorway(*key, way, origin=Origin.AUTO)
     kept = {key: each for key, each in old.items() if each.origin is Origin.HAND and each.start in own.nodes}
-    doorways = {key: each for key, each in {**kept, **made}.items() if key not in gone}
+    new = {key: each for key, each in made.items() if each.start in own.nodes}
+    doorways = {key: each for key, each in {**kept, **new}.items() if key not in gone}
     return tuple(doorways.values()), [list(key) for key in made]
 
 
-def _record_of(sketch: SketchMap, ids: Mapping[int, str]) -> Json:
-    nodes = {key: [sketch.nodes[k].role, sketch.nodes[k].x, sketch.nodes[k].y] for k, key in ids.items()}
-    arcs = [[ids[arc.start], ids[arc.end]] for arc in sketch.arcs if arc.start in ids and arc.end in ids]
+def _record_of(sketch: SketchMap, ids: list[str]) -> Json:
+    nodes = {key: [node.role, node.x, node.y] for key, node in zip(ids, sketch.nodes, strict=True)}
+    arcs = [[ids[arc.start], ids[arc.end]] for arc in sketch.arcs]
     return {"middle": list(sketch.middle), "nodes": nodes, "arcs": arcs}
 
 
 def _is_untouched(submap: SubMap) -> bool:
-    records = [*submap.nodes.values(), *submap.arcs, *submap.doorways]
-    return all(each.origin is Origin.AUTO for each in records)
+    origins = [each.origin for each in submap.nodes.values()] + [arc.origin for arc in submap.arcs]
+    return all(origin is Origin.AUTO for origin in origins)
 
 
 def _free(prefix: str, taken: set[str]) -> str:
