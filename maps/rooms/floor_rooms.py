@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.maps.grid.cells import OCCUPIED_FROM, points_from_cells
+from waychair.maps.grid.cells import OCCUPIED_FROM, occupied, points_from_cells
+from waychair.maps.grid.distance_field import near_distances
 from waychair.maps.rooms.basins import Basins, Labels, basins_of, clearance_from_walls, contacts_of
 from waychair.maps.rooms.furniture import furniture_islands
 from waychair.maps.rooms.merging import SCRAP, merged_basins
@@ -31,6 +32,9 @@ LEAST_AREA = 0.25
 LONG, DOORS_OF_CORRIDOR, HALL = 3.5, 3, 2.0
 """A corridor is at least this many times as long as it is wide, as measured by `Room.elongation`, has at least so many
 openings, and is nowhere farther from its walls than this [m]: a wider one is a hall."""
+
+BESIDE = 0.15
+"""[m] The rim of a room counts as its wall up to this distance from an occupied cell."""
 
 SEEN_THROUGH = 0.5
 """Where more of the rim than this is unknown, the floor was seen from afar only, such as through a window."""
@@ -130,11 +134,14 @@ def _rooms(
     size = np.bincount(which, minlength=count + 1)
     breadth = 4 * np.bincount(which, basins.clearance.ravel()[cells], minlength=count + 1) / np.maximum(size, 1)
     long = size * grid.resolution**2 / np.maximum(breadth, grid.resolution) ** 2
-    rim = _unknown_rims(labels, known, count)
+    rim = _unknown_rims(labels, known | _beside_walls(grid), count)
     by_clearance = np.lexsort((basins.clearance.ravel()[cells], which))
     farthest = cells[by_clearance[np.cumsum(size[1:]) - 1]] if count else cells
     centres = points_from_cells(grid, np.column_stack(np.divmod(farthest, labels.shape[1])))
-    exits = np.bincount(np.array([opening.rooms for opening in openings], np.int64).ravel(), minlength=count + 1)
+    exits = np.zeros(count + 1, np.int64)
+    for opening in openings:
+        if opening.rooms[0] != opening.rooms[1]:
+            exits[list(opening.rooms)] += 1
     rooms = []
     for number in range(1, count + 1):
         area = float(size[number]) * grid.resolution**2
@@ -150,8 +157,17 @@ def _rooms(
     return tuple(rooms)
 
 
+def _beside_walls(grid: OccupancyGrid) -> BoolArray:
+    """Return the cells (H, W) within `BESIDE` of an occupied one."""
+    result: BoolArray = near_distances(occupied(grid), grid.resolution, 2 * BESIDE) <= BESIDE
+    return result
+
+
 def _unknown_rims(labels: Labels, known: BoolArray, count: int) -> FloatArray:
-    """Return (N + 1,) the share of unknown cells among the cells that touch each room and belong to none."""
+    """Return (N + 1,) the share of unknown cells among the cells that touch each room and belong to none.
+
+    An unknown cell beside a wall is none: walls that a lidar saw have gaps and specks.
+    """
     unknown, rim = np.zeros(count + 1), np.zeros(count + 1)
     height, width = labels.shape
     padded, beside = np.pad(labels, 1), np.pad(known, 1)

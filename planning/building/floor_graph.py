@@ -8,7 +8,7 @@ in the storey's own sub-map; other rooms are children. `regenerated_storey` brin
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -16,7 +16,9 @@ from waychair.maps.building.hgraph import NodeKind
 from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.maps.rooms.floor_rooms import FloorRooms, Room, RoomKind
 from waychair.maps.rooms.openings import Opening
+from waychair.planning.building.joined_parts import joined_parts
 from waychair.planning.building.region_network import MOST_ARCS, Region, ahead_of_opening, region_links, region_of
+from waychair.planning.building.sketch_parts import SketchArc, SketchDoorway, SketchMap, SketchNode
 from waychair.planning.grid.costmap import Costmap
 from waychair.types import FloatArray, Place
 
@@ -28,55 +30,6 @@ IN_DOOR = 0.1
 
 SAME = 0.5
 """[m] Nodes in front of two doors that are nearer to each other than this are one."""
-
-
-@dataclass(frozen=True, slots=True)
-class SketchNode:
-    """A node: its kind, place [m] in map, name, and `role`, the letter that its id begins with."""
-
-    role: str
-    kind: NodeKind
-    x: float
-    y: float
-    name: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class SketchArc:
-    """An arc between two nodes by index, with its length [m], and the width [m] of a door on it."""
-
-    start: int
-    end: int
-    length: float
-    width: float | None = None
-
-
-@dataclass(slots=True)
-class SketchMap:
-    """Nodes and arcs of the storey's sub-map or of one room; `middle` [m] tells rooms apart.
-
-    `title` is the name of the room's only place, "" if it has none or several.
-    """
-
-    title: str
-    middle: tuple[float, float]
-    nodes: list[SketchNode] = field(default_factory=list)
-    arcs: list[SketchArc] = field(default_factory=list)
-
-    def add(self, node: SketchNode) -> int:
-        """Add a node and return its index."""
-        self.nodes.append(node)
-        return len(self.nodes) - 1
-
-
-@dataclass(frozen=True, slots=True)
-class SketchDoorway:
-    """A doorway: the node of the storey's sub-map, the room's index, its node, and the clear width [m]."""
-
-    start: int
-    room: int
-    node: int
-    width: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +92,9 @@ def sketch_of(costmap: Costmap, found: FloorRooms, places: Mapping[str, Place]) 
             _fill_room(rooms[numbers[number]], region, own)
         else:
             hubs[number].fill(region, own)
-    return Sketch(storey, tuple(rooms), tuple(doorways), tuple(shut), tuple(sorted(lost)))
+    kept = joined_parts(costmap, storey, rooms, doorways)
+    ends = {node.name for part in (kept[0], *kept[1]) for node in part.nodes if node.role == "p"}
+    return Sketch(kept[0], tuple(kept[1]), tuple(kept[2]), tuple(shut), tuple(sorted(lost | (set(places) - ends))))
 
 
 @dataclass(slots=True)
@@ -226,11 +181,23 @@ def _passed(found: FloorRooms, regions: Mapping[int, Region | None]) -> tuple[li
         sides = [regions.get(number) for number in opening.rooms]
         if any(side is None for side in sides):
             continue
-        if all(side is not None and side.cell(opening.middle, IN_DOOR) is not None for side in sides):
-            passed.append(opening)
+        place = _drivable_point(opening, [side for side in sides if side is not None])
+        if place is not None:
+            passed.append(replace(opening, middle=place))
         else:
             shut.append(opening)
     return passed, shut
+
+
+def _drivable_point(opening: Opening, sides: list[Region]) -> FloatArray | None:
+    """Return the point of an opening nearest to its middle on which the chair can drive from both sides; None without."""
+    along = opening.jambs[1] - opening.middle
+    shares = np.arange(0.0, 1.0, IN_DOOR / max(opening.width / 2, IN_DOOR))
+    for share in sorted({*shares.tolist(), *(-shares).tolist()}, key=abs):
+        point: FloatArray = opening.middle + share * along
+        if all(side.cell(point, IN_DOOR) is not None for side in sides):
+            return point
+    return None
 
 
 def _entered(found: FloorRooms, regions: dict[int, Region | None], open_: list[Opening]) -> dict[int, Region | None]:

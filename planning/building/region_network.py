@@ -129,6 +129,24 @@ def region_links(region: Region, points: FloatArray, most: Sequence[int]) -> lis
     return taken
 
 
+def whole_storey(costmap: Costmap) -> Region:
+    """Return the region of all cells."""
+    return Region(costmap, np.zeros(2, np.int64), costmap.prices)
+
+
+def link_between(region: Region, points: FloatArray, start: int, end: int) -> Link | None:
+    """Return the way between two of the points (N, 2) [m]; None where the chair cannot drive from one to the other."""
+    cells = region.cell(points[start]), region.cell(points[end])
+    if cells[0] is None or cells[1] is None:
+        return None
+    search = DStarLite(region.prices, cells[1], cells[0])
+    try:
+        search.replan()
+    except NoPath:
+        return None
+    return _link(region, start, end, search.path(), points)
+
+
 def _candidates(region: Region, points: FloatArray, cells: list[tuple[int, int] | None]) -> list[Link]:
     """Return the ways from each point to its nearest ones, each once."""
     found = []
