@@ -74,22 +74,29 @@ def add_command(folder: Path, storey: str, /, *, map: Path | None = None, height
 
 
 @buildings_app.command(name="check")
-def check_command(folder: Path, /, *, json: bool = False) -> None:
+def check_command(folder: Path, /, *, body: str | None = None, json: bool = False) -> None:
     """Check a building's graph, and list its faults with their places and remedies. Fails if there are errors.
 
     Parameters
     ----------
     folder
         Folder of the building.
+    body
+        The chair's body, whose doors and ways are checked: A, B, A_mid, A_front or robot.
     json
         Print JSON.
     """
     from collections import Counter
 
+    from waychair.calibration.chair_body import BODIES
     from waychair.errors import BuildingError
     from waychair.maps.building.hgraph_checks import Severity, check
+    from waychair.planning.building.surroundings import surroundings
 
-    found = check(_loaded(folder).hgraph)
+    if body is not None and body not in BODIES:
+        raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
+    building = _loaded(folder)
+    found = check(building.hgraph, surroundings(building, None if body is None else BODIES[body]))
     errors = sum(each.severity is Severity.ERROR for each in found)
     if json:
         rows = [

@@ -57,7 +57,7 @@ def hospital(size: Size, seed: int = 1) -> Hospital:
     return Hospital(graph, np.flatnonzero(is_goal))
 
 
-_SMALLEST, _LARGEST, _MORE = 12, 40, 2.6
+_SMALLEST, _LARGEST, _MORE = 12, 40, 5.6
 """Nodes of a room: the least, the most, and the mean of those beyond the least."""
 
 _SPINE_STEP, _STEP, _GRID, _APART = 30.0, 4.0, 1.2, 12.0
@@ -115,7 +115,7 @@ def _lift_arc(sheet: _Sheet, i: int, j: int, price: int) -> None:
 def _drawn(
     storeys: int, wings: int, rooms: int, lifts: int, rng: np.random.Generator, doors: IntArray, lift_costs: IntArray
 ) -> tuple[Int32Array, FloatArray, Int32Array, BoolArray, Int32Array, Int32Array, Int32Array, BoolArray]:
-    most = storeys * (wings * (rooms * 19 + 16) + 4 * wings + 4 * lifts + 64) + 4096
+    most = storeys * (wings * (rooms * 22 + 16) + 4 * wings + 4 * lifts + 64) + 4096
     node_submap, level = np.empty(most, np.int32), np.empty(most, np.int32)
     xy, is_goal = np.empty((most, 2)), np.zeros(most, np.bool_)
     parent = np.empty(1 + storeys * (1 + wings * (2 + rooms)), np.int32)

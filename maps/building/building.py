@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections import Counter
 from collections.abc import Callable
@@ -32,6 +33,9 @@ MAPS = "maps"
 ANCHORED = "hgraph"
 """The kind of the nodes' anchors in a storey's `anchors.yaml`."""
 
+SAME_M = 1e-6
+"""A goal this near to its place [m] is there."""
+
 HIGHEST_M = 10_000.0
 """Largest height of a storey above or below the ground [m]."""
 
@@ -52,15 +56,17 @@ class Building:
 
 
 def load_building(folder: Path, progress: Callable[[float], None] | None = None) -> Building:
-    """Return the building in a folder, its nodes moved with those of their storey's map (`followed`).
+    """Return the building in a folder: nodes follow their storey's map (`followed`), goals their places (`with_places`).
 
     Raises:
         BuildingError: as `read_hgraph`.
         MapError: the anchors of a storey's map are damaged.
+        PlaceError: the places of a storey's map are.
     """
     building = Building(folder, read_hgraph(folder, progress))
     for storey in building.hgraph.storeys:
         building = replace(building, hgraph=followed(building, storey.id))
+        building = replace(building, hgraph=with_places(building, storey.id))
     return building
 
 
@@ -203,6 +209,34 @@ def followed(building: Building, storey: str) -> HGraph:
         }
         if nodes != submap.nodes:
             changed[path] = replace(submap, nodes=nodes)
+    return replace(hgraph, submaps=changed)
+
+
+def with_places(building: Building, storey: str) -> HGraph:
+    """Return the graph with the goals of a storey where its places of the same names are.
+
+    Goals that share their name with another one of the storey stay: the place may be either's.
+
+    Raises:
+        PlaceError: the storey's `places.yaml` is broken.
+    """
+    hgraph, folder = building.hgraph, building.map_folder(storey)
+    places = {} if folder is None or not is_folder(folder, BuildingError) else load_places(folder)
+    inside = {path: submap for path, submap in hgraph.submaps.items() if hgraph.storey_of(path) == storey}
+    goals_of = Counter(
+        node.name for each in inside.values() for node in each.nodes.values() if node.kind is NodeKind.END
+    )
+    changed = dict(hgraph.submaps)
+    for path, submap in inside.items() if places else ():
+        frame, moved = hgraph.frame_of(path), {}
+        for node in submap.nodes.values():
+            is_one = node.kind is NodeKind.END and goals_of[node.name] == 1
+            place = places.get(node.name) if is_one else None
+            if place is not None and math.dist(frame.point(node.x, node.y), (place.pose.x, place.pose.y)) > SAME_M:
+                x, y = frame.inside(place.pose.x, place.pose.y)
+                moved[node.id] = replace(node, x=x, y=y)
+        if moved:
+            changed[path] = replace(submap, nodes={**submap.nodes, **moved})
     return replace(hgraph, submaps=changed)
 
 

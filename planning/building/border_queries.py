@@ -7,12 +7,15 @@ overlay is searched, a few hundred states. Ways are unpacked from their end.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from waychair.maps.building.costs import CLOSED_MM
 from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
 from waychair.planning.building.border_kernels import (
+    StateArray,
     Tables,
     down_cost,
     from_parent,
@@ -25,6 +28,7 @@ from waychair.planning.building.overlay import (
     EXITS_AT,
     ROWS,
     STATES,
+    Int64Array,
     Layout,
     arc_of_state,
     child_of_state,
@@ -35,12 +39,12 @@ from waychair.planning.building.overlay import (
 from waychair.planning.building.packed_heap import SHIFT, pop, push
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _exits(lay: Layout, m: int) -> int:
     return int(lay.exit_first[m + 1] - lay.exit_first[m])
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _entries(lay: Layout, m: int) -> int:
     return int(lay.entry_first[m + 1] - lay.entry_first[m])
 
@@ -194,40 +198,95 @@ def _emit(way: Int32Array, count: int, arc: int) -> int:
     return count + 1
 
 
+class Unpacking(NamedTuple):
+    """The few arrays that ways are unpacked with, and memory for sub-maps to go on with, (64, 3)."""
+
+    state_first: Int64Array
+    state_arc: Int32Array
+    before_first: Int64Array
+    before: StateArray
+    sizes: Int32Array
+    exits_at: Int32Array
+    entries_at: Int32Array
+    entry_first: Int64Array
+    child_first: Int32Array
+    child: Int32Array
+    waiting: Int64Array
+
+
 @njit(cache=True)
-def _emit_row(tables: Tables, m: int, row: int, state: int, way: Int32Array, count: int) -> int:
-    """Append the arcs from a state back to a row's, within `m`; children are unpacked, too."""
+def unpacking(tables: Tables) -> Unpacking:
+    """Return the arrays to unpack ways with."""
     lay, steps = tables.layout, tables.steps
-    waiting, depth = np.empty((64, 3), np.int64), 0  # sub-map, row and state to go on with
+    return Unpacking(
+        lay.state_first,
+        lay.state_arc,
+        steps.first,
+        steps.before,
+        lay.sizes,
+        lay.exits_at,
+        lay.entries_at,
+        lay.entry_first,
+        lay.child_first,
+        lay.child,
+        np.empty((64, 3), np.int64),
+    )
+
+
+@njit(cache=True)
+def _emit_row(un: Unpacking, m: int, row: int, state: int, way: Int32Array, count: int) -> int:
+    """Append the arcs from a state back to a row's, within `m`; children are unpacked, too."""
+    waiting, depth, room = un.waiting, 0, len(way)
     here, one, at = int(m), int(row), int(state)
+    rows, states = int(un.sizes[here, ROWS]), int(un.sizes[here, STATES])
+    entries = int(un.entry_first[here + 1] - un.entry_first[here])
+    arcs, before_at = un.state_first[here], un.before_first[here] + one * states
+    last = way[count - 1] if 0 < count <= room else -1
     while True:
-        count = _emit(way, count, arc_of_state(lay, here, at))
+        arc = un.state_arc[arcs + at]
+        if arc != last:
+            if count < room:
+                way[count] = arc
+            count += 1
+            last = arc
         if at == one:
             if depth == 0:
                 break
             depth -= 1
             here, one, at = waiting[depth, 0], waiting[depth, 1], waiting[depth, 2]
-            continue
-        before = int(steps.before[steps.first[here] + one * lay.sizes[here, STATES] + at])
-        c = child_of_state(lay, here, at)
-        if c >= 0 and at < lay.sizes[here, ROWS] and is_jump(lay, here, c, before):
+        else:
+            before = int(un.before[before_at + at])
+            if at >= rows or at < entries or before < rows or before >= un.sizes[here, EXITS_AT]:
+                at = before
+                continue
+            low, high = un.child_first[here], un.child_first[here + 1] - 1  # over a child: which one has this exit?
+            while low < high:
+                middle = (low + high + 1) >> 1
+                if un.exits_at[un.child[middle]] <= at:
+                    low = middle
+                else:
+                    high = middle - 1
+            c = un.child[low]
             waiting[depth, 0], waiting[depth, 1], waiting[depth, 2] = here, one, before
             depth += 1
-            at = int(lay.sizes[c, EXITS_AT] + at - lay.exits_at[c])
-            here, one = int(c), int(before - lay.entries_at[c])
-        else:
-            at = before
+            at = int(un.sizes[c, EXITS_AT] + at - un.exits_at[c])
+            here, one = int(c), int(before - un.entries_at[c])
+        rows, states = int(un.sizes[here, ROWS]), int(un.sizes[here, STATES])
+        entries = int(un.entry_first[here + 1] - un.entry_first[here])
+        arcs, before_at = un.state_first[here], un.before_first[here] + one * states
     return count
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def is_jump(lay: Layout, m: int, c: int, before: int) -> bool:
     """Return whether a state before an exit of the child `c` is one of its entries."""
     return bool(lay.entries_at[c] <= before < lay.entries_at[c] + _entries(lay, c) and before >= lay.sizes[m, ROWS])
 
 
 @njit(cache=True)
-def _emit_around(graph: GraphArrays, tables: Tables, m: int, row: int, state: int, way: Int32Array, count: int) -> int:
+def _emit_around(
+    graph: GraphArrays, tables: Tables, un: Unpacking, m: int, row: int, state: int, way: Int32Array, count: int
+) -> int:
     """Append the arcs from a state (an entry of a child of `m`) back to a row (an exit of a child), by any way."""
     lay, borders = tables.layout, tables.borders
     steps, depth = np.empty((64, 5), np.int64), 0  # at each level: sub-map, row, state, exit, entry
@@ -252,17 +311,26 @@ def _emit_around(graph: GraphArrays, tables: Tables, m: int, row: int, state: in
         steps[depth, 1] = lay.exits_at[here] + steps[depth - 1, 3]
         steps[depth, 2] = lay.entries_at[here] + steps[depth - 1, 4]
     for k in range(depth):
-        count = _emit_row(tables, steps[k, 0], steps[k, 4], steps[k, 2], way, count)
-    count = _emit_row(tables, steps[depth, 0], steps[depth, 1], steps[depth, 2], way, count)
+        count = _emit_row(un, steps[k, 0], steps[k, 4], steps[k, 2], way, count)
+    count = _emit_row(un, steps[depth, 0], steps[depth, 1], steps[depth, 2], way, count)
     for k in range(depth - 1, -1, -1):
         exit = lay.sizes[steps[k, 0], EXITS_AT] + steps[k, 3]
-        count = _emit_row(tables, steps[k, 0], steps[k, 1], exit, way, count)
+        count = _emit_row(un, steps[k, 0], steps[k, 1], exit, way, count)
     return count
 
 
 @njit(cache=True)
 def _emit_into(
-    graph: GraphArrays, tables: Tables, goal: int, m: int, c: int, entry: int, cost: int, way: Int32Array, count: int
+    graph: GraphArrays,
+    tables: Tables,
+    un: Unpacking,
+    goal: int,
+    m: int,
+    c: int,
+    entry: int,
+    cost: int,
+    way: Int32Array,
+    count: int,
 ) -> int:
     """Append the arcs from a node of `m` back to an entry of `c`, in which it lies, at this cost."""
     lay, labels = tables.layout, tables.labels
@@ -275,7 +343,7 @@ def _emit_into(
             part = labels.into[at + e]
             if part < CLOSED_MM and part + down_cost(lay, borders, climbs, m, d, e, entry) == cost:
                 below = e
-    count = _emit_row(tables, m, below, int(labels.into_state[at + below]), way, count)
+    count = _emit_row(un, m, below, int(labels.into_state[at + below]), way, count)
     rest, q = cost - labels.into[at + below], m
     while q != c:  # up to the entry of c
         p = graph.parent[q]
@@ -286,14 +354,23 @@ def _emit_into(
                 if part < CLOSED_MM and part + down_cost(lay, borders, climbs, p, d, z, entry) == rest:
                     above = z
             rest -= from_parent(lay, borders, p, q, above, below)
-        count = _emit_row(tables, p, above, lay.entries_at[q] + below, way, count)
+        count = _emit_row(un, p, above, lay.entries_at[q] + below, way, count)
         below, q = above, p
     return count
 
 
 @njit(cache=True)
 def _emit_out(
-    graph: GraphArrays, tables: Tables, start: int, m: int, c: int, exit: int, cost: int, way: Int32Array, count: int
+    graph: GraphArrays,
+    tables: Tables,
+    un: Unpacking,
+    start: int,
+    m: int,
+    c: int,
+    exit: int,
+    cost: int,
+    way: Int32Array,
+    count: int,
 ) -> int:
     """Append the arcs from an exit of `c` back to a node of `m`, which lies in it, at this cost."""
     lay, labels = tables.layout, tables.labels
@@ -324,13 +401,13 @@ def _emit_out(
         for k in range(length - 1, -1, -1):  # from c downwards
             q = lay.ancestor[m, lay.depth[m] - k]
             p = graph.parent[q]
-            count = _emit_row(tables, p, lay.exits_at[q] + chain[k], lay.sizes[p, EXITS_AT] + onto, way, count)
+            count = _emit_row(un, p, lay.exits_at[q] + chain[k], lay.sizes[p, EXITS_AT] + onto, way, count)
             onto = chain[k]
-    return _emit_after(tables, m, bottom, int(labels.out_state[at + bottom]), way, count)
+    return _emit_after(tables, un, m, bottom, int(labels.out_state[at + bottom]), way, count)
 
 
 @njit(cache=True)
-def _emit_after(tables: Tables, m: int, exit: int, state: int, way: Int32Array, count: int) -> int:
+def _emit_after(tables: Tables, un: Unpacking, m: int, exit: int, state: int, way: Int32Array, count: int) -> int:
     """Append the arcs from an exit of `m` back to a state, by the states after it; children are unpacked."""
     lay, steps = tables.layout, tables.steps
     at = steps.after_first[m] + np.int64(exit) * lay.sizes[m, STATES]
@@ -342,11 +419,11 @@ def _emit_after(tables: Tables, m: int, exit: int, state: int, way: Int32Array, 
     states[0] = state
     for k in range(1, length):
         states[k] = steps.after[at + states[k - 1]]
-    return _emit_states(tables, m, states, way, count)
+    return _emit_states(tables, un, m, states, way, count)
 
 
 @njit(cache=True)
-def _emit_states(tables: Tables, m: int, states: Int32Array, way: Int32Array, count: int) -> int:
+def _emit_states(tables: Tables, un: Unpacking, m: int, states: Int32Array, way: Int32Array, count: int) -> int:
     """Append the arcs of states of `m`, given in the order of driving, from the last one back."""
     lay = tables.layout
     for k in range(len(states) - 1, -1, -1):
@@ -355,13 +432,20 @@ def _emit_states(tables: Tables, m: int, states: Int32Array, way: Int32Array, co
             c = child_of_state(lay, m, states[k])
             if c >= 0 and states[k] < lay.sizes[m, ROWS] and is_jump(lay, m, c, states[k - 1]):
                 exit = lay.sizes[c, EXITS_AT] + states[k] - lay.exits_at[c]
-                count = _emit_row(tables, c, states[k - 1] - lay.entries_at[c], exit, way, count)
+                count = _emit_row(un, c, states[k - 1] - lay.entries_at[c], exit, way, count)
     return count
 
 
 @njit(cache=True)
 def way_between(
-    graph: GraphArrays, tables: Tables, start: int, goal: int, out: Int32Array, into: Int32Array, way: Int32Array
+    graph: GraphArrays,
+    tables: Tables,
+    un: Unpacking,
+    start: int,
+    goal: int,
+    out: Int32Array,
+    into: Int32Array,
+    way: Int32Array,
 ) -> tuple[int, int]:
     """Fill the arcs of the cheapest way into `way`; return its cost and how many arcs there are, also if too many.
 
@@ -376,16 +460,18 @@ def way_between(
     if lay.depth[one] == d or lay.depth[other] == d:
         cost, last, before = searched(graph, tables, start, goal, d, out, into)
         if cost < CLOSED_MM:
-            count = _emit_searched(graph, tables, start, goal, d, last, before, out, into, way)
+            count = _emit_searched(graph, tables, un, start, goal, d, last, before, out, into, way)
     else:
         from_map, to_map, top = lay.ancestor[one, d + 1], lay.ancestor[other, d + 1], lay.ancestor[one, d]
         costs_out(tables, start, one, from_map, out)
         costs_into(tables, goal, other, to_map, into)
         cost, x, e = _joined(tables, top, from_map, to_map, out, into)
         if cost < CLOSED_MM:
-            count = _emit_into(graph, tables, goal, other, to_map, e, into[e], way, 0)
-            count = _emit_around(graph, tables, top, lay.exits_at[from_map] + x, lay.entries_at[to_map] + e, way, count)
-            count = _emit_out(graph, tables, start, one, from_map, x, out[x], way, count)
+            count = _emit_into(graph, tables, un, goal, other, to_map, e, into[e], way, 0)
+            count = _emit_around(
+                graph, tables, un, top, lay.exits_at[from_map] + x, lay.entries_at[to_map] + e, way, count
+            )
+            count = _emit_out(graph, tables, un, start, one, from_map, x, out[x], way, count)
     if count <= len(way):
         for k in range(count >> 1):
             way[k], way[count - 1 - k] = way[count - 1 - k], way[k]
@@ -396,6 +482,7 @@ def way_between(
 def _emit_searched(
     graph: GraphArrays,
     tables: Tables,
+    un: Unpacking,
     start: int,
     goal: int,
     d: int,
@@ -412,7 +499,7 @@ def _emit_searched(
     if other != m:
         c = lay.ancestor[other, d + 1]
         e = last - lay.entries_at[c]
-        count = _emit_into(graph, tables, goal, other, c, e, into[e], way, count)
+        count = _emit_into(graph, tables, un, goal, other, c, e, into[e], way, count)
     while True:
         count = _emit(way, count, arc_of_state(lay, m, s))
         b = before[s]
@@ -420,24 +507,100 @@ def _emit_searched(
             return count
         if b < 0:
             x = -1 - b
-            return _emit_out(graph, tables, start, one, lay.ancestor[one, d + 1], x, out[x], way, count)
+            return _emit_out(graph, tables, un, start, one, lay.ancestor[one, d + 1], x, out[x], way, count)
         if s < _entries(lay, m) and exits_at <= b < exits_at + _exits(lay, m):
             p = graph.parent[m]
-            count = _emit_around(graph, tables, p, lay.exits_at[m] + b - exits_at, lay.entries_at[m] + s, way, count)
+            count = _emit_around(
+                graph, tables, un, p, lay.exits_at[m] + b - exits_at, lay.entries_at[m] + s, way, count
+            )
         c = child_of_state(lay, m, s)
         if c >= 0 and s < lay.sizes[m, ROWS] and is_jump(lay, m, c, b):
             exit = lay.sizes[c, EXITS_AT] + s - lay.exits_at[c]
-            count = _emit_row(tables, c, b - lay.entries_at[c], exit, way, count)
+            count = _emit_row(un, c, b - lay.entries_at[c], exit, way, count)
         s = b
 
 
 @njit(cache=True)
+def _least_sums(
+    labels: Int32Array,
+    at: int,
+    own: int,
+    table: Int32Array,
+    base: int,
+    by_own: int,
+    by_other: int,
+    sums: Int32Array,
+    count: int,
+) -> None:
+    """Fill the least sums of a label and a table's entry: `labels[at + x] + table[base + x * by_own + y * by_other]`."""
+    for y in range(count):
+        sums[y] = CLOSED_MM
+    for x in range(own):
+        part, row = np.int64(labels[at + x]), base + x * by_own
+        if part < CLOSED_MM:
+            for y in range(count):
+                new = part + table[row + y * by_other]
+                sums[y] = min(sums[y], new)
+
+
+@njit(cache=True)
 def costs_between(graph: GraphArrays, tables: Tables, starts: Int32Array, goals: Int32Array) -> Int32Array:
-    """Return the costs of many ways (Q,) [mm], `CLOSED_MM` where there is none."""
-    out, into = room(tables.layout)
+    """Return the costs of many ways (Q,) [mm], `CLOSED_MM` where there is none.
+
+    All in one loop over plain arrays: to hand on the tables costs more than the sums.
+    """
+    lay, labels, climbs = tables.layout, tables.labels, tables.climbs
+    submap, depth, ancestor = graph.node_submap, lay.depth, lay.ancestor
+    node_first, exit_first, entry_first, sizes = lay.node_first, lay.exit_first, lay.entry_first, lay.sizes
+    exits_at, entries_at, first, within = lay.exits_at, lay.entries_at, tables.borders.first, tables.borders.within
+    around_first, around = tables.borders.around_first, tables.borders.around
+    out_first, all_out, into_first, all_into = labels.out_first, labels.out, labels.into_first, labels.into
+    up_first, up, down_first, down = climbs.up_first, climbs.up, climbs.down_first, climbs.down
+    out, into = room(lay)
     found = np.empty(len(starts), np.int32)
     for q in range(len(starts)):
-        found[q] = cost_between(graph, tables, starts[q], goals[q], out, into)
+        start, goal = starts[q], goals[q]
+        one, other = submap[start], submap[goal]
+        d = min(depth[one], depth[other])
+        while ancestor[one, d] != ancestor[other, d]:
+            d -= 1
+        if start == goal or depth[one] == d or depth[other] == d:
+            found[q] = cost_between(graph, tables, start, goal, out, into)
+            continue
+        top, left, right = ancestor[one, d], ancestor[one, d + 1], ancestor[other, d + 1]
+        exits, entries = exit_first[left + 1] - exit_first[left], entry_first[right + 1] - entry_first[right]
+        own = exit_first[one + 1] - exit_first[one]
+        at = out_first[one] + np.int64(start - node_first[one]) * own
+        if one == left:
+            for x in range(own):
+                out[x] = all_out[at + x]
+        elif depth[one] == d + 2:
+            columns = np.int64(sizes[left, COLUMNS])
+            base = first[left] + exits_at[one] * columns + sizes[left, EXITS_AT] - sizes[left, ROWS]
+            _least_sums(all_out, at, own, within, base, int(columns), 1, out, exits)
+        else:
+            _least_sums(all_out, at, own, up, up_first[one, d + 1], exits, 1, out, exits)
+        own = entry_first[other + 1] - entry_first[other]
+        at = into_first[other] + np.int64(goal - node_first[other]) * own
+        if other == right:
+            for e in range(own):
+                into[e] = all_into[at + e]
+        elif depth[other] == d + 2:
+            base = first[right] + entries_at[other] - sizes[right, ROWS]
+            _least_sums(all_into, at, own, within, base, 1, int(sizes[right, COLUMNS]), into, entries)
+        else:
+            _least_sums(all_into, at, own, down, down_first[other, d + 1], entries, 1, into, entries)
+        width = np.int64(sizes[top, EXITS_AT] - sizes[top, ROWS])
+        row = around_first[top] + (exits_at[left] - (entry_first[top + 1] - entry_first[top])) * width
+        row += entries_at[right] - sizes[top, ROWS]
+        least = np.int64(CLOSED_MM)
+        for x in range(exits):
+            part = np.int64(out[x])
+            if part < least:
+                for e in range(entries):
+                    least = min(least, part + around[row + e] + into[e])
+            row += width
+        found[q] = least
     return found
 
 
@@ -447,9 +610,10 @@ def ways_between(
 ) -> tuple[Int32Array, Int32Array]:
     """Return the costs [mm] and numbers of arcs (Q,) of many ways, each written out into `way` in turn."""
     out, into = room(tables.layout)
+    un = unpacking(tables)
     found, counts = np.empty(len(starts), np.int32), np.empty(len(starts), np.int32)
     for q in range(len(starts)):
-        found[q], counts[q] = way_between(graph, tables, starts[q], goals[q], out, into, way)
+        found[q], counts[q] = way_between(graph, tables, un, starts[q], goals[q], out, into, way)
     return found, counts
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from waychair.maps.building.costs import CLOSED_MM, DEAREST_MM
 from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
 from waychair.planning.building.border_kernels import Borders, Climbs, Labels, Steps, Tables, build, repair
-from waychair.planning.building.border_queries import costs_between, room, way_between, ways_between
+from waychair.planning.building.border_queries import costs_between, room, unpacking, way_between, ways_between
 from waychair.planning.building.graph_search import Way
 from waychair.planning.building.overlay import COLUMNS, EXITS_AT, ROWS, STATES, Int64Array, Layout, layout
 from waychair.types import IntArray
@@ -29,6 +29,7 @@ class BorderTables:
         self.graph = graph
         self.tables = made(graph) if tables is None else tables
         self._out, self._into = room(self.tables.layout)
+        self._unpacking = unpacking(self.tables)
         self._way = np.empty(1024, np.int32)
 
     def cost(self, start: int, goal: int) -> int:
@@ -46,7 +47,9 @@ class BorderTables:
     def way(self, start: int, goal: int) -> Way:
         """Return the cheapest way between two nodes."""
         while True:
-            cost, count = way_between(self.graph, self.tables, start, goal, self._out, self._into, self._way)
+            cost, count = way_between(
+                self.graph, self.tables, self._unpacking, start, goal, self._out, self._into, self._way
+            )
             if count <= len(self._way):
                 return Way(int(cost), self._way[:count].copy())
             self._way = np.empty(2 * count, np.int32)

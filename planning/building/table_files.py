@@ -73,6 +73,19 @@ def save_tables(path: Path, tables: Tables, key: str) -> None:
             array.tofile(file)
 
 
+def tables_key(path: Path) -> str:
+    """Return the key of the graph whose tables a file holds.
+
+    Raises:
+        StaleTables: the file is damaged.
+    """
+    try:
+        with path.open("rb") as file:
+            return str(json.loads(file.readline())["key"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise StaleTables(f"{path} is damaged: make the tables anew with waychair building tables") from error
+
+
 def load_tables(path: Path, key: str) -> Tables:
     """Return the tables of a graph with this key.
 

@@ -1,6 +1,6 @@
 """The building's border tables: exact costs on seeded hospitals, and their speed beside Dijkstra and A*.
 
-`HGRAPH_SIZES=H1,H2` takes only these hospitals. Times are processor times of this thread, ratios of one run. H1 and H2 are
+`HGRAPH_SIZES=H1,H2` takes only these hospitals, `HGRAPH_SHARE=0.1` a tenth of the queries and closures. Times are processor times of this thread, ratios of one run. H1 and H2 are
 checked query by query, H3 and H4 by Dijkstra from some starts to all nodes.
 """
 
@@ -23,14 +23,17 @@ from waychair.planning.building.table_files import load_tables, save_tables
 from waychair.planning.building.tetranauta import Tetranauta
 from waychair.types import IntArray, Json
 
-QUERIES = 10_000
-SEARCHED = {"H1": 10_000, "H2": 10_000, "H3": 500, "H4": 20}
+SHARE = float(os.environ.get("HGRAPH_SHARE", "1"))
+QUERIES = round(10_000 * SHARE)
+SEARCHED = {"H1": QUERIES, "H2": QUERIES, "H3": max(2, round(500 * SHARE)), "H4": max(2, round(20 * SHARE))}
 """Queries that A* answers, too."""
 
-STARTS = {"H3": (200, 50), "H4": (20, 500)}
+STARTS = {"H3": (max(2, round(200 * SHARE)), 50), "H4": (max(2, round(20 * SHARE)), 500)}
 """Starts of Dijkstra to all nodes, and goals compared of each."""
 
-CLOSURES = {"H1": 2000, "H2": 2000, "H3": 1000, "H4": 100}
+CLOSURES = {
+    name: max(20, round(count * SHARE)) for name, count in {"H1": 2000, "H2": 2000, "H3": 1000, "H4": 100}.items()
+}
 BARS = {
     "H1": {"cost_same": 400.0, "cost_across": 1500.0, "way_same": 45.0, "way_across": 130.0},
     "H2": {"cost_same": 1500.0, "cost_across": 5000.0, "way_same": 90.0, "way_across": 450.0},
@@ -56,7 +59,7 @@ TABLE_1 = {
 }
 """The paper's Table 1: most percent longer with tables, least speed-up with tables and without, for H1 and H2."""
 
-PRESET_SIZES, PRESET_QUERIES = ("H1", "H2"), 2000
+PRESET_SIZES, PRESET_QUERIES = ("H1", "H2"), round(2000 * SHARE)
 
 MOST_BYTES = 260.0
 """Bytes a node of all tables."""

@@ -201,3 +201,19 @@ def test_nodes_follow_the_storeys_map_when_it_bends_as_places_do(tmp_path: Path)
     assert loaded.submaps["1"] == hgraph.submaps["1"]
     save_building(Building(tmp_path, loaded))
     assert load_building(tmp_path).hgraph == loaded
+
+
+def test_a_goal_stands_where_its_place_is(tmp_path: Path) -> None:
+    folder = tmp_path / "maps" / "g"
+    folder.mkdir(parents=True)
+    (folder / "places.yaml").write_text("Bed 7: [10.5, 4.0, 0.0]\nBed g: [1.0, 1.0, 0.0]\n")
+    hgraph = with_storey(two_storeys(), Storey("g", "Ground", map="maps/g"))
+    shelf = with_nodes(hgraph.submaps["g/store"], [Node("f", NodeKind.END, 1.0, 3.0, "Bed g")])
+    ward = with_nodes(hgraph.submaps["g/ward"], [Node("e", NodeKind.END, 0.0, 3.0, "Bed 7")])
+    hgraph = with_submap(with_submap(hgraph, shelf), ward)
+    save_building(Building(tmp_path, hgraph))
+    loaded = load_building(tmp_path).hgraph
+    bed = loaded.submaps["g/ward"].nodes["e"]
+    assert (bed.x, bed.y) == pytest.approx((0.5, 3.75))
+    assert loaded.submaps["g/store"] == shelf  # two goals are named like this place
+    assert loaded.submaps["1"] == hgraph.submaps["1"]
