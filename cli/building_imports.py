@@ -30,8 +30,8 @@ def import_command(
         Metres a pixel of CSV files, which do not state it.
     """
     from waychair.maps.building.building import stats
-    from waychair.maps.building.exchange import read_exchange
-    from waychair.maps.building.flat_graph import write_imported
+    from waychair.maps.exchange.exchange import read_exchange
+    from waychair.maps.exchange.flat_graph import write_imported
 
     imported = read_exchange(source, name, graph, scale)
     building = write_imported(folder, imported)
@@ -58,7 +58,7 @@ def export_command(folder: Path, target: Path, /) -> None:
         A .building.yaml for Open-RMF, a .geojson for Nav2's route server, or a folder for nodes.csv and edges.csv.
     """
     from waychair.maps.building.building import load_building
-    from waychair.maps.building.exchange import write_exchange
+    from waychair.maps.exchange.exchange import write_exchange
 
     write_exchange(load_building(folder), target)
     print(f"wrote {target}")

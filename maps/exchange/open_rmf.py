@@ -15,7 +15,6 @@ import numpy as np
 import yaml
 
 from waychair.errors import BuildingError
-from waychair.maps.building.flat_graph import NOTHING, FlatGraph, Imported, checked_coordinates, flat_graph
 from waychair.maps.building.hgraph import (
     PLAIN,
     Arc,
@@ -30,8 +29,9 @@ from waychair.maps.building.hgraph import (
     Way,
 )
 from waychair.maps.building.hgraph_edits import with_lift, with_submap
-from waychair.maps.building.rmf_grid import grid_of_level
 from waychair.maps.building.text_forms import is_id
+from waychair.maps.exchange.flat_graph import NOTHING, FlatGraph, Imported, checked_coordinates, flat_graph
+from waychair.maps.exchange.rmf_grid import grid_of_level
 from waychair.types import FloatArray
 from waychair.yaml_files import yaml_from_text
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 from waychair.errors import BuildingError
 from waychair.files import is_folder, read_bytes, write_text
-from waychair.maps.building import floor_csv, open_rmf, route_graph
 from waychair.maps.building.building import Building
-from waychair.maps.building.flat_graph import Imported, kept_file
 from waychair.maps.building.hgraph import HGraph
+from waychair.maps.exchange import floor_csv, open_rmf, route_graph
+from waychair.maps.exchange.flat_graph import Imported, kept_file
 
 OPTIONS = "options.json"
 """The kept file with the options of the import, which its export needs again."""

@@ -16,14 +16,14 @@ import yaml
 
 from waychair.errors import BuildingError
 from waychair.maps.building.building import Building, load_building, save_building
-from waychair.maps.building.exchange import read_exchange, write_exchange
-from waychair.maps.building.flat_graph import flat_graph, write_imported
-from waychair.maps.building.floor_csv import building_from_floor_csv
 from waychair.maps.building.hgraph import Arc, HGraph, Node, NodeKind
 from waychair.maps.building.hgraph_checks import check
 from waychair.maps.building.hgraph_edits import with_nodes, with_submap, without_node
-from waychair.maps.building.open_rmf import building_from_open_rmf
-from waychair.maps.building.route_graph import building_from_route_graph
+from waychair.maps.exchange.exchange import read_exchange, write_exchange
+from waychair.maps.exchange.flat_graph import flat_graph, write_imported
+from waychair.maps.exchange.floor_csv import building_from_floor_csv
+from waychair.maps.exchange.open_rmf import building_from_open_rmf
+from waychair.maps.exchange.route_graph import building_from_route_graph
 
 DATA = Path(os.environ.get("WAYCHAIR_DATA", "nowhere"))
 needs_data = pytest.mark.skipif(not (DATA / "graph_bwh").is_dir(), reason="needs the recordings of WAYCHAIR_DATA")

@@ -13,7 +13,6 @@ import io
 from collections.abc import Callable
 
 from waychair.errors import BuildingError
-from waychair.maps.building.flat_graph import NOTHING, FlatNode, Imported, checked_coordinates, flat_graph
 from waychair.maps.building.hgraph import (
     PLAIN,
     Arc,
@@ -30,6 +29,7 @@ from waychair.maps.building.hgraph import (
 )
 from waychair.maps.building.hgraph_edits import with_lift, with_submap
 from waychair.maps.building.text_forms import is_id
+from waychair.maps.exchange.flat_graph import NOTHING, FlatNode, Imported, checked_coordinates, flat_graph
 
 NODES, EDGES = "nodes.csv", "edges.csv"
 NODE_COLUMNS = ("nodeID", "xcoord", "ycoord", "floor", "building", "nodeType", "longName", "shortName")

@@ -13,15 +13,6 @@ from dataclasses import replace
 from typing import Any
 
 from waychair.errors import BuildingError
-from waychair.maps.building.flat_graph import (
-    NOTHING,
-    FlatGraph,
-    FlatNode,
-    Imported,
-    checked_coordinates,
-    flat_graph,
-    speed_way,
-)
 from waychair.maps.building.hgraph import (
     Arc,
     HGraph,
@@ -36,6 +27,15 @@ from waychair.maps.building.hgraph import (
 )
 from waychair.maps.building.hgraph_edits import with_lift, with_submap
 from waychair.maps.building.text_forms import is_id
+from waychair.maps.exchange.flat_graph import (
+    NOTHING,
+    FlatGraph,
+    FlatNode,
+    Imported,
+    checked_coordinates,
+    flat_graph,
+    speed_way,
+)
 from waychair.types import Json
 
 KEPT_NAME = "route_graph.geojson"
