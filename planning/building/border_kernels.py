@@ -47,12 +47,15 @@ class Borders(NamedTuple):
 
 class Steps(NamedTuple):
     """The ways behind the tables. `before[first + row * states + state]` is the state before it on the way from a row;
-    `after[after_first + exit * states + state]` the state after it on the way to an exit. States count in the overlay."""
+    `after[after_first + exit * states + state]` the state after it on the way to an exit. States count in the overlay;
+    `state_arc[state_first[m] + state]` is the arc of each."""
 
     first: Int64Array
     before: StateArray
     after_first: Int64Array
     after: StateArray
+    state_first: Int64Array
+    state_arc: Int32Array
 
 
 class Labels(NamedTuple):
@@ -346,8 +349,10 @@ def down_cost(lay: Layout, borders: Borders, climbs: Climbs, m: int, d: int, ent
 @njit(cache=True)
 def build(graph: GraphArrays, tables: Tables) -> None:
     """Make all tables: within bottom-up, around and climbs top-down."""
-    lay, maps = tables.layout, len(graph.parent)
+    lay, maps, steps = tables.layout, len(graph.parent), tables.steps
     for m in range(maps - 1, -1, -1):
+        for state in range(lay.sizes[m, STATES]):
+            steps.state_arc[steps.state_first[m] + state] = arc_of_state(lay, m, state)
         solve(graph, tables, m)
     changed = np.zeros(maps, np.bool_)
     for m in range(maps):

@@ -12,8 +12,9 @@ import numpy as np
 
 from waychair.maps.building.costs import CLOSED_MM, DEAREST_MM
 from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
+from waychair.planning.building.border_costs import costs_between, room
 from waychair.planning.building.border_kernels import Borders, Climbs, Labels, Steps, Tables, build, repair
-from waychair.planning.building.border_queries import costs_between, room, unpacking, way_between, ways_between
+from waychair.planning.building.border_ways import unpacking, way_between, ways_between
 from waychair.planning.building.graph_search import Way
 from waychair.planning.building.overlay import COLUMNS, EXITS_AT, ROWS, STATES, Int64Array, Layout, layout
 from waychair.types import IntArray
@@ -97,7 +98,9 @@ def _empty(graph: GraphArrays, lay: Layout) -> Tables:
     first, around_first = firsts(rows * columns), firsts((rows - entries) * (exits_at - rows))
     borders = Borders(first, np.empty(first[-1], np.int32), around_first, np.empty(around_first[-1], np.int32))
     before, after = firsts(rows * states), firsts(exits * states)
-    steps = Steps(before, np.empty(before[-1], kind), after, np.empty(after[-1], kind))
+    at = firsts(states)
+    ways = np.empty(before[-1], kind), after, np.empty(after[-1], kind)
+    steps = Steps(before, *ways, at, np.empty(at[-1], np.int32))
     out, into = firsts(nodes * exits), firsts(nodes * entries)
     labels = Labels(
         out,

@@ -34,8 +34,7 @@ class Layout(NamedTuple):
     `depth` (M,), `ancestor` (M, D) at each depth, -1 below itself; `node_first` (M + 1,); `child_first` (M + 1,) into
     `child`; `exit_first`, `entry_first`, `own_first` (M + 1,) into the arcs `exit`, `entry`, `own`, each ascending;
     `position` (A,) of an arc in the list in which its tail's sub-map finds it; `exits_at`, `entries_at` (M,) first state of
-    its exits and entries in the parent's overlay; `sizes` (M, 4); `state_first` (M + 1,) into `state_arc`, the arc of each
-    state.
+    its exits and entries in the parent's overlay; `sizes` (M, 4).
     """
 
     depth: Int32Array
@@ -53,8 +52,6 @@ class Layout(NamedTuple):
     exits_at: Int32Array
     entries_at: Int32Array
     sizes: Int32Array
-    state_first: Int64Array
-    state_arc: Int32Array
 
 
 def layout(graph: GraphArrays) -> Layout:
@@ -67,7 +64,7 @@ def layout(graph: GraphArrays) -> Layout:
     lists = _lists(graph.node_submap, graph.tail, graph.head, depth, ancestor)
     exit_first, exits, entry_first, entries, own_first, own, position = lists
     exits_at, entries_at, sizes = _numbered(child_first, order, exit_first, entry_first, own_first)
-    bare = Layout(
+    return Layout(
         depth,
         ancestor,
         node_first,
@@ -83,11 +80,7 @@ def layout(graph: GraphArrays) -> Layout:
         exits_at,
         entries_at,
         sizes,
-        np.concatenate([[0], np.cumsum(sizes[:, STATES])]).astype(np.int64),
-        np.empty(int(sizes[:, STATES].sum()), np.int32),
     )
-    _fill_state_arcs(bare)
-    return bare
 
 
 @njit(cache=True)
@@ -236,13 +229,6 @@ def arc_of_state(lay: Layout, m: int, state: int) -> int:
     if state < lay.sizes[m, ROWS]:
         return int(lay.exit[lay.exit_first[c] + state - lay.exits_at[c]])
     return int(lay.entry[lay.entry_first[c] + state - lay.entries_at[c]])
-
-
-@njit(cache=True)
-def _fill_state_arcs(lay: Layout) -> None:
-    for m in range(len(lay.depth)):
-        for state in range(lay.sizes[m, STATES]):
-            lay.state_arc[lay.state_first[m] + state] = arc_of_state(lay, m, state)
 
 
 @njit(cache=True)

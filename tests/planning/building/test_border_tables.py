@@ -38,7 +38,7 @@ def plain_cost(graph: GraphArrays, start: int, goal: int) -> int:
         for onto in range(graph.first[node], graph.first[node + 1]):
             one, other = int(graph.heading[arc]), int(graph.heading[onto])
             change = abs((other - one + 32768) % 65536 - 32768) * 360.0 / 65536.0
-            turn = 0 if NO_HEADING in (one, other) or change <= 45.0 else int(graph.turns[change > 135.0])
+            turn = 0 if NO_HEADING in (one, other) or change <= 45.0 else int(graph.turns[int(change > 135.0)])
             heapq.heappush(queue, (cost + turn + int(graph.cost[onto]), onto))
     return 0 if start == goal else CLOSED_MM
 
