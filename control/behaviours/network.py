@@ -346,7 +346,8 @@ def _check_order(
 ) -> None:
     """Refuse cells that need each other's values within one innervation, and a cell that reads one after it."""
     needs = {name: _needed(node, outputs, sensors) for name, node in nodes.items()}
-    loop = _loop({name: [*needs[name], *parents.get(name, ())] for name in nodes})
+    # A cell of several networks runs in the first active one; a later one may depend on what it gave there.
+    loop = _loop({name: [*needs[name], *parents[name][:1]] for name in nodes})
     if loop:
         raise WiringError(
             f"{', '.join(loop)} need each other's values within one innervation: "

@@ -5,7 +5,7 @@ the same stamps and sensor values give the same ports. Time that a cell takes is
 its verdict is part of the innervation (`late`), so that a replay needs no clock.
 
 A cell that raises, gives a value of another type, or takes too long becomes inactive: AB = 0, EO has no value, its
-dynamic data stay, the fault is named, and the cell rests for a second. The other cells go on.
+dynamic data stay, and the fault is named. After three faults in a row it rests for a second. The other cells go on.
 """
 
 from __future__ import annotations
@@ -26,6 +26,9 @@ from waychair.control.behaviours.cell import (
 from waychair.control.behaviours.conditions import NEVER, Condition, Test, test_from
 from waychair.control.behaviours.network import Network, Wiring
 from waychair.errors import BehaviourError
+
+FAULTS = 3
+"""Faults in a row after which a cell rests: a single one may be a packet cut short."""
 
 REST_NS = 1_000_000_000
 """Time for which a cell rests after a fault: long enough to be heard of, short enough to come back by itself."""
@@ -86,6 +89,7 @@ class _Node:
     due_ns: int | None = None
     reset_kept: bool = False
     rests_until_ns: int | None = None
+    faults: int = 0
     fault: str = ""
 
     def write(self, value: Any, stamp_ns: int) -> None:
@@ -304,7 +308,7 @@ class Runtime:
             if now_ns < state.rests_until_ns:
                 state.ab = False
                 return
-            state.rests_until_ns, state.fault = None, ""
+            state.rests_until_ns = None
         begun = self._timer() if self._timer is not None else 0
         try:
             dynamic, effect, actions = self._outputs(program, cell)
@@ -317,6 +321,7 @@ class Runtime:
             self._fail(state, "took too long")
             return
         program.seen.dynamic = dynamic
+        state.faults, state.fault = 0, ""
         if cell.effect is not None:
             state.write(effect, now_ns)
         self._actions.update(actions)
@@ -336,7 +341,7 @@ class Runtime:
 
     def _value(self, function: _Function, cell: Cell, dynamic: Any, effect: Any) -> tuple[Any, Any]:
         """Return the output of a function and the dynamic data after it; None where a needed value is missing."""
-        if function.unlinked:
+        if function.unlinked or (effect is None and "effect" in function.behaviour.passes):
             return None, dynamic
         arguments: dict[str, Any] = dict.fromkeys(function.optional)
         for given in function.inputs:
@@ -371,7 +376,9 @@ class Runtime:
         return Reading(value, stamp_ns, active) if given.with_stamp else value
 
     def _fail(self, state: _Node, fault: str) -> None:
-        state.ab, state.fault, state.rests_until_ns = False, fault, self._now_ns + REST_NS
+        state.ab, state.fault, state.faults = False, fault, state.faults + 1
+        if state.faults >= FAULTS:
+            state.rests_until_ns = self._now_ns + REST_NS
         state.write(None, self._now_ns)
 
     def _keep_resets(self) -> None:

@@ -247,14 +247,22 @@ def broken(x: float, dynamic: Count) -> tuple[float, Count]:
     return x, Count(dynamic.runs + 1)
 
 
-def test_a_cell_that_raises_is_inactive_and_named_rests_and_comes_back_while_the_others_go_on() -> None:
+def test_a_cell_that_raises_is_inactive_and_named_while_the_others_go_on() -> None:
     cells = [Cell("a", broken, links={"x": "x"}, dynamic=Count()), Cell("b", one)]
-    runs = run(cells, {0: {"x": 1.0}, 1: {"x": 2.0}, 2: {"x": 1.0}, REST_NS: {}, REST_NS + 1: {}})
-    assert [done.ports["a"].eo for done in runs] == [1.0, None, None, None, 1.0]
-    assert [done.ports["a"].ab for done in runs] == [True, False, False, False, True]
-    assert runs[1].faults() == runs[3].faults() == {"a": "ValueError: the packet is cut short"}
-    assert runs[4].faults() == {}
+    runs = run(cells, {0: {"x": 1.0}, 1: {"x": 2.0}, 2: {"x": 1.0}})
+    assert [done.ports["a"].eo for done in runs] == [1.0, None, 1.0]
+    assert [done.ports["a"].ab for done in runs] == [True, False, True]
+    assert [done.faults() for done in runs] == [{}, {"a": "ValueError: the packet is cut short"}, {}]
     assert all(done.ports["b"].ab for done in runs)
+
+
+def test_a_cell_with_three_faults_in_a_row_rests_for_a_second_and_comes_back() -> None:
+    cell = Cell("a", broken, links={"x": "x"}, dynamic=Count())
+    stamps: dict[int, dict[str, float]] = {0: {"x": 2.0}, 1: {}, 2: {}, 3: {"x": 1.0}, REST_NS + 1: {}, REST_NS + 2: {}}
+    runs = run([cell], stamps)
+    assert [done.ports["a"].ab for done in runs] == [False] * 5 + [True]
+    assert runs[4].faults()
+    assert not runs[5].faults()
 
 
 def test_a_value_of_another_type_than_declared_is_a_fault() -> None:
