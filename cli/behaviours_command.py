@@ -19,7 +19,7 @@ behaviours_app = App(
     result_action="return_value",
 )
 
-PresetName = Literal["paper"]
+PresetName = Literal["paper", "default"]
 
 
 @behaviours_app.command(name="show", help="Print a network of behaviour cells, or draw it.")
@@ -35,7 +35,7 @@ def show_command(
     Parameters
     ----------
     preset
-        The network: `paper` is that of the publication.
+        The network: `paper` is that of the publication, `default` the same cells with today's sensors.
     network
         Show only this network of it, such as "Free-space finding".
     picture

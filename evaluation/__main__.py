@@ -10,6 +10,7 @@ from pathlib import Path
 from evaluation.figures.chair import bridge, calibration, closed_loop, sensor_time, simulation, start_up
 from evaluation.figures.driving import (
     barn,
+    behaviours,
     demo,
     drive_time,
     dstar_lite,
@@ -109,6 +110,9 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "paper_scenes": hazards.paper_scenes,
     "among_movers": hazards.among_movers,
     "appears": hazards.appears,
+    "behaviours": behaviours.behaviours,
+    "paper_rules": behaviours.paper_rules,
+    "free_space": behaviours.free_space,
     "reacts": monitor.reacts,
     "ride": hazards.ride,
     "real_maps": real_maps.real_maps,

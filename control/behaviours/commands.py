@@ -28,10 +28,11 @@ class FreeKind(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class FreeCommand:
-    """Command_free: its kind, and the free orientations [rad], in the order of the sectors."""
+    """Command_free: its kind, the free orientations [rad], in the order of the sectors, and the number of sectors."""
 
     kind: FreeKind
     orientations: tuple[float, ...] = ()
+    sectors: int = SECTORS
 
 
 NULL = FreeCommand(FreeKind.NULL)

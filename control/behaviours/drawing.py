@@ -17,7 +17,10 @@ from waychair.errors import BehaviourError
 _WIDE, _HIGH, _GAP_X, _GAP_Y, _MARGIN = 190, 44, 70, 26, 24
 """px; a box, the gaps between boxes, and the margin."""
 
-_ROWS = 6
+_BOW = 50
+"""px; room beside the last column for links between its boxes."""
+
+_ROWS = 8
 """Boxes in a column."""
 
 _COLOURS = {"DI": "#444444", "EB": "#1a7f37", "IB": "#c62828", "RS": "#7b1fa2", "AO": "#0b57d0"}
@@ -92,7 +95,7 @@ def network_picture(wiring: Wiring, name: str | None = None) -> str:
     inside = [each.name for each in network.cells]
     arrows = list(_arrows(wiring, network))
     boxes = _placed(wiring, inside, arrows)
-    width = max(box.x for box in boxes.values()) + _WIDE + _MARGIN
+    width = max(box.x for box in boxes.values()) + _WIDE + _MARGIN + _BOW
     height = max(box.y for box in boxes.values()) + _HIGH + _MARGIN + 22
     size = f'viewBox="0 0 {width} {height}" width="{width}" height="{height}"'
     font = 'font-family="sans-serif" font-size="13"'
@@ -209,9 +212,9 @@ def _box_svg(box: _Box) -> str:
 
 
 def _fitted(name: str) -> str:
-    """Return attributes that squeeze a long name into its box."""
-    most = _WIDE - 16
-    return f' textLength="{most}" lengthAdjust="spacingAndGlyphs"' if len(name) * 7 > most else ""
+    """Return the attribute of a smaller font where a name is too long for its box."""
+    most = (_WIDE - 16) / 7
+    return f' font-size="{13 * most / len(name):.1f}"' if len(name) > most else ""
 
 
 def _arrow_svg(boxes: dict[str, _Box], arrow: _Arrow) -> str:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from waychair.control.behaviours.cell import Reading
 from waychair.control.behaviours.commands import (
+    SECTORS,
     DoorCommand,
     FreeCommand,
     FreeKind,
@@ -21,7 +22,6 @@ from waychair.control.behaviours.commands import (
     Signal,
     SignalKind,
     between,
-    sector_middles,
     sector_of,
 )
 from waychair.control.behaviours.doorway import DoorCheck, TrackedDoor
@@ -139,7 +139,7 @@ def select_signal(
         return Signal(SignalKind.WARNING, "no way is free")
     if obstacles is None or obstacles.immediate() < constants.surrounded or not free.orientations:
         return None
-    chosen = nearest_orientation(free.orientations, stick_angle(stick, constants))
+    chosen = nearest_orientation(free.orientations, stick_angle(stick, constants), free.sectors)
     return Signal(SignalKind.DIRECTION, "surrounded", Move.GO, chosen)
 
 
@@ -150,9 +150,8 @@ def stick_angle(stick: StickDirection | None, limits: NavigationLimits) -> float
     return math.atan2(stick.turn, stick.forward)
 
 
-def nearest_orientation(free: tuple[float, ...], wanted: float, count: int | None = None) -> float:
+def nearest_orientation(free: tuple[float, ...], wanted: float, sectors: int = SECTORS) -> float:
     """Return the free orientation nearest to a wanted one; of equal ones that in the wider part, then the left one."""
-    sectors = count or len(sector_middles())
 
     def order(angle: float) -> tuple[float, int, float]:
         return round(between(angle, wanted), 9), -free_width(free, angle, sectors), -angle
@@ -178,7 +177,7 @@ def merge_commands(gated: GatedSignals, door: DoorCommand, constants: Navigation
         return None
     if free.kind is FreeKind.NULL:
         return Signal(SignalKind.DIRECTION, "door", door.move, door.orientation)
-    nearest = nearest_orientation(free.orientations, door.orientation)
+    nearest = nearest_orientation(free.orientations, door.orientation, free.sectors)
     if round(between(nearest, door.orientation) - constants.agreeing, 9) > 0.0:
         return Signal(SignalKind.WARNING, "door blocked")
     return Signal(SignalKind.DIRECTION, "door", door.move, door.orientation if door.move is Move.SWIVEL else nearest)

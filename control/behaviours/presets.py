@@ -9,12 +9,13 @@ import msgspec
 
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.config import from_mapping
+from waychair.control.behaviours.default import default_network
 from waychair.control.behaviours.network import Wiring
 from waychair.control.behaviours.paper import PaperSettings, paper_network
 from waychair.errors import BehaviourError
 
-PRESETS = ("paper",)
-"""Names of the shipped networks."""
+PRESETS = {"paper": paper_network, "default": default_network}
+"""The shipped networks by name: the paper's, and the same cells with today's sensors."""
 
 
 def preset_settings(settings: PaperSettings, body: ChairBody) -> dict[str, Any]:
@@ -33,4 +34,4 @@ def preset_network(name: str, values: Mapping[str, Any]) -> Wiring:
     if name not in PRESETS:
         raise BehaviourError(f"there is no preset '{name}': choose among {', '.join(PRESETS)}")
     body = from_mapping(ChairBody, values["body"], "the trace's chair") if "body" in values else CHAIR_A
-    return paper_network(from_mapping(PaperSettings, values.get("settings", {}), "the trace's settings"), body)
+    return PRESETS[name](from_mapping(PaperSettings, values.get("settings", {}), "the trace's settings"), body)

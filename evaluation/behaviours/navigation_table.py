@@ -158,7 +158,8 @@ def list_cases() -> Iterator[Case]:
     """Yield every list of free orientations, stop and null, with every door command, stick, and few or many obstacles."""
     subsets = [tuple(each for k, each in enumerate(DEGREES) if mask >> k & 1) for mask in range(1, 256)]
     many, few = (4, 4, 1, 1, 4, 2, 3, 1), (4, 4, 1, 1, 3, 2, 3, 1)
-    for free in ("stop", "null", *subsets):
+    frees: tuple[tuple[int, ...] | str, ...] = ("stop", "null", *subsets)
+    for free in frees:
         for door in DOORS:
             for stick in STICKS if door is None else (None, 180):
                 for classes in (many, few):
