@@ -148,7 +148,8 @@ def replay_command(trace: NonEmptyPath, /, *, diff: bool = False, out: Path | No
         Write the replay's own trace to this file.
     """
     from waychair.control.behaviours.presets import preset_network
-    from waychair.control.behaviours.trace import read_trace, replay
+    from waychair.control.behaviours.replay import replay
+    from waychair.control.behaviours.trace import read_trace
     from waychair.errors import TraceError
     from waychair.files import write_bytes
 

@@ -32,17 +32,8 @@ from waychair.control.behaviours.doorway import (
     plan_path,
     track_door,
 )
-from waychair.control.behaviours.free_space import WayFound, edge_distance
+from waychair.control.behaviours.free_space import WayFound
 from waychair.control.behaviours.glove import GloveLayout, encode_signal
-from waychair.control.behaviours.local_view import (
-    Beams,
-    Fans,
-    LocalView,
-    MapPart,
-    Thing,
-    ViewMemory,
-    gather_views,
-)
 from waychair.control.behaviours.managers import (
     StickDirection,
     choose_signal,
@@ -54,11 +45,23 @@ from waychair.control.behaviours.network import Network, Wiring, wire
 from waychair.control.behaviours.paper import PaperSettings
 from waychair.control.behaviours.paper_settings import DoorLimits, ObstacleLimits
 from waychair.control.behaviours.sonar import LastClasses, Obstacle, ObstacleClasses, obstacle_class
-from waychair.control.behaviours.swept_sectors import free_orientations
+from waychair.control.behaviours.view.local_view import (
+    Beams,
+    Fans,
+    LocalView,
+    MapPart,
+    Thing,
+    ViewMemory,
+    gather_views,
+)
+from waychair.control.behaviours.view.swept_sectors import free_orientations
 from waychair.types import Float32Array, Scan, SonarReadings
 
 SECTORS = 16
 """Sectors of free space, 22.5 degrees each."""
+
+_VIEW_NS = 100_000_000
+"""Period of the view, that of the lidar; ways and classes follow it."""
 
 _NOTHING_SEEN = 3.0
 """m; a beam without an echo is free up to here at most: dark things return none from farther away."""
@@ -159,7 +162,7 @@ def _nearest(view: LocalView, body: ChairBody, near: float) -> tuple[Float32Arra
     )
     sectors = np.rint(np.arctan2(points[:, 1], points[:, 0]) / math.tau * count).astype(int) % count
     np.minimum.at(nearest, sectors[outside > 0.0], outside[outside > 0.0])
-    within = np.hypot(*places.T) <= np.array([edge_distance(body, float(a)) for a in sector_middles()]).min() + near
+    within = np.hypot(places[:, 0], places[:, 1]) <= min(body.front, body.rear, body.width / 2) + near
     hidden = np.rint(np.arctan2(places[within, 1], places[within, 0]) / math.tau * count).astype(int) % count
     cells = np.bincount(hidden, minlength=count)
     return nearest.astype(np.float32), (cells < 20).astype(np.float32)
@@ -240,6 +243,7 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
             ),
         ],
         output="Gathered view",
+        every_ns=_VIEW_NS,
     )
     obstacle_notification = Network(
         "Obstacle notification",
@@ -251,6 +255,7 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
                 links={"view": "View"},
                 constants=(s.obstacles, body),
                 dynamic=LastClasses(),
+                triggers=("View",),
             ),
         ],
         output="translate_data",
@@ -289,7 +294,7 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
     )
     free_space_finding = Network(
         "Free-space finding",
-        [view, Cell("Way finder", find_swept_way, links={"view": "View"}, constants=body)],
+        [view, Cell("Way finder", find_swept_way, links={"view": "View"}, constants=body, triggers=("View",))],
         output="Way finder",
     )
     navigation_command_manager = Network(

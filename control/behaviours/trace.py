@@ -22,7 +22,7 @@ import numpy as np
 
 from waychair.control.behaviours.cell import Reading
 from waychair.control.behaviours.network import Wiring
-from waychair.control.behaviours.runtime import Innervation, PortState, Runtime
+from waychair.control.behaviours.runtime import Innervation, PortState
 from waychair.errors import OutputError, TraceError
 from waychair.files import os_error_text, read_bytes
 
@@ -33,7 +33,9 @@ KEY_EVERY = 100
 """Innervations from one key record to the next: 5 s of a chair's ticks are lost by damage at most."""
 
 _MARK = b"\xabBN\x01"
-_FRAME = struct.Struct("<4scII")
+FRAME = struct.Struct("<4scII")
+"""Mark, letter, length of the payload and CRC-32 of letter and payload, before each payload."""
+
 _LARGEST = 1 << 24  # bytes of a payload
 
 
@@ -121,7 +123,7 @@ class TraceEncoder:
             nodes=tuple(wiring.nodes),
             sensors=tuple(wiring.sensors),
         )
-        return _framed(b"H", _ENCODER.encode(header))
+        return _framed(b"H", ENCODER.encode(header))
 
     def innervation(self, done: Innervation, heard: Mapping[str, Any]) -> bytes:
         """Return the record of an innervation that heard these sensor values."""
@@ -135,7 +137,7 @@ class TraceEncoder:
             if port.eo_stamp_ns == self._stamps[name] and not is_key:
                 continue
             self._stamps[name] = port.eo_stamp_ns
-            value = _ENCODER.encode(port.eo)
+            value = ENCODER.encode(port.eo)
             if value != self._written.get(name) or is_key:
                 age_ns = None if port.eo_stamp_ns is None else done.stamp_ns - port.eo_stamp_ns
                 effects[places[name]] = msgspec.Raw(value), age_ns
@@ -158,9 +160,9 @@ class TraceEncoder:
         )
         before, self._before = self._before, whole
         if is_key or before is None:
-            return _framed(b"K", _ENCODER.encode(whole))
+            return _framed(b"K", ENCODER.encode(whole))
         same: dict[str, Any] = {name: None for name in _REPEATED if getattr(whole, name) == getattr(before, name)}
-        return _framed(b"D", _ENCODER.encode(replace(whole, **same)))
+        return _framed(b"D", ENCODER.encode(replace(whole, **same)))
 
 
 _REPEATED = ("ran", "active", "rewritten", "faults")
@@ -333,7 +335,7 @@ def _port(code: int | None, ab: bool, effect: tuple[Any, int | None], fault: str
 
 
 def _framed(letter: bytes, payload: bytes) -> bytes:
-    return _FRAME.pack(_MARK, letter, len(payload), zlib.crc32(payload, zlib.crc32(letter))) + payload
+    return FRAME.pack(_MARK, letter, len(payload), zlib.crc32(payload, zlib.crc32(letter))) + payload
 
 
 def _frames(data: bytes) -> Iterator[tuple[bytes, bytes] | int]:
@@ -343,7 +345,7 @@ def _frames(data: bytes) -> Iterator[tuple[bytes, bytes] | int]:
         whole = _frame_at(data, at)
         if whole is not None:
             yield whole
-            at += _FRAME.size + len(whole[1])
+            at += FRAME.size + len(whole[1])
             continue
         found = data.find(_MARK, at + 1)
         end = len(data) if found < 0 else found
@@ -352,109 +354,13 @@ def _frames(data: bytes) -> Iterator[tuple[bytes, bytes] | int]:
 
 
 def _frame_at(data: bytes, at: int) -> tuple[bytes, bytes] | None:
-    if len(data) - at < _FRAME.size:
+    if len(data) - at < FRAME.size:
         return None
-    mark, letter, length, crc = _FRAME.unpack_from(data, at)
-    payload = data[at + _FRAME.size : at + _FRAME.size + length]
+    mark, letter, length, crc = FRAME.unpack_from(data, at)
+    payload = data[at + FRAME.size : at + FRAME.size + length]
     if mark != _MARK or length > _LARGEST or len(payload) < length:
         return None
     return (letter, payload) if zlib.crc32(payload, zlib.crc32(letter)) == crc else None
-
-
-@dataclass(frozen=True, slots=True)
-class PortDifference:
-    """The first port in which two runs differ: which innervation, cell and port, and both values in words."""
-
-    index: int
-    stamp_ns: int
-    node: str
-    port: str
-    first: str
-    second: str
-
-    def __str__(self) -> str:
-        at = f"at innervation {self.index} ({self.stamp_ns / 1e9:.3f} s)"
-        return f"{at} {self.port} of {self.node} differs: {self.first} in the trace, {self.second} in the replay"
-
-
-@dataclass(frozen=True, slots=True)
-class Replay:
-    """The outcome of a replay: the bytes of its own trace, and the first difference; None if there is none."""
-
-    data: bytes
-    innervations: int
-    difference: PortDifference | None = None
-
-
-def replay(trace: Trace, wiring: Wiring) -> Replay:
-    """Run a traced network again on the same stamps and sensor values, and compare every record.
-
-    Raises:
-        TraceError: the trace is of another wiring, a sensor's value is of another type, or records are missing.
-    """
-    header = trace.header
-    if header.identity != wiring.identity():
-        raise TraceError(f"the trace is of another wiring: {_first_change(header.wiring, tuple(wiring.lines()))}")
-    if trace.gaps:
-        raise TraceError(
-            f"records are missing before innervation {trace.gaps[0]} of the trace, so a cell's memory is not known "
-            "from there: take a whole trace"
-        )
-    runtime, encoder = Runtime(wiring), TraceEncoder(wiring, header.preset, header.settings)
-    written = [encoder.header()]
-    for index, was in enumerate(trace.innervations):
-        heard = {name: _sensed(wiring, name, *each) for name, each in was.heard.items()}
-        done = runtime.innervate(was.stamp_ns, heard, was.late)
-        record = encoder.innervation(done, {name: _raw(*each) for name, each in was.heard.items()})
-        written.append(record)
-        if record[_FRAME.size :] != was.payload[1:]:
-            again = trace_from_bytes(b"".join(written)).innervations[index]
-            return Replay(b"".join(written), index + 1, first_difference(index, was, again))
-    return Replay(b"".join(written), len(trace.innervations))
-
-
-def _sensed(wiring: Wiring, name: str, value: Any, stamp_ns: int | None) -> Any:
-    """Return a sensor's value with its type."""
-    try:
-        typed = msgspec.convert(value, wiring.sensors[name].kind, dec_hook=_restored, strict=False)
-    except (msgspec.ValidationError, TypeError, ValueError) as error:
-        raise TraceError(f"the trace's value of {name} is not what the sensor gives: {error}") from error
-    return typed if stamp_ns is None else Reading(typed, stamp_ns)
-
-
-def _raw(value: Any, stamp_ns: int | None) -> Any:
-    return value if stamp_ns is None else Reading(value, stamp_ns)
-
-
-def first_difference(index: int, was: TracedInnervation, now: TracedInnervation) -> PortDifference:
-    """Return the first port, in the order of the nodes, that differs between two innervations."""
-
-    def differs(node: str, port: str, first: Any, second: Any) -> PortDifference | None:
-        if _ENCODER.encode(first) == _ENCODER.encode(second):
-            return None
-        return PortDifference(index, was.stamp_ns, node, port, value_text(first), value_text(second))
-
-    for name, port in was.ports.items():
-        other = now.ports[name]
-        for label in ("innervated", "eb", "ib", "rs", "ab", "eo", "eo_stamp_ns", "fault"):
-            shown = {"innervated": "IS", "eo_stamp_ns": "the stamp of EO", "fault": "the fault"}.get(
-                label, label.upper()
-            )
-            found = differs(name, shown, getattr(port, label), getattr(other, label))
-            if found is not None:
-                return found
-    for effector in sorted({*was.actions, *now.actions}):
-        found = differs(effector, "AO", was.actions.get(effector), now.actions.get(effector))
-        if found is not None:
-            return found
-    return PortDifference(index, was.stamp_ns, "the schedule", "the order", ", ".join(was.ran), ", ".join(now.ran))
-
-
-def _first_change(was: tuple[str, ...], now: tuple[str, ...]) -> str:
-    for first, second in zip((*was, "its end"), (*now, "its end"), strict=False):
-        if first != second:
-            return f"'{first.strip()}' there, '{second.strip()}' here; replay it with the version and settings it names"
-    return "its lines are the same, and their hash is not; the trace was altered"
 
 
 def value_text(value: Any, most: int = 60) -> str:
@@ -488,16 +394,11 @@ def _plain(value: Any) -> Any:
     raise NotImplementedError(f"a {type(value).__name__} cannot be traced: give a dataclass of plain values")
 
 
-def _restored(_: type, value: Any) -> Any:
-    dtype, shape, data = value
-    return np.frombuffer(data, dtype).reshape(shape)
-
-
 @dataclass(frozen=True, slots=True)
 class _Version:
     format: int = 0
 
 
-_ENCODER = msgspec.msgpack.Encoder(enc_hook=_plain)
+ENCODER = msgspec.msgpack.Encoder(enc_hook=_plain)
 _FORMAT, _HEADERS = msgspec.msgpack.Decoder(_Version), msgspec.msgpack.Decoder(TraceHeader)
 _RECORDS = msgspec.msgpack.Decoder(_Record)

@@ -13,7 +13,7 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.control.behaviours.default import SECTORS, default_network
 from waychair.control.behaviours.doorway import OdometryPose
 from waychair.control.behaviours.runtime import Runtime
-from waychair.control.behaviours.swept_sectors import AHEAD
+from waychair.control.behaviours.view.swept_sectors import AHEAD
 from waychair.simulation.scene.boxes import bins_from_boxes
 from waychair.simulation.scene.contact import SolidBoxes, clearance, in_contact
 from waychair.simulation.scene.scene import Reflection, Slice

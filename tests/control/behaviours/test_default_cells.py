@@ -20,9 +20,9 @@ from waychair.control.behaviours.default import (
     lidar_fans,
 )
 from waychair.control.behaviours.doorway import Doorway, OdometryPose
-from waychair.control.behaviours.local_view import Beams, Fans, LocalView, MapPart, Thing, ViewMemory, gather_views
 from waychair.control.behaviours.runtime import Innervation, Runtime
-from waychair.control.behaviours.swept_sectors import free_orientations
+from waychair.control.behaviours.view.local_view import Beams, Fans, LocalView, MapPart, Thing, ViewMemory, gather_views
+from waychair.control.behaviours.view.swept_sectors import free_orientations
 from waychair.types import FloatArray, Scan, SonarReadings
 
 TICK_NS, NONE = 50_000_000, np.empty((0, 2))

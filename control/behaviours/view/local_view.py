@@ -11,6 +11,7 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -128,13 +129,19 @@ SOURCES = ("lidar", "depth", "drop-offs", "echoes", "people", "own")
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """One sensor's grids (SIDE, SIDE): `seen` and `hit` stamps [ns], the place of the last hit in its cell [m], and
-    its class. `taken_ns` is the stamp of the last part."""
+    """One sensor's grids (SIDE, SIDE): `seen` and `hit` stamps [ns], the place of the last hit in its cell [m], its class.
+
+    `taken_ns` is the stamp of the last part. `points` (N, 2) [m] in odom are the obstacles that it left, with their
+    classes and stamps (N,).
+    """
 
     seen: IntArray
     hit: IntArray
     offset: FloatArray
     thing: Bytes
+    points: FloatArray
+    classes: Bytes
+    stamps: IntArray
     taken_ns: int = _NEVER
 
 
@@ -157,6 +164,9 @@ def _empty() -> Layer:
         np.full((SIDE, SIDE), _NEVER, np.int64),
         np.zeros((SIDE, SIDE, 2)),
         np.zeros((SIDE, SIDE), np.uint8),
+        np.empty((0, 2)),
+        np.empty(0, np.uint8),
+        np.empty(0, np.int64),
     )
 
 
@@ -220,7 +230,7 @@ def _unexplained(
     fans: tuple[Beams, ...], layers: list[Layer], memory: ViewMemory, odom_from_base: Pose2
 ) -> tuple[Beams, ...]:
     """Return the echoes, without the hits of those whose arc passes a thing that another sensor shows."""
-    shown = np.concatenate([_held_points(layer, memory)[0] for layer in layers[:2]])
+    shown = np.concatenate([layer.points for layer in layers[:2]])
     away = shown - (odom_from_base.x, odom_from_base.y)
     c, s = math.cos(odom_from_base.theta), math.sin(odom_from_base.theta)
     in_base = away @ np.array([[c, -s], [s, c]])
@@ -229,20 +239,21 @@ def _unexplained(
         arc = fan.ends[fan.hits]
         if not len(arc) or not len(in_base):
             return fan
-        gaps = np.hypot(*(arc[:, None] - in_base[None]).transpose(2, 0, 1))
-        return replace(fan, hits=np.zeros(len(fan.hits), np.bool_)) if gaps.min() <= _SAME_THING else fan
+        low, high = arc.min(axis=0) - _SAME_THING, arc.max(axis=0) + _SAME_THING
+        near = in_base[((in_base >= low) & (in_base <= high)).all(axis=1)]
+        gaps = ((arc[:, None] - near[None]) ** 2).sum(axis=2)
+        explained = gaps.min(initial=math.inf) <= _SAME_THING**2
+        return replace(fan, hits=np.zeros(len(fan.hits), np.bool_)) if explained else fan
 
     return tuple(kept(fan) for fan in fans)
 
 
-def _held_points(layer: Layer, memory: ViewMemory) -> tuple[FloatArray, Bytes, BoolArray]:
-    """Return a layer's obstacles: points (N, 2) [m] in odom, classes (N,), and the mask of their cells."""
-    held = layer.hit >= layer.seen
-    held &= layer.hit > _NEVER
-    rows, cols = np.nonzero(held)
+def _with_points(layer: Layer, memory: ViewMemory) -> Layer:
+    """Return a layer with the points of its grids: the hits that nothing has seen to be gone."""
+    rows, cols = np.nonzero((layer.hit >= layer.seen) & (layer.hit > _NEVER))
     corner = np.array([memory.column, memory.row])
     points = (np.column_stack([cols, rows]) + corner) * CELL + layer.offset[rows, cols]
-    return points, layer.thing[rows, cols], held
+    return replace(layer, points=points, classes=layer.thing[rows, cols], stamps=layer.hit[rows, cols])
 
 
 def _leaps(history: tuple[tuple[int, Pose2], ...], stamp_ns: int, pose: Pose2) -> bool:
@@ -268,17 +279,23 @@ def _moved(memory: ViewMemory, pose: Pose2) -> ViewMemory:
     right, up = column - memory.column, row - memory.row
     if right == up == 0:
         return memory
-    layers = tuple(
-        replace(
-            layer,
-            seen=_shifted(layer.seen, up, right, _NEVER),
-            hit=_shifted(layer.hit, up, right, _NEVER),
-            offset=_shifted(layer.offset, up, right, 0),
-            thing=_shifted(layer.thing, up, right, 0),
-        )
-        for layer in memory.layers
-    )
+    layers = tuple(_layer_moved(layer, up, right) for layer in memory.layers)
     return replace(memory, layers=layers, column=column, row=row)
+
+
+def _layer_moved(layer: Layer, up: int, right: int) -> Layer:
+    if layer.taken_ns == _NEVER:  # nothing was laid on it yet
+        return layer
+    seen = _shifted(layer.seen, up, right, _NEVER)
+    if not len(layer.points):
+        return replace(layer, seen=seen, hit=np.full_like(layer.hit, _NEVER))
+    return replace(
+        layer,
+        seen=seen,
+        hit=_shifted(layer.hit, up, right, _NEVER),
+        offset=_shifted(layer.offset, up, right, 0),
+        thing=_shifted(layer.thing, up, right, 0),
+    )
 
 
 _Grid = TypeVar("_Grid", FloatArray, IntArray, Bytes)
@@ -324,7 +341,7 @@ def _with_part(
             beams.clears,
             stamp_ns,
         )
-    return new
+    return _with_points(new, memory)
 
 
 _SPREAD = 1.5
@@ -363,11 +380,18 @@ def _lay(
             if far[place] < 0.0 or distance < far[place]:
                 far[place] = distance
     size = seen.shape[0]
-    for row in range(size):
-        for col in range(size):
+    low_x = high_x = origin[0]
+    low_y = high_y = origin[1]
+    for i in range(len(ends)):
+        low_x, high_x = min(low_x, ends[i, 0]), max(high_x, ends[i, 0])
+        low_y, high_y = min(low_y, ends[i, 1]), max(high_y, ends[i, 1])
+    first_row, last_row = max(math.floor(low_y / CELL), 0), min(math.floor(high_y / CELL) + 1, size)
+    first_col, last_col = max(math.floor(low_x / CELL), 0), min(math.floor(high_x / CELL) + 1, size)
+    for row in range(first_row, last_row if clears else first_row):
+        for col in range(first_col, last_col):
             dx, dy = (col + 0.5) * CELL - origin[0], (row + 0.5) * CELL - origin[1]
             place = math.floor(math.atan2(dy, dx) / width) % bins
-            if clears and math.hypot(dx, dy) < far[place] and stamp_ns > seen[row, col]:
+            if math.hypot(dx, dy) < far[place] and stamp_ns > seen[row, col]:
                 seen[row, col] = stamp_ns
     for i in range(len(ends)):
         if hits[i]:
@@ -399,10 +423,9 @@ def _view(memory: ViewMemory, pose: Pose2, surroundings: MapPart | None, body: C
     for layer in memory.layers:
         if layer.taken_ns == _NEVER:
             continue
-        in_odom, things, held = _held_points(layer, memory)
-        young = now_ns - layer.hit[held] <= HELD_FOR_NS
-        all_points.append(in_odom[young])
-        all_classes.append(things[young])
+        young = now_ns - layer.stamps <= HELD_FOR_NS
+        all_points.append(layer.points[young])
+        all_classes.append(layer.classes[young])
         if _is_told(layer, now_ns):
             fresh |= (now_ns - layer.seen <= SEEN_FOR_NS) & (layer.seen > _NEVER)
     in_odom = np.concatenate(all_points) if all_points else np.empty((0, 2))
@@ -414,7 +437,7 @@ def _view(memory: ViewMemory, pose: Pose2, surroundings: MapPart | None, body: C
         points, classes = np.concatenate([points, mapped]), np.concatenate([classes, np.zeros(len(mapped), np.uint8)])
         free |= mapped_free
     free |= _own(body)
-    inside = np.abs(points).max(axis=1, initial=0.0) < 30.0
+    inside = np.abs(points).max(axis=1, initial=0.0) < SIDE * CELL  # those that the grid has left behind go
     return LocalView(np.rint(1000.0 * points[inside]).astype(np.int16), classes[inside], np.packbits(~free.reshape(-1)))
 
 
@@ -432,6 +455,7 @@ def _free_in_base(fresh: BoolArray, column: int, row: int, x: float, y: float, c
     return free
 
 
+@lru_cache(maxsize=8)
 def _own(body: ChairBody) -> BoolArray:
     """Return the cells under the chair itself, which are free for it."""
     middles = (np.arange(SIDE) + 0.5 - SIDE / 2) * CELL

@@ -58,6 +58,12 @@ def _eased(points: FloatArray, margins: FloatArray, body: ChairBody) -> FloatArr
 def _free(
     things: FloatArray, room: FloatArray, front: float, rear: float, half: float, count: int, ahead: float
 ) -> BoolArray:
+    cosines, sines = np.empty(_HEADINGS), np.empty(_HEADINGS)
+    for k in range(_HEADINGS):
+        cosines[k], sines[k] = math.cos(k * _STEP), math.sin(k * _STEP)
+    drive_cosines, drive_sines = np.empty(count), np.empty(count)
+    for k in range(count):
+        drive_cosines[k], drive_sines[k] = math.cos(k * math.tau / count), math.sin(k * math.tau / count)
     blocked_turn = np.zeros(_HEADINGS, np.bool_)
     blocked_drive = np.zeros(count, np.bool_)
     blocked_reverse = False
@@ -71,12 +77,12 @@ def _free(
         if distance <= math.hypot(max(front, rear), half) + turning:
             for k in range(1, _HEADINGS):
                 if not blocked_turn[k]:
-                    c, s = math.cos(k * _STEP), math.sin(k * _STEP)
+                    c, s = cosines[k], sines[k]
                     if _outside(c * x + s * y, c * y - s * x, front, rear, half) < turning:
                         blocked_turn[k] = True
         for k in range(count):
             if not blocked_drive[k]:
-                c, s = math.cos(k * math.tau / count), math.sin(k * math.tau / count)
+                c, s = drive_cosines[k], drive_sines[k]
                 along, aside = c * x + s * y, c * y - s * x
                 if along > 0.0 and _outside(along, aside, front + ahead, rear, half) <= margin:
                     blocked_drive[k] = True
