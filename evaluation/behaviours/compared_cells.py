@@ -33,23 +33,23 @@ def differing_ports(seed: int, innervations: int) -> tuple[int, int, list[str]]:
 
 
 def _compared(done: Innervation, plain: PlainCells) -> tuple[int, list[str]]:
-    wrong = [] if list(done.ran) == plain.order else [f"the order {done.ran} and {plain.order}"]
+    wrong = [] if list(done.ran) == plain.at.order else [f"the order {done.ran} and {plain.at.order}"]
     for name, port in done.ports.items():
         shown = plain.shown(name)
         pairs = (
-            ("EB", port.eb, plain.EB.get(name)),
-            ("IB", port.ib, plain.IB.get(name)),
-            ("RS", port.rs, None if port.rs is None else plain.RS[name]),
+            ("EB", port.eb, plain.at.EB.get(name)),
+            ("IB", port.ib, plain.at.IB.get(name)),
+            ("RS", port.rs, None if port.rs is None else plain.at.RS[name]),
             ("AB", port.ab, plain.AB[name]),
             ("EO", port.eo, plain.EO[shown]),
             ("stamp", port.eo_stamp_ns, plain.written[shown]),
-            ("fault", port.fault, plain.fault[name]),
+            ("fault", port.fault, plain.trouble[name].fault),
         )
         wrong += [
             f"{label} of {name}: {first} and {second}" for label, first, second in pairs if _differ(first, second)
         ]
-    if any(_differ(done.actions.get(name), plain.AO.get(name)) for name in {*done.actions, *plain.AO}):
-        wrong.append(f"AO: {dict(done.actions)} and {plain.AO}")
+    if any(_differ(done.actions.get(name), plain.at.AO.get(name)) for name in {*done.actions, *plain.at.AO}):
+        wrong.append(f"AO: {dict(done.actions)} and {plain.at.AO}")
     return 7 * len(done.ports) + 1, wrong
 
 

@@ -7,6 +7,7 @@ no code with `control/behaviours/runtime.py` but the declarations. Ports are dic
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from waychair.control.behaviours.cell import UNSET, Cell, Reading, Sensor, behaviour_from
@@ -16,11 +17,33 @@ from waychair.control.behaviours.network import Network
 FAULTS_IN_A_ROW, REST_NS = 3, 1_000_000_000
 
 
+@dataclass
+class _Stamp:
+    """The ports of one innervation, and AB, EO and its stamps before it."""
+
+    now: int
+    order: list[str] = field(default_factory=list)
+    EB: dict[str, bool] = field(default_factory=dict)
+    IB: dict[str, bool] = field(default_factory=dict)
+    RS: dict[str, bool] = field(default_factory=dict)
+    AO: dict[str, Any] = field(default_factory=dict)
+    old: tuple[dict[str, bool], dict[str, Any], dict[str, int | None]] = field(default_factory=lambda: ({}, {}, {}))
+
+
+@dataclass
+class _Trouble:
+    """The faults of one cell."""
+
+    in_a_row: int = 0
+    fault: str = ""
+    rests_until: int = -1
+
+
 class PlainCells:
     """A network, its ports and its memories, interpreted."""
 
     def __init__(self, root: Network, sensors: tuple[Sensor, ...], literal: bool = False) -> None:
-        self.root, self.literal, self.now = root, literal, -1
+        self.root, self.literal, self.at = root, literal, _Stamp(-1)
         self.all: dict[str, Cell | Network] = {}
         self._find(root)
         self.sensors = {sensor.name for sensor in sensors}
@@ -32,10 +55,7 @@ class PlainCells:
         self.reset_waits = dict.fromkeys(self.all, False)
         self.last_period: dict[str, int] = {}
         self.seen_writes: dict[str, list[int]] = {}
-        self.faults_in_a_row = dict.fromkeys(self.all, 0)
-        self.fault = dict.fromkeys(self.all, "")
-        self.rests_until = dict.fromkeys(self.all, -1)
-        self._new_stamp()
+        self.trouble = {name: _Trouble() for name in self.all}
 
     def _find(self, node: Cell | Network) -> None:
         self.all[node.name] = node
@@ -43,33 +63,24 @@ class PlainCells:
             for member in node.cells:
                 self._find(member)
 
-    def _new_stamp(self) -> None:
-        self.order: list[str] = []
-        self.EB: dict[str, bool] = {}
-        self.IB: dict[str, bool] = {}
-        self.RS: dict[str, bool] = {}
-        self.AO: dict[str, Any] = {}
-        self.old = dict(self.AB), dict(self.EO), dict(self.written)
-
     def innervate(self, now: int, heard: Mapping[str, Any]) -> None:
         """Send an innervation signal into the network."""
-        self.now = now
-        self._new_stamp()
+        self.at = _Stamp(now, old=(dict(self.AB), dict(self.EO), dict(self.written)))
         for name, value in heard.items():
             own = isinstance(value, Reading)
             self._write(name, value.value if own else value, value.stamp_ns if own else now)
         self._signal(self.root)
         for name, node in self.all.items():  # a reset that nobody has looked at yet, or that came later, waits
-            if not self.RS.get(name, False) and self._value(node.reset_by):
+            if not self.at.RS.get(name, False) and self._value(node.reset_by):
                 self.reset_waits[name] = True
 
     def _signal(self, node: Cell | Network) -> None:
         """IS of a cell or network receives a signal."""
-        if node.name in self.order or not self._is_its_turn(node):
+        if node.name in self.at.order or not self._is_its_turn(node):
             return
-        self.order.append(node.name)
-        self.RS[node.name] = self._value(node.reset_by)
-        if self.RS[node.name]:
+        self.at.order.append(node.name)
+        self.at.RS[node.name] = self._value(node.reset_by)
+        if self.at.RS[node.name]:
             self.reset_waits[node.name] = True
         if isinstance(node, Network):
             self._network(node)
@@ -78,7 +89,7 @@ class PlainCells:
 
     def _is_its_turn(self, node: Cell | Network) -> bool:
         if node.every_ns > 0:
-            period = self.now // node.every_ns
+            period = self.at.now // node.every_ns
             before = self.last_period.get(node.name)
             self.last_period[node.name] = period
             return before is None or period != before
@@ -92,19 +103,19 @@ class PlainCells:
     def _cell(self, cell: Cell) -> None:
         name = cell.name
         # 1) Check the value of the Excitatory Inputs. If true, set AB to 1 and go to the next step, otherwise return.
-        self.EB[name] = self._value(cell.excited_by)
-        if self.EB[name]:
+        self.at.EB[name] = self._value(cell.excited_by)
+        if self.at.EB[name]:
             self.AB[name] = True
         else:
             if not self.literal:
                 self.AB[name] = False
             return
         # 2) Check the value of the Inhibitory Inputs. If false, go to the next step, otherwise set AB to 0 and return.
-        self.IB[name] = self._value(cell.inhibited_by)
-        if self.IB[name]:
+        self.at.IB[name] = self._value(cell.inhibited_by)
+        if self.at.IB[name]:
             self.AB[name] = False
             if cell.inhibited_output is not UNSET:
-                self._write(name, cell.inhibited_output, self.now)
+                self._write(name, cell.inhibited_output, self.at.now)
             return
         # 3) Check the value of the Reset input, and if true, clear the dynamic data.
         if self.reset_waits[name]:
@@ -118,7 +129,7 @@ class PlainCells:
                     self.memory[name] = type(cell.dynamic)(**kept)
                 else:
                     self.memory[name] = cell.dynamic
-        if self.now < self.rests_until[name]:
+        if self.at.now < self.trouble[name].rests_until:
             self.AB[name] = False
             return
         # 4) and 5) Derive the values from the behavioural function, write them to EO and AO, store the data.
@@ -132,16 +143,16 @@ class PlainCells:
                     actions[effector] = action
         except (ArithmeticError, ValueError) as error:
             self.AB[name] = False
-            self.fault[name] = f"{type(error).__name__}: {error}"
-            self.faults_in_a_row[name] += 1
-            if self.faults_in_a_row[name] >= FAULTS_IN_A_ROW:
-                self.rests_until[name] = self.now + REST_NS
-            self._write(name, None, self.now)
+            self.trouble[name].fault = f"{type(error).__name__}: {error}"
+            self.trouble[name].in_a_row += 1
+            if self.trouble[name].in_a_row >= FAULTS_IN_A_ROW:
+                self.trouble[name].rests_until = self.at.now + REST_NS
+            self._write(name, None, self.at.now)
             return
-        self.faults_in_a_row[name], self.fault[name], self.memory[name] = 0, "", memory
+        self.trouble[name].in_a_row, self.trouble[name].fault, self.memory[name] = 0, "", memory
         if cell.effect is not None:
-            self._write(name, effect, self.now)
-        self.AO.update(actions)
+            self._write(name, effect, self.at.now)
+        self.at.AO.update(actions)
 
     def _function(self, cell: Cell, function: Any, memory: Any, effect: Any) -> tuple[Any, Any]:
         behaviour = behaviour_from(function)
@@ -152,7 +163,7 @@ class PlainCells:
                 return None, memory
         if "effect" in behaviour.passes and effect is None:
             return None, memory
-        special = {"dynamic": memory, "effect": effect, "now_ns": self.now}
+        special = {"dynamic": memory, "effect": effect, "now_ns": self.at.now}
         special |= {"static": cell.static, "constants": cell.constants}
         result = behaviour.call(**values, **{each: special[each] for each in behaviour.passes})
         return result if behaviour.keeps else (result, memory)
@@ -164,23 +175,23 @@ class PlainCells:
             return None
         source = PortSource(link) if isinstance(link, str) else link
         name = self.shown(source.name)
-        effects, stamps = (self.old[1], self.old[2]) if source.before else (self.EO, self.written)
+        effects, stamps = (self.at.old[1], self.at.old[2]) if source.before else (self.EO, self.written)
         value, stamp = effects[name], stamps[name]
         if value is None or stamp is None:
             return None
-        if port in cell.fresh_ns and (stamp > self.now or self.now - stamp > cell.fresh_ns[port]):
+        if port in cell.fresh_ns and (stamp > self.at.now or self.at.now - stamp > cell.fresh_ns[port]):
             return None
-        active = (self.old[0] if source.before else self.AB).get(name, False)
+        active = (self.at.old[0] if source.before else self.AB).get(name, False)
         return Reading(value, stamp, active) if with_stamp else value
 
     def _network(self, network: Network) -> None:
         # The innervation cell signals the Excitatory Inputs cell, the Inhibitory Inputs cell and the Activation
         # Output cell in this order.
         name = network.name
-        excitation = self.EB[name] = self._value(network.excited_by)
+        excitation = self.at.EB[name] = self._value(network.excited_by)
         inhibition = False
         if excitation:
-            inhibition = self.IB[name] = self._value(network.inhibited_by)
+            inhibition = self.at.IB[name] = self._value(network.inhibited_by)
         if excitation or not self.literal:
             self.AB[name] = excitation and not inhibition
         # If the value is true, the Activation Output cell innervates the functional cells in a predefined order,
@@ -206,7 +217,7 @@ class PlainCells:
             if isinstance(member, Network):
                 self._take_down(member, inhibition)
             elif inhibition and member.inhibited_output is not UNSET:
-                self._write(member.name, member.inhibited_output, self.now)
+                self._write(member.name, member.inhibited_output, self.at.now)
 
     def _write(self, name: str, value: Any, stamp: int) -> None:
         self.EO[name], self.written[name] = value, stamp
@@ -222,8 +233,8 @@ class PlainCells:
 
     def activation(self, name: str, before: bool) -> bool:
         """AB, for the conditions."""
-        return (self.old[0] if before else self.AB)[name]
+        return (self.at.old[0] if before else self.AB)[name]
 
     def effect(self, name: str, before: bool) -> Any:
         """EO, for the conditions."""
-        return (self.old[1] if before else self.EO)[self.shown(name)]
+        return (self.at.old[1] if before else self.EO)[self.shown(name)]

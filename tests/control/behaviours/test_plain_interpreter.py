@@ -12,7 +12,7 @@ from waychair.control.behaviours.cell import Cell
 from waychair.control.behaviours.network import Network, wire
 
 
-@pytest.mark.parametrize("seed", range(6 * LITERAL_EVERY))
+@pytest.mark.parametrize("seed", range(3 * LITERAL_EVERY))
 def test_no_port_differs_from_the_plain_interpreter(seed: int) -> None:
     compared, differing, named = differing_ports(seed, 20)
     assert (differing, named) == (0, [])
