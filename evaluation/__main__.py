@@ -11,6 +11,7 @@ from evaluation.figures.chair import bridge, calibration, closed_loop, sensor_ti
 from evaluation.figures.driving import (
     barn,
     demo,
+    doorways,
     drive_time,
     dstar_lite,
     dwa,
@@ -93,6 +94,9 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "fan": dwa.fan,
     "control_step": dwa.step,
     "u_trap": dwa.u_trap,
+    "doorways_real": doorways.doorways_real,
+    "doorways_sim": doorways.doorways_sim,
+    "doorways_photos": doorways.doorways_photos,
     "doors": scenes.doors,
     "door_drives": scenes.door_drives,
     "corner": scenes.corner,
