@@ -39,6 +39,9 @@ FARTHEST, NEAREST, LEAST = 4.5, 1.0, 3.2
 ROOM, STEP = 0.42, 0.10
 """m; free space round the path, and the path between two views."""
 
+OFF_JAMB = 0.08
+"""m; a doorway's middle is at least half its width less this from anything."""
+
 STEEPEST = 70.0
 """degrees; largest angle between the path and the door's normal."""
 
@@ -84,7 +87,7 @@ def approaches(count: int, seed: int) -> list[Approach]:
         tries += 1
         angle = math.radians(rng.uniform(-STEEPEST, STEEPEST))
         heading = door.middle.theta + rng.choice([1.0, -1.0]) * math.pi / 2 + angle
-        path = _free_path(world, field, door.middle, heading)
+        path = _free_path(world, field, door.middle, door.width, heading)
         if path:
             found.append(Approach(world, _through(door), door.width, path))
     return found
@@ -170,22 +173,28 @@ def depth_look(world: World, seed: int, body: ChairBody = CHAIR_A) -> Look:
     return look
 
 
-def _free_path(world: World, field: Float32Array, middle: Pose2, heading: float) -> tuple[Pose2, ...]:
+def _free_path(world: World, field: Float32Array, middle: Pose2, width: float, heading: float) -> tuple[Pose2, ...]:
     """Return the poses on the straight line to a door as far as the chair has room, the farthest first."""
     kept: list[Pose2] = []
+    if not _has_room(world, field, middle, width / 2 - OFF_JAMB):
+        return ()  # something stands in the doorway
     for s in np.arange(NEAREST, FARTHEST, STEP):
         pose = Pose2(middle.x - s * math.cos(heading), middle.y - s * math.sin(heading), heading)
-        at = world.grid.map_from_grid.inverse() @ pose
-        row, column = int(at.y / world.grid.resolution), int(at.x / world.grid.resolution)
-        inside = 0 <= row < field.shape[0] and 0 <= column < field.shape[1]
-        if inside and field[row, column] >= ROOM:
+        if _has_room(world, field, pose, ROOM):
             kept.append(pose)
-        elif s > 2.0:
+        elif s > 1.5:
             break
         else:
             kept.clear()
     far = kept and math.hypot(kept[-1].x - middle.x, kept[-1].y - middle.y) >= LEAST
     return tuple(reversed(kept)) if far else ()
+
+
+def _has_room(world: World, field: Float32Array, pose: Pose2, room: float) -> bool:
+    """Return whether nothing stands within `room` [m] of a place."""
+    at = world.grid.map_from_grid.inverse() @ pose
+    row, column = int(at.y / world.grid.resolution), int(at.x / world.grid.resolution)
+    return 0 <= row < field.shape[0] and 0 <= column < field.shape[1] and bool(field[row, column] >= room)
 
 
 def _through(door: ClosableDoor) -> Pose2:
