@@ -28,7 +28,7 @@ AHEAD, BEHIND = 0.08, 0.30
 """m; a beam that ends from this far ahead of the wall line to this far behind ends at the wall, at the reveal or at a
 closed leaf in it. A beam that ends farther behind goes through."""
 
-SKEWED = math.radians(78.0)
+SKEWED = math.radians(75.0)
 """rad; beams at a larger angle to the normal cross the line at too flat an angle to tell where."""
 
 NEAREST = 0.18
@@ -61,9 +61,12 @@ SLIM = 3
 WALL_BESIDE = 1.0
 """m; the wall on this length beside each jamb counts."""
 
-LOCAL, LOCAL_OFF, LOCAL_POINTS = 0.5, (0.14, 0.08, 0.06), 8
-"""m; the walls on this length beside a gap, within so far of their line at each step of the fit, and the fewest points
-of each side, give the doorway's own direction."""
+FOR_PLACE, FOR_DIRECTION = 0.5, 0.7
+"""m; what stands on these lengths beside a gap gives its place across the wall and its direction: things next to the
+jambs tell where the jambs are, longer walls tell the direction better."""
+
+LOCAL_OFF, LOCAL_POINTS = (0.14, 0.08, 0.06), 8
+"""m; largest distance from the line at each step of that fit, and the fewest points of each side."""
 
 TOLERANCE = 0.1
 """m; a stretch may reach this far into the opening by noise."""
@@ -165,7 +168,8 @@ def _gaps_of(
         if solid[first + 1] or not NARROWEST <= width <= WIDEST or np.mean(passes[opening] > 0) < SEEN_THROUGH:
             continue
         right, left = low + float(first + 1) * BIN, low + float(last + 1) * BIN
-        both, off, turn = _local_line(pose, ends, met, right, left)
+        both, off, _ = _local_line(pose, ends, met, right, left, FOR_PLACE)
+        _, _, turn = _local_line(pose, ends, met, right, left, FOR_DIRECTION)
         # x of the gap is y of the line, so that y of the gap runs back along the line
         middle = line.pose @ Pose2((right + left) / 2, off, math.pi / 2 + turn)
         walls = (
@@ -183,7 +187,9 @@ def _wall_within(line: WallLine, low: float, high: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _local_line(line: FloatArray, ends: FloatArray, met: Bytes, right: float, left: float) -> tuple[bool, float, float]:
+def _local_line(
+    line: FloatArray, ends: FloatArray, met: Bytes, right: float, left: float, length: float
+) -> tuple[bool, float, float]:
     """Return whether things stand next to both jambs of a gap, how far [m] beside the wall line and how turned [rad].
 
     Both sides weigh the same, so that a doorway between walls a little out of line stands between both. Where a side
@@ -199,7 +205,7 @@ def _local_line(line: FloatArray, ends: FloatArray, met: Bytes, right: float, le
             x, y = ends[i, 0] - line[0], ends[i, 1] - line[1]
             a, d = c * x + s * y - middle, c * y - s * x
             beyond = abs(a) - (left - right) / 2
-            if met[i] == 0 or not -TOLERANCE < beyond < LOCAL or abs(d - off - math.tan(turn) * a) > within:
+            if met[i] == 0 or not -TOLERANCE < beyond < length or abs(d - off - math.tan(turn) * a) > within:
                 continue
             k = 1 if a > 0.0 else 0
             sums[k, 0] += 1.0
