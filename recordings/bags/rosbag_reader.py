@@ -33,8 +33,8 @@ from waychair.recordings.bags.bag_topics import (
     BagTopics,
     choose_topics,
 )
-from waychair.recordings.bags.cloud_decoding import Cloud, CloudDamaged, cloud_from_message
-from waychair.recordings.bags.cloud_scans import (
+from waychair.recordings.bags.clouds.cloud_decoding import Cloud, CloudDamaged, cloud_from_message
+from waychair.recordings.bags.clouds.cloud_scans import (
     SAMPLE,
     CloudBand,
     CloudKind,
@@ -42,7 +42,7 @@ from waychair.recordings.bags.cloud_scans import (
     kind_of_clouds,
     told_scan,
 )
-from waychair.recordings.bags.cloud_units import unit_of_clouds
+from waychair.recordings.bags.clouds.cloud_units import unit_of_clouds
 from waychair.recordings.bags.continued_clock import ContinuedClock, clock_warning
 from waychair.recordings.bags.ros_decoding import (
     first_echoes,
@@ -336,7 +336,7 @@ def _look_at_clouds(
 def _clouds(
     path: Path, bag: BagFile, connections: Sequence[Connection], found: _BagMessages, lost: Counter[str] | None
 ) -> Iterator[tuple[int, Cloud]]:
-    """Yield the stamps [ns] and the clouds of one topic; the damage of the first damaged one is kept."""
+    """Yield the stamps [ns] and the clouds of one topic that are not damaged."""
     for connection, log_ns, message in iterate_messages(path, bag, connections, lost):
         found.scan_frames.setdefault(connection.topic, frame_name(message.header.frame_id))
         try:

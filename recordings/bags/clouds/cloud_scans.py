@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.geometry import compose, invert
-from waychair.recordings.bags.cloud_decoding import Cloud
+from waychair.recordings.bags.clouds.cloud_decoding import Cloud
 from waychair.recordings.plausibility.findings import Finding
 from waychair.recordings.plausibility.point_times import PointTimes, point_times
 from waychair.recordings.plausibility.sweep_readings import scan_interval

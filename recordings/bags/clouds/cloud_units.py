@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from waychair.recordings.bags.cloud_decoding import Cloud
+from waychair.recordings.bags.clouds.cloud_decoding import Cloud
 from waychair.recordings.plausibility.findings import Finding
 from waychair.recordings.plausibility.motion_witness import MotionWitness
 from waychair.recordings.plausibility.range_readings import tried_units, unit_text
