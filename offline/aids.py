@@ -95,9 +95,7 @@ def _checked(recording: Recording, range_max: float, progress: Callable[[float],
     cleaned, wild = without_wild_readings(frames, times)
     if wild:
         checked = _compared(replace(recording, frames=cleaned), times, range_max, progress)
-        names = names_from_source(recording.source)
-        findings = (*wild, *checked.findings)
-        return replace(checked, findings=findings, sentences=_sentences(list(findings), names), names=names)
+        return _told(checked.recording, [*wild, *checked.findings])
     return _compared(recording, times, range_max, progress)
 
 
@@ -165,8 +163,7 @@ def _with_motions(
     findings += [found for found in check.findings if found.part is not Part.LIDAR or found.state is State.LEFT_OUT]
     unmoved = not any(frame.wheels for frame in frames) and len(motions.before) > 0
     if not unmoved and all(found.state is State.NOTED for found in findings):
-        names = names_from_source(recording.source)
-        return CheckedRecording(recording, tuple(findings), _sentences(findings, names), names)
+        return _told(recording, findings)
     frames = _with_gyro(frames, times, check)
     if unmoved:  # an IMU alone tells no way: the scans do
         frames = _with_wheels(frames, times, motions, series.filled())
@@ -174,9 +171,13 @@ def _with_motions(
         frames = _with_wheels(frames, times, motions, check.wheels)
     elif check.speeds is not None:
         frames = _with_speeds(frames, times, motions, check.speeds)
+    return _told(replace(recording, frames=frames, base_from_laser=mount), findings)
+
+
+def _told(recording: Recording, findings: list[AidFinding]) -> CheckedRecording:
+    """Return a recording with the findings about it, by its own topics."""
     names = names_from_source(recording.source)
-    changed = replace(recording, frames=frames, base_from_laser=mount)
-    return CheckedRecording(changed, tuple(findings), _sentences(findings, names), names)
+    return CheckedRecording(recording, tuple(findings), _sentences(findings, names), names)
 
 
 def names_from_source(source: str) -> AidNames:
@@ -208,11 +209,11 @@ def _sentences(findings: list[AidFinding], names: AidNames) -> tuple[str, ...]:
     """Return the sentences; of many breaks of one kind the first ones, and the number of the others."""
     kept: list[AidFinding] = []
     more = 0
-    for cause in (Cause.WILD, Cause.RESTART, Cause.JUMP):
+    steps = (Cause.WILD, Cause.RESTART, Cause.JUMP)
+    for cause in steps:
         same = [found for found in findings if found.cause is cause and found.part is Part.WHEELS]
         kept += same[:_MOST_SEVERAL]
         more += len(same[_MOST_SEVERAL:])
-    steps = (Cause.WILD, Cause.RESTART, Cause.JUMP)
     rest = [found for found in findings if found.cause not in steps or found.part is not Part.WHEELS]
     told = [sentence(found, names) for found in (*kept, *rest)]
     if more:

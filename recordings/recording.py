@@ -24,10 +24,8 @@ from waychair.recordings.bags.bag_parts import BagFiles
 from waychair.recordings.bags.bag_settings import NOT_USED, BagSettings
 from waychair.recordings.other_files import likely_kind
 from waychair.recordings.packed import packing_of, unpack
-from waychair.recordings.plausibility.blind_sector import blind_sector
 from waychair.recordings.plausibility.findings import Finding
-from waychair.recordings.plausibility.own_chair import without_own_chair
-from waychair.recordings.plausibility.plausible_scans import without_nothing_codes
+from waychair.recordings.plausibility.plausible_scans import without_false_ranges
 from waychair.recordings.recording_files import RecordingFiles, find_recording, text_head
 from waychair.recordings.rgbd_folders import RgbdSettings, frames_of, read_rgbd_folder
 from waychair.recordings.scans import LaserMount, count_silent_scans, mirrored, mount_from_text
@@ -204,13 +202,11 @@ def _without_codes(recording: Recording) -> Recording:
     """Return the recording with +inf in place of the lidar's codes for "nothing seen", and the finding about them."""
     scanned = [index for index, frame in enumerate(recording.frames) if frame.scan is not None]
     scans = [scan for frame in recording.frames if (scan := frame.scan) is not None]
-    cleared, findings = without_nothing_codes("lidar", scans)
-    blind = blind_sector("lidar", cleared)
-    cleared, own = without_own_chair("lidar", cleared)
+    cleared, findings = without_false_ranges("lidar", scans)
     frames = list(recording.frames)
     for index, scan in zip(scanned, cleared, strict=True):
         frames[index] = replace(frames[index], scan=scan)
-    return replace(recording, frames=tuple(frames), findings=(*recording.findings, *findings, *blind, *own))
+    return replace(recording, frames=tuple(frames), findings=(*recording.findings, *findings))
 
 
 def _checked(recording: Recording) -> Recording:

@@ -180,7 +180,8 @@ class MotionState:
 
     `before` is the command before `command`, and `motion` the acceleration of both. `rested_ticks`: ticks without a
     command to move. `jumping`: the localised pose has just jumped. `local` is None until the distances are asked for.
-    `still_at` is where the chair has stood, in odom, since `still_since_ns`; `odom_from_base` is its latest place there. `gears`: the changes of gear on this drive.
+    `still_at` is where the chair has stood, in odom, since `still_since_ns`; `odom_from_base` is its latest place there.
+    `gears`: the changes of gear on this drive.
     """
 
     pose: Pose2 = field(default_factory=Pose2)

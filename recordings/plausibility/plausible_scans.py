@@ -107,10 +107,21 @@ def plausible_scans(
     chosen = judge.angles(angles, reading)
     told, reading = judge.beam_times(chosen, reading)
     scans = [reading.scan(scan, entry) for scan, entry in zip(told, chosen, strict=True)]
-    scans, found = without_nothing_codes(topic, scans, start_ns)
-    blind = blind_sector(topic, scans)
-    scans, own = without_own_chair(topic, scans)
-    return PlausibleScans(tuple(scans), (*findings, *found, *blind, *own))
+    scans, found = without_false_ranges(topic, scans, start_ns)
+    return PlausibleScans(tuple(scans), (*findings, *found))
+
+
+def without_false_ranges(
+    topic: str, scans: Sequence[Scan], start_ns: int | None = None
+) -> tuple[list[Scan], list[Finding]]:
+    """Return scans without codes for nothing and without the chair itself, and findings, also about a blind sector.
+
+    `start_ns` [ns] is the first stamp of the recording, by default that of the first scan.
+    """
+    cleared, codes = without_nothing_codes(topic, scans, start_ns)
+    blind = blind_sector(topic, cleared)
+    cleared, own = without_own_chair(topic, cleared)
+    return list(cleared), [*codes, *blind, *own]
 
 
 def without_nothing_codes(

@@ -386,7 +386,9 @@ class LoopCloser:
             return []
         self._submap_search = None
         before, self._submap_find = self._submap_find, self._only_place(keys, search)
-        if before is None or self._submap_find is None or not self._same_place(keys, before, self._submap_find):
+        if before is None or self._submap_find is None:
+            return []
+        if not self._agree(keys, _find_of(keys, before), _find_of(keys, self._submap_find)):
             return []
         return [self._submap_find]
 
@@ -424,14 +426,14 @@ class LoopCloser:
         self.counts["places_contradicted"] += not fits
         return fits
 
-    def _same_place(self, keys: KeyGraph, before: Edge, now: Edge) -> bool:
-        """Return whether the motion between two finds equals the motion that was driven."""
-        driven = keys.pose(before.j).inverse() @ keys.pose(now.j)
-        return _near(keys.pose(before.i) @ before.i_from_j @ driven, keys.pose(now.i) @ now.i_from_j)
-
     def _agree(self, keys: KeyGraph, before: _Find, now: _Find) -> bool:
         """Return whether the motion between two finds equals the motion that was driven."""
         return _near(before.pose @ (keys.pose(before.node).inverse() @ keys.pose(now.node)), now.pose)
+
+
+def _find_of(keys: KeyGraph, edge: Edge) -> _Find:
+    """Return the find that an edge from a key scan of the present map stands for."""
+    return _Find(edge.j, keys.pose(edge.i) @ edge.i_from_j)
 
 
 def _near(a: Pose2, b: Pose2) -> bool:
