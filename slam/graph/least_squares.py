@@ -341,11 +341,28 @@ def joined_weights(edges: EdgeArrays, weights: FloatArray, against: FloatArray, 
 
 def connected_parts(i: IntArray, j: IntArray, count: int) -> IntArray:
     """Return the connected part (count,), from 0 on, of each of `count` nodes that are linked from `i` (E,) to `j` (E,)."""
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import connected_components
+    return _parts(i, j, count)
 
-    _, part = connected_components(csr_matrix((np.ones(len(i)), (i, j)), shape=(count, count)), directed=False)
-    return np.asarray(part, np.int64)
+
+@njit(cache=True)
+def _parts(i: IntArray, j: IntArray, count: int) -> IntArray:
+    """Return the part (count,) of each node: every node points to an earlier one of its part, and the first to itself."""
+    first, part, found = np.arange(count), np.empty(count, np.int64), 0
+    for k in range(len(i)):
+        a, b = i[k], j[k]
+        while first[a] != a:
+            first[a] = first[first[a]]
+            a = first[a]
+        while first[b] != b:
+            first[b] = first[first[b]]
+            b = first[b]
+        first[max(a, b)] = min(a, b)
+    for k in range(count):
+        if first[k] == k:
+            part[k], found = found, found + 1
+        else:
+            part[k] = part[first[k]]
+    return part
 
 
 def is_tree(edges: EdgeArrays, count: int) -> bool:
