@@ -431,7 +431,8 @@ class LoopCloser:
         return [self._submap_find]
 
     def _try_next_place(self, keys: KeyGraph, search: _SubmapSearch) -> bool:
-        """Verify the next place where the view of a search fits; return False if there is none.
+        """Verify the places where the view of a search fits up to the next one that the scans match; return False if there is
+        none.
 
         Places that fit much worse than the best one, and those that a verified edge leads to, count for nothing.
         """
@@ -447,9 +448,10 @@ class LoopCloser:
             nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
             near = LoopCandidate(nearest, members, _MIN_WINDOW, _AGREE_ANGLE)
             edge = self._verified(keys, search.recent, near, pose)
-            if isinstance(edge, Edge) and self._belongs(keys, search.recent, edge):
-                search.edges.append(edge)
-            return True
+            if isinstance(edge, Edge):  # the dear half of a verification follows
+                if self._belongs(keys, search.recent, edge):
+                    search.edges.append(edge)
+                return True
         return False
 
     def _belongs(self, keys: KeyGraph, recent: Sequence[int], edge: Edge) -> bool:

@@ -20,6 +20,7 @@ from waychair.types import FloatArray, IntArray, Pose2
 REACH = 2.0  # m; the chair stands within this distance of a pose of the submap
 MAX_BEND = 0.1  # m; the pyramid of a submap whose poses moved further in its own frame is stale
 MAX_SPAN = 100.0  # m; key scans farther from most of their submap were put there by a jump of the odometry
+LARGE = 500_000  # cells; a larger pyramid takes as long to build as to search
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,11 +85,12 @@ class SubmapRound:
     floor: float = MIN_RESPONSE
 
     def search(self, store: ScanStore, poses: FloatArray, pyramids: SubmapPyramids) -> bool:
-        """Do the next piece: build the pyramid of the next submap, or search it if it has one; return whether it was searched."""
+        """Do the next piece: build the pyramid of the next submap, and search it unless the pyramid is new and large; return
+        whether it was searched."""
         submap, members = self.waiting[0]
         is_built = pyramids.has(submap, poses, members)
         pyramid = pyramids.pyramid(submap, store, poses, members)
-        if not is_built:
+        if not is_built and pyramid.likelihood[0].size > LARGE:
             return False
         del self.waiting[0]
         for place in global_search(self.points, pyramid, floor=self.floor):
