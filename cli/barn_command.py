@@ -58,6 +58,7 @@ def barn_command(
     from rich.progress import Progress
     from rich.table import Table
 
+    from waychair.cli.options.progress import is_drawn, stage_of
     from waychair.cli.options.tables import print_table
     from waychair.trials.barn import BarnTask, report, run_worlds, worlds_in
 
@@ -65,9 +66,9 @@ def barn_command(
     speed = speed if speed is not None else file_speed
     task = BarnTask(body=body, speed=speed, scale=scale, starts=starts, changes=changes)
     paths = worlds_in(folder, worlds)
-    with Progress(console=Console(stderr=True), transient=True, disable=json or quiet) as bar:
-        shown = bar.add_task("driving", total=1.0)
-        runs = run_worlds(paths, task, jobs or os.cpu_count() or 1, lambda share: bar.update(shown, completed=share))
+    console = Console(stderr=True, quiet=json or quiet)
+    with Progress(console=console, transient=True, disable=not is_drawn(console)) as bar:
+        runs = run_worlds(paths, task, jobs or os.cpu_count() or 1, stage_of(bar, "driving"))
     result = report(runs, task)
     if json:
         print(text.dumps(result, indent=2, allow_nan=False))

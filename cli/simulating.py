@@ -185,20 +185,20 @@ def _driven(simulator: Simulator, waypoints: FloatArray, record: Path | None, pa
     from rich.console import Console
     from rich.progress import Progress
 
-    from waychair.cli.options.progress import announce_compiling
+    from waychair.cli.options.progress import announce_compiling, is_drawn, stage_of
 
     if not quiet:
         announce_compiling()
     from waychair.trials.record import drive_route
 
-    with Progress(console=Console(file=sys.stderr, quiet=quiet), transient=True, disable=quiet) as bar:
-        task = bar.add_task("driving", total=1.0)
+    console = Console(file=sys.stderr, quiet=quiet)
+    with Progress(console=console, transient=True, disable=not is_drawn(console)) as bar:
         return drive_route(
             simulator=simulator,
             body=simulator.body,
             route=waypoints,
             bag=record,
-            progress=lambda share: bar.update(task, completed=share),
+            progress=stage_of(bar, "driving"),
             pacer=pacer,
         )
 

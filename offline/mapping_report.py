@@ -44,6 +44,7 @@ def mapping_report(
 ) -> Json:
     """Return the report as JSON: input, counts, loop closures with their stamps, times by stage, memory."""
     poses, stamps = result.drive_trajectory.poses, result.drive_trajectory.stamps_ns
+    duration_s = float(stamps.max() - stamps.min()) * 1e-9
     kinds = [edge.kind for edge in result.edges]
     return {
         "waychair": __version__,
@@ -54,11 +55,14 @@ def mapping_report(
         "warnings": list(warnings),
         "health": [finding.as_json() for finding in recording.findings],
         "frames": len(stamps),
-        "duration_s": round(float(stamps.max() - stamps.min()) * 1e-9, 3),
+        "duration_s": round(duration_s, 3),
+        "times_real_time": round(duration_s / max(cost.wall_seconds, 1e-3), 1),
         "distance_m": round(float(np.hypot(*np.diff(poses[:, :2], axis=0).T).sum()), 3),
         "key_scans": len(result.key_poses),
         "edges": {kind.value: kinds.count(kind) for kind in EdgeKind},
         "loops": _loops(result),
+        "loop_search": _loop_search(result),
+        "tears": tears_of(result),
         "rejected_loops": [str(rejected) for rejected in result.rejected],
         "counts": result.counts,
         "grid": {
@@ -77,29 +81,52 @@ def mapping_report(
 
 def torn_warnings(result: MapperResult) -> list[str]:
     """Return a sentence about the breaks in the scan matching that a loop closure has bridged, and one about the others."""
+    tears, warnings = tears_of(result), []
+    for mended, outcome in (
+        (True, "; a loop closure has joined the map again"),
+        (False, ", and the part after it is not joined to the rest: record a drive that returns to known ground"),
+    ):
+        times = [tear["at_s"] for tear in tears if tear["joined_again"] is mended]
+        if times:
+            more = f" and {len(times) - 1} times later" if len(times) > 2 else " and once later"
+            more = more if len(times) > 1 else ""
+            warnings.append(f"at {min(times):.1f} s{more} the scans do not match those before{outcome}")
+    return warnings
+
+
+def tears_of(result: MapperResult) -> list[Json]:
+    """Return every tear of this drive: its time [s] since the start, why it is there, and whether loops have joined the map."""
     torn = [e for e in result.edges if e.kind is EdgeKind.UNKNOWN and result.key_frames[e.j] >= result.earlier_frames]
     if not torn:
         return []
     whole = [edge for edge in result.edges if edge.kind is not EdgeKind.UNKNOWN]
     ends = np.array([(edge.i, edge.j) for edge in whole], np.int64).reshape(-1, 2)
     piece = connected_parts(ends[:, 0], ends[:, 1], len(result.key_poses))
-    start = int(result.drive_trajectory.stamps_ns[0])
-    warnings = []
-    for mended, outcome in (
-        (True, "; a loop closure has joined the map again"),
-        (False, ", and the part after it is not joined to the rest: record a drive that returns to known ground"),
-    ):
-        stamps = [
-            int(result.trajectory.stamps_ns[result.key_frames[edge.j]])
-            for edge in torn
-            if bool(piece[edge.i] == piece[edge.j]) is mended
-        ]
-        if stamps:
-            more = f" and {len(stamps) - 1} times later" if len(stamps) > 2 else " and once later"
-            more = more if len(stamps) > 1 else ""
-            first = (min(stamps) - start) * 1e-9
-            warnings.append(f"at {first:.1f} s{more} the scans do not match those before{outcome}")
-    return warnings
+    stamps, start = result.trajectory.stamps_ns, int(result.drive_trajectory.stamps_ns[0])
+    return [
+        {
+            "at_s": round((int(stamps[result.key_frames[edge.j]]) - start) * 1e-9, 3),
+            "why": "the drive begins at an unknown place of the map"
+            if result.key_frames[edge.j] == result.earlier_frames
+            else "the scans contradict those before, also after some metres more",
+            "joined_again": bool(piece[edge.i] == piece[edge.j]),
+        }
+        for edge in torn
+    ]
+
+
+def _loop_search(result: MapperResult) -> Json:
+    """Return how many places were proposed as loops, how many the scans verified, how many the map keeps, and which submaps
+    were searched as a whole, or never, although the chair could have been there."""
+    counts = result.counts
+    return {
+        "proposed": counts.get("loops_proposed", 0) + counts.get("glimpses_tried", 0),
+        "verified": counts.get("loops_closed", 0) + counts.get("loops_sighted", 0),
+        "closed": sum(edge.kind is EdgeKind.LOOP for edge in result.edges),
+        "rejected": len(result.rejected),
+        "submaps_searched": counts.get("submaps_searched", 0),
+        "submaps_never_searched": counts.get("submaps_never_searched", 0),
+    }
 
 
 def _milliseconds(seconds: Sequence[float]) -> Json:
@@ -129,7 +156,7 @@ def write_mapping_page(path: Path, report: Json, grid: OccupancyGrid, result: Ma
         ("format", report["source"]),
         ("laser on the base", "x {:.3f} m, y {:.3f} m, yaw {:.3f} rad".format(*report["base_from_laser"])),
         ("peak memory", f"{report['peak_memory_mb']:.0f} MB"),
-        ("time", f"{wall:.1f} s, {report['duration_s'] / max(wall, 1e-3):.0f} times as fast as it was recorded"),
+        ("time", f"{wall:.1f} s, {report['times_real_time']:.0f} times as fast as it was recorded"),
     ]
     if report["resumed_at_frame"]:
         rows.append(("resumed", f"at scan {report['resumed_at_frame']}, from the checkpoint of a stopped run"))
@@ -140,8 +167,11 @@ def write_mapping_page(path: Path, report: Json, grid: OccupancyGrid, result: Ma
         f"Processor time, {total:.1f} s", tuple((name, value, f"{value:.2f} s") for name, value in stages.items())
     )
     counts = Table("Counts", ("", ""), tuple((name.replace("_", " "), str(n)) for name, n in report["counts"].items()))
+    search = Table(
+        "The search for loops", ("", ""), tuple((k.replace("_", " "), str(n)) for k, n in report["loop_search"].items())
+    )
     drawing = SvgFigure("The map", _caption(report), draw_mapping(grid, result))
-    write_page(path=path, title=f"waychair map: {Path(report['input']).name}", lead=lead, tables=(facts, bars, counts, _loop_table(report)), pictures=(drawing,), warnings=report["warnings"])  # fmt: skip
+    write_page(path=path, title=f"waychair map: {Path(report['input']).name}", lead=lead, tables=(facts, bars, search, _loop_table(report), *_tear_tables(report), counts), pictures=(drawing,), warnings=report["warnings"])  # fmt: skip
 
 
 def draw_mapping(grid: OccupancyGrid, result: MapperResult) -> str:
@@ -238,3 +268,12 @@ def _loop_table(report: Json) -> Table:
         (f"{loop['from_stamp_s']:.3f}", f"{loop['to_stamp_s']:.3f}", f"{loop['apart_s']:.0f} s") for loop in longest
     )
     return Table("The longest loops", ("from", "to", "apart"), rows or (("none", "", ""),))
+
+
+def _tear_tables(report: Json) -> tuple[Table, ...]:
+    """Return a table of the places where the scans contradict those before, if there are any."""
+    rows = tuple(
+        (f"{tear['at_s']:.1f} s", tear["why"], "joined again by loops" if tear["joined_again"] else "not joined")
+        for tear in report["tears"]
+    )
+    return (Table("Tears", ("at", "why", ""), rows),) if rows else ()

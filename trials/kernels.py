@@ -5,7 +5,8 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from waychair.planning.warm_up import warm_up
+from waychair.planning import warm_up as planning_kernels
+from waychair.slam.mapping import warm_up as mapping_kernels
 from waychair.trials.demo import StageProgress, run_demo
 
 _HALL = """\
@@ -28,14 +29,15 @@ routes:
 
 
 def compile_kernels(progress: StageProgress = lambda stage, share: None) -> None:
-    """Compile the planner's kernels, and by a short demo those of simulator, mapper, localiser and a drive.
+    """Compile the planner's and the mapper's kernels, and by a short demo those of simulator, localiser and a drive.
 
     numba keeps them on disk, for this user and this processor; where they are kept already it takes some seconds.
 
     Raises:
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
-    warm_up()
+    planning_kernels.warm_up()
+    mapping_kernels.warm_up()
     with tempfile.TemporaryDirectory() as name:
         plan = Path(name) / "hall.yaml"
         plan.write_text(_HALL, encoding="utf-8")

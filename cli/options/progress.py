@@ -1,8 +1,10 @@
-"""Progress on standard error: bars of a command's stages, and a sentence while numba compiles, once for each machine."""
+"""Progress on standard error: the stages of a command as bars, or as lines where it is no terminal, and a sentence while
+numba compiles, once for each machine."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -10,6 +12,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.progress import Progress
+
+LINE_EVERY_S = 10.0
+"""Time [s] between two lines about a stage where standard error is no terminal."""
 
 
 @cache
@@ -38,19 +44,57 @@ def announce_compiling() -> None:
     event.register("numba:compile", FirstCompilation())  # type: ignore[no-untyped-call]
 
 
+def is_drawn(console: Console) -> bool:
+    """Return whether bars are drawn on a console."""
+    return console.is_terminal and not console.quiet
+
+
+def stage_of(bars: Progress, name: str) -> Callable[[float], None]:
+    """Add a stage to the bars; return the callback for the share of it (0 to 1) that is done.
+
+    Where the bars' console is no terminal, no bar is drawn, and a stage that lasts tells its share and the time left by a
+    line now and then.
+    """
+    if not bars.console.is_terminal:
+        return _lines_of(bars.console, name)
+    task = bars.add_task(name, total=1.0)
+    return lambda share: bars.update(task, completed=share)
+
+
+def _lines_of(console: Console, name: str) -> Callable[[float], None]:
+    """Return a callback that prints a line about a stage each `LINE_EVERY_S`."""
+    began = last = time.monotonic()
+
+    def show(share: float) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last < LINE_EVERY_S:
+            return
+        last = now
+        left = f", about {_spoken((now - began) * (1.0 - share) / share)} left" if 0.0 < share < 1.0 else ""
+        console.print(f"{name}: {100.0 * share:.0f} %{left}", markup=False, highlight=False, soft_wrap=True)
+
+    return show
+
+
+def _spoken(seconds: float) -> str:
+    """Return a time in minutes, or in seconds where it is short."""
+    return f"{seconds / 60.0:.0f} min" if seconds >= 120.0 else f"{seconds:.0f} s"
+
+
 @contextmanager
 def stage_bars(console: Console) -> Iterator[Callable[[str, float], None]]:
-    """Yield a callback that shows a bar for each stage, by its name and the share that is done."""
-    from rich.progress import Progress, TaskID
+    """Yield a callback that shows the progress of each stage, by its name and the share that is done."""
+    from rich.progress import Progress
 
     if not console.quiet:
         announce_compiling()
-    with Progress(console=console, transient=True, disable=console.quiet) as bar:
-        tasks: dict[str, TaskID] = {}
+    with Progress(console=console, transient=True, disable=not is_drawn(console)) as bars:
+        stages: dict[str, Callable[[float], None]] = {}
 
         def show(stage: str, share: float) -> None:
-            if stage not in tasks:
-                tasks[stage] = bar.add_task(stage, total=1.0)
-            bar.update(tasks[stage], completed=share)
+            if stage not in stages:
+                stages[stage] = stage_of(bars, stage)
+            stages[stage](share)
 
         yield show

@@ -64,15 +64,16 @@ class RecordingOptions:
 
 
 class Stages:
-    """Progress bars with the remaining time of each stage, and warnings, on standard error."""
+    """Progress of each stage with its remaining time, and warnings, on standard error."""
 
     def __init__(self, bar: Progress) -> None:
         self._bar = bar
 
     def stage(self, name: str) -> Callable[[float], None]:
-        """Add a bar; return the callback for the share (0 to 1) that is done."""
-        task = self._bar.add_task(name, total=1.0)
-        return lambda share: self._bar.update(task, completed=share)
+        """Add a stage; return the callback for the share (0 to 1) that is done."""
+        from waychair.cli.options.progress import stage_of
+
+        return stage_of(self._bar, name)
 
     def warn(self, warnings: tuple[str, ...] | list[str]) -> None:
         """Print each warning on a line."""
@@ -101,7 +102,7 @@ def stages(quiet: bool) -> Iterator[Stages]:
         TimeRemainingColumn,
     )
 
-    from waychair.cli.options.progress import announce_compiling
+    from waychair.cli.options.progress import announce_compiling, is_drawn
 
     if not quiet:
         announce_compiling()
@@ -114,6 +115,11 @@ def stages(quiet: bool) -> Iterator[Stages]:
     )
     console = Console(file=sys.stderr, quiet=quiet)
     with Progress(
-        *columns, TextColumn("so far"), TimeElapsedColumn(), console=console, transient=True, disable=quiet
+        *columns,
+        TextColumn("so far"),
+        TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not is_drawn(console),
     ) as bar:
         yield Stages(bar)

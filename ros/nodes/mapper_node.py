@@ -132,7 +132,9 @@ class MapperNode(ChairNode[MapperNodeSettings]):
     def _begin_map(self) -> MapBuilder:
         """Begin a map, like `waychair map` from a bag of the same drive."""
         from waychair.ros.nodes.map_builder import MapBuilder  # late, since localisation does not need it
+        from waychair.slam.mapping.warm_up import warm_up
 
+        warm_up()
         s = self.settings
         if s.save_folder:
             self.at_end(self._finish_map)  # runs after the end of the worker, which is started later

@@ -46,6 +46,45 @@ class EdgeArrays:
     def __len__(self) -> int:
         return len(self.i)
 
+    def take(self, kept: IntArray | slice) -> EdgeArrays:
+        """Return some of the edges."""
+        return EdgeArrays(self.i[kept], self.j[kept], self.i_from_j[kept], self.information[kept], self.loop[kept])
+
+
+class EdgeTable:
+    """Edges as arrays that grow; each edge is converted once."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._rows = edge_arrays(())
+
+    def append(self, edges: Sequence[Edge]) -> None:
+        """Add edges at the end."""
+        end, fresh = self._count + len(edges), edge_arrays(edges)
+        if end > len(self._rows):
+            rows = np.minimum(np.arange(max(64, 2 * end)), max(0, self._count - 1))
+            self._rows = self._rows.take(rows) if self._count else fresh.take(np.zeros(len(rows), np.int64))
+        self._put(slice(self._count, end), fresh)
+        self._count = end
+
+    def replace(self, index: int, edge: Edge) -> None:
+        """Put an edge in the place of another."""
+        self._put(slice(index, index + 1), edge_arrays([edge]))
+
+    def keep(self, kept: Sequence[int]) -> None:
+        """Remove all edges except these."""
+        self._rows, self._count = self._rows.take(np.array(kept, np.int64)), len(kept)
+
+    @property
+    def arrays(self) -> EdgeArrays:
+        """The edges in their order; valid until the next change."""
+        return self._rows.take(slice(0, self._count))
+
+    def _put(self, rows: slice, edges: EdgeArrays) -> None:
+        own = self._rows
+        own.i[rows], own.j[rows], own.loop[rows] = edges.i, edges.j, edges.loop
+        own.i_from_j[rows], own.information[rows] = edges.i_from_j, edges.information
+
 
 def edge_arrays(edges: Sequence[Edge]) -> EdgeArrays:
     """Return the edges as arrays, in their order."""

@@ -1,8 +1,8 @@
 """Public interface of the pose graph: nodes and edges as plain data, their optimisation, and g2o files.
 
-The parts are `edges` (the data), `least_squares` (gtsam), `pose_synchronisation` (initialisation and optimality proofs),
-`robust_optimisation` (false loops) with `loop_groups` (loops that agree), `pose_graph` (incremental optimisation),
-`g2o_files`, and `spatial_least_squares` (graphs in space, which `slam/rgbd/` uses).
+The parts are `edges` (the data), `least_squares` with its `block_cholesky`, `pose_synchronisation` (initialisation and
+optimality proofs), `robust_optimisation` (false loops) with `loop_groups` (loops that agree), `pose_graph` (a graph that
+grows), `g2o_files`, and `spatial_least_squares` (graphs in space, which `slam/rgbd/` uses).
 """
 
 from waychair.slam.graph.edges import Edge, EdgeKind, chi_square, residuals

@@ -179,7 +179,7 @@ def _likeliest(best: _Trial | None, *attempts: Callable[[], _Trial]) -> _Trial |
     for attempt in attempts:
         try:
             trial = attempt()
-        except (GraphError, RuntimeError, np.linalg.LinAlgError):  # scipy's and gtsam's errors are RuntimeErrors
+        except (GraphError, RuntimeError, np.linalg.LinAlgError):  # scipy's errors are RuntimeErrors
             continue
         if math.isfinite(trial.score) and (best is None or trial.score < best.score):
             best = trial

@@ -33,7 +33,6 @@ _SURELY_CONTRADICTED = 0.25  # the same for a better match
 _SLIP, _SLIP_CONTRADICTED = 0.5, 0.1  # m; a slip of the odometry by more must be contradicted as little as this
 _AGAIN = 0.7  # times these limits for the scan after a doubted one, which shows nearly the same
 _LEAST_SHARED = 60  # surface points that must be shared with all scans before; fewer prove nothing
-_JUDGED_AT = (3, 6, 10, 15, 20)  # key scans since the tear at which it is judged
 _AGREED, _CARRIED = 0.12, 0.2  # contradicted share up to which the chair drove, and from which it was carried
 _SOON = 3  # key scans after a tear within which the chair may be back on known ground
 _SURE_RESPONSE = 0.75  # response and share of inliers of a scan that is
@@ -45,6 +44,9 @@ _QUERY_CELL = 0.1  # m
 _NEAR_AWAY, _NEAR_TURNED = 0.3, 0.1  # m, rad
 _DRIFT, _TURN_DRIFT = 0.01, 0.001  # m/m, rad/m
 _MOST_AWAY, _MOST_TURNED, _LONGEST_WAY = 1.5, 0.35, 500.0  # m, rad, m
+JUDGED_AT = (3, 6, 10, 15, 20)
+"""Numbers of key scans since a tear at which it is judged."""
+
 EMBEDDED = 0.12
 """Greatest contradicted share at which a part of the map fits a place where another part was seen."""
 
@@ -120,7 +122,7 @@ class CarryJudge:
 
     def judged(self, keys: KeyGraph, tear: OpenTear, since: Sequence[int]) -> tuple[Verdict, Edge | None]:
         """Return what the key scans `since` a tear say about it, and the edge that takes its place if the chair drove."""
-        if len(since) not in _JUDGED_AT:
+        if len(since) not in JUDGED_AT:
             return Verdict.OPEN, None
         node, base = tear.edge.j, keys.pose(tear.edge.j)
         query = keys.joined_points(since, base, _QUERY_CELL)
@@ -132,9 +134,9 @@ class CarryJudge:
         earlier = self.views(keys, tear.before[-_BEFORE:])
         tried = [self._laid(keys, earlier, since, pose @ base.inverse()) for pose in (found.pose, base)]
         best = min(tried, key=lambda each: each.contradiction)
-        last = len(since) >= _JUDGED_AT[-1]
+        last = len(since) >= JUDGED_AT[-1]
         if best.contradiction > (_CARRIED if not last else 0.5 * (_AGREED + _CARRIED)):
-            return (Verdict.CARRIED if len(since) > _JUDGED_AT[0] else Verdict.OPEN), None
+            return (Verdict.CARRIED if len(since) > JUDGED_AT[0] else Verdict.OPEN), None
         if best.contradiction > _AGREED and not last:
             return Verdict.OPEN, None
         before_from_base = keys.pose(tear.edge.i).inverse()

@@ -16,7 +16,7 @@ import enum
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -53,8 +53,6 @@ _MIN_INLIERS = 0.7  # least share of points on the reference's surfaces
 _SUBMAP_SCANS = 40  # key scans of a submap that is searched as a whole
 _LEAST_SUBMAP = 5  # key scans; fewer before a tear show too little of a place
 _SUBMAP_QUERY = 15  # latest key scans that are searched for in submaps
-# A submap takes about as long to search as the rest of a key scan.
-_SUBMAPS_A_SCAN = 1  # submaps that are searched with each key scan
 _FAR_DRIFT = 3.0  # times the assumed drift; the chair is hardly ever farther from where the map says
 _AGREE_DISTANCE, _AGREE_ANGLE = 0.5, 0.15  # m, rad; two finds this near agree
 _PLACE_REACH, _PLACE_PATH = 12.0, 15.0  # m; key scans this near to a part laid at a place, and so connected, see it
@@ -167,13 +165,36 @@ class _Find:
 
 
 @dataclass(slots=True)
+class _OverlapSearch:
+    """A search by partial overlap for the view of the key scans `recent`, the last of which is at the chair's place: the
+    candidates that wait, the finds so far, and the edges to those that agree with a find of the search before."""
+
+    recent: list[int]
+    waiting: list[LoopCandidate]
+    finds: list[_Find] = field(default_factory=list)
+    edges: list[Edge] = field(default_factory=list)
+
+
+@dataclass(slots=True)
 class _SubmapSearch:
     """A search of submaps for the view of the key scans `recent`, the last of which is at the chair's place; the members
-    of the searched submaps by number."""
+    of the searched submaps by number, and the edges to the places that hold, of those `tried` when all are searched."""
 
     recent: list[int]
     submaps: dict[int, IntArray]
     round: SubmapRound
+    tried: int = 0
+    edges: list[Edge] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class _Driven:
+    """Distances driven [m] since the last search near the chair, of submaps, by partial overlap, and since the last loop."""
+
+    search: float = math.inf
+    submaps: float = math.inf
+    overlap: float = math.inf
+    loop: float = math.inf
 
 
 class LoopRejection(enum.Enum):
@@ -205,49 +226,60 @@ class LoopCloser:
         self._settings, self._matching, self._reach = settings, matching, reach
         self._pyramids = SubmapPyramids()
         self._base_from_laser, self._judge = base_from_laser, judge
-        self._since_search = self._since_submaps = self._since_overlap = self._since_loop = math.inf
+        self._since = _Driven()
+        self._submaps: dict[
+            int, bool
+        ] = {}  # by first key scan: whether a submap where the chair can have been was searched
+        self._overlap_search: _OverlapSearch | None = None
         self._submap_search: _SubmapSearch | None = None
         self._submap_find: Edge | None = None
         self._overlap_finds: list[_Find] = []
         self._recognised: _Find | None = None
 
+    @property
+    def never_searched(self) -> int:
+        """Number of submaps where the chair could have been, and that no search has reached."""
+        return list(self._submaps.values()).count(False)
+
     def add_distance(self, distance: float) -> None:
         """Add the distance driven [m] since the last call."""
-        self._since_search += distance
-        self._since_submaps += distance
-        self._since_overlap += distance
-        self._since_loop += distance
+        since = self._since
+        since.search, since.submaps = since.search + distance, since.submaps + distance
+        since.overlap, since.loop = since.overlap + distance, since.loop + distance
 
     def begin_part(self) -> None:
         """Forget what was found before, since the chair may have been carried."""
-        self._submap_search = self._submap_find = self._recognised = None
+        self._overlap_search = self._submap_search = self._submap_find = self._recognised = None
         self._overlap_finds = []
 
     def loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
-        """Return edges that close loops at the last key scan, or at the view of a search of submaps.
+        """Return edges that close loops at the last key scan, or at the view of a longer search.
 
-        `recent` are the latest key scans in driving order.
+        `recent` are the latest key scans in driving order. Of the longer searches, one piece is done with each key scan: a
+        candidate by partial overlap, the pyramid of a submap, its search, or the verification of one place.
         """
-        edges = self._loops_here(keys, recent) or self._submap_edges(keys)
+        edges = self._loops_here(keys, recent)
+        if not edges:
+            edges = self._submap_edges(keys) if self._overlap_search is None else self._partial_overlap_edges(keys)
         self.counts["loops_closed"] += len(edges)
         if edges:
-            self._since_loop, self._submap_search = 0.0, None
+            self._since.loop, self._overlap_search, self._submap_search = 0.0, None, None
         return edges
 
     def _loops_here(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
         """Return edges to candidates near the last key scan, and begin a search of submaps where one is due."""
         settings = self._settings
         known = len(keys) - len(recent)
-        if self._since_search < settings.spacing or known < 1 or len(recent) < _QUERY_SCANS:
+        if self._since.search < settings.spacing or known < 1 or len(recent) < _QUERY_SCANS:
             return []
-        self._since_search = 0.0
+        self._since.search = 0.0
         path_lengths = graph_distances(keys.poses, keys.edges, len(keys) - 1)[:known]
         near = candidates(keys.poses, path_lengths, settings)
         found = [self._verified(keys, recent, candidate) for candidate in near]
         edges = [edge for edge in found if isinstance(edge, Edge)]
         if not edges and near and self._is_overlap_search_due():
-            edges = self._partial_overlap_edges(keys, recent, near)
-        enough = len(recent) >= _SUBMAP_QUERY and self._since_submaps >= settings.submap_spacing
+            self._since.overlap, self._overlap_search = 0.0, _OverlapSearch(list(recent), list(near))
+        enough = len(recent) >= _SUBMAP_QUERY and self._since.submaps >= settings.submap_spacing
         if not edges and enough and self._submap_search is None:
             self._begin_submap_search(keys, recent, path_lengths)
         return edges
@@ -299,7 +331,7 @@ class LoopCloser:
         The search is centred on the guess, by default the present pose. With `rivals`, a window round the present pose,
         no pose in that window may fit better.
         """
-        self.counts["loops_tried"] += 1
+        self.counts["loops_proposed"] += 1
         matching, base = self._matching, keys.pose(recent[-1])
         query = keys.joined_points(recent[-_QUERY_SCANS:], base, _QUERY_CELL)
         reference = self._reference_of(keys, candidate, candidate.window if rivals is None else rivals.distance)
@@ -336,34 +368,33 @@ class LoopCloser:
 
     def _is_overlap_search_due(self) -> bool:
         """Return whether the costly search for partial overlap is due: whole views have closed no loop for a while."""
-        return self._since_loop >= overlap.PATIENCE and self._since_overlap >= overlap.SPACING
+        waited = self._since.loop >= overlap.PATIENCE and self._since.overlap >= overlap.SPACING
+        return waited and self._overlap_search is None
 
-    def _partial_overlap_edges(
-        self, keys: KeyGraph, recent: Sequence[int], near: tuple[LoopCandidate, ...]
-    ) -> list[Edge]:
-        """Return the edges to candidates found by partial overlap, where two finds agree."""
-        node = len(keys) - 1
-        self._since_overlap, before, self._overlap_finds = 0.0, self._overlap_finds, []
+    def _partial_overlap_edges(self, keys: KeyGraph) -> list[Edge]:
+        """Search the next candidate by partial overlap; when all are searched, return the edges where two finds agree."""
+        search = self._overlap_search
+        assert search is not None
+        candidate, node = search.waiting.pop(0), search.recent[-1]
+        self.counts["glimpses_tried"] += 1
         base = keys.pose(node)
-        query = keys.joined_points(recent[-overlap.QUERY_SCANS :], base, _QUERY_CELL)
-        edges = []
-        for candidate in near:
-            self.counts["glimpses_tried"] += 1
-            window = Window(min(overlap.WIDENING * candidate.window, overlap.MAX_WINDOW), candidate.angle)
-            reference = self._reference_of(keys, candidate, window.distance)
-            every = -(-len(candidate.members) // overlap.DRAWN_SCANS)
-            known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
-            found = find_partial_overlap(
-                query, reference, known=known, guess=base, window=window, matching=self._matching
-            )
-            if found is None:
-                continue
+        query = keys.joined_points(search.recent[-overlap.QUERY_SCANS :], base, _QUERY_CELL)
+        window = Window(min(overlap.WIDENING * candidate.window, overlap.MAX_WINDOW), candidate.angle)
+        reference = self._reference_of(keys, candidate, window.distance)
+        every = -(-len(candidate.members) // overlap.DRAWN_SCANS)
+        known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
+        found = find_partial_overlap(query, reference, known=known, guess=base, window=window, matching=self._matching)
+        if found is not None:
             self.counts["glimpses"] += 1
             find = _Find(node, found.pose)
-            self._overlap_finds.append(find)
-            if found.inliers >= overlap.MIN_INLIERS and any(self._agree(keys, earlier, find) for earlier in before):
-                edges.append(self._edge(keys, node, candidate, found.pose, found.information))
-        return edges
+            search.finds.append(find)
+            agreed = any(self._agree(keys, earlier, find) for earlier in self._overlap_finds)
+            if found.inliers >= overlap.MIN_INLIERS and agreed:
+                search.edges.append(self._edge(keys, node, candidate, found.pose, found.information))
+        if search.waiting:
+            return []
+        self._overlap_finds, self._overlap_search = search.finds, None
+        return search.edges
 
     def _begin_submap_search(self, keys: KeyGraph, recent: Sequence[int], path_lengths: FloatArray) -> None:
         """Begin to search the submaps that are too uncertain for a window for the latest key scans."""
@@ -371,44 +402,57 @@ class LoopCloser:
         submaps = uncertain_submaps(keys.poses, path_lengths, self._settings, part_starts)
         if not submaps:
             return
-        self._since_submaps = 0.0
+        self._since.submaps = 0.0
         self.counts["submap_searches"] += 1
+        self._submaps = dict.fromkeys(submaps, False) | self._submaps
         query = keys.joined_points(recent[-_SUBMAP_QUERY:], keys.pose(recent[-1]), _QUERY_CELL)
         self._submap_search = _SubmapSearch(list(recent), submaps, SubmapRound(query.points, list(submaps.items())))
 
     def _submap_edges(self, keys: KeyGraph) -> list[Edge]:
-        """Search the next submap; return the edge to one of them, when all are searched and two finds agree."""
+        """Do the next piece of the search of submaps; return the edge to one of them, when all is done and two finds agree."""
         search = self._submap_search
         if search is None:
             return []
-        self.counts["submaps_searched"] += min(_SUBMAPS_A_SCAN, len(search.round.waiting))
-        if not search.round.search(keys.store, keys.poses, self._pyramids, _SUBMAPS_A_SCAN):
+        if search.round.waiting:
+            submap = search.round.waiting[0][0]
+            if search.round.search(keys.store, keys.poses, self._pyramids):
+                self.counts["submaps_searched"] += 1
+                self._submaps[submap] = True
+            return []
+        if self._try_next_place(keys, search):
             return []
         self._submap_search = None
-        before, self._submap_find = self._submap_find, self._only_place(keys, search)
+        self.counts["places_ambiguous"] += len(search.edges) > 1
+        before, self._submap_find = self._submap_find, search.edges[0] if len(search.edges) == 1 else None
         if before is None or self._submap_find is None:
             return []
         if not self._agree(keys, _find_of(keys, before), _find_of(keys, self._submap_find)):
             return []
         return [self._submap_find]
 
-    def _only_place(self, keys: KeyGraph, search: _SubmapSearch) -> Edge | None:
-        """Return the edge to the only place where the view of a search fits and belongs, or None."""
+    def _try_next_place(self, keys: KeyGraph, search: _SubmapSearch) -> bool:
+        """Verify the places where the view of a search fits up to the next one that the scans match; return False if there is
+        none.
+
+        Places that fit much worse than the best one, and those that a verified edge leads to, count for nothing.
+        """
         found = search.round.hypotheses(keys.poses)
-        edges: list[Edge] = []
-        for rival in found:
+        while search.tried < len(found):
+            rival = found[search.tried]
+            search.tried += 1
             if rival.response < _MAX_AMBIGUITY * found[0].response:
-                break
+                return False
             pose, members = rival.map_from_base, search.submaps[rival.submap]
-            if any(_near(keys.pose(edge.i) @ edge.i_from_j, pose) for edge in edges):
+            if any(_near(keys.pose(edge.i) @ edge.i_from_j, pose) for edge in search.edges):
                 continue
             nearest = int(members[np.argmin(np.hypot(*(keys.poses[members, :2] - (pose.x, pose.y)).T))])
             near = LoopCandidate(nearest, members, _MIN_WINDOW, _AGREE_ANGLE)
             edge = self._verified(keys, search.recent, near, pose)
-            if isinstance(edge, Edge) and self._belongs(keys, search.recent, edge):
-                edges.append(edge)
-        self.counts["places_ambiguous"] += len(edges) > 1
-        return edges[0] if len(edges) == 1 else None
+            if isinstance(edge, Edge):  # the dear half of a verification follows
+                if self._belongs(keys, search.recent, edge):
+                    search.edges.append(edge)
+                return True
+        return False
 
     def _belongs(self, keys: KeyGraph, recent: Sequence[int], edge: Edge) -> bool:
         """Return whether the latest key scans, laid where an edge says, and the place there see the same surfaces."""

@@ -22,7 +22,7 @@ from waychair.slam.graph.information import (
     unknown_information,
 )
 from waychair.slam.mapping.attached_frames import AttachedFrame, AttachedFrames
-from waychair.slam.mapping.carried import CarryJudge, OpenTear, Verdict, agrees_with_odometry
+from waychair.slam.mapping.carried import JUDGED_AT, CarryJudge, OpenTear, Verdict, agrees_with_odometry
 from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.mapping.loop_closure import LoopCloser, LoopRejection, LoopSettings
 from waychair.slam.mapping.tracking import TrackingState, odometry_of, twist_of
@@ -133,8 +133,8 @@ class Mapper:
                 self._attach_frame(frame, here_from_base)  # the next scan has a say, too
             elif not self._is_covered(frame, edge):
                 self._add(frame, scan, edge)  # a view that no key scan covers
-                self._judge_tear()  # the chair may have been carried
-                self._close_loops()  # may be a revisited place
+                if not self._judge_tear():  # the chair may have been carried
+                    self._close_loops()  # may be a revisited place
         else:
             self._attach_frame(frame, here_from_base)
         return self.pose()
@@ -219,15 +219,15 @@ class Mapper:
         """Return the map so far, after a final optimisation of its graph."""
         with self._timed("optimisation"):
             self.keys.optimise_fully()
-        frames = self.frames
+        poses = compose(self.keys.poses[self.frames.keys], self.frames.poses)
         return MapperResult(
-            trajectory=Trajectory(frames.stamps_ns, compose(self.keys.poses[frames.keys], frames.poses)),
+            trajectory=Trajectory(self.frames.stamps_ns, poses),
             key_poses=self.keys.poses.copy(),
             key_frames=tuple(self.key_frames),
             scan_frames=tuple(sorted(self.key_frames + [frame for latest in self.covered_frames for frame in latest])),
             edges=self.keys.edges,
             rejected=self.keys.rejected,
-            counts=dict(self.counts + self._closer.counts),
+            counts={**(self.counts + self._closer.counts), "submaps_never_searched": self._closer.never_searched},
             seconds=dict(self.seconds),
             earlier_frames=self.earlier_frames,
         )
@@ -360,8 +360,7 @@ class Mapper:
             return False
         here = edge.i
         pose = self.keys.pose(here) @ edge.i_from_j
-        key = self.keys.covering_key(here, pose, _COVER_PATH, _COVER_DISTANCE, _COVER_ANGLE)
-        if key is None:
+        if (key := self.keys.covering_key(here, pose, _COVER_PATH, _COVER_DISTANCE, _COVER_ANGLE)) is None:
             return False
         self.counts["covered"] += 1
         self._distribute_correction(edge.i_from_j)
@@ -397,16 +396,17 @@ class Mapper:
             self.frames[k] = AttachedFrame(frame.stamp_ns, node, torn.i_from_j.inverse() @ frame.key_from_base)
         self._state.unmatched = 0
 
-    def _judge_tear(self) -> None:
-        """Undo the open tear if the scans since then show that the chair drove over it, or confirm it."""
+    def _judge_tear(self) -> bool:
+        """Undo or confirm the open tear by the scans since then; return whether it was judged, which takes long."""
         if (tear := self._tear) is None:
-            return
+            return False
         since = [node for node in self._recent_keys if node >= tear.edge.j]
         with self._timed("matching"):
             verdict, edge = self._judge.judged(self.keys, tear, since)
         self._tear = tear if verdict is Verdict.OPEN else None
         if edge is not None:
             self._close_tear(tear, edge)
+        return len(since) in JUDGED_AT
 
     def _close_tear(self, tear: OpenTear, edge: Edge, latest_before: bool = False) -> None:
         """Undo a tear by an edge of known motion; the latest key scan is then the last one before it, or stays."""

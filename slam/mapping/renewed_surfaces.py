@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numba import njit
 
 from waychair.slam.mapping.mapper import Mapper
 from waychair.slam.scan.scan_points import ScanPoints, scan_points
@@ -37,10 +38,20 @@ def renewed_surfaces(mapper: Mapper, scans: Mapping[int, tuple[Scan, Pose2]]) ->
     return renewed
 
 
+@njit(cache=True)
 def _beside(points: FloatArray, surface: FloatArray) -> BoolArray:
-    """Return (N,) whether points (N, 2) lie near a point of a surface (M, 2)."""
-    from scipy.spatial import cKDTree
+    """Return (N,) whether points (N, 2) lie within `_NEAR` of a point of a surface (M, 2).
 
-    away, _ = cKDTree(surface).query(points, distance_upper_bound=_NEAR)
-    near: BoolArray = away <= _NEAR
+    The surface's points are ordered by x, so that only those in a narrow strip are compared.
+    """
+    order = np.argsort(surface[:, 0])
+    ordered, near = surface[order], np.zeros(len(points), np.bool_)
+    for k in range(len(points)):
+        x, y = points[k, 0], points[k, 1]
+        for other in range(np.searchsorted(ordered[:, 0], x - _NEAR), len(ordered)):
+            if ordered[other, 0] > x + _NEAR:
+                break
+            if (ordered[other, 0] - x) ** 2 + (ordered[other, 1] - y) ** 2 <= _NEAR**2:
+                near[k] = True
+                break
     return near

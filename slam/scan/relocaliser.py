@@ -73,11 +73,13 @@ def pyramid_from_points(points: FloatArray, standing: FloatArray, reach: float) 
     every = np.concatenate([points, standing])
     low = every.min(axis=0) - reach - 1.0
     width, height = np.ceil((every.max(axis=0) + reach + 1.0 - low) / step).astype(int)
-    solid, here = np.zeros((height, width), bool), np.zeros((height, width), bool)
-    for mask, members in ((solid, points), (here, standing)):
-        cols, rows = np.floor((members - low) / step).astype(int).T
-        mask[rows, cols] = True
-    near = cv2.distanceTransform((~here).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= reach / step
+    solid, near = np.zeros((height, width), bool), np.zeros((height, width), bool)
+    cols, rows = np.floor((points - low) / step).astype(int).T
+    solid[rows, cols] = True
+    far = int(reach / step)
+    disc = np.hypot(*np.mgrid[-far : far + 1, -far : far + 1]) <= reach / step
+    for col, row in np.floor((standing - low) / step).astype(int).tolist():
+        near[row - far : row + far + 1, col - far : col + far + 1] |= disc
     return _pyramid(solid, near, step, 2, Pose2(float(low[0]), float(low[1]), 0.0))
 
 
@@ -117,16 +119,18 @@ def thinned(points: FloatArray, resolution: float, most: int) -> FloatArray:
 def _pyramid(solid: BoolArray, standing: BoolArray, cell: float, ratio: int, map_from_grid: Pose2) -> Pyramid:
     """Build the pyramid over blocks of `ratio` x `ratio` grid cells: likelihood at their centres, and standing room."""
     height, width = (-(-side // ratio) * ratio for side in solid.shape)
-    padded = np.zeros((2, height, width), bool)
-    padded[:, : solid.shape[0], : solid.shape[1]] = solid, standing
-    blocks = padded.reshape(2, height // ratio, ratio, width // ratio, ratio)
-    away = np.full((height, width), np.inf)
+    padded = np.zeros((2, height, width), np.uint8)
+    padded[:, : solid.shape[0], : solid.shape[1]] = ~solid, standing
+    padded[0, solid.shape[0] :] = padded[0, :, solid.shape[1] :] = 1
+    blocks = (width // ratio, height // ratio)
     if solid.any():
-        away = cv2.distanceTransform((~padded[0]).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) * cell
-    # the centre of a block of 2 x 2 cells is a cell corner: take the mean distance of the cells round it
-    centre = away.reshape(blocks.shape[1:]).mean(axis=(1, 3))
-    likelihood = np.round(255.0 * np.exp(-0.5 * (centre / SIGMA) ** 2)).astype(np.uint8)
-    free = blocks[1].any(axis=(1, 3)).astype(np.uint8)
+        # the centre of a block of 2 x 2 cells is a cell corner: take the mean distance of the cells round it
+        away = cv2.distanceTransform(padded[0], cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        centre = cv2.resize(away, blocks, interpolation=cv2.INTER_AREA) * (cell / SIGMA)
+        likelihood = np.round(255.0 * np.exp(-0.5 * centre**2)).astype(np.uint8)
+    else:
+        likelihood = np.zeros(blocks[::-1], np.uint8)
+    free = np.maximum.reduce([padded[1, r::ratio, c::ratio] for r in range(ratio) for c in range(ratio)])
     return Pyramid(block_maxima(likelihood, LEVELS), block_maxima(free, LEVELS), cell * ratio, map_from_grid)
 
 

@@ -215,11 +215,16 @@ def refine(
 
 
 @njit(cache=True)
-def _score(level: Bytes, rows: np.ndarray, cols: np.ndarray, row: int, col: int) -> int:
-    """Return the sum of the level's values at the points, shifted by (row, col) cells; 0 outside the grid."""
+def _score(level: Bytes, rows: np.ndarray, cols: np.ndarray, row: int, col: int, least: float) -> int:
+    """Return the sum of the level's values at the points, shifted by (row, col) cells; 0 outside the grid.
+
+    A sum that can no longer exceed `least` is not completed; the returned part of it is not above `least` either.
+    """
     height, width = level.shape
-    total = 0
-    for i in range(len(rows)):
+    total, count = 0, len(rows)
+    for i in range(count):
+        if i % 32 == 0 and total + 255 * (count - i) <= least:
+            return total
         r, c = rows[i] + row, cols[i] + col
         if 0 <= r < height and 0 <= c < width:
             total += level[r, c]
@@ -263,7 +268,8 @@ def _search(
         loss = angle_penalty * abs(a - angle_count) * angle_step
         for br in range(blocks):
             for bc in range(blocks):
-                value = _score(bounds[top], rows[a], cols[a], br * block - cells, bc * block - cells) / full
+                row, col = br * block - cells, bc * block - cells
+                value = _score(bounds[top], rows[a], cols[a], row, col, (floor + loss) * full) / full
                 bound[(a * blocks + br) * blocks + bc] = value - loss
     best, best_pose, best_raw = floor, guess.copy(), 0.0
     stack = np.empty((4 * LEVELS + 8, 3), np.int64)
@@ -281,7 +287,7 @@ def _search(
             h, row, col = stack[depth]
             if row > cells or col > cells:  # the last block may reach beyond the window
                 continue
-            raw = _score(bounds[h], rows[a], cols[a], row, col) / full
+            raw = _score(bounds[h], rows[a], cols[a], row, col, (best + loss) * full) / full
             if raw - loss <= best:
                 continue
             if h > 0:

@@ -20,6 +20,7 @@ from waychair.types import FloatArray, IntArray, Pose2
 REACH = 2.0  # m; the chair stands within this distance of a pose of the submap
 MAX_BEND = 0.1  # m; the pyramid of a submap whose poses moved further in its own frame is stale
 MAX_SPAN = 100.0  # m; key scans farther from most of their submap were put there by a jump of the odometry
+LARGE = 500_000  # cells; a larger pyramid takes as long to build as to search
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +44,8 @@ class SubmapPyramids:
         Its size is limited: key scans that a jump has put beyond `MAX_SPAN` of most others are left out.
         """
         shape = compose(invert(poses[members[0]]), poses[members])
-        if submap in self._kept:
-            known, then, pyramid = self._kept[submap]
-            if np.array_equal(known, members) and np.hypot(*(shape - then)[:, :2].T).max() <= MAX_BEND:
-                return pyramid
+        if (kept := self._valid(submap, members, shape)) is not None:
+            return kept
         near = np.hypot(*(shape[:, None, :2] - shape[None, :, :2]).transpose(2, 0, 1)) <= MAX_SPAN
         together = near[int(np.argmax(near.sum(axis=0)))]
         every = np.concatenate(
@@ -59,10 +58,21 @@ class SubmapPyramids:
         self._kept[submap] = (members.copy(), shape, pyramid)
         return pyramid
 
+    def has(self, submap: int, poses: FloatArray, members: IntArray) -> bool:
+        """Return whether a submap's pyramid is there and still valid at the present poses."""
+        return self._valid(submap, members, compose(invert(poses[members[0]]), poses[members])) is not None
+
+    def _valid(self, submap: int, members: IntArray, shape: FloatArray) -> Pyramid | None:
+        if submap not in self._kept:
+            return None
+        known, then, pyramid = self._kept[submap]
+        same = np.array_equal(known, members) and np.hypot(*(shape - then)[:, :2].T).max() <= MAX_BEND
+        return pyramid if same else None
+
 
 @dataclass(slots=True)
 class SubmapRound:
-    """A search of many submaps for one view, a few submaps at a time.
+    """A search of many submaps for one view, piece by piece.
 
     `points` (N, 2) [m, base] are the view, `waiting` the key scans of each submap that is still to be searched, in order.
     `found` holds the fits so far, relative to the first key scan of their submaps, so that the graph may move meanwhile.
@@ -74,15 +84,19 @@ class SubmapRound:
     """Submap, its first key scan, the pose in its frame, and the response."""
     floor: float = MIN_RESPONSE
 
-    def search(self, store: ScanStore, poses: FloatArray, pyramids: SubmapPyramids, most: int) -> bool:
-        """Search at most so many further submaps; return whether the round is complete."""
-        for submap, members in self.waiting[:most]:
-            pyramid = pyramids.pyramid(submap, store, poses, members)
-            for place in global_search(self.points, pyramid, floor=self.floor):
-                self.found.append((submap, int(members[0]), place.pose, place.response))
-                self.floor = max(self.floor, place.response - SPREAD)
-        del self.waiting[:most]
-        return not self.waiting
+    def search(self, store: ScanStore, poses: FloatArray, pyramids: SubmapPyramids) -> bool:
+        """Do the next piece: build the pyramid of the next submap, and search it unless the pyramid is new and large; return
+        whether it was searched."""
+        submap, members = self.waiting[0]
+        is_built = pyramids.has(submap, poses, members)
+        pyramid = pyramids.pyramid(submap, store, poses, members)
+        if not is_built and pyramid.likelihood[0].size > LARGE:
+            return False
+        del self.waiting[0]
+        for place in global_search(self.points, pyramid, floor=self.floor):
+            self.found.append((submap, int(members[0]), place.pose, place.response))
+            self.floor = max(self.floor, place.response - SPREAD)
+        return True
 
     def hypotheses(self, poses: FloatArray) -> tuple[SubmapHypothesis, ...]:
         """Return the fits so far by the present poses, best first, up to the number of hypotheses.
@@ -109,5 +123,6 @@ def global_candidates(
     """
     waiting = [(submap, np.asarray(members, np.int64)) for submap, members in members_by_submap.items() if len(members)]
     whole = SubmapRound(points, waiting)
-    whole.search(store, poses, pyramids, len(waiting))
+    while whole.waiting:
+        whole.search(store, poses, pyramids)
     return whole.hypotheses(poses)

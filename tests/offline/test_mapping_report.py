@@ -8,7 +8,7 @@ import numpy as np
 
 from tests.cases.mapping.lidar_floor import replaced, write_scans
 from waychair.offline.mapping import MappingSettings, map_recording
-from waychair.offline.mapping_report import torn_warnings
+from waychair.offline.mapping_report import tears_of, torn_warnings
 from waychair.recordings.recording import read_recording
 from waychair.slam.graph.graph_optimisation import Edge, EdgeKind
 from waychair.slam.mapping.mapper import MapperResult
@@ -39,9 +39,17 @@ def test_mended_breaks_and_others_are_told_apart() -> None:
     assert torn_warnings(torn(0)) == []
 
 
+def test_every_tear_is_listed_with_its_time_its_cause_and_what_became_of_it() -> None:
+    tears = tears_of(torn(3, joined=(2,)))
+    assert [(tear["at_s"], tear["joined_again"]) for tear in tears] == [(2.0, True), (3.0, False), (4.0, False)]
+    assert all("contradict" in tear["why"] for tear in tears)
+
+
 def test_the_report_holds_the_health_of_the_recording(tmp_path: Path) -> None:
     write_scans(tmp_path / "drive", replaced(time_increment=833_333.3))
     report = map_recording(read_recording(tmp_path / "drive"), MappingSettings()).report
+    assert report["times_real_time"] > 1.0
+    assert report["loop_search"]["submaps_never_searched"] == 0
     (finding,) = report["health"]
     assert (finding["kind"], finding["topic"]) == ("beam times", "/scan")
     assert "nanoseconds" in finding["text"]

@@ -1,38 +1,34 @@
-"""The sentence while numba compiles: once a process, on standard error, and not where the kernels are kept."""
+"""Progress where standard error is no terminal."""
 
-from __future__ import annotations
+import io
+from types import SimpleNamespace
 
-import os
-import subprocess
-import sys
-from pathlib import Path
+import pytest
+from rich.console import Console
 
-_PROGRAM = """
-from numba import njit
-from waychair.cli.options.progress import announce_compiling
-announce_compiling()
-announce_compiling()
-
-@njit(cache=True)
-def double(x):
-    return 2 * x
-
-@njit(cache=True)
-def more(x):
-    return double(x) + 1
-
-assert more(1) == 3 and more(1.0) == 3.0
-"""
+from waychair.cli.options import progress
 
 
-def test_compiling_is_announced_once_and_not_where_the_kernels_are_kept(tmp_path: Path) -> None:
-    program = tmp_path / "program.py"
-    program.write_text(_PROGRAM)
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
-    told = [
-        subprocess.run([sys.executable, str(program)], capture_output=True, text=True, check=True, env=environment)
-        for _ in range(2)
+def told(monkeypatch: pytest.MonkeyPatch, shares: list[tuple[float, float]], quiet: bool = False) -> list[str]:
+    """Return the lines about a stage whose share is told at these times [s]."""
+    clock = [0.0]
+    monkeypatch.setattr(progress, "time", SimpleNamespace(monotonic=lambda: clock[0]))
+    text = io.StringIO()
+    with progress.stage_bars(Console(file=text, width=200, quiet=quiet)) as show:
+        for clock[0], share in shares:
+            show("mapping", share)
+    return text.getvalue().splitlines()
+
+
+def test_a_long_stage_tells_its_share_and_the_time_left_each_ten_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    shares = [(0.0, 0.0), (4.0, 0.02), (11.0, 0.05), (12.0, 0.06), (25.0, 0.5), (50.0, 1.0)]
+    assert told(monkeypatch, shares) == [
+        "mapping: 5 %, about 3 min left",
+        "mapping: 50 %, about 25 s left",
+        "mapping: 100 %",
     ]
-    assert told[0].stderr.count("compiling for this computer, once") == 1
-    assert "waychair doctor --warm" in told[0].stderr
-    assert (told[0].stdout, told[1].stdout, told[1].stderr) == ("", "", "")
+
+
+def test_a_short_stage_and_a_quiet_command_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert told(monkeypatch, [(0.0, 0.0), (5.0, 0.5), (9.0, 1.0)]) == []
+    assert told(monkeypatch, [(0.0, 0.0), (60.0, 0.5)], quiet=True) == []
