@@ -10,7 +10,9 @@ import numpy as np
 
 from waychair.calibration.chair_body import BodyLayer, ChairBody
 from waychair.control.drive.door_drive import DoorDrive
+from waychair.control.drive.doorway import DoorWatch
 from waychair.control.drive.line_tracking import TRACKING_SPEED, on_line, track
+from waychair.control.drive.way_follower import WayFollower, follower
 from waychair.geometry import compose, transform_points
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import MAP_DOUBT
@@ -72,6 +74,8 @@ class LegDrive:
         self._grid, self._body = grid, body
         self._door: DoorDrive | None = None
         self._openings: FloatArray | None = None
+        self._follower: WayFollower | None = None
+        self._watches = [(door, DoorWatch(Pose2(), door.width)) for door in self.leg.doors]
         self._near: DistanceField | None = None  # in map
         self._points: FloatArray | None = None  # in odom, of the latest scan
 
@@ -84,6 +88,11 @@ class LegDrive:
     def refused_door(self) -> DoorPassage | None:
         """The leg's door if the chair gave up entering it as a door."""
         return self.leg.door if self._door is not None and self._door.refused else None
+
+    @property
+    def is_barred(self) -> bool:
+        """Whether something stands on the line ahead, as far as the live picture reaches."""
+        return self._follower is not None and self._follower.is_barred
 
     def remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the leg's end from a pose in map; None while turning there or retrying a door.
@@ -115,6 +124,8 @@ class LegDrive:
             )
             if self.leg.flows and self._passes(view):
                 choice = replace(choice, arrived=True)
+        elif self.leg.manner is DrivingManner.LINE:
+            choice = self._along_line(view, limits)
         elif self.leg.manner is DrivingManner.EXACT:
             poses = self.leg.poses_in(view.odom_from_map)
             choice = track(
@@ -133,6 +144,45 @@ class LegDrive:
             choice = self._through_door(view, limits)
         self.in_position = choice.in_position
         return choice
+
+    def _along_line(self, view: View, limits: DwaSettings) -> DwaResult:
+        if self._follower is None:
+            points = self.leg.path.poses[:, :2]
+            low, high = points.min(axis=0), points.max(axis=0)
+            middle = Pose2(*((low + high) / 2).tolist(), 0.0)
+            field = fine_field(self._grid, middle, float((high - low).max()) / 2 + 1.5)
+            self._follower = follower(self.leg.path.poses, self.leg.backwards, self._body, field)
+        seen, opening = [], None
+        for door, watch in self._watches:
+            watch.believe(view.odom_from_map @ door.map_from_door)
+            at = watch.odom_from_door.inverse() @ view.pose
+            if at.x > self._body.rear + 0.3 or at.x < -4.0:
+                continue
+            if view.seen is not None:
+                watch.see(view.seen, view.pose @ self._body.base_from_laser)
+            if watch.sure:
+                seen.append((door, watch.odom_from_door))
+                opening = opening or (view.odom_from_map.inverse() @ watch.odom_from_door, watch.width)
+        choice = self._follower.step(
+            view.odom_from_map, view.pose, view.command, self._near_field(view, opening, 2.0), limits, view.motion, seen
+        )
+        if not (view.tracks or self._follower.is_barred) or choice.in_position or not self._follower.is_roomy:
+            return choice
+        # somebody or something near the line, and room beside it: the dynamic window weighs the arcs round it
+        rest = self._follower.rest_in(view.odom_from_map)
+        if self.leg.backwards or len(rest) < 2:
+            return choice
+        return choose(
+            pose=view.pose,
+            command=view.command,
+            path=Path(rest),
+            distances=view.local(),
+            body=self._body,
+            settings=limits,
+            motion=view.motion,
+            tracks=view.tracks,
+            fastest=self._follower.fastest,
+        )
 
     def _fastest(self, view: View, limits: DwaSettings) -> float:
         """Return the speed limit [m/s] that falls in time to those of a following exact leg and of openings ahead."""
@@ -181,7 +231,7 @@ class LegDrive:
             opening = (view.odom_from_map.inverse() @ door.watch.odom_from_door, door.watch.width)
         return door.step(view.pose, view.command, self._near_field(view, opening), limits, view.motion)
 
-    def _near_field(self, view: View, opening: tuple[Pose2, float] | None) -> DistanceField:
+    def _near_field(self, view: View, opening: tuple[Pose2, float] | None, more: float = 0.5) -> DistanceField:
         """Return distances to obstacles near the chair on fine cells, in odom, made anew with every scan.
 
         The map's walls and all points that the map does not explain count.
@@ -190,7 +240,7 @@ class LegDrive:
         if self._near is None or view.seen is not None:
             points = view.unscanned if self._points is None else np.concatenate([self._points, view.unscanned])
             points = transform_points(map_from_odom, points)
-            reach = self._body.circumscribed_radius + 0.5
+            reach = self._body.circumscribed_radius + more
             layered = [(layer, transform_points(map_from_odom, seen)) for layer, seen in view.layered]
             self._near = fine_field(
                 grid=self._grid,

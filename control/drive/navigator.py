@@ -62,6 +62,9 @@ from waychair.types import (
 
 __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
 
+LIVE_REACH = 1.5
+"""m; up to here the follower of a line judges it by the outline itself."""
+
 _UNKNOWN_POSE = "the chair does not know where it is; drive it by joystick to a place that it knows"
 
 _SLICES_STANDING, _SLICES_OF_A_TURN = 3, 6
@@ -441,6 +444,10 @@ class Navigator:
         rest = self._plan.rest(self._now.pose)
         if rest is None:
             return True
+        if self._plan.leg is not None and self._plan.leg.leg.manner is DrivingManner.LINE:
+            if self._plan.leg.is_barred:
+                return True
+            rest = rest[np.hypot(*(rest - (self._now.pose.x, self._now.pose.y)).T) > LIVE_REACH]
         ahead = rest[: math.ceil(LOOK_AHEAD / SPACING)]
         in_odom, half = transform_points(self._now.map_from_odom.inverse(), ahead), self._body.width / 2
         radius = self.settings.tracks.model.radius

@@ -36,6 +36,7 @@ from waychair.planning.route.keep_right import KeepRightSettings, kept_right
 from waychair.planning.route.leg_planning import checked, door_leg
 from waychair.planning.route.legs import DoorPassage, DrivingManner, PathLeg, joined_legs
 from waychair.planning.route.path_ends import cell_at, goal_cell, start_cell
+from waychair.planning.way.way_making import way_legs
 from waychair.planning.seen.forecast import (
     ExpectedPeople,
     ForecastSettings,
@@ -176,20 +177,14 @@ class GlobalPlanner:
             if direct is not None:
                 self.legs = (direct,)
                 return joined_legs(self.legs)
-            legs = yield from _legs_from_cells(
-                costmap=costmap,
-                cells=cells,
-                start=here,
-                goal=self.goal,
-                settings=self.settings,
-                narrow=self._narrow,
-                distrusted=self._distrusted,
-            )
+            line = line_over(costmap, cells, here, self.goal)
+            grid_from_map, cell = costmap.grid.map_from_grid.inverse(), costmap.grid.resolution
+            spaced = _evenly_spaced(transform_points(grid_from_map, line) / cell, SPACING / cell)
+            doors = [door for _, _, door in tight_doors(costmap, spaced, self._narrow, costmap.body.width + 0.25)]
+            line = transform_points(costmap.grid.map_from_grid, spaced * cell)
+            legs = yield from way_legs(costmap, line, here, self.goal, doors)
         finally:
             self.valid_from_anywhere = False
-        if self._check_footprint and not among_people:
-            banded = self.settings.smoothing == "band"
-            legs = yield from checked(costmap, here, legs, banded)
         self.legs = tuple(legs)
         return joined_legs(self.legs)
 
@@ -344,6 +339,15 @@ def _legs_from_cells(
     )
     _join(legs)
     return legs
+
+
+def line_over(costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose2) -> FloatArray:
+    """Return the taut line (N, 2) [m] in map over a path's cells, with the exact ends."""
+    chain = cells[:, ::-1].astype(np.float64) + 0.5
+    points = chain[pull_taut(costmap.prices, chain, costmap.barred)]
+    line = transform_points(costmap.grid.map_from_grid, points * costmap.grid.resolution)
+    ends = np.array([[start.x, start.y]]), np.array([[goal.x, goal.y]])
+    return np.concatenate([ends[0], line[1:-1], ends[1]])
 
 
 def _is_one_of(door: DoorPassage, others: Sequence[DoorPassage]) -> bool:

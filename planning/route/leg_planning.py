@@ -173,14 +173,14 @@ def _legs_of_leg(costmap: Costmap, start: Pose2, poses: FloatArray) -> Resumable
     for around in _ROUND:
         begin, end = _ends(costmap, poses, first, last, around)
         from_pose = start if begin == 0 else Pose2(*poses[begin])
-        turned = yield from _manoeuvre(costmap, from_pose, Pose2(*poses[end]))
+        turned = yield from manoeuvre_between(costmap, from_pose, Pose2(*poses[end]))
         if turned is None:
             continue
         before = [PathLeg(Path(poses[: begin + 1]))] if begin > 0 else []
         after: list[PathLeg] = []
         if end < len(poses) - 1:
             after = yield from _legs_of_leg(costmap, Pose2(*poses[end]), poses[end:])
-        return [*before, *_legs_of_manoeuvre(turned), *after]
+        return [*before, *legs_of_manoeuvre(turned), *after]
     x, y, _ = poses[first]
     if not _stands_free(costmap, start):  # too near to an obstacle for any plan; the local planner may still get away
         near = fine_field(costmap.grid, start, costmap.body.circumscribed_radius + 0.3)
@@ -258,7 +258,7 @@ def _ends(costmap: Costmap, poses: FloatArray, first: int, last: int, around: fl
     return begin, end
 
 
-def _manoeuvre(costmap: Costmap, begin: Pose2, end: Pose2) -> Resumable[FloatArray | None]:
+def manoeuvre_between(costmap: Costmap, begin: Pose2, end: Pose2) -> Resumable[FloatArray | None]:
     """Return a multi-point turn with as much margin as there is room for; None if there is none.
 
     From a cramped place the chair is led out first, rather than keeping that little clearance all along.
@@ -298,7 +298,7 @@ def _turned(
     return None
 
 
-def _legs_of_manoeuvre(poses: FloatArray) -> list[PathLeg]:
+def legs_of_manoeuvre(poses: FloatArray) -> list[PathLeg]:
     """Return legs cut at turns on the spot and changes of direction; each leg ends in the heading of the next."""
     steps = np.diff(poses[:, :2], axis=0)
     along = steps[:, 0] * np.cos(poses[:-1, 2]) + steps[:, 1] * np.sin(poses[:-1, 2])

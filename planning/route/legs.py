@@ -17,6 +17,7 @@ class DrivingManner(enum.Enum):
     FREE = "free"  # by the dynamic window, which may leave the line
     EXACT = "exact"  # on the line to the centimetre, slowly: there is no room beside it
     DOOR = "door"  # exactly, on the axis of a door that is tracked in the scan
+    LINE = "line"  # on a line that flows, as fast as its bends and its room allow
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,7 @@ class PathLeg:
     backwards: bool = False
     door: DoorPassage | None = None
     flows: bool = False
+    doors: tuple[DoorPassage, ...] = ()
 
     def poses_in(self, frame_from_map: Pose2) -> FloatArray:
         """Return (N, 3) the leg's poses in another frame."""
