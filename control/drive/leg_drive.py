@@ -18,6 +18,7 @@ from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import MAP_DOUBT
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.route.legs import DoorPassage, DrivingManner, PathLeg, joined_legs
+from waychair.planning.route.way_making import field_round
 from waychair.planning.seen.openings import openings
 from waychair.planning.seen.person_tracks import Track
 from waychair.planning.window.dwa import DwaResult, choose
@@ -147,10 +148,7 @@ class LegDrive:
 
     def _along_line(self, view: View, limits: DwaSettings) -> DwaResult:
         if self._follower is None:
-            points = self.leg.path.poses[:, :2]
-            low, high = points.min(axis=0), points.max(axis=0)
-            middle = Pose2(*((low + high) / 2).tolist(), 0.0)
-            field = fine_field(self._grid, middle, float((high - low).max()) / 2 + 1.5)
+            field = field_round(self._grid, self.leg.path.poses[:, :2])
             self._follower = follower(self.leg.path.poses, self.leg.backwards, self._body, field)
         seen, opening = [], None
         for door, watch in self._watches:

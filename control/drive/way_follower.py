@@ -14,7 +14,7 @@ from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import TRACKED
 from waychair.planning.body.footprint import along_arc, fits_each, footprint, free_time, in_cells
 from waychair.planning.route.legs import DoorPassage
-from waychair.planning.way.speed_profile import RESERVE, curvatures, fastest_now, rooms_along, speeds_along
+from waychair.planning.route.speed_profile import RESERVE, curvatures, fastest_now, rooms_along, speeds_along
 from waychair.planning.window.dwa import DwaResult, rotate_to_heading
 from waychair.planning.window.motion_limits import (
     MIN_SPEED,
@@ -111,7 +111,12 @@ class WayFollower:
 
         def turn_to(heading: float) -> DwaResult:
             return rotate_to_heading(
-                pose=pose, command=command, heading=heading, distances=distances, body=self.body, settings=kept,
+                pose=pose,
+                command=command,
+                heading=heading,
+                distances=distances,
+                body=self.body,
+                settings=kept,
                 motion=motion,
             )
 
@@ -196,7 +201,12 @@ class WayFollower:
                     twist = self._stepped(command, target, limits, eased)
                     needed = PERIOD + stop_time(twist, limits) / 2
                     if free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed:
-                        arc = np.array([along_arc(ahead.x, ahead.y, ahead.theta, target.v, target.omega, t) for t in np.linspace(0.0, 2.0, 11)])
+                        arc = np.array(
+                            [
+                                along_arc(ahead.x, ahead.y, ahead.theta, target.v, target.omega, t)
+                                for t in np.linspace(0.0, 2.0, 11)
+                            ]
+                        )
                         return DwaResult(twist, np.array([[target.v, target.omega]]), np.zeros(1), arc)
         return self._halt(ahead, command, limits)
 

@@ -33,10 +33,10 @@ from waychair.planning.route.direct_leg import direct_leg
 from waychair.planning.route.door_alignment import legs_between_turns, line_up, tight_doors
 from waychair.planning.route.grid_planner import HARMONIC, GridPlanner, grid_planner, prepared
 from waychair.planning.route.keep_right import KeepRightSettings, kept_right
-from waychair.planning.route.leg_planning import checked, door_leg
+from waychair.planning.route.leg_planning import door_leg
 from waychair.planning.route.legs import DoorPassage, DrivingManner, PathLeg, joined_legs
 from waychair.planning.route.path_ends import cell_at, goal_cell, start_cell
-from waychair.planning.way.way_making import way_legs
+from waychair.planning.route.way_making import way_legs
 from waychair.planning.seen.forecast import (
     ExpectedPeople,
     ForecastSettings,

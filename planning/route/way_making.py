@@ -16,10 +16,10 @@ from waychair.planning.body.footprint import fits, footprint, free_time, in_cell
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.grid.resumable import Resumable
+from waychair.planning.route.flowing_line import COMFORT, SPACING, flowing
 from waychair.planning.route.leg_planning import legs_of_manoeuvre, manoeuvre_between
 from waychair.planning.route.legs import DoorPassage, DrivingManner, PathLeg
-from waychair.planning.way.flowing_line import COMFORT, SPACING, flowing
-from waychair.planning.way.speed_profile import (
+from waychair.planning.route.speed_profile import (
     curvatures,
     predicted_time,
     rooms_along,
@@ -27,18 +27,19 @@ from waychair.planning.way.speed_profile import (
     turn_time,
 )
 from waychair.planning.window.motion_limits import DwaSettings
-from waychair.types import FloatArray, Path, Pose2
+from waychair.types import FloatArray, OccupancyGrid, Path, Pose2
 
 _LIMITS = DwaSettings()
 _BEYOND = 1.5
 _TRIES = ((COMFORT, 40000.0), (0.12, 400000.0), (0.08, 400000.0))
 
 
-def field_round(costmap: Costmap, points: FloatArray) -> DistanceField:
+def field_round(grid: OccupancyGrid, points: FloatArray) -> DistanceField:
     """Return the fine distances round a line (N, 2) [m]."""
     low, high = points.min(axis=0), points.max(axis=0)
-    middle = Pose2(*((low + high) / 2).tolist(), 0.0)
-    return fine_field(costmap.grid, middle, float((high - low).max()) / 2 + _BEYOND)
+    x, y = (low + high) / 2
+    middle = Pose2(float(x), float(y))
+    return fine_field(grid, middle, float((high - low).max()) / 2 + _BEYOND)
 
 
 def can_turn(costmap: Costmap, field: DistanceField, pose: Pose2, heading: float, margin: float = PLANNED_TURN) -> bool:
@@ -79,7 +80,7 @@ def way_legs(
     Raises:
         NoPath: the chair does not fit somewhere, not even with a multi-point turn.
     """
-    field = field_round(costmap, line)
+    field = field_round(costmap.grid, line)
     pieces: list[_Piece] = []
     here, rest = start, line
     for door in doors:
@@ -163,7 +164,9 @@ def _gears(costmap: Costmap, field: DistanceField, poses: FloatArray) -> list[_P
             continue
         line[-1, 2] = line[-1, 2] if len(line) < 3 else leg.path.poses[keep.nonzero()[0][-1], 2]
         ends = float(line[0, 2]), float(poses[np.argmin(np.hypot(*(poses[:, :2] - line[-1, :2]).T)), 2])
-        smooth = flowing(line[:, :2], field, costmap.body, ends[0], ends[1], backwards=leg.backwards, price=_TRIES[0][1])
+        smooth = flowing(
+            line[:, :2], field, costmap.body, ends[0], ends[1], backwards=leg.backwards, price=_TRIES[0][1]
+        )
         room = rooms_along(costmap.body, field, line)[1:-1].min(initial=1.0)
         if _sharpest(smooth) < _SHARPEST and rooms_along(costmap.body, field, smooth)[1:-1].min(initial=1.0) >= room:
             line = smooth
@@ -172,7 +175,13 @@ def _gears(costmap: Costmap, field: DistanceField, poses: FloatArray) -> list[_P
 
 
 def _through(
-    costmap: Costmap, field: DistanceField, line: FloatArray, here: Pose2, goal: Pose2, door: DoorPassage, limits: DwaSettings
+    costmap: Costmap,
+    field: DistanceField,
+    line: FloatArray,
+    here: Pose2,
+    goal: Pose2,
+    door: DoorPassage,
+    limits: DwaSettings,
 ) -> tuple[_Piece | None, _Piece, FloatArray] | None:
     """Return the soonest piece to a door's axis, the straight one through it, and the line beyond it."""
     best: tuple[float, _Piece | None, _Piece] | None = None
@@ -209,7 +218,13 @@ _ON_AXIS = 0.015
 
 
 def _straight(
-    costmap: Costmap, field: DistanceField, door: DoorPassage, here: Pose2, goal: Pose2, ahead: float, limits: DwaSettings
+    costmap: Costmap,
+    field: DistanceField,
+    door: DoorPassage,
+    here: Pose2,
+    goal: Pose2,
+    ahead: float,
+    limits: DwaSettings,
 ) -> _Piece | None:
     body, middle = costmap.body, door.map_from_door
     begin = -(body.front + ahead)

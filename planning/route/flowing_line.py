@@ -68,7 +68,9 @@ def flowing(
     c, s = math.cos(to_grid.theta), math.sin(to_grid.theta)
     turn = np.array([[c, -s], [s, c]])
     local = points @ turn.T + (to_grid.x, to_grid.y)
-    ends = [math.nan if end is None else end + to_grid.theta + (0.0 if gear > 0 else math.pi) for end in (leaves, arrives)]
+    ends = [
+        math.nan if end is None else end + to_grid.theta + (0.0 if gear > 0 else math.pi) for end in (leaves, arrives)
+    ]
     before, beyond = (0 if math.isnan(end) else STRAIGHT for end in ends)
     for _ in range(4):
         local = np.concatenate([local[:1].repeat(before, axis=0), local, local[-1:].repeat(beyond, axis=0)])
@@ -138,7 +140,10 @@ def _relax(
         for j in range(STRAIGHT):
             away = (STRAIGHT - j) * h
             end = n - 1 - STRAIGHT
-            p[n - 1 - j, 0], p[n - 1 - j, 1] = p[end, 0] + away * math.cos(arrives), p[end, 1] + away * math.sin(arrives)
+            p[n - 1 - j, 0], p[n - 1 - j, 1] = (
+                p[end, 0] + away * math.cos(arrives),
+                p[end, 1] + away * math.sin(arrives),
+            )
     count = stop - first
     if count < 1:
         return True

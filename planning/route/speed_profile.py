@@ -83,7 +83,7 @@ def slowed(way: float, end: float, a: float, jerk: float) -> float:
         return speed
     half, third = way * math.sqrt(jerk) / 2, 2 * end / 3
     root = math.sqrt(half**2 + third**3)
-    return end + (np.cbrt(half + root) + np.cbrt(half - root)) ** 2
+    return float(end + (np.cbrt(half + root) + np.cbrt(half - root)) ** 2)
 
 
 @njit(cache=True, nogil=True)
@@ -105,13 +105,22 @@ def predicted_time(speeds: FloatArray, along: FloatArray, limits: DwaSettings, r
     ended = speeds.copy()
     ended[-1] = 0.0
     return float(
-        _drive_time(ended, along, rolls, limits.acceleration, limits.braking, RESERVE * limits.braking, limits.jerk, RESERVE)
+        _drive_time(
+            ended, along, rolls, limits.acceleration, limits.braking, RESERVE * limits.braking, limits.jerk, RESERVE
+        )
     )
 
 
 @njit(cache=True, nogil=True)
 def _drive_time(
-    speeds: FloatArray, along: FloatArray, v: float, faster: float, slower: float, a_brake: float, jerk: float, reserve: float
+    speeds: FloatArray,
+    along: FloatArray,
+    v: float,
+    faster: float,
+    slower: float,
+    a_brake: float,
+    jerk: float,
+    reserve: float,
 ) -> float:
     s, a, t, dt = 0.0, 0.0, 0.0, 0.05
     while s < along[-1] - 0.02 and t < 300.0:
