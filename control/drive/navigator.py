@@ -44,7 +44,7 @@ from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.route.global_planner import SPACING, GlobalPlanner
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
-from waychair.planning.route.legs import DrivingManner, PathLeg
+from waychair.planning.route.legs import PathLeg
 from waychair.planning.warm_up import warm_up
 from waychair.planning.window.dwa import DwaResult
 from waychair.planning.window.motion_limits import CommandedMotion, braking, crawling, stopping
@@ -132,7 +132,7 @@ class Navigator:
         self._maker.drawn, self._now.local = drawn, None
         self._surroundings.redraw(drawn)
         if self._plan.planner is not None and self.active:
-            self._plan.start(GlobalPlanner(self._plan.planner.goal, self.settings.planner))
+            self._plan.start(GlobalPlanner(self._plan.planner.goal, self.settings.planner, limits=self._dwa))
 
     def is_mapped(self, points: FloatArray, within: float) -> BoolArray:
         """Return a mask (N,) of points (N, 2) [m] in map that lie within `within` [m] of an obstacle of the map."""
@@ -245,8 +245,8 @@ class Navigator:
 
     def _begin(self, goal: Goal) -> None:
         assert isinstance(goal.target, Pose2)
-        self._plan.start(GlobalPlanner(goal.target, self.settings.planner))
         self._dwa, self._now.gears = limits_to(goal, self.settings.dwa), GearChanges()
+        self._plan.start(GlobalPlanner(goal.target, self.settings.planner, limits=self._dwa))
         self._stage, self._reason = Stage.DRIVING, ""
         self.recovery.reset()
 
@@ -305,7 +305,7 @@ class Navigator:
         Nor is it backwards after several changes of gear in a row, if the chair could as well wait.
         """
         if self._plan.leg is None:
-            self._plan.leg = LegDrive(self._plan.legs, self._maker.drawn.grid, self._body)
+            self._plan.leg = LegDrive(self._plan.legs[0], self._maker.drawn.grid, self._body)
         limits = crawling(self._dwa) if self._now.jumping else self._dwa
         if behind or (self._now.gears.are_enough and self._could_wait(self._plan.leg.leg)):
             limits = replace(limits, max_reverse=0.0)
@@ -316,11 +316,11 @@ class Navigator:
 
     def _could_wait(self, leg: PathLeg) -> bool:
         """Return whether waiting may help on a leg: a free one, or a turn in several parts before something that may leave."""
-        return leg.manner is DrivingManner.FREE or (leg.backwards and bool(self._maker.what_bars("")))
+        return not leg.is_line or (leg.backwards and bool(self._maker.what_bars("")))
 
     def _remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the goal, None while the chair turns at the end of a leg."""
-        leg = self._plan.leg or LegDrive(self._plan.legs, self._maker.drawn.grid, self._body)
+        leg = self._plan.leg or LegDrive(self._plan.legs[0], self._maker.drawn.grid, self._body)
         here = leg.remaining(pose)
         return None if here is None else here + sum(leg.path.length() for leg in self._plan.legs[1:])
 
@@ -348,7 +348,7 @@ class Navigator:
         if (
             choice.arrived
             and self._plan.leg is not None
-            and self._plan.leg.leg.manner is not DrivingManner.FREE
+            and self._plan.leg.leg.is_line
             and is_missed(self._goals[0], self._now.pose)
         ):
             self._plan.made_ns, choice = None, replace(choice, arrived=False)
@@ -358,10 +358,6 @@ class Navigator:
         if choice.arrived:
             return self._reached(choice)
         if choice.blocked:
-            leg = self._plan.leg
-            if self._plan.planner is not None and leg is not None and leg.refused_door is not None:
-                self._plan.planner.distrust(leg.refused_door)
-                self._plan.made_ns = None
             return self._halt(now_ns, self._maker.what_bars("something is in the way"), choice)
         self.recovery.note_motion()
         since_ns, detour = self._plan.other.taken
@@ -421,12 +417,9 @@ class Navigator:
         return self._navigation(braking(self._now.command, self._dwa) if choice is None else choice.twist, choice)
 
     def _note_correction(self, now_ns: int, pose: Pose2, odom_from_map: Pose2) -> None:
-        """Note whether the localised pose is jumping; when that begins or ends, the plan is void.
-
-        A chair past a door's last gate keeps its plan, because it follows the jambs that it sees.
-        """
+        """Note whether the localised pose is jumping; when that begins or ends, the plan is void."""
         jumping = self._corrections.jumping(now_ns, pose, odom_from_map)
-        if jumping != self._now.jumping and not (self._plan.leg is not None and self._plan.leg.entered):
+        if jumping != self._now.jumping:
             self._plan.made_ns = None
         self._now.jumping = jumping
 
@@ -435,8 +428,6 @@ class Navigator:
             return True
         if now_ns - self._plan.made_ns < REPLAN_PERIOD_S * 1e9:
             return False
-        if self._plan.leg is not None and self._plan.leg.entered and self._plan.path is not None:
-            return False
         if self._plan.path is None or self._stage in (Stage.WAITING, Stage.OFFERING):
             return True
         if not self._plan.among_people and self._people.expected_people(self._now.map_from_odom).tracks:
@@ -444,7 +435,7 @@ class Navigator:
         rest = self._plan.rest(self._now.pose)
         if rest is None:
             return True
-        if self._plan.leg is not None and self._plan.leg.leg.manner is DrivingManner.LINE:
+        if self._plan.leg is not None and self._plan.leg.leg.is_line:
             if self._plan.leg.is_barred:
                 return True
             rest = rest[np.hypot(*(rest - (self._now.pose.x, self._now.pose.y)).T) > LIVE_REACH]

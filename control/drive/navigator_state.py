@@ -11,7 +11,7 @@ from waychair.control.drive.leg_drive import LegDrive
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.global_planner import GlobalPlanner
-from waychair.planning.route.legs import DrivingManner, PathLeg
+from waychair.planning.route.legs import PathLeg
 from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, motion_after
 from waychair.types import FloatArray, Path, Pose2, Twist
 
@@ -154,7 +154,7 @@ class PlanState:
 
     def adopt(self, path: Path, legs: list[PathLeg], leg: LegDrive) -> None:
         """Follow another path from now on; a chair in position at the end of a single free leg stays in position."""
-        if self.leg is not None and len(legs) == len(self.legs) == 1 and legs[0].manner is DrivingManner.FREE:
+        if self.leg is not None and len(legs) == len(self.legs) == 1 and not legs[0].is_line:
             leg.in_position = self.leg.in_position
         self.path, self.legs, self.leg, self.count = path, legs, leg, self.count + 1
         self.other.offer = None

@@ -1,20 +1,26 @@
-"""Follows a line of poses as fast as its bends and its room allow; the dynamic window only where the line is not free."""
+"""Follows a line of poses as fast as its bends, its room and what stands on it allow.
+
+The chair steers back onto the line by feedback in C. Samson's path coordinates (IEEE Trans. Automatic Control 40(1),
+1995): errors decay over the distance driven, so that it acts the same at every speed and backwards. Where the chair stands,
+it turns to the line's heading before it drives.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import arc_lengths, compose, wrap_angle
 from waychair.maps.grid.distance_field import DistanceField
-from waychair.planning.body.clearance import TRACKED
+from waychair.planning.body.clearance import HARD, TRACKED
 from waychair.planning.body.footprint import along_arc, fits_each, footprint, free_time, in_cells
-from waychair.planning.route.legs import DoorPassage
-from waychair.planning.route.speed_profile import RESERVE, curvatures, fastest_now, rooms_along, speeds_along
+from waychair.planning.route.leaving_a_wall import standing_body
+from waychair.planning.route.legs import DoorPassage, PathLeg
+from waychair.planning.route.speed_profile import RESERVE, curvatures, fastest_now, speeds_along
 from waychair.planning.window.dwa import DwaResult, rotate_to_heading
 from waychair.planning.window.motion_limits import (
     MIN_SPEED,
@@ -27,69 +33,88 @@ from waychair.planning.window.motion_limits import (
 from waychair.types import FloatArray, Pose2, Twist
 
 LAG_S = 0.08
+"""[s] The chair answers a command so much later than the next period."""
+
 END_TOLERANCE, HEADING_TOLERANCE = 0.02, 0.03
+"""[m], [rad] Tolerances at a line's end, along the line and of the heading."""
+
 TURN_FIRST, TURN_MIDWAY = 0.2, 0.9
+"""[rad] A standing chair farther off the line's heading turns before it drives; a driving chair stops and turns."""
+
 STANDING = 0.01
+"""[m/s] The chair stands below this speed."""
+
+ROOMY, ROOMY_OVER = 0.1, 2.0
+"""[m] Room beside a line, over so much of it, in which the dynamic window may leave it."""
+
+SEEN_AHEAD = 1.6
+"""[m] The live picture is compared with so much of the line."""
+
+AT_ONCE = 0.06
+"""[m] A standing chair whose line is barred so near does not set off."""
+
+BESIDE = 0.02
+"""[m] Farther off the line the plan does not tell free space, and the wide margin is kept."""
+
+FIRST_LOOK = 3.0
+"""[m] Beginning of the line on which the chair is looked for at first; it has driven on since the plan began."""
+
+_DOOR_ON_LINE, _EASES_OVER = 0.3, 1.0
+"""[m] A door no farther from the line moves it; the line eases into its correction over the second length."""
+
+_PULL = 0.5
+"""Largest pull back onto the line, as a lateral error in units of the distance over which it decays."""
 
 
-_ROOMY, _ROOMY_OVER = 0.1, 2.0
-"""m; room beside a line, over so much of it, in which the dynamic window may leave it."""
+@dataclass(frozen=True, slots=True)
+class _OnLine:
+    """A pose on a line: the way driven [m], the errors to the left [m] and in heading [rad], the curvature [1/m]."""
+
+    way: float
+    lateral: float
+    heading: float
+    bend: float
 
 
 class WayFollower:
-    """The drive along one line, with its state from tick to tick; poses (N, 3) in map."""
+    """The drive along the line of one leg, with its state from tick to tick; the line is in map."""
 
-    def __init__(self, poses: FloatArray, backwards: bool, body: ChairBody, rooms: FloatArray) -> None:
+    def __init__(self, leg: PathLeg, body: ChairBody, doubt: float = 0.0) -> None:
+        """`doubt` [m]: by so much the cells of a coarse map may reach beyond the true obstacles.
+
+        Raises:
+            ValueError: the leg does not tell its room.
+        """
+        if leg.rooms is None:
+            raise ValueError("a line is followed by the room beside it, and this leg has none")
+        poses = leg.path.poses
+        kept = np.concatenate([[True], np.hypot(*np.diff(poses[:, :2], axis=0).T) > 1e-6])
+        self._body, self._doubt = body, doubt
+        self.poses = poses[kept]
         self._final = float(poses[-1, 2])
-        keep = np.concatenate([[True], np.hypot(*np.diff(poses[:, :2], axis=0).T) > 1e-6])
-        self.poses = poses[keep]
-        self.along = arc_lengths(self.poses[:, :2])
-        self.bends = curvatures(self.poses) if len(self.poses) > 1 else np.zeros(1)
-        self.rooms, self.body, self.gear = rooms[keep], body, -1.0 if backwards else 1.0
-        self.k = 0
-        self.s = 0.0
+        self._along, self._bends = arc_lengths(self.poses[:, :2]), curvatures(self.poses)
+        self._rooms, self._gear = leg.rooms[kept], -1.0 if leg.backwards else 1.0
+        self._k: int | None = None  # the step of the line on which the chair is
         self.in_position = self.is_barred = False
         self.fastest = math.inf
 
     @property
     def is_roomy(self) -> bool:
         """Whether there is room beside the line for the next metres."""
-        near = (self.along >= self.along[self.k]) & (self.along < self.along[self.k] + _ROOMY_OVER)
-        return bool((self.rooms[near] >= _ROOMY).all())
+        at = self._along[self._k or 0]
+        near = (self._along >= at) & (self._along < at + ROOMY_OVER)
+        return bool((self._rooms[near] >= ROOMY).all())
 
     def rest_in(self, odom_from_map: Pose2) -> FloatArray:
         """Return the rest (N, 3) of the line in odom, with the last heading."""
-        rest = compose(odom_from_map.array(), self.poses[self.k :])
+        rest = compose(odom_from_map.array(), self.poses[self._k or 0 :])
         rest[-1, 2] = wrap_angle(self._final + odom_from_map.theta)
         return rest
 
     def remaining(self, pose: Pose2) -> float:
-        """Return the distance [m] to the end from a pose in map."""
-        s, _, _, _ = self._at(self.poses, pose)
-        return max(0.0, float(self.along[-1]) - s)
-
-    def _at(self, poses: FloatArray, pose: Pose2) -> tuple[float, float, float, float]:
-        """Return the way driven [m], the lateral error [m], the heading error [rad] and the curvature [1/m]."""
-        if len(poses) < 2:
-            return 0.0, 0.0, 0.0, 0.0
-        first, last = max(0, self.k - 6), min(len(poses) - 1, self.k + 14)
-        a, b = poses[first:last, :2], poses[first + 1 : last + 1, :2]
-        d = b - a
-        long = np.maximum(np.hypot(*d.T), 1e-9)
-        share = ((np.array([pose.x, pose.y]) - a) * d).sum(axis=1) / long**2
-        within = np.clip(share, 0.0, 1.0)
-        away = np.hypot(*(a + within[:, None] * d - (pose.x, pose.y)).T)
-        j = int(np.argmin(away))
-        k = first + j
-        self.k = k
-        if k == len(poses) - 2:
-            within[j] = max(share[j], 0.0)
-        direction = d[j] / long[j]
-        lateral = float(direction[0] * (pose.y - a[j, 1]) - direction[1] * (pose.x - a[j, 0])) * self.gear
-        w = min(float(within[j]), 1.0)
-        heading = poses[k, 2] + w * wrap_angle(poses[k + 1, 2] - poses[k, 2])
-        bend = (1 - w) * self.bends[k] + w * self.bends[k + 1]
-        return float(self.along[k] + within[j] * long[j]), lateral, wrap_angle(pose.theta - heading), float(bend)
+        """Return the distance [m] to the end from a pose in map; a turn before it counts by 0.5 m/rad."""
+        at = self._at(self.poses, pose, keeps=False)
+        return max(0.0, float(self._along[-1]) - at.way) + _TURN_AS_WAY * abs(at.heading)
 
     def step(
         self,
@@ -100,59 +125,113 @@ class WayFollower:
         limits: DwaSettings,
         motion: CommandedMotion | None,
         seen_doors: Sequence[tuple[DoorPassage, Pose2]] = (),
+        fastest: float = math.inf,
     ) -> DwaResult:
-        """Return the next command; pose and distances in odom. `seen_doors`: doors with their measured odom_from_door."""
+        """Return the next command; pose and distances in odom.
+
+        `seen_doors`: doors with their measured odom_from_door. `fastest` [m/s] is a limit from elsewhere. On the line the
+        narrow margin is kept if the wide one blocks; a chair that seems to touch a mapped obstacle comes no nearer to it.
+        """
         poses = self._corrected(odom_from_map, seen_doors)
-        final = wrap_angle(self._final + odom_from_map.theta)
         ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, limits.reaction_time))
-        s, lateral, off, bend = self._at(poses, ahead)
-        left = float(self.along[-1]) - s
-        kept = replace(limits, clearance=TRACKED, tolerances=replace(limits.tolerances, heading=HEADING_TOLERANCE))
+        at = self._at(poses, ahead)
+        kept = replace(limits, tolerances=replace(limits.tolerances, heading=HEADING_TOLERANCE))
+        tick = _Tick(poses, pose, ahead, command, at, distances, motion, odom_from_map.theta, fastest)
+        result = self._with(self._body, replace(kept, clearance=TRACKED), tick)
+        if result.blocked and (len(poses) == 1 or abs(at.lateral) <= BESIDE):
+            tight = replace(kept, clearance=HARD)
+            result = self._with(self._body, tight, tick)
+            shorter = standing_body(distances, self._body, pose, self._doubt) if result.blocked else None
+            if shorter is not None and shorter is not self._body:
+                result = self._with(shorter, tight, tick)
+        self.in_position = result.in_position
+        return result
+
+    def _with(self, body: ChairBody, limits: DwaSettings, tick: _Tick) -> DwaResult:
+        """Return the command for a body and a clearance."""
+        at, command = tick.at, tick.command
 
         def turn_to(heading: float) -> DwaResult:
             return rotate_to_heading(
-                pose=pose,
+                pose=tick.pose,
                 command=command,
                 heading=heading,
-                distances=distances,
-                body=self.body,
-                settings=kept,
-                motion=motion,
+                distances=tick.distances,
+                body=body,
+                settings=limits,
+                motion=tick.motion,
             )
 
+        left = float(self._along[-1]) - at.way
         if self.in_position or (left <= END_TOLERANCE and abs(command.v) <= MIN_SPEED):
-            self.in_position = True
-            return replace(turn_to(final), in_position=True)
+            return replace(turn_to(wrap_angle(self._final + tick.turned)), in_position=True)
         stands = abs(command.v) < STANDING
-        if abs(off) > (TURN_FIRST if stands else TURN_MIDWAY):
-            turned = turn_to(wrap_angle(ahead.theta - off))
-            if not (stands and turned.blocked and abs(off) < TURN_MIDWAY):
+        if abs(at.heading) > (TURN_FIRST if stands else TURN_MIDWAY):
+            turned = turn_to(wrap_angle(tick.ahead.theta - at.heading))
+            if not (stands and turned.blocked and abs(at.heading) < TURN_MIDWAY):
                 return replace(turned, arrived=False)
-        if self.gear < 0 and limits.max_reverse == 0.0:
-            return self._halt(ahead, command, kept)
-        lead = self._lead(command, kept, motion)
-        speeds = speeds_along(self.bends, self.rooms, self.along, self.body, kept, self.gear)
+        if self._gear < 0.0 and limits.max_reverse == 0.0:
+            return _halted(tick, limits)
+        fastest, free = self._speed(body, limits, tick)
+        if free is not None and free < AT_ONCE and stands:
+            return _halted(tick, limits)
+        return self._admitted(body, limits, tick, self._feedback(at, max(fastest, MIN_SPEED), limits))
+
+    def _speed(self, body: ChairBody, limits: DwaSettings, tick: _Tick) -> tuple[float, float | None]:
+        """Return the speed [m/s] that the line allows here, and the free way [m] on it; None if all of it is free."""
+        at, command, motion = tick.at, tick.command, tick.motion
+        faster = 0.0 if motion is None else max(self._gear * motion.acceleration.v, 0.0)
+        v = max(self._gear * command.v, 0.0)
+        lead = v * (PERIOD + LAG_S) + v * faster / limits.jerk + faster**3 / (3 * limits.jerk**2)
+        a, jerk = RESERVE * limits.braking, RESERVE * limits.jerk
+        speeds = speeds_along(self._bends, self._rooms, self._along, self._body, limits, self._gear)
         speeds[-1] = 0.0
-        a, jerk = RESERVE * kept.braking, RESERVE * kept.jerk
-        fastest = fastest_now(speeds, self.along, s, lead, a, jerk)
-        self.fastest = fastest
-        free = self._free_way(poses, s, distances)
+        self.fastest = fastest = min(tick.fastest, fastest_now(speeds, self._along, at.way, lead, a, jerk))
+        free = self._free_way(body, tick)
         self.is_barred = free is not None
         if free is not None:
-            fastest = min(fastest, fastest_now(np.zeros(1), np.array([s + free]), s, lead + 0.02, a, jerk))
-            if free < 0.06 and stands:
-                return self._halt(ahead, command, kept)
-        v = self.gear * max(fastest, MIN_SPEED)
-        speed = abs(v)
-        room = float(self.rooms[min(self.k, len(self.rooms) - 1)])
-        reach = max(float(np.interp(room, (0.04, 0.12), (0.16, 0.3))), 0.55 * abs(command.v))
-        gain = 1.0 / reach
-        damping = float(np.interp(abs(lateral), (0.02, 0.04), (1.6, 1.0)))
-        pull = max(-0.5, min(0.5, gain * lateral)) * gain
-        omega = v * bend * self.gear - v * pull - 2 * damping * speed * gain * off
-        share = min(1.0, kept.max_omega / max(abs(omega), 1e-9))
-        wanted = Twist(v * max(share, min(1.0, MIN_SPEED / speed)), omega * share)
-        return self._admitted(ahead, command, wanted, distances, kept, motion)
+            stop = np.array([at.way + free])
+            fastest = min(fastest, fastest_now(np.zeros(1), stop, at.way, lead + END_TOLERANCE, a, jerk))
+        return fastest, free
+
+    def _feedback(self, at: _OnLine, speed: float, limits: DwaSettings) -> Twist:
+        """Return a speed [m/s] along the line, and the turn rate back onto it."""
+        v = self._gear * speed
+        room = float(self._rooms[min(self._k or 0, len(self._rooms) - 1)])
+        gain = 1.0 / max(float(np.interp(room, _ROOM, _RETURN)), _RETURN_S * speed)
+        damping = float(np.interp(abs(at.lateral), (BESIDE, 2 * BESIDE), _DAMPING))
+        pull = max(-_PULL, min(_PULL, gain * at.lateral)) * gain
+        omega = v * at.bend * self._gear - v * pull - 2 * damping * speed * gain * at.heading
+        share = min(1.0, limits.max_omega / max(abs(omega), 1e-9))
+        return Twist(v * max(share, min(1.0, MIN_SPEED / speed)), omega * share)
+
+    def _at(self, poses: FloatArray, pose: Pose2, keeps: bool = True) -> _OnLine:
+        """Return a pose on the nearest step of the line near the last one; `keeps` it as the last one."""
+        if len(poses) < 2:
+            return _OnLine(0.0, 0.0, 0.0, 0.0)
+        if self._k is None:
+            first, last = 0, max(1, int(np.searchsorted(self._along, FIRST_LOOK)))
+        else:
+            first, last = max(0, self._k - 6), self._k + 14
+        last = min(len(poses) - 1, last)
+        a, b = poses[first:last, :2], poses[first + 1 : last + 1, :2]
+        steps = b - a
+        long = np.maximum(np.hypot(*steps.T), 1e-9)
+        share = ((np.array([pose.x, pose.y]) - a) * steps).sum(axis=1) / long**2
+        within = np.clip(share, 0.0, 1.0)
+        j = int(np.argmin(np.hypot(*(a + within[:, None] * steps - (pose.x, pose.y)).T)))
+        k = first + j
+        if keeps:
+            self._k = k
+        w = float(within[j])
+        onwards = max(float(share[j]), 0.0) if k == len(poses) - 2 else w
+        x, y = self._gear * steps[j] / long[j]
+        lateral = float(x * (pose.y - a[j, 1]) - y * (pose.x - a[j, 0]))
+        heading = poses[k, 2] + w * wrap_angle(poses[k + 1, 2] - poses[k, 2])
+        bend = (1 - w) * self._bends[k] + w * self._bends[k + 1]
+        return _OnLine(
+            float(self._along[k] + onwards * long[j]), lateral, wrap_angle(pose.theta - heading), float(bend)
+        )
 
     def _corrected(self, odom_from_map: Pose2, seen_doors: Sequence[tuple[DoorPassage, Pose2]]) -> FloatArray:
         """Return the line in odom (N, 3), moved onto the axes of the doors that are seen."""
@@ -160,76 +239,81 @@ class WayFollower:
         for door, measured in seen_doors:
             middle = door.map_from_door
             k = int(np.argmin(np.hypot(*(self.poses[:, :2] - (middle.x, middle.y)).T)))
-            if math.dist(self.poses[k, :2], (middle.x, middle.y)) > 0.3:
+            if math.dist(self.poses[k, :2], (middle.x, middle.y)) > _DOOR_ON_LINE:
                 continue
             off = measured @ (odom_from_map @ middle).inverse()
-            before, after = self.along[k] - self.body.front - 0.3, self.along[k] + self.body.rear + 0.2
-            away = np.maximum(np.maximum(before - self.along, self.along - after), 0.0)
-            share = np.clip(1.0 - away / 1.0, 0.0, 1.0)[:, None]
+            before, after = self._along[k] - self._body.front - 0.3, self._along[k] + self._body.rear + 0.2
+            away = np.maximum(np.maximum(before - self._along, self._along - after), 0.0)
+            share = np.clip(1.0 - away / _EASES_OVER, 0.0, 1.0)[:, None]
             poses = poses + share * (compose(off.array(), poses) - poses)
         return poses
 
-    def _lead(self, command: Twist, limits: DwaSettings, motion: CommandedMotion | None) -> float:
-        faster = 0.0 if motion is None else max(self.gear * motion.acceleration.v, 0.0)
-        v = max(self.gear * command.v, 0.0)
-        return v * (PERIOD + LAG_S) + v * faster / limits.jerk + faster**3 / (3 * limits.jerk**2)
-
-    def _free_way(self, poses: FloatArray, s: float, distances: DistanceField) -> float | None:
+    def _free_way(self, body: ChairBody, tick: _Tick) -> float | None:
         """Return the distance [m] to the first pose ahead where the outline does not fit; None if all do."""
-        near = (self.along > s) & (self.along < s + 1.6)
+        near = (self._along > tick.at.way) & (self._along < tick.at.way + SEEN_AHEAD)
         if not near.any():
             return None
-        free = fits_each(self.body, 0.0, distances, poses[near])
-        if free.all():
-            return None
-        return float(self.along[near][np.argmin(free)] - s)
+        free = fits_each(body, HARD, tick.distances, tick.poses[near])
+        return None if free.all() else float(self._along[near][np.argmin(free)] - tick.at.way)
 
-    def _admitted(
-        self,
-        ahead: Pose2,
-        command: Twist,
-        wanted: Twist,
-        distances: DistanceField,
-        limits: DwaSettings,
-        motion: CommandedMotion | None,
-    ) -> DwaResult:
-        for margin in (limits.clearance, 0.0):
-            shape, start = footprint(self.body, margin, distances), in_cells(distances, ahead)
+    def _admitted(self, body: ChairBody, limits: DwaSettings, tick: _Tick, wanted: Twist) -> DwaResult:
+        """Return the first step towards the wanted twist, or half of it, from which the chair can stop; else braking.
+
+        A step with limited jerk from which it could not stop is tried again without that limit.
+        """
+        shape, start = footprint(body, limits.clearance, tick.distances), in_cells(tick.distances, tick.ahead)
+        for eased in (None,) if tick.motion is None else (tick.motion, None):
             for share in (1.0, 0.5):
-                for eased in (motion, None):
-                    target = Twist(share * wanted.v, share * wanted.omega)
-                    twist = self._stepped(command, target, limits, eased)
-                    needed = PERIOD + stop_time(twist, limits) / 2
-                    if free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed:
-                        arc = np.array(
-                            [
-                                along_arc(ahead.x, ahead.y, ahead.theta, target.v, target.omega, t)
-                                for t in np.linspace(0.0, 2.0, 11)
-                            ]
-                        )
-                        return DwaResult(twist, np.array([[target.v, target.omega]]), np.zeros(1), arc)
-        return self._halt(ahead, command, limits)
+                target = Twist(share * wanted.v, share * wanted.omega)
+                twist = self._stepped(tick.command, target, limits, eased)
+                needed = PERIOD + stop_time(twist, limits) / 2
+                if free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed:
+                    x, y, theta = tick.ahead.x, tick.ahead.y, tick.ahead.theta
+                    times = np.linspace(0.0, 2.0, 11)
+                    arc = np.array([along_arc(x, y, theta, target.v, target.omega, t) for t in times])
+                    return DwaResult(twist, np.array([[target.v, target.omega]]), np.zeros(1), arc)
+        return _halted(tick, limits)
 
     def _stepped(self, command: Twist, wanted: Twist, limits: DwaSettings, motion: CommandedMotion | None) -> Twist:
         """Return the next command on the wanted arc: the limiter shapes its growth, jerk is limited here on the way down."""
+        before = self._gear * command.v
         if abs(wanted.v) >= abs(command.v) or command.v * wanted.v < 0.0:
-            most = max(self.gear * command.v, 0.0) + limits.acceleration * PERIOD
-            v = self.gear * min(abs(wanted.v), most)
+            v = min(abs(wanted.v), max(before, 0.0) + limits.acceleration * PERIOD)
+        elif motion is None:
+            v = max(abs(wanted.v), before - limits.braking * PERIOD)
         else:
-            v = self.gear * self._slower(self.gear * command.v, abs(wanted.v), limits, motion)
-        return Twist(v, wanted.omega * (v / wanted.v if wanted.v else 0.0))
-
-    def _slower(self, v: float, wanted: float, limits: DwaSettings, motion: CommandedMotion | None) -> float:
-        """Return the next speed [m/s] on the way down; the profile has seen to the end of the braking."""
-        if motion is None:
-            return max(wanted, v - limits.braking * PERIOD)
-        a = max(min(self.gear * motion.acceleration.v, 0.0) - limits.jerk * PERIOD, -limits.braking)
-        return max(wanted, v + a * PERIOD)
-
-    def _halt(self, ahead: Pose2, command: Twist, limits: DwaSettings) -> DwaResult:
-        return DwaResult(braking(command, limits), np.zeros((0, 2)), np.zeros(0), ahead.array()[None], blocked=True)
+            a = max(min(self._gear * motion.acceleration.v, 0.0) - limits.jerk * PERIOD, -limits.braking)
+            v = max(abs(wanted.v), before + a * PERIOD)
+        return Twist(self._gear * v, wanted.omega * (v / abs(wanted.v) if wanted.v else 0.0))
 
 
-def follower(poses: FloatArray, backwards: bool, body: ChairBody, field: DistanceField) -> WayFollower:
-    """Return the follower of a line in map, with its room on a field in map."""
-    return WayFollower(poses, backwards, body, rooms_along(body, field, poses))
+_TURN_AS_WAY = 0.5
+"""[m/rad] Distance that a turn counts for where progress is judged."""
+
+_ROOM, _RETURN, _RETURN_S = (0.04, 0.12), (0.16, 0.3), 0.55
+"""[m], [m], [s] Distance over which an error decays, by the room beside the line; at speed it is as long as this time."""
+
+_DAMPING = (1.6, 1.0)
+"""Damping of the heading on the line, where a small error must not swing the ends out, and off it; 1 is critical."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Tick:
+    """The input of one tick in odom: the line (N, 3), poses now and after the reaction time, what is near, and limits."""
+
+    poses: FloatArray
+    pose: Pose2
+    ahead: Pose2
+    command: Twist
+    at: _OnLine
+    distances: DistanceField
+    motion: CommandedMotion | None
+    turned: float
+    """[rad] odom_from_map's heading."""
+    fastest: float
+
+
+def _halted(tick: _Tick, limits: DwaSettings) -> DwaResult:
+    """Return braking, because no motion along the line is possible."""
+    nothing = np.zeros((0, 2))
+    return DwaResult(braking(tick.command, limits), nothing, np.zeros(0), tick.ahead.array()[None], blocked=True)

@@ -33,7 +33,7 @@ PLANNED = 0.03
 """[m] Kept by the local planner and, beside the chair's half width, by the costmap. It covers localisation noise."""
 
 PLANNED_ON_PATH = 0.045
-"""[m] Kept along a planned path: `PLANNED`, plus the rounding of the costmap's coarser cells."""
+"""[m] Kept along a direct path: `PLANNED`, plus the rounding of the costmap's coarser cells."""
 
 PLANNED_TURN = 0.06
 """[m] Kept where a turn on the spot is planned: `PLANNED`, and as much again because the stop is not exact."""
@@ -91,12 +91,8 @@ COMFORTABLE_MANOEUVRE = 0.06
 NARROW = 0.6
 """[m] From the drive axle's middle: below this a place between two obstacles is treated as a doorway."""
 
-TIGHT_DOOR = 0.35
-"""[m] Clear width beyond the chair's own: in a door with no more than this the chair follows the axis exactly."""
-
-EXACT_BEND = 0.3
-"""Part of the body's length: a bend with less clearance than this is followed exactly, since the part of the chair
-ahead of its axle cuts it by about as much."""
+STRAIGHT_DOOR = 0.25
+"""[m] Clear width beyond the chair's own: the chair passes a door with no more than this straight, on its axis."""
 
 TOLD_APART = 2.0
 """[m] Larger distances to obstacles are not told apart in a costmap."""

@@ -16,6 +16,7 @@ from numba import njit
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.maps.grid.distance_field import DistanceField, interpolated
+from waychair.planning.grid.resumable import CountedSteps
 from waychair.types import Float32Array, FloatArray
 
 SPACING = 0.08
@@ -27,8 +28,17 @@ LENGTH_PRICE, BEND_PRICE, BEND_RATE_PRICE, ROOM_PRICE = 0.3, 1.0, 0.12, 120.0
 COMFORT, CORNER = 0.16, 0.05
 """[m] Room that the band wants beside the body, and round its corners."""
 
-STEPS, LONGEST_MOVE, STILL = 40, 0.06, 0.002
-"""Most Gauss-Newton steps, the longest move [m] of a point in one step, and the move below which the line rests."""
+ROUNDS, STEPS, LONGEST_MOVE, STILL = 4, 10, 0.06, 0.002
+"""Most rounds, after each of which the points are spaced anew, and most Gauss-Newton steps of each; the longest move [m] of
+a point in one step, and the move below which the line rests."""
+
+CELLS_A_POINT = 500
+"""Work of one step for one point, in visited grid cells."""
+
+NO_ZONES: Float32Array = np.empty((0, 0), np.float32)
+
+FROM_ZONES = 0.05
+"""[m] Room that the axle's middle keeps from a zone that the line goes round."""
 
 
 def body_points(body: ChairBody, comfort: float = COMFORT, corner: float = CORNER) -> FloatArray:
@@ -49,13 +59,14 @@ def flowing(
     arrives: float | None = None,
     comfort: float = COMFORT,
     backwards: bool = False,
-    steps: int = STEPS,
     price: float = ROOM_PRICE,
-) -> FloatArray:
-    """Return poses (M, 3) [m, m, rad] of the band from a line (N, 2) [m], all in the field's map frame.
+    from_zones: Float32Array = NO_ZONES,
+) -> CountedSteps[FloatArray]:
+    """Return poses (M, 3) [m, m, rad] of the band from a line (N, 2) [m], all in the field's map frame; resumable.
 
-    `leaves` and `arrives` [rad] are the body's headings at the ends, where they are fixed. The result need not be free:
-    check it with the exact outline.
+    `leaves` and `arrives` [rad] are the body's headings at the ends, where they are fixed. `from_zones` holds distances
+    [m] on the field's cells to zones that the axle's middle keeps out of; (0, 0) without any. The result need not be
+    free: check it with the exact outline.
     """
     points = evenly_spaced(line, SPACING)
     if len(points) < 4:
@@ -63,6 +74,7 @@ def flowing(
     gear = -1.0 if backwards else 1.0
     shape = body_points(body, comfort)
     shape[:, 0] *= gear
+    shape[:, 2] += field.resolution / 2  # distances are to the middles of occupied cells
     h = float(np.hypot(*(points[1] - points[0])))
     to_grid = field.map_from_grid.inverse()
     c, s = math.cos(to_grid.theta), math.sin(to_grid.theta)
@@ -72,9 +84,10 @@ def flowing(
         math.nan if end is None else end + to_grid.theta + (0.0 if gear > 0 else math.pi) for end in (leaves, arrives)
     ]
     before, beyond = (0 if math.isnan(end) else STRAIGHT for end in ends)
-    for _ in range(4):
+    for _ in range(ROUNDS):
+        yield len(local) * STEPS * CELLS_A_POINT
         local = np.concatenate([local[:1].repeat(before, axis=0), local, local[-1:].repeat(beyond, axis=0)])
-        still = _relax(local, field.metres, field.resolution, shape, h, ends[0], ends[1], max(1, steps // 4), price)
+        still = _relax(local, field.metres, from_zones, field.resolution, shape, h, ends[0], ends[1], STEPS, price)
         local = evenly_spaced(local[before : len(local) - beyond], SPACING)
         h = float(np.hypot(*(local[1] - local[0])))
         if len(local) < 4:
@@ -119,6 +132,7 @@ def evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
 def _relax(
     p: FloatArray,
     metres: Float32Array,
+    from_zones: Float32Array,
     cell: float,
     shape: FloatArray,
     h: float,
@@ -200,15 +214,18 @@ def _relax(
             tx, ty = p[i + 1, 0] - p[i - 1, 0], p[i + 1, 1] - p[i - 1, 1]
             long = math.hypot(tx, ty) + 1e-9
             tx, ty = tx / long, ty / long
-            for k in range(len(shape)):
-                o, w, want = shape[k, 0], shape[k, 1], shape[k, 2]
+            for k in range(len(shape) + (from_zones.size > 0)):
+                if k < len(shape):
+                    field, o, w, want = metres, shape[k, 0], shape[k, 1], shape[k, 2]
+                else:
+                    field, o, w, want = from_zones, 0.0, 0.0, FROM_ZONES + cell / 2
                 x, y = p[i, 0] + o * tx - w * ty, p[i, 1] + o * ty + w * tx
                 u, v = x / cell, y / cell
-                lacking = want - interpolated(metres, u, v)
+                lacking = want - interpolated(field, u, v)
                 if lacking <= 0.0:
                     continue
-                gx = (interpolated(metres, u + 1.0, v) - interpolated(metres, u - 1.0, v)) / (2 * cell)
-                gy = (interpolated(metres, u, v + 1.0) - interpolated(metres, u, v - 1.0)) / (2 * cell)
+                gx = (interpolated(field, u + 1.0, v) - interpolated(field, u - 1.0, v)) / (2 * cell)
+                gy = (interpolated(field, u, v + 1.0) - interpolated(field, u, v - 1.0)) / (2 * cell)
                 # the point moves with the turn of the heading: d(point)/d(theta) = (-o ty - w tx, o tx - w ty)
                 turned = gx * (-o * ty - w * tx) + gy * (o * tx - w * ty)
                 for a in range(3):

@@ -100,6 +100,12 @@ def fastest_now(speeds: FloatArray, along: FloatArray, s: float, lead: float, a:
     return best
 
 
+def time_along(poses: FloatArray, rooms: FloatArray, body: ChairBody, limits: DwaSettings) -> float:
+    """Return how long [s] a drive along poses (N, 3) with room (N,) [m] beside them takes, from and to standstill."""
+    along = arc_lengths(poses[:, :2])
+    return predicted_time(speeds_along(curvatures(poses), rooms, along, body, limits), along, limits)
+
+
 def predicted_time(speeds: FloatArray, along: FloatArray, limits: DwaSettings, rolls: float = 0.0) -> float:
     """Return how long [s] a drive along a line takes that begins at a speed `rolls` [m/s] and ends standing."""
     ended = speeds.copy()
