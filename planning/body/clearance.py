@@ -78,9 +78,6 @@ class ClearanceSettings(Settings):
     )
 
 
-COMFORTABLE_BAND = 0.6
-"""[m] From the drive axle's middle: obstacles nearer than this push a rubber band away."""
-
 COMFORTABLE_ARC, COMFORTABLE_ARC_LEAST = 0.3, 0.05
 """[m] Beside the footprint: more earns an arc of the dynamic window nothing. Near the path's end only as much is worth
 anything as there is at the end, but never less than the second value."""
