@@ -141,7 +141,7 @@ class LegDrive:
             settings=limits,
             motion=view.motion,
             tracks=view.tracks,
-            fastest=min(fastest, follower.fastest),
+            fastest=min(fastest, follower.fastest(limits)),
         )
 
     def _fastest(self, view: View, limits: DwaSettings) -> float:

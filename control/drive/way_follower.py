@@ -20,7 +20,7 @@ from waychair.planning.body.clearance import HARD, TRACKED
 from waychair.planning.body.footprint import along_arc, fits_each, footprint, free_time, in_cells
 from waychair.planning.route.leaving_a_wall import standing_body
 from waychair.planning.route.legs import DoorPassage, PathLeg
-from waychair.planning.route.speed_profile import RESERVE, curvatures, fastest_now, speeds_along
+from waychair.planning.route.speed_profile import RESERVE, curvatures, fastest_now, next_acceleration, speeds_along
 from waychair.planning.window.dwa import DwaResult, rotate_to_heading
 from waychair.planning.window.motion_limits import (
     MIN_SPEED,
@@ -172,27 +172,38 @@ class WayFollower:
                 return replace(turned, arrived=False)
         if self._gear < 0.0 and limits.max_reverse == 0.0:
             return _halted(tick, limits)
-        fastest, free = self._speed(body, limits, tick)
+        speed, free = self._speed(body, limits, tick)
         if free is not None and free < AT_ONCE and stands:
             return _halted(tick, limits)
-        return self._admitted(body, limits, tick, self._feedback(at, max(fastest, MIN_SPEED), limits))
+        return self._admitted(body, limits, tick, self._feedback(at, max(speed, MIN_SPEED), limits))
 
     def _speed(self, body: ChairBody, limits: DwaSettings, tick: _Tick) -> tuple[float, float | None]:
-        """Return the speed [m/s] that the line allows here, and the free way [m] on it; None if all of it is free."""
-        at, command, motion = tick.at, tick.command, tick.motion
-        faster = 0.0 if motion is None else max(self._gear * motion.acceleration.v, 0.0)
-        v = max(self._gear * command.v, 0.0)
-        lead = v * (PERIOD + LAG_S) + v * faster / limits.jerk + faster**3 / (3 * limits.jerk**2)
-        a, jerk = RESERVE * limits.braking, RESERVE * limits.jerk
+        """Return the next speed [m/s], and the free way [m] on the line; None if all of it is free."""
+        at, motion = tick.at, tick.motion
+        v = max(self._gear * tick.command.v, 0.0)
+        # the step over the drive's dead band is no acceleration
+        a = 0.0 if motion is None or v <= MIN_SPEED else self._gear * motion.acceleration.v
         speeds = speeds_along(self._bends, self._rooms, self._along, self._body, limits, self._gear)
         speeds[-1] = 0.0
-        self.fastest = fastest = min(tick.fastest, fastest_now(speeds, self._along, at.way, lead, a, jerk))
+        along = self._along
         free = self._free_way(body, tick)
         self.is_barred = free is not None
         if free is not None:
-            stop = np.array([at.way + free])
-            fastest = min(fastest, fastest_now(np.zeros(1), stop, at.way, lead + END_TOLERANCE, a, jerk))
-        return fastest, free
+            k = int(np.searchsorted(along, at.way + free))
+            speeds, along = np.append(speeds[:k], 0.0), np.append(along[:k], at.way + free - END_TOLERANCE)
+        self._speeds = speeds, along
+        then = next_acceleration(
+            speeds, along, at.way + v * LAG_S, v, a, limits.acceleration, limits.braking, limits.jerk
+        )
+        if then >= min(a + limits.jerk * PERIOD, limits.acceleration) - 1e-9: then=min(a + 2*limits.jerk * PERIOD, limits.acceleration)
+        return min(v + then * PERIOD, max(tick.fastest, v - limits.braking * PERIOD)), free
+
+    def fastest(self, limits: DwaSettings) -> float:
+        """Return the highest speed [m/s] that the line ahead allowed in the last tick, whatever the speed was then."""
+        speeds, along = self._speeds
+        return fastest_now(
+            speeds, along, float(self._along[self._k or 0]), RESERVE * limits.braking, RESERVE * limits.jerk
+        )
 
     def _feedback(self, at: _OnLine, speed: float, limits: DwaSettings) -> Twist:
         """Return a speed [m/s] along the line, and the turn rate back onto it."""
@@ -203,7 +214,7 @@ class WayFollower:
         pull = max(-_PULL, min(_PULL, gain * at.lateral)) * gain
         omega = v * at.bend * self._gear - v * pull - 2 * damping * speed * gain * at.heading
         share = min(1.0, limits.max_omega / max(abs(omega), 1e-9))
-        return Twist(v * max(share, min(1.0, MIN_SPEED / speed)), omega * share)
+        return Twist(v * max(share, min(1.0, MIN_SPEED / max(speed, 1e-9))), omega * share)
 
     def _at(self, poses: FloatArray, pose: Pose2, keeps: bool = True) -> _OnLine:
         """Return a pose on the nearest step of the line near the last one; `keeps` it as the last one."""
@@ -265,7 +276,7 @@ class WayFollower:
         for eased in (None,) if tick.motion is None else (tick.motion, None):
             for share in (1.0, 0.5):
                 target = Twist(share * wanted.v, share * wanted.omega)
-                twist = self._stepped(tick.command, target, limits, eased)
+                twist = _stepped(tick.command, target, self._gear, limits, eased)
                 needed = PERIOD + stop_time(twist, limits) / 2
                 if free_time(shape, start, twist.v / shape.cell, twist.omega, needed, needed) >= needed:
                     x, y, theta = tick.ahead.x, tick.ahead.y, tick.ahead.theta
@@ -273,18 +284,6 @@ class WayFollower:
                     arc = np.array([along_arc(x, y, theta, target.v, target.omega, t) for t in times])
                     return DwaResult(twist, np.array([[target.v, target.omega]]), np.zeros(1), arc)
         return _halted(tick, limits)
-
-    def _stepped(self, command: Twist, wanted: Twist, limits: DwaSettings, motion: CommandedMotion | None) -> Twist:
-        """Return the next command on the wanted arc: the limiter shapes its growth, jerk is limited here on the way down."""
-        before = self._gear * command.v
-        if abs(wanted.v) >= abs(command.v) or command.v * wanted.v < 0.0:
-            v = min(abs(wanted.v), max(before, 0.0) + limits.acceleration * PERIOD)
-        elif motion is None:
-            v = max(abs(wanted.v), before - limits.braking * PERIOD)
-        else:
-            a = max(min(self._gear * motion.acceleration.v, 0.0) - limits.jerk * PERIOD, -limits.braking)
-            v = max(abs(wanted.v), before + a * PERIOD)
-        return Twist(self._gear * v, wanted.omega * (v / abs(wanted.v) if wanted.v else 0.0))
 
 
 _TURN_AS_WAY = 0.5
@@ -311,6 +310,16 @@ class _Tick:
     turned: float
     """[rad] odom_from_map's heading."""
     fastest: float
+
+
+def _stepped(command: Twist, wanted: Twist, gear: float, limits: DwaSettings, motion: CommandedMotion | None) -> Twist:
+    """Return the next command on the wanted arc; with a motion the jerk is limited on the way down."""
+    before = gear * command.v
+    slowing = limits.braking
+    if motion is not None:
+        slowing = min(limits.jerk * PERIOD - min(gear * motion.acceleration.v, 0.0), slowing)
+    v = max(abs(wanted.v), before - slowing * PERIOD)
+    return Twist(gear * v, wanted.omega * (v / abs(wanted.v) if wanted.v else 0.0))
 
 
 def _halted(tick: _Tick, limits: DwaSettings) -> DwaResult:

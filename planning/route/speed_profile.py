@@ -11,7 +11,7 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import arc_lengths
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.footprint import fits_each
-from waychair.planning.window.motion_limits import DwaSettings
+from waychair.planning.window.motion_limits import PERIOD, DwaSettings
 from waychair.types import FloatArray
 
 ROOMS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.10, 0.13, 0.16)
@@ -29,7 +29,7 @@ STEERING_SHARE = 0.7
 SEEN_TURN = 0.5
 """[rad/s] About the rate of a turn on the spot whose rear corners no sensor sees."""
 
-RESERVE = 0.8
+RESERVE = 0.9
 """Part of the braking and jerk that a profile plans with; the rest is for the chair's lag."""
 
 
@@ -74,30 +74,78 @@ def speeds_along(
 
 
 @njit(cache=True, nogil=True)
-def slowed(way: float, end: float, a: float, jerk: float) -> float:
-    """Return the greatest speed [m/s] that slows to `end` within `way` [m] at braking a and jerk, from and to a = 0."""
-    way = max(way, 0.0)
-    ramps = a * a / jerk
-    speed = math.hypot(ramps / 2 - end, math.sqrt(2 * a * way)) - ramps / 2
-    if speed - end >= ramps:
-        return speed
-    half, third = way * math.sqrt(jerk) / 2, 2 * end / 3
-    root = math.sqrt(half**2 + third**3)
-    return float(end + (np.cbrt(half + root) + np.cbrt(half - root)) ** 2)
+def way_to_slow(v: float, a: float, end: float, most: float, jerk: float) -> float:
+    """Return the way [m] from speed v and acceleration a to a lower speed `end` without acceleration.
+
+    The braking grows and falls by the jerk, to at most `most` [m/s^2].
+    """
+    excess, lost = v - end, a * a / (2 * jerk)
+    if excess <= 0.0 and (a <= 0.0 or excess + lost <= 0.0):
+        return 0.0
+    if a < 0.0 and excess <= lost:  # the braking only has to end
+        return max(v, 0.0) * (-a - math.sqrt(a * a - 2 * jerk * excess)) / jerk
+    peak = math.sqrt(max(jerk * (excess + lost), 0.0))
+    if peak > most:
+        peak = most
+        held = (excess + lost - most * most / jerk) / most
+    else:
+        held = 0.0
+    grows, falls = (a + peak) / jerk, peak / jerk
+    way = v * grows + a * grows**2 / 2 - jerk * grows**3 / 6
+    v += (a * a - peak * peak) / (2 * jerk)
+    way += v * held - peak * held**2 / 2
+    v -= peak * held
+    return way + v * falls - peak * falls**2 / 2 + jerk * falls**3 / 6
 
 
 @njit(cache=True, nogil=True)
-def fastest_now(speeds: FloatArray, along: FloatArray, s: float, lead: float, a: float, jerk: float) -> float:
-    """Return the highest speed at `s` [m] from which the chair can keep every speed ahead; it brakes after `lead` [m]."""
-    best = math.inf
-    for i in range(len(speeds)):
-        if along[i] < s - 0.1 and i < len(speeds) - 1:
-            continue
-        way = along[i] - s - lead
-        if way > 4.0:
-            break
-        best = min(best, slowed(way, speeds[i], a, jerk))
-    return best
+def next_acceleration(
+    speeds: FloatArray, along: FloatArray, s: float, v: float, a: float, faster: float, slower: float, jerk: float
+) -> float:
+    """Return the highest acceleration of the next period with which the chair can keep every speed ahead.
+
+    It is at `s` [m] with speed v and acceleration a; both change within the limits, the acceleration by the jerk.
+    """
+    change = jerk * PERIOD
+    planned = RESERVE * jerk
+    for k in range(_CHOICES + 1):
+        then = min(max(a + change * (1.0 - 2.0 * k / _CHOICES), -slower), faster)
+        speed = max(v + then * PERIOD, 0.0)
+        here = s + (v + speed) / 2 * PERIOD
+        keeps = True
+        for i in range(len(speeds)):
+            if along[i] < s - _BEHIND and i < len(speeds) - 1:
+                continue
+            way = along[i] - here
+            if way > _AHEAD:
+                break
+            if way_to_slow(speed, then, speeds[i], RESERVE * slower, planned) > max(way, 0.0):
+                keeps = False
+                break
+        if keeps:
+            return then
+    return max(a - change, -slower)
+
+
+_CHOICES = 8
+"""Number of steps between the accelerations that are tried."""
+
+_BEHIND, _AHEAD = 0.1, 4.0
+"""[m] Stretch of the line whose speeds count."""
+
+
+def fastest_now(speeds: FloatArray, along: FloatArray, s: float, a: float, jerk: float) -> float:
+    """Return the highest speed [m/s] at `s` [m] from which the chair can keep every speed ahead."""
+    low, high = 0.0, float(speeds.max())
+    for _ in range(12):
+        middle = (low + high) / 2
+        near = (along >= s - _BEHIND) & (along <= s + _AHEAD)
+        needs = (way_to_slow(middle, 0.0, float(end), a, jerk) for end in speeds[near])
+        if all(need <= max(way, 0.0) for need, way in zip(needs, (along[near] - s).tolist(), strict=True)):
+            low = middle
+        else:
+            high = middle
+    return low
 
 
 def time_along(poses: FloatArray, rooms: FloatArray, body: ChairBody, limits: DwaSettings) -> float:
@@ -110,37 +158,18 @@ def predicted_time(speeds: FloatArray, along: FloatArray, limits: DwaSettings, r
     """Return how long [s] a drive along a line takes that begins at a speed `rolls` [m/s] and ends standing."""
     ended = speeds.copy()
     ended[-1] = 0.0
-    return float(
-        _drive_time(
-            ended, along, rolls, limits.acceleration, limits.braking, RESERVE * limits.braking, limits.jerk, RESERVE
-        )
-    )
+    return float(_drive_time(ended, along, rolls, limits.acceleration, limits.braking, limits.jerk))
 
 
 @njit(cache=True, nogil=True)
-def _drive_time(
-    speeds: FloatArray,
-    along: FloatArray,
-    v: float,
-    faster: float,
-    slower: float,
-    a_brake: float,
-    jerk: float,
-    reserve: float,
-) -> float:
-    s, a, t, dt = 0.0, 0.0, 0.0, 0.05
+def _drive_time(speeds: FloatArray, along: FloatArray, v: float, faster: float, slower: float, jerk: float) -> float:
+    s, a, t = 0.0, 0.0, 0.0
     while s < along[-1] - 0.02 and t < 300.0:
-        gain = max(a, 0.0)
-        lead = v * dt + v * gain / jerk + gain**3 / (3 * jerk**2)
-        wanted = max(fastest_now(speeds, along, s, lead, a_brake, reserve * jerk), 0.06)
-        goal = min(max((wanted - v) / dt, -slower), faster)
-        # the acceleration that jerk can bring to 0 by the time the speed is reached
-        most = math.sqrt(2 * jerk * max(abs(wanted - v), 1e-9))
-        goal = min(max(goal, -most), most)
-        a = min(max(goal, a - jerk * dt), a + jerk * dt)
-        v = max(v + a * dt, 0.0)
-        s += max(v, 0.01) * dt
-        t += dt
+        a = next_acceleration(speeds, along, s, v, a, faster, slower, jerk)
+        after = max(v + a * PERIOD, 0.0)
+        s += max((v + after) / 2, 0.01) * PERIOD
+        v = after
+        t += PERIOD
     return t
 
 
