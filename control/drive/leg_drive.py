@@ -14,13 +14,17 @@ from waychair.control.drive.way_follower import SEEN_AHEAD, WayFollower
 from waychair.geometry import transform_points
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import MAP_DOUBT
+from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.route.legs import PathLeg
 from waychair.planning.seen.openings import openings
 from waychair.planning.seen.person_tracks import Track
 from waychair.planning.window.dwa import DwaResult, choose
 from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, slowing_speed
-from waychair.types import FloatArray, IntArray, OccupancyGrid, Path, Pose2, Twist
+from waychair.types import FloatArray, IntArray, Path, Pose2, Twist
+
+ROOMY = 0.1
+"""m; room beside a line on the map in which the dynamic window may leave it."""
 
 WALL_WITHIN = 0.06
 """m; beside a line a scan's point so near to a mapped wall belongs to that wall."""
@@ -54,12 +58,13 @@ class View:
 class LegDrive:
     """The drive along one leg, with its state from tick to tick."""
 
-    def __init__(self, leg: PathLeg, grid: OccupancyGrid, body: ChairBody) -> None:
+    def __init__(self, leg: PathLeg, drawn: DrawnMap, body: ChairBody) -> None:
         self.leg = leg
         self.in_position = False
-        self._grid, self._body = grid, body
+        self._grid, self._body = drawn.grid, body
         self._openings: FloatArray | None = None
-        self._follower = WayFollower(leg, body, MAP_DOUBT * grid.resolution) if leg.rooms is not None else None
+        self._has_room = drawn.fits_each(leg.path.poses, ROOMY)
+        self._follower = WayFollower(leg, body, MAP_DOUBT * drawn.grid.resolution) if leg.rooms is not None else None
         self._watches = [(door, DoorWatch(Pose2(), door.width)) for door in self.leg.doors]
         self._near: DistanceField | None = None  # in map
         self._points: FloatArray | None = None  # in odom, of the latest scan
@@ -126,9 +131,9 @@ class LegDrive:
             seen_doors=seen,
             fastest=fastest,
         )
-        if not (view.tracks or follower.is_barred) or choice.in_position or not follower.is_roomy:
+        if not (view.tracks or follower.is_barred) or choice.in_position or not follower.is_ahead(self._has_room):
             return choice
-        # somebody or something near the line, and room beside it: the dynamic window weighs the arcs round it
+        # somebody or something near the line, and room beside it on the map: the dynamic window weighs the arcs round it
         rest = follower.rest_in(view.odom_from_map)
         if self.leg.backwards or len(rest) < 2:
             return choice
@@ -141,7 +146,7 @@ class LegDrive:
             settings=limits,
             motion=view.motion,
             tracks=view.tracks,
-            fastest=min(fastest, follower.fastest(limits)),
+            fastest=min(fastest, follower.top_speed(limits)),
         )
 
     def _fastest(self, view: View, limits: DwaSettings) -> float:

@@ -305,7 +305,7 @@ class Navigator:
         Nor is it backwards after several changes of gear in a row, if the chair could as well wait.
         """
         if self._plan.leg is None:
-            self._plan.leg = LegDrive(self._plan.legs[0], self._maker.drawn.grid, self._body)
+            self._plan.leg = LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
         limits = crawling(self._dwa) if self._now.jumping else self._dwa
         if behind or (self._now.gears.are_enough and self._could_wait(self._plan.leg.leg)):
             limits = replace(limits, max_reverse=0.0)
@@ -320,7 +320,7 @@ class Navigator:
 
     def _remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the goal, None while the chair turns at the end of a leg."""
-        leg = self._plan.leg or LegDrive(self._plan.legs[0], self._maker.drawn.grid, self._body)
+        leg = self._plan.leg or LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
         here = leg.remaining(pose)
         return None if here is None else here + sum(leg.path.length() for leg in self._plan.legs[1:])
 

@@ -123,10 +123,10 @@ class PathMaker:
             return
         if self._puts_off(now_ns, before, path.poses[:, :2], _all_points(upright, layered)):
             if mapped is not None and plan.other.offer is None:  # it drives up to the doorway first
-                plan.adopt(*mapped, LegDrive(mapped[1][0], self.drawn.grid, self._body))
+                plan.adopt(*mapped, LegDrive(mapped[1][0], self.drawn, self._body))
             return
         legs = list(planner.legs)
-        plan.adopt(path, legs, LegDrive(legs[0], self.drawn.grid, self._body))
+        plan.adopt(path, legs, LegDrive(legs[0], self.drawn, self._body))
 
     def what_bars(self, otherwise: str) -> str:
         """Return a sentence on the live obstacle that bars the path, or another one if there is none."""
@@ -157,7 +157,7 @@ class PathMaker:
         leg = turning_leg(self.drawn.costmap(upright, layered), self._now.pose, goal.target.theta)
         if leg is None:
             return False
-        self._plan.adopt(joined_legs((leg,)), [leg], LegDrive(leg, self.drawn.grid, self._body))
+        self._plan.adopt(joined_legs((leg,)), [leg], LegDrive(leg, self.drawn, self._body))
         return True
 
     def _cause_of(

@@ -30,7 +30,7 @@ from waychair.planning.window.motion_limits import (
     braking,
     stop_time,
 )
-from waychair.types import FloatArray, Pose2, Twist
+from waychair.types import BoolArray, FloatArray, Pose2, Twist
 
 LAG_S = 0.08
 """[s] The chair answers a command so much later than the next period."""
@@ -44,8 +44,8 @@ TURN_FIRST, TURN_MIDWAY = 0.2, 0.9
 STANDING = 0.01
 """[m/s] The chair stands below this speed."""
 
-ROOMY, ROOMY_OVER = 0.1, 2.0
-"""[m] Room beside a line, over so much of it, in which the dynamic window may leave it."""
+LOOK_AHEAD = 2.0
+"""[m] Length of line that is called ahead."""
 
 SEEN_AHEAD = 1.6
 """[m] The live picture is compared with so much of the line."""
@@ -90,20 +90,19 @@ class WayFollower:
         poses = leg.path.poses
         kept = np.concatenate([[True], np.hypot(*np.diff(poses[:, :2], axis=0).T) > 1e-6])
         self._body, self._doubt = body, doubt
-        self.poses = poses[kept]
+        self.poses, self._kept = poses[kept], kept
         self._final = float(poses[-1, 2])
         self._along, self._bends = arc_lengths(self.poses[:, :2]), curvatures(self.poses)
         self._rooms, self._gear = leg.rooms[kept], -1.0 if leg.backwards else 1.0
         self._k: int | None = None  # the step of the line on which the chair is
         self.in_position = self.is_barred = False
-        self.fastest = math.inf
+        self._speeds = np.zeros(1), np.zeros(1)  # of the last tick, [m/s] and [m] along the line
 
-    @property
-    def is_roomy(self) -> bool:
-        """Whether there is room beside the line for the next metres."""
+    def is_ahead(self, there: BoolArray) -> bool:
+        """Return whether something holds at all of the leg's poses (N,) in the next metres."""
         at = self._along[self._k or 0]
-        near = (self._along >= at) & (self._along < at + ROOMY_OVER)
-        return bool((self._rooms[near] >= ROOMY).all())
+        near = (self._along >= at) & (self._along < at + LOOK_AHEAD)
+        return bool(there[self._kept][near].all())
 
     def rest_in(self, odom_from_map: Pose2) -> FloatArray:
         """Return the rest (N, 3) of the line in odom, with the last heading."""
@@ -195,10 +194,11 @@ class WayFollower:
         then = next_acceleration(
             speeds, along, at.way + v * LAG_S, v, a, limits.acceleration, limits.braking, limits.jerk
         )
-        if then >= min(a + limits.jerk * PERIOD, limits.acceleration) - 1e-9: then=min(a + 2*limits.jerk * PERIOD, limits.acceleration)
+        if then >= min(a + limits.jerk * PERIOD, limits.acceleration) - 1e-9:  # the limiter shapes the way up
+            then = min(a + 2 * limits.jerk * PERIOD, limits.acceleration)
         return min(v + then * PERIOD, max(tick.fastest, v - limits.braking * PERIOD)), free
 
-    def fastest(self, limits: DwaSettings) -> float:
+    def top_speed(self, limits: DwaSettings) -> float:
         """Return the highest speed [m/s] that the line ahead allowed in the last tick, whatever the speed was then."""
         speeds, along = self._speeds
         return fastest_now(

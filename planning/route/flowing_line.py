@@ -32,7 +32,7 @@ ROUNDS, STEPS, LONGEST_MOVE, STILL = 4, 10, 0.06, 0.002
 """Most rounds, after each of which the points are spaced anew, and most Gauss-Newton steps of each; the longest move [m] of
 a point in one step, and the move below which the line rests."""
 
-CELLS_A_POINT = 500
+CELLS_A_POINT = 200
 """Work of one step for one point, in visited grid cells."""
 
 NO_ZONES: Float32Array = np.empty((0, 0), np.float32)

@@ -62,12 +62,16 @@ _SAME_HEADING = 0.02
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
-    """A stretch between two poses: poses (N, 3), the room (N,) [m] at them, and the time it takes [s]."""
+    """A stretch between two poses: poses (N, 3), the room (N,) [m] at them, and the time it takes [s].
+
+    `turning` [s] is the part of that time for turns on the spot at its ends.
+    """
 
     poses: FloatArray
     rooms: FloatArray
     seconds: float
     backwards: bool = False
+    turning: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,12 +273,45 @@ def _straight(
 
 
 def _between(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[_Piece | None]:
-    """Return the soonest band from pose to pose, with or without turns on the spot at its ends; None if none fits."""
+    """Return the soonest band from pose to pose, with or without turns on the spot at its ends; None if none fits.
+
+    The ends of a long line do not depend on each other.
+    """
+    found = yield from _fitting(ground, line, None, None)
+    if found is not None:
+        poses, rooms = found
+        cut = math.ceil(_END_PART / SPACING)
+        if len(poses) > 3 * cut:
+            first = yield from _soonest(ground, poses[: cut + 1, :2], start, Pose2(*poses[cut]), last=False)
+            last = yield from _soonest(ground, poses[-cut - 1 :, :2], Pose2(*poses[-cut - 1]), goal, first=False)
+            if first is not None and last is not None:
+                poses = np.concatenate([first.poses[:-1], poses[cut : len(poses) - cut], last.poses[1:]])
+                rooms = np.concatenate([first.rooms[:-1], rooms[cut : len(rooms) - cut], last.rooms[1:]])
+                middle = time_along(poses, rooms, ground.costmap.body, ground.limits)
+                return _Piece(poses, rooms, middle + first.turning + last.turning, turning=first.turning + last.turning)
+    return (yield from _soonest(ground, line, start, goal, found))
+
+
+def _soonest(
+    ground: _Ground,
+    line: FloatArray,
+    start: Pose2,
+    goal: Pose2,
+    free: tuple[FloatArray, FloatArray] | None = None,
+    first: bool = True,
+    last: bool = True,
+) -> CountedSteps[_Piece | None]:
+    """Return the soonest of the bands along a line with fixed and with free ends; None if none fits.
+
+    `free` is the band with free ends, if it is known. The chair may turn on the spot at the `first` and the `last` end;
+    at the others it drives on, in the pose's heading.
+    """
     best: _Piece | None = None
     costmap, limits = ground.costmap, ground.limits
-    for leaves in (None, start.theta):
-        for arrives in (None, goal.theta):
-            found = yield from _fitting(ground, line, leaves, arrives)
+    for leaves in (None, start.theta) if first else (start.theta,):
+        for arrives in (None, goal.theta) if last else (goal.theta,):
+            found = free if leaves is None and arrives is None else None
+            found = found or (yield from _fitting(ground, line, leaves, arrives))
             if found is None:
                 continue
             poses, rooms = found
@@ -283,12 +320,16 @@ def _between(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> Co
                 continue
             if arrives is None and not can_turn(costmap, out, goal.theta, PLANNED_TURN):
                 continue
-            seconds = time_along(poses, rooms, costmap.body, limits)
-            seconds += turn_time(wrap_angle(into.theta - start.theta), limits) if leaves is None else 0.0
-            seconds += turn_time(wrap_angle(goal.theta - out.theta), limits) if arrives is None else 0.0
+            turning = turn_time(wrap_angle(into.theta - start.theta), limits) if leaves is None else 0.0
+            turning += turn_time(wrap_angle(goal.theta - out.theta), limits) if arrives is None else 0.0
+            seconds = time_along(poses, rooms, costmap.body, limits) + turning
             if best is None or seconds < best.seconds:
-                best = _Piece(poses, rooms, seconds)
+                best = _Piece(poses, rooms, seconds, turning=turning)
     return best
+
+
+_END_PART = 3.0
+"""[m] Length of a line's ends that are made with and without a turn on the spot."""
 
 
 def _fitting(
