@@ -146,8 +146,8 @@ class GlobalPlanner:
 
         The field is valid from wherever the chair is by then, so `start` is called anew: while `valid_from_anywhere`
         the chair may keep driving its present plan. `has_time` says whether there is time for more of the field.
-        `among_people` no tight turns are planned around people's present places: where no line fits, the dynamic window
-        finds the way along the line for the half width.
+        `among_people` no tight turns are planned around people's present places: the dynamic window finds the way along
+        the line for the half width, except through doors that leave it no choice.
         """
         try:
             self.valid_from_anywhere = True
@@ -158,12 +158,16 @@ class GlobalPlanner:
             if not self._check_footprint:
                 self.legs = (self._plain_leg(costmap, line),)
                 return joined_legs(self.legs)
+            doors = self._doors(costmap, line)
+            if among_people and not doors:
+                self.legs = (self._plain_leg(costmap, line),)
+                return joined_legs(self.legs)
             direct = None if among_people else direct_leg(costmap, here, self.goal)
             if direct is not None:
                 self.legs = (direct,)
                 return joined_legs(self.legs)
+            searches = None if among_people else self._stand_still
             try:
-                doors, searches = self._doors(costmap, line), None if among_people else self._stand_still
                 work = way_legs(costmap, line, here, self.goal, doors, self._limits, searches)
                 legs = yield from in_time_slices(work, CELLS_PER_STEP)
             except NoPath:
