@@ -128,7 +128,9 @@ class Bystanders:
 
     def someone_is_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody who walks, or may soon walk, is within the next metres of way."""
-        return any(self._gap(track, odom_from_base) < MET_WITHIN for track in self.tracks if not self._has_settled(track))
+        return any(
+            self._gap(track, odom_from_base) < MET_WITHIN for track in self.tracks if not self._has_settled(track)
+        )
 
     def someone_passes_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near walks and does not linger; a lingering person waits for the chair."""

@@ -26,13 +26,13 @@ from waychair.planning.grid.smoothing import pull_taut, round_corners
 from waychair.planning.harmonic.harmonic_field import HarmonicSettings
 from waychair.planning.harmonic.laplace_solvers import HasTime
 from waychair.planning.route.direct_leg import direct_leg
-from waychair.planning.route.door_alignment import tight_doors
 from waychair.planning.route.flowing_line import evenly_spaced
 from waychair.planning.route.grid_planner import GridPlanner, grid_planner, prepared
 from waychair.planning.route.keep_right import KeepRightSettings, kept_right
 from waychair.planning.route.legs import DoorPassage, PathLeg, joined_legs
 from waychair.planning.route.path_ends import goal_cell, start_cell
 from waychair.planning.route.rooms import rooms_beside
+from waychair.planning.route.tight_doors import tight_doors
 from waychair.planning.route.way_making import way_legs
 from waychair.planning.seen.forecast import (
     ExpectedPeople,
