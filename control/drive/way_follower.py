@@ -62,6 +62,10 @@ FIRST_LOOK = 3.0
 _DOOR_ON_LINE, _EASES_OVER = 0.3, 1.0
 """[m] A door no farther from the line moves it; the line eases into its correction over the second length."""
 
+_EASE = 0.5
+"""Part of a change of the turn rate that is commanded at once. The pose ahead is foreseen with the last turn rate: all of it
+would be answered by its opposite in the next period."""
+
 _PULL = 0.5
 """Largest pull back onto the line, as a lateral error in units of the distance over which it decays."""
 
@@ -174,7 +178,8 @@ class WayFollower:
         speed, free = self._speed(body, limits, tick)
         if free is not None and free < AT_ONCE and stands:
             return _halted(tick, limits)
-        return self._admitted(body, limits, tick, self._feedback(at, max(speed, MIN_SPEED), limits))
+        wanted = self._feedback(at, command.omega, max(speed, MIN_SPEED), limits)
+        return self._admitted(body, limits, tick, wanted)
 
     def _speed(self, body: ChairBody, limits: DwaSettings, tick: _Tick) -> tuple[float, float | None]:
         """Return the next speed [m/s], and the free way [m] on the line; None if all of it is free."""
@@ -191,11 +196,10 @@ class WayFollower:
             k = int(np.searchsorted(along, at.way + free))
             speeds, along = np.append(speeds[:k], 0.0), np.append(along[:k], at.way + free - END_TOLERANCE)
         self._speeds = speeds, along
-        then = next_acceleration(
-            speeds, along, at.way + v * LAG_S, v, a, limits.acceleration, limits.braking, limits.jerk
-        )
-        if then >= min(a + limits.jerk * PERIOD, limits.acceleration) - 1e-9:  # the limiter shapes the way up
-            then = min(a + 2 * limits.jerk * PERIOD, limits.acceleration)
+        jerk = limits.braking / PERIOD if motion is None else limits.jerk
+        then = next_acceleration(speeds, along, at.way + v * LAG_S, v, a, limits.acceleration, limits.braking, jerk)
+        if then >= min(a + jerk * PERIOD, limits.acceleration) - 1e-9:  # the limiter shapes the way up
+            then = min(a + 2 * jerk * PERIOD, limits.acceleration)
         return min(v + then * PERIOD, max(tick.fastest, v - limits.braking * PERIOD)), free
 
     def top_speed(self, limits: DwaSettings) -> float:
@@ -205,14 +209,15 @@ class WayFollower:
             speeds, along, float(self._along[self._k or 0]), RESERVE * limits.braking, RESERVE * limits.jerk
         )
 
-    def _feedback(self, at: _OnLine, speed: float, limits: DwaSettings) -> Twist:
-        """Return a speed [m/s] along the line, and the turn rate back onto it."""
+    def _feedback(self, at: _OnLine, turns: float, speed: float, limits: DwaSettings) -> Twist:
+        """Return a speed [m/s] along the line, and the turn rate back onto it; the last one was `turns` [rad/s]."""
         v = self._gear * speed
         room = float(self._rooms[min(self._k or 0, len(self._rooms) - 1)])
         gain = 1.0 / max(float(np.interp(room, _ROOM, _RETURN)), _RETURN_S * speed)
         damping = float(np.interp(abs(at.lateral), (BESIDE, 2 * BESIDE), _DAMPING))
         pull = max(-_PULL, min(_PULL, gain * at.lateral)) * gain
         omega = v * at.bend * self._gear - v * pull - 2 * damping * speed * gain * at.heading
+        omega = turns + _EASE * (omega - turns)
         share = min(1.0, limits.max_omega / max(abs(omega), 1e-9))
         return Twist(v * max(share, min(1.0, MIN_SPEED / max(speed, 1e-9))), omega * share)
 
@@ -319,7 +324,8 @@ def _stepped(command: Twist, wanted: Twist, gear: float, limits: DwaSettings, mo
     if motion is not None:
         slowing = min(limits.jerk * PERIOD - min(gear * motion.acceleration.v, 0.0), slowing)
     v = max(abs(wanted.v), before - slowing * PERIOD)
-    return Twist(gear * v, wanted.omega * (v / abs(wanted.v) if wanted.v else 0.0))
+    omega = wanted.omega * (v / abs(wanted.v) if wanted.v else 0.0)
+    return Twist(gear * v, max(-limits.max_omega, min(limits.max_omega, omega)))
 
 
 def _halted(tick: _Tick, limits: DwaSettings) -> DwaResult:

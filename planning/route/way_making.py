@@ -101,6 +101,9 @@ def way_legs(
     Raises:
         NoPath: the chair does not fit somewhere, not even with a multi-point turn.
     """
+    if math.dist((start.x, start.y), (goal.x, goal.y)) < _NOWHERE:
+        poses = np.array([[start.x, start.y, start.theta], [start.x, start.y, goal.theta]])
+        return [PathLeg(Path(poses), np.zeros(2))]
     ground = _Ground(costmap, limits, _zones_round(costmap, line), searches)
     pieces: list[_Piece] = []
     here, rest = start, line
@@ -114,6 +117,9 @@ def way_legs(
         pieces += yield from _pieces(ground, rest, here, goal)
     return _joined(pieces, goal, doors)
 
+
+_NOWHERE = 0.005
+"""[m] At a goal so near the chair only turns."""
 
 _CELLS_OF_A_DOOR = 600_000
 """Work of the fine cells round a door, in visited grid cells."""

@@ -8,6 +8,7 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.drive.leg_drive import LegDrive, View
 from waychair.maps.grid.distance_field import DistanceField, distance_field
+from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.route.legs import PathLeg
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.types import OccupancyGrid, Path, Pose2, Twist
@@ -34,7 +35,7 @@ def driven(x: float, has_sonars: bool, speed: float = 0.8, manner: str = "line")
     grid = gapped()
     way = np.column_stack([np.arange(1.0, 11.0, CELL), np.full(200, MIDDLE), np.zeros(200)])
     rooms = LINES[manner]
-    leg = LegDrive(PathLeg(Path(way), rooms), grid, CHAIR_A)
+    leg = LegDrive(PathLeg(Path(way), rooms), DrawnMap(grid, CHAIR_A), CHAIR_A)
     free = distance_field(grid)
 
     def local() -> DistanceField:

@@ -56,7 +56,7 @@ def test_wide_openings_corridors_and_single_pillars_are_no_tight_doors() -> None
     assert not doors_of(doorway(1.0, 3.0), along)
     cells = np.zeros((160, 240), np.int8)
     cells[80:84, 100:104] = 100
-    assert not doors_of(costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A), along + (0.0, 12.0))
+    assert not doors_of(costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A), along + np.array([0.0, 12.0]))
 
 
 def test_a_tight_door_is_found_with_its_middle_its_axis_and_its_width() -> None:
