@@ -50,6 +50,9 @@ LOOK_AHEAD = 2.0
 SEEN_AHEAD = 1.6
 """[m] The live picture is compared with so much of the line."""
 
+SCAN_NOISE = 0.02
+"""[m] What stands on the line by less may be noise of the scan, or of the pose; each step is checked by itself."""
+
 AT_ONCE = 0.06
 """[m] A standing chair whose line is barred so near does not set off."""
 
@@ -269,7 +272,7 @@ class WayFollower:
         near = (self._along > tick.at.way) & (self._along < tick.at.way + SEEN_AHEAD)
         if not near.any():
             return None
-        free = fits_each(body, HARD, tick.distances, tick.poses[near])
+        free = fits_each(body, -SCAN_NOISE, tick.distances, tick.poses[near])
         return None if free.all() else float(self._along[near][np.argmin(free)] - tick.at.way)
 
     def _admitted(self, body: ChairBody, limits: DwaSettings, tick: _Tick, wanted: Twist) -> DwaResult:

@@ -106,6 +106,7 @@ def way_legs(
         return [PathLeg(Path(poses), np.zeros(2))]
     ground = _Ground(costmap, limits, _zones_round(costmap, line), searches)
     pieces: list[_Piece] = []
+    passed: list[DoorPassage] = []
     here, rest = start, line
     for door in doors:
         found = yield from _through(ground, rest, here, goal, door)
@@ -113,9 +114,10 @@ def way_legs(
             before, straight, rest = found
             pieces += [*([] if before is None else [before]), straight]
             here = Pose2(*straight.poses[-1])
+            passed.append(door)
     if math.dist((here.x, here.y), (goal.x, goal.y)) > _ARRIVED or not pieces:
         pieces += yield from _pieces(ground, rest, here, goal)
-    return _joined(pieces, goal, doors)
+    return _joined(pieces, goal, passed)
 
 
 _NOWHERE = 0.005
