@@ -47,11 +47,13 @@ def warm_up() -> None:
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
     grid = OccupancyGrid(cells, _CELL)
     middle, aside = Pose2(_SIDE / 2, _SIDE / 2, 0.0), Pose2(_SIDE / 2, _SIDE / 3, 1.0)
+    far = Pose2(_SIDE - 1.0, 1.0, 1.0)
     costmaps = LiveCostmap(grid, CHAIR_A)
-    planner = GlobalPlanner(aside)
+    planner = GlobalPlanner(far)
     planner.replan(costmaps.costmap(), middle)
     planner.replan(costmaps.costmap(np.array([[1.0, 1.0]])), Pose2(middle.x + 3 * _CELL, middle.y, 0.0))
     path = planner.replan(costmaps.costmap(), middle)
+    GlobalPlanner(far, check_footprint=False).replan(costmaps.costmap(), middle)
     openings(grid, path.poses, _SIDE)
     for barred in (None, np.zeros((count, count), np.uint8)):
         line_cost(costmaps.costmap().prices, 30.0, 30.0, 31.0, 30.0, barred)

@@ -111,13 +111,8 @@ MONITORED_AHEAD_AT_CRAWL, MONITORED_AHEAD_AT_FULL_SPEED = 0.01, 0.10
 DROP_OFF = 0.15
 """[m] Kept around drop-offs, since the depth of a floor's edge is uncertain."""
 
-TRACKED, TRACKED_TIGHT = 0.01, 0.0
-"""[m] Kept while tracking a planned line: the line was planned with more. The second value is for a line that the first
-one blocks."""
-
-RETREAT = 0.04
-"""[m] Kept behind the chair while it retreats from a door without a plan: only the map shows obstacles there, and the
-pose on it is good to 2 cm."""
+TRACKED = 0.01
+"""[m] Kept while tracking a planned line: the line was planned with more. On a line that this blocks, `HARD` is kept."""
 
 BACKING_OUT, BACKING_OUT_NOISE = 0.02, 0.005
 """[m] A chair that backs out never comes nearer to an obstacle than it has been, unless it keeps the first value. An
