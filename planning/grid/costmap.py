@@ -44,7 +44,7 @@ class Costmap:
     `maps.grid.distance_field`) to obstacles for the whole outline: map, keep-out zone or live, up to `TOLD_APART` at least.
     `grid` holds the live obstacles and keep-out zones too, and the geometry; `body` is the chair that the prices are
     for. `barred` (H, W) has one bit per direction as in `grid_graph` for the one-way zones, if there are any.
-    `from_zones` (H, W) [m] are distances to slow and one-way zones, if there are any.
+    `from_zones` (H, W) [m] are distances to slow and one-way zones, negative within, if there are any.
     """
 
     prices: Prices
@@ -240,13 +240,15 @@ def _barred_directions(grid: OccupancyGrid, zones: Sequence[Zone]) -> Bytes | No
 
 
 def _from_zones(grid: OccupancyGrid, zones: Sequence[Zone]) -> Float32Array | None:
-    """Return (H, W) [m] distances to the zones that a planned line goes round; None where there is no such zone."""
+    """Return (H, W) [m] distances to slow and one-way zones, negative within; None where there is no such zone."""
     within = np.zeros(grid.cells.shape, np.bool_)
     for zone in zones:
         if zone.rule in (Rule.SLOW, Rule.ONE_WAY):
             part, inside = zone_cells(zone, grid)
             within[part] |= inside
-    return distances(within, grid.resolution) if within.any() else None
+    if not within.any():
+        return None
+    return distances(within, grid.resolution) - distances(~within, grid.resolution)
 
 
 def _marked(grid: OccupancyGrid, points: FloatArray | None) -> BoolArray:

@@ -140,7 +140,7 @@ def _zones_round(costmap: Costmap, line: FloatArray) -> Float32Array:
     rows, columns = np.floor(at[:, 1]).astype(int), np.floor(at[:, 0]).astype(int)
     height, width = costmap.from_zones.shape
     inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-    crosses = (costmap.from_zones[rows[inside], columns[inside]] == 0.0).any()
+    crosses = (costmap.from_zones[rows[inside], columns[inside]] < 0.0).any()
     return NO_ZONES if crosses else costmap.from_zones
 
 
