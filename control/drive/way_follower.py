@@ -181,15 +181,14 @@ class WayFollower:
         speed, free = self._speed(body, limits, tick)
         if free is not None and free < AT_ONCE and stands:
             return _halted(tick, limits)
-        wanted = self._feedback(at, command.omega, max(speed, MIN_SPEED), limits)
+        wanted = self._feedback(at, command.omega, speed, limits)
         return self._admitted(body, limits, tick, wanted)
 
     def _speed(self, body: ChairBody, limits: DwaSettings, tick: _Tick) -> tuple[float, float | None]:
         """Return the next speed [m/s], and the free way [m] on the line; None if all of it is free."""
         at, motion = tick.at, tick.motion
         v = max(self._gear * tick.command.v, 0.0)
-        # the step over the drive's dead band is no acceleration
-        a = 0.0 if motion is None or v <= MIN_SPEED else self._gear * motion.acceleration.v
+        a = 0.0 if motion is None else self._gear * motion.acceleration.v
         speeds = speeds_along(self._bends, self._rooms, self._along, self._body, limits, self._gear)
         speeds[-1] = 0.0
         along = self._along
@@ -203,7 +202,8 @@ class WayFollower:
         then = next_acceleration(speeds, along, at.way + v * LAG_S, v, a, limits.acceleration, limits.braking, jerk)
         if then >= min(a + jerk * PERIOD, limits.acceleration) - 1e-9:  # the limiter shapes the way up
             then = min(a + 2 * jerk * PERIOD, limits.acceleration)
-        return min(v + then * PERIOD, max(tick.fastest, v - limits.braking * PERIOD)), free
+        speed = v + then * PERIOD if then > 0.0 else max(v + then * PERIOD, MIN_SPEED)
+        return min(speed, max(tick.fastest, v - limits.braking * PERIOD)), free
 
     def top_speed(self, limits: DwaSettings) -> float:
         """Return the highest speed [m/s] that the line ahead allowed in the last tick, whatever the speed was then."""

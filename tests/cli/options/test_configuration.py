@@ -197,8 +197,9 @@ def test_the_page_counts_down_unless_the_file_gives_a_countdown() -> None:
 
 def test_the_planner_takes_the_file_and_options_override_it(tmp_path: Path) -> None:
     path = written(tmp_path, "chair: {navigator: {planner: {planner: astar}, clearance: {comfortable: 0.7}}}\n")
-    settings, comfortable = _planning_settings(path, None, "taut")
-    assert (settings.planner, settings.smooth, comfortable) == ("astar", "taut", 0.7)
+    settings, comfortable = _planning_settings(path, None)
+    assert (settings.planner, comfortable) == ("astar", 0.7)
+    assert _planning_settings(path, "dijkstra")[0].planner == "dijkstra"
 
 
 def test_the_benchmark_keeps_its_own_settings_except_those_that_the_file_changes(
