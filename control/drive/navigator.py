@@ -315,7 +315,7 @@ class Navigator:
         return self._plan.leg.step(view, limits)
 
     def _could_wait(self, leg: PathLeg) -> bool:
-        """Return whether waiting may help on a leg: a free one, or a turn in several parts before something that may leave."""
+        """Return whether waiting may help on a leg: one without a line, or a turn in several parts before something that may leave."""
         return not leg.is_line or (leg.backwards and bool(self._maker.what_bars("")))
 
     def _remaining(self, pose: Pose2) -> float | None:

@@ -53,7 +53,7 @@ RESTED_TICKS, AT_REST = 8, 1e-3
 """A chair commanded less than the second [m/s, rad/s] for so many ticks stands."""
 
 MOST_CHANGES, ONE_WAY_M, ROLLS_M = 4, 1.0, 0.004
-"""Changes of gear in a row without the second [m] driven one way between them, after which a chair on a free leg waits instead
+"""Changes of gear in a row without the second [m] driven one way between them, after which a chair waits instead
 of backing once more. A way back shorter than the third [m] is the noise of the wheels."""
 
 OFF_PATH = 0.5
@@ -153,7 +153,7 @@ class PlanState:
         self.refusal, self.approaches, self.other = "", 0, OtherWay()
 
     def adopt(self, path: Path, legs: list[PathLeg], leg: LegDrive) -> None:
-        """Follow another path from now on; a chair in position at the end of a single free leg stays in position."""
+        """Follow another path from now on; a chair in position at the end of a single leg without a line stays in position."""
         if self.leg is not None and len(legs) == len(self.legs) == 1 and not legs[0].is_line:
             leg.in_position = self.leg.in_position
         self.path, self.legs, self.leg, self.count = path, legs, leg, self.count + 1
