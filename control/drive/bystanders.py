@@ -32,9 +32,6 @@ from waychair.planning.seen.person_tracks import (
 )
 from waychair.types import FloatArray, Pose2
 
-MET_WITHIN = 4.0
-"""m; people nearer than this may be met before another plan is made."""
-
 _NOWHERE = 0.3
 """m; a chair displaced by no more than this has made no progress."""
 
@@ -125,12 +122,6 @@ class Bystanders:
     def someone_walks_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near the chair walks."""
         return any(track.is_walking for track in self._near(odom_from_base))
-
-    def someone_is_near(self, odom_from_base: Pose2) -> bool:
-        """Return whether somebody who walks, or may soon walk, is within the next metres of way."""
-        return any(
-            self._gap(track, odom_from_base) < MET_WITHIN for track in self.tracks if not self._has_settled(track)
-        )
 
     def someone_passes_near(self, odom_from_base: Pose2) -> bool:
         """Return whether somebody near walks and does not linger; a lingering person waits for the chair."""

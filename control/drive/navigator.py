@@ -430,12 +430,13 @@ class Navigator:
             return False
         if self._plan.path is None or self._stage in (Stage.WAITING, Stage.OFFERING):
             return True
-        if not self._plan.among_people and self._people.expected_people(self._now.map_from_odom).tracks:
+        someone = bool(self._people.expected_people(self._now.map_from_odom).tracks)
+        if someone and not self._plan.among_people:
             return True
         rest = self._plan.rest(self._now.pose)
         if rest is None:
             return True
-        if self._plan.leg is not None and not self._plan.leg.leg.is_line and not self._meets_people:
+        if self._plan.leg is not None and not self._plan.leg.leg.is_line and not someone:
             return True
         if self._plan.leg is not None and self._plan.leg.leg.is_line:
             if self._plan.leg.is_barred:
@@ -445,11 +446,6 @@ class Navigator:
         in_odom, half = transform_points(self._now.map_from_odom.inverse(), ahead), self._body.width / 2
         radius = self.settings.tracks.model.radius
         return self._surroundings.stands_near(ahead, half) or self._people.someone_lingers_near(in_odom, half + radius)
-
-    @property
-    def _meets_people(self) -> bool:
-        """Whether people are so near that the dynamic window finds the way among them."""
-        return self._people.someone_is_near(self._now.map_from_odom.inverse() @ self._now.pose)
 
     def _advance_plan(self, now_ns: int) -> bool:
         """Plan, or go on planning; return whether to drive on. A plan that takes longer than a tick needs standstill.
@@ -466,7 +462,7 @@ class Navigator:
         if self._plan.generator is None:
             may_stay = self._plan.made_ns is not None and self._plan.among_people
             self._plan.made_ns = now_ns
-            self._plan.generator = self._maker.make(now_ns, self._goals[0], may_stay, self._meets_people)
+            self._plan.generator = self._maker.make(now_ns, self._goals[0], may_stay)
         had_path, detour = self._plan.path is not None, self._plan.other.taken
         drives = had_path and not self._plan.stands
         for done, _ in enumerate(self._plan.generator, 1):

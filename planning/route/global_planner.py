@@ -216,15 +216,14 @@ class GlobalPlanner:
         start: Callable[[], Pose2],
         people: ExpectedPeople,
         cruise: float,
-        near: bool = False,
         has_time: HasTime | None = None,
     ) -> Resumable[Path]:
-        """Do `replan_resumably` among moving people, predicted rather than walls; `near`: some are close to the chair.
+        """Do `replan_resumably` among moving people, predicted rather than walls.
 
         The direct path keeps to one side (`kept_right`). It is taken if it meets nobody at `cruise` [m/s], or if a path
         around the people, over the costmap with their prediction, is no faster than waiting and the direct path.
         """
-        direct = yield from self.replan_resumably(costmap, start, near, has_time)
+        direct = yield from self.replan_resumably(costmap, start, bool(people.tracks), has_time)
         if people.tracks:
             direct = yield from self._kept_to_one_side(costmap)
         forecast = self.settings.forecast
@@ -236,7 +235,7 @@ class GlobalPlanner:
         yield
         expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid, forecast))
         with suppress(PlanningError):  # then no path leads around them
-            around = yield from self.replan_resumably(expected, start, near, has_time)
+            around = yield from self.replan_resumably(expected, start, True, has_time)
             if arrival(people, around.poses[:, :2], cruise, forecast)[0] < direct_s:
                 return around
         self.legs = legs
