@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 
 from waychair.cli.options.arguments import NonEmptyPath, NonNegativeInt
-from waychair.cli.planning import Pose, place_among, place_on_map, with_planner_options
+from waychair.cli.planning import Pose, place_among, place_on_map, with_planner
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -142,7 +142,6 @@ def navigate_command(
     sensors: bool = False,
     seed: NonNegativeInt = 0,
     planner: str | None = None,
-    smooth: str | None = None,
     box: Path | None = None,
     config: Path | None = None,
     resolution: float | None = None,
@@ -171,8 +170,6 @@ def navigate_command(
         Seed of the simulated chair, of its sensors and noise, and of the people.
     planner
         dstar-lite, astar, dijkstra or harmonic; default that of --config, else dstar-lite.
-    smooth
-        taut, band, none, or auto (band for harmonic, else taut); default as for the planner.
     box
         Folder of a black box that logs the chair's inputs and actions, for `waychair why`.
     config
@@ -207,7 +204,7 @@ def navigate_command(
         people=people,
         sensors=sensors,
         box=box,
-        settings=_with_planner(configured.chair, planner, smooth),
+        settings=_with_planner(configured.chair, planner),
         simulation=configured.simulation,
     )
     if not quiet:
@@ -254,11 +251,11 @@ def _course_in_world(world: World | None, start: str | None, goals: list[str]) -
     return _Course(world.grid, begin, places, world)
 
 
-def _with_planner(settings: ChairSettings, planner: str | None, smooth: str | None) -> ChairSettings:
-    """Return the chair's settings with the options --planner and --smooth over them."""
+def _with_planner(settings: ChairSettings, planner: str | None) -> ChairSettings:
+    """Return the chair's settings with the option --planner over them."""
     from dataclasses import replace
 
-    planned = with_planner_options(settings.navigator.planner, planner, smooth)
+    planned = with_planner(settings.navigator.planner, planner)
     return replace(settings, navigator=replace(settings.navigator, planner=planned))
 
 

@@ -30,7 +30,6 @@ def plan_command(
     goal: Pose | None = None,
     scen: NonEmptyPath | None = None,
     planner: str | None = None,
-    smooth: str | None = None,
     body: str = "A",
     config: Path | None = None,
     png: Annotated[NonEmptyPath | None, Parameter(name=["--png", "--out", "-o"])] = None,
@@ -52,16 +51,13 @@ def plan_command(
         Moving AI scenario: plan all its queries. Fails if a query has no path, or another cost than the scenario gives.
     planner
         dstar-lite, astar, dijkstra or harmonic; default that of --config, else dstar-lite.
-    smooth
-        taut, band, none, or auto (band for harmonic, else taut); only for the chair. Default as for the planner.
     body
         The chair's body: A, B, A_mid, A_front or robot.
     config
         YAML file with settings that differ from the defaults (see `waychair config chair`): the navigator's planner and
         clearance apply, over the cells of a .map file the planner's name.
     png
-        Draw the path on the map into this .png file; with harmonic or band also the potential, D* Lite's path and the
-        turns.
+        Draw the path on the map into this .png file; with harmonic also the potential, and D* Lite's path.
     resolution
         Side of the cells to plan on, in metres, a multiple of the map's own; for maps too large for this computer.
     json
@@ -78,13 +74,11 @@ def plan_command(
         raise BadArgument("--scen holds its own starts and goals: omit --start, --goal and --png")
     if scen is not None and not on_cells:
         raise BadArgument(f"--scen needs a Moving AI {SUFFIX} file, not '{map}'")
-    if on_cells and smooth not in (None, "auto", "none"):
-        raise BadArgument(f"--smooth does not apply to a {SUFFIX} file: omit it")
     if on_cells and resolution is not None:
         raise BadArgument(f"--resolution does not apply to a {SUFFIX} file: omit it")
     if on_cells and body != "A":
         raise BadArgument(f"--body does not apply to a {SUFFIX} file: omit it")
-    settings, comfortable = _planning_settings(config, planner, smooth)
+    settings, comfortable = _planning_settings(config, planner)
     say = sayer(quiet)
     if not quiet:
         announce_compiling()
@@ -111,7 +105,7 @@ def plan_command(
         )
 
 
-def _planning_settings(config: Path | None, planner: str | None, smooth: str | None) -> tuple[PlannerSettings, float]:
+def _planning_settings(config: Path | None, planner: str | None) -> tuple[PlannerSettings, float]:
     """Return the planner's settings and the comfortable clearance [m]: those of the file, with the options over them."""
     from waychair.planning.body.clearance import COMFORTABLE
     from waychair.planning.route.global_planner import PlannerSettings
@@ -122,18 +116,14 @@ def _planning_settings(config: Path | None, planner: str | None, smooth: str | N
 
         navigator = load_configuration(config).chair.navigator
         settings, comfortable = navigator.planner, navigator.clearance.comfortable
-    return with_planner_options(settings, planner, smooth), comfortable
+    return with_planner(settings, planner), comfortable
 
 
-def with_planner_options(settings: PlannerSettings, planner: str | None, smooth: str | None) -> PlannerSettings:
-    """Return the planner's settings with the options --planner and --smooth over them."""
+def with_planner(settings: PlannerSettings, planner: str | None) -> PlannerSettings:
+    """Return the planner's settings with the option --planner over them."""
     from dataclasses import replace
 
-    return replace(
-        settings,
-        planner=settings.planner if planner is None else planner,
-        smooth=settings.smooth if smooth is None else smooth,
-    )
+    return settings if planner is None else replace(settings, planner=planner)
 
 
 def _plan_for_the_chair(
@@ -187,12 +177,12 @@ def _plan_for_the_chair(
     ms = 1e3 * (time.thread_time() - begun)
     if png is not None:
         plain = path_picture(grid, path, (begin, end))
-        in_a_field = settings.planner == HARMONIC or settings.smoothing == "band"
+        in_a_field = settings.planner == HARMONIC
         write_png(png, _with_potential(costmap, begin, end, settings, path) if in_a_field else plain)
     turns = {f"{edge}": count for edge, count in zip(*(part.tolist() for part in turn_histogram(path)), strict=True)}
     values = {"length_m": path.length(), "cost": search.cost / _per_cell(), "ms": ms, "turns_from_deg": turns}
     said = f"{path.length():.2f} m from {begin.name} to {end.name}" + (f": {png}" if png else "")
-    if settings.smoothing == "band":
+    if settings.planner == HARMONIC:
         said += "\nturns at every 0.10 m, from degrees: " + ", ".join(
             f"{edge}: {count}" for edge, count in turns.items()
         )
@@ -212,8 +202,8 @@ def _with_potential(costmap: Costmap, begin: Place, end: Place, settings: Planne
 
     row, column = cells_from_points(costmap.grid, np.array([[end.pose.x, end.pose.y]]))[0].tolist()
     found = log_field(LaplaceProblem(absorption_from_prices(costmap.prices), (row, column)))
-    paths = {f"{settings.planner}, {settings.smoothing}": path}
-    paths["dstar-lite, taut"] = plan(costmap, begin.pose, end.pose, PlannerSettings())
+    paths = {settings.planner: path}
+    paths["dstar-lite"] = plan(costmap, begin.pose, end.pose, PlannerSettings())
     return potential_picture(costmap.grid, found, paths, (begin, end))
 
 

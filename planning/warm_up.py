@@ -17,6 +17,7 @@ from waychair.planning.grid.smoothing import line_cost
 from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.leaving_a_wall import leading_out_path
 from waychair.planning.route.multi_point_turn import manoeuvre
+from waychair.planning.route.speed_profile import fastest_now, next_acceleration
 from waychair.planning.seen.obstacle_layer import (
     EMPTY,
     any_nearer,
@@ -47,11 +48,16 @@ def warm_up() -> None:
     cells[[0, -1]], cells[:, [0, -1]] = 100, 100
     grid = OccupancyGrid(cells, _CELL)
     middle, aside = Pose2(_SIDE / 2, _SIDE / 2, 0.0), Pose2(_SIDE / 2, _SIDE / 3, 1.0)
+    far = Pose2(_SIDE - 1.0, 1.0, 1.0)
     costmaps = LiveCostmap(grid, CHAIR_A)
-    planner = GlobalPlanner(aside)
+    planner = GlobalPlanner(far)
     planner.replan(costmaps.costmap(), middle)
     planner.replan(costmaps.costmap(np.array([[1.0, 1.0]])), Pose2(middle.x + 3 * _CELL, middle.y, 0.0))
     path = planner.replan(costmaps.costmap(), middle)
+    GlobalPlanner(far, check_footprint=False).replan(costmaps.costmap(), middle)
+    line, limits = np.array([0.0, 1.0]), DwaSettings()
+    next_acceleration(np.zeros(2), line, 0.0, 0.1, 0.0, limits.acceleration, limits.braking, limits.jerk)
+    fastest_now(np.zeros(2), line, 0.0, limits.braking, limits.jerk)
     openings(grid, path.poses, _SIDE)
     for barred in (None, np.zeros((count, count), np.uint8)):
         line_cost(costmaps.costmap().prices, 30.0, 30.0, 31.0, 30.0, barred)

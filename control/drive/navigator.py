@@ -44,7 +44,7 @@ from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.route.global_planner import SPACING, GlobalPlanner
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
-from waychair.planning.route.legs import DrivingManner, PathLeg
+from waychair.planning.route.legs import PathLeg
 from waychair.planning.warm_up import warm_up
 from waychair.planning.window.dwa import DwaResult
 from waychair.planning.window.motion_limits import CommandedMotion, braking, crawling, stopping
@@ -61,6 +61,9 @@ from waychair.types import (
 )
 
 __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
+
+LIVE_REACH = 1.5
+"""m; up to here the follower of a line judges it by the outline itself."""
 
 _UNKNOWN_POSE = "the chair does not know where it is; drive it by joystick to a place that it knows"
 
@@ -129,7 +132,7 @@ class Navigator:
         self._maker.drawn, self._now.local = drawn, None
         self._surroundings.redraw(drawn)
         if self._plan.planner is not None and self.active:
-            self._plan.start(GlobalPlanner(self._plan.planner.goal, self.settings.planner))
+            self._plan.start(GlobalPlanner(self._plan.planner.goal, self.settings.planner, limits=self._dwa))
 
     def is_mapped(self, points: FloatArray, within: float) -> BoolArray:
         """Return a mask (N,) of points (N, 2) [m] in map that lie within `within` [m] of an obstacle of the map."""
@@ -242,8 +245,8 @@ class Navigator:
 
     def _begin(self, goal: Goal) -> None:
         assert isinstance(goal.target, Pose2)
-        self._plan.start(GlobalPlanner(goal.target, self.settings.planner))
         self._dwa, self._now.gears = limits_to(goal, self.settings.dwa), GearChanges()
+        self._plan.start(GlobalPlanner(goal.target, self.settings.planner, limits=self._dwa))
         self._stage, self._reason = Stage.DRIVING, ""
         self.recovery.reset()
 
@@ -302,7 +305,7 @@ class Navigator:
         Nor is it backwards after several changes of gear in a row, if the chair could as well wait.
         """
         if self._plan.leg is None:
-            self._plan.leg = LegDrive(self._plan.legs, self._maker.drawn.grid, self._body)
+            self._plan.leg = LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
         limits = crawling(self._dwa) if self._now.jumping else self._dwa
         if behind or (self._now.gears.are_enough and self._could_wait(self._plan.leg.leg)):
             limits = replace(limits, max_reverse=0.0)
@@ -312,12 +315,12 @@ class Navigator:
         return self._plan.leg.step(view, limits)
 
     def _could_wait(self, leg: PathLeg) -> bool:
-        """Return whether waiting may help on a leg: a free one, or a turn in several parts before something that may leave."""
-        return leg.manner is DrivingManner.FREE or (leg.backwards and bool(self._maker.what_bars("")))
+        """Return whether waiting may help on a leg: one without a line, or a turn in several parts before something that may leave."""
+        return not leg.is_line or (leg.backwards and bool(self._maker.what_bars("")))
 
     def _remaining(self, pose: Pose2) -> float | None:
         """Return the distance [m] to the goal, None while the chair turns at the end of a leg."""
-        leg = self._plan.leg or LegDrive(self._plan.legs, self._maker.drawn.grid, self._body)
+        leg = self._plan.leg or LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
         here = leg.remaining(pose)
         return None if here is None else here + sum(leg.path.length() for leg in self._plan.legs[1:])
 
@@ -345,7 +348,7 @@ class Navigator:
         if (
             choice.arrived
             and self._plan.leg is not None
-            and self._plan.leg.leg.manner is not DrivingManner.FREE
+            and self._plan.leg.leg.is_line
             and is_missed(self._goals[0], self._now.pose)
         ):
             self._plan.made_ns, choice = None, replace(choice, arrived=False)
@@ -355,10 +358,6 @@ class Navigator:
         if choice.arrived:
             return self._reached(choice)
         if choice.blocked:
-            leg = self._plan.leg
-            if self._plan.planner is not None and leg is not None and leg.refused_door is not None:
-                self._plan.planner.distrust(leg.refused_door)
-                self._plan.made_ns = None
             return self._halt(now_ns, self._maker.what_bars("something is in the way"), choice)
         self.recovery.note_motion()
         since_ns, detour = self._plan.other.taken
@@ -418,12 +417,9 @@ class Navigator:
         return self._navigation(braking(self._now.command, self._dwa) if choice is None else choice.twist, choice)
 
     def _note_correction(self, now_ns: int, pose: Pose2, odom_from_map: Pose2) -> None:
-        """Note whether the localised pose is jumping; when that begins or ends, the plan is void.
-
-        A chair past a door's last gate keeps its plan, because it follows the jambs that it sees.
-        """
+        """Note whether the localised pose is jumping; when that begins or ends, the plan is void."""
         jumping = self._corrections.jumping(now_ns, pose, odom_from_map)
-        if jumping != self._now.jumping and not (self._plan.leg is not None and self._plan.leg.entered):
+        if jumping != self._now.jumping:
             self._plan.made_ns = None
         self._now.jumping = jumping
 
@@ -432,15 +428,20 @@ class Navigator:
             return True
         if now_ns - self._plan.made_ns < REPLAN_PERIOD_S * 1e9:
             return False
-        if self._plan.leg is not None and self._plan.leg.entered and self._plan.path is not None:
-            return False
         if self._plan.path is None or self._stage in (Stage.WAITING, Stage.OFFERING):
             return True
-        if not self._plan.among_people and self._people.expected_people(self._now.map_from_odom).tracks:
+        someone = bool(self._people.expected_people(self._now.map_from_odom).tracks)
+        if someone and not self._plan.among_people:
             return True
         rest = self._plan.rest(self._now.pose)
         if rest is None:
             return True
+        if self._plan.leg is not None and not self._plan.leg.leg.is_line and not someone:
+            return True
+        if self._plan.leg is not None and self._plan.leg.leg.is_line:
+            if self._plan.leg.is_barred:
+                return True
+            rest = rest[np.hypot(*(rest - (self._now.pose.x, self._now.pose.y)).T) > LIVE_REACH]
         ahead = rest[: math.ceil(LOOK_AHEAD / SPACING)]
         in_odom, half = transform_points(self._now.map_from_odom.inverse(), ahead), self._body.width / 2
         radius = self.settings.tracks.model.radius
@@ -461,7 +462,7 @@ class Navigator:
         if self._plan.generator is None:
             may_stay = self._plan.made_ns is not None and self._plan.among_people
             self._plan.made_ns = now_ns
-            self._plan.generator = self._maker.make(now_ns, self._goals[0], may_stay, self._among_people)
+            self._plan.generator = self._maker.make(now_ns, self._goals[0], may_stay)
         had_path, detour = self._plan.path is not None, self._plan.other.taken
         drives = had_path and not self._plan.stands
         for done, _ in enumerate(self._plan.generator, 1):

@@ -11,7 +11,7 @@ from waychair.control.drive.leg_drive import LegDrive
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.global_planner import GlobalPlanner
-from waychair.planning.route.legs import DrivingManner, PathLeg
+from waychair.planning.route.legs import PathLeg
 from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, motion_after
 from waychair.types import FloatArray, Path, Pose2, Twist
 
@@ -53,7 +53,7 @@ RESTED_TICKS, AT_REST = 8, 1e-3
 """A chair commanded less than the second [m/s, rad/s] for so many ticks stands."""
 
 MOST_CHANGES, ONE_WAY_M, ROLLS_M = 4, 1.0, 0.004
-"""Changes of gear in a row without the second [m] driven one way between them, after which a chair on a free leg waits instead
+"""Changes of gear in a row without the second [m] driven one way between them, after which a chair waits instead
 of backing once more. A way back shorter than the third [m] is the noise of the wheels."""
 
 OFF_PATH = 0.5
@@ -153,8 +153,8 @@ class PlanState:
         self.refusal, self.approaches, self.other = "", 0, OtherWay()
 
     def adopt(self, path: Path, legs: list[PathLeg], leg: LegDrive) -> None:
-        """Follow another path from now on; a chair in position at the end of a single free leg stays in position."""
-        if self.leg is not None and len(legs) == len(self.legs) == 1 and legs[0].manner is DrivingManner.FREE:
+        """Follow another path from now on; a chair in position at the end of a single leg without a line stays in position."""
+        if self.leg is not None and len(legs) == len(self.legs) == 1 and not legs[0].is_line:
             leg.in_position = self.leg.in_position
         self.path, self.legs, self.leg, self.count = path, legs, leg, self.count + 1
         self.other.offer = None

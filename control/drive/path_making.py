@@ -74,7 +74,7 @@ class PathMaker:
         self._plan, self._now = plan, now
         self._told: tuple[type[PlanningError], int, str] | None = None  # of the latest failed plan
 
-    def make(self, now_ns: int, goal: Goal, may_stay: bool, near_people: bool) -> Resumable[None]:
+    def make(self, now_ns: int, goal: Goal, may_stay: bool) -> Resumable[None]:
         """Plan a new path over the map and the present obstacles, in slices; while there is none, the chair waits.
 
         If a potential field is not found in time, the old path is kept. Among people the old path is also kept if it
@@ -107,7 +107,7 @@ class PathMaker:
             return
         try:
             if news or path is None:
-                path = yield from self._round_obstacles(now_ns, upright, layered, near_people)
+                path = yield from self._round_obstacles(now_ns, upright, layered)
         except NotConverged as error:
             plan.no_path_reason = str(error)
             return
@@ -123,10 +123,10 @@ class PathMaker:
             return
         if self._puts_off(now_ns, before, path.poses[:, :2], _all_points(upright, layered)):
             if mapped is not None and plan.other.offer is None:  # it drives up to the doorway first
-                plan.adopt(*mapped, LegDrive(mapped[1], self.drawn.grid, self._body))
+                plan.adopt(*mapped, LegDrive(mapped[1][0], self.drawn, self._body))
             return
         legs = list(planner.legs)
-        plan.adopt(path, legs, LegDrive(legs, self.drawn.grid, self._body))
+        plan.adopt(path, legs, LegDrive(legs[0], self.drawn, self._body))
 
     def what_bars(self, otherwise: str) -> str:
         """Return a sentence on the live obstacle that bars the path, or another one if there is none."""
@@ -157,7 +157,7 @@ class PathMaker:
         leg = turning_leg(self.drawn.costmap(upright, layered), self._now.pose, goal.target.theta)
         if leg is None:
             return False
-        self._plan.adopt(joined_legs((leg,)), [leg], LegDrive([leg], self.drawn.grid, self._body))
+        self._plan.adopt(joined_legs((leg,)), [leg], LegDrive(leg, self.drawn, self._body))
         return True
 
     def _cause_of(
@@ -226,22 +226,21 @@ class PathMaker:
         now_ns: int,
         upright: FloatArray,
         layered: Sequence[tuple[BodyLayer, FloatArray]],
-        near_people: bool,
     ) -> Resumable[Path]:
         """Plan a path round the present obstacles; obstacles at a goal that is still far may be gone by then."""
         assert self._plan.planner is not None
         goal = self._plan.planner.goal
         try:
-            return (yield from self._path_over(now_ns, self.drawn.costmap(upright, layered), near_people))
+            return (yield from self._path_over(now_ns, self.drawn.costmap(upright, layered)))
         except GoalOccupied:
             if math.hypot(goal.x - self._now.pose.x, goal.y - self._now.pose.y) < self._settings.goal_wait_distance:
                 raise
         room = self._body.circumscribed_radius + self._settings.clearance.comfortable
         layered = [(layer, points[np.hypot(*(points - (goal.x, goal.y)).T) > room]) for layer, points in layered]
         upright = upright[np.hypot(*(upright - (goal.x, goal.y)).T) > room]
-        return (yield from self._path_over(now_ns, self.drawn.costmap(upright, layered), near_people))
+        return (yield from self._path_over(now_ns, self.drawn.costmap(upright, layered)))
 
-    def _path_over(self, now_ns: int, costmap: Costmap, near_people: bool) -> Resumable[Path]:
+    def _path_over(self, now_ns: int, costmap: Costmap) -> Resumable[Path]:
         """Plan a path over a costmap among walking people."""
         assert self._plan.planner is not None
         people, cruise = self._people.expected_people(self._now.map_from_odom), self._settings.dwa.max_speed
@@ -250,7 +249,6 @@ class PathMaker:
             start=lambda: self._now.pose,
             people=people,
             cruise=cruise,
-            near=near_people,
             has_time=self._until(now_ns),
         )
 

@@ -32,7 +32,7 @@ FIRST_GAIN, FIRST_CROSS = 0.3, 0.15
 DRIFT = 0.02
 """1/sqrt(s); drift of both coefficients, as a random walk."""
 
-CERTAIN = 0.08
+CERTAIN = 0.05
 """A gain is judged once its sigma is below this."""
 
 _SETTLED = 0.15  # a settled axis is within this share of the speed asked of it

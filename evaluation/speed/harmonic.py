@@ -26,7 +26,8 @@ from waychair.planning.grid.grid_graph import Cell
 from waychair.planning.grid.resumable import finished
 from waychair.planning.harmonic.harmonic_field import LogField, count_summits, descend, log_field, streamline
 from waychair.planning.harmonic.laplace_solvers import SolverOptions, laplace_problem, relative_residual, solve
-from waychair.planning.harmonic.rubber_band import band, paper_band, polyline_length, resampled, turning_angles
+from waychair.planning.harmonic.rubber_band import paper_band, polyline_length, resampled, turning_angles
+from waychair.planning.route.flowing_line import flowing
 from waychair.planning.route.global_planner import PlannerSettings, plan
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
@@ -97,7 +98,8 @@ def bands(scene: BandScene) -> Bands:
     found = log_field(laplace_problem(costmap.prices > 0, cell_at(scene.goal)))
     cells = descend(found, cell_at(scene.start))
     points: FloatArray = cells[:, ::-1].astype(np.float64) + 0.5
-    ours = finished(band(costmap, points))
+    poses = finished(flowing(points * CELL, costmap.field, costmap.body, price=40000.0))
+    ours: FloatArray = poses[:, :2] / CELL
     return Bands(found, costmap, points, paper_band(found, points), ours)
 
 
@@ -145,16 +147,15 @@ def door_row(door: float, name: str) -> dict[str, Any]:
     half = round(door / CELL / 2)
     cells[60 - half : 60 + half, 80:82] = 0
     costmap = costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A)
-    row: dict[str, Any] = {"door_m": door, "comes": name}
-    for smooth in ("none", "band"):
-        path = plan(costmap, *DOOR_ENDS[name], PlannerSettings(planner="harmonic", smooth=smooth))
-        degrees = np.degrees(turning_angles(resampled(path.poses[:, :2], 0.10)))
-        row[smooth] = {
-            "length_m": round(path.length(), 2),
-            "sharpest_deg": round(float(degrees.max()), 1),
-            "turns_above_15_deg": int((degrees > 15.0).sum()),
-        }
-    return row
+    path = plan(costmap, *DOOR_ENDS[name], PlannerSettings(planner="harmonic"))
+    degrees = np.degrees(turning_angles(resampled(path.poses[:, :2], 0.10)))
+    return {
+        "door_m": door,
+        "comes": name,
+        "length_m": round(path.length(), 2),
+        "sharpest_deg": round(float(degrees.max()), 1),
+        "turns_above_15_deg": int((degrees > 15.0).sum()),
+    }
 
 
 def floors(folder: Path) -> dict[str, BoolArray]:

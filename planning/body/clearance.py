@@ -33,7 +33,7 @@ PLANNED = 0.03
 """[m] Kept by the local planner and, beside the chair's half width, by the costmap. It covers localisation noise."""
 
 PLANNED_ON_PATH = 0.045
-"""[m] Kept along a planned path: `PLANNED`, plus the rounding of the costmap's coarser cells."""
+"""[m] Kept along a direct path: `PLANNED`, plus the rounding of the costmap's coarser cells."""
 
 PLANNED_TURN = 0.06
 """[m] Kept where a turn on the spot is planned: `PLANNED`, and as much again because the stop is not exact."""
@@ -78,9 +78,6 @@ class ClearanceSettings(Settings):
     )
 
 
-COMFORTABLE_BAND = 0.6
-"""[m] From the drive axle's middle: obstacles nearer than this push a rubber band away."""
-
 COMFORTABLE_ARC, COMFORTABLE_ARC_LEAST = 0.3, 0.05
 """[m] Beside the footprint: more earns an arc of the dynamic window nothing. Near the path's end only as much is worth
 anything as there is at the end, but never less than the second value."""
@@ -91,12 +88,8 @@ COMFORTABLE_MANOEUVRE = 0.06
 NARROW = 0.6
 """[m] From the drive axle's middle: below this a place between two obstacles is treated as a doorway."""
 
-TIGHT_DOOR = 0.35
-"""[m] Clear width beyond the chair's own: in a door with no more than this the chair follows the axis exactly."""
-
-EXACT_BEND = 0.3
-"""Part of the body's length: a bend with less clearance than this is followed exactly, since the part of the chair
-ahead of its axle cuts it by about as much."""
+STRAIGHT_DOOR = 0.25
+"""[m] Clear width beyond the chair's own: the chair passes a door with no more than this straight, on its axis."""
 
 TOLD_APART = 2.0
 """[m] Larger distances to obstacles are not told apart in a costmap."""
@@ -118,13 +111,8 @@ MONITORED_AHEAD_AT_CRAWL, MONITORED_AHEAD_AT_FULL_SPEED = 0.01, 0.10
 DROP_OFF = 0.15
 """[m] Kept around drop-offs, since the depth of a floor's edge is uncertain."""
 
-TRACKED, TRACKED_TIGHT = 0.01, 0.0
-"""[m] Kept while tracking a planned line: the line was planned with more. The second value is for a line that the first
-one blocks."""
-
-RETREAT = 0.04
-"""[m] Kept behind the chair while it retreats from a door without a plan: only the map shows obstacles there, and the
-pose on it is good to 2 cm."""
+TRACKED = 0.01
+"""[m] Kept while tracking a planned line: the line was planned with more. On a line that this blocks, `HARD` is kept."""
 
 BACKING_OUT, BACKING_OUT_NOISE = 0.02, 0.005
 """[m] A chair that backs out never comes nearer to an obstacle than it has been, unless it keeps the first value. An

@@ -17,7 +17,7 @@ from waychair.calibration.chair_body import BodyLayer, ChairBody
 from waychair.errors import NoFreeSpace
 from waychair.maps.drawn.zones import Rule, Zone, keep_out_cells, zone_cells
 from waychair.maps.grid.cells import OCCUPIED_FROM, cells_under, cells_where, occupied
-from waychair.maps.grid.distance_field import DistanceField, near_distances, update_near
+from waychair.maps.grid.distance_field import DistanceField, distances, near_distances, update_near
 from waychair.planning.body.clearance import COMFORTABLE, PLANNED, TOLD_APART
 from waychair.planning.grid.grid_graph import FREE_PRICE, MAX_PRICE, NO_BARS, Prices, directions_against
 from waychair.planning.grid.resumable import Resumable, ranges_of
@@ -44,6 +44,7 @@ class Costmap:
     `maps.grid.distance_field`) to obstacles for the whole outline: map, keep-out zone or live, up to `TOLD_APART` at least.
     `grid` holds the live obstacles and keep-out zones too, and the geometry; `body` is the chair that the prices are
     for. `barred` (H, W) has one bit per direction as in `grid_graph` for the one-way zones, if there are any.
+    `from_zones` (H, W) [m] are distances to slow and one-way zones, negative within, if there are any.
     """
 
     prices: Prices
@@ -51,6 +52,7 @@ class Costmap:
     grid: OccupancyGrid
     body: ChairBody
     barred: Bytes | None = None
+    from_zones: Float32Array | None = None
 
     @property
     def field(self) -> DistanceField:
@@ -128,6 +130,7 @@ class LiveCostmap:
         self._clearance = near_distances(self._fixed, grid.resolution, self._reach)
         self._added = _added_prices(grid, zones)
         self._barred = _barred_directions(grid, zones)
+        self._from_zones = _from_zones(grid, zones)
         everywhere = (slice(None), slice(None))
         self._prices = np.empty(grid.cells.shape, np.int32)
         self._prices[everywhere] = self._priced(self._clearance, everywhere)
@@ -163,7 +166,7 @@ class LiveCostmap:
                 if prices is self._prices:
                     prices, clearance = prices.copy(), clearance.copy()
                 self._over(prices, clearance, layer, seen)
-        return Costmap(prices, clearance, grid, self._body, self._barred)
+        return Costmap(prices, clearance, grid, self._body, self._barred, self._from_zones)
 
     def _over(self, prices: Prices, clearance: Float32Array, layer: BodyLayer, cells: IntArray) -> None:
         """Update prices and clearance for occupied cells (N, 2) that concern one layer of the body only.
@@ -234,6 +237,18 @@ def _barred_directions(grid: OccupancyGrid, zones: Sequence[Zone]) -> Bytes | No
             part, within = zone_cells(zone, grid)
             barred[part] |= within * np.uint8(directions_against(zone.value - grid.map_from_grid.theta))
     return barred
+
+
+def _from_zones(grid: OccupancyGrid, zones: Sequence[Zone]) -> Float32Array | None:
+    """Return (H, W) [m] distances to slow and one-way zones, negative within; None where there is no such zone."""
+    within = np.zeros(grid.cells.shape, np.bool_)
+    for zone in zones:
+        if zone.rule in (Rule.SLOW, Rule.ONE_WAY):
+            part, inside = zone_cells(zone, grid)
+            within[part] |= inside
+    if not within.any():
+        return None
+    return distances(within, grid.resolution) - distances(~within, grid.resolution)
 
 
 def _marked(grid: OccupancyGrid, points: FloatArray | None) -> BoolArray:

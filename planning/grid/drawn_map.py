@@ -7,8 +7,9 @@ from collections.abc import Sequence
 from waychair.calibration.chair_body import BodyLayer, ChairBody
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.grid.cells import occupied
-from waychair.maps.grid.distance_field import are_within, distances
+from waychair.maps.grid.distance_field import DistanceField, are_within, distances
 from waychair.planning.body.clearance import COMFORTABLE
+from waychair.planning.body.footprint import fits_each
 from waychair.planning.grid.costmap import Costmap, LiveCostmap, closed_off
 from waychair.types import BoolArray, FloatArray, OccupancyGrid
 
@@ -35,6 +36,11 @@ class DrawnMap:
     ) -> Costmap:
         """Return the costmap with live obstacles; see `LiveCostmap.costmap`."""
         return self._costmaps.costmap(live_points, layered)
+
+    def fits_each(self, poses: FloatArray, margin: float) -> BoolArray:
+        """Return (N,) whether the chair's outline with a margin [m] fits at poses (N, 3) in map, without live obstacles."""
+        field = DistanceField(self._from_known, self.grid.resolution, self.grid.map_from_grid)
+        return fits_each(self.body, margin, field, poses)
 
     def is_mapped(self, points: FloatArray, within: float) -> BoolArray:
         """Return (N,) which points (N, 2) [m] in map are within a distance [m] of a mapped obstacle; zones are none."""

@@ -44,3 +44,14 @@ def in_time_slices(work: CountedSteps[Result], most: int) -> Resumable[Result]:
         if visited >= most:
             visited = 0
             yield
+
+
+def counted(work: Resumable[Result], cells: int) -> CountedSteps[Result]:
+    """Return the work as counted steps, each of which counts as so many cells."""
+    while True:
+        try:
+            next(work)
+        except StopIteration as done:
+            result: Result = done.value
+            return result
+        yield cells

@@ -16,7 +16,8 @@ from waychair.planning.body.clearance import PLANNED_ON_PATH, PLANNED_TURN
 from waychair.planning.body.footprint import fits_each, footprint, free_time, in_cells
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import fine_field
-from waychair.planning.route.legs import DrivingManner, PathLeg
+from waychair.planning.route.legs import PathLeg
+from waychair.planning.route.speed_profile import rooms_along
 from waychair.types import FloatArray, Path, Pose2
 
 NEAR = 1.0
@@ -58,6 +59,10 @@ def direct_leg(costmap: Costmap, start: Pose2, goal: Pose2) -> PathLeg | None:
         other = turn - math.copysign(math.tau, turn)
         return any(free_time(shape, at, 0.0, each, 1.0, 1.0) >= 1.0 for each in (turn, other))
 
+    def leg_of(poses: FloatArray, gear: float) -> PathLeg:
+        rooms = rooms_along(costmap.body, field, poses)
+        return PathLeg(Path(poses), rooms, backwards=gear < 0.0)
+
     if not near and turns(start, start.theta + math.pi):
         return None
     found: list[tuple[float, PathLeg]] = []
@@ -66,16 +71,14 @@ def direct_leg(costmap: Costmap, start: Pose2, goal: Pose2) -> PathLeg | None:
         curve = _curve(start, goal, gear)
         if curve is not None and free(curve):
             length = float(np.hypot(*np.diff(curve[:, :2], axis=0).T).sum())
-            found.append((price * length, PathLeg(Path(curve), DrivingManner.EXACT, backwards=gear < 0.0)))
+            found.append((price * length, leg_of(curve, gear)))
         line = _line(start, goal, gear)
         heading = float(line[0, 2])
         turned = abs(wrap_angle(heading - start.theta)) + abs(wrap_angle(goal.theta - heading))
         last = Pose2(goal.x, goal.y, heading)
         if near and free(line) and turns(start, heading) and turns(last, goal.theta):
             line[-1, 2] = goal.theta
-            found.append(
-                (price * away + _TURN_PRICE * turned, PathLeg(Path(line), DrivingManner.EXACT, backwards=gear < 0.0))
-            )
+            found.append((price * away + _TURN_PRICE * turned, leg_of(line, gear)))
     allowed = [each for each in found if not _is_barred(costmap, each[1])]
     return min(allowed, key=lambda each: each[0])[1] if allowed else None
 
@@ -87,7 +90,7 @@ def turning_leg(costmap: Costmap, pose: Pose2, heading: float) -> PathLeg | None
     for each in (turn, turn - math.copysign(math.tau, turn)):
         if free_time(shape, at, 0.0, each, 1.0, 1.0) >= 1.0:
             poses = np.array([[pose.x, pose.y, pose.theta], [pose.x, pose.y, heading]])
-            return PathLeg(Path(poses), DrivingManner.EXACT)
+            return PathLeg(Path(poses), np.zeros(2))
     return None
 
 

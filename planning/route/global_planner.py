@@ -2,40 +2,38 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import (
-    ConfigError,
     GoalOccupied,
     NoPath,
     PlanningError,
 )
-from waychair.geometry import arc_lengths, transform_points
+from waychair.geometry import transform_points
 from waychair.maps.grid.cells import cells_from_points, cells_where, inside
-from waychair.planning.body.clearance import HARD, NARROW, TIGHT_DOOR
+from waychair.planning.body.clearance import HARD, NARROW, STRAIGHT_DOOR
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap, check_free_space
 from waychair.planning.grid.grid_graph import Cell
 from waychair.planning.grid.resumable import CELLS_PER_STEP, Resumable, finished, in_time_slices
-from waychair.planning.grid.smoothing import line_cost, pull_taut, round_corners
+from waychair.planning.grid.smoothing import pull_taut, round_corners
 from waychair.planning.harmonic.harmonic_field import HarmonicSettings
 from waychair.planning.harmonic.laplace_solvers import HasTime
-from waychair.planning.harmonic.rubber_band import band
 from waychair.planning.route.direct_leg import direct_leg
-from waychair.planning.route.door_alignment import legs_between_turns, line_up, tight_doors
-from waychair.planning.route.grid_planner import HARMONIC, GridPlanner, grid_planner, prepared
+from waychair.planning.route.flowing_line import evenly_spaced
+from waychair.planning.route.grid_planner import GridPlanner, grid_planner, prepared
 from waychair.planning.route.keep_right import KeepRightSettings, kept_right
-from waychair.planning.route.leg_planning import checked, door_leg
-from waychair.planning.route.legs import DoorPassage, DrivingManner, PathLeg, joined_legs
-from waychair.planning.route.path_ends import cell_at, goal_cell, start_cell
+from waychair.planning.route.legs import DoorPassage, PathLeg, joined_legs
+from waychair.planning.route.path_ends import goal_cell, start_cell
+from waychair.planning.route.rooms import rooms_beside
+from waychair.planning.route.tight_doors import tight_doors
+from waychair.planning.route.way_making import way_legs
 from waychair.planning.seen.forecast import (
     ExpectedPeople,
     ForecastSettings,
@@ -43,6 +41,7 @@ from waychair.planning.seen.forecast import (
     predicted_occupancy,
     with_forecast,
 )
+from waychair.planning.window.motion_limits import DwaSettings
 from waychair.types import FloatArray, IntArray, Path, Pose2
 
 
@@ -51,9 +50,6 @@ class PlannerSettings(Settings):
     """Which planner searches the cells, and how a path is made of them."""
 
     planner: str = setting("dstar-lite", "", "planner on the grid: dstar-lite, astar, dijkstra or harmonic")
-    smooth: str = setting(
-        "auto", "", "smoothing of the path: taut, band, none, or auto (band for the harmonic planner, else taut)"
-    )
     harmonic: HarmonicSettings = field(default_factory=HarmonicSettings)
     forecast: ForecastSettings = field(default_factory=ForecastSettings)
     keep_right: KeepRightSettings = field(default_factory=KeepRightSettings)
@@ -61,18 +57,7 @@ class PlannerSettings(Settings):
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
         grid_planner(self.planner)
-        if self.smooth not in SMOOTHINGS:
-            raise ConfigError(f"smooth = '{self.smooth}' is unknown; choose {', '.join(SMOOTHINGS)}")
 
-    @property
-    def smoothing(self) -> str:
-        """The smoothing in force: taut, band or none."""
-        if self.smooth != "auto":
-            return self.smooth
-        return "band" if self.planner == HARMONIC else "taut"
-
-
-SMOOTHINGS = ("auto", "taut", "band", "none")
 
 SPACING = 0.1
 """[m] Distance of a path's poses."""
@@ -82,12 +67,6 @@ START_REACH = 0.3
 
 ROUNDING = 10
 """Smoothing passes over the corners."""
-
-RUN_UP = 1.0
-"""[m] Straight run before the middle of a door."""
-
-TURN_FROM = 1.2
-"""[rad] At sharper corners before or after a door the chair turns on the spot."""
 
 
 def plan(
@@ -118,26 +97,29 @@ def check_goal(costmap: Costmap, body: ChairBody, goal: Pose2, start: Pose2 | No
         )
 
 
+_LIMITS = DwaSettings()
+
+
 class GlobalPlanner:
     """A planner to one goal that keeps its search state, so that replanning only searches where something changed."""
 
     def __init__(
-        self, goal: Pose2, settings: PlannerSettings = PlannerSettings(), check_footprint: bool = True
+        self,
+        goal: Pose2,
+        settings: PlannerSettings = PlannerSettings(),
+        check_footprint: bool = True,
+        limits: DwaSettings = _LIMITS,
     ) -> None:
-        """Without `check_footprint` the path is made for the half width only, with no doors, turns and exact legs."""
+        """Without `check_footprint` the path is made for the half width only. `limits` tell how long a way takes."""
         self.goal = goal
         self.settings = settings
+        self._limits = limits
         self._check_footprint = check_footprint
         self.cost = 0
         self._costmap: Costmap | None = None
         self._search: GridPlanner | None = None
         self.legs: tuple[PathLeg, ...] = ()
         self.valid_from_anywhere = False
-        self._distrusted: list[DoorPassage] = []
-
-    def distrust(self, door: DoorPassage) -> None:
-        """Treat this door as an ordinary tight place from now on: the chair found no door there."""
-        self._distrusted.append(door)
 
     @property
     def pops(self) -> int:
@@ -160,38 +142,54 @@ class GlobalPlanner:
     def replan_resumably(
         self, costmap: Costmap, start: Callable[[], Pose2], among_people: bool = False, has_time: HasTime | None = None
     ) -> Resumable[Path]:
-        """Do `replan` in bounded parts: the harmonic field, then the path over cells and its band, then tight turns.
+        """Do `replan` in bounded parts: the harmonic field, then the line over the cells, its band, and tight turns.
 
-        The field is valid from wherever the chair is by then, so `start` is called anew, and a band takes little time:
-        while `valid_from_anywhere` the chair may keep driving its present plan. `has_time` says whether there is time
-        for more of the field. `among_people` no tight turns are planned around people's present places and no leg is
-        exact: the local planner checks the footprint.
+        The field is valid from wherever the chair is by then, so `start` is called anew: while `valid_from_anywhere`
+        the chair may keep driving its present plan. `has_time` says whether there is time for more of the field.
+        `among_people` no tight turns are planned around people's present places: the dynamic window finds the way along
+        the line for the half width, except through doors that leave it no choice.
         """
         try:
             self.valid_from_anywhere = True
             yield from prepared(self._search_over(costmap, start()), has_time)
             here = start()
             cells = self._cells(costmap, here)
-            direct = direct_leg(costmap, here, self.goal) if self._check_footprint and not among_people else None
+            line = line_over(costmap, cells, here, self.goal)
+            if not self._check_footprint:
+                self.legs = (self._plain_leg(costmap, line),)
+                return joined_legs(self.legs)
+            doors = self._doors(costmap, line)
+            if among_people and not doors:
+                self.legs = (self._plain_leg(costmap, line),)
+                return joined_legs(self.legs)
+            direct = None if among_people else direct_leg(costmap, here, self.goal)
             if direct is not None:
                 self.legs = (direct,)
                 return joined_legs(self.legs)
-            legs = yield from _legs_from_cells(
-                costmap=costmap,
-                cells=cells,
-                start=here,
-                goal=self.goal,
-                settings=self.settings,
-                narrow=self._narrow,
-                distrusted=self._distrusted,
-            )
+            searches = None if among_people else self._stand_still
+            try:
+                work = way_legs(costmap, line, here, self.goal, doors, self._limits, searches)
+                legs = yield from in_time_slices(work, CELLS_PER_STEP)
+            except NoPath:
+                if not among_people:
+                    raise
+                legs = [self._plain_leg(costmap, line)]
         finally:
             self.valid_from_anywhere = False
-        if self._check_footprint and not among_people:
-            banded = self.settings.smoothing == "band"
-            legs = yield from checked(costmap, here, legs, banded)
         self.legs = tuple(legs)
         return joined_legs(self.legs)
+
+    def _plain_leg(self, costmap: Costmap, line: FloatArray) -> PathLeg:
+        """Return the line (N, 2) [m] with its corners rounded for the half width alone."""
+        cells = transform_points(costmap.grid.map_from_grid.inverse(), line) / costmap.grid.resolution
+        rounded = round_corners(costmap.prices, cells, ROUNDING, costmap.barred)
+        points = transform_points(costmap.grid.map_from_grid, rounded * costmap.grid.resolution)
+        return PathLeg(Path(np.column_stack([points, _headings(points, self.goal.theta)])))
+
+    def _doors(self, costmap: Costmap, line: FloatArray) -> list[DoorPassage]:
+        """Return the doors on a line (N, 2) [m] that the chair passes straight."""
+        cells = transform_points(costmap.grid.map_from_grid.inverse(), line) / costmap.grid.resolution
+        return [door for _, _, door in tight_doors(costmap, cells, NARROW, costmap.body.width + STRAIGHT_DOOR)]
 
     def is_free(self, points: FloatArray) -> bool:
         """Return whether all points (N, 2) [m] in map are passable on the last costmap."""
@@ -218,17 +216,16 @@ class GlobalPlanner:
         start: Callable[[], Pose2],
         people: ExpectedPeople,
         cruise: float,
-        near: bool = False,
         has_time: HasTime | None = None,
     ) -> Resumable[Path]:
-        """Do `replan_resumably` among moving people, predicted rather than walls; `near`: some are close to the chair.
+        """Do `replan_resumably` among moving people, predicted rather than walls.
 
         The direct path keeps to one side (`kept_right`). It is taken if it meets nobody at `cruise` [m/s], or if a path
         around the people, over the costmap with their prediction, is no faster than waiting and the direct path.
         """
-        direct = yield from self.replan_resumably(costmap, start, near, has_time)
+        direct = yield from self.replan_resumably(costmap, start, bool(people.tracks), has_time)
         if people.tracks:
-            direct = self._kept_to_one_side(costmap)
+            direct = yield from self._kept_to_one_side(costmap)
         forecast = self.settings.forecast
         direct_s, wait_s = arrival(people, direct.poses[:, :2], cruise, forecast)
         if wait_s == 0.0:
@@ -238,24 +235,26 @@ class GlobalPlanner:
         yield
         expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid, forecast))
         with suppress(PlanningError):  # then no path leads around them
-            around = yield from self.replan_resumably(expected, start, near, has_time)
+            around = yield from self.replan_resumably(expected, start, True, has_time)
             if arrival(people, around.poses[:, :2], cruise, forecast)[0] < direct_s:
                 return around
         self.legs = legs
         return direct
 
-    @property
-    def _narrow(self) -> float:
-        """The clearance [m] below which a place is treated as a doorway; 0: none is."""
-        return NARROW if self._check_footprint else 0.0
+    def _stand_still(self) -> None:
+        """Let the chair stand before a search for a multi-point turn, which begins where the chair is."""
+        self.valid_from_anywhere = False
 
-    def _kept_to_one_side(self, costmap: Costmap) -> Path:
-        """Return the path with its free legs moved to one side, where there is room."""
-        keep = self.settings.keep_right
-        self.legs = tuple(
-            replace(leg, path=kept_right(leg.path, costmap, keep)) if leg.manner is DrivingManner.FREE else leg
-            for leg in self.legs
-        )
+    def _kept_to_one_side(self, costmap: Costmap) -> Resumable[Path]:
+        """Return the path with its legs moved to one side, where there is room."""
+        moved = []
+        for leg in self.legs:
+            path = leg.path if leg.backwards else kept_right(leg.path, costmap, self.settings.keep_right)
+            if path is not leg.path and leg.is_line:
+                rooms = yield from in_time_slices(rooms_beside(costmap, path.poses), CELLS_PER_STEP)
+                leg = replace(leg, rooms=rooms)
+            moved.append(replace(leg, path=path))
+        self.legs = tuple(moved)
         return joined_legs(self.legs)
 
     def _search_over(self, costmap: Costmap, start: Pose2) -> GridPlanner:
@@ -288,198 +287,16 @@ def _same_geometry(first: Costmap, second: Costmap) -> bool:
     )
 
 
-def _legs_from_cells(
-    costmap: Costmap,
-    cells: IntArray,
-    start: Pose2,
-    goal: Pose2,
-    settings: PlannerSettings,
-    narrow: float,
-    distrusted: Sequence[DoorPassage] = (),
-) -> Resumable[list[PathLeg]]:
-    """Return legs along the chain of cells, pulled taut where that costs no more, and cut at tight doors; resumable."""
-    cell = costmap.grid.resolution
-    grid_from_map = costmap.grid.map_from_grid.inverse()
-    ends: FloatArray = transform_points(grid_from_map, np.array([[start.x, start.y], [goal.x, goal.y]])) / cell
-    chain: FloatArray = cells[:, ::-1].astype(np.float64) + 0.5
-    # The exact ends replace their cells; a start too close to a wall is joined to the first passable cell.
-    chain = np.concatenate([ends[:1], chain if costmap.prices[cell_at(costmap, start)] == 0 else chain[1:]])
-    chain = np.concatenate([chain[:-1] if len(chain) > 1 else chain, ends[1:]])
-    taut = _evenly_spaced(_pulled(costmap, chain, settings), SPACING / cell)
-    legs: list[PathLeg] = []
-    leaves: float | None = None
-    here, begin, widest = start, 0, costmap.body.width + TIGHT_DOOR
-    for first, _, door in tight_doors(costmap, taut, narrow, widest):
-        through = None if _is_one_of(door, distrusted) else door_leg(costmap, door, here, goal)
-        if through is None:
-            continue
-        entry, leaving = transform_points(grid_from_map, through.path.poses[[0, -1], :2]) / cell
-        if math.dist(through.path.poses[0, :2], (here.x, here.y)) > SPACING / 2:
-            before = begin + _nearest(taut[begin : max(first, begin + 1)], entry)
-            chunk = taut[begin : before + 1]
-            bent = _bent_into(costmap, chunk, entry, leaving - entry) if settings.smoothing == "band" else None
-            chunk = np.concatenate([chunk if bent is None else bent, entry[None]])
-            heading = float(through.path.poses[0, 2])
-            legs += yield from _free_legs(
-                costmap=costmap,
-                points=chunk,
-                heading=heading,
-                settings=settings,
-                narrow=narrow,
-                leaves=leaves,
-                straight_in=bent is not None,
-            )
-        legs.append(through)
-        here = Pose2(*through.path.poses[-1])
-        begin = first + _nearest(taut[first:], leaving)
-        beyond = taut[begin + 1 :]
-        if not len(beyond) and math.dist(taut[begin], leaving) > SPACING / cell:
-            beyond = taut[begin:]  # the goal itself lies beyond the door leg
-        bent = _bent_into(costmap, beyond[::-1], leaving, entry - leaving) if settings.smoothing == "band" else None
-        leaves = None if bent is None else float(through.path.poses[-1, 2])
-        beyond = beyond if bent is None else bent[::-1]
-        taut = np.concatenate([taut[:begin], leaving[None], beyond])
-    legs += yield from _free_legs(
-        costmap=costmap, points=taut[begin:], heading=goal.theta, settings=settings, narrow=narrow, leaves=leaves
-    )
-    _join(legs)
-    return legs
+def line_over(costmap: Costmap, cells: IntArray, start: Pose2, goal: Pose2) -> FloatArray:
+    """Return the taut line (N, 2) [m] in map over a path's cells, with the exact ends."""
+    chain = cells[:, ::-1].astype(np.float64) + 0.5
+    points = chain[pull_taut(costmap.prices, chain, costmap.barred)]
+    line = transform_points(costmap.grid.map_from_grid, points * costmap.grid.resolution)
+    ends = np.array([[start.x, start.y]]), np.array([[goal.x, goal.y]])
+    return evenly_spaced(np.concatenate([ends[0], line[1:-1], ends[1]]), SPACING)
 
 
-def _is_one_of(door: DoorPassage, others: Sequence[DoorPassage]) -> bool:
-    """Return whether a door is at the place of one of the others."""
-    at = door.map_from_door
-    return any(math.hypot(at.x - other.map_from_door.x, at.y - other.map_from_door.y) < _SAME_DOOR for other in others)
-
-
-_SAME_DOOR = 0.3
-"""Doors of two plans whose middles are no farther apart [m] are the same door."""
-
-
-def _free_legs(
-    costmap: Costmap,
-    points: FloatArray,
-    heading: float,
-    settings: PlannerSettings,
-    narrow: float,
-    leaves: float | None = None,
-    straight_in: bool = False,
-) -> Resumable[list[PathLeg]]:
-    """Return legs along points [cells], lined up with narrow places, corners rounded, the last ending in a heading.
-
-    A band starts in the direction `leaves` [rad] and, if `straight_in`, arrives in the direction of the heading.
-    Corners for a turn on the spot are not rounded: there one leg ends and the next begins.
-    """
-    cell = costmap.grid.resolution
-    spacing = SPACING / cell
-    taut = _evenly_spaced(_pulled(costmap, points, settings), spacing)
-    lined_up, run_ends = line_up(costmap, taut, narrow, RUN_UP)
-    parts = []
-    cut = legs_between_turns(costmap, lined_up, run_ends, TURN_FROM)
-    for k, part in enumerate(cut):
-        ends = (leaves if k == 0 else None, heading if straight_in and k == len(cut) - 1 else None)
-        rounded = yield from _rounded(costmap, _evenly_spaced(part, spacing), settings, ends)
-        at = transform_points(costmap.grid.map_from_grid, rounded * cell)
-        parts.append(np.column_stack([at, _headings(at)]))
-    for part, following in pairwise(parts):
-        part[-1, 2] = following[0, 2]
-    parts[-1][-1, 2] = heading
-    return [PathLeg(Path(part)) for part in parts]
-
-
-def _pulled(costmap: Costmap, points: FloatArray, settings: PlannerSettings) -> FloatArray:
-    """Return the points pulled taut; those of the harmonic planner only on request, since they keep clear of walls."""
-    if settings.smoothing == "none" or (settings.smoothing == "band" and settings.planner == HARMONIC):
-        return points
-    return points[pull_taut(costmap.prices, points, costmap.barred)]
-
-
-def _rounded(
-    costmap: Costmap, points: FloatArray, settings: PlannerSettings, ends: tuple[float | None, float | None]
-) -> Resumable[FloatArray]:
-    """Return the points with corners rounded, by the prices of the cells or, with a band, for the footprint.
-
-    `ends` are the band's headings [rad] in map at its ends, where they are fixed.
-    """
-    if settings.smoothing == "none":
-        return points
-    if ends == (None, None):
-        points = round_corners(costmap.prices, points, ROUNDING, costmap.barred)
-    if settings.smoothing != "band":
-        return points
-    # at a fixed end there is a curve already, which must not be cut
-    turned = costmap.grid.map_from_grid.theta
-    leaves, arrives = (
-        None if end is None else np.array([math.cos(end - turned), math.sin(end - turned)]) for end in ends
-    )
-    work = band(costmap, points, leaves, arrives)
-    banded = yield from in_time_slices(work, CELLS_PER_STEP)
-    return points if _is_against_one_way(costmap, banded) else banded
-
-
-def _is_against_one_way(costmap: Costmap, points: FloatArray) -> bool:
-    """Return whether a line through points [cells] goes against a one-way zone; a band only knows walls."""
-    if costmap.barred is None:
-        return False
-    return any(
-        line_cost(costmap.prices, a, b, c, d, costmap.barred) == math.inf
-        and line_cost(costmap.prices, a, b, c, d, None) < math.inf
-        for (a, b), (c, d) in pairwise(points.tolist())
-        if (a, b) != (c, d)
-    )
-
-
-def _join(legs: list[PathLeg]) -> None:
-    """Let each leg begin at the exact end of the one before it; door legs stay unchanged."""
-    for leg, following in pairwise(legs):
-        here, there = leg.path.poses[-1], following.path.poses[0]
-        if following.manner is DrivingManner.DOOR:
-            here[:2] = there[:2]
-        else:
-            there[:2] = here[:2]
-
-
-def _bent_into(costmap: Costmap, points: FloatArray, end: FloatArray, direction: FloatArray) -> FloatArray | None:
-    """Return points [cells] towards the end of a door leg, with their last part bent into its direction (2,).
-
-    That part is a cubic Bezier curve, so that a band begins without a corner there. None where no such curve is free,
-    and where the chair would come from ahead: there it turns on the spot.
-    """
-    cell, along = costmap.grid.resolution, direction / np.hypot(*direction)
-    for k in range(len(points) - 1):
-        reach = math.dist(points[k], end)
-        way = end - points[max(k - 4, 0)]
-        if reach * cell > _BEND_WITHIN or way @ along < 0.2 * np.hypot(*way):
-            continue
-        into = points[min(k + 1, len(points) - 1)] - points[max(k - 4, 0)]
-        second, third = points[k] + 0.4 * reach * into / np.hypot(*into), end - 0.5 * reach * along
-        t = np.linspace(0.0, 1.0, math.ceil(reach) + 2)[1:-1, None]
-        curve = (1 - t) ** 3 * points[k] + 3 * t * (1 - t) ** 2 * second + 3 * t**2 * (1 - t) * third + t**3 * end
-        bent = np.concatenate([points[: k + 1], curve])
-        line = np.concatenate([bent[k:], end[None]])
-        if all(line_cost(costmap.prices, a, b, c, d, costmap.barred) < math.inf for (a, b), (c, d) in pairwise(line)):
-            return bent
-    return None
-
-
-_BEND_WITHIN = 1.6
-"""Distance [m] before and after a door leg within which a band bends into its direction."""
-
-
-def _nearest(points: FloatArray, point: FloatArray) -> int:
-    return int(np.argmin(np.hypot(*(points - point).T)))
-
-
-def _evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
-    """Return points along a polyline, at most `spacing` apart, both ends included."""
-    along = arc_lengths(points)
-    count = max(int(np.ceil(along[-1] / spacing)), 1) + 1
-    at = np.linspace(0.0, along[-1], count)
-    return np.column_stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])])
-
-
-def _headings(points: FloatArray) -> FloatArray:
-    """Return the direction from each point to the next; the last one is repeated."""
+def _headings(points: FloatArray, last: float) -> FloatArray:
+    """Return the direction from each point to the next, and the last heading."""
     ahead = np.diff(points, axis=0)
-    headings = np.arctan2(ahead[:, 1], ahead[:, 0])
-    return np.append(headings, headings[-1:] if len(headings) else [0.0])
+    return np.append(np.arctan2(ahead[:, 1], ahead[:, 0]), last)

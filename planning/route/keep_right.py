@@ -52,11 +52,24 @@ def kept_right(path: Path, costmap: Costmap, settings: KeepRightSettings = KeepR
     aside[_has_room(poses[:, None, :2], costmap, PASSING_OPEN - costmap.body.width / 2)[:, 0]] = 0.0
     aside[[0, -1]] = 0.0
     moved = poses.copy()
-    eased = limit_slope(aside, SLOPE * arc_lengths(poses[:, :2]))
+    along = arc_lengths(poses[:, :2])
+    eased = _smoothed(limit_slope(aside, SLOPE * along), along)
     moved[:, :2] += eased[:, None] * side
     ahead = np.diff(moved[:, :2], axis=0)
     moved[:-1, 2] = np.where(ahead.any(axis=1), np.arctan2(ahead[:, 1], ahead[:, 0]), moved[:-1, 2])
     return Path(moved)
+
+
+def _smoothed(aside: FloatArray, along: FloatArray) -> FloatArray:
+    """Return shifts (N,) [m] without corners, and none larger than it was where the way is narrow."""
+    sums = np.concatenate([[0.0], np.cumsum((aside[1:] + aside[:-1]) / 2 * np.diff(along))])
+    reach = np.minimum(_SWERVE / 2, np.minimum(along, along[-1] - along))
+    before, after = np.interp(along - reach, along, sums), np.interp(along + reach, along, sums)
+    return np.minimum(aside, np.where(reach > 0.0, (after - before) / np.maximum(2 * reach, 1e-9), 0.0))
+
+
+_SWERVE = 1.2
+"""[m] Length over which a shift begins or ends."""
 
 
 def _has_room(points: FloatArray, costmap: Costmap, room: float) -> BoolArray:

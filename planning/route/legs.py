@@ -1,22 +1,13 @@
-"""Legs of a planned path: each is driven without a stop, in its own manner."""
+"""Legs of a planned path: each is driven without a stop."""
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 
 import numpy as np
 
 from waychair.geometry import compose
 from waychair.types import FloatArray, Path, Pose2
-
-
-class DrivingManner(enum.Enum):
-    """How a leg is to be driven."""
-
-    FREE = "free"  # by the dynamic window, which may leave the line
-    EXACT = "exact"  # on the line to the centimetre, slowly: there is no room beside it
-    DOOR = "door"  # exactly, on the axis of a door that is tracked in the scan
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,15 +22,20 @@ class DoorPassage:
 class PathLeg:
     """Poses in map with the body's headings; at its end the chair turns on the spot to the last heading.
 
-    `backwards`: the leg is driven in reverse. `door`: the door of a door leg, which is straight and on the door's axis.
-    `flows`: the chair does not stop at its end; the next leg goes on in the same direction.
+    `rooms` (N,) [m] is the clearance of the outline at each pose, for a leg that is driven along its line; None for one
+    that the dynamic window drives, for which only the half width was checked. `backwards`: it is driven in reverse.
+    `doors` are those that the line passes straight, on their axes.
     """
 
     path: Path
-    manner: DrivingManner = DrivingManner.FREE
+    rooms: FloatArray | None = None
     backwards: bool = False
-    door: DoorPassage | None = None
-    flows: bool = False
+    doors: tuple[DoorPassage, ...] = ()
+
+    @property
+    def is_line(self) -> bool:
+        """Whether the leg is driven along its line."""
+        return self.rooms is not None
 
     def poses_in(self, frame_from_map: Pose2) -> FloatArray:
         """Return (N, 3) the leg's poses in another frame."""

@@ -105,11 +105,9 @@ def test_the_harmonic_planner_draws_its_potential_and_counts_its_turns(flat: Pat
     said = waychair("plan", *ways, "--planner", "harmonic", "--png", png).stdout
     assert "turns at every 0.10 m, from degrees: 0: " in said
     assert png.read_bytes()[:4] == b"\x89PNG"
-    assert "choose auto, taut, band, none" in refused(waychair("plan", *ways, "--smooth", "rope"))
-    drawn, bare = tmp_path / "none.png", tmp_path / "bare.png"
-    assert waychair("plan", *ways, "--planner", "harmonic", "--smooth", "none", "--png", drawn).returncode == 0
+    bare = tmp_path / "bare.png"
     assert waychair("plan", *ways, "--png", bare).returncode == 0
-    field, path = (cv2.imread(str(name)) for name in (drawn, bare))
+    field, path = (cv2.imread(str(name)) for name in (png, bare))
     assert field is not None
     assert path is not None
     assert len(np.unique(field.reshape(-1, 3), axis=0)) > 2 * len(np.unique(path.reshape(-1, 3), axis=0)), "a field"
@@ -219,7 +217,6 @@ def test_a_scenario_gives_cost_optimum_and_time_of_every_query(benchmark: Path, 
         ({"start": "0,0", "goal": "0.5,0"}, "the column and row of a cell"),
         ({"start": "0,0"}, "give --start and --goal"),
         ({"start": "0,0", "goal": "1,0", "planner": "best"}, "choose dstar-lite, astar, dijkstra"),
-        ({"start": "0,0", "goal": "1,0", "smooth": "band"}, "omit it"),
         ({"start": "0,0", "goal": "4,3", "png": Path("b.map")}, r"must be a \.png file"),
         ({"scen": Path("nowhere.scen")}, r"no scenario at nowhere\.scen"),
         ({"scen": Path("nowhere.scen"), "start": "0,0"}, "omit --start"),

@@ -71,9 +71,9 @@ def harmonic_bands(out: Path) -> Json:
         "sharpest_after_papers_band_deg": max(row["paper_band"]["sharpest_deg"] for row in rows),
         "sharpest_after_deg": max(row["band"]["sharpest_deg"] for row in rows),
         "doors_with_turns_above_15_deg": [
-            f"{row['door_m']} m, {row['comes']}: {row['band']['sharpest_deg']}"
+            f"{row['door_m']} m, {row['comes']}: {row['sharpest_deg']}"
             for row in doors
-            if row["band"]["sharpest_deg"] > SHARPEST_DEG
+            if row["sharpest_deg"] > SHARPEST_DEG
         ],
         "rows": rows,
         "doors": doors,

@@ -164,7 +164,7 @@ def test_a_speed_limit_and_a_sensor_of_the_file_reach_a_drive_and_options_overri
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     text = """
-chair: {limiter: {max_speed: 0.35}, navigator: {planner: {planner: astar, smooth: none}}}
+chair: {limiter: {max_speed: 0.35}, navigator: {planner: {planner: astar}}}
 simulation: {sensors: {lidar: {beams: 360}}}
 """
     path = written(tmp_path, text)
@@ -172,7 +172,6 @@ simulation: {sensors: {lidar: {beams: 360}}}
     found = arguments_of("waychair.trials.navigate.navigate", monkeypatch, *COMMANDS["navigate"], *options)
     assert found["settings"].limiter.max_speed == 0.35
     assert found["settings"].navigator.planner.planner == "dijkstra"
-    assert found["settings"].navigator.planner.smooth == "none"
     assert found["simulation"].sensors.lidar.beams == 360
     plain = arguments_of("waychair.trials.navigate.navigate", monkeypatch, *COMMANDS["navigate"])
     assert plain["settings"] == ChairSettings()
@@ -197,11 +196,10 @@ def test_the_page_counts_down_unless_the_file_gives_a_countdown() -> None:
 
 
 def test_the_planner_takes_the_file_and_options_override_it(tmp_path: Path) -> None:
-    path = written(
-        tmp_path, "chair: {navigator: {planner: {planner: astar, smooth: none}, clearance: {comfortable: 0.7}}}\n"
-    )
-    settings, comfortable = _planning_settings(path, None, "taut")
-    assert (settings.planner, settings.smooth, comfortable) == ("astar", "taut", 0.7)
+    path = written(tmp_path, "chair: {navigator: {planner: {planner: astar}, clearance: {comfortable: 0.7}}}\n")
+    settings, comfortable = _planning_settings(path, None)
+    assert (settings.planner, comfortable) == ("astar", 0.7)
+    assert _planning_settings(path, "dijkstra")[0].planner == "dijkstra"
 
 
 def test_the_benchmark_keeps_its_own_settings_except_those_that_the_file_changes(

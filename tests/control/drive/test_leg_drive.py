@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.drive.leg_drive import LegDrive, View
 from waychair.maps.grid.distance_field import DistanceField, distance_field
+from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.route.legs import PathLeg
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.types import OccupancyGrid, Path, Pose2, Twist
@@ -25,11 +27,15 @@ def gapped() -> OccupancyGrid:
     return OccupancyGrid(cells, CELL)
 
 
-def driven(x: float, has_sonars: bool, speed: float = 0.8) -> float:
+LINES = {"line": np.full(200, 0.16), "window": None}
+
+
+def driven(x: float, has_sonars: bool, speed: float = 0.8, manner: str = "line") -> float:
     """Return the speed [m/s] 1 s after a speed at x [m] on the way through the gap."""
     grid = gapped()
     way = np.column_stack([np.arange(1.0, 11.0, CELL), np.full(200, MIDDLE), np.zeros(200)])
-    leg = LegDrive([PathLeg(Path(way))], grid, CHAIR_A)
+    rooms = LINES[manner]
+    leg = LegDrive(PathLeg(Path(way), rooms), DrawnMap(grid, CHAIR_A), CHAIR_A)
     free = distance_field(grid)
 
     def local() -> DistanceField:
@@ -42,10 +48,11 @@ def driven(x: float, has_sonars: bool, speed: float = 0.8) -> float:
     return command.v
 
 
-def test_with_sonars_a_chair_is_slow_before_a_gap_until_its_front_is_through() -> None:
-    assert driven(THERE - 0.8, has_sonars=True, speed=0.4) < 0.42
-    assert driven(THERE - 0.4, has_sonars=True, speed=0.4) < 0.42
-    assert driven(THERE + 0.4, has_sonars=True, speed=0.4) > 0.5
+@pytest.mark.parametrize("manner", LINES)
+def test_with_sonars_a_chair_is_slow_before_a_gap_until_its_front_is_through(manner: str) -> None:
+    assert driven(THERE - 0.8, has_sonars=True, speed=0.4, manner=manner) < 0.42
+    assert driven(THERE - 0.4, has_sonars=True, speed=0.4, manner=manner) < 0.42
+    assert driven(THERE + 0.4, has_sonars=True, speed=0.4, manner=manner) > 0.5
 
 
 def test_it_slows_down_in_time_and_not_earlier() -> None:

@@ -24,7 +24,6 @@ from waychair.planning.harmonic.harmonic_field import HarmonicSettings
 from waychair.planning.route import global_planner
 from waychair.planning.route import multi_point_turn as manoeuvre
 from waychair.planning.route.global_planner import PlannerSettings
-from waychair.planning.route.legs import DrivingManner
 from waychair.planning.seen import person_tracks as tracks
 from waychair.types import Goal, Pose2, Twist
 
@@ -217,7 +216,7 @@ def test_a_missing_solver_ends_the_drive_with_a_reason(solver: str, monkeypatch:
     assert solver in states[-1].reason
 
 
-def test_a_chair_that_has_slid_off_beside_the_end_of_an_exact_leg_has_not_arrived() -> None:
+def test_a_chair_that_has_slid_off_beside_the_end_of_its_line_has_not_arrived() -> None:
     pilot = navigator(hall())
     pilot.go(Goal(Pose2(4.5, 3.0, math.pi)))
     states, poses, slid = [], [Pose2(4.0, 3.0, 0.0)], False
@@ -227,7 +226,7 @@ def test_a_chair_that_has_slid_off_beside_the_end_of_an_exact_leg_has_not_arrive
             break
         pose = poses[-1] @ arc(states[-1].twist.v * 0.05, states[-1].twist.omega * 0.05)
         if not slid and math.hypot(pose.x - 4.5, pose.y - 3.0) < 0.05 and states[-1].leg is not None:
-            assert states[-1].leg.manner is DrivingManner.EXACT
+            assert states[-1].leg.is_line
             pose, slid = Pose2(pose.x, pose.y + 0.35, pose.theta), True
         poses.append(pose)
     assert slid

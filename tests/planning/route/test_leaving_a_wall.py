@@ -15,7 +15,6 @@ from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.leaving_a_wall import leading_out_path, reason_for_cramped
-from waychair.planning.route.legs import DrivingManner
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 WALL, SIDE = 0.2, 5.0
@@ -90,7 +89,7 @@ def test_the_plan_of_a_parked_chair_leads_out_before_a_turn() -> None:
     planner = GlobalPlanner(Pose2(2.5, 3.5, math.pi))
     planner.replan(costmap_from_grid(square(), CHAIR_B), start)
     first = planner.legs[0]
-    assert first.manner is DrivingManner.EXACT
+    assert first.is_line
     for leg in planner.legs:
         assert gaps(CHAIR_B, leg.path.poses).min() > 0.008
     assert gaps(CHAIR_B, first.path.poses[-1:])[0] > 0.03

@@ -1,0 +1,287 @@
+"""A line of poses that flows: the smoothest line near a given one along which the chair's outline keeps its room.
+
+The line is an elastic band in Quinlan's sense ("Real-time modification of collision-free paths", PhD thesis, Stanford
+1994), solved by damped Gauss-Newton steps instead of relaxation. Its energy is the price of length, of curvature, of the
+change of curvature, and of the room that points of the outline lack. The chair heads along the line, so a push on its
+front turns it: the band knows the outline, not a disc. Neighbours within three points interact, so the system is banded
+and a step takes time in proportion to the length.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.maps.grid.distance_field import DistanceField, interpolated
+from waychair.planning.grid.resumable import CountedSteps
+from waychair.types import Float32Array, FloatArray
+
+SPACING = 0.08
+"""[m] Distance of the line's points."""
+
+LENGTH_PRICE, BEND_PRICE, BEND_RATE_PRICE, ROOM_PRICE = 0.3, 1.0, 0.12, 120.0
+"""Prices of a metre, of curvature squared and its rate squared over a metre, and of lacking room squared over a metre."""
+
+COMFORT, CORNER = 0.16, 0.05
+"""[m] Room that the band wants beside the body, and round its corners."""
+
+ROUNDS, STEPS, LONGEST_MOVE, STILL = 4, 10, 0.06, 0.002
+"""Most rounds, after each of which the points are spaced anew, and most Gauss-Newton steps of each; the longest move [m] of
+a point in one step, and the move below which the line rests."""
+
+CELLS_A_POINT = 200
+"""Work of one step for one point, in visited grid cells."""
+
+NO_ZONES: Float32Array = np.empty((0, 0), np.float32)
+
+FROM_ZONES = 0.05
+"""[m] Room that the axle's middle keeps from a zone that the line goes round."""
+
+
+def body_points(body: ChairBody, comfort: float = COMFORT, corner: float = CORNER) -> FloatArray:
+    """Return (K, 3) [m] the outline as points: ahead, left, and the distance to obstacles that each one wants."""
+    half = body.width / 2
+    count = max(2, math.ceil(body.length / half))
+    along = np.linspace(-body.rear + min(half, body.rear), body.front - half, count)
+    middle = [(float(x), 0.0, half + comfort) for x in along]
+    corners = [(x, y, corner) for x in (body.front, -body.rear) for y in (half, -half)]
+    return np.array([*middle, *corners])
+
+
+def flowing(
+    line: FloatArray,
+    field: DistanceField,
+    body: ChairBody,
+    leaves: float | None = None,
+    arrives: float | None = None,
+    comfort: float = COMFORT,
+    backwards: bool = False,
+    price: float = ROOM_PRICE,
+    from_zones: Float32Array = NO_ZONES,
+) -> CountedSteps[FloatArray]:
+    """Return poses (M, 3) [m, m, rad] of the band from a line (N, 2) [m], all in the field's map frame; resumable.
+
+    `leaves` and `arrives` [rad] are the body's headings at the ends, where they are fixed. `from_zones` holds distances
+    [m] on the field's cells to zones that the axle's middle keeps out of; (0, 0) without any. The result need not be
+    free: check it with the exact outline.
+    """
+    points = evenly_spaced(line, SPACING)
+    if len(points) < 4:
+        points = evenly_spaced(line, max(float(np.hypot(*np.diff(line, axis=0).T).sum()) / 4, 1e-3))
+    gear = -1.0 if backwards else 1.0
+    shape = body_points(body, comfort)
+    shape[:, 0] *= gear
+    shape[:, 2] += field.resolution / 2  # distances are to the middles of occupied cells
+    h = float(np.hypot(*(points[1] - points[0])))
+    to_grid = field.map_from_grid.inverse()
+    c, s = math.cos(to_grid.theta), math.sin(to_grid.theta)
+    turn = np.array([[c, -s], [s, c]])
+    local = points @ turn.T + (to_grid.x, to_grid.y)
+    ends = [
+        math.nan if end is None else end + to_grid.theta + (0.0 if gear > 0 else math.pi) for end in (leaves, arrives)
+    ]
+    before, beyond = (0 if math.isnan(end) else STRAIGHT for end in ends)
+    for _ in range(ROUNDS):
+        yield len(local) * STEPS * CELLS_A_POINT
+        local = np.concatenate([local[:1].repeat(before, axis=0), local, local[-1:].repeat(beyond, axis=0)])
+        still = _relax(local, field.metres, from_zones, field.resolution, shape, h, ends[0], ends[1], STEPS, price)
+        local = evenly_spaced(local[before : len(local) - beyond], SPACING)
+        h = float(np.hypot(*(local[1] - local[0])))
+        if len(local) < 4:
+            break
+        if still:
+            break
+    back = (local - (to_grid.x, to_grid.y)) @ turn
+    return with_headings(back, leaves, arrives, backwards)
+
+
+def with_headings(
+    points: FloatArray, leaves: float | None = None, arrives: float | None = None, backwards: bool = False
+) -> FloatArray:
+    """Return poses (N, 3) with the body's headings along points (N, 2), fixed at the ends where given."""
+    if len(points) < 2:
+        heading = leaves if leaves is not None else arrives if arrives is not None else 0.0
+        return np.column_stack([points, np.full(len(points), heading)])
+    ahead = np.diff(points, axis=0)
+    steps = np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))
+    inner = (steps[:-1] + steps[1:]) / 2
+    first = steps[0] - (steps[1] - steps[0]) / 2 if len(steps) > 1 else steps[0]
+    last = steps[-1] + (steps[-1] - steps[-2]) / 2 if len(steps) > 1 else steps[-1]
+    headings = np.concatenate([[first], inner, [last]]) + (math.pi if backwards else 0.0)
+    if leaves is not None:
+        headings += math.tau * round((leaves - headings[0]) / math.tau)
+        headings[0] = leaves
+    if arrives is not None:
+        headings[-1] = arrives + math.tau * round((headings[-1] - arrives) / math.tau)
+    return np.column_stack([points, headings])
+
+
+def evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
+    """Return points along a polyline, evenly spaced by at most `spacing` [m], both ends included."""
+    steps = np.hypot(*np.diff(points, axis=0).T)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    count = max(math.ceil(along[-1] / spacing - 1e-9), 1) + 1
+    at = np.linspace(0.0, along[-1], count)
+    return np.column_stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])])
+
+
+@njit(cache=True, nogil=True)
+def _relax(
+    p: FloatArray,
+    metres: Float32Array,
+    from_zones: Float32Array,
+    cell: float,
+    shape: FloatArray,
+    h: float,
+    leaves: float,
+    arrives: float,
+    steps: int,
+    room_price: float,
+) -> bool:
+    """Move points (N, 2) [m] in place by at most so many Gauss-Newton steps; return whether they rest."""
+    n = len(p)
+    first, stop = 1, n - 1
+    if not math.isnan(leaves):  # the line comes straight to its end, so that its curvature begins from 0
+        first = STRAIGHT + 1
+        for j in range(STRAIGHT):
+            away = (STRAIGHT - j) * h
+            p[j, 0], p[j, 1] = p[STRAIGHT, 0] - away * math.cos(leaves), p[STRAIGHT, 1] - away * math.sin(leaves)
+    if not math.isnan(arrives):
+        stop = n - STRAIGHT - 1
+        for j in range(STRAIGHT):
+            away = (STRAIGHT - j) * h
+            end = n - 1 - STRAIGHT
+            p[n - 1 - j, 0], p[n - 1 - j, 1] = (
+                p[end, 0] + away * math.cos(arrives),
+                p[end, 1] + away * math.sin(arrives),
+            )
+    count = stop - first
+    if count < 1:
+        return True
+    width = 4  # half bandwidth of the system, with the diagonal: a point moves across the line only
+    band = np.zeros((count, width))
+    right = np.zeros(count)
+    stencils = np.array([[-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]])
+    prices = np.array([LENGTH_PRICE / h, BEND_PRICE / h**3, BEND_RATE_PRICE / h**5])
+    sizes = np.array([2, 3, 4])
+    across = np.zeros((n, 2))
+    slopes = np.zeros(4)
+    lever = np.zeros(3)
+    for _ in range(steps):
+        for i in range(n):
+            before, after = max(i - 1, 0), min(i + 1, n - 1)
+            tx, ty = p[after, 0] - p[before, 0], p[after, 1] - p[before, 1]
+            long = math.hypot(tx, ty) + 1e-9
+            across[i, 0], across[i, 1] = -ty / long, tx / long
+        band[:] = 0.0
+        right[:] = 0.0
+        for term in range(3):
+            size = sizes[term]
+            for i in range(n - size + 1):
+                rx, ry = 0.0, 0.0
+                for a in range(size):
+                    rx += stencils[term, a] * p[i + a, 0]
+                    ry += stencils[term, a] * p[i + a, 1]
+                if term > 0:  # bends are what deviates across the line; along it only the points' spacing does
+                    nx, ny = across[i + 1, 0], across[i + 1, 1]
+                    if term == 2:
+                        nx, ny = nx + across[i + 2, 0], ny + across[i + 2, 1]
+                        long = math.hypot(nx, ny) + 1e-9
+                        nx, ny = nx / long, ny / long
+                    residual = rx * nx + ry * ny
+                    for a in range(size):
+                        slopes[a] = stencils[term, a] * (across[i + a, 0] * nx + across[i + a, 1] * ny)
+                    for a in range(size):
+                        if first <= i + a < stop:
+                            row = i + a - first
+                            right[row] -= prices[term] * slopes[a] * residual
+                            for b in range(a + 1):
+                                if first <= i + b < stop:
+                                    band[row, a - b] += prices[term] * slopes[a] * slopes[b]
+                    continue
+                for a in range(size):
+                    if first <= i + a < stop:
+                        row = i + a - first
+                        right[row] -= prices[term] * stencils[term, a] * (rx * across[i + a, 0] + ry * across[i + a, 1])
+                        for b in range(a + 1):
+                            if first <= i + b < stop:
+                                dot = across[i + a, 0] * across[i + b, 0] + across[i + a, 1] * across[i + b, 1]
+                                band[row, a - b] += prices[term] * stencils[term, a] * stencils[term, b] * dot
+        for i in range(1, n - 1):
+            tx, ty = p[i + 1, 0] - p[i - 1, 0], p[i + 1, 1] - p[i - 1, 1]
+            long = math.hypot(tx, ty) + 1e-9
+            tx, ty = tx / long, ty / long
+            for k in range(len(shape) + (from_zones.size > 0)):
+                if k < len(shape):
+                    field, o, w, want = metres, shape[k, 0], shape[k, 1], shape[k, 2]
+                else:
+                    field, o, w, want = from_zones, 0.0, 0.0, FROM_ZONES + cell / 2
+                x, y = p[i, 0] + o * tx - w * ty, p[i, 1] + o * ty + w * tx
+                u, v = x / cell, y / cell
+                lacking = want - interpolated(field, u, v)
+                if lacking <= 0.0:
+                    continue
+                gx = (interpolated(field, u + 1.0, v) - interpolated(field, u - 1.0, v)) / (2 * cell)
+                gy = (interpolated(field, u, v + 1.0) - interpolated(field, u, v - 1.0)) / (2 * cell)
+                # the point moves with the turn of the heading: d(point)/d(theta) = (-o ty - w tx, o tx - w ty)
+                turned = gx * (-o * ty - w * tx) + gy * (o * tx - w * ty)
+                for a in range(3):
+                    nx, ny = across[i + a - 1, 0], across[i + a - 1, 1]
+                    if a == 1:
+                        lever[a] = -(gx * nx + gy * ny)
+                    else:
+                        lever[a] = -turned * (a - 1) * (-ty * nx + tx * ny) / long
+                price = room_price * h
+                for a in range(3):
+                    if not first <= i + a - 1 < stop:
+                        continue
+                    row = i + a - 1 - first
+                    right[row] -= price * lever[a] * lacking
+                    for b in range(a + 1):
+                        if first <= i + b - 1 < stop:
+                            band[row, a - b] += price * lever[a] * lever[b]
+        for row in range(count):
+            band[row, 0] += DAMPING
+        _solve(band, right)
+        longest = 0.0
+        for j in range(count):
+            longest = max(longest, abs(right[j]))
+        share = min(1.0, LONGEST_MOVE / max(longest, 1e-12))
+        for j in range(count):
+            p[first + j, 0] += share * right[j] * across[first + j, 0]
+            p[first + j, 1] += share * right[j] * across[first + j, 1]
+        if longest < STILL:
+            return True
+    return False
+
+
+STRAIGHT = 3
+"""Points by which a line with a fixed heading goes on straight beyond its end while it is relaxed."""
+
+DAMPING = 2.0
+"""Added to the diagonal of the system: a point moves no farther than its neighbours' room tells."""
+
+
+@njit(cache=True, nogil=True)
+def _solve(band: FloatArray, right: FloatArray) -> None:
+    """Solve a symmetric banded system in place by Cholesky's method; band[row, k] is the entry k left of the diagonal."""
+    n, width = band.shape
+    for i in range(n):
+        for j in range(max(0, i - width + 1), i + 1):
+            total = band[i, i - j]
+            for k in range(max(0, i - width + 1, j - width + 1), j):
+                total -= band[i, i - k] * band[j, j - k]
+            band[i, i - j] = math.sqrt(max(total, 1e-12)) if i == j else total / band[j, 0]
+    for i in range(n):
+        total = right[i]
+        for k in range(max(0, i - width + 1), i):
+            total -= band[i, i - k] * right[k]
+        right[i] = total / band[i, 0]
+    for i in range(n - 1, -1, -1):
+        total = right[i]
+        for k in range(i + 1, min(n, i + width)):
+            total -= band[k, k - i] * right[k]
+        right[i] = total / band[i, 0]

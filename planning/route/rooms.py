@@ -1,0 +1,63 @@
+"""How much room there is beside a line of poses, and for a turn: on the map's cells where there is much, else on fine ones."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from waychair.geometry import wrap_angle
+from waychair.planning.body.footprint import fits_each, footprint, free_time, in_cells
+from waychair.planning.grid.costmap import Costmap
+from waychair.planning.grid.fine_distances import fine_field
+from waychair.planning.grid.resumable import CountedSteps
+from waychair.planning.route.speed_profile import ROOMS, rooms_along
+from waychair.types import FloatArray, Pose2
+
+_STRETCH = 1.0
+"""[m] Length of a stretch whose fine cells are made at once: about a millisecond."""
+
+_CELLS = 400_000
+"""Work of a stretch, in visited grid cells."""
+
+_NO_TURN = 0.05
+"""[rad] A smaller change of heading happens on the way."""
+
+
+def rooms_beside(costmap: Costmap, poses: FloatArray) -> CountedSteps[FloatArray]:
+    """Return (N,) [m] the clearance of the outline at poses (N, 3), rounded down to `ROOMS`; -1 where it does not fit."""
+    rooms = np.full(len(poses), ROOMS[-1])
+    tight = np.flatnonzero(~fits_each(costmap.body, ROOMS[-1], costmap.field, poses))
+    begin = 0
+    while begin < len(tight):
+        x, y = poses[tight[begin], :2]
+        end = begin + 1
+        while end < len(tight) and math.dist((x, y), poses[tight[end], :2]) < _STRETCH:
+            end += 1
+        yield _CELLS
+        some = tight[begin:end]
+        part = poses[some]
+        low, high = part[:, :2].min(axis=0), part[:, :2].max(axis=0)
+        middle = (low + high) / 2
+        reach = float((high - low).max()) / 2 + costmap.body.circumscribed_radius + ROOMS[-1] + 0.05
+        field = fine_field(costmap.grid, Pose2(float(middle[0]), float(middle[1])), reach)
+        rooms[some] = rooms_along(costmap.body, field, part)
+        begin = end
+    return rooms
+
+
+def can_turn(costmap: Costmap, pose: Pose2, heading: float, margin: float) -> bool:
+    """Return whether the chair can turn on the spot to a heading [rad], in one of both directions, or need not turn."""
+    short = wrap_angle(heading - pose.theta)
+    if abs(short) < _NO_TURN:
+        return True
+    field = costmap.field
+    for fine in (False, True):
+        if fine:
+            field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.3)
+        shape, at = footprint(costmap.body, margin, field), in_cells(field, pose)
+        if any(
+            free_time(shape, at, 0.0, turn, 1.0, 1.0) >= 1.0 for turn in (short, short - math.copysign(math.tau, short))
+        ):
+            return True
+    return False

@@ -1,0 +1,413 @@
+"""From a line over the cells to legs that flow: the band where it fits, turns on the spot where they are sooner.
+
+Where the chair does not fit along the band, a multi-point turn replaces a stretch of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+
+from waychair.errors import NoPath
+from waychair.geometry import wrap_angle
+from waychair.planning.body.clearance import HARD, NOISE, PLANNED, PLANNED_TURN
+from waychair.planning.body.footprint import fits
+from waychair.planning.grid.costmap import Costmap
+from waychair.planning.grid.fine_distances import fine_field
+from waychair.planning.grid.resumable import CELLS_PER_STEP, CountedSteps, counted
+from waychair.planning.grid.smoothing import line_cost
+from waychair.planning.route.flowing_line import COMFORT, NO_ZONES, SPACING, flowing
+from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
+from waychair.planning.route.legs import DoorPassage, PathLeg
+from waychair.planning.route.manoeuvres import gear_changes, manoeuvre_between
+from waychair.planning.route.rooms import can_turn, rooms_beside
+from waychair.planning.route.speed_profile import time_along, turn_time
+from waychair.planning.window.motion_limits import DwaSettings
+from waychair.types import Float32Array, FloatArray, Path, Pose2
+
+LEAST_ROOM = 0.02
+"""[m] Room that a line needs: what a chair at a crawl errs, twice."""
+
+_SHARPEST = 0.45
+"""[rad] Sharpest turn from one pose of a line to the next."""
+
+_SETTLING_PRICE = 2000.0
+"""Price of lacking room at which a band first settles."""
+
+_TRIES = ((COMFORT, 40000.0), (0.12, 400000.0), (0.08, 400000.0))
+"""Comfort [m] and price of lacking room of the bands that are tried in turn."""
+
+_AHEAD = (0.8, 0.5, 0.3)
+"""[m] Distances of the front end before a door's middle from which the chair is straight."""
+
+_PAST = (0.2, 0.1)
+"""[m] Distances of the rear end past a door's middle up to which the chair stays straight."""
+
+_ON_AXIS = 0.015
+"""[m] A chair no farther off a door's axis goes on from where it is, after a turn on the spot if need be."""
+
+_ONE_TURN = 1.5
+"""[m] Places no farther apart, at which the band does not fit, are passed by one multi-point turn."""
+
+_ROUND = (0.8, 2.0)
+"""[m] Lengths of line on both sides of such a place that a multi-point turn replaces; the longer if the shorter fails."""
+
+_SAME_HEADING = 0.02
+"""[rad] Two pieces whose headings differ by no more are driven without a stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Piece:
+    """A stretch between two poses: poses (N, 3), the room (N,) [m] at them, and the time it takes [s].
+
+    `turning` [s] is the part of that time for turns on the spot at its ends.
+    """
+
+    poses: FloatArray
+    rooms: FloatArray
+    seconds: float
+    backwards: bool = False
+    turning: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Ground:
+    """Where a way is made, and how fast the chair is there; `from_zones` as in `flowing`."""
+
+    costmap: Costmap
+    limits: DwaSettings
+    from_zones: Float32Array
+    searches: Callable[[], None] | None
+
+
+def way_legs(
+    costmap: Costmap,
+    line: FloatArray,
+    start: Pose2,
+    goal: Pose2,
+    doors: Sequence[DoorPassage],
+    limits: DwaSettings,
+    searches: Callable[[], None] | None,
+) -> CountedSteps[list[PathLeg]]:
+    """Return legs along a line (N, 2) [m] from a start to a goal in map, straight through its doors; resumable.
+
+    The chair stops only where it turns on the spot or changes gear; it does so where that is sooner than a bend, or the
+    only way. `searches` is called before a search for a multi-point turn, which takes long; None rules such turns out.
+
+    Raises:
+        NoPath: the chair does not fit somewhere, not even with a multi-point turn.
+    """
+    if math.dist((start.x, start.y), (goal.x, goal.y)) < _NOWHERE:
+        poses = np.array([[start.x, start.y, start.theta], [start.x, start.y, goal.theta]])
+        return [PathLeg(Path(poses), np.zeros(2))]
+    ground = _Ground(costmap, limits, _zones_round(costmap, line), searches)
+    pieces: list[_Piece] = []
+    passed: list[DoorPassage] = []
+    here, rest = start, line
+    for door in doors:
+        found = yield from _through(ground, rest, here, goal, door)
+        if found is not None:
+            before, straight, rest = found
+            pieces += [*([] if before is None else [before]), straight]
+            here = Pose2(*straight.poses[-1])
+            passed.append(door)
+    if math.dist((here.x, here.y), (goal.x, goal.y)) > _ARRIVED or not pieces:
+        pieces += yield from _pieces(ground, rest, here, goal)
+    return _joined(pieces, goal, passed)
+
+
+_NOWHERE = 0.005
+"""[m] At a goal so near the chair only turns."""
+
+_CELLS_OF_A_DOOR = 600_000
+"""Work of the fine cells round a door, in visited grid cells."""
+
+_ARRIVED = 0.05
+"""[m] A door's passage that ends so near to the goal ends the drive."""
+
+
+def _zones_round(costmap: Costmap, line: FloatArray) -> Float32Array:
+    """Return the distances to zones if the line goes round all of them; through one the band keeps near its line."""
+    if costmap.from_zones is None:
+        return NO_ZONES
+    cells = costmap.grid.map_from_grid.inverse()
+    c, s = math.cos(cells.theta), math.sin(cells.theta)
+    at = (line @ np.array([[c, s], [-s, c]]) + (cells.x, cells.y)) / costmap.grid.resolution
+    rows, columns = np.floor(at[:, 1]).astype(int), np.floor(at[:, 0]).astype(int)
+    height, width = costmap.from_zones.shape
+    inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+    crosses = (costmap.from_zones[rows[inside], columns[inside]] < 0.0).any()
+    return NO_ZONES if crosses else costmap.from_zones
+
+
+def _pieces(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[list[_Piece]]:
+    """Return the band from pose to pose, with multi-point turns where it does not fit."""
+    whole = yield from _between(ground, line, start, goal)
+    if whole is not None:
+        return [whole]
+    costmap = ground.costmap
+    poses = yield from flowing(line, costmap.field, costmap.body, price=_TRIES[0][1], from_zones=ground.from_zones)
+    rooms = yield from rooms_beside(costmap, poses)
+    fits_there = rooms >= PLANNED
+    bad = (np.flatnonzero(~fits_there[1:-1]) + 1).tolist()
+    turns_in = can_turn(costmap, start, float(poses[0, 2]), PLANNED_TURN)
+    turns_out = can_turn(costmap, Pose2(*poses[-1]), goal.theta, PLANNED_TURN)
+    marked = [*([] if turns_in else [0]), *bad, *([] if turns_out else [len(poses) - 1])]
+    first = last = marked[0] if marked else 0
+    for k in marked[1:] or [len(poses) - 1] * (not marked):
+        if (k - last) * SPACING > _ONE_TURN and marked:
+            break
+        last = k
+    if ground.searches is None:
+        raise _no_room(costmap, start, poses[first])
+    for around in _ROUND:
+        begin, end = first, last
+        while begin > 0 and ((first - begin) * SPACING < around or not fits_there[begin]):
+            begin -= 1
+        while end < len(poses) - 1 and ((end - last) * SPACING < around or not fits_there[end]):
+            end += 1
+        into = start if begin == 0 else Pose2(*poses[begin])
+        out = goal if end == len(poses) - 1 else Pose2(*poses[end])
+        before: list[_Piece] = []
+        if begin > 0:
+            piece = yield from _between(ground, poses[: begin + 1, :2], start, into)
+            if piece is None:
+                continue
+            before = [piece]
+        ground.searches()
+        turned = yield from counted(manoeuvre_between(costmap, into, out), CELLS_PER_STEP)
+        if turned is None:
+            continue
+        gears = yield from _gears(ground, turned)
+        after: list[_Piece] = []
+        if end < len(poses) - 1:
+            after = yield from _pieces(ground, poses[end:, :2], out, goal)
+        return [*before, *gears, *after]
+    raise _no_room(costmap, start, poses[first])
+
+
+def _no_room(costmap: Costmap, start: Pose2, pose: FloatArray) -> NoPath:
+    """Return the error of a chair that fits neither along its line nor with a multi-point turn."""
+    x, y = float(pose[0]), float(pose[1])
+    near = fine_field(costmap.grid, start, costmap.body.circumscribed_radius + 0.3)
+    if not fits(costmap.body, PLANNED, near, start):
+        why = reason_for_cramped(near, costmap.body, start, NOISE)
+        if why is not None:
+            return NoPath(f"{why}; {BY_HAND}", (x, y))
+    return NoPath(
+        f"the chair does not fit at ({x:.2f}, {y:.2f}), not even with a multi-point turn; clear the way or choose "
+        "another goal",
+        (x, y),
+    )
+
+
+def _gears(ground: _Ground, poses: FloatArray) -> CountedSteps[list[_Piece]]:
+    """Return the drives of a multi-point turn (N, 3), each smoothed where the smoother one has no less room."""
+    costmap, done = ground.costmap, []
+    for line, backwards in gear_changes(poses):
+        rooms = yield from rooms_beside(costmap, line)
+        if len(line) > 2:
+            smooth = yield from flowing(
+                line[:, :2],
+                costmap.field,
+                costmap.body,
+                float(line[0, 2]),
+                float(line[-1, 2]),
+                backwards=backwards,
+                price=_TRIES[0][1],
+                from_zones=ground.from_zones,
+            )
+            beside = yield from rooms_beside(costmap, smooth)
+            if _sharpest(smooth) < _SHARPEST and beside.min() >= rooms.min():
+                line, rooms = smooth, beside
+        done.append(_Piece(line, rooms, 0.0, backwards))
+    return done
+
+
+def _through(
+    ground: _Ground, line: FloatArray, here: Pose2, goal: Pose2, door: DoorPassage
+) -> CountedSteps[tuple[_Piece | None, _Piece, FloatArray] | None]:
+    """Return the soonest piece to a door's axis, the straight one through it, and the line beyond it."""
+    best: tuple[float, _Piece | None, _Piece] | None = None
+    for ahead in _AHEAD:
+        straight = yield from _straight(ground, door, here, goal, ahead)
+        if straight is None:
+            continue
+        entry = Pose2(*straight.poses[0])
+        seconds, before = straight.seconds, None
+        if math.dist((entry.x, entry.y), (here.x, here.y)) > _ON_AXIS:
+            k = max(1, _nearest(line, entry))
+            before = yield from _between(ground, np.concatenate([line[:k], [[entry.x, entry.y]]]), here, entry)
+            if before is None:
+                continue
+            seconds += before.seconds
+        if best is None or seconds < best[0]:
+            best = seconds, before, straight
+    if best is None:
+        return None
+    leaving = best[2].poses[-1]
+    k = _nearest(line, Pose2(*leaving))
+    return best[1], best[2], np.concatenate([leaving[None, :2], line[k + 1 :] if k + 1 < len(line) else line[-1:]])
+
+
+def _straight(
+    ground: _Ground, door: DoorPassage, here: Pose2, goal: Pose2, ahead: float
+) -> CountedSteps[_Piece | None]:
+    costmap, middle = ground.costmap, door.map_from_door
+    body = costmap.body
+    yield _CELLS_OF_A_DOOR
+    field = fine_field(costmap.grid, middle, body.length + 1.0)
+    begin = -(body.front + ahead)
+    end = next((body.rear + past for past in _PAST if fits(body, HARD, field, middle @ Pose2(body.rear + past))), None)
+    at, there = middle.inverse() @ here, middle.inverse() @ goal
+    if at.x > begin - 0.1 and abs(at.y) < _ON_AXIS and can_turn(costmap, here, middle.theta, PLANNED):
+        begin = at.x
+    if end is None or not fits(body, HARD, field, middle @ Pose2(begin)):
+        return None
+    if there.x < end:
+        if abs(there.y) > 0.03 or abs(there.theta) > 0.1:
+            return None
+        end = there.x
+    if end - begin < 0.05:
+        return None
+    along = np.linspace(begin, end, math.ceil((end - begin) / SPACING) + 1)
+    poses = np.array([(middle @ Pose2(float(x), 0.0, 0.0)).array() for x in along])
+    rooms = yield from rooms_beside(costmap, poses)
+    return _Piece(poses, rooms, time_along(poses, rooms, body, ground.limits))
+
+
+def _between(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[_Piece | None]:
+    """Return the soonest band from pose to pose, with or without turns on the spot at its ends; None if none fits.
+
+    The ends of a long line do not depend on each other.
+    """
+    found = yield from _fitting(ground, line, None, None)
+    if found is not None:
+        poses, rooms = found
+        cut = math.ceil(_END_PART / SPACING)
+        if len(poses) > 3 * cut:
+            first = yield from _soonest(ground, poses[: cut + 1, :2], start, Pose2(*poses[cut]), last=False)
+            last = yield from _soonest(ground, poses[-cut - 1 :, :2], Pose2(*poses[-cut - 1]), goal, first=False)
+            if first is not None and last is not None:
+                poses = np.concatenate([first.poses[:-1], poses[cut : len(poses) - cut], last.poses[1:]])
+                rooms = np.concatenate([first.rooms[:-1], rooms[cut : len(rooms) - cut], last.rooms[1:]])
+                middle = time_along(poses, rooms, ground.costmap.body, ground.limits)
+                return _Piece(poses, rooms, middle + first.turning + last.turning, turning=first.turning + last.turning)
+    return (yield from _soonest(ground, line, start, goal, found))
+
+
+def _soonest(
+    ground: _Ground,
+    line: FloatArray,
+    start: Pose2,
+    goal: Pose2,
+    free: tuple[FloatArray, FloatArray] | None = None,
+    first: bool = True,
+    last: bool = True,
+) -> CountedSteps[_Piece | None]:
+    """Return the soonest of the bands along a line with fixed and with free ends; None if none fits.
+
+    `free` is the band with free ends, if it is known. The chair may turn on the spot at the `first` and the `last` end;
+    at the others it drives on, in the pose's heading.
+    """
+    best: _Piece | None = None
+    costmap, limits = ground.costmap, ground.limits
+    for leaves in (None, start.theta) if first else (start.theta,):
+        for arrives in (None, goal.theta) if last else (goal.theta,):
+            found = free if leaves is None and arrives is None else None
+            found = found or (yield from _fitting(ground, line, leaves, arrives))
+            if found is None:
+                continue
+            poses, rooms = found
+            into, out = Pose2(*poses[0]), Pose2(*poses[-1])
+            if leaves is None and not can_turn(costmap, start, into.theta, PLANNED_TURN):
+                continue
+            if arrives is None and not can_turn(costmap, out, goal.theta, PLANNED_TURN):
+                continue
+            turning = turn_time(wrap_angle(into.theta - start.theta), limits) if leaves is None else 0.0
+            turning += turn_time(wrap_angle(goal.theta - out.theta), limits) if arrives is None else 0.0
+            seconds = time_along(poses, rooms, costmap.body, limits) + turning
+            if best is None or seconds < best.seconds:
+                best = _Piece(poses, rooms, seconds, turning=turning)
+    return best
+
+
+_END_PART = 3.0
+"""[m] Length of a line's ends that are made with and without a turn on the spot."""
+
+
+def _fitting(
+    ground: _Ground, line: FloatArray, leaves: float | None, arrives: float | None
+) -> CountedSteps[tuple[FloatArray, FloatArray] | None]:
+    """Return the first band along a line that fits, and the room (N,) [m] at its poses; None if none does."""
+    costmap = ground.costmap
+    for comfort, price in ((COMFORT, _SETTLING_PRICE), *_TRIES):
+        poses = yield from flowing(
+            line, costmap.field, costmap.body, leaves, arrives, comfort, price=price, from_zones=ground.from_zones
+        )
+        line = poses[:, :2]
+        if price == _SETTLING_PRICE:
+            continue
+        if _sharpest(poses) > _SHARPEST:
+            return None
+        rooms = yield from rooms_beside(costmap, poses)
+        if (rooms[1:-1] >= LEAST_ROOM).all() and not _is_against_one_way(costmap, line):
+            return poses, rooms
+    return None
+
+
+def _is_against_one_way(costmap: Costmap, points: FloatArray) -> bool:
+    """Return whether a line through points (N, 2) [m] goes against a one-way zone; a band only knows walls."""
+    if costmap.barred is None:
+        return False
+    to_grid = costmap.grid.map_from_grid.inverse()
+    c, s = math.cos(to_grid.theta), math.sin(to_grid.theta)
+    at = (points @ np.array([[c, s], [-s, c]]) + (to_grid.x, to_grid.y)) / costmap.grid.resolution
+    return any(
+        line_cost(costmap.prices, a, b, c, d, costmap.barred) == math.inf
+        and line_cost(costmap.prices, a, b, c, d, None) < math.inf
+        for (a, b), (c, d) in pairwise(at.tolist())
+        if (a, b) != (c, d)
+    )
+
+
+def _nearest(line: FloatArray, pose: Pose2) -> int:
+    """Return the index of the point of a line (N, 2) that is nearest to a pose."""
+    return int(np.argmin(np.hypot(*(line - (pose.x, pose.y)).T)))
+
+
+def _joined(pieces: list[_Piece], goal: Pose2, doors: Sequence[DoorPassage]) -> list[PathLeg]:
+    """Return the pieces as legs, cut where the chair turns on the spot or changes gear."""
+    joined: list[_Piece] = []
+    for piece in pieces:
+        before = joined[-1] if joined else None
+        if (
+            before is None
+            or before.backwards != piece.backwards
+            or abs(wrap_angle(before.poses[-1, 2] - piece.poses[0, 2])) > _SAME_HEADING
+        ):
+            joined.append(piece)
+        else:
+            joined[-1] = replace(
+                before,
+                poses=np.concatenate([before.poses, piece.poses[1:]]),
+                rooms=np.concatenate([before.rooms, piece.rooms[1:]]),
+            )
+    legs = []
+    for k, piece in enumerate(joined):
+        poses, rooms = piece.poses, piece.rooms
+        heading = joined[k + 1].poses[0, 2] if k + 1 < len(joined) else goal.theta
+        if abs(wrap_angle(poses[-1, 2] - heading)) > 1e-6:
+            poses = np.concatenate([poses, [[poses[-1, 0], poses[-1, 1], heading]]])
+            rooms = np.append(rooms, rooms[-1])
+        legs.append(PathLeg(Path(poses), rooms, piece.backwards, tuple(doors)))
+    return legs
+
+
+def _sharpest(poses: FloatArray) -> float:
+    turns = np.diff(poses[:, 2])
+    return float(np.abs(np.arctan2(np.sin(turns), np.cos(turns))).max()) if len(turns) else 0.0
