@@ -208,6 +208,23 @@ def sonar_mounts(body: ChairBody) -> tuple[Pose2, ...]:
     )
 
 
+def paper_sonar_mounts(body: ChairBody) -> tuple[Pose2, ...]:
+    """Return `base_from_sonar` of the eight sonars of the paper's chair: six to the front side, two to the rear.
+
+    Counter-clockwise from the rear right one: right of straight back; right, front right, two ahead, front left, left;
+    left of straight back. The paper gives the counts only; the angles are ours: 10, 40 and 75 degrees from straight
+    ahead, and 15 from straight back.
+    """
+    front, rear, side, quarter = body.front, -body.rear, body.width / 2, body.width / 4
+    to_right = (
+        Pose2(rear, -quarter, -math.radians(165.0)),
+        Pose2(front - body.length / 10, -side, -math.radians(75.0)),
+        Pose2(front, -side, -math.radians(40.0)),
+        Pose2(front, -quarter, -math.radians(10.0)),
+    )
+    return (*to_right, *(Pose2(at.x, -at.y, -at.theta) for at in reversed(to_right)))
+
+
 CHAIR_A = ChairBody()
 CHAIR_B = ChairBody(chair_id="B", length=1.10, width=0.70, track=0.62)
 CHAIR_A_MID = ChairBody(chair_id="A_mid", drive="mid", axle_from_rear=0.50, laser_x=0.35, camera_x=0.15, imu_x=-0.15)

@@ -15,8 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.drive.doorway import DoorWatch
 from waychair.control.drive.line_tracking import TRACKING_OMEGA, TrackingGains, track
+from waychair.control.drive.live_jambs import DoorWatch
 from waychair.geometry import compose
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import RETREAT

@@ -1,0 +1,89 @@
+"""Behaviour cells: the runtime beside a plain interpreter, the paper's rules as a table, free space by the outline."""
+
+from __future__ import annotations
+
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+
+from evaluation.behaviours.cluttered_places import offered, random_place, truly_free
+from evaluation.behaviours.compared_cells import LITERAL_EVERY, differing_ports
+from evaluation.behaviours.navigation_table import TableRun, expected, found, list_cases, obstacle_cases
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.types import Json
+
+NETWORKS, INNERVATIONS = 2000, 500
+PLACES = 500
+SHARE = 0.95
+"""Least part of the truly free orientations that the lidar's view offers."""
+
+
+def behaviours(out: Path) -> Json:
+    """2,000 random networks beside the plain interpreter: 0 differing ports in 10^6 innervations.
+
+    `BEHAVIOURS_NETWORKS` and `BEHAVIOURS_INNERVATIONS` take a sample.
+    """
+    networks = int(os.environ.get("BEHAVIOURS_NETWORKS", str(NETWORKS)))
+    innervations = int(os.environ.get("BEHAVIOURS_INNERVATIONS", str(INNERVATIONS)))
+    compared, differing, named = 0, 0, list[str]()
+    begun_s = time.process_time()
+    for seed in range(networks):
+        count, wrong, first = differing_ports(seed, innervations)
+        compared, differing, named = compared + count, differing + wrong, (named + first)[:10]
+    return {
+        "passed": differing == 0 and networks * innervations >= 1,
+        "networks": networks,
+        "literal_networks": -(-networks // LITERAL_EVERY),
+        "innervations": networks * innervations,
+        "ports": compared,
+        "differing": differing,
+        "cpu_s": round(time.process_time() - begun_s, 1),
+        "named": named,
+    }
+
+
+def paper_rules(out: Path) -> Json:
+    """Every combination of the Navigation command manager's inputs, as the table says; `PAPER_RULES_EVERY` samples."""
+    every = int(os.environ.get("PAPER_RULES_EVERY", "1"))
+    run = TableRun()
+    kinds: dict[str, int] = {"warning": 0, "space": 0, "direction": 0}
+    wrong, named, count = 0, list[str](), 0
+    for cases in (list_cases(), obstacle_cases()):
+        for k, case in enumerate(cases):
+            if k % every:
+                continue
+            outcome = found(run.signal(case))
+            count += 1
+            kinds[outcome[0]] += 1
+            if outcome != expected(case):
+                wrong += 1
+                named = [*named, f"{case}: {outcome} instead of {expected(case)}"][:10]
+    return {"passed": wrong == 0, "cases": count, "wrong": wrong, **kinds, "named": named}
+
+
+def free_space(out: Path) -> Json:
+    """500 random cluttered places: no orientation offered that would touch, at least 95 % of the free ones offered.
+
+    `FREE_SPACE_PLACES` takes a sample. "woken" is the lidar of a chair that has not moved: it does not see behind itself.
+    """
+    places = int(os.environ.get("FREE_SPACE_PLACES", str(PLACES)))
+    views = {"lidar": (("lidar",), True), "both": (("lidar", "sonars"), True), "sonars": (("sonars",), True)}
+    views["woken"] = (("lidar",), False)
+    free_count, touching = 0, dict.fromkeys(views, 0)
+    good, named = dict.fromkeys(views, 0), list[str]()
+    for seed in range(places):
+        place = random_place(seed, CHAIR_A)
+        free = truly_free(place, CHAIR_A)
+        free_count += int(free.sum())
+        for name, (sensors, history) in views.items():
+            told = offered(place, CHAIR_A, seed, sensors, history)
+            good[name] += int((told & free).sum())
+            touching[name] += int((told & ~free).sum())
+            if name == "lidar" and (told & ~free).any():
+                named = [*named, f"place {seed}: orientations {np.nonzero(told & ~free)[0].tolist()}"][:10]
+    shares = {f"{name}_share": round(good[name] / max(free_count, 1), 4) for name in views}
+    touches = {f"{name}_touching": touching[name] for name in views}
+    passed = touching["lidar"] == 0 and shares["lidar_share"] >= SHARE
+    return {"passed": passed, "places": places, "free": free_count, **shares, **touches, "named": named}

@@ -1,0 +1,237 @@
+"""The cells with today's sensors: the gathered view, free space by the swept outline, and bad inputs."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, sonar_mounts
+from waychair.control.behaviours.cell import Reading
+from waychair.control.behaviours.commands import FreeKind, signal_words
+from waychair.control.behaviours.default import (
+    SECTORS,
+    DoorSeen,
+    EchoMemory,
+    default_network,
+    echo_fans,
+    lidar_fans,
+)
+from waychair.control.behaviours.doorway import Doorway, OdometryPose
+from waychair.control.behaviours.runtime import Innervation, Runtime
+from waychair.control.behaviours.view.local_view import Beams, Fans, LocalView, MapPart, Thing, ViewMemory, gather_views
+from waychair.control.behaviours.view.swept_sectors import free_orientations
+from waychair.types import FloatArray, Scan, SonarReadings
+
+TICK_NS, NONE = 50_000_000, np.empty((0, 2))
+HERE = OdometryPose(0.0, 0.0, 0.0)
+
+
+def free(*points: tuple[float, float], margin: float = 0.0, unseen: FloatArray = NONE) -> list[int]:
+    """Return the free sectors round chair A."""
+    at = np.array(points, np.float64).reshape(-1, 2)
+    return np.nonzero(free_orientations(at, np.full(len(at), margin), unseen, CHAIR_A, SECTORS))[0].tolist()
+
+
+def test_an_empty_place_is_free_all_round() -> None:
+    assert free() == list(range(SECTORS))
+
+
+def test_a_wall_ahead_blocks_the_orientations_that_run_into_it() -> None:
+    wall = [(1.2, y) for y in np.arange(-2.0, 2.01, 0.05)]  # 0.45 m before the chair's front end
+    found = free(*wall)
+    assert 0 not in found
+    assert {1, 15}.isdisjoint(found)
+    assert {4, 8, 12} <= set(found)
+
+
+def test_a_chair_between_two_walls_can_drive_ahead_and_back_and_nowhere_else() -> None:
+    walls = [(x, side) for x in np.arange(-2.0, 2.01, 0.05) for side in (-0.4, 0.4)]
+    assert free(*walls) == [0, 8]
+    assert free(*walls, (-0.6, 0.0)) == [0]
+    assert free(*walls, (1.0, 0.0)) == [8]
+
+
+def test_an_orientation_behind_is_reached_on_the_side_that_is_free() -> None:
+    assert {4, 12} <= set(free((0.35, 0.5)))  # the pole stands in the left turn, so left is reached by the right
+    both = free((0.35, 0.5), (0.35, -0.5))
+    assert {4, 12}.isdisjoint(both)
+
+
+def test_a_thing_just_beyond_the_end_of_the_drive_is_no_obstacle_and_one_before_it_is() -> None:
+    end = CHAIR_A.front + 0.8
+    assert 0 in free((end + 0.001, 0.0))
+    assert 0 not in free((end - 0.001, 0.0))
+    assert 0 not in free((end + 0.001, 0.0), margin=0.02)
+
+
+def test_ground_that_nobody_saw_is_not_free() -> None:
+    assert 0 not in free(unseen=np.array([[1.2, 0.1]]))
+    assert 8 not in free(unseen=np.array([[-0.8, 0.1]]))
+
+
+def test_a_chair_that_stands_nearer_than_the_margin_can_still_leave() -> None:
+    beside = [(x, 0.31) for x in np.arange(-1.0, 2.0, 0.05)]
+    assert 0 in free(*beside, margin=0.02)
+
+
+# The view ----------------------------------------------------------------------------------------------------------
+
+
+def scan_of(ranges: float | FloatArray, beams: int = 720) -> Scan:
+    values = np.broadcast_to(np.asarray(ranges, np.float32), beams).copy()
+    half = math.radians(135.0)
+    return Scan(0, values, -half, 2 * half / (beams - 1), range_max=20.0)
+
+
+def seen_free(view: LocalView, x: float, y: float) -> bool:
+    gaps = np.hypot(*(view.unseen_places() - (x, y)).T)
+    return bool(gaps.min(initial=9.0) > 0.04)
+
+
+def gathered(
+    now_ns: int, memory: ViewMemory, at: OdometryPose = HERE, **parts: Any
+) -> tuple[LocalView | None, ViewMemory]:
+    names = ("lidar", "depth", "drop_offs", "echoes", "people", "surroundings")
+    given = {name: parts.get(name) for name in names}
+    return gather_views(Reading(at, now_ns), **given, constants=CHAIR_A, dynamic=memory, now_ns=now_ns)
+
+
+def lidar_part(now_ns: int, ranges: float | FloatArray = 2.0) -> Reading[Fans]:
+    fans = lidar_fans(scan_of(ranges), CHAIR_A)
+    assert fans is not None
+    return Reading(fans, now_ns)
+
+
+def test_ground_before_a_hit_is_free_ground_behind_it_and_behind_the_chair_is_not() -> None:
+    view, _ = gathered(0, ViewMemory(), lidar=lidar_part(0))
+    assert view is not None
+    assert seen_free(view, 2.0, 0.3)
+    assert not seen_free(view, -1.0, 0.0)
+    assert seen_free(view, 0.0, 0.0)  # under the chair
+    near = view.metres()
+    assert np.hypot(near[:, 0] - CHAIR_A.laser_x, near[:, 1]) == pytest.approx(2.0, abs=0.002)
+
+
+def test_ground_seen_before_stays_free_while_the_chair_drives_on_and_is_forgotten_later() -> None:
+    _, memory = gathered(0, ViewMemory(), lidar=lidar_part(0))
+    on = OdometryPose(1.5, 0.0, 0.0)
+    at_ns = 3_000_000_000
+    view, later = gathered(at_ns, memory, on, lidar=lidar_part(at_ns))
+    assert view is not None
+    assert seen_free(view, -1.0, 0.5)
+    last_ns = 16_000_000_000
+    old, _ = gathered(last_ns, later, on, lidar=lidar_part(last_ns))
+    assert old is not None
+    assert not seen_free(old, -1.0, 0.5)
+
+
+def test_what_lidar_cannot_see_is_not_cleared_by_it() -> None:
+    table = Fans((Beams(np.array([0.4, 0.2]), np.array([[1.2, 0.0]]), np.array([True]), 0.01),))
+    edge = Fans((Beams(np.array([0.4, 0.2]), np.array([[1.0, 0.5]]), np.array([True]), 0.01, int(Thing.DROP_OFF)),))
+    view, memory = gathered(0, ViewMemory(), depth=Reading(table, 0), drop_offs=Reading(edge, 0))
+    view, _ = gathered(TICK_NS, memory, lidar=lidar_part(TICK_NS))
+    assert view is not None
+    assert max(view.margins().tolist()) == 0.15
+    assert np.hypot(*(view.metres() - (1.2, 0.0)).T).min() < 0.002
+
+
+def test_an_echo_that_lidar_explains_is_its_thing_and_one_that_it_does_not_stays_an_obstacle() -> None:
+    for ranges, kept in ((0.7, False), (3.0, True)):  # lidar sees a thing in the sonar's arc, or through glass
+        _, memory = gathered(0, ViewMemory(), lidar=lidar_part(0, ranges))
+        fans, _ = echo_fans(sonars(0.6, 0), HERE, CHAIR_A, EchoMemory())
+        view, _ = gathered(TICK_NS, memory, echoes=Reading(fans, TICK_NS))
+        assert view is not None
+        glass = view.metres()[np.abs(view.metres()[:, 0] - 1.35) < 0.03]
+        assert bool(len(glass[np.abs(glass[:, 1] - 0.15) < 0.1])) == kept
+
+
+def sonars(first: float, now_ns: int) -> SonarReadings:
+    return SonarReadings(now_ns, np.array([first] + 7 * [math.inf], np.float32))
+
+
+def test_an_echo_alone_clears_no_ground_and_a_stuck_sonar_tells_nothing() -> None:
+    fans, memory = echo_fans(sonars(2.0, 0), HERE, CHAIR_A, EchoMemory())
+    assert [fan.clears for fan in fans.fans] == [False] * 8
+    fans, memory = echo_fans(sonars(2.05, 1), HERE, CHAIR_A, memory)
+    assert [fan.clears for fan in fans.fans] == [True] * 8
+    moved = OdometryPose(0.31, 0.0, 0.0)
+    fans, memory = echo_fans(sonars(2.05, 2), moved, CHAIR_A, memory)
+    assert len(fans.fans) == 7
+    fans, _ = echo_fans(SonarReadings(3, np.full(8, math.nan, np.float32)), moved, CHAIR_A, memory)
+    assert fans.fans == ()
+    assert len(sonar_mounts(CHAIR_A)) == 8
+
+
+def test_a_map_tells_of_the_ground_that_no_sensor_sees() -> None:
+    cells = np.zeros((120, 120), np.int8)
+    cells[:, :20] = 100
+    part = MapPart(cells, 0.05, -3.0, -3.0, 0.0)
+    view, _ = gathered(0, ViewMemory(), surroundings=part)
+    assert view is not None
+    assert seen_free(view, -1.0, 0.0)
+    assert view.metres()[:, 0].max() == pytest.approx(-2.025, abs=0.001)
+
+
+# The network -------------------------------------------------------------------------------------------------------
+
+
+class Rider:
+    """The default network, ticked at 20 Hz."""
+
+    def __init__(self) -> None:
+        self.runtime, self.tick = Runtime(default_network()), 0
+
+    def step(self, **heard: Any) -> Innervation:
+        self.tick += 1
+        given = {name.replace("_", " "): value for name, value in heard.items()}
+        return self.runtime.innervate(self.tick * TICK_NS, {"odometry": HERE, **given})
+
+
+def command(done: Innervation) -> tuple[FreeKind, int]:
+    found = done.ports["Free-space finding"].eo.command
+    return found.kind, len(found.orientations)
+
+
+def test_without_sensors_and_without_odometry_nothing_is_free() -> None:
+    rider = Rider()
+    assert command(rider.step()) == (FreeKind.NULL, 0)
+    assert signal_words(rider.step().ports["encode_packet"].eo) == "stop the chair: no sonar is heard"
+    runtime = Runtime(default_network())
+    assert command(runtime.innervate(TICK_NS, {"lidar": scan_of(3.0)})) == (FreeKind.NULL, 0)
+
+
+def test_a_blind_lidar_frees_nothing_and_what_it_saw_counts_for_half_a_second() -> None:
+    rider = Rider()
+    kind, count = command(rider.step(lidar=scan_of(3.0)))
+    assert kind is FreeKind.LIST
+    assert count >= 1  # the ground beside the chair was not seen yet, so it cannot turn far
+    for _ in range(10):
+        command(rider.step(lidar=scan_of(np.nan)))
+    assert command(rider.step(lidar=scan_of(np.nan)))[0] is FreeKind.NULL
+
+
+@pytest.mark.parametrize("ranges", [np.nan, np.inf, -np.inf])
+def test_a_scan_without_ranges_makes_nothing_free(ranges: float) -> None:
+    assert lidar_fans(scan_of(ranges), CHAIR_B) is None
+
+
+def test_a_pose_that_jumps_ends_the_memory() -> None:
+    _, memory = gathered(0, ViewMemory(), lidar=lidar_part(0))
+    for x, kept in ((0.9, True), (1.2, False)):  # 3 m/s for 0.3 s, and farther
+        at_ns = 300_000_000
+        view, _ = gathered(at_ns, memory, OdometryPose(x, 0.0, 0.0), lidar=lidar_part(at_ns))
+        assert view is not None
+        assert seen_free(view, -0.5, 0.5) == kept
+
+
+def test_a_door_that_was_seen_leads_the_rider_to_its_pivotal_zone() -> None:
+    rider = Rider()
+    door = DoorSeen(Doorway(3.0, 0.45, 3.0, -0.45))
+    done = rider.step(lidar=scan_of(6.0), door_seen=door, door_wanted=True)
+    assert done.ports["Door validation"].eo.valid
+    assert signal_words(done.ports["encode_packet"].eo) == "go forward"
+    narrow = DoorSeen(Doorway(3.0, 0.25, 3.0, -0.25))
+    assert not Rider().step(lidar=scan_of(6.0), door_seen=narrow, door_wanted=True).ports["Door validation"].eo.valid
