@@ -136,15 +136,17 @@ def camera_info(frame: RgbdFrame) -> Any:
     )
 
 
-def sonar_range(stamp_ns: int, index: int, distance: float) -> Any:
-    """Return a sensor_msgs/Range of one sonar, with its REP-117 codes."""
+def sonar_range(
+    stamp_ns: int, index: int, distance: float, limits: tuple[float, float] = SONAR_RANGE, cone: float = SONAR_CONE
+) -> Any:
+    """Return a sensor_msgs/Range of one sonar, with its REP-117 codes, range limits [m] and whole cone [rad]."""
     return make(
         "sensor_msgs/msg/Range",
         header=header(stamp_ns, SONAR_FRAME.format(index)),
         radiation_type=_ULTRASOUND,
-        field_of_view=SONAR_CONE,
-        min_range=SONAR_RANGE[0],
-        max_range=SONAR_RANGE[1],
+        field_of_view=cone,
+        min_range=limits[0],
+        max_range=limits[1],
         range=distance,
         variance=0.0,
     )

@@ -220,8 +220,11 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._send(topics.TF, transform(reading.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
 
     def _send_sonars(self, readings: SonarReadings) -> None:
+        assert self._simulator is not None
+        sonar = self._simulator.settings.sonar
         for k, distance in enumerate(readings.ranges.tolist()):
-            self._send(topics.sonar(k), ros_messages.sonar_range(readings.stamp_ns, k, distance))
+            reading = ros_messages.sonar_range(readings.stamp_ns, k, distance, sonar.limits, 2 * sonar.cone)
+            self._send(topics.sonar(k), reading)
 
     def _send_frame(self, frame: RgbdFrame) -> None:
         info = ros_messages.camera_info(frame)
