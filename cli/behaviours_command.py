@@ -71,7 +71,7 @@ def trace_command(
     Parameters
     ----------
     trace
-        The file of a trace.
+        The file of a trace, or the folder of a black box or of a part of it.
     cell
         Show only these cells or networks.
     begin
@@ -84,9 +84,9 @@ def trace_command(
     from rich.table import Column, Table
 
     from waychair.cli.options.tables import print_table
-    from waychair.control.behaviours.trace import read_trace
+    from waychair.runtime.black_box.cell_traces import trace_at
 
-    read = read_trace(trace)
+    read = trace_at(trace)
     if unknown := [name for name in cell if name not in read.header.nodes]:
         raise BadArgument(f"--cell {unknown[0]} is not in the trace: choose among {', '.join(read.header.nodes)}")
     table = Table(Column("time, s", justify="right"), "cell", "EB", "IB", "RS", "AB", "EO", "fault")
@@ -141,7 +141,7 @@ def replay_command(trace: NonEmptyPath, /, *, diff: bool = False, out: Path | No
     Parameters
     ----------
     trace
-        The file of a trace.
+        The file of a trace, or the folder of a black box or of a part of it.
     diff
         Name the first port that differs, with both values.
     out
@@ -149,11 +149,11 @@ def replay_command(trace: NonEmptyPath, /, *, diff: bool = False, out: Path | No
     """
     from waychair.control.behaviours.presets import preset_network
     from waychair.control.behaviours.replay import replay
-    from waychair.control.behaviours.trace import read_trace
     from waychair.errors import TraceError
     from waychair.files import write_bytes
+    from waychair.runtime.black_box.cell_traces import trace_at
 
-    read = read_trace(trace)
+    read = trace_at(trace)
     done = replay(read, preset_network(read.header.preset, read.header.settings))
     if out is not None:
         write_bytes(out, done.data)

@@ -144,6 +144,7 @@ def navigate_command(
     planner: str | None = None,
     smooth: str | None = None,
     box: Path | None = None,
+    trace: Path | None = None,
     config: Path | None = None,
     resolution: float | None = None,
     quiet: bool = False,
@@ -175,6 +176,8 @@ def navigate_command(
         taut, band, none, or auto (band for harmonic, else taut); default as for the planner.
     box
         Folder of a black box that logs the chair's inputs and actions, for `waychair why`.
+    trace
+        File for the trace of the behaviour cells, for `waychair behaviours`; they are switched on for it.
     config
         YAML file with settings that differ from the defaults (see `waychair config chair` and `simulation`).
     resolution
@@ -207,6 +210,7 @@ def navigate_command(
         people=people,
         sensors=sensors,
         box=box,
+        trace=trace,
         settings=_with_planner(configured.chair, planner, smooth),
         simulation=configured.simulation,
     )
@@ -270,6 +274,7 @@ def _driven(
     people: int,
     sensors: bool,
     box: Path | None,
+    trace: Path | None,
     settings: ChairSettings,
     simulation: SimulationSettings,
 ) -> tuple[DriveRecord, ...]:
@@ -291,6 +296,7 @@ def _driven(
             scanned=course.scanned,
             map_from_world=course.map_from_world or Pose2(),
             box=box,
+            trace=trace,
             settings=settings,
             simulation=simulation,
         )

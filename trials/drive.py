@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.dac import DacModel
 from waychair.calibration.fits.stopping import StopTable
+from waychair.control.behaviours.trace import TraceWriter
 from waychair.control.drive.navigator import Stage
 from waychair.firmware_bridge.board import BoardSettings, HostBoard, board_program
 from waychair.firmware_bridge.bridge import USUAL_FAMILY
@@ -115,23 +116,55 @@ def drive_to_places(
     time_limit_s: float = 300.0,
     progress: Callable[[float], None] | None = None,
     box: Path | None = None,
+    trace: Path | None = None,
 ) -> tuple[DriveRecord, ...]:
     """Drive to the named places in turn, for at most `time_limit_s` of simulated time each.
 
-    `box`: folder of a black box that logs the drive, for `waychair why`.
+    `box`: folder of a black box that logs the drive, for `waychair why`. `trace`: file for the trace of the chair's
+    behaviour cells, if it has them (`ChairSettings.perceive`).
 
     Raises:
         BoxError: the black box cannot be written, or another program writes it.
+        OutputError: the trace cannot be written.
         UnknownPlace: a goal is not among the places.
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
     legs = []
-    with black_box(setup, box) as watcher, simulated_chair(setup, simulator, watcher) as chair:
+    with (
+        black_box(setup, box) as watcher,
+        traced_cells(trace) as on_tick,
+        simulated_chair(setup, simulator, watcher) as chair,
+    ):
         for index, goal in enumerate(goals):
-            legs.append(drive_to_place(setup, simulator, chair, goal, time_limit_s))
+            legs.append(drive_to_place(setup, simulator, chair, goal, time_limit_s, on_tick))
             if progress is not None:
                 progress((index + 1) / len(goals))
     return tuple(legs)
+
+
+@contextmanager
+def traced_cells(path: Path | None) -> Iterator[TickCallback]:
+    """Yield a callback after each tick that writes the trace of a chair's behaviour cells; it does nothing without a path.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    with ExitStack() as ends:
+        writer: TraceWriter | None = None
+
+        def write(messages: tuple[SensorMessage, ...], state: ChairState) -> None:
+            nonlocal writer
+            perceived = state.perceived
+            if path is None or perceived is None:
+                return
+            if writer is None:
+                network = perceived.network
+                writer = ends.enter_context(TraceWriter(path, network.wiring, network.name, network.values))
+            elif perceived.count == 0:
+                writer.begin_anew()
+            writer.write(perceived.done, perceived.heard)
+
+        yield write
 
 
 def black_box(setup: DriveSetup, folder: Path | None) -> AbstractContextManager[BlackBox | None]:

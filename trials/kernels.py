@@ -5,7 +5,9 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.planning.warm_up import warm_up
+from waychair.runtime.perception import Perception
 from waychair.trials.demo import StageProgress, run_demo
 
 _HALL = """\
@@ -28,7 +30,7 @@ routes:
 
 
 def compile_kernels(progress: StageProgress = lambda stage, share: None) -> None:
-    """Compile the planner's kernels, and by a short demo those of simulator, mapper, localiser and a drive.
+    """Compile the kernels of the planner and of the behaviour cells, and by a short demo those of simulator, mapper, localiser and a drive.
 
     numba keeps them on disk, for this user and this processor; where they are kept already it takes some seconds.
 
@@ -36,6 +38,7 @@ def compile_kernels(progress: StageProgress = lambda stage, share: None) -> None
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
     warm_up()
+    Perception(CHAIR_A)  # its constructor runs the cells
     with tempfile.TemporaryDirectory() as name:
         plan = Path(name) / "hall.yaml"
         plan.write_text(_HALL, encoding="utf-8")

@@ -1,40 +1,35 @@
 """The same cells with today's sensors: lidar, depth, borne-out echoes, ground and drop-offs, people, map and pose.
 
 Each sensor's cell gives `Fans`, and the view is gathered from all of them: the Way finder is not told where it comes
-from. Free space has 16 sectors by the outline that this chair sweeps. Doors come ranged (`planning`), so that the
-validation of the paper is a check of their age and width.
+from. Free space has 16 sectors by the outline that this chair sweeps. Doorways come found and measured
+(`planning/seen`), so that detection chooses one and validation checks its state and width. The Sensor watch names the
+sensors that are not to be believed.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
-from waychair.calibration.chair_body import CHAIR_A, ChairBody, sonar_mounts
-from waychair.control.behaviours.cell import Cell, Sensor
+from waychair.calibration.chair_body import CHAIR_A, ChairBody
+from waychair.control.behaviours.cell import Cell, Reading, Sensor
 from waychair.control.behaviours.commands import (
     NULL,
     STOP,
     FreeCommand,
     FreeKind,
+    Signal,
+    SignalKind,
     sector_middles,
 )
 from waychair.control.behaviours.conditions import Active, AtLeast
-from waychair.control.behaviours.doorway import (
-    DoorCheck,
-    DoorState,
-    Doorway,
-    OdometryPose,
-    PathMemory,
-    TrackerMemory,
-    plan_path,
-    track_door,
-)
+from waychair.control.behaviours.doorway import OdometryPose, PathMemory, TrackerMemory, plan_path, track_door
 from waychair.control.behaviours.free_space import WayFound
 from waychair.control.behaviours.glove import GloveLayout, encode_signal
 from waychair.control.behaviours.managers import (
+    NOT_HEARD,
     StickDirection,
     choose_signal,
     gate_signals,
@@ -43,94 +38,35 @@ from waychair.control.behaviours.managers import (
 )
 from waychair.control.behaviours.network import Network, Wiring, wire
 from waychair.control.behaviours.paper import PaperSettings
-from waychair.control.behaviours.paper_settings import DoorLimits, ObstacleLimits
+from waychair.control.behaviours.paper_settings import NavigationLimits, ObstacleLimits
 from waychair.control.behaviours.sonar import LastClasses, Obstacle, ObstacleClasses, obstacle_class
-from waychair.control.behaviours.view.local_view import (
-    Beams,
-    Fans,
-    LocalView,
-    MapPart,
-    Thing,
-    ViewMemory,
-    gather_views,
+from waychair.control.behaviours.view.door_cells import ChosenDoor, DoorsSeen, check_door, choose_door
+from waychair.control.behaviours.view.local_view import Fans, LocalView, MapPart, ViewMemory, gather_views
+from waychair.control.behaviours.view.sensor_cells import (
+    EchoMemory,
+    SensorTroubles,
+    WatchMemory,
+    check_echoes,
+    echo_fans,
+    lidar_fans,
+    pass_fans,
+    watch_sensors,
 )
-from waychair.control.behaviours.view.swept_sectors import free_orientations
-from waychair.types import Float32Array, Scan, SonarReadings
+from waychair.control.behaviours.view.swept_sectors import free_orientations, sweep_reach
+from waychair.errors import ConfigError
+from waychair.types import BoolArray, FloatArray, Scan, SonarReadings
 
 SECTORS = 16
 """Sectors of free space, 22.5 degrees each."""
 
-_VIEW_NS = 100_000_000
+VIEW_NS = 100_000_000
 """Period of the view, that of the lidar; ways and classes follow it."""
 
-_NOTHING_SEEN = 3.0
-"""m; a beam without an echo is free up to here at most: dark things return none from farther away."""
+WATCH_NS = 200_000_000
+"""Period of the Sensor watch: nobody reads its sentences faster."""
 
-_SPARSE = 0.25
-"""Part of the beams that must have a range: below it a lidar is blind, and nothing is free by it."""
-
-SONAR_RANGE, HALF_CONE = 4.0, math.radians(15.0)
-"""m, rad; the sonars of `sonar_mounts`: farthest echo, and half the angle of the cone."""
-
-_CONE_STEP = math.radians(2.0)
-_STUCK_MOVED = 0.3
-"""m; a sonar that reads the very same finite range while the chair moves by this is stuck."""
-
-
-def lidar_fans(scan: Scan, constants: ChairBody) -> Fans | None:
-    """Return a scan as a fan in base; None where the lidar is blind."""
-    ranges = np.asarray(scan.ranges, np.float64)
-    known = ~np.isnan(ranges) & (ranges > -np.inf)
-    if not len(ranges) or np.isfinite(ranges).mean() < _SPARSE:
-        return None
-    mount = constants.base_from_laser
-    far = np.where(np.isfinite(ranges), ranges, min(_NOTHING_SEEN, scan.range_max))[known]
-    angles = scan.angles()[known] + mount.theta
-    ends = np.column_stack([mount.x + far * np.cos(angles), mount.y + far * np.sin(angles)])
-    hits = np.isfinite(ranges)[known] & (ranges[known] <= scan.range_max)
-    return Fans((Beams(np.array([mount.x, mount.y]), ends, hits, abs(scan.angle_step) / 2),))
-
-
-def pass_fans(part: Fans) -> Fans:
-    """Return a part that comes ranged: depth at the body's heights, drop-offs, people."""
-    return part
-
-
-@dataclass(frozen=True, slots=True)
-class EchoMemory:
-    """Dynamic data of the echo view: the ranges before, and where the chair stood when each last changed."""
-
-    ranges: tuple[float, ...] = ()
-    changed_at: tuple[tuple[float, float], ...] = ()
-
-
-def echo_fans(
-    readings: SonarReadings, odometry: OdometryPose, constants: ChairBody, dynamic: EchoMemory
-) -> tuple[Fans, EchoMemory]:
-    """Return the borne-out echoes as fans, one for each sonar: the whole arc of an echo is hit.
-
-    An echo counts as free ground before it only with a second one at its range (crosstalk comes alone), and not from a
-    sonar that reads the very same range while the chair moves. An echo alone is still an obstacle.
-    """
-    values = tuple(float(each) for each in readings.ranges)
-    here = odometry.x, odometry.y
-    before = dynamic.ranges if len(dynamic.ranges) == len(values) else (math.nan,) * len(values)
-    places = dynamic.changed_at if len(dynamic.changed_at) == len(values) else (here,) * len(values)
-    changed_at = tuple(
-        place if value == was else here for value, was, place in zip(values, before, places, strict=True)
-    )
-    fans = []
-    for mount, value, was, place in zip(sonar_mounts(constants), values, before, changed_at, strict=False):
-        stuck = math.isfinite(value) and math.hypot(here[0] - place[0], here[1] - place[1]) > _STUCK_MOVED
-        if math.isnan(value) or stuck:
-            continue
-        confirmed = value == was or abs(value - was) <= 0.15
-        distance = min(max(value, 0.0), SONAR_RANGE)
-        bearings = mount.theta + np.arange(-HALF_CONE, HALF_CONE + 1e-9, _CONE_STEP)
-        ends = np.column_stack([mount.x + distance * np.cos(bearings), mount.y + distance * np.sin(bearings)])
-        hits = np.full(len(ends), value <= SONAR_RANGE)
-        fans.append(Beams(np.array([mount.x, mount.y]), ends, hits, _CONE_STEP / 2, int(Thing.SOLID), confirmed))
-    return Fans(tuple(fans)), EchoMemory(values, changed_at)
+MAP_NS = 2_000_000_000
+"""Age above which a part of the map is not used: it is told once a second."""
 
 
 def view_classes(
@@ -143,7 +79,9 @@ def view_classes(
     """
     limits, body = constants
     middles = sector_middles()
-    nearest, seen = _nearest(view, body, limits.immediate)
+    outline = body.front, body.rear, body.width / 2
+    reach = min(outline) + limits.immediate
+    nearest, seen = _nearest(view.metres(), view.unseen_places(reach), *outline, len(middles))
     before = dynamic.classes or (Obstacle.UNKNOWN,) * len(middles)
     classes = tuple(
         obstacle_class(float(nearest[k]) if math.isfinite(nearest[k]) or seen[k] else math.nan, before[k], limits)
@@ -152,44 +90,56 @@ def view_classes(
     return ObstacleClasses(classes), LastClasses(classes)
 
 
-def _nearest(view: LocalView, body: ChairBody, near: float) -> tuple[Float32Array, Float32Array]:
-    count = len(sector_middles())
-    points, places = view.metres(), view.unseen_places()
-    nearest = np.full(count, np.inf)
-    outside = np.hypot(
-        np.maximum(np.maximum(points[:, 0] - body.front, -body.rear - points[:, 0]), 0.0),
-        np.maximum(np.abs(points[:, 1]) - body.width / 2, 0.0),
-    )
-    sectors = np.rint(np.arctan2(points[:, 1], points[:, 0]) / math.tau * count).astype(int) % count
-    np.minimum.at(nearest, sectors[outside > 0.0], outside[outside > 0.0])
-    within = np.hypot(places[:, 0], places[:, 1]) <= min(body.front, body.rear, body.width / 2) + near
-    hidden = np.rint(np.arctan2(places[within, 1], places[within, 0]) / math.tau * count).astype(int) % count
-    cells = np.bincount(hidden, minlength=count)
-    return nearest.astype(np.float32), (cells < 20).astype(np.float32)
+@njit(cache=True, nogil=True)
+def _nearest(
+    points: FloatArray, unseen: FloatArray, front: float, rear: float, half: float, count: int
+) -> tuple[FloatArray, BoolArray]:
+    """Return for each direction (count,) the distance [m] of the nearest point from the outline, and whether it was seen.
+
+    `unseen` (M, 2) [m] are the near places that no sensor saw; a direction was seen if it has few of them.
+    """
+    nearest, hidden = np.full(count, np.inf), np.zeros(count, np.int64)
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        outside = math.hypot(max(x - front, -rear - x, 0.0), max(abs(y) - half, 0.0))
+        if outside > 0.0:
+            sector = round(math.atan2(y, x) / math.tau * count) % count
+            nearest[sector] = min(nearest[sector], outside)
+    for i in range(len(unseen)):
+        hidden[round(math.atan2(unseen[i, 1], unseen[i, 0]) / math.tau * count) % count] += 1
+    return nearest, hidden < _HIDDEN
+
+
+_HIDDEN = 20
+"""Unseen cells of a direction from which on it counts as unseen: about half of those up to an immediate obstacle."""
 
 
 def find_swept_way(view: LocalView | None, constants: ChairBody) -> WayFound:
     """Return the orientations in which this chair can turn and drive off; without a view it did not look."""
     if view is None:
         return WayFound(NULL)
-    free = free_orientations(view.metres(), view.margins(), view.unseen_places(), constants, SECTORS)
+    free = free_orientations(
+        view.metres(), view.margins(), view.unseen_places(sweep_reach(constants)), constants, SECTORS
+    )
     middles = sector_middles(SECTORS)
     listed = tuple(middles[k] for k in range(SECTORS) if free[k])
     return WayFound(FreeCommand(FreeKind.LIST, listed, SECTORS) if listed else STOP)
 
 
-@dataclass(frozen=True, slots=True)
-class DoorSeen:
-    """A doorway that was found in ranges, in base: the nearest one ahead; `width` is its clear width [m]."""
-
-    door: Doorway
-
-
-def check_door(seen: DoorSeen, constants: DoorLimits) -> DoorCheck:
-    """Return a door of possible width as valid: its ranges have validated it."""
-    if constants.narrowest <= seen.door.width <= constants.widest:
-        return DoorCheck(DoorState.VALID, seen.door)
-    return DoorCheck(DoorState.REFUTED)
+def tell_signal(
+    obstacles: ObstacleClasses | None,
+    selected: Signal | None,
+    merged: Reading[Signal] | None,
+    troubles: SensorTroubles | None,
+    constants: NavigationLimits,
+    now_ns: int,
+) -> Signal:
+    """Return the paper's choice of one signal; where nothing is known, its warning names the cause."""
+    signal = choose_signal(obstacles, selected, merged, constants, now_ns)
+    if signal.kind is SignalKind.WARNING and signal.reason == NOT_HEARD:
+        sentences = troubles.sentences if troubles is not None else ()
+        return Signal(SignalKind.WARNING, sentences[0] if sentences else "nothing is seen yet")
+    return signal
 
 
 SENSORS = (
@@ -200,30 +150,39 @@ SENSORS = (
     Sensor("people", Fans),
     Sensor("map round the chair", MapPart),
     Sensor("odometry", OdometryPose),
-    Sensor("door seen", DoorSeen),
+    Sensor("doorways", DoorsSeen),
     Sensor("door wanted", bool),
     Sensor("stick", StickDirection),
 )
 
 
 def default_network(settings: PaperSettings | None = None, body: ChairBody = CHAIR_A) -> Wiring:
-    """Return the network with today's sensors for a chair."""
+    """Return the network with today's sensors for a chair.
+
+    Raises:
+        ConfigError: values would be too old before they are read.
+    """
     s = settings or PaperSettings()
     stale = round(s.obstacles.stale * 1e9)
+    if stale < 2 * VIEW_NS:
+        raise ConfigError(
+            f"stale = {s.obstacles.stale:g} s is shorter than two periods of the view ({VIEW_NS * 1e-9:g} s each), so "
+            "nothing would ever be free: make it longer"
+        )
     view = Network(
         "View",
         [
-            Cell("Lidar view", lidar_fans, links={"scan": "lidar"}, triggers=("lidar",), constants=body),
+            Cell(
+                "Lidar view",
+                lidar_fans,
+                links={"scan": "lidar", "odometry": "odometry"},
+                fresh_ns={"odometry": stale},
+                triggers=("lidar",),
+                constants=body,
+            ),
             Cell("Depth view", pass_fans, links={"part": "depth"}, triggers=("depth",)),
             Cell("Ground view", pass_fans, links={"part": "drop-offs"}, triggers=("drop-offs",)),
-            Cell(
-                "Echo view",
-                echo_fans,
-                links={"readings": "sonars", "odometry": "odometry"},
-                triggers=("sonars",),
-                constants=body,
-                dynamic=EchoMemory(),
-            ),
+            Cell("Echo view", echo_fans, links={"checked": "Sonar check"}, triggers=("Sonar check",), constants=body),
             Cell("People view", pass_fans, links={"part": "people"}, triggers=("people",)),
             Cell(
                 "Gathered view",
@@ -237,13 +196,33 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
                     "people": "People view",
                     "surroundings": "map round the chair",
                 },
-                fresh_ns={"odometry": stale, "surroundings": stale},
+                fresh_ns={"odometry": stale, "surroundings": MAP_NS},
                 constants=body,
                 dynamic=ViewMemory(),
             ),
         ],
         output="Gathered view",
-        every_ns=_VIEW_NS,
+        every_ns=VIEW_NS,
+    )
+    sensor_check = Network(
+        "Sensor check",
+        [
+            Cell(
+                "Sonar check",
+                check_echoes,
+                links={"readings": "sonars", "odometry": "odometry"},
+                triggers=("sonars",),
+                dynamic=EchoMemory(),
+            ),
+            Cell(
+                "Sensor watch",
+                watch_sensors,
+                links={"lidar": "lidar", "echoes": "Sonar check", "depth": "depth", "odometry": "odometry"},
+                dynamic=WatchMemory(),
+                every_ns=WATCH_NS,
+            ),
+        ],
+        output="Sensor watch",
     )
     obstacle_notification = Network(
         "Obstacle notification",
@@ -264,11 +243,19 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
         "Doorway navigation",
         [
             Cell(
+                "Doorway detection",
+                choose_door,
+                links={"seen": "doorways"},
+                fresh_ns={"seen": stale},
+                constants=body,
+                dynamic=ChosenDoor(),
+            ),
+            Cell(
                 "Door validation",
                 check_door,
-                links={"seen": "door seen"},
-                fresh_ns={"seen": stale},
-                constants=s.doors,
+                links={"seen": "Doorway detection"},
+                constants=(s.doors, body),
+                excited_by=AtLeast("Doorway detection", 0, of="number"),
             ),
             Cell(
                 "Object tracker",
@@ -317,9 +304,14 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
             ),
             Cell(
                 "encode_packet",
-                choose_signal,
+                tell_signal,
                 {"vibrotactors": encode_signal},
-                links={"obstacles": "Obstacle notification", "selected": "select_signal", "merged": "merge_commands"},
+                links={
+                    "obstacles": "Obstacle notification",
+                    "selected": "select_signal",
+                    "merged": "merge_commands",
+                    "troubles": "Sensor check",
+                },
                 constants=s.navigation,
                 static=GloveLayout(sector_middles()),
             ),
@@ -328,7 +320,7 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
     )
     root = Network(
         "Perceptual navigation",
-        [obstacle_notification, doorway_navigation, free_space_finding, navigation_command_manager],
+        [sensor_check, obstacle_notification, doorway_navigation, free_space_finding, navigation_command_manager],
         output="Navigation command manager",
     )
     return wire(root, SENSORS)

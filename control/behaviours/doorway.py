@@ -38,11 +38,13 @@ class FramesSeen:
 
 @dataclass(frozen=True, slots=True)
 class OdometryPose:
-    """The chair's pose in odom, for keeping a door in place while the chair moves."""
+    """The chair's pose in odom [m, rad], for keeping things in place while it moves, and its speeds [m/s, rad/s]."""
 
     x: float
     y: float
     theta: float
+    v: float = 0.0
+    omega: float = 0.0
 
     def pose(self) -> Pose2:
         """Return it as a pose."""

@@ -30,6 +30,9 @@ from waychair.control.behaviours.paper_settings import CameraLimits, NavigationL
 from waychair.control.behaviours.range_finder import PRIORITY, CameraAim, LookRequest, SensorCommand
 from waychair.control.behaviours.sonar import Obstacle, ObstacleClasses
 
+NOT_HEARD = "no sonar is heard"
+"""Reason of the warning where nothing is known of obstacles."""
+
 
 @dataclass(frozen=True, slots=True)
 class GrantMemory:
@@ -204,7 +207,7 @@ def choose_signal(
     if selected is not None:
         return selected
     if obstacles is None or not obstacles.known:
-        return Signal(SignalKind.WARNING, "no sonar is heard")
+        return Signal(SignalKind.WARNING, NOT_HEARD)
     return Signal(SignalKind.SPACE, _near_words(obstacles), classes=tuple(int(each) for each in obstacles.classes))
 
 

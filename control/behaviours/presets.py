@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -18,10 +19,19 @@ PRESETS = {"paper": paper_network, "default": default_network}
 """The shipped networks by name: the paper's, and the same cells with today's sensors."""
 
 
-def preset_settings(settings: PaperSettings, body: ChairBody) -> dict[str, Any]:
-    """Return settings and chair as plain values, for the head of a trace."""
-    plain: dict[str, Any] = msgspec.to_builtins({"settings": settings, "body": body})
-    return plain
+@dataclass(frozen=True, slots=True)
+class Preset:
+    """A shipped network: its name, its settings and chair as plain values, and its wiring."""
+
+    name: str
+    values: Mapping[str, Any]
+    wiring: Wiring
+
+
+def shipped(name: str, settings: PaperSettings, body: ChairBody) -> Preset:
+    """Return a shipped network for a chair; raises as `preset_network`."""
+    values: dict[str, Any] = msgspec.to_builtins({"settings": settings, "body": body})
+    return Preset(name, values, preset_network(name, values))
 
 
 def preset_network(name: str, values: Mapping[str, Any]) -> Wiring:

@@ -62,12 +62,15 @@ def replay(trace: Trace, wiring: Wiring) -> Replay:
             f"records are missing before innervation {trace.gaps[0]} of the trace, so a cell's memory is not known "
             "from there: take a whole trace"
         )
+    if not trace.innervations:
+        raise TraceError("the trace holds no innervation, so there is nothing to replay: take one of a drive")
     runtime, encoder = Runtime(wiring), TraceEncoder(wiring, header.preset, header.settings)
     written = [encoder.header()]
     for index, was in enumerate(trace.innervations):
         heard = {name: _sensed(wiring, name, *each) for name, each in was.heard.items()}
         done = runtime.innervate(was.stamp_ns, heard, was.late)
-        record = encoder.innervation(done, {name: _raw(*each) for name, each in was.heard.items()})
+        raw = {name: _raw(*each) for name, each in was.heard.items()}
+        record = encoder.innervation(done, raw, key=was.payload[:1] == b"K")
         written.append(record)
         if record[FRAME.size :] != was.payload[1:]:
             again = trace_from_bytes(b"".join(written)).innervations[index]

@@ -2,7 +2,9 @@
 
 A file is a row of records `mark letter length crc payload`, as in the black box: after a kill a reader takes all whole
 records. The first is a `TraceHeader` with the wiring; then comes one record for each innervation. Most hold only the
-changes from the one before; every hundredth, a key record, holds all ports, so that reading goes on after damage.
+changes from the one before; every hundredth, a key record, holds all ports, so that reading goes on after damage. A
+header may come again: before a key record of the same run (in the black box each file begins so), or where the network
+began anew; then the last run is read.
 
 A value in a trace is plain: numbers, texts, lists, maps of fields. DI of a cell is the EO that its link reads.
 """
@@ -41,7 +43,10 @@ _LARGEST = 1 << 24  # bytes of a payload
 
 @dataclass(frozen=True, slots=True)
 class TraceHeader:
-    """The wiring of a traced network: its preset and the preset's settings, its identity, its lines and names."""
+    """The wiring of a traced network: its preset and the preset's settings, its identity, its lines and names.
+
+    `after`: innervations of the run before this record.
+    """
 
     preset: str
     settings: dict[str, Any]
@@ -50,6 +55,7 @@ class TraceHeader:
     wiring: tuple[str, ...]
     nodes: tuple[str, ...]
     sensors: tuple[str, ...]
+    after: int = 0
     format: int = FORMAT
 
 
@@ -98,13 +104,17 @@ class Trace:
 class TraceEncoder:
     """Turns the innervations of one run into the bytes of a trace."""
 
-    def __init__(self, wiring: Wiring, preset: str = "", settings: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self, wiring: Wiring, preset: str = "", settings: Mapping[str, Any] | None = None, after: int = 0
+    ) -> None:
+        """`after`: innervations of the run that the trace lacks."""
         self._wiring = wiring
         self._places = {name: k for k, name in enumerate(wiring.nodes)}
         self._sensors = {name: k for k, name in enumerate(wiring.sensors)}
         self._cells = [name for name in wiring.nodes if wiring.outputs[name] == name]
         self._preset, self._settings = preset, dict(settings or {})
-        self._count = 0
+        self.count = after
+        """Innervations of the run up to the next one."""
         self._stamps: dict[str, int | None] = dict.fromkeys(self._cells)
         self._written: dict[str, bytes] = {}
         self._before: _Record | None = None
@@ -122,13 +132,14 @@ class TraceEncoder:
             wiring=tuple(wiring.lines()),
             nodes=tuple(wiring.nodes),
             sensors=tuple(wiring.sensors),
+            after=self.count,
         )
         return _framed(b"H", ENCODER.encode(header))
 
-    def innervation(self, done: Innervation, heard: Mapping[str, Any]) -> bytes:
-        """Return the record of an innervation that heard these sensor values."""
-        is_key = self._count % KEY_EVERY == 0
-        self._count += 1
+    def innervation(self, done: Innervation, heard: Mapping[str, Any], key: bool | None = None) -> bytes:
+        """Return the record of an innervation that heard these sensor values; a `key` record holds all ports."""
+        is_key = self._before is None or self.count % KEY_EVERY == 0 if key is None else key
+        self.count += 1
         places, ports = self._places, done.ports
         effects: dict[int, tuple[Any, int | None]] = {}
         rewritten: list[int] = []
@@ -177,7 +188,8 @@ class TraceWriter:
         Raises:
             OutputError: the file cannot be written.
         """
-        self._path, self._encoder = path, TraceEncoder(wiring, preset, settings)
+        self._path, self._about = path, (wiring, preset, settings)
+        self._encoder = TraceEncoder(*self._about)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("wb", buffering=0)
@@ -188,6 +200,11 @@ class TraceWriter:
     def write(self, done: Innervation, heard: Mapping[str, Any]) -> None:
         """Write an innervation that heard these sensor values; raises as the constructor."""
         self._write(self._encoder.innervation(done, heard))
+
+    def begin_anew(self) -> None:
+        """Note that the network begins anew, without memory; raises as the constructor."""
+        self._encoder = TraceEncoder(*self._about)
+        self._write(self._encoder.header())
 
     def close(self) -> None:
         """Close the file."""
@@ -201,9 +218,11 @@ class TraceWriter:
 
     def _write(self, data: bytes) -> None:
         try:
-            self._file.write(data)
+            written = self._file.write(data)
         except OSError as error:
             raise OutputError(f"cannot write {self._path}: {os_error_text(error)}") from error
+        if written != len(data):
+            raise OutputError(f"cannot write {self._path}: the disk took a part only; free disk space")
 
 
 def read_trace(path: Path) -> Trace:
@@ -227,9 +246,13 @@ def trace_from_bytes(data: bytes, where: str = "the trace") -> Trace:
                 decoder.lose()
             continue
         letter, payload = record
-        if letter == b"H" and header is None:
-            header = _header(payload, where)
-            decoder = _Decoder(header)
+        if letter == b"H":
+            again = _header(payload, where)
+            if header is None or decoder is None or again.after == 0 or again.identity != header.identity:
+                header, decoder = again, _Decoder(again)
+                found, gaps = [], []
+            elif again.after != header.after + len(found):
+                decoder.lose()
         elif letter in (b"K", b"D") and decoder is not None:
             lost = decoder.lost
             each = decoder.innervation(letter, payload)
@@ -259,7 +282,7 @@ class _Decoder:
         self._nodes, self._sensors = header.nodes, header.sensors
         self._effects: dict[str, tuple[Any, int | None]] = dict.fromkeys(header.nodes, (None, None))
         self._before: _Record | None = None
-        self.lost = False
+        self.lost = header.after > 0
         """Whether records are missing since the last whole one."""
         self._shown = _outputs_from_lines(header.wiring)
 

@@ -12,7 +12,7 @@ from waychair.calibration.chair_body import CHAIR_A, CHAIR_B
 from waychair.control.behaviours.network import Network
 from waychair.control.behaviours.paper import PaperSettings, paper_network
 from waychair.control.behaviours.paper_settings import ObstacleLimits
-from waychair.control.behaviours.presets import PRESETS, preset_network, preset_settings
+from waychair.control.behaviours.presets import PRESETS, preset_network, shipped
 from waychair.control.behaviours.runtime import Runtime
 from waychair.control.behaviours.sonar import SonarPacket, packet_from_ranges
 from waychair.control.behaviours.trace import TraceWriter
@@ -23,7 +23,7 @@ def traced(path: Path, settings: PaperSettings | None = None) -> Path:
     chosen = settings or PaperSettings()
     wiring = paper_network(chosen, CHAIR_B)
     runtime = Runtime(wiring)
-    with TraceWriter(path, wiring, "paper", preset_settings(chosen, CHAIR_B)) as trace:
+    with TraceWriter(path, wiring, "paper", shipped("paper", chosen, CHAIR_B).values) as trace:
         for k in range(20):
             packet = packet_from_ranges([2.0 - 0.1 * k] * 8) if k != 7 else SonarPacket(b"\xa5\x08")
             heard = {"sonar packet": packet}
@@ -81,7 +81,7 @@ def test_a_replay_builds_the_network_from_the_trace_and_has_the_same_bytes(tmp_p
 def test_a_trace_of_another_wiring_and_one_of_no_preset_are_refused(tmp_path: Path) -> None:
     wiring = paper_network(body=CHAIR_B)
     for preset, body in (("paper", CHAIR_A), ("mine", CHAIR_B)):
-        with TraceWriter(tmp_path / "a.trace", wiring, preset, preset_settings(PaperSettings(), body)) as trace:
+        with TraceWriter(tmp_path / "a.trace", wiring, preset, shipped("paper", PaperSettings(), body).values) as trace:
             trace.write(Runtime(wiring).innervate(0), {})
         sentence = refused(waychair("behaviours", "replay", tmp_path / "a.trace"))
         assert ("another wiring" if preset == "paper" else "there is no preset 'mine'") in sentence

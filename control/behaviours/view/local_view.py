@@ -3,7 +3,8 @@
 A sensor's part is one or more fans of `Beams`: where it looked, how far it saw, and what it hit. `gather_views` lays
 the parts of lidar, depth, sonars and people on small grids in odom, which move with the chair, and gives the view in
 base. Free ground is forgotten after a while. An obstacle stays until its own sensor sees that it is gone: a lidar looks
-through glass, under tables and over the edge of the floor.
+through glass, under tables and over the edge of the floor. A map tells of obstacles only: free ground is seen, never
+believed.
 """
 
 from __future__ import annotations
@@ -11,21 +12,30 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.behaviours.cell import Reading
 from waychair.control.behaviours.doorway import OdometryPose
+from waychair.control.behaviours.view.view_kernels import (
+    CELL,
+    NEVER,
+    SIDE,
+    add_fresh,
+    explained,
+    lay,
+    places_of_bits,
+    points_in_base,
+    stand,
+    standing,
+    unseen_in_base,
+    walls_of_map,
+)
 from waychair.geometry import interpolate
-from waychair.types import BoolArray, Bytes, Cells, FloatArray, IntArray, Pose2
-
-CELL, SIDE = 0.05, 100
-"""m and cells; the grid reaches 2.5 m to each side, beyond the longest orientation."""
+from waychair.types import BoolArray, Bytes, Cells, Float32Array, FloatArray, IntArray, Pose2
 
 SEEN_FOR_NS = 15_000_000_000
 """Time for which ground that was seen to be free counts as free: nobody looks behind the chair meanwhile."""
@@ -33,16 +43,18 @@ SEEN_FOR_NS = 15_000_000_000
 TOLD_NS = 500_000_000
 """Time since a sensor's last part after which the ground that it saw no longer counts as free."""
 
-HELD_FOR_NS = 60_000_000_000
-"""Time for which an obstacle out of sight is kept."""
-
 _HISTORY = 20
 """Poses of the odometry that are kept, a second of ticks, to place a measurement at its own time."""
 
 _FASTEST, _LEAP = 3.0, 0.1
 """m/s and m; odometry that moves faster than this leaps, and all memory goes."""
 
-_NEVER = -(1 << 62)
+_RECENTRED = 5
+"""Cells by which the chair may stand off the grids' middle before they move with it."""
+
+_SAME_THING, _SAME_WALL = 0.12, 0.15
+"""m; an echo whose arc passes so near to a thing that lidar or depth show is that thing's; and so near to a hit of the
+lidar a wall of the map is the one that it shows."""
 
 
 class Thing(enum.IntEnum):
@@ -56,33 +68,45 @@ class Thing(enum.IntEnum):
 MARGINS = {Thing.SOLID: 0.02, Thing.DROP_OFF: 0.15, Thing.PERSON: 0.20}
 """m; kept between the outline and a thing: noise of a range; the uncertain edge of a floor; a person who may step."""
 
+HELD_FOR_NS = {Thing.SOLID: 60_000_000_000, Thing.DROP_OFF: 600_000_000_000, Thing.PERSON: 2_000_000_000}
+"""Times for which a thing out of sight is kept: a drop-off stays where it is, a person does not."""
+
+_MARGIN_TABLE = np.array([MARGINS[thing] for thing in Thing])
+_HELD_TABLE = np.array([HELD_FOR_NS[thing] for thing in Thing], np.int64)
+
 
 @dataclass(frozen=True, slots=True)
 class Beams:
     """A sensor's part of the view in base at its stamp: origin (2,), ends (N, 2) [m], hits (N,), one class for all.
 
-    `half_angle` [rad] is half the angle between two beams. A beam is free up to its end, unless the fan does not `clear`
-    the ground that it crosses.
+    `half_angle` [rad] is half the angle between two beams. A beam is free up to its end, or from `near` (N,) [m] on if
+    that is given, unless the fan does not `clear` the ground that it crosses.
     """
 
     origin: FloatArray
-    ends: FloatArray
+    ends: Float32Array
     hits: BoolArray
     half_angle: float
     thing: int = int(Thing.SOLID)
     clears: bool = True
+    near: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class Fans:
-    """A sensor's whole part: one fan for each origin, such as one for each sonar."""
+    """A sensor's part: one fan for each origin, such as one for each sonar. A `whole` part replaces all parts before.
+
+    `at_ns` is the time of the measurement; None: when it was told.
+    """
 
     fans: tuple[Beams, ...]
+    at_ns: int | None = None
+    whole: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class MapPart:
-    """The map round the chair: cells (H, W) int8 as in `OccupancyGrid`, resolution [m], the grid's pose in base."""
+    """The map round the chair: cells (H, W) int8 as in `OccupancyGrid`, resolution [m], the grid's pose in odom."""
 
     cells: Cells
     resolution: float
@@ -112,19 +136,18 @@ class LocalView:
         margins: FloatArray = _MARGIN_TABLE[self.classes]
         return margins
 
-    def unseen_places(self) -> FloatArray:
-        """Return the middles (M, 2) [m] of the cells that were not seen to be free."""
-        bits = np.unpackbits(self.unseen, count=SIDE * SIDE).reshape(SIDE, SIDE)
-        rows, cols = np.nonzero(bits)
-        places: FloatArray = CELL * (np.column_stack([cols, rows]).astype(np.float64) + 0.5 - SIDE / 2)
+    def unseen_places(self, within: float = math.inf) -> FloatArray:
+        """Return the middles (M, 2) [m] of the cells that were not seen to be free, within a distance [m] of base."""
+        places: FloatArray = places_of_bits(self.unseen, SIDE, within)
         return places
-
-
-_MARGIN_TABLE = np.array([MARGINS[thing] for thing in Thing])
 
 
 SOURCES = ("lidar", "depth", "drop-offs", "echoes", "people", "own")
 """Sensors' parts, each with a layer of its own; the last one is the ground that the chair has stood on."""
+
+_LIDAR, _ECHOES = SOURCES.index("lidar"), SOURCES.index("echoes")
+_LOOKS = slice(0, SOURCES.index("people"))
+"""Sources that see the ground: without any of them nothing was looked at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,26 +165,27 @@ class Layer:
     points: FloatArray
     classes: Bytes
     stamps: IntArray
-    taken_ns: int = _NEVER
+    taken_ns: int = NEVER
 
 
 @dataclass(frozen=True, slots=True)
 class ViewMemory:
     """Dynamic data: a layer for each source, the cell of the grids' corner in odom, and poses of the odometry.
 
-    Without layers nothing was seen yet.
+    Without layers nothing was seen yet. Measurements before `leapt_ns` are of before a leap of the pose.
     """
 
     layers: tuple[Layer, ...] = ()
     column: int = 0
     row: int = 0
     history: tuple[tuple[int, Pose2], ...] = ()
+    leapt_ns: int = NEVER
 
 
 def _empty() -> Layer:
     return Layer(
-        np.full((SIDE, SIDE), _NEVER, np.int64),
-        np.full((SIDE, SIDE), _NEVER, np.int64),
+        np.full((SIDE, SIDE), NEVER, np.int64),
+        np.full((SIDE, SIDE), NEVER, np.int64),
         np.zeros((SIDE, SIDE, 2)),
         np.zeros((SIDE, SIDE), np.uint8),
         np.empty((0, 2)),
@@ -185,83 +209,103 @@ def gather_views(
     """Return the view of now. Each part is taken in once, at the pose of its own stamp.
 
     Without odometry there is no view: nothing tells how the things seen lie to the chair. There is none either while no
-    sensor and no map tells of the ground.
+    sensor tells of the ground.
     """
     pose = odometry.value.pose()
+    if not np.isfinite(pose.array()).all():
+        return None, ViewMemory(leapt_ns=odometry.stamp_ns)
     memory = dynamic
-    if not memory.layers or _leaps(memory.history, odometry.stamp_ns, pose):
-        memory = ViewMemory(tuple(_empty() for _ in SOURCES))
+    leapt = leaps(memory.history[-1:], odometry.stamp_ns, pose)
+    if not memory.layers or leapt:
+        leapt_ns = odometry.stamp_ns if leapt else memory.leapt_ns
+        memory = ViewMemory(tuple(_empty() for _ in SOURCES), leapt_ns=leapt_ns)
     history = (*memory.history[-_HISTORY:], (odometry.stamp_ns, pose))
     memory = _moved(replace(memory, history=history), pose)
     layers = list(memory.layers)
     for k, part in enumerate((lidar, depth, drop_offs, echoes, people)):
-        if part is None or not part.stamp_ns > layers[k].taken_ns:
+        if part is None:
             continue
-        at = _pose_at(history, part.stamp_ns)
-        fans = part.value.fans if k != SOURCES.index("echoes") else _unexplained(part.value.fans, layers, memory, at)
-        layers[k] = _with_part(layers[k], fans, memory, at, part.stamp_ns)
-    layers[-1] = replace(layers[-1], seen=layers[-1].seen.copy(), taken_ns=now_ns)
-    _stand(
-        layers[-1].seen,
-        pose.x - memory.column * CELL,
-        pose.y - memory.row * CELL,
-        pose.theta,
-        constants.front,
-        constants.rear,
-        constants.width / 2,
-        odometry.stamp_ns,
-    )
+        stamp_ns = part.stamp_ns if part.value.at_ns is None else part.value.at_ns
+        if stamp_ns <= layers[k].taken_ns or stamp_ns < memory.leapt_ns:
+            continue
+        rows, at = _rows(part.value.fans), _pose_at(history, stamp_ns)
+        if k == _ECHOES and len(rows.ends):
+            rows = _unexplained(rows, layers, at)
+        layers[k] = _with_rows(_empty() if part.value.whole else layers[k], rows, memory, at, stamp_ns)
+    own = layers[-1].seen.copy()
+    corner_x, corner_y = memory.column * CELL, memory.row * CELL
+    outline = constants.front, constants.rear, constants.width / 2
+    stand(own, pose.x - corner_x, pose.y - corner_y, pose.theta, *outline, odometry.stamp_ns)
+    layers[-1] = replace(layers[-1], seen=own, taken_ns=now_ns)
     memory = replace(memory, layers=tuple(layers))
-    if surroundings is None and not any(_is_told(layer, now_ns) for layer in layers[:-1]):
+    if not any(_is_told(layer, now_ns) for layer in layers[_LOOKS]):
         return None, memory
     return _view(memory, pose, surroundings, constants, now_ns), memory
 
 
 def _is_told(layer: Layer, now_ns: int) -> bool:
     """Return whether a sensor has told of its surroundings lately; free ground by a blind or silent one does not count."""
-    return layer.taken_ns > _NEVER and now_ns - layer.taken_ns <= TOLD_NS
+    return layer.taken_ns > NEVER and now_ns - layer.taken_ns <= TOLD_NS
 
 
-_SAME_THING = 0.12
-"""m; an echo whose arc passes so near to a thing that lidar or depth show is that thing's."""
+class _Rows(NamedTuple):
+    """All beams of a part, row by row; see `view_kernels.lay`."""
+
+    origins: FloatArray
+    starts: IntArray
+    ends: FloatArray
+    near: FloatArray
+    hits: BoolArray
+    half_angles: FloatArray
+    things: IntArray
+    clears: BoolArray
 
 
-def _unexplained(
-    fans: tuple[Beams, ...], layers: list[Layer], memory: ViewMemory, odom_from_base: Pose2
-) -> tuple[Beams, ...]:
+def _rows(fans: tuple[Beams, ...]) -> _Rows:
+    if len(fans) == 1:
+        (fan,) = fans
+        near_one = np.zeros(len(fan.ends)) if fan.near is None else fan.near
+        about = np.array([fan.half_angle]), np.array([fan.thing]), np.array([fan.clears])
+        ends = fan.ends.astype(np.float64)
+        return _Rows(fan.origin[None], np.array([0, len(ends)]), ends, near_one, fan.hits, *about)
+    counts = [len(fan.ends) for fan in fans]
+    near = [np.zeros(len(fan.ends)) if fan.near is None else fan.near for fan in fans]
+    return _Rows(
+        np.array([fan.origin for fan in fans], np.float64).reshape(-1, 2),
+        np.cumsum([0, *counts]),
+        np.concatenate([np.zeros((0, 2)), *(fan.ends for fan in fans)]),
+        np.concatenate([np.zeros(0), *near]),
+        np.concatenate([np.zeros(0, np.bool_), *(fan.hits for fan in fans)]),
+        np.array([fan.half_angle for fan in fans], np.float64),
+        np.array([fan.thing for fan in fans], np.int64),
+        np.array([fan.clears for fan in fans], np.bool_),
+    )
+
+
+def _unexplained(rows: _Rows, layers: list[Layer], odom_from_base: Pose2) -> _Rows:
     """Return the echoes, without the hits of those whose arc passes a thing that another sensor shows."""
     shown = np.concatenate([layer.points for layer in layers[:2]])
-    away = shown - (odom_from_base.x, odom_from_base.y)
+    same = explained(rows.starts, rows.ends, rows.hits, shown, odom_from_base.array(), _SAME_THING)
+    return rows._replace(hits=rows.hits & ~np.repeat(same, np.diff(rows.starts)))
+
+
+def _with_rows(layer: Layer, rows: _Rows, memory: ViewMemory, odom_from_base: Pose2, stamp_ns: int) -> Layer:
+    """Return a layer with a part laid on copies of its grids, and the points that nothing has seen to be gone."""
+    seen, hit, offset, thing = layer.seen.copy(), layer.hit.copy(), layer.offset.copy(), layer.thing.copy()
+    x, y = odom_from_base.x - memory.column * CELL, odom_from_base.y - memory.row * CELL
     c, s = math.cos(odom_from_base.theta), math.sin(odom_from_base.theta)
-    in_base = away @ np.array([[c, -s], [s, c]])
-
-    def kept(fan: Beams) -> Beams:
-        arc = fan.ends[fan.hits]
-        if not len(arc) or not len(in_base):
-            return fan
-        low, high = arc.min(axis=0) - _SAME_THING, arc.max(axis=0) + _SAME_THING
-        near = in_base[((in_base >= low) & (in_base <= high)).all(axis=1)]
-        gaps = ((arc[:, None] - near[None]) ** 2).sum(axis=2)
-        explained = gaps.min(initial=math.inf) <= _SAME_THING**2
-        return replace(fan, hits=np.zeros(len(fan.hits), np.bool_)) if explained else fan
-
-    return tuple(kept(fan) for fan in fans)
+    lay(seen, hit, offset, thing, *rows, x, y, c, s, stamp_ns)
+    points, classes, stamps = standing(seen, hit, offset, thing, memory.column, memory.row)
+    return Layer(seen, hit, offset, thing, points, classes, stamps, stamp_ns)
 
 
-def _with_points(layer: Layer, memory: ViewMemory) -> Layer:
-    """Return a layer with the points of its grids: the hits that nothing has seen to be gone."""
-    rows, cols = np.nonzero((layer.hit >= layer.seen) & (layer.hit > _NEVER))
-    corner = np.array([memory.column, memory.row])
-    points = (np.column_stack([cols, rows]) + corner) * CELL + layer.offset[rows, cols]
-    return replace(layer, points=points, classes=layer.thing[rows, cols], stamps=layer.hit[rows, cols])
-
-
-def _leaps(history: tuple[tuple[int, Pose2], ...], stamp_ns: int, pose: Pose2) -> bool:
-    if not history:
+def leaps(before: tuple[tuple[int, Pose2], ...], stamp_ns: int, pose: Pose2) -> bool:
+    """Return whether odometry has moved faster than a chair can since the last one of (stamp [ns], pose); none: false."""
+    if not before:
         return False
-    before_ns, before = history[-1]
+    before_ns, last = before[-1]
     seconds = max(stamp_ns - before_ns, 0) * 1e-9
-    return math.hypot(pose.x - before.x, pose.y - before.y) > _FASTEST * seconds + _LEAP
+    return not math.hypot(pose.x - last.x, pose.y - last.y) <= _FASTEST * seconds + _LEAP
 
 
 def _pose_at(history: tuple[tuple[int, Pose2], ...], stamp_ns: int) -> Pose2:
@@ -274,25 +318,25 @@ def _pose_at(history: tuple[tuple[int, Pose2], ...], stamp_ns: int) -> Pose2:
 
 
 def _moved(memory: ViewMemory, pose: Pose2) -> ViewMemory:
-    """Return the memory with its grids centred on the chair; cells that come in are new."""
+    """Return the memory with its grids centred on the chair once it stands off their middle; cells that come in are new."""
     column, row = math.floor(pose.x / CELL) - SIDE // 2, math.floor(pose.y / CELL) - SIDE // 2
     right, up = column - memory.column, row - memory.row
-    if right == up == 0:
+    if max(abs(right), abs(up)) <= _RECENTRED:
         return memory
     layers = tuple(_layer_moved(layer, up, right) for layer in memory.layers)
     return replace(memory, layers=layers, column=column, row=row)
 
 
 def _layer_moved(layer: Layer, up: int, right: int) -> Layer:
-    if layer.taken_ns == _NEVER:  # nothing was laid on it yet
+    if layer.taken_ns == NEVER:  # nothing was laid on it yet
         return layer
-    seen = _shifted(layer.seen, up, right, _NEVER)
+    seen = _shifted(layer.seen, up, right, NEVER)
     if not len(layer.points):
-        return replace(layer, seen=seen, hit=np.full_like(layer.hit, _NEVER))
+        return replace(layer, seen=seen, hit=np.full_like(layer.hit, NEVER))
     return replace(
         layer,
         seen=seen,
-        hit=_shifted(layer.hit, up, right, _NEVER),
+        hit=_shifted(layer.hit, up, right, NEVER),
         offset=_shifted(layer.offset, up, right, 0),
         thing=_shifted(layer.thing, up, right, 0),
     )
@@ -310,172 +354,29 @@ def _shifted(grid: _Grid, up: int, right: int, fill: int) -> _Grid:
     return new
 
 
-def _with_part(
-    layer: Layer, fans: tuple[Beams, ...], memory: ViewMemory, odom_from_base: Pose2, stamp_ns: int
-) -> Layer:
-    """Return a layer with a part laid on copies of its grids."""
-    new = replace(
-        layer,
-        seen=layer.seen.copy(),
-        hit=layer.hit.copy(),
-        offset=layer.offset.copy(),
-        thing=layer.thing.copy(),
-        taken_ns=stamp_ns,
-    )
-    c, s = math.cos(odom_from_base.theta), math.sin(odom_from_base.theta)
-    turn = np.array([[c, -s], [s, c]])
-    place = np.array([odom_from_base.x, odom_from_base.y]) - np.array([memory.column, memory.row]) * CELL
-    for beams in fans:
-        good = np.isfinite(beams.ends).all(axis=1)
-        ends, origin = beams.ends[good] @ turn.T + place, turn @ beams.origin + place
-        _lay(
-            new.seen,
-            new.hit,
-            new.offset,
-            new.thing,
-            origin,
-            ends,
-            beams.hits[good],
-            beams.half_angle,
-            beams.thing,
-            beams.clears,
-            stamp_ns,
-        )
-    return _with_points(new, memory)
-
-
-_SPREAD = 1.5
-"""Half widths of a beam in which a cell's middle must lie for the beam to tell of it."""
-
-
-@njit(cache=True, nogil=True)
-def _lay(
-    seen: IntArray,
-    hit: IntArray,
-    offset: FloatArray,
-    thing: Bytes,
-    origin: FloatArray,
-    ends: FloatArray,
-    hits: BoolArray,
-    half_angle: float,
-    kind: int,
-    clears: bool,
-    stamp_ns: int,
-) -> None:
-    """Mark cells whose middle all neighbouring beams pass as seen, then the cells of hits.
-
-    `origin` (2,) and `ends` (N, 2) are in metres from the grid's corner.
-    """
-    bins = 1440
-    far = np.full(bins, -1.0)
-    width = math.tau / bins
-    for i in range(len(ends)):
-        dx, dy = ends[i, 0] - origin[0], ends[i, 1] - origin[1]
-        distance = math.hypot(dx, dy)
-        angle = math.atan2(dy, dx)
-        first = math.floor((angle - _SPREAD * half_angle) / width)
-        last = math.floor((angle + _SPREAD * half_angle) / width)
-        for k in range(first, last + 1):
-            place = k % bins
-            if far[place] < 0.0 or distance < far[place]:
-                far[place] = distance
-    size = seen.shape[0]
-    low_x = high_x = origin[0]
-    low_y = high_y = origin[1]
-    for i in range(len(ends)):
-        low_x, high_x = min(low_x, ends[i, 0]), max(high_x, ends[i, 0])
-        low_y, high_y = min(low_y, ends[i, 1]), max(high_y, ends[i, 1])
-    first_row, last_row = max(math.floor(low_y / CELL), 0), min(math.floor(high_y / CELL) + 1, size)
-    first_col, last_col = max(math.floor(low_x / CELL), 0), min(math.floor(high_x / CELL) + 1, size)
-    for row in range(first_row, last_row if clears else first_row):
-        for col in range(first_col, last_col):
-            dx, dy = (col + 0.5) * CELL - origin[0], (row + 0.5) * CELL - origin[1]
-            place = math.floor(math.atan2(dy, dx) / width) % bins
-            if math.hypot(dx, dy) < far[place] and stamp_ns > seen[row, col]:
-                seen[row, col] = stamp_ns
-    for i in range(len(ends)):
-        if hits[i]:
-            col, row = math.floor(ends[i, 0] / CELL), math.floor(ends[i, 1] / CELL)
-            if 0 <= col < size and 0 <= row < size and stamp_ns >= hit[row, col]:
-                hit[row, col] = stamp_ns
-                offset[row, col, 0], offset[row, col, 1] = ends[i, 0] - col * CELL, ends[i, 1] - row * CELL
-                thing[row, col] = kind
-
-
-@njit(cache=True, nogil=True)
-def _stand(
-    seen: IntArray, x: float, y: float, theta: float, front: float, rear: float, half: float, stamp_ns: int
-) -> None:
-    """Mark the cells whose middle lies under the outline of a chair at a pose from the grid's corner [m]."""
-    c, s = math.cos(theta), math.sin(theta)
-    for row in range(seen.shape[0]):
-        for col in range(seen.shape[1]):
-            dx, dy = (col + 0.5) * CELL - x, (row + 0.5) * CELL - y
-            if -rear <= c * dx + s * dy <= front and abs(c * dy - s * dx) <= half:
-                seen[row, col] = stamp_ns
-
-
 def _view(memory: ViewMemory, pose: Pose2, surroundings: MapPart | None, body: ChairBody, now_ns: int) -> LocalView:
-    """Return the memory as it lies to the chair now, with what the map tells."""
-    c, s = math.cos(pose.theta), math.sin(pose.theta)
-    all_points, all_classes = [], []
+    """Return the memory as it lies to the chair now, with the walls that only the map shows."""
+    layers = [layer for layer in memory.layers if layer.taken_ns > NEVER]
     fresh = np.zeros((SIDE, SIDE), np.bool_)
-    for layer in memory.layers:
-        if layer.taken_ns == _NEVER:
-            continue
-        young = now_ns - layer.stamps <= HELD_FOR_NS
-        all_points.append(layer.points[young])
-        all_classes.append(layer.classes[young])
+    for layer in layers:
         if _is_told(layer, now_ns):
-            fresh |= (now_ns - layer.seen <= SEEN_FOR_NS) & (layer.seen > _NEVER)
-    in_odom = np.concatenate(all_points) if all_points else np.empty((0, 2))
-    points = (in_odom - (pose.x, pose.y)) @ np.array([[c, -s], [s, c]])
-    classes = np.concatenate(all_classes) if all_classes else np.empty(0, np.uint8)
-    free = _free_in_base(fresh, memory.column, memory.row, pose.x, pose.y, c, s)
+            add_fresh(fresh, layer.seen, now_ns - SEEN_FOR_NS)
+    points, classes, stamps = ([getattr(layer, name) for layer in layers] for name in ("points", "classes", "stamps"))
     if surroundings is not None:
-        mapped, mapped_free = _map_in_base(surroundings)
-        points, classes = np.concatenate([points, mapped]), np.concatenate([classes, np.zeros(len(mapped), np.uint8)])
-        free |= mapped_free
-    free |= _own(body)
-    inside = np.abs(points).max(axis=1, initial=0.0) < SIDE * CELL  # those that the grid has left behind go
-    return LocalView(np.rint(1000.0 * points[inside]).astype(np.int16), classes[inside], np.packbits(~free.reshape(-1)))
-
-
-@njit(cache=True, nogil=True)
-def _free_in_base(fresh: BoolArray, column: int, row: int, x: float, y: float, c: float, s: float) -> BoolArray:
-    """Return the free cells of the grid centred on base: those whose middle lies in a fresh cell in odom."""
-    size = fresh.shape[0]
-    free = np.zeros((size, size), np.bool_)
-    for r in range(size):
-        for k in range(size):
-            u, v = (k + 0.5 - size / 2) * CELL, (r + 0.5 - size / 2) * CELL
-            col = math.floor((x + c * u - s * v) / CELL) - column
-            line = math.floor((y + s * u + c * v) / CELL) - row
-            free[r, k] = 0 <= col < size and 0 <= line < size and fresh[line, col]
-    return free
-
-
-@lru_cache(maxsize=8)
-def _own(body: ChairBody) -> BoolArray:
-    """Return the cells under the chair itself, which are free for it."""
-    middles = (np.arange(SIDE) + 0.5 - SIDE / 2) * CELL
-    along = (middles >= -body.rear - CELL / 2) & (middles <= body.front + CELL / 2)
-    aside = np.abs(middles) <= body.width / 2 + CELL / 2
-    own: BoolArray = aside[:, None] & along[None, :]
-    return own
-
-
-def _map_in_base(part: MapPart) -> tuple[FloatArray, BoolArray]:
-    """Return a map's occupied cells (N, 2) [m], and its free ground on the grid centred on base."""
-    cells = part.cells
-    c, s = math.cos(part.theta), math.sin(part.theta)
-    rows, cols = np.nonzero(cells >= 65)
-    at = (np.column_stack([cols, rows]) + 0.5) * part.resolution
-    points = at @ np.array([[c, s], [-s, c]]) + (part.x, part.y)
-    middles = (np.arange(SIDE) + 0.5 - SIDE / 2) * CELL
-    away = np.stack(np.meshgrid(middles, middles), axis=-1).reshape(-1, 2) - (part.x, part.y)
-    inside = np.floor(away @ np.array([[c, -s], [s, c]]) / part.resolution).astype(np.int64)
-    known = (inside >= 0).all(axis=1) & (inside[:, 0] < cells.shape[1]) & (inside[:, 1] < cells.shape[0])
-    free = np.zeros(len(away), np.bool_)
-    free[known] = (cells[inside[known, 1], inside[known, 0]] >= 0) & (cells[inside[known, 1], inside[known, 0]] < 25)
-    return points[np.hypot(points[:, 0], points[:, 1]) < SIDE * CELL], free.reshape(SIDE, SIDE)
+        grid = np.array([surroundings.x, surroundings.y, surroundings.theta])
+        lidar, cells, corner = memory.layers[_LIDAR], surroundings.cells, (memory.column, memory.row)
+        walls = walls_of_map(cells, surroundings.resolution, grid, lidar.seen, lidar.hit, *corner, _SAME_WALL)
+        points.append(walls)
+        classes.append(np.full(len(walls), int(Thing.SOLID), np.uint8))
+        stamps.append(np.full(len(walls), now_ns, np.int64))
+    near, kinds = points_in_base(
+        np.concatenate(points),
+        np.concatenate(classes),
+        np.concatenate(stamps),
+        pose.array(),
+        now_ns - _HELD_TABLE,
+        SIDE * CELL,  # those that the grid has left behind go
+    )
+    x, y = pose.x - memory.column * CELL, pose.y - memory.row * CELL
+    unseen = unseen_in_base(fresh, x, y, pose.theta, body.front, body.rear, body.width / 2)
+    return LocalView(near, kinds, unseen)

@@ -32,26 +32,51 @@ def free_orientations(
     points (N, 2) [m] in base are obstacles, each with its margin (N,) [m]; unseen (M, 2) [m] are places that no sensor
     saw. Points and places within the outline are the chair's own.
     """
-    front, rear, half = body.front, body.rear, body.width / 2
-    things = np.concatenate([points, unseen])
-    room = np.concatenate([_eased(points, margins, body), np.zeros(len(unseen))])
-    reach = math.hypot(max(front, rear) + ahead, half) + (float(room.max()) if len(room) else 0.0)
-    near = np.hypot(things[:, 0], things[:, 1]) <= reach
-    return _free(np.ascontiguousarray(things[near]), room[near], front, rear, half, count, ahead)
+    outline = body.front, body.rear, body.width / 2
+    room = _eased(points, margins, *outline)
+    things, margins = _near(points, room, unseen, sweep_reach(body, ahead))
+    return _free(things, margins, *outline, count, ahead)
 
 
-def _eased(points: FloatArray, margins: FloatArray, body: ChairBody) -> FloatArray:
+def sweep_reach(body: ChairBody, ahead: float = AHEAD) -> float:
+    """Return the distance [m] from base within which things and unseen places matter."""
+    return math.hypot(max(body.front, body.rear) + ahead, body.width / 2)
+
+
+@njit(cache=True, nogil=True)
+def _eased(points: FloatArray, margins: FloatArray, front: float, rear: float, half: float) -> FloatArray:
     """Return the margins, each kind reduced where the chair already stands nearer to such a thing: it may leave."""
-    outside = np.hypot(
-        np.maximum(np.maximum(points[:, 0] - body.front, -body.rear - points[:, 0]), 0.0),
-        np.maximum(np.abs(points[:, 1]) - body.width / 2, 0.0),
-    )
-    eased = np.array(margins, np.float64)
-    for margin in np.unique(eased):
-        kind = margins == margin
-        nearest = float(outside[kind & (outside > 0.0)].min(initial=math.inf))
-        eased[kind] = min(float(margin), max(nearest - _EASE, 0.0))
+    eased = margins.copy()
+    outside = np.empty(len(points))
+    for i in range(len(points)):
+        outside[i] = _outside(points[i, 0], points[i, 1], front, rear, half)
+    done = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        if done[i]:
+            continue
+        nearest = math.inf
+        for j in range(i, len(points)):
+            if margins[j] == margins[i] and 0.0 < outside[j] < nearest:
+                nearest = outside[j]
+        for j in range(i, len(points)):
+            if margins[j] == margins[i]:
+                eased[j], done[j] = min(margins[i], max(nearest - _EASE, 0.0)), True
     return eased
+
+
+@njit(cache=True, nogil=True)
+def _near(points: FloatArray, room: FloatArray, unseen: FloatArray, reach: float) -> tuple[FloatArray, FloatArray]:
+    """Return points and unseen places that the sweep may come to, in one, with their margins; unseen ones have none."""
+    things, margins = np.empty((len(points) + len(unseen), 2)), np.zeros(len(points) + len(unseen))
+    count = 0
+    for i in range(len(things)):
+        seen = i < len(points)
+        x, y = (points[i, 0], points[i, 1]) if seen else (unseen[i - len(points), 0], unseen[i - len(points), 1])
+        margin = room[i] if seen else 0.0
+        if math.hypot(x, y) <= reach + margin:
+            things[count, 0], things[count, 1], margins[count] = x, y, margin
+            count += 1
+    return things[:count], margins[:count]
 
 
 @njit(cache=True, nogil=True)

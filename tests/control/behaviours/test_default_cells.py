@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,19 +12,15 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, sonar_mounts
 from waychair.control.behaviours.cell import Reading
 from waychair.control.behaviours.commands import FreeKind, signal_words
-from waychair.control.behaviours.default import (
-    SECTORS,
-    DoorSeen,
-    EchoMemory,
-    default_network,
-    echo_fans,
-    lidar_fans,
-)
+from waychair.control.behaviours.default import SECTORS, default_network
 from waychair.control.behaviours.doorway import Doorway, OdometryPose
 from waychair.control.behaviours.runtime import Innervation, Runtime
+from waychair.control.behaviours.view.door_cells import DoorSeen, DoorsSeen
 from waychair.control.behaviours.view.local_view import Beams, Fans, LocalView, MapPart, Thing, ViewMemory, gather_views
+from waychair.control.behaviours.view.sensor_cells import EchoMemory, check_echoes, echo_fans, lidar_fans
+from waychair.control.behaviours.view.sensor_parts import people_fans
 from waychair.control.behaviours.view.swept_sectors import free_orientations
-from waychair.types import FloatArray, Scan, SonarReadings
+from waychair.types import Float32Array, FloatArray, Scan, SonarReadings
 
 TICK_NS, NONE = 50_000_000, np.empty((0, 2))
 HERE = OdometryPose(0.0, 0.0, 0.0)
@@ -80,10 +77,10 @@ def test_a_chair_that_stands_nearer_than_the_margin_can_still_leave() -> None:
 # The view ----------------------------------------------------------------------------------------------------------
 
 
-def scan_of(ranges: float | FloatArray, beams: int = 720) -> Scan:
+def scan_of(ranges: float | FloatArray, beams: int = 720, at_ns: int = 0) -> Scan:
     values = np.broadcast_to(np.asarray(ranges, np.float32), beams).copy()
     half = math.radians(135.0)
-    return Scan(0, values, -half, 2 * half / (beams - 1), range_max=20.0)
+    return Scan(at_ns, values, -half, 2 * half / (beams - 1), range_max=20.0)
 
 
 def seen_free(view: LocalView, x: float, y: float) -> bool:
@@ -100,7 +97,7 @@ def gathered(
 
 
 def lidar_part(now_ns: int, ranges: float | FloatArray = 2.0) -> Reading[Fans]:
-    fans = lidar_fans(scan_of(ranges), CHAIR_A)
+    fans = lidar_fans(scan_of(ranges, at_ns=now_ns), None, CHAIR_A)
     assert fans is not None
     return Reading(fans, now_ns)
 
@@ -128,9 +125,13 @@ def test_ground_seen_before_stays_free_while_the_chair_drives_on_and_is_forgotte
     assert not seen_free(old, -1.0, 0.5)
 
 
+def points32(*points: tuple[float, float]) -> Float32Array:
+    return np.array(points, np.float32)
+
+
 def test_what_lidar_cannot_see_is_not_cleared_by_it() -> None:
-    table = Fans((Beams(np.array([0.4, 0.2]), np.array([[1.2, 0.0]]), np.array([True]), 0.01),))
-    edge = Fans((Beams(np.array([0.4, 0.2]), np.array([[1.0, 0.5]]), np.array([True]), 0.01, int(Thing.DROP_OFF)),))
+    table = Fans((Beams(np.array([0.4, 0.2]), points32((1.2, 0.0)), np.array([True]), 0.01),))
+    edge = Fans((Beams(np.array([0.4, 0.2]), points32((1.0, 0.5)), np.array([True]), 0.01, int(Thing.DROP_OFF)),))
     view, memory = gathered(0, ViewMemory(), depth=Reading(table, 0), drop_offs=Reading(edge, 0))
     view, _ = gathered(TICK_NS, memory, lidar=lidar_part(TICK_NS))
     assert view is not None
@@ -138,41 +139,93 @@ def test_what_lidar_cannot_see_is_not_cleared_by_it() -> None:
     assert np.hypot(*(view.metres() - (1.2, 0.0)).T).min() < 0.002
 
 
+def sonars(first: float, now_ns: int) -> SonarReadings:
+    return SonarReadings(now_ns, np.array([first] + 7 * [math.inf], np.float32))
+
+
+def heard(readings: SonarReadings, memory: EchoMemory, at: OdometryPose = HERE) -> tuple[Fans, EchoMemory]:
+    checked, after = check_echoes(readings, at, memory)
+    return echo_fans(checked, CHAIR_A), after
+
+
 def test_an_echo_that_lidar_explains_is_its_thing_and_one_that_it_does_not_stays_an_obstacle() -> None:
     for ranges, kept in ((0.7, False), (3.0, True)):  # lidar sees a thing in the sonar's arc, or through glass
         _, memory = gathered(0, ViewMemory(), lidar=lidar_part(0, ranges))
-        fans, _ = echo_fans(sonars(0.6, 0), HERE, CHAIR_A, EchoMemory())
+        fans, _ = heard(sonars(0.6, TICK_NS), EchoMemory())
         view, _ = gathered(TICK_NS, memory, echoes=Reading(fans, TICK_NS))
         assert view is not None
         glass = view.metres()[np.abs(view.metres()[:, 0] - 1.35) < 0.03]
         assert bool(len(glass[np.abs(glass[:, 1] - 0.15) < 0.1])) == kept
 
 
-def sonars(first: float, now_ns: int) -> SonarReadings:
-    return SonarReadings(now_ns, np.array([first] + 7 * [math.inf], np.float32))
-
-
 def test_an_echo_alone_clears_no_ground_and_a_stuck_sonar_tells_nothing() -> None:
-    fans, memory = echo_fans(sonars(2.0, 0), HERE, CHAIR_A, EchoMemory())
+    fans, memory = heard(sonars(2.0, 0), EchoMemory())
     assert [fan.clears for fan in fans.fans] == [False] * 8
-    fans, memory = echo_fans(sonars(2.05, 1), HERE, CHAIR_A, memory)
+    fans, memory = heard(sonars(2.05, 1), memory)
     assert [fan.clears for fan in fans.fans] == [True] * 8
     moved = OdometryPose(0.31, 0.0, 0.0)
-    fans, memory = echo_fans(sonars(2.05, 2), moved, CHAIR_A, memory)
+    fans, memory = heard(sonars(2.05, 2), memory, moved)
     assert len(fans.fans) == 7
-    fans, _ = echo_fans(SonarReadings(3, np.full(8, math.nan, np.float32)), moved, CHAIR_A, memory)
+    fans, _ = heard(SonarReadings(3, np.full(8, math.nan, np.float32)), memory, moved)
     assert fans.fans == ()
     assert len(sonar_mounts(CHAIR_A)) == 8
 
 
-def test_a_map_tells_of_the_ground_that_no_sensor_sees() -> None:
+def test_a_map_tells_of_walls_that_no_sensor_sees_and_never_of_free_ground() -> None:
     cells = np.zeros((120, 120), np.int8)
     cells[:, :20] = 100
     part = MapPart(cells, 0.05, -3.0, -3.0, 0.0)
-    view, _ = gathered(0, ViewMemory(), surroundings=part)
+    assert gathered(0, ViewMemory(), surroundings=part)[0] is None
+    view, _ = gathered(0, ViewMemory(), lidar=lidar_part(0), surroundings=part)
     assert view is not None
-    assert seen_free(view, -1.0, 0.0)
-    assert view.metres()[:, 0].max() == pytest.approx(-2.025, abs=0.001)
+    assert not seen_free(view, -1.0, 0.0)
+    behind = view.metres()[view.metres()[:, 0] < -1.5]
+    assert behind[:, 0].max() == pytest.approx(-2.025, abs=0.001)
+
+
+def test_a_wall_of_the_map_that_the_lidar_shows_is_where_the_lidar_shows_it() -> None:
+    cells = np.zeros((120, 120), np.int8)
+    cells[:, 100] = 100  # a wall 2 m ahead, on a map that is 7 cm wrong
+    part = MapPart(cells, 0.05, -3.0 + 0.045, -3.0, 0.0)
+    angles = scan_of(1.0).angles()
+    with np.errstate(divide="ignore", invalid="ignore"):
+        wall = np.where(np.abs(angles) < 1.0, (2.0 - CHAIR_A.laser_x) / np.cos(angles), 9.0)
+    view, _ = gathered(0, ViewMemory(), lidar=lidar_part(0, wall), surroundings=part)
+    assert view is not None
+    ahead = view.metres()[np.abs(view.metres()[:, 1]) < 1.0]
+    assert np.abs(ahead[:, 0] - 2.0).max() < 0.002
+
+
+def test_people_are_where_they_are_now_and_leave_no_trail() -> None:
+    memory = ViewMemory()
+    for k, x in enumerate((1.5, 1.0)):
+        person = people_fans(np.array([[x, 0.8]]))
+        at_ns = k * TICK_NS
+        view, memory = gathered(at_ns, memory, lidar=lidar_part(at_ns, 3.0), people=Reading(person, at_ns))
+    assert view is not None
+    shown = view.metres()[view.classes == Thing.PERSON]
+    assert shown.mean(axis=0) == pytest.approx((1.0, 0.8), abs=0.02)
+    gone = 10 * TICK_NS
+    view, _ = gathered(gone, memory, lidar=lidar_part(gone, 3.0), people=Reading(people_fans(np.empty((0, 2))), gone))
+    assert view is not None
+    assert not (view.classes == Thing.PERSON).any()
+
+
+def test_a_beam_frees_ground_only_from_where_it_meets_the_floor() -> None:
+    table = Beams(np.zeros(2), points32((2.0, 0.0)), np.array([False]), 0.02, near=np.array([1.2]))
+    view, _ = gathered(0, ViewMemory(), depth=Reading(Fans((table,)), 0))
+    assert view is not None
+    assert seen_free(view, 1.625, 0.025)
+    assert not seen_free(view, 1.025, 0.025)
+
+
+def test_a_measurement_lies_where_the_chair_was_when_it_was_taken() -> None:
+    early = gathered(0, ViewMemory())[1]
+    fans = Fans((Beams(np.zeros(2), points32((2.0, 0.0)), np.array([True]), 0.02),), at_ns=TICK_NS)
+    moved = OdometryPose(0.2, 0.0, 0.0)
+    view, _ = gathered(2 * TICK_NS, early, moved, depth=Reading(fans, 2 * TICK_NS))
+    assert view is not None
+    assert view.metres()[0] == pytest.approx((1.9, 0.0), abs=0.002)
 
 
 # The network -------------------------------------------------------------------------------------------------------
@@ -187,7 +240,9 @@ class Rider:
     def step(self, **heard: Any) -> Innervation:
         self.tick += 1
         given = {name.replace("_", " "): value for name, value in heard.items()}
-        return self.runtime.innervate(self.tick * TICK_NS, {"odometry": HERE, **given})
+        now_ns = self.tick * TICK_NS
+        given |= {name: replace(given[name], stamp_ns=now_ns) for name in ("lidar", "sonars") if name in given}
+        return self.runtime.innervate(now_ns, {"odometry": HERE, **given})
 
 
 def command(done: Innervation) -> tuple[FreeKind, int]:
@@ -198,7 +253,8 @@ def command(done: Innervation) -> tuple[FreeKind, int]:
 def test_without_sensors_and_without_odometry_nothing_is_free() -> None:
     rider = Rider()
     assert command(rider.step()) == (FreeKind.NULL, 0)
-    assert signal_words(rider.step().ports["encode_packet"].eo) == "stop the chair: no sonar is heard"
+    words = signal_words(rider.step().ports["encode_packet"].eo)
+    assert words == "stop the chair: no sensor that looks round the chair is heard yet, so nothing is free"
     runtime = Runtime(default_network())
     assert command(runtime.innervate(TICK_NS, {"lidar": scan_of(3.0)})) == (FreeKind.NULL, 0)
 
@@ -215,7 +271,7 @@ def test_a_blind_lidar_frees_nothing_and_what_it_saw_counts_for_half_a_second() 
 
 @pytest.mark.parametrize("ranges", [np.nan, np.inf, -np.inf])
 def test_a_scan_without_ranges_makes_nothing_free(ranges: float) -> None:
-    assert lidar_fans(scan_of(ranges), CHAIR_B) is None
+    assert lidar_fans(scan_of(ranges), None, CHAIR_B) is None
 
 
 def test_a_pose_that_jumps_ends_the_memory() -> None:
@@ -227,11 +283,41 @@ def test_a_pose_that_jumps_ends_the_memory() -> None:
         assert seen_free(view, -0.5, 0.5) == kept
 
 
-def test_a_door_that_was_seen_leads_the_rider_to_its_pivotal_zone() -> None:
+def seen(x: float, width: float, number: int = 0, clear: float | None = None, is_open: bool = True) -> DoorSeen:
+    door = Doorway(x, width / 2, x, -width / 2)
+    return DoorSeen(number, door, width - 0.02 if clear is None else clear, is_open)
+
+
+def test_a_doorway_that_was_seen_leads_the_rider_to_its_pivotal_zone() -> None:
     rider = Rider()
-    door = DoorSeen(Doorway(3.0, 0.45, 3.0, -0.45))
-    done = rider.step(lidar=scan_of(6.0), door_seen=door, door_wanted=True)
+    done = rider.step(lidar=scan_of(6.0), doorways=DoorsSeen((seen(3.0, 0.9),)), door_wanted=True)
     assert done.ports["Door validation"].eo.valid
     assert signal_words(done.ports["encode_packet"].eo) == "go forward"
-    narrow = DoorSeen(Doorway(3.0, 0.25, 3.0, -0.25))
-    assert not Rider().step(lidar=scan_of(6.0), door_seen=narrow, door_wanted=True).ports["Door validation"].eo.valid
+
+
+@pytest.mark.parametrize(
+    ("door", "verdict"),
+    [
+        (seen(3.0, 0.63), "refuted"),  # the chair's 0.60 m and 4 cm
+        (seen(3.0, 0.9, is_open=False), "refuted"),
+        (seen(3.0, 0.9, clear=0.55), "refuted"),  # a leaf stands in it
+        (seen(3.0, 0.9, clear=0.0), "looking"),  # nothing near saw it yet
+    ],
+)
+def test_a_doorway_that_is_not_surely_wide_enough_is_not_offered(door: DoorSeen, verdict: str) -> None:
+    done = Rider().step(lidar=scan_of(6.0), doorways=DoorsSeen((door,)), door_wanted=True)
+    assert done.ports["Door validation"].eo.state.value == verdict
+    assert done.ports["Path planner"].eo is None
+
+
+def test_one_doorway_is_kept_until_it_is_passed_and_then_the_next_one_is_chosen() -> None:
+    rider, chosen = Rider(), []
+    for k in range(40):
+        near, far = 2.0 - 0.1 * k, 4.5 - 0.1 * k
+        doors = DoorsSeen((seen(near, 0.9, number=7), seen(far, 0.9, number=8)))
+        at = OdometryPose(0.1 * k, 0.0, 0.0)
+        done = rider.step(lidar=scan_of(6.0), doorways=doors, door_wanted=True, odometry=at)
+        chosen.append(done.ports["Doorway detection"].eo.number)
+    passed = chosen.index(8)
+    assert chosen == [7] * passed + [8] * (40 - passed)
+    assert 2.0 - 0.1 * passed == pytest.approx(-CHAIR_A.rear - 0.3, abs=0.11)
