@@ -13,6 +13,7 @@ from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import shown_points
+from waychair.runtime.perception_view import PerceptionView
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.slam.mapping.live_mapping import LiveMapping
 from waychair.trials.demo import DemoWatcher
@@ -127,6 +128,14 @@ class DemoPage(DemoWatcher):
     def layout(self) -> LayoutView:
         """See `ChairPort`."""
         return self._layout
+
+    def perception(self) -> PerceptionView | None:
+        """See `ChairPort`; the demo's chair has no behaviour cells."""
+        return None
+
+    def network(self, name: str) -> str | None:
+        """See `ChairPort`."""
+        return None
 
     def picture(self) -> bytes | None:
         """See `ChairPort`; there is none."""

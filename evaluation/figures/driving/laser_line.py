@@ -17,7 +17,7 @@ from waychair.planning.seen.laser_sight import LaserSight, SightMemory, look
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.sensors.renderer import Renderer
 from waychair.simulation.sensors.servo_camera import ServoCamera
-from waychair.types import FloatArray, Json, PanTiltAngles, PanTiltCommand, Picture, Pose2, Twist
+from waychair.types import Float32Array, FloatArray, Json, PanTiltAngles, PanTiltCommand, Picture, Pose2, Twist
 
 WORLDS = ("small_clinic", "apartment", "corridor_t", "second_floor", "basement", "black_sofa", "glass_door", "table")
 """Light and dark buildings, posters, furniture, black leather and glass."""
@@ -103,7 +103,7 @@ def _errors(
     return np.concatenate(rows)
 
 
-def _compared(sight: LaserSight, depth: FloatArray) -> FloatArray:
+def _compared(sight: LaserSight, depth: Float32Array) -> FloatArray:
     """Return (N, 3) of one look: true distance, error, sigma [m]; at an edge the truth is the nearer pixel's in value."""
     column, row = np.rint(sight.columns).astype(int), np.rint(sight.rows).astype(int)
     told = np.linalg.norm(sight.points - [SERVO_CAMERA.forward, SERVO_CAMERA.left, SERVO_CAMERA.height], axis=1)
