@@ -69,9 +69,9 @@ def test_a_grey_picture_and_a_camera_without_focal_length_are_refused() -> None:
 @pytest.mark.skipif(renderer_problem() is not None, reason=str(renderer_problem()))
 def test_the_simulator_turns_the_camera_as_told_and_sends_what_it_sees(ros: Harness) -> None:
     heard = {each: ros.heard(each, f"/eye/{each.name}") for each in (topics.PAN_TILT, topics.SERVO_PICTURE)}
-    tell = ros.publisher(topics.PAN_TILT_COMMAND, f"/eye/{topics.PAN_TILT_COMMAND.name}")
     arguments = ("-p", "sensors.servo_camera.rate_hz:=2.0", "-p", "camera:=false", "-r", "__ns:=/eye")
     with ros.process("-m", "waychair.ros.nodes.simulator_node", "--ros-args", *arguments):
+        tell = ros.publisher(topics.PAN_TILT_COMMAND, f"/eye/{topics.PAN_TILT_COMMAND.name}")
         angles = heard[topics.PAN_TILT]
 
         def there() -> bool:
