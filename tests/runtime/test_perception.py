@@ -19,14 +19,14 @@ from waychair.control.behaviours.presets import preset_network
 from waychair.control.behaviours.replay import replay
 from waychair.control.behaviours.trace import Trace, read_trace
 from waychair.control.drive.doorway_tracker import DoorwayTracker
-from waychair.errors import TraceError
+from waychair.errors import OutputError, TraceError
 from waychair.planning.seen.doorways import DoorState, Doorway
-from waychair.runtime.black_box.cell_traces import trace_at
+from waychair.runtime.black_box.cell_traces import CellTraceFile, trace_at
 from waychair.runtime.black_box.recorder import BlackBox, BlackBoxSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.runtime.perception import Perceived, Perception, Surroundings
 from waychair.slam.localising.localisation import Localisation, LocalisationState
-from waychair.trials.drive import start_drive, traced_cells
+from waychair.trials.drive import start_drive
 from waychair.types import (
     JoystickInput,
     OccupancyGrid,
@@ -254,12 +254,32 @@ def test_the_cells_of_a_driving_chair_offer_its_way_and_one_without_the_switch_h
 
 def test_the_trace_of_a_drive_is_replayed_with_the_same_bytes(drive: Drive, tmp_path: Path) -> None:
     path = tmp_path / "a.trace"
-    with traced_cells(path) as on_tick:
-        for _, state, _ in drive.notes:
-            on_tick((), state)
+    with CellTraceFile(path) as trace:
+        for heard, state, board in drive.notes:
+            trace.note_tick(heard, state, board)
     again = replay(read_trace(path), network(read_trace(path)))
     assert again.difference is None
     assert again.data == path.read_bytes()
+
+
+def test_a_trace_that_cannot_be_written_lets_the_chair_drive_on_and_says_so_at_the_end(
+    drive: Drive, tmp_path: Path
+) -> None:
+    trace = CellTraceFile(tmp_path)  # a folder
+    for heard, state, board in drive.notes[:5]:
+        trace.note_tick(heard, state, board)
+    with pytest.raises(OutputError, match="cannot write"):
+        trace.__exit__(None, None, None)
+
+
+def test_a_trace_that_began_late_is_shown_and_its_replay_refused(drive: Drive, tmp_path: Path) -> None:
+    with CellTraceFile(tmp_path / "a.trace") as file:
+        for heard, state, board in drive.notes[10:20]:
+            file.note_tick(heard, state, board)
+    trace = read_trace(tmp_path / "a.trace")
+    assert len(trace.innervations) == 10
+    with pytest.raises(TraceError, match="records are missing before innervation 0"):
+        replay(trace, network(trace))
 
 
 def network(trace: Trace) -> Any:
