@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -123,6 +124,17 @@ def test_a_pose_that_leaps_is_named_and_what_was_seen_before_is_forgotten() -> N
     assert "the pose leapt by 2.0 m, so what was seen before no longer counts" in done.troubles
     assert free(done)[0] is not FreeKind.LIST
     assert not rider.ticks(110).troubles
+
+
+def test_a_doorway_that_was_held_is_forgotten_when_the_pose_leaps() -> None:
+    found = Doorway(4, Pose2(3.0, 0.0, 0.0), 0.9, 0.88, 0.02, DoorState.OPEN)
+    rider = Rider()
+    rider.cells.door_wanted = True
+    with patch.object(DoorwayTracker, "doorways", (found,)):
+        assert rider.ticks(4).done.ports["Object tracker"].eo is not None
+    assert rider.ticks(4).done.ports["Object tracker"].eo is not None  # by its memory
+    rider.at = Pose2(2.0, 0.0, 0.0)
+    assert rider.ticks(5).done.ports["Object tracker"].eo is None
 
 
 def test_odometry_that_is_not_a_number_is_named_and_frees_nothing() -> None:
@@ -319,12 +331,12 @@ def test_a_black_box_without_cells_and_an_empty_folder_say_so(tmp_path: Path) ->
         trace_at(tmp_path)
 
 
-def test_doorways_of_the_tracker_are_told_in_base(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doorways_of_the_tracker_are_told_in_base() -> None:
     found = Doorway(4, Pose2(3.0, 1.0, math.pi / 2), 0.9, 0.88, 0.02, DoorState.OPEN)
-    monkeypatch.setattr(DoorwayTracker, "doorways", property(lambda _: (found,)))
     rider = Rider()
     rider.at = Pose2(3.0, -1.0, math.pi / 2)
-    (seen,) = rider.tick().heard["doorways"].doors
+    with patch.object(DoorwayTracker, "doorways", (found,)):
+        (seen,) = rider.tick().heard["doorways"].doors
     assert (seen.number, seen.is_open) == (4, True)
     assert seen.clear == pytest.approx(0.86)
     assert seen.door.middle == pytest.approx((2.0, 0.0))

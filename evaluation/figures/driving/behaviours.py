@@ -36,8 +36,9 @@ MEDIAN_MS, P99_MS, TICK_MS = 1.0, 3.0, 15.0
 def behaviours(out: Path) -> Json:
     """2,000 random networks beside the plain interpreter, 20 traced drives replayed byte by byte, and the time in the tick.
 
-    `BEHAVIOURS_NETWORKS`, `BEHAVIOURS_INNERVATIONS` and `BEHAVIOURS_DRIVES` take samples. `BEHAVIOURS_PYTHON` names a
-    second interpreter with waychair's dependencies, in which the traces are replayed as well.
+    `BEHAVIOURS_NETWORKS`, `BEHAVIOURS_INNERVATIONS`, `BEHAVIOURS_DRIVES` and `BEHAVIOURS_SECONDS` (of a drive) take
+    samples. `BEHAVIOURS_PYTHON` names a second interpreter with waychair's dependencies, in which the traces are replayed
+    as well.
     """
     compared, drives = _compared_networks(), _traced_drives(out.with_suffix("") / "traces")
     return {**compared, **drives, "passed": compared["passed"] and drives["passed"]}
@@ -65,6 +66,7 @@ def _compared_networks() -> Json:
 
 def _traced_drives(folder: Path) -> Json:
     count = int(os.environ.get("BEHAVIOURS_DRIVES", str(DRIVES)))
+    seconds = float(os.environ.get("BEHAVIOURS_SECONDS", str(DRIVE_S)))
     other = os.environ.get("BEHAVIOURS_PYTHON", "")
     folder.mkdir(parents=True, exist_ok=True)
     drive(0, 1.0, folder / "warm.trace")  # compiles
@@ -72,7 +74,7 @@ def _traced_drives(folder: Path) -> Json:
     with_cells, without, network, troubles = list[float](), list[float](), list[float](), dict[str, None]()
     for seed in range(count):
         path = folder / f"{seed}.trace"
-        done = drive(seed, DRIVE_S, path)
+        done = drive(seed, seconds, path)
         trace = read_trace(path)
         with_cells += done.tick_ms.tolist()
         network += network_ms(trace).tolist()
@@ -82,7 +84,7 @@ def _traced_drives(folder: Path) -> Json:
         contacts, innervations = contacts + done.contacts, innervations + len(trace.innervations)
         size += path.stat().st_size
         if seed % PLAIN_EVERY == 0:
-            without += drive(seed, DRIVE_S, None).tick_ms.tolist()
+            without += drive(seed, seconds, None).tick_ms.tolist()
     cells_ms, tick_ms, plain_ms = (_percentiles(each) for each in (network, with_cells, without))
     in_time = cells_ms["median"] <= MEDIAN_MS and cells_ms["p99"] <= P99_MS and tick_ms["p99"] <= TICK_MS
     same = alike == count and (not other or alike_elsewhere == count)
