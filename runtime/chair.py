@@ -95,6 +95,23 @@ class ChairWatcher(Protocol):
         """Note a tick that is over: the messages of it, the chair's state after it, and the board's greeting."""
 
 
+class Watchers:
+    """Several watchers of one chair as one; None is none."""
+
+    def __init__(self, *watchers: ChairWatcher | None) -> None:
+        self._watchers = tuple(each for each in watchers if each is not None)
+
+    def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+        """See `ChairWatcher`."""
+        for each in self._watchers:
+            each.note_request(what, goals)
+
+    def note_tick(self, heard: tuple[ChairMessage, ...], state: ChairState, board: HelloReply | None) -> None:
+        """See `ChairWatcher`."""
+        for each in self._watchers:
+            each.note_tick(heard, state, board)
+
+
 class Chair:
     """A chair on a known map, at the end of a cable to its board."""
 

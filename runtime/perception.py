@@ -145,6 +145,8 @@ class Perception:
             done = self._runtime.innervate(now_ns, heard)
         count, self._count = self._count, self._count + 1
         watched = done.ports["Sensor watch"].eo
+        if watched is not None and watched.leapt:
+            self._doorways = DoorwayTracker()
         troubles = [*self._faults.values(), *(f"{name} is inactive: {fault}" for name, fault in done.faults().items())]
         troubles += [*(watched.sentences if watched is not None else ()), *([set_back] if set_back else [])]
         return Perceived(self._network, count, heard, done, self._doorways.doorways, tuple(troubles))

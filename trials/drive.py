@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -18,15 +18,15 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.dac import DacModel
 from waychair.calibration.fits.stopping import StopTable
-from waychair.control.behaviours.trace import TraceWriter
 from waychair.control.drive.navigator import Stage
 from waychair.firmware_bridge.board import BoardSettings, HostBoard, board_program
 from waychair.firmware_bridge.bridge import USUAL_FAMILY
 from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.geometry import wrap_angle
 from waychair.maps.drawn.zones import Zone
+from waychair.runtime.black_box.cell_traces import CellTraceFile
 from waychair.runtime.black_box.recorder import BlackBox, LoggedChair
-from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher
+from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher, Watchers
 from waychair.simulation.follower import Follower, StallCheck
 from waychair.simulation.simulator import Simulator
 from waychair.slam.localising.localiser import LocalisationState
@@ -131,40 +131,15 @@ def drive_to_places(
     """
     legs = []
     with (
-        black_box(setup, box) as watcher,
-        traced_cells(trace) as on_tick,
-        simulated_chair(setup, simulator, watcher) as chair,
+        black_box(setup, box) as log,
+        nullcontext() if trace is None else CellTraceFile(trace) as cells,
+        simulated_chair(setup, simulator, Watchers(log, cells)) as chair,
     ):
         for index, goal in enumerate(goals):
-            legs.append(drive_to_place(setup, simulator, chair, goal, time_limit_s, on_tick))
+            legs.append(drive_to_place(setup, simulator, chair, goal, time_limit_s))
             if progress is not None:
                 progress((index + 1) / len(goals))
     return tuple(legs)
-
-
-@contextmanager
-def traced_cells(path: Path | None) -> Iterator[TickCallback]:
-    """Yield a callback after each tick that writes the trace of a chair's behaviour cells; it does nothing without a path.
-
-    Raises:
-        OutputError: the file cannot be written.
-    """
-    with ExitStack() as ends:
-        writer: TraceWriter | None = None
-
-        def write(messages: tuple[SensorMessage, ...], state: ChairState) -> None:
-            nonlocal writer
-            perceived = state.perceived
-            if path is None or perceived is None:
-                return
-            if writer is None:
-                network = perceived.network
-                writer = ends.enter_context(TraceWriter(path, network.wiring, network.name, network.values))
-            elif perceived.count == 0:
-                writer.begin_anew()
-            writer.write(perceived.done, perceived.heard)
-
-        yield write
 
 
 def black_box(setup: DriveSetup, folder: Path | None) -> AbstractContextManager[BlackBox | None]:

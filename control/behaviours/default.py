@@ -246,7 +246,7 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
                 "Doorway detection",
                 choose_door,
                 links={"seen": "doorways"},
-                fresh_ns={"seen": stale},
+                triggers=("doorways",),
                 constants=body,
                 dynamic=ChosenDoor(),
             ),
@@ -254,14 +254,14 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
                 "Door validation",
                 check_door,
                 links={"seen": "Doorway detection"},
+                triggers=("Doorway detection",),
                 constants=(s.doors, body),
-                excited_by=AtLeast("Doorway detection", 0, of="number"),
             ),
             Cell(
                 "Object tracker",
                 track_door,
                 links={"check": "Door validation", "odometry": "odometry"},
-                fresh_ns={"odometry": stale},
+                fresh_ns={"check": 0, "odometry": stale},  # a check lies in base as it was when it was made
                 excited_by=AtLeast("Door validation", 1, of="valid")
                 | (Active("Object tracker", before=True) & AtLeast("Object tracker", 1, of="held", before=True)),
                 constants=(s.doors, s.camera),
@@ -278,6 +278,7 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
         ],
         output="Path planner",
         excited_by=AtLeast("door wanted", 1),
+        reset_by=AtLeast("Sensor check", 1, of="leapt"),  # a door held in odom is no longer where it was
     )
     free_space_finding = Network(
         "Free-space finding",

@@ -45,6 +45,7 @@ from waychair.control.behaviours.network import Network, Wiring, wire
 from waychair.control.behaviours.paper_settings import CameraLimits, DoorLimits, NavigationLimits, ObstacleLimits
 from waychair.control.behaviours.range_finder import CameraAim, CameraMemory, LaserLine, find_range
 from waychair.control.behaviours.sonar import LastClasses, SonarPacket, decode_packet, read_sonars, translate_data
+from waychair.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +56,14 @@ class PaperSettings(Settings):
     camera: CameraLimits = field(default_factory=CameraLimits)
     doors: DoorLimits = field(default_factory=DoorLimits)
     navigation: NavigationLimits = field(default_factory=NavigationLimits)
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.camera.aimed >= self.doors.jamb:
+            raise ConfigError(
+                f"camera aimed = {self.camera.aimed:g} rad is not below doors jamb = {self.doors.jamb:g} rad: a jamb would "
+                "be looked for beside its place; give the smaller error"
+            )
 
 
 SENSORS = (

@@ -82,6 +82,11 @@ class DoorLimits(Settings):
             raise ConfigError(
                 f"narrowest = {self.narrowest:g} m is not below widest = {self.widest:g} m: give the narrower door first"
             )
+        if self.zone >= self.pivot_ahead:
+            raise ConfigError(
+                f"zone = {self.zone:g} m reaches to the wall, pivot_ahead = {self.pivot_ahead:g} m before it: a chair "
+                "would swivel in the doorway; make it smaller"
+            )
         if self.straight >= self.askew:
             raise ConfigError(
                 f"straight = {self.straight:g} rad is not below askew = {self.askew:g} rad: a swivel would never end"

@@ -67,8 +67,7 @@ def replay(trace: Trace, wiring: Wiring) -> Replay:
     runtime, encoder = Runtime(wiring), TraceEncoder(wiring, header.preset, header.settings)
     written = [encoder.header()]
     for index, was in enumerate(trace.innervations):
-        heard = {name: _sensed(wiring, name, *each) for name, each in was.heard.items()}
-        done = runtime.innervate(was.stamp_ns, heard, was.late)
+        done = runtime.innervate(was.stamp_ns, typed_inputs(wiring, was), was.late)
         raw = {name: _raw(*each) for name, each in was.heard.items()}
         record = encoder.innervation(done, raw, key=was.payload[:1] == b"K")
         written.append(record)
@@ -76,6 +75,15 @@ def replay(trace: Trace, wiring: Wiring) -> Replay:
             again = trace_from_bytes(b"".join(written)).innervations[index]
             return Replay(b"".join(written), index + 1, first_difference(index, was, again))
     return Replay(b"".join(written), len(trace.innervations))
+
+
+def typed_inputs(wiring: Wiring, was: TracedInnervation) -> dict[str, Any]:
+    """Return the sensors' values of a traced innervation with their types.
+
+    Raises:
+        TraceError: a value is not what its sensor gives.
+    """
+    return {name: _sensed(wiring, name, *each) for name, each in was.heard.items()}
 
 
 def _sensed(wiring: Wiring, name: str, value: Any, stamp_ns: int | None) -> Any:

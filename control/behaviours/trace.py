@@ -183,13 +183,16 @@ _REPEATED = ("ran", "active", "rewritten", "faults")
 class TraceWriter:
     """Writes a trace into a file, each innervation at once, so that it survives the end of the program."""
 
-    def __init__(self, path: Path, wiring: Wiring, preset: str = "", settings: Mapping[str, Any] | None = None) -> None:
-        """
+    def __init__(
+        self, path: Path, wiring: Wiring, preset: str = "", settings: Mapping[str, Any] | None = None, after: int = 0
+    ) -> None:
+        """`after`: innervations of the run that the trace lacks.
+
         Raises:
             OutputError: the file cannot be written.
         """
         self._path, self._about = path, (wiring, preset, settings)
-        self._encoder = TraceEncoder(*self._about)
+        self._encoder = TraceEncoder(*self._about, after)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("wb", buffering=0)

@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -19,14 +20,14 @@ from waychair.control.behaviours.presets import preset_network
 from waychair.control.behaviours.replay import replay
 from waychair.control.behaviours.trace import Trace, read_trace
 from waychair.control.drive.doorway_tracker import DoorwayTracker
-from waychair.errors import TraceError
+from waychair.errors import OutputError, TraceError
 from waychair.planning.seen.doorways import DoorState, Doorway
-from waychair.runtime.black_box.cell_traces import trace_at
+from waychair.runtime.black_box.cell_traces import CellTraceFile, trace_at
 from waychair.runtime.black_box.recorder import BlackBox, BlackBoxSettings
 from waychair.runtime.chair import ChairSettings
 from waychair.runtime.perception import Perceived, Perception, Surroundings
 from waychair.slam.localising.localisation import Localisation, LocalisationState
-from waychair.trials.drive import start_drive, traced_cells
+from waychair.trials.drive import start_drive
 from waychair.types import (
     JoystickInput,
     OccupancyGrid,
@@ -123,6 +124,17 @@ def test_a_pose_that_leaps_is_named_and_what_was_seen_before_is_forgotten() -> N
     assert "the pose leapt by 2.0 m, so what was seen before no longer counts" in done.troubles
     assert free(done)[0] is not FreeKind.LIST
     assert not rider.ticks(110).troubles
+
+
+def test_a_doorway_that_was_held_is_forgotten_when_the_pose_leaps() -> None:
+    found = Doorway(4, Pose2(3.0, 0.0, 0.0), 0.9, 0.88, 0.02, DoorState.OPEN)
+    rider = Rider()
+    rider.cells.door_wanted = True
+    with patch.object(DoorwayTracker, "doorways", (found,)):
+        assert rider.ticks(4).done.ports["Object tracker"].eo is not None
+    assert rider.ticks(4).done.ports["Object tracker"].eo is not None  # by its memory
+    rider.at = Pose2(2.0, 0.0, 0.0)
+    assert rider.ticks(5).done.ports["Object tracker"].eo is None
 
 
 def test_odometry_that_is_not_a_number_is_named_and_frees_nothing() -> None:
@@ -254,12 +266,32 @@ def test_the_cells_of_a_driving_chair_offer_its_way_and_one_without_the_switch_h
 
 def test_the_trace_of_a_drive_is_replayed_with_the_same_bytes(drive: Drive, tmp_path: Path) -> None:
     path = tmp_path / "a.trace"
-    with traced_cells(path) as on_tick:
-        for _, state, _ in drive.notes:
-            on_tick((), state)
+    with CellTraceFile(path) as trace:
+        for heard, state, board in drive.notes:
+            trace.note_tick(heard, state, board)
     again = replay(read_trace(path), network(read_trace(path)))
     assert again.difference is None
     assert again.data == path.read_bytes()
+
+
+def test_a_trace_that_cannot_be_written_lets_the_chair_drive_on_and_says_so_at_the_end(
+    drive: Drive, tmp_path: Path
+) -> None:
+    trace = CellTraceFile(tmp_path)  # a folder
+    for heard, state, board in drive.notes[:5]:
+        trace.note_tick(heard, state, board)
+    with pytest.raises(OutputError, match="cannot write"):
+        trace.__exit__(None, None, None)
+
+
+def test_a_trace_that_began_late_is_shown_and_its_replay_refused(drive: Drive, tmp_path: Path) -> None:
+    with CellTraceFile(tmp_path / "a.trace") as file:
+        for heard, state, board in drive.notes[10:20]:
+            file.note_tick(heard, state, board)
+    trace = read_trace(tmp_path / "a.trace")
+    assert len(trace.innervations) == 10
+    with pytest.raises(TraceError, match="records are missing before innervation 0"):
+        replay(trace, network(trace))
 
 
 def network(trace: Trace) -> Any:
@@ -299,12 +331,12 @@ def test_a_black_box_without_cells_and_an_empty_folder_say_so(tmp_path: Path) ->
         trace_at(tmp_path)
 
 
-def test_doorways_of_the_tracker_are_told_in_base(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_doorways_of_the_tracker_are_told_in_base() -> None:
     found = Doorway(4, Pose2(3.0, 1.0, math.pi / 2), 0.9, 0.88, 0.02, DoorState.OPEN)
-    monkeypatch.setattr(DoorwayTracker, "doorways", property(lambda _: (found,)))
     rider = Rider()
     rider.at = Pose2(3.0, -1.0, math.pi / 2)
-    (seen,) = rider.tick().heard["doorways"].doors
+    with patch.object(DoorwayTracker, "doorways", (found,)):
+        (seen,) = rider.tick().heard["doorways"].doors
     assert (seen.number, seen.is_open) == (4, True)
     assert seen.clear == pytest.approx(0.86)
     assert seen.door.middle == pytest.approx((2.0, 0.0))

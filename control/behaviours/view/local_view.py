@@ -24,6 +24,7 @@ from waychair.control.behaviours.view.view_kernels import (
     CELL,
     NEVER,
     SIDE,
+    Stamps,
     add_fresh,
     explained,
     lay,
@@ -34,7 +35,7 @@ from waychair.control.behaviours.view.view_kernels import (
     unseen_in_base,
     walls_of_map,
 )
-from waychair.geometry import interpolate
+from waychair.geometry import interpolate, transform_points
 from waychair.types import BoolArray, Bytes, Cells, Float32Array, FloatArray, IntArray, Pose2
 
 SEEN_FOR_NS = 15_000_000_000
@@ -152,45 +153,51 @@ _LOOKS = slice(0, SOURCES.index("people"))
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """One sensor's grids (SIDE, SIDE): `seen` and `hit` stamps [ns], the place of the last hit in its cell [m], its class.
+    """One sensor's grids (SIDE, SIDE): `seen` and `hit` stamps [ms], the place of the last hit in its cell [mm], its class.
 
-    `taken_ns` is the stamp of the last part. `points` (N, 2) [m] in odom are the obstacles that it left, with their
-    classes and stamps (N,).
+    `taken_ns` is the stamp of the last part; None: there was none yet. `points` (N, 2) [m] in odom are the obstacles that
+    it left, with their classes and stamps (N,) [ms].
     """
 
-    seen: IntArray
-    hit: IntArray
-    offset: FloatArray
+    seen: Stamps
+    hit: Stamps
+    offset: Bytes
     thing: Bytes
     points: FloatArray
     classes: Bytes
-    stamps: IntArray
-    taken_ns: int = NEVER
+    stamps: Stamps
+    taken_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ViewMemory:
     """Dynamic data: a layer for each source, the cell of the grids' corner in odom, and poses of the odometry.
 
-    Without layers nothing was seen yet. Measurements before `leapt_ns` are of before a leap of the pose.
+    Without layers nothing was seen yet. Stamps in the layers count from `epoch_ns`. Measurements before `leapt_ns` are of
+    before a leap of the pose.
     """
 
     layers: tuple[Layer, ...] = ()
     column: int = 0
     row: int = 0
     history: tuple[tuple[int, Pose2], ...] = ()
-    leapt_ns: int = NEVER
+    epoch_ns: int = 0
+    leapt_ns: int | None = None
+
+    def clock(self, stamp_ns: int) -> int:
+        """Return a stamp as the layers count it [ms]."""
+        return (stamp_ns - self.epoch_ns) // 1_000_000
 
 
 def _empty() -> Layer:
     return Layer(
-        np.full((SIDE, SIDE), NEVER, np.int64),
-        np.full((SIDE, SIDE), NEVER, np.int64),
-        np.zeros((SIDE, SIDE, 2)),
+        np.full((SIDE, SIDE), NEVER, np.int32),
+        np.full((SIDE, SIDE), NEVER, np.int32),
+        np.zeros((SIDE, SIDE, 2), np.uint8),
         np.zeros((SIDE, SIDE), np.uint8),
         np.empty((0, 2)),
         np.empty(0, np.uint8),
-        np.empty(0, np.int64),
+        np.empty(0, np.int32),
     )
 
 
@@ -217,8 +224,8 @@ def gather_views(
     memory = dynamic
     leapt = leaps(memory.history[-1:], odometry.stamp_ns, pose)
     if not memory.layers or leapt:
-        leapt_ns = odometry.stamp_ns if leapt else memory.leapt_ns
-        memory = ViewMemory(tuple(_empty() for _ in SOURCES), leapt_ns=leapt_ns)
+        since_ns = odometry.stamp_ns
+        memory = ViewMemory(tuple(_empty() for _ in SOURCES), epoch_ns=since_ns, leapt_ns=since_ns if leapt else None)
     history = (*memory.history[-_HISTORY:], (odometry.stamp_ns, pose))
     memory = _moved(replace(memory, history=history), pose)
     layers = list(memory.layers)
@@ -226,16 +233,22 @@ def gather_views(
         if part is None:
             continue
         stamp_ns = part.stamp_ns if part.value.at_ns is None else part.value.at_ns
-        if stamp_ns <= layers[k].taken_ns or stamp_ns < memory.leapt_ns:
+        taken_ns = layers[k].taken_ns
+        if (taken_ns is not None and stamp_ns <= taken_ns) or (
+            memory.leapt_ns is not None and stamp_ns < memory.leapt_ns
+        ):
             continue
         rows, at = _rows(part.value.fans), _pose_at(history, stamp_ns)
         if k == _ECHOES and len(rows.ends):
             rows = _unexplained(rows, layers, at)
-        layers[k] = _with_rows(_empty() if part.value.whole else layers[k], rows, memory, at, stamp_ns)
+        if part.value.whole:
+            layers[k] = _replaced(layers[k], rows, memory, at, stamp_ns)
+        else:
+            layers[k] = _with_rows(layers[k], rows, memory, at, stamp_ns)
     own = layers[-1].seen.copy()
     corner_x, corner_y = memory.column * CELL, memory.row * CELL
     outline = constants.front, constants.rear, constants.width / 2
-    stand(own, pose.x - corner_x, pose.y - corner_y, pose.theta, *outline, odometry.stamp_ns)
+    stand(own, pose.x - corner_x, pose.y - corner_y, pose.theta, *outline, memory.clock(odometry.stamp_ns))
     layers[-1] = replace(layers[-1], seen=own, taken_ns=now_ns)
     memory = replace(memory, layers=tuple(layers))
     if not any(_is_told(layer, now_ns) for layer in layers[_LOOKS]):
@@ -245,7 +258,7 @@ def gather_views(
 
 def _is_told(layer: Layer, now_ns: int) -> bool:
     """Return whether a sensor has told of its surroundings lately; free ground by a blind or silent one does not count."""
-    return layer.taken_ns > NEVER and now_ns - layer.taken_ns <= TOLD_NS
+    return layer.taken_ns is not None and now_ns - layer.taken_ns <= TOLD_NS
 
 
 class _Rows(NamedTuple):
@@ -294,9 +307,17 @@ def _with_rows(layer: Layer, rows: _Rows, memory: ViewMemory, odom_from_base: Po
     seen, hit, offset, thing = layer.seen.copy(), layer.hit.copy(), layer.offset.copy(), layer.thing.copy()
     x, y = odom_from_base.x - memory.column * CELL, odom_from_base.y - memory.row * CELL
     c, s = math.cos(odom_from_base.theta), math.sin(odom_from_base.theta)
-    lay(seen, hit, offset, thing, *rows, x, y, c, s, stamp_ns)
+    lay(seen, hit, offset, thing, *rows, x, y, c, s, memory.clock(stamp_ns))
     points, classes, stamps = standing(seen, hit, offset, thing, memory.column, memory.row)
     return Layer(seen, hit, offset, thing, points, classes, stamps, stamp_ns)
+
+
+def _replaced(layer: Layer, rows: _Rows, memory: ViewMemory, odom_from_base: Pose2, stamp_ns: int) -> Layer:
+    """Return a layer whose points are those of a whole part; its grids stay empty."""
+    points = transform_points(odom_from_base, rows.ends[rows.hits])
+    classes = np.repeat(rows.things, np.diff(rows.starts))[rows.hits].astype(np.uint8)
+    stamps = np.full(len(points), memory.clock(stamp_ns), np.int32)
+    return replace(layer, points=points, classes=classes, stamps=stamps, taken_ns=stamp_ns)
 
 
 def leaps(before: tuple[tuple[int, Pose2], ...], stamp_ns: int, pose: Pose2) -> bool:
@@ -328,7 +349,7 @@ def _moved(memory: ViewMemory, pose: Pose2) -> ViewMemory:
 
 
 def _layer_moved(layer: Layer, up: int, right: int) -> Layer:
-    if layer.taken_ns == NEVER:  # nothing was laid on it yet
+    if layer.taken_ns is None:  # nothing was laid on it yet
         return layer
     seen = _shifted(layer.seen, up, right, NEVER)
     if not len(layer.points):
@@ -342,7 +363,7 @@ def _layer_moved(layer: Layer, up: int, right: int) -> Layer:
     )
 
 
-_Grid = TypeVar("_Grid", FloatArray, IntArray, Bytes)
+_Grid = TypeVar("_Grid", Stamps, Bytes)
 
 
 def _shifted(grid: _Grid, up: int, right: int, fill: int) -> _Grid:
@@ -356,11 +377,11 @@ def _shifted(grid: _Grid, up: int, right: int, fill: int) -> _Grid:
 
 def _view(memory: ViewMemory, pose: Pose2, surroundings: MapPart | None, body: ChairBody, now_ns: int) -> LocalView:
     """Return the memory as it lies to the chair now, with the walls that only the map shows."""
-    layers = [layer for layer in memory.layers if layer.taken_ns > NEVER]
+    layers = [layer for layer in memory.layers if layer.taken_ns is not None]
     fresh = np.zeros((SIDE, SIDE), np.bool_)
     for layer in layers:
         if _is_told(layer, now_ns):
-            add_fresh(fresh, layer.seen, now_ns - SEEN_FOR_NS)
+            add_fresh(fresh, layer.seen, max(memory.clock(now_ns - SEEN_FOR_NS), NEVER + 1))
     points, classes, stamps = ([getattr(layer, name) for layer in layers] for name in ("points", "classes", "stamps"))
     if surroundings is not None:
         grid = np.array([surroundings.x, surroundings.y, surroundings.theta])
@@ -368,13 +389,13 @@ def _view(memory: ViewMemory, pose: Pose2, surroundings: MapPart | None, body: C
         walls = walls_of_map(cells, surroundings.resolution, grid, lidar.seen, lidar.hit, *corner, _SAME_WALL)
         points.append(walls)
         classes.append(np.full(len(walls), int(Thing.SOLID), np.uint8))
-        stamps.append(np.full(len(walls), now_ns, np.int64))
+        stamps.append(np.full(len(walls), memory.clock(now_ns), np.int32))
     near, kinds = points_in_base(
         np.concatenate(points),
         np.concatenate(classes),
         np.concatenate(stamps),
         pose.array(),
-        now_ns - _HELD_TABLE,
+        memory.clock(now_ns) - _HELD_TABLE // 1_000_000,
         SIDE * CELL,  # those that the grid has left behind go
     )
     x, y = pose.x - memory.column * CELL, pose.y - memory.row * CELL

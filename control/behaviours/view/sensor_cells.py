@@ -168,9 +168,10 @@ def _cones(body: ChairBody) -> tuple[tuple[FloatArray, FloatArray], ...]:
 
 @dataclass(frozen=True, slots=True)
 class SensorTroubles:
-    """What is wrong with the sensors, one sentence each."""
+    """What is wrong with the sensors, one sentence each; `leapt`: the pose leapt since the watch looked before."""
 
     sentences: tuple[str, ...] = ()
+    leapt: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,7 +202,7 @@ def watch_sensors(
         told.append("the depth camera is silent, so nothing is free by it: see its cable")
     if lidar is None and echoes is None and depth is None:
         told.append("no sensor that looks round the chair is heard yet, so nothing is free")
-    return SensorTroubles(tuple(told)), memory
+    return SensorTroubles(tuple(told), memory.leapt_ns != dynamic.leapt_ns), memory
 
 
 def _with_pose(memory: WatchMemory, odometry: Reading[OdometryPose] | None) -> WatchMemory:

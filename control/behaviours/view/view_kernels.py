@@ -1,12 +1,14 @@
 """The loops of the local view: fans laid on a layer's grids, their points, and the ground that was seen to be free.
 
 Grids are (SIDE, SIDE) cells of `CELL` [m] in odom; `x` and `y` [m] are the chair's place from the grid's corner, `c` and
-`s` cosine and sine of its heading.
+`s` cosine and sine of its heading. Stamps in grids are milliseconds of a clock that begins with them: small grids are
+copied fast.
 """
 
 from __future__ import annotations
 
 import math
+from typing import TypeAlias
 
 import numpy as np
 from numba import njit
@@ -15,11 +17,16 @@ from numpy.typing import NDArray
 from waychair.maps.grid.cells import OCCUPIED_FROM
 from waychair.types import BoolArray, Bytes, Cells, FloatArray, IntArray
 
+Stamps: TypeAlias = NDArray[np.int32]
+
 CELL, SIDE = 0.05, 100
 """m and cells; the grid reaches 2.5 m to each side, beyond the longest orientation."""
 
-NEVER = -(1 << 62)
+NEVER = -(1 << 31)
 """Stamp of a cell that was never seen or hit."""
+
+_MM = 1e-3
+"""m; unit of the place of a hit in its cell."""
 
 _SPREAD = 1.5
 """Half widths of a beam in which a cell's middle must lie for the beam to tell of it."""
@@ -44,9 +51,9 @@ def direction_part(dx: float, dy: float, parts: int) -> int:
 
 @njit(cache=True, nogil=True)
 def lay(
-    seen: IntArray,
-    hit: IntArray,
-    offset: FloatArray,
+    seen: Stamps,
+    hit: Stamps,
+    offset: Bytes,
     thing: Bytes,
     origins: FloatArray,
     starts: IntArray,
@@ -60,7 +67,7 @@ def lay(
     y: float,
     c: float,
     s: float,
-    stamp_ns: int,
+    stamp: int,
 ) -> None:
     """Mark the cells whose middle all neighbouring beams pass as seen, then the cells of hits, fan by fan.
 
@@ -106,23 +113,24 @@ def lay(
                     squared = dx * dx + dy * dy
                     if squared < reach:
                         place = direction_part(dx, dy, _BINS)
-                        if begin[place] <= squared < far[place] and stamp_ns > seen[row, col]:
-                            seen[row, col] = stamp_ns
+                        if begin[place] <= squared < far[place] and stamp > seen[row, col]:
+                            seen[row, col] = stamp
         for i in range(first_beam, last_beam):
             ex, ey = ends[i, 0], ends[i, 1]
             if hits[i] and math.isfinite(ex) and math.isfinite(ey):
                 px, py = x + c * ex - s * ey, y + s * ex + c * ey
                 col, row = math.floor(px / CELL), math.floor(py / CELL)
-                if 0 <= col < size and 0 <= row < size and stamp_ns >= hit[row, col]:
-                    hit[row, col] = stamp_ns
-                    offset[row, col, 0], offset[row, col, 1] = px - col * CELL, py - row * CELL
+                if 0 <= col < size and 0 <= row < size and stamp >= hit[row, col]:
+                    hit[row, col] = stamp
+                    offset[row, col, 0] = round((px - col * CELL) / _MM)
+                    offset[row, col, 1] = round((py - row * CELL) / _MM)
                     thing[row, col] = things[fan]
 
 
 @njit(cache=True, nogil=True)
 def standing(
-    seen: IntArray, hit: IntArray, offset: FloatArray, thing: Bytes, column: int, row: int
-) -> tuple[FloatArray, Bytes, IntArray]:
+    seen: Stamps, hit: Stamps, offset: Bytes, thing: Bytes, column: int, row: int
+) -> tuple[FloatArray, Bytes, Stamps]:
     """Return the points (N, 2) [m] in odom of hits that nothing has seen to be gone, their classes and stamps (N,).
 
     `column` and `row` are the cell of the grid's corner.
@@ -132,13 +140,13 @@ def standing(
     for r in range(size):
         for k in range(size):
             count += hit[r, k] > NEVER and hit[r, k] >= seen[r, k]
-    points, classes, stamps = np.empty((count, 2)), np.empty(count, np.uint8), np.empty(count, np.int64)
+    points, classes, stamps = np.empty((count, 2)), np.empty(count, np.uint8), np.empty(count, np.int32)
     at = 0
     for r in range(size):
         for k in range(size):
             if hit[r, k] > NEVER and hit[r, k] >= seen[r, k]:
-                points[at, 0] = (k + column) * CELL + offset[r, k, 0]
-                points[at, 1] = (r + row) * CELL + offset[r, k, 1]
+                points[at, 0] = (k + column) * CELL + offset[r, k, 0] * _MM
+                points[at, 1] = (r + row) * CELL + offset[r, k, 1] * _MM
                 classes[at], stamps[at] = thing[r, k], hit[r, k]
                 at += 1
     return points, classes, stamps
@@ -168,24 +176,22 @@ def explained(
 
 
 @njit(cache=True, nogil=True)
-def stand(
-    seen: IntArray, x: float, y: float, theta: float, front: float, rear: float, half: float, stamp_ns: int
-) -> None:
+def stand(seen: Stamps, x: float, y: float, theta: float, front: float, rear: float, half: float, stamp: int) -> None:
     """Mark the cells whose middle lies under the outline of a chair at a pose from the grid's corner [m]."""
     c, s = math.cos(theta), math.sin(theta)
     for row in range(seen.shape[0]):
         for col in range(seen.shape[1]):
             dx, dy = (col + 0.5) * CELL - x, (row + 0.5) * CELL - y
             if -rear <= c * dx + s * dy <= front and abs(c * dy - s * dx) <= half:
-                seen[row, col] = stamp_ns
+                seen[row, col] = stamp
 
 
 @njit(cache=True, nogil=True)
-def add_fresh(fresh: BoolArray, seen: IntArray, since_ns: int) -> None:
+def add_fresh(fresh: BoolArray, seen: Stamps, since: int) -> None:
     """Mark the cells that were seen since a stamp."""
     for row in range(seen.shape[0]):
         for col in range(seen.shape[1]):
-            if seen[row, col] >= since_ns:
+            if seen[row, col] >= since:
                 fresh[row, col] = True
 
 
@@ -231,11 +237,11 @@ def places_of_bits(packed: Bytes, side: int, within: float) -> FloatArray:
 
 @njit(cache=True, nogil=True)
 def points_in_base(
-    points: FloatArray, classes: Bytes, stamps: IntArray, pose: FloatArray, since_ns: IntArray, reach: float
+    points: FloatArray, classes: Bytes, stamps: Stamps, pose: FloatArray, since: IntArray, reach: float
 ) -> tuple[NDArray[np.int16], Bytes]:
     """Return the points (N, 2) [m] in odom within `reach` [m] as (M, 2) [mm] in base, with their classes.
 
-    `since_ns` (classes,): a point of a class that was last hit before is forgotten.
+    `since` (classes,): a point of a class that was last hit before is forgotten.
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     near, kinds = np.empty((len(points), 2), np.int16), np.empty(len(points), np.uint8)
@@ -243,7 +249,7 @@ def points_in_base(
     for i in range(len(points)):
         dx, dy = points[i, 0] - pose[0], points[i, 1] - pose[1]
         x, y = c * dx + s * dy, c * dy - s * dx
-        if stamps[i] >= since_ns[classes[i]] and abs(x) < reach and abs(y) < reach:
+        if stamps[i] >= since[classes[i]] and abs(x) < reach and abs(y) < reach:
             near[count, 0], near[count, 1] = round(1000.0 * x), round(1000.0 * y)
             kinds[count] = classes[i]
             count += 1
@@ -252,7 +258,7 @@ def points_in_base(
 
 @njit(cache=True, nogil=True)
 def walls_of_map(
-    cells: Cells, resolution: float, grid: FloatArray, seen: IntArray, hit: IntArray, column: int, row: int, gap: float
+    cells: Cells, resolution: float, grid: FloatArray, seen: Stamps, hit: Stamps, column: int, row: int, gap: float
 ) -> FloatArray:
     """Return the occupied cells (N, 2) [m] in odom of a map without those that the lidar's hits show already.
 

@@ -11,7 +11,10 @@ import numpy as np
 from evaluation.behaviours.cluttered_places import offered, random_place, truly_free
 from evaluation.behaviours.compared_cells import LITERAL_EVERY, differing_ports
 from evaluation.behaviours.navigation_table import TableRun, expected, found, list_cases, obstacle_cases
+from evaluation.behaviours.traced_drives import drive, network_ms, replays_alike, replays_alike_elsewhere
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.behaviours.trace import read_trace
+from waychair.topics import COMMAND
 from waychair.types import Json
 
 NETWORKS, INNERVATIONS = 2000, 500
@@ -20,11 +23,28 @@ SHARE = 0.95
 """Least part of the truly free orientations that the lidar's view offers."""
 
 
-def behaviours(out: Path) -> Json:
-    """2,000 random networks beside the plain interpreter: 0 differing ports in 10^6 innervations.
+DRIVES, DRIVE_S = 20, 15.0
+"""Traced drives, and the longest time of each [s]."""
 
-    `BEHAVIOURS_NETWORKS` and `BEHAVIOURS_INNERVATIONS` take a sample.
+PLAIN_EVERY = 5
+"""One drive in so many is also driven without cells, for the tick's time before."""
+
+MEDIAN_MS, P99_MS, TICK_MS = 1.0, 3.0, 15.0
+"""Bounds of the network's time in the tick, and of the tick's 99th percentile."""
+
+
+def behaviours(out: Path) -> Json:
+    """2,000 random networks beside the plain interpreter, 20 traced drives replayed byte by byte, and the time in the tick.
+
+    `BEHAVIOURS_NETWORKS`, `BEHAVIOURS_INNERVATIONS`, `BEHAVIOURS_DRIVES` and `BEHAVIOURS_SECONDS` (of a drive) take
+    samples. `BEHAVIOURS_PYTHON` names a second interpreter with waychair's dependencies, in which the traces are replayed
+    as well.
     """
+    compared, drives = _compared_networks(), _traced_drives(out.with_suffix("") / "traces")
+    return {**compared, **drives, "passed": compared["passed"] and drives["passed"]}
+
+
+def _compared_networks() -> Json:
     networks = int(os.environ.get("BEHAVIOURS_NETWORKS", str(NETWORKS)))
     innervations = int(os.environ.get("BEHAVIOURS_INNERVATIONS", str(INNERVATIONS)))
     compared, differing, named = 0, 0, list[str]()
@@ -41,6 +61,54 @@ def behaviours(out: Path) -> Json:
         "differing": differing,
         "cpu_s": round(time.process_time() - begun_s, 1),
         "named": named,
+    }
+
+
+def _traced_drives(folder: Path) -> Json:
+    count = int(os.environ.get("BEHAVIOURS_DRIVES", str(DRIVES)))
+    seconds = float(os.environ.get("BEHAVIOURS_SECONDS", str(DRIVE_S)))
+    other = os.environ.get("BEHAVIOURS_PYTHON", "")
+    folder.mkdir(parents=True, exist_ok=True)
+    drive(0, 1.0, folder / "warm.trace")  # compiles
+    alike, alike_elsewhere, contacts, innervations, size = 0, 0, 0, 0, 0
+    with_cells, without, network, troubles = list[float](), list[float](), list[float](), dict[str, None]()
+    for seed in range(count):
+        path = folder / f"{seed}.trace"
+        done = drive(seed, seconds, path)
+        trace = read_trace(path)
+        with_cells += done.tick_ms.tolist()
+        network += network_ms(trace).tolist()
+        troubles.update(dict.fromkeys(done.troubles))
+        alike += replays_alike(path)
+        alike_elsewhere += bool(other) and replays_alike_elsewhere(path, other)
+        contacts, innervations = contacts + done.contacts, innervations + len(trace.innervations)
+        size += path.stat().st_size
+        if seed % PLAIN_EVERY == 0:
+            without += drive(seed, seconds, None).tick_ms.tolist()
+    cells_ms, tick_ms, plain_ms = (_percentiles(each) for each in (network, with_cells, without))
+    in_time = cells_ms["median"] <= MEDIAN_MS and cells_ms["p99"] <= P99_MS and tick_ms["p99"] <= TICK_MS
+    same = alike == count and (not other or alike_elsewhere == count)
+    return {
+        "passed": bool(same and in_time),
+        "drives": count,
+        "replayed_alike": alike,
+        "replayed_alike_elsewhere": alike_elsewhere if other else None,
+        "drive_innervations": innervations,
+        "trace_kb_per_s": round(size / max(innervations, 1) * COMMAND.rate_hz / 1e3, 1),
+        "network_ms": cells_ms,
+        "tick_ms": tick_ms,
+        "tick_without_cells_ms": plain_ms,
+        "contacts": contacts,
+        "troubles": list(troubles)[:20],
+    }
+
+
+def _percentiles(milliseconds: list[float]) -> dict[str, float]:
+    values = np.array(milliseconds or [np.nan])
+    return {
+        "median": round(float(np.median(values)), 3),
+        "p99": round(float(np.percentile(values, 99)), 3),
+        "worst": round(float(values.max()), 3),
     }
 
 

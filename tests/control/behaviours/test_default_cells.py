@@ -321,3 +321,15 @@ def test_one_doorway_is_kept_until_it_is_passed_and_then_the_next_one_is_chosen(
     passed = chosen.index(8)
     assert chosen == [7] * passed + [8] * (40 - passed)
     assert 2.0 - 0.1 * passed == pytest.approx(-CHAIR_A.rear - 0.3, abs=0.11)
+
+
+def test_a_doorway_is_held_in_place_while_the_chair_drives_and_forgotten_after_three_refutations() -> None:
+    rider = Rider()
+    rider.step(lidar=scan_of(6.0), doorways=DoorsSeen((seen(3.0, 0.9),)), door_wanted=True)
+    for k in range(1, 11):  # nothing is told of doorways meanwhile
+        done = rider.step(lidar=scan_of(6.0), odometry=OdometryPose(0.1 * k, 0.0, 0.0))
+    assert done.ports["Object tracker"].eo.door.middle == pytest.approx((2.0, 0.0))
+    for _ in range(3):
+        shut = DoorsSeen((seen(2.0, 0.9, is_open=False),))
+        done = rider.step(lidar=scan_of(6.0), doorways=shut, odometry=OdometryPose(1.0, 0.0, 0.0))
+    assert done.ports["Object tracker"].eo is None

@@ -10,12 +10,17 @@ import pytest
 from evaluation.behaviours.navigation_table import TableRun, expected, found, list_cases, obstacle_cases
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.behaviours.cell import Cell
 from waychair.control.behaviours.commands import FreeKind, signal_words
+from waychair.control.behaviours.default import default_network
 from waychair.control.behaviours.doorway import FrameCandidate, FramesSeen, OdometryPose
-from waychair.control.behaviours.paper import paper_network
-from waychair.control.behaviours.range_finder import CameraAim, LaserLine
+from waychair.control.behaviours.network import Network, wire
+from waychair.control.behaviours.paper import SENSORS, PaperSettings, paper_network
+from waychair.control.behaviours.paper_settings import CameraLimits, DoorLimits, ObstacleLimits
+from waychair.control.behaviours.range_finder import CameraAim, LaserLine, LookRequest
 from waychair.control.behaviours.runtime import Innervation, Runtime
 from waychair.control.behaviours.sonar import SonarPacket, packet_from_ranges
+from waychair.errors import ConfigError, WiringError
 
 INF, TICK_NS = math.inf, 50_000_000
 
@@ -32,7 +37,7 @@ class Rider:
 
     def __init__(self) -> None:
         self.runtime, self.tick, self.aim = Runtime(paper_network()), 0, CameraAim(0.0, 0.0, True)
-        self.wall_m = 3.0
+        self.wall_m, self.clients = 3.0, list[str]()
 
     def step(self, ranges: Any = (INF,) * 8, **heard: Any) -> Innervation:
         self.tick += 1
@@ -51,7 +56,13 @@ class Rider:
         order = done.actions.get("pan/tilt servos")
         if order is not None:
             self.aim = CameraAim(order[0], order[1], settled=order[0] == self.aim.pan)
+        command = done.ports["grant"].eo
+        self.clients.append(command.client if command is not None else "")
         return done
+
+    def ticks(self, count: int, **heard: Any) -> None:
+        for _ in range(count):
+            self.step(**heard)
 
 
 def words(done: Innervation) -> str:
@@ -141,3 +152,44 @@ def test_a_dark_camera_and_a_stuck_pan_never_make_a_sector_free() -> None:
             done = rider.step(camera_aim=stuck, laser_line_in_the_picture=None)
             assert len(done.ports["Free-space finding"].eo.command.orientations) <= 6
         assert done.faults() == {}
+
+
+# Two that want one camera, and settings that contradict each other --------------------------------------------------
+
+
+def orders_the_camera() -> LookRequest:
+    return LookRequest(1.0)
+
+
+def test_two_networks_that_want_one_camera_are_refused_with_both_cells_and_the_effector() -> None:
+    other = Cell("other grant", None, {"pan/tilt servos": orders_the_camera})
+    both = Network("both", [paper_network().root, Network("other manager", [other])])
+    with pytest.raises(
+        WiringError, match="grant and other grant both write the effector pan/tilt servos: leave it to one"
+    ):
+        wire(both, SENSORS)
+
+
+def test_a_client_that_lost_the_camera_asks_again_and_gets_it_once_it_is_free() -> None:
+    rider = Rider()
+    rider.ticks(60, frames_in_the_picture=FramesSeen((FrameCandidate(0.15, -0.15, 0.9),)), door_wanted=True)
+    assert "Way finder" not in rider.clients[-20:]
+    rider.ticks(60, door_wanted=False)
+    assert "Way finder" in rider.clients[-60:]
+
+
+@pytest.mark.parametrize(
+    ("make", "named"),
+    [
+        (lambda: DoorLimits(zone=0.8), "zone = 0.8 m reaches to the wall"),
+        (lambda: PaperSettings(camera=CameraLimits(aimed=0.1)), "camera aimed = 0.1 rad is not below doors jamb"),
+        (
+            lambda: default_network(PaperSettings(obstacles=ObstacleLimits(stale=0.1))),
+            "stale = 0.1 s is shorter than two",
+        ),
+    ],
+)
+def test_settings_that_contradict_each_other_are_refused_by_name(make: Any, named: str) -> None:
+    with pytest.raises(ConfigError, match=named) as refused:
+        make()
+    assert "\n" not in str(refused.value)
