@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -21,6 +22,9 @@ from waychair.simulation.sensors.servo_camera import ServoCamera, ServoCameraSet
 from waychair.simulation.sensors.sonar import Sonars, SonarSettings
 from waychair.simulation.sensors.tilted_rays import Terrain, TiltedPose, terrain_from_world
 from waychair.types import SensorMessage, ServoMessage, WheelTicks
+
+_LOOKED = 40
+"""Messages of the camera on servos that wait at most, in pairs of angles and picture: a caller may never take them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,8 +82,8 @@ class SensorSuite:
         self._camera_settings = camera
         self._camera: RgbdCamera | None = None
         self.servo_camera: ServoCamera | None = None
-        self.looked: list[ServoMessage] = []
-        """Messages of the camera on servos that nobody has taken yet."""
+        self.looked: deque[ServoMessage] = deque(maxlen=_LOOKED)
+        """The newest messages of the camera on servos that nobody has taken yet."""
         self._leans = leans
         self._surroundings: _Surroundings
         self._ticks_before = (0, 0)

@@ -264,8 +264,9 @@ class Simulator:
         self._servo_camera().order(command)
 
     def look(self) -> tuple[ServoMessage, ...]:
-        """Return the messages of the camera on servos since the last call, in order; without such a camera none."""
-        looked, self._sensors.looked = tuple(self._sensors.looked), []
+        """Return the newest messages of the camera on servos since the last call, in order; without such a camera none."""
+        looked = tuple(self._sensors.looked)
+        self._sensors.looked.clear()
         return looked
 
     def break_servo_camera(self, faults: ServoCameraFaults) -> None:

@@ -24,7 +24,7 @@ SECOND = 0.5
 """A second line in the same column is at most this part of the first; else nobody knows which is right."""
 
 STEP = 1.2
-"""Rows from one column to the next along one surface: about 80 degrees of incidence."""
+"""Rows from one column to the next along one surface: 80 degrees of incidence at half a metre, more farther away."""
 
 LEAST_RUN, LEAST_RUN_ALONE = 6, 24
 """Columns in a row that a line has: in a difference of pictures, and in one picture alone."""
@@ -38,7 +38,6 @@ _APART = 7
 _LINEAR = (np.arange(256, dtype=np.float32) / 255.0) ** 2
 """Light by pixel value: the camera's pictures are square roots of light."""
 
-
 _RED = np.array([[1.0, -0.5, -0.5]], np.float32)
 
 _SMOOTHED = 7
@@ -47,10 +46,9 @@ _SMOOTHED = 7
 
 @dataclass(frozen=True, slots=True)
 class LineInPicture:
-    """The line's row (W,) in each column, nan where it was not found; `lit_rows` are the rows that were searched."""
+    """The line's row (W,) in each column, nan where it was not found."""
 
     rows: FloatArray
-    lit_rows: tuple[int, int]
 
     def pixels(self) -> FloatArray:
         """Return (W, 2): column and row."""
@@ -74,7 +72,7 @@ def line_in_picture(lit: Bytes, dark: Bytes | None, rows: tuple[int, int]) -> Li
     found = _peaks(light)
     middles = _centroids(red, found)
     width = LEAST_RUN if dark is not None else LEAST_RUN_ALONE
-    return LineInPicture(_in_runs(middles, width) + first, (first, last))
+    return LineInPicture(_in_runs(middles, width) + first)
 
 
 def rows_of_ranges(

@@ -1,6 +1,6 @@
 """What a camera on servos sees by its laser's line: points in base, or a fault in one sentence and no point at all.
 
-Three faults are told: the lens is covered, the line is missing on things that other sensors see near, and the camera
+Four faults are told: the servos report no angles, the lens is covered, the line is missing on things that other sensors see near, and the camera
 looks elsewhere than its servos report. The last shows in the pictures, which must move by as much as the servos say,
 and in the line itself, which must agree with other ranges. A camera at a constant wrong angle on a chair without other
 ranges is not noticed: nothing there contradicts it.
@@ -56,6 +56,8 @@ _SMALL = (160, 120)
 _NOTHING = np.zeros((0, 3))
 
 DARK = "the camera on the servos sees nothing but darkness: see whether its lens is covered"
+
+SILENT = "the servos of the camera do not report their angles: see their cable"
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +121,8 @@ def look(
         memory: what the last look returned.
     """
     if angles is None or not (math.isfinite(angles.pan) and math.isfinite(angles.tilt)):
-        return None, SightMemory(aim_fault="the servos of the camera do not report their angles: see their cable")
+        unknown = PanTiltAngles(picture.stamp_ns, math.nan, math.nan, settled=False)
+        return LaserSight(unknown, Pose2(mount.forward, mount.left), fault=SILENT), SightMemory()
     camera = Pose2(mount.forward, mount.left, wrap_angle(angles.pan))
     if _is_covered(picture.image):
         return LaserSight(angles, camera, fault=DARK), replace(memory, still=None)

@@ -10,7 +10,7 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.servo_camera import SERVO_CAMERA
 from waychair.geometry import in_space, transform_points
-from waychair.planning.seen.laser_sight import DARK, LaserSight, SightMemory, look
+from waychair.planning.seen.laser_sight import DARK, SILENT, LaserSight, SightMemory, look
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.sensors.height_slices import slice_at
 from waychair.simulation.sensors.lidar import Lidar, LidarSettings
@@ -138,7 +138,7 @@ def test_a_report_that_is_off_by_an_angle_is_named_with_it(clinic: World, degree
     assert ("right" if degrees > 0 else "left") in fault
 
 
-def test_a_camera_that_turns_or_has_silent_servos_tells_nothing(clinic: World) -> None:
+def test_a_camera_that_turns_tells_nothing_and_silent_servos_are_named(clinic: World) -> None:
     camera = ServoCamera(np.random.default_rng(2), clinic)
     camera.order(PanTiltCommand(0, 1.0, 0.0, laser=True))
     camera.step(STEP_NS)
@@ -146,6 +146,7 @@ def test_a_camera_that_turns_or_has_silent_servos_tells_nothing(clinic: World) -
     assert isinstance(angles, PanTiltAngles)
     assert isinstance(picture, Picture)
     assert look(picture, angles, Pose2(), None, SightMemory())[0] is None
-    assert look(picture, None, Pose2(), None, SightMemory())[0] is None
-    for angle in (math.nan, math.inf):
-        assert look(picture, PanTiltAngles(0, angle, 0.0, True), Pose2(), None, SightMemory())[0] is None
+    for silent in (None, PanTiltAngles(0, math.nan, 0.0, True), PanTiltAngles(0, 0.0, math.inf, True)):
+        sight, memory = look(picture, silent, Pose2(), None, SightMemory())
+        assert sight is not None
+        assert (sight.fault, len(sight.points), memory) == (SILENT, 0, SightMemory())
