@@ -107,6 +107,18 @@ class PerceptionView:
     troubles: tuple[str, ...] = ()
 
 
+class WithoutCells:
+    """The part of a `ChairPort` that shows behaviour cells, for a chair that has none."""
+
+    def perception(self) -> PerceptionView | None:
+        """See `ChairPort`."""
+        return None
+
+    def network(self, name: str) -> str | None:
+        """See `ChairPort`."""
+        return None
+
+
 def perception_view(perceived: Perceived, body: ChairBody, aim: PanTiltAngles | None = None) -> PerceptionView:
     """Return what a page shows of the cells after a tick."""
     wiring, done = perceived.network.wiring, perceived.done

@@ -47,7 +47,7 @@ from waychair.ros.nodes.node import ChairNode
 from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import DriveFacts, next_action, obstacle_of, shown_points
 from waychair.runtime.drawing_port import DrawingPort
-from waychair.runtime.perception_view import PerceptionView
+from waychair.runtime.perception_view import WithoutCells
 from waychair.runtime.sentences import sentence
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.types import DriveMode, FloatArray, JoystickInput, OccupancyGrid, Odometry, Place, Pose2, Scan
@@ -120,7 +120,7 @@ class _Publishers:
     pose: Callable[[Any], None]
 
 
-class PagePort(DrawingPort):
+class PagePort(DrawingPort, WithoutCells):
     """A `ChairPort` over the messages and services that a node of this process uses."""
 
     def __init__(
@@ -237,14 +237,6 @@ class PagePort(DrawingPort):
         """See `ChairPort`; the camera subscription lasts only while pictures are requested."""
         self._pictures.requested_ns = time.monotonic_ns()
         return None if self._pictures.latest is None else self._pictures.latest[1]
-
-    def perception(self) -> PerceptionView | None:
-        """See `ChairPort`; behaviour cells run in a chair without ROS only."""
-        return None
-
-    def network(self, name: str) -> str | None:
-        """See `ChairPort`."""
-        return None
 
     def reports(self) -> Iterable[Report]:
         """Report defects of the camera's pictures while they are requested."""
