@@ -98,6 +98,15 @@ def test_doorways_camera_inhibition_and_troubles_are_drawn_and_said(page: Page, 
     page.wait_for_selector("#cells-drawn svg[aria-label='Free-space finding'] line.struck", state="attached")
 
 
+def test_the_tab_fits_the_narrowest_phone(page: Page, perceiving: Perceiving) -> None:
+    perceiving.adds = True
+    page.set_viewport_size({"width": 320, "height": 568})
+    page.click("#tab-cells")
+    page.wait_for_selector("#cells-drawn svg")
+    page.wait_for_selector("#cells-table tr")
+    assert page.evaluate("document.documentElement.scrollWidth") <= 320
+
+
 def test_nobody_works_for_the_cells_while_their_tab_is_closed(page: Page, perceiving: Perceiving) -> None:
     page.wait_for_timeout(500)
     assert perceiving.asked == 0
