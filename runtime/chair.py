@@ -27,7 +27,7 @@ from waychair.maps.drawn.zones import Zone
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.monitor_process import MonitorPort
-from waychair.runtime.perception import Perceived, Perception, Surroundings
+from waychair.runtime.perception import CellInputs, Perceived, Perception
 from waychair.runtime.pilot import Pilot, PilotSettings
 from waychair.slam.localising.kidnap_recovery import SavedMap
 from waychair.slam.localising.localiser import (
@@ -339,10 +339,10 @@ class Chair:
             if cells is not None:
                 cells.look(message, tilt, ground)
 
-    def _known(self, now_ns: int, telemetry: Telemetry | None) -> Surroundings:
+    def _known(self, now_ns: int, telemetry: Telemetry | None) -> CellInputs:
         """Return what the cells are told besides the messages."""
         motion, navigator = self._base.motion, self._pilot.navigator
-        return Surroundings(
+        return CellInputs(
             odometry=motion.odometry,
             odom_from_base=motion.odom_from_base(now_ns),
             localisation=self._localisation,

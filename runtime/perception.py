@@ -77,7 +77,7 @@ class Perceived:
 
 
 @dataclass(frozen=True, slots=True)
-class Surroundings:
+class CellInputs:
     """What the chair knows in a tick: odometry, `odom_from_base` now, localisation, map, people (K, 2) [m] in odom, stick."""
 
     odometry: Odometry | None
@@ -103,6 +103,8 @@ class Perception:
         self._body, self._timer = body, timer
         self._network = shipped("default", settings or PaperSettings(), body)
         self._echoes, self._doorways = EchoFilter(), DoorwayTracker()
+        self._found: tuple[Doorway, ...] = ()
+        self._stamp_ns: int | None = None
         self._heard: dict[str, Any] = {}
         self._faults: dict[str, str] = {}
         self._waiting: tuple[Scan, Pose2] | None = None
@@ -126,7 +128,7 @@ class Perception:
         """Take in a picture of the depth camera, and the ground in it, if that was found already."""
         self._picture = frame, tilt, ground
 
-    def step(self, now_ns: int, known: Surroundings) -> Perceived:
+    def step(self, now_ns: int, known: CellInputs) -> Perceived:
         """Innervate the network with what was heard since the last tick. It never raises."""
         if "lidar" not in self._heard:  # the tick of a scan has enough to do
             self._look_for_doorways()
@@ -135,7 +137,10 @@ class Perception:
             self._told("depth", lambda: self._tell_picture(*picture))
         self._told("odometry", lambda: self._tell_motion(now_ns, known))
         self._told("map round the chair", lambda: self._tell_map(now_ns, known))
-        heard, self._heard = self._heard, {}
+        heard: dict[str, Any] = {}
+        if now_ns != self._stamp_ns:  # an extra tick at a stamp finds the outputs of that stamp
+            heard, self._heard = self._heard, heard
+        self._stamp_ns = now_ns
         set_back = ""
         try:
             done = self._runtime.innervate(now_ns, heard)
@@ -146,10 +151,10 @@ class Perception:
         count, self._count = self._count, self._count + 1
         watched = done.ports["Sensor watch"].eo
         if watched is not None and watched.leapt:
-            self._doorways = DoorwayTracker()
+            self._doorways, self._found = DoorwayTracker(), ()
         troubles = [*self._faults.values(), *(f"{name} is inactive: {fault}" for name, fault in done.faults().items())]
         troubles += [*(watched.sentences if watched is not None else ()), *([set_back] if set_back else [])]
-        return Perceived(self._network, count, heard, done, self._doorways.doorways, tuple(troubles))
+        return Perceived(self._network, count, heard, done, self._found, tuple(troubles))
 
     def _told(self, name: str, tell: Callable[[], None]) -> None:
         """Run an adapter; an error in it is named, and the cells get nothing from it."""
@@ -184,7 +189,7 @@ class Perception:
         if near:
             self._doorways.hear(np.array(near))
 
-    def _tell_motion(self, now_ns: int, known: Surroundings) -> None:
+    def _tell_motion(self, now_ns: int, known: CellInputs) -> None:
         """Tell odometry, stick, wish, people and doorways; the last two at the view's rate."""
         heard = self._heard
         heard["door wanted"] = self.door_wanted
@@ -197,9 +202,10 @@ class Perception:
         heard["odometry"] = OdometryPose(at.x, at.y, at.theta, odometry.twist.v, odometry.twist.omega)
         if "lidar" in heard:
             heard["people"] = people_fans(transform_points(at.inverse(), known.people))
-            heard["doorways"] = doors_seen(self._doorways.doorways, at)
+            self._found = self._doorways.doorways
+            heard["doorways"] = doors_seen(self._found, at)
 
-    def _tell_map(self, now_ns: int, known: Surroundings) -> None:
+    def _tell_map(self, now_ns: int, known: CellInputs) -> None:
         """Tell the map once a second, and when the pose in it was corrected; never while the pose is in doubt."""
         found = known.localisation
         if found is None or found.state is not LocalisationState.OK or found.jumped or known.odometry is None:

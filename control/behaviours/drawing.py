@@ -20,7 +20,7 @@ _WIDE, _HIGH, _GAP_X, _GAP_Y, _MARGIN = 190, 44, 70, 26, 24
 _BOW = 50
 """px; room beside the last column for links between its boxes."""
 
-_ROWS = 8
+_ROWS = 10
 """Boxes in a column."""
 
 _COLOURS = {"DI": "#444444", "EB": "#1a7f37", "IB": "#c62828", "RS": "#7b1fa2", "AO": "#0b57d0"}
@@ -243,6 +243,7 @@ _LEGEND = (
     ("DI", "data (EO to DI)"),
     ("EB", "excitation"),
     ("IB", "inhibition"),
+    ("RS", "reset"),
     ("AO", "actuator"),
 )
 
@@ -250,7 +251,7 @@ _LEGEND = (
 def _legend_svg(height: int) -> str:
     parts, x, y = [], _MARGIN, height - 16
     for port, words in _LEGEND:
-        dash = ' stroke-dasharray="6 4"' if port in ("EB", "IB") else ""
+        dash = ' stroke-dasharray="6 4"' if port in ("EB", "IB", "RS") else ""
         thick = 3 if port == "AO" else 1.4
         parts.append(
             f'<path d="M{x} {y - 4}h26" stroke="{_COLOURS[port]}" stroke-width="{thick}"{dash} '

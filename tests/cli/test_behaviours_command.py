@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import time
 from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
 
-from tests.cli.command import refused, waychair
+from tests.cli.command import WAYCHAIR, refused, waychair
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B
 from waychair.control.behaviours.network import Network
 from waychair.control.behaviours.paper import PaperSettings, paper_network
@@ -16,6 +19,7 @@ from waychair.control.behaviours.presets import PRESETS, preset_network, shipped
 from waychair.control.behaviours.runtime import Runtime
 from waychair.control.behaviours.sonar import SonarPacket, packet_from_ranges
 from waychair.control.behaviours.trace import TraceWriter
+from waychair.simulation.plan.world import load_world
 
 
 def traced(path: Path, settings: PaperSettings | None = None) -> Path:
@@ -85,3 +89,23 @@ def test_a_trace_of_another_wiring_and_one_of_no_preset_are_refused(tmp_path: Pa
             trace.write(Runtime(wiring).innervate(0), {})
         sentence = refused(waychair("behaviours", "replay", tmp_path / "a.trace"))
         assert ("another wiring" if preset == "paper" else "there is no preset 'mine'") in sentence
+
+
+@pytest.mark.nightly
+def test_the_trace_of_a_drive_that_was_killed_is_shown_and_replayed(tmp_path: Path) -> None:
+    path = tmp_path / "a.trace"
+    command = ["navigate", "--world", "corridor_t", "--goal", corridor_place(), "--trace", str(path)]
+    with subprocess.Popen([WAYCHAIR, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as drive:
+        while drive.poll() is None and (not path.exists() or path.stat().st_size < 500_000):
+            time.sleep(0.1)
+        drive.send_signal(signal.SIGKILL)
+    done = waychair("behaviours", "replay", path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.endswith("innervations has the same bytes\n")
+    table = waychair("behaviours", "trace", path, "--cell", "Way finder", "--most", "5")
+    assert "Way finder" in table.stdout
+    assert "of the preset default" in table.stdout
+
+
+def corridor_place() -> str:
+    return load_world("corridor_t").places[0].name

@@ -25,7 +25,7 @@ from waychair.planning.seen.doorways import DoorState, Doorway
 from waychair.runtime.black_box.cell_traces import CellTraceFile, trace_at
 from waychair.runtime.black_box.recorder import BlackBox, BlackBoxSettings
 from waychair.runtime.chair import ChairSettings
-from waychair.runtime.perception import Perceived, Perception, Surroundings
+from waychair.runtime.perception import CellInputs, Perceived, Perception
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.trials.drive import start_drive
 from waychair.types import (
@@ -62,7 +62,7 @@ class Rider:
         moved = Odometry(self.now_ns, self.at, Twist()) if odometry else None
         stick = told.get("stick")
         people = told.get("people", np.empty((0, 2)))
-        return self.cells.step(self.now_ns, Surroundings(moved, self.at, self.localisation, self.grid, people, stick))
+        return self.cells.step(self.now_ns, CellInputs(moved, self.at, self.localisation, self.grid, people, stick))
 
     def ticks(self, count: int, **told: Any) -> Perceived:
         for _ in range(count):
@@ -93,6 +93,15 @@ def test_people_and_the_stick_reach_the_cells() -> None:
     assert 0 < free(done)[1] < 16
     assert 0.0 not in done.done.ports["Free-space finding"].eo.command.orientations
     assert done.heard["stick"].forward == 1.0
+
+
+def test_an_extra_tick_at_one_stamp_loses_no_message() -> None:
+    rider = Rider()
+    rider.ticks(4)
+    rider.cells.see(circle(2.0, rider.now_ns), rider.at)
+    rider.now_ns -= TICK_NS  # `tick` goes on by one: the stamp of the last tick again
+    assert "lidar" not in rider.tick(lidar=None).heard
+    assert rider.tick(lidar=None).heard["lidar"].ranges[0] == 2.0
 
 
 # Bad inputs --------------------------------------------------------------------------------------------------------
@@ -208,7 +217,7 @@ def test_a_cell_that_takes_too_long_is_named_and_gives_nothing() -> None:
     cells = Perception(CHAIR_A, timer=lambda: next(clock))
     cells.see(circle(3.0, TICK_NS), Pose2())
     moved = Odometry(TICK_NS, Pose2(), Twist())
-    done = cells.step(TICK_NS, Surroundings(moved, Pose2(), None, EMPTY_MAP, np.empty((0, 2)), None))
+    done = cells.step(TICK_NS, CellInputs(moved, Pose2(), None, EMPTY_MAP, np.empty((0, 2)), None))
     assert "Gathered view is inactive: took too long" in done.troubles
     assert free_or_none(done) is None
 

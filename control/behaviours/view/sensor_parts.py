@@ -23,7 +23,7 @@ from waychair.maps.grid.cells import cells_from_points
 from waychair.planning.body.personal_space import PERSON_RADIUS
 from waychair.planning.seen.doorways import DoorState
 from waychair.planning.seen.doorways import Doorway as FoundDoorway
-from waychair.types import BoolArray, Bytes, FloatArray, OccupancyGrid, Pose2
+from waychair.types import UNKNOWN, BoolArray, Bytes, FloatArray, OccupancyGrid, Pose2
 
 _PARTS = 320
 """Directions round the camera; see `view_kernels.direction_part`."""
@@ -132,15 +132,22 @@ def people_fans(positions: FloatArray) -> Fans:
 
 
 def map_part(grid: OccupancyGrid, map_from_base: Pose2, odom_from_map: Pose2) -> MapPart | None:
-    """Return the part of a map round the chair; None where the chair is off the map."""
+    """Return the part of a map round the chair, in cells about as large as the view's; None off the map.
+
+    A larger cell is occupied if any of its parts is.
+    """
+    n = max(1, round(CELL / grid.resolution))
     half = math.ceil(SIDE * CELL / 2 / grid.resolution)
     row, col = cells_from_points(grid, np.array([[map_from_base.x, map_from_base.y]]))[0].tolist()
-    top, left = max(row - half, 0), max(col - half, 0)
+    top, left = max(row - half, 0) // n * n, max(col - half, 0) // n * n  # the groups must not depend on the pose
     cells = grid.cells[top : max(row + half, 0), left : max(col + half, 0)]
     if not cells.size:
         return None
+    padded = np.pad(cells, [(0, -size % n) for size in cells.shape], constant_values=UNKNOWN)
+    height, width = padded.shape
+    coarse = padded.reshape(height // n, n, width // n, n).max(axis=(1, 3))
     corner = odom_from_map @ grid.map_from_grid @ Pose2(left * grid.resolution, top * grid.resolution)
-    return MapPart(np.ascontiguousarray(cells), grid.resolution, corner.x, corner.y, corner.theta)
+    return MapPart(coarse, n * grid.resolution, corner.x, corner.y, corner.theta)
 
 
 def doors_seen(doorways: Iterable[FoundDoorway], odom_from_base: Pose2) -> DoorsSeen:

@@ -89,7 +89,7 @@ def _free(
     drive_cosines, drive_sines = np.empty(count), np.empty(count)
     for k in range(count):
         drive_cosines[k], drive_sines[k] = math.cos(k * math.tau / count), math.sin(k * math.tau / count)
-    blocked_turn = np.zeros(_HEADINGS, np.bool_)
+    left = right = _HEADINGS - 1  # headings that a turn to either side reaches
     blocked_drive = np.zeros(count, np.bool_)
     blocked_reverse = False
     for i in range(len(things)):
@@ -100,11 +100,16 @@ def _free(
         # Between two headings half a step apart a point moves by this relative to the outline.
         turning = margin + 0.5 * _STEP * distance
         if distance <= math.hypot(max(front, rear), half) + turning:
-            for k in range(1, _HEADINGS):
-                if not blocked_turn[k]:
-                    c, s = cosines[k], sines[k]
-                    if _outside(c * x + s * y, c * y - s * x, front, rear, half) < turning:
-                        blocked_turn[k] = True
+            for k in range(1, left + 1):
+                c, s = cosines[k], sines[k]
+                if _outside(c * x + s * y, c * y - s * x, front, rear, half) < turning:
+                    left = k - 1
+                    break
+            for k in range(1, right + 1):
+                c, s = cosines[k], -sines[k]
+                if _outside(c * x + s * y, c * y - s * x, front, rear, half) < turning:
+                    right = k - 1
+                    break
         for k in range(count):
             if not blocked_drive[k]:
                 c, s = drive_cosines[k], drive_sines[k]
@@ -113,12 +118,6 @@ def _free(
                     blocked_drive[k] = True
         if x < 0.0 and _outside(x, y, front, rear + ahead, half) <= margin:
             blocked_reverse = True
-    left = 0
-    while left < _HEADINGS - 1 and not blocked_turn[left + 1]:
-        left += 1
-    right = 0
-    while right < _HEADINGS - 1 and not blocked_turn[_HEADINGS - 1 - right]:
-        right += 1
     free = np.zeros(count, np.bool_)
     for k in range(count):
         turn = k * _HEADINGS / count

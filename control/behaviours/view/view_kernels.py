@@ -256,11 +256,20 @@ def points_in_base(
     return near[:count], kinds[:count]
 
 
+@njit(cache=True, inline="always")
+def _is_within(cells: Cells, row: int, col: int) -> bool:
+    """Return whether an occupied cell has occupied cells on all four sides."""
+    if row == 0 or col == 0 or row + 1 == cells.shape[0] or col + 1 == cells.shape[1]:
+        return False
+    least = min(cells[row - 1, col], cells[row + 1, col], cells[row, col - 1], cells[row, col + 1])
+    return least >= OCCUPIED_FROM
+
+
 @njit(cache=True, nogil=True)
 def walls_of_map(
     cells: Cells, resolution: float, grid: FloatArray, seen: Stamps, hit: Stamps, column: int, row: int, gap: float
 ) -> FloatArray:
-    """Return the occupied cells (N, 2) [m] in odom of a map without those that the lidar's hits show already.
+    """Return the faces of a map's walls (N, 2) [m] in odom without those that the lidar's hits show already.
 
     `grid` (3,) is odom_from_grid; `seen` and `hit` are those of the lidar's layer. A cell within `gap` [m] of a hit that
     stands is the same wall, and the lidar knows its place better.
@@ -271,7 +280,7 @@ def walls_of_map(
     count = 0
     for r in range(cells.shape[0]):
         for k in range(cells.shape[1]):
-            if cells[r, k] < OCCUPIED_FROM:
+            if cells[r, k] < OCCUPIED_FROM or _is_within(cells, r, k):
                 continue
             u, v = (k + 0.5) * resolution, (r + 0.5) * resolution
             x, y = grid[0] + c * u - s * v, grid[1] + s * u + c * v

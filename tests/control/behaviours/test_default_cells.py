@@ -18,9 +18,9 @@ from waychair.control.behaviours.runtime import Innervation, Runtime
 from waychair.control.behaviours.view.door_cells import DoorSeen, DoorsSeen
 from waychair.control.behaviours.view.local_view import Beams, Fans, LocalView, MapPart, Thing, ViewMemory, gather_views
 from waychair.control.behaviours.view.sensor_cells import EchoMemory, check_echoes, echo_fans, lidar_fans
-from waychair.control.behaviours.view.sensor_parts import people_fans
+from waychair.control.behaviours.view.sensor_parts import map_part, people_fans
 from waychair.control.behaviours.view.swept_sectors import free_orientations
-from waychair.types import Float32Array, FloatArray, Scan, SonarReadings
+from waychair.types import Float32Array, FloatArray, OccupancyGrid, Pose2, Scan, SonarReadings
 
 TICK_NS, NONE = 50_000_000, np.empty((0, 2))
 HERE = OdometryPose(0.0, 0.0, 0.0)
@@ -180,7 +180,7 @@ def test_a_map_tells_of_walls_that_no_sensor_sees_and_never_of_free_ground() -> 
     assert view is not None
     assert not seen_free(view, -1.0, 0.0)
     behind = view.metres()[view.metres()[:, 0] < -1.5]
-    assert behind[:, 0].max() == pytest.approx(-2.025, abs=0.001)
+    assert np.unique(behind[np.abs(behind[:, 1]) < 2.0, 0]) == pytest.approx([-2.975, -2.025], abs=0.001)  # its faces
 
 
 def test_a_wall_of_the_map_that_the_lidar_shows_is_where_the_lidar_shows_it() -> None:
@@ -194,6 +194,18 @@ def test_a_wall_of_the_map_that_the_lidar_shows_is_where_the_lidar_shows_it() ->
     assert view is not None
     ahead = view.metres()[np.abs(view.metres()[:, 1]) < 1.0]
     assert np.abs(ahead[:, 0] - 2.0).max() < 0.002
+
+
+def test_a_fine_map_is_told_in_cells_of_the_view_and_none_off_the_map() -> None:
+    fine = OccupancyGrid(np.zeros((1200, 1200), np.int8), 0.005, Pose2(-3.0, -3.0))
+    fine.cells[:, 801] = 100  # a pane of 5 mm, 1.005 m ahead
+    part = map_part(fine, Pose2(), Pose2(0.5, 0.0, 0.0))
+    assert part is not None
+    assert (part.resolution, part.cells.max()) == (pytest.approx(0.05), 100)
+    rows, cols = np.nonzero(part.cells == 100)
+    assert len(set(rows.tolist())) == part.cells.shape[0]
+    assert part.x + (cols[0] + 0.5) * part.resolution == pytest.approx(1.5 + 0.0075, abs=0.026)
+    assert map_part(fine, Pose2(9.0, 0.0, 0.0), Pose2()) is None
 
 
 def test_people_are_where_they_are_now_and_leave_no_trail() -> None:
