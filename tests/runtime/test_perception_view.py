@@ -13,7 +13,7 @@ from waychair.control.behaviours.paper import PaperSettings
 from waychair.control.behaviours.presets import shipped
 from waychair.control.behaviours.sonar import Obstacle, ObstacleClasses
 from waychair.planning.seen.doorways import DoorState, Doorway
-from waychair.runtime.perception import Perception, Surroundings
+from waychair.runtime.perception import CellInputs, Perception
 from waychair.runtime.perception_view import (
     aim_words,
     direction_words,
@@ -86,7 +86,7 @@ def test_a_view_holds_every_cell_once_and_the_doorways_by_distance(monkeypatch: 
     monkeypatch.setattr(type(perception._doorways), "doorways", (far, gone, near))
     grid = OccupancyGrid(np.zeros((4, 4), np.int8), 0.05)
     odometry = Odometry(0, Pose2(), Twist(), np.zeros((3, 3)))
-    known = Surroundings(odometry, Pose2(1.0, 0.0, 0.0), None, grid, np.zeros((0, 2)), JoystickInput(0))
+    known = CellInputs(odometry, Pose2(1.0, 0.0, 0.0), None, grid, np.zeros((0, 2)), JoystickInput(0))
     perceived = perception.step(50_000_000, known)
     view = perception_view(perceived, CHAIR_A, PanTiltAngles(0, 1.0, 0.0, True))
     wiring = perceived.network.wiring
