@@ -23,6 +23,9 @@ from waychair.types import FloatArray, Pose2, Pose3
 DRIVES = ("rear", "mid", "front")
 """Places of the drive wheels: behind the casters, between them, or in front of them."""
 
+SONAR_LAYOUTS = ("ring", "paper")
+"""Places of the sonars: two on each side of the chair, or six across its front and two behind (`sonar_mounts`)."""
+
 
 class BodyLayer(NamedTuple):
     """The chair's outline between two heights above the floor, such as at feet, knees or arm rests; all in metres.
@@ -132,11 +135,16 @@ class ChairBody(Settings):
         "m",
         "outlines of the chair, upwards: [bottom, top, front, rear, half_width]; empty: one outline for all heights",
     )
+    sonar_layout: str = setting(
+        "ring", "", "places of the eight sonars: ring (two on each side) or paper (six across the front, two behind)"
+    )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
         if self.drive not in DRIVES:
             raise ConfigError(f"drive = '{self.drive}' is unknown: take {', '.join(DRIVES[:-1])} or {DRIVES[-1]}")
+        if self.sonar_layout not in SONAR_LAYOUTS:
+            raise ConfigError(f"sonar_layout = '{self.sonar_layout}' is unknown: take {' or '.join(SONAR_LAYOUTS)}")
         if self.width > self.length:
             raise ConfigError(
                 f"width = {self.width:g} m exceeds length = {self.length:g} m: give them the other way round"
@@ -189,10 +197,13 @@ class ChairBody(Settings):
 
 
 def sonar_mounts(body: ChairBody) -> tuple[Pose2, ...]:
-    """Return `base_from_sonar` of the eight sonars, on the outline and facing straight out.
+    """Return `base_from_sonar` of the eight sonars of the body's layout, on the outline.
 
-    Counter-clockwise from the front left one: one ahead, two on the left, two behind, two on the right, one ahead.
+    "ring": facing straight out, counter-clockwise from the front left one: one ahead, two on the left, two behind, two
+    on the right, one ahead. "paper": `paper_sonar_mounts`.
     """
+    if body.sonar_layout == "paper":
+        return paper_sonar_mounts(body)
     front, rear, side, quarter = body.front, -body.rear, body.width / 2, body.width / 4
     fore, aft = front - body.length / 4, rear + body.length / 4
     left, back, right = math.pi / 2, math.pi, -math.pi / 2
@@ -206,6 +217,23 @@ def sonar_mounts(body: ChairBody) -> tuple[Pose2, ...]:
         Pose2(fore, -side, right),
         Pose2(front, -quarter, 0.0),
     )
+
+
+def paper_sonar_mounts(body: ChairBody) -> tuple[Pose2, ...]:
+    """Return `base_from_sonar` of the eight sonars of the paper's chair: six to the front side, two to the rear.
+
+    Counter-clockwise from the rear right one: right of straight back; right, front right, two ahead, front left, left;
+    left of straight back. The paper gives the counts only; the angles are ours: 10, 40 and 75 degrees from straight
+    ahead, and 15 from straight back.
+    """
+    front, rear, side, quarter = body.front, -body.rear, body.width / 2, body.width / 4
+    to_right = (
+        Pose2(rear, -quarter, -math.radians(165.0)),
+        Pose2(front - body.length / 10, -side, -math.radians(75.0)),
+        Pose2(front, -side, -math.radians(40.0)),
+        Pose2(front, -quarter, -math.radians(10.0)),
+    )
+    return (*to_right, *(Pose2(at.x, -at.y, -at.theta) for at in reversed(to_right)))
 
 
 CHAIR_A = ChairBody()

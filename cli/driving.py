@@ -143,6 +143,7 @@ def navigate_command(
     seed: NonNegativeInt = 0,
     planner: str | None = None,
     box: Path | None = None,
+    trace: Path | None = None,
     config: Path | None = None,
     resolution: float | None = None,
     quiet: bool = False,
@@ -172,6 +173,8 @@ def navigate_command(
         dstar-lite, astar, dijkstra or harmonic; default that of --config, else dstar-lite.
     box
         Folder of a black box that logs the chair's inputs and actions, for `waychair why`.
+    trace
+        File for the trace of the behaviour cells, for `waychair behaviours`; they are switched on for it.
     config
         YAML file with settings that differ from the defaults (see `waychair config chair` and `simulation`).
     resolution
@@ -204,6 +207,7 @@ def navigate_command(
         people=people,
         sensors=sensors,
         box=box,
+        trace=trace,
         settings=_with_planner(configured.chair, planner),
         simulation=configured.simulation,
     )
@@ -267,6 +271,7 @@ def _driven(
     people: int,
     sensors: bool,
     box: Path | None,
+    trace: Path | None,
     settings: ChairSettings,
     simulation: SimulationSettings,
 ) -> tuple[DriveRecord, ...]:
@@ -288,6 +293,7 @@ def _driven(
             scanned=course.scanned,
             map_from_world=course.map_from_world or Pose2(),
             box=box,
+            trace=trace,
             settings=settings,
             simulation=simulation,
         )

@@ -109,6 +109,11 @@ app.command(
     help="Measure a chair and store the results in its calibration file.",
 )
 app.command(
+    "waychair.cli.behaviours_command:behaviours_app",
+    name="behaviours",
+    help="Show the networks of behaviour cells, and read and replay their traces.",
+)
+app.command(
     "waychair.cli.doctor:doctor_command",
     name="doctor",
     help="List missing parts of this machine and the commands that fix them.",

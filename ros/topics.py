@@ -73,6 +73,13 @@ POSE = RosTopic("amcl_pose", "geometry_msgs/msg/PoseWithCovarianceStamped", LATC
 LINES = RosTopic("ground_truth/lines", "waychair_msgs/msg/Lines", Qos(200, latched=True), BASE_FRAME)
 """The voltages of the simulated joystick lines, at each change: for measurements only, like `TRUTH`."""
 
+SERVO_FRAME = "servo_camera_color_optical_frame"
+SERVO_PICTURE = RosTopic("servo_camera/color/image_raw", "sensor_msgs/msg/Image", SENSOR_DATA, SERVO_FRAME)
+SERVO_INFO = RosTopic("servo_camera/color/camera_info", "sensor_msgs/msg/CameraInfo", SENSOR_DATA, SERVO_FRAME)
+PAN_TILT = RosTopic("servo_camera/angles", "waychair_msgs/msg/PanTiltAngles", RELIABLE, BASE_FRAME)
+PAN_TILT_COMMAND = RosTopic("servo_camera/command", "waychair_msgs/msg/PanTiltCommand", RELIABLE, BASE_FRAME)
+"""The camera on servos: its pictures, the angles of the same stamps, and the orders to it."""
+
 SPEED_LIMIT = RosTopic("speed_limit", "nav2_msgs/msg/SpeedLimit", RELIABLE, MAP_FRAME)
 STOP = RosTopic("stop", "std_msgs/msg/Empty", RELIABLE)
 """The rider's Stop; a service of the same name (std_srvs/Trigger) does the same and answers."""

@@ -16,6 +16,7 @@ from typing import Protocol
 
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.fits.dac import DacModel
+from waychair.config import setting
 from waychair.control.drive.navigator import Navigation, Navigator
 from waychair.control.safety.stops import Halt
 from waychair.control.safety.supervisor import SupervisorVerdict
@@ -26,6 +27,7 @@ from waychair.maps.drawn.zones import Zone
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.monitor_process import MonitorPort
+from waychair.runtime.perception import CellInputs, Perceived, Perception
 from waychair.runtime.pilot import Pilot, PilotSettings
 from waychair.slam.localising.kidnap_recovery import SavedMap
 from waychair.slam.localising.localiser import (
@@ -51,9 +53,14 @@ from waychair.types import (
 
 @dataclass(frozen=True, slots=True)
 class ChairSettings(PilotSettings):
-    """The settings of the pilot, the drive base and the localiser."""
+    """The settings of the pilot, the drive base and the localiser, and the switch of the behaviour cells."""
 
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
+    perceive: bool = setting(
+        False,
+        "",
+        "whether behaviour cells tell a rider who cannot see of obstacles, free ways and doorways: true or false",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +69,7 @@ class ChairState:
 
     `halts`: every stop that is active, each with its remedy. `command`: the navigator's twist within the limits, None
     when the computer does not drive. `telemetry` is the board's last report, None while no usable board is connected.
+    `perceived`: the behaviour cells, None without them.
     """
 
     stamp_ns: int
@@ -74,6 +82,7 @@ class ChairState:
     command: Twist | None
     sent: SentCommand
     telemetry: Telemetry | None
+    perceived: Perceived | None = None
 
 
 class ChairWatcher(Protocol):
@@ -84,6 +93,23 @@ class ChairWatcher(Protocol):
 
     def note_tick(self, heard: tuple[ChairMessage, ...], state: ChairState, board: HelloReply | None) -> None:
         """Note a tick that is over: the messages of it, the chair's state after it, and the board's greeting."""
+
+
+class Watchers:
+    """Several watchers of one chair as one; None is none."""
+
+    def __init__(self, *watchers: ChairWatcher | None) -> None:
+        self._watchers = tuple(each for each in watchers if each is not None)
+
+    def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
+        """See `ChairWatcher`."""
+        for each in self._watchers:
+            each.note_request(what, goals)
+
+    def note_tick(self, heard: tuple[ChairMessage, ...], state: ChairState, board: HelloReply | None) -> None:
+        """See `ChairWatcher`."""
+        for each in self._watchers:
+            each.note_tick(heard, state, board)
 
 
 class Chair:
@@ -129,6 +155,7 @@ class Chair:
         self._localiser = Localiser(known, calibration.body.base_from_laser, start, s.localiser)
         self._localisation: Localisation | None = None
         self._watcher = watcher
+        self._perception = Perception(calibration.body) if s.perceive else None
 
     @property
     def bridge(self) -> Bridge:
@@ -203,6 +230,11 @@ class Chair:
         """Note that a page's joystick was let go."""
         self._base.let_go(now_ns)
 
+    def want_door(self, wanted: bool) -> None:
+        """Let the behaviour cells lead the rider through a doorway, or no longer; nothing without them."""
+        if self._perception is not None:
+            self._perception.door_wanted = wanted
+
     def relocalise(self, map_from_base: Pose2 | None) -> None:
         """Localise anew, near a pose in map or, with None, on the whole map."""
         self._localiser.restart(map_from_base)
@@ -255,6 +287,7 @@ class Chair:
         navigation = self._pilot.step(now_ns, pose, map_from_odom)
         driven = self._base.drive(now_ns, verdict, navigation.twist if navigation.driving else None)
         self._pilot.note_sent(driven.command if driven.sent.active else None, driven.ended)
+        perceived = None if self._perception is None else self._perception.step(now_ns, self._known(now_ns, telemetry))
         state = ChairState(
             stamp_ns=now_ns,
             map_from_base=pose,
@@ -266,6 +299,7 @@ class Chair:
             command=driven.command,
             sent=driven.sent,
             telemetry=telemetry,
+            perceived=perceived,
         )
         if self._watcher is not None:
             self._watcher.note_tick(heard, state, self.bridge.greeting)
@@ -281,8 +315,8 @@ class Chair:
             self._watcher.note_request(what, goals)
 
     def _take_in(self, message: ChairMessage) -> None:
-        """Pass a message to the base, and scans, sonars and pictures to localiser and pilot as well."""
-        base = self._base
+        """Pass a message to the base, and scans, sonars and pictures to localiser, pilot and cells as well."""
+        base, cells = self._base, self._perception
         base.hear(message)
         if isinstance(message, Scan) and base.motion.odometry is not None:
             scan = self._calibration.masked(message)
@@ -291,7 +325,28 @@ class Chair:
             base.locate(self._localisation, scan.stamp_ns)
             self._pilot.see(scan, self._localisation, base.motion.twist)
             base.note_mapped_legs(self._pilot.mapped_legs, scan.stamp_ns)
-        elif isinstance(message, SonarReadings) and self._localisation is not None:
-            self._pilot.hear(message, base.motion.map_from_base(message.stamp_ns))
-        elif isinstance(message, RgbdFrame) and self._localisation is not None:
-            self._pilot.look(message, base.motion.map_from_base(message.stamp_ns), base.motion.tilt)
+            if cells is not None:
+                cells.see(scan, odom_from_base)
+        elif isinstance(message, SonarReadings):
+            if self._localisation is not None:
+                self._pilot.hear(message, base.motion.map_from_base(message.stamp_ns))
+            if cells is not None:
+                cells.hear(message, base.motion.odom_from_base(message.stamp_ns))
+        elif isinstance(message, RgbdFrame):
+            ground, tilt = None, base.motion.tilt
+            if self._localisation is not None:
+                ground = self._pilot.look(message, base.motion.map_from_base(message.stamp_ns), tilt)
+            if cells is not None:
+                cells.look(message, tilt, ground)
+
+    def _known(self, now_ns: int, telemetry: Telemetry | None) -> CellInputs:
+        """Return what the cells are told besides the messages."""
+        motion, navigator = self._base.motion, self._pilot.navigator
+        return CellInputs(
+            odometry=motion.odometry,
+            odom_from_base=motion.odom_from_base(now_ns),
+            localisation=self._localisation,
+            grid=navigator.grid,
+            people=navigator.people,
+            stick=None if telemetry is None else telemetry.joystick,
+        )

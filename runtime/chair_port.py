@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from waychair.maps.drawn.zones import Zone
+from waychair.runtime.perception_view import PerceptionView
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Place, Pose2, Twist
 
@@ -109,6 +110,12 @@ class ChairPort(Protocol):
 
     def picture(self) -> bytes | None:
         """Return the camera's latest picture as JPEG; None without a camera."""
+
+    def perception(self) -> PerceptionView | None:
+        """Return what the behaviour cells perceive; None without them. It is asked for only while a page shows it."""
+
+    def network(self, name: str) -> str | None:
+        """Return the picture (SVG) of one network of cells; None if there is none of this name."""
 
     def go(self, goal: str | Pose2) -> Answer:
         """Ask for a drive to a place or a pose in map; it waits for `confirm`."""

@@ -19,6 +19,7 @@ from waychair.control.drive.navigator import Navigation, Navigator, NavigatorSet
 from waychair.control.safety.collision_monitor import MAPPED_WITHIN, points_now, slim_beams
 from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.geometry import transform_points
+from waychair.maps.depth.ground import GroundView
 from waychair.maps.drawn.zones import Zone
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.window.motion_limits import measured
@@ -149,9 +150,9 @@ class Pilot:
         """Take in sonar readings; an echo counts only once a second reading confirms it."""
         self.navigator.hear(self._echo_filter.confirmed(readings), map_from_base)
 
-    def look(self, frame: RgbdFrame, map_from_base: Pose2, tilt: Tilt | None) -> None:
-        """Take in a picture of the depth camera, and the chair's tilt if it is known."""
-        self.navigator.look(frame, map_from_base, None if tilt is None else tilt.level_from_base())
+    def look(self, frame: RgbdFrame, map_from_base: Pose2, tilt: Tilt | None) -> GroundView:
+        """Take in a picture of the depth camera, and the chair's tilt if it is known; return the ground in it."""
+        return self.navigator.look(frame, map_from_base, None if tilt is None else tilt.level_from_base())
 
     def expire(self, now_ns: int) -> None:
         """Drop a goal that has waited too long for its yes, or a drive that was paused for too long."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -17,9 +18,13 @@ from waychair.simulation.sensors.imu import Imu, ImuSettings
 from waychair.simulation.sensors.lidar import Lidar, LidarSettings
 from waychair.simulation.sensors.rays import Scenery, scenery_from_slice
 from waychair.simulation.sensors.renderer import Renderer, camera_matrix, renderer_problem
+from waychair.simulation.sensors.servo_camera import ServoCamera, ServoCameraSettings
 from waychair.simulation.sensors.sonar import Sonars, SonarSettings
 from waychair.simulation.sensors.tilted_rays import Terrain, TiltedPose, terrain_from_world
-from waychair.types import SensorMessage, WheelTicks
+from waychair.types import SensorMessage, ServoMessage, WheelTicks
+
+_LOOKED = 40
+"""Messages of the camera on servos that wait at most, in pairs of angles and picture: a caller may never take them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +36,7 @@ class _Rates:
     wheels: float
     sonar: float
     camera: float
+    servo_camera: float
 
     def is_due(self, rate_hz: float, now_ns: int) -> bool:
         """Return whether a sample falls into the last step; half a nanosecond guards against rounding."""
@@ -50,7 +56,7 @@ class _Surroundings:
 
 
 class SensorSuite:
-    """Lidar, IMU, sonars, camera and wheel encoders of one chair, each with its own random stream."""
+    """Lidar, IMU, sonars, cameras and wheel encoders of one chair, each with its own random stream."""
 
     def __init__(
         self,
@@ -62,26 +68,32 @@ class SensorSuite:
         imu: ImuSettings,
         sonar: SonarSettings,
         camera: CameraSettings,
+        servo_camera: ServoCameraSettings,
         wheels_hz: float,
         leans: bool,
     ) -> None:
         """`step_ns`: the time between two calls of `sense`. `leans`: whether the chair can lean, and its lidar with it."""
         self._body = body
         self._seed = seed
-        self._rates = _Rates(step_ns, imu.rate_hz, wheels_hz, sonar.rate_hz, camera.rate_hz)
+        self._rates = _Rates(step_ns, imu.rate_hz, wheels_hz, sonar.rate_hz, camera.rate_hz, servo_camera.rate_hz)
         self._lidar = Lidar(lidar, body, random_stream(seed, 1))
         self._imu = Imu(imu, random_stream(seed, 2))
         self._sonars, self._sonar_height = Sonars(sonar, body, random_stream(seed, 3)), sonar.height
         self._camera_settings = camera
         self._camera: RgbdCamera | None = None
+        self.servo_camera: ServoCamera | None = None
+        self.looked: deque[ServoMessage] = deque(maxlen=_LOOKED)
+        """The newest messages of the camera on servos that nobody has taken yet."""
         self._leans = leans
         self._surroundings: _Surroundings
         self._ticks_before = (0, 0)
 
     @property
     def camera_problem(self) -> str | None:
-        """Why the camera of the settings cannot render; None if it can, or if there is no camera."""
-        return renderer_problem() if self._rates.camera > 0.0 and self._camera is None else None
+        """Why a camera of the settings cannot render; None if it can, or if there is no camera."""
+        lacks = self._rates.camera > 0.0 and self._camera is None
+        lacks = lacks or (self._rates.servo_camera > 0.0 and self.servo_camera is None)
+        return renderer_problem() if lacks else None
 
     def place(self, world: World) -> None:
         """Put the sensors into a world."""
@@ -90,6 +102,10 @@ class SensorSuite:
         )
         self._surroundings = _Surroundings(lidar, sonar, terrain_from_world(world) if self._leans else None)
         self._camera = self._camera_in(world)
+        if self.servo_camera is not None:
+            self.servo_camera.place(world)
+        elif self._rates.servo_camera > 0.0 and renderer_problem() is None:
+            self.servo_camera = ServoCamera(random_stream(self._seed, 6), world)
 
     def carry_over(self, chair: Plant) -> None:
         """Let the encoder counts go on from those of a chair that is about to be replaced."""
@@ -110,6 +126,10 @@ class SensorSuite:
             yield scan
         if self._camera is not None and rates.is_due(rates.camera, now_ns):
             yield self._camera.frame(now_ns, chair.pose3, chair.twist, people)
+        if self.servo_camera is not None:
+            self.servo_camera.step(rates.step_ns)
+            if rates.is_due(rates.servo_camera, now_ns):
+                self.looked += self.servo_camera.sense(now_ns, chair.pose3, chair.twist, people)
 
     def _camera_in(self, world: World) -> RgbdCamera | None:
         camera = self._camera_settings

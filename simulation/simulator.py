@@ -33,9 +33,11 @@ from waychair.simulation.sensor_suite import SensorSuite
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.sensors.imu import ImuSettings
 from waychair.simulation.sensors.lidar import LidarSettings
+from waychair.simulation.sensors.pan_tilt import ServoCameraFaults
+from waychair.simulation.sensors.servo_camera import ServoCamera, ServoCameraSettings
 from waychair.simulation.sensors.sonar import SonarSettings
 from waychair.topics import CAMERA, IMU, SONAR, WHEELS
-from waychair.types import JoystickInput, Pose2, SensorMessage, Twist
+from waychair.types import JoystickInput, PanTiltCommand, Pose2, SensorMessage, ServoMessage, Twist
 
 PLANT_MODELS = ("kinematic", "mujoco")
 """Ideal wheels, or mass, motors, casters and slip."""
@@ -57,6 +59,7 @@ class SimulatorSettings(Settings):
     imu: ImuSettings = field(default_factory=ImuSettings)
     sonar: SonarSettings = field(default_factory=SonarSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
+    servo_camera: ServoCameraSettings = field(default_factory=ServoCameraSettings)
     wheels_hz: float = setting(
         WHEELS.rate_hz,
         "Hz",
@@ -89,6 +92,7 @@ class SensorSettings(Settings):
     imu: ImuSettings = field(default_factory=ImuSettings)
     sonar: SonarSettings = field(default_factory=SonarSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
+    servo_camera: ServoCameraSettings = field(default_factory=ServoCameraSettings)
     wheels_hz: float = setting(
         WHEELS.rate_hz,
         "Hz",
@@ -105,6 +109,7 @@ class SensorSettings(Settings):
             imu=replace(self.imu, rate_hz=self.imu.rate_hz or settings.imu.rate_hz),
             sonar=replace(self.sonar, rate_hz=self.sonar.rate_hz or settings.sonar.rate_hz),
             camera=replace(self.camera, rate_hz=self.camera.rate_hz or settings.camera.rate_hz),
+            servo_camera=self.servo_camera if self.servo_camera.rate_hz else settings.servo_camera,
             wheels_hz=self.wheels_hz,
         )
 
@@ -164,6 +169,7 @@ class Simulator:
             imu=s.imu,
             sonar=s.sonar,
             camera=s.camera,
+            servo_camera=s.servo_camera,
             wheels_hz=s.wheels_hz,
             leans=s.plant_model == "mujoco",
         )
@@ -196,7 +202,7 @@ class Simulator:
 
     @property
     def camera_problem(self) -> str | None:
-        """Why the camera of the settings cannot render; None if it can, or if there is no camera."""
+        """Why a camera of the settings cannot render; None if it can, or if there is no camera."""
         return self._sensors.camera_problem
 
     @property
@@ -247,6 +253,37 @@ class Simulator:
     def release(self) -> None:
         """Release the lines, so that `rider` drives the chair."""
         self._lines.release()
+
+    def aim(self, command: PanTiltCommand) -> None:
+        """Give an order to the camera on servos.
+
+        Raises:
+            ConfigError: this chair has no such camera.
+            ValueError: an angle is not finite.
+        """
+        self._servo_camera().order(command)
+
+    def look(self) -> tuple[ServoMessage, ...]:
+        """Return the newest messages of the camera on servos since the last call, in order; without such a camera none."""
+        looked = tuple(self._sensors.looked)
+        self._sensors.looked.clear()
+        return looked
+
+    def break_servo_camera(self, faults: ServoCameraFaults) -> None:
+        """Give the camera on servos these defects, instead of those before.
+
+        Raises:
+            ConfigError: this chair has no such camera.
+        """
+        self._servo_camera().faults = faults
+
+    def servo_angles(self) -> tuple[float, float]:
+        """Return the true pan and tilt [rad] of the camera on servos.
+
+        Raises:
+            ConfigError: this chair has no such camera.
+        """
+        return self._servo_camera().servos.angles
 
     def close(self, *doors: str) -> None:
         """Close doors of this level.
@@ -310,6 +347,12 @@ class Simulator:
     def person_distance(self) -> float:
         """Return the true distance [m] from the chair's rectangle to the nearest person; +inf without people."""
         return person_distance(self.body, self._chair.pose, self._people_now)
+
+    def _servo_camera(self) -> ServoCamera:
+        if self._sensors.servo_camera is None:
+            why = self.camera_problem or "set servo_camera.rate_hz above 0"
+            raise ConfigError(f"this simulated chair has no camera on servos: {why}")
+        return self._sensors.servo_camera
 
     def _place(self, world: World, pose: Pose2) -> None:
         """Put the chair at rest into a world."""

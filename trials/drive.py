@@ -24,8 +24,9 @@ from waychair.firmware_bridge.bridge import USUAL_FAMILY
 from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.geometry import wrap_angle
 from waychair.maps.drawn.zones import Zone
+from waychair.runtime.black_box.cell_traces import CellTraceFile
 from waychair.runtime.black_box.recorder import BlackBox, LoggedChair
-from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher
+from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher, Watchers
 from waychair.simulation.follower import Follower, StallCheck
 from waychair.simulation.simulator import Simulator
 from waychair.slam.localising.localiser import LocalisationState
@@ -115,18 +116,25 @@ def drive_to_places(
     time_limit_s: float = 300.0,
     progress: Callable[[float], None] | None = None,
     box: Path | None = None,
+    trace: Path | None = None,
 ) -> tuple[DriveRecord, ...]:
     """Drive to the named places in turn, for at most `time_limit_s` of simulated time each.
 
-    `box`: folder of a black box that logs the drive, for `waychair why`.
+    `box`: folder of a black box that logs the drive, for `waychair why`. `trace`: file for the trace of the chair's
+    behaviour cells, if it has them (`ChairSettings.perceive`).
 
     Raises:
         BoxError: the black box cannot be written, or another program writes it.
+        OutputError: the trace cannot be written.
         UnknownPlace: a goal is not among the places.
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
     legs = []
-    with black_box(setup, box) as watcher, simulated_chair(setup, simulator, watcher) as chair:
+    with (
+        black_box(setup, box) as log,
+        nullcontext() if trace is None else CellTraceFile(trace) as cells,
+        simulated_chair(setup, simulator, Watchers(log, cells)) as chair,
+    ):
         for index, goal in enumerate(goals):
             legs.append(drive_to_place(setup, simulator, chair, goal, time_limit_s))
             if progress is not None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.planning import warm_up as planning_kernels
+from waychair.runtime.perception import Perception
 from waychair.slam.mapping import warm_up as mapping_kernels
 from waychair.trials.demo import StageProgress, run_demo
 
@@ -29,7 +31,7 @@ routes:
 
 
 def compile_kernels(progress: StageProgress = lambda stage, share: None) -> None:
-    """Compile the planner's and the mapper's kernels, and by a short demo those of simulator, localiser and a drive.
+    """Compile the kernels of planner, mapper and behaviour cells, and by a short demo those of simulator and a drive.
 
     numba keeps them on disk, for this user and this processor; where they are kept already it takes some seconds.
 
@@ -38,6 +40,7 @@ def compile_kernels(progress: StageProgress = lambda stage, share: None) -> None
     """
     planning_kernels.warm_up()
     mapping_kernels.warm_up()
+    Perception(CHAIR_A)  # its constructor runs the cells
     with tempfile.TemporaryDirectory() as name:
         plan = Path(name) / "hall.yaml"
         plan.write_text(_HALL, encoding="utf-8")

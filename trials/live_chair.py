@@ -32,6 +32,8 @@ from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, LayoutView
 from waychair.runtime.drawing_port import DrawingPort
+from waychair.runtime.perception import Perceived
+from waychair.runtime.perception_view import PerceptionView, drawn_network, perception_view
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.simulator import SimulationSettings, Simulator, SimulatorSettings
@@ -40,7 +42,18 @@ from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, black_box, simulated_chair
 from waychair.trials.live_map import LiveMap, plan_folder
 from waychair.trials.real_time import RealTimeLoop
-from waychair.types import DriveMode, FloatArray, Goal, OccupancyGrid, Pose2, RgbdFrame, SensorMessage, Twist
+from waychair.types import (
+    DriveMode,
+    FloatArray,
+    Goal,
+    OccupancyGrid,
+    PanTiltAngles,
+    Pose2,
+    RgbdFrame,
+    SensorMessage,
+    ServoMessage,
+    Twist,
+)
 
 COUNTDOWN_S = 3.0
 """Time from the rider's confirmation to the first motion."""
@@ -92,6 +105,24 @@ class _LatestPicture:
         return known[1]
 
 
+class _LatestCells:
+    """The behaviour cells after the latest tick, and the servos' report; the view is made only when somebody looks."""
+
+    def __init__(self) -> None:
+        self.perceived: Perceived | None = None
+        self._aim: PanTiltAngles | None = None
+
+    def hear(self, state: ChairState, looked: Sequence[ServoMessage]) -> None:
+        """Take in a tick."""
+        self.perceived = state.perceived
+        self._aim = next((each for each in reversed(looked) if isinstance(each, PanTiltAngles)), self._aim)
+
+    def view(self) -> PerceptionView | None:
+        """Return what a page shows; None without cells."""
+        perceived = self.perceived
+        return None if perceived is None else perception_view(perceived, CHAIR_A, self._aim)
+
+
 class LiveChair(DrawingPort):
     """A `ChairPort` of a chair in a simulated world; a context manager."""
 
@@ -134,6 +165,7 @@ class LiveChair(DrawingPort):
         self._settings = replace(settings, supervisor=supervisor)
         self._view = _BEFORE_START
         self._picture = _LatestPicture()
+        self._cells = _LatestCells()
         self._started = threading.Event()
         self._failure: Exception | None = None
         self._map: LiveMap
@@ -199,6 +231,15 @@ class LiveChair(DrawingPort):
     def picture(self) -> bytes | None:
         """See `ChairPort`."""
         return self._picture.jpeg()
+
+    def perception(self) -> PerceptionView | None:
+        """See `ChairPort`."""
+        return self._cells.view()
+
+    def network(self, name: str) -> str | None:
+        """See `ChairPort`."""
+        perceived = self._cells.perceived
+        return None if perceived is None else drawn_network(perceived, name)
 
     def go(self, goal: str | Pose2) -> Answer:
         """See `ChairPort`."""
@@ -367,6 +408,7 @@ class LiveChair(DrawingPort):
         """Update view and picture after a tick."""
         self._display.hear(messages, state)
         self._picture.hear(messages)
+        self._cells.hear(state, self._simulator.look())
         self._view = replace(
             self._display.view(state),
             map_revision=self._map.revision,

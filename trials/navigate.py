@@ -44,6 +44,7 @@ def navigate(
     scanned: OccupancyGrid | None = None,
     map_from_world: Pose2 | None = None,
     box: Path | None = None,
+    trace: Path | None = None,
     settings: ChairSettings | None = None,
     simulation: SimulationSettings | None = None,
 ) -> tuple[DriveRecord, ...]:
@@ -52,7 +53,8 @@ def navigate(
     A given `world` lies at `map_from_world`, without its own start and people; by default the world is raised from the
     map. `zones` are the map's. With `sensors` the chair has sonars, a depth camera and an IMU besides its lidar.
     `scanned` is the map as the lidar sees it in `world`; in a raised world the lidar sees the whole map. `box` is the
-    folder of a black box. `settings` are the chair's, `simulation` those of its simulated sensors and plant.
+    folder of a black box, `trace` the file for the trace of behaviour cells, which are switched on for it. `settings` are
+    the chair's, `simulation` those of its simulated sensors and plant.
 
     Raises:
         StartOutsideMap, StartOccupied: the chair cannot stand at the start (in map coordinates).
@@ -70,6 +72,7 @@ def navigate(
     chair = (simulation or SimulationSettings()).over(chair)
     simulator = Simulator(with_walkers(world, people, seed), CHAIR_A, chair, seed)
     places = {place.name: place for place in goals}
+    chair_settings = settings or ChairSettings()
     setup = DriveSetup(
         grid=grid,
         places=places,
@@ -78,9 +81,9 @@ def navigate(
         map_from_world=map_from_world,
         zones=zones,
         scanned=scanned,
-        chair=settings or ChairSettings(),
+        chair=chair_settings if trace is None else replace(chair_settings, perceive=True),
     )
-    return drive_to_places(setup, simulator, [place.name for place in goals], box=box)
+    return drive_to_places(setup, simulator, [place.name for place in goals], box=box, trace=trace)
 
 
 def _world_at_start(start: Pose2, grid: OccupancyGrid, world: World | None, map_from_world: Pose2) -> World:

@@ -19,7 +19,7 @@ from typing import TypeVar
 from waychair.runtime.chair_port import Answer, ChairPort
 from waychair.types import Json, OccupancyGrid
 from waychair.ui.commands import RELEASE, STICK, STOP, obey
-from waychair.ui.page_messages import encoded, grid_picture, layout_message, map_message, view_message
+from waychair.ui.page_messages import cells_message, encoded, grid_picture, layout_message, map_message, view_message
 
 T = TypeVar("T")
 
@@ -28,6 +28,9 @@ VIEW_S = 0.1
 
 WATCH_S = 0.1
 """Period of the reports of answering pages to the chair."""
+
+CELLS_EVERY = 2
+"""Views from one message about the behaviour cells to the next."""
 
 ANSWERS_S = 0.2
 """A page counts as present for this time after its latest answer; the chair waits longer (`runtime.page_watch`)."""
@@ -44,6 +47,8 @@ class OpenPage:
 
     def __init__(self, page_id: str) -> None:
         self.page_id = page_id
+        self.shows_cells = False
+        """Whether the page shows the behaviour cells; nobody works for them otherwise."""
         self._newest: dict[str, str] = {}
         self._answers: deque[str] = deque(maxlen=MOST_WAITING)
         self._wake = asyncio.Event()
@@ -62,7 +67,10 @@ class OpenPage:
         """Wait for messages and return them all; the map comes before the view that is drawn on it."""
         await self._wake.wait()
         self._wake.clear()
-        texts = [*self._answers, *(self._newest[kind] for kind in ("map", "layout", "view") if kind in self._newest)]
+        texts = [
+            *self._answers,
+            *(self._newest[kind] for kind in ("map", "layout", "cells", "view") if kind in self._newest),
+        ]
         self._answers.clear()
         self._newest.clear()
         return texts
@@ -174,6 +182,11 @@ class Broadcaster:
             self._told[kind] = text
             for page in self._pages:
                 page.tell(kind, text)
+        watching = [page for page in self._pages if page.shows_cells] if self._count % CELLS_EVERY == 0 else []
+        if watching:
+            text = await self.call(lambda: cells_message(self.port.perception()))
+            for page in watching:
+                page.tell("cells", text)
 
     def _messages(self) -> dict[str, str]:
         """Return the new messages by kind."""

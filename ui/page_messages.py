@@ -10,6 +10,7 @@ import numpy as np
 from waychair.control.safety.stops import STOPS, Severity
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.chair_port import ChairView, LayoutView
+from waychair.runtime.perception_view import CellView, PerceptionView
 from waychair.runtime.sentences import sentence
 from waychair.types import Bytes, FloatArray, Json, OccupancyGrid, Place, Pose2
 
@@ -65,6 +66,58 @@ def view_message(view: ChairView, count: int) -> str:
             "panel": {name: float(value) for name, value in view.panel.items()},
         }
     )
+
+
+def cells_message(seen: PerceptionView | None) -> str:
+    """Return the behaviour cells as JSON text; null values without them. Ages are in tenths of a second, places in metres."""
+    if seen is None:
+        return encoded({"type": "cells", "there": False})
+    sectors = seen.sectors
+    return encoded(
+        {
+            "type": "cells",
+            "there": True,
+            "signal": seen.signal,
+            "networks": seen.networks,
+            "troubles": seen.troubles,
+            "cells": [
+                {
+                    "name": each.name,
+                    "network": each.is_network,
+                    "depth": each.depth,
+                    "state": _cell_state(each),
+                    "words": each.words,
+                    "age": None if each.age_s is None else round(each.age_s, 1),
+                }
+                for each in seen.cells
+            ],
+            "sectors": {
+                "count": sectors.count,
+                "free": [round(angle, 4) for angle in sectors.free],
+                "looked": sectors.looked,
+                "words": sectors.words,
+            },
+            "doorways": [
+                {
+                    "at": [round(each.x, 2), round(each.y, 2), round(each.theta, 3)],
+                    "width": round(each.width, 2),
+                    "state": each.state,
+                    "enough": each.wide_enough,
+                    "words": each.words,
+                }
+                for each in seen.doorways
+            ],
+            "aim": None
+            if seen.aim is None
+            else {"pan": round(seen.aim.pan, 3), "settled": seen.aim.settled, "words": seen.aim.words},
+        }
+    )
+
+
+def _cell_state(cell: CellView) -> str:
+    if cell.fault:
+        return f"at fault: {cell.fault}"
+    return "inhibited" if cell.inhibited else "active" if cell.active else "at rest"
 
 
 def layout_message(layout: LayoutView) -> str:

@@ -4,8 +4,9 @@
     with page_server(port, host="0.0.0.0", token=secrets.token_urlsafe(16)) as address: ...
 
 On the socket (/api/live) a page first sends `{"token", "page"}`. It then receives the messages of `wire`, with ten views
-a second, answers each view with `{"seen": n, "visible": bool}`, and sends commands as `{"do": name, "with": {...},
-"id": n}` (`commands`). All commands except the joystick's can also be POSTed to /api/do/NAME, a second path for Stop.
+a second, answers each view with `{"seen": n, "visible": bool}`, asks for the behaviour cells with `{"cells": bool}`, and
+sends commands as `{"do": name, "with": {...}, "id": n}` (`commands`). All commands except the joystick's can also be
+POSTed to /api/do/NAME, a second path for Stop.
 """
 
 from __future__ import annotations
@@ -96,6 +97,7 @@ def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: b
         Route("/", index),
         Route(API + "grid.png", _GridEndpoint(broadcaster).answer),
         Route(API + "picture.jpg", _CameraEndpoint(broadcaster).answer),
+        Route(API + "network.svg", _NetworkEndpoint(broadcaster).answer),
         Route(API + "do/{name}", _CommandEndpoint(broadcaster).answer, methods=["POST"]),
         WebSocketRoute(LIVE, live),
         Mount("/static", StaticFiles(directory=STATIC)),
@@ -214,6 +216,8 @@ async def _hear(page: WebSocket, broadcaster: Broadcaster, opened: OpenPage, des
         said = msgspec.json.decode(await page.receive_text(), type=dict[str, object])
         if "seen" in said:
             (broadcaster.answered if said.get("visible") is True else broadcaster.hidden)(opened)
+        elif "cells" in said:
+            opened.shows_cells = said["cells"] is True
         elif isinstance(asked := said.get("with", {}), dict):
             desk.take(str(said.get("do", "")), asked, said.get("id"))
 
@@ -259,6 +263,22 @@ class _CameraEndpoint:
         if picture is None:
             return Response(status_code=204, headers=headers)
         return Response(picture, media_type="image/jpeg", headers=headers)
+
+
+class _NetworkEndpoint:
+    """The picture of one network of behaviour cells, as SVG."""
+
+    def __init__(self, broadcaster: Broadcaster) -> None:
+        self._broadcaster = broadcaster
+
+    async def answer(self, request: Request) -> Response:
+        from starlette.responses import Response
+
+        name = request.query_params.get("name", "")
+        picture = await self._broadcaster.call(lambda: self._broadcaster.port.network(name))
+        if picture is None:
+            return Response(status_code=404)
+        return Response(picture, media_type="image/svg+xml", headers={"cache-control": "private, no-cache"})
 
 
 class _CommandEndpoint:

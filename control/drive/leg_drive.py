@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.calibration.chair_body import BodyLayer, ChairBody
-from waychair.control.drive.doorway import DoorWatch
+from waychair.control.drive.live_jambs import DoorWatch
 from waychair.control.drive.way_follower import SEEN_AHEAD, WayFollower
 from waychair.geometry import transform_points
 from waychair.maps.grid.distance_field import DistanceField

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from waychair.calibration.chair_body import BodyLayer, ChairBody, sonar_mounts
 from waychair.config import Settings, setting
 from waychair.maps.depth.depth_scan import levelled_mount
-from waychair.maps.depth.ground import ground_view
+from waychair.maps.depth.ground import GroundView, ground_view
 from waychair.maps.grid.cells import cells_from_points, cells_under, occupied
 from waychair.maps.grid.distance_field import DistanceField, window_distances
 from waychair.planning.body.clearance import DROP_OFF
@@ -116,18 +116,14 @@ class Surroundings:
                 sight = replace(sight, hits=np.zeros(len(sight.hits), np.bool_))
             self._sonar = self._without_near_walls(updated(self._sonar, sight), sight.origin)
 
-    def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> None:
+    def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> GroundView:
         """Take in a depth image from map_from_base: obstacles off the lidar's height, such as table tops, and
-        drop-offs.
+        drop-offs. Return the ground in it.
 
         The image is levelled by the chair's lean (3, 3), if that is known. A drop-off is remembered when it is so near
         that the camera looks over it.
         """
-        body = self._body
-        mount = (
-            body.base_from_camera if level_from_base is None else levelled_mount(body.base_from_camera, level_from_base)
-        )
-        view = ground_view(frame, mount, body.front)
+        view = levelled_ground_view(frame, self._body, level_from_base)
         for layer, seen in self._depth.items():
             sight = sight_from_depth(view, pose, layer, FLOOR_HEIGHT)
             self._depth[layer] = self._without_near_walls(updated(seen, sight), sight.origin)
@@ -137,6 +133,7 @@ class Surroundings:
         self._missing = self._without_walls(
             missing, WALL_WITHIN
         )  # depth of the floor at the foot of a wall is often wrong
+        return view
 
     def set_personal_space(self, points: FloatArray, walkers: FloatArray | None = None) -> None:
         """Take points (N, 2) [m] in map of people's personal space, which are obstacles until the next call.
@@ -248,6 +245,12 @@ class Surroundings:
         """Return whether the map or the latest scan has an obstacle on the arc of an echo."""
         arc, doubt = sight.points(), self._wall_tolerance(sight.far[sight.hits])
         return bool(self._drawn.is_explained(arc, doubt).any()) or any_nearer(arc, self._scanned, float(doubt.max()))
+
+
+def levelled_ground_view(frame: RgbdFrame, body: ChairBody, level_from_base: FloatArray | None) -> GroundView:
+    """Return the ground in a depth image, levelled by the chair's lean (3, 3) if that is known."""
+    mount = body.base_from_camera if level_from_base is None else levelled_mount(body.base_from_camera, level_from_base)
+    return ground_view(frame, mount, body.front)
 
 
 def have_mostly_moved(before: FloatArray, now: FloatArray) -> bool:

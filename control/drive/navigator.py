@@ -38,6 +38,7 @@ from waychair.control.drive.path_making import PathMaker, or_another_goal
 from waychair.control.drive.pose_corrections import Corrections
 from waychair.control.drive.recovery import Recovery
 from waychair.geometry import transform_points
+from waychair.maps.depth.ground import GroundView
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.grid.drawn_map import DrawnMap
@@ -139,6 +140,11 @@ class Navigator:
         return self._maker.drawn.is_mapped(points, within)
 
     @property
+    def grid(self) -> OccupancyGrid:
+        """The map with its keep-out zones closed."""
+        return self._maker.drawn.grid
+
+    @property
     def people(self) -> FloatArray:
         """Positions (K, 2) [m] in odom of people that walk or have walked."""
         return self._people.positions
@@ -179,9 +185,9 @@ class Navigator:
         """Take in the sonars' readings at map_from_base."""
         self._surroundings.hear(readings, pose)
 
-    def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> None:
-        """Take in a depth image at map_from_base, with the chair's lean (3, 3) if it is known."""
-        self._surroundings.look(frame, pose, level_from_base)
+    def look(self, frame: RgbdFrame, pose: Pose2, level_from_base: FloatArray | None = None) -> GroundView:
+        """Take in a depth image at map_from_base, with the chair's lean (3, 3) if it is known; return its ground."""
+        return self._surroundings.look(frame, pose, level_from_base)
 
     def step(
         self,

@@ -103,7 +103,7 @@ def imu(sample: ImuSample) -> Any:
 def colour_image(frame: RgbdFrame) -> Any:
     """Return a sensor_msgs/Image, rgb8 or mono8."""
     encoding = "rgb8" if frame.image.ndim == 3 else "mono8"
-    return _image(frame.stamp_ns, frame.image, encoding)
+    return image(frame.stamp_ns, frame.image, encoding)
 
 
 def depth_image(frame: RgbdFrame) -> Any:
@@ -113,16 +113,21 @@ def depth_image(frame: RgbdFrame) -> Any:
     """
     millimetres = frame.depth * np.float32(1000.0)
     told = (millimetres >= 0.0) & (millimetres < 65535.5)  # false for nan
-    return _image(frame.stamp_ns, np.where(told, millimetres + np.float32(0.5), 0.0).astype("<u2"), "16UC1")
+    return image(frame.stamp_ns, np.where(told, millimetres + np.float32(0.5), 0.0).astype("<u2"), "16UC1")
 
 
 def camera_info(frame: RgbdFrame) -> Any:
     """Return a sensor_msgs/CameraInfo of a rectified picture: no distortion, projection equal to the camera matrix."""
     height, width = frame.depth.shape
-    k = np.asarray(frame.camera_matrix, np.float64)
+    return intrinsics(frame.stamp_ns, frame.camera_matrix, width, height)
+
+
+def intrinsics(stamp_ns: int, camera_matrix: FloatArray, width: int, height: int, frame: str = OPTICAL_FRAME) -> Any:
+    """Return a sensor_msgs/CameraInfo of a camera without distortion, with its matrix (3, 3) [pixels]."""
+    k = np.asarray(camera_matrix, np.float64)
     return make(
         "sensor_msgs/msg/CameraInfo",
-        header=header(frame.stamp_ns, OPTICAL_FRAME),
+        header=header(stamp_ns, frame),
         height=height,
         width=width,
         distortion_model="plumb_bob",
@@ -136,15 +141,17 @@ def camera_info(frame: RgbdFrame) -> Any:
     )
 
 
-def sonar_range(stamp_ns: int, index: int, distance: float) -> Any:
-    """Return a sensor_msgs/Range of one sonar, with its REP-117 codes."""
+def sonar_range(
+    stamp_ns: int, index: int, distance: float, limits: tuple[float, float] = SONAR_RANGE, cone: float = SONAR_CONE
+) -> Any:
+    """Return a sensor_msgs/Range of one sonar, with its REP-117 codes, range limits [m] and whole cone [rad]."""
     return make(
         "sensor_msgs/msg/Range",
         header=header(stamp_ns, SONAR_FRAME.format(index)),
         radiation_type=_ULTRASOUND,
-        field_of_view=SONAR_CONE,
-        min_range=SONAR_RANGE[0],
-        max_range=SONAR_RANGE[1],
+        field_of_view=cone,
+        min_range=limits[0],
+        max_range=limits[1],
         range=distance,
         variance=0.0,
     )
@@ -173,13 +180,14 @@ def transforms(stamp_ns: int, parent_from_child: Mapping[tuple[str, str], Pose3]
     return make("tf2_msgs/msg/TFMessage", stamped)
 
 
-def _image(stamp_ns: int, pixels: Any, encoding: str) -> Any:
+def image(stamp_ns: int, pixels: Any, encoding: str, frame: str = OPTICAL_FRAME) -> Any:
+    """Return a sensor_msgs/Image of pixels (H, W) or (H, W, C)."""
     height, width = pixels.shape[:2]
     row = pixels.nbytes // height
     data = np.ascontiguousarray(pixels).view(np.uint8).ravel()
     return make(
         "sensor_msgs/msg/Image",
-        header=header(stamp_ns, OPTICAL_FRAME),
+        header=header(stamp_ns, frame),
         height=height,
         width=width,
         encoding=encoding,

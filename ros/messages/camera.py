@@ -11,7 +11,7 @@ import cv2
 from waychair.errors import MessageError, RecordingError
 from waychair.recordings.bags.ros_decoding import camera_matrix_from_message, depth_from_message, picture_from_message
 from waychair.ros.messages.wire import require_finite, stamp_of
-from waychair.types import RgbdFrame
+from waychair.types import FloatArray, RgbdFrame
 
 _WAITING = 8  # stamps for which only colour or depth has arrived
 _SHORTEST = 1.0  # px; a smaller focal length means that the camera is not calibrated
@@ -27,10 +27,7 @@ def read_rgbd(colour: Any, depth: Any, info: Any) -> RgbdFrame:
     if stamp_of(depth) != stamp_ns:
         late_ms = (stamp_of(depth) - stamp_ns) * 1e-6
         raise MessageError(f"depth is {late_ms:.1f} ms later than its picture: let the camera's driver align them")
-    require_finite("the camera's matrix", *map(float, info.k))
-    matrix = camera_matrix_from_message(info)
-    if matrix is None or min(matrix[0, 0], matrix[1, 1]) < _SHORTEST or tuple(matrix[2]) != (0.0, 0.0, 1.0):
-        raise MessageError("the camera is not calibrated (its camera_info has no focal lengths): calibrate it")
+    matrix = read_intrinsics(info)
     try:
         pixels, metres = picture_from_message(colour), depth_from_message(depth)
     except (RecordingError, cv2.error) as error:
@@ -41,6 +38,19 @@ def read_rgbd(colour: Any, depth: Any, info: Any) -> RgbdFrame:
             f"picture and depth ({sizes}) differ from the camera's {info.width} x {info.height}: align depth to colour"
         )
     return RgbdFrame(stamp_ns, pixels, metres, matrix)
+
+
+def read_intrinsics(info: Any) -> FloatArray:
+    """Return the matrix (3, 3) [pixels] of a sensor_msgs/CameraInfo.
+
+    Raises:
+        MessageError: the camera is not calibrated.
+    """
+    require_finite("the camera's matrix", *map(float, info.k))
+    matrix = camera_matrix_from_message(info)
+    if matrix is None or min(matrix[0, 0], matrix[1, 1]) < _SHORTEST or tuple(matrix[2]) != (0.0, 0.0, 1.0):
+        raise MessageError("the camera is not calibrated (its camera_info has no focal lengths): calibrate it")
+    return matrix
 
 
 @dataclass(slots=True)

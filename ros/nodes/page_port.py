@@ -47,6 +47,7 @@ from waychair.ros.nodes.node import ChairNode
 from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import DriveFacts, next_action, obstacle_of, shown_points
 from waychair.runtime.drawing_port import DrawingPort
+from waychair.runtime.perception_view import WithoutCells
 from waychair.runtime.sentences import sentence
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.types import DriveMode, FloatArray, JoystickInput, OccupancyGrid, Odometry, Place, Pose2, Scan
@@ -119,7 +120,7 @@ class _Publishers:
     pose: Callable[[Any], None]
 
 
-class PagePort(DrawingPort):
+class PagePort(DrawingPort, WithoutCells):
     """A `ChairPort` over the messages and services that a node of this process uses."""
 
     def __init__(

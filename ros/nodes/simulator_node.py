@@ -4,13 +4,14 @@
 |---|---|
 | scan, imu/data, sonar_0..7 | at the rates of `waychair.topics` |
 | camera/... | pictures and depth, where this computer can render |
+| servo_camera/... | pictures of the camera on servos, and its angles, with `sensors.servo_camera.rate_hz` above 0 |
 | joint_states | angles of the drive wheels, from their encoders |
 | odom, /tf, /tf_static | unless `publish_base` is off: dead reckoning, and the mounts of the chair's file |
 | ground_truth/odom | the true pose; a driving stack must not subscribe to it |
 | ground_truth/lines | the voltages of the joystick lines, at each change; likewise |
 | /clock | with `use_sim_time` |
 
-It subscribes to `joy`, the rider's joystick. The shipped firmware drives the joystick lines; a bridge connects to it by
+It subscribes to `joy`, the rider's joystick, and to `servo_camera/command`. The shipped firmware drives the joystick lines; a bridge connects to it by
 the pseudo-terminal `board_link`, as by a cable.
 """
 
@@ -26,6 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from waychair.calibration.fits.dac import DEFAULT
+from waychair.calibration.servo_camera import SERVO_CAMERA
 from waychair.errors import OutputError
 from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, board_program
 from waychair.geometry import in_space
@@ -37,6 +39,7 @@ from waychair.ros.messages.chair import Lines, lines
 from waychair.ros.messages.motion import transform
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_joy
+from waychair.ros.messages.servo_camera import pan_tilt_angles, picture_messages, read_pan_tilt_command
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node_settings.simulator import SimulatorNodeSettings
 from waychair.ros.nodes.node import ChairNode, run_node
@@ -48,7 +51,18 @@ from waychair.simulation.plant.pseudo_terminal import make_link
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.trials.drive import DriveSetup, board_settings
-from waychair.types import ImuSample, JoystickInput, Odometry, Pose2, RgbdFrame, Scan, SonarReadings, WheelTicks
+from waychair.types import (
+    ImuSample,
+    JoystickInput,
+    Odometry,
+    PanTiltAngles,
+    Picture,
+    Pose2,
+    RgbdFrame,
+    Scan,
+    SonarReadings,
+    WheelTicks,
+)
 
 _SAVE_POSE_HZ = 10.0
 _CLOCK_HZ = 100.0  # messages on /clock, with use_sim_time
@@ -82,6 +96,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._sends: dict[str, Callable[[Any], None]] = {}
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._joystick = self.listen(topics.JOY, read_joy, needed=False)
+        self._aim = self.listen(topics.PAN_TILT_COMMAND, read_pan_tilt_command, needed=False)
         self._saved_pose: Pose2 | None = None
         if self.settings.pose_file:
             self.every(_SAVE_POSE_HZ, self._save_pose)
@@ -127,6 +142,8 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
             self._pacer.pace(simulator.now_ns)
             while not self._ended.is_set():
                 simulator.rider = self._rider(simulator.now_ns)
+                if simulator.settings.servo_camera.rate_hz > 0.0 and simulator.camera_problem is None:
+                    self._serve_servo_camera(simulator)
                 messages = simulator.advance(step_ns)
                 self._publish_lines()
                 if self._uses_sim_time and simulator.now_ns % clock_ns < step_ns:
@@ -220,8 +237,11 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._send(topics.TF, transform(reading.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
 
     def _send_sonars(self, readings: SonarReadings) -> None:
+        assert self._simulator is not None
+        sonar = self._simulator.settings.sonar
         for k, distance in enumerate(readings.ranges.tolist()):
-            self._send(topics.sonar(k), ros_messages.sonar_range(readings.stamp_ns, k, distance))
+            reading = ros_messages.sonar_range(readings.stamp_ns, k, distance, sonar.limits, 2 * sonar.cone)
+            self._send(topics.sonar(k), reading)
 
     def _send_frame(self, frame: RgbdFrame) -> None:
         info = ros_messages.camera_info(frame)
@@ -229,6 +249,23 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._send(topics.DEPTH_INFO, info)
         self._send(topics.COLOUR, ros_messages.colour_image(frame))
         self._send(topics.DEPTH, ros_messages.depth_image(frame))
+
+    def _serve_servo_camera(self, simulator: Simulator) -> None:
+        """Pass the latest order on, and send what the camera on servos saw since the last step."""
+        order = self._aim.latest
+        if order is not None:
+            simulator.aim(order)
+        looked = simulator.look()
+        for angles, picture in zip(looked[::2], looked[1::2], strict=True):  # each picture comes after its angles
+            assert isinstance(angles, PanTiltAngles)
+            assert isinstance(picture, Picture)
+            stamp_ns = self._stamp_ns(picture.stamp_ns)
+            mount = SERVO_CAMERA.base_from_camera(angles.pan, angles.tilt)
+            self._send(topics.TF, transform(stamp_ns, BASE_FRAME, topics.SERVO_FRAME, mount))
+            self._send(topics.PAN_TILT, pan_tilt_angles(replace(angles, stamp_ns=stamp_ns), picture.laser))
+            colour, info = picture_messages(replace(picture, stamp_ns=stamp_ns))
+            self._send(topics.SERVO_INFO, info)
+            self._send(topics.SERVO_PICTURE, colour)
 
     def _send(self, topic: topics.RosTopic, message: Any) -> None:
         """Publish a message; the first one on a topic creates its publisher."""

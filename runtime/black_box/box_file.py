@@ -164,9 +164,23 @@ class Moment:
     heard: tuple[ChairMessage, ...] = ()
 
 
-Record: TypeAlias = LogHeader | Moment | RiderRequest | LostTicks | LogEnd
+@dataclass(frozen=True, slots=True)
+class CellTrace:
+    """A part of the trace of the chair's behaviour cells; see `control/behaviours/trace.py`."""
 
-_KINDS: dict[bytes, type[Any]] = {b"H": LogHeader, b"T": Moment, b"A": RiderRequest, b"L": LostTicks, b"E": LogEnd}
+    data: bytes
+
+
+Record: TypeAlias = LogHeader | Moment | RiderRequest | LostTicks | LogEnd | CellTrace
+
+_KINDS: dict[bytes, type[Any]] = {
+    b"H": LogHeader,
+    b"T": Moment,
+    b"A": RiderRequest,
+    b"L": LostTicks,
+    b"E": LogEnd,
+    b"C": CellTrace,
+}
 _LETTERS = {kind: letter for letter, kind in _KINDS.items()}
 _HEARD = (WheelTicks, Scan, ImuSample, SonarReadings, ChairStatus, StoredPicture)
 
@@ -273,12 +287,21 @@ def read_log(files: Sequence[Path]) -> Log:
                 lost += record.ticks
             elif isinstance(record, LogEnd):
                 end = record
-            else:
+            elif not isinstance(record, CellTrace):
                 damaged += record
     if not heads:
         names = ", ".join(str(file) for file in files) or "no file"
         raise BoxError(f"{names} holds no readable record of a black box: it is not such a log, or it is damaged")
     return Log(head=heads[-1], moments=tuple(moments), requests=tuple(requests), lost=lost, damaged=damaged, end=end)
+
+
+def read_cell_traces(files: Sequence[Path]) -> bytes:
+    """Return the trace of behaviour cells in files of a black box, given in the order of writing; empty without one.
+
+    Raises:
+        BoxError: a file cannot be read, or is of another version of the format.
+    """
+    return b"".join(record.data for file in files for record in _records(file) if isinstance(record, CellTrace))
 
 
 def read_head(file: Path) -> LogHeader | None:

@@ -27,12 +27,14 @@ import msgspec
 from waychair import __version__
 from waychair.calibration.calibration_file import ChairCalibration, content_hash
 from waychair.config import Settings, dump, setting
+from waychair.control.behaviours.trace import TraceEncoder
 from waychair.control.safety.supervisor import DRIVEN
 from waychair.errors import BoxError, WaychairError
 from waychair.firmware_bridge.protocol import HelloReply
 from waychair.runtime.black_box.box_events import BlackBoxEvent, EventDetector
 from waychair.runtime.black_box.box_file import (
     BoardIdentity,
+    CellTrace,
     LogEnd,
     LogHeader,
     LostTicks,
@@ -55,6 +57,7 @@ from waychair.runtime.black_box.box_store import (
 )
 from waychair.runtime.chair import ChairState
 from waychair.runtime.drive_base import ChairMessage
+from waychair.runtime.perception import Perceived
 from waychair.types import Goal, Place, RgbdFrame
 
 _LOGGER = logging.getLogger(__name__)
@@ -252,6 +255,7 @@ class _Writer:
         self._detector = EventDetector()
         self._open: list[Part] = []
         self._drove, self._driven_ticks = False, _ON_TICKS  # since the last event
+        self._cells: TraceEncoder | None = None  # of the present segment
         self._lost = 0
         self._written_s = self._synced_s = time.monotonic()
         self._ring.begin(replace(head, wall_ns=time.time_ns()))
@@ -281,6 +285,8 @@ class _Writer:
         if self._ring.full_segment or not self._continues(segment, tick.stamp_ns):
             self._next_segment()
         self._ring.append(encoded(moment), tick.stamp_ns)
+        if noted.state.perceived is not None:
+            self._trace(noted.state.perceived)
         if tick.mode in DRIVEN and not self._drove:  # a drive never resumes by itself, so this one is new
             self._driven_ticks = _ON_TICKS
         self._drove = tick.mode in DRIVEN
@@ -289,6 +295,14 @@ class _Writer:
         drives = tick.mode in DRIVEN and tick.sent.active
         self._driven_ticks += drives and tick.command is not None and abs(tick.command.v) > _MOVES
         self._close_parts(tick.stamp_ns)
+
+    def _trace(self, perceived: Perceived) -> None:
+        """Log the behaviour cells; each segment, and what follows lost ticks, begins with their header."""
+        if self._cells is None or self._cells.count != perceived.count:
+            network = perceived.network
+            self._cells = TraceEncoder(network.wiring, network.name, network.values, after=perceived.count)
+            self._ring.append(encoded(CellTrace(self._cells.header())))
+        self._ring.append(encoded(CellTrace(self._cells.innervation(perceived.done, perceived.heard))))
 
     def flush(self) -> None:
         """Write and sync if it is due."""
@@ -328,6 +342,7 @@ class _Writer:
 
     def _next_segment(self) -> None:
         self._keep_up(self._open)  # before the ring may drop their segments
+        self._cells = None
         self._ring.begin(replace(self._head, wall_ns=time.time_ns()))
 
     def _keep(self, event: BlackBoxEvent) -> None:

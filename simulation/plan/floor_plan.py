@@ -43,10 +43,16 @@ Share: TypeAlias = Annotated[float, Meta(ge=0.0, le=1.0)]
 Power: TypeAlias = Annotated[float, Meta(ge=0.0, le=100.0)]
 
 
+LEAF_THICKNESS = 0.04
+"""m; of a door's leaf that stands open; a closed one is as thick as its wall."""
+
+
 class PlanDoor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """An opening in a wall; its middle is `at` [m] from the wall's start.
 
-    A door with a name can be closed in the simulator. A `closed` door has a fixed leaf of `material`.
+    A door with a name can be closed in the simulator. A `closed` door has a fixed leaf of `material`. One with a `leaf`
+    [rad] stands open by this angle: its leaf hangs at the opening's `hinge`, the end nearer to the wall's start or end,
+    and `opens` to the left or right seen along the wall; from 90 degrees on it leaves the whole width.
     """
 
     at: float
@@ -54,6 +60,9 @@ class PlanDoor(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     name: str = ""
     closed: bool = False
     material: str = "wood"
+    leaf: Annotated[float, Meta(ge=0.0, le=2.7)] = 0.0
+    hinge: Literal["start", "end"] = "start"
+    opens: Literal["left", "right"] = "left"
 
 
 class PlanPoster(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -13,7 +13,16 @@ from typing import TypeAlias
 
 import msgspec
 
-from waychair.simulation.plan.floor_plan import FloorPlan, Keys, PlanDoor, PlanPerson, PlanPoster, PlanWall, Point
+from waychair.simulation.plan.floor_plan import (
+    LEAF_THICKNESS,
+    FloorPlan,
+    Keys,
+    PlanDoor,
+    PlanPerson,
+    PlanPoster,
+    PlanWall,
+    Point,
+)
 from waychair.simulation.scene.scene import MATERIALS, Behaviour
 
 MOST_CELLS = 50_000_000
@@ -74,6 +83,10 @@ def _wall_problems(wall: PlanWall, plan: FloorPlan) -> _Problems:
             yield ("doors", k, "width"), f"a door of {door.width:g} m is wider than its wall of {wall.length:g} m; make it narrower"  # fmt: skip
         if not _on_wall(door.at, door.width, wall):
             yield ("doors", k, "at"), f"a door of {door.width:g} m at {door.at:g} m lies outside its wall of {wall.length:g} m; move it inside"  # fmt: skip
+        if door.closed and door.leaf:
+            yield ("doors", k, "leaf"), "a closed door has no leaf that stands open; give one of closed and leaf"
+        if door.leaf and plan.resolution > LEAF_THICKNESS / 2 + _SLACK:
+            yield ("doors", k, "leaf"), f"a leaf {LEAF_THICKNESS:g} m thick needs cells of {LEAF_THICKNESS / 2:g} m at most; set resolution, now {plan.resolution:g}"  # fmt: skip
         for other in wall.doors[:k]:
             if _overlap(door.at, door.width, other):
                 yield ("doors", k, "at"), f"the doors at {other.at:g} and {door.at:g} m overlap; move one"

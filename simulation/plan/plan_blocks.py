@@ -11,8 +11,10 @@ import numpy as np
 from waychair.geometry import rectangle, transform_points
 from waychair.maps.grid.cells import cells_from_points, points_from_cells
 from waychair.simulation.plan.floor_plan import (
+    LEAF_THICKNESS,
     FloorPlan,
     PlanBox,
+    PlanDoor,
     PlanStairs,
     PlanTable,
     PlanThreshold,
@@ -26,7 +28,7 @@ from waychair.types import BoolArray, Cells, FloatArray, IntArray, OccupancyGrid
 
 
 def blocks_from_plan(plan: FloorPlan, building: str) -> tuple[Block, ...]:
-    """Return all fixed solids: walls, lintels, closed doors, furniture, thresholds, steps of stairways.
+    """Return all fixed solids: walls, lintels, leaves of doors, furniture, thresholds, steps of stairways.
 
     A seed is made of the names of building and level and the item's index, unless the plan gives one.
     """
@@ -93,8 +95,20 @@ def door_block(middle: Pose2, width: float, thickness: float, ceiling: float, ma
     )
 
 
+def leaf_block(wall: PlanWall, door: PlanDoor, ceiling: float) -> Block:
+    """Return the leaf of a door that stands open, beyond the hinge's side of the opening."""
+    side = 1.0 if door.opens == "left" else -1.0
+    from_start = door.hinge == "start"
+    hinge = pose_on_wall(wall, door.at + (-door.width / 2 if from_start else door.width / 2))
+    turned = side * door.leaf if from_start else math.pi - side * door.leaf
+    off = side if from_start else -side
+    along = Pose2(0.0, side * wall.thickness / 2, turned) @ Pose2(door.width / 2, off * LEAF_THICKNESS / 2)
+    high = min(DOOR_HEIGHT, ceiling)
+    return Block(hinge @ along, door.width, LEAF_THICKNESS, 0.0, high, door.material)
+
+
 def _wall(wall: PlanWall, material: str, ceiling: float) -> list[Block]:
-    """Return a wall's pieces between the doors, then a lintel above each door, then the leaves of closed doors."""
+    """Return a wall's pieces between the doors, then a lintel above each door, then the leaves of closed doors and of open ones."""
     blocks = [
         Block(
             middle=pose_on_wall(wall, (begin + end) / 2),
@@ -118,11 +132,15 @@ def _wall(wall: PlanWall, material: str, ceiling: float) -> list[Block]:
             )
             for door in wall.doors
         ]
-    return blocks + [
-        door_block(pose_on_wall(wall, door.at), door.width, wall.thickness, ceiling, door.material)
-        for door in wall.doors
-        if door.closed
-    ]
+    return (
+        blocks
+        + [
+            door_block(pose_on_wall(wall, door.at), door.width, wall.thickness, ceiling, door.material)
+            for door in wall.doors
+            if door.closed
+        ]
+        + [leaf_block(wall, door, ceiling) for door in wall.doors if door.leaf]
+    )
 
 
 def _box(box: PlanBox) -> Block:
@@ -189,13 +207,18 @@ def grid_from_plan(
     shape = tuple(math.ceil(round((length + 2 * margin) / plan.resolution, 6)) for length in reversed(plan.size))
     grid = OccupancyGrid(np.zeros(shape, np.int8), plan.resolution, Pose2(-margin, -margin, 0.0))
     for block in blocks:
-        if block.high > LOWEST and block.low < HIGHEST:
-            fill_rectangle(grid.cells, grid, block.middle, block.length, block.width)
+        fill_block(grid.cells, grid, block)
     for pit in pits:
         fill_rectangle(grid.cells, grid, pit.middle, pit.length, pit.width)
     if slopes:
         grid.cells[_edges(grid, slopes)] = 100
     return grid
+
+
+def fill_block(cells: Cells, grid: OccupancyGrid, block: Block) -> None:
+    """Mark the cells that a block at the height of a chair takes as occupied."""
+    if block.high > LOWEST and block.low < HIGHEST:
+        fill_rectangle(cells, grid, block.middle, block.length, block.width)
 
 
 def fill_rectangle(cells: Cells, grid: OccupancyGrid, middle: Pose2, length: float, width: float) -> None:

@@ -21,6 +21,9 @@ from waychair.yaml_files import compose_yaml, node_value
 
 _Plan = TypeVar("_Plan", FloorPlan, BuildingPlan)
 _NAMED: dict[str, Any] = {"places": Planar, "routes": list[Point]}
+_ANGLES = ("yaw", "leaf")
+"""Keys of angles."""
+
 _POSES = ("start", "middle")
 """Keys of poses x, y, yaw; a wall's start has no yaw."""
 
@@ -135,7 +138,7 @@ def _in_radians(value: Any, source: PlanSource, keys: Keys) -> Any:
     result = {}
     for key, each in value.items():
         here = (*keys, key)
-        if key == "yaw":
+        if key in _ANGLES:
             result[key] = _angle(each, source, here)
         elif isinstance(each, list) and len(each) == 3 and (key in _POSES or keys[-1:] == ("places",)):
             result[key] = [*each[:2], _angle(each[2], source, (*here, 2))]

@@ -21,8 +21,10 @@ from waychair.simulation.plan.plan_blocks import (
     blocks_from_plan,
     cells_in_rectangle,
     door_block,
+    fill_block,
     fill_rectangle,
     grid_from_plan,
+    leaf_block,
     pits_from_plan,
     pose_on_wall,
     slopes_from_plan,
@@ -38,7 +40,7 @@ from waychair.simulation.plan.plan_fittings import (
 from waychair.simulation.scene.rectangles import blocks_from_grid
 from waychair.simulation.scene.scene import Block, Finish, Lamp, Lift, PersonPlan, Pit, Poster, Slope
 from waychair.simulation.scene.seeds import seed_from_names
-from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
+from waychair.types import Cells, FloatArray, OccupancyGrid, Place, Pose2
 
 MARGIN = 0.5
 """Free margin [m] round a floor plan, so that walls may stand on its edge."""
@@ -52,12 +54,16 @@ MAPPING_ROUTE = "mapping"
 
 @dataclass(frozen=True, slots=True)
 class ClosableDoor:
-    """An open door that can be closed: `middle` is its pose in map, theta along its wall; width and thickness [m]."""
+    """An open door that can be closed: `middle` is its pose in map, theta along its wall; width and thickness [m].
+
+    `leaf` is the leaf that stands open, without its seed; None: there is none.
+    """
 
     name: str
     middle: Pose2
     width: float
     thickness: float
+    leaf: Block | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,12 +112,15 @@ class World:
             WorldError: there is no door of this name, or the start or a place lies in it.
         """
         doors, cells = {door.name: door for door in self.doors}, self.grid.cells.copy()
-        leaves = []
+        leaves, standing = [], list(self.blocks)
         for name in dict.fromkeys(names):
             if name not in doors:
                 known = f"take one of {', '.join(doors)}" if doors else "it has no doors with names"
                 raise WorldError(f"'{self.name}' has no door '{name}': {known}")
             door, seed = doors[name], seed_from_names(self.name, self.level, "doors", name)
+            if door.leaf is not None:
+                standing = [block for block in standing if replace(block, seed=0) != door.leaf]
+                self._clear(cells, door.leaf, standing)
             fill_rectangle(cells, self.grid, door.middle, door.width, door.thickness)
             leaves.append(
                 door_block(
@@ -123,9 +132,19 @@ class World:
                     seed=seed,
                 )
             )
-        closed = replace(self, grid=replace(self.grid, cells=cells), blocks=(*self.blocks, *leaves))
+        closed = replace(self, grid=replace(self.grid, cells=cells), blocks=(*standing, *leaves))
         _check_poses(closed, _error_without_lines(self.name))
         return closed
+
+    def _clear(self, cells: Cells, leaf: Block, others: Iterable[Block]) -> None:
+        """Free the cells of a leaf but for those that something else takes."""
+        freed = np.zeros_like(cells)
+        fill_block(freed, self.grid, leaf)
+        taken = np.zeros_like(cells)
+        for block in others:
+            if math.hypot(block.middle.x - leaf.middle.x, block.middle.y - leaf.middle.y) < block.length + leaf.length:
+                fill_block(taken, self.grid, block)
+        cells[(freed > 0) & (taken == 0)] = 0
 
 
 def shipped_worlds() -> tuple[str, ...]:
@@ -194,7 +213,13 @@ def world_from_plan(plan: FloorPlan, building: str, lifts: tuple[Lift, ...] = ()
         places=tuple(Place(name, Pose2(*pose)) for name, pose in plan.places.items()),
         routes={name: np.array(route, float).reshape(-1, 2) for name, route in plan.routes.items()},
         doors=tuple(
-            ClosableDoor(door.name, pose_on_wall(wall, door.at), door.width, wall.thickness)
+            ClosableDoor(
+                name=door.name,
+                middle=pose_on_wall(wall, door.at),
+                width=door.width,
+                thickness=wall.thickness,
+                leaf=leaf_block(wall, door, plan.finish.height) if door.leaf else None,
+            )
             for wall in plan.walls
             for door in wall.doors
             if door.name and not door.closed

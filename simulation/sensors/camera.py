@@ -18,11 +18,9 @@ from numpy.typing import NDArray
 
 from waychair.config import Settings, setting
 from waychair.simulation.scene.scene import PersonState
-from waychair.simulation.sensors.renderer import RenderedImage, Renderer
+from waychair.simulation.sensors.exposure import AutoExposure
+from waychair.simulation.sensors.renderer import Renderer
 from waychair.types import Bytes, Float32Array, IntArray, Pose3, RgbdFrame, Twist
-
-SENSITIVITY = 75.0
-"""Light per second of exposure from a surface of brightness 1 in office light; 1 gives a white pixel."""
 
 FULL_WELL = 10_000.0
 """Electrons in a white pixel at gain 1."""
@@ -30,15 +28,7 @@ FULL_WELL = 10_000.0
 NOISE_STEP = 1.0 / 32.0
 """Standard deviations per count in the stored noise."""
 
-SETTLED = 0.05
-"""Relative error of the brightness at which the automatic exposure counts as settled."""
-
-# Exposure, noise and vibration are plausible for a small stereo depth camera on a wheelchair, not measured.
-TARGET_GREY = 0.18  # mean light of the exposed image, white is 1; the grey card of photography
-EXPOSURE_MIN = 0.0002  # s
-EXPOSURE_MAX = 0.015  # s; darker scenes get gain
-GAIN_MAX = 16.0
-ADAPTATION = 0.2  # s; time constant of the automatic exposure
+# Noise and vibration are plausible for a small stereo depth camera on a wheelchair, not measured.
 READ_NOISE = 6.0  # electrons, one sigma; noise of reading a pixel
 DEPTH_MIN = 0.3  # m; nearer things have no depth
 DEPTH_SIGMA = 0.0012  # 1/m; depth noise at 1 m, one sigma; it grows as z^2
@@ -96,21 +86,19 @@ class RgbdCamera:
         self._rng = rng
         self._renderer = renderer
         # Drawing two million normal numbers for every frame would cost more than rendering it.
-        most = 3 * settings.width * (settings.height // 2 + 1)
-        self._normal = np.clip(np.rint(rng.standard_normal(most) / NOISE_STEP), -127, 127).astype(np.int8)
-        self._uniform = rng.integers(0, 1 << 16, most, np.uint16)
-        self._light = math.sqrt(EXPOSURE_MIN * EXPOSURE_MAX)
-        self._stamp_ns: int | None = None
+        self._normal = noise_bank(rng, settings.width, settings.height)
+        self._uniform = rng.integers(0, 1 << 16, len(self._normal), np.uint16)
+        self._auto = AutoExposure()
 
     @property
     def exposure(self) -> float:
         """Exposure time [s] of the next frame."""
-        return min(max(self._light, EXPOSURE_MIN), EXPOSURE_MAX)
+        return self._auto.seconds
 
     @property
     def gain(self) -> float:
-        """Gain of the next frame, at least 1: it makes up for light that the longest exposure cannot give."""
-        return max(self._light / self.exposure, 1.0)
+        """Gain of the next frame, at least 1."""
+        return self._auto.gain
 
     def frame(self, stamp_ns: int, map_from_base: Pose3, twist: Twist, people: Sequence[PersonState] = ()) -> RgbdFrame:
         """Return colour and depth at one moment; depth is along the optical axis, nan where none was measured."""
@@ -118,7 +106,7 @@ class RgbdCamera:
         jitter = self._rng.standard_normal(3) * VIBRATION * abs(twist.v)
         rows = self._rng.integers(0, len(self._normal) - 3 * s.width, (3, s.height))
         map_from_camera = map_from_base @ self._base_from_camera @ _tilted(jitter[0], jitter[1])
-        picture = self._settled_image(map_from_camera, people)
+        picture = self._auto.settled(lambda light: self._renderer.render(map_from_camera, people, light))
         rates = twist.omega, math.tau * VIBRATION_HZ * jitter[2]
         colour = blurred(picture.colour, *(self._pixels_swept(rate) for rate in rates))
         sigma = s.noise * noise_by_level(self.gain)
@@ -136,32 +124,8 @@ class RgbdCamera:
             slope=DEPTH_SLOPE / focal,
             kept=1.0 - s.noise * DEPTH_SPECKLE,
         )
-        self._adapt(picture, stamp_ns)
+        self._auto.adapt(picture, stamp_ns)
         return RgbdFrame(stamp_ns, image, depth, self._renderer.camera_matrix)
-
-    def _settled_image(self, map_from_camera: Pose3, people: Sequence[PersonState]) -> RenderedImage:
-        """Return the exposed image; the first frame is rendered again until the exposure has settled."""
-        picture = self._renderer.render(map_from_camera, people, SENSITIVITY * self.exposure * self.gain)
-        for _ in range(8 if self._stamp_ns is None else 0):
-            if abs(self._exposure_factor(picture) - 1.0) < SETTLED:
-                break
-            self._scale_light(self._exposure_factor(picture))
-            picture = self._renderer.render(map_from_camera, people, SENSITIVITY * self.exposure * self.gain)
-        return picture
-
-    def _adapt(self, picture: RenderedImage, stamp_ns: int) -> None:
-        """Move the exposure towards the wanted one with a first-order lag over the time since the last frame."""
-        elapsed = 0.0 if self._stamp_ns is None else (stamp_ns - self._stamp_ns) * 1e-9
-        self._stamp_ns = stamp_ns
-        self._scale_light(self._exposure_factor(picture) ** (1.0 - math.exp(-elapsed / ADAPTATION)))
-
-    def _exposure_factor(self, picture: RenderedImage) -> float:
-        """Return the factor by which the exposure should change, from every eighth pixel."""
-        light = np.square(picture.colour[4::8, 4::8, :3] * np.float32(1.0 / 255.0)).mean()
-        return float(TARGET_GREY / max(light, 1e-3))
-
-    def _scale_light(self, factor: float) -> None:
-        self._light = min(max(self._light * factor, EXPOSURE_MIN), EXPOSURE_MAX * GAIN_MAX)
 
     def _pixels_swept(self, rate: float) -> float:
         """Return how far [pixels] the image's middle moves during the exposure at a turn rate [rad/s]."""
@@ -174,6 +138,12 @@ def blurred(colour: Bytes, across: float, down: float) -> Bytes:
     if width == 1 and height == 1:
         return colour
     return np.asarray(cv2.blur(colour, (width, height)), np.uint8)
+
+
+def noise_bank(rng: np.random.Generator, width: int, height: int) -> NDArray[np.int8]:
+    """Return normal numbers in steps of `NOISE_STEP`, enough for the colours of half an image."""
+    most = 3 * width * (height // 2 + 1)
+    return np.clip(np.rint(rng.standard_normal(most) / NOISE_STEP), -127, 127).astype(np.int8)
 
 
 def noise_by_level(gain: float, read_noise: float = READ_NOISE) -> Float32Array:

@@ -27,7 +27,7 @@ from waychair.simulation.scene.scene import PersonState
 from waychair.simulation.sensors.figures import body_meshes
 from waychair.simulation.sensors.light_map import LightMap, default_lamps, light_map
 from waychair.simulation.sensors.looks import GLASS, GLASS_OPACITY, LOOKS, look_table
-from waychair.simulation.sensors.shaders import FRAGMENT_SHADER, VERTEX_SHADER
+from waychair.simulation.sensors.shaders import FRAGMENT_SHADER, VERTEX_SHADER, with_laser
 from waychair.simulation.sensors.surfaces import Surfaces, surfaces_from_world
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray, Pose3
 
@@ -65,6 +65,23 @@ class RenderedImage:
     depth: Float32Array
 
 
+LASER_COLUMNS = 2048
+"""Directions in a laser's fan whose first surface is looked up: finer than the columns of a picture."""
+
+LASER_REACH = math.tan(math.radians(30.0))
+"""Tangent of half the angle of a laser's fan."""
+
+
+@dataclass(frozen=True, slots=True)
+class Laser:
+    """A laser whose fan lies in the x and z axes of its frame, z in the middle; `power` [m²] is its light times area:
+    a line of this many square metres would be lit as by an office's lamps.
+    """
+
+    map_from_laser: Pose3
+    power: float
+
+
 @functools.cache
 def renderer_problem() -> str | None:
     """Return why this machine cannot render, with the remedy; None if it can. The check runs only once."""
@@ -87,8 +104,12 @@ def camera_matrix(width: int, height: int, field_of_view: float) -> FloatArray:
 class Renderer:
     """Renders one world; holds its graphics data and the buffers of the images."""
 
-    def __init__(self, world: World, camera_matrix: FloatArray, width: int, height: int) -> None:
+    def __init__(
+        self, world: World, camera_matrix: FloatArray, width: int, height: int, *, draws_laser: bool = False
+    ) -> None:
         """`camera_matrix` (3, 3) [pixels], without skew. A world without lamps gets the light of an office.
+
+        `draws_laser`: `render` can draw a laser's line.
 
         Raises:
             MissingExtra: moderngl or EGL is missing; the message says how to get it.
@@ -113,13 +134,16 @@ class Renderer:
         self._bounds = _Bounds.of(surfaces)
         self._floor = _Floor.of(surfaces, light)
         with self._context:
-            self._upload(vertices, light.texels)
+            self._upload(vertices, light.texels, draws_laser)
 
-    def _upload(self, vertices: _Vertices, light: Float32Array) -> None:
+    def _upload(self, vertices: _Vertices, light: Float32Array, draws_laser: bool) -> None:
         """Upload the constant data and make the buffers for the images."""
         height, width = self._depth.shape
         context = self._context
-        self._program = context.program(vertex_shader=VERTEX_SHADER, fragment_shader=FRAGMENT_SHADER)
+        shaders = VERTEX_SHADER, FRAGMENT_SHADER
+        vertex, fragment = (with_laser(each) for each in shaders) if draws_laser else shaders
+        self._program = context.program(vertex_shader=vertex, fragment_shader=fragment)
+        self._fan = _Fan.of(context, self._program) if draws_laser else None
         self._uniform("looks").write(look_table())
         self._light = context.texture(light.shape[1::-1], 3, light.astype(np.float16), dtype="f2", alignment=1)
         self._target = context.framebuffer(
@@ -129,30 +153,61 @@ class Renderer:
         self._faces = self._vertex_array(context.buffer(vertices), self._indices)
 
     def render(
-        self, map_from_camera: Pose3, people: Sequence[PersonState] = (), exposure: float = 0.3
+        self,
+        map_from_camera: Pose3,
+        people: Sequence[PersonState] = (),
+        exposure: float = 0.3,
+        laser: Laser | None = None,
     ) -> RenderedImage:
-        """Return the image from a pose of the optical frame (REP-103: z forward, x right, y down) at an exposure."""
-        clip_from_map = self._projection @ _matrix(map_from_camera.inverse())
-        solid, glass = self._bounds.in_view(clip_from_map, map_from_camera.translation)
-        middles = np.array([(p.pose.x, p.pose.y, 1.0) for p in people]).reshape(-1, 3)
-        seen_people = list(compress(people, _in_frustum(clip_from_map, middles, np.full(len(people), PERSON_REACH))))
+        """Return the image from a pose of the optical frame (REP-103: z forward, x right, y down) at an exposure.
+
+        A laser's line is drawn where nothing stands before it, if the renderer `draws_laser`.
+        """
         with self._context as context:
-            self._target.use()
             self._light.use(0)
             context.enable_only(context.DEPTH_TEST)
-            self._target.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
-            self._uniform("clip_from_map").write(clip_from_map.T.astype(np.float32, order="C"))
+            if self._fan is not None:
+                self._aim_fan(self._fan, people, laser)
             self._uniform("exposure").value = exposure
-            self._uniform("opacity").value = 1.0
-            if seen_people:
-                self._draw_people(seen_people)
-            self._draw_faces(solid)
+            glass = self._draw(self._target, self._projection, map_from_camera, people)
             if len(glass):
                 self._draw_glass(glass)
             self._target.read_into(self._colour, components=4)
             self._target.read_into(self._depth, components=1, attachment=-1, dtype="f4")
         metres_from_depth(self._depth)
         return RenderedImage(self._colour, self._depth)
+
+    def _aim_fan(self, fan: _Fan, people: Sequence[PersonState], laser: Laser | None) -> None:
+        """Find the first surface in each direction of a laser's fan, as a picture of one row from the laser's place."""
+        self._uniform("laser_power").value = 0.0
+        self._uniform("laser_from_map").write(np.eye(4, dtype=np.float32))
+        if laser is None:
+            return
+        self._draw(fan.target, fan.projection, laser.map_from_laser, people)
+        fan.target.read_into(fan.depth, components=1, attachment=-1, dtype="f4")
+        metres_from_depth(fan.depth)
+        fan.texture.write(np.minimum(fan.depth, np.float32(1e6)))
+        fan.texture.use(1)
+        self._uniform("laser_power").value = laser.power
+        laser_from_map = _matrix(laser.map_from_laser.inverse())
+        self._uniform("laser_from_map").write(laser_from_map.T.astype(np.float32, order="C"))
+
+    def _draw(
+        self, target: Any, projection: FloatArray, map_from_camera: Pose3, people: Sequence[PersonState]
+    ) -> IntArray:
+        """Draw all that is opaque; return the faces of glass in view, from far to near."""
+        clip_from_map = projection @ _matrix(map_from_camera.inverse())
+        solid, glass = self._bounds.in_view(clip_from_map, map_from_camera.translation)
+        middles = np.array([(p.pose.x, p.pose.y, 1.0) for p in people]).reshape(-1, 3)
+        seen_people = list(compress(people, _in_frustum(clip_from_map, middles, np.full(len(people), PERSON_REACH))))
+        target.use()
+        target.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
+        self._uniform("clip_from_map").write(clip_from_map.T.astype(np.float32, order="C"))
+        self._uniform("opacity").value = 1.0
+        if seen_people:
+            self._draw_people(seen_people)
+        self._draw_faces(solid)
+        return glass
 
     def release(self) -> None:
         """Free the graphics data; nothing can be rendered afterwards."""
@@ -166,6 +221,8 @@ class Renderer:
     def _draw_glass(self, faces: IntArray) -> None:
         """Draw glass from far to near, blended over the image and without depth: depth cameras see through it."""
         context = self._context
+        if self._fan is not None:
+            self._uniform("laser_power").value = 0.0  # the line goes through
         context.enable(context.BLEND)
         context.blend_func = context.SRC_ALPHA, context.ONE_MINUS_SRC_ALPHA, context.ZERO, context.ONE_MINUS_SRC_ALPHA
         self._uniform("opacity").value = GLASS_OPACITY
@@ -199,6 +256,27 @@ class Renderer:
 
     def _uniform(self, name: str) -> Any:
         return self._program[name]
+
+
+@dataclass(frozen=True, slots=True)
+class _Fan:
+    """A laser's fan: the picture of one row from its place, with its projection (4, 4), and the texture of its depth."""
+
+    target: Any
+    projection: FloatArray
+    depth: Float32Array
+    texture: Any
+
+    @classmethod
+    def of(cls, context: Any, program: Any) -> _Fan:
+        size = LASER_COLUMNS, 1
+        matrix = camera_matrix(LASER_COLUMNS, 1, 2 * math.atan(LASER_REACH))
+        texture = context.texture(size, 1, dtype="f4")
+        texture.filter = context.NEAREST, context.NEAREST
+        program["light_map"].value, program["laser_depth"].value = 0, 1
+        program["laser_reach"].value = LASER_REACH
+        target = context.framebuffer([context.texture(size, 4)], context.depth_texture(size))
+        return cls(target, _projection(matrix, *size), np.zeros((1, LASER_COLUMNS), np.float32), texture)
 
 
 @dataclass(frozen=True, slots=True)

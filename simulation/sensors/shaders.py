@@ -9,6 +9,17 @@ from __future__ import annotations
 
 from waychair.simulation.sensors.looks import LOOK_ROWS, LOOKS
 
+_VERSION = "#version 330\n"
+
+LASER_THICK = 0.0008
+"""m; half thickness of a laser's line at its lens, one sigma."""
+
+LASER_SPREAD = 0.0003
+"""rad; growth of that with the distance."""
+
+LASER_BLUR = 0.5
+"""Square of the lens's blur, one sigma, in pixels squared: a line is never thinner in the picture."""
+
 VERTEX_SHADER = """
 #version 330
 uniform mat4 clip_from_map;
@@ -23,6 +34,10 @@ out vec2 at;
 out vec3 on_light;
 flat out uint hashed;
 flat out vec4 colour, clouds, joints, cells, contrasts, shape;
+#ifdef LASER
+uniform mat4 laser_from_map;
+out vec3 in_laser;
+#endif
 
 void main() {
     gl_Position = clip_from_map * vec4(position, 1.0);
@@ -38,11 +53,15 @@ void main() {
     at = on_surface;
     on_light = vec3(on_light_map, shade);
     hashed = seed;
+#ifdef LASER
+    in_laser = (laser_from_map * vec4(position, 1.0)).xyz;
+#endif
 }
 """.replace("LOOK_ROWS", str(LOOK_ROWS)).replace("LOOKS", str(len(LOOKS)))
 """Reads a surface's numbers from the table and varies its colour by its seed."""
 
-FRAGMENT_SHADER = """
+FRAGMENT_SHADER = (
+    """
 #version 330
 uniform float exposure;
 uniform float opacity;
@@ -52,6 +71,30 @@ in vec3 on_light;
 flat in uint hashed;
 flat in vec4 colour, clouds, joints, cells, contrasts, shape;
 out vec4 picture;
+
+#ifdef LASER
+uniform sampler2D laser_depth;
+uniform float laser_power;
+uniform float laser_reach;
+in vec3 in_laser;
+
+// light of the line on this point: nothing beyond the first surface on its way, which laser_depth tells by the tangent
+// of the angle in the fan. A pixel that is wider than the line takes its part of the light.
+vec3 laser_light() {
+    float z = max(in_laser.z, 1e-3);
+    float tangent = in_laser.x / z;
+    float first = texture(laser_depth, vec2(0.5 + 0.5 * tangent / laser_reach, 0.5)).r;
+    vec3 normal = normalize(cross(dFdx(in_laser), dFdy(in_laser)));
+    float away = length(in_laser);
+    float facing = abs(dot(normal, in_laser)) / away;
+    float thick = LASER_THICK + LASER_SPREAD * away;
+    float span = fwidth(in_laser.y);
+    float sigma = sqrt(thick * thick + LASER_BLUR * span * span);
+    float across = exp(-0.5 * in_laser.y * in_laser.y / (sigma * sigma)) / sigma;
+    bool lit = in_laser.z > 0.02 && abs(tangent) < laser_reach && z < first * 1.01 + 0.01;
+    return lit ? vec3(1.0, 0.06, 0.03) * (laser_power * facing * across / away) : vec3(0.0);
+}
+#endif
 
 uint hash(vec2 cell, uint seed) {
     uint h = uint(int(cell.x)) * 0x9E3779B1u ^ (uint(int(cell.y)) * 0x85EBCA77u + seed);
@@ -109,8 +152,19 @@ void main() {
     tone += contrasts.w * mark(point * cells.w, w * cells.w, hashed + 44u);
 
     vec3 lit = texture(light_map, on_light.xy).rgb * on_light.z;
+#ifdef LASER
+    lit += laser_light() * clamp(2.5 * colour.a - 1.25, 0.0, 1.0); // smooth black things and mirrors send it elsewhere
+#endif
     // the square root leaves shot noise alike at all brightnesses, and eight bits enough for dim corners
     picture = vec4(sqrt(clamp(colour.rgb * tone * lit * exposure, 0.0, 1.0)), opacity < 1.0 ? opacity : colour.a);
 }
-"""
+""".replace("LASER_THICK", f"{LASER_THICK:.6f}")
+    .replace("LASER_SPREAD", f"{LASER_SPREAD:.6f}")
+    .replace("LASER_BLUR", f"{LASER_BLUR:.6f}")
+)
 """Draws any surface; the alpha is the part of light that returns to a depth camera."""
+
+
+def with_laser(shader: str) -> str:
+    """Return a shader that also draws a laser's line; without this, nothing of the laser is compiled."""
+    return shader.replace(_VERSION, _VERSION + "#define LASER\n", 1)

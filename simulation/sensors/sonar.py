@@ -15,6 +15,7 @@ from numba import njit
 
 from waychair.calibration.chair_body import ChairBody, sonar_mounts
 from waychair.config import Settings, setting
+from waychair.errors import ConfigError
 from waychair.geometry import compose
 from waychair.simulation.scene.scene import PersonState
 from waychair.simulation.sensors.rays import Scenery, cosine_of_incidence, nearest_circle, nearest_segment
@@ -30,6 +31,14 @@ RANGE_MIN = 0.02  # m; nearer things read -inf
 INCIDENCE = math.radians(60.0)  # rad; largest angle of incidence at which a face echoes
 SIGMA = 0.01  # m, one sigma; noise of a range
 CROSS_TALK = 0.005  # part of the readings that are another sonar's ping
+
+# Devantech's SRF-08, from its data sheet: 65 ms a ranging, about 55 degrees to -6 dB.
+SRF08_RANGE_MIN = 0.03  # m
+SRF08_RANGE_MAX = 6.0  # m
+SRF08_HALF_CONE = math.radians(27.5)
+SRF08_HZ = 15.0
+
+SONAR_MODELS = ("plain", "srf08")
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +69,28 @@ class SonarSettings(Settings):
         low=0.1,
         high=20.0,
     )
+    model: str = setting(
+        "plain", "", "make of the sonars: plain (half_cone and range_max), or srf08 (27.5 degrees, 0.03 to 6 m)"
+    )
+
+    def __post_init__(self) -> None:
+        Settings.__post_init__(self)
+        if self.model not in SONAR_MODELS:
+            raise ConfigError(f"sonar model = '{self.model}' is unknown: take {' or '.join(SONAR_MODELS)}")
+
+    @property
+    def cone(self) -> float:
+        """Angle from the axis to the cone's edge [rad] of the model."""
+        return SRF08_HALF_CONE if self.model == "srf08" else self.half_cone
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Least and largest range [m] of the model."""
+        return (SRF08_RANGE_MIN, SRF08_RANGE_MAX) if self.model == "srf08" else (RANGE_MIN, self.range_max)
+
+
+SRF08 = SonarSettings(rate_hz=SRF08_HZ, model="srf08")
+"""The sonars of the paper's chair, each ranging as fast as it can."""
 
 
 class Sonars:
@@ -69,14 +100,14 @@ class Sonars:
         self._settings = settings
         self._rng = rng
         self._mounts = np.array([mount.array() for mount in sonar_mounts(body)])
-        rays = 2 * math.ceil(settings.half_cone / _RAY_STEP) + 1
-        self._fan = np.linspace(-settings.half_cone, settings.half_cone, rays)
+        rays = 2 * math.ceil(settings.cone / _RAY_STEP) + 1
+        self._fan = np.linspace(-settings.cone, settings.cone, rays)
 
     def read(
         self, scenery: Scenery, map_from_base: Pose2, people: Iterable[PersonState], stamp_ns: int
     ) -> SonarReadings:
         """Return ranges (8,) in the order of `sonar_mounts`, by REP-117: +inf no echo, -inf too close."""
-        s = self._settings
+        nearest, farthest = self._settings.limits
         sonars = compose(map_from_base.array(), self._mounts)
         ranges = first_echoes(
             scenery=scenery,
@@ -84,16 +115,16 @@ class Sonars:
             sonars=sonars,
             fan=self._fan,
             straight=math.cos(INCIDENCE),
-            reach=s.range_max,
+            reach=farthest,
         )
         noise = self._rng.standard_normal(len(ranges))
         heard, place = self._rng.random((2, len(ranges)))
         ranges += SIGMA * noise
         # Another sonar's ping comes at any time; it counts if it comes first.
-        other = np.where(heard < CROSS_TALK, RANGE_MIN + place * (s.range_max - RANGE_MIN), math.inf)
+        other = np.where(heard < CROSS_TALK, nearest + place * (farthest - nearest), math.inf)
         np.minimum(ranges, other, out=ranges)
-        ranges[ranges > s.range_max] = math.inf
-        ranges[ranges < RANGE_MIN] = -math.inf
+        ranges[ranges > farthest] = math.inf
+        ranges[ranges < nearest] = -math.inf
         return SonarReadings(stamp_ns, ranges.astype(np.float32))
 
 

@@ -203,3 +203,15 @@ class InterfaceBuildError(RosError):
 
 class MessageError(RosError):
     """A ROS message holds impossible values or has an unknown format."""
+
+
+class BehaviourError(WaychairError):
+    """A network of behaviour cells cannot be run."""
+
+
+class WiringError(BehaviourError):
+    """A network of behaviour cells is wired in an impossible way."""
+
+
+class TraceError(BehaviourError):
+    """A trace of a network of behaviour cells cannot be read or replayed."""

@@ -170,8 +170,41 @@ class SonarReadings:
     ranges: Float32Array
 
 
+@dataclass(frozen=True, slots=True)
+class PanTiltCommand:
+    """An order to the servo camera: pan to the left in [0, 2 pi) and tilt up [rad] from base's x axis, and the laser."""
+
+    stamp_ns: int
+    pan: float
+    tilt: float
+    laser: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PanTiltAngles:
+    """The angles [rad] that the servos report, as in `PanTiltCommand`; `settled`: the camera is at rest there."""
+
+    stamp_ns: int
+    pan: float
+    tilt: float
+    settled: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A colour picture of the servo camera: image (H, W, 3) u8, camera (3, 3); `laser`: its line was ordered on."""
+
+    stamp_ns: int
+    image: Bytes
+    camera_matrix: FloatArray
+    laser: bool = False
+
+
 SensorMessage: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | SonarReadings
 """A message of a chair's sensors."""
+
+ServoMessage: TypeAlias = PanTiltAngles | Picture
+"""A message of the camera on servos, which only perceives for a rider: nothing that drives the chair hears it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from scipy.ndimage import distance_transform_edt
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.geometry import transform_points
 from waychair.maps.grid.cells import cells_from_points, occupied
+from waychair.simulation.plan.floor_plan import PlanDoor
 from waychair.simulation.plan.plan_file import load_building
 from waychair.simulation.plan.world import WORLDS, World, levels_of, load_world, shipped_worlds, world_from_plan
 from waychair.simulation.plant.plant import PlantSettings, randomised
@@ -288,3 +289,48 @@ def test_the_second_floor_has_all_kinds_of_people_and_the_basement_is_dim() -> N
     assert floor.without_people().blocks == floor.blocks
     assert max(lamp.power for lamp in basement.lamps) < 0.5 * min(lamp.power for lamp in floor.lamps)
     assert basement.finish.ambient < 0.5 * floor.finish.ambient
+
+
+def test_the_leaves_world_has_leaves_at_their_angles_and_people_in_its_doorways() -> None:
+    plan, world = load_building(WORLDS / "leaves.yaml").levels[0].plan, load_world("leaves")
+    beams = slice_at(world.blocks, 1.0).segments
+    for wall in plan.walls:
+        for door in (each for each in wall.doors if each.leaf):
+            hinge_x = wall.start[0] + door.at + (-0.5 if door.hinge == "start" else 0.5) * door.width
+            side = 1.0 if door.opens == "left" else -1.0
+            way = 1.0 if door.hinge == "start" else -1.0
+            tip = np.array(
+                [
+                    hinge_x + way * door.width * math.cos(door.leaf),
+                    wall.start[1] + side * (wall.thickness / 2 + door.width * math.sin(door.leaf)),
+                ]
+            )
+            ends = beams.reshape(-1, 2)
+            assert np.hypot(*(ends - tip).T).min() < 0.01  # the leaf's inner edge ends there
+            gap = [hinge_x + way * 0.5 * door.width, wall.start[1]]
+            assert not any(_crosses(segment, gap, door) for segment in beams)
+    doors = [(wall.start[0] + door.at, wall.start[1]) for wall in plan.walls for door in wall.doors]
+    inside = [person for person in plan.people if person.behaviour == "seated"]
+    assert [min(math.dist(person.path[0], door) for door in doors) for person in inside] == [0.0]
+    through = [person for person in plan.people if person.behaviour == "path"]
+    assert [(person.path[0][1] - 5.6) * (person.path[-1][1] - 5.6) < 0.0 for person in through] == [True]
+
+
+def _crosses(segment: FloatArray, middle: list[float], door: PlanDoor) -> bool:
+    """Whether a face lies in the opening itself, which a leaf beyond its jamb leaves whole."""
+    x0, y0, x1, y1 = segment
+    in_wall = all(abs(y - middle[1]) < 0.04 for y in (y0, y1))
+    return in_wall and max(x0, x1) > middle[0] - 0.4 * door.width and min(x0, x1) < middle[0] + 0.4 * door.width
+
+
+def test_closing_a_door_with_a_leaf_frees_the_ground_where_the_leaf_stood() -> None:
+    world = load_world("leaves")
+    closed = world.with_closed(["ward"])
+    door = next(each for each in world.doors if each.name == "ward")
+    assert door.leaf is not None
+    middle = door.leaf.middle
+    cell = tuple(cells_from_points(world.grid, np.array([[middle.x, middle.y]]))[0])
+    assert (world.grid.cells[cell], closed.grid.cells[cell]) == (100, 0)
+    assert len(closed.blocks) == len(world.blocks)  # one leaf for another
+    shut = tuple(cells_from_points(world.grid, np.array([[door.middle.x, door.middle.y]]))[0])
+    assert (world.grid.cells[shut], closed.grid.cells[shut]) == (0, 100)

@@ -20,12 +20,8 @@ from waychair.geometry import in_space
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.scene.scene import Behaviour, PersonState
 from waychair.simulation.sensors.camera import (
-    ADAPTATION,
     DEPTH_MIN,
-    EXPOSURE_MAX,
-    GAIN_MAX,
     NOISE_STEP,
-    TARGET_GREY,
     CameraSettings,
     RgbdCamera,
     blurred,
@@ -33,6 +29,7 @@ from waychair.simulation.sensors.camera import (
     noise_by_level,
     noisy_image,
 )
+from waychair.simulation.sensors.exposure import ADAPTATION, EXPOSURE_MAX, GAIN_MAX, TARGET_GREY
 from waychair.simulation.sensors.renderer import Renderer, camera_matrix, renderer_problem
 from waychair.types import Bytes, FloatArray, Pose2, RgbdFrame, Twist
 

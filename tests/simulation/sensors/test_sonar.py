@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody, sonar_mounts
+from waychair.errors import ConfigError
 from waychair.simulation.scene.scene import Behaviour, PersonState, Reflection, Slice
 from waychair.simulation.sensors import sonar as sonar_module
 from waychair.simulation.sensors.rays import Scenery, scenery_from_slice
-from waychair.simulation.sensors.sonar import Sonars, SonarSettings, first_echoes
+from waychair.simulation.sensors.sonar import SRF08, Sonars, SonarSettings, first_echoes
 from waychair.types import Float32Array, FloatArray, Pose2
 
 CLEAN = SonarSettings()
@@ -188,3 +189,29 @@ def test_the_random_stream_does_not_depend_on_the_echoes(monkeypatch: pytest.Mon
     first.read(wall, Pose2(), (), 0)
     second.read(_scenery(), Pose2(50.0, 0.0, 1.0), (), 0)
     np.testing.assert_array_equal(first.read(wall, Pose2(), (), 1).ranges, second.read(wall, Pose2(), (), 1).ranges)
+
+
+def test_the_layout_of_the_chairs_file_places_six_sonars_across_the_front_and_two_behind() -> None:
+    body = dataclasses.replace(CHAIR_B, sonar_layout="paper")
+    mounts = sonar_mounts(body)
+    assert [round(math.degrees(mount.theta)) for mount in mounts] == [-165, -75, -40, -10, 10, 40, 75, 165]
+    ahead = Sonars(SRF08, body, np.random.default_rng(0))
+    wall = _scenery((3.0, -9.0, 3.0, 9.0))
+    ranges = ahead.read(wall, Pose2(), (), 0).ranges
+    assert np.isfinite(ranges).tolist() == [False, True, True, True, True, True, True, False]
+    assert ranges[3] == pytest.approx(3.0 - body.front, abs=1e-3)  # its cone of 27.5 degrees holds the perpendicular
+    with pytest.raises(ConfigError, match="take ring or paper"):
+        dataclasses.replace(CHAIR_B, sonar_layout="star")
+
+
+def test_an_srf08_hears_from_3_centimetres_to_6_metres_in_a_wider_cone() -> None:
+    def heard(away: float, settings: SonarSettings) -> float:
+        return float(_read(_scenery((0.75 + away, -9.0, 0.75 + away, 9.0)), settings)[0])
+
+    assert heard(5.9, SRF08) == pytest.approx(5.9)
+    assert heard(5.9, CLEAN) == math.inf
+    assert (heard(6.1, SRF08), heard(0.025, SRF08)) == (math.inf, -math.inf)
+    beside = _scenery((1.65, 0.53, 1.75, 0.45))  # 20 to 25 degrees off the axis of the front left sonar
+    assert [math.isfinite(_read(beside, settings)[0]) for settings in (CLEAN, SRF08)] == [False, True]
+    with pytest.raises(ConfigError, match="take plain or srf08"):
+        SonarSettings(model="hc")

@@ -18,7 +18,7 @@ let state = "connecting"; // connecting, open, lost, mute (the views do not chan
 let number = 0;
 const waiting = new Map();
 
-/** Registers a listener: "chair", "map", "layout" and "view" pass the message, "state" the connection's state. */
+/** Registers a listener: "chair", "map", "layout", "cells" and "view" pass the message, "state" the connection's state. */
 export const on = (kind, heard) => HEARD.addEventListener(kind, (event) => heard(event.detail));
 
 export const linkState = () => state;
@@ -123,6 +123,17 @@ export function ask(name, asked = {}) {
   const mine = number;
   socket.send(JSON.stringify({ do: name, with: asked, id: mine }));
   return new Promise((done) => waiting.set(mine, done));
+}
+
+/** Asks the chair for messages about its behaviour cells, or for no more. */
+export function watchCells(wanted) {
+  if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify({ cells: wanted }));
+}
+
+/** The text of a file of the chair, null where there is none. */
+export async function text(path) {
+  const found = await fetch(path, { headers: headers() });
+  return found.status === 200 ? found.text() : null;
 }
 
 /** A picture as an object URL, null where there is none. */

@@ -10,6 +10,7 @@ import "./draw.js";
 import "./edit.js";
 import "./scan.js";
 import "./panel.js";
+import "./cells.js";
 import "./awake.js";
 import "./focus.js";
 import { remembers } from "./memory.js";

@@ -1,4 +1,6 @@
-"""Detection of a door's two jambs in the live scan, to the centimetre and independent of map and localisation.
+"""Both jambs of a door that the chair is about to pass, in the live scan: to the centimetre, without the map's blur.
+
+Doors that nothing tells of are found by `doorway_tracker.py`.
 
 A map's cells are centimetres wide and the localised pose wanders by as much, but a door of 0.80 m leaves a chair of
 0.70 m only 5 cm on each side. The wall on both sides gives the direction, a line through hundreds of points. The jambs'
@@ -35,14 +37,14 @@ OUTLIER = 0.08
 
 
 @dataclass(frozen=True, slots=True)
-class Doorway:
+class LiveJambs:
     """A door found in one scan: its pose in the frame of the points, and its clear width [m]."""
 
     pose: Pose2
     width: float
 
 
-def find_doorway(points: FloatArray, door: Pose2, width: float) -> Doorway | None:
+def find_doorway(points: FloatArray, door: Pose2, width: float) -> LiveJambs | None:
     """Return the door's middle and direction from one scan's points (N, 2) [m], near its expected pose `door`.
 
     Points and `door` (x leads through it) are in one frame; `width` [m] is the map's clear width. The chair sees the
@@ -75,7 +77,7 @@ def find_doorway(points: FloatArray, door: Pose2, width: float) -> Doorway | Non
     if abs(left - right - width) > JAMB_OFF:
         return None
     middle = across * (left + right) / 2
-    return Doorway(door @ Pose2(float(middle[0]), float(middle[1]), turn), left - right)
+    return LiveJambs(door @ Pose2(float(middle[0]), float(middle[1]), turn), left - right)
 
 
 def _direction(sides: list[FloatArray], inner: list[float]) -> float | None:

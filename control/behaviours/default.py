@@ -1,0 +1,327 @@
+"""The same cells with today's sensors: lidar, depth, borne-out echoes, ground and drop-offs, people, map and pose.
+
+Each sensor's cell gives `Fans`, and the view is gathered from all of them: the Way finder is not told where it comes
+from. Free space has 16 sectors by the outline that this chair sweeps. Doorways come found and measured
+(`planning/seen`), so that detection chooses one and validation checks its state and width. The Sensor watch names the
+sensors that are not to be believed.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from waychair.calibration.chair_body import CHAIR_A, ChairBody
+from waychair.control.behaviours.cell import Cell, Reading, Sensor
+from waychair.control.behaviours.commands import (
+    NULL,
+    STOP,
+    FreeCommand,
+    FreeKind,
+    Signal,
+    SignalKind,
+    sector_middles,
+)
+from waychair.control.behaviours.conditions import Active, AtLeast
+from waychair.control.behaviours.doorway import OdometryPose, PathMemory, TrackerMemory, plan_path, track_door
+from waychair.control.behaviours.free_space import WayFound
+from waychair.control.behaviours.glove import GloveLayout, encode_signal
+from waychair.control.behaviours.managers import (
+    NOT_HEARD,
+    StickDirection,
+    choose_signal,
+    gate_signals,
+    merge_commands,
+    select_signal,
+)
+from waychair.control.behaviours.network import Network, Wiring, wire
+from waychair.control.behaviours.paper import PaperSettings
+from waychair.control.behaviours.paper_settings import NavigationLimits, ObstacleLimits
+from waychair.control.behaviours.sonar import LastClasses, Obstacle, ObstacleClasses, obstacle_class
+from waychair.control.behaviours.view.door_cells import ChosenDoor, DoorsSeen, check_door, choose_door
+from waychair.control.behaviours.view.local_view import Fans, LocalView, MapPart, ViewMemory, gather_views
+from waychair.control.behaviours.view.sensor_cells import (
+    EchoMemory,
+    SensorTroubles,
+    WatchMemory,
+    check_echoes,
+    echo_fans,
+    lidar_fans,
+    pass_fans,
+    watch_sensors,
+)
+from waychair.control.behaviours.view.swept_sectors import free_orientations, sweep_reach
+from waychair.errors import ConfigError
+from waychair.types import BoolArray, FloatArray, Scan, SonarReadings
+
+SECTORS = 16
+"""Sectors of free space, 22.5 degrees each."""
+
+VIEW_NS = 100_000_000
+"""Period of the view, that of the lidar; ways and classes follow it."""
+
+WATCH_NS = 200_000_000
+"""Period of the Sensor watch: nobody reads its sentences faster."""
+
+MAP_NS = 2_000_000_000
+"""Age above which a part of the map is not used: it is told once a second."""
+
+
+def view_classes(
+    view: LocalView, constants: tuple[ObstacleLimits, ChairBody], dynamic: LastClasses
+) -> tuple[ObstacleClasses, LastClasses]:
+    """Return the class of the nearest obstacle in each of eight directions, measured from the outline.
+
+    A direction of which less than half of the ground up to an immediate obstacle was seen, and that shows nothing, is
+    unknown.
+    """
+    limits, body = constants
+    middles = sector_middles()
+    outline = body.front, body.rear, body.width / 2
+    reach = min(outline) + limits.immediate
+    nearest, seen = _nearest(view.metres(), view.unseen_places(reach), *outline, len(middles))
+    before = dynamic.classes or (Obstacle.UNKNOWN,) * len(middles)
+    classes = tuple(
+        obstacle_class(float(nearest[k]) if math.isfinite(nearest[k]) or seen[k] else math.nan, before[k], limits)
+        for k in range(len(middles))
+    )
+    return ObstacleClasses(classes), LastClasses(classes)
+
+
+@njit(cache=True, nogil=True)
+def _nearest(
+    points: FloatArray, unseen: FloatArray, front: float, rear: float, half: float, count: int
+) -> tuple[FloatArray, BoolArray]:
+    """Return for each direction (count,) the distance [m] of the nearest point from the outline, and whether it was seen.
+
+    `unseen` (M, 2) [m] are the near places that no sensor saw; a direction was seen if it has few of them.
+    """
+    nearest, hidden = np.full(count, np.inf), np.zeros(count, np.int64)
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        outside = math.hypot(max(x - front, -rear - x, 0.0), max(abs(y) - half, 0.0))
+        if outside > 0.0:
+            sector = round(math.atan2(y, x) / math.tau * count) % count
+            nearest[sector] = min(nearest[sector], outside)
+    for i in range(len(unseen)):
+        hidden[round(math.atan2(unseen[i, 1], unseen[i, 0]) / math.tau * count) % count] += 1
+    return nearest, hidden < _HIDDEN
+
+
+_HIDDEN = 20
+"""Unseen cells of a direction from which on it counts as unseen: about half of those up to an immediate obstacle."""
+
+
+def find_swept_way(view: LocalView | None, constants: ChairBody) -> WayFound:
+    """Return the orientations in which this chair can turn and drive off; without a view it did not look."""
+    if view is None:
+        return WayFound(NULL)
+    free = free_orientations(
+        view.metres(), view.margins(), view.unseen_places(sweep_reach(constants)), constants, SECTORS
+    )
+    middles = sector_middles(SECTORS)
+    listed = tuple(middles[k] for k in range(SECTORS) if free[k])
+    return WayFound(FreeCommand(FreeKind.LIST, listed, SECTORS) if listed else STOP)
+
+
+def tell_signal(
+    obstacles: ObstacleClasses | None,
+    selected: Signal | None,
+    merged: Reading[Signal] | None,
+    troubles: SensorTroubles | None,
+    constants: NavigationLimits,
+    now_ns: int,
+) -> Signal:
+    """Return the paper's choice of one signal; where nothing is known, its warning names the cause."""
+    signal = choose_signal(obstacles, selected, merged, constants, now_ns)
+    if signal.kind is SignalKind.WARNING and signal.reason == NOT_HEARD:
+        sentences = troubles.sentences if troubles is not None else ()
+        return Signal(SignalKind.WARNING, sentences[0] if sentences else "nothing is seen yet")
+    return signal
+
+
+SENSORS = (
+    Sensor("lidar", Scan),
+    Sensor("depth", Fans),
+    Sensor("drop-offs", Fans),
+    Sensor("sonars", SonarReadings),
+    Sensor("people", Fans),
+    Sensor("map round the chair", MapPart),
+    Sensor("odometry", OdometryPose),
+    Sensor("doorways", DoorsSeen),
+    Sensor("door wanted", bool),
+    Sensor("stick", StickDirection),
+)
+
+
+def default_network(settings: PaperSettings | None = None, body: ChairBody = CHAIR_A) -> Wiring:
+    """Return the network with today's sensors for a chair.
+
+    Raises:
+        ConfigError: values would be too old before they are read.
+    """
+    s = settings or PaperSettings()
+    stale = round(s.obstacles.stale * 1e9)
+    if stale < 2 * VIEW_NS:
+        raise ConfigError(
+            f"stale = {s.obstacles.stale:g} s is shorter than two periods of the view ({VIEW_NS * 1e-9:g} s each), so "
+            "nothing would ever be free: make it longer"
+        )
+    view = Network(
+        "View",
+        [
+            Cell(
+                "Lidar view",
+                lidar_fans,
+                links={"scan": "lidar", "odometry": "odometry"},
+                fresh_ns={"odometry": stale},
+                triggers=("lidar",),
+                constants=body,
+            ),
+            Cell("Depth view", pass_fans, links={"part": "depth"}, triggers=("depth",)),
+            Cell("Ground view", pass_fans, links={"part": "drop-offs"}, triggers=("drop-offs",)),
+            Cell("Echo view", echo_fans, links={"checked": "Sonar check"}, triggers=("Sonar check",), constants=body),
+            Cell("People view", pass_fans, links={"part": "people"}, triggers=("people",)),
+            Cell(
+                "Gathered view",
+                gather_views,
+                links={
+                    "odometry": "odometry",
+                    "lidar": "Lidar view",
+                    "depth": "Depth view",
+                    "drop_offs": "Ground view",
+                    "echoes": "Echo view",
+                    "people": "People view",
+                    "surroundings": "map round the chair",
+                },
+                fresh_ns={"odometry": stale, "surroundings": MAP_NS},
+                constants=body,
+                dynamic=ViewMemory(),
+            ),
+        ],
+        output="Gathered view",
+        every_ns=VIEW_NS,
+    )
+    sensor_check = Network(
+        "Sensor check",
+        [
+            Cell(
+                "Sonar check",
+                check_echoes,
+                links={"readings": "sonars", "odometry": "odometry"},
+                triggers=("sonars",),
+                dynamic=EchoMemory(),
+            ),
+            Cell(
+                "Sensor watch",
+                watch_sensors,
+                links={"lidar": "lidar", "echoes": "Sonar check", "depth": "depth", "odometry": "odometry"},
+                dynamic=WatchMemory(),
+                every_ns=WATCH_NS,
+            ),
+        ],
+        output="Sensor watch",
+    )
+    obstacle_notification = Network(
+        "Obstacle notification",
+        [
+            view,
+            Cell(
+                "translate_data",
+                view_classes,
+                links={"view": "View"},
+                constants=(s.obstacles, body),
+                dynamic=LastClasses(),
+                triggers=("View",),
+            ),
+        ],
+        output="translate_data",
+    )
+    doorway_navigation = Network(
+        "Doorway navigation",
+        [
+            Cell(
+                "Doorway detection",
+                choose_door,
+                links={"seen": "doorways"},
+                triggers=("doorways",),
+                constants=body,
+                dynamic=ChosenDoor(),
+            ),
+            Cell(
+                "Door validation",
+                check_door,
+                links={"seen": "Doorway detection"},
+                triggers=("Doorway detection",),
+                constants=(s.doors, body),
+            ),
+            Cell(
+                "Object tracker",
+                track_door,
+                links={"check": "Door validation", "odometry": "odometry"},
+                fresh_ns={"check": 0, "odometry": stale},  # a check lies in base as it was when it was made
+                excited_by=AtLeast("Door validation", 1, of="valid")
+                | (Active("Object tracker", before=True) & AtLeast("Object tracker", 1, of="held", before=True)),
+                constants=(s.doors, s.camera),
+                dynamic=TrackerMemory(),
+            ),
+            Cell(
+                "Path planner",
+                plan_path,
+                links={"tracked": "Object tracker"},
+                excited_by=Active("Object tracker"),
+                constants=(s.doors, body),
+                dynamic=PathMemory(),
+            ),
+        ],
+        output="Path planner",
+        excited_by=AtLeast("door wanted", 1),
+        reset_by=AtLeast("Sensor check", 1, of="leapt"),  # a door held in odom is no longer where it was
+    )
+    free_space_finding = Network(
+        "Free-space finding",
+        [view, Cell("Way finder", find_swept_way, links={"view": "View"}, constants=body, triggers=("View",))],
+        output="Way finder",
+    )
+    navigation_command_manager = Network(
+        "Navigation command manager",
+        [
+            Cell("gate_signals", gate_signals, links={"way": "Free-space finding"}),
+            Cell(
+                "select_signal",
+                select_signal,
+                links={"gated": "gate_signals", "obstacles": "Obstacle notification", "stick": "stick"},
+                fresh_ns={"stick": stale},
+                constants=s.navigation,
+            ),
+            Cell(
+                "merge_commands",
+                merge_commands,
+                links={"gated": "gate_signals", "door": "Doorway navigation"},
+                excited_by=Active("Doorway navigation") & Active("Path planner"),
+                constants=s.navigation,
+            ),
+            Cell(
+                "encode_packet",
+                tell_signal,
+                {"vibrotactors": encode_signal},
+                links={
+                    "obstacles": "Obstacle notification",
+                    "selected": "select_signal",
+                    "merged": "merge_commands",
+                    "troubles": "Sensor check",
+                },
+                constants=s.navigation,
+                static=GloveLayout(sector_middles()),
+            ),
+        ],
+        output="encode_packet",
+    )
+    root = Network(
+        "Perceptual navigation",
+        [sensor_check, obstacle_notification, doorway_navigation, free_space_finding, navigation_command_manager],
+        output="Navigation command manager",
+    )
+    return wire(root, SENSORS)

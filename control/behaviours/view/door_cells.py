@@ -1,0 +1,90 @@
+"""The doorway's cells with today's sensors: doorways come found and measured; one is chosen, checked and led to."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.control.behaviours.commands import between
+from waychair.control.behaviours.doorway import DoorCheck, DoorState, Doorway
+from waychair.control.behaviours.paper_settings import DoorLimits
+from waychair.planning.seen.doorways import SPARE
+
+_AHEAD = math.radians(75.0)
+"""rad; a doorway is chosen within this angle of straight ahead."""
+
+
+_PASSED = 0.3
+"""m; behind the chair's rear end a doorway counts as passed, and the next one is chosen."""
+
+
+@dataclass(frozen=True, slots=True)
+class DoorSeen:
+    """A doorway in base: its identity, its jambs, the least clear width [m] that was seen, and whether it is open.
+
+    The jambs are left and right for one way through the door, always the same. `clear` is 0 before it was seen from near.
+    """
+
+    number: int
+    door: Doorway
+    clear: float
+    is_open: bool
+
+
+@dataclass(frozen=True, slots=True)
+class DoorsSeen:
+    """The doorways near the chair."""
+
+    doors: tuple[DoorSeen, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ChosenDoor:
+    """Dynamic data of the detection: the number of the chosen doorway, and whether the way through it is the other one."""
+
+    number: int | None = None
+    turned: bool = False
+
+
+def choose_door(seen: DoorsSeen, constants: ChairBody, dynamic: ChosenDoor) -> tuple[DoorSeen | None, ChosenDoor]:
+    """Return the doorway chosen before until it is passed or no longer seen, else the nearest one ahead.
+
+    Its jambs are left and right for the way by which the chair came to it.
+    """
+    kept = next((each for each in seen.doors if each.number == dynamic.number), None)
+    if kept is not None:
+        chosen = _turned(kept) if dynamic.turned else kept
+        if _along(chosen.door) >= -constants.rear - _PASSED:
+            return chosen, dynamic
+    ahead = [each for each in seen.doors if between(math.atan2(*reversed(each.door.middle)), 0.0) <= _AHEAD]
+    if not ahead:
+        return None, ChosenDoor()
+    nearest = min(ahead, key=lambda each: math.hypot(*each.door.middle))
+    turned = _along(nearest.door) < 0.0
+    return _turned(nearest) if turned else nearest, ChosenDoor(nearest.number, turned)
+
+
+def _along(door: Doorway) -> float:
+    """Return how far [m] the doorway lies ahead on its own way through."""
+    x, y = door.middle
+    return x * math.cos(door.through) + y * math.sin(door.through)
+
+
+def _turned(seen: DoorSeen) -> DoorSeen:
+    door = seen.door
+    return replace(seen, door=Doorway(door.right_x, door.right_y, door.left_x, door.left_y))
+
+
+def check_door(seen: DoorSeen, constants: tuple[DoorLimits, ChairBody]) -> DoorCheck:
+    """Return a doorway as valid if it is open, of a door's width, and surely wide enough for this chair.
+
+    One that was not yet seen from near is neither valid nor refuted.
+    """
+    limits, body = constants
+    if seen.is_open and seen.clear == 0.0:
+        return DoorCheck(DoorState.LOOKING)
+    passes = seen.is_open and seen.clear >= body.width + SPARE
+    if passes and limits.narrowest <= seen.door.width <= limits.widest:
+        return DoorCheck(DoorState.VALID, seen.door)
+    return DoorCheck(DoorState.REFUTED)

@@ -1,0 +1,136 @@
+"""Doorways found over a recorded drive at corrected poses, scored against labels, and how early each one was seen."""
+
+from __future__ import annotations
+
+import csv
+import importlib.util
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from waychair.control.drive.doorway_tracker import DoorwayTracker
+from waychair.planning.seen.doorways import Doorway
+from waychair.planning.seen.range_views import view_from_scan
+from waychair.recordings.text.carmen import decompressed_text, read_carmen
+from waychair.types import FloatArray, Json, Pose2, Scan
+
+MATCHED_M, MATCHED_DEG = 0.30, 20.0
+"""A doorway is a labelled one within this distance and turn, as the labels' scorer has it."""
+
+VISIT_M = 3.0
+"""m; the chair visits a doorway when it comes this near; the visit's nearest point is where it passes."""
+
+
+@dataclass(frozen=True, slots=True)
+class DoorDrive:
+    """One drive: the doorways believed at its end; for each identity ever offered, its pose and the path [m] driven when
+    it was offered; the path driven at each scan (N,) [m] and the laser's poses (N, 3)."""
+
+    doorways: tuple[Doorway, ...]
+    offered: dict[int, tuple[Pose2, float]]
+    path: FloatArray
+    poses: FloatArray
+
+
+def scans_of(building: str, data: Path) -> Iterator[tuple[Scan, Pose2]]:
+    """Yield the scans of a building's log with the laser's corrected poses, in order.
+
+    Buildings without a log of their own are looked for among the logs with corrected poses.
+
+    Raises:
+        RecordingError: the log cannot be read.
+        OSError: there is no log of this building.
+    """
+    if building == "fr079":
+        folder = data / "lidar_fr079"
+        text, _ = decompressed_text((folder / "fr079_gmapping_poses.txt.gz").read_bytes(), "fr079's poses")
+        rows = np.array([line.split() for line in text.splitlines() if not line.startswith(b"#")], np.float64)
+        corrected = {round(row[0] * 1e6): row[1:] for row in rows}
+        for frame in read_carmen((folder / "fr079_laser.clf.gz").read_bytes(), building).frames:
+            at = corrected.get(round(frame.stamp_ns / 1e3))
+            if frame.scan is not None and at is not None:
+                yield frame.scan, Pose2(*at)
+        return
+    own = {"intel": data / "lidar_intel" / "intel_gmapping_910.log.gz"}
+    log = own.get(building, data / "lidar_radish_corrected" / f"{building}-corrected.log.gz")
+    for frame in read_carmen(log.read_bytes(), building).frames:
+        pose = frame.wheels[0]
+        if frame.scan is not None and hasattr(pose, "odom_from_base"):
+            yield frame.scan, pose.odom_from_base
+
+
+def find_over_drive(scans: Iterator[tuple[Scan, Pose2]]) -> DoorDrive:
+    """Return the doorways that the tracker finds, scan by scan, with its one setting."""
+    tracker, offered = DoorwayTracker(), dict[int, tuple[Pose2, float]]()
+    path, poses, before = [0.0], [], None
+    for scan, pose in scans:
+        if before is not None:
+            path.append(path[-1] + math.hypot(pose.x - before.x, pose.y - before.y))
+        before = pose
+        poses.append(pose.array())
+        tracker.see(view_from_scan(scan, pose), pose)
+        for doorway in tracker.doorways:
+            offered.setdefault(doorway.number, (doorway.pose, path[-1]))
+    return DoorDrive(tracker.doorways, offered, np.array(path[: len(poses)]), np.array(poses))
+
+
+def scorer(folder: Path) -> ModuleType:
+    """Return the scorer that lies beside the labels in `folder`.
+
+    Raises:
+        OSError: there is none.
+    """
+    found = importlib.util.spec_from_file_location("score_doorways", folder / "score_doorways.py")
+    if found is None or found.loader is None:
+        raise OSError(f"{folder} holds no scorer")
+    module = importlib.util.module_from_spec(found)
+    found.loader.exec_module(module)
+    return module
+
+
+def found_rows(building: str, drive: DoorDrive) -> list[Json]:
+    """Return the believed doorways as the scorer's rows."""
+    return [
+        {
+            "building": building,
+            "x": doorway.pose.x,
+            "y": doorway.pose.y,
+            "normal_deg": math.degrees(doorway.pose.theta),
+            "width": doorway.width,
+        }
+        for doorway in drive.doorways
+    ]
+
+
+def write_rows(path: Path, rows: list[Json]) -> None:
+    """Write rows of found doorways as the scorer reads them."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        writer = csv.DictWriter(file, ["building", "x", "y", "normal_deg", "width"])
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def seen_ahead(drive: DoorDrive, label: Json) -> tuple[float, int] | None:
+    """Return how far [m of path] before the first pass a labelled doorway was offered, and its number of identities.
+
+    The pass is the nearest point of the first visit. None if the drive never comes near; a doorway that was never
+    offered, or only after the pass, gives a number below zero.
+    """
+    apart = np.hypot(drive.poses[:, 0] - label["x"], drive.poses[:, 1] - label["y"])
+    near = np.flatnonzero(apart < VISIT_M)
+    if len(near) == 0:
+        return None
+    visit = near[: 1 + int(np.argmax(np.append(np.diff(near) > 1, True)))]
+    passed = drive.path[visit[np.argmin(apart[visit])]]
+    mine = [at for pose, at in drive.offered.values() if _matches(pose, label)]
+    return (passed - min(mine) if mine else -math.inf), len(mine)
+
+
+def _matches(pose: Pose2, label: Json) -> bool:
+    turn = abs(math.remainder(math.degrees(pose.theta) - label["normal_deg"], 180.0))
+    return math.hypot(pose.x - label["x"], pose.y - label["y"]) <= MATCHED_M and turn <= MATCHED_DEG
