@@ -262,7 +262,7 @@ def _is_within(cells: Cells, row: int, col: int) -> bool:
     if row == 0 or col == 0 or row + 1 == cells.shape[0] or col + 1 == cells.shape[1]:
         return False
     least = min(cells[row - 1, col], cells[row + 1, col], cells[row, col - 1], cells[row, col + 1])
-    return least >= OCCUPIED_FROM
+    return bool(least >= OCCUPIED_FROM)
 
 
 @njit(cache=True, nogil=True)
