@@ -20,7 +20,7 @@ import numpy as np
 from waychair.geometry import transform_points, wrap_angle
 from waychair.maps.depth.depth_scan import DepthScan
 from waychair.planning.seen.door_leaf import Leaf, find_leaf
-from waychair.planning.seen.doorway_gaps import FARTHEST, Gap, JambSight, find_gaps, measure_gap
+from waychair.planning.seen.doorway_gaps import FARTHEST, Gap, beams_at_gap, find_gaps, measure_gap
 from waychair.planning.seen.doorways import NARROWEST, NO_EVIDENCE, DoorState, Doorway, Evidence, judge
 from waychair.planning.seen.range_views import RangeView, view_from_depth, view_from_points, view_from_scan
 from waychair.planning.seen.swing_space import CELL, NO_SPACE, free_width, looked_at
@@ -39,7 +39,7 @@ STEP, TURN = 0.12, math.radians(12.0)
 SEARCH_STEP, SEARCH_VIEWS = 0.3, 4
 """m, views; gaps are looked for again after this path, or after this many views."""
 
-SLICE = 8
+SLICE = 6
 """Wall lines searched, or tracks judged, in one update."""
 
 LEAP = 0.3
@@ -346,10 +346,10 @@ def _moved(first: Pose2, second: Pose2) -> bool:
 
 def _note_stopped(track: _Track, view: RangeView) -> bool:
     """Note the share of a view's beams that end in the opening; return whether the view tells it."""
-    sight: JambSight | None = measure_gap(view, track.pose, track.width)
-    if sight is None or sight.through + sight.stopped < STATE_BEAMS:
+    through, stopped = beams_at_gap(view, track.pose, track.width)
+    if through + stopped < STATE_BEAMS:
         return False
-    track.opening.stopped.append(sight.stopped / (sight.through + sight.stopped))
+    track.opening.stopped.append(stopped / (through + stopped))
     return True
 
 

@@ -7,7 +7,7 @@ import importlib.util
 import math
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 
@@ -65,6 +65,53 @@ def scans_of(building: str, data: Path) -> Iterator[tuple[Scan, Pose2]]:
         pose = frame.wheels[0]
         if frame.scan is not None and hasattr(pose, "odom_from_base"):
             yield frame.scan, pose.odom_from_base
+
+
+def scans_at(building: str, data: Path, trajectory: Path) -> Iterator[tuple[Scan, Pose2]]:
+    """Yield every scan of a building's raw log with its pose in a trajectory of the mapper (TUM: stamp x y z qx qy qz qw).
+
+    Raises:
+        RecordingError: the log cannot be read.
+        OSError: there is no raw log of this building, or no trajectory.
+    """
+    raw = {
+        "intel": data / "lidar_intel" / "intel_first1088s.clf.gz",
+        "fr079": data / "lidar_fr079" / "fr079_laser.clf.gz",
+    }
+    if building not in raw:
+        raise OSError(f"there is no raw log of {building}")
+    rows = np.loadtxt(trajectory, ndmin=2)
+    theta = 2.0 * np.arctan2(rows[:, 6], rows[:, 7])
+    mapped = {
+        round(t * 1e6): Pose2(float(x), float(y), float(a)) for t, x, y, a in zip(*rows[:, :3].T, theta, strict=True)
+    }
+    for frame in read_carmen(raw[building].read_bytes(), building).frames:
+        at = mapped.get(round(frame.stamp_ns / 1e3))
+        if frame.scan is not None and at is not None:
+            yield frame.scan, at
+
+
+def in_labels_frame(building: str, data: Path, trajectory: Path, drive: DoorDrive) -> DoorDrive:
+    """Return a drive in the frame of the labels: each doorway by the corrected and the mapped pose of the same scan, the
+    nearest one to the doorway. Scans are the same if their ranges are."""
+    corrected = {scan.ranges.tobytes(): pose for scan, pose in scans_of(building, data)}
+    pairs = [
+        (corrected[scan.ranges.tobytes()], pose)
+        for scan, pose in scans_at(building, data, trajectory)
+        if scan.ranges.tobytes() in corrected
+    ]
+    places = np.array([pose.array()[:2] for _, pose in pairs])
+
+    def moved(pose: Pose2) -> Pose2:
+        label, mapped = pairs[int(np.argmin(np.hypot(places[:, 0] - pose.x, places[:, 1] - pose.y)))]
+        return label @ mapped.inverse() @ pose
+
+    def all_moved(found: dict[int, list[tuple[Pose2, float]]]) -> dict[int, list[tuple[Pose2, float]]]:
+        return {number: [(moved(pose), at) for pose, at in places] for number, places in found.items()}
+
+    poses = np.array([moved(Pose2(*pose)).array() for pose in drive.poses])
+    doorways = tuple(replace(door, pose=moved(door.pose)) for door in drive.doorways)
+    return DoorDrive(doorways, all_moved(drive.offered), all_moved(drive.validated), drive.path, poses, drive.seconds)
 
 
 def find_over_drive(scans: Iterator[tuple[Scan, Pose2]]) -> DoorDrive:

@@ -162,6 +162,16 @@ def measure_gap(view: RangeView, gap: Pose2, width: float) -> JambSight | None:
     return JambSight(right, left, right_doubt, left_doubt, through, stopped, depth, (seat.x, seat.y), flanks, wall)
 
 
+def beams_at_gap(view: RangeView, gap: Pose2, width: float) -> tuple[int, int]:
+    """Return how many beams of a view go through the opening of a gap, and how many end in it."""
+    seat = gap.inverse() @ Pose2(float(view.origin[0]), float(view.origin[1]), 0.0)
+    if abs(seat.x) < NEAREST:
+        return 0, 0
+    kinds, cross, x, y = _classified(gap.array(), view.origin, view.ends, view.met)
+    _, _, through, stopped, _ = _jambs(kinds, cross, x, y, seat.x, seat.y, width)
+    return through, stopped
+
+
 def _beams(views: Sequence[RangeView]) -> tuple[FloatArray, FloatArray, IntArray, IntArray, Bytes]:
     """Return all beams with an end: origins and ends (N, 2), the number of their view and in it (N,), and `met`."""
     used = [np.flatnonzero(np.isfinite(view.ends[:, 0])) for view in views]
@@ -270,7 +280,7 @@ def _beside(i: int, j: int, number: IntArray, alongs: FloatArray) -> bool:
     """Return whether the ends of beams i and j lie no farther apart along the line than the face of a wall has them."""
     if j < 0 or j >= len(number) or number[i] != number[j]:
         return False
-    return abs(alongs[0, i] - alongs[0, j]) < ON_FACE * abs(alongs[1, i] - alongs[1, j]) + EVEN
+    return bool(abs(alongs[0, i] - alongs[0, j]) < ON_FACE * abs(alongs[1, i] - alongs[1, j]) + EVEN)
 
 
 @njit(cache=True, nogil=True)

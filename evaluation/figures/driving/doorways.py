@@ -20,7 +20,17 @@ from evaluation.scenes.door_approaches import (
     share,
     sonar_listen,
 )
-from evaluation.scenes.door_logs import DoorDrive, find_over_drive, found_rows, scans_of, scorer, seen_ahead, write_rows
+from evaluation.scenes.door_logs import (
+    DoorDrive,
+    find_over_drive,
+    found_rows,
+    in_labels_frame,
+    scans_at,
+    scans_of,
+    scorer,
+    seen_ahead,
+    write_rows,
+)
 from waychair.errors import RecordingDamaged
 from waychair.planning.seen.door_frames import Box, door_frames, overlap
 from waychair.trials.barn import upper_bound
@@ -44,7 +54,9 @@ FOUND = {"lidar": 0.98, "depth": 0.95, "laser": 0.90, "all": 0.99}
 def doorways_real(out: Path) -> Json:
     """Every building with labels: its log at corrected poses, the labels' own scorer, one setting.
 
-    `DOORWAYS_BUILDINGS=intel,fr079` takes some. The doorways found go to a file beside the figures.
+    `DOORWAYS_BUILDINGS=intel,fr079` takes some. The doorways found go to a file beside the figures. Where the mapper has
+    left its trajectory beside them (`BUILDING/trajectory.tum`), the figures on the raw log by its poses are added; they
+    decide nothing.
     """
     folder = DATA / "doors_lidar"
     if not folder.is_dir():
@@ -53,6 +65,7 @@ def doorways_real(out: Path) -> Json:
     labels, areas = score.rows(folder / "doorways.csv"), score.rows(folder / "areas.csv")
     chosen = os.environ.get("DOORWAYS_BUILDINGS", ",".join(sorted({label["building"] for label in labels}))).split(",")
     figures: dict[str, Json] = {}
+    by_mapper: dict[str, Json] = {}
     rows: list[Json] = []
     for building in chosen:
         drive = find_over_drive(scans_of(building, DATA))
@@ -60,9 +73,20 @@ def doorways_real(out: Path) -> Json:
         rows += here
         known = [label for label in labels if label["building"] == building]
         figures[building] = score.score(here, known, areas)[building] | _on_line(drive, known)
+        trajectory = out.parent / building / "trajectory.tum"
+        if trajectory.is_file() and known:
+            mapped = find_over_drive(scans_at(building, DATA, trajectory))
+            mapped = in_labels_frame(building, DATA, trajectory, mapped)
+            by_mapper[f"{building}_by_mapper"] = score.score(found_rows(building, mapped), known, areas)[building]
+            by_mapper[f"{building}_by_mapper"] |= _on_line(mapped, known)
     write_rows(out.with_suffix(".csv"), rows)
     passed = all(_passed(each) for each in figures.values())
-    return {"passed": passed, **{f"recall_{name}": each["recall"] for name, each in figures.items()}, **figures}
+    return {
+        "passed": passed,
+        **{f"recall_{name}": each["recall"] for name, each in figures.items()},
+        **figures,
+        **by_mapper,
+    }
 
 
 def _on_line(drive: DoorDrive, labels: list[Json]) -> Json:
