@@ -87,7 +87,7 @@ ECHOES, OF_ECHOES = 2, 3
 """Of so many newest readings so many decide: another sonar's ping is heard now and then."""
 
 
-@dataclass
+@dataclass(eq=False)
 class _Track:
     """One gap that is followed: `pose` in odom, its evidence, and the verdict on it.
 
@@ -180,7 +180,7 @@ class DoorwayTracker:
         turned = 0.0 if last is None else abs(wrap_angle(sensor.theta - last.taken.theta))
         if last is not None and moved < STEP and turned < TURN:
             self._last[source] = _LastView(sensor, last.taken, last.path)
-            self._go_on()
+            self.work()
             return
         path = self._path if last is None else last.path + moved
         self._last[source] = _LastView(sensor, sensor, path)
@@ -189,7 +189,7 @@ class DoorwayTracker:
         if leapt:
             self._finish()
         else:
-            self._go_on()
+            self.work()
 
     def hear(self, sonars: FloatArray, ranges: FloatArray) -> None:
         """Take in ranges (K,) [m] of sonars at poses (K, 3) in the frame of the views; +inf where there was no echo.
@@ -241,15 +241,15 @@ class DoorwayTracker:
             self._searched, self._waiting = self._path, 0
             self._work = self._search(stamp_ns)
 
-    def _go_on(self) -> None:
-        """Do one update's share of the search in hand."""
+    def work(self) -> None:
+        """Do one tick's share of the search in hand; an update does it too, a tick without a view may call it."""
         for _ in range(SLICE):
             if self._work is not None and next(self._work, self) is self:
                 self._work = None
 
     def _finish(self) -> None:
         while self._work is not None:
-            self._go_on()
+            self.work()
 
     def _search(self, stamp_ns: int) -> Iterator[None]:
         """Look for gaps in the window, line by line, and judge the tracks that have one, one by one."""

@@ -21,6 +21,9 @@ from waychair.types import FloatArray, Json, Pose2, Scan
 MATCHED_M, MATCHED_DEG = 0.30, 20.0
 """A doorway is a labelled one within this distance and turn, as the labels' scorer has it."""
 
+TICK_NS, MOST_TICKS = 50_000_000, 10
+"""ns; a chair's control tick, and the most of them that are counted between two scans."""
+
 VISIT_M, RUN_UP_M = 3.0, 1.5
 """m; the chair visits a doorway when it comes this near; the visit's nearest point is where it passes. A visit counts if
 the drive before that point is at least this long: a log may begin beside a doorway."""
@@ -116,13 +119,15 @@ def in_labels_frame(building: str, data: Path, trajectory: Path, drive: DoorDriv
 
 def find_over_drive(scans: Iterator[tuple[Scan, Pose2]]) -> DoorDrive:
     """Return the doorways that the tracker finds, scan by scan, with its one setting."""
-    tracker, before = DoorwayTracker(), None
+    tracker, before, stamp_ns = DoorwayTracker(), None, 0
     offered, validated = dict[int, list[tuple[Pose2, float]]](), dict[int, list[tuple[Pose2, float]]]()
     path, poses, seconds = [0.0], list[FloatArray](), list[float]()
     for scan, pose in scans:
         if before is not None:
             path.append(path[-1] + math.hypot(pose.x - before.x, pose.y - before.y))
-        before = pose
+        for _ in range(min(MOST_TICKS, round((scan.stamp_ns - stamp_ns) / TICK_NS) - 1)):
+            tracker.work()  # control ticks between two scans
+        before, stamp_ns = pose, scan.stamp_ns
         poses.append(pose.array())
         start = time.perf_counter()
         doorways = tracker.update(scan, pose, scan.stamp_ns)

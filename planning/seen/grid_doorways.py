@@ -72,7 +72,7 @@ def _places(grid: OccupancyGrid) -> FloatArray:
     clear = distances(occupied(grid), grid.resolution) > CLEAR
     rows, columns = np.nonzero((free & clear)[step // 2 :: step, step // 2 :: step])
     at = np.stack([columns, rows], axis=1) * step + step // 2 + 0.5
-    return transform_points(grid.map_from_grid, at * grid.resolution)
+    return transform_points(grid.map_from_grid, (at * grid.resolution).astype(np.float64))
 
 
 def _add(found: list[_Found], gap: Gap) -> None:

@@ -143,3 +143,9 @@ def test_seen_again_from_the_other_side_it_is_the_same_doorway() -> None:
         pose = Pose2(float(x), 0.4, math.pi)
         tracker.see(view_of(faces, pose), pose)
     assert [door.number for door in tracker.doorways] == [number]
+
+
+def test_of_too_many_candidates_those_seen_longest_ago_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("waychair.control.drive.doorway_tracker.MOST_CANDIDATES", 0)
+    tracker = _seen(wall_with_door(0.9))
+    assert [door.validated for door in tracker.doorways] == [True]
