@@ -13,14 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from evaluation.scenes.tight_places import door_scene
-from waychair.calibration.chair_body import CHAIR_A, ChairBody
+from waychair.calibration.chair_body import CHAIR_A, ChairBody, sonar_mounts
 from waychair.control.drive.doorway_tracker import DoorwayTracker
-from waychair.geometry import in_space
+from waychair.geometry import compose, in_space
 from waychair.maps.depth.depth_scan import DepthSettings, depth_scan
 from waychair.maps.grid.cells import occupied
 from waychair.maps.grid.distance_field import distances
-from waychair.planning.seen.doorways import Doorway
-from waychair.planning.seen.range_views import RangeView, view_from_depth, view_from_scan
+from waychair.planning.seen.doorways import DoorState, Doorway
+from waychair.planning.seen.laser_line import LINE_ERROR, LaserPlane, points_of_line
+from waychair.planning.seen.range_views import RangeView, view_from_depth, view_from_points, view_from_scan
 from waychair.simulation.plan.world import ClosableDoor, World, load_world, shipped_worlds
 from waychair.simulation.scene.scene import Block
 from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera
@@ -28,7 +29,8 @@ from waychair.simulation.sensors.height_slices import slice_at
 from waychair.simulation.sensors.lidar import Lidar, LidarSettings
 from waychair.simulation.sensors.rays import scenery_from_slice
 from waychair.simulation.sensors.renderer import Renderer, camera_matrix
-from waychair.types import Float32Array, Pose2, Twist
+from waychair.simulation.sensors.sonar import Sonars, SonarSettings
+from waychair.types import Float32Array, FloatArray, Pose2, Twist
 
 WIDTHS = (0.65, 1.30)
 """m; clear widths of the doors that count; wider ones are passages."""
@@ -51,6 +53,21 @@ DRIFT, TURN_DRIFT = 0.01, math.radians(0.2)
 Look = Callable[[Pose2, int], tuple[RangeView, Pose2]]
 """A sensor: from the chair's true pose and the number of the view to a view in the base frame, and the mount."""
 
+Listen = Callable[[Pose2, int], FloatArray]
+"""The sonars: from the chair's true pose and the number of the view to their ranges [m]."""
+
+FOCAL, BASELINE, COLUMNS = 600.0, 0.10, 640
+"""pixels, m, pixels: a camera with a laser below it whose plane is level."""
+
+LASER_ERROR = 0.30
+"""m; points of the laser line with a larger error (one sigma, one column) are not used: about 8 m."""
+
+JOINED = 5
+"""Columns whose line is taken together, by the median: half a degree, as far apart as a lidar's beams."""
+
+PANS = (0.0, math.radians(35.0), 0.0, math.radians(-35.0))
+"""rad; the camera and its laser look ahead and to both sides in turn, one way on each step of the chair."""
+
 
 @dataclass(frozen=True, slots=True)
 class Approach:
@@ -65,11 +82,12 @@ class Approach:
 @dataclass(frozen=True, slots=True)
 class Found:
     """An approach's outcome: distance [m] to the door when it was first offered (nan: never), the last estimate of it in
-    the door's frame, and whether any doorway near was ever said to be wide enough."""
+    odom, and whether any doorway near was ever said to be wide enough, or open."""
 
     first_m: float
     last: Doorway | None
     wide_enough: bool
+    open: bool
 
 
 def approaches(count: int, seed: int) -> list[Approach]:
@@ -122,25 +140,49 @@ def forbidden(count: int, seed: int, body: ChairBody = CHAIR_A) -> list[Approach
     return found
 
 
-def approach(case: Approach, look: Look, seed: int, body: ChairBody = CHAIR_A) -> Found:
-    """Drive one approach and return what the tracker found."""
+def behind_glass(count: int, seed: int, body: ChairBody = CHAIR_A) -> list[Approach]:
+    """Return approaches to doors whose leaf is a pane of glass, closed, at 0 to 40 degrees, to half a metre before it."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(count):
+        width = float(rng.uniform(0.8, 1.1))
+        scene = door_scene(width, 0.0, body, int(rng.integers(1 << 30)))
+        assert scene.door is not None
+        middle = scene.door
+        pane = Block(middle @ Pose2(float(rng.uniform(-0.05, 0.05)), 0.0, math.pi / 2), width, 0.02, 0.0, 2.1, "glass")
+        heading = middle.theta + math.radians(float(rng.uniform(-40.0, 40.0)))
+        steps = np.arange(3.2, body.front + 0.2, -STEP)
+        path = tuple(Pose2(middle.x - s * math.cos(heading), middle.y - s * math.sin(heading), heading) for s in steps)
+        found.append(Approach(_with(scene.world, pane), middle, width, path))
+    return found
+
+
+def approach(
+    case: Approach, looks: dict[str, Look], seed: int, body: ChairBody = CHAIR_A, listen: Listen | None = None
+) -> Found:
+    """Drive one approach with sensors by name, and perhaps sonars, and return what the tracker found."""
     rng, tracker = np.random.default_rng(seed), DoorwayTracker()
     scale, bend = 1.0 + DRIFT * rng.standard_normal(), TURN_DRIFT * rng.standard_normal()
     odom, before = case.path[0], case.path[0]
-    first, last, said = math.nan, None, False
+    first, last, said, opened = math.nan, None, False, False
+    mounts = [mount.array() for mount in sonar_mounts(body)]
     for number, true in enumerate(case.path):
         step = before.inverse() @ true
         odom, before = odom @ Pose2(scale * step.x, step.y, step.theta + bend * math.hypot(step.x, step.y)), true
-        view, mount = look(true, number)
-        tracker.see(_in_frame(view, odom), odom @ mount)
+        for name, look in looks.items():
+            view, mount = look(true, number)
+            tracker.see(_in_frame(view, odom), odom @ mount, number * 100_000_000, name)
+        if listen is not None:
+            tracker.hear(compose(odom.array(), np.array(mounts)), listen(true, number))
         here = true @ odom.inverse()  # map_from_odom
         away = math.hypot(case.door.x - true.x, case.door.y - true.y)
-        mine = [door for door in tracker.doorways if _is(here @ door.pose, case.door)]
+        mine = [door for door in tracker.doorways if door.validated and _is(here @ door.pose, case.door)]
         if mine:
             first, last = (away if math.isnan(first) else first), mine[0]
         near = [door for door in tracker.doorways if _near(here @ door.pose, case.door)]
         said = said or any(door.wide_enough(body.width) for door in near)
-    return Found(first, last, said)
+        opened = opened or any(door.state is DoorState.OPEN for door in near)
+    return Found(first, last, said, opened)
 
 
 def lidar_look(world: World, seed: int, body: ChairBody = CHAIR_A) -> Look:
@@ -150,6 +192,40 @@ def lidar_look(world: World, seed: int, body: ChairBody = CHAIR_A) -> Look:
 
     def look(pose: Pose2, number: int) -> tuple[RangeView, Pose2]:
         return view_from_scan(lidar.scan_at_rest(scenery, pose, number * 100_000_000), mount), mount
+
+    return look
+
+
+def sonar_listen(world: World, seed: int, body: ChairBody = CHAIR_A) -> Listen:
+    """Return the simulator's sonars in a world, with their noise and cross-talk."""
+    settings = SonarSettings()
+    sonars = Sonars(settings, body, np.random.default_rng(seed))
+    scenery = scenery_from_slice(slice_at(world.blocks, settings.height))
+    return lambda pose, number: sonars.read(scenery, pose, (), number * 100_000_000).ranges.astype(np.float64)
+
+
+def laser_look(world: World, seed: int, body: ChairBody = CHAIR_A) -> Look:
+    """Return a laser line's points: what its level plane meets ahead, seen with the error of the line in the picture."""
+    rng = np.random.default_rng(seed)
+    half = math.atan(COLUMNS / 2 / FOCAL)
+    settings = LidarSettings(beams=COLUMNS, field_of_view=2.0 * half, sigma=0.0, faults=False, sweep_s=0.0)
+    plane, mount = Lidar(settings, body, rng), body.base_from_laser
+    scenery = scenery_from_slice(slice_at(world.blocks, body.laser_z))
+    matrix = np.array([[FOCAL, 0.0, COLUMNS / 2], [0.0, FOCAL, 240.0], [0.0, 0.0, 1.0]])
+
+    def look(pose: Pose2, number: int) -> tuple[RangeView, Pose2]:
+        pan = Pose2(0.0, 0.0, PANS[number % len(PANS)])
+        base_from_camera = mount @ pan
+        turned = pose @ base_from_camera @ mount.inverse()  # the lidar that stands for the laser looks where it does
+        scan = plane.scan_at_rest(scenery, turned, number * 100_000_000)
+        ahead = scan.ranges * np.cos(scan.angles())
+        ahead[~np.isfinite(ahead) | (ahead < 0.2)] = np.nan
+        columns = COLUMNS / 2 - FOCAL * np.tan(scan.angles())
+        rows = 240.0 + FOCAL * BASELINE / ahead + LINE_ERROR * rng.standard_normal(COLUMNS)
+        pixels = np.median(np.stack([columns, rows], axis=1).reshape(-1, JOINED, 2), axis=1)
+        lit = points_of_line(pixels, matrix, LaserPlane(np.array([0.0, 1.0, 0.0]), BASELINE))
+        good = lit.points[lit.errors < LASER_ERROR]
+        return view_from_points(np.stack([good[:, 2], -good[:, 0]], axis=1), base_from_camera), base_from_camera
 
     return look
 

@@ -63,6 +63,18 @@ def view_from_depth(seen: DepthScan, frame_from_base: Pose2) -> RangeView:
     return _view(frame_from_base @ lens, angles, np.where(met, ends, reached), met)
 
 
+def view_from_points(points: FloatArray, frame_from_sensor: Pose2) -> RangeView:
+    """Return the view of surface points (N, 2) [m] in the sensor's frame, such as those that a laser line lights up.
+
+    Points that are not numbers say nothing.
+    """
+    seen = points[np.isfinite(points).all(axis=1)]
+    bearings = np.arctan2(seen[:, 1], seen[:, 0])
+    order = np.argsort(bearings, kind="stable")
+    ranges = np.hypot(seen[:, 0], seen[:, 1])[order]
+    return _view(frame_from_sensor, bearings[order], ranges, np.ones(len(seen), np.bool_))
+
+
 def view_from_grid(grid: OccupancyGrid, place: FloatArray, farthest: float = 8.0) -> RangeView:
     """Return the view all round from a place (2,) [m] in map, as a lidar would see the grid's occupied cells.
 

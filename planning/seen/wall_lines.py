@@ -7,6 +7,7 @@ and Scene Analysis, 1973, section 9.2).
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,12 +62,11 @@ def straight_stretches(view: RangeView, farthest: float) -> FloatArray:
     return _stretches(view.ends[index], view.origin, index)
 
 
-def wall_lines(stretches: FloatArray, shortest: float) -> list[WallLine]:
-    """Return the lines on which stretches (K, 4) of views in one frame lie, with at least `shortest` [m] of wall.
+def wall_lines(stretches: FloatArray, shortest: float) -> Iterator[WallLine]:
+    """Yield the lines on which stretches (K, 4) of views in one frame lie, with at least `shortest` [m] of wall.
 
     The longest stretch that is left over gathers all those that continue it, again and again.
     """
-    lines = []
     left = np.ones(len(stretches), np.bool_)
     length = np.hypot(*(stretches[:, 2:] - stretches[:, :2]).T)
     for seed in np.argsort(-length):
@@ -74,10 +74,11 @@ def wall_lines(stretches: FloatArray, shortest: float) -> list[WallLine]:
             continue
         mine, pose = _gathered(stretches, length, left, int(seed))
         left &= ~mine
+        if length[mine].sum() < shortest:
+            continue
         line = WallLine(Pose2(*pose), _along(stretches[mine], pose))
         if line.length >= shortest:
-            lines.append(line)
-    return lines
+            yield line
 
 
 @njit(cache=True, nogil=True)

@@ -69,12 +69,59 @@ def test_a_leaf_at_40_degrees_leaves_the_door_ajar_and_names_its_side() -> None:
     assert math.degrees(abs(door.leaf.angle)) == pytest.approx(40.0, abs=8.0)
 
 
-def test_an_echo_within_the_opening_says_glass() -> None:
+def test_with_sonars_a_door_is_open_only_when_one_that_faces_it_hears_nothing_in_it() -> None:
     tracker = _seen(wall_with_door(0.9))
-    tracker.hear(np.array([[2.0, 0.0], [0.0, 0.8]]))
+    ahead = np.array([[-0.9, 0.0, 0.0]])
+    tracker.hear(np.array([[-0.9, 0.0, 1.2]]), np.array([math.inf]))  # looks elsewhere
+    assert [door.state for door in tracker.doorways] == [DoorState.UNKNOWN]
+    for _ in range(2):
+        tracker.hear(ahead, np.array([math.inf]))
     assert [door.state for door in tracker.doorways] == [DoorState.OPEN]
-    tracker.hear(np.array([[0.05, 0.1]]))
+    tracker.hear(ahead, np.array([0.92]))  # one ping of another sonar
+    assert [door.state for door in tracker.doorways] == [DoorState.OPEN]
+    for _ in range(2):
+        tracker.hear(ahead, np.array([0.92]))
     assert [door.state for door in tracker.doorways] == [DoorState.CLOSED]
+    assert not tracker.doorways[0].wide_enough(0.5)
+
+
+def test_a_door_seen_at_a_slant_is_a_candidate_of_unknown_state_and_keeps_its_number_when_validated() -> None:
+    faces, tracker, seen = wall_with_door(0.9, thick=0.2), DoorwayTracker(), []
+    for k, y in enumerate(np.linspace(3.6, 1.0, 24)):
+        pose = Pose2(-0.9, float(y), -math.pi / 2)
+        tracker.see(view_of(faces, pose), pose, 100 * k)
+        seen += [(door.number, door.validated, door.state, float(y)) for door in tracker.doorways]
+    assert {number for number, *_ in seen} == {0}
+    assert not seen[0][1]
+    assert seen[0][2] is DoorState.UNKNOWN
+    assert seen[0][3] > 1.5
+    assert seen[-1][1]
+    assert seen[-1][2] is DoorState.OPEN
+    assert tracker.doorways[0].seen_ns == 2300
+
+
+def test_points_of_a_laser_line_find_a_door_as_a_scan_does() -> None:
+    faces, tracker = wall_with_door(0.9), DoorwayTracker()
+    for k, x in enumerate(np.linspace(-3.2, -1.2, 17)):
+        pose = Pose2(float(x), 0.1, 0.0)
+        view = view_of(faces, pose, step=0.2)
+        ahead = np.abs(np.arctan2(view.ends[:, 1] - pose.y, view.ends[:, 0] - pose.x)) < math.radians(28.0)
+        points = view.ends[ahead] - (pose.x, pose.y)
+        doorways = tracker.update(points, pose, k, source="laser line")
+    (door,) = [door for door in doorways if door.validated]
+    assert math.hypot(door.pose.x, door.pose.y) < 0.05
+    assert door.width == pytest.approx(0.9, abs=0.03)
+
+
+def test_one_update_does_a_bounded_share_of_the_work_and_key_scans_have_theirs_done_at_once() -> None:
+    live, leaping = DoorwayTracker(), DoorwayTracker()
+    faces = wall_with_door(0.9)
+    for x in np.linspace(-3.4, -1.0, 21):
+        live.see(view_of(faces, Pose2(float(x), 0.2, 0.0)), Pose2(float(x), 0.2, 0.0))
+    for x in np.linspace(-3.4, -1.0, 5):
+        leaping.see(view_of(faces, Pose2(float(x), 0.2, 0.0)), Pose2(float(x), 0.2, 0.0))
+    for tracker in (live, leaping):
+        assert any(door.validated and math.hypot(door.pose.x, door.pose.y) < 0.05 for door in tracker.doorways)
 
 
 def test_a_doorway_is_forgotten_when_its_jambs_are_gone() -> None:
@@ -96,3 +143,9 @@ def test_seen_again_from_the_other_side_it_is_the_same_doorway() -> None:
         pose = Pose2(float(x), 0.4, math.pi)
         tracker.see(view_of(faces, pose), pose)
     assert [door.number for door in tracker.doorways] == [number]
+
+
+def test_of_too_many_candidates_those_seen_longest_ago_are_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("waychair.control.drive.doorway_tracker.MOST_CANDIDATES", 0)
+    tracker = _seen(wall_with_door(0.9))
+    assert [door.validated for door in tracker.doorways] == [True]

@@ -15,7 +15,8 @@ from waychair.types import FloatArray, Pose2
 
 def _gaps(faces: FloatArray) -> list[Gap]:
     views = [view for view, _ in drive_past(faces)]
-    return find_gaps(views, np.concatenate([straight_stretches(view, FARTHEST) for view in views]))
+    stretches = np.concatenate([straight_stretches(view, FARTHEST) for view in views])
+    return [gap for gaps in find_gaps(views, stretches) for gap in gaps]
 
 
 def test_an_open_door_in_a_wall_is_one_gap_with_its_middle_direction_and_width() -> None:
@@ -42,6 +43,18 @@ def test_one_view_measures_both_jambs_within_its_doubt_even_aslant() -> None:
         assert max(sight.right_doubt, sight.left_doubt) < 0.04
         assert sight.through > 10
         assert sight.stopped == 0
+
+
+def test_one_view_from_along_the_wall_shows_a_gap_by_its_far_reveal() -> None:
+    seat = Pose2(-0.6, 2.7, -math.pi / 2)
+    view = view_of(wall_with_door(0.9, thick=0.3), seat, step=1.0)
+    gaps = [gap for found in find_gaps([view], straight_stretches(view, FARTHEST)) for gap in found]
+    near = [gap for gap in gaps if math.hypot(gap.pose.x, gap.pose.y) < 0.1]
+    assert near
+    sight = measure_gap(view, Pose2(), 0.9)
+    assert sight is not None
+    assert sight.right[1] == pytest.approx(-0.45, abs=0.05)
+    assert math.isnan(sight.depth)
 
 
 def test_beams_to_a_closed_leaf_are_counted_as_stopped() -> None:
