@@ -109,6 +109,11 @@ app.command(
     help="Measure a chair and store the results in its calibration file.",
 )
 app.command(
+    "waychair.cli.buildings:buildings_app",
+    name="building",
+    help="Make, check and route through buildings of several storeys.",
+)
+app.command(
     "waychair.cli.doctor:doctor_command",
     name="doctor",
     help="List missing parts of this machine and the commands that fix them.",
