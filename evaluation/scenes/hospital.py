@@ -122,7 +122,12 @@ def _drawn(
     ends, cost, is_lift = np.empty((4 * most, 2), np.int32), np.empty(4 * most, np.int32), np.zeros(4 * most, np.bool_)
     at = np.zeros(3, np.int64)  # nodes, sub-maps, arcs
     sheet = _Sheet(node_submap, xy, level, parent, ends, cost, is_lift, at)
-    root = _submap(sheet, -1)
+    free, none, yes = (
+        doors[0],
+        int(np.int64(-1)),
+        storeys > 0,
+    )  # variables: numba compiles a function anew for each literal
+    root = _submap(sheet, none)
     cabin = np.full((lifts, storeys), -1, np.int64)
     rows = (wings + 1) // 2
     for k in range(lifts):
@@ -150,16 +155,16 @@ def _drawn(
                 hall[r] = _node(sheet, rng, s, 0.0, _SPINE_STEP * r + 12.0, f, 0.4)
         for r in range(rows):
             if hall[r] != spine[r]:
-                _arc(sheet, spine[r], hall[r], 0, True)
+                _arc(sheet, spine[r], hall[r], free, yes)
             if r + 1 < rows:
-                _arc(sheet, hall[r], spine[r + 1], 0, True)
+                _arc(sheet, hall[r], spine[r + 1], free, yes)
         lobby = hall.copy()
         for k in range(lifts):
             if cabin[k, f] < 0:
                 continue
             r = (k * rows) // max(lifts, 1)
             stop = _node(sheet, rng, s, 1.5, _SPINE_STEP * r + 12.0 + 0.5 * (k % 3), f, 0.0)
-            _arc(sheet, lobby[r], stop, 0, True)  # further lifts of this hall stand behind the first
+            _arc(sheet, lobby[r], stop, free, yes)  # further lifts of this hall stand behind the first
             lobby[r] = stop
             _lift_arc(sheet, stop, cabin[k, f], lift_costs[0] + lift_costs[1])
             _lift_arc(sheet, cabin[k, f], stop, lift_costs[1])
@@ -177,7 +182,7 @@ def _drawn(
             for r in range(rows):
                 if far[side, r] >= 0:
                     if last >= 0:
-                        _arc(sheet, last, far[side, r], 0, True)
+                        _arc(sheet, last, far[side, r], free, yes)
                     last = far[side, r]
         for w in range(wings):
             side, r = w % 2, w // 2
@@ -197,21 +202,21 @@ def _drawn(
             if double:
                 for i in range(length):
                     _node(sheet, rng, m, sign * _STEP * (i + 1), _SPINE_STEP * r + _APART, f, 0.4)
-            _arc(sheet, spine[r], first, 0, True)
+            _arc(sheet, spine[r], first, free, yes)
             if through:
-                _arc(sheet, first + length - 1, far[side, r], 0, True)
+                _arc(sheet, first + length - 1, far[side, r], free, yes)
             else:
                 is_goal[first + length - 1] = True  # a dead end: a seat by the window
             for i in range(length - 1):
                 if i != cut:
-                    _arc(sheet, first + i, first + i + 1, 0, True)
+                    _arc(sheet, first + i, first + i + 1, free, yes)
                 if double:
                     one_way = rng.random() < 0.05
                     if i != cut:
-                        _arc(sheet, second + i, second + i + 1, 0, not one_way)
+                        _arc(sheet, second + i, second + i + 1, free, not one_way)
             if double:
-                _arc(sheet, first, second, 0, True)
-                _arc(sheet, first + length - 1, second + length - 1, 0, True)
+                _arc(sheet, first, second, free, yes)
+                _arc(sheet, first + length - 1, second + length - 1, free, yes)
             for band in range(2):
                 i, count = 1, 0
                 while i < length - 1 and count < (rooms + 1) // 2:
@@ -226,20 +231,20 @@ def _drawn(
                         _node(sheet, rng, c, x + sign * _GRID * (j % across), y + up * _GRID * (j // across), f, 0.3)
                         column, row = j % across, j // across
                         if column > 0:
-                            _arc(sheet, base + j - 1, base + j, 0, True)
+                            _arc(sheet, base + j - 1, base + j, free, yes)
                         if row > 0 and (column == 0 or rng.random() < 0.4):
-                            _arc(sheet, base + j - across, base + j, 0, True)
+                            _arc(sheet, base + j - across, base + j, free, yes)
                         is_goal[base + j] = j == nodes - 1 or (j > 0 and rng.random() < 0.1)
                     door = doors[min(2, int(3.0 * rng.random()))]
-                    _arc(sheet, first + i, base, door, True)
+                    _arc(sheet, first + i, base, door, yes)
                     chance = rng.random()
                     if chance < 0.125:
                         door = doors[min(2, int(3.0 * rng.random()))]
                         if double and band == 0:
-                            _arc(sheet, second + i, base + across * ((nodes - 1) // across), door, True)
+                            _arc(sheet, second + i, base + across * ((nodes - 1) // across), door, yes)
                         elif i + 1 < length - 1 and nodes >= across:
                             i += 1
-                            _arc(sheet, first + i, base + across - 1, door, True)
+                            _arc(sheet, first + i, base + across - 1, door, yes)
                     i += 1
     n, m, a = at[0], at[1], at[2]
     return (

@@ -8,88 +8,48 @@ most `CLOSED_MM` can be added, and no sum is kept that reaches it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from waychair.maps.building.costs import CLOSED_MM
-from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
+from waychair.maps.building.graph_arrays import Int32Array
 from waychair.planning.building.overlay import (
+    AFTER,
+    ANCESTOR,
+    ARCS,
+    AROUND,
+    BEFORE,
+    CHILDREN,
+    CHILDREN_END,
     COLUMNS,
+    DEPTH,
+    DOWN,
+    ENTRIES,
+    ENTRIES_IN,
+    EXITS,
     EXITS_AT,
+    EXITS_IN,
+    INTO,
+    INTO_STATE,
+    LEVEL,
+    NODES,
+    NODES_END,
+    OUT,
+    OUT_STATE,
+    PARENT,
     ROWS,
     STATES,
+    UP,
+    WITHIN,
     Int64Array,
-    Layout,
-    arc_of_state,
+    Net,
+    Tables,
     overlay,
     state_of_arc,
+    wide,
 )
 from waychair.types import BoolArray
-
-StateArray = NDArray[np.uint16] | NDArray[np.int32]
-
-
-class Borders(NamedTuple):
-    """The tables, one behind the other from `first` (M + 1,) on: `within` each sub-map, and `around`.
-
-    `around` holds only the exits of children (rows) and the entries of children (columns), from `around_first` on, at the
-    least cost of any way, also one that leaves the sub-map and returns.
-    """
-
-    first: Int64Array
-    within: Int32Array
-    around_first: Int64Array
-    around: Int32Array
-
-
-class Steps(NamedTuple):
-    """The ways behind the tables. `before[first + row * states + state]` is the state before it on the way from a row;
-    `after[after_first + exit * states + state]` the state after it on the way to an exit. States count in the overlay;
-    `state_arc[state_first[m] + state]` is the arc of each."""
-
-    first: Int64Array
-    before: StateArray
-    after_first: Int64Array
-    after: StateArray
-    state_first: Int64Array
-    state_arc: Int32Array
-
-
-class Labels(NamedTuple):
-    """Costs [mm] between each node and its own sub-map's exits and entries, and the first or last state of the way.
-
-    `out[out_first[m] + (node - node_first[m]) * exits + exit]`; `into` likewise, by entries.
-    """
-
-    out_first: Int64Array
-    out: Int32Array
-    out_state: StateArray
-    into_first: Int64Array
-    into: Int32Array
-    into_state: StateArray
-
-
-class Climbs(NamedTuple):
-    """Costs [mm] within an ancestor at depth d, from two levels above on: `up[up_first[m, d]]` from the exits of m to the
-    ancestor's exits, `down[down_first[m, d]]` from the ancestor's entries to those of m, by (of m, of the ancestor)."""
-
-    up_first: Int64Array
-    up: Int32Array
-    down_first: Int64Array
-    down: Int32Array
-
-
-class Tables(NamedTuple):
-    """All tables of a building."""
-
-    layout: Layout
-    borders: Borders
-    steps: Steps
-    labels: Labels
-    climbs: Climbs
 
 
 @njit(cache=True)
@@ -161,25 +121,24 @@ def _relaxed_back(
 
 
 @njit(cache=True)
-def solve(graph: GraphArrays, tables: Tables, m: int) -> int:
+def solve(net: Net, tables: Tables, m: int) -> int:
     """Make the table of `m` within it, its ways and its nodes' labels; return which parts above it have changed.
 
     The bits of the answer: 1, from entries to exits; 2, from children's exits to its exits or from its entries to
     children's entries; 4, any other.
     """
-    lay, borders, steps, labels = tables.layout, tables.borders, tables.steps, tables.labels
-    first, to, weight = overlay(graph, lay, borders.first, borders.within, m)
-    rows, columns, states = lay.sizes[m, ROWS], lay.sizes[m, COLUMNS], lay.sizes[m, STATES]
-    exits_at, exits = lay.sizes[m, EXITS_AT], lay.exit_first[m + 1] - lay.exit_first[m]
-    entries = lay.entry_first[m + 1] - lay.entry_first[m]
+    book, numbers, steps = tables.book, tables.numbers, tables.steps
+    first, to, weight = overlay(net, tables, m)
+    rows, columns, states, exits_at = book[m, ROWS], book[m, COLUMNS], book[m, STATES], book[m, EXITS_AT]
+    exits, entries = book[m, EXITS], book[m, ENTRIES]
     cost, came = np.empty((states, rows), np.int32), np.empty((states, rows), np.int32)
     _relaxed(first, to, weight, rows, cost, came)
     changed = 0
     for r in range(rows):
-        at = borders.first[m] + r * columns
+        at = book[m, WITHIN] + r * columns
         for q in range(columns):
-            if borders.within[at + q] != cost[rows + q, r]:
-                borders.within[at + q] = cost[rows + q, r]
+            if numbers[at + q] != cost[rows + q, r]:
+                numbers[at + q] = cost[rows + q, r]
                 if r < entries and q >= columns - exits:
                     changed |= 1
                 elif r < entries or q >= columns - exits:
@@ -187,201 +146,157 @@ def solve(graph: GraphArrays, tables: Tables, m: int) -> int:
                 else:
                     changed |= 4
     for r in range(rows):
-        at = steps.first[m] + r * states
+        at = book[m, BEFORE] + r * states
         for s in range(states):
-            steps.before[at + s] = came[s, r]
+            steps[at + s] = came[s, r]
     back, after = np.empty((states, exits), np.int32), np.empty((states, exits), np.int32)
     _relaxed_back(first, to, weight, exits_at, exits, back, after)
     for x in range(exits):
-        at = steps.after_first[m] + x * states
+        at = book[m, AFTER] + x * states
         for s in range(states):
-            steps.after[at + s] = after[s, x]
-    _label(graph, lay, labels, m, cost, back)
+            steps[at + s] = after[s, x]
+    _label(net, tables, m, cost, back)
     return changed
 
 
 @njit(cache=True)
-def _label(
-    graph: GraphArrays, lay: Layout, labels: Labels, m: int, cost: NDArray[np.int32], back: NDArray[np.int32]
-) -> None:
-    low, high, states = lay.node_first[m], lay.node_first[m + 1], lay.sizes[m, STATES]
-    entries, exits = lay.entry_first[m + 1] - lay.entry_first[m], lay.exit_first[m + 1] - lay.exit_first[m]
-    outs, ins = labels.out_first[m], labels.into_first[m]
-    labels.out[outs : outs + (high - low) * exits] = CLOSED_MM
-    labels.into[ins : ins + (high - low) * entries] = CLOSED_MM
+def _label(net: Net, tables: Tables, m: int, cost: NDArray[np.int32], back: NDArray[np.int32]) -> None:
+    """Fill the costs between the nodes of `m` and its exits and entries, and the first or last states of these ways."""
+    book, numbers, steps = tables.book, tables.numbers, tables.steps
+    low, count, states = book[m, NODES], book[m, NODES_END] - book[m, NODES], book[m, STATES]
+    exits, entries, outs, ins = book[m, EXITS], book[m, ENTRIES], book[m, OUT], book[m, INTO]
+    numbers[outs : outs + count * exits] = CLOSED_MM
+    numbers[ins : ins + count * entries] = CLOSED_MM
     if exits > 0:
-        for node in range(low, high):
-            at = outs + (node - low) * exits
-            for b in range(graph.first[node], graph.first[node + 1]):
-                if graph.cost[b] < CLOSED_MM:
-                    s = state_of_arc(graph, lay, m, b)
+        for node in range(low, low + count):
+            row = (node - low) * exits
+            for b in range(net.first[node], net.first[node + 1]):
+                if net.cost[b] < CLOSED_MM:
+                    s = state_of_arc(net, tables, m, wide(b))
                     for x in range(exits):
-                        if graph.cost[b] + back[s, x] < labels.out[at + x]:
-                            labels.out[at + x], labels.out_state[at + x] = graph.cost[b] + back[s, x], s
+                        new = net.cost[b] + back[s, x]
+                        if new < numbers[outs + row + x]:
+                            numbers[outs + row + x], steps[book[m, OUT_STATE] + row + x] = new, s
     if entries > 0:
         for s in range(states):
-            node = graph.head[arc_of_state(lay, m, s)]
-            if graph.node_submap[node] == m:
-                at = ins + (node - low) * entries
+            node = net.head[numbers[book[m, ARCS] + s]]
+            if net.node_submap[node] == m:
+                row = (node - low) * entries
                 for e in range(entries):
-                    if cost[s, e] < labels.into[at + e]:
-                        labels.into[at + e], labels.into_state[at + e] = cost[s, e], s
+                    if cost[s, e] < numbers[ins + row + e]:
+                        numbers[ins + row + e], steps[book[m, INTO_STATE] + row + e] = cost[s, e], s
 
 
 @njit(cache=True)
-def outside(lay: Layout, borders: Borders, parent: int, m: int, exit: int, entry: int) -> int:
-    """Return the cost of the cheapest way from an exit of `m` to an entry of it, by their positions."""
-    p_entries = lay.entry_first[parent + 1] - lay.entry_first[parent]
-    row = lay.exits_at[m] - p_entries + exit
-    width = lay.sizes[parent, EXITS_AT] - lay.sizes[parent, ROWS]
-    return int(
-        borders.around[borders.around_first[parent] + row * width + lay.entries_at[m] - lay.sizes[parent, ROWS] + entry]
-    )
+def around_at(book: Int64Array, m: int, exit: int, entry: int) -> int:
+    """Return where the table around the parent of `m` has the cost from an exit of `m` to an entry of it."""
+    p = book[m, PARENT]
+    width = book[p, EXITS_AT] - book[p, ROWS]
+    row, column = book[m, EXITS_IN] - book[p, ENTRIES] + exit, book[m, ENTRIES_IN] - book[p, ROWS] + entry
+    return int(book[p, AROUND] + row * width + column)
 
 
 @njit(cache=True)
-def surround(lay: Layout, borders: Borders, parents: Int32Array, m: int, changed: BoolArray) -> bool:
+def _surround(tables: Tables, m: int, changed: BoolArray) -> bool:
     """Make the table around `m` from that within it and that around its parent; mark children that see a change."""
-    rows, columns = lay.sizes[m, ROWS], lay.sizes[m, COLUMNS]
-    entries, exits = lay.entry_first[m + 1] - lay.entry_first[m], lay.exit_first[m + 1] - lay.exit_first[m]
+    book, numbers = tables.book, tables.numbers
+    rows, columns, exits, entries = book[m, ROWS], book[m, COLUMNS], book[m, EXITS], book[m, ENTRIES]
     height, width = rows - entries, columns - exits
     if height == 0 or width == 0:
         return False
     made = np.empty((height, width), np.int32)
-    start = borders.first[m]
+    start = book[m, WITHIN]
     for r in range(height):
-        made[r] = borders.within[start + (entries + r) * columns : start + (entries + r) * columns + width]
-    parent = parents[m]
-    if parent >= 0 and exits > 0 and entries > 0:
-        over = np.empty((exits, entries), np.int32)
-        for x in range(exits):
-            for e in range(entries):
-                over[x, e] = outside(lay, borders, parent, m, x, e)
+        for q in range(width):
+            made[r, q] = numbers[start + (entries + r) * columns + q]
+    if m > 0 and exits > 0 and entries > 0:
         for r in range(height):
             row = made[r]
             for e in range(entries):
-                least = CLOSED_MM
+                least = wide(CLOSED_MM)
                 for x in range(exits):
-                    least = min(least, borders.within[start + (entries + r) * columns + width + x] + over[x, e])
+                    over = numbers[around_at(book, m, x, e)]
+                    least = min(least, wide(numbers[start + (entries + r) * columns + width + x]) + over)
                 if least < CLOSED_MM:
                     there = np.int32(least)
-                    back = borders.within[start + e * columns : start + e * columns + width]
+                    back = numbers[start + e * columns : start + e * columns + width]
                     for q in range(width):
                         row[q] = min(row[q], np.int32(back[q] + there))
-    at, any_change = borders.around_first[m], False
-    for k in range(lay.child_first[m], lay.child_first[m + 1]):
-        c = lay.child[k]
-        top, left = lay.exits_at[c] - entries, lay.entries_at[c] - rows
-        for x in range(lay.exit_first[c + 1] - lay.exit_first[c]):
-            for e in range(lay.entry_first[c + 1] - lay.entry_first[c]):
-                if borders.around[at + (top + x) * width + left + e] != made[top + x, left + e]:
+    at, any_change = book[m, AROUND], False
+    for k in range(book[m, CHILDREN], book[m, CHILDREN_END]):
+        c = numbers[k]
+        top, left = book[c, EXITS_IN] - entries, book[c, ENTRIES_IN] - rows
+        for x in range(book[c, EXITS]):
+            for e in range(book[c, ENTRIES]):
+                if numbers[at + (top + x) * width + left + e] != made[top + x, left + e]:
                     changed[c] = True
     for r in range(height):
         for q in range(width):
-            if borders.around[at + r * width + q] != made[r, q]:
-                borders.around[at + r * width + q] = made[r, q]
+            if numbers[at + r * width + q] != made[r, q]:
+                numbers[at + r * width + q] = made[r, q]
                 any_change = True
     return any_change
 
 
 @njit(cache=True)
-def climb(lay: Layout, borders: Borders, climbs: Climbs, parents: Int32Array, m: int) -> None:
+def _climb(tables: Tables, m: int) -> None:
     """Make the costs between the borders of `m` and those of its ancestors, given those of its parent."""
-    p = parents[m]
-    exits, entries = lay.exit_first[m + 1] - lay.exit_first[m], lay.entry_first[m + 1] - lay.entry_first[m]
-    for d in range(1, lay.depth[m] - 1):
-        a = lay.ancestor[m, d]
-        over, under = lay.exit_first[a + 1] - lay.exit_first[a], lay.entry_first[a + 1] - lay.entry_first[a]
-        up, down = climbs.up_first[m, d], climbs.down_first[m, d]
+    book, numbers = tables.book, tables.numbers
+    p, depth, exits, entries = book[m, PARENT], book[m, DEPTH], book[m, EXITS], book[m, ENTRIES]
+    if depth < 2:
+        return
+    columns, own = book[p, COLUMNS], book[m, UP + LEVEL * (depth - 1)]
+    for x in range(exits):  # within the parent
+        at = book[p, WITHIN] + (book[m, EXITS_IN] + x) * columns + columns - book[p, EXITS]
+        for z in range(book[p, EXITS]):
+            numbers[own + x * book[p, EXITS] + z] = numbers[at + z]
+    own_down = book[m, DOWN + LEVEL * (depth - 1)]
+    for e in range(entries):
+        at = book[p, WITHIN] + book[m, ENTRIES_IN] - book[p, ROWS] + e
+        for z in range(book[p, ENTRIES]):
+            numbers[own_down + e * book[p, ENTRIES] + z] = numbers[at + z * columns]
+    for d in range(1, depth - 1):
+        a = book[m, ANCESTOR + LEVEL * d]
         for x in range(exits):
-            for y in range(over):
-                climbs.up[up + x * over + y] = CLOSED_MM
-            for z in range(lay.exit_first[p + 1] - lay.exit_first[p]):
-                part = to_parent(lay, borders, p, m, x, z)
-                if part < CLOSED_MM:
-                    for y in range(over):
-                        rest = up_cost(lay, borders, climbs, p, d, z, y)
-                        climbs.up[up + x * over + y] = min(climbs.up[up + x * over + y], part + rest)
+            _add_up(numbers, own + x * book[p, EXITS], book[p, EXITS], book[p, UP + LEVEL * d], book[a, EXITS],
+                    book[m, UP + LEVEL * d] + x * book[a, EXITS])  # fmt: skip
         for e in range(entries):
-            for y in range(under):
-                climbs.down[down + e * under + y] = CLOSED_MM
-            for z in range(lay.entry_first[p + 1] - lay.entry_first[p]):
-                part = from_parent(lay, borders, p, m, z, e)
-                if part < CLOSED_MM:
-                    for y in range(under):
-                        rest = down_cost(lay, borders, climbs, p, d, z, y)
-                        climbs.down[down + e * under + y] = min(climbs.down[down + e * under + y], part + rest)
-
-
-@njit(cache=True, inline="always")
-def to_parent(lay: Layout, borders: Borders, p: int, m: int, exit: int, onto: int) -> int:
-    """Return the cost within the parent `p` from an exit of its child `m` to an exit of its own."""
-    columns = lay.sizes[p, COLUMNS]
-    exits_at = lay.sizes[p, EXITS_AT] - lay.sizes[p, ROWS]
-    return int(borders.within[borders.first[p] + (lay.exits_at[m] + exit) * columns + exits_at + onto])
-
-
-@njit(cache=True, inline="always")
-def from_parent(lay: Layout, borders: Borders, p: int, m: int, entry: int, onto: int) -> int:
-    """Return the cost within the parent `p` from an entry of its own to an entry of its child `m`."""
-    columns = lay.sizes[p, COLUMNS]
-    return int(borders.within[borders.first[p] + entry * columns + lay.entries_at[m] - lay.sizes[p, ROWS] + onto])
-
-
-@njit(cache=True, inline="always")
-def up_cost(lay: Layout, borders: Borders, climbs: Climbs, m: int, d: int, exit: int, onto: int) -> int:
-    """Return the cost from an exit of `m` to an exit of its ancestor at depth d, 1 <= d < its own depth."""
-    a = lay.ancestor[m, d]
-    if d == lay.depth[m] - 1:
-        return to_parent(lay, borders, a, m, exit, onto)
-    return int(climbs.up[climbs.up_first[m, d] + exit * (lay.exit_first[a + 1] - lay.exit_first[a]) + onto])
-
-
-@njit(cache=True, inline="always")
-def down_cost(lay: Layout, borders: Borders, climbs: Climbs, m: int, d: int, entry: int, above: int) -> int:
-    """Return the cost to an entry of `m` from an entry of its ancestor at depth d, `above`; d as in `up_cost`."""
-    a = lay.ancestor[m, d]
-    if d == lay.depth[m] - 1:
-        return from_parent(lay, borders, a, m, above, entry)
-    return int(climbs.down[climbs.down_first[m, d] + entry * (lay.entry_first[a + 1] - lay.entry_first[a]) + above])
+            _add_up(numbers, own_down + e * book[p, ENTRIES], book[p, ENTRIES], book[p, DOWN + LEVEL * d],
+                    book[a, ENTRIES], book[m, DOWN + LEVEL * d] + e * book[a, ENTRIES])  # fmt: skip
 
 
 @njit(cache=True)
-def build(graph: GraphArrays, tables: Tables) -> None:
-    """Make all tables: within bottom-up, around and climbs top-down."""
-    lay, maps, steps = tables.layout, len(graph.parent), tables.steps
-    for m in range(maps - 1, -1, -1):
-        for state in range(lay.sizes[m, STATES]):
-            steps.state_arc[steps.state_first[m] + state] = arc_of_state(lay, m, state)
-        solve(graph, tables, m)
-    changed = np.zeros(maps, np.bool_)
-    for m in range(maps):
-        surround(lay, tables.borders, graph.parent, m, changed)
-        if m > 0:
-            climb(lay, tables.borders, tables.climbs, graph.parent, m)
+def _add_up(numbers: Int32Array, parts: int, own: int, table: int, count: int, sums: int) -> None:
+    """Fill the least sums of parts (own,) and a table (own, count)."""
+    for y in range(count):
+        numbers[sums + y] = CLOSED_MM
+    for x in range(own):
+        part = numbers[parts + x]
+        for y in range(count):
+            numbers[sums + y] = min(numbers[sums + y], np.int32(part + numbers[table + x * count + y]))
 
 
 @njit(cache=True)
-def repair(graph: GraphArrays, tables: Tables, arcs: Int32Array) -> Int32Array:
-    """Make the tables anew after the costs of arcs have changed; return how many were made within and around (2,)."""
-    lay, maps = tables.layout, len(graph.parent)
-    within, around = np.zeros(maps, np.bool_), np.zeros(maps, np.bool_)
-    climbing = np.zeros(maps, np.bool_)
-    for k in range(len(arcs)):
-        within[graph.node_submap[graph.tail[arcs[k]]]] = True
+def make(net: Net, tables: Tables, within: BoolArray, afresh: bool) -> Int32Array:
+    """Make the tables within the marked sub-maps (M,), bottom-up, then those around, top-down; return how many (2,).
+
+    All of them if `afresh`, else only those that change by the former, and by the change of others.
+    """
+    book, maps = tables.book, len(tables.book)
+    around, climbing = np.full(maps, afresh), np.full(maps, afresh)
     made = np.zeros(2, np.int32)
     for m in range(maps - 1, -1, -1):
         if within[m]:
-            parts = solve(graph, tables, m)
+            parts = solve(net, tables, m)
             made[0] += 1
-            around[m] = parts != 0
-            climbing[m] = parts & 2 != 0
+            around[m] |= parts != 0
+            climbing[m] |= parts & 2 != 0
             if parts & 1 and m > 0:
-                within[graph.parent[m]] = True
+                within[book[m, PARENT]] = True
     for m in range(maps):
-        if around[m] and surround(lay, tables.borders, graph.parent, m, around):
+        if around[m] and _surround(tables, m, around):
             made[1] += 1
-        if m > 0 and climbing[graph.parent[m]]:
-            climb(lay, tables.borders, tables.climbs, graph.parent, m)
+        if m > 0 and climbing[book[m, PARENT]]:
+            _climb(tables, m)
             climbing[m] = True  # and its children, too
     return made

@@ -8,42 +8,233 @@ import numpy as np
 from numba import njit
 
 from waychair.maps.building.costs import CLOSED_MM
-from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
+from waychair.maps.building.graph_arrays import Int32Array
 from waychair.planning.building.border_costs import (
     NO_STATE,
+    SEARCHED,
     costs_into,
     costs_out,
-    entries_of,
-    exits_of,
     joined,
-    room,
     searched,
+    sums_room,
 )
-from waychair.planning.building.border_kernels import (
-    StateArray,
-    Tables,
-    down_cost,
-    from_parent,
-    outside,
-    to_parent,
-    up_cost,
-)
+from waychair.planning.building.border_kernels import around_at
 from waychair.planning.building.overlay import (
+    AFTER,
+    ANCESTOR,
+    ARCS,
+    AROUND,
+    BEFORE,
     COLUMNS,
+    DEPTH,
+    DOWN,
+    ENTRIES,
+    ENTRIES_IN,
+    EXITS,
     EXITS_AT,
+    EXITS_IN,
+    INTO,
+    INTO_STATE,
+    LEVEL,
+    NODES,
+    OUT,
+    OUT_STATE,
+    OWNERS,
+    PARENT,
     ROWS,
     STATES,
+    UP,
+    WITHIN,
     Int64Array,
-    Layout,
-    arc_of_state,
-    child_of_state,
+    Net,
+    StateArray,
+    Tables,
+    is_child_entry,
     meeting_depth,
+    wide,
 )
+
+
+class Room(NamedTuple):
+    """Memory of a query: sums of costs (2, count), sub-maps to go on with (levels, 9), and a chain of states."""
+
+    sums: Int32Array
+    waiting: Int64Array
+    chain: Int32Array
+
+
+def query_room(tables: Tables) -> Room:
+    """Return memory for queries of these tables."""
+    book = tables.book
+    levels = (book.shape[1] - ANCESTOR) // LEVEL
+    return Room(
+        sums_room(book), np.empty((levels + 2, 9), np.int64), np.empty(int(book[:, STATES].max()) + 1, np.int32)
+    )
+
+
+_AROUND, _LINK = 3, 8
+"""First columns of `Room.waiting` that hold the levels of a way round about, and the exits that a way climbs by."""
 
 
 @njit(cache=True)
-def _emit(way: Int32Array, count: int, arc: int) -> int:
-    """Append an arc, unless it is the last one, which another overlay has seen, too."""
+def _emit_row(tables: Tables, waiting: Int64Array, m: int, row: int, state: int, way: Int32Array, count: int) -> int:
+    """Append the arcs from a state back to a row's, within `m`; children are unpacked, too.
+
+    An arc that is the last one already is not appended again: two overlays see it.
+    """
+    book, numbers, steps = tables.book, tables.numbers, tables.steps
+    depth, room, at = 0, len(way), state
+    last = wide(way[count - 1]) if 0 < count <= room else -1
+    arcs, rows, entries = book[m, ARCS], book[m, ROWS], book[m, ENTRIES]
+    before_at = book[m, BEFORE] + row * book[m, STATES]
+    while True:
+        arc = wide(numbers[arcs + at])
+        if arc != last:
+            if count < room:
+                way[count] = arc
+            count += 1
+            last = arc
+        if at == row:
+            if depth == 0:
+                return count
+            depth -= 1
+            m, row, at = waiting[depth, 0], waiting[depth, 1], waiting[depth, 2]
+        else:
+            before = wide(steps[before_at + at])
+            if at >= rows or at < entries or not is_child_entry(book, m, before):
+                at = before
+                continue
+            c = wide(numbers[book[m, OWNERS] + at - entries])  # over a child
+            waiting[depth, 0], waiting[depth, 1], waiting[depth, 2] = m, row, before
+            depth += 1
+            m, row, at = c, before - book[c, ENTRIES_IN], book[c, EXITS_AT] + at - book[c, EXITS_IN]
+        arcs, rows, entries = book[m, ARCS], book[m, ROWS], book[m, ENTRIES]
+        before_at = book[m, BEFORE] + row * book[m, STATES]
+
+
+@njit(cache=True)
+def _emit_around(tables: Tables, waiting: Int64Array, m: int, row: int, state: int, way: Int32Array, count: int) -> int:
+    """Append the arcs from a state (an entry of a child of `m`) back to a row (an exit of a child), by any way."""
+    book, numbers = tables.book, tables.numbers
+    levels, depth = waiting[:, _AROUND:_LINK], 0  # at each level: sub-map, row, state, exit, entry
+    levels[0, 0], levels[0, 1], levels[0, 2] = m, row, state
+    while True:
+        here, one, other = levels[depth, 0], levels[depth, 1], levels[depth, 2]
+        columns, rows = book[here, COLUMNS], book[here, ROWS]
+        width, start = book[here, EXITS_AT] - rows, book[here, WITHIN]
+        least = numbers[book[here, AROUND] + (one - book[here, ENTRIES]) * width + other - rows]
+        if numbers[start + one * columns + other - rows] == least:
+            break
+        for x in range(book[here, EXITS]):
+            there = wide(numbers[start + one * columns + width + x])
+            if there < least:
+                for e in range(book[here, ENTRIES]):
+                    back = numbers[start + e * columns + other - rows]
+                    if there + numbers[around_at(book, here, x, e)] + back == least:
+                        levels[depth, 3], levels[depth, 4] = x, e
+        depth += 1
+        levels[depth, 0] = book[here, PARENT]
+        levels[depth, 1] = book[here, EXITS_IN] + levels[depth - 1, 3]
+        levels[depth, 2] = book[here, ENTRIES_IN] + levels[depth - 1, 4]
+    for k in range(depth):
+        count = _emit_row(tables, waiting, levels[k, 0], levels[k, 4], levels[k, 2], way, count)
+    count = _emit_row(tables, waiting, levels[depth, 0], levels[depth, 1], levels[depth, 2], way, count)
+    for k in range(depth - 1, -1, -1):
+        exit = book[levels[k, 0], EXITS_AT] + levels[k, 3]
+        count = _emit_row(tables, waiting, levels[k, 0], levels[k, 1], exit, way, count)
+    return count
+
+
+@njit(cache=True)
+def _split(numbers: Int32Array, parts: int, own: int, table: int, count: int, onto: int, cost: int) -> int:
+    """Return the x of own parts for which `parts[x] + table[x, onto]` is a cost, the first one."""
+    for x in range(own):
+        if wide(numbers[parts + x]) + numbers[table + x * count + onto] == cost:
+            return x
+    return -1
+
+
+@njit(cache=True)
+def _emit_into(
+    tables: Tables, waiting: Int64Array, goal: int, m: int, c: int, entry: int, cost: int, way: Int32Array, count: int
+) -> int:
+    """Append the arcs from a node of `m` back to an entry of `c`, in which it lies, at this cost."""
+    book, numbers = tables.book, tables.numbers
+    own, d, above = book[m, ENTRIES], book[c, DEPTH], book[c, ENTRIES]
+    row = (goal - book[m, NODES]) * own
+    here = entry
+    if m != c:
+        here = _split(numbers, book[m, INTO] + row, own, book[m, DOWN + LEVEL * d], above, entry, cost)
+    count = _emit_row(tables, waiting, m, here, wide(tables.steps[book[m, INTO_STATE] + row + here]), way, count)
+    while m != c:  # up to the entry of c
+        p, next_entry = book[m, PARENT], entry
+        if p != c:
+            rest = wide(numbers[book[m, DOWN + LEVEL * d] + here * above + entry])
+            parts = book[m, DOWN + LEVEL * (book[m, DEPTH] - 1)] + here * book[p, ENTRIES]
+            next_entry = _split(numbers, parts, book[p, ENTRIES], book[p, DOWN + LEVEL * d], above, entry, rest)
+        count = _emit_row(tables, waiting, p, next_entry, book[m, ENTRIES_IN] + here, way, count)
+        here, m = next_entry, p
+    return count
+
+
+@njit(cache=True)
+def _emit_out(
+    tables: Tables, room: Room, start: int, m: int, c: int, exit: int, cost: int, way: Int32Array, count: int
+) -> int:
+    """Append the arcs from an exit of `c` back to a node of `m`, which lies in it, at this cost."""
+    book, numbers, waiting = tables.book, tables.numbers, room.waiting
+    own, d, above = book[m, EXITS], book[c, DEPTH], book[c, EXITS]
+    row = (start - book[m, NODES]) * own
+    first, links = exit, 0
+    if m != c:
+        first = _split(numbers, book[m, OUT] + row, own, book[m, UP + LEVEL * d], above, exit, cost)
+        here, q = first, m
+        while True:  # find the exits climbed by, then unpack from c downwards
+            waiting[links, _LINK] = here
+            links += 1
+            p = book[q, PARENT]
+            if p == c:
+                break
+            rest = wide(numbers[book[q, UP + LEVEL * d] + here * above + exit])
+            parts = book[q, UP + LEVEL * (book[q, DEPTH] - 1)] + here * book[p, EXITS]
+            here = _split(numbers, parts, book[p, EXITS], book[p, UP + LEVEL * d], above, exit, rest)
+            q = p
+        onto = exit
+        for k in range(links - 1, -1, -1):
+            q = book[m, ANCESTOR + LEVEL * (book[m, DEPTH] - k)]
+            p, link = book[q, PARENT], waiting[k, _LINK]
+            count = _emit_row(tables, waiting, p, book[q, EXITS_IN] + link, book[p, EXITS_AT] + onto, way, count)
+            onto = link
+    return _emit_after(tables, room, m, first, wide(tables.steps[book[m, OUT_STATE] + row + first]), way, count)
+
+
+@njit(cache=True)
+def _emit_after(tables: Tables, room: Room, m: int, exit: int, state: int, way: Int32Array, count: int) -> int:
+    """Append the arcs from an exit of `m` back to a state, by the states after it; children are unpacked."""
+    book, chain = tables.book, room.chain
+    at, goal, length = book[m, AFTER] + exit * book[m, STATES], book[m, EXITS_AT] + exit, 1
+    chain[0] = state
+    while state != goal:
+        state = wide(tables.steps[at + state])
+        chain[length] = state
+        length += 1
+    for k in range(length - 1, -1, -1):
+        before = wide(chain[k - 1]) if k > 0 else NO_STATE
+        count = _emit_state(tables, room.waiting, m, wide(chain[k]), before, way, count)
+    return count
+
+
+@njit(cache=True)
+def _emit_state(
+    tables: Tables, waiting: Int64Array, m: int, state: int, before: int, way: Int32Array, count: int
+) -> int:
+    """Append the arc of a state of `m`, and those of the child that lies between it and the state before, if there is one."""
+    book, numbers = tables.book, tables.numbers
+    if book[m, ENTRIES] <= state < book[m, ROWS] and is_child_entry(book, m, before):
+        c = wide(numbers[book[m, OWNERS] + state - book[m, ENTRIES]])
+        exit = book[c, EXITS_AT] + state - book[c, EXITS_IN]
+        return _emit_row(tables, waiting, c, before - book[c, ENTRIES_IN], exit, way, count)
+    arc = numbers[book[m, ARCS] + state]
     if 0 < count <= len(way) and way[count - 1] == arc:
         return count
     if count < len(way):
@@ -51,336 +242,128 @@ def _emit(way: Int32Array, count: int, arc: int) -> int:
     return count + 1
 
 
-class Unpacking(NamedTuple):
-    """The few arrays that ways are unpacked with, and memory for sub-maps to go on with, (64, 3)."""
-
-    state_first: Int64Array
-    state_arc: Int32Array
-    before_first: Int64Array
-    before: StateArray
-    sizes: Int32Array
-    exits_at: Int32Array
-    entries_at: Int32Array
-    entry_first: Int64Array
-    child_first: Int32Array
-    child: Int32Array
-    waiting: Int64Array
-
-
 @njit(cache=True)
-def unpacking(tables: Tables) -> Unpacking:
-    """Return the arrays to unpack ways with."""
-    lay, steps = tables.layout, tables.steps
-    return Unpacking(
-        steps.state_first,
-        steps.state_arc,
-        steps.first,
-        steps.before,
-        lay.sizes,
-        lay.exits_at,
-        lay.entries_at,
-        lay.entry_first,
-        lay.child_first,
-        lay.child,
-        np.empty((64, 3), np.int64),
-    )
-
-
-@njit(cache=True)
-def _emit_row(un: Unpacking, m: int, row: int, state: int, way: Int32Array, count: int) -> int:
-    """Append the arcs from a state back to a row's, within `m`; children are unpacked, too."""
-    waiting, depth, room = un.waiting, 0, len(way)
-    here, one, at = int(m), int(row), int(state)
-    rows, states = int(un.sizes[here, ROWS]), int(un.sizes[here, STATES])
-    entries = int(un.entry_first[here + 1] - un.entry_first[here])
-    arcs, before_at = un.state_first[here], un.before_first[here] + one * states
-    last = way[count - 1] if 0 < count <= room else -1
-    while True:
-        arc = un.state_arc[arcs + at]
-        if arc != last:
-            if count < room:
-                way[count] = arc
-            count += 1
-            last = arc
-        if at == one:
-            if depth == 0:
-                break
-            depth -= 1
-            here, one, at = waiting[depth, 0], waiting[depth, 1], waiting[depth, 2]
-        else:
-            before = int(un.before[before_at + at])
-            if at >= rows or at < entries or before < rows or before >= un.sizes[here, EXITS_AT]:
-                at = before
-                continue
-            low, high = un.child_first[here], un.child_first[here + 1] - 1  # over a child: which one has this exit?
-            while low < high:
-                middle = (low + high + 1) >> 1
-                if un.exits_at[un.child[middle]] <= at:
-                    low = middle
-                else:
-                    high = middle - 1
-            c = un.child[low]
-            waiting[depth, 0], waiting[depth, 1], waiting[depth, 2] = here, one, before
-            depth += 1
-            at = int(un.sizes[c, EXITS_AT] + at - un.exits_at[c])
-            here, one = int(c), int(before - un.entries_at[c])
-        rows, states = int(un.sizes[here, ROWS]), int(un.sizes[here, STATES])
-        entries = int(un.entry_first[here + 1] - un.entry_first[here])
-        arcs, before_at = un.state_first[here], un.before_first[here] + one * states
-    return count
-
-
-@njit(cache=True)
-def is_jump(lay: Layout, m: int, c: int, before: int) -> bool:
-    """Return whether a state before an exit of the child `c` is one of its entries."""
-    return bool(lay.entries_at[c] <= before < lay.entries_at[c] + entries_of(lay, c) and before >= lay.sizes[m, ROWS])
-
-
-@njit(cache=True)
-def _emit_around(
-    graph: GraphArrays, tables: Tables, un: Unpacking, m: int, row: int, state: int, way: Int32Array, count: int
-) -> int:
-    """Append the arcs from a state (an entry of a child of `m`) back to a row (an exit of a child), by any way."""
-    lay, borders = tables.layout, tables.borders
-    steps, depth = np.empty((64, 5), np.int64), 0  # at each level: sub-map, row, state, exit, entry
-    steps[0, 0], steps[0, 1], steps[0, 2] = m, row, state
-    while True:
-        here, one, other = steps[depth, 0], steps[depth, 1], steps[depth, 2]
-        columns, rows = np.int64(lay.sizes[here, COLUMNS]), lay.sizes[here, ROWS]
-        width, start = np.int64(lay.sizes[here, EXITS_AT] - rows), borders.first[here]
-        least = borders.around[borders.around_first[here] + (one - entries_of(lay, here)) * width + other - rows]
-        if borders.within[start + one * columns + other - rows] == least:
-            break
-        parent = graph.parent[here]
-        for x in range(exits_of(lay, here)):
-            there = borders.within[start + one * columns + width + x]
-            if there < least:
-                for e in range(entries_of(lay, here)):
-                    back = borders.within[start + e * columns + other - rows]
-                    if there + outside(lay, borders, parent, here, x, e) + back == least:
-                        steps[depth, 3], steps[depth, 4] = x, e
-        depth += 1
-        steps[depth, 0] = parent
-        steps[depth, 1] = lay.exits_at[here] + steps[depth - 1, 3]
-        steps[depth, 2] = lay.entries_at[here] + steps[depth - 1, 4]
-    for k in range(depth):
-        count = _emit_row(un, steps[k, 0], steps[k, 4], steps[k, 2], way, count)
-    count = _emit_row(un, steps[depth, 0], steps[depth, 1], steps[depth, 2], way, count)
-    for k in range(depth - 1, -1, -1):
-        exit = lay.sizes[steps[k, 0], EXITS_AT] + steps[k, 3]
-        count = _emit_row(un, steps[k, 0], steps[k, 1], exit, way, count)
-    return count
-
-
-@njit(cache=True)
-def _emit_into(
-    graph: GraphArrays,
+def _emit_joined(
     tables: Tables,
-    un: Unpacking,
-    goal: int,
-    m: int,
-    c: int,
-    entry: int,
-    cost: int,
-    way: Int32Array,
-    count: int,
-) -> int:
-    """Append the arcs from a node of `m` back to an entry of `c`, in which it lies, at this cost."""
-    lay, labels = tables.layout, tables.labels
-    borders, climbs, d = tables.borders, tables.climbs, lay.depth[c]
-    own = entries_of(lay, m)
-    at = labels.into_first[m] + (goal - lay.node_first[m]) * np.int64(own)
-    below = entry
-    if m != c:
-        for e in range(own):
-            part = labels.into[at + e]
-            if part < CLOSED_MM and part + down_cost(lay, borders, climbs, m, d, e, entry) == cost:
-                below = e
-    count = _emit_row(un, m, below, int(labels.into_state[at + below]), way, count)
-    rest, q = cost - labels.into[at + below], m
-    while q != c:  # up to the entry of c
-        p = graph.parent[q]
-        above = entry
-        if p != c:
-            for z in range(entries_of(lay, p)):
-                part = from_parent(lay, borders, p, q, z, below)
-                if part < CLOSED_MM and part + down_cost(lay, borders, climbs, p, d, z, entry) == rest:
-                    above = z
-            rest -= from_parent(lay, borders, p, q, above, below)
-        count = _emit_row(un, p, above, lay.entries_at[q] + below, way, count)
-        below, q = above, p
-    return count
-
-
-@njit(cache=True)
-def _emit_out(
-    graph: GraphArrays,
-    tables: Tables,
-    un: Unpacking,
+    room: Room,
     start: int,
-    m: int,
-    c: int,
-    exit: int,
-    cost: int,
-    way: Int32Array,
-    count: int,
-) -> int:
-    """Append the arcs from an exit of `c` back to a node of `m`, which lies in it, at this cost."""
-    lay, labels = tables.layout, tables.labels
-    borders, climbs, d = tables.borders, tables.climbs, lay.depth[c]
-    own = exits_of(lay, m)
-    at = labels.out_first[m] + (start - lay.node_first[m]) * np.int64(own)
-    chain, length, bottom = np.empty(64, np.int32), 0, exit
-    if m != c:
-        for x in range(own):
-            if (
-                labels.out[at + x] < CLOSED_MM
-                and labels.out[at + x] + up_cost(lay, borders, climbs, m, d, x, exit) == cost
-            ):
-                bottom = x
-        rest, here, q = cost - labels.out[at + bottom], bottom, m
-        chain[0], length = bottom, 1
-        while graph.parent[q] != c:
-            p = graph.parent[q]
-            for z in range(exits_of(lay, p)):
-                part = to_parent(lay, borders, p, q, here, z)
-                if part < CLOSED_MM and part + up_cost(lay, borders, climbs, p, d, z, exit) == rest:
-                    chain[length] = z
-                    length += 1
-                    here, rest = z, rest - part
-                    break
-            q = p
-        onto = exit
-        for k in range(length - 1, -1, -1):  # from c downwards
-            q = lay.ancestor[m, lay.depth[m] - k]
-            p = graph.parent[q]
-            count = _emit_row(un, p, lay.exits_at[q] + chain[k], lay.sizes[p, EXITS_AT] + onto, way, count)
-            onto = chain[k]
-    return _emit_after(tables, un, m, bottom, int(labels.out_state[at + bottom]), way, count)
-
-
-@njit(cache=True)
-def _emit_after(tables: Tables, un: Unpacking, m: int, exit: int, state: int, way: Int32Array, count: int) -> int:
-    """Append the arcs from an exit of `m` back to a state, by the states after it; children are unpacked."""
-    lay, steps = tables.layout, tables.steps
-    at = steps.after_first[m] + np.int64(exit) * lay.sizes[m, STATES]
-    length, s, goal = 1, state, lay.sizes[m, EXITS_AT] + exit
-    while s != goal:
-        s = int(steps.after[at + s])
-        length += 1
-    states = np.empty(length, np.int32)
-    states[0] = state
-    for k in range(1, length):
-        states[k] = steps.after[at + states[k - 1]]
-    return _emit_states(tables, un, m, states, way, count)
-
-
-@njit(cache=True)
-def _emit_states(tables: Tables, un: Unpacking, m: int, states: Int32Array, way: Int32Array, count: int) -> int:
-    """Append the arcs of states of `m`, given in the order of driving, from the last one back."""
-    lay = tables.layout
-    for k in range(len(states) - 1, -1, -1):
-        count = _emit(way, count, arc_of_state(lay, m, states[k]))
-        if k > 0:
-            c = child_of_state(lay, m, states[k])
-            if c >= 0 and states[k] < lay.sizes[m, ROWS] and is_jump(lay, m, c, states[k - 1]):
-                exit = lay.sizes[c, EXITS_AT] + states[k] - lay.exits_at[c]
-                count = _emit_row(un, c, states[k - 1] - lay.entries_at[c], exit, way, count)
-    return count
-
-
-@njit(cache=True)
-def way_between(
-    graph: GraphArrays,
-    tables: Tables,
-    un: Unpacking,
-    start: int,
+    one: int,
     goal: int,
-    out: Int32Array,
-    into: Int32Array,
+    other: int,
+    left: int,
+    right: int,
     way: Int32Array,
 ) -> tuple[int, int]:
+    """Append the arcs of the cheapest way from a node of `one` in `left` to one of `other` in `right`, by the table around
+    the parent of these two; return its cost and how many there are."""
+    book, numbers, sums, top = tables.book, tables.numbers, room.sums, tables.book[left, PARENT]
+    costs_out(book, numbers, start, one, left, sums[0])
+    costs_into(book, numbers, goal, other, right, sums[1])
+    cost, x, e = joined(book, numbers, top, left, right, sums)
+    if x < 0:
+        return cost, 0
+    count = _emit_into(tables, room.waiting, goal, other, right, e, wide(sums[1, e]), way, wide(0))
+    row, state = book[left, EXITS_IN] + x, book[right, ENTRIES_IN] + e
+    count = _emit_around(tables, room.waiting, top, row, state, way, count)
+    return cost, _emit_out(tables, room, start, one, left, x, wide(sums[0, x]), way, count)
+
+
+@njit(cache=True)
+def _turned(way: Int32Array, count: int) -> None:
+    """Turn the order of the first arcs round, if they are all there."""
+    if count <= len(way):
+        for k in range(count >> 1):
+            way[k], way[count - 1 - k] = way[count - 1 - k], way[k]
+
+
+@njit(cache=True)
+def table_way(
+    node_submap: Int32Array,
+    book: Int64Array,
+    numbers: Int32Array,
+    steps: StateArray,
+    sums: Int32Array,
+    waiting: Int64Array,
+    chain: Int32Array,
+    start: int,
+    goal: int,
+    way: Int32Array,
+) -> tuple[int, int]:
+    """As `way_between`, but the cost is `SEARCHED` where no table has it; Python hands on single arrays faster."""
+    one, other = wide(node_submap[start]), wide(node_submap[goal])
+    d = meeting_depth(book, one, other)
+    if book[one, DEPTH] == d or book[other, DEPTH] == d:
+        return SEARCHED, 0
+    left, right = book[one, ANCESTOR + LEVEL * (d + 1)], book[other, ANCESTOR + LEVEL * (d + 1)]
+    tables, room = Tables(book, numbers, steps), Room(sums, waiting, chain)
+    cost, count = _emit_joined(tables, room, start, one, goal, other, left, right, way)
+    _turned(way, count)
+    return cost, count
+
+
+@njit(cache=True)
+def way_between(net: Net, tables: Tables, room: Room, start: int, goal: int, way: Int32Array) -> tuple[int, int]:
     """Fill the arcs of the cheapest way into `way`; return its cost and how many arcs there are, also if too many.
 
     The cost is `CLOSED_MM` if there is none.
     """
-    if start == goal:
-        return 0, 0
-    lay = tables.layout
-    one, other = graph.node_submap[start], graph.node_submap[goal]
-    d = meeting_depth(lay.depth, lay.ancestor, one, other)
-    count = 0
-    if lay.depth[one] == d or lay.depth[other] == d:
-        cost, last, before = searched(graph, tables, start, goal, d, out, into)
-        if cost < CLOSED_MM:
-            count = _emit_searched(graph, tables, un, start, goal, d, last, before, out, into, way)
-    else:
-        from_map, to_map, top = lay.ancestor[one, d + 1], lay.ancestor[other, d + 1], lay.ancestor[one, d]
-        costs_out(tables, start, one, from_map, out)
-        costs_into(tables, goal, other, to_map, into)
-        cost, x, e = joined(tables, top, from_map, to_map, out, into)
-        if cost < CLOSED_MM:
-            count = _emit_into(graph, tables, un, goal, other, to_map, e, into[e], way, 0)
-            count = _emit_around(
-                graph, tables, un, top, lay.exits_at[from_map] + x, lay.entries_at[to_map] + e, way, count
-            )
-            count = _emit_out(graph, tables, un, start, one, from_map, x, out[x], way, count)
-    if count <= len(way):
-        for k in range(count >> 1):
-            way[k], way[count - 1 - k] = way[count - 1 - k], way[k]
+    book, sums = tables.book, room.sums
+    cost, count = table_way(
+        net.node_submap, book, tables.numbers, tables.steps, sums, room.waiting, room.chain, start, goal, way
+    )
+    if cost != SEARCHED:
+        return cost, count
+    one, other = wide(net.node_submap[start]), wide(net.node_submap[goal])
+    top = book[one, ANCESTOR + LEVEL * meeting_depth(book, one, other)]
+    cost, last, before = searched(net, tables, start, goal, sums)
+    if last >= 0:
+        count = _emit_searched(tables, room, start, one, goal, other, top, last, before, way)
+    elif start != goal and cost < CLOSED_MM:
+        count = _emit_joined(tables, room, start, one, goal, other, top, top, way)[1]
+    _turned(way, count)
     return cost, count
 
 
 @njit(cache=True)
 def _emit_searched(
-    graph: GraphArrays,
     tables: Tables,
-    un: Unpacking,
+    room: Room,
     start: int,
+    one: int,
     goal: int,
-    d: int,
+    other: int,
+    m: int,
     last: int,
     before: Int32Array,
-    out: Int32Array,
-    into: Int32Array,
     way: Int32Array,
 ) -> int:
-    lay = tables.layout
-    one, other = graph.node_submap[start], graph.node_submap[goal]
-    m, count, s = lay.ancestor[one, d], 0, last
-    exits_at = lay.sizes[m, EXITS_AT]
+    """Append the arcs of a way found by `searched` in the overlay of `m`."""
+    book, numbers, sums = tables.book, tables.numbers, room.sums
+    count, s, d = wide(0), last, book[m, DEPTH] + 1
     if other != m:
-        c = lay.ancestor[other, d + 1]
-        e = last - lay.entries_at[c]
-        count = _emit_into(graph, tables, un, goal, other, c, e, into[e], way, count)
+        c = book[other, ANCESTOR + LEVEL * d]
+        costs_into(book, numbers, goal, other, c, sums[1])
+        e = last - book[c, ENTRIES_IN]
+        count = _emit_into(tables, room.waiting, goal, other, c, e, wide(sums[1, e]), way, count)
     while True:
-        count = _emit(way, count, arc_of_state(lay, m, s))
-        b = before[s]
-        if b == NO_STATE:
-            return count
+        b = wide(before[s])
+        count = _emit_state(tables, room.waiting, m, s, b, way, count)
         if b < 0:
-            x = -1 - b
-            return _emit_out(graph, tables, un, start, one, lay.ancestor[one, d + 1], x, out[x], way, count)
-        if s < entries_of(lay, m) and exits_at <= b < exits_at + exits_of(lay, m):
-            p = graph.parent[m]
-            count = _emit_around(
-                graph, tables, un, p, lay.exits_at[m] + b - exits_at, lay.entries_at[m] + s, way, count
-            )
-        c = child_of_state(lay, m, s)
-        if c >= 0 and s < lay.sizes[m, ROWS] and is_jump(lay, m, c, b):
-            exit = lay.sizes[c, EXITS_AT] + s - lay.exits_at[c]
-            count = _emit_row(un, c, b - lay.entries_at[c], exit, way, count)
+            break
         s = b
+    if b != NO_STATE:
+        c, x = book[one, ANCESTOR + LEVEL * d], -1 - b
+        costs_out(book, numbers, start, one, c, sums[0])
+        count = _emit_out(tables, room, start, one, c, x, wide(sums[0, x]), way, count)
+    return count
 
 
 @njit(cache=True)
 def ways_between(
-    graph: GraphArrays, tables: Tables, starts: Int32Array, goals: Int32Array, way: Int32Array
+    net: Net, tables: Tables, room: Room, starts: Int32Array, goals: Int32Array, way: Int32Array
 ) -> tuple[Int32Array, Int32Array]:
     """Return the costs [mm] and numbers of arcs (Q,) of many ways, each written out into `way` in turn."""
-    out, into = room(tables.layout)
-    un = unpacking(tables)
     found, counts = np.empty(len(starts), np.int32), np.empty(len(starts), np.int32)
     for q in range(len(starts)):
-        found[q], counts[q] = way_between(graph, tables, un, starts[q], goals[q], out, into, way)
+        found[q], counts[q] = way_between(net, tables, room, wide(starts[q]), wide(goals[q]), way)
     return found, counts

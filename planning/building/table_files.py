@@ -17,17 +17,11 @@ import numpy as np
 from waychair.errors import BuildingError, MapError
 from waychair.files import is_file, os_error_text, replacing
 from waychair.maps.building.hgraph_files import GENERAL, SUBMAPS
-from waychair.planning.building.border_kernels import Borders, Climbs, Labels, Steps, Tables
-from waychair.planning.building.overlay import Layout
+from waychair.planning.building.overlay import Tables
 
 TABLES = "tables.bin"
-VERSION = 1
+VERSION = 2
 """Raised when the tables of the same graph would differ."""
-
-_ENDS = np.cumsum(
-    [len(Layout._fields), len(Borders._fields), len(Steps._fields), len(Labels._fields), len(Climbs._fields)]
-)
-"""Where the arrays of each part end in the file."""
 
 
 class StaleTables(BuildingError):
@@ -57,7 +51,7 @@ def save_tables(path: Path, tables: Tables, key: str) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    arrays = [np.ascontiguousarray(array) for part in tables for array in part]
+    arrays = [np.ascontiguousarray(array) for array in tables]
     check = 0
     for array in arrays:
         check = zlib.crc32(array.data.cast("B") if array.size else b"", check)
@@ -106,11 +100,8 @@ def load_tables(path: Path, key: str) -> Tables:
                 arrays.append(array)
             if check != head["crc32"]:
                 raise StaleTables(f"{path} is damaged: make the tables anew with waychair building tables")
+        return Tables(*arrays)
     except (ValueError, KeyError, TypeError) as error:
         raise StaleTables(f"{path} is damaged: make the tables anew with waychair building tables") from error
     except OSError as error:
         raise StaleTables(f"cannot read {path}: {os_error_text(error)}") from error
-    lay, borders, steps, labels, climbs = (
-        arrays[begin:end] for begin, end in zip([0, *_ENDS.tolist()], _ENDS.tolist(), strict=False)
-    )
-    return Tables(Layout(*lay), Borders(*borders), Steps(*steps), Labels(*labels), Climbs(*climbs))

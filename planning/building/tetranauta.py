@@ -18,44 +18,62 @@ from waychair.maps.building.costs import CLOSED_MM
 from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
 from waychair.planning.building.graph_search import GraphSearch, Way, cost_of_way
 from waychair.planning.building.overlay import (
+    ANCESTOR,
+    ARCS,
+    CHILDREN,
+    CHILDREN_END,
     COLUMNS,
+    DEPTH,
+    ENTRIES,
+    ENTRIES_IN,
+    EXITS,
+    EXITS_AT,
+    EXITS_IN,
+    LEVEL,
+    OWNERS,
+    PARENT,
     ROWS,
     STATES,
+    WITHIN,
     Int64Array,
-    Layout,
-    arc_of_state,
-    child_of_state,
-    layout,
+    Net,
+    Tables,
+    is_child_entry,
+    laid_out,
     meeting_depth,
+    net_of,
     overlay,
     state_of_arc,
+    wide,
 )
 from waychair.planning.building.packed_heap import SHIFT, pop, push
+from waychair.types import FloatArray
 
 _MASK = (1 << SHIFT) - 1
+
+
+BRIDGE, END, COST, BEFORE, OWN_AT = range(5)
+"""Columns of `Trajectories.book`."""
 
 
 class Trajectories(NamedTuple):
     """The trajectories of M sub-maps.
 
-    `bridge_first` (M + 1,) into `bridge`: the nodes of a sub-map with arcs into or out of it. `end_first` (M + 1,) into
-    `end`: the ends of its trajectories, its own bridges, then those of each child; `own_at` (M,) place of a child's bridges
-    among its parent's ends. `cost[cost_first[m] + from * ends + to]` [mm], `last` its last state, and `before[before_first[m] + from * states +
-    state]` the state before, in its overlay. `jump` holds group 1 in the form of border tables, from `jump_first` on.
+    `book` (M + 1, 5) int64 says where each sub-map's part begins: `BRIDGE` of `bridge`, the nodes with arcs into or out of
+    it; `END` of `end`, the ends of its trajectories, its own bridges, then those of each child; `COST` of `cost`
+    [mm] and `last`, the last state, both (ends, ends); `BEFORE` of `before`, the state before in its overlay (ends, states).
+    `OWN_AT` is the place of its bridges among its parent's ends. `xy` and `tail` are the graph's. Group 1 is in `WITHIN` of
+    the tables as well, in the form of a border table.
     """
 
-    bridge_first: Int64Array
+    book: Int64Array
     bridge: Int32Array
-    end_first: Int64Array
     end: Int32Array
-    own_at: Int32Array
-    cost_first: Int64Array
     cost: Int32Array
     last: Int32Array
-    before_first: Int64Array
     before: Int32Array
-    jump_first: Int64Array
-    jump: Int32Array
+    xy: FloatArray
+    tail: Int32Array
 
 
 class Tetranauta:
@@ -66,15 +84,16 @@ class Tetranauta:
 
     def __init__(self, graph: GraphArrays, brothers: bool = True) -> None:
         self.graph = graph
-        self.layout = layout(graph)
-        self.trajectories = _prepared(graph, self.layout)
+        self.tables = laid_out(graph, only_within=True)
+        self.trajectories = _prepared(graph, self.tables)
         self._brothers = brothers
         self._search = GraphSearch(graph)
-        _solve_all(graph, self.layout, self.trajectories)
+        self._net = net_of(graph)
+        _solve_all(self._net, self.tables, self.trajectories)
 
     def way(self, start: int, goal: int) -> Way:
         """Return the way between two nodes, not always the cheapest; its cost [mm] is that of its arcs."""
-        arcs = _way(self.graph, self.layout, self.trajectories, start, goal, self._brothers)
+        arcs = _way(self._net, self.tables, self.trajectories, start, goal, self._brothers)
         if start != goal and not len(arcs):
             return self._search.way(start, goal, guided=True)
         return Way(int(cost_of_way(self.graph, arcs)), arcs)
@@ -82,101 +101,105 @@ class Tetranauta:
     @property
     def nbytes(self) -> int:
         """Size of the trajectories [bytes]."""
-        return sum(array.nbytes for array in self.trajectories)
+        return sum(array.nbytes for array in (*self.tables, *self.trajectories[:-2]))
 
 
-def _prepared(graph: GraphArrays, lay: Layout) -> Trajectories:
-    """Return trajectories of the right sizes, not filled."""
-    maps = len(graph.parent)
-    outer = graph.node_submap[graph.tail] != graph.node_submap[graph.head]
-    bridges = np.unique(np.concatenate([graph.tail[outer], graph.head[outer]]))
-    is_bridge = [_leaves_its_submap(graph, lay, int(node)) for node in bridges]
-    bridge = bridges[np.array(is_bridge, np.bool_)].astype(np.int32)
-    bridge_first = np.searchsorted(graph.node_submap[bridge], np.arange(maps + 1)).astype(np.int64)
-    counts = np.diff(bridge_first)
-    ends, own_at = counts.copy(), np.zeros(maps, np.int32)
+def _prepared(graph: GraphArrays, tables: Tables) -> Trajectories:
+    """Return trajectories of the right sizes, not filled; the tables within get no entries yet."""
+    maps, numbers = len(graph.parent), tables.numbers
+    bridge = _bridges(net_of(graph), tables, graph.tail)
+    book = np.zeros((maps + 1, 5), np.int64)
+    book[:, BRIDGE] = np.searchsorted(graph.node_submap[bridge], np.arange(maps + 1))
+    counts = np.diff(book[:, BRIDGE])
+    ends = counts.copy()
     lists: list[Int32Array] = []
     for m in range(maps):
-        parts = [bridge[bridge_first[m] : bridge_first[m + 1]]]
-        for c in lay.child[lay.child_first[m] : lay.child_first[m + 1]].tolist():
-            own_at[c] = ends[m]
+        parts = [bridge[book[m, BRIDGE] : book[m + 1, BRIDGE]]]
+        for c in numbers[tables.book[m, CHILDREN] : tables.book[m, CHILDREN_END]].tolist():
+            book[c, OWN_AT] = ends[m]
             ends[m] += counts[c]
-            parts.append(bridge[bridge_first[c] : bridge_first[c + 1]])
+            parts.append(bridge[book[c, BRIDGE] : book[c + 1, BRIDGE]])
         lists.append(np.concatenate(parts))
-    states = lay.sizes[:, STATES].astype(np.int64)
-    jumps = lay.sizes[:, ROWS].astype(np.int64) * lay.sizes[:, COLUMNS]
-    end_first, cost_first, before_first, jump_first = (
-        np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64) for sizes in (ends, ends**2, ends * states, jumps)
-    )
+    states = tables.book[:, STATES]
+    for column, sizes in ((END, ends), (COST, ends**2), (BEFORE, ends * states)):
+        book[1:, column] = np.cumsum(sizes)
+    count, states_before = int(book[-1, COST]), int(book[-1, BEFORE])
     return Trajectories(
-        bridge_first,
+        book,
         bridge,
-        end_first,
         np.concatenate(lists).astype(np.int32),
-        own_at,
-        cost_first,
-        np.full(cost_first[-1], CLOSED_MM, np.int32),
-        np.full(cost_first[-1], -1, np.int32),
-        before_first,
-        np.full(before_first[-1], -1, np.int32),
-        jump_first,
-        np.full(jump_first[-1], CLOSED_MM, np.int32),
+        np.full(count, CLOSED_MM, np.int32),
+        np.full(count, -1, np.int32),
+        np.full(states_before, -1, np.int32),
+        graph.xy,
+        graph.tail,
     )
 
 
-def _leaves_its_submap(graph: GraphArrays, lay: Layout, node: int) -> bool:
-    """Return whether one of a node's arcs leads out of its sub-map, not into a child of it."""
-    m = int(graph.node_submap[node])
-    for b in range(graph.first[node], graph.first[node + 1]):
-        to = int(graph.node_submap[graph.head[b]])
-        if to != m and not (lay.depth[to] > lay.depth[m] and lay.ancestor[to, lay.depth[m]] == m):
-            return True
-    arriving = graph.reverse[graph.first[node] : graph.first[node + 1]]
-    return bool((arriving < 0).any()) and m > 0
+@njit(cache=True)
+def _bridges(net: Net, tables: Tables, tail: Int32Array) -> Int32Array:
+    """Return the nodes with an arc out of their sub-map or into it that does not belong to a child, ascending."""
+    book, is_bridge = tables.book, np.zeros(len(net.node_submap), np.bool_)
+    for arc in range(len(tail)):
+        for node, other in ((tail[arc], net.head[arc]), (net.head[arc], tail[arc])):
+            m, to = net.node_submap[node], net.node_submap[other]
+            if book[to, ANCESTOR + LEVEL * book[m, DEPTH]] != m:
+                is_bridge[node] = True
+    return np.flatnonzero(is_bridge).astype(np.int32)
 
 
 @njit(cache=True)
-def _solve_all(graph: GraphArrays, lay: Layout, tra: Trajectories) -> None:
-    for m in range(len(graph.parent) - 1, -1, -1):
-        _solve(graph, lay, tra, m)
+def _solve_all(net: Net, tables: Tables, tra: Trajectories) -> None:
+    for m in range(len(tables.book) - 1, -1, -1):
+        _solve(net, tables, tra, m)
 
 
 @njit(cache=True)
-def _node_in_overlay(graph: GraphArrays, lay: Layout, m: int, node: int, of_end: int, own: int) -> int:
-    """Return the child that an end of `m` belongs to, -1 for an own bridge."""
-    if of_end < own:
-        return -1
-    return int(lay.ancestor[graph.node_submap[node], lay.depth[m] + 1])
+def _ancestor(tables: Tables, m: int, d: int) -> int:
+    return int(tables.book[m, ANCESTOR + LEVEL * d])
 
 
 @njit(cache=True)
-def _solve(graph: GraphArrays, lay: Layout, tra: Trajectories, m: int) -> None:
+def _exit(tables: Tables, m: int, x: int) -> int:
+    return wide(tables.numbers[tables.book[m, ARCS] + tables.book[m, EXITS_AT] + x])
+
+
+@njit(cache=True)
+def _entry(tables: Tables, m: int, e: int) -> int:
+    return wide(tables.numbers[tables.book[m, ARCS] + e])
+
+
+@njit(cache=True)
+def _solve(net: Net, tables: Tables, tra: Trajectories, m: int) -> None:
     """Find all trajectories of one sub-map, each end in turn, and put group 1 into the form of a border table."""
-    first, to, weight = overlay(graph, lay, tra.jump_first, tra.jump, m)
-    states, low, high = lay.sizes[m, STATES], tra.end_first[m], tra.end_first[m + 1]
-    ends, own = high - low, tra.bridge_first[m + 1] - tra.bridge_first[m]
+    columns, exits, begin = tables.book[m, COLUMNS], tables.book[m, EXITS], tables.book[m, WITHIN]
+    within = tables.numbers[begin : begin + tables.book[m, ROWS] * columns]
+    within[:] = CLOSED_MM
+    first, to, weight = overlay(net, tables, m)
+    states, low, high = tables.book[m, STATES], tra.book[m, END], tra.book[m + 1, END]
+    ends, own = high - low, tra.book[m + 1, BRIDGE] - tra.book[m, BRIDGE]
     heap, cost = np.empty(states + len(to) + 64, np.int64), np.empty(states, np.int32)
     node_of = np.empty(states, np.int32)
     for s in range(states):
-        node_of[s] = graph.head[arc_of_state(lay, m, s)]
+        node_of[s] = net.head[tables.numbers[tables.book[m, ARCS] + s]]
     for i in range(ends):
-        node, at = tra.end[low + i], tra.before_first[m] + i * states
+        node, at = tra.end[low + i], tra.book[m, BEFORE] + i * states
         cost[:] = CLOSED_MM
-        size = 0
-        c = _node_in_overlay(graph, lay, m, node, i, own)
-        for b in range(graph.first[node], graph.first[node + 1]):
-            if graph.cost[b] >= CLOSED_MM:
+        size = wide(0)
+        c = wide(-1) if i < own else _ancestor(tables, wide(net.node_submap[node]), tables.book[m, DEPTH] + 1)
+        for b in range(net.first[node], net.first[node + 1]):
+            if net.cost[b] >= CLOSED_MM:
                 continue
             s = -1
             if c < 0:
-                s = state_of_arc(graph, lay, m, b)
+                s = state_of_arc(net, tables, m, wide(b))
             else:
-                for k in range(lay.exit_first[c], lay.exit_first[c + 1]):
-                    if lay.exit[k] == b:
-                        s = lay.exits_at[c] + k - lay.exit_first[c]
+                for x in range(tables.book[c, EXITS]):
+                    if _exit(tables, c, x) == b:
+                        s = tables.book[c, EXITS_IN] + x
             if s >= 0:
-                cost[s] = graph.cost[b]
-                size = push(heap, size, int((np.int64(cost[s]) << SHIFT) | s))
+                cost[s] = net.cost[b]
+                size = push(heap, size, (wide(cost[s]) << SHIFT) | s)
         while size > 0:
             item = heap[0]
             size = pop(heap, size)
@@ -187,8 +210,8 @@ def _solve(graph: GraphArrays, lay: Layout, tra: Trajectories, m: int) -> None:
                 b = to[k]
                 if here + weight[k] < cost[b]:
                     cost[b], tra.before[at + b] = here + weight[k], s
-                    size = push(heap, size, int((np.int64(cost[b]) << SHIFT) | b))
-        row = tra.cost_first[m] + i * ends
+                    size = push(heap, size, (wide(cost[b]) << SHIFT) | b)
+        row = tra.book[m, COST] + i * ends
         for j in range(ends):
             if i == j:
                 tra.cost[row + j] = 0
@@ -196,57 +219,56 @@ def _solve(graph: GraphArrays, lay: Layout, tra: Trajectories, m: int) -> None:
             for s in range(states):
                 if node_of[s] == tra.end[low + j] and cost[s] < tra.cost[row + j]:
                     tra.cost[row + j], tra.last[row + j] = cost[s], s
-    columns, exits = lay.sizes[m, COLUMNS], lay.exit_first[m + 1] - lay.exit_first[m]
-    for e in range(lay.entry_first[m + 1] - lay.entry_first[m]):
-        i = _end_of(tra, m, graph.head[lay.entry[lay.entry_first[m] + e]], own)
+    for e in range(tables.book[m, ENTRIES]):
+        i = _end_of(tra, m, net.head[_entry(tables, m, e)], own)
         for x in range(exits):
-            arc = lay.exit[lay.exit_first[m] + x]
-            j = _end_of(tra, m, graph.tail[arc], own)
-            if i >= 0 and j >= 0 and graph.cost[arc] < CLOSED_MM:
-                part = tra.cost[tra.cost_first[m] + i * ends + j]
+            arc = _exit(tables, m, x)
+            j = _end_of(tra, m, tra.tail[arc], own)
+            if i >= 0 and j >= 0 and net.cost[arc] < CLOSED_MM:
+                part = tra.cost[tra.book[m, COST] + i * ends + j]
                 if part < CLOSED_MM:
-                    tra.jump[tra.jump_first[m] + e * columns + columns - exits + x] = part + graph.cost[arc]
+                    within[e * columns + columns - exits + x] = part + net.cost[arc]
 
 
 @njit(cache=True)
 def _end_of(tra: Trajectories, m: int, node: int, count: int) -> int:
     for i in range(count):
-        if tra.end[tra.end_first[m] + i] == node:
+        if tra.end[tra.book[m, END] + i] == node:
             return i
     return -1
 
 
 @njit(cache=True)
-def _line(graph: GraphArrays, one: int, other: int) -> int:
-    return int(1000.0 * np.hypot(graph.xy[one, 0] - graph.xy[other, 0], graph.xy[one, 1] - graph.xy[other, 1]))
+def _line(tra: Trajectories, one: int, other: int) -> int:
+    return int(1000.0 * np.hypot(tra.xy[one, 0] - tra.xy[other, 0], tra.xy[one, 1] - tra.xy[other, 1]))
 
 
 @njit(cache=True)
 def _climbed(
-    graph: GraphArrays, lay: Layout, tra: Trajectories, node: int, d: int, outwards: bool
+    net: Net, tables: Tables, tra: Trajectories, node: int, d: int, outwards: int
 ) -> tuple[Int32Array, Int32Array]:
     """Return the costs to the bridges of the ancestor below depth d, and the bridge chosen at each level, (levels, all).
 
     Bridges count within their sub-map; the first level is estimated by air line.
     """
-    m = graph.node_submap[node]
-    count = tra.bridge_first[m + 1] - tra.bridge_first[m]
+    m = wide(net.node_submap[node])
+    count = tra.book[m + 1, BRIDGE] - tra.book[m, BRIDGE]
     most = count
-    for k in range(d + 1, lay.depth[m] + 1):
-        a = lay.ancestor[m, k]
-        most = max(most, tra.bridge_first[a + 1] - tra.bridge_first[a])
-    chosen = np.full((lay.depth[m] - d, most), -1, np.int32)
+    for k in range(d + 1, tables.book[m, DEPTH] + 1):
+        a = _ancestor(tables, m, k)
+        most = max(most, tra.book[a + 1, BRIDGE] - tra.book[a, BRIDGE])
+    chosen = np.full((tables.book[m, DEPTH] - d, most), -1, np.int32)
     costs = np.empty(count, np.int32)
     for i in range(count):
-        costs[i] = _line(graph, node, tra.bridge[tra.bridge_first[m] + i])
-    for level in range(1, lay.depth[m] - d):
-        p = graph.parent[m]
-        ends, own = tra.end_first[p + 1] - tra.end_first[p], tra.bridge_first[p + 1] - tra.bridge_first[p]
+        costs[i] = _line(tra, node, wide(tra.bridge[tra.book[m, BRIDGE] + i]))
+    for level in range(1, tables.book[m, DEPTH] - d):
+        p = tables.book[m, PARENT]
+        ends, own = tra.book[p + 1, END] - tra.book[p, END], tra.book[p + 1, BRIDGE] - tra.book[p, BRIDGE]
         above = np.full(own, CLOSED_MM, np.int32)
         for j in range(own):
             for i in range(count):
-                one, other = (tra.own_at[m] + i, j) if outwards else (j, tra.own_at[m] + i)
-                part = tra.cost[tra.cost_first[p] + one * ends + other]
+                one, other = (tra.book[m, OWN_AT] + i, j) if outwards > 0 else (j, tra.book[m, OWN_AT] + i)
+                part = tra.cost[tra.book[p, COST] + one * ends + other]
                 if part < CLOSED_MM and costs[i] + part < above[j]:
                     above[j], chosen[level, j] = costs[i] + part, i
         costs, count, m = above, own, p
@@ -254,87 +276,86 @@ def _climbed(
 
 
 @njit(cache=True)
-def _way(graph: GraphArrays, lay: Layout, tra: Trajectories, start: int, goal: int, brothers: bool) -> Int32Array:
+def _way(net: Net, tables: Tables, tra: Trajectories, start: int, goal: int, brothers: bool) -> Int32Array:
     """Return the arcs of a way, none if there is none."""
     none = np.empty(0, np.int32)
     if start == goal:
         return none
-    one, other = graph.node_submap[start], graph.node_submap[goal]
-    d = meeting_depth(lay.depth, lay.ancestor, one, other)
-    if lay.depth[one] == d or lay.depth[other] == d:
-        return _inside(graph, lay, tra, lay.ancestor[one, d], start, goal)
-    top, left, right = lay.ancestor[one, d], lay.ancestor[one, d + 1], lay.ancestor[other, d + 1]
-    out, chosen_out = _climbed(graph, lay, tra, start, d, True)
-    into, chosen_in = _climbed(graph, lay, tra, goal, d, False)
-    ends = tra.end_first[top + 1] - tra.end_first[top]
+    one, other = wide(net.node_submap[start]), wide(net.node_submap[goal])
+    d = meeting_depth(tables.book, one, other)
+    if tables.book[one, DEPTH] == d or tables.book[other, DEPTH] == d:
+        return _inside(net, tables, tra, _ancestor(tables, one, d), start, goal)
+    top, left, right = _ancestor(tables, one, d), _ancestor(tables, one, d + 1), _ancestor(tables, other, d + 1)
+    out, chosen_out = _climbed(net, tables, tra, start, d, wide(1))
+    into, chosen_in = _climbed(net, tables, tra, goal, d, wide(0))
+    ends = tra.book[top + 1, END] - tra.book[top, END]
     least, u, v = CLOSED_MM, -1, -1
     if not brothers:
-        u, v, middle = _linked(graph, lay, tra, top, left, right, out, into)
+        u, v, middle = _linked(net, tables, tra, top, left, right, out, into)
     else:
         for i in range(len(out)):
             for j in range(len(into)):
-                part = tra.cost[tra.cost_first[top] + (tra.own_at[left] + i) * ends + tra.own_at[right] + j]
+                part = tra.cost[tra.book[top, COST] + (tra.book[left, OWN_AT] + i) * ends + tra.book[right, OWN_AT] + j]
                 if part < CLOSED_MM and np.int64(out[i]) + part + into[j] < least:
                     least, u, v = out[i] + part + into[j], i, j
         middle = none
     if u < 0:
         return none
-    way, count = np.empty(4096, np.int32), 0
-    skeleton = np.empty(lay.depth[one] - d, np.int32)
+    way, count = np.empty(4096, np.int32), wide(0)
+    skeleton = np.empty(tables.book[one, DEPTH] - d, np.int32)
     q = u
-    for level in range(lay.depth[one] - d - 1, -1, -1):
+    for level in range(tables.book[one, DEPTH] - d - 1, -1, -1):
         skeleton[level] = q
         q = chosen_out[level, q]
-    first = tra.bridge[tra.bridge_first[one] + skeleton[0]]
-    way, count = _joined(way, count, _inside(graph, lay, tra, one, start, first))
+    first = wide(tra.bridge[tra.book[one, BRIDGE] + skeleton[0]])
+    way, count = _joined(way, count, _inside(net, tables, tra, one, start, first))
     m = one
     for level in range(1, len(skeleton)):
-        p = graph.parent[m]
-        part = _unpacked(graph, lay, tra, p, tra.own_at[m] + skeleton[level - 1], skeleton[level])
+        p = tables.book[m, PARENT]
+        part = _unpacked(net, tables, tra, p, tra.book[m, OWN_AT] + skeleton[level - 1], wide(skeleton[level]))
         way, count = _joined(way, count, part)
         m = p
     if brothers:
-        middle = _unpacked(graph, lay, tra, top, tra.own_at[left] + u, tra.own_at[right] + v)
+        middle = _unpacked(net, tables, tra, top, tra.book[left, OWN_AT] + u, tra.book[right, OWN_AT] + v)
     way, count = _joined(way, count, middle)
     q, m = v, right
-    for level in range(lay.depth[other] - d - 1, 0, -1):
-        below = lay.ancestor[other, lay.depth[other] - level + 1]
+    for level in range(tables.book[other, DEPTH] - d - 1, 0, -1):
+        below = _ancestor(tables, other, tables.book[other, DEPTH] - level + 1)
         z = chosen_in[level, q]
-        way, count = _joined(way, count, _unpacked(graph, lay, tra, m, q, tra.own_at[below] + z))
+        way, count = _joined(way, count, _unpacked(net, tables, tra, m, q, tra.book[below, OWN_AT] + z))
         q, m = z, below
-    last = tra.bridge[tra.bridge_first[other] + q]
-    way, count = _joined(way, count, _inside(graph, lay, tra, other, last, goal))
-    return way[:count].copy()
+    last = wide(tra.bridge[tra.book[other, BRIDGE] + q])
+    way, count = _joined(way, count, _inside(net, tables, tra, other, last, goal))
+    return way[:count]
 
 
 @njit(cache=True)
 def _joined(way: Int32Array, count: int, part: Int32Array) -> tuple[Int32Array, int]:
-    while count + len(part) > len(way):
-        way = np.concatenate((way, np.empty(len(way), np.int32)))
-    way[count : count + len(part)] = part
-    return way, count + len(part)
+    for k in range(len(part)):
+        way, count = _with_arc(way, count, part[k])
+    return way, count
 
 
 @njit(cache=True)
-def _inside(graph: GraphArrays, lay: Layout, tra: Trajectories, m: int, start: int, goal: int) -> Int32Array:
+def _inside(net: Net, tables: Tables, tra: Trajectories, m: int, start: int, goal: int) -> Int32Array:
     """Return the arcs from node to node by A* within `m`; children are jumped over, or entered at the ends only."""
     if start == goal:
         return np.empty(0, np.int32)
-    states = lay.sizes[m, STATES]
+    states = tables.book[m, STATES]
     cost = np.full(states, CLOSED_MM, np.int32)
-    if graph.node_submap[start] != m or graph.node_submap[goal] != m:
+    if net.node_submap[start] != m or net.node_submap[goal] != m:
         return np.empty(0, np.int32)
-    for b in range(graph.first[start], graph.first[start + 1]):
-        if graph.cost[b] < CLOSED_MM:
-            cost[state_of_arc(graph, lay, m, b)] = graph.cost[b]
-    last, before = _guided(graph, lay, tra, m, cost, goal, np.zeros(0, np.int32))
-    return _arcs_back(graph, lay, tra, m, before, last)
+    for b in range(net.first[start], net.first[start + 1]):
+        if net.cost[b] < CLOSED_MM:
+            cost[state_of_arc(net, tables, m, wide(b))] = net.cost[b]
+    last, before = _guided(net, tables, tra, m, cost, goal, np.zeros(0, np.int32))
+    return _arcs_back(net, tables, tra, m, before, last)
 
 
 @njit(cache=True)
 def _linked(
-    graph: GraphArrays,
-    lay: Layout,
+    net: Net,
+    tables: Tables,
     tra: Trajectories,
     top: int,
     left: int,
@@ -343,44 +364,44 @@ def _linked(
     into: Int32Array,
 ) -> tuple[int, int, Int32Array]:
     """Return the bridges of two brothers and the arcs between, by a search of their parent without group 5."""
-    states = lay.sizes[top, STATES]
+    states = tables.book[top, STATES]
     cost, ending = np.full(states, CLOSED_MM, np.int32), np.full(states, CLOSED_MM, np.int32)
-    for x in range(lay.exit_first[left + 1] - lay.exit_first[left]):
-        arc = lay.exit[lay.exit_first[left] + x]
-        i = _end_of(tra, left, graph.tail[arc], len(out))
-        if i >= 0 and graph.cost[arc] < CLOSED_MM and out[i] < CLOSED_MM:
-            cost[lay.exits_at[left] + x] = out[i] + graph.cost[arc]
-    for e in range(lay.entry_first[right + 1] - lay.entry_first[right]):
-        j = _end_of(tra, right, graph.head[lay.entry[lay.entry_first[right] + e]], len(into))
+    for x in range(tables.book[left, EXITS]):
+        arc = _exit(tables, left, x)
+        i = _end_of(tra, left, tra.tail[arc], len(out))
+        if i >= 0 and net.cost[arc] < CLOSED_MM and out[i] < CLOSED_MM:
+            cost[tables.book[left, EXITS_IN] + x] = out[i] + net.cost[arc]
+    for e in range(tables.book[right, ENTRIES]):
+        j = _end_of(tra, right, net.head[_entry(tables, right, e)], len(into))
         if j >= 0:
-            ending[lay.entries_at[right] + e] = into[j]
-    last, before = _guided(graph, lay, tra, top, cost, -1, ending)
+            ending[tables.book[right, ENTRIES_IN] + e] = into[j]
+    last, before = _guided(net, tables, tra, top, cost, wide(-1), ending)
     if last < 0:
         return -1, -1, np.empty(0, np.int32)
-    arcs = _arcs_back(graph, lay, tra, top, before, last)
-    return _end_of(tra, left, graph.tail[arcs[0]], len(out)), _end_of(tra, right, graph.head[arcs[-1]], len(into)), arcs
+    arcs = _arcs_back(net, tables, tra, top, before, last)
+    return _end_of(tra, left, tra.tail[arcs[0]], len(out)), _end_of(tra, right, net.head[arcs[-1]], len(into)), arcs
 
 
 @njit(cache=True)
 def _guided(
-    graph: GraphArrays, lay: Layout, tra: Trajectories, m: int, cost: Int32Array, goal: int, ending: Int32Array
+    net: Net, tables: Tables, tra: Trajectories, m: int, cost: Int32Array, goal: int, ending: Int32Array
 ) -> tuple[int, Int32Array]:
     """Search the overlay of `m` from the states with a cost to a node, by A*, or to states with an ending cost."""
-    first, to, weight = overlay(graph, lay, tra.jump_first, tra.jump, m)
+    first, to, weight = overlay(net, tables, m)
     states, size = len(cost), 0
     heap, before = np.empty(states + len(to) + 64, np.int64), np.full(states, -1, np.int32)
     node_of = np.empty(states, np.int32)
     for s in range(states):
-        node_of[s] = graph.head[arc_of_state(lay, m, s)]
+        node_of[s] = net.head[tables.numbers[tables.book[m, ARCS] + s]]
         if cost[s] < CLOSED_MM:
-            h = _line(graph, node_of[s], goal) if goal >= 0 else 0
-            size = push(heap, size, int((np.int64(cost[s] + h) << SHIFT) | s))
+            h = _line(tra, wide(node_of[s]), goal) if goal >= 0 else 0
+            size = push(heap, size, (wide(cost[s] + h) << SHIFT) | s)
     least, last = CLOSED_MM, -1
     while size > 0:
         item = heap[0]
         size = pop(heap, size)
         s = item & _MASK
-        h = _line(graph, node_of[s], goal) if goal >= 0 else 0
+        h = _line(tra, wide(node_of[s]), goal) if goal >= 0 else 0
         if (item >> SHIFT) >= least:
             break
         if (item >> SHIFT) > cost[s] + h:
@@ -393,43 +414,52 @@ def _guided(
             b = to[k]
             if cost[s] + weight[k] < cost[b]:
                 cost[b], before[b] = cost[s] + weight[k], s
-                h = _line(graph, node_of[b], goal) if goal >= 0 else 0
-                size = push(heap, size, int((np.int64(cost[b] + h) << SHIFT) | b))
+                h = _line(tra, wide(node_of[b]), goal) if goal >= 0 else 0
+                size = push(heap, size, (wide(cost[b] + h) << SHIFT) | b)
     return last, before
 
 
 @njit(cache=True)
-def _unpacked(graph: GraphArrays, lay: Layout, tra: Trajectories, m: int, one: int, other: int) -> Int32Array:
+def _unpacked(net: Net, tables: Tables, tra: Trajectories, m: int, one: int, other: int) -> Int32Array:
     """Return the arcs of a trajectory between two ends of `m`, in the order of driving."""
-    way, count = _trajectory_back(graph, lay, tra, m, one, other, np.empty(256, np.int32), 0)
-    return way[:count][::-1].copy()
+    way, count = _trajectory_back(net, tables, tra, m, one, other, np.empty(256, np.int32), wide(0))
+    return _turned(way, count)
 
 
 @njit(cache=True)
-def _child_jumped(lay: Layout, m: int, state: int, before: int) -> int:
+def _turned(way: Int32Array, count: int) -> Int32Array:
+    """Return the first arcs in the other order."""
+    turned = np.empty(count, np.int32)
+    for k in range(count):
+        turned[k] = way[count - 1 - k]
+    return turned
+
+
+@njit(cache=True)
+def _child_jumped(tables: Tables, m: int, state: int, before: int) -> int:
     """Return the child that is jumped over on the way to a state, -1 for none."""
-    if before < lay.sizes[m, ROWS] or state >= lay.sizes[m, ROWS]:
+    entries = tables.book[m, ENTRIES]
+    if not is_child_entry(tables.book, m, before) or not entries <= state < tables.book[m, ROWS]:
         return -1
-    c = child_of_state(lay, m, state)
-    return c if c >= 0 and child_of_state(lay, m, before) == c else -1
+    return wide(tables.numbers[tables.book[m, OWNERS] + state - entries])
 
 
 @njit(cache=True)
 def _bridges_of_jump(
-    graph: GraphArrays, lay: Layout, tra: Trajectories, m: int, c: int, state: int, before: int
+    net: Net, tables: Tables, tra: Trajectories, m: int, c: int, state: int, before: int
 ) -> tuple[int, int]:
-    own = int(tra.bridge_first[c + 1] - tra.bridge_first[c])
-    one = _end_of(tra, c, graph.head[arc_of_state(lay, m, before)], own)
-    return one, _end_of(tra, c, graph.tail[arc_of_state(lay, m, state)], own)
+    own = int(tra.book[c + 1, BRIDGE] - tra.book[c, BRIDGE])
+    one = _end_of(tra, c, net.head[tables.numbers[tables.book[m, ARCS] + before]], own)
+    return one, _end_of(tra, c, tra.tail[tables.numbers[tables.book[m, ARCS] + state]], own)
 
 
 @njit(cache=True)
 def _trajectory_back(
-    graph: GraphArrays, lay: Layout, tra: Trajectories, m: int, one: int, other: int, way: Int32Array, count: int
+    net: Net, tables: Tables, tra: Trajectories, m: int, one: int, other: int, way: Int32Array, count: int
 ) -> tuple[Int32Array, int]:
     """Append the arcs of a trajectory from its last one back; children that are jumped over are unpacked."""
     maps, befores, lasts, depth = np.empty(64, np.int64), np.empty(64, np.int64), np.empty(64, np.int64), 0
-    at, s = _trajectory(lay, tra, m, one, other)
+    at, s = _trajectory(tables, tra, m, one, other)
     while True:
         if s < 0:
             if depth == 0:
@@ -437,25 +467,25 @@ def _trajectory_back(
             depth -= 1
             m, at, s = maps[depth], befores[depth], lasts[depth]
             continue
-        way, count = _with_arc(way, count, arc_of_state(lay, m, s))
+        way, count = _with_arc(way, count, tables.numbers[tables.book[m, ARCS] + s])
         b = int(tra.before[at + s])
-        c = _child_jumped(lay, m, s, b)
+        c = _child_jumped(tables, m, s, b)
         if c < 0:
             s = b
             continue
-        i, j = _bridges_of_jump(graph, lay, tra, m, c, s, b)
+        i, j = _bridges_of_jump(net, tables, tra, m, c, s, b)
         maps[depth], befores[depth], lasts[depth] = m, at, b
         depth += 1
         m = c
-        at, s = _trajectory(lay, tra, m, i, j)
+        at, s = _trajectory(tables, tra, m, i, j)
 
 
 @njit(cache=True)
-def _trajectory(lay: Layout, tra: Trajectories, m: int, one: int, other: int) -> tuple[int, int]:
+def _trajectory(tables: Tables, tra: Trajectories, m: int, one: int, other: int) -> tuple[int, int]:
     """Return where the states before each begin on the trajectories from an end, and the last state of one of them."""
-    ends = tra.end_first[m + 1] - tra.end_first[m]
-    last = -1 if one == other else tra.last[tra.cost_first[m] + one * ends + other]
-    return int(tra.before_first[m] + one * lay.sizes[m, STATES]), int(last)
+    ends = tra.book[m + 1, END] - tra.book[m, END]
+    last = -1 if one == other else tra.last[tra.book[m, COST] + one * ends + other]
+    return int(tra.book[m, BEFORE] + one * tables.book[m, STATES]), int(last)
 
 
 @njit(cache=True)
@@ -463,21 +493,24 @@ def _with_arc(way: Int32Array, count: int, arc: int) -> tuple[Int32Array, int]:
     if count > 0 and way[count - 1] == arc:
         return way, count
     if count == len(way):
-        way = np.concatenate((way, np.empty(len(way), np.int32)))
+        longer = np.empty(2 * len(way), np.int32)
+        for k in range(count):
+            longer[k] = way[k]
+        way = longer
     way[count] = arc
     return way, count + 1
 
 
 @njit(cache=True)
-def _arcs_back(graph: GraphArrays, lay: Layout, tra: Trajectories, m: int, before: Int32Array, last: int) -> Int32Array:
+def _arcs_back(net: Net, tables: Tables, tra: Trajectories, m: int, before: Int32Array, last: int) -> Int32Array:
     """Return the arcs up to a state of a search of `m`, in the order of driving; children are unpacked."""
-    way, count, s = np.empty(256, np.int32), 0, last
+    way, count, s = np.empty(256, np.int32), wide(0), last
     while s >= 0:
-        way, count = _with_arc(way, count, arc_of_state(lay, m, s))
+        way, count = _with_arc(way, count, tables.numbers[tables.book[m, ARCS] + s])
         b = int(before[s])
-        c = _child_jumped(lay, m, s, b)
+        c = _child_jumped(tables, m, s, b)
         if c >= 0:
-            i, j = _bridges_of_jump(graph, lay, tra, m, c, s, b)
-            way, count = _trajectory_back(graph, lay, tra, c, i, j, way, count)
+            i, j = _bridges_of_jump(net, tables, tra, m, c, s, b)
+            way, count = _trajectory_back(net, tables, tra, c, i, j, way, count)
         s = b
-    return way[:count][::-1].copy()
+    return _turned(way, count)

@@ -105,10 +105,7 @@ def test_repaired_tables_equal_new_ones() -> None:
     for arc in range(0, len(graph.tail), 37):
         tables.reprice(np.array([arc]), np.array([3 * int(graph.cost[arc]) + 1]))
         fresh = BorderTables(graph)
-        for name in ("within", "around"):
-            assert np.array_equal(getattr(tables.tables.borders, name), getattr(fresh.tables.borders, name))
-        assert np.array_equal(tables.tables.labels.out, fresh.tables.labels.out)
-        assert np.array_equal(tables.tables.climbs.up, fresh.tables.climbs.up)
+        assert np.array_equal(tables.tables.numbers, fresh.tables.numbers)
 
 
 def test_an_impossible_cost_is_refused(small: Hospital) -> None:
@@ -143,7 +140,7 @@ def test_the_papers_trajectories_find_ways_a_little_longer_than_the_shortest(bro
         if start != goal:
             assert (made.graph.tail[way.arcs[0]], made.graph.head[way.arcs[-1]]) == (start, goal)
         found, best = found + way.cost, best + least
-    assert found <= 1.02 * best
+    assert found <= 1.0069 * best  # the paper's worst; 1.0042 here
 
 
 def test_searches_past_rooms_enter_only_the_first_and_the_last(small: Hospital) -> None:
