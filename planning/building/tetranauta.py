@@ -89,7 +89,8 @@ class Tetranauta:
         self._brothers = brothers
         self._search = GraphSearch(graph)
         self._net = net_of(graph)
-        _solve_all(self._net, self.tables, self.trajectories)
+        for m in range(len(graph.parent) - 1, -1, -1):
+            _solve(self._net, self.tables, self.trajectories, m)
 
     def way(self, start: int, goal: int) -> Way:
         """Return the way between two nodes, not always the cheapest; its cost [mm] is that of its arcs."""
@@ -123,17 +124,10 @@ def _prepared(graph: GraphArrays, tables: Tables) -> Trajectories:
     states = tables.book[:, STATES]
     for column, sizes in ((END, ends), (COST, ends**2), (BEFORE, ends * states)):
         book[1:, column] = np.cumsum(sizes)
-    count, states_before = int(book[-1, COST]), int(book[-1, BEFORE])
-    return Trajectories(
-        book,
-        bridge,
-        np.concatenate(lists).astype(np.int32),
-        np.full(count, CLOSED_MM, np.int32),
-        np.full(count, -1, np.int32),
-        np.full(states_before, -1, np.int32),
-        graph.xy,
-        graph.tail,
-    )
+    end, count, states_before = np.concatenate(lists).astype(np.int32), int(book[-1, COST]), int(book[-1, BEFORE])
+    cost, last = np.full(count, CLOSED_MM, np.int32), np.full(count, -1, np.int32)
+    before = np.full(states_before, -1, np.int32)
+    return Trajectories(book, bridge, end, cost, last, before, graph.xy, graph.tail)
 
 
 @njit(cache=True)
@@ -146,12 +140,6 @@ def _bridges(net: Net, tables: Tables, tail: Int32Array) -> Int32Array:
             if book[to, ANCESTOR + LEVEL * book[m, DEPTH]] != m:
                 is_bridge[node] = True
     return np.flatnonzero(is_bridge).astype(np.int32)
-
-
-@njit(cache=True)
-def _solve_all(net: Net, tables: Tables, tra: Trajectories) -> None:
-    for m in range(len(tables.book) - 1, -1, -1):
-        _solve(net, tables, tra, m)
 
 
 @njit(cache=True)
@@ -354,14 +342,7 @@ def _inside(net: Net, tables: Tables, tra: Trajectories, m: int, start: int, goa
 
 @njit(cache=True)
 def _linked(
-    net: Net,
-    tables: Tables,
-    tra: Trajectories,
-    top: int,
-    left: int,
-    right: int,
-    out: Int32Array,
-    into: Int32Array,
+    net: Net, tables: Tables, tra: Trajectories, top: int, left: int, right: int, out: Int32Array, into: Int32Array
 ) -> tuple[int, int, Int32Array]:
     """Return the bridges of two brothers and the arcs between, by a search of their parent without group 5."""
     states = tables.book[top, STATES]
