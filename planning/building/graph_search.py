@@ -218,6 +218,37 @@ def traced(before: Int32Array, last: int) -> Int32Array:
 
 
 @njit(cache=True)
+def with_arc(way: Int32Array, count: int, arc: int) -> tuple[Int32Array, int]:
+    """Append an arc to the first `count`, unless it is the last of them; return the way, longer if it was full, and count."""
+    if count > 0 and way[count - 1] == arc:
+        return way, count
+    if count == len(way):
+        longer = np.empty(2 * len(way), np.int32)
+        for k in range(count):
+            longer[k] = way[k]
+        way = longer
+    way[count] = arc
+    return way, count + 1
+
+
+@njit(cache=True)
+def with_arcs(way: Int32Array, count: int, part: Int32Array) -> tuple[Int32Array, int]:
+    """Append arcs as `with_arc` does."""
+    for k in range(len(part)):
+        way, count = with_arc(way, count, part[k])
+    return way, count
+
+
+@njit(cache=True)
+def in_driving_order(way: Int32Array, count: int) -> Int32Array:
+    """Return the first arcs of a way that was found from its end, in the order of driving."""
+    turned = np.empty(count, np.int32)
+    for k in range(count):
+        turned[k] = way[count - 1 - k]
+    return turned
+
+
+@njit(cache=True)
 def cost_of_way(graph: GraphArrays, way: Int32Array) -> int:
     """Return the cost of arcs driven one after the other [mm]; -1 if they do not join, `CLOSED_MM` if one is closed."""
     total = 0

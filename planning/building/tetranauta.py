@@ -9,14 +9,15 @@ these two sub-maps. A lift's rides, for which the paper has no group, are trajec
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
 from waychair.maps.building.costs import CLOSED_MM
 from waychair.maps.building.graph_arrays import GraphArrays, Int32Array
-from waychair.planning.building.graph_search import GraphSearch, Way, cost_of_way
+from waychair.planning.building.graph_search import GraphSearch, Way, in_driving_order, with_arc, with_arcs
 from waychair.planning.building.overlay import (
     ANCESTOR,
     ARCS,
@@ -38,12 +39,15 @@ from waychair.planning.building.overlay import (
     Int64Array,
     Net,
     Tables,
+    followers,
     is_child_entry,
     laid_out,
     meeting_depth,
+    most_followers,
     net_of,
     overlay,
     state_of_arc,
+    turn,
     wide,
 )
 from waychair.planning.building.packed_heap import SHIFT, pop, push
@@ -94,10 +98,10 @@ class Tetranauta:
 
     def way(self, start: int, goal: int) -> Way:
         """Return the way between two nodes, not always the cheapest; its cost [mm] is that of its arcs."""
-        arcs = _way(self._net, self.tables, self.trajectories, start, goal, self._brothers)
+        cost, arcs = _priced_way(start, goal, self._brothers, *self._net, *self.tables, *self.trajectories)
         if start != goal and not len(arcs):
             return self._search.way(start, goal, guided=True)
-        return Way(int(cost_of_way(self.graph, arcs)), arcs)
+        return Way(cost, arcs)
 
     @property
     def nbytes(self) -> int:
@@ -228,7 +232,8 @@ def _end_of(tra: Trajectories, m: int, node: int, count: int) -> int:
 
 @njit(cache=True)
 def _line(tra: Trajectories, one: int, other: int) -> int:
-    return int(1000.0 * np.hypot(tra.xy[one, 0] - tra.xy[other, 0], tra.xy[one, 1] - tra.xy[other, 1]))
+    dx, dy = tra.xy[one, 0] - tra.xy[other, 0], tra.xy[one, 1] - tra.xy[other, 1]
+    return int(1000.0 * math.sqrt(dx * dx + dy * dy))
 
 
 @njit(cache=True)
@@ -264,6 +269,18 @@ def _climbed(
 
 
 @njit(cache=True)
+def _priced_way(start: int, goal: int, brothers: bool, *arrays: Any) -> tuple[int, Int32Array]:
+    """Return a way and its cost; Python hands on single arrays faster than tuples of them."""
+    net, tables, tra = Net(*arrays[:6]), Tables(*arrays[6:9]), Trajectories(*arrays[9:])
+    way, cost = _way(net, tables, tra, start, goal, brothers), 0
+    for k in range(len(way)):
+        cost += net.cost[way[k]]
+        if k > 0:
+            cost += turn(net.heading, net.turns, way[k - 1], way[k])
+    return cost, way
+
+
+@njit(cache=True)
 def _way(net: Net, tables: Tables, tra: Trajectories, start: int, goal: int, brothers: bool) -> Int32Array:
     """Return the arcs of a way, none if there is none."""
     none = np.empty(0, np.int32)
@@ -279,7 +296,7 @@ def _way(net: Net, tables: Tables, tra: Trajectories, start: int, goal: int, bro
     ends = tra.book[top + 1, END] - tra.book[top, END]
     least, u, v = CLOSED_MM, -1, -1
     if not brothers:
-        u, v, middle = _linked(net, tables, tra, top, left, right, out, into)
+        u, v, middle = _linked(net, tables, tra, top, left, right, goal, out, into)
     else:
         for i in range(len(out)):
             for j in range(len(into)):
@@ -289,39 +306,32 @@ def _way(net: Net, tables: Tables, tra: Trajectories, start: int, goal: int, bro
         middle = none
     if u < 0:
         return none
-    way, count = np.empty(4096, np.int32), wide(0)
+    way, count = np.empty(512, np.int32), wide(0)
     skeleton = np.empty(tables.book[one, DEPTH] - d, np.int32)
     q = u
     for level in range(tables.book[one, DEPTH] - d - 1, -1, -1):
         skeleton[level] = q
         q = chosen_out[level, q]
     first = wide(tra.bridge[tra.book[one, BRIDGE] + skeleton[0]])
-    way, count = _joined(way, count, _inside(net, tables, tra, one, start, first))
+    way, count = with_arcs(way, count, _inside(net, tables, tra, one, start, first))
     m = one
     for level in range(1, len(skeleton)):
         p = tables.book[m, PARENT]
         part = _unpacked(net, tables, tra, p, tra.book[m, OWN_AT] + skeleton[level - 1], wide(skeleton[level]))
-        way, count = _joined(way, count, part)
+        way, count = with_arcs(way, count, part)
         m = p
     if brothers:
         middle = _unpacked(net, tables, tra, top, tra.book[left, OWN_AT] + u, tra.book[right, OWN_AT] + v)
-    way, count = _joined(way, count, middle)
+    way, count = with_arcs(way, count, middle)
     q, m = v, right
     for level in range(tables.book[other, DEPTH] - d - 1, 0, -1):
         below = _ancestor(tables, other, tables.book[other, DEPTH] - level + 1)
         z = chosen_in[level, q]
-        way, count = _joined(way, count, _unpacked(net, tables, tra, m, q, tra.book[below, OWN_AT] + z))
+        way, count = with_arcs(way, count, _unpacked(net, tables, tra, m, q, tra.book[below, OWN_AT] + z))
         q, m = z, below
     last = wide(tra.bridge[tra.book[other, BRIDGE] + q])
-    way, count = _joined(way, count, _inside(net, tables, tra, other, last, goal))
+    way, count = with_arcs(way, count, _inside(net, tables, tra, other, last, goal))
     return way[:count]
-
-
-@njit(cache=True)
-def _joined(way: Int32Array, count: int, part: Int32Array) -> tuple[Int32Array, int]:
-    for k in range(len(part)):
-        way, count = _with_arc(way, count, part[k])
-    return way, count
 
 
 @njit(cache=True)
@@ -342,7 +352,15 @@ def _inside(net: Net, tables: Tables, tra: Trajectories, m: int, start: int, goa
 
 @njit(cache=True)
 def _linked(
-    net: Net, tables: Tables, tra: Trajectories, top: int, left: int, right: int, out: Int32Array, into: Int32Array
+    net: Net,
+    tables: Tables,
+    tra: Trajectories,
+    top: int,
+    left: int,
+    right: int,
+    goal: int,
+    out: Int32Array,
+    into: Int32Array,
 ) -> tuple[int, int, Int32Array]:
     """Return the bridges of two brothers and the arcs between, by a search of their parent without group 5."""
     states = tables.book[top, STATES]
@@ -356,7 +374,7 @@ def _linked(
         j = _end_of(tra, right, net.head[_entry(tables, right, e)], len(into))
         if j >= 0:
             ending[tables.book[right, ENTRIES_IN] + e] = into[j]
-    last, before = _guided(net, tables, tra, top, cost, wide(-1), ending)
+    last, before = _guided(net, tables, tra, top, cost, goal, ending)
     if last < 0:
         return -1, -1, np.empty(0, np.int32)
     arcs = _arcs_back(net, tables, tra, top, before, last)
@@ -367,35 +385,42 @@ def _linked(
 def _guided(
     net: Net, tables: Tables, tra: Trajectories, m: int, cost: Int32Array, goal: int, ending: Int32Array
 ) -> tuple[int, Int32Array]:
-    """Search the overlay of `m` from the states with a cost to a node, by A*, or to states with an ending cost."""
-    first, to, weight = overlay(net, tables, m)
-    states, size = len(cost), 0
-    heap, before = np.empty(states + len(to) + 64, np.int64), np.full(states, -1, np.int32)
-    node_of = np.empty(states, np.int32)
+    """Search the overlay of `m` by A* from the states with a cost to a node, or towards it to states with an ending cost."""
+    states, size, arcs = len(cost), wide(0), tables.book[m, ARCS]
+    heap, before = np.empty(states + 64, np.int64), np.full(states, -1, np.int32)
+    to, weight = np.empty(16, np.int32), np.empty(16, np.int32)
     for s in range(states):
-        node_of[s] = net.head[tables.numbers[tables.book[m, ARCS] + s]]
         if cost[s] < CLOSED_MM:
-            h = _line(tra, wide(node_of[s]), goal) if goal >= 0 else 0
+            h = _line(tra, wide(net.head[tables.numbers[arcs + s]]), goal)
             size = push(heap, size, (wide(cost[s] + h) << SHIFT) | s)
     least, last = CLOSED_MM, -1
     while size > 0:
         item = heap[0]
         size = pop(heap, size)
         s = item & _MASK
-        h = _line(tra, wide(node_of[s]), goal) if goal >= 0 else 0
+        node = wide(net.head[tables.numbers[arcs + s]])
+        h = _line(tra, node, goal)
         if (item >> SHIFT) >= least:
             break
         if (item >> SHIFT) > cost[s] + h:
             continue
-        if goal >= 0 and node_of[s] == goal:
+        if len(ending) == 0 and node == goal:
             least, last = cost[s], s
-        elif goal < 0 and ending[s] < CLOSED_MM and cost[s] + ending[s] < least:
+        elif len(ending) > 0 and ending[s] < CLOSED_MM and cost[s] + ending[s] < least:
             least, last = cost[s] + ending[s], s
-        for k in range(first[s], first[s + 1]):
+        most = most_followers(net, tables, m, s)
+        if most > len(to):
+            to, weight = np.empty(most, np.int32), np.empty(most, np.int32)
+        if size + most > len(heap):
+            longer = np.empty(2 * len(heap) + most, np.int64)
+            for k in range(size):
+                longer[k] = heap[k]
+            heap = longer
+        for k in range(followers(net, tables, m, s, to, weight, wide(0))):
             b = to[k]
             if cost[s] + weight[k] < cost[b]:
                 cost[b], before[b] = cost[s] + weight[k], s
-                h = _line(tra, wide(node_of[b]), goal) if goal >= 0 else 0
+                h = _line(tra, wide(net.head[tables.numbers[arcs + b]]), goal)
                 size = push(heap, size, (wide(cost[b] + h) << SHIFT) | b)
     return last, before
 
@@ -404,16 +429,7 @@ def _guided(
 def _unpacked(net: Net, tables: Tables, tra: Trajectories, m: int, one: int, other: int) -> Int32Array:
     """Return the arcs of a trajectory between two ends of `m`, in the order of driving."""
     way, count = _trajectory_back(net, tables, tra, m, one, other, np.empty(256, np.int32), wide(0))
-    return _turned(way, count)
-
-
-@njit(cache=True)
-def _turned(way: Int32Array, count: int) -> Int32Array:
-    """Return the first arcs in the other order."""
-    turned = np.empty(count, np.int32)
-    for k in range(count):
-        turned[k] = way[count - 1 - k]
-    return turned
+    return in_driving_order(way, count)
 
 
 @njit(cache=True)
@@ -448,7 +464,7 @@ def _trajectory_back(
             depth -= 1
             m, at, s = maps[depth], befores[depth], lasts[depth]
             continue
-        way, count = _with_arc(way, count, tables.numbers[tables.book[m, ARCS] + s])
+        way, count = with_arc(way, count, tables.numbers[tables.book[m, ARCS] + s])
         b = int(tra.before[at + s])
         c = _child_jumped(tables, m, s, b)
         if c < 0:
@@ -470,28 +486,15 @@ def _trajectory(tables: Tables, tra: Trajectories, m: int, one: int, other: int)
 
 
 @njit(cache=True)
-def _with_arc(way: Int32Array, count: int, arc: int) -> tuple[Int32Array, int]:
-    if count > 0 and way[count - 1] == arc:
-        return way, count
-    if count == len(way):
-        longer = np.empty(2 * len(way), np.int32)
-        for k in range(count):
-            longer[k] = way[k]
-        way = longer
-    way[count] = arc
-    return way, count + 1
-
-
-@njit(cache=True)
 def _arcs_back(net: Net, tables: Tables, tra: Trajectories, m: int, before: Int32Array, last: int) -> Int32Array:
     """Return the arcs up to a state of a search of `m`, in the order of driving; children are unpacked."""
     way, count, s = np.empty(256, np.int32), wide(0), last
     while s >= 0:
-        way, count = _with_arc(way, count, tables.numbers[tables.book[m, ARCS] + s])
+        way, count = with_arc(way, count, tables.numbers[tables.book[m, ARCS] + s])
         b = int(before[s])
         c = _child_jumped(tables, m, s, b)
         if c >= 0:
             i, j = _bridges_of_jump(net, tables, tra, m, c, s, b)
             way, count = _trajectory_back(net, tables, tra, c, i, j, way, count)
         s = b
-    return _turned(way, count)
+    return in_driving_order(way, count)
