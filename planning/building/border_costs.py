@@ -154,7 +154,9 @@ def _planned(book: Int64Array, one: int, other: int, start: int, goal: int, plan
     plan[_UP] = book[one, UP + LEVEL * (d + 1)] if left != one else -1
     plan[_DOWN] = book[other, DOWN + LEVEL * (d + 1)] if right != other else -1
     plan[_EXITS], plan[_ENTRIES] = book[left, EXITS], book[right, ENTRIES]
-    plan[_BETWEEN], plan[_WIDTH] = _between_at(book, top, left, right), book[top, EXITS_AT] - book[top, ROWS]
+    is_empty = plan[_EXITS] == 0 or plan[_ENTRIES] == 0  # a table without entries may end before its begin
+    plan[_BETWEEN] = 0 if is_empty else _between_at(book, top, left, right)
+    plan[_WIDTH] = book[top, EXITS_AT] - book[top, ROWS]
     return True
 
 

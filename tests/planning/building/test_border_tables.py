@@ -10,7 +10,7 @@ import pytest
 from evaluation.scenes.hospital import Hospital, Size, hospital
 
 from waychair.maps.building.costs import CLOSED_MM
-from waychair.maps.building.graph_arrays import NO_HEADING, GraphArrays
+from waychair.maps.building.graph_arrays import NO_HEADING, GraphArrays, assembled
 from waychair.planning.building.border_tables import BorderTables
 from waychair.planning.building.graph_search import GraphSearch, brute_force, cost_of_way
 from waychair.planning.building.table_files import StaleTables, load_tables, save_tables
@@ -106,6 +106,18 @@ def test_repaired_tables_equal_new_ones() -> None:
         tables.reprice(np.array([arc]), np.array([3 * int(graph.cost[arc]) + 1]))
         fresh = BorderTables(graph)
         assert np.array_equal(tables.tables.numbers, fresh.tables.numbers)
+
+
+def test_a_room_that_can_be_entered_only_is_no_way_out() -> None:
+    ends = np.array([(0, 1), (1, 0), (0, 2), (2, 3), (3, 2), (1, 4), (4, 1)], np.int32)  # 2 and 3 are the trap
+    submaps, none = np.array([0, 0, 1, 1, 2], np.int32), np.zeros(7, np.bool_)
+    xy, parent = np.arange(10.0).reshape(5, 2), np.array([-1, 0, 0], np.int32)
+    graph, _ = assembled(
+        submaps, xy, np.zeros(5, np.int32), parent, ends, np.full(7, 9, np.int32), none, np.zeros(2, np.int32)
+    )
+    tables = BorderTables(graph)
+    assert_exact(tables, [(one, other) for one in range(5) for other in range(5)])
+    assert tables.costs(np.array([3, 4, 4]), np.array([4, 3, 0])).tolist() == [CLOSED_MM, 36, 18]
 
 
 def test_an_impossible_cost_is_refused(small: Hospital) -> None:
