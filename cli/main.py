@@ -114,6 +114,11 @@ app.command(
     help="Show the networks of behaviour cells, and read and replay their traces.",
 )
 app.command(
+    "waychair.cli.buildings:buildings_app",
+    name="building",
+    help="Make, check and route through buildings of several storeys.",
+)
+app.command(
     "waychair.cli.doctor:doctor_command",
     name="doctor",
     help="List missing parts of this machine and the commands that fix them.",

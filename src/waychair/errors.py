@@ -70,6 +70,14 @@ class UnknownPlace(PlaceError):
     """No place has this name."""
 
 
+class BuildingError(WaychairError):
+    """A building's graph, its text files or its tables cannot be read, written or used."""
+
+
+class BuildingNotFound(BuildingError):
+    """There is no building at this path."""
+
+
 class ZoneError(WaychairError):
     """A list of zones is invalid."""
 

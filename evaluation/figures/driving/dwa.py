@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path as FilePath
 
@@ -99,8 +100,18 @@ def _drives() -> dict[str, Hazard]:
     }
 
 
-def timed(hazard: Hazard, seed: int, limit_s: float = 150.0) -> tuple[FloatArray, bool]:
-    """Return the processor time [ms] of each step of a drive to a hazard's places, and whether all were reached."""
+def short_drive() -> Hazard:
+    """Return a drive of some ten seconds, along a corridor to a lift."""
+    return to_the_lift(_SEED)
+
+
+def timed(
+    hazard: Hazard, seed: int, limit_s: float = 150.0, each_tick: Callable[[], object] | None = None
+) -> tuple[FloatArray, bool]:
+    """Return the processor time [ms] of each step of a drive to a hazard's places, and whether all were reached.
+
+    `each_tick` is called in each step, within the time.
+    """
     simulator = Simulator(
         hazard.world, hazard.body, replace(hazard.sensors, plant=randomised_settings(seed).plant), seed
     )
@@ -112,6 +123,8 @@ def timed(hazard: Hazard, seed: int, limit_s: float = 150.0) -> tuple[FloatArray
             for _ in range(round(limit_s * COMMAND.rate_hz)):
                 messages = advance_tick(simulator, chair)
                 begun = time.process_time_ns()
+                if each_tick is not None:
+                    each_tick()
                 stage = chair.step(simulator.now_ns, messages).navigation.stage
                 spent.append((time.process_time_ns() - begun) * 1e-6)
                 if stage in (Stage.ARRIVED, Stage.FAILED):

@@ -1,0 +1,65 @@
+"""Findings of the checks, and the surroundings that a building's graph is checked in."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+from waychair.types import OccupancyGrid, Place
+
+
+class Severity(enum.StrEnum):
+    """An error forbids driving by the graph; a warning does not."""
+
+    ERROR = "error"
+    WARNING = "warning"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """A fault: its code (E1 to E18, W1 to W3), severity, place (an address), and a sentence with the remedy."""
+
+    code: str
+    severity: Severity
+    place: str
+    sentence: str
+    remedy: str
+
+
+Driven = Callable[[str, tuple[float, float], tuple[float, float]], float | None]
+"""The length [m] that the chair drives on a storey between two points [m, m] of its map, None if there is no way."""
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What a graph is checked against; parts that are not given are not checked.
+
+    `width`, `length` [m] of the chair's body; `grids` and `places` by storey; `driven` asks the grid planner; `missing`
+    are the storeys whose map folder is missing; `moved` are those whose map was bent since the graph was saved;
+    `stale_tables` says that the tables are older than the graph; `guides` that step guidance is on.
+    """
+
+    width: float | None = None
+    length: float | None = None
+    grids: Mapping[str, OccupancyGrid] = field(default_factory=dict)
+    places: Mapping[str, Mapping[str, Place]] = field(default_factory=dict)
+    driven: Driven | None = None
+    missing: frozenset[str] = frozenset()
+    moved: frozenset[str] = frozenset()
+    stale_tables: bool = False
+    guides: bool = False
+
+
+NO_SURROUNDINGS = Surroundings()
+"""Only the graph itself is checked."""
+
+
+def error(code: str, place: object, sentence: str, remedy: str) -> Finding:
+    """Return an error."""
+    return Finding(code, Severity.ERROR, str(place), sentence, remedy)
+
+
+def warning(code: str, place: object, sentence: str, remedy: str) -> Finding:
+    """Return a warning."""
+    return Finding(code, Severity.WARNING, str(place), sentence, remedy)

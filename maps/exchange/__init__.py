@@ -1,0 +1,1 @@
+"""Buildings from the files of other programs, and back. Begin with `exchange.py`."""

@@ -1,0 +1,1 @@
+"""Rooms, corridors and doors of a mapped storey, from its occupancy grid. Begin with `floor_rooms.py`."""

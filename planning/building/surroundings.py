@@ -1,0 +1,89 @@
+"""What a building's graph is checked against: the maps and places of its storeys, the chair, the grid planner, the tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.errors import MapError, NoPath, PlanningError
+from waychair.files import is_file
+from waychair.maps.building.building import Building, followed
+from waychair.maps.building.findings import Surroundings
+from waychair.maps.building.hgraph_files import read_hgraph
+from waychair.maps.drawn.places import load_places
+from waychair.maps.drawn.zones import load_zones
+from waychair.maps.folders.map_files import load_map
+from waychair.planning.building.table_files import TABLES, StaleTables, tables_key, text_key
+from waychair.planning.grid.costmap import Costmap, costmap_from_grid
+from waychair.planning.grid.dstar_lite import DStarLite
+from waychair.planning.route.path_ends import cell_at
+from waychair.types import OccupancyGrid, Place, Pose2
+
+
+def surroundings(building: Building, body: ChairBody | None = None) -> Surroundings:
+    """Return the surroundings of a building as its folder has them; `body` is the chair that is to drive there.
+
+    Raises:
+        MapError, PlaceError, ZoneError: the files of a storey's map are damaged.
+    """
+    grids: dict[str, OccupancyGrid] = {}
+    places: dict[str, dict[str, Place]] = {}
+    missing, moved = set(), set()
+    raw = replace(building, hgraph=read_hgraph(building.folder))
+    for storey in building.hgraph.storeys:
+        folder = building.map_folder(storey.id)
+        if folder is None:
+            continue
+        if not is_file(folder / "map.yaml", MapError):
+            missing.add(storey.id)
+            continue
+        grids[storey.id] = load_map(folder)
+        places[storey.id] = load_places(folder)
+        if followed(raw, storey.id) != raw.hgraph:
+            moved.add(storey.id)
+    return Surroundings(
+        width=None if body is None else body.width,
+        length=None if body is None else body.front + body.rear,
+        grids=grids,
+        places=places,
+        driven=None if body is None else driven_by(building, grids, body),
+        missing=frozenset(missing),
+        moved=frozenset(moved),
+        stale_tables=_are_stale(building),
+    )
+
+
+def driven_by(
+    building: Building, grids: dict[str, OccupancyGrid], body: ChairBody
+) -> Callable[[str, tuple[float, float], tuple[float, float]], float | None]:
+    """Return a function that gives the length [m] which a chair drives on a storey between two points of its map."""
+    costmaps: dict[str, Costmap] = {}
+
+    def driven(storey: str, one: tuple[float, float], other: tuple[float, float]) -> float | None:
+        if storey not in costmaps:
+            folder = building.map_folder(storey)
+            zones = [] if folder is None else load_zones(folder)
+            costmaps[storey] = costmap_from_grid(grids[storey], body, zones=tuple(zones))
+        costmap = costmaps[storey]
+        start, goal = cell_at(costmap, Pose2(*one)), cell_at(costmap, Pose2(*other))
+        if start is None or goal is None or costmap.prices[start] == 0 or costmap.prices[goal] == 0:
+            return None
+        try:
+            search = DStarLite(costmap.prices, goal, start, costmap.barred)
+            search.replan()
+        except (NoPath, PlanningError):
+            return None
+        steps = abs(search.path()[1:] - search.path()[:-1]).sum(axis=1)
+        return float(((steps == 1).sum() + 2.0**0.5 * (steps == 2).sum()) * costmap.grid.resolution)
+
+    return driven
+
+
+def _are_stale(building: Building) -> bool:
+    """Return whether there are tables that do not belong to the present text files."""
+    path = building.folder / TABLES
+    try:
+        return is_file(path, MapError) and tables_key(path) != text_key(building.folder)
+    except StaleTables:
+        return True
