@@ -63,13 +63,14 @@ def add_command(folder: Path, storey: str, /, *, map: Path | None = None, height
     name
         Name of the storey for people.
     """
-    from waychair.maps.building.building import add_storey, copied_map, load_building, save_building
+    from waychair.maps.building.building import add_storey, load_building, save_building, save_with_map
     from waychair.maps.building.hgraph import Storey
 
     building = add_storey(load_building(folder), Storey(storey, name, height))
-    if map is not None:
-        building = copied_map(building, storey, map)
-    save_building(building)
+    if map is None:
+        save_building(building)
+    else:
+        save_with_map(building, storey, map)
     print(f"added storey '{storey}' to '{building.hgraph.name}'")
 
 

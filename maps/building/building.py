@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import shutil
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
-from waychair.errors import BuildingError, OutputError
-from waychair.files import is_folder, path_exists, write_text
+from waychair.errors import BuildingError, OutputError, WaychairError
+from waychair.files import is_folder, path_exists
 from waychair.maps.building.hgraph import (
     HGraph,
     NodeKind,
@@ -23,7 +25,7 @@ from waychair.maps.building.hgraph_edits import with_storey, with_submap
 from waychair.maps.building.hgraph_files import GENERAL, read_hgraph, write_hgraph
 from waychair.maps.building.text_forms import is_id
 from waychair.maps.drawn.anchors import ANCHORS_YAML, anchors_text, load_anchors
-from waychair.maps.drawn.places import load_places
+from waychair.maps.drawn.places import PLACES, load_places, place_points, places_path, places_text
 from waychair.maps.folders.map_files import load_info, yaml_path
 from waychair.types import Place, Pose2
 
@@ -70,21 +72,41 @@ def load_building(folder: Path, progress: Callable[[float], None] | None = None)
     return building
 
 
-def save_building(building: Building) -> None:
+def save_building(building: Building, others: Mapping[Path, str] = MappingProxyType({})) -> None:
     """Write the text files of a building, and its nodes' anchors beside those of the places of each storey's map.
+
+    `others` are texts of files that change together with them, new places of a storey's map among them. Either all files
+    change, or none does.
 
     Raises:
         BuildingError, OutputError: as `write_hgraph`.
         MapError: the anchors of a storey's map are damaged.
     """
-    write_hgraph(building.folder, building.hgraph)
+    texts = dict(others)
     for storey in building.hgraph.storeys:
         folder = building.map_folder(storey.id)
         if folder is None or not is_folder(folder, BuildingError):
             continue
-        text = anchors_text(folder, ANCHORED, _poses(building.hgraph, storey.id))
+        text = anchors_text(folder, {ANCHORED: _poses(building.hgraph, storey.id)})
         if text is not None:
-            write_text(folder / ANCHORS_YAML, text)
+            texts.setdefault(folder / ANCHORS_YAML, text)
+    write_hgraph(building.folder, building.hgraph, texts)
+
+
+def texts_of_places(building: Building, storey: str, places: Mapping[str, Place]) -> dict[Path, str]:
+    """Return the texts of a storey's places and of the anchors of its places and nodes, for `save_building`.
+
+    Raises:
+        PlaceError: a name or a number is impossible.
+        MapError: the anchors are damaged.
+    """
+    folder = building.map_folder(storey)
+    if folder is None:
+        return {}
+    points = {PLACES: place_points(places), ANCHORED: _poses(building.hgraph, storey)}
+    anchors = anchors_text(folder, points)
+    texts = {places_path(folder): places_text(places)}
+    return texts if anchors is None else {**texts, folder / ANCHORS_YAML: anchors}
 
 
 def new_building(folder: Path, name: str) -> Building:
@@ -122,8 +144,10 @@ def add_storey(building: Building, storey: Storey) -> Building:
     return replace(building, hgraph=with_submap(with_storey(hgraph, storey), submap))
 
 
-def copied_map(building: Building, storey: str, source: Path) -> Building:
-    """Copy a map folder into the building's folder as that of a storey, and return the building, not written yet.
+def save_with_map(building: Building, storey: str, source: Path) -> Building:
+    """Copy a map folder into the building's folder as that of a storey, write the building and return it.
+
+    If one of them cannot be written, neither is.
 
     Raises:
         MapError: `source` is no map folder.
@@ -141,10 +165,23 @@ def copied_map(building: Building, storey: str, source: Path) -> Building:
     try:
         shutil.copytree(yaml.parent, target)
     except (OSError, shutil.Error) as error:
-        shutil.rmtree(target, ignore_errors=True)
+        _take_away(target)
         raise OutputError(f"cannot copy {yaml.parent} to {target}: make room on the disk, or check it") from error
     hgraph = with_storey(building.hgraph, replace(storeys[storey], map=f"{MAPS}/{storey}"))
-    return replace(building, hgraph=hgraph)
+    building = replace(building, hgraph=hgraph)
+    try:
+        save_building(building)
+    except WaychairError:
+        _take_away(target)
+        raise
+    return building
+
+
+def _take_away(folder: Path) -> None:
+    """Remove a folder that was just made, and its parent where nothing else is in it."""
+    shutil.rmtree(folder, ignore_errors=True)
+    with suppress(OSError):
+        folder.parent.rmdir()
 
 
 def stats(hgraph: HGraph) -> dict[str, int]:

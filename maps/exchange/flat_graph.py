@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from waychair.errors import BuildingError
-from waychair.files import is_file, read_bytes, write_bytes
-from waychair.maps.building.building import MAPS, Building, new_building, save_building
+from waychair.errors import BuildingError, OutputError
+from waychair.files import is_file, os_error_text, path_exists, read_bytes, write_bytes
+from waychair.maps.building.building import MAPS, Building, save_building
 from waychair.maps.building.hgraph import PLAIN, HGraph, Lift, Node, NodeRef, Way, inner_end
+from waychair.maps.building.hgraph_files import GENERAL
 from waychair.maps.folders.map_files import save_map
 from waychair.types import OccupancyGrid
 
@@ -115,20 +117,40 @@ def speed_way(speed: object) -> Way:
 
 
 def write_imported(folder: Path, imported: Imported) -> Building:
-    """Make a building of imported files in a new folder.
+    """Make a building of imported files in a folder.
+
+    It is made aside and then moved there, the general file last: a full disk leaves nothing.
 
     Raises:
-        BuildingError: there is a building already.
+        BuildingError: there is a building already, or something else with the name of one of its parts.
         OutputError: the folder cannot be written to.
     """
-    new_building(folder, imported.hgraph.name)
-    for name, data in imported.kept.items():
-        write_bytes(folder / KEPT / name, data)
-    for storey, grid in imported.grids.items():
-        save_map(folder / MAPS / storey, grid)
-    building = Building(folder, imported.hgraph)
-    save_building(building)
-    return building
+    if path_exists(folder / GENERAL, BuildingError):
+        raise BuildingError(f"there is a building in {folder} already: choose another folder")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as name:
+            aside = Path(name)
+            for file, data in imported.kept.items():
+                write_bytes(aside / KEPT / file, data)
+            for storey, grid in imported.grids.items():
+                save_map(aside / MAPS / storey, grid)
+            save_building(Building(aside, imported.hgraph))
+            _move_into(aside, folder)
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {os_error_text(error)}") from error
+    return Building(folder, imported.hgraph)
+
+
+def _move_into(aside: Path, folder: Path) -> None:
+    """Move all that is in one folder into another, the general file of a building last."""
+    parts = sorted(aside.iterdir(), key=lambda each: each.name == GENERAL)
+    for each in parts:
+        if path_exists(folder / each.name, BuildingError):
+            raise BuildingError(f"{folder / each.name} is there already: choose another folder")
+    folder.mkdir(exist_ok=True)
+    for each in parts:
+        each.rename(folder / each.name)
 
 
 def kept_file(folder: Path, name: str) -> bytes | None:

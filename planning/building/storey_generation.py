@@ -14,8 +14,8 @@ from pathlib import Path
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import BuildingError
-from waychair.files import is_file, read_bytes, write_json
-from waychair.maps.building.building import Building, save_building
+from waychair.files import is_file, read_bytes
+from waychair.maps.building.building import Building, save_building, texts_of_places
 from waychair.maps.building.hgraph import (
     Arc,
     Doorway,
@@ -29,7 +29,7 @@ from waychair.maps.building.hgraph import (
     Way,
 )
 from waychair.maps.building.hgraph_edits import with_lift, with_submap, without_submap
-from waychair.maps.drawn.places import load_places, save_places
+from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import load_zones
 from waychair.maps.folders.map_files import load_map
 from waychair.maps.rooms.floor_rooms import FloorRooms, rooms_of_grid
@@ -82,12 +82,13 @@ def generated_storey(building: Building, storey: str, body: ChairBody) -> Genera
 
 
 def save_generation(generation: Generation, storey: str) -> None:
-    """Write a generated graph: new places, the record, and the text files last; raises OutputError."""
-    folder = generation.building.map_folder(storey)
+    """Write a generated graph with its new places and its record, all or nothing; raises OutputError."""
+    building, folder = generation.building, generation.building.map_folder(storey)
+    record = json.dumps(generation.record, indent=2, allow_nan=False) + "\n"
+    texts = {building.folder / GENERATED / f"{storey}.json": record}
     if generation.places and folder is not None:
-        save_places(folder, {**load_places(folder), **generation.places})
-    write_json(generation.building.folder / GENERATED / f"{storey}.json", generation.record)
-    save_building(generation.building)
+        texts |= texts_of_places(building, storey, {**load_places(folder), **generation.places})
+    save_building(building, texts)
 
 
 def _new_places(hgraph: HGraph, storey: str, places: Mapping[str, Place]) -> dict[str, Place]:
