@@ -1,4 +1,4 @@
-"""`waychair building generate`, `import` and `export`: graphs from maps, and files of other programs."""
+"""`waychair building generate`, `learn`, `import` and `export`: graphs from maps and drives, and files of other programs."""
 
 from __future__ import annotations
 
@@ -62,6 +62,27 @@ def export_command(folder: Path, target: Path, /) -> None:
 
     write_exchange(load_building(folder), target)
     print(f"wrote {target}")
+
+
+def learn_command(folder: Path, storey: str, trajectory: Path, /) -> None:
+    """Learn how long the chair drives along the arcs of a storey. From five drives on, the median replaces the estimate.
+
+    Parameters
+    ----------
+    folder
+        Folder of the building.
+    storey
+        Id of the storey that was driven on.
+    trajectory
+        The drive in the storey's map: trajectory.tum of waychair localise.
+    """
+    from waychair.maps.building.building import load_building
+    from waychair.planning.building.learnt_drives import learn_drive
+    from waychair.recordings.recording import read_tum
+
+    drive = read_tum(trajectory)
+    driven = learn_drive(load_building(folder), storey, drive.stamps_ns, drive.poses)
+    print(f"{sum(map(len, driven.values()))} times of {len(driven)} arcs")
 
 
 def generate_command(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -36,6 +37,22 @@ def announce_compiling() -> None:
             pass
 
     event.register("numba:compile", FirstCompilation())  # type: ignore[no-untyped-call]
+
+
+def told_share(what: str) -> Callable[[float], None]:
+    """Return a callback that prints the share of a long piece of work, every two seconds."""
+    last = time.monotonic()
+
+    def tell(share: float) -> None:
+        nonlocal last
+        if time.monotonic() - last >= _TELL_S:
+            last = time.monotonic()
+            print(f"{what}: {share:.0%}", file=sys.stderr, flush=True)
+
+    return tell
+
+
+_TELL_S = 2.0
 
 
 @contextmanager

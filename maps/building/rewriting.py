@@ -60,8 +60,8 @@ def rewritten(old: str, lines: list[str], form: Form) -> str:
     return "\n".join(_with_additions(kept, [line for new in fresh.values() for line in new]))
 
 
-def write_all(texts: Mapping[Path, str], folder: Path) -> None:
-    """Write files so that either all change or none does; text files below `folder` that are not named are removed.
+def write_all(texts: Mapping[Path, str], swept: Path | None = None) -> None:
+    """Write files so that either all change or none does; text files below `swept` that are not named are removed.
 
     Every file whose text differs is written aside and flushed first, then all are renamed in order, the last one last.
 
@@ -85,15 +85,15 @@ def write_all(texts: Mapping[Path, str], folder: Path) -> None:
             with suppress(OSError):  # not every file system supports it
                 sync_folder(parent)
     except OSError as error:
-        raise OutputError(f"cannot write {error.filename or folder}: {os_error_text(error)}") from error
+        raise OutputError(f"cannot write {error.filename or next(iter(texts))}: {os_error_text(error)}") from error
     finally:
         for temporary, _ in aside:
             temporary.unlink(missing_ok=True)
         for parent in () if done else reversed(made):
             with suppress(OSError):  # somebody else has put a file there meanwhile
                 parent.rmdir()
-    if folder.is_dir():
-        for path in sorted(folder.rglob("*.txt")):
+    if swept is not None and swept.is_dir():
+        for path in sorted(swept.rglob("*.txt")):
             if path not in texts:
                 remove(path)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import enum
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -135,7 +136,7 @@ class RoutePlanner:
         return dict(zip(ends, costs.tolist(), strict=True))
 
     def route(self, start: NodeRef, goal: NodeRef, avoid: Collection[str | ArcRef] = ()) -> Route:
-        """Return the cheapest route that avoids the given lifts (by id), nodes (`PATH:NODE`) and arcs.
+        """Return the cheapest route that avoids the given lifts (by id or name), nodes (`PATH:NODE`) and arcs.
 
         Raises:
             BuildingError: there is no such node, lift or arc.
@@ -184,9 +185,9 @@ class RoutePlanner:
 
     def _change(self, ref: ArcRef, **changes: object) -> None:
         self.hgraph = with_way(self.hgraph, ref, **changes)
+        ref = self._stored(ref)
         record = record_of(self.hgraph, ref)
-        if record is None or ref not in self.built.arcs:
-            raise BuildingError(f"arc {ref} is stored the other way round: name its ends as its record does")
+        assert record is not None  # `with_way` has changed it
         arcs = np.array([arc for arc in self.built.arcs[ref] if arc >= 0])
         graph = self.built.graph
         distance = float(np.hypot(*(graph.xy[graph.head[arcs[0]]] - graph.xy[graph.tail[arcs[0]]])))
@@ -223,15 +224,26 @@ class RoutePlanner:
             raise BuildingError(f"there is no node {ref} in this building: see waychair building stats")
         return self.built.index[ref]
 
+    def _stored(self, ref: ArcRef) -> ArcRef:
+        """Return the address of an arc or doorway as its record has it, given its ends in either order.
+
+        Raises:
+            BuildingError: there is none.
+        """
+        for each in (ref, ArcRef(ref.submap, ref.end, ref.start)):
+            if each in self.built.arcs:
+                return each
+        raise BuildingError(f"there is no arc {ref}: name the sub-map, then its two ends, as in ground/west:n1>n2")
+
     def _avoided(self, avoid: Collection[str | ArcRef]) -> Int32Array:
         """Return the directed arcs that lifts, nodes and arcs to avoid stand for."""
         graph, found = self.built.graph, []
         for each in avoid:
-            if isinstance(each, ArcRef):
-                if each not in self.built.arcs:
-                    raise BuildingError(f"there is no arc {each} to avoid")
-                found += [arc for arc in self.built.arcs[each] if arc >= 0]
+            ref = arc_named(each) if isinstance(each, str) else each
+            if ref is not None:
+                found += [arc for arc in self.built.arcs[self._stored(ref)] if arc >= 0]
                 continue
+            assert isinstance(each, str)
             lifts = [lift for lift in self.hgraph.lifts.values() if each in (lift.id, lift.name)]
             if lifts:
                 cabins = [index for ref, index in self.built.index.items() if ref.submap == f"@{lifts[0].id}"]
@@ -310,6 +322,15 @@ class RoutePlanner:
         if record is not None and record.way.length is not None:
             return record.way.length
         return float(np.hypot(*(graph.xy[graph.head[arc]] - graph.xy[graph.tail[arc]])))
+
+
+def arc_named(text: str) -> ArcRef | None:
+    """Return the address in a text such as `ground/west:n1>n2` or `ground:n1>ward:d`; None if it has another form."""
+    found = _ARC.fullmatch(text.strip())
+    return None if found is None else ArcRef(*found.groups())
+
+
+_ARC = re.compile(r"([^:>]*):([^:>]+)>([^>]+)")
 
 
 def _ways_of(submap: SubMap) -> tuple[Arc | Doorway, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,7 +15,7 @@ from waychair.maps.building.hgraph_files import read_hgraph
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import load_zones
 from waychair.maps.folders.map_files import load_map
-from waychair.planning.building.table_files import TABLES, StaleTables, tables_key, text_key
+from waychair.planning.building.table_files import TABLES, StaleTables, graph_key, tables_key
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.grid.dstar_lite import DStarLite
 from waychair.planning.route.path_ends import cell_at
@@ -84,6 +85,6 @@ def _are_stale(building: Building) -> bool:
     """Return whether there are tables that do not belong to the present text files."""
     path = building.folder / TABLES
     try:
-        return is_file(path, MapError) and tables_key(path) != text_key(building.folder)
+        return is_file(path, MapError) and tables_key(path) != graph_key(building, time.time_ns())
     except StaleTables:
         return True
