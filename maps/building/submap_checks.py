@@ -1,4 +1,4 @@
-"""The checks of one sub-map: its nodes, arcs, doorways and names (E1 to E7, E12, E13, E14, E17, W1)."""
+"""The checks of one sub-map: its nodes, arcs, doorways and names (E1 to E7, E12 to E14, E17)."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from waychair.maps.building.building_checks import BESIDE_M
 from waychair.maps.building.connections import folded
 from waychair.maps.building.findings import Finding, Severity, Surroundings, error, warning
 from waychair.maps.building.hgraph import (
@@ -25,6 +24,8 @@ from waychair.maps.building.hgraph import (
     parent_path,
 )
 from waychair.maps.building.hgraph_edits import arc_ref
+from waychair.maps.building.storey_checks import LARGEST_M, SAME_M, crossing_pairs
+from waychair.maps.drawn.zones import Rule, zone_contains
 from waychair.maps.grid.cells import OCCUPIED_FROM, cells_from_points, inside
 from waychair.types import FloatArray, OccupancyGrid
 
@@ -32,21 +33,12 @@ MOST_ARCS = 4
 CLOSEST_ANGLE = math.radians(45.0)
 """Two arcs of a node closer than this [rad] are one direction for a rider."""
 
-SAME_M = 0.3
-"""Ends closer than this [m] look joined; so do the two sides of a doorway."""
-
 _COINCIDE_M = 1e-6
 _SHORTEST, _LONGEST, _DETOUR = 0.9, 3.0, 1.5
 """An arc's length is suspicious below and above these multiples of the distance; so is a drive of the last one."""
 
-_BESIDE_M = 0.05
-"""Room on each side of the chair in a door [m]."""
-
-_FAR, _NEIGHBOURS_M = 3.0, 6.0
-"""Doors of one sub-map closer than this [m] should not be more than this many times as far by driving."""
-
-_WIDEST_DOOR_M, _LARGEST_M = 3.0, 2000.0
-"""A door as wide, or a sub-map as large [m], has a wrong unit or scale."""
+_NARROWEST_DOOR_M, _WIDEST_DOOR_M = 0.3, 3.0
+"""A door as narrow or as wide [m] has a wrong unit or scale."""
 
 
 def outer_ends(hgraph: HGraph) -> dict[str, frozenset[str]]:
@@ -75,7 +67,6 @@ def submap_findings(hgraph: HGraph, path: str, ends: frozenset[str], around: Sur
     yield from _names(submap)
     yield from _on_map(hgraph, submap, points, around)
     yield from _size(submap, points)
-    yield from _detours(hgraph, submap, points)
 
 
 def _nodes(submap: SubMap, ends: frozenset[str]) -> Iterator[Finding]:
@@ -171,11 +162,11 @@ def _width(ref: object, arc: Arc | Doorway, around: Surroundings) -> Iterator[Fi
     width = arc.way.width
     if width is None:
         return
-    if width >= _WIDEST_DOOR_M:
+    if not _NARROWEST_DOOR_M < width < _WIDEST_DOOR_M:
         sentence = f"the door of {ref} is {width:g} m wide"
         yield error("E17", ref, sentence, "give metres; leave the width out where there is no door")
-    if around.width is not None and width < around.width + 2 * _BESIDE_M:
-        fits = width - 2 * _BESIDE_M
+    if around.width is not None and width < around.width + 2 * BESIDE_M:
+        fits = width - 2 * BESIDE_M
         sentence = f"the door of {ref} is {width:.2f} m wide, and this chair is {around.width:.2f} m"
         yield error("E6", ref, sentence, f"take it out for this chair: one of at most {fits:.2f} m fits")
 
@@ -231,17 +222,9 @@ def _crossings(starts: FloatArray, stops: FloatArray) -> list[tuple[int, int]]:
         near = order[rank + 1 : ends[rank]]
         near = near[(low[near, 1] <= high[i, 1]) & (low[i, 1] <= high[near, 1])]
         if len(near):
-            here = stops[i] - starts[i]
-            sides = _cross(here, starts[near] - starts[i]) * _cross(here, stops[near] - starts[i])
-            there = stops[near] - starts[near]
-            others = _cross(there, starts[i] - starts[near]) * _cross(there, stops[i] - starts[near])
-            found += [(min(i, j), max(i, j)) for j in near[(sides < 0) & (others < 0)].tolist()]
+            pairs = crossing_pairs(starts[i : i + 1], stops[i : i + 1], (starts[near], stops[near]))
+            found += [(min(i, j), max(i, j)) for j in near[pairs[:, 1]].tolist()]
     return sorted(found)
-
-
-def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
-    product: FloatArray = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
-    return product
 
 
 def _names(submap: SubMap) -> Iterator[Finding]:
@@ -271,10 +254,18 @@ def _on_map(
         ref = NodeRef(submap.path, node.id)
         if places is not None and node.name and node.name not in places:
             yield error("E14", ref, f"the goal '{node.name}' is no place of storey '{storey}'", "add the place")
+        point = np.array([points[node.id]])
+        for zone in around.zones.get(storey, ()):
+            if zone.rule is Rule.KEEP_OUT and zone_contains(zone, point)[0]:
+                sentence = f"the goal '{node.name or ref}' lies in the keep-out zone '{zone.name}'"
+                yield error("E14", ref, sentence, "move it, or redraw the zone")
         if grid is not None:
-            cell = cells_from_points(grid, np.array([points[node.id]]))
+            cell = cells_from_points(grid, point)
             if not inside(grid, cell)[0] or grid.cells[tuple(cell[0])] >= OCCUPIED_FROM:
                 yield error("E14", ref, f"the goal '{node.name or ref}' lies in a wall or off the map", "move it")
+            elif around.turns is not None and not around.turns(storey, points[node.id]):
+                sentence = f"the chair has no room to turn at the goal '{node.name or ref}'"
+                yield warning("E14", ref, sentence, "move it, or expect the chair to leave it backwards")
 
 
 def _is_clear(grid: OccupancyGrid, one: tuple[float, float], other: tuple[float, float], around: Surroundings) -> bool:
@@ -294,7 +285,7 @@ def _size(submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator
         return
     table = np.array(list(points.values()))
     extent = float((table.max(axis=0) - table.min(axis=0)).max())
-    if extent > _LARGEST_M:
+    if extent > LARGEST_M:
         sentence = f"'{submap.title}' is {extent / 1000.0:.1f} km across"
         yield error("E17", submap.path, sentence, "correct its scale: coordinates are metres, not pixels or feet")
 
@@ -306,36 +297,3 @@ def _point(hgraph: HGraph, ref: NodeRef) -> tuple[float, float] | None:
 
 def _direction(one: tuple[float, float], other: tuple[float, float]) -> float:
     return math.atan2(other[1] - one[1], other[0] - one[0])
-
-
-def _detours(hgraph: HGraph, submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator[Finding]:
-    """Yield rooms whose doors are close to each other, but far by driving within the sub-map that both open to."""
-    doors = [(doorway, _point(hgraph, inner_end(submap, doorway))) for doorway in submap.doorways]
-    rooms = [(doorway, point) for doorway, point in doors if point is not None]
-    if len(rooms) < 2:
-        return
-    index = {key: at for at, key in enumerate(points)}
-    rows, lengths = [], []
-    for arc in submap.arcs:
-        if arc.way.closure is None:
-            rows.append((index[arc.start], index[arc.end]))
-            lengths.append(math.dist(points[arc.start], points[arc.end]) + 1e-3)
-    ends = np.array(rows, np.int64).reshape(-1, 2)
-    matrix = csr_array((np.array(lengths), (ends[:, 0], ends[:, 1])), shape=(len(index), len(index)))
-    places = np.array([point for _, point in rooms])
-    near = sorted(cKDTree(places).query_pairs(_NEIGHBOURS_M))
-    pairs = [
-        (i, j) for i, j in near if rooms[i][0].child != rooms[j][0].child and math.dist(places[i], places[j]) > 1.0
-    ]
-    starts = sorted({index[rooms[i][0].start] for i, _ in pairs})
-    if not starts:
-        return
-    driven = dijkstra(matrix, directed=False, indices=starts, limit=2.0 * _FAR * _NEIGHBOURS_M)
-    for i, j in pairs:
-        line = math.dist(places[i], places[j])
-        between = driven[starts.index(index[rooms[i][0].start]), index[rooms[j][0].start]]
-        sides = math.dist(places[i], points[rooms[i][0].start]) + math.dist(places[j], points[rooms[j][0].start])
-        if between + sides > _FAR * line:
-            one, other = inner_end(submap, rooms[i][0]), inner_end(submap, rooms[j][0])
-            sentence = f"from {one} to {other}, {line:.1f} m away, the way is more than {_FAR:g} times as long"
-            yield warning("W1", one, sentence, "look whether a doorway between them is missing")
