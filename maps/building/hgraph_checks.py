@@ -14,9 +14,16 @@ from dataclasses import dataclass
 from waychair.maps.building.building_checks import building_findings
 from waychair.maps.building.connections import Part, connections, part_of
 from waychair.maps.building.findings import NO_SURROUNDINGS, Finding, Severity, Surroundings
-from waychair.maps.building.hgraph import Frame, HGraph, NodeRef, SubMap, parent_path
-from waychair.maps.building.storey_checks import Crossings, Outline, detours_within, outline_of, storey_findings
-from waychair.maps.building.submap_checks import outer_ends, submap_findings
+from waychair.maps.building.hgraph import Frame, HGraph, SubMap, parent_path
+from waychair.maps.building.storey_checks import (
+    Crossings,
+    Outline,
+    Suspect,
+    detours_within,
+    outline_of,
+    storey_findings,
+)
+from waychair.maps.building.submap_checks import Outside, outsides, submap_findings
 
 __all__ = ["Checker", "Finding", "Severity", "Surroundings", "check"]
 
@@ -38,16 +45,17 @@ class Checker:
 
     def check(self, hgraph: HGraph) -> tuple[Finding, ...]:
         """Return all faults and warnings of a graph."""
-        ends, frames = outer_ends(hgraph), _frames(hgraph)
+        into, frames = outsides(hgraph), _frames(hgraph)
         self._outlines = {path: self._outline(submap, frames[path]) for path, submap in hgraph.submaps.items()}
         kept = {}
         for path, submap in hgraph.submaps.items():
-            seen = (frames[path], *_seen(hgraph, submap), ends.get(path, frozenset()))
+            outside = into.get(path, Outside())
+            seen = (frames[path], *_seen(hgraph, submap), outside)
             before = self._kept.get(path)
             if before is not None and _are_same(before.seen, seen):
                 kept[path] = before
             else:
-                found = tuple(submap_findings(hgraph, path, ends.get(path, frozenset()), self._around))
+                found = tuple(submap_findings(hgraph, path, frames, outside, self._around))
                 kept[path] = _Checked(seen, found, detours_within(hgraph, self._outlines[path]))
         self._kept = kept
         self._parts = {path: self._part(path, submap) for path, submap in hgraph.submaps.items()}
@@ -60,7 +68,6 @@ class Checker:
                 hgraph,
                 self._outlines,
                 [pair for each in kept.values() for pair in each.detours],
-                linked,
                 self._around,
                 self._crossings,
             ),
@@ -81,7 +88,7 @@ class _Checked:
 
     seen: tuple[object, ...]
     findings: tuple[Finding, ...]
-    detours: tuple[tuple[NodeRef, NodeRef, float], ...]
+    detours: tuple[Suspect, ...]
 
 
 def _frames(hgraph: HGraph) -> dict[str, Frame]:
@@ -94,7 +101,7 @@ def _frames(hgraph: HGraph) -> dict[str, Frame]:
 
 
 def _seen(hgraph: HGraph, submap: SubMap) -> Iterator[SubMap | None]:
-    """Yield the objects that a sub-map's findings depend on, besides its frame and its outer ends."""
+    """Yield the objects that a sub-map's findings depend on, besides its frame and what leads into it."""
     yield submap
     yield hgraph.submaps.get(parent_path(submap.path))
     for child in dict.fromkeys(doorway.child for doorway in submap.doorways):
@@ -103,6 +110,6 @@ def _seen(hgraph: HGraph, submap: SubMap) -> Iterator[SubMap | None]:
 
 def _are_same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:
     return len(one) == len(other) and all(
-        first is second or (isinstance(first, frozenset | Frame) and first == second)
+        first is second or (isinstance(first, Outside | Frame) and first == second)
         for first, second in zip(one, other, strict=True)
     )

@@ -7,17 +7,17 @@ outlines that changed.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from waychair.maps.building.connections import Connections
 from waychair.maps.building.findings import Finding, Surroundings, error, warning
-from waychair.maps.building.hgraph import Frame, HGraph, NodeKind, NodeRef, SubMap, inner_end
+from waychair.maps.building.hgraph import Frame, HGraph, NodeRef, SubMap, inner_end
 from waychair.types import BoolArray, FloatArray, IntArray
 
 SAME_M = 0.3
@@ -25,6 +25,12 @@ SAME_M = 0.3
 
 FAR, NEIGHBOURS_M, APART_M = 3.0, 6.0, 1.0
 """Doors of two rooms that are between 1 and 6 m [m] from each other should not be more than 3 times as far by driving."""
+
+_TABLE = 4_000_000
+"""Most entries of a table of distances that is held at a time."""
+
+Suspect: TypeAlias = tuple[NodeRef, NodeRef, float]
+"""Two doors of different rooms, and the metres between them."""
 
 LARGEST_M = 2000.0
 """A sub-map or storey as large [m] has a wrong unit or scale."""
@@ -98,8 +104,7 @@ def _overlapping(here: list[Outline]) -> Iterator[tuple[Outline, Outline]]:
 def storey_findings(
     hgraph: HGraph,
     outlines: Mapping[str, Outline],
-    suspects: list[tuple[NodeRef, NodeRef, float]],
-    linked: Connections,
+    suspects: Iterable[Suspect],
     around: Surroundings,
     crossings: Crossings,
 ) -> Iterator[Finding]:
@@ -107,13 +112,16 @@ def storey_findings(
     by_storey: dict[str, list[Outline]] = {}
     for path, outline in outlines.items():
         by_storey.setdefault(hgraph.storey_of(path), []).append(outline)
+    by_suspects: dict[str, list[Suspect]] = {}
+    for pair in suspects:
+        by_suspects.setdefault(hgraph.storey_of(pair[0].submap), []).append(pair)
     yield from crossings.findings([here for storey, here in by_storey.items() if storey])
     for storey, here in by_storey.items():
         if storey:
-            yield from _almost_joined(hgraph, here)
+            yield from _almost_joined(here)
             yield from _size(storey, here)
-            yield from _places(hgraph, storey, here, around)
-    yield from _detours(hgraph, outlines, suspects, linked)
+            yield from _places(storey, here, around)
+            yield from _detours(hgraph, here, outlines, by_suspects.get(storey, []))
 
 
 def crossing_pairs(starts: FloatArray, stops: FloatArray, others: tuple[FloatArray, FloatArray]) -> IntArray:
@@ -134,7 +142,7 @@ def _ref(outline: Outline, index: int) -> NodeRef:
     return NodeRef(outline.submap.path, list(outline.submap.nodes)[index])
 
 
-def _almost_joined(hgraph: HGraph, here: list[Outline]) -> Iterator[Finding]:
+def _almost_joined(here: list[Outline]) -> Iterator[Finding]:
     """Yield nodes of different sub-maps that almost touch, though no doorway joins them."""
     owners = np.repeat(np.arange(len(here)), [len(each.points) for each in here])
     if len(here) < 2 or not len(owners):
@@ -144,28 +152,20 @@ def _almost_joined(hgraph: HGraph, here: list[Outline]) -> Iterator[Finding]:
     pairs = pairs[owners[pairs[:, 0]] != owners[pairs[:, 1]]]
     if not len(pairs):
         return
-    joined = {
-        frozenset((NodeRef(each.submap.path, door.start), inner_end(each.submap, door)))
-        for each in here
-        for door in each.submap.doorways
-    }
+    outer: dict[NodeRef, set[NodeRef]] = {}
+    for each in here:
+        for door in each.submap.doorways:
+            outer.setdefault(inner_end(each.submap, door), set()).add(NodeRef(each.submap.path, door.start))
+    none: set[NodeRef] = set()
     for i, j in sorted(map(tuple, pairs.tolist())):
         one, other = here[owners[i]], here[owners[j]]
         ends = _ref(one, int(i - first[owners[i]])), _ref(other, int(j - first[owners[j]]))
-        if frozenset(ends) in joined or _meet_at_door(hgraph, ends, joined):
-            continue
+        sides = outer.get(ends[0], none), outer.get(ends[1], none)
+        if ends[1] in sides[0] or ends[0] in sides[1] or sides[0] & sides[1]:
+            continue  # a doorway joins them, or two rooms meet in one door
         distance = math.dist(one.points[i - first[owners[i]]], other.points[j - first[owners[j]]])
         sentence = f"nodes {ends[0]} and {ends[1]} are {distance:.2f} m apart and not joined"
         yield warning("E12", ends[0], sentence, "join them by a doorway, or move one")
-
-
-def _meet_at_door(hgraph: HGraph, ends: tuple[NodeRef, NodeRef], joined: set[frozenset[NodeRef]]) -> bool:
-    """Return whether two nodes are the inner sides of doorways of one node, as of two rooms that meet in a door."""
-    nodes = [hgraph.node(end) for end in ends]
-    if any(node is None or node.kind is not NodeKind.BRIDGE for node in nodes):
-        return False
-    outer = [{other for pair in joined if end in pair for other in pair} - {end} for end in ends]
-    return bool(outer[0] & outer[1])
 
 
 def _crossed(one: Outline, other: Outline) -> Iterator[Finding]:
@@ -194,7 +194,7 @@ def _size(storey: str, here: list[Outline]) -> Iterator[Finding]:
         yield error("E17", f"storey {storey}", sentence, "correct the frames of its sub-maps: they are metres")
 
 
-def _places(hgraph: HGraph, storey: str, here: list[Outline], around: Surroundings) -> Iterator[Finding]:
+def _places(storey: str, here: list[Outline], around: Surroundings) -> Iterator[Finding]:
     """Yield places of a storey's map that are no goal of the graph."""
     goals = {node.name for each in here for node in each.submap.nodes.values() if node.name}
     for name in around.places.get(storey, {}):
@@ -205,7 +205,7 @@ def _places(hgraph: HGraph, storey: str, here: list[Outline], around: Surroundin
             )
 
 
-def detours_within(hgraph: HGraph, outline: Outline) -> tuple[tuple[NodeRef, NodeRef, float], ...]:
+def detours_within(hgraph: HGraph, outline: Outline) -> tuple[Suspect, ...]:
     """Return the pairs of doors of one sub-map that are close to each other, but far by driving within it, and how close [m].
 
     There may be a shorter way outside it: `storey_findings` looks for one.
@@ -228,27 +228,27 @@ def detours_within(hgraph: HGraph, outline: Outline) -> tuple[tuple[NodeRef, Nod
 
 
 def _detours(
-    hgraph: HGraph,
-    outlines: Mapping[str, Outline],
-    suspects: list[tuple[NodeRef, NodeRef, float]],
-    linked: Connections,
+    hgraph: HGraph, here: list[Outline], outlines: Mapping[str, Outline], suspects: list[Suspect]
 ) -> Iterator[Finding]:
-    """Yield doors of two rooms that are close to each other, but far by driving, whichever way through the building."""
-    doors = [door for each in outlines.values() for door in _doors(hgraph, each.submap, outlines)]
-    by_storey: dict[str, list[Door]] = {}
-    for door in doors:
-        by_storey.setdefault(hgraph.storey_of(door.inner.submap), []).append(door)
-    pairs = list(suspects)
-    for here in by_storey.values():
-        pairs += [(here[i].inner, here[j].inner, line) for i, j, line in _near_rooms(here, same_parent=False)]
+    """Yield doors of two rooms of a storey that are close to each other, but far by driving, whichever way on the storey."""
+    doors = [door for each in here for door in _doors(hgraph, each.submap, outlines)]
+    pairs = suspects + [(doors[i].inner, doors[j].inner, line) for i, j, line in _near_rooms(doors, same_parent=False)]
+    number: dict[NodeRef, int] = {}
+    for each in here if pairs else ():
+        number.update((NodeRef(each.submap.path, key), at) for at, key in enumerate(each.submap.nodes, len(number)))
+    pairs = [pair for pair in pairs if pair[0] in number and pair[1] in number]
     if not pairs:
         return
-    ends = np.array([(linked.number(one), linked.number(other)) for one, other, _ in pairs], np.int64)
+    lengths = _lengths(here, doors, number)
+    ends = np.array([(number[one], number[other]) for one, other, _ in pairs], np.int64)
+    between = np.empty(len(pairs))
+    rows = max(1, _TABLE // len(number))
     starts = np.unique(ends[:, 0])
-    driven = dijkstra(
-        _lengths(outlines, doors, linked), directed=False, indices=starts, limit=FAR * NEIGHBOURS_M + SAME_M
-    )
-    between = driven[np.searchsorted(starts, ends[:, 0]), ends[:, 1]]
+    for first in range(0, len(starts), rows):  # a whole table of a large storey would not fit into memory
+        some = starts[first : first + rows]
+        driven = dijkstra(lengths, directed=False, indices=some, limit=FAR * NEIGHBOURS_M + SAME_M)
+        mine = np.flatnonzero(np.isin(ends[:, 0], some))
+        between[mine] = driven[np.searchsorted(some, ends[mine, 0]), ends[mine, 1]]
     for (one, other, line), metres in zip(pairs, between.tolist(), strict=True):
         if metres > FAR * line:
             sentence = f"from {one} to {other}, {line:.1f} m away, the way is more than {FAR:g} times as long"
@@ -283,16 +283,16 @@ def _near_rooms(doors: list[Door], same_parent: bool) -> list[tuple[int, int, fl
     return sorted((i, j, line) for (i, j), line in rows)
 
 
-def _lengths(outlines: Mapping[str, Outline], doors: list[Door], linked: Connections) -> csr_array:
-    """Return the lengths [m] of all open arcs and doorways, by the numbers of their nodes."""
-    rows, lengths = [], []
-    for path, outline in outlines.items():
+def _lengths(here: list[Outline], doors: list[Door], number: Mapping[NodeRef, int]) -> csr_array:
+    """Return the lengths [m] of the open arcs and doorways of a storey, by the numbers of their nodes."""
+    rows, lengths, first = [], [], 0
+    for outline in here:
         arcs = outline.arcs[outline.is_open]
-        rows.append(arcs + linked.first[path])
+        rows.append(arcs + first)
         lengths.append(np.hypot(*(outline.points[arcs[:, 0]] - outline.points[arcs[:, 1]]).T) + 1e-3)
-    joints = [(linked.number(door.outer), linked.number(door.inner)) for door in doors]
+        first += len(outline.points)
+    joints = [(number[door.outer], number[door.inner]) for door in doors if door.inner in number]
     rows.append(np.array(joints, np.int64).reshape(-1, 2))
     lengths.append(np.full(len(joints), SAME_M / 2))
     ends = np.concatenate(rows)
-    count = len(linked.component)
-    return csr_array((np.concatenate(lengths), (ends[:, 0], ends[:, 1])), shape=(count, count))
+    return csr_array((np.concatenate(lengths), (ends[:, 0], ends[:, 1])), shape=(len(number), len(number)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -15,6 +16,7 @@ from waychair.maps.building.findings import Finding, Severity, Surroundings, err
 from waychair.maps.building.hgraph import (
     Arc,
     Doorway,
+    Frame,
     HGraph,
     Node,
     NodeKind,
@@ -33,6 +35,9 @@ MOST_ARCS = 4
 CLOSEST_ANGLE = math.radians(45.0)
 """Two arcs of a node closer than this [rad] are one direction for a rider."""
 
+_FEW = 64
+"""So many arcs are compared with each other at once; more are sorted first."""
+
 _COINCIDE_M = 1e-6
 _SHORTEST, _LONGEST, _DETOUR = 0.9, 3.0, 1.5
 """An arc's length is suspicious below and above these multiples of the distance; so is a drive of the last one."""
@@ -41,43 +46,57 @@ _NARROWEST_DOOR_M, _WIDEST_DOOR_M = 0.3, 3.0
 """A door as narrow or as wide [m] has a wrong unit or scale."""
 
 
-def outer_ends(hgraph: HGraph) -> dict[str, frozenset[str]]:
-    """Return the nodes of each sub-map at which a doorway of its parent or a lift's stop ends, by path."""
-    found: dict[str, set[str]] = defaultdict(set)
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """What leads into a sub-map: the doorways of its parent that do, and its nodes at which a lift stops."""
+
+    doorways: tuple[Doorway, ...] = ()
+    lifts: frozenset[str] = frozenset()
+
+
+def outsides(hgraph: HGraph) -> dict[str, Outside]:
+    """Return what leads into each sub-map, by its path."""
+    doorways: dict[str, list[Doorway]] = defaultdict(list)
     for submap in hgraph.submaps.values():
         for doorway in submap.doorways:
-            end = inner_end(submap, doorway)
-            found[end.submap].add(end.node)
+            doorways[inner_end(submap, doorway).submap].append(doorway)
+    lifts: dict[str, set[str]] = defaultdict(set)
     for lift in hgraph.lifts.values():
         for stop in lift.stops:
-            found[stop.at.submap].add(f"lift {stop.at.node}")
-    return {path: frozenset(nodes) for path, nodes in found.items()}
+            lifts[stop.at.submap].add(stop.at.node)
+    return {
+        path: Outside(tuple(doorways[path]), frozenset(lifts[path]))
+        for path in hgraph.submaps
+        if path in doorways or path in lifts
+    }
 
 
-def submap_findings(hgraph: HGraph, path: str, ends: frozenset[str], around: Surroundings) -> Iterator[Finding]:
-    """Yield the faults of one sub-map; `ends` are its outer ends."""
-    submap = hgraph.submaps[path]
-    frame = hgraph.frame_of(path)
+def submap_findings(
+    hgraph: HGraph, path: str, frames: Mapping[str, Frame], outside: Outside, around: Surroundings
+) -> Iterator[Finding]:
+    """Yield the faults of one sub-map, given all frames in the building's, and what leads into it."""
+    submap, frame = hgraph.submaps[path], frames[path]
     points = {key: frame.point(node.x, node.y) for key, node in submap.nodes.items()}
-    yield from _nodes(submap, ends)
-    yield from _crowded(hgraph, submap, points, ends, around)
+    yield from _nodes(submap, outside)
+    yield from _crowded(hgraph, submap, points, frames, outside, around)
     yield from _arcs(hgraph, submap, points, around)
-    yield from _doorways(hgraph, submap, points, around)
+    yield from _doorways(hgraph, submap, points, frames, around)
     yield from _almost_joined(submap, points)
     yield from _names(submap)
     yield from _on_map(hgraph, submap, points, around)
     yield from _size(submap, points)
 
 
-def _nodes(submap: SubMap, ends: frozenset[str]) -> Iterator[Finding]:
+def _nodes(submap: SubMap, outside: Outside) -> Iterator[Finding]:
+    entered = {doorway.node for doorway in outside.doorways}
     used = {end for arc in submap.arcs for end in (arc.start, arc.end)} | {each.start for each in submap.doorways}
     for node in submap.nodes.values():
         ref = NodeRef(submap.path, node.id)
-        if node.id not in used and node.id not in ends and f"lift {node.id}" not in ends:
+        if node.id not in used and node.id not in entered and node.id not in outside.lifts:
             yield error("E1", ref, f"node {ref} has no arc", "join it by an arc, or delete it")
-        if node.kind is NodeKind.BRIDGE and node.id not in ends:
+        if node.kind is NodeKind.BRIDGE and node.id not in entered:
             yield error("E7", ref, f"the doorway of {ref} has no other side", "name it in a door of the parent sub-map")
-        if node.kind is NodeKind.LIFT and f"lift {node.id}" not in ends:
+        if node.kind is NodeKind.LIFT and node.id not in outside.lifts:
             yield error("E8", ref, f"{ref} stands in front of no lift", "make it a stop of a lift, or a cross node")
 
 
@@ -85,7 +104,8 @@ def _crowded(
     hgraph: HGraph,
     submap: SubMap,
     points: Mapping[str, tuple[float, float]],
-    ends: frozenset[str],
+    frames: Mapping[str, Frame],
+    outside: Outside,
     around: Surroundings,
 ) -> Iterator[Finding]:
     """Yield nodes with more than four arcs, and those with two arcs within 45 degrees; doubled arcs count once."""
@@ -96,12 +116,13 @@ def _crowded(
             directions[arc.end][arc.start] = _direction(points[arc.end], points[arc.start])
     for doorway in submap.doorways:
         end = inner_end(submap, doorway)
-        other = _point(hgraph, end)
+        other = _point(hgraph, frames, end)
         if other is not None:
             directions[doorway.start][end] = _direction(points[doorway.start], other)
-    parent = hgraph.submaps.get(parent_path(submap.path)) if submap.path else None
-    for start, inner in _from_outside(hgraph, parent, submap):
-        directions[inner][start, "outside"] = _direction(points[inner], start)
+    for doorway in outside.doorways:
+        start = _point(hgraph, frames, NodeRef(parent_path(submap.path), doorway.start))
+        if start is not None and doorway.node in submap.nodes:
+            directions[doorway.node][start, "outside"] = _direction(points[doorway.node], start)
     for key, of_node in directions.items():
         ref = NodeRef(submap.path, key)
         if len(of_node) > MOST_ARCS:
@@ -114,15 +135,6 @@ def _crowded(
                 severity = Severity.ERROR if around.guides else Severity.WARNING
                 sentence = f"two arcs of node {ref} are only {degrees:.0f} degrees apart"
                 yield Finding("E3", severity, str(ref), sentence, "move a node, or split this one")
-
-
-def _from_outside(hgraph: HGraph, parent: SubMap | None, submap: SubMap) -> Iterator[tuple[tuple[float, float], str]]:
-    """Yield the outer point and the node inside of each doorway that leads into a sub-map."""
-    for doorway in () if parent is None else parent.doorways:
-        end = None if parent is None else inner_end(parent, doorway)
-        start = None if parent is None else _point(hgraph, NodeRef(parent.path, doorway.start))
-        if end is not None and start is not None and end.submap == submap.path and end.node in submap.nodes:
-            yield start, end.node
 
 
 def _arcs(
@@ -172,11 +184,15 @@ def _width(ref: object, arc: Arc | Doorway, around: Surroundings) -> Iterator[Fi
 
 
 def _doorways(
-    hgraph: HGraph, submap: SubMap, points: Mapping[str, tuple[float, float]], around: Surroundings
+    hgraph: HGraph,
+    submap: SubMap,
+    points: Mapping[str, tuple[float, float]],
+    frames: Mapping[str, Frame],
+    around: Surroundings,
 ) -> Iterator[Finding]:
     for doorway in submap.doorways:
         ref, end = arc_ref(submap, doorway), inner_end(submap, doorway)
-        node, other = hgraph.node(end), _point(hgraph, end)
+        node, other = hgraph.node(end), _point(hgraph, frames, end)
         yield from _width(ref, doorway, around)
         if node is None or other is None:
             yield error("E7", ref, f"the doorway {ref} leads to {end}, which is no node", "add it, or delete the door")
@@ -214,6 +230,9 @@ def _almost_joined(submap: SubMap, points: Mapping[str, tuple[float, float]]) ->
 
 def _crossings(starts: FloatArray, stops: FloatArray) -> list[tuple[int, int]]:
     """Return the pairs of segments (N, 2), (N, 2) that cross in their inside."""
+    if len(starts) <= _FEW:
+        both = crossing_pairs(starts, stops, (starts, stops))
+        return [(i, j) for i, j in both.tolist() if i < j]
     low, high = np.minimum(starts, stops), np.maximum(starts, stops)
     order = np.argsort(low[:, 0], kind="stable")
     ends = np.searchsorted(low[order, 0], high[order, 0], side="right")
@@ -290,9 +309,9 @@ def _size(submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator
         yield error("E17", submap.path, sentence, "correct its scale: coordinates are metres, not pixels or feet")
 
 
-def _point(hgraph: HGraph, ref: NodeRef) -> tuple[float, float] | None:
+def _point(hgraph: HGraph, frames: Mapping[str, Frame], ref: NodeRef) -> tuple[float, float] | None:
     node = hgraph.node(ref)
-    return None if node is None else hgraph.frame_of(ref.submap).point(node.x, node.y)
+    return None if node is None else frames[ref.submap].point(node.x, node.y)
 
 
 def _direction(one: tuple[float, float], other: tuple[float, float]) -> float:

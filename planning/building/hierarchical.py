@@ -135,6 +135,19 @@ class RoutePlanner:
             costs = self._search.costs_to_all(self._index(start))[indices]
         return dict(zip(ends, costs.tolist(), strict=True))
 
+    def way(self, start: NodeRef, goal: NodeRef) -> Way:
+        """Return the cheapest way as directed arcs of `built`.
+
+        Raises:
+            BuildingError: there is no such node.
+            NoPath: there is no way; the sentence names what is closed on the way that there would be.
+        """
+        one, other = self._index(start), self._index(goal)
+        way = self._way(one, other)
+        if way.cost >= CLOSED_MM:
+            raise NoPath(self._no_way(one, other, np.empty(0, np.int32)))
+        return way
+
     def route(self, start: NodeRef, goal: NodeRef, avoid: Collection[str | ArcRef] = ()) -> Route:
         """Return the cheapest route that avoids the given lifts (by id or name), nodes (`PATH:NODE`) and arcs.
 

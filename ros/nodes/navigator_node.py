@@ -13,6 +13,7 @@
 | cmd_vel, drive_request | to the bridge, which accepts them from this node only |
 | plan, local_plan, people, global_costmap/costmap, local_costmap/... | see `NavigationDisplay` |
 | places | the named places of the map |
+| building_graph | the graph of the building whose storey the map is; the action compute_route: see `BuildingRoutes` |
 
 Services: `pause`, `go_on` and `cancel` (std_srvs/Trigger), and `bt_navigator/get_state` (lifecycle_msgs) for scripts
 that wait for Nav2's node.
@@ -60,6 +61,7 @@ from waychair.ros.messages.motion import (
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import SonarRing, read_scan
 from waychair.ros.node_settings.navigator import NavigatorNodeSettings
+from waychair.ros.nodes.building_routes import BuildingRoutes, DriveNow
 from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.navigate_action import DriveFeedback, NavigateAction, remaining_distance
 from waychair.ros.nodes.navigation_display import NavigationDisplay
@@ -163,6 +165,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             topics.SPEED_LIMIT, lambda message: read_speed_limit(message, full_speed), self._limit_speed, needed=False
         )
         self._action = NavigateAction(self, self)
+        BuildingRoutes(self, folder if s.map_folder else None, self._calibration.body, self._drive_now)
         trigger = interface_type("std_srvs/srv/Trigger")
         self.create_service(trigger, "cancel", self._answer_cancel)
         self.create_service(trigger, "pause", self._answer_pause)
@@ -405,6 +408,13 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._display.show(navigation, pilot.navigator, map_from_odom, self._track.odom_from_base(now_ns))
         self._update_action(pose)
         self._use_next_map()
+
+    def _drive_now(self) -> DriveNow:
+        """Return the present drive, whose times the building learns."""
+        pilot = self._pilot
+        drives = pilot is not None and pilot.navigator.active and self._drive.was_driven
+        arrived = pilot is not None and pilot.navigator.stage is Stage.ARRIVED
+        return DriveNow(drives, arrived, self._map_from_base(self.now_ns()))
 
     def _note_end(self) -> None:
         """Note once why a goal was given up, for its sender."""
