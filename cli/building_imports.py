@@ -101,7 +101,8 @@ def generate_command(
     body
         The chair's body: A, B, A_mid, A_front or robot.
     lift
-        A lift and the place in front of its door on this storey, as LIFT=PLACE; can be given more than once.
+        A lift and the place in front of its door on this storey, as LIFT=PLACE; can be given more than once. Lifts also
+        lay the storey's map on those of the other storeys.
     quiet
         Print nothing but errors.
     """
@@ -110,7 +111,12 @@ def generate_command(
     from waychair.cli.options.messages import sayer
     from waychair.cli.options.progress import announce_compiling
     from waychair.maps.building.building import load_building
-    from waychair.planning.building.storey_generation import generated_storey, save_generation, with_lift_stop
+    from waychair.planning.building.storey_generation import (
+        aligned_storey,
+        generated_storey,
+        save_generation,
+        with_lift_stop,
+    )
 
     if body not in BODIES:
         raise BadArgument(f"--body is '{body}': choose {', '.join(BODIES)}")
@@ -126,7 +132,10 @@ def generate_command(
     hgraph = made.building.hgraph
     for name, _, place in stops:
         hgraph = with_lift_stop(hgraph, storey, name, place)
-    save_generation(replace(made, building=replace(made.building, hgraph=hgraph)), storey)
+    joined = replace(made.building, hgraph=hgraph)
+    if stops:
+        joined = replace(joined, hgraph=aligned_storey(joined, storey))
+    save_generation(replace(made, building=joined), storey)
     for opening in made.sketch.shut:
         x, y = opening.middle
         say(f"the opening of {opening.width:.2f} m at ({x:.1f}, {y:.1f}) is too narrow for body {body}")

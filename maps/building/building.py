@@ -36,7 +36,7 @@ ANCHORED = "hgraph"
 """The kind of the nodes' anchors in a storey's `anchors.yaml`."""
 
 SAME_M = 1e-6
-"""A goal this near to its place [m] is there."""
+"""A goal this near to its place [m] is there, and a node this near to its anchor has not moved."""
 
 HIGHEST_M = 10_000.0
 """Largest height of a storey above or below the ground [m]."""
@@ -235,13 +235,13 @@ def followed(building: Building, storey: str) -> HGraph:
     for path, submap in hgraph.submaps.items():
         if hgraph.storey_of(path) != storey or not submap.nodes:
             continue
-        frame = hgraph.frame_of(path)
+        frame = hgraph.map_frame_of(path)
         points = [frame.point(node.x, node.y) for node in submap.nodes.values()]
         poses = anchors.follow(ANCHORED, path, [Pose2(x, y) for x, y in points])
         moved = [frame.inside(pose.x, pose.y) for pose in poses]
         pairs = zip(submap.nodes.values(), points, poses, moved, strict=True)
         nodes = {
-            node.id: node if (pose.x, pose.y) == point else replace(node, x=x, y=y)
+            node.id: node if math.dist((pose.x, pose.y), point) <= SAME_M else replace(node, x=x, y=y)
             for node, point, pose, (x, y) in pairs
         }
         if nodes != submap.nodes:
@@ -265,7 +265,7 @@ def with_places(building: Building, storey: str) -> HGraph:
     )
     changed = dict(hgraph.submaps)
     for path, submap in inside.items() if places else ():
-        frame, moved = hgraph.frame_of(path), {}
+        frame, moved = hgraph.map_frame_of(path), {}
         for node in submap.nodes.values():
             is_one = node.kind is NodeKind.END and goals_of[node.name] == 1
             place = places.get(node.name) if is_one else None
@@ -282,6 +282,6 @@ def _poses(hgraph: HGraph, storey: str) -> dict[str, list[Pose2]]:
     found = {}
     for path, submap in hgraph.submaps.items():
         if submap.nodes and hgraph.storey_of(path) == storey:
-            frame = hgraph.frame_of(path)
+            frame = hgraph.map_frame_of(path)
             found[path] = [Pose2(*frame.point(node.x, node.y)) for node in submap.nodes.values()]
     return found

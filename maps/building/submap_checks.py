@@ -79,11 +79,15 @@ def submap_findings(
     points = {key: frame.point(node.x, node.y) for key, node in submap.nodes.items()}
     yield from _nodes(submap, outside)
     yield from _crowded(hgraph, submap, points, frames, outside, around)
-    yield from _arcs(hgraph, submap, points, around)
+    on_map = points
+    if hgraph.storey_of(path) in around.grids:
+        map_frame = hgraph.map_frame_of(path)
+        on_map = {key: map_frame.point(node.x, node.y) for key, node in submap.nodes.items()}
+    yield from _arcs(hgraph, submap, points, on_map, around)
     yield from _doorways(hgraph, submap, points, frames, around)
     yield from _almost_joined(submap, points)
     yield from _names(submap)
-    yield from _on_map(hgraph, submap, points, around)
+    yield from _on_map(hgraph, submap, on_map, around)
     yield from _size(submap, points)
 
 
@@ -138,7 +142,11 @@ def _crowded(
 
 
 def _arcs(
-    hgraph: HGraph, submap: SubMap, points: Mapping[str, tuple[float, float]], around: Surroundings
+    hgraph: HGraph,
+    submap: SubMap,
+    points: Mapping[str, tuple[float, float]],
+    on_map: Mapping[str, tuple[float, float]],
+    around: Surroundings,
 ) -> Iterator[Finding]:
     pairs: Counter[frozenset[str]] = Counter()
     storey = hgraph.storey_of(submap.path)
@@ -155,6 +163,7 @@ def _arcs(
             yield error("E4", ref, f"arc {ref} is there twice", "delete one")
         yield from _length(ref, arc, distance)
         yield from _width(ref, arc, around)
+        one, other = on_map[arc.start], on_map[arc.end]
         if grid is not None and around.driven is not None and not _is_clear(grid, one, other, around):
             driven = around.driven(storey, one, other)
             if driven is None or driven > _DETOUR * distance:

@@ -87,7 +87,7 @@ def _segments(hgraph: HGraph, storey: str) -> _Segments:
     for path, submap in hgraph.submaps.items():
         if hgraph.storey_of(path) != storey:
             continue
-        frame = hgraph.frame_of(path)
+        frame = hgraph.map_frame_of(path)
         points = {key: frame.point(node.x, node.y) for key, node in submap.nodes.items()}
         for at, arc in enumerate(submap.arcs):
             found.keys.append((path, at))
@@ -97,7 +97,7 @@ def _segments(hgraph: HGraph, storey: str) -> _Segments:
             node = hgraph.node(end)
             if node is not None:
                 found.keys.append((path, at))
-                found.rows.append((*points[doorway.start], *hgraph.frame_of(end.submap).point(node.x, node.y)))
+                found.rows.append((*points[doorway.start], *hgraph.map_frame_of(end.submap).point(node.x, node.y)))
     return found
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from waychair.maps.building.hgraph import PLAIN, HGraph, Lift, Node, NodeRef, Wa
 from waychair.maps.building.hgraph_files import GENERAL
 from waychair.maps.folders.map_files import save_map
 from waychair.types import OccupancyGrid
+from waychair.yaml_files import quoted
 
 KEPT = "imported"
 """Folder, in that of the building, of the files that it was imported from; an export changes only what was edited."""
@@ -103,16 +103,16 @@ def checked_coordinates(where: str, x: object, y: object) -> tuple[float, float]
     numbers = []
     for value in (x, y):
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise BuildingError(f"{where} lies at {value!r}, which is no number: give metres")
-        if not math.isfinite(value) or abs(value) > FARTHEST:
-            raise BuildingError(f"{where} lies at {value:g} m, which is in no building: correct it, or the unit")
+            raise BuildingError(f"{where} lies at {quoted(value)}, which is no number: give metres")
+        if not abs(value) <= FARTHEST:  # True for nan, and for whole numbers that no float holds
+            raise BuildingError(f"{where} lies at {quoted(value)} m, which is in no building: correct it, or the unit")
         numbers.append(float(value))
     return numbers[0], numbers[1]
 
 
 def speed_way(speed: object) -> Way:
     """Return the way with a limit of speed [m/s]; none for a value that is none."""
-    good = isinstance(speed, int | float) and not isinstance(speed, bool) and math.isfinite(speed) and speed > 0
+    good = isinstance(speed, int | float) and not isinstance(speed, bool) and 0 < speed <= FARTHEST
     return Way(speed=float(speed)) if good else PLAIN  # type: ignore[arg-type]
 
 

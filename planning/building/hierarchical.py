@@ -99,7 +99,8 @@ class RoutePlanner:
         self._goals = {name.casefold(): ref for name, ref in goals(hgraph).items()}
 
     def node(self, text: str) -> NodeRef:
-        """Return a node given as `PATH:NODE`, as a goal's full name, or as the end of one if only one goal has it.
+        """Return a node given as `PATH:NODE`, as a goal's full name, as the end of one if only one goal has it, or as a
+        room with one goal.
 
         Raises:
             BuildingError: there is none, or more than one.
@@ -111,6 +112,8 @@ class RoutePlanner:
         if wanted in self._goals:
             return self._goals[wanted]
         found = [ref for name, ref in self._goals.items() if name.endswith(f"/{wanted}")]
+        if not found:  # a room stands for its only goal
+            found = [ref for name, ref in self._goals.items() if f"/{wanted}/" in f"/{name}"]
         if len(found) == 1:
             return found[0]
         if found:
@@ -283,8 +286,9 @@ class RoutePlanner:
             cabin = ends[0] if ends[0].submap.startswith("@") else ends[1]
             lift = self.hgraph.lifts[cabin.submap[1:]]
             stop = next(each for each in lift.stops if each.storey == cabin.node)
-            reason = f" ({stop.closure.reason})" if stop.closure is not None else ""
-            return f"{lift_title(lift)} does not serve storey '{cabin.node}'{reason}"
+            if stop.closure is None:
+                return f"{lift_title(lift)} is to be avoided"
+            return f"{lift_title(lift)} does not serve storey '{cabin.node}' ({stop.closure.reason})"
         record = record_of(self.hgraph, owner)
         closure = None if record is None else record.way.closure
         return f"{owner} is closed ({closure.reason})" if closure is not None else f"{owner} is to be avoided"

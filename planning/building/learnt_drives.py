@@ -132,7 +132,7 @@ def _points(hgraph: HGraph, storey: str) -> dict[NodeRef, tuple[float, float]]:
     found: dict[NodeRef, tuple[float, float]] = {}
     for path, submap in hgraph.submaps.items():
         if hgraph.storey_of(path) == storey:
-            frame = hgraph.frame_of(path)
+            frame = hgraph.map_frame_of(path)
             found |= {NodeRef(path, node.id): frame.point(node.x, node.y) for node in submap.nodes.values()}
     return found
 

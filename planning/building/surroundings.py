@@ -18,8 +18,11 @@ from waychair.maps.folders.map_files import load_map
 from waychair.planning.building.table_files import TABLES, StaleTables, graph_key, tables_key
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.grid.dstar_lite import DStarLite
-from waychair.planning.route.path_ends import cell_at
+from waychair.planning.route.path_ends import cell_at, start_cell
 from waychair.types import OccupancyGrid, Place, Pose2
+
+REACH_M = 0.3
+"""A node stands for the places so near to it [m]: that in a door may be a few cells beside the best way through."""
 
 SMALLEST = ROBOT
 """The body by which walls are found where no chair is named: an arc that not even this one drives crosses a wall."""
@@ -76,10 +79,8 @@ class _Drives:
     def length(self, storey: str, one: tuple[float, float], other: tuple[float, float]) -> float | None:
         """Return the length [m] that the chair drives on a storey between two points of its map; None without a way."""
         costmap = self._costmap(storey)
-        start, goal = cell_at(costmap, Pose2(*one)), cell_at(costmap, Pose2(*other))
-        if start is None or goal is None or costmap.prices[start] == 0 or costmap.prices[goal] == 0:
-            return None
         try:
+            start, goal = (start_cell(costmap, Pose2(*point), REACH_M) for point in (one, other))
             search = DStarLite(costmap.prices, goal, start, costmap.barred)
             search.replan()
         except (NoPath, PlanningError):

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from waychair.errors import BuildingError
 from waychair.maps.building.costs import CLOSED_MM
 from waychair.maps.building.graph_arrays import NO_HEADING, Int32Array
-from waychair.maps.building.hgraph import HGraph, NodeKind
+from waychair.maps.building.hgraph import Frame, HGraph, NodeKind
 from waychair.maps.building.indexed import IndexedGraph
 from waychair.recordings.bags.ros_messages import MAP_FRAME, header, make, point
 from waychair.ros.messages.motion import pose
@@ -44,22 +44,24 @@ def require_ids(built: IndexedGraph) -> None:
         )
 
 
-def route(stamp_ns: int, built: IndexedGraph, start: int, arcs: Int32Array, cost: int) -> Any:
-    """Return a nav2_msgs/Route along directed arcs (K,) from a node; the cost [mm] is given there in metres."""
-    graph = built.graph
-    nodes = [start, *graph.head[arcs].tolist()]
-    places = [_point(graph.xy[node]) for node in nodes]
+def route(stamp_ns: int, built: IndexedGraph, frame: Frame, start: int, arcs: Int32Array, cost: int) -> Any:
+    """Return a nav2_msgs/Route along directed arcs (K,) from a node; the cost [mm] is given there in metres.
+
+    `frame` is that of the navigator's map in the building's.
+    """
+    nodes = [start, *built.graph.head[arcs].tolist()]
+    places = [_point(xy) for xy in _on_map(frame, built.graph.xy[nodes])]
     stops = [make("nav2_msgs/msg/RouteNode", node, place) for node, place in zip(nodes, places, strict=True)]
     edges = [make("nav2_msgs/msg/RouteEdge", int(arc), places[k], places[k + 1]) for k, arc in enumerate(arcs)]
     return make("nav2_msgs/msg/Route", header(stamp_ns, MAP_FRAME), cost / 1000.0, stops, edges)
 
 
-def route_path(built: IndexedGraph, start: int, arcs: Int32Array) -> Path:
+def route_path(built: IndexedGraph, frame: Frame, start: int, arcs: Int32Array) -> Path:
     """Return the path [m, m, rad] along directed arcs (K,) up to the first lift, whose other storeys have other maps."""
     graph = built.graph
     rides = np.flatnonzero(graph.heading[arcs] == NO_HEADING)
     driven = arcs[: rides[0]] if len(rides) else arcs
-    corners = graph.xy[[start, *graph.head[driven].tolist()]]
+    corners = _on_map(frame, graph.xy[[start, *graph.head[driven].tolist()]])
     rows = []
     for one, other in pairwise(corners):
         count = max(1, int(np.ceil(np.hypot(*(other - one)) / PATH_STEP_M)))
@@ -72,29 +74,36 @@ def route_path(built: IndexedGraph, start: int, arcs: Int32Array) -> Path:
 
 def graph_markers(stamp_ns: int, hgraph: HGraph, built: IndexedGraph, storey: str) -> Any:
     """Return a visualization_msgs/MarkerArray of a storey's graph: nodes, open and closed arcs, names of goals."""
-    graph = built.graph
+    graph, frame = built.graph, hgraph.storey_frame(storey)
     here = np.array([not ref.submap.startswith("@") and hgraph.storey_of(ref.submap) == storey for ref in built.refs])
     inside = np.flatnonzero(here[graph.tail] & here[graph.head]) if len(here) else np.empty(0, np.int64)
     is_open = graph.cost[inside] < CLOSED_MM
     markers = [
         _marker(stamp_ns, "", 0, _SPHERE_LIST, action=_DELETE_ALL),
-        _marker(stamp_ns, "nodes", 0, _SPHERE_LIST, _NODE_M, _NODES, graph.xy[here] if len(here) else None),
-        _marker(stamp_ns, "arcs", 0, _LINE_LIST, _LINE_M, _OPEN, _ends(built, inside[is_open])),
-        _marker(stamp_ns, "closed", 0, _LINE_LIST, _LINE_M, _CLOSED, _ends(built, inside[~is_open])),
+        _marker(
+            stamp_ns, "nodes", 0, _SPHERE_LIST, _NODE_M, _NODES, _on_map(frame, graph.xy[here]) if len(here) else None
+        ),
+        _marker(stamp_ns, "arcs", 0, _LINE_LIST, _LINE_M, _OPEN, _ends(built, frame, inside[is_open])),
+        _marker(stamp_ns, "closed", 0, _LINE_LIST, _LINE_M, _CLOSED, _ends(built, frame, inside[~is_open])),
     ]
     for node in np.flatnonzero(here).tolist() if len(here) else ():
         known = hgraph.node(built.refs[node])
         if known is not None and known.kind is NodeKind.END:
-            at = graph.xy[node : node + 1]
+            at = _on_map(frame, graph.xy[node : node + 1])
             markers.append(_marker(stamp_ns, "names", node, _TEXT, _TEXT_M, _NAMES, at, known.name or known.id))
     return make("visualization_msgs/msg/MarkerArray", markers)
 
 
-def _ends(built: IndexedGraph, arcs: NDArray[np.integer[Any]]) -> FloatArray:
+def _ends(built: IndexedGraph, frame: Frame, arcs: NDArray[np.integer[Any]]) -> FloatArray:
     """Return the points (2 K, 2) [m] of lines along directed arcs (K,)."""
     graph = built.graph
     lines: FloatArray = np.stack([graph.xy[graph.tail[arcs]], graph.xy[graph.head[arcs]]], axis=1).reshape(-1, 2)
-    return lines
+    return _on_map(frame, lines)
+
+
+def _on_map(frame: Frame, xy: FloatArray) -> FloatArray:
+    """Return points (N, 2) [m] of the building's frame in that of a map, whose frame in the building's is given."""
+    return np.array([frame.inside(x, y) for x, y in xy.tolist()]).reshape(-1, 2)
 
 
 def _point(xy: FloatArray) -> Any:

@@ -196,9 +196,9 @@ class BuildingRoutes:
             start = self._nearest(known, pose)
         goal = self._end(known, request.use_poses, request.goal_id, request.goal)
         way = planner.way(built.refs[start], built.refs[goal])
-        now_ns = self._node.now_ns()
-        result.route = native(route(now_ns, built, start, way.arcs, way.cost))
-        result.path = native(path(now_ns, route_path(built, start, way.arcs)))
+        now_ns, frame = self._node.now_ns(), planner.hgraph.storey_frame(known.storey)
+        result.route = native(route(now_ns, built, frame, start, way.arcs, way.cost))
+        result.path = native(path(now_ns, route_path(built, frame, start, way.arcs)))
 
     def _end(self, known: _Known, by_pose: bool, number: int, stamped: Any) -> int:
         """Return the number of the node that a request names, by its id or by a pose in map."""
