@@ -74,7 +74,7 @@ def learn_command(folder: Path, storey: str, trajectory: Path, /) -> None:
     storey
         Id of the storey that was driven on.
     trajectory
-        The drive in the storey's map: trajectory.tum of waychair localise.
+        The drive in the storey's map: trajectory.tum of waychair localize.
     """
     from waychair.maps.building.building import load_building
     from waychair.planning.building.learnt_drives import learn_drive

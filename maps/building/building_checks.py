@@ -48,13 +48,14 @@ def _tree(hgraph: HGraph) -> Iterator[Finding]:
     for lift in hgraph.lifts.values():
         for stop in lift.stops:
             entered.update(ancestors(stop.at.submap))
+    only = hgraph.children(ROOT)
     for path in hgraph.submaps:
         if not path:
             continue
         if parent_path(path) not in hgraph.submaps:
             remedy = f"add '{parent_path(path)}', or take it out"
             yield error("E10", path, f"sub-map '{path}' has no parent, so a level is missing", remedy)
-        elif path not in entered and hgraph.children(ROOT) != (path,):
+        elif path not in entered and only != (path,):
             yield error("E10", path, f"sub-map '{path}' has neither doorway nor lift", "add a doorway from its parent")
         if path.count("/") + 1 > _DEEPEST:
             sentence = f"'{path}' lies {path.count('/') + 1} menus deep"
