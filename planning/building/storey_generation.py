@@ -227,7 +227,7 @@ def _merged(known: SubMap, sketch: SketchMap, last: Json) -> tuple[SubMap, list[
             continue  # somebody took it away
         ids[index] = key
         if key not in nodes:
-            name = made.name or (known.title if made.kind is NodeKind.END else "")
+            name = made.name or (_goal_name(known, key, made.role) if made.kind is NodeKind.END else "")
             x, y = (made.x, made.y) if made.role == "p" else (round(made.x, 3), round(made.y, 3))  # places stay
             nodes[key] = Node(key, made.kind, x, y, name, Origin.AUTO)
     gone = {frozenset(ends) for ends in last.get("arcs", [])} - {frozenset((a.start, a.end)) for a in known.arcs}
@@ -243,6 +243,11 @@ def _merged(known: SubMap, sketch: SketchMap, last: Json) -> tuple[SubMap, list[
             arcs.append(_arc(made_arc, ids, nodes, old.get(ends)))
             taken.add(ends)
     return replace(known, nodes=nodes, arcs=tuple(arcs)), names
+
+
+def _goal_name(submap: SubMap, key: str, role: str) -> str:
+    """Return the name of a generated goal: that of its room, or the number of a hall, which is part of the storey."""
+    return f"Hall {key.removeprefix(role)}" if submap.storey else submap.title
 
 
 def _arc(made: SketchArc, ids: Mapping[int, str], nodes: Mapping[str, Node], old: Arc | None) -> Arc:
