@@ -46,11 +46,13 @@ class Site:
         from waychair.ros.nodes.node import ChairNode
 
         self.now: DriveNow = DriveNow(drives=False, arrived=False, pose=Pose2(3.5, 0.5))
+        self.drive: Iterator[DriveNow] = iter(())
+        """The next answers to the question how the drive goes, one each."""
         self.ros, self.folder = ros, folder
         self.node: Any = ChairNode(name, NoSettings)
         self.began_s = time.monotonic()
         self.markers = ros.heard(topics.BUILDING_GRAPH)
-        BuildingRoutes(self.node, folder / "maps" / "g", CHAIR_A, lambda: self.now)
+        BuildingRoutes(self.node, folder / "maps" / "g", CHAIR_A, lambda: next(self.drive, self.now))
         self.kind = interface_type("nav2_msgs/action/ComputeRoute")
         self.client = ActionClient(ros.node, self.kind, topics.COMPUTE_ROUTE)
 
@@ -109,13 +111,9 @@ def test_routes_are_computed_by_ids_by_poses_and_from_where_the_chair_is(site: S
 def test_a_drive_that_arrives_is_learnt(site: Site) -> None:
     from waychair.ros.nodes.building_routes import DriveNow
 
-    x = iter(np.linspace(3.0, 10.0, 30))
-
-    def drive() -> None:
-        site.now = DriveNow(drives=True, arrived=False, pose=Pose2(float(next(x, 10.0)), 0.0))
-
-    site.ros.spin_until(lambda: next(x, None) is None, "the drive", meanwhile=drive)
-    site.now = DriveNow(drives=False, arrived=True, pose=None)
+    poses = [Pose2(x, 0.0) for x in np.linspace(3.0, 10.0, 30).tolist()]
+    arrived = DriveNow(drives=False, arrived=True, pose=None)
+    site.drive = iter([*(DriveNow(drives=True, arrived=False, pose=pose) for pose in poses), arrived])
     site.ros.spin_until(lambda: (site.folder / "drives.json").is_file(), "the drive's times")
 
 
