@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from waychair.errors import BuildingError, OutputError
+from waychair.errors import BuildingError, OutputError, PlaceError
 from waychair.files import is_file, os_error_text, path_exists, read_bytes, write_bytes
 from waychair.maps.building.building import MAPS, Building, save_building
-from waychair.maps.building.hgraph import PLAIN, HGraph, Lift, Node, NodeRef, Way, inner_end
+from waychair.maps.building.hgraph import PLAIN, HGraph, Lift, Node, NodeKind, NodeRef, Way, inner_end
 from waychair.maps.building.hgraph_files import GENERAL
+from waychair.maps.drawn.places import checked_place, save_places
 from waychair.maps.folders.map_files import save_map
-from waychair.types import OccupancyGrid
+from waychair.types import OccupancyGrid, Place, Pose2
 from waychair.yaml_files import quoted
 
 KEPT = "imported"
@@ -135,11 +137,23 @@ def write_imported(folder: Path, imported: Imported) -> Building:
                 write_bytes(aside / KEPT / file, data)
             for storey, grid in imported.grids.items():
                 save_map(aside / MAPS / storey, grid)
+                save_places(aside / MAPS / storey, _places(imported.hgraph, storey))
             save_building(Building(aside, imported.hgraph))
             _move_into(aside, folder)
     except OSError as error:
         raise OutputError(f"cannot write {folder}: {os_error_text(error)}") from error
     return Building(folder, imported.hgraph)
+
+
+def _places(hgraph: HGraph, storey: str) -> dict[str, Place]:
+    """Return the goals of a storey as places of its map; those whose names no place can have are left out."""
+    found = {}
+    for ref, node in hgraph.nodes():
+        if node.kind is NodeKind.END and hgraph.storey_of(ref.submap) == storey and node.name not in found:
+            place = Place(node.name, Pose2(*hgraph.map_frame_of(ref.submap).point(node.x, node.y)))
+            with suppress(PlaceError):
+                found[node.name] = checked_place(place)
+    return found
 
 
 def _move_into(aside: Path, folder: Path) -> None:

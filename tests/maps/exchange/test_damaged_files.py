@@ -6,14 +6,20 @@ import copy
 import json
 import random
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
 from waychair.errors import BuildingError
+from waychair.maps.building.building import load_building
+from waychair.maps.building.hgraph_checks import check
+from waychair.maps.drawn.places import load_places
+from waychair.maps.exchange.flat_graph import write_imported
 from waychair.maps.exchange.open_rmf import building_from_open_rmf
 from waychair.maps.exchange.route_graph import building_from_route_graph
+from waychair.planning.building.surroundings import surroundings
 
 WRONG: tuple[Any, ...] = (None, float("nan"), 1e300, -5, "x", "", [], {}, True, 10**400, "é\n", [1], {"a": 1}, 0)
 
@@ -131,3 +137,10 @@ def test_a_part_of_a_level_that_is_no_list_is_named(part: str) -> None:
     values["levels"]["L2"][part] = 5
     with pytest.raises(BuildingError, match=f"the {part} of level 'L2' of a.building.yaml are no list"):
         building_from_open_rmf(yaml.safe_dump(values).encode(), "a.building.yaml", None)
+
+
+def test_the_goals_of_an_imported_building_with_walls_are_places_of_its_map(tmp_path: Path) -> None:
+    write_imported(tmp_path / "house", building_from_open_rmf(yaml.safe_dump(RMF).encode(), "a.yaml", None))
+    found = check(load_building(tmp_path / "house").hgraph, surroundings(load_building(tmp_path / "house")))
+    assert [each.sentence for each in found if "is no place" in each.sentence] == []
+    assert set(load_places(tmp_path / "house" / "maps" / "L1")) == {"a", "b"}
