@@ -1,4 +1,4 @@
-"""`waychair building generate`, `import` and `export`: graphs from maps, and files of other programs."""
+"""`waychair building generate`, `learn`, `import` and `export`: graphs from maps and drives, and files of other programs."""
 
 from __future__ import annotations
 
@@ -64,6 +64,27 @@ def export_command(folder: Path, target: Path, /) -> None:
     print(f"wrote {target}")
 
 
+def learn_command(folder: Path, storey: str, trajectory: Path, /) -> None:
+    """Learn how long the chair drives along the arcs of a storey. From five drives on, the median replaces the estimate.
+
+    Parameters
+    ----------
+    folder
+        Folder of the building.
+    storey
+        Id of the storey that was driven on.
+    trajectory
+        The drive in the storey's map: trajectory.tum of waychair localize.
+    """
+    from waychair.maps.building.building import load_building
+    from waychair.planning.building.learnt_drives import learn_drive
+    from waychair.recordings.recording import read_tum
+
+    drive = read_tum(trajectory)
+    driven = learn_drive(load_building(folder), storey, drive.stamps_ns, drive.poses)
+    print(f"{sum(map(len, driven.values()))} times of {len(driven)} arcs")
+
+
 def generate_command(
     folder: Path, storey: str, /, *, body: str = "A", lift: tuple[str, ...] = (), quiet: bool = False
 ) -> None:
@@ -80,7 +101,8 @@ def generate_command(
     body
         The chair's body: A, B, A_mid, A_front or robot.
     lift
-        A lift and the place in front of its door on this storey, as LIFT=PLACE; can be given more than once.
+        A lift and the place in front of its door on this storey, as LIFT=PLACE; can be given more than once. Lifts also
+        lay the storey's map on those of the other storeys.
     quiet
         Print nothing but errors.
     """
@@ -89,7 +111,12 @@ def generate_command(
     from waychair.cli.options.messages import sayer
     from waychair.cli.options.progress import announce_compiling
     from waychair.maps.building.building import load_building
-    from waychair.planning.building.storey_generation import generated_storey, save_generation, with_lift_stop
+    from waychair.planning.building.storey_generation import (
+        aligned_storey,
+        generated_storey,
+        save_generation,
+        with_lift_stop,
+    )
 
     if body not in BODIES:
         raise BadArgument(f"--body is '{body}': choose {', '.join(BODIES)}")
@@ -105,7 +132,10 @@ def generate_command(
     hgraph = made.building.hgraph
     for name, _, place in stops:
         hgraph = with_lift_stop(hgraph, storey, name, place)
-    save_generation(replace(made, building=replace(made.building, hgraph=hgraph)), storey)
+    joined = replace(made.building, hgraph=hgraph)
+    if stops:
+        joined = replace(joined, hgraph=aligned_storey(joined, storey))
+    save_generation(replace(made, building=joined), storey)
     for opening in made.sketch.shut:
         x, y = opening.middle
         say(f"the opening of {opening.width:.2f} m at ({x:.1f}, {y:.1f}) is too narrow for body {body}")

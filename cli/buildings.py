@@ -9,10 +9,13 @@ from cyclopts import App, Parameter
 
 from waychair.cli.options.arguments import BadArgument, PositiveInt
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import announce_compiling
+from waychair.cli.options.progress import announce_compiling, told_share
+from waychair.errors import BuildingError
 
 if TYPE_CHECKING:
+    from waychair.calibration.chair_body import ChairBody
     from waychair.maps.building.building import Building
+    from waychair.maps.building.graph_arrays import GraphArrays
     from waychair.planning.building.border_tables import BorderTables
     from waychair.planning.building.hierarchical import Route, RoutePlanner
 
@@ -26,6 +29,11 @@ buildings_app.command(
 )
 buildings_app.command(
     "waychair.cli.building_imports:generate_command", name="generate", help="Make the graph of a mapped storey."
+)
+
+
+buildings_app.command(
+    "waychair.cli.building_imports:learn_command", name="learn", help="Learn driving times from a drive's trajectory."
 )
 
 
@@ -63,13 +71,14 @@ def add_command(folder: Path, storey: str, /, *, map: Path | None = None, height
     name
         Name of the storey for people.
     """
-    from waychair.maps.building.building import add_storey, copied_map, load_building, save_building
+    from waychair.maps.building.building import add_storey, load_building, save_building, save_with_map
     from waychair.maps.building.hgraph import Storey
 
     building = add_storey(load_building(folder), Storey(storey, name, height))
-    if map is not None:
-        building = copied_map(building, storey, map)
-    save_building(building)
+    if map is None:
+        save_building(building)
+    else:
+        save_with_map(building, storey, map)
     print(f"added storey '{storey}' to '{building.hgraph.name}'")
 
 
@@ -88,15 +97,13 @@ def check_command(folder: Path, /, *, body: str | None = None, json: bool = Fals
     """
     from collections import Counter
 
-    from waychair.calibration.chair_body import BODIES
-    from waychair.errors import BuildingError
     from waychair.maps.building.hgraph_checks import Severity, check
+    from waychair.maps.building.zone_rules import with_zones
     from waychair.planning.building.surroundings import surroundings
 
-    if body is not None and body not in BODIES:
-        raise BadArgument(f"unknown body '{body}': take {', '.join(BODIES)}")
+    chair = None if body is None else _body(body)
     building = _loaded(folder)
-    found = check(building.hgraph, surroundings(building, None if body is None else BODIES[body]))
+    found = check(with_zones(building), surroundings(building, chair))
     errors = sum(each.severity is Severity.ERROR for each in found)
     if json:
         rows = [
@@ -132,16 +139,19 @@ def tables_command(folder: Path, /, *, quiet: bool = False) -> None:
     import time
 
     from waychair.maps.building.indexed import indexed
+    from waychair.maps.building.zone_rules import with_zones
     from waychair.planning.building.border_tables import BorderTables
-    from waychair.planning.building.table_files import TABLES, save_tables, text_key
+    from waychair.planning.building.table_files import TABLES, graph_key, save_tables
 
-    say = sayer(quiet)
-    graph = indexed(_loaded(folder).hgraph).graph
-    announce_compiling()
+    say, now_ns = sayer(quiet), time.time_ns()
+    building = _loaded(folder, quiet)
+    graph = indexed(with_zones(building), now_ns).graph
+    if not quiet:
+        announce_compiling()
     begun = time.perf_counter()
     tables = BorderTables(graph)
     took = time.perf_counter() - begun
-    save_tables(folder / TABLES, tables.tables, text_key(folder))
+    save_tables(folder / TABLES, tables.tables, graph_key(building, now_ns))
     per_node = tables.nbytes / max(1, len(graph.xy))
     say(f"{len(graph.xy)} nodes, {len(graph.parent)} sub-maps: {took:.2f} s, {per_node:.0f} bytes a node")
 
@@ -151,10 +161,11 @@ def route_command(
     folder: Path,
     /,
     *,
-    start: Annotated[str, Parameter(name="--from")],
-    goal: Annotated[str, Parameter(name="--to")],
+    start: Annotated[str, Parameter(name="--from", allow_leading_hyphen=True)],
+    goal: Annotated[str, Parameter(name="--to", allow_leading_hyphen=True)],
     avoid: tuple[str, ...] = (),
     method: str = "tables",
+    body: str = "A",
     json: bool = False,
 ) -> None:
     """Print the cheapest route between two places of a building: its movements and its cost.
@@ -164,27 +175,38 @@ def route_command(
     folder
         Folder of the building.
     start
-        Place, as `Ground/West/Waiting room` or its last part, or node, as `ground/west:n3`.
+        Place, as `Ground/West/Waiting room` or its last part, node, as `ground/west:n3`, or point of a storey's map, as
+        `12.5,3@ground`.
     goal
-        Place or node, as for --from.
+        Place, node or point, as for --from.
     avoid
-        Lift or node that the route must avoid; can be given more than once.
+        Lift, node or arc (`ground/west:n1>n2`) that the route must avoid; can be given more than once.
     method
         tables, tetranauta, tetranauta-without-tables, astar, dijkstra or brute-force.
+    body
+        The chair's body, which drives from a point to the nearest node: A, B, A_mid, A_front or robot.
     json
         Print JSON.
     """
-    planner = _planner(folder, method)
-    route = planner.route(planner.node(start), planner.node(goal), avoid)
+    from waychair.planning.building.route_ends import route_end
+
+    chair = _body(body)
+    building = _loaded(folder)
+    planner = _planner(building, method)
+    first, last = (route_end(building, planner, text, chair) for text in (start, goal))
+    route = planner.route(first.node, last.node, avoid)
     if json:
-        _print_json(_route_values(route))
+        _print_json({**_route_values(route), "to_start_m": first.aside, "from_goal_m": last.aside})
         return
+    if first.aside:
+        print(f"drive to {first.node}, {first.aside:.1f} m")
     for movement in route.movements:
         print(movement.sentence())
-    lifts = sum(bool(leg.lift) for leg in route.legs)
-    speed = planner.hgraph.costs.speed_mps
-    minutes = route.cost / 1000.0 / speed / 60.0
-    print(f"{route.length:.1f} m of driving, {lifts} lifts, about {minutes:.1f} min")
+    if last.aside:
+        print(f"drive on from {last.node}, {last.aside:.1f} m")
+    lifts, aside = sum(bool(leg.lift) for leg in route.legs), first.aside + last.aside
+    minutes = (route.cost / 1000.0 + aside) / planner.hgraph.costs.speed_mps / 60.0
+    print(f"{route.length + aside:.1f} m of driving, {lifts} lifts, about {minutes:.1f} min")
 
 
 @buildings_app.command(name="stats")
@@ -209,23 +231,30 @@ def stats_command(folder: Path, /, *, json: bool = False) -> None:
 
 
 @buildings_app.command(name="bench")
-def bench_command(folder: Path, /, *, queries: PositiveInt = 1000, json: bool = False) -> None:
+def bench_command(source: Path, /, *, queries: PositiveInt = 1000, json: bool = False) -> None:
     """Time each method on random goals of a building, and compare all with Dijkstra.
 
     Parameters
     ----------
-    folder
-        Folder of the building.
+    source
+        Folder of a building, or a file that `import` reads, such as nodes.csv beside edges.csv.
     queries
         Number of queries.
     json
         Print JSON.
     """
+    from waychair.files import is_file
     from waychair.maps.building.indexed import indexed
+    from waychair.maps.building.zone_rules import with_zones
+    from waychair.maps.exchange.exchange import SCALE, read_exchange
+    from waychair.maps.exchange.floor_csv import NODES
     from waychair.planning.building.method_bench import bench
 
     announce_compiling()
-    hgraph = _loaded(folder).hgraph
+    if is_file(source, BuildingError) or is_file(source / NODES, BuildingError):
+        hgraph = read_exchange(source, "", None, SCALE).hgraph
+    else:
+        hgraph = with_zones(_loaded(source))
     rows = bench(hgraph, indexed(hgraph), queries)
     if json:
         _print_json({"methods": rows})
@@ -234,34 +263,44 @@ def bench_command(folder: Path, /, *, queries: PositiveInt = 1000, json: bool = 
         print(", ".join(f"{key} {value}" for key, value in row.items()))
 
 
-def _loaded(folder: Path) -> Building:
+def _loaded(folder: Path, quiet: bool = False) -> Building:
     from waychair.maps.building.building import load_building
 
-    return load_building(folder)
+    return load_building(folder, None if quiet else told_share("reading the building"))
 
 
-def _planner(folder: Path, method: str) -> RoutePlanner:
+def _body(name: str) -> ChairBody:
+    from waychair.calibration.chair_body import BODIES
+
+    if name not in BODIES:
+        raise BadArgument(f"--body is '{name}': choose {', '.join(BODIES)}")
+    return BODIES[name]
+
+
+def _planner(building: Building, method: str) -> RoutePlanner:
+    import time
+
     from waychair.maps.building.indexed import indexed
+    from waychair.maps.building.zone_rules import with_zones
     from waychair.planning.building.hierarchical import Method, RoutePlanner
 
     if method not in list(Method):
         raise BadArgument(f"--method is '{method}': choose {', '.join(Method)}")
-    hgraph = _loaded(folder).hgraph
+    hgraph, now_ns = with_zones(building), time.time_ns()
     announce_compiling()
-    built = indexed(hgraph)
+    built = indexed(hgraph, now_ns)
     if method != Method.TABLES:
         return RoutePlanner(hgraph, Method(method), built=built)
-    tables = _kept_tables(folder, built.graph)
-    return RoutePlanner(hgraph, built=built, tables=tables)
+    return RoutePlanner(hgraph, built=built, tables=_kept_tables(building, built.graph, now_ns))
 
 
-def _kept_tables(folder: Path, graph: object) -> BorderTables | None:
+def _kept_tables(building: Building, graph: GraphArrays, now_ns: int) -> BorderTables | None:
     """Return the tables of the cache file, None if it is stale."""
     from waychair.planning.building.border_tables import BorderTables
-    from waychair.planning.building.table_files import TABLES, StaleTables, load_tables, text_key
+    from waychair.planning.building.table_files import TABLES, StaleTables, graph_key, load_tables
 
     try:
-        return BorderTables(graph, load_tables(folder / TABLES, text_key(folder)))  # type: ignore[arg-type]
+        return BorderTables(graph, load_tables(building.folder / TABLES, graph_key(building, now_ns)))
     except StaleTables:
         return None
 

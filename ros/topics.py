@@ -105,6 +105,12 @@ DRIVE_REQUEST = RosTopic("drive_request", "waychair_msgs/msg/DriveRequest", RELI
 DRIVE_STATE = RosTopic("drive_state", "waychair_msgs/msg/DriveState", RELIABLE, BASE_FRAME)
 PLACES = RosTopic("places", "waychair_msgs/msg/Places", LATCHED, MAP_FRAME)
 
+BUILDING_GRAPH = RosTopic("building_graph", "visualization_msgs/msg/MarkerArray", LATCHED, MAP_FRAME)
+"""The graph of the storey whose map the navigator has, if it is one of a building."""
+
+COMPUTE_ROUTE = "compute_route"
+"""The name of the action nav2_msgs/action/ComputeRoute."""
+
 NAVIGATE_TO_POSE = "navigate_to_pose"
 """The name of the action nav2_msgs/action/NavigateToPose."""
 

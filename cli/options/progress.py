@@ -56,13 +56,13 @@ def stage_of(bars: Progress, name: str) -> Callable[[float], None]:
     line now and then.
     """
     if not bars.console.is_terminal:
-        return _lines_of(bars.console, name)
+        return _lines_of(lambda line: bars.console.print(line, markup=False, highlight=False, soft_wrap=True), name)
     task = bars.add_task(name, total=1.0)
     return lambda share: bars.update(task, completed=share)
 
 
-def _lines_of(console: Console, name: str) -> Callable[[float], None]:
-    """Return a callback that prints a line about a stage each `LINE_EVERY_S`."""
+def _lines_of(say: Callable[[str], None], name: str) -> Callable[[float], None]:
+    """Return a callback that says a line about a stage each `LINE_EVERY_S`."""
     began = last = time.monotonic()
 
     def show(share: float) -> None:
@@ -72,7 +72,7 @@ def _lines_of(console: Console, name: str) -> Callable[[float], None]:
             return
         last = now
         left = f", about {_spoken((now - began) * (1.0 - share) / share)} left" if 0.0 < share < 1.0 else ""
-        console.print(f"{name}: {100.0 * share:.0f} %{left}", markup=False, highlight=False, soft_wrap=True)
+        say(f"{name}: {100.0 * share:.0f} %{left}")
 
     return show
 
@@ -80,6 +80,11 @@ def _lines_of(console: Console, name: str) -> Callable[[float], None]:
 def _spoken(seconds: float) -> str:
     """Return a time in minutes, or in seconds where it is short."""
     return f"{seconds / 60.0:.0f} min" if seconds >= 120.0 else f"{seconds:.0f} s"
+
+
+def told_share(what: str) -> Callable[[float], None]:
+    """Return a callback that prints the share of a long piece of work on stderr, each `LINE_EVERY_S`."""
+    return _lines_of(lambda line: print(line, file=sys.stderr, flush=True), what)
 
 
 @contextmanager

@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 import shutil
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
-from waychair.errors import BuildingError, OutputError
-from waychair.files import is_folder, path_exists, write_text
+from waychair.errors import BuildingError, OutputError, WaychairError
+from waychair.files import is_folder, path_exists
 from waychair.maps.building.hgraph import (
     HGraph,
     NodeKind,
@@ -23,7 +25,7 @@ from waychair.maps.building.hgraph_edits import with_storey, with_submap
 from waychair.maps.building.hgraph_files import GENERAL, read_hgraph, write_hgraph
 from waychair.maps.building.text_forms import is_id
 from waychair.maps.drawn.anchors import ANCHORS_YAML, anchors_text, load_anchors
-from waychair.maps.drawn.places import load_places
+from waychair.maps.drawn.places import PLACES, load_places, place_points, places_path, places_text
 from waychair.maps.folders.map_files import load_info, yaml_path
 from waychair.types import Place, Pose2
 
@@ -34,7 +36,7 @@ ANCHORED = "hgraph"
 """The kind of the nodes' anchors in a storey's `anchors.yaml`."""
 
 SAME_M = 1e-6
-"""A goal this near to its place [m] is there."""
+"""A goal this near to its place [m] is there, and a node this near to its anchor has not moved."""
 
 HIGHEST_M = 10_000.0
 """Largest height of a storey above or below the ground [m]."""
@@ -70,21 +72,41 @@ def load_building(folder: Path, progress: Callable[[float], None] | None = None)
     return building
 
 
-def save_building(building: Building) -> None:
+def save_building(building: Building, others: Mapping[Path, str] = MappingProxyType({})) -> None:
     """Write the text files of a building, and its nodes' anchors beside those of the places of each storey's map.
+
+    `others` are texts of files that change together with them, new places of a storey's map among them. Either all files
+    change, or none does.
 
     Raises:
         BuildingError, OutputError: as `write_hgraph`.
         MapError: the anchors of a storey's map are damaged.
     """
-    write_hgraph(building.folder, building.hgraph)
+    texts = dict(others)
     for storey in building.hgraph.storeys:
         folder = building.map_folder(storey.id)
         if folder is None or not is_folder(folder, BuildingError):
             continue
-        text = anchors_text(folder, ANCHORED, _poses(building.hgraph, storey.id))
+        text = anchors_text(folder, {ANCHORED: _poses(building.hgraph, storey.id)})
         if text is not None:
-            write_text(folder / ANCHORS_YAML, text)
+            texts.setdefault(folder / ANCHORS_YAML, text)
+    write_hgraph(building.folder, building.hgraph, texts)
+
+
+def texts_of_places(building: Building, storey: str, places: Mapping[str, Place]) -> dict[Path, str]:
+    """Return the texts of a storey's places and of the anchors of its places and nodes, for `save_building`.
+
+    Raises:
+        PlaceError: a name or a number is impossible.
+        MapError: the anchors are damaged.
+    """
+    folder = building.map_folder(storey)
+    if folder is None:
+        return {}
+    points = {PLACES: place_points(places), ANCHORED: _poses(building.hgraph, storey)}
+    anchors = anchors_text(folder, points)
+    texts = {places_path(folder): places_text(places)}
+    return texts if anchors is None else {**texts, folder / ANCHORS_YAML: anchors}
 
 
 def new_building(folder: Path, name: str) -> Building:
@@ -122,8 +144,10 @@ def add_storey(building: Building, storey: Storey) -> Building:
     return replace(building, hgraph=with_submap(with_storey(hgraph, storey), submap))
 
 
-def copied_map(building: Building, storey: str, source: Path) -> Building:
-    """Copy a map folder into the building's folder as that of a storey, and return the building, not written yet.
+def save_with_map(building: Building, storey: str, source: Path) -> Building:
+    """Copy a map folder into the building's folder as that of a storey, write the building and return it.
+
+    If one of them cannot be written, neither is.
 
     Raises:
         MapError: `source` is no map folder.
@@ -141,10 +165,23 @@ def copied_map(building: Building, storey: str, source: Path) -> Building:
     try:
         shutil.copytree(yaml.parent, target)
     except (OSError, shutil.Error) as error:
-        shutil.rmtree(target, ignore_errors=True)
+        _take_away(target)
         raise OutputError(f"cannot copy {yaml.parent} to {target}: make room on the disk, or check it") from error
     hgraph = with_storey(building.hgraph, replace(storeys[storey], map=f"{MAPS}/{storey}"))
-    return replace(building, hgraph=hgraph)
+    building = replace(building, hgraph=hgraph)
+    try:
+        save_building(building)
+    except WaychairError:
+        _take_away(target)
+        raise
+    return building
+
+
+def _take_away(folder: Path) -> None:
+    """Remove a folder that was just made, and its parent where nothing else is in it."""
+    shutil.rmtree(folder, ignore_errors=True)
+    with suppress(OSError):
+        folder.parent.rmdir()
 
 
 def stats(hgraph: HGraph) -> dict[str, int]:
@@ -198,13 +235,13 @@ def followed(building: Building, storey: str) -> HGraph:
     for path, submap in hgraph.submaps.items():
         if hgraph.storey_of(path) != storey or not submap.nodes:
             continue
-        frame = hgraph.frame_of(path)
+        frame = hgraph.map_frame_of(path)
         points = [frame.point(node.x, node.y) for node in submap.nodes.values()]
         poses = anchors.follow(ANCHORED, path, [Pose2(x, y) for x, y in points])
         moved = [frame.inside(pose.x, pose.y) for pose in poses]
         pairs = zip(submap.nodes.values(), points, poses, moved, strict=True)
         nodes = {
-            node.id: node if (pose.x, pose.y) == point else replace(node, x=x, y=y)
+            node.id: node if math.dist((pose.x, pose.y), point) <= SAME_M else replace(node, x=x, y=y)
             for node, point, pose, (x, y) in pairs
         }
         if nodes != submap.nodes:
@@ -228,7 +265,7 @@ def with_places(building: Building, storey: str) -> HGraph:
     )
     changed = dict(hgraph.submaps)
     for path, submap in inside.items() if places else ():
-        frame, moved = hgraph.frame_of(path), {}
+        frame, moved = hgraph.map_frame_of(path), {}
         for node in submap.nodes.values():
             is_one = node.kind is NodeKind.END and goals_of[node.name] == 1
             place = places.get(node.name) if is_one else None
@@ -245,6 +282,6 @@ def _poses(hgraph: HGraph, storey: str) -> dict[str, list[Pose2]]:
     found = {}
     for path, submap in hgraph.submaps.items():
         if submap.nodes and hgraph.storey_of(path) == storey:
-            frame = hgraph.frame_of(path)
+            frame = hgraph.map_frame_of(path)
             found[path] = [Pose2(*frame.point(node.x, node.y)) for node in submap.nodes.values()]
     return found

@@ -8,10 +8,13 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from waychair.maps.building.connections import Connections, Part, connections, folded, special_arcs
+from waychair.maps.building.connections import Connections, Part, folded, special_arcs
 from waychair.maps.building.findings import Finding, Surroundings, error, warning
 from waychair.maps.building.hgraph import ROOT, HGraph, Lift, NodeKind, NodeRef, ancestors, inner_end, parent_path
 from waychair.maps.building.hgraph_edits import arc_ref
+
+BESIDE_M = 0.05
+"""Room on each side of the chair in a door [m]."""
 
 _IN_LINE_M = 0.3
 """Most by which the stops of a lift may lie beside each other, seen from above [m]."""
@@ -22,20 +25,20 @@ _DEEPEST, _MOST_ITEMS = 4, 7
 _SHOWN = 5
 
 
-def building_findings(hgraph: HGraph, parts: dict[str, Part], around: Surroundings) -> Iterator[Finding]:
-    """Yield the faults of the whole building; `parts` are the arrays of its sub-maps."""
+def building_findings(hgraph: HGraph, linked: Connections, around: Surroundings) -> Iterator[Finding]:
+    """Yield the faults of the whole building, given how it is connected."""
     yield from _tree(hgraph)
     yield from _menus(hgraph)
     for lift in hgraph.lifts.values():
         yield from _lift(hgraph, lift, around)
+        yield from _lift_doors(lift, around)
     yield from _levels(hgraph)
-    yield from _names(hgraph, parts)
+    yield from _names(hgraph, linked.parts)
     yield from _maps(hgraph, around)
     if around.stale_tables:
         yield error(
             "E15", hgraph.name, "the tables are older than the graph", "make them with waychair building tables"
         )
-    linked = connections(hgraph, parts)
     yield from _reach(hgraph, linked)
     yield from _undriven(linked)
 
@@ -45,13 +48,14 @@ def _tree(hgraph: HGraph) -> Iterator[Finding]:
     for lift in hgraph.lifts.values():
         for stop in lift.stops:
             entered.update(ancestors(stop.at.submap))
+    only = hgraph.children(ROOT)
     for path in hgraph.submaps:
         if not path:
             continue
         if parent_path(path) not in hgraph.submaps:
             remedy = f"add '{parent_path(path)}', or take it out"
             yield error("E10", path, f"sub-map '{path}' has no parent, so a level is missing", remedy)
-        elif path not in entered and hgraph.children(ROOT) != (path,):
+        elif path not in entered and only != (path,):
             yield error("E10", path, f"sub-map '{path}' has neither doorway nor lift", "add a doorway from its parent")
         if path.count("/") + 1 > _DEEPEST:
             sentence = f"'{path}' lies {path.count('/') + 1} menus deep"
@@ -100,6 +104,19 @@ def _lift(hgraph: HGraph, lift: Lift, around: Surroundings) -> Iterator[Finding]
         if size is not None and body is not None and size < body:
             sentence = f"the cabin of lift '{lift.id}' has a {name} of {size:.2f} m, and the chair one of {body:.2f} m"
             yield error("E8", place, sentence, "take the lift out for this chair")
+
+
+def _lift_doors(lift: Lift, around: Surroundings) -> Iterator[Finding]:
+    """Yield the doors of a lift that are too narrow for this chair."""
+    for stop in lift.stops:
+        width = lift.door_width if stop.door_width is None else stop.door_width
+        if width is not None and around.width is not None and width < around.width + 2 * BESIDE_M:
+            sentence = (
+                f"the door of lift '{lift.id}' at storey '{stop.storey}' is {width:.2f} m wide, and this chair is "
+                f"{around.width:.2f} m"
+            )
+            fits = width - 2 * BESIDE_M
+            yield error("E6", stop.at, sentence, f"take the stop out for this chair: one of at most {fits:.2f} m fits")
 
 
 def _levels(hgraph: HGraph) -> Iterator[Finding]:
@@ -173,6 +190,12 @@ def _reach(hgraph: HGraph, linked: Connections) -> Iterator[Finding]:
         if component[ends[0]] != component[ends[1]]:
             what = "closed" if way.closure is not None else "one-way"
             yield warning("E18", arc, f"the {what} arc {arc} leaves no way back", "open it, or add a way back")
+    for lift in hgraph.lifts.values():
+        parts = {stop.at: component[at] for stop in lift.stops if (at := linked.number(stop.at)) is not None}
+        for stop in lift.stops:
+            if stop.closure is not None and stop.at in parts and set(parts.values()) != {parts[stop.at]}:
+                sentence = f"the closed stop of lift '{lift.id}' at storey '{stop.storey}' leaves no way back"
+                yield warning("E18", stop.at, sentence, "open it, or add another lift")
 
 
 def _undriven(linked: Connections) -> Iterator[Finding]:

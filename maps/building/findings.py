@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from waychair.maps.drawn.zones import Zone
 from waychair.types import OccupancyGrid, Place
 
 
@@ -37,6 +38,7 @@ class Surroundings:
 
     `width`, `length` [m] of the chair's body; `grids` and `places` by storey; `driven` asks the grid planner; `missing`
     are the storeys whose map folder is missing; `moved` are those whose map was bent since the graph was saved;
+    `turns` says whether the chair can turn round at a point of a storey's map; `zones` are those of the maps;
     `stale_tables` says that the tables are older than the graph; `guides` that step guidance is on.
     """
 
@@ -44,7 +46,9 @@ class Surroundings:
     length: float | None = None
     grids: Mapping[str, OccupancyGrid] = field(default_factory=dict)
     places: Mapping[str, Mapping[str, Place]] = field(default_factory=dict)
+    zones: Mapping[str, Sequence[Zone]] = field(default_factory=dict)
     driven: Driven | None = None
+    turns: Callable[[str, tuple[float, float]], bool] | None = None
     missing: frozenset[str] = frozenset()
     moved: frozenset[str] = frozenset()
     stale_tables: bool = False

@@ -285,6 +285,20 @@ class HGraph:
                 frame = frame @ self.submaps[each].frame
         return frame
 
+    def map_frame_of(self, path: str) -> Frame:
+        """Return a sub-map's frame in its storey's map, which is the frame of the storey's uppermost sub-map."""
+        storey, frame, is_inside = self.storey_of(path), Frame(), False
+        for each in ancestors(path):
+            if is_inside and each in self.submaps:
+                frame = frame @ self.submaps[each].frame
+            is_inside = is_inside or self.storey_of(each) == storey
+        return frame
+
+    def storey_frame(self, storey: str) -> Frame:
+        """Return the frame of a storey's map in the building's: that of its uppermost sub-map, if it has one."""
+        path = next((each for each in self.submaps if self.storey_of(each) == storey), None)
+        return Frame() if path is None else self.frame_of(path)
+
 
 def parent_path(path: str) -> str:
     """Return the path of the parent of a sub-map; that of the root is the root's own."""

@@ -2,18 +2,28 @@
 
 `check` is a pure function of the graph and its surroundings (the chair, the maps of the storeys). `Checker` keeps the
 findings of sub-maps that have not changed, so that a check after one edit takes milliseconds. Faults of one sub-map are in
-`submap_checks`, those of lifts, tree and reachability in `building_checks`.
+`submap_checks`, those between the sub-maps of a storey in `storey_checks`, those of lifts, tree and reachability in
+`building_checks`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 from waychair.maps.building.building_checks import building_findings
-from waychair.maps.building.connections import Part, part_of
+from waychair.maps.building.connections import Part, connections, part_of
 from waychair.maps.building.findings import NO_SURROUNDINGS, Finding, Severity, Surroundings
 from waychair.maps.building.hgraph import Frame, HGraph, SubMap, parent_path
-from waychair.maps.building.submap_checks import outer_ends, submap_findings
+from waychair.maps.building.storey_checks import (
+    Crossings,
+    Outline,
+    Suspect,
+    detours_within,
+    outline_of,
+    storey_findings,
+)
+from waychair.maps.building.submap_checks import Outside, outsides, submap_findings
 
 __all__ = ["Checker", "Finding", "Severity", "Surroundings", "check"]
 
@@ -28,35 +38,70 @@ class Checker:
 
     def __init__(self, around: Surroundings = NO_SURROUNDINGS) -> None:
         self._around = around
-        self._kept: dict[str, tuple[tuple[object, ...], tuple[Finding, ...]]] = {}
+        self._kept: dict[str, _Checked] = {}
         self._parts: dict[str, tuple[SubMap, Part]] = {}
+        self._outlines: dict[str, Outline] = {}
+        self._crossings = Crossings()
 
     def check(self, hgraph: HGraph) -> tuple[Finding, ...]:
         """Return all faults and warnings of a graph."""
-        ends = outer_ends(hgraph)
-        found: list[Finding] = []
+        into, frames = outsides(hgraph), _frames(hgraph)
+        self._outlines = {path: self._outline(submap, frames[path]) for path, submap in hgraph.submaps.items()}
         kept = {}
         for path, submap in hgraph.submaps.items():
-            seen = (*_seen(hgraph, submap), ends.get(path, frozenset()))
+            outside = into.get(path, Outside())
+            seen = (frames[path], *_seen(hgraph, submap), outside)
             before = self._kept.get(path)
-            if before is not None and _are_same(before[0], seen):
+            if before is not None and _are_same(before.seen, seen):
                 kept[path] = before
             else:
-                kept[path] = seen, tuple(submap_findings(hgraph, path, ends.get(path, frozenset()), self._around))
-            found += kept[path][1]
+                found = tuple(submap_findings(hgraph, path, frames, outside, self._around))
+                kept[path] = _Checked(seen, found, detours_within(hgraph, self._outlines[path]))
         self._kept = kept
         self._parts = {path: self._part(path, submap) for path, submap in hgraph.submaps.items()}
         parts = {path: part for path, (_, part) in self._parts.items()}
-        return (*found, *building_findings(hgraph, parts, self._around))
+        linked = connections(hgraph, parts)
+        return (
+            *(finding for each in kept.values() for finding in each.findings),
+            *building_findings(hgraph, linked, self._around),
+            *storey_findings(
+                hgraph,
+                self._outlines,
+                [pair for each in kept.values() for pair in each.detours],
+                self._around,
+                self._crossings,
+            ),
+        )
 
     def _part(self, path: str, submap: SubMap) -> tuple[SubMap, Part]:
         kept = self._parts.get(path)
         return kept if kept is not None and kept[0] is submap else (submap, part_of(submap))
 
+    def _outline(self, submap: SubMap, frame: Frame) -> Outline:
+        kept = self._outlines.get(submap.path)
+        return kept if kept is not None and kept.submap is submap and kept.frame == frame else outline_of(submap, frame)
 
-def _seen(hgraph: HGraph, submap: SubMap) -> Iterator[SubMap | Frame | None]:
-    """Yield the objects that a sub-map's findings depend on, besides its outer ends."""
-    yield hgraph.frame_of(submap.path)
+
+@dataclass(frozen=True, slots=True)
+class _Checked:
+    """A sub-map's findings and detours, and the objects that they depend on."""
+
+    seen: tuple[object, ...]
+    findings: tuple[Finding, ...]
+    detours: tuple[Suspect, ...]
+
+
+def _frames(hgraph: HGraph) -> dict[str, Frame]:
+    """Return each sub-map's frame in the building's."""
+    frames: dict[str, Frame] = {}
+    for path, submap in hgraph.submaps.items():
+        parent = frames.get(parent_path(path)) if path else Frame()
+        frames[path] = hgraph.frame_of(path) if parent is None else parent @ submap.frame
+    return frames
+
+
+def _seen(hgraph: HGraph, submap: SubMap) -> Iterator[SubMap | None]:
+    """Yield the objects that a sub-map's findings depend on, besides its frame and what leads into it."""
     yield submap
     yield hgraph.submaps.get(parent_path(submap.path))
     for child in dict.fromkeys(doorway.child for doorway in submap.doorways):
@@ -65,6 +110,6 @@ def _seen(hgraph: HGraph, submap: SubMap) -> Iterator[SubMap | Frame | None]:
 
 def _are_same(one: tuple[object, ...], other: tuple[object, ...]) -> bool:
     return len(one) == len(other) and all(
-        first is second or (isinstance(first, frozenset | Frame) and first == second)
+        first is second or (isinstance(first, Outside | Frame) and first == second)
         for first, second in zip(one, other, strict=True)
     )

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from waychair.errors import BuildingError, BuildingNotFound
 from waychair.files import is_file, read_text
@@ -84,14 +85,17 @@ def read_hgraph(folder: Path, progress: Callable[[float], None] | None = None) -
     return replace(read, source=Source(text, read))
 
 
-def write_hgraph(folder: Path, hgraph: HGraph) -> None:
+def write_hgraph(folder: Path, hgraph: HGraph, others: Mapping[Path, str] = MappingProxyType({})) -> None:
     """Write the text files of a building; those of sub-maps that are gone are removed.
+
+    `others` are texts of files that change together with them.
 
     Raises:
         BuildingError: a name cannot be written on one line.
         OutputError: a file cannot be written; then all files are as before.
     """
-    texts = {submap_file(folder, path): submap_text(submap) for path, submap in hgraph.submaps.items()}
+    submaps = {submap_file(folder, path): submap_text(submap) for path, submap in hgraph.submaps.items()}
+    texts = {**others, **submaps}
     texts[folder / GENERAL] = general_text(hgraph)
     write_all(texts, folder / SUBMAPS)
 

@@ -40,7 +40,7 @@ class Record:
 
     def error(self, sentence: str) -> BuildingError:
         """Return the error that this line causes."""
-        return BuildingError(f"{self.path}, line {self.number}: {sentence}")
+        return BuildingError(f"{self.path}, line {self.number}: {_LONG_WORD.sub(_shortened, sentence)}")
 
     def allow(self, keywords: frozenset[str]) -> None:
         """Refuse keywords that this kind of record does not have.
@@ -116,6 +116,13 @@ class Record:
         if moment is None or moment.tzinfo is not None or not 0 <= fraction < _BILLION:
             raise self.error(f"{key} is '{written}': write a time in UTC, such as 2026-03-01T08:00:00Z")
         return int(moment.replace(tzinfo=UTC).timestamp()) * _BILLION + fraction
+
+
+_LONG_WORD = re.compile(r"\S{80,}")
+
+
+def _shortened(word: re.Match[str]) -> str:
+    return f"{word[0][:40]}..."
 
 
 def records(path: Path, text: str) -> Iterator[Record]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import tempfile
 from collections import Counter
@@ -59,8 +60,8 @@ def rewritten(old: str, lines: list[str], form: Form) -> str:
     return "\n".join(_with_additions(kept, [line for new in fresh.values() for line in new]))
 
 
-def write_all(texts: Mapping[Path, str], folder: Path) -> None:
-    """Write files so that either all change or none does; text files below `folder` that are not named are removed.
+def write_all(texts: Mapping[Path, str], swept: Path | None = None) -> None:
+    """Write files so that either all change or none does; text files below `swept` that are not named are removed.
 
     Every file whose text differs is written aside and flushed first, then all are renamed in order, the last one last.
 
@@ -68,30 +69,49 @@ def write_all(texts: Mapping[Path, str], folder: Path) -> None:
         OutputError: a file cannot be written; all files are as before.
     """
     aside: list[tuple[Path, Path]] = []
+    made: list[Path] = []
+    done = False
     try:
         for path, text in texts.items():
             data = text.encode()
             if not _holds(path, data):
+                _make_folders(path.parent, made)
                 aside.append((_written_aside(path, data), path))
         _flush([temporary for temporary, _ in aside])
         for temporary, path in aside:
             temporary.replace(path)
+        done = True
         for parent in {path.parent for _, path in aside}:
             with suppress(OSError):  # not every file system supports it
                 sync_folder(parent)
     except OSError as error:
-        raise OutputError(f"cannot write {error.filename or folder}: {os_error_text(error)}") from error
+        raise OutputError(f"cannot write {error.filename or next(iter(texts))}: {os_error_text(error)}") from error
     finally:
         for temporary, _ in aside:
             temporary.unlink(missing_ok=True)
-    if folder.is_dir():
-        for path in sorted(folder.rglob("*.txt")):
+        for parent in () if done else reversed(made):
+            with suppress(OSError):  # somebody else has put a file there meanwhile
+                parent.rmdir()
+    if swept is not None and swept.is_dir():
+        for path in sorted(swept.rglob("*.txt")):
             if path not in texts:
                 remove(path)
 
 
+def _make_folders(folder: Path, made: list[Path]) -> None:
+    """Make a folder with its parents, and add those that were not there to `made`, outer ones first."""
+    new = []
+    while not folder.exists():
+        new.append(folder)
+        folder = folder.parent
+    for each in reversed(new):
+        each.mkdir(exist_ok=True)
+        made.append(each)
+
+
 def _written_aside(path: Path, data: bytes) -> Path:
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=".aside", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as file:

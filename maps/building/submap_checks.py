@@ -1,21 +1,22 @@
-"""The checks of one sub-map: its nodes, arcs, doorways and names (E1 to E7, E12, E13, E14, E17, W1)."""
+"""The checks of one sub-map: its nodes, arcs, doorways and names (E1 to E7, E12 to E14, E17)."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from waychair.maps.building.building_checks import BESIDE_M
 from waychair.maps.building.connections import folded
 from waychair.maps.building.findings import Finding, Severity, Surroundings, error, warning
 from waychair.maps.building.hgraph import (
     Arc,
     Doorway,
+    Frame,
     HGraph,
     Node,
     NodeKind,
@@ -25,6 +26,8 @@ from waychair.maps.building.hgraph import (
     parent_path,
 )
 from waychair.maps.building.hgraph_edits import arc_ref
+from waychair.maps.building.storey_checks import LARGEST_M, SAME_M, crossing_pairs
+from waychair.maps.drawn.zones import Rule, zone_contains
 from waychair.maps.grid.cells import OCCUPIED_FROM, cells_from_points, inside
 from waychair.types import FloatArray, OccupancyGrid
 
@@ -32,61 +35,72 @@ MOST_ARCS = 4
 CLOSEST_ANGLE = math.radians(45.0)
 """Two arcs of a node closer than this [rad] are one direction for a rider."""
 
-SAME_M = 0.3
-"""Ends closer than this [m] look joined; so do the two sides of a doorway."""
+_FEW = 64
+"""So many arcs are compared with each other at once; more are sorted first."""
 
 _COINCIDE_M = 1e-6
 _SHORTEST, _LONGEST, _DETOUR = 0.9, 3.0, 1.5
 """An arc's length is suspicious below and above these multiples of the distance; so is a drive of the last one."""
 
-_BESIDE_M = 0.05
-"""Room on each side of the chair in a door [m]."""
-
-_FAR, _NEIGHBOURS_M = 3.0, 6.0
-"""Doors of one sub-map closer than this [m] should not be more than this many times as far by driving."""
-
-_WIDEST_DOOR_M, _LARGEST_M = 3.0, 2000.0
-"""A door as wide, or a sub-map as large [m], has a wrong unit or scale."""
+_NARROWEST_DOOR_M, _WIDEST_DOOR_M = 0.3, 3.0
+"""A door as narrow or as wide [m] has a wrong unit or scale."""
 
 
-def outer_ends(hgraph: HGraph) -> dict[str, frozenset[str]]:
-    """Return the nodes of each sub-map at which a doorway of its parent or a lift's stop ends, by path."""
-    found: dict[str, set[str]] = defaultdict(set)
+@dataclass(frozen=True, slots=True)
+class Outside:
+    """What leads into a sub-map: the doorways of its parent that do, and its nodes at which a lift stops."""
+
+    doorways: tuple[Doorway, ...] = ()
+    lifts: frozenset[str] = frozenset()
+
+
+def outsides(hgraph: HGraph) -> dict[str, Outside]:
+    """Return what leads into each sub-map, by its path."""
+    doorways: dict[str, list[Doorway]] = defaultdict(list)
     for submap in hgraph.submaps.values():
         for doorway in submap.doorways:
-            end = inner_end(submap, doorway)
-            found[end.submap].add(end.node)
+            doorways[inner_end(submap, doorway).submap].append(doorway)
+    lifts: dict[str, set[str]] = defaultdict(set)
     for lift in hgraph.lifts.values():
         for stop in lift.stops:
-            found[stop.at.submap].add(f"lift {stop.at.node}")
-    return {path: frozenset(nodes) for path, nodes in found.items()}
+            lifts[stop.at.submap].add(stop.at.node)
+    return {
+        path: Outside(tuple(doorways[path]), frozenset(lifts[path]))
+        for path in hgraph.submaps
+        if path in doorways or path in lifts
+    }
 
 
-def submap_findings(hgraph: HGraph, path: str, ends: frozenset[str], around: Surroundings) -> Iterator[Finding]:
-    """Yield the faults of one sub-map; `ends` are its outer ends."""
-    submap = hgraph.submaps[path]
-    frame = hgraph.frame_of(path)
+def submap_findings(
+    hgraph: HGraph, path: str, frames: Mapping[str, Frame], outside: Outside, around: Surroundings
+) -> Iterator[Finding]:
+    """Yield the faults of one sub-map, given all frames in the building's, and what leads into it."""
+    submap, frame = hgraph.submaps[path], frames[path]
     points = {key: frame.point(node.x, node.y) for key, node in submap.nodes.items()}
-    yield from _nodes(submap, ends)
-    yield from _crowded(hgraph, submap, points, ends, around)
-    yield from _arcs(hgraph, submap, points, around)
-    yield from _doorways(hgraph, submap, points, around)
+    yield from _nodes(submap, outside)
+    yield from _crowded(hgraph, submap, points, frames, outside, around)
+    on_map = points
+    if hgraph.storey_of(path) in around.grids:
+        map_frame = hgraph.map_frame_of(path)
+        on_map = {key: map_frame.point(node.x, node.y) for key, node in submap.nodes.items()}
+    yield from _arcs(hgraph, submap, points, on_map, around)
+    yield from _doorways(hgraph, submap, points, frames, around)
     yield from _almost_joined(submap, points)
     yield from _names(submap)
-    yield from _on_map(hgraph, submap, points, around)
+    yield from _on_map(hgraph, submap, on_map, around)
     yield from _size(submap, points)
-    yield from _detours(hgraph, submap, points)
 
 
-def _nodes(submap: SubMap, ends: frozenset[str]) -> Iterator[Finding]:
+def _nodes(submap: SubMap, outside: Outside) -> Iterator[Finding]:
+    entered = {doorway.node for doorway in outside.doorways}
     used = {end for arc in submap.arcs for end in (arc.start, arc.end)} | {each.start for each in submap.doorways}
     for node in submap.nodes.values():
         ref = NodeRef(submap.path, node.id)
-        if node.id not in used and node.id not in ends and f"lift {node.id}" not in ends:
+        if node.id not in used and node.id not in entered and node.id not in outside.lifts:
             yield error("E1", ref, f"node {ref} has no arc", "join it by an arc, or delete it")
-        if node.kind is NodeKind.BRIDGE and node.id not in ends:
+        if node.kind is NodeKind.BRIDGE and node.id not in entered:
             yield error("E7", ref, f"the doorway of {ref} has no other side", "name it in a door of the parent sub-map")
-        if node.kind is NodeKind.LIFT and f"lift {node.id}" not in ends:
+        if node.kind is NodeKind.LIFT and node.id not in outside.lifts:
             yield error("E8", ref, f"{ref} stands in front of no lift", "make it a stop of a lift, or a cross node")
 
 
@@ -94,7 +108,8 @@ def _crowded(
     hgraph: HGraph,
     submap: SubMap,
     points: Mapping[str, tuple[float, float]],
-    ends: frozenset[str],
+    frames: Mapping[str, Frame],
+    outside: Outside,
     around: Surroundings,
 ) -> Iterator[Finding]:
     """Yield nodes with more than four arcs, and those with two arcs within 45 degrees; doubled arcs count once."""
@@ -105,12 +120,13 @@ def _crowded(
             directions[arc.end][arc.start] = _direction(points[arc.end], points[arc.start])
     for doorway in submap.doorways:
         end = inner_end(submap, doorway)
-        other = _point(hgraph, end)
+        other = _point(hgraph, frames, end)
         if other is not None:
             directions[doorway.start][end] = _direction(points[doorway.start], other)
-    parent = hgraph.submaps.get(parent_path(submap.path)) if submap.path else None
-    for start, inner in _from_outside(hgraph, parent, submap):
-        directions[inner][start, "outside"] = _direction(points[inner], start)
+    for doorway in outside.doorways:
+        start = _point(hgraph, frames, NodeRef(parent_path(submap.path), doorway.start))
+        if start is not None and doorway.node in submap.nodes:
+            directions[doorway.node][start, "outside"] = _direction(points[doorway.node], start)
     for key, of_node in directions.items():
         ref = NodeRef(submap.path, key)
         if len(of_node) > MOST_ARCS:
@@ -125,17 +141,12 @@ def _crowded(
                 yield Finding("E3", severity, str(ref), sentence, "move a node, or split this one")
 
 
-def _from_outside(hgraph: HGraph, parent: SubMap | None, submap: SubMap) -> Iterator[tuple[tuple[float, float], str]]:
-    """Yield the outer point and the node inside of each doorway that leads into a sub-map."""
-    for doorway in () if parent is None else parent.doorways:
-        end = None if parent is None else inner_end(parent, doorway)
-        start = None if parent is None else _point(hgraph, NodeRef(parent.path, doorway.start))
-        if end is not None and start is not None and end.submap == submap.path and end.node in submap.nodes:
-            yield start, end.node
-
-
 def _arcs(
-    hgraph: HGraph, submap: SubMap, points: Mapping[str, tuple[float, float]], around: Surroundings
+    hgraph: HGraph,
+    submap: SubMap,
+    points: Mapping[str, tuple[float, float]],
+    on_map: Mapping[str, tuple[float, float]],
+    around: Surroundings,
 ) -> Iterator[Finding]:
     pairs: Counter[frozenset[str]] = Counter()
     storey = hgraph.storey_of(submap.path)
@@ -152,6 +163,7 @@ def _arcs(
             yield error("E4", ref, f"arc {ref} is there twice", "delete one")
         yield from _length(ref, arc, distance)
         yield from _width(ref, arc, around)
+        one, other = on_map[arc.start], on_map[arc.end]
         if grid is not None and around.driven is not None and not _is_clear(grid, one, other, around):
             driven = around.driven(storey, one, other)
             if driven is None or driven > _DETOUR * distance:
@@ -171,21 +183,25 @@ def _width(ref: object, arc: Arc | Doorway, around: Surroundings) -> Iterator[Fi
     width = arc.way.width
     if width is None:
         return
-    if width >= _WIDEST_DOOR_M:
+    if not _NARROWEST_DOOR_M < width < _WIDEST_DOOR_M:
         sentence = f"the door of {ref} is {width:g} m wide"
         yield error("E17", ref, sentence, "give metres; leave the width out where there is no door")
-    if around.width is not None and width < around.width + 2 * _BESIDE_M:
-        fits = width - 2 * _BESIDE_M
+    if around.width is not None and width < around.width + 2 * BESIDE_M:
+        fits = width - 2 * BESIDE_M
         sentence = f"the door of {ref} is {width:.2f} m wide, and this chair is {around.width:.2f} m"
         yield error("E6", ref, sentence, f"take it out for this chair: one of at most {fits:.2f} m fits")
 
 
 def _doorways(
-    hgraph: HGraph, submap: SubMap, points: Mapping[str, tuple[float, float]], around: Surroundings
+    hgraph: HGraph,
+    submap: SubMap,
+    points: Mapping[str, tuple[float, float]],
+    frames: Mapping[str, Frame],
+    around: Surroundings,
 ) -> Iterator[Finding]:
     for doorway in submap.doorways:
         ref, end = arc_ref(submap, doorway), inner_end(submap, doorway)
-        node, other = hgraph.node(end), _point(hgraph, end)
+        node, other = hgraph.node(end), _point(hgraph, frames, end)
         yield from _width(ref, doorway, around)
         if node is None or other is None:
             yield error("E7", ref, f"the doorway {ref} leads to {end}, which is no node", "add it, or delete the door")
@@ -223,6 +239,9 @@ def _almost_joined(submap: SubMap, points: Mapping[str, tuple[float, float]]) ->
 
 def _crossings(starts: FloatArray, stops: FloatArray) -> list[tuple[int, int]]:
     """Return the pairs of segments (N, 2), (N, 2) that cross in their inside."""
+    if len(starts) <= _FEW:
+        both = crossing_pairs(starts, stops, (starts, stops))
+        return [(i, j) for i, j in both.tolist() if i < j]
     low, high = np.minimum(starts, stops), np.maximum(starts, stops)
     order = np.argsort(low[:, 0], kind="stable")
     ends = np.searchsorted(low[order, 0], high[order, 0], side="right")
@@ -231,17 +250,9 @@ def _crossings(starts: FloatArray, stops: FloatArray) -> list[tuple[int, int]]:
         near = order[rank + 1 : ends[rank]]
         near = near[(low[near, 1] <= high[i, 1]) & (low[i, 1] <= high[near, 1])]
         if len(near):
-            here = stops[i] - starts[i]
-            sides = _cross(here, starts[near] - starts[i]) * _cross(here, stops[near] - starts[i])
-            there = stops[near] - starts[near]
-            others = _cross(there, starts[i] - starts[near]) * _cross(there, stops[i] - starts[near])
-            found += [(min(i, j), max(i, j)) for j in near[(sides < 0) & (others < 0)].tolist()]
+            pairs = crossing_pairs(starts[i : i + 1], stops[i : i + 1], (starts[near], stops[near]))
+            found += [(min(i, j), max(i, j)) for j in near[pairs[:, 1]].tolist()]
     return sorted(found)
-
-
-def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
-    product: FloatArray = one[..., 0] * other[..., 1] - one[..., 1] * other[..., 0]
-    return product
 
 
 def _names(submap: SubMap) -> Iterator[Finding]:
@@ -271,10 +282,18 @@ def _on_map(
         ref = NodeRef(submap.path, node.id)
         if places is not None and node.name and node.name not in places:
             yield error("E14", ref, f"the goal '{node.name}' is no place of storey '{storey}'", "add the place")
+        point = np.array([points[node.id]])
+        for zone in around.zones.get(storey, ()):
+            if zone.rule is Rule.KEEP_OUT and zone_contains(zone, point)[0]:
+                sentence = f"the goal '{node.name or ref}' lies in the keep-out zone '{zone.name}'"
+                yield error("E14", ref, sentence, "move it, or redraw the zone")
         if grid is not None:
-            cell = cells_from_points(grid, np.array([points[node.id]]))
+            cell = cells_from_points(grid, point)
             if not inside(grid, cell)[0] or grid.cells[tuple(cell[0])] >= OCCUPIED_FROM:
                 yield error("E14", ref, f"the goal '{node.name or ref}' lies in a wall or off the map", "move it")
+            elif around.turns is not None and not around.turns(storey, points[node.id]):
+                sentence = f"the chair has no room to turn at the goal '{node.name or ref}'"
+                yield warning("E14", ref, sentence, "move it, or expect the chair to leave it backwards")
 
 
 def _is_clear(grid: OccupancyGrid, one: tuple[float, float], other: tuple[float, float], around: Surroundings) -> bool:
@@ -294,48 +313,15 @@ def _size(submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator
         return
     table = np.array(list(points.values()))
     extent = float((table.max(axis=0) - table.min(axis=0)).max())
-    if extent > _LARGEST_M:
+    if extent > LARGEST_M:
         sentence = f"'{submap.title}' is {extent / 1000.0:.1f} km across"
         yield error("E17", submap.path, sentence, "correct its scale: coordinates are metres, not pixels or feet")
 
 
-def _point(hgraph: HGraph, ref: NodeRef) -> tuple[float, float] | None:
+def _point(hgraph: HGraph, frames: Mapping[str, Frame], ref: NodeRef) -> tuple[float, float] | None:
     node = hgraph.node(ref)
-    return None if node is None else hgraph.frame_of(ref.submap).point(node.x, node.y)
+    return None if node is None else frames[ref.submap].point(node.x, node.y)
 
 
 def _direction(one: tuple[float, float], other: tuple[float, float]) -> float:
     return math.atan2(other[1] - one[1], other[0] - one[0])
-
-
-def _detours(hgraph: HGraph, submap: SubMap, points: Mapping[str, tuple[float, float]]) -> Iterator[Finding]:
-    """Yield rooms whose doors are close to each other, but far by driving within the sub-map that both open to."""
-    doors = [(doorway, _point(hgraph, inner_end(submap, doorway))) for doorway in submap.doorways]
-    rooms = [(doorway, point) for doorway, point in doors if point is not None]
-    if len(rooms) < 2:
-        return
-    index = {key: at for at, key in enumerate(points)}
-    rows, lengths = [], []
-    for arc in submap.arcs:
-        if arc.way.closure is None:
-            rows.append((index[arc.start], index[arc.end]))
-            lengths.append(math.dist(points[arc.start], points[arc.end]) + 1e-3)
-    ends = np.array(rows, np.int64).reshape(-1, 2)
-    matrix = csr_array((np.array(lengths), (ends[:, 0], ends[:, 1])), shape=(len(index), len(index)))
-    places = np.array([point for _, point in rooms])
-    near = sorted(cKDTree(places).query_pairs(_NEIGHBOURS_M))
-    pairs = [
-        (i, j) for i, j in near if rooms[i][0].child != rooms[j][0].child and math.dist(places[i], places[j]) > 1.0
-    ]
-    starts = sorted({index[rooms[i][0].start] for i, _ in pairs})
-    if not starts:
-        return
-    driven = dijkstra(matrix, directed=False, indices=starts, limit=2.0 * _FAR * _NEIGHBOURS_M)
-    for i, j in pairs:
-        line = math.dist(places[i], places[j])
-        between = driven[starts.index(index[rooms[i][0].start]), index[rooms[j][0].start]]
-        sides = math.dist(places[i], points[rooms[i][0].start]) + math.dist(places[j], points[rooms[j][0].start])
-        if between + sides > _FAR * line:
-            one, other = inner_end(submap, rooms[i][0]), inner_end(submap, rooms[j][0])
-            sentence = f"from {one} to {other}, {line:.1f} m away, the way is more than {_FAR:g} times as long"
-            yield warning("W1", one, sentence, "look whether a doorway between them is missing")

@@ -80,8 +80,8 @@ def load_anchors(folder: Path) -> Anchors:
     return Anchors(held, load_nodes(folder))
 
 
-def anchors_text(folder: Path, kind: str, things: Mapping[str, Sequence[Pose2]]) -> str | None:
-    """Return the text of `anchors.yaml` with all things of a kind anchored, by name, on the map's present nodes.
+def anchors_text(folder: Path, by_kind: Mapping[str, Mapping[str, Sequence[Pose2]]]) -> str | None:
+    """Return the text of `anchors.yaml` with all things of some kinds anchored, by name, on the map's present nodes.
 
     Return None for a map without nodes. Write the text after the file of the things themselves.
 
@@ -96,7 +96,8 @@ def anchors_text(folder: Path, kind: str, things: Mapping[str, Sequence[Pose2]])
         other: {name: [_values(anchor) for anchor in anchors] for name, anchors in held.items()}
         for other, held in known.by_kind.items()
     }
-    values[kind] = {name: [_values(_nearest(nodes, pose)) for pose in poses] for name, poses in things.items()}
+    for kind, things in by_kind.items():
+        values[kind] = {name: [_values(_nearest(nodes, pose)) for pose in poses] for name, poses in things.items()}
     return yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
 
 
@@ -107,7 +108,7 @@ def write_anchored(path: Path, text: str, kind: str, things: Mapping[str, Sequen
         MapError: the anchors are damaged, or the graph.
         OutputError: the folder cannot be made or written to.
     """
-    anchors = anchors_text(path.parent, kind, things)
+    anchors = anchors_text(path.parent, {kind: things})
     write_text(path, text)
     if anchors is not None:
         write_text(path.with_name(ANCHORS_YAML), anchors)

@@ -28,6 +28,9 @@ from waychair.yaml_files import compose_yaml
 
 PLACES_YAML = "places.yaml"
 
+PLACES = "places"
+"""The kind of the places' anchors in `anchors.yaml`."""
+
 CLOSEST_M, CLOSEST_RAD = 0.02, 0.02
 """Smallest tolerances of arrival: the chair localises and stops no more accurately."""
 
@@ -79,10 +82,18 @@ def save_places(folder: Path, places: Mapping[str, Place]) -> None:
         MapError: the anchors are damaged.
         OutputError: the folder cannot be made or written to.
     """
+    write_anchored(places_path(folder), places_text(places), PLACES, place_points(places))
+
+
+def places_text(places: Mapping[str, Place]) -> str:
+    """Return the text of `places.yaml`; raises PlaceError as `save_places`."""
     values = {place.name: _values(checked_place(place)) for place in places.values()}
-    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
-    poses = {place.name: [place.pose] for place in places.values()}
-    write_anchored(places_path(folder), text, "places", poses)
+    return yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
+
+
+def place_points(places: Mapping[str, Place]) -> dict[str, list[Pose2]]:
+    """Return the anchored points of places, by their names."""
+    return {place.name: [place.pose] for place in places.values()}
 
 
 def add_place(folder: Path, name: str, pose: Pose2, *, replace: bool = False) -> Place:

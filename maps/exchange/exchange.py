@@ -11,8 +11,12 @@ from waychair.errors import BuildingError
 from waychair.files import is_folder, read_bytes, write_text
 from waychair.maps.building.building import Building
 from waychair.maps.building.hgraph import HGraph
+from waychair.maps.building.rewriting import write_all
 from waychair.maps.exchange import floor_csv, open_rmf, route_graph
 from waychair.maps.exchange.flat_graph import Imported, kept_file
+
+SCALE = floor_csv.METRES_A_PIXEL
+"""Metres a pixel of CSV files, where nobody states it."""
 
 OPTIONS = "options.json"
 """The kept file with the options of the import, which its export needs again."""
@@ -36,7 +40,7 @@ def exchange_of(path: Path) -> Exchange:
         return Exchange.OPEN_RMF
     if path.suffix in (".geojson", ".json"):
         return Exchange.ROUTE_GRAPH
-    if not path.suffix or path.name in (floor_csv.NODES, floor_csv.EDGES):
+    if not path.suffix or path.suffix == ".csv":
         return Exchange.FLOOR_CSV
     raise BuildingError(
         f"{path.name} is no format that is read or written: name a .building.yaml of Open-RMF, a .geojson of Nav2, "
@@ -64,12 +68,27 @@ def read_exchange(path: Path, name: str, graph: int | None, scale: float) -> Imp
     elif format_ is Exchange.ROUTE_GRAPH:
         found = route_graph.building_from_route_graph(read_bytes(path, BuildingError), path.name)
     else:
-        folder = path if is_folder(path, BuildingError) else path.parent
-        title = name or folder.name
-        nodes, edges = (read_bytes(folder / each, BuildingError) for each in (floor_csv.NODES, floor_csv.EDGES))
+        title = name or (path if is_folder(path, BuildingError) else path.parent).name
+        nodes, edges = (read_bytes(each, BuildingError) for each in csv_files(path))
         found = floor_csv.building_from_floor_csv(nodes, edges, title, scale)
     options = json.dumps({"graph": graph, "scale": scale}).encode()
     return replace(found, hgraph=replace(found.hgraph, name=title), kept={**found.kept, OPTIONS: options})
+
+
+def csv_files(path: Path) -> tuple[Path, Path]:
+    """Return the files of nodes and of edges in a folder, or of one of them: `nodes` and `edges` in their names differ.
+
+    Raises:
+        BuildingError: the file's name has neither word.
+    """
+    if is_folder(path, BuildingError):
+        return path / floor_csv.NODES, path / floor_csv.EDGES
+    for one, other in (("nodes", "edges"), ("Nodes", "Edges")):
+        if one in path.name:
+            return path, path.with_name(path.name.replace(one, other))
+        if other in path.name:
+            return path.with_name(path.name.replace(other, one)), path
+    raise BuildingError(f"{path.name} is neither nodes nor edges: name the CSV files nodes.csv and edges.csv")
 
 
 def write_exchange(building: Building, path: Path) -> None:
@@ -92,10 +111,8 @@ def write_exchange(building: Building, path: Path) -> None:
         kept = [kept_file(folder, each) for each in (floor_csv.NODES, floor_csv.EDGES)]
         target = path.parent if path.suffix else path
         both = None if kept[0] is None or kept[1] is None else (kept[0], kept[1])
-        for name, text in zip(
-            (floor_csv.NODES, floor_csv.EDGES), floor_csv.floor_csv_of(hgraph, both, scale), strict=True
-        ):
-            write_text(target / name, text)
+        texts = floor_csv.floor_csv_of(hgraph, both, scale)
+        write_all({target / floor_csv.NODES: texts[0], target / floor_csv.EDGES: texts[1]})
 
 
 def _options(folder: Path) -> tuple[int | None, float]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
-import math
+import tempfile
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from waychair.errors import BuildingError
-from waychair.files import is_file, read_bytes, write_bytes
-from waychair.maps.building.building import MAPS, Building, new_building, save_building
-from waychair.maps.building.hgraph import PLAIN, HGraph, Lift, Node, NodeRef, Way, inner_end
+from waychair.errors import BuildingError, OutputError, PlaceError
+from waychair.files import is_file, os_error_text, path_exists, read_bytes, write_bytes
+from waychair.maps.building.building import MAPS, Building, save_building
+from waychair.maps.building.hgraph import PLAIN, HGraph, Lift, Node, NodeKind, NodeRef, Way, inner_end
+from waychair.maps.building.hgraph_files import GENERAL
+from waychair.maps.drawn.places import checked_place, save_places
 from waychair.maps.folders.map_files import save_map
-from waychair.types import OccupancyGrid
+from waychair.types import OccupancyGrid, Place, Pose2
+from waychair.yaml_files import quoted
 
 KEPT = "imported"
 """Folder, in that of the building, of the files that it was imported from; an export changes only what was edited."""
@@ -101,34 +105,66 @@ def checked_coordinates(where: str, x: object, y: object) -> tuple[float, float]
     numbers = []
     for value in (x, y):
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise BuildingError(f"{where} lies at {value!r}, which is no number: give metres")
-        if not math.isfinite(value) or abs(value) > FARTHEST:
-            raise BuildingError(f"{where} lies at {value:g} m, which is in no building: correct it, or the unit")
+            raise BuildingError(f"{where} lies at {quoted(value)}, which is no number: give metres")
+        if not abs(value) <= FARTHEST:  # True for nan, and for whole numbers that no float holds
+            raise BuildingError(f"{where} lies at {quoted(value)} m, which is in no building: correct it, or the unit")
         numbers.append(float(value))
     return numbers[0], numbers[1]
 
 
 def speed_way(speed: object) -> Way:
     """Return the way with a limit of speed [m/s]; none for a value that is none."""
-    good = isinstance(speed, int | float) and not isinstance(speed, bool) and math.isfinite(speed) and speed > 0
+    good = isinstance(speed, int | float) and not isinstance(speed, bool) and 0 < speed <= FARTHEST
     return Way(speed=float(speed)) if good else PLAIN  # type: ignore[arg-type]
 
 
 def write_imported(folder: Path, imported: Imported) -> Building:
-    """Make a building of imported files in a new folder.
+    """Make a building of imported files in a folder.
+
+    It is made aside and then moved there, the general file last: a full disk leaves nothing.
 
     Raises:
-        BuildingError: there is a building already.
+        BuildingError: there is a building already, or something else with the name of one of its parts.
         OutputError: the folder cannot be written to.
     """
-    new_building(folder, imported.hgraph.name)
-    for name, data in imported.kept.items():
-        write_bytes(folder / KEPT / name, data)
-    for storey, grid in imported.grids.items():
-        save_map(folder / MAPS / storey, grid)
-    building = Building(folder, imported.hgraph)
-    save_building(building)
-    return building
+    if path_exists(folder / GENERAL, BuildingError):
+        raise BuildingError(f"there is a building in {folder} already: choose another folder")
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", dir=folder.parent) as name:
+            aside = Path(name)
+            for file, data in imported.kept.items():
+                write_bytes(aside / KEPT / file, data)
+            for storey, grid in imported.grids.items():
+                save_map(aside / MAPS / storey, grid)
+                save_places(aside / MAPS / storey, _places(imported.hgraph, storey))
+            save_building(Building(aside, imported.hgraph))
+            _move_into(aside, folder)
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {os_error_text(error)}") from error
+    return Building(folder, imported.hgraph)
+
+
+def _places(hgraph: HGraph, storey: str) -> dict[str, Place]:
+    """Return the goals of a storey as places of its map; those whose names no place can have are left out."""
+    found = {}
+    for ref, node in hgraph.nodes():
+        if node.kind is NodeKind.END and hgraph.storey_of(ref.submap) == storey and node.name not in found:
+            place = Place(node.name, Pose2(*hgraph.map_frame_of(ref.submap).point(node.x, node.y)))
+            with suppress(PlaceError):
+                found[node.name] = checked_place(place)
+    return found
+
+
+def _move_into(aside: Path, folder: Path) -> None:
+    """Move all that is in one folder into another, the general file of a building last."""
+    parts = sorted(aside.iterdir(), key=lambda each: each.name == GENERAL)
+    for each in parts:
+        if path_exists(folder / each.name, BuildingError):
+            raise BuildingError(f"{folder / each.name} is there already: choose another folder")
+    folder.mkdir(exist_ok=True)
+    for each in parts:
+        each.rename(folder / each.name)
 
 
 def kept_file(folder: Path, name: str) -> bytes | None:

@@ -7,7 +7,6 @@ laid on it by fiducials of one name. One of the robots' graphs (`graph_idx`) bec
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -30,10 +29,10 @@ from waychair.maps.building.hgraph import (
 )
 from waychair.maps.building.hgraph_edits import with_lift, with_submap
 from waychair.maps.building.text_forms import is_id
-from waychair.maps.exchange.flat_graph import NOTHING, FlatGraph, Imported, checked_coordinates, flat_graph
+from waychair.maps.exchange.flat_graph import FARTHEST, NOTHING, FlatGraph, Imported, checked_coordinates, flat_graph
 from waychair.maps.exchange.rmf_grid import grid_of_level
 from waychair.types import FloatArray
-from waychair.yaml_files import yaml_from_text
+from waychair.yaml_files import quoted, yaml_from_text
 
 KEPT_NAME = "open_rmf.building.yaml"
 METRES, IMAGE = "cartesian_meters", "reference_image"
@@ -118,6 +117,10 @@ def open_rmf_of(hgraph: HGraph, kept: bytes | None, graph: int | None = None) ->
     return str(yaml.safe_dump(values, sort_keys=False, default_flow_style=None, width=1_000_000))
 
 
+_LISTS = ("vertices", "lanes", "walls", "doors", "floors", "measurements", "fiducials")
+"""The parts of a level that are lists."""
+
+
 def _values(data: bytes, name: str) -> dict[str, Any]:
     try:
         text = data.decode()
@@ -129,7 +132,7 @@ def _values(data: bytes, name: str) -> dict[str, Any]:
     system = values.get("coordinate_system", IMAGE)
     if system not in (IMAGE, METRES):
         raise BuildingError(
-            f"{name} is in the coordinate system {system!r}: save it as {IMAGE} or {METRES}, which are read"
+            f"{name} is in the coordinate system {quoted(system)}: save it as {IMAGE} or {METRES}, which are read"
         )
     return values
 
@@ -139,9 +142,12 @@ def _levels(values: dict[str, Any], name: str) -> tuple[list[Level], list[str]]:
     raw = values["levels"]
     for key, level in raw.items():
         if not isinstance(key, str) or not is_id(key):
-            raise BuildingError(f"{name} has a level {key!r}: use letters, digits, _, - and . in its name")
+            raise BuildingError(f"{name} has a level {quoted(key)}: use letters, digits, _, - and . in its name")
         if not isinstance(level, dict):
             raise BuildingError(f"level '{key}' of {name} is empty: draw it, or take it away")
+        for part in _LISTS:
+            if not isinstance(level.get(part) or [], list):
+                raise BuildingError(f"the {part} of level '{key}' of {name} are no list: save it again")
     vertices = {key: _vertices(level, key, name) for key, level in raw.items()}
     if values.get("coordinate_system", IMAGE) == METRES:
         points = {key: each * (1.0, -1.0) for key, each in vertices.items()}
@@ -172,9 +178,9 @@ def _laid(
             points[key] = vertices[key] * scale
             continue
         own = _fiducials(level)
-        common = sorted(set(base) & set(own))
-        if len(common) >= 2:
-            points[key] = _similar(vertices[key], own, base, common) * scale
+        pairs = _pairs(own, base)
+        if pairs:
+            points[key] = _similar(vertices[key], own, base, pairs) * scale
             continue
         measured = _scale(level, vertices[key])
         notes.append(
@@ -185,13 +191,21 @@ def _laid(
     return points, notes
 
 
-def _similar(points: FloatArray, own: dict[str, complex], base: dict[str, complex], common: list[str]) -> FloatArray:
+def _pairs(own: dict[str, complex], base: dict[str, complex]) -> list[tuple[str, str]]:
+    """Return the pairs of fiducials that both levels have, at different points of each."""
+    common = sorted(set(base) & set(own))
+    return [(a, b) for i, a in enumerate(common) for b in common[:i] if own[a] != own[b] and base[a] != base[b]]
+
+
+def _similar(
+    points: FloatArray, own: dict[str, complex], base: dict[str, complex], pairs: list[tuple[str, str]]
+) -> FloatArray:
     """Return points (N, 2) moved, turned and scaled as the fiducials of one name, by the mean over all pairs."""
-    pairs = [(a, b) for i, a in enumerate(common) for b in common[:i] if abs(own[a] - own[b]) > 0]
     ratios = [(base[a] - base[b]) / (own[a] - own[b]) for a, b in pairs]
     scale = float(np.mean(np.abs(ratios)))
     turn = np.mean([ratio / abs(ratio) for ratio in ratios])
     factor = scale * turn / abs(turn)
+    common = sorted({key for pair in pairs for key in pair})
     shift = np.mean([base[key] - factor * own[key] for key in common])
     moved = factor * (points[:, 0] + 1j * points[:, 1]) + shift
     return np.column_stack([moved.real, moved.imag])
@@ -200,7 +214,8 @@ def _similar(points: FloatArray, own: dict[str, complex], base: dict[str, comple
 def _fiducials(level: dict[str, Any]) -> dict[str, complex]:
     found = {}
     for row in level.get("fiducials") or []:
-        if isinstance(row, list) and len(row) >= 3 and all(isinstance(v, int | float) for v in row[:2]):
+        good = isinstance(row, list) and len(row) >= 3 and all(isinstance(v, int | float) for v in row[:2])
+        if good and abs(row[0]) <= FARTHEST and abs(row[1]) <= FARTHEST:  # False for nan
             found[str(row[2])] = complex(row[0], -row[1])
     return found
 
@@ -210,11 +225,11 @@ def _scale(level: dict[str, Any], points: FloatArray) -> float | None:
     ratios = []
     for row in level.get("measurements") or []:
         distance = _parameter(row, "distance")
-        if not isinstance(distance, int | float) or not isinstance(row[0], int) or not isinstance(row[1], int):
+        if not isinstance(distance, int | float) or len(row) < 3 or not all(isinstance(end, int) for end in row[:2]):
             continue
         if max(row[0], row[1]) < len(points) and min(row[0], row[1]) >= 0:
             length = float(np.hypot(*(points[row[0]] - points[row[1]])))
-            if length > 0 and distance > 0 and math.isfinite(distance):
+            if length > 0 and 0 < distance <= FARTHEST:
                 ratios.append(distance / length)
     return float(np.mean(ratios)) if ratios else None
 
@@ -295,25 +310,40 @@ def _lift(key: str, values: dict[str, Any], stops: list[NodeRef], hgraph: HGraph
         raise BuildingError(f"{name} has a lift '{key}': use letters, digits, _, - and . in its name")
     doors = values.get("doors")
     widths = {
-        door: each["width"]
+        door: size
         for door, each in (doors if isinstance(doors, dict) else {}).items()
-        if isinstance(each, dict) and isinstance(each.get("width"), int | float)
+        if isinstance(each, dict) and (size := _size(each.get("width"))) is not None
     }
     at_level = values.get("level_doors") if isinstance(values.get("level_doors"), dict) else {}
     heights = {storey.id: storey.height for storey in hgraph.storeys}
     found = []
     for ref in sorted(stops, key=lambda each: heights[each.submap]):
-        own = [widths[door] for door in (at_level or {}).get(ref.submap) or [] if door in widths]
-        found.append(Stop(ref.submap, ref, float(min(own)) if own else None))
-    width, depth = (values.get(side) for side in ("width", "depth"))
+        named = (at_level or {}).get(ref.submap)
+        own = [
+            widths[door]
+            for door in (named if isinstance(named, list) else [])
+            if isinstance(door, str) and door in widths
+        ]
+        found.append(Stop(ref.submap, ref, min(own, default=None)))
+    width, depth = (_size(values.get(side)) for side in ("width", "depth"))
     return Lift(
         key,
         key,
         tuple(found),
-        float(width) if isinstance(width, int | float) else None,
-        float(depth) if isinstance(depth, int | float) else None,
-        float(min(widths.values())) if widths else None,
+        width,
+        depth,
+        min(widths.values(), default=None),
     )
+
+
+def _size(value: object) -> float | None:
+    """Return a width or depth [m]; None for a value that is none."""
+    good = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value <= _WIDEST
+    return float(value) if good else None  # type: ignore[arg-type]
+
+
+_WIDEST = 100.0
+"""Largest width [m] that the text files hold."""
 
 
 def _lane_graph(lane: list[Any]) -> int:

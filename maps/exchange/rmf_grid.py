@@ -39,7 +39,9 @@ def grid_of_level(points: FloatArray, level: dict[str, Any]) -> OccupancyGrid | 
         return found
 
     floors = [floor.get("vertices") for floor in level.get("floors") or [] if isinstance(floor, dict)]
-    drawn = [f for f in floors if f and all(isinstance(i, int) and 0 <= i < len(points) for i in f)]
+    drawn = [
+        f for f in floors if isinstance(f, list) and f and all(isinstance(i, int) and 0 <= i < len(points) for i in f)
+    ]
     for floor in drawn:
         cv2.fillPoly(cells, [at(floor)], 0)
     if not drawn:

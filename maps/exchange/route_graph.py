@@ -37,6 +37,7 @@ from waychair.maps.exchange.flat_graph import (
     speed_way,
 )
 from waychair.types import Json
+from waychair.yaml_files import quoted
 
 KEPT_NAME = "route_graph.geojson"
 STOREY = "map"
@@ -58,7 +59,9 @@ def building_from_route_graph(data: bytes, name: str) -> Imported:
     storeys = {key: _metadata(feature).get("storey", STOREY) for key, feature in nodes.items()}
     for key, storey in storeys.items():
         if not isinstance(storey, str) or not is_id(storey):
-            raise BuildingError(f"node {key} of {name} has the storey {storey!r}: use letters, digits, _, - and .")
+            raise BuildingError(
+                f"node {key} of {name} has the storey {quoted(storey)}: use letters, digits, _, - and ."
+            )
     names = list(dict.fromkeys(storeys.values())) or [STOREY]
     heights = {storey: _height(nodes, storeys, storey, position) for position, storey in enumerate(names)}
     hgraph = HGraph(name, tuple(sorted((Storey(key, key, heights[key]) for key in names), key=lambda s: s.height)))
@@ -147,9 +150,10 @@ def _features(document: dict[str, Any], name: str) -> tuple[dict[int, Json], lis
             edges.append(feature)
     for edge in edges:
         for end in ("startid", "endid"):
-            if edge["properties"].get(end) not in nodes:
+            named = edge["properties"].get(end)
+            if isinstance(named, list | dict) or named not in nodes:
                 raise BuildingError(
-                    f"edge {edge['properties']['id']} of {name} has the {end} {edge['properties'].get(end)!r}, "
+                    f"edge {edge['properties']['id']} of {name} has the {end} {quoted(edge['properties'].get(end))}, "
                     "which is no node: correct it, or take the edge away"
                 )
     return nodes, edges

@@ -91,7 +91,7 @@ def sketch_of(costmap: Costmap, found: FloorRooms, places: Mapping[str, Place]) 
         if number in numbers:
             _fill_room(rooms[numbers[number]], region, own)
         else:
-            hubs[number].fill(region, own)
+            hubs[number].fill(region, own, is_room=found.rooms[number - 1].kind is RoomKind.ROOM)
     kept = joined_parts(costmap, storey, rooms, doorways)
     ends = {node.name for part in (kept[0], *kept[1]) for node in part.nodes if node.role == "p"}
     return Sketch(kept[0], tuple(kept[1]), tuple(kept[2]), tuple(shut), tuple(sorted(lost | (set(places) - ends))))
@@ -115,9 +115,14 @@ class _Hub:
             self.points.append(crossing)
         self.storey.arcs.append(SketchArc(door, crossing, _apart(nodes[door], ahead), width))
 
-    def fill(self, region: Region, places: list[Place]) -> None:
-        """Add the places, and join all nodes of the corridor."""
+    def fill(self, region: Region, places: list[Place], is_room: bool) -> None:
+        """Add the places, in a hall without any a goal in its middle where the chair can turn, and join all nodes."""
         self.points += [self.storey.add(_place_node(place)) for place in places]
+        best = region.widest() if is_room and not places else None
+        if best is not None and best[1] >= region.costmap.body.circumscribed_radius:
+            self.points.append(self.storey.add(SketchNode("m", NodeKind.END, float(best[0][0]), float(best[0][1]))))
+            _join(self.storey, region, self.points)
+            return
         if len(self.points) == 1 and not places:
             best = region.widest()
             if best is not None:

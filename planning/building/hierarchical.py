@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import enum
+import re
 from collections.abc import Collection
 from dataclasses import dataclass
 
@@ -98,7 +99,8 @@ class RoutePlanner:
         self._goals = {name.casefold(): ref for name, ref in goals(hgraph).items()}
 
     def node(self, text: str) -> NodeRef:
-        """Return a node given as `PATH:NODE`, as a goal's full name, or as the end of one if only one goal has it.
+        """Return a node given as `PATH:NODE`, as a goal's full name, as the end of one if only one goal has it, or as a
+        room with one goal.
 
         Raises:
             BuildingError: there is none, or more than one.
@@ -110,6 +112,8 @@ class RoutePlanner:
         if wanted in self._goals:
             return self._goals[wanted]
         found = [ref for name, ref in self._goals.items() if name.endswith(f"/{wanted}")]
+        if not found:  # a room stands for its only goal
+            found = [ref for name, ref in self._goals.items() if f"/{wanted}/" in f"/{name}"]
         if len(found) == 1:
             return found[0]
         if found:
@@ -134,8 +138,21 @@ class RoutePlanner:
             costs = self._search.costs_to_all(self._index(start))[indices]
         return dict(zip(ends, costs.tolist(), strict=True))
 
+    def way(self, start: NodeRef, goal: NodeRef) -> Way:
+        """Return the cheapest way as directed arcs of `built`.
+
+        Raises:
+            BuildingError: there is no such node.
+            NoPath: there is no way; the sentence names what is closed on the way that there would be.
+        """
+        one, other = self._index(start), self._index(goal)
+        way = self._way(one, other)
+        if way.cost >= CLOSED_MM:
+            raise NoPath(self._no_way(one, other, np.empty(0, np.int32)))
+        return way
+
     def route(self, start: NodeRef, goal: NodeRef, avoid: Collection[str | ArcRef] = ()) -> Route:
-        """Return the cheapest route that avoids the given lifts (by id), nodes (`PATH:NODE`) and arcs.
+        """Return the cheapest route that avoids the given lifts (by id or name), nodes (`PATH:NODE`) and arcs.
 
         Raises:
             BuildingError: there is no such node, lift or arc.
@@ -184,9 +201,9 @@ class RoutePlanner:
 
     def _change(self, ref: ArcRef, **changes: object) -> None:
         self.hgraph = with_way(self.hgraph, ref, **changes)
+        ref = self._stored(ref)
         record = record_of(self.hgraph, ref)
-        if record is None or ref not in self.built.arcs:
-            raise BuildingError(f"arc {ref} is stored the other way round: name its ends as its record does")
+        assert record is not None  # `with_way` has changed it
         arcs = np.array([arc for arc in self.built.arcs[ref] if arc >= 0])
         graph = self.built.graph
         distance = float(np.hypot(*(graph.xy[graph.head[arcs[0]]] - graph.xy[graph.tail[arcs[0]]])))
@@ -223,15 +240,26 @@ class RoutePlanner:
             raise BuildingError(f"there is no node {ref} in this building: see waychair building stats")
         return self.built.index[ref]
 
+    def _stored(self, ref: ArcRef) -> ArcRef:
+        """Return the address of an arc or doorway as its record has it, given its ends in either order.
+
+        Raises:
+            BuildingError: there is none.
+        """
+        for each in (ref, ArcRef(ref.submap, ref.end, ref.start)):
+            if each in self.built.arcs:
+                return each
+        raise BuildingError(f"there is no arc {ref}: name the sub-map, then its two ends, as in ground/west:n1>n2")
+
     def _avoided(self, avoid: Collection[str | ArcRef]) -> Int32Array:
         """Return the directed arcs that lifts, nodes and arcs to avoid stand for."""
         graph, found = self.built.graph, []
         for each in avoid:
-            if isinstance(each, ArcRef):
-                if each not in self.built.arcs:
-                    raise BuildingError(f"there is no arc {each} to avoid")
-                found += [arc for arc in self.built.arcs[each] if arc >= 0]
+            ref = arc_named(each) if isinstance(each, str) else each
+            if ref is not None:
+                found += [arc for arc in self.built.arcs[self._stored(ref)] if arc >= 0]
                 continue
+            assert isinstance(each, str)
             lifts = [lift for lift in self.hgraph.lifts.values() if each in (lift.id, lift.name)]
             if lifts:
                 cabins = [index for ref, index in self.built.index.items() if ref.submap == f"@{lifts[0].id}"]
@@ -258,8 +286,9 @@ class RoutePlanner:
             cabin = ends[0] if ends[0].submap.startswith("@") else ends[1]
             lift = self.hgraph.lifts[cabin.submap[1:]]
             stop = next(each for each in lift.stops if each.storey == cabin.node)
-            reason = f" ({stop.closure.reason})" if stop.closure is not None else ""
-            return f"{lift_title(lift)} does not serve storey '{cabin.node}'{reason}"
+            if stop.closure is None:
+                return f"{lift_title(lift)} is to be avoided"
+            return f"{lift_title(lift)} does not serve storey '{cabin.node}' ({stop.closure.reason})"
         record = record_of(self.hgraph, owner)
         closure = None if record is None else record.way.closure
         return f"{owner} is closed ({closure.reason})" if closure is not None else f"{owner} is to be avoided"
@@ -310,6 +339,15 @@ class RoutePlanner:
         if record is not None and record.way.length is not None:
             return record.way.length
         return float(np.hypot(*(graph.xy[graph.head[arc]] - graph.xy[graph.tail[arc]])))
+
+
+def arc_named(text: str) -> ArcRef | None:
+    """Return the address in a text such as `ground/west:n1>n2` or `ground:n1>ward:d`; None if it has another form."""
+    found = _ARC.fullmatch(text.strip())
+    return None if found is None else ArcRef(*found.groups())
+
+
+_ARC = re.compile(r"([^:>]*):([^:>]+)>([^>]+)")
 
 
 def _ways_of(submap: SubMap) -> tuple[Arc | Doorway, ...]:

@@ -60,7 +60,7 @@ def _air_lines(hgraph: HGraph, storey: str, pose: Pose2) -> list[tuple[float, tu
     found = []
     for path, submap in hgraph.submaps.items():
         if hgraph.storey_of(path) == storey:
-            frame = hgraph.frame_of(path)
+            frame = hgraph.map_frame_of(path)
             for node in submap.nodes.values():
                 point = frame.point(node.x, node.y)
                 found.append((math.dist(point, (pose.x, pose.y)), point, NodeRef(path, node.id)))

@@ -12,24 +12,28 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import BuildingError
-from waychair.files import is_file, read_bytes, write_json
-from waychair.maps.building.building import Building, save_building
+from waychair.files import is_file, read_bytes
+from waychair.maps.building.building import Building, place_of, save_building, texts_of_places
 from waychair.maps.building.hgraph import (
     Arc,
     Doorway,
+    Frame,
     HGraph,
     Lift,
     Node,
     NodeKind,
+    NodeRef,
     Origin,
     Stop,
     SubMap,
     Way,
 )
 from waychair.maps.building.hgraph_edits import with_lift, with_submap, without_submap
-from waychair.maps.drawn.places import load_places, save_places
+from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import load_zones
 from waychair.maps.folders.map_files import load_map
 from waychair.maps.rooms.floor_rooms import FloorRooms, rooms_of_grid
@@ -43,6 +47,9 @@ NEAR = 0.75
 """[m] A generated node is the one of the last time if it is no farther from it; a room, if its middle is within a metre."""
 
 ROOM_NEAR = 1.5
+
+IN_LINE, APART = 0.3, 1.0
+"""[m] Stops of a lift this near to each other, seen from above, are in line; lifts this far apart tell a map's heading."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +89,13 @@ def generated_storey(building: Building, storey: str, body: ChairBody) -> Genera
 
 
 def save_generation(generation: Generation, storey: str) -> None:
-    """Write a generated graph: new places, the record, and the text files last; raises OutputError."""
-    folder = generation.building.map_folder(storey)
+    """Write a generated graph with its new places and its record, all or nothing; raises OutputError."""
+    building, folder = generation.building, generation.building.map_folder(storey)
+    record = json.dumps(generation.record, indent=2, allow_nan=False) + "\n"
+    texts = {building.folder / GENERATED / f"{storey}.json": record}
     if generation.places and folder is not None:
-        save_places(folder, {**load_places(folder), **generation.places})
-    write_json(generation.building.folder / GENERATED / f"{storey}.json", generation.record)
-    save_building(generation.building)
+        texts |= texts_of_places(building, storey, {**load_places(folder), **generation.places})
+    save_building(building, texts)
 
 
 def _new_places(hgraph: HGraph, storey: str, places: Mapping[str, Place]) -> dict[str, Place]:
@@ -96,7 +104,7 @@ def _new_places(hgraph: HGraph, storey: str, places: Mapping[str, Place]) -> dic
     for ref, node in hgraph.nodes():
         new = node.kind is NodeKind.END and node.origin is Origin.AUTO and node.name not in places
         if new and hgraph.storey_of(ref.submap) == storey:
-            x, y = hgraph.frame_of(ref.submap).point(node.x, node.y)
+            x, y = hgraph.map_frame_of(ref.submap).point(node.x, node.y)
             found[node.name] = Place(node.name, Pose2(x, y, 0.0))
     return found
 
@@ -122,6 +130,55 @@ def with_lift_stop(hgraph: HGraph, storey: str, lift: str, place: str) -> HGraph
     others = [stop for stop in before.stops if stop.storey != storey]
     stops = sorted([*others, Stop(storey, ref)], key=lambda stop: heights[stop.storey])
     return with_lift(hgraph, replace(before, stops=tuple(stops)))
+
+
+def aligned_storey(building: Building, storey: str) -> HGraph:
+    """Return the graph with a storey laid on the others by the lifts that they share.
+
+    Two lifts or more tell how the storey's map is turned; one does by the headings of the places in front of its doors. A
+    storey whose stops are in line already stays.
+
+    Raises:
+        PlaceError: the places of a storey's map are damaged.
+    """
+    hgraph = building.hgraph
+    pairs = [
+        (mine.at, other.at)
+        for lift in hgraph.lifts.values()
+        for mine in lift.stops
+        for other in [each for each in lift.stops if each.storey != storey][:1]
+        if mine.storey == storey
+    ]
+    here = np.array([_in_frame(hgraph, one, hgraph.map_frame_of(one.submap)) for one, _ in pairs]).reshape(-1, 2)
+    there = np.array([_in_frame(hgraph, other, hgraph.frame_of(other.submap)) for _, other in pairs]).reshape(-1, 2)
+    now = hgraph.storey_frame(storey)
+    if (
+        not pairs
+        or max(math.dist(now.point(*p), q) for p, q in zip(here.tolist(), there.tolist(), strict=True)) <= IN_LINE
+    ):
+        return hgraph
+    if len(pairs) > 1 and np.ptp(here, axis=0).max() > APART:
+        p, q = here - here.mean(axis=0), there - there.mean(axis=0)
+        cross, dot = float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()), float((p * q).sum())
+        theta = math.atan2(cross, dot)
+    else:
+        turned = _heading(building, pairs[0][1]) - _heading(building, pairs[0][0])
+        theta = math.remainder(now.theta + turned, math.tau)
+    c, s = math.cos(theta), math.sin(theta)
+    x, y = there.mean(axis=0) - np.array([[c, -s], [s, c]]) @ here.mean(axis=0)
+    frame = Frame(round(float(x), 3), round(float(y), 3), round(theta, 6), 1.0)
+    return with_submap(hgraph, replace(hgraph.submaps[storey], frame=frame))
+
+
+def _in_frame(hgraph: HGraph, ref: NodeRef, frame: Frame) -> tuple[float, float]:
+    node = hgraph.submaps[ref.submap].nodes[ref.node]
+    return frame.point(node.x, node.y)
+
+
+def _heading(building: Building, ref: NodeRef) -> float:
+    """Return the heading [rad] of a node's place in the building's frame; that of the frame if it has no place."""
+    place, storey = place_of(building, ref), building.hgraph.storey_of(ref.submap)
+    return building.hgraph.storey_frame(storey).theta + (0.0 if place is None else place.pose.theta)
 
 
 def regenerated_storey(hgraph: HGraph, storey: str, sketch: Sketch, last: Json) -> tuple[HGraph, Json]:
@@ -170,8 +227,9 @@ def _merged(known: SubMap, sketch: SketchMap, last: Json) -> tuple[SubMap, list[
             continue  # somebody took it away
         ids[index] = key
         if key not in nodes:
-            name = made.name or (known.title if made.kind is NodeKind.END else "")
-            nodes[key] = Node(key, made.kind, made.x, made.y, name, Origin.AUTO)
+            name = made.name or (_goal_name(known, key, made.role) if made.kind is NodeKind.END else "")
+            x, y = (made.x, made.y) if made.role == "p" else (round(made.x, 3), round(made.y, 3))  # places stay
+            nodes[key] = Node(key, made.kind, x, y, name, Origin.AUTO)
     gone = {frozenset(ends) for ends in last.get("arcs", [])} - {frozenset((a.start, a.end)) for a in known.arcs}
     kept = [arc for arc in known.arcs if arc.origin is Origin.HAND and {arc.start, arc.end} <= set(nodes)]
     old = {frozenset((arc.start, arc.end)): arc for arc in known.arcs}
@@ -185,6 +243,11 @@ def _merged(known: SubMap, sketch: SketchMap, last: Json) -> tuple[SubMap, list[
             arcs.append(_arc(made_arc, ids, nodes, old.get(ends)))
             taken.add(ends)
     return replace(known, nodes=nodes, arcs=tuple(arcs)), names
+
+
+def _goal_name(submap: SubMap, key: str, role: str) -> str:
+    """Return the name of a generated goal: that of its room, or the number of a hall, which is part of the storey."""
+    return f"Hall {key.removeprefix(role)}" if submap.storey else submap.title
 
 
 def _arc(made: SketchArc, ids: Mapping[int, str], nodes: Mapping[str, Node], old: Arc | None) -> Arc:

@@ -15,11 +15,21 @@ from typing import Any
 import numpy as np
 
 from waychair.errors import BuildingError, MapError
-from waychair.files import is_file, os_error_text, replacing
+from waychair.files import is_file, os_error_text, read_bytes, replacing
+from waychair.maps.building.building import Building
+from waychair.maps.building.hgraph import Arc, Doorway
+from waychair.maps.building.hgraph_edits import arc_ref
 from waychair.maps.building.hgraph_files import GENERAL, SUBMAPS
+from waychair.maps.drawn.anchors import ANCHORS_YAML, GRAPH
+from waychair.maps.drawn.places import PLACES_YAML
+from waychair.maps.drawn.zones import ZONES_YAML
 from waychair.planning.building.overlay import Tables
 
 TABLES = "tables.bin"
+
+_DRAWN = (PLACES_YAML, ZONES_YAML, ANCHORS_YAML, GRAPH)
+"""The files of a map folder that move nodes or change the costs of arcs."""
+
 VERSION = 2
 """Raised when the tables of the same graph would differ."""
 
@@ -42,6 +52,33 @@ def text_key(folder: Path) -> str:
             digest.update(data)
     except OSError as error:
         raise BuildingError(f"cannot read {folder}: {os_error_text(error)}") from error
+    return digest.hexdigest()
+
+
+def graph_key(building: Building, now_ns: int) -> str:
+    """Return the key of the graph that a building's routes are found in at a time [ns since 1970, UTC].
+
+    It is the hash of the text files, of all drawings and nodes of its maps that move nodes or change costs, and of the
+    closures that have ended.
+
+    Raises:
+        BuildingError: a file cannot be read.
+    """
+    digest = hashlib.sha256(text_key(building.folder).encode())
+    for storey in building.hgraph.storeys:
+        folder = building.map_folder(storey.id)
+        for name in () if folder is None else _DRAWN:
+            path = folder / name if folder is not None else building.folder
+            if is_file(path, BuildingError):
+                digest.update(f"{storey.id} {name}\n".encode())
+                digest.update(read_bytes(path, BuildingError))
+    for path_, submap in building.hgraph.submaps.items():
+        both: tuple[Arc | Doorway, ...] = (*submap.arcs, *submap.doorways)
+        ended = [each for each in both if each.way.closure is not None and not each.way.closure.holds(now_ns)]
+        digest.update("".join(f"{path_} {arc_ref(submap, each)}\n" for each in ended).encode())
+    for lift in building.hgraph.lifts.values():
+        again = [stop.storey for stop in lift.stops if stop.closure is not None and not stop.closure.holds(now_ns)]
+        digest.update("".join(f"@{lift.id} {storey}\n" for storey in again).encode())
     return digest.hexdigest()
 
 

@@ -13,6 +13,7 @@
 | cmd_vel, drive_request | to the bridge, which accepts them from this node only |
 | plan, local_plan, people, global_costmap/costmap, local_costmap/... | see `NavigationDisplay` |
 | places | the named places of the map |
+| building_graph | the building's graph; with the action compute_route: see `BuildingRoutes` |
 
 Services: `pause`, `go_on` and `cancel` (std_srvs/Trigger), and `bt_navigator/get_state` (lifecycle_msgs) for scripts
 that wait for Nav2's node.
@@ -60,6 +61,7 @@ from waychair.ros.messages.motion import (
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import SonarRing, read_scan
 from waychair.ros.node_settings.navigator import NavigatorNodeSettings
+from waychair.ros.nodes.building_routes import BuildingRoutes, DriveNow
 from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.navigate_action import DriveFeedback, NavigateAction, remaining_distance
 from waychair.ros.nodes.navigation_display import NavigationDisplay
@@ -163,13 +165,12 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             topics.SPEED_LIMIT, lambda message: read_speed_limit(message, full_speed), self._limit_speed, needed=False
         )
         self._action = NavigateAction(self, self)
-        trigger = interface_type("std_srvs/srv/Trigger")
-        self.create_service(trigger, "cancel", self._answer_cancel)
-        self.create_service(trigger, "pause", self._answer_pause)
-        self.create_service(trigger, "go_on", self._answer_go_on)
+        BuildingRoutes(self, folder if s.map_folder else None, self._calibration.body, self._drive_now)
+        answers = {"cancel": self._answer_cancel, "pause": self._answer_pause, "go_on": self._answer_go_on}
+        for name, answer in answers.items():
+            self.create_service(interface_type("std_srvs/srv/Trigger"), name, answer)
         offer_get_state("bt_navigator", self, lambda: self._navigation is not None)
-        self._phase = TickPhase(_PERIOD_NS)
-        self._timer = self.every(COMMAND_RATE.rate_hz, self._tick)
+        self._phase, self._timer = TickPhase(_PERIOD_NS), self.every(COMMAND_RATE.rate_hz, self._tick)
 
     def reports(self) -> Iterable[Report]:
         """Report the stage of the drive, and why the last goal was refused or given up."""
@@ -406,6 +407,11 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._update_action(pose)
         self._use_next_map()
 
+    def _drive_now(self) -> DriveNow:
+        drives = self._drive.was_driven and self._pilot is not None and self._pilot.navigator.active
+        arrived = self._pilot is not None and self._pilot.navigator.stage is Stage.ARRIVED
+        return DriveNow(drives, arrived, self._map_from_base(self.now_ns()))
+
     def _note_end(self) -> None:
         """Note once why a goal was given up, for its sender."""
         if not self._drive.is_open or self._pilot is None or self._pilot.navigator.active:
@@ -441,11 +447,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             return "the bridge does not answer: wait until it is back, then request the goal again"
         if self._latest.pose_ns is None or now_ns - self._latest.pose_ns > _SILENT_NS:
             return "the chair is not localised: wait until it is, then request the goal again"
-        return halt("depth_stale").text if self._camera_is_silent(now_ns) and self._stops_without_camera else ""
-
-    @property
-    def _stops_without_camera(self) -> bool:
-        return self.settings.fitness.depth_silent == "stop"
+        stops = self.settings.fitness.depth_silent == "stop"
+        return halt("depth_stale").text if stops and self._camera_is_silent(now_ns) else ""
 
     def _camera_is_silent(self, now_ns: int) -> bool:
         """Return whether a working camera has fallen silent, so that drop-offs go unseen (F13)."""

@@ -14,6 +14,7 @@ from waychair.maps.building.findings import Finding, Surroundings
 from waychair.maps.building.hgraph import (
     Arc,
     ArcRef,
+    Closure,
     Doorway,
     Frame,
     HGraph,
@@ -28,6 +29,7 @@ from waychair.maps.building.hgraph import (
 )
 from waychair.maps.building.hgraph_checks import Checker, check
 from waychair.maps.building.hgraph_edits import closed, with_lift, with_nodes, with_submap, with_way
+from waychair.maps.drawn.zones import Rule, Zone
 from waychair.types import OccupancyGrid, Place, Pose2
 
 
@@ -108,6 +110,14 @@ def test_e6_a_door_too_narrow_for_this_chair() -> None:
     assert found[0].remedy == "take it out for this chair: one of at most 0.70 m fits"
 
 
+def test_e6_a_lift_door_too_narrow_for_this_chair() -> None:
+    lift = replace(two_storeys().lifts["A"], door_width=0.75)
+    wide = replace(lift, stops=(replace(lift.stops[0], door_width=0.9), lift.stops[1]))
+    found = [each for each in check(with_lift(two_storeys(), wide), Surroundings(width=0.7)) if each.code == "E6"]
+    assert [each.place for each in found] == ["1:v"]
+    assert "the door of lift 'A' at storey '1' is 0.75 m wide, and this chair is 0.70 m" in found[0].sentence
+
+
 def test_e7_a_doorway_without_its_other_side_or_too_far_from_it() -> None:
     hgraph = in_ground(lambda ground: replace(ground, doorways=(*ground.doorways, Doorway("c1", "bath", "d"))))
     assert only(hgraph, "E7").sentence == "the doorway g:c1>bath:d leads to g/bath:d, which is no node"
@@ -174,6 +184,21 @@ def test_e12_nodes_that_almost_touch_and_arcs_that_cross() -> None:
     assert only(crossing, "E12").sentence == "arcs g:c1>c2 and x>y cross without a node"
 
 
+def test_e12_nodes_and_arcs_of_two_sub_maps_that_touch_or_cross_without_a_doorway() -> None:
+    shed = SubMap(
+        "g/shed", frame=Frame(15.0, 0.25), nodes={"d": node("d", 0.0, 0.0, NodeKind.BRIDGE), "x": node("x", -5.1, 3.1)}
+    )
+    doors = (*two_storeys().submaps["g"].doorways, Doorway("c3", "shed", "d"))
+    touching = with_submap(in_ground(lambda ground: replace(ground, doorways=doors)), with_arcs(shed, Arc("d", "x")))
+    sentences = [each.sentence for each in check(touching) if each.code == "E12"]
+    assert sentences == ["nodes g/ward:e and g/shed:x are 0.14 m apart and not joined"]  # the two doors of c3 meet
+    crossing = replace(shed, nodes={**shed.nodes, "x": node("x", -7.0, 3.1)})
+    sentences = [
+        each.sentence for each in check(with_submap(touching, with_arcs(crossing, Arc("d", "x")))) if each.code == "E12"
+    ]
+    assert sentences == ["arcs g/ward:d>e and g/shed:d>x cross without a node"]
+
+
 def test_e13_empty_names_and_names_that_differ_by_case_and_accents() -> None:
     goals = (node("x", 10.0, -3.0, NodeKind.END, "Café"), node("y", 12.0, -3.0, NodeKind.END, "CAFE"))
     hgraph = in_ground(lambda ground: with_arcs(ground, Arc("c2", "x"), Arc("x", "y"), nodes=goals))
@@ -193,6 +218,22 @@ def test_e14_a_goal_in_a_wall_and_one_without_place() -> None:
     assert "E14" not in codes(check(two_storeys(), placed))
 
 
+def test_e14_a_goal_in_a_keep_out_zone_without_room_to_turn_and_a_place_that_is_no_goal() -> None:
+    corners = np.array([(9.0, 2.0), (11.0, 2.0), (11.0, 4.0), (9.0, 4.0)])
+    around = Surroundings(
+        grids={"g": OccupancyGrid(np.zeros((100, 200), np.int8), 0.1, Pose2(0.0, -5.0))},
+        places={"g": {name: Place(name, Pose2()) for name in ("Bed g", "Desk")}},
+        zones={"g": [Zone("stairs", Rule.KEEP_OUT, corners), Zone("ward", Rule.SLOW, corners, 0.3)]},
+        turns=lambda storey, point: point[0] < 12.0,
+    )
+    sentences = [(each.severity, each.sentence) for each in check(two_storeys(), around) if each.code == "E14"]
+    assert sentences == [
+        ("error", "the goal 'Bed g' lies in the keep-out zone 'stairs'"),
+        ("warning", "the chair has no room to turn at the goal 'Bed g'"),
+        ("warning", "the place 'Desk' of storey 'g' is no goal"),
+    ]
+
+
 def test_e15_and_e16_stale_tables_and_maps_that_are_missing_or_moved() -> None:
     around = Surroundings(stale_tables=True, missing=frozenset(["g"]), moved=frozenset(["1"]))
     found = [each for each in check(two_storeys(), around) if each.code in ("E15", "E16")]
@@ -209,6 +250,21 @@ def test_e17_a_door_of_three_metres_and_a_storey_of_five_kilometres() -> None:
     assert only(far, "E17").sentence == "'Ground' is 5.0 km across"
 
 
+def test_e17_a_door_of_nine_centimetres_and_rooms_five_kilometres_apart() -> None:
+    assert only(with_way(two_storeys(), ArcRef("g", "c1", "c2"), width=0.09), "E17").place == "g:c1>c2"
+    ward = replace(two_storeys().submaps["g/ward"], frame=Frame(5000.0, 0.0))
+    far = [each.sentence for each in check(with_submap(two_storeys(), ward)) if each.code == "E17"]
+    assert far == ["storey 'g' is 5.0 km across"]
+
+
+def test_e18_a_closed_stop_that_cuts_a_storey_off() -> None:
+    lift = two_storeys().lifts["A"]
+    shut = replace(lift, stops=(lift.stops[0], replace(lift.stops[1], closure=Closure("repair"))))
+    found = [each for each in check(with_lift(two_storeys(), shut)) if each.code == "E18"]
+    assert [each.place for each in found] == ["1:v"]
+    assert found[0].sentence == "the closed stop of lift 'A' at storey '1' leaves no way back"
+
+
 def test_w1_a_long_way_between_neighbouring_rooms() -> None:
     nodes = (node("p", 20.0, 0.0), node("q", 20.0, -20.0), node("r", 12.0, -20.0), node("s", 12.0, 0.8))
     arcs = (Arc("c3", "p"), Arc("p", "q"), Arc("q", "r"), Arc("r", "s"))
@@ -220,6 +276,29 @@ def test_w1_a_long_way_between_neighbouring_rooms() -> None:
     bath = SubMap("g/bath", "Bath", Frame(12.0, 1.0), nodes={"d": node("d", 0.0, 0.0, NodeKind.BRIDGE)})
     assert "W1" in codes(check(with_submap(hgraph, bath)))
     assert "W1" not in codes(check(two_storeys()))
+
+
+def test_w1_a_short_way_through_another_sub_map_is_no_detour() -> None:
+    # the corridors of two wings end wall to wall; a link between them is a sub-map of its own
+    def wing(path: str, x: float) -> SubMap:
+        rooms = (Doorway("a", "room", "d"),)
+        return SubMap(
+            path, nodes={"a": node("a", x, 0.0), "b": node("b", x, 60.0)}, arcs=(Arc("a", "b"),), doorways=rooms
+        )
+
+    def room(path: str, x: float) -> SubMap:
+        return SubMap(path, frame=Frame(x, 0.2), nodes={"d": node("d", 0.0, 0.0, NodeKind.BRIDGE)})
+
+    both = {"": SubMap(""), "g": SubMap("g", storey="g"), "g/w": wing("g/w", 0.0), "g/e": wing("g/e", 3.0)}
+    both |= {"g/w/room": room("g/w/room", 0.0), "g/e/room": room("g/e/room", 3.0)}
+    apart = HGraph("House", (Storey("g"),), both)
+    found = [each.sentence for each in check(apart) if each.code == "W1"]
+    assert found == ["from g/w/room:d to g/e/room:d, 3.0 m away, the way is more than 3 times as long"]
+    link = SubMap(
+        "g", storey="g", nodes={"x": node("x", 0.0, 0.1), "y": node("y", 3.0, 0.1)}, arcs=(Arc("x", "y"),),
+        doorways=(Doorway("x", "w", "a"), Doorway("y", "e", "a")),
+    )  # fmt: skip
+    assert "W1" not in codes(check(with_submap(apart, link)))
 
 
 def test_w2_a_menu_of_eight_and_w3_nodes_nobody_has_driven_past() -> None:

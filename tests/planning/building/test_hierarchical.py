@@ -68,7 +68,7 @@ def test_a_closure_ends_at_its_time() -> None:
 def test_avoiding_the_only_lift_names_it_and_a_second_one_is_taken_instead() -> None:
     hgraph = two_storeys()
     ends = NodeRef("g/ward", "e"), NodeRef("1/ward", "e")
-    with pytest.raises(NoPath, match="Lift A does not serve storey"):
+    with pytest.raises(NoPath, match="Lift A is to be avoided"):
         RoutePlanner(hgraph).route(*ends, avoid=["A"])
     lift = hgraph.lifts["A"]
     slow = type(lift)("B", "Lift B", lift.stops, wait=60.0)
