@@ -165,6 +165,10 @@ class NotConverged(PlanningError):
     """A potential field did not reach its accuracy within the allowed iterations or time."""
 
 
+class TaskError(PlanningError):
+    """The starts or goals of several agents contradict each other."""
+
+
 class OutputError(WaychairError):
     """A result cannot be written to the requested path."""
 
