@@ -60,7 +60,8 @@ def runs(graph: TrafficGraph) -> tuple[Run, ...]:
             continue
         taken.add(section.name)
         ahead, behind = [section.end], [section.start]
-        chain, before = [section.name], []
+        chain = [section.name]
+        before: list[str] = []
         for nodes, names in ((ahead, chain), (behind, before)):
             last = section
             while goes_on(nodes[-1]):

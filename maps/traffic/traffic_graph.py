@@ -15,10 +15,10 @@ import enum
 import hashlib
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 from waychair.errors import TrafficError
 
@@ -125,6 +125,9 @@ class TrafficLift:
     stops: tuple[str, ...]
 
 
+_Part: TypeAlias = TrafficNode | Section | Refuge | TrafficLift
+
+
 class Move(NamedTuple):
     """A section in one direction, from node to node."""
 
@@ -204,8 +207,7 @@ class TrafficGraph:
     def fingerprint(self) -> str:
         """A short hash over everything but the revision: equal for equal graphs, on every computer."""
         values = [self.name, repr(self.chair_width)]
-        for part in (*self.nodes, *self.sections, *self.refuges, *self.lifts):
-            values.append("\x1f".join(repr(getattr(part, field.name)) for field in fields(part)))
+        values.extend(repr(part) for part in _all_parts(self))
         return hashlib.sha256("\x1e".join(values).encode()).hexdigest()[:12]
 
 
@@ -225,9 +227,9 @@ def changes_since(old: TrafficGraph, new: TrafficGraph) -> TrafficChange:
     """Return the names of the parts that are in one graph only, or that differ."""
     before, after = _parts(old), _parts(new)
     return TrafficChange(
-        tuple(name for name in after if name not in before),
-        tuple(name for name in before if name not in after),
-        tuple(name for name in after if name in before and before[name] != after[name]),
+        tuple(part.name for key, part in after.items() if key not in before),
+        tuple(part.name for key, part in before.items() if key not in after),
+        tuple(part.name for key, part in after.items() if key in before and before[key] != part),
     )
 
 
@@ -238,8 +240,12 @@ def lanes_for(width: float, chair_width: float) -> int:
     return 1 if width >= chair_width + SINGLE_FILE_ROOM - 1e-9 else 0
 
 
-def _parts(graph: TrafficGraph) -> dict[str, object]:
-    return {part.name: part for part in (*graph.sections, *graph.refuges, *graph.lifts, *graph.nodes)}
+def _all_parts(graph: TrafficGraph) -> tuple[_Part, ...]:
+    return (*graph.nodes, *graph.sections, *graph.refuges, *graph.lifts)
+
+
+def _parts(graph: TrafficGraph) -> dict[tuple[type[_Part], str], _Part]:
+    return {(type(part), part.name): part for part in _all_parts(graph)}
 
 
 def _check(graph: TrafficGraph) -> None:
