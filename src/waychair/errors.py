@@ -74,6 +74,10 @@ class ZoneError(WaychairError):
     """A list of zones is invalid."""
 
 
+class TrafficError(WaychairError):
+    """A traffic graph or floor plan is impossible, damaged or cannot be made."""
+
+
 class WorldError(WaychairError):
     """A simulated world's file is invalid."""
 
