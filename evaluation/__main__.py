@@ -106,6 +106,8 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "harmonic_movers": harmonic.harmonic_movers,
     "harmonic_speed": harmonic.harmonic_speed,
     "fleet_mapf": fleet.fleet_mapf,
+    "fleet_narrow": fleet.fleet_narrow,
+    "fleet_delays": fleet.fleet_delays,
     "edges": hazards.edges,
     "glass_door": hazards.glass_door,
     "paper_scenes": hazards.paper_scenes,

@@ -9,11 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from waychair.errors import NoPath, TaskError
-from waychair.types import BoolArray, IntArray
+from waychair.types import BoolArray
+
+Numbers: TypeAlias = npt.NDArray[np.int32]
+"""Numbers of vertices, agents or steps."""
 
 NONE = -1
 """No vertex, or no agent."""
@@ -26,18 +31,18 @@ class Task:
     `neighbours` (N, D) int32 are the vertices beside each vertex, filled with -1.
     """
 
-    neighbours: IntArray
-    starts: IntArray
-    goals: IntArray
+    neighbours: Numbers
+    starts: Numbers
+    goals: Numbers
 
     @property
     def agents(self) -> int:
         return len(self.starts)
 
 
-def neighbours_of_cells(free: BoolArray) -> tuple[IntArray, IntArray]:
+def neighbours_of_cells(free: BoolArray) -> tuple[Numbers, Numbers]:
     """Return the four neighbours (N, 4) of each free cell (H, W), and the number (H, W) of each cell, -1 if not free."""
-    numbers = np.full(free.shape, NONE, np.int32)
+    numbers: Numbers = np.full(free.shape, NONE, np.int32)
     numbers[free] = np.arange(np.count_nonzero(free), dtype=np.int32)
     framed = np.pad(numbers, 1, constant_values=NONE)
     sides = (framed[:-2, 1:-1], framed[1:-1, :-2], framed[1:-1, 2:], framed[2:, 1:-1])
@@ -60,11 +65,11 @@ def task_of_cells(free: BoolArray, starts: Sequence[tuple[int, int]], goals: Seq
                     f"give each agent a {name} of its own"
                 )
             first[cell] = agent
-    ends = (np.array([numbers[cell] for cell in cells], np.int32) for cells in (starts, goals))
-    return Task(neighbours, *ends)
+    begins, ends = (np.array([numbers[cell] for cell in cells], np.int32) for cells in (starts, goals))
+    return Task(neighbours, begins, ends)
 
 
-def check_reachable(task: Task, towards: IntArray) -> None:
+def check_reachable(task: Task, towards: Numbers) -> None:
     """Refuse a task in which an agent cannot reach its goal even alone; `towards` (A, N) are the steps to the goals.
 
     Raises:
@@ -76,14 +81,14 @@ def check_reachable(task: Task, towards: IntArray) -> None:
         raise NoPath(f"agent {agent} cannot reach its goal even alone: give it a goal in its own part of the map")
 
 
-def costs(paths: IntArray) -> IntArray:
+def costs(paths: Numbers) -> Numbers:
     """Return for each path (A, T) the steps until it stands at its end for good."""
     moved = paths != paths[:, -1:]
     last = paths.shape[1] - np.argmax(moved[:, ::-1], axis=1)
-    return np.where(moved.any(axis=1), last, 0)
+    return np.where(moved.any(axis=1), last, 0).astype(np.int32)
 
 
-def fault(task: Task, paths: IntArray) -> str:
+def fault(task: Task, paths: Numbers) -> str:
     """Return the first rule that paths (A, T) break, as a sentence, or an empty text if they are valid.
 
     `paths[a, t]` is the vertex of agent a after t steps.
@@ -91,8 +96,8 @@ def fault(task: Task, paths: IntArray) -> str:
     if len(paths) != task.agents or paths.shape[1] < 1:
         return f"there are {len(paths)} paths for {task.agents} agents"
     for name, wanted, found in (("start", task.starts, paths[:, 0]), ("goal", task.goals, paths[:, -1])):
-        for agent in np.flatnonzero(wanted != found):
-            return f"agent {agent + 1} is not at its {name}"
+        for number in np.flatnonzero(wanted != found).tolist():
+            return f"agent {number + 1} is not at its {name}"
     beside = {(int(v), int(w)) for v, row in enumerate(task.neighbours) for w in row if w != NONE}
     for step in range(paths.shape[1]):
         now = paths[:, step].tolist()

@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 
 from waychair.errors import NoPath
-from waychair.planning.fleet.agents import Task
-from waychair.types import FloatArray, IntArray
+from waychair.planning.fleet.agents import Numbers, Task
+from waychair.types import FloatArray
 
 _RESTART = 0.001
 """Probability of going on from the start instead of a configuration met again; it leads out of large dead ends (Okumura)."""
@@ -26,12 +26,12 @@ _RESTART = 0.001
 @njit(cache=True)
 def _placed(
     first: int,
-    neighbours: IntArray,
-    towards: IntArray,
-    now: IntArray,
-    then: IntArray,
-    at_now: IntArray,
-    at_then: IntArray,
+    neighbours: Numbers,
+    towards: Numbers,
+    now: Numbers,
+    then: Numbers,
+    at_now: Numbers,
+    at_then: Numbers,
     prices: FloatArray,
 ) -> bool:
     """Choose the next vertex of an agent, and of those it pushes aside, which inherit its priority.
@@ -65,7 +65,7 @@ def _placed(
 
 
 @njit(cache=True)
-def _prices(neighbours: IntArray, towards: IntArray, now: IntArray, at_now: IntArray, noise: FloatArray) -> FloatArray:
+def _prices(neighbours: Numbers, towards: Numbers, now: Numbers, at_now: Numbers, noise: FloatArray) -> FloatArray:
     """Return for each agent the price (A, D + 1) of each neighbour and of waiting: steps to go, and less if it is empty."""
     count, degree = len(now), neighbours.shape[1]
     prices = np.full((count, degree + 1), np.inf)
@@ -79,15 +79,15 @@ def _prices(neighbours: IntArray, towards: IntArray, now: IntArray, at_now: IntA
 
 @njit(cache=True)
 def next_configuration(
-    neighbours: IntArray,
-    towards: IntArray,
-    now: IntArray,
-    order: IntArray,
-    forced: IntArray,
-    at_now: IntArray,
-    at_then: IntArray,
+    neighbours: Numbers,
+    towards: Numbers,
+    now: Numbers,
+    order: Numbers,
+    forced: Numbers,
+    at_now: Numbers,
+    at_then: Numbers,
     noise: FloatArray,
-) -> IntArray:
+) -> Numbers:
     """Return the vertices (A,) of all agents after the next step, as PIBT chooses them; empty if it finds none.
 
     `towards` (A, N), `now` (A,), agents in falling priority `order` (A,), `forced` (A,) the vertex that an agent must
@@ -130,16 +130,16 @@ class _Node:
     A constraint is a tuple of (agent, vertex) pairs.
     """
 
-    now: IntArray
+    now: Numbers
     before: _Node | None
     priorities: FloatArray
-    order: IntArray
+    order: Numbers
     untried: deque[tuple[tuple[int, int], ...]] = field(default_factory=lambda: deque([()]))
 
 
 def first_answer(
-    task: Task, towards: IntArray, rng: np.random.Generator, may_go_on: Callable[[], bool] = lambda: True
-) -> IntArray:
+    task: Task, towards: Numbers, rng: np.random.Generator, may_go_on: Callable[[], bool] = lambda: True
+) -> Numbers:
     """Return paths (A, T) of all agents, valid and not yet short.
 
     `towards` (A, N) are the steps to the goals, -1 for a vertex that an agent must not enter.
@@ -151,7 +151,7 @@ def first_answer(
     degree = task.neighbours.shape[1]
     at_now, at_then = np.full(vertices, -1, np.int32), np.full(vertices, -1, np.int32)
     far = towards[np.arange(count), task.starts] / (vertices + 1.0)
-    start = _Node(task.starts, None, far, np.argsort(-far, kind="stable"))
+    start = _Node(task.starts, None, far, _falling(far))
     known = {task.starts.tobytes(): start}
     opened = [start]
     while opened:
@@ -182,14 +182,19 @@ def first_answer(
         if again is None:
             arrived = found == task.goals
             priorities = np.where(arrived, node.priorities % 1.0, node.priorities + 1.0)
-            known[key] = _Node(found, node, priorities, np.argsort(-priorities, kind="stable"))
+            known[key] = _Node(found, node, priorities, _falling(priorities))
             opened.append(known[key])
         else:
             opened.append(start if rng.random() < _RESTART else again)
     raise NoPath("there is no way in which all agents reach their goals: remove an agent or give another goal")
 
 
-def _paths(node: _Node) -> IntArray:
+def _falling(priorities: FloatArray) -> Numbers:
+    """Return the agents (A,) from the highest priority to the lowest."""
+    return np.argsort(-priorities, kind="stable").astype(np.int32)
+
+
+def _paths(node: _Node) -> Numbers:
     """Return the paths (A, T) that lead to a configuration."""
     configurations = [node.now]
     while node.before is not None:

@@ -11,9 +11,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from waychair.planning.fleet.agents import NONE, Task, costs
+from waychair.planning.fleet.agents import NONE, Numbers, Task, costs
 from waychair.planning.fleet.space_time import replanned, scratch
-from waychair.types import FloatArray, IntArray
+from waychair.types import FloatArray
 
 SLACK = 8
 """Steps beyond the latest arrival so far that a new path may take."""
@@ -25,7 +25,7 @@ _FORGETTING = 0.01
 """Share of the last round in a neighbourhood's weight (Li et al.)."""
 
 
-def improvements(task: Task, towards: IntArray, paths: IntArray, rng: np.random.Generator) -> Iterator[IntArray]:
+def improvements(task: Task, towards: Numbers, paths: Numbers, rng: np.random.Generator) -> Iterator[Numbers]:
     """Yield paths (A, T) after each round, never worse than before and always valid; ends when no sum can be smaller.
 
     `towards` (A, N) are the steps to the goals, `paths` (A, T) a valid answer.
@@ -36,7 +36,7 @@ def improvements(task: Task, towards: IntArray, paths: IntArray, rng: np.random.
         yield search.paths
 
 
-def planned_in_order(task: Task, towards: IntArray, rng: np.random.Generator, tries: int) -> IntArray | None:
+def planned_in_order(task: Task, towards: Numbers, rng: np.random.Generator, tries: int) -> Numbers | None:
     """Return paths (A, T) planned one agent after the other, those with the longest ways first; None if that fails.
 
     Each further try takes a more random order.
@@ -49,7 +49,7 @@ def planned_in_order(task: Task, towards: IntArray, rng: np.random.Generator, tr
         held = np.full((steps, vertices), NONE, np.int32)
         paths = np.repeat(task.starts[:, None], steps, axis=1).astype(np.int32)
         arrivals = np.full(task.agents, -1, np.int32)
-        order = np.argsort(-alone * (1.0 + attempt * rng.random(task.agents)), kind="stable")
+        order = np.argsort(-alone * (1.0 + attempt * rng.random(task.agents)), kind="stable").astype(np.int32)
         most = steps * task.agents
         found = replanned(task.neighbours, towards, held, paths, arrivals, order, task.goals, most, attempt % 4, memory)
         if found >= 0:
@@ -60,12 +60,12 @@ def planned_in_order(task: Task, towards: IntArray, rng: np.random.Generator, tr
 class _Search:
     """Paths with the table (T, N) of the agents in each vertex, and the weights of the kinds of neighbourhood."""
 
-    def __init__(self, task: Task, towards: IntArray, paths: IntArray, rng: np.random.Generator) -> None:
+    def __init__(self, task: Task, towards: Numbers, paths: Numbers, rng: np.random.Generator) -> None:
         self.task, self.towards, self.rng = task, towards, rng
         self.alone = towards[np.arange(task.agents), task.starts]
         self.bound = int(self.alone.sum())
         steps = max(paths.shape[1], int(self.alone.max()) + 1) + SLACK
-        self.paths: IntArray = np.pad(paths, ((0, 0), (0, steps - paths.shape[1])), mode="edge").astype(np.int32)
+        self.paths: Numbers = np.pad(paths, ((0, 0), (0, steps - paths.shape[1])), mode="edge").astype(np.int32)
         self.arrivals = costs(self.paths).astype(np.int32)
         vertices = len(task.neighbours)
         self.held = np.full((steps, vertices), NONE, np.int32)
@@ -89,7 +89,7 @@ class _Search:
         self.weights[kind] += _FORGETTING * (max(gain, 0) - self.weights[kind])
         self.weights[kind] = max(self.weights[kind], 0.01)
 
-    def plan(self, agents: IntArray, allowed: int) -> int:
+    def plan(self, agents: Numbers, allowed: int) -> int:
         """Plan agents anew in a random order, if their sum of arrivals then is at most `allowed`; return their sum."""
         turn = int(self.rng.integers(4))
         found = replanned(
@@ -98,7 +98,7 @@ class _Search:
             self.held,
             self.paths,
             self.arrivals,
-            self.rng.permutation(agents),
+            self.rng.permutation(agents).astype(np.int32),
             self.task.goals,
             allowed,
             turn,
@@ -106,10 +106,10 @@ class _Search:
         )
         return allowed if found < 0 else int(found)
 
-    def _random(self, size: int) -> IntArray:
-        return self.rng.choice(self.task.agents, size, replace=False)
+    def _random(self, size: int) -> Numbers:
+        return self.rng.choice(self.task.agents, size, replace=False).astype(np.int32)
 
-    def _delayed(self, size: int) -> IntArray:
+    def _delayed(self, size: int) -> Numbers:
         """Return an agent that is delayed, and those in its way: met on shorter ways from points of its path."""
         delays = self.arrivals - self.alone
         delays[list(self.skipped)] = 0
@@ -124,7 +124,7 @@ class _Search:
             if len(chosen) >= size:
                 break
             agent = int(self.rng.choice(list(chosen)))
-        return np.array(sorted(chosen))
+        return np.array(sorted(chosen), np.int32)
 
     def _walk(self, agent: int, size: int, chosen: set[int]) -> None:
         """Walk at random from a point of an agent's path towards its goal in less time; collect the agents met."""
@@ -145,7 +145,7 @@ class _Search:
                 chosen.add(swapped)
             step, vertex = step + 1, other
 
-    def _near(self, size: int) -> IntArray:
+    def _near(self, size: int) -> Numbers:
         """Return agents that come by a random crossing or its surroundings."""
         agent = int(self.rng.integers(self.task.agents))
         seeds = self.paths[agent, : int(self.arrivals[agent]) + 1]
@@ -155,7 +155,7 @@ class _Search:
             met = np.unique(self.held[:, list(region)])
             met = met[met != NONE]
             if len(met) >= size:
-                return np.unique([*self.rng.choice(met, size - 1, replace=False), agent])
+                return np.unique([*self.rng.choice(met, size - 1, replace=False), agent]).astype(np.int32)
             chosen.update(met.tolist())
             region |= {int(other) for vertex in region for other in self.task.neighbours[vertex] if other != NONE}
-        return np.array(sorted(chosen))
+        return np.array(sorted(chosen), np.int32)

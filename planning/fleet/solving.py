@@ -11,11 +11,10 @@ from itertools import count
 import numpy as np
 
 from waychair.errors import NoPath
-from waychair.planning.fleet.agents import Task, check_reachable, costs, fault
+from waychair.planning.fleet.agents import Numbers, Task, check_reachable, costs, fault
 from waychair.planning.fleet.lacam import first_answer
 from waychair.planning.fleet.lns import improvements, planned_in_order
 from waychair.planning.fleet.space_time import steps_to
-from waychair.types import IntArray
 
 _STRAIGHT_AHEAD = 4
 """Configurations that LaCAM may look at, for each step of the longest way, before another method is tried."""
@@ -28,7 +27,7 @@ _ORDERS = 4
 class Solution:
     """Paths (A, T) of all agents, the least sum of costs that is possible, and the time to the first valid answer [ms]."""
 
-    paths: IntArray
+    paths: Numbers
     bound: int
     first_ms: float
     valid: bool
@@ -58,7 +57,7 @@ def solved(task: Task, seconds: float, seed: int = 0) -> Solution:
     return Solution(paths, bound, first_ms, fault(task, paths) == "")
 
 
-def _first_paths(task: Task, towards: IntArray, rng: np.random.Generator, has_time: Callable[[], bool]) -> IntArray:
+def _first_paths(task: Task, towards: Numbers, rng: np.random.Generator, has_time: Callable[[], bool]) -> Numbers:
     """Return valid paths: by LaCAM if it goes straight ahead, else one agent after the other, else by all of LaCAM."""
     straight = count(_STRAIGHT_AHEAD * int(towards[np.arange(task.agents), task.starts].max() + 1), -1)
     with suppress(NoPath):

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from waychair.types import IntArray
+from waychair.planning.fleet.agents import Numbers
 
 BARRED = -2
 """In a table of vertices: closed to everybody at this step."""
@@ -23,11 +23,11 @@ NO_EDGES = np.zeros((0, 3), np.int32)
 class Scratch(NamedTuple):
     """Memory of searches: marks (T N,), the state before (T N,), the next state of the bucket (T N,), heads (T + 1,)."""
 
-    marks: IntArray
-    before: IntArray
-    following: IntArray
-    heads: IntArray
-    mark: IntArray
+    marks: Numbers
+    before: Numbers
+    following: Numbers
+    heads: Numbers
+    mark: Numbers
 
 
 def scratch(steps: int, vertices: int) -> Scratch:
@@ -43,7 +43,7 @@ def scratch(steps: int, vertices: int) -> Scratch:
 
 
 @njit(cache=True)
-def steps_to(neighbours: IntArray, goals: IntArray) -> IntArray:
+def steps_to(neighbours: Numbers, goals: Numbers) -> Numbers:
     """Return the steps (A, N) from each vertex to each goal, int32; -1 where there is no way."""
     count, degree = neighbours.shape
     steps = np.full((len(goals), count), -1, np.int32)
@@ -67,16 +67,16 @@ def steps_to(neighbours: IntArray, goals: IntArray) -> IntArray:
 
 @njit(cache=True)
 def quickest(
-    neighbours: IntArray,
-    towards: IntArray,
-    held: IntArray,
-    barred: IntArray,
+    neighbours: Numbers,
+    towards: Numbers,
+    held: Numbers,
+    barred: Numbers,
     start: int,
     goal: int,
     latest: int,
     turn: int,
     memory: Scratch,
-    path: IntArray,
+    path: Numbers,
 ) -> int:
     """Write the quickest path of an agent into `path` (T,), and return the step at which it reaches its goal for good.
 
@@ -117,7 +117,7 @@ def quickest(
             while state >= 0:
                 path[state // count] = state % count
                 state = memory.before[state]
-            return step
+            return int(step)
         if step + 1 >= steps:
             continue
         for side in range(-1, degree):
@@ -145,13 +145,13 @@ def quickest(
 
 @njit(cache=True)
 def replanned(
-    neighbours: IntArray,
-    towards: IntArray,
-    held: IntArray,
-    paths: IntArray,
-    arrivals: IntArray,
-    order: IntArray,
-    goals: IntArray,
+    neighbours: Numbers,
+    towards: Numbers,
+    held: Numbers,
+    paths: Numbers,
+    arrivals: Numbers,
+    order: Numbers,
+    goals: Numbers,
     allowed: int,
     turn: int,
     memory: Scratch,

@@ -1,16 +1,21 @@
-"""Several chairs in one building: the grid benchmark of multi-agent path finding.
+"""Several chairs in one building: the grid benchmark of multi-agent path finding, and chairs that drive by an order.
 
-The grids are those of `WAYCHAIR_DATA`; times are processor times of this thread, kernels loaded before.
+The grids are those of `WAYCHAIR_DATA`; times are processor times of this thread, kernels loaded before. `FLEET_HOURS` and
+`FLEET_SEEDS` take a sample of the simulated hours and seeds for each plan.
 """
 
 from __future__ import annotations
 
 import os
+import statistics
+import time
 from pathlib import Path
 
+from evaluation.scenes.ordered_chairs import Done, Stops, cell_traffic, chairs_on
 from waychair.maps.grid.moving_ai import load_free_cells, load_queries
 from waychair.planning.fleet.agents import Task, fault, task_of_cells
 from waychair.planning.fleet.solving import load_kernels, solved
+from waychair.planning.fleet.waits import Audit, jain
 from waychair.types import Json
 
 _GRIDS = Path(os.environ.get("WAYCHAIR_DATA", "")) / "mapf"
@@ -50,6 +55,88 @@ def fleet_mapf(out: Path) -> Json:
         ratio = answer.sum_of_costs / answer.bound
         found[f"{name} {agents}"] = {"ratio": round(ratio, 4), "first_ms": round(answer.first_ms, 1)}
     return {"passed": passed, **found}
+
+
+_PLANS = ("Rectangle", "I", "T", "2bconR", "3tie", "4cross", "9cube", "2d-grid")
+_MOST_DELAY_S = {(3, False): 3.5, (5, False): 7.0, (3, True): 1.8, (5, True): 4.2}
+"""Mean delay of a task [s], by the number of chairs and whether rooms are bays."""
+
+_MOST_DELAY_ON_T_S = {3: 20.0, 5: 40.0}
+
+
+def fleet_narrow(out: Path) -> Json:
+    """Nobody can pass at nodes, a new task on each arrival: no lock-up; mean delay 3.5 / 7.0 s, 1.8 / 4.2 s with bays."""
+    hours, seeds = float(os.environ.get("FLEET_HOURS", "4")), int(os.environ.get("FLEET_SEEDS", "10"))
+    found: dict[str, Json] = {}
+    passed, lockups, chair_hours, begun = True, 0, 0.0, time.thread_time()
+    for chairs in (3, 5, 8):
+        for bays in (False, True):
+            means: dict[str, float] = {}
+            for plan in _PLANS:
+                delays: list[float] = []
+                for seed in range(seeds):
+                    world = chairs_on(cell_traffic(plan, bays), chairs, seed)
+                    lockups += not world.run(round(hours * 3_600_000))
+                    chair_hours += chairs * hours
+                    delays += [task.delay_s for task in world.done]
+                means[plan] = round(statistics.fmean(delays), 2)
+            mean = statistics.fmean(means.values())
+            passed &= mean <= _MOST_DELAY_S.get((chairs, bays), mean)
+            found[f"{chairs} chairs{', bays' if bays else ''}"] = {"mean_s": round(mean, 2), **means}
+    return {
+        "passed": passed and lockups == 0,
+        "seeds": seeds,
+        **_lockups(lockups, chair_hours),
+        "cpu_s": round(time.thread_time() - begun, 1),
+        **found,
+    }
+
+
+def fleet_delays(out: Path) -> Json:
+    """Stops as people cause them: no lock-up, nobody overtaken thrice, 20 / 40 s on T, fair, and waits foreseen."""
+    hours, seeds = float(os.environ.get("FLEET_HOURS", "16")), int(os.environ.get("FLEET_SEEDS", "10"))
+    found: dict[str, Json] = {}
+    passed, lockups, chair_hours, overtaken, begun = True, 0, 0.0, 0, time.thread_time()
+    right: list[float] = []
+    for chairs in (3, 5):
+        for plan in _PLANS:
+            delays: list[float] = []
+            fairness: list[float] = []
+            for seed in range(seeds):
+                world = chairs_on(
+                    cell_traffic(plan, bays=False), chairs, seed, stops=Stops(share=0.03), audit=(audit := Audit())
+                )
+                lockups += not world.run(round(hours * 3_600_000))
+                chair_hours += chairs * hours
+                overtaken = max(overtaken, world.most_overtaken)
+                delays += [task.delay_s for task in world.done]
+                fairness.append(jain([_delay_per_way(world.done, chair) for chair in world.order.chains]))
+                right += [share for share in (audit.foreseen_right(),) if share is not None]
+            mean, fair = statistics.fmean(delays), statistics.fmean(fairness)
+            passed &= fair >= 0.9 and (plan != "T" or mean <= _MOST_DELAY_ON_T_S[chairs])
+            found[f"{plan} {chairs}"] = {"mean_s": round(mean, 2), "jain": round(fair, 3)}
+    share = statistics.fmean(right)
+    return {
+        "passed": passed and lockups == 0 and overtaken <= 2 and share >= 0.8,
+        "seeds": seeds,
+        **_lockups(lockups, chair_hours),
+        "most_overtaken": overtaken,
+        "foreseen_right": round(share, 3),
+        "cpu_s": round(time.thread_time() - begun, 1),
+        **found,
+    }
+
+
+def _delay_per_way(tasks: list[Done], chair: int) -> float:
+    """Return a chair's delay over the time that its ways take alone."""
+    own = [task for task in tasks if task.chair == chair]
+    return sum(task.took_ms - task.alone_ms for task in own) / max(sum(task.alone_ms for task in own), 1)
+
+
+def _lockups(count: int, chair_hours: float) -> Json:
+    """Return the lock-ups, and the rate that 95 % confidence leaves when there was none (rule of three)."""
+    bound = None if count else 3.0 / chair_hours
+    return {"lockups": count, "chair_hours": chair_hours, "lockups_an_hour_below_95": bound}
 
 
 def _task(name: str, agents: int) -> Task:

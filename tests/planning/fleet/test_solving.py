@@ -64,7 +64,7 @@ def test_the_next_configuration_equals_pibt_as_published() -> None:
     for number, task in enumerate(tasks(3, 60, 4, 4, 6)):
         rng = np.random.default_rng(number)
         towards = steps_to(task.neighbours, task.goals)
-        order, noise = rng.permutation(6), rng.random((6, 5)) * 0.4
+        order, noise = rng.permutation(6).astype(np.int32), rng.random((6, 5)) * 0.4
         forced = np.full(6, -1, np.int32)
         if number % 2:
             forced[order[0]] = max(task.neighbours[task.starts[order[0]]])
