@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import heapq
+import math
+import time
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from waychair.maps.traffic.corridors import corridor_cells, load_corridors, room_doors
 from waychair.maps.traffic.traffic_graph import Refuge, RefugeKind, Section, TrafficGraph, TrafficNode
-from waychair.planning.fleet.granting import granted
-from waychair.planning.fleet.order import Order, Request, asked, cleared, entered, foreseen, held_up, parked
+from waychair.planning.fleet.cbs import Constraint, barred_entries, barred_uses, best_ways
+from waychair.planning.fleet.granting import CBS_STEPS, granted
+from waychair.planning.fleet.order import Order, Request, Turn, asked, cleared, entered, foreseen, held_up, parked
+from waychair.planning.fleet.sipp import Stay, earliest, gaps_between
 from waychair.planning.fleet.waits import Audit, wait_of
 from waychair.planning.fleet.ways import Ways, ways_of
 
@@ -88,7 +92,7 @@ class OrderedChairs:
     events: list[tuple[int, int]] = field(default_factory=list)
     audit: Audit | None = None
     most_overtaken: int = 0
-    plans: int = 0
+    plan_ms: list[float] = field(default_factory=list)
     requests: int = 0
 
     def run(self, until_ms: int) -> bool:
@@ -159,12 +163,53 @@ class OrderedChairs:
         self.alone_ms[chair] = int(self.ways.least_ms(goal)[self.order.chains[chair].spots[0]]) - 1
 
     def _plan(self) -> None:
+        begun = time.thread_time()
         self.order = granted(self.order, self.now_ms, self.clearing_ms, self.rng, self.rounds)
-        self.plans += 1
+        self.plan_ms.append(1e3 * (time.thread_time() - begun))
         assert foreseen(self.order, self.now_ms, self.clearing_ms) is not None
         for chair, chain in self.order.chains.items():
             self.most_overtaken = max(self.most_overtaken, len(chain.overtaken_by))
             heapq.heappush(self.events, (max(chain.ready_ms, self.now_ms), chair))
+
+
+@dataclass(frozen=True, slots=True)
+class OneTask:
+    """The delay a chair [s] of one task each, all at once: by the proven best ways (None without proof), by rounds of large
+    neighbourhood search alone, and as the coordinator grants them."""
+
+    best_s: float | None
+    rounds_s: float
+    granted_s: float
+
+
+def one_task(ways: Ways, chairs: int, seed: int, steps: int = 2000, rounds: int = 60) -> OneTask:
+    """Return the delays of chairs that go from random rooms to random rooms of others or free ones."""
+    rng = np.random.default_rng([seed, chairs])
+    rooms, goals = (rng.permutation(sorted(ways.slots))[:chairs].tolist() for _ in range(2))
+    order = parked(ways, dict(enumerate(rooms)))
+    for chair, goal in enumerate(goals):
+        order = asked(order, Request(chair, chair, goal, 0))
+    starts = [order.chains[chair].spots[0] for chair in range(chairs)]
+    alone = sum(int(ways.least_ms(goal)[start]) for start, goal in zip(starts, goals, strict=True))
+    alone -= sum(start not in ways.slots[goal] for start, goal in zip(starts, goals, strict=True))
+
+    def way_of(chair: int, constraints: tuple[Constraint, ...]) -> tuple[Stay, ...]:
+        gaps = gaps_between(ways, barred_uses(ways, constraints), 0)
+        return earliest(ways, gaps, starts[chair], 0, goals[chair], 1, barred=barred_entries(constraints))
+
+    best = best_ways(ways, dict.fromkeys(range(chairs), 1.0), way_of, 1, steps)
+
+    def delay_s(arrivals: float) -> float:
+        return 1e-3 * (arrivals - alone) / chairs
+
+    def by(proof_steps: int) -> float:
+        new = granted(order, 0, 1, np.random.default_rng(seed), rounds, proof_steps)
+        times = foreseen(new, 0, 1)
+        if times is None or new.waiting:
+            return math.inf
+        return delay_s(sum(times[Turn(chair, chain.last)].from_ms for chair, chain in new.chains.items()))
+
+    return OneTask(None if best is None else delay_s(best.price), by(0), by(CBS_STEPS))
 
 
 def chairs_on(graph: TrafficGraph, chairs: int, seed: int, **how: object) -> OrderedChairs:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from waychair.planning.fleet.sipp import Stay
-from waychair.planning.fleet.ways import NEVER, Ways
+from waychair.planning.fleet.ways import NEVER, NOBODYS, Ways
 from waychair.types import IntArray
 
 Way = tuple[Stay, ...]
@@ -163,12 +163,10 @@ def _split_run(
         return bool(resource[way_a[k].spot] == resource[way_b[m].spot])
 
     begin_a, end_b = i, j
-    while (
-        begin_a > 1 and end_b < len(way_b) - 2 and same(begin_a - 1, end_b + 1) and _only_on(ways, way_a[begin_a].spot)
-    ):
+    while begin_a > 1 and end_b < len(way_b) - 2 and same(begin_a - 1, end_b + 1) and _only_on(ways, way_a, begin_a):
         begin_a, end_b = begin_a - 1, end_b + 1
     end_a, begin_b = i, j
-    while begin_b > 1 and end_a < len(way_a) - 2 and same(end_a + 1, begin_b - 1) and _only_on(ways, way_a[end_a].spot):
+    while begin_b > 1 and end_a < len(way_a) - 2 and same(end_a + 1, begin_b - 1) and _only_on(ways, way_a, end_a):
         end_a, begin_b = end_a + 1, begin_b - 1
     if not _has_direction(ways, way_a[begin_a]):
         begin_a, end_b = begin_a + 1, end_b - 1
@@ -192,17 +190,9 @@ def _has_direction(ways: Ways, stay: Stay) -> bool:
     return bool(ways.passing_ms[stay.spot] > 1)
 
 
-def _only_on(ways: Ways, spot: int) -> bool:
-    """Return whether a chair in a spot can only go on or back, or into a place that may be entered as a goal only."""
-    own = ways.resource[spot]
-    beside = set()
-    for other in _after(ways, spot):
-        onward = [each for each in _after(ways, other) if ways.resource[each] != own]
-        if ways.resource[other] != own and not ways.is_private[other] and not all(ways.is_private[onward]):
-            beside.add(int(ways.resource[other]))
-    return len(beside) <= 2
-
-
-def _after(ways: Ways, spot: int) -> list[int]:
-    after: list[int] = ways.after[ways.first[spot] : ways.first[spot + 1]].tolist()
-    return after
+def _only_on(ways: Ways, way: Way, k: int) -> bool:
+    """Return whether a chair in the k-th spot of a way can only go on or back, or turn into a place that is its goal."""
+    spot = way[k].spot
+    after = ways.after[ways.first[spot] : ways.first[spot + 1]]
+    beside = set(ways.resource[after[ways.reserved[after] == NOBODYS]].tolist())
+    return beside <= {int(ways.resource[way[other].spot]) for other in (k - 1, k, k + 1)}

@@ -1,8 +1,9 @@
 """Granting: waiting requests become chains, and the chains of all chairs are planned anew where that saves time.
 
 Chairs are planned one after the other by safe intervals, in several orders; where none of these succeeds, LaCAM finds a way
-over the spots for all together (two chairs that exchange their places, or a corridor that has just closed). Rounds of large
-neighbourhood search then plan a few chairs anew each. Only the order of the result is kept: no chair has to keep times.
+over the spots for all together (two chairs that exchange their places, or a corridor that has just closed). Then CBS looks
+for the best plan of up to eight chairs; where it is not proven in a few steps, rounds of large neighbourhood search plan a
+few chairs anew each. Only the order of the result is kept: no chair has to keep times.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _LATER_MS = 500
 _MOST_FOR_CBS = 8
 """Chairs under way for which the best plan is tried to be proven."""
 
-_CBS_STEPS = 24
+CBS_STEPS = 24
 """Steps of that search; most conflicts of a few chairs need fewer, and the others are left to the rounds."""
 
 NOBODY = -1
@@ -57,11 +58,18 @@ class Granting:
         return self.order.ways
 
 
-def granted(order: Order, now_ms: int, clearing_ms: int, rng: np.random.Generator, rounds: int) -> Order:
+def granted(
+    order: Order,
+    now_ms: int,
+    clearing_ms: int,
+    rng: np.random.Generator,
+    rounds: int,
+    proof_steps: int = CBS_STEPS,
+) -> Order:
     """Return the order with all requests granted that can be, and the chains of least weighted delay that were found.
 
     A request for a taken place stays in `waiting`, unless the place's holder leaves by this order. `rounds` is the number
-    of rounds of improvement.
+    of rounds of improvement where the best plan is not proven in `proof_steps` steps of CBS.
 
     Raises:
         TaskError: the clearing time is not above 0, without which two chairs could exchange their spots in no time.
@@ -79,7 +87,7 @@ def granted(order: Order, now_ms: int, clearing_ms: int, rng: np.random.Generato
     if plan is None:
         return _retreated(state)
     wishes = {chair: chain.request for chair, chain in order.chains.items() if chain.request is not None} | requests
-    best = _best(state, plan, wishes) if rounds > 0 else None
+    best = _best(state, plan, wishes, proof_steps)
     if best is not None and not _overtakes_too_often(state, best, old or {}, wishes):
         plan = best
     else:
@@ -229,10 +237,10 @@ def with_chains(order: Order, spots: Mapping[int, tuple[int, ...]], turns: Mappi
     return replace(order, chains=chains, queues={resource: tuple(queue) for resource, queue in queues.items()})
 
 
-def _best(state: Granting, plan: Plan, wishes: Mapping[int, Request]) -> Plan | None:
+def _best(state: Granting, plan: Plan, wishes: Mapping[int, Request], steps: int) -> Plan | None:
     """Return the plan of least weighted sum of arrivals for a few chairs; None if there are many, or no proof in time."""
     weights = _weights(state, plan, wishes)
-    if len(weights) > _MOST_FOR_CBS:
+    if steps < 1 or len(weights) > _MOST_FOR_CBS:
         return None
     rest = {chair: stays for chair, stays in plan.items() if chair not in weights}
 
@@ -240,7 +248,7 @@ def _best(state: Granting, plan: Plan, wishes: Mapping[int, Request]) -> Plan | 
         others = {**rest, NOBODY: tuple(barred_uses(state.ways, constraints))}
         return _way(state, chair, wishes[chair].goal, others, barred=barred_entries(constraints))
 
-    found = best_ways(state.ways, weights, way_of, state.clearing_ms, _CBS_STEPS)
+    found = best_ways(state.ways, weights, way_of, state.clearing_ms, steps)
     return None if found is None else rest | dict(found.ways)
 
 
@@ -304,7 +312,10 @@ def overtaken(state: Granting, plan: Plan, old: Plan, wishes: Mapping[int, Reque
     A chair is delayed if its arrival by the plan is later than by the old one; the old numbers are kept.
     """
     chains = state.order.chains
-    found = {chair: chains[chair].overtaken_by for chair in wishes}
+    found = {
+        chair: chains[chair].overtaken_by if chains[chair].request == wish else frozenset()
+        for chair, wish in wishes.items()
+    }
     resource = state.ways.resource
     first_use = {
         chair: {int(resource[stay.spot]): stay.from_ms for stay in reversed(stays)} for chair, stays in plan.items()

@@ -12,7 +12,7 @@ from waychair.planning.fleet.agents import NONE, Numbers, Task
 from waychair.planning.fleet.lacam import first_answer
 from waychair.planning.fleet.order import Order, Turn
 from waychair.planning.fleet.space_time import steps_to
-from waychair.planning.fleet.ways import Ways
+from waychair.planning.fleet.ways import NOBODYS, Ways
 
 _CONFIGURATIONS = 1000
 """Configurations that a search looks at before it gives up."""
@@ -37,9 +37,11 @@ def joint_way(
         return None
     task = Task(neighbours, starts, ends)
     towards = steps_to(neighbours, ends)
-    private = np.unique(ways.resource[ways.is_private])
+    reserved = np.full(ways.resources, NOBODYS)
+    reserved[ways.resource[ways.reserved != NOBODYS]] = ways.reserved[ways.reserved != NOBODYS]
     for agent in range(len(chairs)):
-        towards[agent, np.setdiff1d(private, [starts[agent], ends[agent]])] = NONE
+        allowed = [NOBODYS, reserved[starts[agent]], reserved[ends[agent]]]
+        towards[agent, ~np.isin(reserved, allowed)] = NONE
     if (towards[np.arange(len(chairs)), starts] < 0).any():
         return None
     for _ in range(_TRIES):

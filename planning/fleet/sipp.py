@@ -77,7 +77,7 @@ def earliest(
         ways.passing_ms,
         ways.first,
         ways.after,
-        ways.is_private,
+        ways.is_barred(goal),
         is_goal,
         ways.least_ms(goal),
         gaps.first,
@@ -99,7 +99,7 @@ def _earliest(
     passing_ms: IntArray,
     first: IntArray,
     after: IntArray,
-    is_private: BoolArray,
+    is_barred: BoolArray,
     is_goal: BoolArray,
     least_ms: IntArray,
     gap_first: IntArray,
@@ -145,7 +145,7 @@ def _earliest(
         last = gaps[gap, 1] - clearing_ms
         for edge in range(first[spot], first[spot + 1]):
             other = after[edge]
-            if (is_private[other] and not is_goal[other]) or least_ms[other] >= NEVER:
+            if is_barred[other] or least_ms[other] >= NEVER:
                 continue
             for other_gap in range(gap_first[resource[other]], gap_first[resource[other] + 1]):
                 time = max(leave, gaps[other_gap, 0])

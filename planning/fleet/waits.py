@@ -9,10 +9,14 @@ import enum
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
-from waychair.planning.fleet.order import Chain, Order, Turn, foreseen
+from waychair.maps.traffic.traffic_graph import RefugeKind
+from waychair.planning.fleet.order import Chain, Order, Request, Turn, foreseen
 from waychair.planning.fleet.rules import Priority, aged
 from waychair.planning.fleet.ways import NEVER
 from waychair.types import Json
+
+IDLE_MS = 300_000
+"""ms after which a chair that others wait for is asked to make room."""
 
 
 class Reason(enum.Enum):
@@ -57,13 +61,13 @@ def waits(order: Order, now_ms: int, clearing_ms: int) -> tuple[Wait, ...]:
     """Return the waits of all chairs that could go on, or have asked for a goal, but may not go now."""
     found = [wait for chair in order.chains if (wait := wait_of(order, chair, now_ms, clearing_ms)) is not None]
     for request in order.waiting:
-        holder = _holder(order, request.goal, request.chair)
+        holder = _holder(order, request)
         behind = holder is not None and any(each.chair == holder for each in order.waiting)
         found.append(
             Wait(
                 request.chair,
                 holder,
-                request.goal,
+                request.goal if holder is None else order.ways.names[order.chains[holder].spots[-1]],
                 Reason.NO_ROOM if behind else Reason.TAKEN,
                 (request.priority, None),
                 now_ms - request.asked_ms,
@@ -92,24 +96,54 @@ def wait_of(order: Order, chair: int, now_ms: int, clearing_ms: int) -> Wait | N
     )
 
 
-def in_the_way(order: Order) -> dict[int, tuple[int, ...]]:
-    """Return the idle chairs that stand in places for which others wait, with the chairs that wait, oldest request first.
+def in_the_way(order: Order, now_ms: int) -> dict[int, tuple[int, ...]]:
+    """Return the chairs that have long been idle in places for which others wait, with those chairs, oldest request first.
 
-    Its rider is asked to make room; a chair without a rider goes to its dock if the site allows it.
+    The rider is asked to make room; a chair without a rider goes by itself where the site allows it.
     """
     found: dict[int, tuple[int, ...]] = {}
     asking = {request.chair for request in order.waiting}
     for request in order.waiting:
-        holder = _holder(order, request.goal, request.chair)
-        if holder is not None and holder not in asking and len(order.chains[holder].spots) == 1:
+        holder = _holder(order, request)
+        if holder is None or holder in asking or len(order.chains[holder].spots) > 1:
+            continue
+        if now_ms - order.chains[holder].entered_ms > IDLE_MS:
             found[holder] = (*found.get(holder, ()), request.chair)
     return found
 
 
-def _holder(order: Order, place: str, asking: int) -> int | None:
-    """Return a chair that is, or will be, in a refuge."""
-    ends = ((chair, chain.spots[-1]) for chair, chain in order.chains.items() if chair != asking)
-    return next((chair for chair, spot in ends if order.ways.names[spot] == place), None)
+def place_to_wait(order: Order, chair: int) -> str | None:
+    """Return where a chair that makes room should go: its dock, else the nearest free dock or bay; None if there is none."""
+    ways = order.ways
+    at = order.chains[chair].spots[0]
+    taken = [ways.names[chain.spots[-1]] for chain in order.chains.values()]
+    taken += [request.goal for request in order.waiting]
+    options = [
+        (refuge.owner != chair, int(ways.least_ms(refuge.name)[at]), refuge.name)
+        for refuge in ways.graph.refuges
+        if (refuge.waiting or refuge.kind is RefugeKind.DOCK)
+        and refuge.owner in (None, chair)
+        and taken.count(refuge.name) < refuge.slots
+        and ways.least_ms(refuge.name)[at] < NEVER
+    ]
+    return min(options)[2] if options else None
+
+
+def _holder(order: Order, request: Request) -> int | None:
+    """Return a chair that is, or will be, in the place asked for, or else one that stands idle on the shortest way there."""
+    ways = order.ways
+    ends = {chair: chain.spots[-1] for chair, chain in order.chains.items() if chair != request.chair}
+    for chair, spot in ends.items():
+        if ways.names[spot] == request.goal:
+            return chair
+    left = ways.least_ms(request.goal)
+    spot = order.chains[request.chair].spots[0]
+    on_the_way = set()
+    while left[spot] > 0:
+        after = ways.after[ways.first[spot] : ways.first[spot + 1]]
+        spot = int(after[left[after].argmin()])
+        on_the_way.add(int(ways.resource[spot]))
+    return next((chair for chair, spot in ends.items() if int(ways.resource[spot]) in on_the_way), None)
 
 
 def _priority(chain: Chain, now_ms: int) -> Priority | None:

@@ -8,6 +8,7 @@ changes over, so that two chairs can never exchange their spots.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -23,6 +24,9 @@ _MS = 1e3
 
 NEVER = 1 << 50
 """ms; later than anything that is planned."""
+
+NOBODYS = -1
+"""A spot that is reserved for no goal."""
 
 MOST_AT_A_NODE = 64
 """Chairs for which a node of more capacity has spots; no corridor's end holds more."""
@@ -40,7 +44,8 @@ class Ways:
         first: (E's offsets, V + 1): the spots after spot v are after[first[v] : first[v + 1]].
         after: (E,).
         at_home: (V,) bool: slots of refuges, in which a chair is in nobody's way.
-        is_private: (V,) bool: slots that only a chair may enter whose goal they are.
+        reserved: (V,) the number of the refuge that must be a chair's goal before it may enter the spot, -1 for none: slots of
+            refuges at dead ends that are not for waiting, and the sections that lead into them: nobody waits in a door.
         speed: m/s of an undisturbed chair.
     """
 
@@ -51,7 +56,7 @@ class Ways:
     first: IntArray
     after: IntArray
     at_home: BoolArray
-    is_private: BoolArray
+    reserved: IntArray
     speed: float
 
     @property
@@ -65,6 +70,11 @@ class Ways:
         for spot in np.flatnonzero(self.at_home).tolist():
             found[self.names[spot]] = (*found.get(self.names[spot], ()), spot)
         return found
+
+    def is_barred(self, refuge: str) -> BoolArray:
+        """Return the spots (V,) that a chair with this goal must not enter, as they are reserved for other goals."""
+        number = next(k for k, each in enumerate(self.graph.refuges) if each.name == refuge)
+        return (self.reserved != NOBODYS) & (self.reserved != number)
 
     @cached_property
     def _backwards(self) -> csr_array:
@@ -81,7 +91,7 @@ class Ways:
     def least_ms(self, refuge: str) -> IntArray:
         """Return the least time (V,) [ms] from entering each spot to entering a slot of a refuge; `NEVER` if there is no way.
 
-        Private slots of other refuges are passed through here, which makes the time smaller at most.
+        Reserved spots are passed through here, which makes the time smaller at most.
         """
         if refuge not in self._known:
             found: FloatArray = dijkstra(self._backwards, indices=list(self.slots[refuge]), min_only=True)
@@ -103,7 +113,9 @@ def ways_of(graph: TrafficGraph, speed: float) -> Ways:
     numbers: dict[str, int] = {}
     spots: dict[str, list[int]] = {}
     at_home: list[bool] = []
-    is_private: list[bool] = []
+    reserved: list[int] = []
+    ends = Counter(end for section in graph.sections for end in (section.start, section.end))
+    rooms = {each.node: k for k, each in enumerate(graph.refuges) if not each.waiting and ends[each.node] == 1}
     for node in graph.nodes:
         refuge = graph.refuge_at.get(node.name)
         for _ in range(min(graph.capacity(node.name), MOST_AT_A_NODE)):
@@ -112,7 +124,7 @@ def ways_of(graph: TrafficGraph, speed: float) -> Ways:
             resource.append(numbers.setdefault(f"node {len(names)}", len(numbers)))
             passing.append(1)
             at_home.append(refuge is not None)
-            is_private.append(refuge is not None and not refuge.waiting)
+            reserved.append(rooms.get(node.name, NOBODYS))
     edges: list[tuple[int, int]] = []
     for section in graph.sections:
         lanes = section.lanes == 2 and section.lift is None
@@ -127,7 +139,7 @@ def ways_of(graph: TrafficGraph, speed: float) -> Ways:
             resource.append(numbers.setdefault(key, len(numbers)))
             passing.append(round(_MS * section.seconds(speed)))
             at_home.append(False)
-            is_private.append(False)
+            reserved.append(rooms.get(end, NOBODYS))
             edges += [(before, spot) for before in spots[start]]
             edges += [(spot, after) for after in spots[end]]
         if not lanes and section.lift is None:  # a chair may back out of it
@@ -142,6 +154,6 @@ def ways_of(graph: TrafficGraph, speed: float) -> Ways:
         first=first,
         after=np.array([edge[1] for edge in edges], np.int64),
         at_home=np.array(at_home),
-        is_private=np.array(is_private),
+        reserved=np.array(reserved, np.int64),
         speed=speed,
     )

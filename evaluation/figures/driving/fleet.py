@@ -6,16 +6,20 @@ The grids are those of `WAYCHAIR_DATA`; times are processor times of this thread
 
 from __future__ import annotations
 
+import math
 import os
 import statistics
 import time
 from pathlib import Path
 
-from evaluation.scenes.ordered_chairs import Done, Stops, cell_traffic, chairs_on
+import numpy as np
+
+from evaluation.scenes.ordered_chairs import SPEED, Done, Stops, cell_traffic, chairs_on, one_task
 from waychair.maps.grid.moving_ai import load_free_cells, load_queries
 from waychair.planning.fleet.agents import Task, fault, task_of_cells
 from waychair.planning.fleet.solving import load_kernels, solved
 from waychair.planning.fleet.waits import Audit, jain
+from waychair.planning.fleet.ways import ways_of
 from waychair.types import Json
 
 _GRIDS = Path(os.environ.get("WAYCHAIR_DATA", "")) / "mapf"
@@ -69,6 +73,7 @@ def fleet_narrow(out: Path) -> Json:
     hours, seeds = float(os.environ.get("FLEET_HOURS", "4")), int(os.environ.get("FLEET_SEEDS", "10"))
     found: dict[str, Json] = {}
     passed, lockups, chair_hours, begun = True, 0, 0.0, time.thread_time()
+    plan_ms: list[float] = []
     for chairs in (3, 5, 8):
         for bays in (False, True):
             means: dict[str, float] = {}
@@ -79,16 +84,40 @@ def fleet_narrow(out: Path) -> Json:
                     lockups += not world.run(round(hours * 3_600_000))
                     chair_hours += chairs * hours
                     delays += [task.delay_s for task in world.done]
+                    plan_ms += world.plan_ms if chairs < 8 else []
                 means[plan] = round(statistics.fmean(delays), 2)
             mean = statistics.fmean(means.values())
             passed &= mean <= _MOST_DELAY_S.get((chairs, bays), mean)
             found[f"{chairs} chairs{', bays' if bays else ''}"] = {"mean_s": round(mean, 2), **means}
+    gaps = {f"one task, {chairs} chairs": _one_task(chairs) for chairs in (3, 5)}
+    passed &= all(gap["granted_over_best"] <= 1.02 for gap in gaps.values())
     return {
         "passed": passed and lockups == 0,
+        "plan_ms_p50_p99": [round(float(np.percentile(plan_ms, share)), 2) for share in (50, 99)],
+        **gaps,
         "seeds": seeds,
         **_lockups(lockups, chair_hours),
         "cpu_s": round(time.thread_time() - begun, 1),
         **found,
+    }
+
+
+def _one_task(chairs: int) -> Json:
+    """Return the mean delays of one task each, all plans, and the ratios where the best ways are proven."""
+    count = int(os.environ.get("FLEET_TASKS", "100"))
+    tasks = [
+        one_task(ways_of(cell_traffic(plan, False), SPEED), chairs, seed) for plan in _PLANS for seed in range(count)
+    ]
+    tasks = [task for task in tasks if math.isfinite(task.rounds_s + task.granted_s)]
+    proven = [(task.best_s, task) for task in tasks if task.best_s is not None]
+    best = sum(best_s for best_s, _ in proven)
+    return {
+        "tasks": len(tasks),
+        "proven": len(proven),
+        "delay_s": round(statistics.fmean(task.granted_s for task in tasks), 2),
+        "best_s": round(best / max(len(proven), 1), 2),
+        "granted_over_best": round(sum(task.granted_s for _, task in proven) / best, 4) if best else 1.0,
+        "rounds_over_best": round(sum(task.rounds_s for _, task in proven) / best, 4) if best else 1.0,
     }
 
 

@@ -59,8 +59,9 @@ def plain_earliest(
             if time < ready or not is_free(spot, since, time + clearing_ms):
                 continue
             for other in ways.after[ways.first[spot] : ways.first[spot + 1]].tolist():
-                may = not ways.is_private[other] or ways.names[other] == goal
-                if may and is_free(other, time, time + int(ways.passing_ms[other]) + clearing_ms):
+                if not ways.is_barred(goal)[other] and is_free(
+                    other, time, time + int(ways.passing_ms[other]) + clearing_ms
+                ):
                     known.add((other, time))
                     if ways.names[other] == goal and is_free(other, time, NEVER):
                         return time
@@ -91,7 +92,13 @@ def can_be_reached(ways: Ways, places: Mapping[int, str], goals: Mapping[int, st
     for spot in range(len(ways.names)):
         for other in ways.after[ways.first[spot] : ways.first[spot + 1]].tolist():
             beside.setdefault(int(ways.resource[spot]), set()).add(int(ways.resource[other]))
-    private = set(ways.resource[ways.is_private].tolist())
+    doors = {
+        room: {f"{a}-{room}" for a in "abcm"} | {f"{room}-{a}" for a in "abcm"} | {room}
+        for room in ways.slots
+        if ways.reserved[ways.slots[room][0]] >= 0
+    }
+    names = {int(resource): ways.names[spot] for spot, resource in enumerate(ways.resource)}
+    room_of = {resource: room for resource, name in names.items() for room, parts in doors.items() if name in parts}
     start = tuple(int(ways.resource[ways.slots[places[chair]][0]]) for chair in chairs)
     end = tuple(int(ways.resource[ways.slots[goals[chair]][0]]) for chair in chairs)
     known, queue = {start}, deque([start])
@@ -102,7 +109,8 @@ def can_be_reached(ways: Ways, places: Mapping[int, str], goals: Mapping[int, st
         for k, resource in enumerate(now):
             for other in beside[resource]:
                 then = (*now[:k], other, *now[k + 1 :])
-                if other in now or then in known or (other in private and other not in (start[k], end[k])):
+                own = (room_of.get(start[k]), room_of.get(end[k]), None)
+                if other in now or then in known or room_of.get(other) not in own:
                     continue
                 known.add(then)
                 queue.append(then)

@@ -191,7 +191,25 @@ def test_a_closed_section_sends_chairs_back_and_round_or_leaves_them_where_they_
     line = ordered(LINE, {1: "P"}, {1: "Q"})
     barrier = line.ways.names.index("a-b")
     stuck = replace(line, closed=frozenset({int(line.ways.resource[barrier])}))
-    assert granted(stuck, 2000, CLEARING_MS, np.random.default_rng(0), 3).chains == line.chains
+    back = granted(stuck, 2000, CLEARING_MS, np.random.default_rng(0), 3)
+    assert len(back.chains[1].spots) == 1
+    assert [request.goal for request in back.waiting] == ["Q"]
+
+
+def test_a_chair_in_a_section_that_closes_drives_out_of_it_and_backs_out_of_a_run_closed_before_it() -> None:
+    order = ordered(LINE, {1: "P"}, {1: "Q"})
+    for _ in range(3):
+        order = cleared(entered(order, 1, 2000), 1)
+    inside = order.chains[1].spots[0]
+    assert order.ways.names[inside] == "a-b"
+    closed = replace(order, closed=frozenset({int(order.ways.resource[inside])}))
+    on = granted(closed, 2000, CLEARING_MS, np.random.default_rng(0), 3)
+    assert on.chains[1].spots == order.chains[1].spots
+    ahead = frozenset({int(order.ways.resource[order.chains[1].spots[1]])})
+    back = granted(replace(order, closed=ahead), 2000, CLEARING_MS, np.random.default_rng(0), 3)
+    assert back.ways.names[back.chains[1].spots[-1]] in ("P", "R")
+    assert [request.goal for request in back.waiting] == ["Q"]
+    assert foreseen(back, 2000, CLEARING_MS) is not None
 
 
 def test_priorities_age_up_to_appointments_and_top_outweighs_all() -> None:

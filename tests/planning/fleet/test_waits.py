@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from tests.planning.fleet.small_traffic import TEE, traffic
 from tests.planning.fleet.test_order import CLEARING_MS, ordered
+from waychair.maps.traffic.traffic_graph import RefugeKind
 from waychair.planning.fleet.order import Order, Request, cleared, entered, parked
 from waychair.planning.fleet.rules import Priority
-from waychair.planning.fleet.waits import Audit, Reason, Wait, in_the_way, jain, waits
+from waychair.planning.fleet.waits import IDLE_MS, Audit, Reason, Wait, in_the_way, jain, place_to_wait, waits
 from waychair.planning.fleet.warden import Answer, District, Heard, Lease, Report, decided
 from waychair.planning.fleet.ways import ways_of
 
@@ -49,10 +52,28 @@ def _cleared_rears(order: Order, now: int) -> Order:
 
 def test_an_idle_chair_in_a_wanted_place_is_named_with_the_chairs_that_wait() -> None:
     order = ordered(TEE, {1: "P", 2: "Q", 3: "T"}, {1: "Q", 3: "Q"})
-    assert in_the_way(order) == {2: (1, 3)}
+    assert in_the_way(order, 2000) == {}
+    assert in_the_way(order, IDLE_MS + 2000) == {2: (1, 3)}
     told = {wait.chair: wait for wait in waits(order, 2000, CLEARING_MS)}
     assert told[1].reason is Reason.TAKEN
     assert told[1].sentence == "Waits for chair 2 to leave Q."
+
+
+def test_a_chair_makes_room_in_its_own_dock_or_else_in_the_nearest_free_bay() -> None:
+    graph = traffic("docks", ["P-a", "a-b", "b-D", "b-c", "c-B"], bays="B")
+    order = parked(ways_of(graph, 1.0), {1: "P"})
+    assert place_to_wait(order, 1) == "B"
+    docks = tuple(replace(each, kind=RefugeKind.DOCK, owner=2) if each.name == "D" else each for each in graph.refuges)
+    assert place_to_wait(parked(ways_of(replace(graph, refuges=docks), 1.0), {1: "P", 3: "B"}), 1) is None
+    assert place_to_wait(parked(ways_of(replace(graph, refuges=docks), 1.0), {2: "P"}), 2) == "D"
+
+
+def test_a_chair_whose_place_shuts_off_the_goal_is_named() -> None:
+    through = traffic("a ward behind a desk", ["P-a", "a-D", "D-b", "b-Q"])
+    order = ordered(through, {1: "P", 2: "D"}, {1: "Q"})
+    (wait,) = waits(order, 2000, CLEARING_MS)
+    assert wait.sentence == "Waits for chair 2 to leave D."
+    assert in_the_way(order, IDLE_MS + 2000) == {2: (1,)}
 
 
 def test_an_exchange_without_room_to_pass_is_said() -> None:
