@@ -77,7 +77,6 @@ app.command(
     name="barn",
     help="Run the BARN benchmark (drives without a map), and print the score.",
 )
-app.command("waychair.cli.fleet:fleet_app", name="fleet", help="Let several chairs share a building.")
 app.command("waychair.cli.simulating:worlds_command", name="worlds", help="List the simulated worlds, or draw one.")
 app.command(
     "waychair.cli.simulating:simulate_command",

@@ -70,14 +70,17 @@ def _neighbours(ways: Ways, closed: frozenset[int]) -> Numbers:
 
 
 def _goals(order: Order, chairs: list[int], goals: Mapping[int, str]) -> Numbers | None:
-    """Return a slot's resource for each chair, its own one if it stays; None if a refuge has too few."""
+    """Return a slot's resource for each chair, its own one if it stays; None if a refuge has too few.
+
+    A chair whose goal is no refuge is one that stopped on its way: it stays where it is.
+    """
     ways = order.ways
     taken: set[int] = set()
     found: dict[int, int] = {}
     stays_first = sorted(chairs, key=lambda chair: ways.names[order.chains[chair].spots[-1]] != goals[chair])
     for chair in stays_first:
         own = int(ways.resource[order.chains[chair].spots[-1]])
-        slots = ways.resource[list(ways.slots[goals[chair]])].tolist()
+        slots = ways.resource[list(ways.slots[goals[chair]])].tolist() if goals[chair] in ways.slots else [own]
         free = [slot for slot in sorted(slots, key=lambda slot: slot != own) if slot not in taken]
         if not free:
             return None

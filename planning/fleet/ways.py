@@ -74,7 +74,8 @@ class Ways:
     def is_barred(self, refuge: str) -> BoolArray:
         """Return the spots (V,) that a chair with this goal must not enter, as they are reserved for other goals."""
         number = next(k for k, each in enumerate(self.graph.refuges) if each.name == refuge)
-        return (self.reserved != NOBODYS) & (self.reserved != number)
+        barred: BoolArray = (self.reserved != NOBODYS) & (self.reserved != number)
+        return barred
 
     @cached_property
     def _backwards(self) -> csr_array:

@@ -22,7 +22,7 @@ from tests.planning.fleet.small_traffic import (
 from waychair.errors import TaskError
 from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.granting import granted
-from waychair.planning.fleet.order import Order, Request, asked, cleared, entered, foreseen, held_up, parked
+from waychair.planning.fleet.order import Order, Request, asked, cleared, entered, foreseen, held_up, parked, stopped
 from waychair.planning.fleet.rules import Priority, aged, inherited, weight
 from waychair.planning.fleet.ways import ways_of
 
@@ -210,6 +210,22 @@ def test_a_chair_in_a_section_that_closes_drives_out_of_it_and_backs_out_of_a_ru
     assert back.ways.names[back.chains[1].spots[-1]] in ("P", "R")
     assert [request.goal for request in back.waiting] == ["Q"]
     assert foreseen(back, 2000, CLEARING_MS) is not None
+
+
+def test_two_chairs_exchange_their_places_around_a_third_that_died_in_the_corridor() -> None:
+    order = ordered(RING, {1: "P", 2: "Q", 3: "S"}, {3: "R"})
+    while order.ways.names[order.chains[3].spots[0]] != "c-d":
+        order = cleared(entered(order, 3, 2000), 3)
+    order = stopped(order, 3)
+    for number, (chair, goal) in enumerate({1: "Q", 2: "P"}.items(), 5):
+        order = asked(order, Request(number, chair, goal, 3000))
+    before = order.chains[3]
+    order = granted(order, 3000, CLEARING_MS, np.random.default_rng(0), 3)
+    assert order.chains[3] == before
+    assert len(order.waiting) in (0, 2)  # there is room to pass only in the free part of the ring
+    for state in all_states(order):
+        moving = [chair for chair, chain in state.chains.items() if is_under_way(chain)]
+        assert not moving or any(True for _ in next_orders(state))
 
 
 def test_priorities_age_up_to_appointments_and_top_outweighs_all() -> None:

@@ -1,4 +1,4 @@
-"""`waychair fleet`: paths for many agents, or one sentence with the remedy."""
+"""`waychair fleet solve`: paths for many agents, or one sentence with the remedy."""
 
 from __future__ import annotations
 

@@ -1,20 +1,17 @@
-"""`waychair fleet`: several chairs in one building."""
+"""`waychair fleet solve`: paths for many agents on a grid."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import App, Parameter
+from cyclopts import Parameter
 
 from waychair.cli.options.arguments import BadArgument, NonEmptyPath, NonNegativeInt, PositiveInt
 from waychair.cli.options.messages import sayer
 from waychair.cli.options.progress import announce_compiling
 
-fleet_app = App(name="fleet", help="Let several chairs share a building.")
 
-
-@fleet_app.command(name="solve")
 def solve_command(
     map: NonEmptyPath,
     scen: NonEmptyPath,
