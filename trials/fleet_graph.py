@@ -38,6 +38,9 @@ class RoutePlanner(Protocol):
     def route(self, chair: int, start: int, goal: int, now_s: float) -> PlannedRoute:
         """Return a chair's route; the planner remembers it for the others until the chair asks again."""
 
+    def again(self, chair: int, section: int, start: int, goal: int, now_s: float, left_s: float) -> PlannedRoute:
+        """Return another route from node `start` for a chair that will leave `section` there in `left_s`; -1: it is there."""
+
     def put_off(self, chair: int, begun: int, node_s: float) -> None:
         """Hear that a chair will have driven the first `begun` moves of its route at a time of day [s]."""
 
@@ -76,6 +79,22 @@ class PaperPlanner:
         commit(self._graph, self._commitments, chair, route, now_s, self._durations)
         return route
 
+    def again(self, chair: int, section: int, start: int, goal: int, now_s: float, left_s: float) -> PlannedRoute:
+        """Return another route from node `start` for a chair that will leave `section` there in `left_s`; -1: it is there.
+
+        The nodes stay committed for the section that the chair is on.
+        """
+        route = self.route(chair, start, goal, now_s + left_s)
+        if section >= 0:
+            ends = self._graph.ends[section]
+            whole = PlannedRoute(
+                np.concatenate(([section], route.sections)),
+                np.concatenate(([ends[0] + ends[1] - start], route.nodes)),
+                np.concatenate(([0.0], route.labels + left_s)),
+            )
+            commit(self._graph, self._commitments, chair, whole, now_s, self._durations)
+        return route
+
     def put_off(self, chair: int, begun: int, node_s: float) -> None:
         """Hear that a chair will have driven the first `begun` moves of its route at a time of day [s]."""
         put_off(self._commitments, chair, begun, node_s)
@@ -89,6 +108,7 @@ class FleetHours:
         delays: s of each task that was done, by chair.
         metres: m of the shortest way of the same tasks, by chair.
         waited: (C, 2) s that each chair stood for people and for chairs.
+        queued: (S, 2) s that chairs stood on or before each section, for people and for chairs.
         people_waited: mean s an hour that a person stood for chairs.
         longest_standstill: s, the longest time without a movement of any chair.
     """
@@ -97,6 +117,7 @@ class FleetHours:
     delays: list[list[float]]
     metres: list[list[float]]
     waited: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    queued: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     people_waited: float = 0.0
     longest_standstill: float = 0.0
 
@@ -136,7 +157,7 @@ def fleet_hours(
     planner = PaperPlanner(crowd.indexed, chairs, model.chair_speed, conflicts, top)
     free_way = free_times(crowd.indexed, model.chair_speed)
     result = FleetHours(hours, [[] for _ in range(chairs)], [[] for _ in range(chairs)])
-    began, ideal = np.zeros(chairs), np.full(chairs, -1.0)
+    began, ideal, goal_of = np.zeros(chairs), np.full(chairs, -1.0), [-1] * chairs
     while crowd.now < hours * 3600.0 - 1e-6:
         for chair, when in crowd.arrived():
             if ideal[chair] >= 0.0:
@@ -152,12 +173,28 @@ def fleet_hours(
                     planner.put_off(other, begun, crowd.now + left)
             route = planner.route(chair, here, goal, crowd.now)
             crowd.give(chair, [int(section) for section in route.sections])
-            began[chair], ideal[chair] = crowd.now, free_way[here, goal]
+            began[chair], ideal[chair], goal_of[chair] = crowd.now, free_way[here, goal], goal
+            if chair in top and conflicts is not Conflicts.NONE:
+                _search_again(crowd, planner, [c for c in range(chairs) if c not in top and ideal[c] >= 0.0], goal_of)
         crowd.run(hours * 3600.0)
-    result.waited = crowd.waited
+    result.waited, result.queued = crowd.waited, crowd.queued
     result.people_waited = crowd.people_held_up / hours
     result.longest_standstill = crowd.longest_standstill
     return result
+
+
+def _search_again(crowd: Crowd, planner: RoutePlanner, others: Sequence[int], goals: Sequence[int]) -> None:
+    """Let routine chairs under way search again after a top chair has committed itself.
+
+    The paper asks for the prediction of conflicts in the phases of confirmation and navigation, too.
+    """
+    for chair in others:
+        node = crowd.next_node(chair)
+        if node != goals[chair]:
+            _, left_s = crowd.progress(chair)
+            section = crowd.section_of(chair)
+            route = planner.again(chair, section, node, goals[chair], crowd.now, max(left_s, 0.0))
+            crowd.turn_off(chair, [int(each) for each in route.sections])
 
 
 def goal_nodes(graph: TrafficGraph) -> IntArray:

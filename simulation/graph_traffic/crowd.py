@@ -37,6 +37,7 @@ from waychair.simulation.graph_traffic.crowd_kernels import (
     run_crowd,
 )
 from waychair.simulation.scene.seeds import seed_from_names
+from waychair.types import FloatArray
 
 MOST_PEOPLE = 10_000
 """More people than that are no crowd of a building but a mistake."""
@@ -133,9 +134,14 @@ class Crowd:
         return float(self._arrays.clock[1])
 
     @property
-    def waited(self) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    def waited(self) -> FloatArray:
         """The time (C, 2) [s] that each chair has stood for people and for chairs."""
         return self._arrays.waited.copy()
+
+    @property
+    def queued(self) -> FloatArray:
+        """The time (S, 2) [s] that chairs have stood on or before each section, for people and for chairs."""
+        return self._arrays.queued.copy()
 
     @property
     def people_held_up(self) -> float:
@@ -155,6 +161,22 @@ class Crowd:
         arrays.moves[chair] = len(sections)
         arrays.news[chair] = GOING if sections else ARRIVED
         arrays.spare[chair] = 0.0
+
+    def turn_off(self, chair: int, sections: Sequence[int]) -> None:
+        """Give a chair under way another route from the end of its section on, or from its node."""
+        section, news = self.section_of(chair), int(self._arrays.news[chair])
+        spare = float(self._arrays.spare[chair])
+        self.give(chair, [*([section] if section >= 0 else []), *sections])
+        arrays = self._arrays
+        arrays.position[chair] = int(section >= 0)
+        arrays.news[chair], arrays.spare[chair] = news, spare
+
+    def next_node(self, chair: int) -> int:
+        """Return the node at the end of a chair's section, or at which it is."""
+        arrays, section = self._arrays, self.section_of(chair)
+        if section < 0:
+            return self.node_of(chair)
+        return int(self.indexed.ends[section, 1 - arrays.direction[chair]])
 
     def permit(self, chair: int, section: int) -> None:
         """Allow a chair to enter a section next."""
@@ -226,6 +248,7 @@ def _initial(
         news=np.full(chairs, ARRIVED, dtype=np.int64),
         moving=np.zeros(chairs, dtype=np.int64),
         waited=np.zeros((chairs, 2)),
+        queued=np.zeros((sections, 2)),
         stood_since=np.zeros(chairs),
         on_section=on_section.astype(np.int64),
         walking=walking.astype(np.int64),

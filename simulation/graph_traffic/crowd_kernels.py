@@ -49,6 +49,7 @@ class CrowdArrays(NamedTuple):
         news: (C,) GOING, ARRIVED or ASKING.
         moving: (C,) whether the chair drove in the last step.
         waited: (C, 2) s stood for people and for chairs.
+        queued: (S, 2) s that chairs stood for people and for chairs on or before each section.
         stood_since: (C,) s, the time of the last movement.
         on_section, walking, at: (P,) the person's section, direction and metres walked on it.
         held_up: (P,) s that the person stood for chairs.
@@ -71,6 +72,7 @@ class CrowdArrays(NamedTuple):
     news: IntArray
     moving: IntArray
     waited: FloatArray
+    queued: FloatArray
     stood_since: FloatArray
     on_section: IntArray
     walking: IntArray
@@ -159,6 +161,13 @@ def _gives_way(crowd: CrowdArrays, rules: CrowdRules, c: int) -> bool:
     return rules.rule == HUMANS_FIRST or (rules.rule == FLEXIBLE and crowd.inherited[c] < PEOPLE)
 
 
+@njit(cache=True, error_model="numpy", inline="always")
+def _stand(crowd: CrowdArrays, rules: CrowdRules, c: int, s: int, whom: int) -> None:
+    """Count a step that a chair stands on or before a section, for people (0) or for chairs (1)."""
+    crowd.waited[c, whom] += rules.step_s
+    crowd.queued[s, whom] += rules.step_s
+
+
 @njit(cache=True, error_model="numpy")
 def _drive(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int) -> None:
     """Move a chair on its section, unless a person comes towards it or a chair is before it."""
@@ -168,13 +177,13 @@ def _drive(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int)
             if crowd.on_section[p] == s and crowd.walking[p] != d:
                 between = graph.length[s] - crowd.at[p] - crowd.offset[c]
                 if 0.0 <= between < rules.stand_distance:
-                    crowd.waited[c, 0] += rules.step_s
+                    _stand(crowd, rules, c, s, 0)
                     return
     for other in range(len(crowd.section)):
         if other != c and crowd.section[other] == s and crowd.direction[other] == d:
             between = crowd.offset[other] - crowd.offset[c]
             if 0.0 < between < rules.gap or (between == 0.0 and other < c):
-                crowd.waited[c, 1] += rules.step_s
+                _stand(crowd, rules, c, s, 1)
                 return
     crowd.moving[c] = 1
     crowd.offset[c] += rules.chair_speed * rules.step_s
@@ -197,7 +206,7 @@ def _enter(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int)
     spare = crowd.spare[c]
     crowd.spare[c] = 0.0
     if crowd.permit[c] not in (s, ANY):
-        crowd.waited[c, 1] += rules.step_s
+        _stand(crowd, rules, c, s, 1)
         crowd.news[c] = ASKING
         return
     for other in range(len(crowd.section)):
@@ -205,10 +214,10 @@ def _enter(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int)
             continue
         against = crowd.direction[other] != d and graph.lanes[s] == 1
         if against or (crowd.direction[other] == d and crowd.offset[other] < rules.gap):
-            crowd.waited[c, 1] += rules.step_s
+            _stand(crowd, rules, c, s, 1)
             return
     if graph.lanes[s] == 1 and crowd.facing[s, 1 - d] > 0 and _gives_way(crowd, rules, c):
-        crowd.waited[c, 0] += rules.step_s
+        _stand(crowd, rules, c, s, 0)
         return
     if crowd.permit[c] != ANY:
         crowd.permit[c] = -1
