@@ -213,12 +213,12 @@ def _graph(
     sections: list[Section] = []
     used: dict[str, int] = {}
     for piece in pieces:
-        start, end = names[piece[0]], names[piece[-1]]
-        used[f"{start}-{end}"] = number = used.get(f"{start}-{end}", 0) + 1
+        first, last = names[piece[0]], names[piece[-1]]
+        used[f"{first}-{last}"] = number = used.get(f"{first}-{last}", 0) + 1
         width = 2.0 * min(float(clear[cell]) for cell in piece)
-        label = f"{start}-{end}" if number == 1 else f"{start}-{end}-{number}"
+        label = f"{first}-{last}" if number == 1 else f"{first}-{last}-{number}"
         lanes = max(1, lanes_for(width, chair_width))
-        sections.append(Section(label, start, end, _length(piece, grid.resolution), width, lanes))
+        sections.append(Section(label, first, last, _length(piece, grid.resolution), width, lanes))
     refuges: list[Refuge] = []
     for place in places:
         at = names[stubs[place.name]]

@@ -98,7 +98,7 @@ def draw(state: NDArray[np.uint64], below: int) -> int:
 def run_crowd(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, until: float) -> bool:
     """Let chairs and people move until a time [s], or until the step after which a chair has news; return whether one has."""
     chairs = len(crowd.section)
-    order = np.arange(chairs)
+    order: IntArray = np.arange(chairs)
     while crowd.clock[0] < until - 1e-9:
         crowd.clock[0] += rules.step_s
         _inherit(graph, crowd, rules)
@@ -107,12 +107,12 @@ def run_crowd(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, unti
             if crowd.section[c] >= 0:
                 _drive(graph, crowd, rules, c)
         for i in range(chairs - 1, 0, -1):  # equal chairs have equal chances at a section
-            j = draw(crowd.random, i + 1)
-            order[i], order[j] = order[j], order[i]
+            k = draw(crowd.random, i + 1)
+            order[i], order[k] = order[k], order[i]
         for level in range(TOP, ROUTINE - 1, -1):
-            for c in order:
-                if crowd.section[c] < 0 and crowd.inherited[c] == level:
-                    _enter(graph, crowd, rules, c)
+            for i in range(chairs):
+                if crowd.section[order[i]] < 0 and crowd.inherited[order[i]] == level:
+                    _enter(graph, crowd, rules, order[i])
         news = False
         moved = crowd.clock[0]
         for c in range(chairs):

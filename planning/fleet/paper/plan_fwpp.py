@@ -48,7 +48,7 @@ class Commitments(NamedTuple):
     """The routes of R chairs as the nodes know them, at most K moves each.
 
     Attributes:
-        count: (R,) moves of each route; 0 for a chair that rests.
+        moves: (R,) moves of each route; 0 for a chair that rests.
         sections: (R, K) the sections driven.
         nodes: (R, K + 1) the nodes passed.
         arrivals: (R, K + 1) s, the time of day at which the chair is at each node.
@@ -57,7 +57,7 @@ class Commitments(NamedTuple):
         priority: (R,) higher goes first.
     """
 
-    count: IntArray
+    moves: IntArray
     sections: IntArray
     nodes: IntArray
     arrivals: FloatArray
@@ -97,7 +97,7 @@ def commit(
 ) -> None:
     """Enter a chair's route that starts at a time of day [s]; `durations` (S,) [s] are the chair's on every section."""
     moves = len(route.sections)
-    commitments.count[chair] = moves
+    commitments.moves[chair] = moves
     commitments.sections[chair, :moves] = route.sections
     commitments.nodes[chair, : moves + 1] = route.nodes
     commitments.arrivals[chair, : moves + 1] = start_s + route.labels
@@ -113,7 +113,7 @@ def put_off(commitments: Commitments, chair: int, begun: int, node_s: float) -> 
     The node that a chair leaves tells the next ones when the chair comes late. With `begun` 0 the chair is at its source
     since `node_s`.
     """
-    if begun < commitments.count[chair] + 1:
+    if begun < commitments.moves[chair] + 1:
         late = node_s - commitments.arrivals[chair, begun]
         commitments.arrivals[chair, begun:] += late
 
@@ -207,7 +207,7 @@ def penalty(
 ) -> float:
     """Return the penalty [s] for a chair that leaves node `at` for node `ahead` at the time of day `here_s`."""
     worst = 0.0
-    for other in range(len(commitments.count)):
+    for other in range(len(commitments.moves)):
         if other == chair or commitments.priority[other] < commitments.priority[chair]:
             continue
         k = conflicting_move(duration, commitments, other, section, at, here_s, conflicts)
@@ -220,7 +220,7 @@ def penalty(
         arrival = commitments.arrivals[other, k]
         if commitments.priority[other] > commitments.priority[chair]:
             first = here_s + duration  # the time at which r, or another chair in conflict with it, is first at `ahead`
-            for third in range(len(commitments.count)):
+            for third in range(len(commitments.moves)):
                 if third not in (chair, other):
                     j = conflicting_move(duration, commitments, third, section, at, here_s, conflicts)
                     if j >= 0:
@@ -228,7 +228,7 @@ def penalty(
             if abs(first - arrival) < commitments.shortest[other, k] / 3.0:
                 return taken
         worst = max(worst, taken)
-    return worst
+    return float(worst)
 
 
 @njit(cache=True, error_model="numpy")
@@ -236,7 +236,7 @@ def conflicting_move(
     duration: float, commitments: Commitments, other: int, section: int, at: int, here_s: float, conflicts: int
 ) -> int:
     """Return the move of another chair that comes towards `at` on the section in conflict, or -1."""
-    for k in range(commitments.count[other]):
+    for k in range(commitments.moves[other]):
         if commitments.sections[other, k] != section or commitments.nodes[other, k + 1] != at:
             continue
         taken = commitments.durations[other, k]
