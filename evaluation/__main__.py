@@ -23,6 +23,7 @@ from evaluation.figures.driving import (
     scenes,
     situations,
 )
+from evaluation.figures.fleet import gap, tables
 from evaluation.figures.mapping import (
     appearance,
     cases,
@@ -115,6 +116,8 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "appears": hazards.appears,
     "reacts": monitor.reacts,
     "ride": hazards.ride,
+    "fleet_tables": tables.fleet_tables,
+    "fleet_gap": gap.fleet_gap,
     "real_maps": real_maps.real_maps,
     "help": start_up.run,
     "monitor_killed": monitor.monitor_killed,

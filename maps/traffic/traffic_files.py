@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from waychair.errors import TrafficError
-from waychair.files import is_file, os_error_text, read_bytes, write_text
+from waychair.files import is_file, os_error_text, read_text, write_text
 from waychair.maps.traffic.traffic_graph import (
     Refuge,
     RefugeKind,
@@ -96,10 +96,7 @@ def read_traffic(path: Path) -> TrafficGraph:
     """
     if not is_file(path, TrafficError):
         raise TrafficError(f"there is no traffic graph at {path}; give the path of its text file")
-    try:
-        return traffic_from_text(read_bytes(path, TrafficError).decode(), str(path))
-    except UnicodeDecodeError:
-        raise TrafficError(f"{path} is no traffic graph: it is not text; give the path of its text file") from None
+    return traffic_from_text(read_text(path, TrafficError), str(path))
 
 
 def write_traffic(path: Path, graph: TrafficGraph) -> None:
@@ -132,8 +129,8 @@ def _lines(graph: TrafficGraph) -> Iterator[str]:
         use = "waiting" if refuge.waiting else "own"
         owner = NONE if refuge.owner is None else refuge.owner
         yield f"refuge {quote(refuge.name)} {quote(refuge.node)} slots {refuge.slots} {refuge.kind.value} {use} owner {owner}"
-    for lift in graph.lifts:
-        yield " ".join(("lift", quote(lift.name), *(quote(stop) for stop in lift.stops)))
+    for cabin in graph.lifts:
+        yield " ".join(("lift", quote(cabin.name), *(quote(stop) for stop in cabin.stops)))
 
 
 def _fields(words: list[str], form: str) -> list[str]:
