@@ -14,7 +14,6 @@ from evaluation.figures.driving import (
     drive_time,
     dstar_lite,
     dwa,
-    fleet,
     harmonic,
     hazards,
     monitor,
@@ -23,7 +22,7 @@ from evaluation.figures.driving import (
     scenes,
     situations,
 )
-from evaluation.figures.fleet import gap, tables
+from evaluation.figures.fleet import coordinator, gap, tables
 from evaluation.figures.mapping import (
     appearance,
     cases,
@@ -106,9 +105,9 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "harmonic_fields": harmonic.harmonic_fields,
     "harmonic_movers": harmonic.harmonic_movers,
     "harmonic_speed": harmonic.harmonic_speed,
-    "fleet_mapf": fleet.fleet_mapf,
-    "fleet_narrow": fleet.fleet_narrow,
-    "fleet_delays": fleet.fleet_delays,
+    "fleet_mapf": coordinator.fleet_mapf,
+    "fleet_narrow": coordinator.fleet_narrow,
+    "fleet_delays": coordinator.fleet_delays,
     "edges": hazards.edges,
     "glass_door": hazards.glass_door,
     "paper_scenes": hazards.paper_scenes,

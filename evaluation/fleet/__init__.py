@@ -1,1 +1,1 @@
-"""What the figures about several chairs compare with: the paper's tables and the proven optimum."""
+"""Several chairs in one building: chairs that drive by the coordinator's order, the paper's tables, the proven optimum."""

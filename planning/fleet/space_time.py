@@ -13,12 +13,6 @@ from numba import njit
 
 from waychair.planning.fleet.agents import Numbers
 
-BARRED = -2
-"""In a table of vertices: closed to everybody at this step."""
-
-NO_EDGES = np.zeros((0, 3), np.int32)
-"""No move is barred."""
-
 
 class Scratch(NamedTuple):
     """Memory of searches: marks (T N,), the state before (T N,), the next state of the bucket (T N,), heads (T + 1,)."""
@@ -70,7 +64,6 @@ def quickest(
     neighbours: Numbers,
     towards: Numbers,
     held: Numbers,
-    barred: Numbers,
     start: int,
     goal: int,
     latest: int,
@@ -81,8 +74,7 @@ def quickest(
     """Write the quickest path of an agent into `path` (T,), and return the step at which it reaches its goal for good.
 
     Returns -1 if it cannot be there by the step `latest`. `towards` (N,) are the steps to the goal. `held` (T, N) is the
-    agent in each vertex after each step, -1 for none, -2 for a vertex barred to all; `barred` (K, 3) are moves that are
-    not allowed: step, from, to. `turn` rotates the order of neighbours among equals.
+    agent in each vertex after each step, -1 for none. `turn` rotates the order of neighbours among equals.
     """
     steps, count = held.shape
     degree = neighbours.shape[1]
@@ -131,11 +123,6 @@ def quickest(
             meets = held[step, other]
             if side >= 0 and meets >= 0 and held[step + 1, vertex] == meets:
                 continue
-            is_barred = False
-            for edge in range(len(barred)):
-                is_barred |= barred[edge, 0] == step and barred[edge, 1] == vertex and barred[edge, 2] == other
-            if is_barred:
-                continue
             memory.marks[after] = mark
             memory.before[after] = state
             memory.following[after] = memory.heads[arrival]
@@ -176,7 +163,6 @@ def replanned(
             for step in range(steps):
                 held[step, paths[agent, step]] = -1
     total, planned = 0, 0
-    barred = np.zeros((0, 3), np.int32)
     for k in range(count):
         agent = order[k]
         start = old[k, 0]
@@ -185,7 +171,6 @@ def replanned(
             neighbours,
             towards[agent],
             held,
-            barred,
             start,
             goals[agent],
             allowed - total - rest,

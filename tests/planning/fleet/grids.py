@@ -56,9 +56,7 @@ def plain_steps(neighbours: IntArray, goal: int) -> list[int]:
     return steps
 
 
-def plain_quickest(
-    neighbours: IntArray, held: IntArray, barred: set[tuple[int, int, int]], start: int, goal: int
-) -> int:
+def plain_quickest(neighbours: IntArray, held: IntArray, start: int, goal: int) -> int:
     """Return the earliest step of arrival for good among fixed paths, by trying all vertices step by step; -1 if none."""
     reached = {start} if held[0, start] == -1 else set()
     for step in range(len(held)):
@@ -72,7 +70,6 @@ def plain_quickest(
             for other in [vertex, *beside(neighbours, vertex)]
             if held[step + 1, other] == -1
             and not (held[step, other] >= 0 and held[step + 1, vertex] == held[step, other])
-            and (step, vertex, other) not in barred
         }
     return -1
 

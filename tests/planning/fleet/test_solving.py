@@ -21,7 +21,7 @@ from waychair.planning.fleet.agents import Task, check_reachable, costs, fault, 
 from waychair.planning.fleet.lacam import first_answer, next_configuration
 from waychair.planning.fleet.lns import improvements, planned_in_order
 from waychair.planning.fleet.solving import solved
-from waychair.planning.fleet.space_time import NO_EDGES, quickest, scratch, steps_to
+from waychair.planning.fleet.space_time import quickest, scratch, steps_to
 
 CORRIDOR = task_of_cells(np.ones((1, 4), bool), [(0, 0), (0, 3)], [(0, 3), (0, 0)])
 
@@ -44,20 +44,15 @@ def test_the_quickest_path_among_fixed_ones_equals_a_plain_search_and_keeps_the_
         held = np.full((paths.shape[1], len(task.neighbours)), -1, np.int32)
         for agent, path in enumerate(paths):
             held[np.arange(len(path)), path] = agent
-        moves = {(int(rng.integers(4)), int(v), int(w)) for v, row in enumerate(task.neighbours) for w in row if w >= 0}
-        barred = set(sorted(moves)[::3])
-        for edges in (NO_EDGES, np.array(sorted(barred), np.int32)):
-            path = np.empty(paths.shape[1], np.int32)
-            start, goal = int(task.starts[0]), int(task.goals[0])
-            room = scratch(*held.shape)
-            found = quickest(task.neighbours, towards[0], held, edges, start, goal, 99, number, room, path)
-            assert found == plain_quickest(task.neighbours, held, barred if len(edges) else set(), start, goal)
-            if found >= 0:
-                whole = Task(task.neighbours, task.starts, task.goals)
-                assert fault(whole, np.vstack([path[None], paths])) == ""
-                assert costs(path[None])[0] == found
-                late = quickest(task.neighbours, towards[0], held, edges, start, goal, found - 1, 0, room, path)
-                assert late == -1
+        path = np.empty(paths.shape[1], np.int32)
+        start, goal = int(task.starts[0]), int(task.goals[0])
+        room = scratch(*held.shape)
+        found = quickest(task.neighbours, towards[0], held, start, goal, 99, number, room, path)
+        assert found == plain_quickest(task.neighbours, held, start, goal)
+        if found >= 0:
+            assert fault(task, np.vstack([path[None], paths])) == ""
+            assert costs(path[None])[0] == found
+            assert quickest(task.neighbours, towards[0], held, start, goal, found - 1, 0, room, path) == -1
 
 
 def test_the_next_configuration_equals_pibt_as_published() -> None:

@@ -24,6 +24,9 @@ SPEED = 1.0 / 3.0
 LOCKED_MS = 300_000
 """ms without a move of anybody, while somebody wants to move: the chairs have locked each other up."""
 
+_CLEARING_MS = 1
+"""ms that a rear takes to leave a cell: a chair follows another cell by cell, as on the grids of the benchmark."""
+
 _OFF_MS = 10_000
 """ms that a chair may be late before the order is planned anew."""
 
@@ -78,13 +81,11 @@ class OrderedChairs:
     `replans` says whether the order is planned anew when somebody is late.
     """
 
-    ways: Ways
     order: Order
     rng: np.random.Generator
     stops: Stops = Stops()
     rounds: int = 30
     replans: bool = True
-    clearing_ms: int = 1
     now_ms: int = 0
     moved_ms: int = 0
     done: list[Done] = field(default_factory=list)
@@ -114,7 +115,7 @@ class OrderedChairs:
         while waiting:
             chair = waiting.pop()
             chain = self.order.chains[chair]
-            while chain.behind and self.now_ms >= chain.entered_ms + self.clearing_ms:
+            while chain.behind and self.now_ms >= chain.entered_ms + _CLEARING_MS:
                 self.order = cleared(self.order, chair)
                 chain = self.order.chains[chair]
                 waiting += [other for other in self.order.chains if other != chair]
@@ -123,7 +124,7 @@ class OrderedChairs:
                     self._enter(chair)
                     waiting.append(chair)
                 elif self.audit is not None and chair not in self.audit.begun:
-                    self.audit.begin(wait_of(self.order, chair, self.now_ms, self.clearing_ms), self.now_ms)
+                    self.audit.begin(wait_of(self.order, chair, self.now_ms, _CLEARING_MS), self.now_ms)
 
     def _enter(self, chair: int) -> None:
         if self.audit is not None:
@@ -133,7 +134,7 @@ class OrderedChairs:
         self.moved_ms = self.now_ms
         self._stop(chair)
         chain = self.order.chains[chair]
-        heapq.heappush(self.events, (chain.entered_ms + self.clearing_ms, chair))
+        heapq.heappush(self.events, (chain.entered_ms + _CLEARING_MS, chair))
         heapq.heappush(self.events, (chain.ready_ms, chair))
         if len(chain.spots) == 1 and before.request is not None:
             request = before.request
@@ -144,7 +145,7 @@ class OrderedChairs:
     def _stop(self, chair: int) -> None:
         """Begin a stop by chance, and have the order planned anew when it is long."""
         chain = self.order.chains[chair]
-        if self.ways.passing_ms[chain.spots[0]] <= 1 or self.rng.random() >= self.stops.share:
+        if self.order.ways.passing_ms[chain.spots[0]] <= 1 or self.rng.random() >= self.stops.share:
             return
         stop_ms = round(1e3 * self.rng.exponential(self.stops.mean_s))
         self.order = held_up(self.order, chair, chain.ready_ms + stop_ms)
@@ -153,20 +154,20 @@ class OrderedChairs:
 
     def _new_task(self, chair: int) -> None:
         """Ask for a way to a refuge that nobody is in or goes to."""
-        names = self.ways.names
+        names = self.order.ways.names
         taken = {names[chain.spots[-1]] for chain in self.order.chains.values()}
         taken |= {request.goal for request in self.order.waiting}
-        free = [name for name in self.ways.slots if name not in taken]
+        free = [name for name in self.order.ways.slots if name not in taken]
         goal = free[int(self.rng.integers(len(free)))]
         self.requests += 1
         self.order = asked(self.order, Request(self.requests, chair, goal, self.now_ms))
-        self.alone_ms[chair] = int(self.ways.least_ms(goal)[self.order.chains[chair].spots[0]]) - 1
+        self.alone_ms[chair] = int(self.order.ways.least_ms(goal)[self.order.chains[chair].spots[0]]) - 1
 
     def _plan(self) -> None:
         begun = time.thread_time()
-        self.order = granted(self.order, self.now_ms, self.clearing_ms, self.rng, self.rounds)
+        self.order = granted(self.order, self.now_ms, _CLEARING_MS, self.rng, self.rounds)
         self.plan_ms.append(1e3 * (time.thread_time() - begun))
-        assert foreseen(self.order, self.now_ms, self.clearing_ms) is not None
+        assert foreseen(self.order, self.now_ms, _CLEARING_MS) is not None
         for chair, chain in self.order.chains.items():
             self.most_overtaken = max(self.most_overtaken, len(chain.overtaken_by))
             heapq.heappush(self.events, (max(chain.ready_ms, self.now_ms), chair))
@@ -195,16 +196,16 @@ def one_task(ways: Ways, chairs: int, seed: int, steps: int = 2000, rounds: int 
 
     def way_of(chair: int, constraints: tuple[Constraint, ...]) -> tuple[Stay, ...]:
         gaps = gaps_between(ways, barred_uses(ways, constraints), 0)
-        return earliest(ways, gaps, starts[chair], 0, goals[chair], 1, barred=barred_entries(constraints))
+        return earliest(ways, gaps, starts[chair], 0, goals[chair], _CLEARING_MS, barred=barred_entries(constraints))
 
-    best = best_ways(ways, dict.fromkeys(range(chairs), 1.0), way_of, 1, steps)
+    best = best_ways(ways, dict.fromkeys(range(chairs), 1.0), way_of, _CLEARING_MS, steps)
 
     def delay_s(arrivals: float) -> float:
         return 1e-3 * (arrivals - alone) / chairs
 
     def by(proof_steps: int) -> float:
-        new = granted(order, 0, 1, np.random.default_rng(seed), rounds, proof_steps)
-        times = foreseen(new, 0, 1)
+        new = granted(order, 0, _CLEARING_MS, np.random.default_rng(seed), rounds, proof_steps)
+        times = foreseen(new, 0, _CLEARING_MS)
         if times is None or new.waiting:
             return math.inf
         return delay_s(sum(times[Turn(chair, chain.last)].from_ms for chair, chain in new.chains.items()))
@@ -216,4 +217,4 @@ def chairs_on(graph: TrafficGraph, chairs: int, seed: int, **how: object) -> Ord
     """Return chairs parked in random refuges of a graph."""
     ways, rng = ways_of(graph, SPEED), np.random.default_rng(seed)
     rooms = rng.permutation(sorted(ways.slots))[:chairs].tolist()
-    return OrderedChairs(ways, parked(ways, dict(enumerate(rooms, start=1))), rng, **how)  # type: ignore[arg-type]
+    return OrderedChairs(parked(ways, dict(enumerate(rooms, start=1))), rng, **how)  # type: ignore[arg-type]

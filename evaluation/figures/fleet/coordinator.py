@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.scenes.ordered_chairs import SPEED, Done, Stops, cell_traffic, chairs_on, one_task
+from evaluation.fleet.ordered_chairs import SPEED, Done, Stops, cell_traffic, chairs_on, one_task
 from waychair.maps.grid.moving_ai import load_free_cells, load_queries
 from waychair.planning.fleet.agents import Task, fault, task_of_cells
 from waychair.planning.fleet.solving import load_kernels, solved
