@@ -84,6 +84,11 @@ app.command(
     help="Drive a simulated chair along a route of a world, and record it.",
 )
 app.command(
+    "waychair.cli.fleet:fleet_app",
+    name="fleet",
+    help="Simulate several chairs in one building, and check its corridors.",
+)
+app.command(
     "waychair.cli.vocabulary_command:vocabulary_command",
     name="vocabulary",
     help="Make a vocabulary of visual words from pictures.",

@@ -26,6 +26,7 @@ from evaluation.figures.driving import (
     scenes,
     situations,
 )
+from evaluation.figures.fleet import coordinator, gap, tables
 from evaluation.figures.mapping import (
     appearance,
     cases,
@@ -116,6 +117,9 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "harmonic_fields": harmonic.harmonic_fields,
     "harmonic_movers": harmonic.harmonic_movers,
     "harmonic_speed": harmonic.harmonic_speed,
+    "fleet_mapf": coordinator.fleet_mapf,
+    "fleet_narrow": coordinator.fleet_narrow,
+    "fleet_delays": coordinator.fleet_delays,
     "edges": hazards.edges,
     "glass_door": hazards.glass_door,
     "paper_scenes": hazards.paper_scenes,
@@ -127,6 +131,8 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "laser_line": laser_line.laser_line,
     "reacts": monitor.reacts,
     "ride": hazards.ride,
+    "fleet_tables": tables.fleet_tables,
+    "fleet_gap": gap.fleet_gap,
     "real_maps": real_maps.real_maps,
     "help": start_up.run,
     "monitor_killed": monitor.monitor_killed,

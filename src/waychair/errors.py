@@ -82,6 +82,10 @@ class ZoneError(WaychairError):
     """A list of zones is invalid."""
 
 
+class TrafficError(WaychairError):
+    """A traffic graph or floor plan is impossible, damaged or cannot be made."""
+
+
 class WorldError(WaychairError):
     """A simulated world's file is invalid."""
 
@@ -171,6 +175,10 @@ class MapTooLarge(PlanningError):
 
 class NotConverged(PlanningError):
     """A potential field did not reach its accuracy within the allowed iterations or time."""
+
+
+class TaskError(PlanningError):
+    """The starts or goals of several agents contradict each other."""
 
 
 class OutputError(WaychairError):

@@ -1,0 +1,220 @@
+"""`waychair fleet`: several chairs in one building."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import App, Parameter, validators
+
+from waychair.cli.options.arguments import BadArgument, NonNegativeInt, PositiveInt
+
+if TYPE_CHECKING:
+    from waychair.maps.traffic.traffic_graph import TrafficGraph
+    from waychair.trials.fleet_graph import FleetHours
+    from waychair.types import Json
+
+fleet_app = App(name="fleet", help="Simulate several chairs in one building, and check its corridors.")
+fleet_app.command(
+    "waychair.cli.fleet_solving:solve_command", name="solve", help="Find short paths for many agents on a grid."
+)
+
+_MOST_HOURS = 1000
+"""Longer runs take minutes; more seeds say more than longer runs."""
+
+PositiveFloat = Annotated[float, Parameter(validator=validators.Number(gt=0))]
+
+
+@fleet_app.command(name="simulate")
+def simulate_command(
+    plan: str,
+    /,
+    *,
+    chairs: PositiveInt = 3,
+    persons: NonNegativeInt = 7,
+    rule: Literal["humans", "flexible", "chairs"] = "humans",
+    planner: Literal["fwpp", "fwpp-printed", "fwpp-exact", "shortest"] = "fwpp",
+    hours: PositiveFloat = 1.0,
+    seeds: PositiveInt = 4,
+    width: PositiveFloat = 1.2,
+    rooms: bool = False,
+    json: bool = False,
+) -> None:
+    """Let chairs drive random tasks among people on the corridors of a building, and print their delays.
+
+    A task's delay is its time less that of the shortest way with nobody about. Every chair drives 0.33 m/s, every person
+    walks 0.6 m/s.
+
+    Parameters
+    ----------
+    plan
+        A shipped floor plan (2bconR, 2d-grid, 3tie, 4cross, 9cube, I, Rectangle, T or fig8), a plan's .yaml file, a map
+        folder, or a traffic graph's text file.
+    chairs
+        Number of chairs.
+    persons
+        Number of people who walk about.
+    rule
+        humans: chairs stand for people; flexible: chair 0 has top priority and people stand for it; chairs: people stand.
+    planner
+        fwpp: the paper's Plan-FWPP as it is meant; fwpp-printed: as it is printed; fwpp-exact: with exact conflicts;
+        shortest: without regard to other chairs.
+    hours
+        Simulated hours of each run.
+    seeds
+        Number of runs, with seeds 0, 1, 2, ...
+    width
+        Width of a floor plan's corridors in metres; from 1.5 on two chairs pass each other.
+    rooms
+        Chairs drive between rooms beside the corridors of a floor plan, instead of between all nodes.
+    json
+        Print JSON.
+    """
+    from waychair.cli.options.progress import announce_compiling
+    from waychair.planning.fleet.paper.plan_fwpp import Conflicts
+    from waychair.simulation.graph_traffic.crowd import RightOfWay
+    from waychair.trials.fleet_graph import fleet_hours
+    from waychair.trials.fleet_sources import graph_from_source
+
+    if hours > _MOST_HOURS:
+        raise BadArgument(f"--hours {hours:g} is more than {_MOST_HOURS}; give a smaller number, and more --seeds")
+    graph = graph_from_source(plan, width=width, rooms=rooms)
+    readings = {
+        "fwpp": Conflicts.READ,
+        "fwpp-printed": Conflicts.PRINTED,
+        "fwpp-exact": Conflicts.EXACT,
+        "shortest": Conflicts.NONE,
+    }
+    announce_compiling()
+    runs: list[FleetHours] = []
+    for seed in range(seeds):
+        runs.append(
+            fleet_hours(
+                graph,
+                chairs=chairs,
+                people=persons,
+                rule=RightOfWay(rule),
+                hours=hours,
+                seed=seed,
+                conflicts=readings[planner],
+            )
+        )
+        if not json:
+            print(f"seed {seed}: {_tasks(runs[-1])}", flush=True)
+    _print_result(graph, runs, json)
+
+
+def _tasks(run: FleetHours) -> str:
+    count = sum(len(chair) for chair in run.delays)
+    delay = f", mean delay {run.mean_delay:.1f} s" if count else ""
+    return f"{count} tasks{delay}" + (", locked up" if run.locked_up else "")
+
+
+def _print_result(graph: TrafficGraph, runs: list[FleetHours], json: bool) -> None:
+    from waychair.trials.fleet_graph import hours_as_json, mean
+
+    name = graph.name
+    delays = [delay for run in runs for chair in run.delays for delay in chair]
+    locked = sum(run.locked_up for run in runs)
+    people = mean([run.people_waited for run in runs])
+    queued = sum(run.queued.sum(axis=1) for run in runs) / sum(run.hours for run in runs)
+    worst = int(queued.argmax())
+    if json:
+        import json as text
+
+        values: Json = {
+            "plan": name,
+            "tasks": len(delays),
+            "mean_delay_s": mean(delays) if delays else None,
+            "people_waited_s_per_hour": people,
+            "waited_s_per_hour_by_section": {
+                section.name: float(seconds) for section, seconds in zip(graph.sections, queued, strict=True)
+            },
+            "lockups": locked,
+            "lockup_share_below_95": 3.0 / len(runs) if locked == 0 else None,
+            "runs": [hours_as_json(run) for run in runs],
+        }
+        print(text.dumps(values, allow_nan=False))
+        return
+    if not delays:
+        print(f"{name}: no chair has reached a goal; give more --hours")
+        return
+    bound = f"; with 95 % confidence in less than {min(1.0, 3.0 / len(runs)):.0%} of runs" if locked == 0 else ""
+    print(
+        f"{name}: {len(delays)} tasks, mean delay {mean(delays):.1f} s; a person stands {people:.0f} s an hour for chairs; "
+        f"{locked} lock-ups{bound}"
+    )
+    if queued[worst] > 0:
+        print(f"Chairs wait most at section {graph.sections[worst].name}: {queued[worst]:.0f} s an hour")
+
+
+@fleet_app.command(name="check")
+def check_command(
+    map: str,
+    /,
+    *,
+    width: PositiveFloat = 1.2,
+    body: str = "A",
+    rooms: bool = True,
+    out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
+    json: bool = False,
+) -> None:
+    """Say where chairs can pass, meet and wait in a building, and which places shut off others. Fails if one does.
+
+    Parameters
+    ----------
+    map
+        Map folder, traffic graph's text file, shipped floor plan, or a plan's .yaml file.
+    width
+        Width of a floor plan's corridors in metres.
+    body
+        The chair's body: A, B, A_mid, A_front or robot.
+    rooms
+        Rooms beside the corridors of a floor plan.
+    out
+        Write the traffic graph into this text file.
+    json
+        Print JSON.
+    """
+    from waychair.calibration.chair_body import BODIES
+    from waychair.errors import TrafficError
+    from waychair.maps.traffic.single_file import districts, runs
+    from waychair.maps.traffic.traffic_files import write_traffic
+    from waychair.maps.traffic.well_formed import well_formed
+    from waychair.trials.fleet_sources import graph_from_source
+    from waychair.yaml_files import quoted
+
+    if body not in BODIES:
+        raise BadArgument(f"--body {quoted(body)} is unknown; give one of {', '.join(BODIES)}")
+    graph = graph_from_source(map, width=width, chair_width=BODIES[body].width, rooms=rooms)
+    found = well_formed(graph)
+    single = runs(graph)
+    metres = sum(section.length for section in graph.sections)
+    longest = max((sum(graph.section[name].length for name in run.sections) for run in single), default=0.0)
+    if out is not None:
+        write_traffic(out, graph)
+    if json:
+        import json as text
+
+        values: Json = {
+            "name": graph.name,
+            "fingerprint": graph.fingerprint,
+            "nodes": len(graph.nodes),
+            "sections": len(graph.sections),
+            "metres": metres,
+            "refuges": len(graph.refuges),
+            "runs": len(single),
+            "longest_run_m": longest,
+            "districts": len(districts(graph)),
+            "shut_off": [{"refuge": each.refuge, "others": list(each.others)} for each in found],
+        }
+        print(text.dumps(values, allow_nan=False))
+    else:
+        print(
+            f"{graph.name}: {len(graph.nodes)} nodes, {len(graph.sections)} sections of {metres:.0f} m in all, "
+            f"{len(graph.refuges)} refuges, {len(single)} runs in which two chairs cannot pass (the longest {longest:.0f} m)"
+        )
+        for each in found:
+            print(each.sentence)
+    if found:
+        raise TrafficError(f"{graph.name} is not well formed: {len(found)} place(s) would shut off others")

@@ -1,0 +1,1 @@
+"""Figures about several chairs in one building."""

@@ -1,0 +1,84 @@
+"""`waychair fleet`, as a user types it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.cli.command import refused, waychair
+from waychair.maps.drawn.places import add_place
+from waychair.maps.folders.map_files import save_map
+from waychair.maps.traffic.traffic_files import read_traffic
+from waychair.types import OccupancyGrid, Pose2
+
+
+def test_chairs_among_people_are_simulated_and_their_delays_printed() -> None:
+    done = waychair("fleet", "simulate", "T", "--chairs", 2, "--persons", 5, "--hours", 0.2, "--seeds", 2)
+    assert done.returncode == 0, done.stderr
+    assert "seed 1: " in done.stdout
+    assert "mean delay" in done.stdout
+    assert "0 lock-ups; with 95 %" in done.stdout
+    assert "Chairs wait most at section" in done.stdout
+
+
+@pytest.mark.parametrize("rule", ["humans", "flexible", "chairs"])
+def test_the_figures_come_as_json_and_the_same_seed_gives_the_same_ones(rule: str) -> None:
+    command = ("fleet", "simulate", "9cube", "--rule", rule, "--hours", 0.2, "--seeds", 1, "--json")
+    first, again = (json.loads(waychair(*map(str, command)).stdout) for _ in range(2))
+    assert first == again
+    assert first["tasks"] > 5
+    assert first["lockups"] == 0
+    assert len(first["runs"][0]["delay_s_by_chair"]) == 3
+
+
+def test_a_sound_plan_is_checked_and_its_graph_written(tmp_path: Path) -> None:
+    done = waychair("fleet", "check", "4cross", "--out", tmp_path / "graph.txt")
+    assert done.returncode == 0, done.stderr
+    assert "28 refuges" in done.stdout
+    assert len(read_traffic(tmp_path / "graph.txt").refuges) == 28
+    assert json.loads(waychair("fleet", "check", tmp_path / "graph.txt", "--json").stdout)["shut_off"] == []
+
+
+def test_a_map_with_places_is_checked(tmp_path: Path) -> None:
+    cells = np.full((100, 200), 100, dtype=np.int8)
+    cells[40:64, 10:190] = 0  # a corridor of 9 m by 1.2 m
+    save_map(tmp_path / "floor", OccupancyGrid(cells, 0.05))
+    add_place(tmp_path / "floor", "east", Pose2(8.9, 2.6))
+    done = waychair("fleet", "check", tmp_path / "floor", "--json")
+    assert done.returncode == 0, done.stderr
+    values = json.loads(done.stdout)
+    assert values["refuges"] == 1
+    assert values["metres"] == pytest.approx(8.0, abs=1.5)
+
+
+def test_a_place_that_shuts_off_others_is_named_and_fails(tmp_path: Path) -> None:
+    (tmp_path / "graph.txt").write_text(
+        "traffic-graph 1\ngraph ward chair_width 0.6 revision 0\n"
+        "node hall g 0 0 1\nnode desk g 5 0 1\nnode bed g 9 0 1\n"
+        "section a hall desk length 5 width 1.2 lanes 1 both delay 0 lift -\n"
+        "section b desk bed length 4 width 1.2 lanes 1 both delay 0 lift -\n"
+        "refuge hall hall slots 3 place own owner -\nrefuge desk desk slots 1 place own owner -\n"
+        "refuge bed bed slots 1 place own owner -\n"
+    )
+    done = waychair("fleet", "check", tmp_path / "graph.txt")
+    assert done.returncode != 0
+    assert "A chair at desk shuts off" in done.stdout
+    assert "not well formed" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("simulate", "nowhere"), "no floor plan or map 'nowhere'"),
+        (("simulate", "T", "--chairs", "9"), "places for 8 chairs"),
+        (("simulate", "T", "--persons", "20000"), "people are impossible"),
+        (("simulate", "T", "--hours", "5000"), "--hours 5000"),
+        (("simulate", "T", "--width", "0.5"), "no room for a chair"),
+        (("check", "T", "--body", "Z"), "--body 'Z' is unknown"),
+    ],
+)
+def test_bad_input_is_one_sentence(arguments: tuple[str, ...], told: str) -> None:
+    assert told in refused(waychair("fleet", *arguments))
