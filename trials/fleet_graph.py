@@ -55,7 +55,10 @@ class RoutePlanner(Protocol):
 
 
 class PaperPlanner:
-    """Plan-FWPP with one reading of its conflicts: each chair plans against the others' commitments when it sets out."""
+    """Plan-FWPP with one reading of its conflicts: each chair plans against the others' commitments.
+
+    It does so when it sets out and, by `again`, under way.
+    """
 
     def __init__(
         self, graph: IndexedTraffic, chairs: int, speed: float, conflicts: Conflicts, top: Iterable[int]
