@@ -164,7 +164,7 @@ def check_command(
     Parameters
     ----------
     map
-        Map folder, traffic graph's text file, shipped floor plan, or a plan's .yaml file.
+        Map folder or its .yaml file, traffic graph's text file, shipped floor plan, or a plan's .yaml file.
     width
         Width of a floor plan's corridors in metres.
     body

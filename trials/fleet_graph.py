@@ -20,6 +20,7 @@ from waychair.planning.fleet.paper.plan_fwpp import (
     Conflicts,
     PlannedRoute,
     commit,
+    label_of,
     no_commitments,
     plan_route,
     put_off,
@@ -32,21 +33,32 @@ LOCKED_UP_S = 300.0
 """s; longer than that without a movement of any chair is a lock-up, as in the spec's trials."""
 
 
+WORTH_TURNING_S = 1.0
+"""s; a chair under way takes another route only if that is better by more, so that rounding does not turn it about."""
+
+_NO_LABELS = np.zeros(0)
+
+
 class RoutePlanner(Protocol):
     """Plans the routes of the chairs of one run."""
 
     def route(self, chair: int, start: int, goal: int, now_s: float) -> PlannedRoute:
         """Return a chair's route; the planner remembers it for the others until the chair asks again."""
 
-    def again(self, chair: int, section: int, start: int, goal: int, now_s: float, left_s: float) -> PlannedRoute:
-        """Return another route from node `start` for a chair that will leave `section` there in `left_s`; -1: it is there."""
+    def again(
+        self, chair: int, section: int, start: int, goal: int, now_s: float, left_s: float
+    ) -> PlannedRoute | None:
+        """Return a better route from node `start` for a chair that will leave `section` there in `left_s`, if there is one."""
 
     def put_off(self, chair: int, begun: int, node_s: float) -> None:
         """Hear that a chair will have driven the first `begun` moves of its route at a time of day [s]."""
 
 
 class PaperPlanner:
-    """Plan-FWPP with one reading of its conflicts: each chair plans against the others' commitments when it sets out."""
+    """Plan-FWPP with one reading of its conflicts: each chair plans against the others' commitments.
+
+    It does so when it sets out and, by `again`, under way.
+    """
 
     def __init__(
         self, graph: IndexedTraffic, chairs: int, speed: float, conflicts: Conflicts, top: Iterable[int]
@@ -79,12 +91,25 @@ class PaperPlanner:
         commit(self._graph, self._commitments, chair, route, now_s, self._durations)
         return route
 
-    def again(self, chair: int, section: int, start: int, goal: int, now_s: float, left_s: float) -> PlannedRoute:
-        """Return another route from node `start` for a chair that will leave `section` there in `left_s`; -1: it is there.
+    def again(
+        self, chair: int, section: int, start: int, goal: int, now_s: float, left_s: float
+    ) -> PlannedRoute | None:
+        """Return a better route from node `start` for a chair that will leave `section` there in `left_s`; -1: it is there.
 
-        The nodes stay committed for the section that the chair is on.
+        None: the route that it has is not worse by `WORTH_TURNING_S`. The nodes stay committed for the chair's section.
         """
-        route = self.route(chair, start, goal, now_s + left_s)
+        at_s = now_s + left_s
+        own = self._commitments
+        count = int(own.moves[chair])
+        ahead = own.nodes[chair, : count + 1].tolist()
+        begun = ahead.index(start) if start in ahead else count
+        old = PlannedRoute(
+            own.sections[chair, begun:count].copy(), own.nodes[chair, begun : count + 1].copy(), _NO_LABELS
+        )
+        route = plan_route(self._graph, self._durations, self._closed, chair, start, goal, at_s, own, self._conflicts)
+        cost = label_of(self._graph, self._durations, chair, old, at_s, own, self._conflicts)
+        if route is None or cost <= route.labels[-1] + WORTH_TURNING_S:
+            return None
         if section >= 0:
             ends = self._graph.ends[section]
             whole = PlannedRoute(
@@ -92,7 +117,9 @@ class PaperPlanner:
                 np.concatenate(([ends[0] + ends[1] - start], route.nodes)),
                 np.concatenate(([0.0], route.labels + left_s)),
             )
-            commit(self._graph, self._commitments, chair, whole, now_s, self._durations)
+            commit(self._graph, own, chair, whole, now_s, self._durations)
+        else:
+            commit(self._graph, own, chair, route, now_s, self._durations)
         return route
 
     def put_off(self, chair: int, begun: int, node_s: float) -> None:
@@ -153,7 +180,8 @@ def fleet_hours(
     goals = goal_nodes(graph)
     starts = start_nodes(graph, goals, chairs, random)
     top = (0,) if rule is RightOfWay.FLEXIBLE else ()
-    crowd = Crowd(graph, starts, people, rule, seed, top=top, model=model)
+    tells = conflicts is not Conflicts.NONE
+    crowd = Crowd(graph, starts, people, rule, seed, top=top, tells_entries=tells, model=model)
     planner = PaperPlanner(crowd.indexed, chairs, model.chair_speed, conflicts, top)
     free_way = free_times(crowd.indexed, model.chair_speed)
     result = FleetHours(hours, [[] for _ in range(chairs)], [[] for _ in range(chairs)])
@@ -167,15 +195,17 @@ def fleet_hours(
             goal = here
             while goal == here:
                 goal = int(random.choice(goals))
-            for other in range(chairs):
-                if other != chair and ideal[other] >= 0.0:
-                    begun, left = crowd.progress(other)
-                    planner.put_off(other, begun, crowd.now + left)
+            under_way = [other for other in range(chairs) if other != chair and ideal[other] >= 0.0]
+            _tell_progress(crowd, planner, under_way)
             route = planner.route(chair, here, goal, crowd.now)
             crowd.give(chair, [int(section) for section in route.sections])
             began[chair], ideal[chair], goal_of[chair] = crowd.now, free_way[here, goal], goal
             if chair in top and conflicts is not Conflicts.NONE:
-                _search_again(crowd, planner, [c for c in range(chairs) if c not in top and ideal[c] >= 0.0], goal_of)
+                _search_again(crowd, planner, [other for other in under_way if other not in top], goal_of)
+        entered = crowd.entered()
+        if entered:
+            _tell_progress(crowd, planner, range(chairs))
+            _search_again(crowd, planner, entered, goal_of)
         crowd.run(hours * 3600.0)
     result.waited, result.queued = crowd.waited, crowd.queued
     result.people_waited = crowd.people_held_up / hours
@@ -183,18 +213,23 @@ def fleet_hours(
     return result
 
 
-def _search_again(crowd: Crowd, planner: RoutePlanner, others: Sequence[int], goals: Sequence[int]) -> None:
-    """Let routine chairs under way search again after a top chair has committed itself.
-
-    The paper asks for the prediction of conflicts in the phases of confirmation and navigation, too.
-    """
-    for chair in others:
+def _search_again(crowd: Crowd, planner: RoutePlanner, chairs: Iterable[int], goals: Sequence[int]) -> None:
+    """Let chairs under way search again, for the paper asks for the prediction of conflicts while they drive, too."""
+    for chair in chairs:
         node = crowd.next_node(chair)
         if node != goals[chair]:
             _, left_s = crowd.progress(chair)
             section = crowd.section_of(chair)
             route = planner.again(chair, section, node, goals[chair], crowd.now, max(left_s, 0.0))
-            crowd.turn_off(chair, [int(each) for each in route.sections])
+            if route is not None:
+                crowd.turn_off(chair, [int(each) for each in route.sections])
+
+
+def _tell_progress(crowd: Crowd, planner: RoutePlanner, chairs: Iterable[int]) -> None:
+    """Let the nodes hear how late the chairs under way are."""
+    for chair in chairs:
+        begun, left_s = crowd.progress(chair)
+        planner.put_off(chair, begun, crowd.now + left_s)
 
 
 def goal_nodes(graph: TrafficGraph) -> IntArray:

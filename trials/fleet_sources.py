@@ -17,7 +17,9 @@ from waychair.maps.traffic.traffic_graph import TrafficGraph
 def graph_from_source(
     source: str, *, width: float = NARROW, chair_width: float = 0.60, rooms: bool = False, bays: bool = False
 ) -> TrafficGraph:
-    """Return the graph of a shipped floor plan's name, or of a path: plan, traffic graph or map folder.
+    """Return the graph of a shipped floor plan's name, or of a path: plan, traffic graph, map folder or its YAML file.
+
+    A building's H-graph is not read yet: this is where it will come in.
 
     `width` [m], `rooms` and `bays` are of floor plans (`corridors.corridor_graph`).
 
@@ -28,11 +30,11 @@ def graph_from_source(
     if source in floor_plan_names():
         return corridor_graph(load_corridors(source), width, chair_width=chair_width, rooms=rooms, bays=bays)
     path = Path(source)
-    if is_folder(path, TrafficError) or path.name == "map.yaml":
-        folder = path if path.name != "map.yaml" else path.parent
-        grid = load_map(folder)
-        places = places_on(grid, load_places(folder))
-        return mapped_floor_graph(grid, places, name=folder.resolve().name, chair_width=chair_width)
+    if is_folder(path, TrafficError) or _is_map(path):
+        grid = load_map(path)
+        places = places_on(grid, load_places(path))
+        name = path.resolve().name if is_folder(path, TrafficError) else path.stem
+        return mapped_floor_graph(grid, places, name=name, chair_width=chair_width)
     if is_file(path, TrafficError) and read_bytes(path, TrafficError).startswith(FIRST_LINE.encode()):
         return read_traffic(path)
     if path.suffix in (".yaml", ".yml"):
@@ -41,3 +43,9 @@ def graph_from_source(
         known = ", ".join(floor_plan_names())
         raise TrafficError(f"there is no floor plan or map '{source}'; give a path or one of {known}")
     return read_traffic(path)
+
+
+def _is_map(path: Path) -> bool:
+    """Return whether a path is the YAML file of a map, which names an image."""
+    yaml = path.suffix in (".yaml", ".yml") and is_file(path, TrafficError)
+    return yaml and any(line.startswith(b"image:") for line in read_bytes(path, TrafficError).splitlines())

@@ -215,9 +215,10 @@ def _graph(
     for piece in pieces:
         first, last = names[piece[0]], names[piece[-1]]
         used[f"{first}-{last}"] = number = used.get(f"{first}-{last}", 0) + 1
-        width = 2.0 * min(float(clear[cell]) for cell in piece)
+        # every cell is in the chair's room; rounding may have taken a hair off
+        width = max(2.0 * min(float(clear[cell]) for cell in piece), chair_width + SINGLE_FILE_ROOM)
         label = f"{first}-{last}" if number == 1 else f"{first}-{last}-{number}"
-        lanes = max(1, lanes_for(width, chair_width))
+        lanes = lanes_for(width, chair_width)
         sections.append(Section(label, first, last, _length(piece, grid.resolution), width, lanes))
     refuges: list[Refuge] = []
     for place in places:

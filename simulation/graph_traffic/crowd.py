@@ -27,6 +27,7 @@ from waychair.simulation.graph_traffic.crowd_kernels import (
     ARRIVED,
     ASKING,
     CHAIRS_FIRST,
+    ENTERED,
     FLEXIBLE,
     GOING,
     HUMANS_FIRST,
@@ -89,6 +90,7 @@ class Crowd:
         rule: the right of way between people and chairs.
         top: the chairs of top priority, by number; they count with rule C and between chairs.
         permits: whether a chair enters a section only by `permit`; otherwise the nodes admit chairs by themselves.
+        tells_entries: whether `run` also returns when a chair has entered a section from which it will go on.
 
     Raises:
         TrafficError: the number of people is impossible, or the graph has no section.
@@ -104,6 +106,7 @@ class Crowd:
         *,
         top: Sequence[int] = (),
         permits: bool = False,
+        tells_entries: bool = False,
         model: CrowdModel | None = None,
     ) -> None:
         if not 0 <= people <= MOST_PEOPLE:
@@ -120,6 +123,7 @@ class Crowd:
             self.model.gap,
             _RULES[rule],
             self.model.inheritance,
+            tells_entries,
         )
         self._arrays = _initial(self.indexed, starts, people, seed, top, permits)
 
@@ -216,6 +220,13 @@ class Crowd:
         """Return the chairs at the end of their routes, and when [s] each came there."""
         arrays, speed = self._arrays, self.model.chair_speed
         return [(int(c), self.now - float(arrays.spare[c]) / speed) for c in np.flatnonzero(arrays.news == ARRIVED)]
+
+    def entered(self) -> list[int]:
+        """Return the chairs that have entered a section from which they will go on; each is told once."""
+        news = self._arrays.news
+        chairs = [int(c) for c in np.flatnonzero(news == ENTERED)]
+        news[chairs] = GOING
+        return chairs
 
     def asking(self) -> list[int]:
         """Return the chairs that stand at a node without a permit."""

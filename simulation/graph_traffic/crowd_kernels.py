@@ -17,8 +17,9 @@ HUMANS_FIRST, CHAIRS_FIRST, FLEXIBLE = 0, 1, 2
 ROUTINE, PEOPLE, TOP = 0, 1, 2
 """Levels of priority of the flexible rule."""
 
-GOING, ARRIVED, ASKING = 0, 1, 2
-"""News of a chair: none, it has reached the end of its route, or it stands at a node and has no permit to go on."""
+GOING, ARRIVED, ASKING, ENTERED = 0, 1, 2, 3
+"""News of a chair: none, it has reached the end of its route, it stands at a node and has no permit to go on, or it has
+entered a section that is not the last of its route."""
 
 ANY = -2
 """A permit for every section: the nodes admit the chair by their own rule."""
@@ -34,6 +35,7 @@ class CrowdRules(NamedTuple):
     gap: float
     rule: int
     inheritance: bool
+    tells_entries: bool
 
 
 class CrowdArrays(NamedTuple):
@@ -46,7 +48,7 @@ class CrowdArrays(NamedTuple):
         level, inherited: (C,) the chair's own priority, and the higher one of a chair in whose way it is.
         route, position, moves: (C, K) sections ahead, the index of the next one (C,), and their number (C,).
         permit: (C,) the section that the chair may enter next; -1: none, `ANY`: as the nodes' rule says.
-        news: (C,) GOING, ARRIVED or ASKING.
+        news: (C,) GOING, ARRIVED, ASKING or ENTERED.
         moving: (C,) whether the chair drove in the last step.
         waited: (C, 2) s stood for people and for chairs.
         queued: (S, 2) s that chairs stood for people and for chairs on or before each section.
@@ -226,6 +228,8 @@ def _enter(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int)
     crowd.offset[c] = spare
     crowd.position[c] += 1
     crowd.moving[c] = 1
+    if rules.tells_entries and crowd.position[c] < crowd.moves[c]:
+        crowd.news[c] = ENTERED
 
 
 @njit(cache=True, error_model="numpy")

@@ -149,6 +149,26 @@ def plan_route(
     return PlannedRoute(np.array(sections, dtype=np.int64), np.array(nodes, dtype=np.int64), labels[nodes])
 
 
+def label_of(
+    graph: IndexedTraffic,
+    durations: FloatArray,
+    chair: int,
+    route: PlannedRoute,
+    start_s: float,
+    commitments: Commitments,
+    conflicts: Conflicts,
+) -> float:
+    """Return the label [s] that a route's target has by now, against the commitments as they are."""
+    label = 0.0
+    for section, at, ahead in zip(route.sections, route.nodes[:-1], route.nodes[1:], strict=True):
+        duration = float(durations[section])
+        here_s = start_s + label
+        label += duration
+        if conflicts is not Conflicts.NONE and graph.lanes[section] == 1:
+            label += penalty(duration, commitments, chair, section, at, ahead, here_s, conflicts.value)
+    return label
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def fwpp_labels(
     graph: IndexedTraffic,
@@ -226,7 +246,7 @@ def penalty(
                     if j >= 0:
                         first = min(first, commitments.arrivals[third, j])
             if abs(first - arrival) < commitments.shortest[other, k] / 3.0:
-                return taken
+                return float(taken)
         worst = max(worst, taken)
     return float(worst)
 

@@ -75,3 +75,13 @@ def test_a_skeleton_is_one_cell_wide_and_in_the_middle() -> None:
     assert thin[:, 30].sum() == 1
     assert thin[9:12, 30].any()
     assert not (thin & ~mask).any()
+
+
+@pytest.mark.parametrize("width", [0.5, 0.7, 0.75, 0.8, 0.85, 0.9, 1.0])
+def test_a_corridor_at_the_limit_is_a_section_or_no_room_but_never_one_that_is_too_narrow(width: float) -> None:
+    grid = floor(8.0, 3.0, (1.0, 1.0, 7.0, 1.0 + width))
+    if width < 0.7:
+        with pytest.raises(TrafficError, match="no room for a chair"):
+            mapped_floor_graph(grid)
+    elif width >= 0.85:
+        assert mapped_floor_graph(grid).sections[0].width >= 0.7
