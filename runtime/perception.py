@@ -167,12 +167,14 @@ class Perception:
 
     def _look_for_doorways(self) -> None:
         waiting, self._waiting = self._waiting, None
-        if waiting is not None:
+        if waiting is None:
+            self._told("doorways", self._doorways.work)
+        else:
             self._told("doorways", lambda: self._see_doorways(*waiting))
 
     def _see_doorways(self, scan: Scan, odom_from_base: Pose2) -> None:
         laser = odom_from_base @ self._body.base_from_laser
-        self._doorways.see(view_from_scan(scan, laser), laser)
+        self._doorways.see(view_from_scan(scan, laser), laser, scan.stamp_ns)
 
     def _tell_picture(self, frame: RgbdFrame, tilt: Tilt | None, ground: GroundView | None) -> None:
         lean = None if tilt is None else tilt.level_from_base()
@@ -181,13 +183,9 @@ class Perception:
 
     def _hear_doorways(self, readings: SonarReadings, odom_from_base: Pose2) -> None:
         confirmed = self._echoes.confirmed(readings)
-        near = [
-            (odom_from_base @ mount @ Pose2(distance)).array()[:2]
-            for mount, distance in zip(sonar_mounts(self._body), confirmed.ranges.tolist(), strict=False)
-            if math.isfinite(distance) and distance <= SONAR_RANGE
-        ]
-        if near:
-            self._doorways.hear(np.array(near))
+        sonars = np.array([(odom_from_base @ mount).array() for mount in sonar_mounts(self._body)])
+        ranges = np.where(confirmed.ranges <= SONAR_RANGE, confirmed.ranges, math.inf)
+        self._doorways.hear(sonars[: len(ranges)], ranges[: len(sonars)])
 
     def _tell_motion(self, now_ns: int, known: CellInputs) -> None:
         """Tell odometry, stick, wish, people and doorways; the last two at the view's rate."""
@@ -203,7 +201,7 @@ class Perception:
         if "lidar" in heard:
             heard["people"] = people_fans(transform_points(at.inverse(), known.people))
             self._found = self._doorways.doorways
-            heard["doorways"] = doors_seen(self._found, at)
+            heard["doorways"] = doors_seen(tuple(door for door in self._found if door.validated), at)
 
     def _tell_map(self, now_ns: int, known: CellInputs) -> None:
         """Tell the map once a second, and when the pose in it was corrected; never while the pose is in doubt."""
@@ -236,7 +234,7 @@ class Perception:
             heard |= {"odometry": OdometryPose(at.x, at.y, at.theta), "depth": depth, "drop-offs": drops}
             heard |= {"people": people_fans(np.zeros((1, 2))), "map round the chair": map_part(grid, at, Pose2())}
             runtime.innervate((k + 1) * VIEW_NS, heard)
-        tracker.hear(np.array([[3.0, 0.0]]))
+        tracker.hear(np.zeros((1, 3)), np.array([3.0]))
 
 
 def _scan_of_a_doorway(ahead: float) -> Scan:
