@@ -33,8 +33,10 @@ from waychair.simulation.graph_traffic.crowd_kernels import (
     HUMANS_FIRST,
     ROUTINE,
     TOP,
+    ChairRows,
     CrowdArrays,
     CrowdRules,
+    PeopleRows,
     run_crowd,
 )
 from waychair.simulation.scene.seeds import seed_from_names
@@ -140,7 +142,7 @@ class Crowd:
     @property
     def waited(self) -> FloatArray:
         """The time (C, 2) [s] that each chair has stood for people and for chairs."""
-        return self._arrays.waited.copy()
+        return self._arrays.chairs.waited.copy()
 
     @property
     def queued(self) -> FloatArray:
@@ -150,55 +152,55 @@ class Crowd:
     @property
     def people_held_up(self) -> float:
         """The mean time [s] that a person has stood for chairs."""
-        held_up = self._arrays.held_up
+        held_up = self._arrays.people.held_up
         return float(held_up.mean()) if len(held_up) else 0.0
 
     def give(self, chair: int, sections: Sequence[int]) -> None:
         """Give a chair at a node its route: numbers of sections that follow each other from its node."""
         arrays = self._arrays
-        if len(sections) > arrays.route.shape[1]:
-            longer = np.zeros((len(arrays.section), 2 * len(sections)), dtype=np.int64)
-            longer[:, : arrays.route.shape[1]] = arrays.route
-            self._arrays = arrays = arrays._replace(route=longer)
-        arrays.route[chair, : len(sections)] = sections
-        arrays.position[chair] = 0
-        arrays.moves[chair] = len(sections)
-        arrays.news[chair] = GOING if sections else ARRIVED
-        arrays.spare[chair] = 0.0
+        if len(sections) > arrays.chairs.route.shape[1]:
+            longer = np.zeros((len(arrays.chairs.section), 2 * len(sections)), dtype=np.int64)
+            longer[:, : arrays.chairs.route.shape[1]] = arrays.chairs.route
+            self._arrays = arrays = arrays._replace(chairs=arrays.chairs._replace(route=longer))
+        arrays.chairs.route[chair, : len(sections)] = sections
+        arrays.chairs.position[chair] = 0
+        arrays.chairs.moves[chair] = len(sections)
+        arrays.chairs.news[chair] = GOING if sections else ARRIVED
+        arrays.chairs.spare[chair] = 0.0
 
     def turn_off(self, chair: int, sections: Sequence[int]) -> None:
         """Give a chair under way another route from the end of its section on, or from its node."""
-        section, news = self.section_of(chair), int(self._arrays.news[chair])
-        spare = float(self._arrays.spare[chair])
+        section, news = self.section_of(chair), int(self._arrays.chairs.news[chair])
+        spare = float(self._arrays.chairs.spare[chair])
         self.give(chair, [*([section] if section >= 0 else []), *sections])
         arrays = self._arrays
-        arrays.position[chair] = int(section >= 0)
-        arrays.news[chair], arrays.spare[chair] = news, spare
+        arrays.chairs.position[chair] = int(section >= 0)
+        arrays.chairs.news[chair], arrays.chairs.spare[chair] = news, spare
 
     def next_node(self, chair: int) -> int:
         """Return the node at the end of a chair's section, or at which it is."""
         arrays, section = self._arrays, self.section_of(chair)
         if section < 0:
             return self.node_of(chair)
-        return int(self.indexed.ends[section, 1 - arrays.direction[chair]])
+        return int(self.indexed.ends[section, 1 - arrays.chairs.direction[chair]])
 
     def permit(self, chair: int, section: int) -> None:
         """Allow a chair to enter a section next."""
-        self._arrays.permit[chair] = section
-        if self._arrays.news[chair] == ASKING:
-            self._arrays.news[chair] = GOING
+        self._arrays.chairs.permit[chair] = section
+        if self._arrays.chairs.news[chair] == ASKING:
+            self._arrays.chairs.news[chair] = GOING
 
     def set_top(self, chair: int, top: bool) -> None:
         """Give a chair top priority or routine."""
-        self._arrays.level[chair] = TOP if top else ROUTINE
+        self._arrays.chairs.level[chair] = TOP if top else ROUTINE
 
     def node_of(self, chair: int) -> int:
         """Return the node at which a chair is, or that it left last."""
-        return int(self._arrays.node[chair])
+        return int(self._arrays.chairs.node[chair])
 
     def section_of(self, chair: int) -> int:
         """Return the section on which a chair is, -1 at a node."""
-        return int(self._arrays.section[chair])
+        return int(self._arrays.chairs.section[chair])
 
     def progress(self, chair: int) -> tuple[int, float]:
         """Return the moves of its route that a chair has begun, and the seconds that the last of them still takes.
@@ -206,10 +208,10 @@ class Crowd:
         The seconds are negative for a chair that came to its node within the last step.
         """
         arrays = self._arrays
-        begun, section = int(arrays.position[chair]), int(arrays.section[chair])
+        begun, section = int(arrays.chairs.position[chair]), int(arrays.chairs.section[chair])
         if section < 0:
-            return begun, -float(arrays.spare[chair]) / self.model.chair_speed
-        left = self.indexed.length[section] - arrays.offset[chair]
+            return begun, -float(arrays.chairs.spare[chair]) / self.model.chair_speed
+        left = self.indexed.length[section] - arrays.chairs.offset[chair]
         return begun, float(left / self.model.chair_speed + self.indexed.delay_s[section])
 
     def run(self, until: float) -> bool:
@@ -219,18 +221,21 @@ class Crowd:
     def arrived(self) -> list[tuple[int, float]]:
         """Return the chairs at the end of their routes, and when [s] each came there."""
         arrays, speed = self._arrays, self.model.chair_speed
-        return [(int(c), self.now - float(arrays.spare[c]) / speed) for c in np.flatnonzero(arrays.news == ARRIVED)]
+        return [
+            (int(c), self.now - float(arrays.chairs.spare[c]) / speed)
+            for c in np.flatnonzero(arrays.chairs.news == ARRIVED)
+        ]
 
     def entered(self) -> list[int]:
         """Return the chairs that have entered a section from which they will go on; each is told once."""
-        news = self._arrays.news
+        news = self._arrays.chairs.news
         chairs = [int(c) for c in np.flatnonzero(news == ENTERED)]
         news[chairs] = GOING
         return chairs
 
     def asking(self) -> list[int]:
         """Return the chairs that stand at a node without a permit."""
-        return [int(c) for c in np.flatnonzero(self._arrays.news == ASKING)]
+        return [int(c) for c in np.flatnonzero(self._arrays.chairs.news == ASKING)]
 
 
 def _initial(
@@ -244,7 +249,7 @@ def _initial(
     np.add.at(facing, (on_section, walking), 1)
     level = np.full(chairs, ROUTINE, dtype=np.int64)
     level[list(top)] = TOP
-    return CrowdArrays(
+    rows = ChairRows(
         section=np.full(chairs, -1, dtype=np.int64),
         direction=np.zeros(chairs, dtype=np.int64),
         offset=np.zeros(chairs),
@@ -259,12 +264,18 @@ def _initial(
         news=np.full(chairs, ARRIVED, dtype=np.int64),
         moving=np.zeros(chairs, dtype=np.int64),
         waited=np.zeros((chairs, 2)),
-        queued=np.zeros((sections, 2)),
         stood_since=np.zeros(chairs),
+    )
+    walkers = PeopleRows(
         on_section=on_section.astype(np.int64),
         walking=walking.astype(np.int64),
         at=random.uniform(0.0, 1.0, size=people) * graph.length[on_section],
         held_up=np.zeros(people),
+    )
+    return CrowdArrays(
+        chairs=rows,
+        people=walkers,
+        queued=np.zeros((sections, 2)),
         facing=facing,
         clock=np.zeros(2),
         random=np.array([seed_from_names("crowd", seed) * 2 + 1], dtype=np.uint64),

@@ -26,8 +26,8 @@ def corridor(*lengths: float, lanes: int = 1) -> TrafficGraph:
 def put(crowd: Crowd, person: int, section: int, direction: int, at: float) -> None:
     """Put a person on a section, so that the meeting is known to the centimetre."""
     arrays = crowd._arrays
-    arrays.facing[arrays.on_section[person], arrays.walking[person]] -= 1
-    arrays.on_section[person], arrays.walking[person], arrays.at[person] = section, direction, at
+    arrays.facing[arrays.people.on_section[person], arrays.people.walking[person]] -= 1
+    arrays.people.on_section[person], arrays.people.walking[person], arrays.people.at[person] = section, direction, at
     arrays.facing[section, direction] += 1
 
 
@@ -116,7 +116,7 @@ def test_a_chair_behind_another_keeps_its_gap() -> None:
     crowd.give(1, [0])
     while crowd.now < 20.0:
         crowd.run(crowd.now + 0.25)
-        a, b = crowd._arrays.offset
+        a, b = crowd._arrays.chairs.offset
         assert abs(a - b) >= 1.2 - 0.1 or min(a, b) == 0.0
 
 
@@ -125,14 +125,14 @@ def test_people_spread_over_a_house_and_turn_back_at_dead_ends_only() -> None:
     crowd = Crowd(graph, [0], 40, RightOfWay.HUMANS, 4)
     crowd.give(0, [])
     seen = np.zeros(len(graph.sections))
-    before = crowd._arrays.on_section.copy()
+    before = crowd._arrays.people.on_section.copy()
     for _ in range(400):
         crowd.run(crowd.now + 1.0)
         crowd.give(0, [])
-        seen += np.bincount(crowd._arrays.on_section, minlength=len(seen))
+        seen += np.bincount(crowd._arrays.people.on_section, minlength=len(seen))
     lengths = np.array([section.length for section in graph.sections])
     assert (seen / seen.sum() > 0.4 * lengths / lengths.sum()).all()
-    assert (crowd._arrays.on_section != before).any()
+    assert (crowd._arrays.people.on_section != before).any()
     assert crowd._arrays.facing.sum() == 40
 
 
@@ -143,7 +143,7 @@ def test_the_same_seed_moves_everybody_the_same_way() -> None:
         crowd = Crowd(graph, [0, 5], 12, RightOfWay.HUMANS, seed)
         crowd.give(0, [])
         crowd.run(50.0)
-        return crowd._arrays.at.tobytes()
+        return crowd._arrays.people.at.tobytes()
 
     assert state(1) == state(1) != state(2)
 
