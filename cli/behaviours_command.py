@@ -135,7 +135,9 @@ def _summary(trace: Trace, rows: int, most: int) -> str:
 
 
 @behaviours_app.command(name="replay", help="Run a traced network again, and compare.")
-def replay_command(trace: NonEmptyPath, /, *, diff: bool = False, out: Path | None = None) -> None:
+def replay_command(
+    trace: NonEmptyPath, /, *, diff: bool = False, out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None
+) -> None:
     """Run a traced network again on the same stamps and sensor values; every record must have the same bytes.
 
     Parameters

@@ -92,6 +92,7 @@ def test_a_closure_that_has_ended_is_open_with_and_without_tables(clinic: Path) 
     assert route(clinic, *ends)["cost_m"] == route(clinic, *ends, "tables")["cost_m"]
 
 
+@pytest.mark.nightly
 def test_the_bench_times_the_graph_of_a_file(tmp_path: Path) -> None:
     rows = [f"N{k},{20 * k},0,1,B,CONF,Room {k},R{k}" for k in range(6)]
     head = "nodeID,xcoord,ycoord,floor,building,nodeType,longName,shortName"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -24,9 +23,6 @@ from waychair.maps.exchange.flat_graph import flat_graph, write_imported
 from waychair.maps.exchange.floor_csv import building_from_floor_csv
 from waychair.maps.exchange.open_rmf import building_from_open_rmf
 from waychair.maps.exchange.route_graph import building_from_route_graph
-
-DATA = Path(os.environ.get("WAYCHAIR_DATA", "nowhere"))
-needs_data = pytest.mark.skipif(not (DATA / "graph_bwh").is_dir(), reason="needs the recordings of WAYCHAIR_DATA")
 
 
 def feature(kind: str, coordinates: list[Any], **properties: Any) -> dict[str, Any]:
@@ -425,9 +421,8 @@ def test_a_node_that_is_taken_away_takes_its_lanes_along(tmp_path: Path) -> None
     assert [lane[:2] for lane in after["levels"]["L1"]["lanes"]] == [[5, 6], [4, 0]]
 
 
-@needs_data
-def test_the_hospital_has_the_faults_that_its_readme_lists() -> None:
-    folder = DATA / "graph_bwh"
+def test_the_hospital_has_the_faults_that_its_readme_lists(data_dir: Path) -> None:
+    folder = data_dir / "graph_bwh"
     found = building_from_floor_csv((folder / "nodes.csv").read_bytes(), (folder / "edges.csv").read_bytes(), "bwh")
 
     counts = Counter(finding.code for finding in check(found.hgraph))
@@ -443,7 +438,6 @@ def test_the_hospital_has_the_faults_that_its_readme_lists() -> None:
     assert sum(len(submap.arcs) for submap in found.hgraph.submaps.values()) == 682
 
 
-@needs_data
 @pytest.mark.parametrize(
     ("name", "graph", "level", "wanted"),
     [
@@ -455,9 +449,9 @@ def test_the_hospital_has_the_faults_that_its_readme_lists() -> None:
     ],
 )
 def test_buildings_of_open_rmf_have_their_counts_and_lengths(
-    name: str, graph: int, level: str, wanted: tuple[int, int, float, int]
+    data_dir: Path, name: str, graph: int, level: str, wanted: tuple[int, int, float, int]
 ) -> None:
-    data = (DATA / "rmf_buildings" / f"{name}.building.yaml").read_bytes()
+    data = (data_dir / "rmf_buildings" / f"{name}.building.yaml").read_bytes()
     submap = building_from_open_rmf(data, name, graph).hgraph.submaps[level]
 
     places = {key: (node.x, node.y) for key, node in submap.nodes.items()}
@@ -467,10 +461,9 @@ def test_buildings_of_open_rmf_have_their_counts_and_lengths(
     assert length == pytest.approx(wanted[2], abs=0.1)
 
 
-@needs_data
 @pytest.mark.parametrize("name", ["sample_graph", "aws_graph", "turtlebot3_graph", "error_codes"])
-def test_nav2_graphs_come_back_with_every_value_after_an_edit(tmp_path: Path, name: str) -> None:
-    data = (DATA / "nav2_route_graphs" / f"{name}.geojson").read_bytes()
+def test_nav2_graphs_come_back_with_every_value_after_an_edit(data_dir: Path, tmp_path: Path, name: str) -> None:
+    data = (data_dir / "nav2_route_graphs" / f"{name}.geojson").read_bytes()
     hgraph = imported(tmp_path, data, f"{name}.geojson")
     submap = hgraph.submaps["map"]
     first = next(iter(submap.nodes.values()))
