@@ -154,16 +154,16 @@ def time_along(poses: FloatArray, rooms: FloatArray, body: ChairBody, limits: Dw
     return predicted_time(speeds_along(curvatures(poses), rooms, along, body, limits), along, limits)
 
 
-def predicted_time(speeds: FloatArray, along: FloatArray, limits: DwaSettings, rolls: float = 0.0) -> float:
-    """Return how long [s] a drive along a line takes that begins at a speed `rolls` [m/s] and ends standing."""
+def predicted_time(speeds: FloatArray, along: FloatArray, limits: DwaSettings) -> float:
+    """Return how long [s] a drive along a line takes, from and to standstill."""
     ended = speeds.copy()
     ended[-1] = 0.0
-    return float(_drive_time(ended, along, rolls, limits.acceleration, limits.braking, limits.jerk))
+    return float(_drive_time(ended, along, limits.acceleration, limits.braking, limits.jerk))
 
 
 @njit(cache=True, nogil=True)
-def _drive_time(speeds: FloatArray, along: FloatArray, v: float, faster: float, slower: float, jerk: float) -> float:
-    s, a, t = 0.0, 0.0, 0.0
+def _drive_time(speeds: FloatArray, along: FloatArray, faster: float, slower: float, jerk: float) -> float:
+    s, v, a, t = 0.0, 0.0, 0.0, 0.0
     while s < along[-1] - 0.02 and t < 300.0:
         a = next_acceleration(speeds, along, s, v, a, faster, slower, jerk)
         after = max(v + a * PERIOD, 0.0)

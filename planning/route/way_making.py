@@ -13,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from waychair.errors import NoPath
-from waychair.geometry import wrap_angle
+from waychair.geometry import transform_points, wrap_angle
+from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.planning.body.clearance import HARD, NOISE, PLANNED, PLANNED_TURN
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap
@@ -134,13 +135,9 @@ def _zones_round(costmap: Costmap, line: FloatArray) -> Float32Array:
     """Return the distances to zones if the line goes round all of them; through one the band keeps near its line."""
     if costmap.from_zones is None:
         return NO_ZONES
-    cells = costmap.grid.map_from_grid.inverse()
-    c, s = math.cos(cells.theta), math.sin(cells.theta)
-    at = (line @ np.array([[c, s], [-s, c]]) + (cells.x, cells.y)) / costmap.grid.resolution
-    rows, columns = np.floor(at[:, 1]).astype(int), np.floor(at[:, 0]).astype(int)
-    height, width = costmap.from_zones.shape
-    inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-    crosses = (costmap.from_zones[rows[inside], columns[inside]] < 0.0).any()
+    cells = cells_from_points(costmap.grid, line)
+    rows, columns = cells[inside(costmap.grid, cells)].T
+    crosses = (costmap.from_zones[rows, columns] < 0.0).any()
     return NO_ZONES if crosses else costmap.from_zones
 
 
@@ -364,9 +361,7 @@ def _is_against_one_way(costmap: Costmap, points: FloatArray) -> bool:
     """Return whether a line through points (N, 2) [m] goes against a one-way zone; a band only knows walls."""
     if costmap.barred is None:
         return False
-    to_grid = costmap.grid.map_from_grid.inverse()
-    c, s = math.cos(to_grid.theta), math.sin(to_grid.theta)
-    at = (points @ np.array([[c, s], [-s, c]]) + (to_grid.x, to_grid.y)) / costmap.grid.resolution
+    at = transform_points(costmap.grid.map_from_grid.inverse(), points) / costmap.grid.resolution
     return any(
         line_cost(costmap.prices, a, b, c, d, costmap.barred) == math.inf
         and line_cost(costmap.prices, a, b, c, d, None) < math.inf
