@@ -30,8 +30,8 @@ from waychair.planning.route.speed_profile import time_along, turn_time
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.types import Float32Array, FloatArray, Path, Pose2
 
-LEAST_ROOM = 0.02
-"""[m] Room that a line needs: what a chair at a crawl errs, twice."""
+LEAST_ROOM = PLANNED
+"""[m] Room that a line needs."""
 
 _SHARPEST = 0.45
 """[rad] Sharpest turn from one pose of a line to the next."""
@@ -151,7 +151,8 @@ def _pieces(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> Cou
     rooms = yield from rooms_beside(costmap, poses)
     fits_there = rooms >= PLANNED
     bad = (np.flatnonzero(~fits_there[1:-1]) + 1).tolist()
-    turns_in = can_turn(costmap, start, float(poses[0, 2]), PLANNED_TURN)
+    here = yield from rooms_beside(costmap, start.array()[None])
+    turns_in = here[0] >= LEAST_ROOM and can_turn(costmap, start, float(poses[0, 2]), PLANNED_TURN)
     turns_out = can_turn(costmap, Pose2(*poses[-1]), goal.theta, PLANNED_TURN)
     marked = [*([] if turns_in else [0]), *bad, *([] if turns_out else [len(poses) - 1])]
     first = last = marked[0] if marked else 0
@@ -352,7 +353,7 @@ def _fitting(
         if _sharpest(poses) > _SHARPEST:
             return None
         rooms = yield from rooms_beside(costmap, poses)
-        if (rooms[1:-1] >= LEAST_ROOM).all() and not _is_against_one_way(costmap, line):
+        if (rooms[:-1] >= LEAST_ROOM).all() and not _is_against_one_way(costmap, line):
             return poses, rooms
     return None
 
