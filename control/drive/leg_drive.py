@@ -21,7 +21,7 @@ from waychair.planning.seen.openings import openings
 from waychair.planning.seen.person_tracks import Track
 from waychair.planning.window.dwa import DwaResult, choose
 from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, slowing_speed
-from waychair.types import FloatArray, IntArray, Path, Pose2, Twist
+from waychair.types import BoolArray, FloatArray, IntArray, Path, Pose2, Twist
 
 ROOMY = 0.1
 """m; room beside a line on the map in which the dynamic window may leave it."""
@@ -61,9 +61,10 @@ class LegDrive:
     def __init__(self, leg: PathLeg, drawn: DrawnMap, body: ChairBody) -> None:
         self.leg = leg
         self.in_position = False
-        self._grid, self._body = drawn.grid, body
+        self._body = body
         self._openings: FloatArray | None = None
-        self._has_room = drawn.fits_each(leg.path.poses, ROOMY)
+        self._drawn = drawn
+        self._has_room: BoolArray | None = None
         self._follower = WayFollower(leg, body, MAP_DOUBT * drawn.grid.resolution) if leg.rooms is not None else None
         self._watches = [(door, DoorWatch(Pose2(), door.width)) for door in self.leg.doors]
         self._near: DistanceField | None = None  # in map
@@ -131,7 +132,11 @@ class LegDrive:
             seen_doors=seen,
             fastest=fastest,
         )
-        if not (view.tracks or follower.is_barred) or choice.in_position or not follower.is_ahead(self._has_room):
+        if not (view.tracks or follower.is_barred) or choice.in_position:
+            return choice
+        if self._has_room is None:
+            self._has_room = self._drawn.fits_each(self.leg.path.poses, ROOMY)
+        if not follower.is_ahead(self._has_room):
             return choice
         # somebody or something near the line, and room beside it on the map: the dynamic window weighs the arcs round it
         rest = follower.rest_in(view.odom_from_map)
@@ -165,7 +170,7 @@ class LegDrive:
         A slow zone ends once the chair's front is through.
         """
         if self._openings is None:
-            self._openings = self._before_end(openings(self._grid, self.leg.path.poses, WIDEST_OPENING))
+            self._openings = self._before_end(openings(self._drawn.grid, self.leg.path.poses, WIDEST_OPENING))
         front = left - self._body.front
         return [front - each - OPENING_SLOW_M for each in self._openings.tolist() if front > each]
 
@@ -187,7 +192,7 @@ class LegDrive:
             reach = self._body.circumscribed_radius + SEEN_AHEAD + 0.4
             layered = [(layer, transform_points(map_from_odom, seen)) for layer, seen in view.layered]
             self._near = fine_field(
-                grid=self._grid,
+                grid=self._drawn.grid,
                 centre=map_from_odom @ view.pose,
                 reach=reach,
                 points=points,

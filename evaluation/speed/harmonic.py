@@ -18,6 +18,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.geometry import evenly_spaced
 from waychair.maps.grid.moving_ai import load_free_cells
 from waychair.planning.body.clearance import PLANNED_ON_PATH
 from waychair.planning.body.footprint import footprint, room
@@ -26,7 +27,7 @@ from waychair.planning.grid.grid_graph import Cell
 from waychair.planning.grid.resumable import finished
 from waychair.planning.harmonic.harmonic_field import LogField, count_summits, descend, log_field, streamline
 from waychair.planning.harmonic.laplace_solvers import SolverOptions, laplace_problem, relative_residual, solve
-from waychair.planning.harmonic.rubber_band import paper_band, polyline_length, resampled, turning_angles
+from waychair.planning.harmonic.rubber_band import paper_band, polyline_length, turning_angles
 from waychair.planning.route.flowing_line import flowing
 from waychair.planning.route.global_planner import PlannerSettings, plan
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
@@ -106,7 +107,7 @@ def bands(scene: BandScene) -> Bands:
 def rectangle_fits(costmap: Costmap, points: FloatArray) -> bool:
     """Return whether chair A with the band's margin fits all along a path, headed along it."""
     shape = footprint(costmap.body, PLANNED_ON_PATH, costmap.field)
-    line = resampled(points, 0.05 / CELL)
+    line = evenly_spaced(points, 0.05 / CELL)
     ahead = np.diff(line, axis=0)
     return all(
         room(shape, x, y, math.atan2(dy, dx), 0.0) >= 0.0
@@ -119,7 +120,7 @@ def row_of(scene: BandScene) -> dict[str, Any]:
     lines = bands(scene)
     row: dict[str, Any] = {"scene": scene.name, "paper_m": scene.paper_m}
     for name, points in (("descent", lines.descent), ("paper_band", lines.paper), ("band", lines.ours)):
-        even = resampled(points, 0.10 / CELL)
+        even = evenly_spaced(points, 0.10 / CELL)
         degrees = np.degrees(turning_angles(even))
         rows, columns = np.floor(even[:, ::-1]).astype(int).T
         row[name] = {
@@ -148,7 +149,7 @@ def door_row(door: float, name: str) -> dict[str, Any]:
     cells[60 - half : 60 + half, 80:82] = 0
     costmap = costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A)
     path = plan(costmap, *DOOR_ENDS[name], PlannerSettings(planner="harmonic"))
-    degrees = np.degrees(turning_angles(resampled(path.poses[:, :2], 0.10)))
+    degrees = np.degrees(turning_angles(evenly_spaced(path.poses[:, :2], 0.10)))
     return {
         "door_m": door,
         "comes": name,

@@ -34,7 +34,7 @@ Driven = Callable[[str, tuple[float, float], tuple[float, float]], float | None]
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What a graph is checked against; parts that are not given are not checked.
+    """The surroundings against which a graph is checked; parts that are not given are not checked.
 
     `width`, `length` [m] of the chair's body; `grids` and `places` by storey; `driven` asks the grid planner; `missing`
     are the storeys whose map folder is missing; `moved` are those whose map was bent since the graph was saved;

@@ -26,15 +26,6 @@ def paper_band(found: LogField, points: FloatArray, delta: float = 0.2, passes: 
     return _paper_relaxed(found.logs, points, delta, passes)
 
 
-def resampled(points: FloatArray, spacing: float) -> FloatArray:
-    """Return points along a polyline, evenly spaced by at most `spacing`, both ends included."""
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    count = max(math.ceil(along[-1] / spacing - 1e-9), 1) + 1
-    at = np.linspace(0.0, along[-1], count)
-    return np.column_stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])])
-
-
 def turning_angles(points: FloatArray) -> FloatArray:
     """Return (N - 2,) the absolute turning angle [rad] at each inner point of a polyline."""
     steps = np.diff(points, axis=0)

@@ -13,10 +13,11 @@ import numpy as np
 from waychair.geometry import transform_points, wrap_angle
 from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.planning.body.clearance import PLANNED_ON_PATH, PLANNED_TURN
-from waychair.planning.body.footprint import fits_each, footprint, free_time, in_cells
+from waychair.planning.body.footprint import fits_each
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.route.legs import PathLeg
+from waychair.planning.route.rooms import NO_TURN, turn_is_free
 from waychair.planning.route.speed_profile import rooms_along
 from waychair.types import FloatArray, Path, Pose2
 
@@ -53,11 +54,7 @@ def direct_leg(costmap: Costmap, start: Pose2, goal: Pose2) -> PathLeg | None:
 
     def turns(pose: Pose2, heading: float) -> bool:
         turn = wrap_angle(heading - pose.theta)
-        if abs(turn) < 0.05:
-            return True
-        shape, at = footprint(costmap.body, PLANNED_TURN, field), in_cells(field, pose)
-        other = turn - math.copysign(math.tau, turn)
-        return any(free_time(shape, at, 0.0, each, 1.0, 1.0) >= 1.0 for each in (turn, other))
+        return abs(turn) < NO_TURN or turn_is_free(costmap.body, PLANNED_TURN, field, pose, turn)
 
     def leg_of(poses: FloatArray, gear: float) -> PathLeg:
         rooms = rooms_along(costmap.body, field, poses)
@@ -86,12 +83,10 @@ def direct_leg(costmap: Costmap, start: Pose2, goal: Pose2) -> PathLeg | None:
 def turning_leg(costmap: Costmap, pose: Pose2, heading: float) -> PathLeg | None:
     """Return the leg that only turns on the spot to a heading [rad] in map; None where the turn is not free."""
     field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.3)
-    shape, at, turn = footprint(costmap.body, 0.0, field), in_cells(field, pose), wrap_angle(heading - pose.theta)
-    for each in (turn, turn - math.copysign(math.tau, turn)):
-        if free_time(shape, at, 0.0, each, 1.0, 1.0) >= 1.0:
-            poses = np.array([[pose.x, pose.y, pose.theta], [pose.x, pose.y, heading]])
-            return PathLeg(Path(poses), np.zeros(2))
-    return None
+    if not turn_is_free(costmap.body, 0.0, field, pose, wrap_angle(heading - pose.theta)):
+        return None
+    poses = np.array([[pose.x, pose.y, pose.theta], [pose.x, pose.y, heading]])
+    return PathLeg(Path(poses), np.zeros(2))
 
 
 def _curve(start: Pose2, goal: Pose2, gear: float) -> FloatArray | None:

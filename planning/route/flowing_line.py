@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.geometry import evenly_spaced
 from waychair.maps.grid.distance_field import DistanceField, interpolated
 from waychair.planning.grid.resumable import CountedSteps
 from waychair.types import Float32Array, FloatArray
@@ -117,15 +118,6 @@ def with_headings(
     if arrives is not None:
         headings[-1] = arrives + math.tau * round((headings[-1] - arrives) / math.tau)
     return np.column_stack([points, headings])
-
-
-def evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
-    """Return points along a polyline, evenly spaced by at most `spacing` [m], both ends included."""
-    steps = np.hypot(*np.diff(points, axis=0).T)
-    along = np.concatenate([[0.0], np.cumsum(steps)])
-    count = max(math.ceil(along[-1] / spacing - 1e-9), 1) + 1
-    at = np.linspace(0.0, along[-1], count)
-    return np.column_stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])])
 
 
 @njit(cache=True, nogil=True)

@@ -15,7 +15,7 @@ from waychair.errors import (
     NoPath,
     PlanningError,
 )
-from waychair.geometry import transform_points
+from waychair.geometry import evenly_spaced, transform_points
 from waychair.maps.grid.cells import cells_from_points, cells_where, inside
 from waychair.planning.body.clearance import HARD, NARROW, STRAIGHT_DOOR
 from waychair.planning.body.footprint import fits
@@ -26,7 +26,6 @@ from waychair.planning.grid.smoothing import pull_taut, round_corners
 from waychair.planning.harmonic.harmonic_field import HarmonicSettings
 from waychair.planning.harmonic.laplace_solvers import HasTime
 from waychair.planning.route.direct_leg import direct_leg
-from waychair.planning.route.flowing_line import evenly_spaced
 from waychair.planning.route.grid_planner import GridPlanner, grid_planner, prepared
 from waychair.planning.route.keep_right import KeepRightSettings, kept_right
 from waychair.planning.route.legs import DoorPassage, PathLeg, joined_legs

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from waychair.planning.harmonic.rubber_band import resampled, turning_angles
+from waychair.geometry import evenly_spaced
+from waychair.planning.harmonic.rubber_band import turning_angles
 from waychair.types import FloatArray, IntArray, Path
 
 EVERY_M = 0.10
@@ -20,7 +21,7 @@ def turns_of(path: Path, every: float = EVERY_M) -> FloatArray:
     """Return turning angles (N,) [rad] of a path that is resampled at a distance [m]."""
     points = path.poses[:, :2]
     apart = np.append(True, np.hypot(*np.diff(points, axis=0).T) > 1e-6)
-    return turning_angles(resampled(points[apart], every))
+    return turning_angles(evenly_spaced(points[apart], every))
 
 
 def turn_histogram(path: Path, every: float = EVERY_M) -> tuple[IntArray, IntArray]:

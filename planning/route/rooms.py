@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 
+from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import wrap_angle
+from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.footprint import fits_each, footprint, free_time, in_cells
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import fine_field
@@ -20,7 +22,7 @@ _STRETCH = 1.0
 _CELLS = 400_000
 """Work of a stretch, in visited grid cells."""
 
-_NO_TURN = 0.05
+NO_TURN = 0.05
 """[rad] A smaller change of heading happens on the way."""
 
 
@@ -49,15 +51,19 @@ def rooms_beside(costmap: Costmap, poses: FloatArray) -> CountedSteps[FloatArray
 def can_turn(costmap: Costmap, pose: Pose2, heading: float, margin: float) -> bool:
     """Return whether the chair can turn on the spot to a heading [rad], in one of both directions, or need not turn."""
     short = wrap_angle(heading - pose.theta)
-    if abs(short) < _NO_TURN:
+    if abs(short) < NO_TURN:
         return True
     field = costmap.field
     for fine in (False, True):
         if fine:
             field = fine_field(costmap.grid, pose, costmap.body.circumscribed_radius + 0.3)
-        shape, at = footprint(costmap.body, margin, field), in_cells(field, pose)
-        if any(
-            free_time(shape, at, 0.0, turn, 1.0, 1.0) >= 1.0 for turn in (short, short - math.copysign(math.tau, short))
-        ):
+        if turn_is_free(costmap.body, margin, field, pose, short):
             return True
     return False
+
+
+def turn_is_free(body: ChairBody, margin: float, field: DistanceField, pose: Pose2, turn: float) -> bool:
+    """Return whether a body with a margin [m] can turn on the spot by an angle [rad], or the other way round."""
+    shape, at = footprint(body, margin, field), in_cells(field, pose)
+    other = turn - math.copysign(math.tau, turn)
+    return any(free_time(shape, at, 0.0, each, 1.0, 1.0) >= 1.0 for each in (turn, other))

@@ -155,9 +155,10 @@ def _pieces(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> Cou
     turns_in = here[0] >= LEAST_ROOM and can_turn(costmap, start, float(poses[0, 2]), PLANNED_TURN)
     turns_out = can_turn(costmap, Pose2(*poses[-1]), goal.theta, PLANNED_TURN)
     marked = [*([] if turns_in else [0]), *bad, *([] if turns_out else [len(poses) - 1])]
-    first = last = marked[0] if marked else 0
-    for k in marked[1:] or [len(poses) - 1] * (not marked):
-        if (k - last) * SPACING > _ONE_TURN and marked:
+    marked = marked or list(range(len(poses)))  # only the ends' headings do not fit
+    first = last = marked[0]
+    for k in marked[1:]:
+        if (k - last) * SPACING > _ONE_TURN:
             break
         last = k
     if ground.searches is None:

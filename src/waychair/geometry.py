@@ -61,6 +61,14 @@ def arc_lengths(points: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
 
 
+def evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
+    """Return points along a polyline, evenly spaced by at most `spacing` in their unit, both ends included."""
+    along = arc_lengths(points)
+    count = max(math.ceil(along[-1] / spacing - 1e-9), 1) + 1
+    at = np.linspace(0.0, along[-1], count)
+    return np.column_stack([np.interp(at, along, points[:, 0]), np.interp(at, along, points[:, 1])])
+
+
 def limit_slope(most: FloatArray, rise: FloatArray) -> FloatArray:
     """Return the largest profile (N,) of limited slope below an upper bound.
 

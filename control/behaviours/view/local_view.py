@@ -1,4 +1,4 @@
-"""What is known round the chair, whatever told of it: obstacles by class, and the ground that was seen to be free.
+"""The surroundings of the chair as all sensors together tell them: obstacles by class, and the ground that was seen to be free.
 
 A sensor's part is one or more fans of `Beams`: where it looked, how far it saw, and what it hit. `gather_views` lays
 the parts of lidar, depth, sonars and people on small grids in odom, which move with the chair, and gives the view in

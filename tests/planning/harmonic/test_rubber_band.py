@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from evaluation.speed.harmonic import CELL, SCENES, BandScene, bands, rectangle_fits
 
+from waychair.geometry import evenly_spaced
 from waychair.planning.harmonic.harmonic_field import log_field
 from waychair.planning.harmonic.laplace_solvers import laplace_problem
 from waychair.planning.harmonic.rubber_band import (
     log_between,
     polyline_length,
-    resampled,
     turning_angles,
 )
 from waychair.types import FloatArray
@@ -21,7 +21,7 @@ from waychair.types import FloatArray
 
 def sharpest(points: FloatArray) -> float:
     """Sharpest turn [deg] at every 0.10 m."""
-    return math.degrees(turning_angles(resampled(points, 0.10 / CELL)).max())
+    return math.degrees(turning_angles(evenly_spaced(points, 0.10 / CELL)).max())
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.name)
