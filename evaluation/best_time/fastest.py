@@ -7,8 +7,8 @@ accelerations at equidistant times (knots), and the time between them.
 2. `programme.py` shortens the time between the knots by successive linear programmes in a trust region (SLP: Fletcher
    and Sainz de la Maza 1989; for motions: sequential convex optimisation, Schulman et al., IJRR 2014; successive
    convexification, Mao, Szmuk and Acikmese, CDC 2016).
-3. The motion is integrated densely and checked: exact outline, limits, end pose. One that touches something between the
-   knots is optimised again with a little clearance. So `seconds` is the time of a motion that the chair could drive.
+3. The motion is integrated densely and checked: exact outline, limits, end pose. One that exceeds a limit between the knots
+   is stretched in time. One that touches something there is optimised again with a little clearance. So `seconds` is the time of a motion that the chair could drive.
 
 The result is an upper bound of the true least time: the best motion beside the first way, on a grid of times. Along a
 path that is fixed, the problem is time-optimal path parameterisation (TOPP: Bobrow, Dubowsky and Gibson, IJRR 1985;
@@ -24,20 +24,21 @@ import numpy as np
 from evaluation.best_time.comfort import Comfort
 from evaluation.best_time.first_way import FirstWay, first_way, timed
 from evaluation.best_time.gaps import Surroundings
-from evaluation.best_time.motion import BestDrive, faults, integrated, motion_through
+from evaluation.best_time.motion import BestDrive, faults, integrated, motion_through, within_limits
 from evaluation.best_time.programme import Task, shortened
 from waychair.errors import PlanningError
 from waychair.geometry import wrap_angle
 from waychair.types import Pose2
 
-_SPACING_S = 0.25
-"""[s] Time between two knots of the first way: a third of the time in which the jerk builds up the acceleration."""
+_SPACINGS_S = (0.25, 0.125)
+"""[s] Time between two knots of the first way, in turn, until the exact outline is free also between them: a third of the
+time in which the jerk builds up the acceleration, and half of that, for turns of a corner past another one."""
 
 _MOST_KNOTS = 360
-"""A longer drive than 90 s has its knots farther apart."""
+"""A longer drive than 90 s, or 45 s, has its knots farther apart."""
 
 _CLEARANCES = (0.003, 0.006, 0.012)
-"""[m] Least gap at the knots, in turn, until the exact outline is free also between them."""
+"""[m] Least gap at the knots, in turn, likewise."""
 
 
 class NoBestTime(PlanningError):
@@ -56,16 +57,17 @@ def best_drive(around: Surroundings, start: Pose2, goal: Pose2, comfort: Comfort
 
 def _along(around: Surroundings, way: FirstWay, goal: Pose2, comfort: Comfort) -> BestDrive:
     """Return the fastest motion found beside a way."""
-    rough_s, rows = timed(way, comfort, _SPACING_S, _MOST_KNOTS)
-    heading = float(rows[-1, 2])
-    ends = way.start.array(), np.array([goal.x, goal.y, heading + wrap_angle(goal.theta - heading)])
-    motion = motion_through(rows, rough_s, ends)
     problem = ""
-    for clear in _CLEARANCES:
-        motion = shortened(Task(around, comfort, ends, clear), motion)
-        drive = integrated(motion, rough_s)
-        problem = faults(around, drive, goal, comfort)
-        if not problem:
-            return drive
+    for spacing_s in _SPACINGS_S:
+        rough_s, rows = timed(way, comfort, spacing_s, _MOST_KNOTS)
+        heading = float(rows[-1, 2])
+        ends = way.start.array(), np.array([goal.x, goal.y, heading + wrap_angle(goal.theta - heading)])
+        motion = motion_through(rows, rough_s, ends)
+        for clear in _CLEARANCES:
+            motion = shortened(Task(around, comfort, ends, clear), motion)
+            drive = integrated(within_limits(motion, integrated(motion, rough_s), comfort), rough_s)
+            problem = faults(around, drive, goal, comfort)
+            if not problem:
+                return drive
     far = math.dist((way.start.x, way.start.y), (goal.x, goal.y))
     raise NoBestTime(f"the best motion to ({goal.x:g}, {goal.y:g}), {far:.1f} m away, {problem}: take another goal")

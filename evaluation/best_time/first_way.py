@@ -281,7 +281,7 @@ def _search(
             if not (0 <= row < height and 0 <= column < width) or not raster.left[row, column] < np.inf:
                 continue
             key = _cell(raster, side, columns, nx, ny, heading) * 3 + gear
-            if time >= best[key] or not _is_clear(around, raster, x, y, theta, length, turn):
+            if time > best[key] - _ROUNDING or not _is_clear(around, raster, x, y, theta, length, turn):
                 continue
             best[key] = time
             if count == len(seconds):

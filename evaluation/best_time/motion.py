@@ -7,7 +7,7 @@ and heading at the knots depend linearly on each other, whatever dt is.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -135,6 +135,29 @@ def integrated(motion: Motion, first_s: float) -> BestDrive:
         twists=np.column_stack([joined(speed), joined(rate)]) / dt,
         first_s=first_s,
     )
+
+
+def within_limits(motion: Motion, drive: BestDrive, comfort: Comfort) -> Motion:
+    """Return the motion along the same path, slower where its integration `drive` exceeds a limit between the knots.
+
+    Over a longer time all speeds fall in proportion, and accelerations and jerks still more.
+    """
+    v, omega = drive.twists.T
+    longer = max(
+        1.0,
+        float(v.max()) / comfort.speed,
+        -float(v.min()) / max(comfort.reverse, _NO_SPEED),
+        float(np.abs(omega).max()) / comfort.turn_rate,
+        math.sqrt(float(np.abs(v * omega).max()) / comfort.lateral),
+    )
+    return replace(motion, dt=longer * motion.dt) if longer <= _LONGEST else motion
+
+
+_NO_SPEED = 0.01
+"""[m/s] A chair that may not reverse may still roll back by so little between two knots."""
+
+_LONGEST = 1.1
+"""A motion that would have to last longer by more than this is no best one."""
 
 
 def faults(around: Surroundings, drive: BestDrive, goal: Pose2, comfort: Comfort) -> str:

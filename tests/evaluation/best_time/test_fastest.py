@@ -12,7 +12,7 @@ from evaluation.best_time.comfort import comfort_of, rest_to_rest, straight_time
 from evaluation.best_time.fastest import best_drive
 from evaluation.best_time.gaps import surroundings
 from evaluation.best_time.kept import kept_best_drive
-from evaluation.best_time.motion import BestDrive, faults
+from evaluation.best_time.motion import BestDrive, Motion, faults, within_limits
 
 from tests.evaluation.best_time.test_first_way import wall_with_gap
 from waychair.calibration.chair_body import CHAIR_A
@@ -91,6 +91,20 @@ def test_a_motion_that_breaks_a_limit_or_touches_something_is_named() -> None:
     assert "ends 1.000 m" in faults(NOTHING, drive, Pose2(5.0, 0.0, 0.0), COMFORT)
     narrow = surroundings(solid_from_blocks(wall_with_gap(0.55)), CHAIR_A)
     assert "touches something" in faults(narrow, drive, goal, COMFORT)
+
+
+def test_a_motion_a_little_beyond_a_limit_lasts_as_much_longer_as_the_limit_asks_for() -> None:
+    motion = Motion(np.zeros((11, 7)), np.zeros((10, 2)), 0.25)
+    times, poses = np.linspace(0.0, 2.5, 101), np.zeros((101, 3))
+    for v, omega, longer in (
+        (0.5, 0.5, 1.0),
+        (0.84, 0.0, 1.05),
+        (-0.21, 0.0, 1.05),
+        (0.66, 0.7878788, 1.02),
+        (1.6, 0.0, 1.0),
+    ):
+        drive = BestDrive(2.5, times, poses, np.broadcast_to([v, omega], (101, 2)), 2.5)
+        assert within_limits(motion, drive, COMFORT).seconds == pytest.approx(2.5 * longer, rel=1e-3)
 
 
 def test_a_best_drive_is_computed_once_and_a_missing_one_keeps_its_reason(tmp_path: Path) -> None:

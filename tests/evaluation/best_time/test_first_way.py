@@ -14,6 +14,7 @@ from evaluation.best_time.gaps import surroundings
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import NoPath
 from waychair.geometry import wrap_angle
+from waychair.simulation.plan.world import load_world
 from waychair.simulation.scene.contact import in_contact, solid_from_blocks
 from waychair.simulation.scene.scene import Block
 from waychair.types import Pose2
@@ -84,6 +85,14 @@ def test_the_way_leads_through_a_door_of_the_chairs_width_and_fifteen_centimetre
     assert abs(wrap_angle(theta - goal.theta)) <= 0.05
     with pytest.raises(NoPath, match="no way was found"):
         first_way(surroundings(solid_from_blocks(wall_with_gap(0.3)), CHAIR_A), start, goal, COMFORT)
+
+
+def test_a_search_over_a_whole_building_is_not_filled_by_ways_that_take_equally_long() -> None:
+    """From the bath all headings lead out of one door, by many ways of the same time, which must not be kept twice."""
+    world = load_world("small_clinic").without_people()
+    bath, ward = (next(place.pose for place in world.places if place.name == name) for name in ("bath", "ward"))
+    around = surroundings(solid_from_blocks(world.blocks, world.pits), CHAIR_A)
+    assert 15.0 < first_way(around, bath, ward, COMFORT).seconds < 22.0
 
 
 def test_a_start_in_a_wall_is_named() -> None:
