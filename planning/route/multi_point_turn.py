@@ -27,7 +27,11 @@ from waychair.planning.body.clearance import COMFORTABLE_MANOEUVRE, PLANNED
 from waychair.planning.body.footprint import Footprint, along_arc, footprint, free_time, in_cells, room
 from waychair.planning.grid.grid_graph import NO_BARS
 from waychair.planning.grid.resumable import Resumable, finished
+from waychair.planning.route.speed_profile import BLIND_SPEED, turn_rate
+from waychair.planning.window.motion_limits import DwaSettings
 from waychair.types import Bytes, Float32Array, FloatArray, Pose2
+
+_LIMITS = DwaSettings()
 
 _STEP = 2.0
 """Length of one step in sides of a bin: longer than a bin's diagonal."""
@@ -41,19 +45,20 @@ _SWEEP, _CONNECTION = 4, 40
 CLOSE_PRICE = 1.5
 """A step without any of the comfortable clearance costs this much more, per its price."""
 
-REVERSE_PRICE, TURN_PRICE, GEAR_PRICE = 1.6, 0.4, 0.5
-"""[m] Prices in metres driven forwards: of a metre backwards, of a radian on the spot, and of a change of direction."""
+SPEED, GEAR_PRICE = 0.4, 0.5
+"""[m/s] About the speed of a metre driven forwards, and the price in such metres of a change between forwards, backwards and
+turning. Reversing and turning have the price of the time for which the rear corners, which no sensor sees, move outwards."""
 
 STEER_PRICE = 0.3
 """[m/rad] Price of changing a step's turn while driving: the chair follows such changes late."""
 
-GREED = 1.5
+GREED = 1.2
 """Weight of the cost-to-go estimate: larger is faster, and paths get longer."""
 
 MOST_STATES = 60_000
 """Number of states after which the search gives up."""
 
-POLISH = 2000
+POLISH = 8000
 """States expanded for a better path once one is known."""
 
 CHECKS_PER_STEP = 8000
@@ -121,14 +126,15 @@ def manoeuvre_resumably(
     yield
     prices = np.array(
         [
-            REVERSE_PRICE,
-            TURN_PRICE,
+            SPEED / BLIND_SPEED,
+            SPEED / turn_rate(body, _LIMITS),
             GEAR_PRICE,
             GREED,
             COMFORTABLE_MANOEUVRE,
             CLOSE_PRICE,
             math.tau / attempt.headings,
             STEER_PRICE,
+            body.width / 2,
         ]
     )
     side = attempt.bin / cell
@@ -263,8 +269,8 @@ def _search(
     """Expand states until `slice_` pose checks have been done; return whether there are more states to expand.
 
     The state is that of `_SearchState`. At most `most` states are made, and at most `polish` expanded once a path is
-    known. prices: reverse, turn, gear, greed, roomy, close (see the constants), the angle of a bin of headings, and
-    steer.
+    known. prices: reverse, turn, gear, greed, roomy, close (see the constants), the angle of a bin of headings, steer, and half
+    the chair's width [m], the lever of a rear corner.
     """
     cell, greed, angle = shape.cell, prices[3], prices[6]
     rows, columns = ways.shape
@@ -374,7 +380,8 @@ def _least_price(way: float, turn: float, gear: float, prices: FloatArray) -> fl
 def _drive_price(way: float, turn: float, prices: FloatArray) -> float:
     if way == 0.0:
         return float(prices[1] * abs(turn))
-    return float(abs(way) * (1.0 if way > 0.0 else prices[0]))
+    driven = way if way > 0.0 else prices[0] * (prices[8] * abs(turn) - way)
+    return float(max(driven, prices[1] * abs(turn)))
 
 
 @njit(cache=True)

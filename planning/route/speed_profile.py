@@ -26,8 +26,8 @@ LEAST_SPEED = 0.15
 STEERING_SHARE = 0.7
 """Part of the turning speed and acceleration that a line may need; the rest corrects the chair's errors."""
 
-SEEN_TURN = 0.5
-"""[rad/s] About the rate of a turn on the spot whose rear corners no sensor sees."""
+BLIND_SPEED = 0.15
+"""[m/s] About the speed at which the rear corners, which no sensor sees, may move outwards."""
 
 RESERVE = 0.9
 """Part of the braking and jerk that a profile plans with; the rest is for the chair's lag."""
@@ -148,10 +148,23 @@ def fastest_now(speeds: FloatArray, along: FloatArray, s: float, a: float, jerk:
     return low
 
 
-def time_along(poses: FloatArray, rooms: FloatArray, body: ChairBody, limits: DwaSettings) -> float:
+def time_along(poses: FloatArray, rooms: FloatArray, body: ChairBody, limits: DwaSettings, gear: float = 1.0) -> float:
     """Return how long [s] a drive along poses (N, 3) with room (N,) [m] beside them takes, from and to standstill."""
-    along = arc_lengths(poses[:, :2])
-    return predicted_time(speeds_along(curvatures(poses), rooms, along, body, limits), along, limits)
+    along, bends = arc_lengths(poses[:, :2]), curvatures(poses)
+    speeds = np.minimum(speeds_along(bends, rooms, along, body, limits, gear), _blind_speeds(bends, body, gear))
+    return predicted_time(speeds, along, limits)
+
+
+def _blind_speeds(bends: FloatArray, body: ChairBody, gear: float) -> FloatArray:
+    """Return (N,) [m/s] the speeds at which the rear corners move outwards at `BLIND_SPEED`, by the curvature."""
+    tight = np.abs(bends)
+    backwards = tight * body.width / 2 - gear
+    return BLIND_SPEED / np.maximum(np.maximum(backwards, tight * body.rear), 1e-3)
+
+
+def turn_rate(body: ChairBody, limits: DwaSettings) -> float:
+    """Return the highest rate [rad/s] of a turn on the spot, at which the rear corners move at `BLIND_SPEED` at most."""
+    return min(limits.max_omega, BLIND_SPEED / max(body.rear, body.width / 2))
 
 
 def predicted_time(speeds: FloatArray, along: FloatArray, limits: DwaSettings) -> float:
@@ -173,11 +186,11 @@ def _drive_time(speeds: FloatArray, along: FloatArray, faster: float, slower: fl
     return t
 
 
-def turn_time(turn: float, limits: DwaSettings) -> float:
+def turn_time(turn: float, body: ChairBody, limits: DwaSettings) -> float:
     """Return how long [s] a turn on the spot takes from standstill to standstill."""
     turn = abs(turn)
     if turn < 1e-3:
         return 0.0
-    rate = min(limits.max_omega, SEEN_TURN)
+    rate = turn_rate(body, limits)
     ramp = rate**2 / limits.alpha
     return 0.5 + (2 * math.sqrt(turn / limits.alpha) if turn < ramp else turn / rate + rate / limits.alpha)

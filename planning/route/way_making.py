@@ -7,39 +7,36 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 
 import numpy as np
 
 from waychair.errors import NoPath
-from waychair.geometry import transform_points, wrap_angle
+from waychair.geometry import wrap_angle
 from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.planning.body.clearance import HARD, NOISE, PLANNED, PLANNED_TURN
 from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.grid.resumable import CELLS_PER_STEP, CountedSteps, counted
-from waychair.planning.grid.smoothing import line_cost
 from waychair.planning.route.flowing_line import COMFORT, NO_ZONES, SPACING, flowing
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
 from waychair.planning.route.legs import DoorPassage, PathLeg
-from waychair.planning.route.manoeuvres import gear_changes, manoeuvre_between
+from waychair.planning.route.manoeuvres import manoeuvre_between
 from waychair.planning.route.rooms import can_turn, rooms_beside
+from waychair.planning.route.shortcuts import shortened
 from waychair.planning.route.speed_profile import time_along, turn_time
+from waychair.planning.route.way_pieces import FIRM_PRICE, SHARPEST, Ground, Piece, is_against_one_way, sharpest
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.types import Float32Array, FloatArray, Path, Pose2
 
 LEAST_ROOM = PLANNED
 """[m] Room that a line needs."""
 
-_SHARPEST = 0.45
-"""[rad] Sharpest turn from one pose of a line to the next."""
-
 _SETTLING_PRICE = 2000.0
 """Price of lacking room at which a band first settles."""
 
-_TRIES = ((COMFORT, 40000.0), (0.12, 400000.0), (0.08, 400000.0))
+_TRIES = ((COMFORT, FIRM_PRICE), (0.12, 400000.0), (0.08, 400000.0))
 """Comfort [m] and price of lacking room of the bands that are tried in turn."""
 
 _AHEAD = (0.8, 0.5, 0.3)
@@ -59,30 +56,6 @@ _ROUND = (0.8, 2.0)
 
 _SAME_HEADING = 0.02
 """[rad] Two pieces whose headings differ by no more are driven without a stop."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Piece:
-    """A stretch between two poses: poses (N, 3), the room (N,) [m] at them, and the time it takes [s].
-
-    `turning` [s] is the part of that time for turns on the spot at its ends.
-    """
-
-    poses: FloatArray
-    rooms: FloatArray
-    seconds: float
-    backwards: bool = False
-    turning: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Ground:
-    """Where a way is made, and how fast the chair is there; `from_zones` as in `flowing`."""
-
-    costmap: Costmap
-    limits: DwaSettings
-    from_zones: Float32Array
-    searches: Callable[[], None] | None
 
 
 def way_legs(
@@ -105,8 +78,8 @@ def way_legs(
     if math.dist((start.x, start.y), (goal.x, goal.y)) < _NOWHERE:
         poses = np.array([[start.x, start.y, start.theta], [start.x, start.y, goal.theta]])
         return [PathLeg(Path(poses), np.zeros(2))]
-    ground = _Ground(costmap, limits, _zones_round(costmap, line), searches)
-    pieces: list[_Piece] = []
+    ground = Ground(costmap, limits, _zones_round(costmap, line), searches)
+    pieces: list[Piece] = []
     passed: list[DoorPassage] = []
     here, rest = start, line
     for door in doors:
@@ -141,13 +114,13 @@ def _zones_round(costmap: Costmap, line: FloatArray) -> Float32Array:
     return NO_ZONES if crosses else costmap.from_zones
 
 
-def _pieces(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[list[_Piece]]:
+def _pieces(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[list[Piece]]:
     """Return the band from pose to pose, with multi-point turns where it does not fit."""
     whole = yield from _between(ground, line, start, goal)
     if whole is not None:
         return [whole]
     costmap = ground.costmap
-    poses = yield from flowing(line, costmap.field, costmap.body, price=_TRIES[0][1], from_zones=ground.from_zones)
+    poses = yield from flowing(line, costmap.field, costmap.body, price=FIRM_PRICE, from_zones=ground.from_zones)
     rooms = yield from rooms_beside(costmap, poses)
     fits_there = rooms >= PLANNED
     bad = (np.flatnonzero(~fits_there[1:-1]) + 1).tolist()
@@ -171,7 +144,7 @@ def _pieces(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> Cou
             end += 1
         into = start if begin == 0 else Pose2(*poses[begin])
         out = goal if end == len(poses) - 1 else Pose2(*poses[end])
-        before: list[_Piece] = []
+        before: list[Piece] = []
         if begin > 0:
             piece = yield from _between(ground, poses[: begin + 1, :2], start, into)
             if piece is None:
@@ -181,8 +154,8 @@ def _pieces(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> Cou
         turned = yield from counted(manoeuvre_between(costmap, into, out), CELLS_PER_STEP)
         if turned is None:
             continue
-        gears = yield from _gears(ground, turned)
-        after: list[_Piece] = []
+        gears = yield from shortened(ground, turned)
+        after: list[Piece] = []
         if end < len(poses) - 1:
             after = yield from _pieces(ground, poses[end:, :2], out, goal)
         return [*before, *gears, *after]
@@ -204,34 +177,11 @@ def _no_room(costmap: Costmap, start: Pose2, pose: FloatArray) -> NoPath:
     )
 
 
-def _gears(ground: _Ground, poses: FloatArray) -> CountedSteps[list[_Piece]]:
-    """Return the drives of a multi-point turn (N, 3), each smoothed where the smoother one has no less room."""
-    costmap, done = ground.costmap, []
-    for line, backwards in gear_changes(poses):
-        rooms = yield from rooms_beside(costmap, line)
-        if len(line) > 2:
-            smooth = yield from flowing(
-                line[:, :2],
-                costmap.field,
-                costmap.body,
-                float(line[0, 2]),
-                float(line[-1, 2]),
-                backwards=backwards,
-                price=_TRIES[0][1],
-                from_zones=ground.from_zones,
-            )
-            beside = yield from rooms_beside(costmap, smooth)
-            if _sharpest(smooth) < _SHARPEST and beside.min() >= rooms.min():
-                line, rooms = smooth, beside
-        done.append(_Piece(line, rooms, 0.0, backwards))
-    return done
-
-
 def _through(
-    ground: _Ground, line: FloatArray, here: Pose2, goal: Pose2, door: DoorPassage
-) -> CountedSteps[tuple[_Piece | None, _Piece, FloatArray] | None]:
+    ground: Ground, line: FloatArray, here: Pose2, goal: Pose2, door: DoorPassage
+) -> CountedSteps[tuple[Piece | None, Piece, FloatArray] | None]:
     """Return the soonest piece to a door's axis, the straight one through it, and the line beyond it."""
-    best: tuple[float, _Piece | None, _Piece] | None = None
+    best: tuple[float, Piece | None, Piece] | None = None
     for ahead in _AHEAD:
         straight = yield from _straight(ground, door, here, goal, ahead)
         if straight is None:
@@ -253,9 +203,7 @@ def _through(
     return best[1], best[2], np.concatenate([leaving[None, :2], line[k + 1 :] if k + 1 < len(line) else line[-1:]])
 
 
-def _straight(
-    ground: _Ground, door: DoorPassage, here: Pose2, goal: Pose2, ahead: float
-) -> CountedSteps[_Piece | None]:
+def _straight(ground: Ground, door: DoorPassage, here: Pose2, goal: Pose2, ahead: float) -> CountedSteps[Piece | None]:
     costmap, middle = ground.costmap, door.map_from_door
     body = costmap.body
     yield _CELLS_OF_A_DOOR
@@ -276,10 +224,10 @@ def _straight(
     along = np.linspace(begin, end, math.ceil((end - begin) / SPACING) + 1)
     poses = np.array([(middle @ Pose2(float(x), 0.0, 0.0)).array() for x in along])
     rooms = yield from rooms_beside(costmap, poses)
-    return _Piece(poses, rooms, time_along(poses, rooms, body, ground.limits))
+    return Piece(poses, rooms, time_along(poses, rooms, body, ground.limits))
 
 
-def _between(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[_Piece | None]:
+def _between(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2) -> CountedSteps[Piece | None]:
     """Return the soonest band from pose to pose, with or without turns on the spot at its ends; None if none fits.
 
     The ends of a long line do not depend on each other.
@@ -295,25 +243,25 @@ def _between(ground: _Ground, line: FloatArray, start: Pose2, goal: Pose2) -> Co
                 poses = np.concatenate([first.poses[:-1], poses[cut : len(poses) - cut], last.poses[1:]])
                 rooms = np.concatenate([first.rooms[:-1], rooms[cut : len(rooms) - cut], last.rooms[1:]])
                 middle = time_along(poses, rooms, ground.costmap.body, ground.limits)
-                return _Piece(poses, rooms, middle + first.turning + last.turning, turning=first.turning + last.turning)
+                return Piece(poses, rooms, middle + first.turning + last.turning, turning=first.turning + last.turning)
     return (yield from _soonest(ground, line, start, goal, found))
 
 
 def _soonest(
-    ground: _Ground,
+    ground: Ground,
     line: FloatArray,
     start: Pose2,
     goal: Pose2,
     free: tuple[FloatArray, FloatArray] | None = None,
     first: bool = True,
     last: bool = True,
-) -> CountedSteps[_Piece | None]:
+) -> CountedSteps[Piece | None]:
     """Return the soonest of the bands along a line with fixed and with free ends; None if none fits.
 
     `free` is the band with free ends, if it is known. The chair may turn on the spot at the `first` and the `last` end;
     at the others it drives on, in the pose's heading.
     """
-    best: _Piece | None = None
+    best: Piece | None = None
     costmap, limits = ground.costmap, ground.limits
     for leaves in (None, start.theta) if first else (start.theta,):
         for arrives in (None, goal.theta) if last else (goal.theta,):
@@ -327,11 +275,11 @@ def _soonest(
                 continue
             if arrives is None and not can_turn(costmap, out, goal.theta, PLANNED_TURN):
                 continue
-            turning = turn_time(wrap_angle(into.theta - start.theta), limits) if leaves is None else 0.0
-            turning += turn_time(wrap_angle(goal.theta - out.theta), limits) if arrives is None else 0.0
+            turning = turn_time(wrap_angle(into.theta - start.theta), costmap.body, limits) if leaves is None else 0.0
+            turning += turn_time(wrap_angle(goal.theta - out.theta), costmap.body, limits) if arrives is None else 0.0
             seconds = time_along(poses, rooms, costmap.body, limits) + turning
             if best is None or seconds < best.seconds:
-                best = _Piece(poses, rooms, seconds, turning=turning)
+                best = Piece(poses, rooms, seconds, turning=turning)
     return best
 
 
@@ -340,7 +288,7 @@ _END_PART = 3.0
 
 
 def _fitting(
-    ground: _Ground, line: FloatArray, leaves: float | None, arrives: float | None
+    ground: Ground, line: FloatArray, leaves: float | None, arrives: float | None
 ) -> CountedSteps[tuple[FloatArray, FloatArray] | None]:
     """Return the first band along a line that fits, and the room (N,) [m] at its poses; None if none does."""
     costmap = ground.costmap
@@ -351,25 +299,12 @@ def _fitting(
         line = poses[:, :2]
         if price == _SETTLING_PRICE:
             continue
-        if _sharpest(poses) > _SHARPEST:
+        if sharpest(poses) > SHARPEST:
             return None
         rooms = yield from rooms_beside(costmap, poses)
-        if (rooms[:-1] >= LEAST_ROOM).all() and not _is_against_one_way(costmap, line):
+        if (rooms[:-1] >= LEAST_ROOM).all() and not is_against_one_way(costmap, line):
             return poses, rooms
     return None
-
-
-def _is_against_one_way(costmap: Costmap, points: FloatArray) -> bool:
-    """Return whether a line through points (N, 2) [m] goes against a one-way zone; a band only knows walls."""
-    if costmap.barred is None:
-        return False
-    at = transform_points(costmap.grid.map_from_grid.inverse(), points) / costmap.grid.resolution
-    return any(
-        line_cost(costmap.prices, a, b, c, d, costmap.barred) == math.inf
-        and line_cost(costmap.prices, a, b, c, d, None) < math.inf
-        for (a, b), (c, d) in pairwise(at.tolist())
-        if (a, b) != (c, d)
-    )
 
 
 def _nearest(line: FloatArray, pose: Pose2) -> int:
@@ -377,9 +312,9 @@ def _nearest(line: FloatArray, pose: Pose2) -> int:
     return int(np.argmin(np.hypot(*(line - (pose.x, pose.y)).T)))
 
 
-def _joined(pieces: list[_Piece], goal: Pose2, doors: Sequence[DoorPassage]) -> list[PathLeg]:
+def _joined(pieces: list[Piece], goal: Pose2, doors: Sequence[DoorPassage]) -> list[PathLeg]:
     """Return the pieces as legs, cut where the chair turns on the spot or changes gear."""
-    joined: list[_Piece] = []
+    joined: list[Piece] = []
     for piece in pieces:
         before = joined[-1] if joined else None
         if (
@@ -403,8 +338,3 @@ def _joined(pieces: list[_Piece], goal: Pose2, doors: Sequence[DoorPassage]) -> 
             rooms = np.append(rooms, rooms[-1])
         legs.append(PathLeg(Path(poses), rooms, piece.backwards, tuple(doors)))
     return legs
-
-
-def _sharpest(poses: FloatArray) -> float:
-    turns = np.diff(poses[:, 2])
-    return float(np.abs(np.arctan2(np.sin(turns), np.cos(turns))).max()) if len(turns) else 0.0

@@ -109,7 +109,7 @@ def test_the_predicted_time_of_a_straight_drive_is_that_of_its_profile() -> None
 
 
 def test_a_turn_takes_longer_the_farther_it_goes() -> None:
-    times = [turn_time(turn, LIMITS) for turn in (0.0, 0.1, 1.0, -3.0)]
+    times = [turn_time(turn, CHAIR_A, LIMITS) for turn in (0.0, 0.1, 1.0, -3.0)]
     assert times[0] == 0.0
     assert times == sorted(times)
 
