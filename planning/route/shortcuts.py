@@ -10,12 +10,15 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import product
 
 import numpy as np
 
+from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import arc_lengths, wrap_angle
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import PLANNED, PLANNED_TURN
+from waychair.planning.body.footprint import fits
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.grid.resumable import CountedSteps
 from waychair.planning.route.flowing_line import flowing
@@ -36,6 +39,9 @@ _STRAIGHT_ON = 0.2
 
 _STOP_S = 1.0
 """[s] About the time that each drive loses by starting and stopping."""
+
+_AHEAD, _ASIDE, _MOST_PLACES = (-0.2, -0.4, -0.7, -1.0, 0.3, 0.6), (0.0, 0.1, -0.1, 0.2, -0.2), 6
+"""[m], [m] and count: places round the start at which the chair may turn right round."""
 
 _CELLS = 40_000
 """Work of one candidate beside its band, in visited grid cells."""
@@ -76,7 +82,8 @@ def shortened(ground: Ground, poses: FloatArray) -> CountedSteps[list[Piece]]:
     near = fine_field(costmap.grid, Pose2(float(middle[0]), float(middle[1])), reach)
     yield _CELLS * 10
     drives = [(line, rooms_along(body, near, line), back) for line, back in gear_changes(poses)]
-    nodes = _nodes(poses, drives)
+    first, *rest = _nodes(poses, drives)
+    nodes = [first, *_turning_places(body, near, first.pose), *rest]
     count = len(nodes)
     chains = _Chains([0.0, *[math.inf] * (count - 1)], [0] * count, [None] * count)
     for j in range(1, count):
@@ -101,6 +108,18 @@ def shortened(ground: Ground, poses: FloatArray) -> CountedSteps[list[Piece]]:
             found.insert(0, piece)
         at = chains.before[at]
     return found or [Piece(poses[-1:], drives[-1][1][-1:], 0.0)]  # a turn on the spot alone
+
+
+def _turning_places(body: ChairBody, near: DistanceField, start: Pose2) -> list[_Node]:
+    """Return the first of the poses round a start at which the chair can turn right round; each is a drive of its own."""
+    found: list[_Node] = []
+    for ahead, aside in product(_AHEAD, _ASIDE):
+        pose = start @ Pose2(ahead, aside, 0.0)
+        if fits(body, PLANNED, near, pose) and turn_is_free(body, PLANNED_TURN, near, pose, math.pi):
+            found.append(_Node(pose, -2 - len(found), 0, PLANNED))
+        if len(found) == _MOST_PLACES:
+            break
+    return found
 
 
 def _nodes(poses: FloatArray, drives: list[tuple[FloatArray, FloatArray, bool]]) -> list[_Node]:

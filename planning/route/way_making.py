@@ -54,6 +54,9 @@ _ONE_TURN = 1.5
 _ROUND = (0.8, 2.0)
 """[m] Lengths of line on both sides of such a place that a multi-point turn replaces; the longer if the shorter fails."""
 
+_ONWARDS = 2.5
+"""[m] Length of line beyond a multi-point turn that a shortcut may replace as well."""
+
 _SAME_HEADING = 0.02
 """[rad] Two pieces whose headings differ by no more are driven without a stop."""
 
@@ -154,12 +157,23 @@ def _pieces(ground: Ground, line: FloatArray, start: Pose2, goal: Pose2) -> Coun
         turned = yield from counted(manoeuvre_between(costmap, into, out), CELLS_PER_STEP)
         if turned is None:
             continue
-        gears = yield from shortened(ground, turned)
         after: list[Piece] = []
         if end < len(poses) - 1:
             after = yield from _pieces(ground, poses[end:, :2], out, goal)
+            onwards, after = _beginning(after)
+            turned = np.concatenate([turned, onwards])
+        gears = yield from shortened(ground, turned)
         return [*before, *gears, *after]
     raise _no_room(costmap, start, poses[first])
+
+
+def _beginning(pieces: list[Piece]) -> tuple[FloatArray, list[Piece]]:
+    """Return the poses (N, 3) of the first piece up to `_ONWARDS`, and the rest of the pieces."""
+    first, *others = pieces
+    cut = math.ceil(_ONWARDS / SPACING)
+    if len(first.poses) < cut + 4:
+        return first.poses, others
+    return first.poses[: cut + 1], [replace(first, poses=first.poses[cut:], rooms=first.rooms[cut:]), *others]
 
 
 def _no_room(costmap: Costmap, start: Pose2, pose: FloatArray) -> NoPath:

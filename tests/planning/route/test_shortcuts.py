@@ -44,6 +44,14 @@ def test_a_drive_that_goes_to_and_fro_becomes_one_drive() -> None:
     np.testing.assert_allclose(only.poses[[0, -1]], [[2.0, 2.0, 0.0], [4.0, 2.0, 0.0]], atol=1e-6)
 
 
+def test_a_chair_that_can_turn_right_round_near_its_start_does_so_instead_of_turning_in_parts() -> None:
+    """Two multi-point turns of 1.6 rad each in a wide corridor, where one turn on the spot does."""
+    ahead, aside, away = along((3.0, 3.6), 2.0), along((3.6, 3.6), 2.0, 1.6), along((3.6, 1.0), 2.0, math.pi)
+    pieces = drives(corridor(2.6), np.concatenate([ahead, aside, away]))
+    assert len(pieces) == 1
+    np.testing.assert_allclose(pieces[0].poses[-1], [1.0, 2.0, math.pi], atol=1e-6)
+
+
 def test_two_small_turns_on_the_spot_become_a_bend() -> None:
     slanted = along((3.0, 4.0), 2.0)
     slanted[:, 1] += 0.1 * (slanted[:, 0] - 3.0)
