@@ -37,6 +37,9 @@ _SIDEWAYS = 1.3
 _STRAIGHT_ON = 0.2
 """[rad] A band whose end lies no farther off the heading is tried without a turn on the spot before it only."""
 
+_LEAST = 0.01
+"""[m] Least room of a shortcut, as the way itself may begin in contact with what the map shows."""
+
 _STOP_S = 1.0
 """[s] About the time that each drive loses by starting and stopping."""
 
@@ -74,7 +77,7 @@ class _Chains:
 def shortened(ground: Ground, poses: FloatArray) -> CountedSteps[list[Piece]]:
     """Return the drives of a multi-point turn (N, 3) between its ends, with shortcuts where they are sooner.
 
-    A shortcut keeps the planned clearance, or as much as the way has that it replaces.
+    A shortcut keeps the planned clearance, or as much as the way has that it replaces, but at least `_LEAST`.
     """
     body, costmap = ground.costmap.body, ground.costmap
     middle = (poses[:, :2].min(axis=0) + poses[:, :2].max(axis=0)) / 2
@@ -98,7 +101,7 @@ def shortened(ground: Ground, poses: FloatArray) -> CountedSteps[list[Piece]]:
                 turn = wrap_angle(nodes[j].pose.theta - nodes[i].pose.theta)
                 chains.offer(i, j, turn_time(turn, body, ground.limits), None)
         for i in range(j):
-            least = min(PLANNED, *(node.room for node in nodes[i : j + 1]))
+            least = max(_LEAST, min(PLANNED, *(node.room for node in nodes[i : j + 1])))
             yield from _offer_bands(ground, near, nodes[i].pose, nodes[j].pose, least, chains, i, j)
     found: list[Piece] = []
     at = count - 1
