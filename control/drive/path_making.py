@@ -18,7 +18,14 @@ from waychair.control.drive.goals import is_in_place, is_missed
 from waychair.control.drive.leg_drive import LegDrive
 from waychair.control.drive.local_obstacles import Surroundings
 from waychair.control.drive.navigator_settings import NavigatorSettings
-from waychair.control.drive.navigator_state import LONGEST_FIELD_S, PATH_HYSTERESIS_S, MotionState, Offer, PlanState
+from waychair.control.drive.navigator_state import (
+    LONGEST_FIELD_S,
+    LOOK_AHEAD,
+    PATH_HYSTERESIS_S,
+    MotionState,
+    Offer,
+    PlanState,
+)
 from waychair.errors import GoalOccupied, NotConverged, PlanningError, WaychairError
 from waychair.geometry import transform_points
 from waychair.planning.grid.costmap import Costmap
@@ -49,6 +56,9 @@ _TOLD_AGAIN_S = 4.0
 
 _ROUND = 0.15 * np.array([(math.cos(angle), math.sin(angle)) for angle in np.arange(0.0, math.tau, math.pi / 4)])
 """m; points (8, 2) round the middle of a person that has walked, whose own points the obstacles leave out."""
+
+_LIVE_REACH = 1.5
+"""m; up to here the follower of a line judges it by the outline itself."""
 
 _BARRED_WITHIN, _BESIDE = 2.5, 0.15
 """m; obstacles within the first distance of a chair that stands, and no farther beside its body than the second, bar
@@ -127,6 +137,26 @@ class PathMaker:
             return
         legs = list(planner.legs)
         plan.adopt(path, legs, LegDrive(legs[0], self.drawn, self._body))
+
+    def expects_people(self) -> bool:
+        """Return whether anybody walks, or may soon walk, near the chair."""
+        return bool(self._people.expected_people(self._now.map_from_odom).tracks)
+
+    def obstacles(self) -> FloatArray:
+        """Return the obstacles (N, 2) [m] in map of full height that stand, as the next plan would avoid them."""
+        return self._surroundings.stationary()[0]
+
+    def is_barred(self, rest: FloatArray, beyond_live: bool = False) -> bool:
+        """Return whether something stands, or somebody lingers, on the next metres of a path (N, 2) [m] in map.
+
+        `beyond_live` leaves out the part near the chair that the follower of a line compares with the live picture.
+        """
+        if beyond_live:
+            rest = rest[np.hypot(*(rest - (self._now.pose.x, self._now.pose.y)).T) > _LIVE_REACH]
+        ahead, half = rest[: math.ceil(LOOK_AHEAD / SPACING)], self._body.width / 2
+        in_odom = transform_points(self._now.map_from_odom.inverse(), ahead)
+        near = half + self._settings.tracks.model.radius
+        return self._surroundings.stands_near(ahead, half) or self._people.someone_lingers_near(in_odom, near)
 
     def what_bars(self, otherwise: str) -> str:
         """Return a sentence on the live obstacle that bars the path, or another one if there is none."""
