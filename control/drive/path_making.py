@@ -142,6 +142,11 @@ class PathMaker:
         """Return whether anybody walks, or may soon walk, near the chair."""
         return bool(self._people.expected_people(self._now.map_from_odom).tracks)
 
+    def meets_people(self, rest: FloatArray) -> bool:
+        """Return whether a drive along the rest of a path (N, 2) [m] in map is expected to meet somebody who walks."""
+        people = self._people.expected_people(self._now.map_from_odom)
+        return arrival(people, rest, self._settings.dwa.max_speed, self._settings.planner.forecast)[1] > 0.0
+
     def obstacles(self) -> FloatArray:
         """Return the obstacles (N, 2) [m] in map of full height that stand, as the next plan would avoid them."""
         return self._surroundings.stationary()[0]

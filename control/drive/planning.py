@@ -61,8 +61,10 @@ class Planning:
         if plan.path is None or waits or (people and not plan.among_people):
             return True
         rest = plan.rest(self._now.pose)
-        if rest is None or plan.leg is None:
-            return rest is None or self.maker.is_barred(rest)
+        if rest is None or self.maker.meets_people(rest):
+            return True
+        if plan.leg is None:
+            return self.maker.is_barred(rest)
         if not plan.leg.leg.is_line:
             return not people or self.maker.is_barred(rest)
         return plan.leg.is_barred or self.maker.is_barred(rest, beyond_live=True)

@@ -130,7 +130,7 @@ def test_a_detour_is_taken_only_when_it_is_faster_than_waiting(planner: str) -> 
     crowd = among(*(walker(3.6 + 0.4 * k, 1.1, 0.02, 0.0) for k in range(8)), radius=0.7)
     direct, chosen, forced = planned(planner, crowd, 0.2)
     assert forced > direct + 2.0
-    assert chosen == pytest.approx(forced, rel=0.05)
+    assert chosen == pytest.approx(forced, rel=0.08)  # the line over the cells, and the band beside it
     passing = among(walker(3.4, -0.2, 0.0, 0.6), radius=0.7)
     direct, chosen, _ = planned(planner, passing, 0.2)
     assert chosen == pytest.approx(direct, abs=1e-9)
