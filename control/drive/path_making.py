@@ -34,7 +34,7 @@ from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.direct_leg import turning_leg
 from waychair.planning.route.global_planner import SPACING, check_goal
 from waychair.planning.route.legs import joined_legs
-from waychair.planning.route.refused_plans import Obstruction, Seen, cause_of, explained, obstruction_on
+from waychair.planning.route.refused_plans import Obstruction, cause_of, explained, obstruction_on
 from waychair.planning.seen.forecast import arrival
 from waychair.types import FloatArray, Goal, Path, Pose2
 
@@ -210,8 +210,8 @@ class PathMaker:
     ) -> Resumable[Obstruction | None]:
         planner = self._plan.planner
         assert planner is not None
-        seen = Seen(self._seen_points(upright, layered))
-        return (yield from cause_of(error, self.drawn, self._now.pose, planner.goal, seen))
+        points = self._seen_points(upright, layered)
+        return (yield from cause_of(error, self.drawn, self._now.pose, planner.goal, points))
 
     def _puts_off(self, now_ns: int, before: FloatArray | None, path: FloatArray, points: FloatArray) -> bool:
         """Return whether a path is put off, because it is much longer than the way before and a doorway there may be free soon.
