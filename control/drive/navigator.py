@@ -45,7 +45,7 @@ from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
 from waychair.planning.route.legs import PathLeg
 from waychair.planning.warm_up import warm_up
 from waychair.planning.window.dwa import DwaResult
-from waychair.planning.window.motion_limits import CommandedMotion, braking, crawling, stopping
+from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, braking, crawling, stopping
 from waychair.types import (
     BoolArray,
     FloatArray,
@@ -200,12 +200,12 @@ class Navigator:
         if not (np.isfinite(pose.array()).all() and np.isfinite(odom_from_map.array()).all()):
             return self._halt(now_ns, _UNKNOWN_POSE)
         view = self._perceive(now_ns, pose, obstacles, odom_from_map, beyond, now_ns if seen_ns is None else seen_ns)
-        standing = self._without_a_drive() or self._at_goal() or self._without_a_plan(now_ns)
+        standing = self._without_a_drive() or self._at_goal() or self._plan_ahead(now_ns)
         if standing is not None:
             return standing
         behind = self._people.someone_behind(now_ns, view.pose)
-        choice = self._backing_out(now_ns, view, behind) or self._follow(view, behind)
-        return self._outcome(now_ns, choice)
+        choice = self._back_out(now_ns, view, behind) or self._follow(view, behind)
+        return self._report(now_ns, choice)
 
     def _perceive(
         self,
@@ -276,7 +276,7 @@ class Navigator:
             return self._reached()
         return None
 
-    def _without_a_plan(self, now_ns: int) -> Navigation | None:
+    def _plan_ahead(self, now_ns: int) -> Navigation | None:
         """Plan in this tick's share of time; return the output of a chair that has no plan to follow now."""
         waits = self._stage in (Stage.WAITING, Stage.OFFERING)
         if not self._planning.keep_up(now_ns, self._goals[0], waits):
@@ -295,7 +295,7 @@ class Navigator:
             return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
         return None
 
-    def _backing_out(self, now_ns: int, view: View, behind: bool) -> DwaResult | None:
+    def _back_out(self, now_ns: int, view: View, behind: bool) -> DwaResult | None:
         """Return a command out along the chair's trail, once following the path has been impossible for a while."""
         tries, backed = self.recovery.tries, self.recovery.backing
         backing = self.recovery.step(
@@ -331,19 +331,21 @@ class Navigator:
         return replace(choice, arrived=choice.arrived and len(self._plan.legs) == 1)
 
     def _on_leg(self, view: View, behind: bool) -> DwaResult:
-        """Return the next command on the present leg, never backwards if somebody may be `behind`.
+        """Return the next command on the present leg."""
+        self._plan.leg = self._plan.leg or LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
+        return self._plan.leg.step(view, self._limits_on(self._plan.leg.leg, behind))
 
-        Nor is it backwards after several changes of gear in a row, if the chair could as well wait.
+    def _limits_on(self, leg: PathLeg, behind: bool) -> DwaSettings:
+        """Return the limits on a leg: slow after a jump of the pose, and never backwards if somebody may be `behind`.
+
+        Nor backwards after several changes of gear in a row, if the chair could as well wait.
         """
-        if self._plan.leg is None:
-            self._plan.leg = LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
         limits = crawling(self._dwa) if self._now.jumping else self._dwa
-        if behind or (self._now.gears.are_enough and self._could_wait(self._plan.leg.leg)):
+        if behind or (self._now.gears.are_enough and self._could_wait(leg)):
             limits = replace(limits, max_reverse=0.0)
         if len(self._plan.legs) > 1:
-            corner = replace(limits.tolerances, position=CORNER_TOLERANCE)
-            limits = replace(limits, tolerances=corner)
-        return self._plan.leg.step(view, limits)
+            limits = replace(limits, tolerances=replace(limits.tolerances, position=CORNER_TOLERANCE))
+        return limits
 
     def _could_wait(self, leg: PathLeg) -> bool:
         """Return whether waiting may help on a leg: one without a line, or a turn in several parts before something that may leave."""
@@ -367,7 +369,7 @@ class Navigator:
             return f"{what}, and the chair found no way past it in {tries} tries: ask for room, clear the way or choose another goal"
         return f"no way through after {tries} tries: clear the way or choose another goal"
 
-    def _outcome(self, now_ns: int, choice: DwaResult) -> Navigation:
+    def _report(self, now_ns: int, choice: DwaResult) -> Navigation:
         """Return the tick's output from a choice: reached, given up, waiting or driving."""
         if self.recovery.exhausted or self.recovery.repeats:
             if self.recovery.rested_s(now_ns) < self.settings.recovery.patience:

@@ -116,6 +116,7 @@ class GlobalPlanner:
         self._limits = limits
         self._check_footprint = check_footprint
         self.cost = 0
+        self._side = 1.0  # where the chair passes people: 1.0 on the usual side, -1.0 on the other
         self._costmap: Costmap | None = None
         self._search: GridPlanner | None = None
         self.legs: tuple[PathLeg, ...] = ()
@@ -220,25 +221,27 @@ class GlobalPlanner:
     ) -> Resumable[Path]:
         """Do `replan_resumably` among moving people, predicted rather than walls.
 
-        The direct path keeps to one side, or to the other if it would meet somebody there at `cruise` [m/s] (`kept_right`).
-        If it meets somebody on both, a path around the people, over the costmap with their prediction, is taken where it is
-        faster than waiting and the direct path.
+        The direct path keeps to one side, or to the other if it would meet somebody there at `cruise` [m/s] (`kept_right`),
+        and stays there while people are about. If it meets somebody on both, a path around the people, over the costmap
+        with their prediction, is taken where it is faster than waiting and the direct path.
         """
         direct = yield from self.replan_resumably(costmap, start, bool(people.tracks), has_time)
         if not people.tracks:
+            self._side = 1.0
             return direct
         forecast, plain = self.settings.forecast, self.legs
         direct_s, wait_s = math.inf, math.inf
-        for side in (1.0, -1.0):
+        self.valid_from_anywhere = True  # until the next search is done
+        for side in (self._side, -self._side):
+            yield
             legs = yield from self._kept_to_one_side(plain, costmap, side)
             path = joined_legs(legs)
             seconds, wait = arrival(people, path.poses[:, :2], cruise, forecast)
             if seconds < direct_s:
-                direct, self.legs, direct_s, wait_s = path, legs, seconds, wait
+                direct, self.legs, self._side, direct_s, wait_s = path, legs, side, seconds, wait
             if wait_s == 0.0:
                 return direct
         legs = self.legs
-        self.valid_from_anywhere = True  # until the next search is done
         yield
         expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid, forecast))
         with suppress(PlanningError):  # then no path leads around them
