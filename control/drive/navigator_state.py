@@ -122,7 +122,8 @@ class PlanState:
     """The path to a goal.
 
     `leg` drives the first of the `legs`. `count`: plans made for this goal. `made_ns`: start of the latest planning, None
-    to ask for a new plan. `obstacles` (N, 2) [m] in map: the ones that the latest planning avoids. `among_people`: it expects walking people.
+    to ask for a new plan. `obstacles` (N, 2) [m] in map: the ones that the latest planning avoids. `among_people`: it
+    expects walking people.
     `refusal`: why the goal is refused for good. `approaches`: drives to the goal's place that missed its tolerances.
     `other`: a longer way round.
     """
@@ -176,7 +177,8 @@ class PlanState:
 class MotionState:
     """The chair's pose in map, the localisation's correction, the commands so far, and the distances to obstacles.
 
-    `stepped_ns` is the stamp of the present tick, which began `since_ns` after the one before. `before` is the command before `command`, and `motion` the acceleration of both. `rested_ticks`: ticks without a
+    `stepped_ns` is the stamp of the present tick, which began `since_ns` after the one before.
+    `before` is the command before `command`, and `motion` the acceleration of both. `rested_ticks`: ticks without a
     command to move. `jumping`: the localised pose has just jumped. `local` is None until the distances are asked for.
     `still_at` is where the chair has stood, in odom, since `still_since_ns`; `odom_from_base` is its latest place there.
     `gears`: the changes of gear on this drive.

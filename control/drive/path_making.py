@@ -35,7 +35,7 @@ from waychair.planning.route.direct_leg import turning_leg
 from waychair.planning.route.global_planner import SPACING, check_goal
 from waychair.planning.route.legs import joined_legs
 from waychair.planning.route.refused_plans import Obstruction, cause_of, explained, obstruction_on
-from waychair.planning.seen.forecast import arrival
+from waychair.planning.seen.forecast import arrival, meets_soon
 from waychair.types import FloatArray, Goal, Path, Pose2
 
 _TOLD_DETOUR_M = 2.0
@@ -143,9 +143,9 @@ class PathMaker:
         return bool(self._people.expected_people(self._now.map_from_odom).tracks)
 
     def meets_people(self, rest: FloatArray) -> bool:
-        """Return whether a drive along the rest of a path (N, 2) [m] in map is expected to meet somebody who walks."""
+        """Return whether a drive along the rest of a path (N, 2) [m] in map is expected to meet somebody soon."""
         people = self._people.expected_people(self._now.map_from_odom)
-        return arrival(people, rest, self._settings.dwa.max_speed, self._settings.planner.forecast)[1] > 0.0
+        return meets_soon(people, rest, self._settings.dwa.max_speed, self._settings.planner.forecast)
 
     def obstacles(self) -> FloatArray:
         """Return the obstacles (N, 2) [m] in map of full height that stand, as the next plan would avoid them."""

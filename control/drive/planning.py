@@ -30,7 +30,7 @@ class Planning:
     """
 
     def __init__(self, maker: PathMaker, plan: PlanState, now: MotionState, recovery: Recovery) -> None:
-        self.maker = maker
+        self._maker = maker
         self._plan, self._now, self._recovery = plan, now, recovery
         self._making: Resumable[None] | None = None
         self._stops = self._stands = False
@@ -57,17 +57,17 @@ class Planning:
             return True
         if now_ns - plan.made_ns < REPLAN_PERIOD_S * 1e9:
             return False
-        people = self.maker.expects_people()
+        people = self._maker.expects_people()
         if plan.path is None or waits or (people and not plan.among_people):
             return True
         rest = plan.rest(self._now.pose)
-        if rest is None or self.maker.meets_people(rest):
+        if rest is None or self._maker.meets_people(rest):
             return True
         if plan.leg is None:
-            return self.maker.is_barred(rest)
+            return self._maker.is_barred(rest)
         if not plan.leg.leg.is_line:
-            return not people or self.maker.is_barred(rest)
-        return plan.leg.is_barred or self.maker.is_barred(rest, beyond_live=True)
+            return not people or self._maker.is_barred(rest)
+        return plan.leg.is_barred or self._maker.is_barred(rest, beyond_live=True)
 
     def _advance(self, now_ns: int, goal: Goal) -> bool:
         """Begin a plan, or go on making it; return whether to drive on."""
@@ -77,12 +77,12 @@ class Planning:
                 return False
             self._making, self._stops, self._stands = None, False, True
         lasts_s = 0.0 if self._making is None else (now_ns - (plan.made_ns or now_ns)) * 1e-9
-        if lasts_s > LONGEST_PLAN_S and have_mostly_moved(plan.obstacles, self.maker.obstacles()):
+        if lasts_s > LONGEST_PLAN_S and have_mostly_moved(plan.obstacles, self._maker.obstacles()):
             self._making = None  # the obstacles that it avoids are gone, so it is worthless
         if self._making is None:
             may_stay = plan.made_ns is not None and plan.among_people
             plan.made_ns = now_ns
-            self._making = self.maker.make(now_ns, goal, may_stay)
+            self._making = self._maker.make(now_ns, goal, may_stay)
         had_path, detour = plan.path is not None, plan.other.taken
         drives = had_path and not self._stands
         for done, _ in enumerate(self._making, 1):

@@ -111,6 +111,13 @@ def arrival(
     return longest + STAYS_S, STAYS_S
 
 
+def meets_soon(people: ExpectedPeople, points: FloatArray, cruise: float, settings: ForecastSettings) -> bool:
+    """Return whether a drive along a path (N, 2) [m] in map at a speed [m/s] is expected to meet somebody in the window."""
+    seconds = arc_lengths(points) / cruise
+    within = seconds <= settings.window
+    return _meets(people, points[within], seconds[within])
+
+
 def _meets(people: ExpectedPeople, points: FloatArray, seconds: FloatArray) -> bool:
     """Return whether somebody is too near to one of points (N, 2) at its time (N,) [s]."""
     return any(bool((np.hypot(*(points - each.after(seconds)).T) <= people.radius).any()) for each in people.tracks)
