@@ -44,6 +44,9 @@ STEP_S = 0.2
 STAYS_S = 10.0
 """[s] Expected wait for somebody who blocks the path over the whole window."""
 
+ONCOMING = 0.3
+"""[m/s] Somebody this fast against a path's direction comes along it."""
+
 PRICE_FACTOR = 20.0
 """A cell's price rises by this times the share of the window for which somebody is expected there."""
 
@@ -111,11 +114,21 @@ def arrival(
     return longest + STAYS_S, STAYS_S
 
 
-def meets_soon(people: ExpectedPeople, points: FloatArray, cruise: float, settings: ForecastSettings) -> bool:
-    """Return whether a drive along a path (N, 2) [m] in map at a speed [m/s] is expected to meet somebody in the window."""
+def meets_oncoming(people: ExpectedPeople, points: FloatArray, cruise: float, settings: ForecastSettings) -> bool:
+    """Return whether a drive along a path (N, 2) [m] in map at a speed [m/s] meets somebody in the window who comes along it.
+
+    Somebody who crosses leaves the path again, and the dynamic window gives way to them.
+    """
     seconds = arc_lengths(points) / cruise
-    within = seconds <= settings.window
-    return _meets(people, points[within], seconds[within])
+    points, seconds = points[seconds <= settings.window], seconds[seconds <= settings.window]
+    for each in people.tracks:
+        met = np.flatnonzero(np.hypot(*(points - each.after(seconds)).T) <= people.radius)
+        if len(met) and len(points) > 1:
+            k = min(int(met[0]), len(points) - 2)
+            ahead = points[k + 1] - points[k]
+            if each.velocity @ ahead < -ONCOMING * float(np.hypot(*ahead)):
+                return True
+    return False
 
 
 def _meets(people: ExpectedPeople, points: FloatArray, seconds: FloatArray) -> bool:
