@@ -59,7 +59,7 @@ def kept_right(path: Path, costmap: Costmap, aside: float = KeepRightSettings().
     eased = _smoothed(limit_slope(shifts, SLOPE * along), along)
     moved[:, :2] += eased[:, None] * side
     ahead = np.diff(moved[:, :2], axis=0)
-    goes_on: BoolArray = ahead.any(axis=1)
+    goes_on = np.hypot(ahead[:, 0], ahead[:, 1]) > 0.0
     latest = np.maximum.accumulate(
         np.where(goes_on, np.arange(len(ahead)), 0)
     )  # where the chair only turns, as it came

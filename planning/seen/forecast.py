@@ -44,8 +44,8 @@ STEP_S = 0.2
 STAYS_S = 10.0
 """[s] Expected wait for somebody who blocks the path over the whole window."""
 
-ONCOMING = 0.3
-"""[m/s] Somebody this fast against a path's direction comes along it."""
+WALKS = 0.3
+"""[m/s] Somebody slower stands or drifts: the dynamic window finds the way round them."""
 
 PRICE_FACTOR = 20.0
 """A cell's price rises by this times the share of the window for which somebody is expected there."""
@@ -114,21 +114,12 @@ def arrival(
     return longest + STAYS_S, STAYS_S
 
 
-def meets_oncoming(people: ExpectedPeople, points: FloatArray, cruise: float, settings: ForecastSettings) -> bool:
-    """Return whether a drive along a path (N, 2) [m] in map at a speed [m/s] meets somebody in the window who comes along it.
-
-    Somebody who crosses leaves the path again, and the dynamic window gives way to them.
-    """
+def meets_walkers(people: ExpectedPeople, points: FloatArray, cruise: float, settings: ForecastSettings) -> bool:
+    """Return whether a drive along a path (N, 2) [m] in map at a speed [m/s] meets somebody who walks, within the window."""
     seconds = arc_lengths(points) / cruise
-    points, seconds = points[seconds <= settings.window], seconds[seconds <= settings.window]
-    for each in people.tracks:
-        met = np.flatnonzero(np.hypot(*(points - each.after(seconds)).T) <= people.radius)
-        if len(met) and len(points) > 1:
-            k = min(int(met[0]), len(points) - 2)
-            ahead = points[k + 1] - points[k]
-            if each.velocity @ ahead < -ONCOMING * float(np.hypot(*ahead)):
-                return True
-    return False
+    within = seconds <= settings.window
+    walking = tuple(each for each in people.tracks if each.speed > WALKS)
+    return _meets(replace(people, tracks=walking), points[within], seconds[within])
 
 
 def _meets(people: ExpectedPeople, points: FloatArray, seconds: FloatArray) -> bool:
