@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -110,6 +111,13 @@ def test_the_shipped_table_has_valid_rows_that_name_no_present_setting() -> None
     }
     assert rows
     assert not present & set(rows)
+
+
+def test_every_constant_that_the_shipped_table_names_is_in_the_file_that_it_names() -> None:
+    root = TABLE.resolve().parents[2]
+    for row in read_table(TABLE).values():
+        for constant, path in re.findall(r"\b([A-Z][A-Z_0-9]+) in ([a-z_/]+\.py)", row.reason):
+            assert re.search(rf"\b{constant}\b", (root / path).read_text(encoding="utf-8")), row
 
 
 def test_the_shipped_table_explains_an_old_file_in_one_sentence(tmp_path: Path) -> None:

@@ -22,6 +22,7 @@ from waychair.planning.body.personal_space import (
 from waychair.planning.seen.forecast import ExpectedPeople
 from waychair.planning.seen.person_tracks import (
     MoverModel,
+    ScanAround,
     Track,
     Tracker,
     distance_to_body,
@@ -80,13 +81,17 @@ class Bystanders:
         stood_s: float,
         seen_ns: int,
     ) -> None:
-        """Track people in a scan taken at `seen_ns` from map_from_base, with points (N, 2) [m] in map.
+        """Track people in a scan taken at `seen_ns` from map_from_base, with points (N, 2) [m] in map, beam by beam.
 
         The surroundings are given the people's personal space, a smaller one once the chair has stood for `stood_s` [s]
         to let them pass.
         """
-        strangers = transform_points(odom_from_map, surroundings.unmapped(obstacles))
-        tracks = self._tracker.update(seen_ns, strangers)
+        scan = ScanAround(
+            points=transform_points(odom_from_map, obstacles),
+            strangers=np.flatnonzero(surroundings.is_unmapped(obstacles)),
+            laser=(odom_from_map @ pose @ self._body.base_from_laser).array()[:2],
+        )
+        tracks = self._tracker.update(seen_ns, scan.points[scan.strangers], scan)
         self.tracks = tracks_at((track for track in tracks if track.has_walked), now_ns)
         self._note_stays(now_ns, odom_from_map @ pose)
         self._room = self._space.squeezed if stood_s > GIVE_WAY_S else self._space.radius

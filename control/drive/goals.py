@@ -44,7 +44,6 @@ def limits_to(goal: Goal, limits: DwaSettings) -> DwaSettings:
         limits,
         tolerances=GoalTolerances(
             position=min(limits.tolerances.position, 0.6 * goal.tolerance_m),
-            release=min(limits.tolerances.release, 0.9 * goal.tolerance_m),
             heading=min(limits.tolerances.heading, goal.tolerance_rad / 2),
         ),
     )

@@ -206,9 +206,9 @@ class Surroundings:
         """Return drop-offs with their margin, and places of missing floor, (N, 2) [m] in map."""
         return np.concatenate([self._drop_off_zone, self._missing.points])
 
-    def unmapped(self, points: FloatArray) -> FloatArray:
-        """Return the points (N, 2) [m] in map that the map does not explain."""
-        return points[~self._drawn.is_explained(points, WALL_WITHIN)]
+    def is_unmapped(self, points: FloatArray) -> BoolArray:
+        """Return a mask (N,) of points (N, 2) [m] in map that the map does not explain."""
+        return ~self._drawn.is_explained(points, WALL_WITHIN)
 
     def layered(self) -> tuple[tuple[BodyLayer, FloatArray], ...]:
         """Return unmapped obstacles (N, 2) [m] in map at the heights of each layer of the body."""

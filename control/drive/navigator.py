@@ -7,7 +7,6 @@ The navigator decides where to go; the supervisor decides whether the computer d
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -17,17 +16,14 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.control.drive.bystanders import Bystanders
 from waychair.control.drive.goals import how_far_off, is_at, is_missed, limits_to, posed
 from waychair.control.drive.leg_drive import LegDrive, View
-from waychair.control.drive.local_obstacles import Surroundings, have_mostly_moved, without_mixed_pixels
+from waychair.control.drive.local_obstacles import Surroundings, without_mixed_pixels
 from waychair.control.drive.navigation import ACTIVE, Navigation, Stage
 from waychair.control.drive.navigator_settings import NavigatorSettings
 from waychair.control.drive.navigator_state import (
     CORNER_TOLERANCE,
     DETOUR_TOLD_S,
-    LONGEST_PLAN_S,
     LONGEST_SEARCH_S,
-    LOOK_AHEAD,
     MOST_APPROACHES,
-    REPLAN_PERIOD_S,
     RESTED_TICKS,
     TOLD_AFTER_S,
     GearChanges,
@@ -35,6 +31,7 @@ from waychair.control.drive.navigator_state import (
     PlanState,
 )
 from waychair.control.drive.path_making import PathMaker, or_another_goal
+from waychair.control.drive.planning import Planning
 from waychair.control.drive.pose_corrections import Corrections
 from waychair.control.drive.recovery import Recovery
 from waychair.geometry import transform_points
@@ -43,12 +40,12 @@ from waychair.maps.drawn.zones import Zone
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.fine_distances import fine_field
-from waychair.planning.route.global_planner import SPACING, GlobalPlanner
+from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
 from waychair.planning.route.legs import PathLeg
 from waychair.planning.warm_up import warm_up
 from waychair.planning.window.dwa import DwaResult
-from waychair.planning.window.motion_limits import CommandedMotion, braking, crawling, stopping
+from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, braking, crawling, stopping
 from waychair.types import (
     BoolArray,
     FloatArray,
@@ -63,14 +60,7 @@ from waychair.types import (
 
 __all__ = ["Navigation", "Navigator", "NavigatorSettings", "Stage"]
 
-LIVE_REACH = 1.5
-"""m; up to here the follower of a line judges it by the outline itself."""
-
 _UNKNOWN_POSE = "the chair does not know where it is; drive it by joystick to a place that it knows"
-
-_SLICES_STANDING, _SLICES_OF_A_TURN = 3, 6
-"""Steps of planning done in one tick while the chair stands because it has no path: of a field, and of a search for a
-multi-point turn, whose steps are shorter."""
 
 
 class Navigator:
@@ -89,16 +79,16 @@ class Navigator:
         drawn = DrawnMap(grid, body, zones, self.settings.clearance.comfortable)
         self._places = places
         self._body = body
-        self._surroundings = Surroundings(drawn, body, self.settings.surroundings)
-        self.recovery = Recovery(self.settings.recovery)
-        self._people = Bystanders(body, s.tracks.model, s.personal_space, s.dwa.clearance)
-        self._among_people = False
-        self._stage, self._reason = Stage.IDLE, "no goal"
         self._goals: list[Goal] = []
-        self._dwa = self.settings.dwa
+        self._stage, self._reason = Stage.IDLE, "no goal"
+        self._dwa = s.dwa
+        self._surroundings = Surroundings(drawn, body, s.surroundings)
+        self._people = Bystanders(body, s.tracks.model, s.personal_space, s.dwa.clearance)
+        self._corrections = Corrections()
+        self.recovery = Recovery(s.recovery)
         self._plan, self._now = PlanState(), MotionState()
         self._maker = PathMaker(drawn, body, s, self._surroundings, self._people, self._plan, self._now)
-        self._corrections = Corrections()
+        self._planning = Planning(self._maker, self._plan, self._now, self.recovery)
 
     @property
     def active(self) -> bool:
@@ -133,7 +123,7 @@ class Navigator:
         self._maker.drawn, self._now.local = drawn, None
         self._surroundings.redraw(drawn)
         if self._plan.planner is not None and self.active:
-            self._plan.start(GlobalPlanner(self._plan.planner.goal, self.settings.planner, limits=self._dwa))
+            self._planning.start(GlobalPlanner(self._plan.planner.goal, self.settings.planner, limits=self._dwa))
 
     def is_mapped(self, points: FloatArray, within: float) -> BoolArray:
         """Return a mask (N,) of points (N, 2) [m] in map that lie within `within` [m] of an obstacle of the map."""
@@ -158,14 +148,17 @@ class Navigator:
     def pause(self) -> None:
         """Stop and stand until `resume`."""
         if self.active:
-            self._stage, self._reason, self._plan.generator = Stage.PAUSED, "paused", None
+            self._stage, self._reason = Stage.PAUSED, "paused"
+            self._planning.interrupt()
 
     def resume(self) -> None:
         """Go on after a pause, by a new plan, or by the other way that is offered."""
         if self._plan.other.offer is not None and self._stage is Stage.OFFERING:
-            self._plan.other.latest, self._plan.made_ns = replace(self._plan.other.offer, taken=True), None
+            self._plan.other.latest = replace(self._plan.other.offer, taken=True)
+            self._plan.ask_anew()
         if self._stage is Stage.PAUSED:
-            self._stage, self._reason, self._plan.made_ns = Stage.DRIVING, "", None
+            self._stage, self._reason = Stage.DRIVING, ""
+            self._plan.ask_anew()
             self.recovery.reset()
 
     def cancel(self, reason: str) -> None:
@@ -206,66 +199,54 @@ class Navigator:
         odom_from_map = Pose2() if map_from_odom is None else map_from_odom.inverse()
         if not (np.isfinite(pose.array()).all() and np.isfinite(odom_from_map.array()).all()):
             return self._halt(now_ns, _UNKNOWN_POSE)
-        self._now.pose, self._now.map_from_odom = pose, odom_from_map.inverse()
-        since_ns, self._now.stepped_ns = now_ns - (self._now.stepped_ns or now_ns), now_ns
-        self._now.note_tick(self._dwa)
-        self._now.note_place(now_ns, odom_from_map @ pose)
+        view = self._perceive(now_ns, pose, obstacles, odom_from_map, beyond, now_ns if seen_ns is None else seen_ns)
+        standing = self._without_a_drive() or self._at_goal() or self._plan_ahead(now_ns)
+        if standing is not None:
+            return standing
+        behind = self._people.someone_behind(now_ns, view.pose)
+        choice = self._back_out(now_ns, view, behind) or self._follow(view, behind)
+        return self._report(now_ns, choice)
+
+    def _perceive(
+        self,
+        now_ns: int,
+        pose: Pose2,
+        obstacles: FloatArray | None,
+        odom_from_map: Pose2,
+        beyond: FloatArray | None,
+        seen_ns: int,
+    ) -> View:
+        """Take in a tick's pose and scan; return them, and all that is remembered, in odom."""
+        now = self._now
+        now.pose, now.map_from_odom = pose, odom_from_map.inverse()
+        now.note_tick(now_ns, self._dwa)
+        now.note_place(now_ns, odom_from_map @ pose)
         if obstacles is not None:
-            laser, self._now.local = pose @ self._body.base_from_laser, None
-            obstacles = without_mixed_pixels(obstacles, laser)
+            now.local = None
+            obstacles = without_mixed_pixels(obstacles, pose @ self._body.base_from_laser)
             self._surroundings.see(now_ns, pose, obstacles, beyond)
-            stood_s, seen_ns = self.recovery.standing_s(now_ns), now_ns if seen_ns is None else seen_ns
             self._people.see(
                 now_ns=now_ns,
                 pose=pose,
                 obstacles=obstacles,
                 odom_from_map=odom_from_map,
                 surroundings=self._surroundings,
-                stood_s=stood_s,
+                stood_s=self.recovery.standing_s(now_ns),
                 seen_ns=seen_ns,
             )
-            self._among_people = self._people.someone_walks_near(odom_from_map @ pose)
-        if self._plan.planner is None or not self.active:
-            return self._navigation(Twist())
-        if self._stage is Stage.PAUSED:
-            return self._navigation(stopping(self._now.command, self._dwa, self._now.motion))
-        # after a jump of the pose: slow down, and plan anew from the true pose
-        self._note_correction(now_ns, pose, odom_from_map)
-        begins = self._plan.path is None and self._now.rested_ticks >= RESTED_TICKS
-        if (begins or self._now.stands_for(TOLD_AFTER_S)) and is_at(self._goals[0], pose):
-            return self._reached()
-        if (self._plan.generator is not None or self._needs_plan(now_ns)) and not self._advance_plan(now_ns):
-            self.recovery.leave_out_planning(since_ns)
-            self._say_at_rest(f"the chair looks for a way, for up to {LONGEST_SEARCH_S:.0f} s")
-            return self._navigation(braking(self._now.command, self._dwa))
-        if self._plan.other.offer is not None and self.active:
-            self._stage, self._reason = Stage.OFFERING, self._plan.other.offer.text
-            self.recovery.leave_out_planning(since_ns)
-            return self._navigation(braking(self._now.command, self._dwa))
-        if self._plan.path is None or not self.active:
-            return self._halt(now_ns, self._plan.no_path_reason)
-        if self.recovery.rests(now_ns):
-            return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
-        choice = self._choose(now_ns, pose, self._view(now_ns, pose, obstacles, odom_from_map))
-        return self._outcome(now_ns, choice)
-
-    def _begin(self, goal: Goal) -> None:
-        assert isinstance(goal.target, Pose2)
-        self._dwa, self._now.gears = limits_to(goal, self.settings.dwa), GearChanges()
-        self._plan.start(GlobalPlanner(goal.target, self.settings.planner, limits=self._dwa))
-        self._stage, self._reason = Stage.DRIVING, ""
-        self.recovery.reset()
-
-    def _view(self, now_ns: int, pose: Pose2, obstacles: FloatArray | None, odom_from_map: Pose2) -> View:
-        """Return the input of the present leg's drive, in odom."""
+        if self.active and self._stage is not Stage.PAUSED:
+            jumping = self._corrections.jumping(now_ns, pose, odom_from_map)
+            if jumping != now.jumping:  # the plan is void: one from the true pose is needed
+                self._plan.ask_anew()
+            now.jumping = jumping
         return View(
             pose=odom_from_map @ pose,
-            command=self._now.command,
+            command=now.command,
             local=lambda: self.local_distances.seen_from(odom_from_map),  # computed only if the leg needs it
             odom_from_map=odom_from_map,
             seen=None if obstacles is None else transform_points(odom_from_map, obstacles),
             unscanned=transform_points(odom_from_map, self._surroundings.unscanned()),
-            motion=None if self._now.jumping else self._now.motion,  # after a jump, braking is not limited for comfort
+            motion=None if now.jumping else now.motion,  # after a jump, braking is not limited for comfort
             tracks=self._people.predicted(now_ns, odom_from_map @ pose),
             has_sonars=self._surroundings.has_sonars,
             layered=tuple(
@@ -273,52 +254,98 @@ class Navigator:
             ),
         )
 
-    def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
-        """Follow the path; if that has been impossible for a while, first back out along the chair's trail."""
+    def _begin(self, goal: Goal) -> None:
+        assert isinstance(goal.target, Pose2)
+        self._dwa, self._now.gears = limits_to(goal, self.settings.dwa), GearChanges()
+        self._planning.start(GlobalPlanner(goal.target, self.settings.planner, limits=self._dwa))
+        self._stage, self._reason = Stage.DRIVING, ""
+        self.recovery.reset()
+
+    def _without_a_drive(self) -> Navigation | None:
+        """Return the output of a chair that has no goal or is paused."""
+        if self._plan.planner is None or not self.active:
+            return self._navigation(Twist())
+        if self._stage is Stage.PAUSED:
+            return self._navigation(stopping(self._now.command, self._dwa, self._now.motion))
+        return None
+
+    def _at_goal(self) -> Navigation | None:
+        """Return the output of a chair that stands at its goal, however it came there."""
+        begins = self._plan.path is None and self._now.rested_ticks >= RESTED_TICKS
+        if (begins or self._now.stands_for(TOLD_AFTER_S)) and is_at(self._goals[0], self._now.pose):
+            return self._reached()
+        return None
+
+    def _plan_ahead(self, now_ns: int) -> Navigation | None:
+        """Plan in this tick's share of time; return the output of a chair that has no plan to follow now."""
+        waits = self._stage in (Stage.WAITING, Stage.OFFERING)
+        if not self._planning.keep_up(now_ns, self._goals[0], waits):
+            self.recovery.leave_out_planning(self._now.since_ns)
+            self._say_at_rest(f"the chair looks for a way, for up to {LONGEST_SEARCH_S:.0f} s")
+            return self._navigation(braking(self._now.command, self._dwa))
+        if self._plan.refusal:
+            self.cancel(self._plan.refusal)
+        if self._plan.other.offer is not None and self.active:
+            self._stage, self._reason = Stage.OFFERING, self._plan.other.offer.text
+            self.recovery.leave_out_planning(self._now.since_ns)
+            return self._navigation(braking(self._now.command, self._dwa))
+        if self._plan.path is None or not self.active:
+            return self._halt(now_ns, self._plan.no_path_reason)
+        if self.recovery.rests(now_ns):
+            return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
+        return None
+
+    def _back_out(self, now_ns: int, view: View, behind: bool) -> DwaResult | None:
+        """Return a command out along the chair's trail, once following the path has been impossible for a while."""
         tries, backed = self.recovery.tries, self.recovery.backing
-        behind = self._people.someone_behind(now_ns, view.pose)
         backing = self.recovery.step(
             now_ns=now_ns,
             pose=view.pose,
-            remaining=self._remaining(pose),
-            command=self._now.command,
+            remaining=self._remaining(self._now.pose),
+            command=view.command,
             local=view.local,
             body=self._body,
             settings=self._dwa,
             waits=behind or self._people.someone_passes_near(view.pose),
             may_back=not self._now.gears.are_enough,
         )
+        stop = braking(view.command, self._dwa)
         if backing is not None and self.recovery.repeats:  # it has not helped before
-            return replace(backing, twist=braking(self._now.command, self._dwa), blocked=True)
+            return replace(backing, twist=stop, blocked=True)
         if backing is not None:
             return backing
         if backed:  # the old path does not start here
             self._plan.drop_path("backed out")
-            self._plan.made_ns = None
-            stop = braking(self._now.command, self._dwa)
+            self._plan.ask_anew()
             return DwaResult(stop, np.zeros((0, 2)), np.zeros(0), view.pose.array()[None])
         if self.recovery.tries > tries:  # backing out was impossible, too
-            self._plan.made_ns = None
-        choice = self._follow(view, behind)
-        if choice.arrived and len(self._plan.legs) > 1:  # stopped and turned: go on with the next leg
-            self._plan.legs, self._plan.leg = self._plan.legs[1:], None
-            choice = self._follow(view, behind)
-        return replace(choice, arrived=choice.arrived and len(self._plan.legs) == 1)
+            self._plan.ask_anew()
+        return None
 
     def _follow(self, view: View, behind: bool) -> DwaResult:
-        """Return the next command on the present leg, never backwards if somebody may be `behind`.
+        """Return the next command on the present leg, or on the next one where the chair has stopped and turned."""
+        choice = self._on_leg(view, behind)
+        if choice.arrived and len(self._plan.legs) > 1:
+            self._plan.legs, self._plan.leg = self._plan.legs[1:], None
+            choice = self._on_leg(view, behind)
+        return replace(choice, arrived=choice.arrived and len(self._plan.legs) == 1)
 
-        Nor is it backwards after several changes of gear in a row, if the chair could as well wait.
+    def _on_leg(self, view: View, behind: bool) -> DwaResult:
+        """Return the next command on the present leg."""
+        self._plan.leg = self._plan.leg or LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
+        return self._plan.leg.step(view, self._limits_on(self._plan.leg.leg, behind))
+
+    def _limits_on(self, leg: PathLeg, behind: bool) -> DwaSettings:
+        """Return the limits on a leg: slow after a jump of the pose, and never backwards if somebody may be `behind`.
+
+        Nor backwards after several changes of gear in a row, if the chair could as well wait.
         """
-        if self._plan.leg is None:
-            self._plan.leg = LegDrive(self._plan.legs[0], self._maker.drawn, self._body)
         limits = crawling(self._dwa) if self._now.jumping else self._dwa
-        if behind or (self._now.gears.are_enough and self._could_wait(self._plan.leg.leg)):
+        if behind or (self._now.gears.are_enough and self._could_wait(leg)):
             limits = replace(limits, max_reverse=0.0)
         if len(self._plan.legs) > 1:
-            corner = replace(limits.tolerances, position=CORNER_TOLERANCE)
-            limits = replace(limits, tolerances=corner)
-        return self._plan.leg.step(view, limits)
+            limits = replace(limits, tolerances=replace(limits.tolerances, position=CORNER_TOLERANCE))
+        return limits
 
     def _could_wait(self, leg: PathLeg) -> bool:
         """Return whether waiting may help on a leg: one without a line, or a turn in several parts before something that may leave."""
@@ -342,12 +369,12 @@ class Navigator:
             return f"{what}, and the chair found no way past it in {tries} tries: ask for room, clear the way or choose another goal"
         return f"no way through after {tries} tries: clear the way or choose another goal"
 
-    def _outcome(self, now_ns: int, choice: DwaResult) -> Navigation:
+    def _report(self, now_ns: int, choice: DwaResult) -> Navigation:
         """Return the tick's output from a choice: reached, given up, waiting or driving."""
         if self.recovery.exhausted or self.recovery.repeats:
             if self.recovery.rested_s(now_ns) < self.settings.recovery.patience:
                 self.recovery.rest(now_ns)
-                self._plan.made_ns = None
+                self._plan.ask_anew()
                 return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
             self.cancel(self._why_given_up())
             return self._navigation(braking(self._now.command, self._dwa), choice)
@@ -357,7 +384,8 @@ class Navigator:
             and self._plan.leg.leg.is_line
             and is_missed(self._goals[0], self._now.pose)
         ):
-            self._plan.made_ns, choice = None, replace(choice, arrived=False)
+            self._plan.ask_anew()
+            choice = replace(choice, arrived=False)
             self._plan.approaches += 1
             if self._plan.approaches >= MOST_APPROACHES:
                 self.cancel(how_far_off(self._goals[0], self._now.pose))
@@ -384,7 +412,7 @@ class Navigator:
     def _why_at_rest(self, wants_to_move: bool) -> str:
         """Return for what a chair stands that is not blocked, and for how long."""
         recovery = self.settings.recovery
-        if self._among_people:
+        if self._people.someone_walks_near(self._now.odom_from_base):
             return f"the chair lets somebody pass, for up to {recovery.patience:.0f} s"
         otherwise = (
             "the chair sets off once nothing holds it back" if wants_to_move else "no motion is free at this moment"
@@ -421,80 +449,3 @@ class Navigator:
                 what, _, advice = why.partition("; ")
                 self.cancel(f"{what}, for {waited:.0f} s: {or_another_goal(advice.removeprefix('wait, or '))}")
         return self._navigation(braking(self._now.command, self._dwa) if choice is None else choice.twist, choice)
-
-    def _note_correction(self, now_ns: int, pose: Pose2, odom_from_map: Pose2) -> None:
-        """Note whether the localised pose is jumping; when that begins or ends, the plan is void."""
-        jumping = self._corrections.jumping(now_ns, pose, odom_from_map)
-        if jumping != self._now.jumping:
-            self._plan.made_ns = None
-        self._now.jumping = jumping
-
-    def _needs_plan(self, now_ns: int) -> bool:
-        if self._plan.made_ns is None:
-            return True
-        if now_ns - self._plan.made_ns < REPLAN_PERIOD_S * 1e9:
-            return False
-        if self._plan.path is None or self._stage in (Stage.WAITING, Stage.OFFERING):
-            return True
-        someone = bool(self._people.expected_people(self._now.map_from_odom).tracks)
-        if someone and not self._plan.among_people:
-            return True
-        rest = self._plan.rest(self._now.pose)
-        if rest is None:
-            return True
-        if self._plan.leg is not None and not self._plan.leg.leg.is_line and not someone:
-            return True
-        if self._plan.leg is not None and self._plan.leg.leg.is_line:
-            if self._plan.leg.is_barred:
-                return True
-            rest = rest[np.hypot(*(rest - (self._now.pose.x, self._now.pose.y)).T) > LIVE_REACH]
-        ahead = rest[: math.ceil(LOOK_AHEAD / SPACING)]
-        in_odom, half = transform_points(self._now.map_from_odom.inverse(), ahead), self._body.width / 2
-        radius = self.settings.tracks.model.radius
-        return self._surroundings.stands_near(ahead, half) or self._people.someone_lingers_near(in_odom, half + radius)
-
-    def _advance_plan(self, now_ns: int) -> bool:
-        """Plan, or go on planning; return whether to drive on. A plan that takes longer than a tick needs standstill.
-
-        A plan that holds from any pose does not: meanwhile the chair follows its old path, if it has one.
-        """
-        if self._plan.stops:
-            if self._now.rested_ticks < RESTED_TICKS:
-                return False
-            self._plan.generator, self._plan.stops, self._plan.stands = None, False, True
-        lasts_s = 0.0 if self._plan.generator is None else (now_ns - (self._plan.made_ns or now_ns)) * 1e-9
-        if lasts_s > LONGEST_PLAN_S and have_mostly_moved(self._plan.obstacles, self._surroundings.stationary()[0]):
-            self._plan.generator = None  # the obstacles that it avoids are gone, so it is worthless
-        if self._plan.generator is None:
-            may_stay = self._plan.made_ns is not None and self._plan.among_people
-            self._plan.made_ns = now_ns
-            self._plan.generator = self._maker.make(now_ns, self._goals[0], may_stay)
-        had_path, detour = self._plan.path is not None, self._plan.other.taken
-        drives = had_path and not self._plan.stands
-        for done, _ in enumerate(self._plan.generator, 1):
-            moves_on = self._plan.planner is not None and self._plan.planner.valid_from_anywhere
-            if moves_on and (drives or done == _SLICES_STANDING):
-                return drives
-            if not moves_on and (self._now.rested_ticks < RESTED_TICKS or done == _SLICES_OF_A_TURN):
-                self._plan.stops = self._now.rested_ticks < RESTED_TICKS
-                return self._ends_search(lasts_s)
-        self._plan.generator, self._plan.stands = None, False
-        if not had_path and self._plan.path is not None:  # the wait for a path must not count towards backing out
-            self.recovery.note_motion()
-        if self._plan.other.taken is not detour:
-            self.recovery.note_longer_way()
-        if self._plan.refusal:
-            self.cancel(self._plan.refusal)
-        return True
-
-    def _ends_search(self, lasts_s: float) -> bool:
-        """End a search for multi-point turns that takes too long; return whether it did."""
-        if lasts_s < LONGEST_SEARCH_S:
-            return False
-        self._plan.generator, self._plan.stands = None, False
-        why = f"no way was found within {LONGEST_SEARCH_S:.0f} s, not even with multi-point turns"
-        if self._plan.count == 0:
-            self.cancel(f"{why}: there is hardly room to turn; clear the way or choose another goal")
-        else:
-            self._plan.drop_path(why)
-        return True

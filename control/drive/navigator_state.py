@@ -9,7 +9,6 @@ import numpy as np
 
 from waychair.control.drive.leg_drive import LegDrive
 from waychair.maps.grid.distance_field import DistanceField
-from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.legs import PathLeg
 from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, motion_after
@@ -120,11 +119,11 @@ class OtherWay:
 
 @dataclass(slots=True)
 class PlanState:
-    """The path to a goal and the planning of the next one.
+    """The path to a goal.
 
     `leg` drives the first of the `legs`. `count`: plans made for this goal. `made_ns`: start of the latest planning, None
-    to ask for a new plan. `generator`: planning that takes several ticks; the chair `stops` for it, and then `stands`.
-    `obstacles` (N, 2) [m] in map: the ones that the latest planning avoids. `among_people`: it expects walking people.
+    to ask for a new plan. `obstacles` (N, 2) [m] in map: the ones that the latest planning avoids. `among_people`: it
+    expects walking people.
     `refusal`: why the goal is refused for good. `approaches`: drives to the goal's place that missed its tolerances.
     `other`: a longer way round.
     """
@@ -135,9 +134,6 @@ class PlanState:
     leg: LegDrive | None = None
     count: int = 0
     made_ns: int | None = None
-    generator: Resumable[None] | None = None
-    stops: bool = False
-    stands: bool = False
     obstacles: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     among_people: bool = False
     no_path_reason: str = ""
@@ -149,8 +145,11 @@ class PlanState:
         """Start planning to another goal from scratch."""
         self.planner = planner
         self.path, self.made_ns, self.count, self.leg = None, None, 0, None
-        self.generator, self.stops, self.stands = None, False, False
         self.refusal, self.approaches, self.other = "", 0, OtherWay()
+
+    def ask_anew(self) -> None:
+        """Ask for a new plan; the present path counts until it is made."""
+        self.made_ns = None
 
     def adopt(self, path: Path, legs: list[PathLeg], leg: LegDrive) -> None:
         """Follow another path from now on; a chair in position at the end of a single leg without a line stays in position."""
@@ -178,6 +177,7 @@ class PlanState:
 class MotionState:
     """The chair's pose in map, the localisation's correction, the commands so far, and the distances to obstacles.
 
+    `stepped_ns` is the stamp of the present tick, which began `since_ns` after the one before.
     `before` is the command before `command`, and `motion` the acceleration of both. `rested_ticks`: ticks without a
     command to move. `jumping`: the localised pose has just jumped. `local` is None until the distances are asked for.
     `still_at` is where the chair has stood, in odom, since `still_since_ns`; `odom_from_base` is its latest place there.
@@ -187,6 +187,7 @@ class MotionState:
     pose: Pose2 = field(default_factory=Pose2)
     map_from_odom: Pose2 = field(default_factory=Pose2)
     stepped_ns: int | None = None
+    since_ns: int = 0
     command: Twist = field(default_factory=Twist)
     before: Twist = field(default_factory=Twist)
     motion: CommandedMotion = field(default_factory=CommandedMotion)
@@ -212,8 +213,9 @@ class MotionState:
         """Return whether the chair has stood for so long."""
         return ((self.stepped_ns or 0) - self.still_since_ns) * 1e-9 >= seconds
 
-    def note_tick(self, limits: DwaSettings) -> None:
+    def note_tick(self, now_ns: int, limits: DwaSettings) -> None:
         """Count the ticks at rest, and update the acceleration by the last command."""
+        self.since_ns, self.stepped_ns = now_ns - (self.stepped_ns or now_ns), now_ns
         self.rested_ticks = self.rested_ticks + 1 if max(abs(self.command.v), abs(self.command.omega)) < AT_REST else 0
         self.motion = motion_after(self.motion, self.before, self.command, limits)
         self.before = self.command

@@ -18,7 +18,14 @@ from waychair.control.drive.goals import is_in_place, is_missed
 from waychair.control.drive.leg_drive import LegDrive
 from waychair.control.drive.local_obstacles import Surroundings
 from waychair.control.drive.navigator_settings import NavigatorSettings
-from waychair.control.drive.navigator_state import LONGEST_FIELD_S, PATH_HYSTERESIS_S, MotionState, Offer, PlanState
+from waychair.control.drive.navigator_state import (
+    LONGEST_FIELD_S,
+    LOOK_AHEAD,
+    PATH_HYSTERESIS_S,
+    MotionState,
+    Offer,
+    PlanState,
+)
 from waychair.errors import GoalOccupied, NotConverged, PlanningError, WaychairError
 from waychair.geometry import transform_points
 from waychair.planning.grid.costmap import Costmap
@@ -27,8 +34,8 @@ from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.direct_leg import turning_leg
 from waychair.planning.route.global_planner import SPACING, check_goal
 from waychair.planning.route.legs import joined_legs
-from waychair.planning.route.refused_plans import Obstruction, Seen, cause_of, explained, obstruction_on
-from waychair.planning.seen.forecast import arrival
+from waychair.planning.route.refused_plans import Obstruction, cause_of, explained, obstruction_on
+from waychair.planning.seen.forecast import arrival, meets_walkers
 from waychair.types import FloatArray, Goal, Path, Pose2
 
 _TOLD_DETOUR_M = 2.0
@@ -49,6 +56,9 @@ _TOLD_AGAIN_S = 4.0
 
 _ROUND = 0.15 * np.array([(math.cos(angle), math.sin(angle)) for angle in np.arange(0.0, math.tau, math.pi / 4)])
 """m; points (8, 2) round the middle of a person that has walked, whose own points the obstacles leave out."""
+
+_LIVE_REACH = 1.5
+"""m; up to here the follower of a line judges it by the outline itself."""
 
 _BARRED_WITHIN, _BESIDE = 2.5, 0.15
 """m; obstacles within the first distance of a chair that stands, and no farther beside its body than the second, bar
@@ -128,6 +138,31 @@ class PathMaker:
         legs = list(planner.legs)
         plan.adopt(path, legs, LegDrive(legs[0], self.drawn, self._body))
 
+    def expects_people(self) -> bool:
+        """Return whether anybody walks, or may soon walk, near the chair."""
+        return bool(self._people.expected_people(self._now.map_from_odom).tracks)
+
+    def meets_walkers(self, rest: FloatArray) -> bool:
+        """Return whether the chair is expected to meet somebody who walks on the rest of a path (N, 2) [m] in map."""
+        people = self._people.expected_people(self._now.map_from_odom)
+        return meets_walkers(people, rest, self._settings.dwa.max_speed, self._settings.planner.forecast)
+
+    def obstacles(self) -> FloatArray:
+        """Return the obstacles (N, 2) [m] in map of full height that stand, as the next plan would avoid them."""
+        return self._surroundings.stationary()[0]
+
+    def is_barred(self, rest: FloatArray, beyond_live: bool = False) -> bool:
+        """Return whether something stands, or somebody lingers, on the next metres of a path (N, 2) [m] in map.
+
+        `beyond_live` leaves out the part near the chair that the follower of a line compares with the live picture.
+        """
+        if beyond_live:
+            rest = rest[np.hypot(*(rest - (self._now.pose.x, self._now.pose.y)).T) > _LIVE_REACH]
+        ahead, half = rest[: math.ceil(LOOK_AHEAD / SPACING)], self._body.width / 2
+        in_odom = transform_points(self._now.map_from_odom.inverse(), ahead)
+        near = half + self._settings.tracks.model.radius
+        return self._surroundings.stands_near(ahead, half) or self._people.someone_lingers_near(in_odom, near)
+
     def what_bars(self, otherwise: str) -> str:
         """Return a sentence on the live obstacle that bars the path, or another one if there is none."""
         rest, pose = self._plan.rest(self._now.pose), self._now.pose
@@ -175,8 +210,8 @@ class PathMaker:
     ) -> Resumable[Obstruction | None]:
         planner = self._plan.planner
         assert planner is not None
-        seen = Seen(self._seen_points(upright, layered))
-        return (yield from cause_of(error, self.drawn, self._now.pose, planner.goal, seen))
+        points = self._seen_points(upright, layered)
+        return (yield from cause_of(error, self.drawn, self._now.pose, planner.goal, points))
 
     def _puts_off(self, now_ns: int, before: FloatArray | None, path: FloatArray, points: FloatArray) -> bool:
         """Return whether a path is put off, because it is much longer than the way before and a doorway there may be free soon.

@@ -188,7 +188,7 @@ class Recovery:
     ) -> DwaResult | None:
         """Return a command for backing out, or None while the path is to be followed.
 
-        `remaining` [m] is the distance to the goal, None while turning there or retrying a door. `local` computes the
+        `remaining` [m] is the distance to the goal, None while turning there. `local` computes the
         distances round the chair in the pose's frame, which must not jump. A chair that `waits` for people does not
         start to back out, and stops doing so. One that must not back (`may_back`) has no tries left once it is stuck.
         """

@@ -103,6 +103,7 @@ class WayFollower:
         self._rooms, self._gear = leg.rooms[kept], -1.0 if leg.backwards else 1.0
         self._k: int | None = None  # the step of the line on which the chair is
         self.in_position = self.is_barred = False
+        self._profile: tuple[DwaSettings | None, FloatArray] = None, np.zeros(0)
         self._speeds = np.zeros(1), np.zeros(1)  # of the last tick, [m/s] and [m] along the line
 
     def is_ahead(self, there: BoolArray) -> bool:
@@ -189,9 +190,7 @@ class WayFollower:
         at, motion = tick.at, tick.motion
         v = max(self._gear * tick.command.v, 0.0)
         a = 0.0 if motion is None else self._gear * motion.acceleration.v
-        speeds = speeds_along(self._bends, self._rooms, self._along, self._body, limits, self._gear)
-        speeds[-1] = 0.0
-        along = self._along
+        speeds, along = self._speeds_within(limits), self._along
         free = self._free_way(body, tick)
         self.is_barred = free is not None
         if free is not None:
@@ -204,6 +203,16 @@ class WayFollower:
             then = min(a + 2 * jerk * PERIOD, limits.acceleration)
         speed = v + then * PERIOD if then > 0.0 else max(v + then * PERIOD, MIN_SPEED)
         return min(speed, max(tick.fastest, v - limits.braking * PERIOD)), free
+
+    def _speeds_within(self, limits: DwaSettings) -> FloatArray:
+        """Return (N,) [m/s] the speeds at the line's poses, with a stop at its end; computed when the limits change."""
+        before, speeds = self._profile
+        of_speed = replace(limits, clearance=HARD)  # no speed depends on it, and it changes within a tick
+        if before != of_speed:
+            speeds = speeds_along(self._bends, self._rooms, self._along, self._body, limits, self._gear)
+            speeds[-1] = 0.0
+            self._profile = of_speed, speeds
+        return speeds
 
     def top_speed(self, limits: DwaSettings) -> float:
         """Return the highest speed [m/s] that the line ahead allowed in the last tick, whatever the speed was then."""

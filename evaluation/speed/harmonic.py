@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from evaluation.speed.paper_band import paper_band, polyline_length
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.geometry import evenly_spaced
 from waychair.maps.grid.moving_ai import load_free_cells
@@ -27,9 +28,9 @@ from waychair.planning.grid.grid_graph import Cell
 from waychair.planning.grid.resumable import finished
 from waychair.planning.harmonic.harmonic_field import LogField, count_summits, descend, log_field, streamline
 from waychair.planning.harmonic.laplace_solvers import SolverOptions, laplace_problem, relative_residual, solve
-from waychair.planning.harmonic.rubber_band import paper_band, polyline_length, turning_angles
 from waychair.planning.route.flowing_line import flowing
 from waychair.planning.route.global_planner import PlannerSettings, plan
+from waychair.planning.route.path_turns import turning_angles
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 
 CELL = 0.05

@@ -111,11 +111,6 @@ def shortest_cost(prices: Prices, start: Cell, goal: Cell, *, informed: bool = T
     return search(prices, start, goal, informed=informed).cost
 
 
-def shortest_path(prices: Prices, start: Cell, goal: Cell, *, informed: bool = True) -> IntArray:
-    """Return the cells (N, 2) of the cheapest path, start and goal included; raises as `shortest_cost`."""
-    return search(prices, start, goal, informed=informed).cells
-
-
 def search(prices: Prices, start: Cell, goal: Cell, *, informed: bool = True, barred: Bytes | None = None) -> GridPath:
     """Return the cheapest path with cost and work; `barred` as in `grid_graph`; raises as `shortest_cost`."""
     shape = (prices.shape[0], prices.shape[1])

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
@@ -115,6 +116,7 @@ class GlobalPlanner:
         self._limits = limits
         self._check_footprint = check_footprint
         self.cost = 0
+        self._side = 1.0  # where the chair passes people: 1.0 on the usual side, -1.0 on the other
         self._costmap: Costmap | None = None
         self._search: GridPlanner | None = None
         self.legs: tuple[PathLeg, ...] = ()
@@ -219,18 +221,27 @@ class GlobalPlanner:
     ) -> Resumable[Path]:
         """Do `replan_resumably` among moving people, predicted rather than walls.
 
-        The direct path keeps to one side (`kept_right`). It is taken if it meets nobody at `cruise` [m/s], or if a path
-        around the people, over the costmap with their prediction, is no faster than waiting and the direct path.
+        The direct path keeps to one side, or to the other if it would meet somebody there at `cruise` [m/s] (`kept_right`),
+        and stays there while people are about. If it meets somebody on both, a path around the people, over the costmap
+        with their prediction, is taken where it is faster than waiting and the direct path.
         """
         direct = yield from self.replan_resumably(costmap, start, bool(people.tracks), has_time)
-        if people.tracks:
-            direct = yield from self._kept_to_one_side(costmap)
-        forecast = self.settings.forecast
-        direct_s, wait_s = arrival(people, direct.poses[:, :2], cruise, forecast)
-        if wait_s == 0.0:
+        if not people.tracks:
+            self._side = 1.0
             return direct
-        legs = self.legs
+        forecast, plain = self.settings.forecast, self.legs
+        direct_s, wait_s = math.inf, math.inf
         self.valid_from_anywhere = True  # until the next search is done
+        for side in (self._side, -self._side):
+            yield
+            legs = yield from self._kept_to_one_side(plain, costmap, side)
+            path = joined_legs(legs)
+            seconds, wait = arrival(people, path.poses[:, :2], cruise, forecast)
+            if seconds < direct_s:
+                direct, self.legs, self._side, direct_s, wait_s = path, legs, side, seconds, wait
+            if wait_s == 0.0:
+                return direct
+        legs = self.legs
         yield
         expected = with_forecast(costmap, predicted_occupancy(people, costmap.grid, forecast))
         with suppress(PlanningError):  # then no path leads around them
@@ -244,17 +255,19 @@ class GlobalPlanner:
         """Let the chair stand before a search for a multi-point turn, which begins where the chair is."""
         self.valid_from_anywhere = False
 
-    def _kept_to_one_side(self, costmap: Costmap) -> Resumable[Path]:
-        """Return the path with its legs moved to one side, where there is room."""
+    def _kept_to_one_side(
+        self, legs: Sequence[PathLeg], costmap: Costmap, side: float
+    ) -> Resumable[tuple[PathLeg, ...]]:
+        """Return the legs moved to the usual side (1.0) or the other (-1.0), where there is room."""
+        aside = self.settings.keep_right.aside * side
         moved = []
-        for leg in self.legs:
-            path = leg.path if leg.backwards else kept_right(leg.path, costmap, self.settings.keep_right)
+        for leg in legs:
+            path = leg.path if leg.backwards else kept_right(leg.path, costmap, aside)
             if path is not leg.path and leg.is_line:
                 rooms = yield from in_time_slices(rooms_beside(costmap, path.poses), CELLS_PER_STEP)
                 leg = replace(leg, rooms=rooms)
             moved.append(replace(leg, path=path))
-        self.legs = tuple(moved)
-        return joined_legs(self.legs)
+        return tuple(moved)
 
     def _search_over(self, costmap: Costmap, start: Pose2) -> GridPlanner:
         """Return the search over a costmap from the start."""

@@ -40,23 +40,30 @@ _STEP = 0.05
 """Distance [m] between two tested places from the path to the side."""
 
 
-def kept_right(path: Path, costmap: Costmap, settings: KeepRightSettings = KeepRightSettings()) -> Path:
-    """Return the path moved to the side as far as there is room, except in the open; ends and last heading stay."""
+def kept_right(path: Path, costmap: Costmap, aside: float = KeepRightSettings().aside) -> Path:
+    """Return the path moved by `aside` [m] to the right as far as there is room, except in the open.
+
+    Ends and last heading stay.
+    """
     poses = path.poses
-    if len(poses) < 3 or settings.aside == 0.0:
+    if len(poses) < 3 or aside == 0.0:
         return path
-    side = math.copysign(1.0, settings.aside) * np.column_stack([np.sin(poses[:, 2]), -np.cos(poses[:, 2])])
-    steps = np.arange(1, round(abs(settings.aside) / _STEP) + 1) * _STEP
+    side = math.copysign(1.0, aside) * np.column_stack([np.sin(poses[:, 2]), -np.cos(poses[:, 2])])
+    steps = np.arange(1, round(abs(aside) / _STEP) + 1) * _STEP
     roomy = _has_room(poses[:, None, :2] + steps[:, None] * side[:, None], costmap, PASSING)
-    aside = _STEP * np.logical_and.accumulate(roomy, axis=1).sum(axis=1)
-    aside[_has_room(poses[:, None, :2], costmap, PASSING_OPEN - costmap.body.width / 2)[:, 0]] = 0.0
-    aside[[0, -1]] = 0.0
+    shifts = _STEP * np.logical_and.accumulate(roomy, axis=1).sum(axis=1)
+    shifts[_has_room(poses[:, None, :2], costmap, PASSING_OPEN - costmap.body.width / 2)[:, 0]] = 0.0
+    shifts[[0, -1]] = 0.0
     moved = poses.copy()
     along = arc_lengths(poses[:, :2])
-    eased = _smoothed(limit_slope(aside, SLOPE * along), along)
+    eased = _smoothed(limit_slope(shifts, SLOPE * along), along)
     moved[:, :2] += eased[:, None] * side
     ahead = np.diff(moved[:, :2], axis=0)
-    moved[:-1, 2] = np.where(ahead.any(axis=1), np.arctan2(ahead[:, 1], ahead[:, 0]), moved[:-1, 2])
+    goes_on = np.hypot(ahead[:, 0], ahead[:, 1]) > 0.0
+    latest = np.maximum.accumulate(
+        np.where(goes_on, np.arange(len(ahead)), 0)
+    )  # where the chair only turns, as it came
+    moved[:-1, 2] = np.where(goes_on[latest], np.arctan2(ahead[latest, 1], ahead[latest, 0]), moved[:-1, 2])
     return Path(moved)
 
 

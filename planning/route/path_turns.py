@@ -7,7 +7,6 @@ import math
 import numpy as np
 
 from waychair.geometry import evenly_spaced
-from waychair.planning.harmonic.rubber_band import turning_angles
 from waychair.types import FloatArray, IntArray, Path
 
 EVERY_M = 0.10
@@ -15,6 +14,14 @@ EVERY_M = 0.10
 
 BIN_DEG = 5
 """Width of the histogram's bins [deg]."""
+
+
+def turning_angles(points: FloatArray) -> FloatArray:
+    """Return (N - 2,) the absolute turning angle [rad] at each inner point of a polyline."""
+    steps = np.diff(points, axis=0)
+    headings = np.arctan2(steps[:, 1], steps[:, 0])
+    turns = np.diff(headings)
+    return np.abs(np.arctan2(np.sin(turns), np.cos(turns)))
 
 
 def turns_of(path: Path, every: float = EVERY_M) -> FloatArray:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -70,42 +70,41 @@ class Obstruction:
         return f"{self.what}; {self.advice}"
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """Live obstacles: points (N, 2) [m] in map, whose height is unknown or that concern a layer of the body only."""
-
-    points: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+_NOTHING = np.empty((0, 2))
 
 
 def explained(
-    error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen = Seen()
+    error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, points: FloatArray = _NOTHING
 ) -> Resumable[PlanningError]:
     """Return the error of a plan over a map with its zones and live obstacles, saying what is truly in the way.
 
-    It is the error itself if nothing better is known.
+    It is the error itself if nothing better is known. `points` as in `cause_of`.
     """
-    found = yield from cause_of(error, drawn, start, goal, seen)
+    found = yield from cause_of(error, drawn, start, goal, points)
     return error if found is None else type(error)(found.text)
 
 
 def cause_of(
-    error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen = Seen()
+    error: PlanningError, drawn: DrawnMap, start: Pose2, goal: Pose2, points: FloatArray
 ) -> Resumable[Obstruction | None]:
-    """Return what keeps a plan over a map with its zones and live obstacles from its goal; None if unknown."""
+    """Return what keeps a plan over a map with its zones and live obstacles from its goal; None if unknown.
+
+    The obstacles are points (N, 2) [m] in map, whose height is unknown or that concern a layer of the body only.
+    """
     yield
     if isinstance(error, StartOccupied):
-        return (yield from _at_an_end(drawn, start, seen, "start"))
+        return (yield from _at_an_end(drawn, start, points, "start"))
     if isinstance(error, GoalOccupied):
-        return (yield from _at_an_end(drawn, goal, seen, "goal"))
+        return (yield from _at_an_end(drawn, goal, points, "goal"))
     if not isinstance(error, NoPath):
         return None
     place = getattr(error, "place", None)
     if place is not None:  # there is a way for a narrow body, but the whole chair does not fit there
-        return _at_a_place(drawn, place, seen)
-    return (yield from _across(drawn, start, goal, seen))
+        return _at_a_place(drawn, place, points)
+    return (yield from _across(drawn, start, goal, points))
 
 
-def _at_an_end(drawn: DrawnMap, pose: Pose2, seen: Seen, end: str) -> Resumable[Obstruction | None]:
+def _at_an_end(drawn: DrawnMap, pose: Pose2, points: FloatArray, end: str) -> Resumable[Obstruction | None]:
     """Return what the chair would touch at the start or the goal, other than the map's walls."""
     body = drawn.body
     free = (yield from costmap_in_bands(drawn.bare, body)) if drawn.zones else drawn.costmap()
@@ -119,7 +118,7 @@ def _at_an_end(drawn: DrawnMap, pose: Pose2, seen: Seen, end: str) -> Resumable[
         return Obstruction(
             f"the keep-out zone '{zone.name}' {what} at ({pose.x:.2f}, {pose.y:.2f})", f"{advice}, or change the zone"
         )
-    group = _group_near(seen.points, np.array([[pose.x, pose.y]]), body.circumscribed_radius + PLANNED)
+    group = _group_near(points, np.array([[pose.x, pose.y]]), body.circumscribed_radius + PLANNED)
     if group is None:
         return None
     at = f"({group[:, 0].mean():.1f}, {group[:, 1].mean():.1f})"
@@ -128,10 +127,10 @@ def _at_an_end(drawn: DrawnMap, pose: Pose2, seen: Seen, end: str) -> Resumable[
     return Obstruction(f"{_who(group)} stands where the goal is, at {at}", "ask for room, or choose another goal")
 
 
-def _at_a_place(drawn: DrawnMap, place: tuple[float, float], seen: Seen) -> Obstruction | None:
+def _at_a_place(drawn: DrawnMap, place: tuple[float, float], points: FloatArray) -> Obstruction | None:
     """Return the live obstacle or the keep-out zone that leaves the chair no room at a place."""
     room = drawn.body.circumscribed_radius + PLANNED
-    group = _group_near(seen.points, np.array([place]), room)
+    group = _group_near(points, np.array([place]), room)
     if group is not None:
         return _in_the_way(group, drawn)
     around = np.array([place]) + room * np.array([(math.cos(a), math.sin(a)) for a in np.arange(0.0, math.tau, 0.2)])
@@ -144,11 +143,11 @@ def _at_a_place(drawn: DrawnMap, place: tuple[float, float], seen: Seen) -> Obst
     )
 
 
-def _across(drawn: DrawnMap, start: Pose2, goal: Pose2, seen: Seen) -> Resumable[Obstruction | None]:
+def _across(drawn: DrawnMap, start: Pose2, goal: Pose2, points: FloatArray) -> Resumable[Obstruction | None]:
     """Return what bars every way from the start to the goal."""
     usual = drawn.costmap()
-    if len(seen.points):
-        group = yield from _barring(usual, start, goal, seen.points)
+    if len(points):
+        group = yield from _barring(usual, start, goal, points)
         if group is not None:
             return _in_the_way(group, drawn)
     both_ways = replace(usual, barred=None)

@@ -5,6 +5,9 @@ tracks by global nearest neighbour within a gate. Each track is a Kalman filter 
 acceleration (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, sections
 6.2 and 6.3). A track is confirmed after enough sightings, and dropped when it has not been seen for a while. People too
 slow for the uncertainty of their speed are recognised by the distance they have walked.
+
+Part of a wall or of furniture behind something nearer seems to walk while the chair drives: the line of sight moves its
+end. So an end that something hides is no measurement (`sightings`), and a cluster with both ends hidden shows no motion.
 """
 
 from __future__ import annotations
@@ -22,7 +25,7 @@ from waychair.config import Settings, setting
 from waychair.errors import ConfigError
 from waychair.geometry import rotation, transform_points
 from waychair.planning.body.personal_space import PERSON_RADIUS
-from waychair.types import FloatArray, IntArray, Pose2
+from waychair.types import BoolArray, FloatArray, IntArray, Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +105,13 @@ distance of the innovation that shows it (80 % of two degrees of freedom)."""
 
 GATE = 9.21
 """Squared Mahalanobis distance within which a cluster may be a track's: 99 % of two degrees of freedom."""
+
+HIDES, NEXT_BEAM = 0.1, math.radians(3.0)
+"""[m], [rad] A point nearer than its neighbour by the first hides the rest of the neighbour's thing, if the angle between
+the two is no larger than the second: farther apart they are no neighbours."""
+
+HALF_PERSON = 0.15
+"""[m] Half the width of two legs: a person with one end hidden is so far from the end in view."""
 
 CONFIRMED_AFTER = 4
 """Number of sightings after which a track is confirmed."""
@@ -191,6 +201,34 @@ def transformed_tracks(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[
     )
 
 
+@dataclass(frozen=True, slots=True)
+class ScanAround:
+    """The scan that unexplained points are part of: all points (M, 2) [m] in the order of its beams, and the laser (2,).
+
+    `strangers` (N,) are the indices of the unexplained points.
+    """
+
+    points: FloatArray
+    strangers: IntArray
+    laser: FloatArray
+
+    def is_cut(self, stranger: int, step: int, group: IntArray) -> bool:
+        """Return whether a thing of some strangers (indices of indices) goes on, or may, beyond its end `stranger`.
+
+        `step` is 1 or -1, out of the group in the order of the beams. The end is cut where a neighbouring point hides the
+        rest or is part of the thing, and at the edge of the view.
+        """
+        i = int(self.strangers[stranger])
+        k = (i + step) % len(self.points)
+        if k in self.strangers[group]:
+            return False
+        end, neighbour = self.points[i] - self.laser, self.points[k] - self.laser
+        (x, y), (u, v) = end.tolist(), neighbour.tolist()
+        if abs(math.atan2(x * v - y * u, x * u + y * v)) > NEXT_BEAM:
+            return k != i + step
+        return math.dist((x, y), (u, v)) < TOUCH or math.hypot(u, v) < math.hypot(x, y) - HIDES
+
+
 class Tracker:
     """The tracks, updated from scan to scan in a frame without jumps."""
 
@@ -207,19 +245,23 @@ class Tracker:
         """People who walked and recently went out of sight, as last predicted."""
         return self._lost
 
-    def update(self, stamp_ns: int, points: FloatArray) -> tuple[Track, ...]:
-        """Return the confirmed tracks after a scan with unexplained points (N, 2) [m]."""
+    def update(self, stamp_ns: int, points: FloatArray, scan: ScanAround | None = None) -> tuple[Track, ...]:
+        """Return the confirmed tracks after a scan with unexplained points (N, 2) [m]; without the scan nothing hides them."""
         model = self._model
         expected = tuple(predicted(track, stamp_ns, model.acceleration) for track in self._tracks)
-        middles = clusters(points, model)
+        middles, shown = sightings(points, model, scan)
         taken = associate(expected, middles, model.sigma)
-        kept = [
-            _corrected(_after_turn(self._tracks[i], track, middles[taken[i]], model.sigma), middles[taken[i]], model)
-            if i in taken
-            else track
-            for i, track in enumerate(expected)
-            if i in taken or stamp_ns - track.seen_ns <= DROPPED_AFTER_S * 1e9
-        ]
+        kept: list[Track] = []
+        for i, track in enumerate(expected):
+            if i not in taken:
+                if stamp_ns - track.seen_ns <= DROPPED_AFTER_S * 1e9:
+                    kept.append(track)
+                continue
+            middle = middles[taken[i]]
+            if shown[taken[i]] or track.has_walked:
+                kept.append(_corrected(_after_turn(self._tracks[i], track, middle, model.sigma), middle, model))
+            else:  # its motion is to be shown from here on
+                kept.append(_new_track(track.number, stamp_ns, middle, model))
         for k in sorted(set(range(len(middles))) - set(taken.values())):
             # A cluster as near to a person as one leg to the other is no second person.
             if all(math.dist(track.position, middles[k]) > model.apart for track in kept):
@@ -276,28 +318,50 @@ _ROUND = 48
 """Points of a circle of personal space, 5 cm apart."""
 
 
-def clusters(points: FloatArray, model: MoverModel) -> FloatArray:
-    """Return (K, 2) middles [m] of the clusters or pairs of legs among points (N, 2) [m] that may be a person."""
+def sightings(points: FloatArray, model: MoverModel, scan: ScanAround | None = None) -> tuple[FloatArray, BoolArray]:
+    """Return (K, 2) middles [m] of what may be people among points (N, 2) [m], and (K,) whether they show their motion.
+
+    The middle is that between both ends. Where one end is hidden, it is beside the other; where both are, nothing is
+    known of the motion.
+    """
+    groups = clusters(points, model)
+    middles, shown = np.empty((len(groups), 2)), np.ones(len(groups), np.bool_)
+    for k, group in enumerate(groups):
+        thing = points[group]
+        middles[k] = (thing.min(axis=0) + thing.max(axis=0)) / 2
+        if scan is None:
+            continue
+        first, last = int(group.min()), int(group.max())
+        cut = scan.is_cut(first, -1, group), scan.is_cut(last, 1, group)
+        shown[k] = not all(cut)
+        if any(cut) and shown[k]:
+            end, other = (points[last], points[first]) if cut[0] else (points[first], points[last])
+            long = max(math.dist(end, other), 1e-9)
+            middles[k] = end + HALF_PERSON / long * (other - end)
+    return middles, shown
+
+
+def clusters(points: FloatArray, model: MoverModel) -> list[IntArray]:
+    """Return the indices of the points (N, 2) [m] of each cluster or pair of legs that may be a person."""
     if len(points) == 0:
-        return np.empty((0, 2))
-    things = _linked(points, TOUCH)
-    slim = np.array([np.hypot(*np.ptp(thing, axis=0)) <= LEG for thing in things])
+        return []
+    things = _linked(points, np.arange(len(points)), TOUCH)
+    slim = [bool(np.hypot(*np.ptp(points[thing], axis=0)) <= LEG) for thing in things]
     legs = [thing for thing, leg in zip(things, slim, strict=True) if leg]
     bodies = [thing for thing, leg in zip(things, slim, strict=True) if not leg]
     if legs:
-        bodies += _linked(np.concatenate(legs), model.link)
-    middles = []
-    for group in bodies:
-        low, high = group.min(axis=0), group.max(axis=0)
-        if len(group) >= LEAST_POINTS and np.hypot(*(high - low)) <= model.largest:
-            middles.append((low + high) / 2)
-    return np.array(middles).reshape(-1, 2)
+        bodies += _linked(points, np.concatenate(legs), model.link)
+    return [
+        group
+        for group in bodies
+        if len(group) >= LEAST_POINTS and np.hypot(*np.ptp(points[group], axis=0)) <= model.largest
+    ]
 
 
-def _linked(points: FloatArray, link: float) -> list[FloatArray]:
-    """Return points (N, 2) [m] split into groups connected by steps of at most a link [m]."""
-    labels = linked_groups(points, link)
-    return [points[labels == label] for label in range(labels.max() + 1)]
+def _linked(points: FloatArray, some: IntArray, link: float) -> list[IntArray]:
+    """Return some of the points (N, 2) [m], as indices, split into groups connected by steps of at most a link [m]."""
+    labels = linked_groups(points[some], link)
+    return [some[labels == label] for label in range(labels.max() + 1)]
 
 
 @njit(cache=True)

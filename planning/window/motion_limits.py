@@ -28,6 +28,9 @@ EMERGENCY_BRAKING, EMERGENCY_ALPHA = 1.5, 3.0
 CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
 """Speeds [m/s], [rad/s] at which the chair leaves a tight spot."""
 
+RELEASE = 1.6
+"""A turn at the goal may drift to so many times the tolerance of the position."""
+
 STANDING_V, STANDING_OMEGA = 0.01, 0.02
 """Speeds [m/s], [rad/s] below which a command counts as standing still."""
 
@@ -43,13 +46,6 @@ class GoalTolerances(Settings):
         low=0.01,
         high=1.0,
     )
-    release: float = setting(
-        0.13,
-        "m",
-        "drift in the turn at the goal after which the chair drives to it again; larger: fewer corrections",
-        low=0.01,
-        high=1.5,
-    )
     heading: float = setting(
         0.05,
         "rad",
@@ -57,6 +53,11 @@ class GoalTolerances(Settings):
         low=0.005,
         high=math.pi,
     )
+
+    @property
+    def release(self) -> float:
+        """The drift [m] in the turn at the goal after which the chair drives to it again."""
+        return RELEASE * self.position
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,13 +11,13 @@ import numpy as np
 
 from evaluation.scenes.chair_score import acceptance_chairs
 from evaluation.scenes.straight import LoopDrive, drive_straight
+from evaluation.speed.loop_margins import TrueAxis, phase_margin, slowest_decay
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.drives.dac_and_stops import calibrate_dac, calibrate_stops
 from waychair.calibration.fits.fitted_dac import FittedDac
 from waychair.calibration.fits.stopping import StopSettings, StopTable
 from waychair.calibration.fits.sweep import SweepSettings
 from waychair.control.speed.axis_response import AxisResponse
-from waychair.control.speed.loop_margins import TrueAxis, phase_margin, slowest_decay
 from waychair.control.speed.speed_loop import FASTEST_CROSSOVER, PERIOD_S, PHASE_MARGIN, gains, gains_of
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.simulator import SimulatorSettings

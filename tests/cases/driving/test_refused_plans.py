@@ -15,7 +15,7 @@ from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner, check_goal
 from waychair.planning.route.path_ends import check_start
-from waychair.planning.route.refused_plans import Seen, explained
+from waychair.planning.route.refused_plans import explained
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 CELL = 0.05
@@ -55,7 +55,7 @@ def refused(
 
     with pytest.raises(PlanningError) as caught:
         plan()
-    return finished(explained(caught.value, drawn, START, goal, Seen(seen)))
+    return finished(explained(caught.value, drawn, START, goal, seen))
 
 
 def test_a_gap_that_is_too_narrow_is_told_with_its_width_and_place() -> None:

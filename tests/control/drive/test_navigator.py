@@ -469,6 +469,13 @@ def test_the_chair_passes_an_oncoming_person_in_a_corridor_on_its_right(begin: f
     assert abs(poses[-1].y - 4.0) < 0.15
 
 
+def test_the_chair_passes_somebody_who_turns_round_and_comes_back_along_its_own_side_on_the_other() -> None:
+    states, poses = in_a_corridor(lambda s: (10.5 - 0.7 * abs(s - 4.0), 3.5), 30.0)
+    assert states[-1].stage is Stage.ARRIVED
+    met = next(pose for k, pose in enumerate(poses) if k > 80 and 10.5 - 0.7 * abs(0.05 * k - 4.0) < pose.x)
+    assert met.y > 4.1
+
+
 @pytest.mark.nightly
 def test_a_person_who_paces_beside_the_way_changes_no_plan() -> None:
     states, poses = in_a_corridor(lambda s: (6.0, 4.55 + 0.25 * math.sin(2.0 * s)), 60.0)

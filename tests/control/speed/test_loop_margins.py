@@ -8,9 +8,9 @@ from collections import deque
 
 import numpy as np
 import pytest
+from evaluation.speed.loop_margins import TrueAxis, loop_polynomials, phase_margin, slowest_decay
 
 from waychair.control.speed.axis_response import AxisResponse
-from waychair.control.speed.loop_margins import TrueAxis, loop_polynomials, phase_margin, slowest_decay
 from waychair.control.speed.speed_loop import (
     FASTEST_CROSSOVER,
     PHASE_MARGIN,

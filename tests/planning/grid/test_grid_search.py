@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from waychair.errors import NoPath
 from waychair.planning.grid.dstar_lite import DStarLite
 from waychair.planning.grid.grid_graph import Cell, Prices
-from waychair.planning.grid.grid_search import search, shortest_cost, shortest_path
+from waychair.planning.grid.grid_search import search, shortest_cost
 
 
 def plain_step(prices: Prices, here: Cell, dr: int, dc: int) -> int | None:
@@ -76,7 +76,7 @@ def test_all_searches_find_the_cost_of_the_plain_reference(seed: int, height: in
                 shortest_cost(prices, start, goal, informed=informed)
         else:
             assert shortest_cost(prices, start, goal, informed=informed) == expected
-            path = shortest_path(prices, start, goal, informed=informed)
+            path = search(prices, start, goal, informed=informed).cells
             assert (tuple(path[0]), tuple(path[-1])) == (start, goal)
             assert path_cost(prices, path) == expected
 

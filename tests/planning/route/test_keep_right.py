@@ -17,8 +17,8 @@ from waychair.planning.body.footprint import fits
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.grid.resumable import finished
 from waychair.planning.route.global_planner import GlobalPlanner, PlannerSettings
-from waychair.planning.route.keep_right import KeepRightSettings, kept_right
-from waychair.planning.seen.forecast import ExpectedPeople
+from waychair.planning.route.keep_right import kept_right
+from waychair.planning.seen.forecast import ExpectedPeople, arrival
 from waychair.types import UNKNOWN, FloatArray, OccupancyGrid, Path, Pose2
 
 START, GOAL = Pose2(1.0, 1.0), Pose2(9.0, 1.0, 0.3)
@@ -40,7 +40,7 @@ def line(y: float = 1.0, x0: float = 1.0, x1: float = 9.0) -> Path:
 
 def aside(path: Path, costmap: Costmap, **changed: float) -> FloatArray:
     """Return (N,) the shift [m] to the right of a path along x."""
-    kept: FloatArray = path.poses[:, 1] - kept_right(path, costmap, KeepRightSettings(**changed)).poses[:, 1]
+    kept: FloatArray = path.poses[:, 1] - kept_right(path, costmap, **changed).poses[:, 1]
     return kept
 
 
@@ -137,3 +137,14 @@ def test_the_planner_keeps_right_among_people_and_in_the_middle_without_them() -
     np.testing.assert_allclose(right, 0.6, atol=0.15)
     np.testing.assert_allclose(among.poses[-1], GOAL.array())
     assert sum(len(leg.path.poses) for leg in search.legs) == len(among.poses)
+
+
+@pytest.mark.parametrize(("y", "side"), [(0.4, 1.4), (1.6, 0.6)])
+def test_the_planner_passes_on_the_other_side_of_somebody_who_comes_along_its_own(y: float, side: float) -> None:
+    costmap = costmap_from_grid(corridor(), CHAIR_A)
+    somebody = ExpectedPeople((walker(7.0, y, -0.8, 0.0),), 0.7)
+    search = GlobalPlanner(GOAL, PlannerSettings())
+    path = finished(search.replan_among_people(costmap, lambda: START, somebody, 0.8))
+    meeting = path.poses[np.abs(path.poses[:, 0] - 4.0) < 0.5, 1]
+    np.testing.assert_allclose(meeting, side, atol=0.15)
+    assert arrival(somebody, path.poses[:, :2], 0.8)[1] == 0.0

@@ -20,6 +20,7 @@ from waychair.planning.seen.person_tracks import (
     CONFIRMED_AFTER,
     PAUSE_S,
     PEOPLE,
+    ScanAround,
     Track,
     Tracker,
     associate,
@@ -28,6 +29,7 @@ from waychair.planning.seen.person_tracks import (
     person_may_be_behind,
     personal_space_points,
     predicted,
+    sightings,
 )
 from waychair.simulation.people.people import SimulatedPeople
 from waychair.simulation.scene.scene import Behaviour, PersonPlan, Slice
@@ -47,9 +49,9 @@ def blob(x: float, y: float, count: int = 8) -> FloatArray:
 def test_two_legs_are_one_person_and_a_wall_is_not() -> None:
     wall = np.column_stack([np.linspace(0, 3, 60), np.full(60, 5.0)])
     points = np.concatenate([blob(1.0, 1.0), blob(1.0, 1.35), blob(4.0, 2.0), wall, [[8.0, 8.0]]])
-    middles = clusters(points, PEOPLE)
+    middles, _ = sightings(points, PEOPLE)
     np.testing.assert_allclose(sorted(middles.tolist()), [[1.0, 1.175], [4.0, 2.0]], atol=0.01)
-    assert clusters(np.empty((0, 2)), PEOPLE).shape == (0, 2)
+    assert clusters(np.empty((0, 2)), PEOPLE) == []
 
 
 @given(
@@ -213,3 +215,57 @@ def test_a_person_out_of_sight_behind_the_chair_is_kept_until_forgotten() -> Non
             assert person_may_be_behind(tracker.recently_lost, k * TICK_NS, Pose2(), CHAIR_A, 0.4)
             assert not person_may_be_behind(tracker.recently_lost, k * TICK_NS, Pose2(0.0, 0.0, math.pi), CHAIR_A, 0.4)
     assert not tracker.recently_lost
+
+
+def scan_of(faces: list[tuple[float, float, float, float]], strangers: set[int], x: float, y: float) -> ScanAround:
+    """Return what a laser at (x, y) sees of faces from (x, y) to (x, y), with half a degree between its beams."""
+    points, found = [], []
+    for angle in np.arange(-math.pi / 2, math.pi / 2, math.radians(0.5)):
+        along, nearest = np.array([math.cos(angle), math.sin(angle)]), (math.inf, -1)
+        for k, face in enumerate(faces):
+            begin, side = np.array(face[:2]) - (x, y), np.array(face[2:]) - face[:2]
+            meets = np.column_stack([along, -side])
+            if abs(np.linalg.det(meets)) > 1e-9:
+                way, share = np.linalg.solve(meets, begin)
+                if way > 0.0 and 0.0 <= share <= 1.0:
+                    nearest = min(nearest, (float(way), k))
+        if nearest[1] >= 0:
+            found += [len(points)] if nearest[1] in strangers else []
+            points.append(np.array([x, y]) + nearest[0] * along)
+    return ScanAround(np.array(points), np.array(found, np.int64), np.array([x, y]))
+
+
+def who_walks(scans: list[ScanAround], hidden: bool = True) -> list[bool]:
+    """Return, for each of the scans, whether a track is taken for somebody who walks."""
+    tracker = Tracker()
+    return [
+        any(
+            track.has_walked
+            for track in tracker.update(k * TICK_NS, scan.points[scan.strangers], scan if hidden else None)
+        )
+        for k, scan in enumerate(scans)
+    ]
+
+
+def test_the_part_of_a_thing_in_view_behind_a_doorway_does_not_walk_as_the_chair_drives_past() -> None:
+    jambs = [(3.0, -3.0, 3.0, -0.3), (3.0, 0.3, 3.0, 3.0)]
+    board = (5.0, -2.5, 5.0, 2.5)
+    scans = [scan_of([*jambs, board], {2}, 0.0, 0.08 * k - 1.2) for k in range(30)]
+    assert any(who_walks(scans, hidden=False)), "its middle moves as fast as the chair"
+    assert not any(who_walks(scans))
+
+
+def test_the_end_of_a_board_that_comes_out_from_behind_a_corner_does_not_walk() -> None:
+    corner, board = (2.0, -1.0, 2.0, 0.5), (5.0, 0.7, 5.0, 2.2)
+    scans = [scan_of([corner, board], {1}, 0.0, 0.08 * k - 1.6) for k in range(30)]
+    assert any(who_walks(scans, hidden=False))
+    assert not any(who_walks(scans))
+
+
+def test_somebody_who_steps_out_from_behind_a_corner_is_recognised_before_the_whole_body_is_in_view() -> None:
+    corner, wall = (2.0, -1.0, 2.0, 0.5), (6.0, -9.0, 6.0, 9.0)
+    steps = [0.1 * k - 0.6 for k in range(20)]  # from the corner's shadow at 1 m/s
+    people = [(3.0, y, 3.0, y + 0.35) for y in steps]
+    scans = [scan_of([corner, person, wall], {1}, 0.0, 0.0) for person in people]
+    soonest = next(k for k, scan in enumerate(scans) if len(scan.strangers) >= 3)
+    assert who_walks(scans).index(True) <= soonest + CONFIRMED_AFTER + 1

@@ -7,15 +7,12 @@ import math
 import numpy as np
 import pytest
 from evaluation.speed.harmonic import CELL, SCENES, BandScene, bands, rectangle_fits
+from evaluation.speed.paper_band import log_between, polyline_length
 
 from waychair.geometry import evenly_spaced
 from waychair.planning.harmonic.harmonic_field import log_field
 from waychair.planning.harmonic.laplace_solvers import laplace_problem
-from waychair.planning.harmonic.rubber_band import (
-    log_between,
-    polyline_length,
-    turning_angles,
-)
+from waychair.planning.route.path_turns import turning_angles
 from waychair.types import FloatArray
 
 

@@ -1,7 +1,7 @@
 """The source paper's rubber band: a path as an elastic line in a harmonic potential (section IV, Eq 2).
 
-Each point moves towards the place where the tension of its two neighbours and the force of the potential balance best. The
-band that the chair drives along knows its outline: see `planning.route.flowing_line`.
+Each point moves towards the place where the tension of its two neighbours and the force of the potential balance best. A
+baseline: the band that the chair drives along knows its outline, see `planning.route.flowing_line`.
 """
 
 from __future__ import annotations
@@ -24,14 +24,6 @@ def paper_band(found: LogField, points: FloatArray, delta: float = 0.2, passes: 
     distance from the goal that a force in fixed units would vanish near the goal and explode far from it.
     """
     return _paper_relaxed(found.logs, points, delta, passes)
-
-
-def turning_angles(points: FloatArray) -> FloatArray:
-    """Return (N - 2,) the absolute turning angle [rad] at each inner point of a polyline."""
-    steps = np.diff(points, axis=0)
-    headings = np.arctan2(steps[:, 1], steps[:, 0])
-    turns = np.diff(headings)
-    return np.abs(np.arctan2(np.sin(turns), np.cos(turns)))
 
 
 def polyline_length(points: FloatArray) -> float:
