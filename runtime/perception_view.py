@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.behaviours.cell_network import Network, Node, Wiring
 from waychair.control.behaviours.commands import (
     DoorCommand,
     FreeCommand,
@@ -25,7 +26,6 @@ from waychair.control.behaviours.doorway import DoorCheck, OdometryPose, Tracked
 from waychair.control.behaviours.drawing import network_picture
 from waychair.control.behaviours.free_space import WayFound
 from waychair.control.behaviours.managers import GatedSignals
-from waychair.control.behaviours.network import Network, Node, Wiring
 from waychair.control.behaviours.runtime import PortState
 from waychair.control.behaviours.sonar import Obstacle, ObstacleClasses
 from waychair.control.behaviours.view.door_cells import DoorSeen

@@ -15,6 +15,7 @@ from numba import njit
 
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.control.behaviours.cell import Cell, Reading, Sensor
+from waychair.control.behaviours.cell_network import Network, Wiring, wire
 from waychair.control.behaviours.commands import (
     NULL,
     STOP,
@@ -36,7 +37,6 @@ from waychair.control.behaviours.managers import (
     merge_commands,
     select_signal,
 )
-from waychair.control.behaviours.network import Network, Wiring, wire
 from waychair.control.behaviours.paper import PaperSettings
 from waychair.control.behaviours.paper_settings import NavigationLimits, ObstacleLimits
 from waychair.control.behaviours.sonar import LastClasses, Obstacle, ObstacleClasses, obstacle_class

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from waychair.calibration.servo_camera import SERVO_CAMERA, ServoCameraMount
+from waychair.calibration.servo_camera_mount import SERVO_CAMERA, ServoCameraMount
 from waychair.geometry import transform_points, wrap_angle
 from waychair.planning.seen.laser_line import LaserPlane, points_of_line
 from waychair.planning.seen.laser_picture import line_in_picture, rows_of_ranges

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.calibration.servo_camera import SERVO_CAMERA
+from waychair.calibration.servo_camera_mount import SERVO_CAMERA
 from waychair.geometry import in_space, transform_points
 from waychair.planning.seen.laser_sight import DARK, SILENT, LaserSight, SightMemory, look
 from waychair.simulation.plan.world import World, load_world
