@@ -45,6 +45,7 @@ from waychair.types import (
     RgbdFrame,
     Scan,
     SentCommand,
+    ServoMessage,
     SonarReadings,
     Telemetry,
     Twist,
@@ -235,6 +236,15 @@ class Chair:
         if self._perception is not None:
             self._perception.door_wanted = wanted
 
+    def watch(self, messages: Iterable[ServoMessage]) -> None:
+        """Pass messages of the camera on servos to the behaviour cells, for the next step; nothing without them.
+
+        The cells' order to the camera is in the state after the step (`Perceived.order`).
+        """
+        if self._perception is not None:
+            for message in messages:
+                self._perception.watch(message, self._base.motion.odom_from_base(message.stamp_ns))
+
     def relocalise(self, map_from_base: Pose2 | None) -> None:
         """Localise anew, near a pose in map or, with None, on the whole map."""
         self._localiser.restart(map_from_base)
@@ -337,7 +347,7 @@ class Chair:
             if self._localisation is not None:
                 ground = self._pilot.look(message, base.motion.map_from_base(message.stamp_ns), tilt)
             if cells is not None:
-                cells.look(message, tilt, ground)
+                cells.look(message, base.motion.odom_from_base(message.stamp_ns), tilt, ground)
 
     def _known(self, now_ns: int, telemetry: Telemetry | None) -> CellInputs:
         """Return what the cells are told besides the messages."""
