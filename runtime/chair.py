@@ -52,16 +52,21 @@ from waychair.types import (
 )
 
 
+def perceive_field() -> bool:
+    """Make the field for the switch of the behaviour cells, which the chair and the cells node share."""
+    return setting(
+        False,
+        "",
+        "whether behaviour cells tell a rider who cannot see of obstacles, free ways and doorways: true or false",
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class ChairSettings(PilotSettings):
     """The settings of the pilot, the drive base and the localiser, and the switch of the behaviour cells."""
 
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
-    perceive: bool = setting(
-        False,
-        "",
-        "whether behaviour cells tell a rider who cannot see of obstacles, free ways and doorways: true or false",
-    )
+    perceive: bool = perceive_field()
 
 
 @dataclass(frozen=True, slots=True)
