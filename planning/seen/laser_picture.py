@@ -93,8 +93,10 @@ def _line_in(red: Float32Array, rows: tuple[int, int], width: int, least: float)
 def rows_of_ranges(
     nearest: float, farthest: float, focal: float, middle_row: float, baseline: float
 ) -> tuple[int, int]:
-    """Return the rows [first, last) in which the line of a level laser lies, for depths between two limits [m]."""
-    return int(middle_row + focal * baseline / farthest), int(middle_row + focal * baseline / nearest) + 2
+    """Return the rows [first, last) in which a level laser's line lies with its whole width, for depths between two
+    limits [m]."""
+    first, last = (int(middle_row + focal * baseline / away) for away in (farthest, nearest))
+    return first - _HALF_WIDTH, last + _HALF_WIDTH + 1
 
 
 def redness(picture: Bytes, rows: tuple[int, int]) -> Float32Array:

@@ -9,6 +9,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from evaluation.scenes.tight_places import door_scene
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.behaviours.commands import FreeKind, between
@@ -19,11 +20,12 @@ from waychair.planning.seen.doorways import DoorState, Doorway
 from waychair.runtime.perception import CellInputs, Perceived, Perception
 from waychair.runtime.perception_view import perception_view
 from waychair.simulation.plan.world import World, load_world
+from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera
 from waychair.simulation.sensors.height_slices import slice_at
 from waychair.simulation.sensors.lidar import Lidar, LidarSettings
 from waychair.simulation.sensors.pan_tilt import ServoCameraFaults
 from waychair.simulation.sensors.rays import scenery_from_slice
-from waychair.simulation.sensors.renderer import renderer_problem
+from waychair.simulation.sensors.renderer import Renderer, camera_matrix, renderer_problem
 from waychair.simulation.sensors.servo_camera import ServoCamera
 from waychair.types import OccupancyGrid, Odometry, PanTiltAngles, Picture, Pose2, ServoMessage, SonarReadings, Twist
 
@@ -153,3 +155,28 @@ def test_the_door_takes_the_camera_from_the_way_finder_which_is_said_to_wait(cli
     aim = perception_view(done, CHAIR_A, PanTiltAngles(0, 0.46, 0.0, True)).aim
     assert aim is not None
     assert aim.words == "The camera looks 26 degrees left, level. The Range finder has it, the Way finder waits."
+
+
+def test_a_chair_without_a_lidar_finds_a_doorway_by_its_depth_camera_and_tells_the_cells() -> None:
+    scene = door_scene(0.95, 0.0, CHAIR_A, 3)
+    assert scene.door is not None
+    settings = CameraSettings(width=320, height=240)
+    matrix = camera_matrix(settings.width, settings.height, settings.field_of_view)
+    renderer = Renderer(scene.world, matrix, settings.width, settings.height)
+    camera = RgbdCamera(settings, CHAIR_A.base_from_camera, np.random.default_rng(1), renderer)
+    cells, now_ns = Perception(CHAIR_A, timer=None), 0
+    cells.door_wanted = True
+    for away in np.arange(3.2, 1.4, -0.12):
+        for tick in range(3):
+            now_ns += TICK_NS
+            at = scene.door @ Pose2(-float(away))  # odom is map
+            if tick == 0:
+                cells.look(camera.frame(now_ns, in_space(at), Twist()), at, None)
+            moved = Odometry(now_ns, at, Twist())
+            done = cells.step(now_ns, CellInputs(moved, at, None, EMPTY_MAP, np.empty((0, 2)), None))
+    assert done.troubles == ()
+    (door,) = [each for each in done.doorways if each.validated]
+    at = scene.door.inverse() @ door.pose
+    assert math.hypot(at.x, at.y) < 0.1
+    assert door.width == pytest.approx(0.95, abs=0.05)
+    assert done.done.ports["Doorway detection"].eo.number == door.number
