@@ -27,7 +27,15 @@ from waychair.control.behaviours.commands import (
     sector_middles,
 )
 from waychair.control.behaviours.conditions import Active, AtLeast
-from waychair.control.behaviours.doorway import OdometryPose, PathMemory, TrackerMemory, plan_path, track_door
+from waychair.control.behaviours.doorway import (
+    FramesSeen,
+    OdometryPose,
+    PathMemory,
+    TrackerMemory,
+    detect_doorway,
+    plan_path,
+    track_door,
+)
 from waychair.control.behaviours.free_space import WayFound
 from waychair.control.behaviours.glove import GloveLayout, encode_signal
 from waychair.control.behaviours.managers import (
@@ -83,6 +91,9 @@ VIEW_NS = 100_000_000
 
 WATCH_NS = 200_000_000
 """Period of the Sensor watch: nobody reads its sentences faster."""
+
+FRAME_NS = 2_000_000_000
+"""Age above which a door frame in a picture is not looked at any more: its direction is that of the picture."""
 
 MAP_NS = 2_000_000_000
 """Age above which a part of the map is not used: it is told once a second."""
@@ -180,6 +191,7 @@ SENSORS = (
     Sensor("sonars", SonarReadings),
     Sensor("people", Fans),
     Sensor("map round the chair", MapPart),
+    Sensor("frames in the picture", FramesSeen),
     Sensor("laser line in the picture", LaserLine),
     Sensor("camera aim", CameraAim),
     Sensor("camera fault", str),
@@ -298,10 +310,18 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
                 dynamic=ChosenDoor(),
             ),
             Cell(
+                "Frame detection",
+                detect_doorway,
+                links={"frames": "frames in the picture"},
+                triggers=("frames in the picture",),
+                constants=s.doors,
+            ),
+            Cell(
                 "Door validation",
                 check_door,
-                links={"seen": "Doorway detection"},
-                triggers=("Doorway detection",),
+                links={"seen": "Doorway detection", "frame": "Frame detection"},
+                fresh_ns={"seen": camera_ns, "frame": FRAME_NS},
+                triggers=("Doorway detection", "Frame detection"),
                 constants=(s.doors, body),
             ),
             Cell(

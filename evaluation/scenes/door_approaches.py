@@ -62,7 +62,7 @@ Listen = Callable[[Pose2, int], FloatArray]
 FOCAL, BASELINE, COLUMNS = 600.0, 0.10, 640
 """pixels, m, pixels: a camera with a laser below it whose plane is level."""
 
-LINE_LOST = ((4.0, 0.0), (6.0, 0.1), (FARTHEST_LINE, 0.25))
+LINE_LOST = ((2.0, 0.0), (4.0, 0.01), (5.0, 0.1), (6.0, 0.15), (FARTHEST_LINE, 0.3))
 """m, share; so many points are lost up to so far, as four pairs of rendered pictures show at rest."""
 
 JOINED = 5

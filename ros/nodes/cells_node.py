@@ -28,6 +28,7 @@ import numpy as np
 from waychair.control.safety.fitness import has_valid_reading
 from waychair.errors import ConfigError
 from waychair.geometry import transform_points
+from waychair.planning.seen.door_frames import DoorFrame
 from waychair.ros import topics
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.camera import CameraPairing
@@ -41,6 +42,7 @@ from waychair.ros.messages.servos import ServoPairing, pan_tilt_command
 from waychair.ros.node_settings.cells import CellsNodeSettings
 from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.runtime.frame_sight import FrameSight, frames_in
 from waychair.runtime.perception import CellInputs, Perceived, Perception
 from waychair.runtime.perception_view import perception_view
 from waychair.slam.localising.localisation import Localisation
@@ -97,6 +99,7 @@ class CellsNode(ChairNode[CellsNodeSettings]):
         self._calibration = known_chair(s.calibration, s.chair)
         self._cells = Perception(self._calibration.body)
         self._track, self._latest = OdometryTrack(), _Latest()
+        self._frames, self._frames_busy = FrameSight(), False
         self._perceived: Perceived | None = None
         self._ticks, self._signal = 0, ""
         self._send_signal, self._send_state = self.publisher(topics.SIGNAL), self.publisher(topics.PERCEPTION)
@@ -194,6 +197,28 @@ class CellsNode(ChairNode[CellsNodeSettings]):
     def _take_picture(self, picture: Picture | None) -> None:
         if picture is not None:
             self._watch(picture)
+            self._look_for_frames(picture)
+
+    def _look_for_frames(self, picture: Picture) -> None:
+        """Look for door frames in a picture without the laser, in the worker thread, one picture at a time."""
+        angles, at = self._latest.angles, self._track.odom_from_base(picture.stamp_ns)
+        rests = angles is not None and angles.settled and angles.stamp_ns == picture.stamp_ns
+        if (
+            self._frames_busy
+            or picture.laser
+            or not self._cells.door_wanted
+            or angles is None
+            or not rests
+            or at is None
+        ):
+            return
+        self._frames_busy = True
+
+        def found(proposals: list[DoorFrame]) -> None:
+            self._frames_busy = False
+            self._cells.propose(self._frames.seen(proposals, picture, angles.pan, at))
+
+        self.worker.submit(lambda: frames_in(picture), found)
 
     def _watch(self, message: ServoMessage) -> None:
         at = self._track.odom_from_base(message.stamp_ns)

@@ -12,11 +12,14 @@ import pytest
 from evaluation.scenes.tight_places import door_scene
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.servo_camera_mount import SERVO_CAMERA
 from waychair.control.behaviours.commands import FreeKind, between
 from waychair.control.behaviours.view.servo_cells import SWEEP
 from waychair.control.drive.doorway_tracker import DoorwayTracker
 from waychair.geometry import in_space
+from waychair.planning.seen.door_frames import DoorFrame
 from waychair.planning.seen.doorways import DoorState, Doorway
+from waychair.runtime.frame_sight import FrameSight
 from waychair.runtime.perception import CellInputs, Perceived, Perception
 from waychair.runtime.perception_view import perception_view
 from waychair.simulation.plan.world import World, load_world
@@ -180,3 +183,23 @@ def test_a_chair_without_a_lidar_finds_a_doorway_by_its_depth_camera_and_tells_t
     assert math.hypot(at.x, at.y) < 0.1
     assert door.width == pytest.approx(0.95, abs=0.05)
     assert done.done.ports["Doorway detection"].eo.number == door.number
+
+
+def test_a_frame_in_three_pictures_is_looked_at_and_one_that_range_does_not_bear_out_is_no_doorway(
+    clinic: World,
+) -> None:
+    rider, sight = Rider(clinic), FrameSight()
+    rider.cells.door_wanted = True
+    picture = Picture(0, np.zeros((480, 640, 3), np.uint8), SERVO_CAMERA.camera_matrix)
+    for pan in (0.0, 0.1, 0.1):
+        columns = (319.5 + 600.0 * math.tan(pan - left) for left in (0.3, 0.1))  # the frame stays, the camera turns
+        left, right = columns
+        seen = sight.seen([DoorFrame((left, 100.0, right, 400.0), 2.0)], picture, pan, Pose2())
+    (frame,) = seen.candidates
+    assert (frame.left, frame.right) == pytest.approx((0.3, 0.1), abs=1e-6)
+    rider.cells.propose(seen)
+    done = rider.ticks(1.0)
+    assert done.done.ports["grant"].eo.client == "Range finder"
+    assert rider.camera.servos.angles[0] == pytest.approx(0.2, abs=0.02)
+    assert not done.done.ports["Object tracker"].ab
+    assert rider.ticks(1.5).done.ports["grant"].eo.client == "Way finder"  # the frame is too old by now

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.behaviours.commands import between
-from waychair.control.behaviours.doorway import DoorCheck, DoorState, Doorway
+from waychair.control.behaviours.doorway import DoorCheck, DoorState, Doorway, FrameCandidate
 from waychair.control.behaviours.paper_settings import DoorLimits
 from waychair.control.behaviours.range_finder import LookRequest
 from waychair.planning.seen.doorways import SPARE
@@ -81,13 +81,19 @@ def _turned(seen: DoorSeen) -> DoorSeen:
     return replace(seen, door=Doorway(door.right_x, door.right_y, door.left_x, door.left_y))
 
 
-def check_door(seen: DoorSeen, constants: tuple[DoorLimits, ChairBody]) -> DoorCheck:
+def check_door(
+    seen: DoorSeen | None, frame: FrameCandidate | None, constants: tuple[DoorLimits, ChairBody]
+) -> DoorCheck | None:
     """Return a doorway as valid if it is open, of a door's width, and surely wide enough for this chair.
 
     A candidate, or one that was not yet seen from near, is neither valid nor refuted. The camera is asked to look at the
-    doorway.
+    doorway, and without one at a frame that a picture proposes: range decides.
     """
     limits, body = constants
+    if seen is None:
+        return (
+            None if frame is None else DoorCheck(DoorState.LOOKING, request=LookRequest((frame.left + frame.right) / 2))
+        )
     x, y = seen.door.middle
     request = LookRequest(math.atan2(y, x))
     if not seen.borne_out or (seen.is_open and seen.clear == 0.0):
