@@ -88,7 +88,8 @@ class Perceived:
         aim = self.done.actions.get("pan/tilt servos")
         if aim is None:
             return None
-        return PanTiltCommand(self.done.stamp_ns, *aim, laser=bool(self.done.actions.get("laser", False)))
+        pan, tilt = aim
+        return PanTiltCommand(self.done.stamp_ns, pan, tilt, bool(self.done.actions.get("laser", False)))
 
     @property
     def signal(self) -> str:
