@@ -16,7 +16,7 @@ from evaluation.scenes.tight_places import door_scene
 from waychair.calibration.chair_body import CHAIR_A, ChairBody, sonar_mounts
 from waychair.control.behaviours.view.servo_cells import SWEEP
 from waychair.control.drive.doorway_tracker import DoorwayTracker
-from waychair.geometry import compose, in_space
+from waychair.geometry import compose, in_space, transform_points
 from waychair.maps.depth.depth_scan import DepthSettings, depth_scan
 from waychair.maps.grid.cells import occupied
 from waychair.maps.grid.distance_field import distances
@@ -33,7 +33,7 @@ from waychair.simulation.sensors.lidar import Lidar, LidarSettings
 from waychair.simulation.sensors.rays import scenery_from_slice
 from waychair.simulation.sensors.renderer import Renderer, camera_matrix
 from waychair.simulation.sensors.sonar import Sonars, SonarSettings
-from waychair.types import Float32Array, FloatArray, Pose2, Twist
+from waychair.types import BoolArray, Float32Array, FloatArray, Pose2, Twist
 
 WIDTHS = (0.65, 1.30)
 """m; clear widths of the doors that count; wider ones are passages."""
@@ -233,17 +233,21 @@ def laser_look(world: World, seed: int, body: ChairBody = CHAIR_A) -> Look:
         rows = 240.0 + FOCAL * BASELINE / ahead + LINE_ERROR * rng.standard_normal(COLUMNS)
         pixels = np.median(np.stack([columns, rows], axis=1).reshape(-1, JOINED, 2), axis=1)
         lit = points_of_line(pixels, matrix, LaserPlane(np.array([0.0, 1.0, 0.0]), BASELINE))
-        share = np.array([lost for _, lost in (*LINE_LOST, (math.inf, 1.0))])
-        away = lit.points[:, 2]
-        lost = share[np.searchsorted([far for far, _ in LINE_LOST], np.nan_to_num(away, nan=math.inf))]
-        shown = rng.random(len(away)) >= lost
-        c, s = math.cos(base_from_camera.theta), math.sin(base_from_camera.theta)
-        ahead, left = away[shown], -lit.points[shown, 0]
-        ends = np.stack([c * ahead - s * left, s * ahead + c * left], axis=1)
+        shown = _is_shown(lit.points[:, 2], rng)
+        ends = np.stack([lit.points[shown, 2], -lit.points[shown, 0]], axis=1)
         origin = np.array([base_from_camera.x, base_from_camera.y])
-        return line_view(origin, ends + origin, lit.errors[shown]), base_from_camera
+        view = line_view(origin, transform_points(base_from_camera, ends), lit.errors[shown])
+        return view, base_from_camera
 
     return look
+
+
+def _is_shown(away: FloatArray, rng: np.random.Generator) -> BoolArray:
+    """Return which points (N,) [m] ahead of the camera the pictures show; others are lost by chance, as `LINE_LOST`."""
+    shares = np.array([lost for _, lost in (*LINE_LOST, (math.inf, 1.0))])
+    part = np.searchsorted([far for far, _ in LINE_LOST], np.nan_to_num(away, nan=math.inf))
+    shown: BoolArray = rng.random(len(away)) >= shares[part]
+    return shown
 
 
 def depth_look(world: World, seed: int, body: ChairBody = CHAIR_A) -> Look:
