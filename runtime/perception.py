@@ -31,8 +31,8 @@ from waychair.geometry import transform_points
 from waychair.maps.depth.ground import GroundView
 from waychair.planning.seen.doorways import Doorway
 from waychair.planning.seen.range_views import view_from_scan
-from waychair.runtime.doorway_sense import DoorwaySense
-from waychair.runtime.servo_camera_sight import ServoCameraSight
+from waychair.runtime.senses.doorway_sense import DoorwaySense
+from waychair.runtime.senses.servo_camera_sight import ServoCameraSight
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.tilt import Tilt
 from waychair.types import (
@@ -158,7 +158,7 @@ class Perception:
         self._servo_camera.take(message, odom_from_base)
 
     def propose(self, frames: FramesSeen) -> None:
-        """Take in the door frames that a picture of the camera on servos proposes (`runtime/frame_sight.py`)."""
+        """Take in the door frames that a picture of the camera on servos proposes (`runtime/senses/frame_sight.py`)."""
         self._heard["frames in the picture"] = frames
 
     def step(self, now_ns: int, known: CellInputs) -> Perceived:
