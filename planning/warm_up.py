@@ -18,6 +18,7 @@ from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.leaving_a_wall import leading_out_path
 from waychair.planning.route.multi_point_turn import manoeuvre
 from waychair.planning.route.speed_profile import fastest_now, next_acceleration
+from waychair.planning.seen.glass_gaps import openings
 from waychair.planning.seen.obstacle_layer import (
     EMPTY,
     any_nearer,
@@ -27,7 +28,6 @@ from waychair.planning.seen.obstacle_layer import (
     sight_of_missing_ground,
     updated,
 )
-from waychair.planning.seen.openings import openings
 from waychair.planning.seen.person_tracks import Track, Tracker
 from waychair.planning.window.dwa import choose
 from waychair.planning.window.dwa_kernels import fits_after

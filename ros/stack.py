@@ -38,6 +38,9 @@ _POSE_FILE, _TRUTH_FILE = "pose.json", "simulated_pose.json"
 _PAGE, _PAGE_MODULE = "page", "waychair.cli.options.page_process"
 """The module that combines the page's node and the web server, which do not import each other."""
 
+_CELLS = "cells"
+"""The node of the behaviour cells, which `perceive` starts. The chair drives without it as well."""
+
 COUNTDOWN_S = 3.0
 """Seconds from the rider's confirmation to the first motion, if there is a page to announce it."""
 
@@ -85,8 +88,8 @@ def node_parameters(
 ) -> dict[str, dict[str, object]]:
     """Return each node's parameters that differ from their defaults, from the parts of a configuration file.
 
-    The bridge, the navigator and the mapper take the chair's settings that they have, the mapper those of mapping as
-    well (`live`), the simulator those of the simulation. `nodes` holds each node's own (`node_settings.sections`).
+    The bridge, the cells, the navigator and the mapper take the chair's settings that they have, the mapper those of
+    mapping as well (`live`), the simulator those of the simulation. `nodes` holds each node's own (`node_settings.sections`).
     """
     shared = {**changed_parameters(chair), **changed_parameters(live, "live."), **changed_parameters(simulation)}
     found: dict[str, dict[str, object]] = {}
@@ -147,6 +150,8 @@ def processes(stack: Stack) -> tuple[Process, ...]:
         "save_folder": str(folder / MADE_MAP),
     }
     rows["navigator"] = {**place, "camera": stack.camera}
+    if stack.settings.get(_CELLS, {}).get("perceive"):
+        rows[_CELLS] = {**chair, "camera": stack.camera}
     if stack.page_port is not None:
         rows[_PAGE] = {**place, "host": stack.page_host, "port": stack.page_port}
         if stack.page_names:
@@ -210,4 +215,6 @@ def _process(name: str, values: Mapping[str, object], folder: Path, stack: Stack
     named = namespace_arguments(stack.namespace)
     priority = _PRIORITIES.get(name, 0) if stack.urgent else 0
     module = _PAGE_MODULE if name == _PAGE else f"waychair.ros.nodes.{name}_node"
-    return Process(name, module, ("--ros-args", *named, "--params-file", str(path)), priority, vital=name != _PAGE)
+    return Process(
+        name, module, ("--ros-args", *named, "--params-file", str(path)), priority, vital=name not in (_PAGE, _CELLS)
+    )

@@ -96,6 +96,15 @@ LAYOUT = RosTopic("layout_changed", "std_msgs/msg/Empty", RELIABLE)
 PEOPLE = RosTopic("people", "geometry_msgs/msg/PoseArray", RELIABLE, MAP_FRAME)
 """Positions of pedestrians, walking or standing after a walk."""
 
+SIGNAL = RosTopic("perception/signal", "std_msgs/msg/String", RELIABLE)
+"""The signal of the behaviour cells to a rider who cannot see, in words, at each change."""
+
+PERCEPTION = RosTopic("perception/state", "std_msgs/msg/String", RELIABLE)
+"""The behaviour cells as a page shows them: a JSON object of `runtime.perception_view.PerceptionView`."""
+
+DOORWAYS = RosTopic("perception/doorways", "geometry_msgs/msg/PoseArray", RELIABLE, ODOM_FRAME)
+"""The doorways near the chair that range has borne out: the middle of each, x leads through it."""
+
 ROBOT_DESCRIPTION = RosTopic("robot_description", "std_msgs/msg/String", LATCHED)
 CLOCK = RosTopic("/clock", "rosgraph_msgs/msg/Clock", Qos(1))
 DIAGNOSTICS = RosTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")

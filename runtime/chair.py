@@ -45,10 +45,20 @@ from waychair.types import (
     RgbdFrame,
     Scan,
     SentCommand,
+    ServoMessage,
     SonarReadings,
     Telemetry,
     Twist,
 )
+
+
+def perceive_field() -> bool:
+    """Make the field for the switch of the behaviour cells, which the chair and the cells node share."""
+    return setting(
+        False,
+        "",
+        "whether behaviour cells tell a rider who cannot see of obstacles, free ways and doorways: true or false",
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +66,7 @@ class ChairSettings(PilotSettings):
     """The settings of the pilot, the drive base and the localiser, and the switch of the behaviour cells."""
 
     localiser: LocaliserSettings = field(default_factory=LocaliserSettings)
-    perceive: bool = setting(
-        False,
-        "",
-        "whether behaviour cells tell a rider who cannot see of obstacles, free ways and doorways: true or false",
-    )
+    perceive: bool = perceive_field()
 
 
 @dataclass(frozen=True, slots=True)
@@ -235,6 +241,15 @@ class Chair:
         if self._perception is not None:
             self._perception.door_wanted = wanted
 
+    def watch(self, messages: Iterable[ServoMessage]) -> None:
+        """Pass messages of the camera on servos to the behaviour cells, for the next step; nothing without them.
+
+        The cells' order to the camera is in the state after the step (`Perceived.order`).
+        """
+        if self._perception is not None:
+            for message in messages:
+                self._perception.watch(message, self._base.motion.odom_from_base(message.stamp_ns))
+
     def relocalise(self, map_from_base: Pose2 | None) -> None:
         """Localise anew, near a pose in map or, with None, on the whole map."""
         self._localiser.restart(map_from_base)
@@ -337,7 +352,7 @@ class Chair:
             if self._localisation is not None:
                 ground = self._pilot.look(message, base.motion.map_from_base(message.stamp_ns), tilt)
             if cells is not None:
-                cells.look(message, tilt, ground)
+                cells.look(message, base.motion.odom_from_base(message.stamp_ns), tilt, ground)
 
     def _known(self, now_ns: int, telemetry: Telemetry | None) -> CellInputs:
         """Return what the cells are told besides the messages."""

@@ -14,24 +14,25 @@ from typing import Any
 
 import numpy as np
 
-from waychair.calibration.chair_body import ChairBody, sonar_mounts
+from waychair.calibration.chair_body import ChairBody
 from waychair.control.behaviours.commands import Signal, signal_words
 from waychair.control.behaviours.default import VIEW_NS
-from waychair.control.behaviours.doorway import OdometryPose
+from waychair.control.behaviours.doorway import FramesSeen, OdometryPose
 from waychair.control.behaviours.managers import StickDirection
 from waychair.control.behaviours.paper import PaperSettings
 from waychair.control.behaviours.presets import Preset, shipped
+from waychair.control.behaviours.range_finder import CameraAim, LaserLine
 from waychair.control.behaviours.runtime import Innervation, Runtime
-from waychair.control.behaviours.view.sensor_cells import SONAR_RANGE
 from waychair.control.behaviours.view.sensor_parts import doors_seen, map_part, people_fans, picture_fans
 from waychair.control.drive.doorway_tracker import DoorwayTracker
-from waychair.control.drive.echo_filter import EchoFilter
 from waychair.control.drive.local_obstacles import levelled_ground_view
 from waychair.errors import BehaviourError
 from waychair.geometry import transform_points
 from waychair.maps.depth.ground import GroundView
 from waychair.planning.seen.doorways import Doorway
 from waychair.planning.seen.range_views import view_from_scan
+from waychair.runtime.senses.doorway_sense import DoorwaySense
+from waychair.runtime.senses.servo_camera_sight import ServoCameraSight
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.tilt import Tilt
 from waychair.types import (
@@ -39,9 +40,11 @@ from waychair.types import (
     JoystickInput,
     OccupancyGrid,
     Odometry,
+    PanTiltCommand,
     Pose2,
     RgbdFrame,
     Scan,
+    ServoMessage,
     SonarReadings,
 )
 
@@ -53,6 +56,16 @@ _MAP_MOVED = 0.02
 
 _ODOMETRY_NS = 300_000_000
 """Age above which odometry is not passed on: it is extrapolated by 0.1 s at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class _DepthPicture:
+    """A picture of the depth camera that waits for the tick, with odometry and tilt at its stamp, and perhaps its ground."""
+
+    frame: RgbdFrame
+    odom_from_base: Pose2
+    tilt: Tilt | None
+    ground: GroundView | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +81,15 @@ class Perceived:
     done: Innervation
     doorways: tuple[Doorway, ...] = ()
     troubles: tuple[str, ...] = ()
+
+    @property
+    def order(self) -> PanTiltCommand | None:
+        """The order of the Sensor command manager to the camera on servos; None while nobody wants it, or without one."""
+        aim = self.done.actions.get("pan/tilt servos")
+        if aim is None:
+            return None
+        pan, tilt = aim
+        return PanTiltCommand(self.done.stamp_ns, pan, tilt, bool(self.done.actions.get("laser", False)))
 
     @property
     def signal(self) -> str:
@@ -102,39 +124,51 @@ class Perception:
         """Whether the rider wants to be led through a doorway."""
         self._body, self._timer = body, timer
         self._network = shipped("default", settings or PaperSettings(), body)
-        self._echoes, self._doorways = EchoFilter(), DoorwayTracker()
-        self._found: tuple[Doorway, ...] = ()
+        self._doorways = DoorwaySense(body)
         self._stamp_ns: int | None = None
         self._heard: dict[str, Any] = {}
         self._faults: dict[str, str] = {}
-        self._waiting: tuple[Scan, Pose2] | None = None
-        self._picture: tuple[RgbdFrame, Tilt | None, GroundView | None] | None = None
+        self._picture: _DepthPicture | None = None
+        self._servo_camera = ServoCameraSight()
         self._mapped: tuple[int, OccupancyGrid, Pose2] | None = None
+        self._camera_fault = ""
         self._warm_up()
         self._runtime, self._count = Runtime(self._network.wiring, timer=timer), 0
 
     def see(self, scan: Scan, odom_from_base: Pose2) -> None:
         """Take in a scan without the beams that hit the chair itself, and the odometry at its stamp."""
         self._heard["lidar"] = scan
-        self._look_for_doorways()
-        self._waiting = scan, odom_from_base
+        self._servo_camera.compare(scan, self._body.base_from_laser)
+        self._told("doorways", self._doorways.work)
+        self._doorways.see(scan, odom_from_base)
 
     def hear(self, readings: SonarReadings, odom_from_base: Pose2) -> None:
         """Take in the sonars' readings, and the odometry at their stamp."""
         self._heard["sonars"] = readings
-        self._told("doorways", lambda: self._hear_doorways(readings, odom_from_base))
+        self._told("doorways", lambda: self._doorways.hear(readings, odom_from_base))
 
-    def look(self, frame: RgbdFrame, tilt: Tilt | None, ground: GroundView | None = None) -> None:
-        """Take in a picture of the depth camera, and the ground in it, if that was found already."""
-        self._picture = frame, tilt, ground
+    def look(
+        self, frame: RgbdFrame, odom_from_base: Pose2, tilt: Tilt | None, ground: GroundView | None = None
+    ) -> None:
+        """Take in a picture of the depth camera, the odometry at its stamp, and the ground in it, if found already."""
+        self._picture = _DepthPicture(frame, odom_from_base, tilt, ground)
+
+    def watch(self, message: ServoMessage, odom_from_base: Pose2) -> None:
+        """Take in a message of the camera on servos, and the odometry at its stamp."""
+        self._servo_camera.take(message, odom_from_base)
+
+    def propose(self, frames: FramesSeen) -> None:
+        """Take in the door frames that a picture of the camera on servos proposes (`runtime/senses/frame_sight.py`)."""
+        self._heard["frames in the picture"] = frames
 
     def step(self, now_ns: int, known: CellInputs) -> Perceived:
         """Innervate the network with what was heard since the last tick. It never raises."""
         if "lidar" not in self._heard:  # the tick of a scan has enough to do
-            self._look_for_doorways()
+            self._told("doorways", self._doorways.work)
         if self._picture is not None:
             picture, self._picture = self._picture, None
-            self._told("depth", lambda: self._tell_picture(*picture))
+            self._told("depth", lambda: self._tell_picture(picture))
+        self._told("camera on servos", lambda: self._tell_servo_camera(now_ns))
         self._told("odometry", lambda: self._tell_motion(now_ns, known))
         self._told("map round the chair", lambda: self._tell_map(now_ns, known))
         heard: dict[str, Any] = {}
@@ -151,10 +185,12 @@ class Perception:
         count, self._count = self._count, self._count + 1
         watched = done.ports["Sensor watch"].eo
         if watched is not None and watched.leapt:
-            self._doorways, self._found = DoorwayTracker(), ()
+            self._doorways.forget()
         troubles = [*self._faults.values(), *(f"{name} is inactive: {fault}" for name, fault in done.faults().items())]
         troubles += [*(watched.sentences if watched is not None else ()), *([set_back] if set_back else [])]
-        return Perceived(self._network, count, heard, done, self._found, tuple(troubles))
+        granted = done.ports["grant"].eo
+        troubles += [granted.failed] if granted is not None and granted.failed else []
+        return Perceived(self._network, count, heard, done, self._doorways.found, tuple(troubles))
 
     def _told(self, name: str, tell: Callable[[], None]) -> None:
         """Run an adapter; an error in it is named, and the cells get nothing from it."""
@@ -165,27 +201,29 @@ class Perception:
         else:
             self._faults.pop(name, None)
 
-    def _look_for_doorways(self) -> None:
-        waiting, self._waiting = self._waiting, None
-        if waiting is None:
-            self._told("doorways", self._doorways.work)
-        else:
-            self._told("doorways", lambda: self._see_doorways(*waiting))
+    def _tell_picture(self, picture: _DepthPicture) -> None:
+        """Tell of the ground and the things in a picture; without a lidar, doorways are looked for in it as well."""
+        level = np.eye(3) if picture.tilt is None else picture.tilt.level_from_base()
+        ground = picture.ground
+        if ground is None:
+            ground = levelled_ground_view(picture.frame, self._body, None if picture.tilt is None else level)
+        self._heard["depth"], self._heard["drop-offs"] = picture_fans(ground)
+        self._doorways.look(picture.frame, level, picture.odom_from_base)
 
-    def _see_doorways(self, scan: Scan, odom_from_base: Pose2) -> None:
-        laser = odom_from_base @ self._body.base_from_laser
-        self._doorways.see(view_from_scan(scan, laser), laser, scan.stamp_ns)
-
-    def _tell_picture(self, frame: RgbdFrame, tilt: Tilt | None, ground: GroundView | None) -> None:
-        lean = None if tilt is None else tilt.level_from_base()
-        view = levelled_ground_view(frame, self._body, lean) if ground is None else ground
-        self._heard["depth"], self._heard["drop-offs"] = picture_fans(view)
-
-    def _hear_doorways(self, readings: SonarReadings, odom_from_base: Pose2) -> None:
-        confirmed = self._echoes.confirmed(readings)
-        sonars = np.array([(odom_from_base @ mount).array() for mount in sonar_mounts(self._body)])
-        ranges = np.where(confirmed.ranges <= SONAR_RANGE, confirmed.ranges, math.inf)
-        self._doorways.hear(sonars[: len(ranges)], ranges[: len(sonars)])
+    def _tell_servo_camera(self, now_ns: int) -> None:
+        """Tell the camera's aim, its fault, and the laser's line; its points show doorways as well."""
+        told = self._servo_camera.told(now_ns)
+        if told is None:
+            return
+        if told.aim is not None:
+            self._heard["camera aim"] = told.aim
+        if told.fault != self._camera_fault:
+            self._heard["camera fault"] = self._camera_fault = told.fault
+        if told.sight is not None:
+            sight = told.sight
+            aim = CameraAim(sight.angles.pan, sight.angles.tilt, sight.angles.settled)
+            self._heard["laser line in the picture"] = LaserLine(sight.columns, sight.rows, aim)
+            self._doorways.range(sight, told.odom_from_base, told.stamp_ns)
 
     def _tell_motion(self, now_ns: int, known: CellInputs) -> None:
         """Tell odometry, stick, wish, people and doorways; the last two at the view's rate."""
@@ -198,10 +236,9 @@ class Perception:
             return
         at = known.odom_from_base
         heard["odometry"] = OdometryPose(at.x, at.y, at.theta, odometry.twist.v, odometry.twist.omega)
-        if "lidar" in heard:
+        if self._doorways.is_due:
             heard["people"] = people_fans(transform_points(at.inverse(), known.people))
-            self._found = self._doorways.doorways
-            heard["doorways"] = doors_seen(tuple(door for door in self._found if door.validated), at)
+            heard["doorways"] = doors_seen(self._doorways.take(), at)
 
     def _tell_map(self, now_ns: int, known: CellInputs) -> None:
         """Tell the map once a second, and when the pose in it was corrected; never while the pose is in doubt."""
@@ -235,6 +272,7 @@ class Perception:
             heard |= {"people": people_fans(np.zeros((1, 2))), "map round the chair": map_part(grid, at, Pose2())}
             runtime.innervate((k + 1) * VIEW_NS, heard)
         tracker.hear(np.zeros((1, 3)), np.array([3.0]))
+        DoorwaySense(self._body).look(frame, np.eye(3), Pose2())
 
 
 def _scan_of_a_doorway(ahead: float) -> Scan:

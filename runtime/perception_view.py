@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.behaviours.cell_network import Network, Node, Wiring
 from waychair.control.behaviours.commands import (
     DoorCommand,
     FreeCommand,
@@ -25,11 +26,12 @@ from waychair.control.behaviours.doorway import DoorCheck, OdometryPose, Tracked
 from waychair.control.behaviours.drawing import network_picture
 from waychair.control.behaviours.free_space import WayFound
 from waychair.control.behaviours.managers import GatedSignals
-from waychair.control.behaviours.network import Network, Node, Wiring
+from waychair.control.behaviours.range_finder import Depth, SensorCommand
 from waychair.control.behaviours.runtime import PortState
 from waychair.control.behaviours.sonar import Obstacle, ObstacleClasses
 from waychair.control.behaviours.view.door_cells import DoorSeen
 from waychair.control.behaviours.view.sensor_cells import SensorTroubles
+from waychair.control.behaviours.view.servo_cells import CameraOrder
 from waychair.geometry import wrap_angle
 from waychair.planning.seen.doorways import SPARE, DoorState, Doorway
 from waychair.runtime.perception import Perceived
@@ -135,7 +137,7 @@ def perception_view(perceived: Perceived, body: ChairBody, aim: PanTiltAngles | 
         cells=tuple(_cells(wiring, done.ports, done.stamp_ns)),
         sectors=_sectors(done.ports),
         doorways=doorways,
-        aim=None if aim is None else AimView(wrap_angle(aim.pan), aim.tilt, aim.settled, aim_words(aim)),
+        aim=None if aim is None else _aim_view(aim, done.ports["grant"].eo if "grant" in done.ports else None),
         troubles=perceived.troubles,
     )
 
@@ -210,6 +212,21 @@ def direction_words(angle: float) -> str:
     if degrees == 180:
         return "straight back"
     return f"{degrees} degrees {'left' if turned > 0 else 'right'}"
+
+
+def _aim_view(aim: PanTiltAngles, order: object) -> AimView:
+    words = aim_words(aim)
+    if isinstance(order, SensorCommand):
+        words = f"{words} {_order_words(order)[0].upper()}{_order_words(order)[1:]}."
+    return AimView(wrap_angle(aim.pan), aim.tilt, aim.settled, words)
+
+
+def _order_words(order: SensorCommand) -> str:
+    """Return whom the camera serves, and who waits for it."""
+    told = f"the {order.client} has it"
+    if isinstance(order, CameraOrder) and order.waiting:
+        told += f", the {' and the '.join(order.waiting)} {'waits' if len(order.waiting) == 1 else 'wait'}"
+    return told
 
 
 def aim_words(aim: PanTiltAngles) -> str:
@@ -287,4 +304,6 @@ _WORDS: Sequence[tuple[type, Callable[[Any], str]]] = (
     (DoorSeen, lambda effect: f"doorway {effect.number}, {effect.door.width:.2f} m wide"),
     (TrackedDoor, lambda effect: f"a door {math.hypot(*effect.door.middle):.1f} m away, {effect.age_s:.1f} s old"),
     (SensorTroubles, _trouble_words),
+    (SensorCommand, lambda effect: f"to {direction_words(effect.pan)}: {_order_words(effect)}"),
+    (Depth, lambda effect: f"{len(effect.metres)} points, the nearest {float(effect.metres.min()):.1f} m away"),
 )

@@ -32,7 +32,7 @@ from waychair.simulation.simulator import Simulator
 from waychair.slam.localising.localiser import LocalisationState
 from waychair.topics import COMMAND
 from waychair.trials.simulated_stops import simulated_calibration
-from waychair.types import FloatArray, Goal, JoystickInput, OccupancyGrid, Place, Pose2, SensorMessage
+from waychair.types import FloatArray, Goal, JoystickInput, OccupancyGrid, Place, Pose2, SensorMessage, ServoMessage
 
 TICK_NS = round(1e9 / COMMAND.rate_hz)
 BEAT_NS = 10_000_000
@@ -197,7 +197,7 @@ def start_drive(simulator: Simulator, chair: Chair, goal: Goal) -> None:
         if chair.ready:
             break
         messages = advance_tick(simulator, chair)  # before the step, else the chair's clock is a tick late
-        chair.step(simulator.now_ns, messages)
+        look_round(simulator, chair, chair.step(simulator.now_ns, messages))
     chair.go(goal)
     chair.confirm()
 
@@ -222,6 +222,19 @@ def advance_tick(simulator: Simulator, chair: Chair) -> tuple[SensorMessage, ...
         chair.beat(simulator.now_ns)
         messages += simulator.advance(BEAT_NS)
     return tuple(messages)
+
+
+def look_round(simulator: Simulator, chair: Chair, state: ChairState) -> tuple[ServoMessage, ...]:
+    """Let the camera on servos obey the cells after a tick, pass on its newest messages for the next one, and return them.
+
+    Nothing happens without such a camera.
+    """
+    looked = simulator.look()
+    chair.watch(looked)
+    order = None if state.perceived is None else state.perceived.order
+    if order is not None:
+        simulator.aim(order)
+    return looked
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,6 +294,7 @@ def drive_to_place(
         started = time.perf_counter()
         state = chair.step(simulator.now_ns, messages)
         ticks.append(1e3 * (time.perf_counter() - started))
+        look_round(simulator, chair, state)
         on_tick(messages, state)
         states.append(state)
         truth.append((setup.map_from_world @ simulator.truth()).array())

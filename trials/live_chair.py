@@ -39,7 +39,7 @@ from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.simulator import SimulationSettings, Simulator, SimulatorSettings
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.trials.demo import randomised_settings
-from waychair.trials.drive import DriveSetup, black_box, simulated_chair
+from waychair.trials.drive import DriveSetup, black_box, look_round, simulated_chair
 from waychair.trials.live_map import LiveMap, plan_folder
 from waychair.trials.real_time import RealTimeLoop
 from waychair.types import (
@@ -408,7 +408,7 @@ class LiveChair(DrawingPort):
         """Update view and picture after a tick."""
         self._display.hear(messages, state)
         self._picture.hear(messages)
-        self._cells.hear(state, self._simulator.look())
+        self._cells.hear(state, look_round(self._simulator, self._chair, state))
         self._view = replace(
             self._display.view(state),
             map_revision=self._map.revision,

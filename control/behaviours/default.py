@@ -1,4 +1,5 @@
-"""The same cells with today's sensors: lidar, depth, borne-out echoes, ground and drop-offs, people, map and pose.
+"""The same cells with today's sensors: lidar, depth, borne-out echoes, ground and drop-offs, the laser's line, people,
+map and pose.
 
 Each sensor's cell gives `Fans`, and the view is gathered from all of them: the Way finder is not told where it comes
 from. Free space has 16 sectors by the outline that this chair sweeps. Doorways come found and measured
@@ -14,7 +15,8 @@ import numpy as np
 from numba import njit
 
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
-from waychair.control.behaviours.cell import Cell, Reading, Sensor
+from waychair.control.behaviours.cell import Cell, Reading, Sensor, before
+from waychair.control.behaviours.cell_network import Network, Wiring, wire
 from waychair.control.behaviours.commands import (
     NULL,
     STOP,
@@ -25,20 +27,37 @@ from waychair.control.behaviours.commands import (
     sector_middles,
 )
 from waychair.control.behaviours.conditions import Active, AtLeast
-from waychair.control.behaviours.doorway import OdometryPose, PathMemory, TrackerMemory, plan_path, track_door
+from waychair.control.behaviours.doorway import (
+    FramesSeen,
+    OdometryPose,
+    PathMemory,
+    TrackerMemory,
+    detect_doorway,
+    plan_path,
+    track_door,
+)
 from waychair.control.behaviours.free_space import WayFound
 from waychair.control.behaviours.glove import GloveLayout, encode_signal
 from waychair.control.behaviours.managers import (
     NOT_HEARD,
     StickDirection,
+    aim_servos,
     choose_signal,
     gate_signals,
+    light_laser,
     merge_commands,
     select_signal,
 )
-from waychair.control.behaviours.network import Network, Wiring, wire
 from waychair.control.behaviours.paper import PaperSettings
 from waychair.control.behaviours.paper_settings import NavigationLimits, ObstacleLimits
+from waychair.control.behaviours.range_finder import (
+    CameraAim,
+    CameraMemory,
+    Depth,
+    LaserLine,
+    SensorCommand,
+    find_range,
+)
 from waychair.control.behaviours.sonar import LastClasses, Obstacle, ObstacleClasses, obstacle_class
 from waychair.control.behaviours.view.door_cells import ChosenDoor, DoorsSeen, check_door, choose_door
 from waychair.control.behaviours.view.local_view import Fans, LocalView, MapPart, ViewMemory, gather_views
@@ -52,6 +71,14 @@ from waychair.control.behaviours.view.sensor_cells import (
     pass_fans,
     watch_sensors,
 )
+from waychair.control.behaviours.view.servo_cells import (
+    ShareMemory,
+    SweepMemory,
+    line_fans,
+    servo_camera_limits,
+    share_camera,
+    swept_look,
+)
 from waychair.control.behaviours.view.swept_sectors import free_orientations, sweep_reach
 from waychair.errors import ConfigError
 from waychair.types import BoolArray, FloatArray, Scan, SonarReadings
@@ -64,6 +91,9 @@ VIEW_NS = 100_000_000
 
 WATCH_NS = 200_000_000
 """Period of the Sensor watch: nobody reads its sentences faster."""
+
+FRAME_NS = 2_000_000_000
+"""Age above which a door frame in a picture is not looked at any more: its direction is that of the picture."""
 
 MAP_NS = 2_000_000_000
 """Age above which a part of the map is not used: it is told once a second."""
@@ -114,16 +144,28 @@ _HIDDEN = 20
 """Unseen cells of a direction from which on it counts as unseen: about half of those up to an immediate obstacle."""
 
 
-def find_swept_way(view: LocalView | None, constants: ChairBody) -> WayFound:
-    """Return the orientations in which this chair can turn and drive off; without a view it did not look."""
+def find_swept_way(
+    view: LocalView | None,
+    depth: Reading[Depth] | None,
+    aim: CameraAim | None,
+    granted: SensorCommand | None,
+    constants: ChairBody,
+    dynamic: SweepMemory,
+    now_ns: int,
+) -> tuple[WayFound, SweepMemory]:
+    """Return the orientations in which this chair can turn and drive off; without a view it did not look.
+
+    A chair with a camera on servos (`aim`) looks into several ways in turn.
+    """
+    request, memory = (None, dynamic) if aim is None else swept_look(depth, granted, dynamic, now_ns)
     if view is None:
-        return WayFound(NULL)
+        return WayFound(NULL, request), memory
     free = free_orientations(
         view.metres(), view.margins(), view.unseen_places(sweep_reach(constants)), constants, SECTORS
     )
     middles = sector_middles(SECTORS)
     listed = tuple(middles[k] for k in range(SECTORS) if free[k])
-    return WayFound(FreeCommand(FreeKind.LIST, listed, SECTORS) if listed else STOP)
+    return WayFound(FreeCommand(FreeKind.LIST, listed, SECTORS) if listed else STOP, request), memory
 
 
 def tell_signal(
@@ -149,6 +191,10 @@ SENSORS = (
     Sensor("sonars", SonarReadings),
     Sensor("people", Fans),
     Sensor("map round the chair", MapPart),
+    Sensor("frames in the picture", FramesSeen),
+    Sensor("laser line in the picture", LaserLine),
+    Sensor("camera aim", CameraAim),
+    Sensor("camera fault", str),
     Sensor("odometry", OdometryPose),
     Sensor("doorways", DoorsSeen),
     Sensor("door wanted", bool),
@@ -169,6 +215,7 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
             f"stale = {s.obstacles.stale:g} s is shorter than two periods of the view ({VIEW_NS * 1e-9:g} s each), so "
             "nothing would ever be free: make it longer"
         )
+    camera, camera_ns = servo_camera_limits(s.camera), round(s.camera.fresh * 1e9)
     view = Network(
         "View",
         [
@@ -183,6 +230,16 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
             Cell("Depth view", pass_fans, links={"part": "depth"}, triggers=("depth",)),
             Cell("Ground view", pass_fans, links={"part": "drop-offs"}, triggers=("drop-offs",)),
             Cell("Echo view", echo_fans, links={"checked": "Sonar check"}, triggers=("Sonar check",), constants=body),
+            Cell(
+                "Range finder",
+                find_range,
+                links={"line": "laser line in the picture", "aim": "camera aim"},
+                fresh_ns={"line": camera_ns, "aim": camera_ns},
+                triggers=("laser line in the picture",),
+                constants=camera,
+                dynamic=CameraMemory(),
+            ),
+            Cell("Line view", line_fans, links={"depth": "Range finder"}, triggers=("Range finder",), constants=camera),
             Cell("People view", pass_fans, links={"part": "people"}, triggers=("people",)),
             Cell(
                 "Gathered view",
@@ -194,6 +251,7 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
                     "drop_offs": "Ground view",
                     "echoes": "Echo view",
                     "people": "People view",
+                    "line": "Line view",
                     "surroundings": "map round the chair",
                 },
                 fresh_ns={"odometry": stale, "surroundings": MAP_NS},
@@ -217,7 +275,8 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
             Cell(
                 "Sensor watch",
                 watch_sensors,
-                links={"lidar": "lidar", "echoes": "Sonar check", "depth": "depth", "odometry": "odometry"},
+                links={"lidar": "lidar", "echoes": "Sonar check", "depth": "depth", "odometry": "odometry"}
+                | {"aim": "camera aim", "camera_fault": "camera fault"},
                 dynamic=WatchMemory(),
                 every_ns=WATCH_NS,
             ),
@@ -251,10 +310,18 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
                 dynamic=ChosenDoor(),
             ),
             Cell(
+                "Frame detection",
+                detect_doorway,
+                links={"frames": "frames in the picture"},
+                triggers=("frames in the picture",),
+                constants=s.doors,
+            ),
+            Cell(
                 "Door validation",
                 check_door,
-                links={"seen": "Doorway detection"},
-                triggers=("Doorway detection",),
+                links={"seen": "Doorway detection", "frame": "Frame detection"},
+                fresh_ns={"seen": camera_ns, "frame": FRAME_NS},
+                triggers=("Doorway detection", "Frame detection"),
                 constants=(s.doors, body),
             ),
             Cell(
@@ -282,8 +349,37 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
     )
     free_space_finding = Network(
         "Free-space finding",
-        [view, Cell("Way finder", find_swept_way, links={"view": "View"}, constants=body, triggers=("View",))],
+        [
+            view,
+            Cell(
+                "Way finder",
+                find_swept_way,
+                links={"view": "View", "depth": "Range finder", "aim": "camera aim", "granted": before("grant")},
+                constants=body,
+                dynamic=SweepMemory(),
+                triggers=("View",),
+            ),
+        ],
         output="Way finder",
+    )
+    sensor_command_manager = Network(
+        "Sensor command manager",
+        [
+            Cell(
+                "grant",
+                share_camera,
+                {"pan/tilt servos": aim_servos, "laser": light_laser},
+                links={
+                    "tracker": "Object tracker",
+                    "door_range": "Door validation",
+                    "way_finder": "Way finder",
+                    "aim": "camera aim",
+                },
+                constants=camera,
+                dynamic=ShareMemory(),
+            )
+        ],
+        output="grant",
     )
     navigation_command_manager = Network(
         "Navigation command manager",
@@ -321,7 +417,14 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
     )
     root = Network(
         "Perceptual navigation",
-        [sensor_check, obstacle_notification, doorway_navigation, free_space_finding, navigation_command_manager],
+        [
+            sensor_check,
+            obstacle_notification,
+            doorway_navigation,
+            free_space_finding,
+            sensor_command_manager,
+            navigation_command_manager,
+        ],
         output="Navigation command manager",
     )
     return wire(root, SENSORS)

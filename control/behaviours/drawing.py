@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from html import escape
 
 from waychair.control.behaviours.cell import Cell, port_source
+from waychair.control.behaviours.cell_network import Network, Node, Wiring, node_lines
 from waychair.control.behaviours.conditions import Condition
-from waychair.control.behaviours.network import Network, Node, Wiring, node_lines
 from waychair.errors import BehaviourError
 
 _WIDE, _HIGH, _GAP_X, _GAP_Y, _MARGIN = 190, 44, 70, 26, 24

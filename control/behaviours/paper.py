@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from waychair.calibration.chair_body import CHAIR_A, ChairBody, paper_sonar_mounts
 from waychair.config import Settings
 from waychair.control.behaviours.cell import Cell, Sensor, before
+from waychair.control.behaviours.cell_network import Network, Wiring, wire
 from waychair.control.behaviours.conditions import Active, AtLeast
 from waychair.control.behaviours.doorway import (
     FramesSeen,
@@ -41,7 +42,6 @@ from waychair.control.behaviours.managers import (
     merge_commands,
     select_signal,
 )
-from waychair.control.behaviours.network import Network, Wiring, wire
 from waychair.control.behaviours.paper_settings import CameraLimits, DoorLimits, NavigationLimits, ObstacleLimits
 from waychair.control.behaviours.range_finder import CameraAim, CameraMemory, LaserLine, find_range
 from waychair.control.behaviours.sonar import LastClasses, SonarPacket, decode_packet, read_sonars, translate_data

@@ -10,8 +10,8 @@ import msgspec
 
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.config import from_mapping
+from waychair.control.behaviours.cell_network import Wiring
 from waychair.control.behaviours.default import default_network
-from waychair.control.behaviours.network import Wiring
 from waychair.control.behaviours.paper import PaperSettings, paper_network
 from waychair.errors import BehaviourError
 

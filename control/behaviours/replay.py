@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from waychair.control.behaviours.cell import Reading
-from waychair.control.behaviours.network import Wiring
+from waychair.control.behaviours.cell_network import Wiring
 from waychair.control.behaviours.runtime import Runtime
 from waychair.control.behaviours.trace import (
     ENCODER,

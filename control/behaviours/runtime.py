@@ -23,8 +23,8 @@ from waychair.control.behaviours.cell import (
     checked_classes,
     port_source,
 )
+from waychair.control.behaviours.cell_network import Network, Wiring
 from waychair.control.behaviours.conditions import NEVER, Condition, Test, test_from
-from waychair.control.behaviours.network import Network, Wiring
 from waychair.errors import BehaviourError
 
 FAULTS = 3

@@ -23,7 +23,7 @@ import msgspec
 import numpy as np
 
 from waychair.control.behaviours.cell import Reading
-from waychair.control.behaviours.network import Wiring
+from waychair.control.behaviours.cell_network import Wiring
 from waychair.control.behaviours.runtime import Innervation, PortState
 from waychair.errors import OutputError, TraceError
 from waychair.files import os_error_text, read_bytes

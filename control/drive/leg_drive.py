@@ -17,7 +17,7 @@ from waychair.planning.body.clearance import MAP_DOUBT
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.route.legs import PathLeg
-from waychair.planning.seen.openings import openings
+from waychair.planning.seen.glass_gaps import openings
 from waychair.planning.seen.person_tracks import Track
 from waychair.planning.window.dwa import DwaResult, choose
 from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, slowing_speed

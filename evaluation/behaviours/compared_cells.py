@@ -8,7 +8,7 @@ from typing import Any
 
 from evaluation.behaviours.plain_cells import PlainCells
 from evaluation.behaviours.random_networks import SENSORS, random_network, random_values
-from waychair.control.behaviours.network import wire
+from waychair.control.behaviours.cell_network import wire
 from waychair.control.behaviours.runtime import Innervation, Runtime
 
 LITERAL_EVERY = 4

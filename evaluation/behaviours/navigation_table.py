@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 from waychair.control.behaviours.activations import bypass
 from waychair.control.behaviours.cell import Cell, Sensor
+from waychair.control.behaviours.cell_network import Network, Wiring, wire
 from waychair.control.behaviours.commands import DoorCommand, FreeCommand, FreeKind, Move, Signal, SignalKind
 from waychair.control.behaviours.conditions import AtLeast
 from waychair.control.behaviours.free_space import WayFound
 from waychair.control.behaviours.managers import StickDirection
-from waychair.control.behaviours.network import Network, Wiring, wire
 from waychair.control.behaviours.paper import paper_network
 from waychair.control.behaviours.runtime import Runtime
 from waychair.control.behaviours.sonar import Obstacle, ObstacleClasses

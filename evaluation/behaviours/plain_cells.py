@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from waychair.control.behaviours.cell import UNSET, Cell, Reading, Sensor, behaviour_from
+from waychair.control.behaviours.cell_network import Network
 from waychair.control.behaviours.conditions import Condition, PortSource
-from waychair.control.behaviours.network import Network
 
 FAULTS_IN_A_ROW, REST_NS = 3, 1_000_000_000
 

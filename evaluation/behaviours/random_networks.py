@@ -9,8 +9,8 @@ from typing import Any
 
 from waychair.control.behaviours.activations import bypass, gaussian, sigmoid, weighted_sum
 from waychair.control.behaviours.cell import Behaviour, Cell, Link, Reading, Sensor
+from waychair.control.behaviours.cell_network import Network
 from waychair.control.behaviours.conditions import ALWAYS, NEVER, Active, AtLeast, Below, Condition, PortSource
-from waychair.control.behaviours.network import Network
 
 MOST_CELLS = 60
 SENSORS = tuple(Sensor(f"s{k}", float) for k in range(4))

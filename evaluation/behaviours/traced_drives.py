@@ -17,7 +17,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.control.behaviours.network import Wiring
+from waychair.control.behaviours.cell_network import Wiring
 from waychair.control.behaviours.presets import preset_network
 from waychair.control.behaviours.replay import replay, typed_inputs
 from waychair.control.behaviours.runtime import Runtime

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from waychair.maps.building.connections import Connections, Part, folded, special_arcs
-from waychair.maps.building.findings import Finding, Surroundings, error, warning
+from waychair.maps.building.graph_findings import Finding, Surroundings, error, warning
 from waychair.maps.building.hgraph import ROOT, HGraph, Lift, NodeKind, NodeRef, ancestors, inner_end, parent_path
 from waychair.maps.building.hgraph_edits import arc_ref
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from waychair.maps.building.building_checks import building_findings
 from waychair.maps.building.connections import Part, connections, part_of
-from waychair.maps.building.findings import NO_SURROUNDINGS, Finding, Severity, Surroundings
+from waychair.maps.building.graph_findings import NO_SURROUNDINGS, Finding, Severity, Surroundings
 from waychair.maps.building.hgraph import Frame, HGraph, SubMap, parent_path
 from waychair.maps.building.storey_checks import (
     Crossings,

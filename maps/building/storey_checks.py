@@ -16,7 +16,7 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
-from waychair.maps.building.findings import Finding, Surroundings, error, warning
+from waychair.maps.building.graph_findings import Finding, Surroundings, error, warning
 from waychair.maps.building.hgraph import Frame, HGraph, NodeRef, SubMap, inner_end
 from waychair.types import BoolArray, FloatArray, IntArray
 

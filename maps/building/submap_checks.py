@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from waychair.maps.building.building_checks import BESIDE_M
 from waychair.maps.building.connections import folded
-from waychair.maps.building.findings import Finding, Severity, Surroundings, error, warning
+from waychair.maps.building.graph_findings import Finding, Severity, Surroundings, error, warning
 from waychair.maps.building.hgraph import (
     Arc,
     Doorway,

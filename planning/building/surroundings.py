@@ -10,7 +10,7 @@ from waychair.calibration.chair_body import ROBOT, ChairBody
 from waychair.errors import MapError, NoPath, PlanningError
 from waychair.files import is_file
 from waychair.maps.building.building import Building, followed
-from waychair.maps.building.findings import Surroundings
+from waychair.maps.building.graph_findings import Surroundings
 from waychair.maps.building.hgraph_files import read_hgraph
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones

@@ -19,8 +19,8 @@ LINE_ERROR = 0.3
 PLANE_TURN_ERROR = 0.0003
 """rad; error of the laser plane's calibrated direction (one sigma): it acts like an error of every pixel."""
 
-FLATTEST = 0.02
-"""Least sine of the angle between a ray and the plane; flatter ones tell nothing."""
+FLATTEST = 0.005
+"""Least sine of the angle between a ray and the plane; flatter ones tell nothing. With a baseline of 0.1 m it is 20 m."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ the red light over a few rows (Fisher and Naidu, A comparison of algorithms for 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -18,7 +19,7 @@ LEAST_CONTRAST = 6.0
 """The line is this many times brighter than the noise of its column (one sigma, smoothed)."""
 
 LEAST_LIGHT = 0.003
-"""Least red light of the line, white is 1: below it the rounding of dark pixels looks like a line."""
+"""Least red light of the line in one pair of pictures, white is 1: below it the rounding of dark pixels looks like one."""
 
 SECOND = 0.5
 """A second line in the same column is at most this part of the first; else nobody knows which is right."""
@@ -63,31 +64,48 @@ def line_in_picture(lit: Bytes, dark: Bytes | None, rows: tuple[int, int]) -> Li
         dark: the same view with the laser off, from a camera that has not moved; None: there is none.
         rows: first row and row after the last one, in which the line can be (`rows_of_ranges`).
     """
-    first, last = max(rows[0], 0), min(rows[1], len(lit))
-    red = _redness(lit[first:last])
-    if dark is not None:
-        red = red - _redness(dark[first:last])
+    red = redness(lit, rows)
+    if dark is None:
+        return _line_in(red, rows, LEAST_RUN_ALONE, LEAST_LIGHT)
+    return line_in_light(red - redness(dark, rows), 1.0, rows)
+
+
+def line_in_light(red: Float32Array, pairs: float, rows: tuple[int, int]) -> LineInPicture:
+    """Return the line in the red light that the laser adds, the mean of so many pairs of a lit and a dark picture.
+
+    Noise and rounding fall with the root of the number of pairs, so that more pairs show fainter lines.
+
+    Args:
+        red: (rows, W), from `redness` of the lit pictures less that of the dark ones.
+        pairs: number of pairs, at least 1.
+        rows: the rows of `red` in the picture, as for `line_in_picture`.
+    """
+    return _line_in(red, rows, LEAST_RUN, LEAST_LIGHT / math.sqrt(pairs))
+
+
+def _line_in(red: Float32Array, rows: tuple[int, int], width: int, least: float) -> LineInPicture:
     light = cv2.GaussianBlur(red, (5, 5), sigmaX=1.2, sigmaY=1.0)
     light = light - cv2.blur(light, (1, 41))
-    found = _peaks(light)
-    middles = _centroids(red, found)
-    width = LEAST_RUN if dark is not None else LEAST_RUN_ALONE
-    return LineInPicture(_in_runs(middles, width) + first)
+    middles = _centroids(red, _peaks(light, least))
+    return LineInPicture(_in_runs(middles, width) + max(rows[0], 0))
 
 
 def rows_of_ranges(
     nearest: float, farthest: float, focal: float, middle_row: float, baseline: float
 ) -> tuple[int, int]:
-    """Return the rows [first, last) in which the line of a level laser lies, for depths between two limits [m]."""
-    return int(middle_row + focal * baseline / farthest), int(middle_row + focal * baseline / nearest) + 2
+    """Return the rows [first, last) in which a level laser's line lies with its whole width, for depths between two
+    limits [m]."""
+    first, last = (int(middle_row + focal * baseline / away) for away in (farthest, nearest))
+    return first - _HALF_WIDTH, last + _HALF_WIDTH + 1
 
 
-def _redness(picture: Bytes) -> Float32Array:
-    """Return red light above the mean of green and blue, so that a change of the room's light cancels."""
-    return np.asarray(cv2.transform(cv2.LUT(picture, _LINEAR), _RED), np.float32)
+def redness(picture: Bytes, rows: tuple[int, int]) -> Float32Array:
+    """Return the red light (rows, W) above the mean of green and blue, so that a change of the room's light cancels."""
+    part = picture[max(rows[0], 0) : min(rows[1], len(picture))]
+    return np.asarray(cv2.transform(cv2.LUT(part, _LINEAR), _RED), np.float32)
 
 
-def _peaks(light: Float32Array) -> IntArray:
+def _peaks(light: Float32Array, least: float) -> IntArray:
     """Return the row of the line in each column; -1 where none stands out."""
     height, width = light.shape
     columns = np.arange(width)
@@ -98,7 +116,7 @@ def _peaks(light: Float32Array) -> IntArray:
     others = light.copy()
     others[around, columns] = -np.inf
     second = others.max(axis=0)
-    sure = (best > LEAST_CONTRAST * noise) & (best > LEAST_LIGHT) & (second < SECOND * best)
+    sure = (best > LEAST_CONTRAST * noise) & (best > least) & (second < SECOND * best)
     sure &= (found >= _HALF_WIDTH) & (found < height - _HALF_WIDTH)
     return np.where(sure, found, -1)
 

@@ -14,15 +14,22 @@ from dataclasses import dataclass, field, replace
 import cv2
 import numpy as np
 
-from waychair.calibration.servo_camera import SERVO_CAMERA, ServoCameraMount
+from waychair.calibration.servo_camera_mount import SERVO_CAMERA, ServoCameraMount
 from waychair.geometry import transform_points, wrap_angle
 from waychair.planning.seen.laser_line import LaserPlane, points_of_line
-from waychair.planning.seen.laser_picture import line_in_picture, rows_of_ranges
+from waychair.planning.seen.laser_picture import line_in_light, line_in_picture, redness, rows_of_ranges
 from waychair.planning.seen.range_views import RangeView
 from waychair.types import Bytes, Float32Array, FloatArray, PanTiltAngles, Picture, Pose2
 
-NEAREST, FARTHEST = 0.25, 4.5
-"""m; depths at which the line is searched: nearer it leaves the picture, farther its error exceeds a hand's width."""
+NEAREST, FARTHEST = 0.25, 10.0
+"""m; depths at which the line is searched: nearer it leaves the picture, farther it is too faint even at rest."""
+
+VAGUE, SURELY = 0.30, 2.0
+"""m, sigmas; a point whose error is larger shows no surface any more, only that the beam goes on to so many sigmas before
+it."""
+
+MOST_PAIRS = 4
+"""Pairs of a lit and a dark picture that are averaged while chair and camera rest: at 10 pictures a second 0.8 s."""
 
 FRESH_NS = 300_000_000
 """A dark picture serves for this time."""
@@ -77,10 +84,47 @@ class LaserSight:
     fault: str = ""
 
     def view(self) -> RangeView:
-        """Return the beams of this look, in base: each ends at a point of the line, and none goes on."""
+        """Return the beams of this look, in base: each ends at a point of the line, or goes on at least to there."""
         order = np.argsort(-self.columns)
-        ends = self.points[order, :2]
-        return RangeView(np.array([self.camera.x, self.camera.y]), ends, np.ones(len(ends), np.bool_))
+        origin = np.array([self.camera.x, self.camera.y])
+        return line_view(origin, self.points[order, :2], self.errors[order])
+
+
+def line_view(origin: FloatArray, ends: FloatArray, errors: FloatArray) -> RangeView:
+    """Return the beams from `origin` (2,) to lit points (N, 2) [m] with their errors (N,) [m], in order to the left.
+
+    Points with too large an error tell only how far their beam goes on at the least.
+    """
+    met = errors <= VAGUE
+    away = np.hypot(*(ends - origin).T)
+    known = np.where(met, away, np.maximum(away - SURELY * errors, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return RangeView(origin, origin + (ends - origin) * (known / away)[:, None], met)
+
+
+@dataclass(frozen=True, slots=True)
+class _Light:
+    """The sums of the red light in lit and in dark pictures of one rest, and how many pictures each sum holds."""
+
+    lit: Float32Array | None = None
+    dark: Float32Array | None = None
+    lits: float = 0.0
+    darks: float = 0.0
+
+    def with_picture(self, red: Float32Array, laser: bool) -> _Light:
+        """Return the light with one picture more; earlier ones fade once there are enough."""
+        before, count = (self.lit, self.lits) if laser else (self.dark, self.darks)
+        kept = min(count, MOST_PAIRS - 1.0)
+        total = red if before is None else red + before * np.float32(kept / count)
+        if laser:
+            return replace(self, lit=total, lits=kept + 1.0)
+        return replace(self, dark=total, darks=kept + 1.0)
+
+    def added(self) -> Float32Array | None:
+        """Return the mean light that the laser adds; None without pictures of both kinds."""
+        if self.lit is None or self.dark is None:
+            return None
+        return self.lit / np.float32(self.lits) - self.dark / np.float32(self.darks)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,8 +143,15 @@ class SightMemory:
     """What a look keeps for the next one; `aim_fault` stays until the pictures or the ranges bear the angle out."""
 
     still: _Still | None = None
+    light: _Light = field(default_factory=_Light)
     blind: int = 0
+    blind_fault: str = ""
     aim_fault: str = ""
+
+    @property
+    def fault(self) -> str:
+        """The fault that still holds; empty: none."""
+        return self.aim_fault or self.blind_fault
 
 
 def look(
@@ -132,13 +183,17 @@ def look(
         still = _Still(picture, angles.pan, angles.tilt, odom_from_base, _small(picture.image))
         fault = _aim_fault_by_pictures(memory, still, mount)
         told = LaserSight(angles, camera, fault=fault) if fault else None
-        return told, replace(memory, still=still, aim_fault=fault)
-    sight = _line_sight(picture, angles, camera, _dark(picture, angles, odom_from_base, memory.still), mount)
-    memory = _with_ranges(memory, sight, others)
+        light = memory.light if _at_rest(picture, angles, odom_from_base, memory.still) else _Light()
+        light = light.with_picture(redness(picture.image, _rows(picture, mount)), laser=False)
+        return told, replace(memory, still=still, light=light, aim_fault=fault)
+    light = _Light()
+    if _at_rest(picture, angles, odom_from_base, memory.still):
+        light = memory.light.with_picture(redness(picture.image, _rows(picture, mount)), laser=True)
+    sight = _line_sight(picture, angles, camera, light, mount)
+    memory = _with_ranges(replace(memory, light=light), sight, others)
     blind = memory.blind + 1 if not len(sight.points) and _something_near(others, camera, mount) else 0
-    memory = replace(memory, blind=blind)
-    fault = memory.aim_fault or (_no_line(others, camera) if blind >= BLIND else "")
-    return (LaserSight(angles, camera, fault=fault) if fault else sight), memory
+    memory = replace(memory, blind=blind, blind_fault=_no_line(others, camera) if blind >= BLIND else "")
+    return (LaserSight(angles, camera, fault=memory.fault) if memory.fault else sight), memory
 
 
 def _is_covered(image: Bytes) -> bool:
@@ -153,23 +208,31 @@ def _small(image: Bytes) -> Float32Array:
     )
 
 
-def _dark(picture: Picture, angles: PanTiltAngles, odom_from_base: Pose2, still: _Still | None) -> Bytes | None:
-    """Return the picture of the same view without the laser; None where there is none."""
+def _at_rest(picture: Picture, angles: PanTiltAngles, odom_from_base: Pose2, still: _Still | None) -> bool:
+    """Return whether chair and camera have not moved since the last dark picture, a short while ago."""
     if still is None or not 0 <= picture.stamp_ns - still.picture.stamp_ns <= FRESH_NS:
-        return None
+        return False
     step = still.odom_from_base.inverse() @ odom_from_base
     moved = math.hypot(step.x, step.y) > MOVED or abs(step.theta) > TURNED
     turned = abs(angles.pan - still.pan) > 1e-6 or abs(angles.tilt - still.tilt) > 1e-6
-    return None if moved or turned else still.picture.image
+    return not moved and not turned and still.picture.image.shape == picture.image.shape
+
+
+def _rows(picture: Picture, mount: ServoCameraMount) -> tuple[int, int]:
+    matrix = picture.camera_matrix
+    return rows_of_ranges(NEAREST, FARTHEST, float(matrix[1, 1]), float(matrix[1, 2]), mount.baseline)
 
 
 def _line_sight(
-    picture: Picture, angles: PanTiltAngles, camera: Pose2, dark: Bytes | None, mount: ServoCameraMount
+    picture: Picture, angles: PanTiltAngles, camera: Pose2, light: _Light, mount: ServoCameraMount
 ) -> LaserSight:
-    matrix = picture.camera_matrix
-    focal, middle = float(matrix[1, 1]), float(matrix[1, 2])
-    rows = rows_of_ranges(NEAREST, FARTHEST, focal, middle, mount.baseline)
-    pixels = line_in_picture(picture.image, dark, rows).pixels()
+    """Return the look by the light that the laser adds, or by the one picture where there is no dark one like it."""
+    matrix, rows, added = picture.camera_matrix, _rows(picture, mount), light.added()
+    if added is None:
+        line = line_in_picture(picture.image, None, rows)
+    else:
+        line = line_in_light(added, min(light.lits, light.darks), rows)
+    pixels = line.pixels()
     found = points_of_line(pixels, matrix, LaserPlane(np.array([0.0, 1.0, 0.0]), mount.baseline))
     kept = np.isfinite(found.errors) & (found.points[:, 2] <= FARTHEST)
     pose = mount.base_from_camera(angles.pan, angles.tilt)

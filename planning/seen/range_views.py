@@ -87,6 +87,12 @@ def view_from_grid(grid: OccupancyGrid, place: FloatArray, farthest: float = 8.0
     return _view(Pose2(float(place[0]), float(place[1]), 0.0), angles, ranges, np.isfinite(ranges))
 
 
+def moved_view(view: RangeView, frame_from_base: Pose2) -> RangeView:
+    """Return a view in base in another frame."""
+    origin, ends = transform_points(frame_from_base, view.origin[None])[0], transform_points(frame_from_base, view.ends)
+    return RangeView(origin, ends, view.met)
+
+
 def _view(frame_from_sensor: Pose2, angles: FloatArray, ranges: FloatArray, met: BoolArray) -> RangeView:
     turned = angles + frame_from_sensor.theta
     origin = np.array([frame_from_sensor.x, frame_from_sensor.y])

@@ -14,6 +14,7 @@ from typing import Any, get_type_hints
 
 from waychair.config import Settings
 from waychair.ros.node_settings.bridge import BridgeNodeSettings
+from waychair.ros.node_settings.cells import CellsNodeSettings
 from waychair.ros.node_settings.mapper import MapperNodeSettings
 from waychair.ros.node_settings.navigator import NavigatorNodeSettings
 from waychair.ros.node_settings.page import PageNodeSettings
@@ -23,6 +24,7 @@ from waychair.runtime.pilot import PilotSettings
 NODES: Mapping[str, type[Settings]] = MappingProxyType(
     {
         "bridge": BridgeNodeSettings,
+        "cells": CellsNodeSettings,
         "mapper": MapperNodeSettings,
         "navigator": NavigatorNodeSettings,
         "page": PageNodeSettings,
@@ -34,6 +36,7 @@ NODES: Mapping[str, type[Settings]] = MappingProxyType(
 _IN_OTHER_PARTS: Mapping[str, frozenset[str]] = MappingProxyType(
     {
         "bridge": frozenset(entry.name for entry in dataclasses.fields(PilotSettings)),
+        "cells": frozenset(("perceive",)),
         "mapper": frozenset(("localiser", "live")),
         "navigator": frozenset(entry.name for entry in dataclasses.fields(PilotSettings)),
         "page": frozenset(),

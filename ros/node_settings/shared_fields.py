@@ -34,3 +34,8 @@ def imu_frame_field() -> str:
 def stamped_field() -> bool:
     """Make the field for the type of cmd_vel, named as in Nav2."""
     return setting(False, "", "true: cmd_vel is a TwistStamped, as in Nav2 from Kilted on; false: it is a Twist")
+
+
+def camera_field() -> bool:
+    """Make the field for the use of the depth camera."""
+    return setting(True, "", "true: the camera, if there is one, is used to see drop-offs and low obstacles")

@@ -27,7 +27,7 @@ DECODING_ERRORS = (ArithmeticError, AssertionError, IndexError, TypeError, Value
 
 _QUEUE_S = 0.1  # s; messages of this time are queued while the node is busy
 
-_CHAIR_NODES = frozenset(("bridge", "mapper", "navigator", "page", "recorder"))
+_CHAIR_NODES = frozenset(("bridge", "cells", "mapper", "navigator", "page", "recorder"))
 """The nodes of a chair that subscribe to topics of drivers."""
 
 SLOW_FRACTION = 0.8

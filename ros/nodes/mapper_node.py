@@ -132,7 +132,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
     def _begin_map(self) -> MapBuilder:
         """Begin a map, like `waychair map` from a bag of the same drive."""
         from waychair.ros.nodes.map_builder import MapBuilder  # late, since localisation does not need it
-        from waychair.slam.mapping.warm_up import warm_up
+        from waychair.slam.mapping.mapper_warm_up import warm_up
 
         warm_up()
         s = self.settings

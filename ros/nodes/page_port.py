@@ -42,12 +42,12 @@ from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, rea
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import joy, read_scan
 from waychair.ros.messages.wire import native
+from waychair.ros.nodes.heard_cells import HeardCells
 from waychair.ros.nodes.inputs import DECODING_ERRORS
 from waychair.ros.nodes.node import ChairNode
 from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import DriveFacts, next_action, obstacle_of, shown_points
 from waychair.runtime.drawing_port import DrawingPort
-from waychair.runtime.perception_view import WithoutCells
 from waychair.runtime.sentences import sentence
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.types import DriveMode, FloatArray, JoystickInput, OccupancyGrid, Odometry, Place, Pose2, Scan
@@ -120,7 +120,7 @@ class _Publishers:
     pose: Callable[[Any], None]
 
 
-class PagePort(DrawingPort, WithoutCells):
+class PagePort(DrawingPort, HeardCells):
     """A `ChairPort` over the messages and services that a node of this process uses."""
 
     def __init__(
@@ -164,6 +164,7 @@ class PagePort(DrawingPort, WithoutCells):
         listen(topics.PEOPLE, read_points, self._take_people, needed=False)
         listen(topics.MAP, read_occupancy_grid, self._take_grid, needed=False)
         listen(topics.PLACES, read_places, self._take_places, needed=False)
+        self._listen_to_cells(self._node, self._calibration.body)
 
     @property
     def outline(self) -> FloatArray:

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.calibration.servo_camera import SERVO_CAMERA
+from waychair.calibration.servo_camera_mount import SERVO_CAMERA
 from waychair.errors import OutputError
 from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, board_program
 from waychair.geometry import in_space
@@ -39,7 +39,7 @@ from waychair.ros.messages.chair import Lines, lines
 from waychair.ros.messages.motion import transform
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_joy
-from waychair.ros.messages.servo_camera import pan_tilt_angles, picture_messages, read_pan_tilt_command
+from waychair.ros.messages.servos import pan_tilt_angles, picture_messages, read_pan_tilt_command
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node_settings.simulator import SimulatorNodeSettings
 from waychair.ros.nodes.node import ChairNode, run_node

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from waychair.calibration.servo_camera import PAN_LIMITS, TILT_LIMITS
+from waychair.calibration.servo_camera_mount import PAN_LIMITS, TILT_LIMITS
 from waychair.types import PanTiltAngles, PanTiltCommand
 
 RATE = math.radians(60.0) / 0.17

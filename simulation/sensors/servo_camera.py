@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.calibration.servo_camera import PICTURE, SERVO_CAMERA
+from waychair.calibration.servo_camera_mount import PICTURE, SERVO_CAMERA
 from waychair.config import Settings, setting
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.scene import PersonState
@@ -26,7 +26,7 @@ LASER_POWER = 0.0045
 
 @dataclass(frozen=True, slots=True)
 class ServoCameraSettings(Settings):
-    """The simulated camera on servos; its mount and optics are `calibration.servo_camera`'s."""
+    """The simulated camera on servos; its mount and optics are `calibration.servo_camera_mount`'s."""
 
     rate_hz: float = setting(
         0.0,

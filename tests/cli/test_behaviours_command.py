@@ -12,7 +12,7 @@ import pytest
 
 from tests.cli.command import WAYCHAIR, refused, waychair
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B
-from waychair.control.behaviours.network import Network
+from waychair.control.behaviours.cell_network import Network
 from waychair.control.behaviours.paper import PaperSettings, paper_network
 from waychair.control.behaviours.paper_settings import ObstacleLimits
 from waychair.control.behaviours.presets import PRESETS, preset_network, shipped

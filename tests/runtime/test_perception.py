@@ -183,7 +183,7 @@ def test_a_picture_that_cannot_be_read_is_named_and_the_others_go_on() -> None:
     rider = Rider()
     rider.ticks(3)
     flat = RgbdFrame(rider.now_ns, np.zeros((48, 64), np.uint8), np.full((48, 64), 2.0, np.float32), np.zeros((3, 3)))
-    rider.cells.look(flat, None)
+    rider.cells.look(flat, rider.at, None)
     done = rider.ticks(3)
     assert [each.startswith("the depth could not be read: LinAlgError") for each in done.troubles] == [True]
     assert free(done)[1] == 16

@@ -12,6 +12,7 @@ from waychair.control.behaviours.commands import NULL, STOP, FreeCommand, FreeKi
 from waychair.control.behaviours.paper import PaperSettings
 from waychair.control.behaviours.presets import shipped
 from waychair.control.behaviours.sonar import Obstacle, ObstacleClasses
+from waychair.control.drive.doorway_tracker import DoorwayTracker
 from waychair.planning.seen.doorways import DoorState, Doorway
 from waychair.runtime.perception import CellInputs, Perception
 from waychair.runtime.perception_view import (
@@ -83,7 +84,7 @@ def test_a_view_holds_every_cell_once_and_the_doorways_by_distance(monkeypatch: 
     far = Doorway(7, Pose2(5.0, 1.0, 0.0), 0.9, 0.9, 0.02, DoorState.OPEN)
     near = Doorway(3, Pose2(1.0, 2.0, 1.57), 0.7, 0.0, 0.03, DoorState.AJAR)
     gone = Doorway(9, Pose2(50.0, 1.0, 0.0), 0.9, 0.9, 0.02, DoorState.OPEN)
-    monkeypatch.setattr(type(perception._doorways), "doorways", (far, gone, near))
+    monkeypatch.setattr(DoorwayTracker, "doorways", (far, gone, near))
     grid = OccupancyGrid(np.zeros((4, 4), np.int8), 0.05)
     odometry = Odometry(0, Pose2(), Twist(), np.zeros((3, 3)))
     known = CellInputs(odometry, Pose2(1.0, 0.0, 0.0), None, grid, np.zeros((0, 2)), JoystickInput(0))

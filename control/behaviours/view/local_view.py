@@ -143,10 +143,10 @@ class LocalView:
         return places
 
 
-SOURCES = ("lidar", "depth", "drop-offs", "echoes", "people", "own")
-"""Sensors' parts, each with a layer of its own; the last one is the ground that the chair has stood on."""
+SOURCES = ("lidar", "depth", "drop-offs", "echoes", "people", "line", "own")
+"""Sensors' parts, each with a layer of its own: `line` is the laser's, the last one the ground that the chair stood on."""
 
-_LIDAR, _ECHOES = SOURCES.index("lidar"), SOURCES.index("echoes")
+_LIDAR, _ECHOES, _LINE = SOURCES.index("lidar"), SOURCES.index("echoes"), SOURCES.index("line")
 _LOOKS = slice(0, SOURCES.index("people"))
 """Sources that see the ground: without any of them nothing was looked at."""
 
@@ -208,6 +208,7 @@ def gather_views(
     drop_offs: Reading[Fans] | None,
     echoes: Reading[Fans] | None,
     people: Reading[Fans] | None,
+    line: Reading[Fans] | None,
     surroundings: MapPart | None,
     constants: ChairBody,
     dynamic: ViewMemory,
@@ -229,7 +230,7 @@ def gather_views(
     history = (*memory.history[-_HISTORY:], (odometry.stamp_ns, pose))
     memory = _moved(replace(memory, history=history), pose)
     layers = list(memory.layers)
-    for k, part in enumerate((lidar, depth, drop_offs, echoes, people)):
+    for k, part in enumerate((lidar, depth, drop_offs, echoes, people, line)):
         if part is None:
             continue
         stamp_ns = part.stamp_ns if part.value.at_ns is None else part.value.at_ns
@@ -379,8 +380,8 @@ def _view(memory: ViewMemory, pose: Pose2, surroundings: MapPart | None, body: C
     """Return the memory as it lies to the chair now, with the walls that only the map shows."""
     layers = [layer for layer in memory.layers if layer.taken_ns is not None]
     fresh = np.zeros((SIDE, SIDE), np.bool_)
-    for layer in layers:
-        if _is_told(layer, now_ns):
+    for k, layer in enumerate(memory.layers):
+        if k != _LINE and _is_told(layer, now_ns):  # the line sees one height only, and no ground
             add_fresh(fresh, layer.seen, max(memory.clock(now_ns - SEEN_FOR_NS), NEVER + 1))
     points, classes, stamps = ([getattr(layer, name) for layer in layers] for name in ("points", "classes", "stamps"))
     if surroundings is not None:

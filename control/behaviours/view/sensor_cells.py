@@ -16,6 +16,7 @@ import numpy as np
 from waychair.calibration.chair_body import ChairBody, sonar_mounts
 from waychair.control.behaviours.cell import Reading
 from waychair.control.behaviours.doorway import OdometryPose
+from waychair.control.behaviours.range_finder import CameraAim
 from waychair.control.behaviours.view.local_view import Beams, Fans, Thing, leaps
 from waychair.slam.scan.scan_points import beam_ends
 from waychair.types import FloatArray, Pose2, Scan, SonarReadings, Twist
@@ -188,6 +189,8 @@ def watch_sensors(
     echoes: Reading[CheckedEchoes] | None,
     depth: Reading[Fans] | None,
     odometry: Reading[OdometryPose] | None,
+    aim: Reading[CameraAim] | None,
+    camera_fault: str | None,
     dynamic: WatchMemory,
     now_ns: int,
 ) -> tuple[SensorTroubles, WatchMemory]:
@@ -200,6 +203,10 @@ def watch_sensors(
     told += _sonar_troubles(echoes, now_ns)
     if depth is not None and now_ns - depth.stamp_ns > SILENT_NS:
         told.append("the depth camera is silent, so nothing is free by it: see its cable")
+    if camera_fault:
+        told.append(camera_fault)
+    elif aim is not None and now_ns - aim.stamp_ns > SILENT_NS:
+        told.append("the camera on servos is silent, so it cannot be aimed and shows nothing: see its cable")
     if lidar is None and echoes is None and depth is None:
         told.append("no sensor that looks round the chair is heard yet, so nothing is free")
     return SensorTroubles(tuple(told), memory.leapt_ns != dynamic.leapt_ns), memory

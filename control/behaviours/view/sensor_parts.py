@@ -159,5 +159,6 @@ def doors_seen(doorways: Iterable[FoundDoorway], odom_from_base: Pose2) -> Doors
         if math.hypot(at.x, at.y) <= _DOOR_REACH:
             left, right = transform_points(at, np.array([[0.0, found.width / 2], [0.0, -found.width / 2]])).tolist()
             clear = max(found.clear - found.error, 0.0)
-            near.append(DoorSeen(found.number, Doorway(*left, *right), clear, found.state is DoorState.OPEN))
+            is_open = found.state is DoorState.OPEN
+            near.append(DoorSeen(found.number, Doorway(*left, *right), clear, is_open, found.validated))
     return DoorsSeen(tuple(near))

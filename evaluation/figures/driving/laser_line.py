@@ -9,7 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from waychair.calibration.servo_camera import SERVO_CAMERA
+from waychair.calibration.servo_camera_mount import SERVO_CAMERA
 from waychair.geometry import in_space
 from waychair.maps.grid.cells import cells_from_points, occupied
 from waychair.maps.grid.distance_field import distances

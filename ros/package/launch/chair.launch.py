@@ -27,6 +27,7 @@ ARGUMENTS = {
     "chair": ("", "a real chair's calibration file"),
     "cable": ("", "port of a real chair's board: /dev/ttyUSB0, pty:PATH or tcp:HOST:PORT"),
     "camera": ("true", "with a camera"),
+    "perceive": ("false", "with the behaviour cells for a rider who cannot see"),
     "people": ("true", "with the world's people"),
     "seed": ("0", "seed of the simulated chair"),
     "namespace": ("", "namespace of all nodes"),
@@ -61,6 +62,7 @@ def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         parameters=_path(given["params"]),
         box=_path(given["box"]) or Path(given["out"], "box"),
         namespace=given["namespace"],
+        settings={"cells": {"perceive": True}} if _is_true(given["perceive"]) else {},
     )
     check_stack(stack, ChairSettings())
     return [

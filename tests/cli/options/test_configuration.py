@@ -269,9 +269,16 @@ nodes: {bridge: {black_box: {parts: 3}}, mapper: {scan_frame: front}}
 
 def test_a_file_of_defaults_adds_no_parameter(tmp_path: Path) -> None:
     processes(Stack(tmp_path, world="small_clinic", page_port=8123))
-    before = {name: parameters(tmp_path, name) for name in NODES}
+    started = NODES.keys() - {"cells"}
+    before = {name: parameters(tmp_path, name) for name in started}
     stack_of(tmp_path, configuration_text(), lambda stack: replace(stack, page_port=8123))
-    assert {name: parameters(tmp_path, name) for name in NODES} == before
+    assert {name: parameters(tmp_path, name) for name in started} == before
+
+
+def test_a_chair_that_is_to_perceive_gets_the_cells_node(tmp_path: Path) -> None:
+    stack_of(tmp_path, "chair: {perceive: true}\n")
+    assert parameters(tmp_path, "cells")["perceive"] is True
+    assert "perceive" not in parameters(tmp_path, "navigator")
 
 
 def test_a_countdown_of_the_file_replaces_that_of_the_page(tmp_path: Path) -> None:

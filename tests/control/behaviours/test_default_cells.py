@@ -91,7 +91,7 @@ def seen_free(view: LocalView, x: float, y: float) -> bool:
 def gathered(
     now_ns: int, memory: ViewMemory, at: OdometryPose = HERE, **parts: Any
 ) -> tuple[LocalView | None, ViewMemory]:
-    names = ("lidar", "depth", "drop_offs", "echoes", "people", "surroundings")
+    names = ("lidar", "depth", "drop_offs", "echoes", "people", "line", "surroundings")
     given = {name: parts.get(name) for name in names}
     return gather_views(Reading(at, now_ns), **given, constants=CHAIR_A, dynamic=memory, now_ns=now_ns)
 

@@ -11,10 +11,10 @@ from evaluation.behaviours.navigation_table import TableRun, expected, found, li
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.behaviours.cell import Cell
+from waychair.control.behaviours.cell_network import Network, wire
 from waychair.control.behaviours.commands import FreeKind, signal_words
 from waychair.control.behaviours.default import default_network
 from waychair.control.behaviours.doorway import FrameCandidate, FramesSeen, OdometryPose
-from waychair.control.behaviours.network import Network, wire
 from waychair.control.behaviours.paper import SENSORS, PaperSettings, paper_network
 from waychair.control.behaviours.paper_settings import CameraLimits, DoorLimits, ObstacleLimits
 from waychair.control.behaviours.range_finder import CameraAim, LaserLine, LookRequest

@@ -9,7 +9,7 @@ from evaluation.behaviours.random_networks import MOST_CELLS, SENSORS, random_ne
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.control.behaviours.cell import Cell
-from waychair.control.behaviours.network import Network, wire
+from waychair.control.behaviours.cell_network import Network, wire
 
 
 @pytest.mark.parametrize("seed", range(3 * LITERAL_EVERY))

@@ -10,8 +10,8 @@ import pytest
 
 from waychair.control.behaviours.activations import bypass, gaussian, logic, sigmoid, weighted_sum
 from waychair.control.behaviours.cell import Cell, Reading, Sensor, before
+from waychair.control.behaviours.cell_network import Network, Node, wire
 from waychair.control.behaviours.conditions import Active, AtLeast, Below
-from waychair.control.behaviours.network import Network, Node, wire
 from waychair.control.behaviours.runtime import REST_NS, Innervation, Runtime
 from waychair.errors import BehaviourError
 

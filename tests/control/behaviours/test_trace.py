@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from waychair.control.behaviours.cell import Cell, Reading, Sensor, before
+from waychair.control.behaviours.cell_network import Network, Wiring, wire
 from waychair.control.behaviours.conditions import Active, AtLeast
-from waychair.control.behaviours.network import Network, Wiring, wire
 from waychair.control.behaviours.replay import replay
 from waychair.control.behaviours.runtime import Runtime
 from waychair.control.behaviours.trace import KEY_EVERY, TraceWriter, read_trace, trace_from_bytes

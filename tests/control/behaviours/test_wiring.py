@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import pytest
 
 from waychair.control.behaviours.cell import Cell, Sensor, before
+from waychair.control.behaviours.cell_network import Network, Node, wire
 from waychair.control.behaviours.conditions import Active, AtLeast, Below, PortSource
-from waychair.control.behaviours.network import Network, Node, wire
 from waychair.errors import WiringError
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests.maps.building.buildings import two_storeys
-from waychair.maps.building.findings import Finding, Surroundings
+from waychair.maps.building.graph_findings import Finding, Surroundings
 from waychair.maps.building.hgraph import (
     Arc,
     ArcRef,

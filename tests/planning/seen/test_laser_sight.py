@@ -8,9 +8,19 @@ import numpy as np
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.calibration.servo_camera import SERVO_CAMERA
+from waychair.calibration.servo_camera_mount import SERVO_CAMERA
 from waychair.geometry import in_space, transform_points
-from waychair.planning.seen.laser_sight import DARK, SILENT, LaserSight, SightMemory, look
+from waychair.planning.seen.laser_sight import (
+    DARK,
+    MOST_PAIRS,
+    SILENT,
+    SURELY,
+    VAGUE,
+    LaserSight,
+    SightMemory,
+    line_view,
+    look,
+)
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.sensors.height_slices import slice_at
 from waychair.simulation.sensors.lidar import Lidar, LidarSettings
@@ -40,7 +50,7 @@ class Rig:
     def __init__(self, world: World, faults: ServoCameraFaults, lidar: bool = True) -> None:
         self.camera = ServoCamera(np.random.default_rng(2), world)
         self.camera.faults = faults
-        self.memory, self.now_ns = SightMemory(), 0
+        self.memory, self.now_ns, self.place, self.pose = SightMemory(), 0, HERE, Pose2()
         self.others: FloatArray | None = None
         if lidar:
             scan = Lidar(LidarSettings(), CHAIR_A, np.random.default_rng(1)).scan_at_rest(
@@ -58,10 +68,10 @@ class Rig:
         seen = []
         for _ in range(count):
             self.now_ns += PERIOD_NS
-            angles, picture = self.camera.sense(self.now_ns, in_space(HERE), Twist())
+            angles, picture = self.camera.sense(self.now_ns, in_space(self.place @ self.pose), Twist())
             assert isinstance(angles, PanTiltAngles)
             assert isinstance(picture, Picture)
-            sight, self.memory = look(picture, angles, Pose2(), self.others, self.memory)
+            sight, self.memory = look(picture, angles, self.pose, self.others, self.memory)
             seen += [sight] if sight is not None else []
         return seen
 
@@ -94,6 +104,30 @@ def _distances(points: FloatArray, segments: FloatArray) -> FloatArray:
     nearest = a + np.clip(part, 0.0, 1.0)[..., None] * along
     found: FloatArray = np.linalg.norm(points[:, None] - nearest, axis=2).min(axis=1)
     return found
+
+
+def test_pictures_of_a_rest_are_averaged_and_show_the_line_farther_away(clinic: World) -> None:
+    rig = Rig(clinic, SOUND, lidar=False)
+    rig.place = clinic.start  # a wall stands 7 m to the left
+    sights = rig.aim(90.0, 2 + 2 * MOST_PAIRS)
+    far = [np.hypot(*(each.points[:, :2] - [SERVO_CAMERA.forward, 0.0]).T) > 5.0 for each in sights]
+    assert far[-1].sum() > 1.3 * far[0].sum()
+    off = _distances(
+        transform_points(rig.place, sights[-1].points[:, :2]),
+        slice_at(clinic.blocks, SERVO_CAMERA.height - SERVO_CAMERA.baseline).segments,
+    )
+    assert np.mean(off < 3 * sights[-1].errors + 0.01) > 0.98
+    rig.pose = Pose2(0.1, 0.0)  # the chair moves: earlier pictures show another view
+    moved = rig.aim(90.0, 2)[-1]
+    assert np.count_nonzero(np.hypot(*moved.points[:, :2].T) > 5.0) < far[-1].sum()
+
+
+def test_a_far_point_shows_no_surface_but_that_its_beam_goes_on() -> None:
+    ends = np.array([[9.0, 0.0], [2.0, 0.5]])
+    view = line_view(np.zeros(2), ends, np.array([VAGUE + 0.1, 0.02]))
+    assert view.met.tolist() == [False, True]
+    assert view.ends[0] == pytest.approx([9.0 - SURELY * (VAGUE + 0.1), 0.0])
+    assert view.ends[1] == pytest.approx(ends[1])
 
 
 def _last_fault(sights: list[LaserSight]) -> str:

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from waychair.calibration.servo_camera import PAN_LIMITS, SERVO_CAMERA, TILT_LIMITS
+from waychair.calibration.servo_camera_mount import PAN_LIMITS, SERVO_CAMERA, TILT_LIMITS
 from waychair.simulation.sensors.pan_tilt import BACKLASH, RATE, SETTLING_NS, PanTilt, ServoCameraFaults
 from waychair.types import PanTiltAngles, PanTiltCommand
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.calibration.servo_camera import SERVO_CAMERA
+from waychair.calibration.servo_camera_mount import SERVO_CAMERA
 from waychair.errors import ConfigError
 from waychair.geometry import in_space
 from waychair.planning.seen.laser_picture import line_in_picture, rows_of_ranges

@@ -184,7 +184,7 @@ on("cells", (seen) => {
   $("cells-there").hidden = !seen.there;
   $("cells-none").hidden = seen.there;
   if (!seen.there) {
-    setText($("cells-none"), "This chair has no behaviour cells switched on (perceive), or they run elsewhere.");
+    setText($("cells-none"), "This chair has no behaviour cells switched on (perceive).");
     return;
   }
   setText($("cells-signal"), seen.signal);

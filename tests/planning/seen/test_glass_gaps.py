@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from waychair.geometry import transform_points
-from waychair.planning.seen.openings import openings
+from waychair.planning.seen.glass_gaps import openings
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 CELL, WALL, MIDDLE = 0.05, 6.0, 4.0

@@ -1,8 +1,9 @@
-"""Messages of the camera on servos: orders, reported angles, pictures."""
+"""Messages of the camera on servos: orders, reported angles, pictures, and their pairing."""
 
 from __future__ import annotations
 
 import math
+from collections import OrderedDict
 from typing import Any
 
 import cv2
@@ -68,3 +69,40 @@ def read_picture(colour: Any, info: Any, laser: bool) -> Picture:
     if pixels.ndim != 3:
         raise MessageError("a picture of the camera on servos is grey: the laser's line is red, so send rgb8 or bgr8")
     return Picture(stamp_of(colour), pixels, read_intrinsics(info), laser)
+
+
+_WAITING = 8
+"""Reports of the servos that are kept for pictures that come later."""
+
+
+class ServoPairing:
+    """Pairs pictures with the report of the same stamp, which tells whether the laser was on; in any order of arrival."""
+
+    def __init__(self) -> None:
+        self._info: Any = None
+        self._lasers: OrderedDict[int, bool] = OrderedDict()
+        self._colour: Any = None
+
+    def calibrated(self, info: Any) -> None:
+        """Take a sensor_msgs/CameraInfo."""
+        self._info = info
+
+    def angles(self, message: Any) -> tuple[PanTiltAngles, Picture | None]:
+        """Take a waychair_msgs/PanTiltAngles; return it, and the picture that has waited for it. Raises as `read_picture`."""
+        angles, laser = read_pan_tilt_angles(message)
+        self._lasers[angles.stamp_ns] = laser
+        while len(self._lasers) > _WAITING:
+            self._lasers.popitem(last=False)
+        return angles, self._paired()
+
+    def colour(self, message: Any) -> Picture | None:
+        """Take a sensor_msgs/Image; return the picture if its report has arrived. Raises as `read_picture`."""
+        self._colour = message
+        return self._paired()
+
+    def _paired(self) -> Picture | None:
+        colour = self._colour
+        if colour is None or self._info is None or stamp_of(colour) not in self._lasers:
+            return None
+        self._colour = None
+        return read_picture(colour, self._info, self._lasers[stamp_of(colour)])

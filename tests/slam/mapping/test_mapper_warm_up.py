@@ -3,7 +3,7 @@
 from numba.core.dispatcher import Dispatcher
 
 from waychair.slam.graph import block_cholesky, least_squares
-from waychair.slam.mapping.warm_up import warm_up
+from waychair.slam.mapping.mapper_warm_up import warm_up
 from waychair.slam.scan import reference_surfaces, relocaliser, scan_agreement, scan_matching, scan_points
 
 _INNER = {"_grown", "_normal", "_noise", "_score", "nearest_surface", "_turned_cells", "_block_score", "_keep", "_open"}

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from waychair.calibration.servo_camera import SERVO_CAMERA
+from waychair.calibration.servo_camera_mount import SERVO_CAMERA
 from waychair.errors import MessageError
 from waychair.recordings.bags import ros_messages
 from waychair.ros import topics
 from waychair.ros.messages import wire
-from waychair.ros.messages.servo_camera import (
+from waychair.ros.messages.servos import (
     pan_tilt_angles,
     pan_tilt_command,
     picture_messages,
