@@ -35,20 +35,23 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class EdgeArrays:
-    """E edges as arrays: nodes `i` and `j` (E,), `i_from_j` (E, 3), `information` (E, 3, 3), `loop` (E,) bool."""
+    """E edges as arrays: nodes `i` and `j` (E,), `i_from_j` (E, 3), `information` (E, 3, 3), and whether each edge is a
+    `loop` (E,) or one of unknown motion, `torn` (E,)."""
 
     i: IntArray
     j: IntArray
     i_from_j: FloatArray
     information: FloatArray
     loop: BoolArray
+    torn: BoolArray
 
     def __len__(self) -> int:
         return len(self.i)
 
     def take(self, kept: IntArray | slice) -> EdgeArrays:
         """Return some of the edges."""
-        return EdgeArrays(self.i[kept], self.j[kept], self.i_from_j[kept], self.information[kept], self.loop[kept])
+        own = (self.i, self.j, self.i_from_j, self.information, self.loop, self.torn)
+        return EdgeArrays(*(values[kept] for values in own))
 
 
 class EdgeTable:
@@ -82,7 +85,7 @@ class EdgeTable:
 
     def _put(self, rows: slice, edges: EdgeArrays) -> None:
         own = self._rows
-        own.i[rows], own.j[rows], own.loop[rows] = edges.i, edges.j, edges.loop
+        own.i[rows], own.j[rows], own.loop[rows], own.torn[rows] = edges.i, edges.j, edges.loop, edges.torn
         own.i_from_j[rows], own.information[rows] = edges.i_from_j, edges.information
 
 
@@ -94,6 +97,7 @@ def edge_arrays(edges: Sequence[Edge]) -> EdgeArrays:
         np.array([(e.i_from_j.x, e.i_from_j.y, e.i_from_j.theta) for e in edges]).reshape(-1, 3),
         np.array([edge.information for edge in edges]).reshape(-1, 3, 3),
         np.array([edge.kind is EdgeKind.LOOP for edge in edges], bool),
+        np.array([edge.kind is EdgeKind.UNKNOWN for edge in edges], bool),
     )
 
 

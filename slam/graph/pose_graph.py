@@ -14,7 +14,7 @@ import numpy as np
 
 from waychair.errors import GraphError
 from waychair.geometry import compose, invert
-from waychair.slam.graph.edges import Edge, EdgeKind, EdgeTable, chi_square
+from waychair.slam.graph.edges import Edge, EdgeArrays, EdgeKind, EdgeTable, chi_square
 from waychair.slam.graph.least_squares import PoseGraphProblem, is_tree
 from waychair.slam.graph.robust_optimisation import (
     LOOP_LIMIT,
@@ -66,6 +66,15 @@ class PoseGraph:
     def edges(self) -> tuple[Edge, ...]:
         """The accepted edges, which determine the poses."""
         return tuple(edge for k, edge in enumerate(self._edges) if k not in self._rejected)
+
+    @property
+    def edge_arrays(self) -> EdgeArrays:
+        """The accepted edges as arrays; valid until the next change."""
+        if not self._rejected:
+            return self._table.arrays
+        accepted = np.ones(len(self._edges), bool)
+        accepted[list(self._rejected)] = False
+        return self._table.arrays.take(np.flatnonzero(accepted))
 
     @property
     def rejected(self) -> tuple[RejectedLoop, ...]:
@@ -244,6 +253,4 @@ class PoseGraph:
 
     def _problem(self) -> PoseGraphProblem:
         """Return the problem of the accepted edges."""
-        accepted = np.ones(len(self._edges), bool)
-        accepted[list(self._rejected)] = False
-        return PoseGraphProblem(self._table.arrays.take(np.flatnonzero(accepted)), MATCH_KERNEL)
+        return PoseGraphProblem(self.edge_arrays, MATCH_KERNEL)
