@@ -18,6 +18,7 @@ from waychair.config import Settings, setting
 from waychair.geometry import pose_from_array, wrap_angles
 from waychair.slam.scan.reference_surfaces import LEVELS, ScanReference, Slots
 from waychair.slam.scan.scan_points import ScanPoints
+from waychair.slam.scan.small_systems import solved
 from waychair.types import Bytes, FloatArray, IntArray, Pose2
 
 WIDE, NARROW = 0.3, 0.1
@@ -500,8 +501,8 @@ def _refine(
         information[2, 1] = information[1, 2]
         away = pose - guess
         away[2] = wrapped(away[2])
-        pull = -(gradient + guess_information @ away)
-        step[:] = np.linalg.solve(information + guess_information + 1e-6 * np.eye(3), pull)
+        pull = -(gradient + (guess_information * away).sum(axis=1))
+        step[0], step[1], step[2] = solved(information + guess_information + 1e-6 * np.eye(3), pull)
         pose += step
         if kernel == NARROW and math.hypot(step[0], step[1]) < 1e-4 and abs(step[2]) < 1e-5:
             break
