@@ -25,7 +25,7 @@ from waychair.slam.graph.robust_optimisation import (
     Solution,
     solve,
 )
-from waychair.types import FloatArray
+from waychair.types import FloatArray, IntArray
 
 _STEPS = 6
 """Levenberg-Marquardt steps after new loops; a graph that needs more has a loop in doubt."""
@@ -35,6 +35,9 @@ _REVIEW = 4
 
 _NODES_A_JUDGEMENT = 50
 """After a solution of the whole graph that rejected loops, the next may come when the graph has grown by one fiftieth."""
+
+_NODES_AN_ORDER = 20
+"""A new order of elimination is sought when the graph has grown by one twentieth."""
 
 
 class PoseGraph:
@@ -61,6 +64,8 @@ class PoseGraph:
         self._parked: set[int] = set()  # rejected loops that no solution has judged yet
         self._judge_at = 0  # number of nodes from which loops in doubt are judged again
         self._cost = 0.0  # sum of robust chi-squares at the last solution
+        self._order: IntArray | None = None  # in which the nodes after the first are eliminated
+        self._order_until = 0  # number of nodes from which a better order is sought
 
     @property
     def edges(self) -> tuple[Edge, ...]:
@@ -236,11 +241,16 @@ class PoseGraph:
         """Solve the accepted edges from the present poses; return False if that fails, or a new loop stays in doubt."""
         if not self._is_solved:
             return False
-        problem, before = self._problem(), self._cost
+        count, before = len(self.poses), self._cost
+        if count >= self._order_until:
+            self._order = None
+        problem = self._problem()
         try:
             self.poses = problem.solve(self.poses, iterations=_STEPS)
         except GraphError:
             return False
+        if self._order is None:
+            self._order, self._order_until = problem.elimination_order, count + count // _NODES_AN_ORDER + 1
         fresh, self._known_edges = self._table.arrays.take(slice(self._known_edges, None)), len(self._edges)
         self._cost = problem.cost(self.poses)
         if self._cost - before > REJECTION_COST:
@@ -253,4 +263,4 @@ class PoseGraph:
 
     def _problem(self) -> PoseGraphProblem:
         """Return the problem of the accepted edges."""
-        return PoseGraphProblem(self.edge_arrays, MATCH_KERNEL)
+        return PoseGraphProblem(self.edge_arrays, MATCH_KERNEL, self._order)
