@@ -51,8 +51,9 @@ class EdgeArrays:
 
     def take(self, kept: IntArray | slice) -> EdgeArrays:
         """Return some of the edges."""
-        own = (self.i, self.j, self.i_from_j, self.information, self.loop, self.torn)
-        return EdgeArrays(*(values[kept] for values in own))
+        return EdgeArrays(
+            self.i[kept], self.j[kept], self.i_from_j[kept], self.information[kept], self.loop[kept], self.torn[kept]
+        )
 
 
 class EdgeTable:
