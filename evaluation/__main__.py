@@ -67,6 +67,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "coreslam": logs.coreslam,
     "sim_mapping": mapping.sim_mapping,
     "growth": mapping.growth,
+    "growth_large": mapping.growth_large,
     "live_grid": live_grid.live_grid,
     "carried": mapping.carried,
     "corruptions": corruptions.corruptions,

@@ -20,6 +20,7 @@ import numpy as np
 from waychair.config import Settings, setting
 from waychair.errors import NoScans, RecordingError, RecordingUnknown
 from waychair.files import write_text
+from waychair.geometry import quaternions, rotations
 from waychair.recordings.bags.bag_parts import BagFiles
 from waychair.recordings.bags.bag_settings import NOT_USED, BagSettings
 from waychair.recordings.other_files import likely_kind
@@ -263,9 +264,7 @@ def write_tum(path: Path, trajectory: Trajectory | Trajectory3) -> None:
     """
     lines = []
     if isinstance(trajectory, Trajectory3):
-        from scipy.spatial.transform import Rotation
-
-        turns = Rotation.from_matrix(trajectory.rotations).as_quat() if len(trajectory.stamps_ns) else ()
+        turns = quaternions(trajectory.rotations)
         for stamp_ns, position, turn in zip(trajectory.stamps_ns.tolist(), trajectory.positions, turns, strict=True):
             numbers = " ".join(f"{value:.9f}" for value in (*position, *turn))
             lines.append(f"{_text_from_stamp(stamp_ns)} {numbers}\n")
@@ -301,11 +300,8 @@ def read_tum_in_space(path: Path) -> Trajectory3:
         RecordingNotFound: the file does not exist.
         RecordingDamaged: a line does not hold eight finite numbers with a quaternion in the last four.
     """
-    from scipy.spatial.transform import Rotation
-
     stamps, table = read_pose_rows(path)
-    turns = Rotation.from_quat(table[:, 3:]).as_matrix() if len(table) else np.zeros((0, 3, 3))
-    return Trajectory3(stamps, turns, table[:, :3])
+    return Trajectory3(stamps, rotations(table[:, 3:]), table[:, :3])
 
 
 def _text_from_stamp(stamp_ns: int) -> str:

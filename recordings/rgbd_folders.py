@@ -26,6 +26,7 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError, RecordingDamaged, RecordingNotFound
+from waychair.geometry import rotations
 from waychair.recordings.picture_doubts import (
     SAMPLE,
     DepthSample,
@@ -337,9 +338,7 @@ def _plain_rows(path: Path) -> list[tuple[str, ...]]:
 
 
 def _tum_truth(path: Path) -> Trajectory3:
-    from scipy.spatial.transform import Rotation
-
     if not path.is_file():
         raise RecordingNotFound(f"there are no true poses at {path}")
     stamps, table = read_pose_rows(path)
-    return Trajectory3(stamps, Rotation.from_quat(table[:, 3:]).as_matrix(), table[:, :3])
+    return Trajectory3(stamps, rotations(table[:, 3:]), table[:, :3])

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from waychair.geometry import (
     arc,
@@ -19,8 +20,10 @@ from waychair.geometry import (
     invert,
     limit_slope,
     pose_from_array,
+    quaternions,
     rectangle,
     rotation,
+    rotations,
     transform_points,
     wrap_angle,
     wrap_angles,
@@ -139,3 +142,14 @@ def test_an_eased_profile_is_the_least_that_any_place_allows(places: list[tuple[
     rise = np.cumsum(steps)
     allowed = most[None] + np.abs(rise[:, None] - rise[None])
     assert limit_slope(most, rise) == pytest.approx(allowed.min(axis=1), abs=1e-9)
+
+
+def test_quaternions_and_rotations_are_those_of_scipy_with_each_component_the_largest() -> None:
+    drawn = np.concatenate([np.eye(4), np.random.default_rng(0).normal(size=(200, 4))])
+    turns = Rotation.from_quat(drawn)
+    assert np.allclose(rotations(3.0 * drawn), turns.as_matrix(), atol=1e-14)
+    back = quaternions(turns.as_matrix())
+    assert np.allclose(np.abs((back * turns.as_quat()).sum(axis=1)), 1.0, atol=1e-14)
+    assert (back[np.arange(len(back)), np.abs(back).argmax(axis=1)] > 0).all()
+    assert quaternions(np.zeros((0, 3, 3))).shape == (0, 4)
+    assert rotations(np.zeros((0, 4))).shape == (0, 3, 3)

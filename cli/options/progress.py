@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from functools import cache
 from typing import TYPE_CHECKING
 
+from waychair.kernel_cache import load_lightly
+
 if TYPE_CHECKING:
     from rich.console import Console
     from rich.progress import Progress
@@ -18,9 +20,13 @@ LINE_EVERY_S = 10.0
 """Time [s] between two lines about a stage where standard error is no terminal."""
 
 
+_TELLING = 0.05  # share from which the time left is told: before, kernels are compiled, and it would be hours
+
+
 @cache
 def announce_compiling() -> None:
     """Say on standard error, at the first kernel that has to be compiled, that this happens once; later calls do nothing."""
+    load_lightly()
     from numba.core import event
 
     class FirstCompilation(event.Listener):
@@ -71,7 +77,7 @@ def _lines_of(say: Callable[[str], None], name: str) -> Callable[[float], None]:
         if now - last < LINE_EVERY_S:
             return
         last = now
-        left = f", about {_spoken((now - began) * (1.0 - share) / share)} left" if 0.0 < share < 1.0 else ""
+        left = f", about {_spoken((now - began) * (1.0 - share) / share)} left" if _TELLING <= share < 1.0 else ""
         say(f"{name}: {100.0 * share:.0f} %{left}")
 
     return show

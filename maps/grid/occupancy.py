@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
@@ -20,6 +21,7 @@ from waychair.config import Settings, setting
 from waychair.errors import GridTooLarge, MapError
 from waychair.geometry import wrap_angles
 from waychair.maps.grid.cells import MOST_CELLS, OCCUPIED_FROM
+from waychair.maps.grid.evidence_tiles import SHIFT, SIDE, Evidence, EvidenceTiles, part_inside
 from waychair.types import (
     UNKNOWN,
     BoolArray,
@@ -36,7 +38,6 @@ _SKIP, _FREE, _HIT = 0, 1, 2  # kinds of beams: no information, free up to its e
 
 _UNIT = 4096  # steps of evidence per unit of natural log-odds: int32 holds that of half a million scans
 _ENDLESS = 2**30  # evidence that no cell reaches
-_SPARE = 2000  # cells added on each side where the grid grows (100 m); untouched ones take no memory
 _BATCH = 64  # scans drawn at once, to limit memory
 
 PROB_HIT, PROB_MISS = 0.7, 0.4
@@ -49,7 +50,6 @@ MARGIN = 10
 """Unknown cells round the known ones of a finished grid."""
 
 _Kinds = NDArray[np.int8]
-_Evidence = NDArray[np.int32]
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +88,7 @@ class EvidenceGrid:
         self._percent = _percent(self._least, self._most)
         self._limits = (self._least, self._most) if forgets else (-_ENDLESS, _ENDLESS)
         self._box = np.zeros((2, 2), np.int64)  # first column and row in use, and the ones after the last
-        self._low = np.zeros(2, np.int64)  # column and row of the first cell of the array
-        self._evidence = np.zeros((0, 0), np.int32)
+        self._tiles = EvidenceTiles()
 
     @property
     def area(self) -> FloatArray:
@@ -98,7 +97,11 @@ class EvidenceGrid:
 
     def occupied(self) -> BoolArray:
         """Return which cells (H, W) are occupied, by the limit of `grid.occupied`."""
-        result: BoolArray = self._evidence[self._window()] >= round(_log_odds(OCCUPIED_FROM / 100.0) * _UNIT)
+        low, high = self._box
+        result = np.zeros((high - low)[::-1], np.bool_)
+        for first, evidence in self._tiles.tiles():
+            rows, cols, to_rows, to_cols = part_inside(first, low, high)
+            result[to_rows, to_cols] = evidence[rows, cols] >= round(_log_odds(OCCUPIED_FROM / 100.0) * _UNIT)
         return result
 
     def add(self, first: FloatArray, last: FloatArray, scans: Sequence[Scan]) -> None:
@@ -128,9 +131,12 @@ class EvidenceGrid:
         if not len(cells):
             return
         self._include_cells(cells.min(axis=0), cells.max(axis=0) + 1)
-        cols, rows = (cells - self._low).T
+        tiles, inside = self._tiles, cells - self._tiles.low
+        corners = np.unique(inside // SIDE, axis=0) * SIDE
+        tiles.reserve(corners, corners)
         amounts = np.where(hits, self._hit, self._miss).astype(np.int32)
-        _put(self._evidence, rows, cols, -amounts if remove else amounts, *self._limits)
+        cols, rows = inside.T
+        _put(tiles.table, tiles.pool, tiles.used, rows, cols, -amounts if remove else amounts, *self._limits)
 
     def beams(self, scan: Scan) -> int:
         """Return how many beams a scan has, the cost of adding it."""
@@ -153,7 +159,7 @@ class EvidenceGrid:
     def _include_cells(self, low: FloatArray | IntArray, high: FloatArray | IntArray) -> None:
         """Grow until the cells from `low` (2,), column and row, to before `high` are inside."""
         box = np.array([low, high], np.float64)
-        if self._evidence.size:
+        if self._tiles.table.size:
             box = np.array([np.minimum(box[0], self._box[0]), np.maximum(box[1], self._box[1])])
         width, height = (box[1] - box[0]).tolist()
         if not (width + 2 * MARGIN) * (height + 2 * MARGIN) <= MOST_CELLS:
@@ -162,18 +168,18 @@ class EvidenceGrid:
                 f"the map would be {width * cell:.6g} x {height * cell:.6g} m, more than the {MOST_CELLS} cells of {cell:g} m "
                 f"that can be planned on: check the poses for jumps, or give larger cells, such as --resolution {2 * cell:g}"
             )
-        self._hold(box.astype(np.int64))
+        self._box = box.astype(np.int64)
+        self._tiles.hold(*self._box)
 
     def grid(self) -> OccupancyGrid:
         """Return a copy of the known cells with a margin; it does not depend on where the grid began to grow."""
         resolution = self.settings.resolution
-        used = self._evidence[self._window()]
-        rows, cols = _extent(used)
-        known = used[rows, cols]
-        cells = np.full((known.shape[0] + 2 * MARGIN, known.shape[1] + 2 * MARGIN), UNKNOWN, np.int8)
-        inner = slice(MARGIN, cells.shape[0] - MARGIN), slice(MARGIN, cells.shape[1] - MARGIN)
-        _read(cells[inner], known, self._percent, self._least)
-        low = self._box[0] + np.array([cols.start, rows.start]) - MARGIN
+        low, high = self._tiles.extent()
+        low, high = low - MARGIN, high + MARGIN
+        cells = np.full((high - low)[::-1], UNKNOWN, np.int8)
+        for first, evidence in self._tiles.tiles():
+            rows, cols, to_rows, to_cols = part_inside(first, low, high)
+            _read(cells[to_rows, to_cols], evidence[rows, cols], self._percent, self._least)
         x, y = (low * resolution).tolist()
         return OccupancyGrid(cells, resolution, Pose2(x, y, 0.0))
 
@@ -186,33 +192,16 @@ class EvidenceGrid:
         """
         result = EvidenceGrid(self.settings)
         for part in (self, newer):
-            if not part._evidence.size:
+            if not part._tiles.table.size:
                 continue
             result._include_cells(part._box[0], part._box[1])
-            left, down = part._box[0] - result._low
-            own = part._evidence[part._window()]
-            under = result._evidence[down : down + own.shape[0], left : left + own.shape[1]]
-            total = (np.clip(under, self._least, self._most) if limited else under) + own
-            total[total == 0] = -1  # opposite evidence that cancels out is still known
-            under[own != 0] = total[own != 0]
+            for first, own in part._tiles.tiles():
+                result._tiles.hold(first, first + SIDE)
+                under = result._tiles.tile(first)
+                total = (np.clip(under, self._least, self._most) if limited else under) + own
+                total[total == 0] = -1  # opposite evidence that cancels out is still known
+                under[own != 0] = total[own != 0]
         return result
-
-    def _hold(self, box: IntArray) -> None:
-        """Make room for the cells of a box, which contains the one in use."""
-        end = self._low + self._evidence.shape[::-1]
-        if not self._evidence.size or (box[0] < self._low).any() or (box[1] > end).any():
-            used = self._evidence[self._window()]
-            self._low = box[0] - _SPARE
-            width, height = (box[1] + _SPARE - self._low).tolist()
-            self._evidence = np.zeros((height, width), np.int32)
-            if used.size:
-                self._evidence[self._window()] = used
-        self._box = box
-
-    def _window(self) -> tuple[slice, slice]:
-        """Return rows and columns of the array that are in use."""
-        (left, down), (right, up) = (self._box - self._low).tolist()
-        return slice(down, up), slice(left, right)
 
     def _cast(self, first: FloatArray, last: FloatArray, scans: Sequence[Scan], hit: int, miss: int) -> None:
         if not scans:
@@ -223,12 +212,17 @@ class EvidenceGrid:
         seen = np.concatenate([middles, ends[kinds != _SKIP]])
         self.include(seen.min(axis=0), seen.max(axis=0))
         first_beam = np.concatenate([[0], np.cumsum([len(scan.ranges) for scan in scans])])
-        origins, end_cells = self._cells(middles), self._cells(ends)
-        _draw(self._evidence, origins, end_cells, kinds, first_beam, hit, miss, *self._limits)
+        origins, end_cells, tiles = self._cells(middles), self._cells(ends), self._tiles
+        drawn = [end_cells[begin:end][kinds[begin:end] != _SKIP] for begin, end in pairwise(first_beam.tolist())]
+        every = [np.concatenate([own, origins[k : k + 1]]) for k, own in enumerate(drawn)]
+        tiles.reserve(np.array([own.min(axis=0) for own in every]), np.array([own.max(axis=0) for own in every]))
+        _draw(
+            tiles.table, tiles.pool, tiles.used, origins, end_cells, kinds, first_beam, hit, miss, *self._limits
+        )  # fmt: skip
 
     def _cells(self, points: FloatArray) -> IntArray:
-        """Return column and row (N, 2) of points (N, 2) [m] in the array."""
-        cells: IntArray = np.floor(points / self.settings.resolution).astype(np.int64) - self._low
+        """Return column and row (N, 2) of points (N, 2) [m], from the first cell of the tiles on."""
+        cells: IntArray = np.floor(points / self.settings.resolution).astype(np.int64) - self._tiles.low
         return cells
 
 
@@ -346,16 +340,35 @@ def _trace_ends(
 
 
 @njit(cache=True, nogil=True)
-def _put(evidence: _Evidence, rows: IntArray, cols: IntArray, amounts: _Evidence, least: int, most: int) -> None:
+def _put(
+    table: Evidence, pool: Evidence, used: IntArray, rows: IntArray, cols: IntArray, amounts: Evidence, least: int,
+    most: int,
+) -> None:  # fmt: skip
     """Add an amount to each cell, within the limits."""
     for i in range(len(rows)):
-        row, col = rows[i], cols[i]
-        evidence[row, col] = min(most, max(least, evidence[row, col] + amounts[i]))
+        _change(table, pool, used, rows[i], cols[i], amounts[i], least, most)
+
+
+@njit(cache=True, nogil=True)
+def _change(
+    table: Evidence, pool: Evidence, used: IntArray, row: int, col: int, amount: int, least: int, most: int
+) -> None:
+    """Add an amount to the evidence of a cell, within the limits; a tile is taken into use where there is none yet."""
+    down, across = row >> SHIFT, col >> SHIFT
+    number = table[down, across]
+    if number == 0:
+        used[0] += 1
+        number = used[0]
+        table[down, across] = number
+    r, c = row & (SIDE - 1), col & (SIDE - 1)
+    pool[number, r, c] = min(most, max(least, pool[number, r, c] + amount))
 
 
 @njit(cache=True, nogil=True)
 def _draw(
-    evidence: _Evidence,
+    table: Evidence,
+    pool: Evidence,
+    used: IntArray,
     origins: IntArray,
     ends: IntArray,
     kinds: _Kinds,
@@ -386,7 +399,7 @@ def _draw(
                 mark = (y - low_y) * width + x - low_x
                 if marks[mark] == 0:
                     marks[mark] = _HIT
-                    evidence[y, x] = min(most, evidence[y, x] + hit)
+                    _change(table, pool, used, y, x, hit, least, most)
         for beam in range(first_beam[scan], first_beam[scan + 1]):
             if kinds[beam] == _SKIP:
                 continue
@@ -400,7 +413,7 @@ def _draw(
             while marks[mark] != _HIT:
                 if marks[mark] == 0:
                     marks[mark] = _FREE
-                    evidence[y, x] = max(least, evidence[y, x] + miss)
+                    _change(table, pool, used, y, x, miss, least, most)
                 if x == to_x and y == to_y:
                     break
                 twice = 2 * error
@@ -414,16 +427,8 @@ def _draw(
                     mark += step_y * width
 
 
-def _extent(evidence: _Evidence) -> tuple[slice, slice]:
-    """Return rows and columns of the box of known cells; the first cell if none is known."""
-    rows, cols = (np.flatnonzero(np.any(evidence, axis=axis)) for axis in (1, 0))
-    if not len(rows):
-        return slice(0, 1), slice(0, 1)
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
-
-
 @njit(cache=True, nogil=True)
-def _read(cells: Cells, evidence: _Evidence, percent: Cells, least: int) -> None:
+def _read(cells: Cells, evidence: Evidence, percent: Cells, least: int) -> None:
     """Look up each cell's percent, with its evidence clipped to the limits."""
     most = least + len(percent) - 1
     for row in range(len(cells)):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 
+import cv2
 import numpy as np
-from scipy import ndimage
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import GoalOccupied, GoalOutsideMap, StartOccupied, StartOutsideMap
@@ -105,7 +105,7 @@ def _nearest_room(costmap: Costmap, goal: Pose2, start: Pose2 | None) -> tuple[f
     found = _passable_by_distance(costmap, goal, _NEAREST)
     cells = np.array(found, np.int64).reshape(-1, 2)
     if start is not None and (begin := cell_at(costmap, start)) is not None and costmap.prices[begin]:
-        numbers, _ = ndimage.label(costmap.prices != 0)
+        _, numbers = cv2.connectedComponents((costmap.prices != 0).astype(np.uint8), connectivity=4)
         cells = cells[numbers[tuple(cells.T)] == numbers[begin]]
     turns = (
         costmap.clearance[tuple(cells.T)] > costmap.body.circumscribed_radius + PLANNED_TURN + costmap.grid.resolution

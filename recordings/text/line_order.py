@@ -73,21 +73,17 @@ def _stepping_back(stamps: Sequence[int]) -> list[str]:
 
 
 def _without_doubles(frames: Sequence[SensorFrame]) -> list[SensorFrame]:
-    seen: dict[int, list[SensorFrame]] = {}
+    """Return the frames without those whose stamp, ranges and odometry have come before; stamps alone may stand still."""
+    seen: dict[tuple[int, bytes], list[SensorFrame]] = {}
     kept = []
     for frame in frames:
-        same = seen.setdefault(frame.stamp_ns, [])
-        if any(_equal(frame, other) for other in same):
-            continue
-        same.append(frame)
+        if frame.scan is not None:
+            same = seen.setdefault((frame.stamp_ns, frame.scan.ranges.tobytes()), [])
+            if any(frame.wheels == other.wheels for other in same):
+                continue
+            same.append(frame)
         kept.append(frame)
     return kept
-
-
-def _equal(one: SensorFrame, other: SensorFrame) -> bool:
-    if one.scan is None or other.scan is None:
-        return False
-    return np.array_equal(one.scan.ranges, other.scan.ranges, equal_nan=True) and one.wheels == other.wheels
 
 
 def _ascent(stamps: Sequence[int]) -> list[int]:

@@ -41,11 +41,21 @@ class Structure:
         return found
 
 
-def structure_of(i: IntArray, j: IntArray, count: int) -> Structure:
+def structure_of(i: IntArray, j: IntArray, count: int, known: IntArray | None = None) -> Structure:
     """Return the structure of the factor of a matrix of `count` block rows with a block for each pair i (E,), j (E,), and on
-    the diagonal; pairs with a number below 0 count for nothing."""
+    the diagonal; pairs with a number below 0 count for nothing.
+
+    With the order `known` (K,) of the first K rows of a similar matrix, K <= count, that order is kept and the other rows
+    follow: this is much faster, and the factor has a few more blocks.
+    """
     inside = (i >= 0) & (j >= 0) & (i != j)
     a, b = np.concatenate([i[inside], j[inside]]), np.concatenate([j[inside], i[inside]])
+    if known is not None:
+        order = np.concatenate([known, np.arange(len(known), count)])
+        position = np.empty(count, np.int64)
+        position[order] = np.arange(count)
+        starts, rows = _in_order(position[a], position[b], count)
+        return Structure(order, position, starts, rows)
     pairs = np.unique(a * count + b)
     ends = np.searchsorted(pairs, np.arange(count + 1) * count)
     order, starts, rows = _eliminated(ends, pairs % max(count, 1), count)
@@ -146,6 +156,50 @@ def _eliminated(ends: IntArray, neighbours: IntArray, count: int) -> tuple[IntAr
                 previous[head[kept]] = other
             head[kept] = other
     return order, starts, rows[: starts[count]].copy()
+
+
+@njit(cache=True)
+def _in_order(a: IntArray, b: IntArray, count: int) -> tuple[IntArray, IntArray]:
+    """Return the structure (starts, rows) of the factor for the given order; `a` and `b` are positions of joined rows.
+
+    The rows of a column are those that it is joined with, and those of the columns on the left whose first row it is.
+    """
+    ends = np.zeros(count + 1, np.int64)
+    for k in range(len(a)):
+        ends[a[k] + 1] += 1
+    for k in range(count):
+        ends[k + 1] += ends[k]
+    filled, others = ends[:-1].copy(), np.empty(len(a), np.int64)
+    for k in range(len(a)):
+        others[filled[a[k]]] = b[k]
+        filled[a[k]] += 1
+    starts, rows, marks = np.zeros(count + 1, np.int64), np.empty(max(64, 2 * len(a)), np.int64), np.full(count, -1)
+    child, following = np.full(count, -1), np.full(count, -1)
+    for column in range(count):
+        begin = starts[column]
+        used = begin
+        if used + count > len(rows):
+            rows = _grown(rows, used, used + count)
+        marks[column] = column
+        for k in range(ends[column], ends[column + 1]):
+            if others[k] > column and marks[others[k]] != column:
+                marks[others[k]] = column
+                rows[used] = others[k]
+                used += 1
+        left = child[column]
+        while left >= 0:
+            for k in range(starts[left] + 1, starts[left + 1]):  # the first is this column
+                if marks[rows[k]] != column:
+                    marks[rows[k]] = column
+                    rows[used] = rows[k]
+                    used += 1
+            left = following[left]
+        rows[begin:used] = np.sort(rows[begin:used])
+        starts[column + 1] = used
+        if used > begin:
+            parent = rows[begin]
+            following[column], child[parent] = child[parent], column
+    return starts, rows[: starts[count]].copy()
 
 
 @njit(cache=True)

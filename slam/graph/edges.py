@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
-from waychair.geometry import compose, invert
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2
 
 
@@ -35,20 +36,24 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class EdgeArrays:
-    """E edges as arrays: nodes `i` and `j` (E,), `i_from_j` (E, 3), `information` (E, 3, 3), `loop` (E,) bool."""
+    """E edges as arrays: nodes `i` and `j` (E,), `i_from_j` (E, 3), `information` (E, 3, 3), and whether each edge is a
+    `loop` (E,) or one of unknown motion, `torn` (E,)."""
 
     i: IntArray
     j: IntArray
     i_from_j: FloatArray
     information: FloatArray
     loop: BoolArray
+    torn: BoolArray
 
     def __len__(self) -> int:
         return len(self.i)
 
     def take(self, kept: IntArray | slice) -> EdgeArrays:
         """Return some of the edges."""
-        return EdgeArrays(self.i[kept], self.j[kept], self.i_from_j[kept], self.information[kept], self.loop[kept])
+        return EdgeArrays(
+            self.i[kept], self.j[kept], self.i_from_j[kept], self.information[kept], self.loop[kept], self.torn[kept]
+        )
 
 
 class EdgeTable:
@@ -82,7 +87,7 @@ class EdgeTable:
 
     def _put(self, rows: slice, edges: EdgeArrays) -> None:
         own = self._rows
-        own.i[rows], own.j[rows], own.loop[rows] = edges.i, edges.j, edges.loop
+        own.i[rows], own.j[rows], own.loop[rows], own.torn[rows] = edges.i, edges.j, edges.loop, edges.torn
         own.i_from_j[rows], own.information[rows] = edges.i_from_j, edges.information
 
 
@@ -94,6 +99,7 @@ def edge_arrays(edges: Sequence[Edge]) -> EdgeArrays:
         np.array([(e.i_from_j.x, e.i_from_j.y, e.i_from_j.theta) for e in edges]).reshape(-1, 3),
         np.array([edge.information for edge in edges]).reshape(-1, 3, 3),
         np.array([edge.kind is EdgeKind.LOOP for edge in edges], bool),
+        np.array([edge.kind is EdgeKind.UNKNOWN for edge in edges], bool),
     )
 
 
@@ -105,18 +111,37 @@ def residuals(poses: FloatArray, edges: Sequence[Edge] | EdgeArrays) -> FloatArr
     millimetres between the two become hundreds of sigmas.
     """
     a = edges if isinstance(edges, EdgeArrays) else edge_arrays(edges)
-    away = compose(invert(a.i_from_j), compose(invert(poses[a.i]), poses[a.j]))
-    half = away[:, 2] / 2
-    small = np.abs(half) < 1e-6
-    along = np.where(small, 1.0, half / np.tan(np.where(small, 1.0, half)))
-    x = along * away[:, 0] + half * away[:, 1]
-    y = along * away[:, 1] - half * away[:, 0]
-    return np.stack([x, y, away[:, 2]], axis=1)
+    return _residuals(poses, a.i, a.j, a.i_from_j, a.information)[0]
 
 
 def chi_square(poses: FloatArray, edges: Sequence[Edge] | EdgeArrays) -> FloatArray:
     """Return the squared Mahalanobis length (E,) of the residuals (3 degrees of freedom)."""
     a = edges if isinstance(edges, EdgeArrays) else edge_arrays(edges)
-    away = residuals(poses, a)
-    result: FloatArray = np.einsum("ei,eij,ej->e", away, a.information, away)
-    return result
+    return _residuals(poses, a.i, a.j, a.i_from_j, a.information)[1]
+
+
+@njit(cache=True)
+def _residuals(
+    poses: FloatArray, i: IntArray, j: IntArray, measured: FloatArray, information: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the residuals (E, 3) and their squared Mahalanobis lengths (E,)."""
+    away, lengths = np.empty((len(i), 3)), np.empty(len(i))
+    for e in range(len(i)):
+        c, s = math.cos(poses[i[e], 2]), math.sin(poses[i[e], 2])
+        dx, dy = poses[j[e], 0] - poses[i[e], 0], poses[j[e], 1] - poses[i[e], 1]
+        bx, by = c * dx + s * dy - measured[e, 0], c * dy - s * dx - measured[e, 1]
+        c, s = math.cos(measured[e, 2]), math.sin(measured[e, 2])
+        gx, gy = c * bx + s * by, c * by - s * bx
+        w = poses[j[e], 2] - poses[i[e], 2] - measured[e, 2]
+        w -= 2.0 * math.pi * math.floor((w + math.pi) / (2.0 * math.pi))
+        half = 0.5 * w
+        along = 1.0 if abs(half) < 1e-6 else half / math.tan(half)
+        x, y = along * gx + half * gy, along * gy - half * gx
+        away[e, 0], away[e, 1], away[e, 2] = x, y, w
+        own = information[e]
+        lengths[e] = (
+            x * (own[0, 0] * x + own[0, 1] * y + own[0, 2] * w)
+            + y * (own[1, 0] * x + own[1, 1] * y + own[1, 2] * w)
+            + w * (own[2, 0] * x + own[2, 1] * y + own[2, 2] * w)
+        )
+    return away, lengths

@@ -23,16 +23,21 @@ _PLAIN, _HUBER, _SWITCHED = 0, 1, 2  # kernels of an edge: none, Huber's, dynami
 _FIRST_DAMPING, _MOST_DAMPING, _DAMPING_STEP = 1e-5, 1e5, 10.0  # added to the diagonal [1/m^2], [1/rad^2]
 _LEAST_FIDELITY = 1e-3  # least share of the expected gain for which a step is taken
 _LEAST_GAIN = 1e-5  # relative, and absolute; a step that gains less is the last
+_FORESEEN = (
+    0.1  # share of the least gain; if the step gained what the equations said up to this, the next one gains less
+)
 
 
 class PoseGraphProblem:
     """One graph to be solved: node 0 fixed, and a Huber kernel of `match_kernel` [sigma] on every edge except loops.
 
-    With `match_kernel` None there is no kernel.
+    With `match_kernel` None there is no kernel. `order` is that of an earlier problem of the same graph (`elimination_order`),
+    which had fewer nodes and edges.
     """
 
-    def __init__(self, edges: EdgeArrays, match_kernel: float | None) -> None:
+    def __init__(self, edges: EdgeArrays, match_kernel: float | None, order: IntArray | None = None) -> None:
         self.edges = edges
+        self._known_order = order
         self._width = math.inf if match_kernel is None else match_kernel
         self._kernels = np.where(edges.loop, _PLAIN, _HUBER if match_kernel is not None else _PLAIN)
         self._structures: dict[bytes, tuple[Structure, IntArray]] = {}  # of the latest set of edges
@@ -120,12 +125,17 @@ class PoseGraphProblem:
         share: FloatArray = (first @ solved[i] + second @ solved[j]).reshape(columns.size, columns.size)
         return np.einsum("eij,ej->ei", whitening, away).ravel(), share
 
+    @property
+    def elimination_order(self) -> IntArray | None:
+        """The order (N - 1,) in which the nodes after the first were eliminated last; None before a solution."""
+        return next((structure.order for structure, _ in self._structures.values()), None)
+
     def _structure(self, kept: BoolArray, count: int) -> tuple[Structure, IntArray]:
         """Return the structure of the equations of the kept edges, and the block of each edge; node 0 is no unknown."""
         name = kept.tobytes()
         if name not in self._structures:
             i, j = np.where(kept, self.edges.i - 1, -1), np.where(kept, self.edges.j - 1, -1)
-            structure = structure_of(i, j, count - 1)
+            structure = structure_of(i, j, count - 1, self._known_order)
             self._structures = {name: (structure, structure.slots(i, j))}
         return self._structures[name]
 
@@ -158,7 +168,7 @@ class PoseGraphProblem:
         cost = self._cost(present, weights, kernels, scale)
         for _ in range(iterations if len(poses) > 1 else 0):
             structure, diagonal, below, right = self._equations(present, weights, kernels, scale)
-            before = cost
+            before, unforeseen = cost, math.inf
             while damping < _MOST_DAMPING:
                 step = _step(structure, diagonal + damping * np.eye(3), below, right)
                 if step is None and not damped:
@@ -169,6 +179,7 @@ class PoseGraphProblem:
                     new = self._cost(tried, weights, kernels, scale)
                     gain = 0.5 * float((step * right).sum() + damping * (step**2).sum())
                     if not damped or (gain > 0 and cost - new > _LEAST_FIDELITY * gain):
+                        unforeseen = abs(cost - new - gain)
                         present, cost, damping = tried, new, damping / _DAMPING_STEP
                         break
                     if abs(cost - new) < _LEAST_GAIN * cost:
@@ -176,7 +187,8 @@ class PoseGraphProblem:
                 damping *= _DAMPING_STEP
             if not math.isfinite(cost):
                 raise _unsolvable(poses)
-            if before - cost <= max(_LEAST_GAIN * before, _LEAST_GAIN):
+            least = max(_LEAST_GAIN * before, _LEAST_GAIN)
+            if before - cost <= least or (damped and unforeseen <= _FORESEEN * least):
                 break
         return present
 

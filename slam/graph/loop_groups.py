@@ -23,8 +23,6 @@ def loop_groups(poses: FloatArray, edges: EdgeArrays) -> IntArray:
 
     The short ways between the ends of two loops are taken from the poses (N, 3).
     """
-    from scipy.spatial import cKDTree
-
     groups = np.full(len(edges), -1, np.int64)
     loops = np.flatnonzero(edges.loop)
     if not len(loops):
@@ -33,10 +31,7 @@ def loop_groups(poses: FloatArray, edges: EdgeArrays) -> IntArray:
     low, high = np.minimum(edges.i, edges.j)[loops], np.maximum(edges.i, edges.j)[loops]
     measured = edges.i_from_j[loops]
     low_from_high = np.where(flipped[:, None], invert(measured), measured)
-    ends = np.stack([low, high], axis=1)
-    _, others = cKDTree(ends).query(ends, min(_COMPARED, len(loops)), p=np.inf, distance_upper_bound=_NEAR + 0.5)
-    a = np.repeat(np.arange(len(loops)), others.size // len(loops))
-    a, b = a[others.ravel() < len(loops)], others.ravel()[others.ravel() < len(loops)]
+    a, b = _near_pairs(low, high)
     to_low = compose(invert(poses[low[b]]), poses[low[a]])
     to_high = compose(invert(poses[high[a]]), poses[high[b]])
     away = compose(invert(low_from_high[b]), compose(compose(to_low, low_from_high[a]), to_high))
@@ -45,6 +40,23 @@ def loop_groups(poses: FloatArray, edges: EdgeArrays) -> IntArray:
     a, b = a[against < _AGREE], b[against < _AGREE]
     groups[loops] = connected_parts(a, b, len(loops))
     return groups
+
+
+def _near_pairs(low: IntArray, high: IntArray) -> tuple[IntArray, IntArray]:
+    """Return the pairs (P,), (P,) of loops whose ends, low (L,) and high (L,), are near: for each loop the nearest ones."""
+    order = np.argsort(low, kind="stable")
+    first, end = (
+        np.searchsorted(low[order], low + reach, side) for reach, side in ((-_NEAR, "left"), (_NEAR, "right"))
+    )
+    a = np.repeat(np.arange(len(low)), end - first)
+    within = np.arange(len(a)) - np.repeat(np.cumsum(end - first) - (end - first), end - first)
+    b = order[first[a] + within]
+    away = np.maximum(np.abs(low[a] - low[b]), np.abs(high[a] - high[b]))
+    a, b, away = a[away <= _NEAR], b[away <= _NEAR], away[away <= _NEAR]
+    nearest = np.lexsort((away, a))
+    a, b = a[nearest], b[nearest]
+    rank = np.arange(len(a)) - np.searchsorted(a, a)
+    return a[rank < _COMPARED], b[rank < _COMPARED]
 
 
 def group_cost(groups: IntArray, left_out: IntArray, single: float) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 
 from waychair.errors import GraphError
 from waychair.geometry import compose, invert
-from waychair.slam.graph.edges import Edge, EdgeKind, EdgeTable, chi_square
+from waychair.slam.graph.edges import Edge, EdgeArrays, EdgeKind, EdgeTable, chi_square
 from waychair.slam.graph.least_squares import PoseGraphProblem, is_tree
 from waychair.slam.graph.robust_optimisation import (
     LOOP_LIMIT,
@@ -25,7 +25,7 @@ from waychair.slam.graph.robust_optimisation import (
     Solution,
     solve,
 )
-from waychair.types import FloatArray
+from waychair.types import FloatArray, IntArray
 
 _STEPS = 6
 """Levenberg-Marquardt steps after new loops; a graph that needs more has a loop in doubt."""
@@ -35,6 +35,9 @@ _REVIEW = 4
 
 _NODES_A_JUDGEMENT = 50
 """After a solution of the whole graph that rejected loops, the next may come when the graph has grown by one fiftieth."""
+
+_NODES_AN_ORDER = 20
+"""A new order of elimination is sought when the graph has grown by one twentieth."""
 
 
 class PoseGraph:
@@ -61,11 +64,22 @@ class PoseGraph:
         self._parked: set[int] = set()  # rejected loops that no solution has judged yet
         self._judge_at = 0  # number of nodes from which loops in doubt are judged again
         self._cost = 0.0  # sum of robust chi-squares at the last solution
+        self._order: IntArray | None = None  # in which the nodes after the first are eliminated
+        self._order_until = 0  # number of nodes from which a better order is sought
 
     @property
     def edges(self) -> tuple[Edge, ...]:
         """The accepted edges, which determine the poses."""
         return tuple(edge for k, edge in enumerate(self._edges) if k not in self._rejected)
+
+    @property
+    def edge_arrays(self) -> EdgeArrays:
+        """The accepted edges as arrays; valid until the next change."""
+        if not self._rejected:
+            return self._table.arrays
+        accepted = np.ones(len(self._edges), bool)
+        accepted[list(self._rejected)] = False
+        return self._table.arrays.take(np.flatnonzero(accepted))
 
     @property
     def rejected(self) -> tuple[RejectedLoop, ...]:
@@ -227,11 +241,16 @@ class PoseGraph:
         """Solve the accepted edges from the present poses; return False if that fails, or a new loop stays in doubt."""
         if not self._is_solved:
             return False
-        problem, before = self._problem(), self._cost
+        count, before = len(self.poses), self._cost
+        if count >= self._order_until:
+            self._order = None
+        problem = self._problem()
         try:
             self.poses = problem.solve(self.poses, iterations=_STEPS)
         except GraphError:
             return False
+        if self._order is None:
+            self._order, self._order_until = problem.elimination_order, count + count // _NODES_AN_ORDER + 1
         fresh, self._known_edges = self._table.arrays.take(slice(self._known_edges, None)), len(self._edges)
         self._cost = problem.cost(self.poses)
         if self._cost - before > REJECTION_COST:
@@ -244,6 +263,4 @@ class PoseGraph:
 
     def _problem(self) -> PoseGraphProblem:
         """Return the problem of the accepted edges."""
-        accepted = np.ones(len(self._edges), bool)
-        accepted[list(self._rejected)] = False
-        return PoseGraphProblem(self._table.arrays.take(np.flatnonzero(accepted)), MATCH_KERNEL)
+        return PoseGraphProblem(self.edge_arrays, MATCH_KERNEL, self._order)

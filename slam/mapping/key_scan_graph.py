@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from waychair.geometry import rotation, transform_points, wrap_angles
+from waychair.slam.graph.edges import EdgeArrays
 from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, RejectedLoop
 from waychair.slam.graph.pose_graph import PoseGraph
 from waychair.slam.scan.reference_surfaces import ScanReference, reference_from_scans
@@ -41,6 +42,11 @@ class KeyGraph:
     def edges(self) -> tuple[Edge, ...]:
         """The accepted edges, which determine the poses."""
         return self._graph.edges
+
+    @property
+    def edge_arrays(self) -> EdgeArrays:
+        """The accepted edges as arrays; valid until the next change."""
+        return self._graph.edge_arrays
 
     @property
     def rejected(self) -> tuple[RejectedLoop, ...]:

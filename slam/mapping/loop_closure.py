@@ -23,12 +23,13 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.geometry import wrap_angle
-from waychair.slam.graph.edges import Edge, EdgeKind
+from waychair.slam.graph.edges import Edge, EdgeArrays, EdgeKind, edge_arrays
 from waychair.slam.graph.information import match_information, rotated_information
+from waychair.slam.graph.shortest_paths import shortest_paths
 from waychair.slam.mapping.carried import EMBEDDED, CarryJudge
 from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.scan import partial_overlap as overlap
-from waychair.slam.scan.partial_overlap import find_partial_overlap, known_ground
+from waychair.slam.scan.partial_overlap import known_ground
 from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_matching import MatchSettings, Window, correlative_search, refine
 from waychair.slam.scan.submap_search import SubmapPyramids, SubmapRound
@@ -37,6 +38,7 @@ from waychair.types import FloatArray, IntArray, Pose2
 _UNKNOWN_LENGTH = 1e4
 """Length [m] of an edge of unknown motion; longer than any path."""
 
+_LEAST_LENGTH = 1e-3  # m; of an edge
 _QUERY_CELL = 0.1
 
 
@@ -58,6 +60,7 @@ _AGREE_DISTANCE, _AGREE_ANGLE = 0.5, 0.15  # m, rad; two finds this near agree
 _PLACE_REACH, _PLACE_PATH = 12.0, 15.0  # m; key scans this near to a part laid at a place, and so connected, see it
 _PLACE_VIEWS, _PART_VIEWS = 30, 20  # key scans of the place and of the part that are compared
 _LEAST_SHARED = 300  # surface points that both must know about
+_LOOKUPS = 10_000_000  # points that one piece of a search looks up in a grid, 20 ms
 _MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
 
 
@@ -90,18 +93,11 @@ class LoopCandidate:
     angle: float
 
 
-def graph_distances(poses: FloatArray, edges: Sequence[Edge], node: int) -> FloatArray:
+def graph_distances(poses: FloatArray, edges: Sequence[Edge] | EdgeArrays, node: int) -> FloatArray:
     """Return the length (N,) [m] of the shortest path along the edges from a node to every node."""
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.csgraph import dijkstra
-
-    i = np.array([edge.i for edge in edges], np.int64)
-    j = np.array([edge.j for edge in edges], np.int64)
-    unknown = np.array([edge.kind is EdgeKind.UNKNOWN for edge in edges], bool)
-    lengths = np.hypot(*(poses[i, :2] - poses[j, :2]).T) + 1e-3 + _UNKNOWN_LENGTH * unknown
-    graph = csr_matrix((lengths, (i, j)), shape=(len(poses), len(poses)))
-    distances: FloatArray = dijkstra(graph, directed=False, indices=node)
-    return distances
+    own = edges if isinstance(edges, EdgeArrays) else edge_arrays(edges)
+    lengths = np.hypot(*(poses[own.i, :2] - poses[own.j, :2]).T) + _LEAST_LENGTH + _UNKNOWN_LENGTH * own.torn
+    return shortest_paths(own.i, own.j, lengths, len(poses), node)
 
 
 def candidates(poses: FloatArray, path_lengths: FloatArray, settings: LoopSettings) -> tuple[LoopCandidate, ...]:
@@ -167,10 +163,12 @@ class _Find:
 @dataclass(slots=True)
 class _OverlapSearch:
     """A search by partial overlap for the view of the key scans `recent`, the last of which is at the chair's place: the
-    candidates that wait, the finds so far, and the edges to those that agree with a find of the search before."""
+    candidates that wait, the search of the first of them once it is begun and the pose then of its nearest key scan, the finds so far, and the edges to those that agree with a find of the search before."""
 
     recent: list[int]
     waiting: list[LoopCandidate]
+    present: overlap.OverlapSearch | None = None
+    drawn_at: Pose2 = field(default_factory=Pose2)
     finds: list[_Find] = field(default_factory=list)
     edges: list[Edge] = field(default_factory=list)
 
@@ -273,7 +271,7 @@ class LoopCloser:
         if self._since.search < settings.spacing or known < 1 or len(recent) < _QUERY_SCANS:
             return []
         self._since.search = 0.0
-        path_lengths = graph_distances(keys.poses, keys.edges, len(keys) - 1)[:known]
+        path_lengths = graph_distances(keys.poses, keys.edge_arrays, len(keys) - 1)[:known]
         near = candidates(keys.poses, path_lengths, settings)
         found = [self._verified(keys, recent, candidate) for candidate in near]
         edges = [edge for edge in found if isinstance(edge, Edge)]
@@ -297,7 +295,7 @@ class LoopCloser:
         settings, here = self._settings, recent[-1]
         if len(recent) < _QUERY_SCANS:
             return LoopRejection.FEW_KEY_SCANS
-        path_length = float(graph_distances(keys.poses, keys.edges, here)[old])
+        path_length = float(graph_distances(keys.poses, keys.edge_arrays, here)[old])
         gap = keys.pose(here).inverse() @ map_from_base
         drift, before, find = settings.drift * path_length, self._recognised, _Find(here, map_from_base)
         angle = min(_MAX_ANGLE, 0.15 + _TURN_DRIFT * path_length)
@@ -372,33 +370,47 @@ class LoopCloser:
         return waited and self._overlap_search is None
 
     def _partial_overlap_edges(self, keys: KeyGraph) -> list[Edge]:
-        """Search the next candidate by partial overlap; when all are searched, return the edges where two finds agree."""
+        """Do the next piece of the search by partial overlap; when it is over, return the edges where two finds agree.
+
+        The first piece of a candidate draws its surfaces and the ground that is known there.
+        """
         search = self._overlap_search
         assert search is not None
-        candidate, node = search.waiting.pop(0), search.recent[-1]
-        self.counts["glimpses_tried"] += 1
-        base = keys.pose(node)
-        query = keys.joined_points(search.recent[-overlap.QUERY_SCANS :], base, _QUERY_CELL)
-        window = Window(min(overlap.WIDENING * candidate.window, overlap.MAX_WINDOW), candidate.angle)
-        reference = self._reference_of(keys, candidate, window.distance)
-        every = -(-len(candidate.members) // overlap.DRAWN_SCANS)
-        known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
-        found = find_partial_overlap(query, reference, known=known, guess=base, window=window, matching=self._matching)
+        candidate, node = search.waiting[0], search.recent[-1]
+        if search.present is None:
+            self.counts["glimpses_tried"] += 1
+            search.drawn_at = keys.pose(candidate.nearest)
+            search.present = self._begin_overlap(keys, search.recent, candidate)
+        if not search.present.go_on(self._matching, _LOOKUPS):
+            return []
+        found, search.present = search.present.found, None
+        del search.waiting[0]
         if found is not None:
             self.counts["glimpses"] += 1
-            find = _Find(node, found.pose)
+            pose = keys.pose(candidate.nearest) @ (search.drawn_at.inverse() @ found.pose)  # the graph may have moved
+            find = _Find(node, pose)
             search.finds.append(find)
             agreed = any(self._agree(keys, earlier, find) for earlier in self._overlap_finds)
             if found.inliers >= overlap.MIN_INLIERS and agreed:
-                search.edges.append(self._edge(keys, node, candidate, found.pose, found.information))
+                search.edges.append(self._edge(keys, node, candidate, pose, found.information))
         if search.waiting:
             return []
         self._overlap_finds, self._overlap_search = search.finds, None
         return search.edges
 
+    def _begin_overlap(self, keys: KeyGraph, recent: Sequence[int], candidate: LoopCandidate) -> overlap.OverlapSearch:
+        """Return the search of a candidate for the view of the latest key scans, with nothing searched yet."""
+        base = keys.pose(recent[-1])
+        query = keys.joined_points(recent[-overlap.QUERY_SCANS :], base, _QUERY_CELL)
+        window = Window(min(overlap.WIDENING * candidate.window, overlap.MAX_WINDOW), candidate.angle)
+        reference = self._reference_of(keys, candidate, window.distance)
+        every = -(-len(candidate.members) // overlap.DRAWN_SCANS)
+        known = known_ground(keys.store, keys.poses, candidate.members[::every], self._base_from_laser, reference)
+        return overlap.OverlapSearch(query, reference, known, base, window)
+
     def _begin_submap_search(self, keys: KeyGraph, recent: Sequence[int], path_lengths: FloatArray) -> None:
         """Begin to search the submaps that are too uncertain for a window for the latest key scans."""
-        part_starts = [edge.j for edge in keys.edges if edge.kind is EdgeKind.UNKNOWN] if keys.is_torn else []
+        part_starts = keys.edge_arrays.j[keys.edge_arrays.torn].tolist() if keys.is_torn else []
         submaps = uncertain_submaps(keys.poses, path_lengths, self._settings, part_starts)
         if not submaps:
             return

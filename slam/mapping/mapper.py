@@ -50,6 +50,7 @@ _TRACK_INLIERS = 0.5  # between full matches, a scan with a smaller share of poi
 _TRACK_POINTS = 360  # points of a scan that are aligned between full matches
 _TRACK_REACH = 0.12  # m; largest error of the odometry since the last scan
 _FASTEST, _LEAST_STEP_S = 5.0, 0.3  # m/s, s; odometry that is faster for longer is no motion of a chair
+_STANDING_STAMP_S = 1.0  # s; assumed between two stamps that do not advance, which tell no speed
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,9 +243,8 @@ class Mapper:
         if before is None:
             return Pose2()
         step = before.inverse() @ self._state.odometry
-        seconds = (
-            max((frame.stamp_ns - self.frames[-1].stamp_ns) * 1e-9, _LEAST_STEP_S) if len(self.frames) else math.inf
-        )
+        passed = (frame.stamp_ns - self.frames[-1].stamp_ns) * 1e-9 if len(self.frames) else math.inf
+        seconds = max(passed, _LEAST_STEP_S) if passed > 0 else _STANDING_STAMP_S
         if math.hypot(step.x, step.y) <= _FASTEST * seconds:
             return step
         self.counts["odometry_jumps"] += 1  # no motion, as where the odometry begins anew

@@ -17,7 +17,7 @@ import numpy as np
 
 from waychair.geometry import pose_from_array, transform_points
 from waychair.slam.scan.reference_surfaces import LEVELS, ScanReference, block_maxima
-from waychair.slam.scan.scan_matching import MatchSettings, Window, correlative_search, refine
+from waychair.slam.scan.scan_matching import ENDLESS, MatchSettings, Window, WindowSearch, begin_search, refine
 from waychair.slam.scan.scan_points import ScanPoints, ScanStore
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2
 
@@ -81,6 +81,86 @@ def known_ground(
     return known
 
 
+@dataclass(slots=True)
+class OverlapSearch:
+    """A search by partial overlap that is done in pieces; plain data, so that it can be stored in between.
+
+    The first piece of `go_on` begins the search of the window, the last one refines its find. `found` is the result when
+    it has returned True.
+    """
+
+    query: ScanPoints
+    reference: ScanReference
+    known: BoolArray
+    guess: Pose2
+    window: Window
+    found: PartialOverlap | None = None
+    _evidence: ScanReference | None = None
+    _first: WindowSearch | None = None
+    _second: WindowSearch | None = None
+
+    def go_on(self, matching: MatchSettings, most: int) -> bool:
+        """Look up at least `most` points, or all that are left to look up; return whether the search is done."""
+        level = round(255 * NEUTRAL_LIKELIHOOD)
+        neutral = level / 255
+        if self._evidence is None or self._first is None:
+            reference, guess = self.reference, self.guess
+            middle = reference.origin + 0.5 * reference.resolution * reference.bounds.shape[1]
+            reach = float(np.min(middle - reference.origin - np.abs((guess.x, guess.y) - middle)))
+            inside = np.hypot(*self.query.points.T) < reach - 1.5 * self.window.distance
+            self.query = _subset(self.query, inside)  # further points may leave the grid
+            if len(self.query) == 0:
+                return True
+            self._evidence = _evidence(reference, self.known, level)
+            self._first = self._searched(neutral + MIN_EVIDENCE / len(self.query), None)
+        if self._second is None:
+            if not self._first.go_on(self._evidence, most):
+                return False
+            coarse, value = self._first.best
+            if value <= neutral + MIN_EVIDENCE / len(self.query):
+                return True
+            self._second = self._searched(neutral + MAX_AMBIGUITY * (value - neutral), coarse)
+            if most < ENDLESS:
+                return False
+        if not self._second.go_on(self._evidence, most):
+            return False
+        coarse, value = self._first.best
+        if self._second.best[1] <= neutral + MAX_AMBIGUITY * (value - neutral):
+            self.found = self._refined(coarse, (value - neutral) * len(self.query), matching)
+        return True
+
+    def _searched(self, floor: float, excluded: Pose2 | None) -> WindowSearch:
+        return begin_search(
+            self.query.points, self.guess, self.window, self.reference.resolution, floor, excluded, penalised=False
+        )
+
+    def _refined(self, coarse: Pose2, evidence: float, matching: MatchSettings) -> PartialOverlap | None:
+        """Return the find at a pose of the search, or None if it does not fit well enough."""
+        reference = self.reference
+        at = transform_points(coarse, self.query.points) - reference.origin
+        cols, rows = np.floor(at / reference.resolution).T.astype(int)
+        shared = self.known[rows, cols]
+        response = float(reference.bounds[0][rows, cols][shared].mean()) / 255.0
+        if response < MIN_RESPONSE:
+            return None
+        pose, information, inliers, _ = refine(
+            _subset(self.query, shared),
+            reference,
+            start=coarse,
+            guess=coarse,
+            guess_information=np.zeros((3, 3)),
+            settings=matching,
+        )
+        return PartialOverlap(
+            pose=pose,
+            information=information,
+            evidence=evidence,
+            points=int(shared.sum()),
+            response=response,
+            inliers=inliers,
+        )
+
+
 def find_partial_overlap(
     query: ScanPoints,
     reference: ScanReference,
@@ -94,44 +174,9 @@ def find_partial_overlap(
     The caller judges whether the points fit the right side of the surfaces (`inliers`): an object seen from behind
     does not, although the place is right.
     """
-    middle = reference.origin + 0.5 * reference.resolution * reference.bounds.shape[1]
-    reach = float(np.min(middle - reference.origin - np.abs((guess.x, guess.y) - middle))) - 1.5 * window.distance
-    query = _subset(query, np.hypot(*query.points.T) < reach)  # further points may leave the grid
-    if len(query) == 0:
-        return None
-    level = round(255 * NEUTRAL_LIKELIHOOD)
-    neutral, evidence = level / 255, _evidence(reference, known, level)
-    floor = neutral + MIN_EVIDENCE / len(query)
-    coarse, value = correlative_search(query.points, evidence, guess, window, floor=floor, penalised=False)
-    if value <= floor:
-        return None
-    gained = value - neutral
-    floor = neutral + MAX_AMBIGUITY * gained
-    _, second = correlative_search(query.points, evidence, guess, window, floor=floor, excluded=coarse, penalised=False)
-    if second > floor:
-        return None
-    at = transform_points(coarse, query.points) - reference.origin
-    cols, rows = np.floor(at / reference.resolution).T.astype(int)
-    shared = known[rows, cols]
-    response = float(reference.bounds[0][rows, cols][shared].mean()) / 255.0
-    pose, information, inliers, _ = refine(
-        _subset(query, shared),
-        reference,
-        start=coarse,
-        guess=coarse,
-        guess_information=np.zeros((3, 3)),
-        settings=matching,
-    )
-    if response < MIN_RESPONSE:
-        return None
-    return PartialOverlap(
-        pose=pose,
-        information=information,
-        evidence=gained * len(query),
-        points=int(shared.sum()),
-        response=response,
-        inliers=inliers,
-    )
+    search = OverlapSearch(query, reference, known, guess, window)
+    search.go_on(matching, ENDLESS)
+    return search.found
 
 
 def _evidence(reference: ScanReference, known: BoolArray, level: int) -> ScanReference:

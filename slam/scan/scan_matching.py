@@ -18,7 +18,8 @@ from waychair.config import Settings, setting
 from waychair.geometry import pose_from_array, wrap_angles
 from waychair.slam.scan.reference_surfaces import LEVELS, ScanReference, Slots
 from waychair.slam.scan.scan_points import ScanPoints
-from waychair.types import Bytes, FloatArray, Pose2
+from waychair.slam.scan.small_systems import solved
+from waychair.types import Bytes, FloatArray, IntArray, Pose2
 
 WIDE, NARROW = 0.3, 0.1
 """First and last width [m] of the refinement's kernel."""
@@ -29,6 +30,9 @@ UNKNOWN_VARIANCE = 100.0
 
 BEAM_SIGMA = 0.06
 """Spread [m] of a beam's end about the surface."""
+
+ENDLESS = 1 << 60
+"""More points than any search looks up."""
 
 DISTANCE_PENALTY, ANGLE_PENALTY = 0.15, 0.10
 """Score lost per metre [1/m] and per radian [1/rad] away from the guess."""
@@ -173,21 +177,84 @@ def correlative_search(
     With `excluded`, poses within 0.5 m and 15 degrees of it do not count: the result is the runner-up, whose response tells
     how ambiguous the winner is. Unless `penalised` is False, poses lose score with their distance from the guess.
     """
-    if not len(points):
-        return guess, 0.0
-    radii = np.hypot(points[:, 0], points[:, 1])
-    fifth = len(radii) - 1 - len(radii) // 5
-    far = max(1.0, float(np.partition(radii, fifth)[fifth]))  # four fifths of the beams end nearer
-    angle_step = math.acos(1 - reference.resolution**2 / (2 * far**2))
+    search = begin_search(points, guess, window, reference.resolution, floor, excluded, penalised)
+    search.go_on(reference, ENDLESS)
+    return search.best
+
+
+@dataclass(slots=True)
+class WindowSearch:
+    """A correlative search that is done in pieces; arrays only, so that it can be stored in between.
+
+    `best` is the best pose so far and its response, and the final one when `go_on` has returned True.
+    """
+
+    points: FloatArray
+    guess: FloatArray
+    cells: int
+    angle_count: int
+    angle_step: float
+    penalties: tuple[float, float]
+    excluded: FloatArray
+    found: FloatArray
+    """x, y, theta of the best pose, its score, which begins as the floor, and its response."""
+    progress: IntArray
+    """Blocks of the top level that are rated, then those that are searched."""
+    bound: FloatArray
+    order: IntArray
+
+    def go_on(self, reference: ScanReference, most: int) -> bool:
+        """Look up at least `most` points in the reference, or all that are left to look up; return whether the search is done.
+
+        The reference must be that of the calls before, and of the resolution that the search was begun with.
+        """
+        if not len(self.points):
+            return True
+        done: bool = _search(
+            self.points, reference.bounds, reference.origin, reference.resolution, self.guess, self.cells,
+            self.angle_count, self.angle_step, *self.penalties, self.excluded, self.bound, self.order, self.progress,
+            self.found, most,
+        )  # fmt: skip
+        return done
+
+    @property
+    def best(self) -> tuple[Pose2, float]:
+        """The best pose so far and its response; the guess and 0 without one."""
+        return pose_from_array(self.found[:3]), float(self.found[4])
+
+
+def begin_search(
+    points: FloatArray,
+    guess: Pose2,
+    window: Window,
+    resolution: float,
+    floor: float = 0.0,
+    excluded: Pose2 | None = None,
+    penalised: bool = True,
+) -> WindowSearch:
+    """Return a search on a reference of this resolution [m] that has done nothing yet; arguments as of `correlative_search`."""
+    far = 1.0
+    if len(points):
+        radii = np.hypot(points[:, 0], points[:, 1])
+        fifth = len(radii) - 1 - len(radii) // 5
+        far = max(1.0, float(np.partition(radii, fifth)[fifth]))  # four fifths of the beams end nearer
+    angle_step = math.acos(1 - resolution**2 / (2 * far**2))
     angle_count = max(1, math.ceil(window.angle / angle_step))
-    cells = max(1, math.ceil(window.distance / reference.resolution))
-    penalties = (DISTANCE_PENALTY, ANGLE_PENALTY) if penalised else (0.0, 0.0)
-    excluded_pose = np.full(3, np.nan) if excluded is None else excluded.array()
-    pose, response = _search(
-        points, reference.bounds, reference.origin, reference.resolution, guess.array(), cells, angle_count,
-        angle_step, *penalties, floor, excluded_pose,
-    )  # fmt: skip
-    return pose_from_array(pose), response
+    cells = max(1, math.ceil(window.distance / resolution))
+    blocks = (2 * angle_count + 1) * (2 * cells // 2 ** _top_level(cells) + 1) ** 2
+    return WindowSearch(
+        points=points,
+        guess=guess.array(),
+        cells=cells,
+        angle_count=angle_count,
+        angle_step=angle_step,
+        penalties=(DISTANCE_PENALTY, ANGLE_PENALTY) if penalised else (0.0, 0.0),
+        excluded=np.full(3, np.nan) if excluded is None else excluded.array(),
+        found=np.array([guess.x, guess.y, guess.theta, floor, 0.0]),
+        progress=np.zeros(2, np.int64),
+        bound=np.empty(blocks),
+        order=np.empty(blocks, np.int64),
+    )
 
 
 def refine(
@@ -232,6 +299,15 @@ def _score(level: Bytes, rows: np.ndarray, cols: np.ndarray, row: int, col: int,
 
 
 @njit(cache=True)
+def _top_level(cells: int) -> int:
+    """Return the level of the bounds whose blocks a window of so many cells on each side begins with."""
+    top = 0
+    while top < LEVELS - 1 and 2 ** (top + 1) <= cells:
+        top += 1
+    return top
+
+
+@njit(cache=True)
 def _search(
     points: FloatArray,
     bounds: Bytes,
@@ -243,41 +319,49 @@ def _search(
     angle_step: float,
     distance_penalty: float,
     angle_penalty: float,
-    floor: float,
     excluded: FloatArray,
-) -> tuple[FloatArray, float]:
-    """Search depth-first by branch and bound over (angle, row, col); see `correlative_search`."""
+    bound: FloatArray,
+    order: IntArray,
+    progress: IntArray,
+    found: FloatArray,
+    most: int,
+) -> bool:
+    """Go on with a depth-first search by branch and bound over (angle, row, col) until so many points are looked up, or all
+    is searched; return whether it is done. See `WindowSearch` for the arrays."""
     full = 255.0 * len(points)
-    top = 0
-    while top < LEVELS - 1 and 2 ** (top + 1) <= cells:
-        top += 1
+    top = _top_level(cells)
     block = 2**top
     blocks = 2 * cells // block + 1
-    angles = 2 * angle_count + 1
-    rows = np.empty((angles, len(points)), np.int32)
-    cols = np.empty((angles, len(points)), np.int32)
-    bound = np.empty(angles * blocks * blocks)
-    for a in range(angles):
-        theta = guess[2] + (a - angle_count) * angle_step
-        c, s = math.cos(theta), math.sin(theta)
-        for i in range(len(points)):
-            x = guess[0] + c * points[i, 0] - s * points[i, 1] - origin[0]
-            y = guess[1] + s * points[i, 0] + c * points[i, 1] - origin[1]
-            rows[a, i] = math.floor(y / resolution)
-            cols[a, i] = math.floor(x / resolution)
+    each, spent = len(points), 0
+    rows, cols, turned = np.empty(each, np.int32), np.empty(each, np.int32), -1
+    while progress[0] < len(bound):
+        entry = progress[0]
+        if spent >= most:
+            return False
+        a = entry // (blocks * blocks)
+        if a != turned:
+            _turn(points, origin, resolution, guess, (a - angle_count) * angle_step, rows, cols)
+            turned = a
         loss = angle_penalty * abs(a - angle_count) * angle_step
-        for br in range(blocks):
-            for bc in range(blocks):
-                row, col = br * block - cells, bc * block - cells
-                value = _score(bounds[top], rows[a], cols[a], row, col, (floor + loss) * full) / full
-                bound[(a * blocks + br) * blocks + bc] = value - loss
-    best, best_pose, best_raw = floor, guess.copy(), 0.0
+        row, col = (entry // blocks) % blocks * block - cells, entry % blocks * block - cells
+        bound[entry] = _score(bounds[top], rows, cols, row, col, (found[3] + loss) * full) / full - loss
+        spent += each
+        progress[0] += 1
+        if progress[0] == len(bound):
+            order[:] = np.argsort(-bound)
     stack = np.empty((4 * LEVELS + 8, 3), np.int64)
-    for entry in np.argsort(-bound):
-        if bound[entry] <= best:
+    while progress[1] < len(order):
+        entry = order[progress[1]]
+        if bound[entry] <= found[3]:
             break
+        if spent >= most:
+            return False
+        progress[1] += 1
         a = entry // (blocks * blocks)
         turn = (a - angle_count) * angle_step
+        if a != turned:
+            _turn(points, origin, resolution, guess, turn, rows, cols)
+            turned = a
         near_angle = abs(wrapped(guess[2] + turn - excluded[2])) < 0.26
         loss = angle_penalty * abs(turn)
         depth = 1
@@ -287,8 +371,9 @@ def _search(
             h, row, col = stack[depth]
             if row > cells or col > cells:  # the last block may reach beyond the window
                 continue
-            raw = _score(bounds[h], rows[a], cols[a], row, col, (best + loss) * full) / full
-            if raw - loss <= best:
+            raw = _score(bounds[h], rows, cols, row, col, (found[3] + loss) * full) / full
+            spent += each
+            if raw - loss <= found[3]:
                 continue
             if h > 0:
                 half = 2 ** (h - 1)
@@ -301,10 +386,22 @@ def _search(
             if near_angle and math.hypot(x - excluded[0], y - excluded[1]) < 0.5:
                 continue
             value = raw - loss - distance_penalty * math.hypot(row, col) * resolution
-            if value > best:
-                best, best_raw = value, raw
-                best_pose[0], best_pose[1], best_pose[2] = x, y, guess[2] + turn
-    return best_pose, best_raw
+            if value > found[3]:
+                found[0], found[1], found[2], found[3], found[4] = x, y, guess[2] + turn, value, raw
+    return True
+
+
+@njit(cache=True)
+def _turn(
+    points: FloatArray, origin: FloatArray, resolution: float, guess: FloatArray, turn: float, rows: Slots, cols: Slots
+) -> None:
+    """Write the cells (N,) of the points at the guess, turned further."""
+    c, s = math.cos(guess[2] + turn), math.sin(guess[2] + turn)
+    for i in range(len(points)):
+        x = guess[0] + c * points[i, 0] - s * points[i, 1] - origin[0]
+        y = guess[1] + s * points[i, 0] + c * points[i, 1] - origin[1]
+        rows[i] = math.floor(y / resolution)
+        cols[i] = math.floor(x / resolution)
 
 
 @njit(cache=True)
@@ -404,8 +501,8 @@ def _refine(
         information[2, 1] = information[1, 2]
         away = pose - guess
         away[2] = wrapped(away[2])
-        pull = -(gradient + guess_information @ away)
-        step[:] = np.linalg.solve(information + guess_information + 1e-6 * np.eye(3), pull)
+        pull = -(gradient + (guess_information * away).sum(axis=1))
+        step[0], step[1], step[2] = solved(information + guess_information + 1e-6 * np.eye(3), pull)
         pose += step
         if kernel == NARROW and math.hypot(step[0], step[1]) < 1e-4 and abs(step[2]) < 1e-5:
             break

@@ -20,6 +20,7 @@ from waychair.types import FloatArray, IntArray, Pose2
 REACH = 2.0  # m; the chair stands within this distance of a pose of the submap
 MAX_BEND = 0.1  # m; the pyramid of a submap whose poses moved further in its own frame is stale
 MAX_SPAN = 100.0  # m; key scans farther from most of their submap were put there by a jump of the odometry
+MOST_KEPT = 32_000_000  # bytes of pyramids; building one again takes a third of the time of searching it
 LARGE = 500_000  # cells; a larger pyramid takes as long to build as to search
 
 
@@ -33,7 +34,7 @@ class SubmapHypothesis:
 
 
 class SubmapPyramids:
-    """Cache of the pyramids of finished submaps."""
+    """Cache of the pyramids of finished submaps: those used last, as far as they fit into `MOST_KEPT`."""
 
     def __init__(self) -> None:
         self._kept: dict[int, tuple[IntArray, FloatArray, Pyramid]] = {}
@@ -56,6 +57,9 @@ class SubmapPyramids:
         )
         pyramid = pyramid_from_points(every, shape[together, :2], REACH)
         self._kept[submap] = (members.copy(), shape, pyramid)
+        size = sum(_size(kept) for _, _, kept in self._kept.values())
+        while size > MOST_KEPT and len(self._kept) > 1:
+            size -= _size(self._kept.pop(next(iter(self._kept)))[2])
         return pyramid
 
     def has(self, submap: int, poses: FloatArray, members: IntArray) -> bool:
@@ -65,9 +69,13 @@ class SubmapPyramids:
     def _valid(self, submap: int, members: IntArray, shape: FloatArray) -> Pyramid | None:
         if submap not in self._kept:
             return None
-        known, then, pyramid = self._kept[submap]
+        known, then, pyramid = self._kept[submap] = self._kept.pop(submap)  # the last one is that used last
         same = np.array_equal(known, members) and np.hypot(*(shape - then)[:, :2].T).max() <= MAX_BEND
         return pyramid if same else None
+
+
+def _size(pyramid: Pyramid) -> int:
+    return pyramid.likelihood.nbytes + pyramid.standing.nbytes
 
 
 @dataclass(slots=True)

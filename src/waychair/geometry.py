@@ -86,6 +86,38 @@ def rotation(theta: float) -> FloatArray:
     return np.array([[c, -s], [s, c]])
 
 
+def rotations(quaternions: FloatArray) -> FloatArray:
+    """Return the rotation matrices (N, 3, 3) of quaternions (N, 4) x, y, z, w of any length but 0."""
+    x, y, z, w = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
+        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
+        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
+
+
+def quaternions(rotations: FloatArray) -> FloatArray:
+    """Return the unit quaternions (N, 4) x, y, z, w of rotation matrices (N, 3, 3), by their largest component.
+
+    Shepperd, Journal of Guidance and Control 1978. Of the two quaternions of a rotation, the one whose largest component
+    is positive.
+    """
+    turns = np.asarray(rotations, np.float64).reshape(-1, 3, 3)
+    diagonal = turns[:, [0, 1, 2], [0, 1, 2]]
+    trace = diagonal.sum(axis=1, keepdims=True)
+    # four times the products of the components, of which the row with the largest square is used
+    products = np.empty((len(turns), 4, 4))
+    products[:, [0, 1, 2], [0, 1, 2]] = 1.0 + 2.0 * diagonal - trace
+    products[:, 3, 3] = 1.0 + trace[:, 0]
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        products[:, i, j] = products[:, j, i] = turns[:, i, j] + turns[:, j, i]
+        products[:, k, 3] = products[:, 3, k] = turns[:, j, i] - turns[:, i, j]
+    largest = products[:, range(4), range(4)].argmax(axis=1)
+    found: FloatArray = products[np.arange(len(turns)), largest]
+    return found / np.linalg.norm(found, axis=1, keepdims=True)
+
+
 def in_space(pose: Pose2, height: float = 0.0) -> Pose3:
     """Return a planar pose as a pose in space: upright, `height` [m] above the plane."""
     c, s = math.cos(pose.theta), math.sin(pose.theta)

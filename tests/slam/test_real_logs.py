@@ -45,6 +45,25 @@ def test_intel_lab_is_mapped_better_than_its_peers(data_dir: Path, tmp_path: Pat
     assert errors["trans_max_m"] < 0.2
 
 
+@pytest.mark.parametrize(("log", "frames"), [("infinite-corridor", slice(1590, 1680)), ("aces", slice(0, 195))])
+def test_a_doubted_drive_along_which_the_odometry_agrees_is_not_torn(data_dir: Path, log: str, frames: slice) -> None:
+    """The scans contradict each other there in a sixth to a fifth of their surfaces, where the parts lie as driven."""
+    recording = read_recording(data_dir / "lidar_radish_corrected" / f"{log}-corrected.log.gz")
+    mapper = Mapper(MapperSettings(), recording.base_from_laser)
+    for frame in recording.frames[frames]:
+        mapper.process(frame)
+    assert mapper.counts["tears_undone"] == 1
+    assert not mapper.keys.is_torn
+
+
+def test_steps_between_stamps_that_stand_still_are_no_jumps_of_the_odometry(data_dir: Path) -> None:
+    recording = read_recording(data_dir / "lidar_radish_corrected" / "infinite-corridor-corrected.log.gz")
+    mapper = Mapper(MapperSettings(), recording.base_from_laser)
+    for frame in recording.frames[980:992]:
+        mapper.process(frame)
+    assert mapper.counts["odometry_jumps"] == 0
+
+
 @pytest.mark.nightly
 def test_a_path_driven_in_reverse_is_recognised_by_a_lidar_that_only_looks_ahead(data_dir: Path) -> None:
     """Each scan sees the area behind the latest scans: it is also matched against earlier scans nearby."""

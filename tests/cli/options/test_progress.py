@@ -32,3 +32,7 @@ def test_a_long_stage_tells_its_share_and_the_time_left_each_ten_seconds(monkeyp
 def test_a_short_stage_and_a_quiet_command_say_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert told(monkeypatch, [(0.0, 0.0), (5.0, 0.5), (9.0, 1.0)]) == []
     assert told(monkeypatch, [(0.0, 0.0), (60.0, 0.5)], quiet=True) == []
+
+
+def test_the_time_left_is_not_told_at_the_very_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert told(monkeypatch, [(0.0, 0.0), (30.0, 0.01)]) == ["mapping: 1 %"]

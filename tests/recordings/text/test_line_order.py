@@ -42,6 +42,13 @@ def test_doubled_lines_are_left_out() -> None:
     assert found.warnings == ("10 scan lines are there twice: their copies are left out",)
 
 
+def test_scans_whose_stamps_stand_still_are_no_copies_of_each_other() -> None:
+    rows = [f"FLASER 5 3 3 3 3 {3.0 + 0.001 * k:.4f} {k} 0 0 {k} 0 0 7.0 host 7.0\n" for k in range(3000)]
+    found = read_carmen("".join([*rows, *rows[:2]]).encode(), "log")
+    assert len(found.frames) == 3000
+    assert found.warnings == ("2 scan lines are there twice: their copies are left out",)
+
+
 @pytest.mark.parametrize(
     "stamps", [[*STAMPS[:9], STAMPS[9] - 1.05, *STAMPS[10:]], [*STAMPS, *(stamp + 0.01 for stamp in STAMPS[:8])]]
 )

@@ -43,6 +43,25 @@ def test_solutions_are_those_of_dense_algebra(kind: str, count: int) -> None:
     assert solved == pytest.approx(expected, abs=1e-9)
 
 
+def test_a_known_order_goes_on_for_a_graph_that_has_grown() -> None:
+    rng, count, before = np.random.default_rng(5), 60, 45
+    i, j = pairs_of("loops", count, 5)
+    inside = (i < before) & (j < before)
+    known = structure_of(i[inside], j[inside], before).order
+    structure = structure_of(i, j, count, known)
+    assert structure.order.tolist() == [*known.tolist(), *range(before, count)]
+    diagonal, below = np.tile(20.0 * np.eye(3), (count, 1, 1)), np.zeros((len(structure.rows), 3, 3))
+    whole = 20.0 * np.eye(3 * count)
+    for a, b, slot in zip(i.tolist(), j.tolist(), structure.slots(i, j).tolist(), strict=True):
+        block = rng.normal(size=(3, 3))
+        whole[3 * a : 3 * a + 3, 3 * b : 3 * b + 3] += block
+        whole[3 * b : 3 * b + 3, 3 * a : 3 * a + 3] += block.T
+        below[slot] += block.T if structure.position[b] > structure.position[a] else block
+    right = rng.normal(size=(count, 3, 1))
+    solved = BlockCholesky(structure, diagonal, below).solve(right)
+    assert solved == pytest.approx(np.linalg.solve(whole, right.reshape(-1, 1)).reshape(count, 3, 1), abs=1e-9)
+
+
 def test_a_chain_with_few_loops_fills_hardly_any_block() -> None:
     i, j = pairs_of("chain", 2000, 0)
     assert len(structure_of(i, j, 2000).rows) == 1999

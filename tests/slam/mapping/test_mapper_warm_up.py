@@ -2,17 +2,36 @@
 
 from numba.core.dispatcher import Dispatcher
 
+<<<<<<< HEAD:tests/slam/mapping/test_mapper_warm_up.py
 from waychair.slam.graph import block_cholesky, least_squares
 from waychair.slam.mapping.mapper_warm_up import warm_up
+=======
+from waychair.slam.graph import block_cholesky, edges, least_squares, shortest_paths
+from waychair.slam.mapping.warm_up import warm_up
+>>>>>>> p-map:tests/slam/mapping/test_warm_up.py
 from waychair.slam.scan import reference_surfaces, relocaliser, scan_agreement, scan_matching, scan_points
 
-_INNER = {"_grown", "_normal", "_noise", "_score", "nearest_surface", "_turned_cells", "_block_score", "_keep", "_open"}
+_INNER = {
+    "_grown",
+    "_normal",
+    "_noise",
+    "_score",
+    "_turn",
+    "nearest_surface",
+    "_turned_cells",
+    "_block_score",
+    "_keep",
+    "_open",
+}
 """Kernels that only other kernels call."""
 
 
 def test_every_kernel_of_a_mapper_is_loaded() -> None:
     warm_up()
-    rooms = (block_cholesky, least_squares, reference_surfaces, relocaliser, scan_agreement, scan_matching, scan_points)
+    rooms = (
+        block_cholesky, edges, least_squares, shortest_paths,
+        reference_surfaces, relocaliser, scan_agreement, scan_matching, scan_points,
+    )  # fmt: skip
     kernels = {
         each for room in rooms for each in vars(room).values()
         if isinstance(each, Dispatcher) and each.py_func.__module__ == room.__name__

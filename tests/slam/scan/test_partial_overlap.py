@@ -103,6 +103,21 @@ def test_the_found_place_is_the_best_of_a_full_search(monkeypatch: pytest.Monkey
     assert found.evidence == pytest.approx(best, abs=1e-6)
 
 
+def test_a_search_in_pieces_finds_the_same_place() -> None:
+    _, _, reference, known = map_of(EARLIER)
+    query, guess = short_sighted(BACK, 1), BACK @ Pose2(0.3, -0.2, 0.1)
+    whole = find_partial_overlap(query, reference, known, guess, Window(0.8, 0.3), MATCHING)
+    pieces = partial_overlap.OverlapSearch(query, reference, known, guess, Window(0.8, 0.3))
+    count = 1
+    while not pieces.go_on(MATCHING, 20_000):
+        count += 1
+    assert whole is not None
+    assert pieces.found is not None
+    assert pieces.found.pose == whole.pose
+    assert pieces.found.evidence == whole.evidence
+    assert count > 10
+
+
 def test_views_without_common_ground_prove_nothing() -> None:
     assert found_from(Pose2(1.0, 7.5, math.pi / 2), short_sighted(Pose2(1.0, 7.5, math.pi / 2))) is None
 
