@@ -29,6 +29,7 @@ from evaluation.figures.driving import (
 from evaluation.figures.fleet import coordinator, gap, tables
 from evaluation.figures.mapping import (
     appearance,
+    camera_fit,
     cases,
     corruptions,
     depth_grid,
@@ -83,6 +84,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "words_speed": appearance.words_speed,
     "tum_rpy": rgbd.tum_rpy,
     "tsdf_sample": rgbd.tsdf_sample,
+    "camera_fit": camera_fit.camera_fit,
     "bounded": memory.bounded,
     "killed": memory.killed,
     "lifelong": lifelong.lifelong,

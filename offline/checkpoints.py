@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import signal
+import threading
 import time
 import zipfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -32,6 +35,7 @@ class Checkpoints:
         self._fingerprint = np.frombuffer(_fingerprint(recording, settings).encode(), np.uint8)
         self._interval_s = interval_s
         self._next = time.monotonic() + interval_s
+        self._asked_to_stop = False
 
     def restored(self) -> tuple[Mapper, int] | None:
         """Return the mapper of an earlier run with the same input and settings, and its frame count; None without."""
@@ -45,26 +49,42 @@ class Checkpoints:
 
     @contextmanager
     def noted(self) -> Iterator[None]:
-        """Add a note about the checkpoint to an interrupt from the keyboard within the block."""
+        """Let an interrupt from the keyboard within the block wait for the next `offer`, which saves the mapper first.
+
+        A second interrupt ends the block at once. The interrupt carries a note about the checkpoint.
+        """
+        in_main = threading.current_thread() is threading.main_thread()  # only there signals can be heard
+        earlier = signal.signal(signal.SIGINT, self._ask_to_stop) if in_main else None
         try:
             yield
         except KeyboardInterrupt as stop:
             if self.path.exists():
                 stop.add_note("run the same command again to resume from its checkpoint")
             raise
+        finally:
+            if in_main:
+                signal.signal(signal.SIGINT, earlier or signal.default_int_handler)
+
+    def _ask_to_stop(self, number: int, frame: FrameType | None) -> None:
+        if self._asked_to_stop:
+            raise KeyboardInterrupt
+        self._asked_to_stop = True
 
     def offer(self, mapper: Mapper, frames: int) -> None:
-        """Save the mapper with its number of frames, if it is time.
+        """Save the mapper with its number of frames, if it is time or the run was interrupted.
 
         Raises:
             OutputError: the folder cannot be written to.
+            KeyboardInterrupt: the run was interrupted; the mapper is saved.
         """
         started = time.monotonic()
-        if started < self._next:
+        if started < self._next and not self._asked_to_stop:
             return
         arrays: dict[str, Any] = {"fingerprint": self._fingerprint, "frames": np.array(frames), **state_of(mapper)}
         with replacing(self.path) as aside, aside.open("wb") as file:
             np.savez(file, **arrays)
+        if self._asked_to_stop:
+            raise KeyboardInterrupt
         now = time.monotonic()
         self._next = now + max(self._interval_s, (now - started) / _MOST_TIME)
 

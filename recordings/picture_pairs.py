@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -22,6 +23,7 @@ LEAST_KEPT = 0.5
 _PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".pgm", ".ppm", ".exr")
 _LISTS = ("associations.txt", "associate.txt", "association.txt", "associated.txt")
 _NUMBERED = re.compile(r"frame-(\d+)\.color\.(?:png|jpe?g)$")
+_LOOKED_AT = 5  # pairs of a list by which its folder is known
 _SLACK_NS = 1000  # tolerance for rounding of decimal stamps
 
 
@@ -44,8 +46,23 @@ class Pairs:
 
 
 def is_tum(path: Path) -> bool:
-    """Return whether a folder has the layout of the TUM RGB-D benchmark."""
-    return (path / "rgb").is_dir() and (path / "depth").is_dir()
+    """Return whether a folder has the layout of the TUM RGB-D benchmark, or a list of pairs in folders of other names."""
+    return ((path / "rgb").is_dir() and (path / "depth").is_dir()) or _names_pairs(path)
+
+
+def _names_pairs(path: Path) -> bool:
+    """Return whether a folder has a list of pairs, one of the first of which is there."""
+    listed = _list_of_pairs(path)
+    if listed is None:
+        return False
+    with suppress(RecordingDamaged):
+        pairs = [row.fields for row in read_rows(listed)[:_LOOKED_AT] if len(row.fields) >= 4]
+        return any(_file(path, "", pair[1]).is_file() and _file(path, "", pair[3]).is_file() for pair in pairs)
+    return False
+
+
+def _list_of_pairs(path: Path) -> Path | None:
+    return next((path / name for name in _LISTS if (path / name).is_file()), None)
 
 
 def is_numbered(path: Path) -> bool:
@@ -126,7 +143,7 @@ def _most_lost(path: Path, found: Sequence[Pair], listed: int, usable: int, twic
 
 def _tum_pairs(path: Path) -> tuple[list[Pair], int, list[str]]:
     """Return the pairs from the list of pairs if there is one, else each colour picture with its nearest depth in time."""
-    listed = next((path / name for name in _LISTS if (path / name).is_file()), None)
+    listed = _list_of_pairs(path)
     if listed is not None:
         pairs, told = _listed_pairs(path, listed)
         return pairs, len(pairs), told
@@ -154,8 +171,12 @@ def _tum_pairs(path: Path) -> tuple[list[Pair], int, list[str]]:
 
 
 def _listed_pairs(path: Path, listed: Path) -> tuple[list[Pair], list[str]]:
-    """Return the pairs of lines `stamp file stamp file`, with the colour picture first or second."""
+    """Return the pairs of lines `stamp file stamp file`, with the colour picture first or second.
+
+    The depth picture is the one whose path says so, or, in folders of other names, the one that is a depth picture.
+    """
     rows = read_rows(listed)
+    swapped = _depth_is_first(path, rows)
     unit, told = _unit(listed, [row.fields[0] for row in rows])
     pairs = []
     for row in rows:
@@ -164,7 +185,7 @@ def _listed_pairs(path: Path, listed: Path) -> tuple[list[Pair], list[str]]:
                 f"{listed} line {row.number} is not `stamp file stamp file`: {len(row.fields)} fields"
             )
         first, second = ((row.fields[k], row.fields[k + 1]) for k in (0, 2))
-        if _is_depth(first[1]):
+        if (swapped and not _is_depth(second[1])) or _is_depth(first[1]):
             first, second = second, first
         stamp = _stamp(listed, row, first[0], unit)
         _stamp(listed, row, second[0], unit)
@@ -225,6 +246,29 @@ def _stamp_of(file: Path, unit: str) -> int | None:
 
 def _is_depth(name: str) -> bool:
     return name.replace("\\", "/").lstrip("./").startswith("depth")
+
+
+def _depth_is_first(path: Path, rows: Sequence[Row]) -> bool:
+    """Return whether the first pair of a list has its depth picture first."""
+    fields = next((row.fields for row in rows if len(row.fields) >= 4), None)
+    if fields is None:
+        return False
+    first, second = fields[1].lower(), fields[3].lower()
+    if ("depth" in first) != ("depth" in second):
+        return "depth" in first
+    return not _holds_depth(_file(path, "", fields[3])) and _holds_depth(_file(path, "", fields[1]))
+
+
+def _holds_depth(file: Path) -> bool:
+    """Return whether a picture has one channel of more than 8 bits, by the head of a PNG, or by its suffix."""
+    if file.suffix.lower() != ".png":
+        return file.suffix.lower() in (".exr", ".tif", ".tiff", ".pgm")
+    try:
+        with file.open("rb") as data:
+            head = data.read(26)
+    except OSError:
+        return False
+    return head[24:26] == b"\x10\x00"  # 16 bits, grey
 
 
 def _file(path: Path, kind: str, name: str) -> Path:

@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -79,6 +79,12 @@ class RgbdSettings(Settings):
         "numbered frames",
         low=0.0,
         high=1e6,
+    )
+    register: Literal["check", "auto"] = setting(
+        "check",
+        "",
+        "colour and depth that are not of the given camera; check: a warning says so, with an estimate; auto: the estimated "
+        "camera is used",
     )
 
     def __post_init__(self) -> None:

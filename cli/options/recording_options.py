@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 
@@ -40,6 +40,9 @@ class RecordingOptions:
     depth_scale
         Units of the depth pictures in a metre, such as 1000 for millimetres; default 5000 for rgb/ and depth/, 1000 for
         numbered frames.
+    register
+        Colour and depth of a folder that are not of the given camera: check tells it, with an estimate; auto maps with
+        the estimated focal lengths, and depth as the colour sensor sees it. Default check.
     """
 
     base_from_laser: Annotated[tuple[str, ...], Parameter(allow_leading_hyphen=True)] = ()
@@ -48,6 +51,7 @@ class RecordingOptions:
     imu: str | None = None
     camera: str | None = None
     depth_scale: float | None = None
+    register: Literal["check", "auto"] | None = None
 
     def over(self, settings: InputSettings) -> InputSettings:
         """Return the settings, overridden by these options."""
@@ -59,7 +63,12 @@ class RecordingOptions:
             imu_topic=self.imu or bag.imu_topic,
         )
         scale = settings.rgbd.depth_scale if self.depth_scale is None else self.depth_scale
-        rgbd = replace(settings.rgbd, camera=self.camera or settings.rgbd.camera, depth_scale=scale)
+        rgbd = replace(
+            settings.rgbd,
+            camera=self.camera or settings.rgbd.camera,
+            depth_scale=scale,
+            register=self.register or settings.rgbd.register,
+        )
         return replace(settings, bag=bag, rgbd=rgbd, mounts=self.base_from_laser or settings.mounts)
 
 

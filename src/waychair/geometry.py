@@ -114,8 +114,9 @@ def quaternions(rotations: FloatArray) -> FloatArray:
         products[:, i, j] = products[:, j, i] = turns[:, i, j] + turns[:, j, i]
         products[:, k, 3] = products[:, 3, k] = turns[:, j, i] - turns[:, i, j]
     largest = products[:, range(4), range(4)].argmax(axis=1)
-    found: FloatArray = products[np.arange(len(turns)), largest]
-    return found / np.linalg.norm(found, axis=1, keepdims=True)
+    rows = products[np.arange(len(turns)), largest]
+    found: FloatArray = rows / np.linalg.norm(rows, axis=1, keepdims=True)
+    return found
 
 
 def in_space(pose: Pose2, height: float = 0.0) -> Pose3:

@@ -18,7 +18,7 @@ def load_lightly() -> None:
     A numba whose inside is another than the known one keeps its own way.
     """
     from numba.core import caching
-    from numba.core.runtime import rtsys
+    from numba.core.runtime.nrt import rtsys
 
     numba_way: Any = getattr(caching.Cache, "load_overload", None)
     if numba_way is None or not hasattr(caching.Cache, "_load_overload") or not hasattr(rtsys, "initialize"):
@@ -28,7 +28,7 @@ def load_lightly() -> None:
         """Return the kernel of a signature from the cache, or None, as `Cache.load_overload` does."""
         try:
             _import_array_functions()
-            rtsys.initialize(target_context)  # type: ignore[no-untyped-call]
+            rtsys.initialize(target_context)
             found = kept._load_overload(sig, target_context)
         except (AttributeError, ImportError, KeyError, OSError, TypeError):  # left to numba, which knows its cache best
             found = None

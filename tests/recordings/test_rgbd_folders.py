@@ -88,6 +88,26 @@ def test_lists_are_followed_and_their_invalid_lines_named(tmp_path: Path) -> Non
         read_recording(folder)
 
 
+@pytest.mark.parametrize("depth_first", [False, True])
+@pytest.mark.parametrize("folders", [("color", "aligned"), ("left", "depth_registered")])
+def test_a_list_of_pairs_may_name_other_folders(tmp_path: Path, folders: tuple[str, str], depth_first: bool) -> None:
+    tum(tmp_path / "drive")
+    for old, new in zip(("rgb", "depth"), folders, strict=True):
+        (tmp_path / "drive" / old).rename(tmp_path / "drive" / new)
+    pairs = [
+        [f"{100 + k:.6f} {folders[0]}/{100 + k:.6f}.png", f"{100.01 + k:.6f} {folders[1]}/{100.01 + k:.6f}.png"]
+        for k in range(5)
+    ]
+    lines = [" ".join(pair[::-1] if depth_first else pair) for pair in pairs]
+    (tmp_path / "drive" / "associations.txt").write_text("\n".join(lines))
+    for given in (tmp_path / "drive", tmp_path):
+        recording = read_recording(given)
+        frames = list(recording.pictures())
+        assert len(frames) == recording.listed == 5
+        assert [float(frame.depth[1, 1]) for frame in frames] == pytest.approx([1.0, 2.0, 3.0, 4.0, 5.0])
+        assert frames[3].image[0, 0].tolist() == [30, 20, 30]
+
+
 def test_missing_damaged_and_wrong_pictures_are_left_out_and_counted(tmp_path: Path) -> None:
     folder = numbered(tmp_path / "room", 6)
     (folder / "frame-000001.depth.png").unlink()

@@ -178,6 +178,23 @@ def test_an_interrupted_run_resumes_only_with_the_same_input_and_settings(drive:
     assert not (tmp_path / "checkpoint.npz").exists()
 
 
+def test_an_interrupt_from_the_keyboard_saves_the_run_where_it_is(drive: Path, tmp_path: Path) -> None:
+    recording, settings = read_recording(drive), MappingSettings(checkpoint_interval=1e6)
+    shares: list[float] = []
+
+    def interrupt(share: float) -> None:
+        shares.append(share)
+        if len(shares) == 25:
+            signal.raise_signal(signal.SIGINT)
+
+    before = signal.getsignal(signal.SIGINT)
+    with pytest.raises(KeyboardInterrupt) as caught:
+        map_recording(recording, settings, interrupt, keep_in=tmp_path)
+    assert signal.getsignal(signal.SIGINT) is before
+    assert caught.value.__notes__ == ["run the same command again to resume from its checkpoint"]
+    assert map_recording(recording, settings, keep_in=tmp_path).report["resumed_at_frame"] == 26
+
+
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 nonsense", None])
 def test_a_damaged_checkpoint_is_ignored(drive: Path, tmp_path: Path, damage: bytes | None) -> None:
     recording, settings = read_recording(drive), MappingSettings(checkpoint_interval=0.0)
