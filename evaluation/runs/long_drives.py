@@ -23,7 +23,7 @@ from waychair.kernel_cache import load_lightly
 from waychair.offline.mapping_report import tears_of
 from waychair.recordings.recording import read_recording
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.slam.mapping.warm_up import warm_up
+from waychair.slam.mapping.mapper_warm_up import warm_up
 from waychair.types import FloatArray, IntArray, Json, SensorFrame
 
 SLOW_MS = 100.0

@@ -2,13 +2,8 @@
 
 from numba.core.dispatcher import Dispatcher
 
-<<<<<<< HEAD:tests/slam/mapping/test_mapper_warm_up.py
-from waychair.slam.graph import block_cholesky, least_squares
-from waychair.slam.mapping.mapper_warm_up import warm_up
-=======
 from waychair.slam.graph import block_cholesky, edges, least_squares, shortest_paths
-from waychair.slam.mapping.warm_up import warm_up
->>>>>>> p-map:tests/slam/mapping/test_warm_up.py
+from waychair.slam.mapping.mapper_warm_up import warm_up
 from waychair.slam.scan import reference_surfaces, relocaliser, scan_agreement, scan_matching, scan_points
 
 _INNER = {
