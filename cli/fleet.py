@@ -49,7 +49,7 @@ def simulate_command(
     ----------
     plan
         A shipped floor plan (2bconR, 2d-grid, 3tie, 4cross, 9cube, I, Rectangle, T or fig8), a plan's .yaml file, a map
-        folder, or a traffic graph's text file.
+        folder, a building's folder, or a traffic graph's text file.
     chairs
         Number of chairs.
     persons
@@ -164,7 +164,8 @@ def check_command(
     Parameters
     ----------
     map
-        Map folder or its .yaml file, traffic graph's text file, shipped floor plan, or a plan's .yaml file.
+        Map folder or its .yaml file, a building's folder or a file that a building can be imported from, traffic graph's text
+        file, shipped floor plan, or a plan's .yaml file.
     width
         Width of a floor plan's corridors in metres.
     body
@@ -181,12 +182,13 @@ def check_command(
     from waychair.maps.traffic.single_file import districts, runs
     from waychair.maps.traffic.traffic_files import write_traffic
     from waychair.maps.traffic.well_formed import well_formed
-    from waychair.trials.fleet_sources import graph_from_source
+    from waychair.trials.fleet_sources import traffic_from_source
     from waychair.yaml_files import quoted
 
     if body not in BODIES:
         raise BadArgument(f"--body {quoted(body)} is unknown; give one of {', '.join(BODIES)}")
-    graph = graph_from_source(map, width=width, chair_width=BODIES[body].width, rooms=rooms)
+    traffic = traffic_from_source(map, width=width, chair_width=BODIES[body].width, rooms=rooms)
+    graph = traffic.graph
     found = well_formed(graph)
     single = runs(graph)
     metres = sum(section.length for section in graph.sections)
@@ -205,7 +207,9 @@ def check_command(
             "refuges": len(graph.refuges),
             "runs": len(single),
             "longest_run_m": longest,
+            "lifts": len(graph.lifts),
             "districts": len(districts(graph)),
+            "notes": list(traffic.notes),
             "shut_off": [{"refuge": each.refuge, "others": list(each.others)} for each in found],
         }
         print(text.dumps(values, allow_nan=False))
@@ -214,6 +218,8 @@ def check_command(
             f"{graph.name}: {len(graph.nodes)} nodes, {len(graph.sections)} sections of {metres:.0f} m in all, "
             f"{len(graph.refuges)} refuges, {len(single)} runs in which two chairs cannot pass (the longest {longest:.0f} m)"
         )
+        for note in traffic.notes:
+            print(note)
         for each in found:
             print(each.sentence)
     if found:

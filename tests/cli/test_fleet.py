@@ -72,7 +72,7 @@ def test_a_place_that_shuts_off_others_is_named_and_fails(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("simulate", "nowhere"), "no floor plan or map 'nowhere'"),
+        (("simulate", "nowhere"), "no floor plan, map or building 'nowhere'"),
         (("simulate", "T", "--chairs", "9"), "places for 8 chairs"),
         (("simulate", "T", "--persons", "20000"), "people are impossible"),
         (("simulate", "T", "--hours", "5000"), "--hours 5000"),
