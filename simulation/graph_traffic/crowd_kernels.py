@@ -19,7 +19,7 @@ ROUTINE, PEOPLE, TOP = 0, 1, 2
 
 GOING, ARRIVED, ASKING, ENTERED = 0, 1, 2, 3
 """News of a chair: none, it has reached the end of its route, it stands at a node and has no permit to go on, or it has
-entered a section that is not the last of its route."""
+entered a section."""
 
 ANY = -2
 """A permit for every section: the nodes admit the chair by their own rule."""
@@ -36,6 +36,7 @@ class CrowdRules(NamedTuple):
     rule: int
     inheritance: bool
     tells_entries: bool
+    tells_last_entry: bool
 
 
 class ChairRows(NamedTuple):
@@ -246,7 +247,7 @@ def _enter(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int)
     crowd.chairs.offset[c] = spare
     crowd.chairs.position[c] += 1
     crowd.chairs.moving[c] = 1
-    if rules.tells_entries and crowd.chairs.position[c] < crowd.chairs.moves[c]:
+    if rules.tells_entries and (rules.tells_last_entry or crowd.chairs.position[c] < crowd.chairs.moves[c]):
         crowd.chairs.news[c] = ENTERED
 
 
