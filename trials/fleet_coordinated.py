@@ -12,7 +12,6 @@ import numpy as np
 
 from waychair.errors import TrafficError
 from waychair.maps.traffic.traffic_graph import TrafficGraph
-from waychair.planning.fleet.rules import Priority, weight
 from waychair.planning.fleet.section_plans import SectionOrder, SectionPlanner, SectionUse, Trip
 from waychair.simulation.graph_traffic.crowd import Crowd, CrowdModel, RightOfWay
 from waychair.simulation.scene.seeds import seed_from_names
@@ -23,6 +22,9 @@ NO_SECTION = -1
 
 HELD_UP_S = 15.0
 """s; a chair before a section in which somebody comes towards it is taken to stand for so long: people walk 8 m in 13 s."""
+
+_TOP = 4.0
+"""Weight of the lateness of a chair of top priority beside that of a routine chair."""
 
 _STANDS_S = 0.25
 """s; a chair that may go on and has not moved for so long is held up by people."""
@@ -153,8 +155,7 @@ class _Run:
                 _, left_s = crowd.progress(chair)
                 ready_ms = now_ms + max(round(1e3 * left_s), 0)
                 busy.append(SectionUse(section, crowd.direction_of(chair), now_ms, ready_ms))
-            priority = Priority.TOP if chair in self._top else Priority.ROUTINE
-            trips.append(Trip(crowd.next_node(chair), task.goal, ready_ms, weight(priority, 0)))
+            trips.append(Trip(crowd.next_node(chair), task.goal, ready_ms, _TOP if chair in self._top else 1.0))
         found = self._planner.plans(trips, busy)
         if found is None:
             raise TrafficError("a chair has a goal to which no way leads; join the parts of the graph")

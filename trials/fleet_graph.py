@@ -153,8 +153,7 @@ class FleetHours:
     @classmethod
     def of(cls, chairs: int, hours: float) -> FleetHours:
         """Return the result of a run that begins."""
-        delays, chair_delays, metres = ([[] for _ in range(chairs)] for _ in range(3))
-        return cls(hours, delays, chair_delays, metres)
+        return cls(hours, [[] for _ in range(chairs)], [[] for _ in range(chairs)], [[] for _ in range(chairs)])
 
     def done(self, chair: int, took_s: float, ideal_s: float, stood_s: float, speed: float) -> None:
         """Take down a task that took a chair so long, of which it stood for people for `stood_s`."""

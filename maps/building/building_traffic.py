@@ -18,6 +18,7 @@ from waychair.maps.building.hgraph import (
     Arc,
     ArcRef,
     Closure,
+    Doorway,
     HGraph,
     Lift,
     NodeKind,
@@ -83,7 +84,8 @@ def building_traffic(
         TrafficError: no arc is open and wide enough.
     """
     notes: list[str] = []
-    joined, narrow = [], []
+    joined: list[_Joined] = []
+    narrow: list[_Joined] = []
     for each in _joined(hgraph, now_ns):
         fits = lanes_for(_width(each, widths, chair_width), chair_width) > 0
         (joined if fits else narrow).append(each)
@@ -129,7 +131,8 @@ def _joined(hgraph: HGraph, now_ns: int | None) -> list[_Joined]:
     """Return the open arcs and doorways; two that join the same nodes are one, the wider."""
     found: dict[frozenset[NodeRef], _Joined] = {}
     for path, submap in hgraph.submaps.items():
-        for arc in (*submap.arcs, *submap.doorways):
+        both: tuple[Arc | Doorway, ...] = (*submap.arcs, *submap.doorways)
+        for arc in both:
             if _holds(arc.way.closure, now_ns):
                 continue
             start = NodeRef(path, arc.start)

@@ -226,8 +226,10 @@ def _enter(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int)
     d = 0 if graph.ends[s, 0] == crowd.chairs.node[c] else 1
     spare = crowd.chairs.spare[c]
     crowd.chairs.spare[c] = 0.0
+    has_people = graph.lanes[s] == 1 and crowd.facing[s, 1 - d] > 0 and _gives_way(crowd, rules, c)
+    whom = 0 if has_people else 1  # it would stand for people, whether or not a chair were in its way
     if crowd.chairs.permit[c] not in (s, ANY):
-        _stand(crowd, rules, c, s, 1)
+        _stand(crowd, rules, c, s, whom)
         crowd.chairs.news[c] = ASKING
         return
     for other in range(len(crowd.chairs.section)):
@@ -235,9 +237,9 @@ def _enter(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int)
             continue
         against = crowd.chairs.direction[other] != d and graph.lanes[s] == 1
         if against or (crowd.chairs.direction[other] == d and crowd.chairs.offset[other] < rules.gap):
-            _stand(crowd, rules, c, s, 1)
+            _stand(crowd, rules, c, s, whom)
             return
-    if graph.lanes[s] == 1 and crowd.facing[s, 1 - d] > 0 and _gives_way(crowd, rules, c):
+    if has_people:
         _stand(crowd, rules, c, s, 0)
         return
     if crowd.chairs.permit[c] != ANY:
