@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -18,6 +19,11 @@ fleet_app = App(name="fleet", help="Simulate several chairs in one building, and
 fleet_app.command(
     "waychair.cli.fleet_solving:solve_command", name="solve", help="Find short paths for many agents on a grid."
 )
+fleet_app.command(
+    "waychair.cli.fleet_auditing:audit_command",
+    name="audit",
+    help="Check a log of grants, and say who waited for whom.",
+)
 
 _MOST_HOURS = 1000
 """Longer runs take minutes; more seeds say more than longer runs."""
@@ -33,11 +39,13 @@ def simulate_command(
     chairs: PositiveInt = 3,
     persons: NonNegativeInt = 7,
     rule: Literal["humans", "flexible", "chairs"] = "humans",
-    planner: Literal["fwpp", "fwpp-printed", "fwpp-exact", "shortest"] = "fwpp",
+    planner: Literal["order", "fwpp", "fwpp-printed", "fwpp-exact", "shortest"] = "fwpp",
     hours: PositiveFloat = 1.0,
     seeds: PositiveInt = 4,
     width: PositiveFloat = 1.2,
     rooms: bool = False,
+    bays: NonNegativeInt = 0,
+    log: Annotated[Path | None, Parameter(name=["--log"])] = None,
     json: bool = False,
 ) -> None:
     """Let chairs drive random tasks among people on the corridors of a building, and print their delays.
@@ -49,7 +57,7 @@ def simulate_command(
     ----------
     plan
         A shipped floor plan (2bconR, 2d-grid, 3tie, 4cross, 9cube, I, Rectangle, T or fig8), a plan's .yaml file, a map
-        folder, or a traffic graph's text file.
+        folder, a building's folder, or a traffic graph's text file.
     chairs
         Number of chairs.
     persons
@@ -57,6 +65,7 @@ def simulate_command(
     rule
         humans: chairs stand for people; flexible: chair 0 has top priority and people stand for it; chairs: people stand.
     planner
+        order: the coordinator; where there are rooms or places nobody passes anybody at a node, and people make chairs stop;
         fwpp: the paper's Plan-FWPP as it is meant; fwpp-printed: as it is printed; fwpp-exact: with exact conflicts;
         shortest: without regard to other chairs.
     hours
@@ -67,18 +76,32 @@ def simulate_command(
         Width of a floor plan's corridors in metres; from 1.5 on two chairs pass each other.
     rooms
         Chairs drive between rooms beside the corridors of a floor plan, instead of between all nodes.
+    bays
+        With --planner order: try one bay in each of so many corridors with the most waiting, and say which saves most.
+    log
+        With --planner order: write every decision and movement of the first seed into this file, for waychair fleet audit.
     json
         Print JSON.
     """
     from waychair.cli.options.progress import announce_compiling
     from waychair.planning.fleet.paper.plan_fwpp import Conflicts
     from waychair.simulation.graph_traffic.crowd import RightOfWay
+    from waychair.trials.fleet_coordinated import coordinated_hours
     from waychair.trials.fleet_graph import fleet_hours
     from waychair.trials.fleet_sources import graph_from_source
 
     if hours > _MOST_HOURS:
         raise BadArgument(f"--hours {hours:g} is more than {_MOST_HOURS}; give a smaller number, and more --seeds")
     graph = graph_from_source(plan, width=width, rooms=rooms)
+    if planner == "order" and graph.refuges:
+        from waychair.cli.fleet_auditing import simulate_by_order
+
+        simulate_by_order(graph, chairs, persons, rule, hours, seeds, bays, log, json)
+        return
+    if bays or log is not None:
+        raise BadArgument("--bays and --log need --planner order and places to wait in; give --rooms for a floor plan")
+    if graph.lifts:
+        raise BadArgument(f"the paper's planners know no lifts, and {graph.name} has some; give --planner order")
     readings = {
         "fwpp": Conflicts.READ,
         "fwpp-printed": Conflicts.PRINTED,
@@ -87,18 +110,9 @@ def simulate_command(
     }
     announce_compiling()
     runs: list[FleetHours] = []
+    run_hours = coordinated_hours if planner == "order" else partial(fleet_hours, conflicts=readings[planner])
     for seed in range(seeds):
-        runs.append(
-            fleet_hours(
-                graph,
-                chairs=chairs,
-                people=persons,
-                rule=RightOfWay(rule),
-                hours=hours,
-                seed=seed,
-                conflicts=readings[planner],
-            )
-        )
+        runs.append(run_hours(graph, chairs=chairs, people=persons, rule=RightOfWay(rule), hours=hours, seed=seed))
         if not json:
             print(f"seed {seed}: {_tasks(runs[-1])}", flush=True)
     _print_result(graph, runs, json)
@@ -164,7 +178,8 @@ def check_command(
     Parameters
     ----------
     map
-        Map folder or its .yaml file, traffic graph's text file, shipped floor plan, or a plan's .yaml file.
+        Map folder or its .yaml file, a building's folder or a file that a building can be imported from, traffic graph's text
+        file, shipped floor plan, or a plan's .yaml file.
     width
         Width of a floor plan's corridors in metres.
     body
@@ -181,12 +196,13 @@ def check_command(
     from waychair.maps.traffic.single_file import districts, runs
     from waychair.maps.traffic.traffic_files import write_traffic
     from waychair.maps.traffic.well_formed import well_formed
-    from waychair.trials.fleet_sources import graph_from_source
+    from waychair.trials.fleet_sources import traffic_from_source
     from waychair.yaml_files import quoted
 
     if body not in BODIES:
         raise BadArgument(f"--body {quoted(body)} is unknown; give one of {', '.join(BODIES)}")
-    graph = graph_from_source(map, width=width, chair_width=BODIES[body].width, rooms=rooms)
+    traffic = traffic_from_source(map, width=width, chair_width=BODIES[body].width, rooms=rooms)
+    graph = traffic.graph
     found = well_formed(graph)
     single = runs(graph)
     metres = sum(section.length for section in graph.sections)
@@ -205,7 +221,9 @@ def check_command(
             "refuges": len(graph.refuges),
             "runs": len(single),
             "longest_run_m": longest,
+            "lifts": len(graph.lifts),
             "districts": len(districts(graph)),
+            "notes": list(traffic.notes),
             "shut_off": [{"refuge": each.refuge, "others": list(each.others)} for each in found],
         }
         print(text.dumps(values, allow_nan=False))
@@ -214,6 +232,8 @@ def check_command(
             f"{graph.name}: {len(graph.nodes)} nodes, {len(graph.sections)} sections of {metres:.0f} m in all, "
             f"{len(graph.refuges)} refuges, {len(single)} runs in which two chairs cannot pass (the longest {longest:.0f} m)"
         )
+        for note in traffic.notes:
+            print(note)
         for each in found:
             print(each.sentence)
     if found:

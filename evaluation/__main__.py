@@ -26,7 +26,7 @@ from evaluation.figures.driving import (
     scenes,
     situations,
 )
-from evaluation.figures.fleet import coordinator, gap, tables
+from evaluation.figures.fleet import gap, grids, narrow, scale, tables
 from evaluation.figures.mapping import (
     appearance,
     camera_fit,
@@ -120,9 +120,10 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "harmonic_fields": harmonic.harmonic_fields,
     "harmonic_movers": harmonic.harmonic_movers,
     "harmonic_speed": harmonic.harmonic_speed,
-    "fleet_mapf": coordinator.fleet_mapf,
-    "fleet_narrow": coordinator.fleet_narrow,
-    "fleet_delays": coordinator.fleet_delays,
+    "fleet_mapf": grids.fleet_mapf,
+    "fleet_narrow": narrow.fleet_narrow,
+    "fleet_delays": narrow.fleet_delays,
+    "fleet_scale": scale.fleet_scale,
     "edges": hazards.edges,
     "glass_door": hazards.glass_door,
     "paper_scenes": hazards.paper_scenes,

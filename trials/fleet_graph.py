@@ -133,6 +133,7 @@ class FleetHours:
 
     Attributes:
         delays: s of each task that was done, by chair.
+        chair_delays: s of the same tasks without the time in which the chair stood for people: the delay by other chairs.
         metres: m of the shortest way of the same tasks, by chair.
         waited: (C, 2) s that each chair stood for people and for chairs.
         queued: (S, 2) s that chairs stood on or before each section, for people and for chairs.
@@ -142,11 +143,30 @@ class FleetHours:
 
     hours: float
     delays: list[list[float]]
+    chair_delays: list[list[float]]
     metres: list[list[float]]
     waited: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     queued: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     people_waited: float = 0.0
     longest_standstill: float = 0.0
+
+    @classmethod
+    def of(cls, chairs: int, hours: float) -> FleetHours:
+        """Return the result of a run that begins."""
+        return cls(hours, [[] for _ in range(chairs)], [[] for _ in range(chairs)], [[] for _ in range(chairs)])
+
+    def done(self, chair: int, took_s: float, ideal_s: float, stood_s: float, speed: float) -> None:
+        """Take down a task that took a chair so long, of which it stood for people for `stood_s`."""
+        self.delays[chair].append(took_s - ideal_s)
+        self.chair_delays[chair].append(took_s - ideal_s - stood_s)
+        self.metres[chair].append(ideal_s * speed)
+
+    def ended(self, crowd: Crowd) -> FleetHours:
+        """Return the result with what the crowd has counted by the end."""
+        self.waited, self.queued = crowd.waited, crowd.queued
+        self.people_waited = crowd.people_held_up / self.hours
+        self.longest_standstill = crowd.longest_standstill
+        return self
 
     @property
     def mean_delay(self) -> float:
@@ -179,22 +199,24 @@ def fleet_hours(
     random = np.random.default_rng(seed_from_names("fleet", graph.name, seed))
     goals = goal_nodes(graph)
     starts = start_nodes(graph, goals, chairs, random)
+    tasks = task_streams(graph, chairs, seed)
     top = (0,) if rule is RightOfWay.FLEXIBLE else ()
     tells = conflicts is not Conflicts.NONE
     crowd = Crowd(graph, starts, people, rule, seed, top=top, tells_entries=tells, model=model)
     planner = PaperPlanner(crowd.indexed, chairs, model.chair_speed, conflicts, top)
     free_way = free_times(crowd.indexed, model.chair_speed)
-    result = FleetHours(hours, [[] for _ in range(chairs)], [[] for _ in range(chairs)])
+    result = FleetHours.of(chairs, hours)
     began, ideal, goal_of = np.zeros(chairs), np.full(chairs, -1.0), [-1] * chairs
+    stood = np.zeros(chairs)
     while crowd.now < hours * 3600.0 - 1e-6:
         for chair, when in crowd.arrived():
+            stood_now = float(crowd.waited[chair, 0])
             if ideal[chair] >= 0.0:
-                result.delays[chair].append(when - began[chair] - ideal[chair])
-                result.metres[chair].append(float(ideal[chair]) * model.chair_speed)
+                took = when - float(began[chair])
+                result.done(chair, took, float(ideal[chair]), stood_now - float(stood[chair]), model.chair_speed)
+            stood[chair] = stood_now
             here = crowd.node_of(chair)
-            goal = here
-            while goal == here:
-                goal = int(random.choice(goals))
+            goal = next_goal(tasks[chair], goals, here)
             under_way = [other for other in range(chairs) if other != chair and ideal[other] >= 0.0]
             _tell_progress(crowd, planner, under_way)
             route = planner.route(chair, here, goal, crowd.now)
@@ -207,10 +229,7 @@ def fleet_hours(
             _tell_progress(crowd, planner, range(chairs))
             _search_again(crowd, planner, entered, goal_of)
         crowd.run(hours * 3600.0)
-    result.waited, result.queued = crowd.waited, crowd.queued
-    result.people_waited = crowd.people_held_up / hours
-    result.longest_standstill = crowd.longest_standstill
-    return result
+    return result.ended(crowd)
 
 
 def _search_again(crowd: Crowd, planner: RoutePlanner, chairs: Iterable[int], goals: Sequence[int]) -> None:
@@ -251,6 +270,19 @@ def start_nodes(graph: TrafficGraph, goals: IntArray, chairs: int, random: np.ra
     if chairs > len(goals):
         raise TrafficError(f"{graph.name} has places for {len(goals)} chairs, not for {chairs}; give fewer chairs")
     return [int(node) for node in random.choice(goals, size=chairs, replace=False)]
+
+
+def task_streams(graph: TrafficGraph, chairs: int, seed: int) -> list[np.random.Generator]:
+    """Return a random stream of tasks for each chair, so that every planner gets the same tasks."""
+    return [np.random.default_rng(seed_from_names("fleet tasks", graph.name, seed, chair)) for chair in range(chairs)]
+
+
+def next_goal(stream: np.random.Generator, goals: IntArray, here: int) -> int:
+    """Return a random goal that is not the node where the chair is."""
+    goal = here
+    while goal == here:
+        goal = int(stream.choice(goals))
+    return goal
 
 
 def free_times(graph: IndexedTraffic, speed: float) -> FloatArray:

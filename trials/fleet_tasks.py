@@ -1,6 +1,7 @@
 """One task each, all at once, in the paper's own model: nodes hold any number of chairs, sections are single file.
 
-The routes are planned one after the other by the paper's network; the nodes then admit the chairs as they come.
+By the paper, the routes are planned one after the other by its network, and the nodes admit the chairs as they come
+(`do_tasks`); by the coordinator, all are planned together (`coordinated_tasks`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from waychair.planning.fleet.paper.admission import Asking, Tie, first_to_go
 from waychair.planning.fleet.paper.baselines import PaperPreset, preset_route, reading_of
 from waychair.planning.fleet.paper.goal_filters import distances_from
 from waychair.planning.fleet.paper.network import Network
+from waychair.planning.fleet.section_plans import SectionPlanner, Trip
 from waychair.simulation.graph_traffic.section_events import SectionEvents
 from waychair.simulation.scene.seeds import seed_from_names
 from waychair.types import Json
@@ -82,6 +84,24 @@ def do_tasks(
         sum(node.work for node in network.nodes.values()),
         tuple(plan_s),
     )
+
+
+def coordinated_tasks(graph: TrafficGraph, planner: SectionPlanner, instance: Instance) -> TasksDone:
+    """Return what the chairs do by the coordinator's plans; nobody is late, so that they drive as planned.
+
+    The processor time is that of all plans together, for each chair.
+    """
+    number = {node.name: i for i, node in enumerate(graph.nodes)}
+    ends = [(number[start], number[goal]) for start, goal in zip(instance.starts, instance.goals, strict=True)]
+    began = time.process_time()
+    found = planner.plans([Trip(start, goal, 0) for start, goal in ends])
+    took_s = time.process_time() - began
+    if found is None:
+        raise TrafficError(f"{graph.name} has a place that no way leads to; join its parts")
+    ideal = [planner.alone_ms(start, goal) for start, goal in ends]
+    done = [drive[-1].until_ms if drive else 0 for drive in found.drives]
+    delays = tuple(1e-3 * (arrival - alone) for arrival, alone in zip(done, ideal, strict=True))
+    return TasksDone(delays, 0, 0, (took_s,) * len(ends))
 
 
 def drive_routes(

@@ -17,11 +17,13 @@ from waychair.maps.traffic.traffic_graph import TrafficGraph
 class ShutOff:
     """A refuge whose chair would be in others' way: `others` are the refuges that a full `refuge` shuts off.
 
-    An empty `refuge` means that nobody stands in the way: the graph itself has no way to the others.
+    An empty `refuge` means that nobody stands in the way: the graph itself has no way to the others. `slots` are the chairs
+    that fill the refuge.
     """
 
     refuge: str
     others: tuple[str, ...]
+    slots: int = 1
 
     @property
     def sentence(self) -> str:
@@ -29,13 +31,15 @@ class ShutOff:
         shown = ", ".join(self.others[:4]) + (f" and {len(self.others) - 4} more" if len(self.others) > 4 else "")
         if not self.refuge:
             return f"No way leads to {shown} and back; join the parts of the map or take the one-way rule off."
-        return f"A chair at {self.refuge} shuts off {shown}; move {self.refuge} aside or give it another way past."
+        who = "A chair at {0} shuts" if self.slots == 1 else f"{self.slots} chairs at {{0}} shut"
+        return f"{who.format(self.refuge)} off {shown}; move {self.refuge} aside or give it another way past."
 
 
 def well_formed(graph: TrafficGraph) -> tuple[ShutOff, ...]:
     """Return all places that shut off others, in the order of the refuges; empty for a well-formed graph.
 
-    Only refuges and lobbies are asked for. Where a refuge cuts the graph in two, the smaller part is shut off.
+    Only refuges are asked for, and not the lobbies of lifts, which chairs pass. Where a refuge cuts the graph in two, the
+    smaller part is shut off.
     """
     findings: list[ShutOff] = []
     at = {refuge.node: refuge.name for refuge in graph.refuges}
@@ -44,7 +48,10 @@ def well_formed(graph: TrafficGraph) -> tuple[ShutOff, ...]:
     if apart:
         findings.append(ShutOff("", apart))
     home = {node: number for number, part in enumerate(parts) for node in part}
+    lobbies = {stop for lift in graph.lifts for stop in lift.stops}
     for refuge in graph.refuges:
+        if refuge.node in lobbies:
+            continue
         neighbours = {move.end for move in graph.moves[refuge.node]}
         neighbours |= {section.start for section in graph.sections if section.end == refuge.node}
         if len(neighbours) < 2:
@@ -53,7 +60,7 @@ def well_formed(graph: TrafficGraph) -> tuple[ShutOff, ...]:
         left = _strong_parts(graph, inside)
         others = tuple(at[node] for part in left[1:] for node in part if node in at)
         if others:
-            findings.append(ShutOff(refuge.name, others))
+            findings.append(ShutOff(refuge.name, others, refuge.slots))
     return tuple(findings)
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain as chained
 
 import numpy as np
 
@@ -46,12 +47,21 @@ Plan = dict[int, tuple[Stay, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Granting:
-    """The circumstances of a plan: the order so far, the time, the time [ms] that a rear takes to leave, the random stream."""
+    """The circumstances of a plan.
+
+    Attributes:
+        order: the order so far.
+        now_ms: the time.
+        clearing_ms: the time that a rear takes to leave.
+        rng: the random stream.
+        fixed: the stays that no plan changes: rears that have not left yet, and closed resources.
+    """
 
     order: Order
     now_ms: int
     clearing_ms: int
     rng: np.random.Generator
+    fixed: tuple[Stay, ...]
 
     @property
     def ways(self) -> Ways:
@@ -76,7 +86,7 @@ def granted(
     """
     if clearing_ms < 1:
         raise TaskError(f"a chair's rear cannot have left {clearing_ms} ms after its front: give 1 ms or more")
-    state = Granting(order, now_ms, clearing_ms, rng)
+    state = Granting(order, now_ms, clearing_ms, rng, _fixed(order, now_ms, clearing_ms))
     requests = _grantable(order)
     old = _current(order, now_ms, clearing_ms)
     plan = _together(state, requests) if old is None else _extended(state, old, requests)
@@ -137,25 +147,23 @@ def _current(order: Order, now_ms: int, clearing_ms: int) -> Plan | None:
     return None if blocked else plan
 
 
-def _fixed(state: Granting) -> list[Stay]:
+def _fixed(order: Order, now_ms: int, clearing_ms: int) -> tuple[Stay, ...]:
     """Return the stays that no plan changes: rears that have not left yet, and closed resources."""
-    order, now_ms = state.order, state.now_ms
     rears = [
-        Stay(spot, now_ms, max(now_ms, chain.entered_ms + state.clearing_ms))
+        Stay(spot, now_ms, max(now_ms, chain.entered_ms + clearing_ms))
         for chain in order.chains.values()
         for _, spot in chain.behind
     ]
-    resource = order.ways.resource.tolist()
-    closed = [Stay(resource.index(each), now_ms, NEVER) for each in order.closed]
-    return [*rears, *closed]
+    resource = order.ways.resource.tolist() if order.closed else []
+    return (*rears, *(Stay(resource.index(each), now_ms, NEVER) for each in order.closed))
 
 
 def _way(state: Granting, chair: int, goal: str, others: Plan, barred: IntArray = ANY_ENTRY) -> tuple[Stay, ...]:
     """Return the earliest stays of a chair among those of others, empty if there are none."""
     chain = state.order.chains[chair]
     held = int(state.ways.resource[chain.spots[0]])
-    fixed = [stay for stay in _fixed(state) if state.ways.resource[stay.spot] != held]
-    stays = [*fixed, *(stay for other, each in others.items() if other != chair for stay in each)]
+    fixed = [stay for stay in state.fixed if state.ways.resource[stay.spot] != held]
+    stays = chained(fixed, *(each for other, each in others.items() if other != chair))
     gaps = gaps_between(state.ways, stays, state.now_ms)
     if gaps.first[held] == gaps.first[held + 1] or gaps.gaps[gaps.first[held], 0] > state.now_ms:
         return ()  # another one would be where the chair is now
@@ -215,7 +223,7 @@ def _retreated(state: Granting) -> Order:
         still = stopped(still, chair)
     still = replace(still, waiting=(*again, *order.waiting))
     plan: Plan = {chair: (Stay(chain.spots[0], state.now_ms, NEVER),) for chair, chain in still.chains.items()}
-    calm = replace(state, order=still)
+    calm = replace(state, order=still, fixed=_fixed(still, state.now_ms, state.clearing_ms))
     for chair in sorted(moving, key=lambda chair: -order.chains[chair].visit):
         taken = {ways.names[stays[-1].spot] for stays in plan.values()}
         options = [name for name in ways.slots if name not in taken]

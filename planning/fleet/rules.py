@@ -11,8 +11,8 @@ MOST_OVERTAKINGS = 2
 AGEING_MS = 120_000
 """A request counts as one priority higher, below people, each time it has waited so long."""
 
-_DOUBLING_MS = 60_000.0
-"""A minute of waiting doubles the weight of a chair's time."""
+_DOUBLING_MS = 300_000.0
+"""Five minutes since its request double the weight of a chair's time; a shorter time costs all chairs delay in the mean."""
 
 
 class Priority(enum.IntEnum):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable
+from itertools import chain
 from typing import NamedTuple
 
 import numpy as np
@@ -38,20 +39,40 @@ class Gaps(NamedTuple):
 
 def gaps_between(ways: Ways, stays: Iterable[Stay], now_ms: int) -> Gaps:
     """Return the times from now on in which the resources are free between the stays of others."""
-    table = np.array([(ways.resource[stay.spot], stay.from_ms, stay.until_ms) for stay in stays], np.int64).reshape(
-        -1, 3
-    )
-    table = table[table[:, 2] > now_ms]
-    everyone = np.arange(ways.resources)
-    owners = np.concatenate([everyone, table[:, 0]])
-    from_ms = np.concatenate([np.full(len(everyone), now_ms), table[:, 2]])
-    until_ms = np.concatenate([np.full(len(everyone), NEVER), np.maximum(table[:, 1], now_ms)])
-    by_start, by_end = np.lexsort((from_ms, owners)), np.lexsort((until_ms, owners))
-    # in the order of time, the k-th end of a use precedes the k-th beginning after it, also where uses overlap
-    gaps = np.column_stack([from_ms[by_start], until_ms[by_end]])
-    is_gap = gaps[:, 0] < gaps[:, 1]
-    first = np.searchsorted(owners[by_start][is_gap], np.arange(ways.resources + 1))
-    return Gaps(first.astype(np.int64), gaps[is_gap].astype(np.int64))
+    table = np.fromiter(chain.from_iterable(stays), np.int64).reshape(-1, 3)
+    return Gaps(*_gaps_between(ways.resource[table[:, 0]], table[:, 1], table[:, 2], ways.resources, now_ms))
+
+
+@njit(cache=True)
+def _gaps_between(
+    owner: IntArray, from_ms: IntArray, until_ms: IntArray, resources: int, now_ms: int
+) -> tuple[IntArray, IntArray]:
+    """Return `Gaps` for stays (K,) in resources `owner`."""
+    by_start = np.argsort(from_ms)
+    begins = np.zeros(resources + 1, np.int64)
+    for each in owner:
+        begins[each + 1] += 1
+    begins = np.cumsum(begins)
+    filled = begins[:-1].copy()
+    ordered = np.empty(len(owner), np.int64)
+    for k in by_start:  # sorted by resource, then by time
+        ordered[filled[owner[k]]] = k
+        filled[owner[k]] += 1
+    first = np.zeros(resources + 1, np.int64)
+    gaps = np.empty((len(owner) + resources, 2), np.int64)
+    count = 0
+    for resource in range(resources):
+        free_from = now_ms
+        for k in ordered[begins[resource] : begins[resource + 1]]:
+            if from_ms[k] > free_from:
+                gaps[count, 0], gaps[count, 1] = free_from, from_ms[k]
+                count += 1
+            free_from = max(free_from, until_ms[k])
+        if free_from < NEVER:
+            gaps[count, 0], gaps[count, 1] = free_from, NEVER
+            count += 1
+        first[resource + 1] = count
+    return first, gaps[:count]
 
 
 def earliest(
@@ -70,16 +91,15 @@ def earliest(
     the next one. Empty if it cannot be there by `latest_ms`. `barred` (K, 3) are spots that it must not enter from a time until
     a time [ms].
     """
-    is_goal = np.zeros(len(ways.names), bool)
-    is_goal[list(ways.slots[goal])] = True
+    towards = ways.towards(goal)
     spots, entered = _earliest(
         ways.resource,
         ways.passing_ms,
         ways.first,
         ways.after,
-        ways.is_barred(goal),
-        is_goal,
-        ways.least_ms(goal),
+        towards.is_barred,
+        towards.is_goal,
+        towards.least_ms,
         gaps.first,
         gaps.gaps,
         start,
@@ -88,9 +108,9 @@ def earliest(
         latest_ms,
         barred,
     )
-    times = [*entered.tolist()]
-    until = [*(time + clearing_ms for time in times[1:]), NEVER]
-    return tuple(Stay(*each) for each in zip(spots.tolist(), times, until, strict=False))
+    times = entered.tolist()
+    until = [*(entered[1:] + clearing_ms).tolist(), NEVER]
+    return tuple(map(Stay, spots.tolist(), times, until))
 
 
 @njit(cache=True)

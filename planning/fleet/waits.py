@@ -181,11 +181,13 @@ class Audit:
         if wait is not None:
             self.begun.setdefault(wait.chair, (now_ms, wait))
 
-    def end(self, chair: int, now_ms: int) -> None:
-        """Take down that a chair does not wait any more, if it did."""
-        if chair in self.begun:
-            begun_ms, wait = self.begun.pop(chair)
-            self.ended.append(_record(wait, begun_ms, now_ms))
+    def end(self, chair: int, now_ms: int) -> Json | None:
+        """Take down that a chair does not wait any more, and return the record; None if it did not wait."""
+        if chair not in self.begun:
+            return None
+        begun_ms, wait = self.begun.pop(chair)
+        self.ended.append(_record(wait, begun_ms, now_ms))
+        return self.ended[-1]
 
     def foreseen_right(self) -> float | None:
         """Return the share of ended waits that were foreseen within 5 s or a quarter of the real wait; None if none was."""

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -59,7 +60,7 @@ class Ways:
     reserved: IntArray
     speed: float
 
-    @property
+    @cached_property
     def resources(self) -> int:
         return int(self.resource.max()) + 1
 
@@ -71,12 +72,6 @@ class Ways:
             found[self.names[spot]] = (*found.get(self.names[spot], ()), spot)
         return found
 
-    def is_barred(self, refuge: str) -> BoolArray:
-        """Return the spots (V,) that a chair with this goal must not enter, as they are reserved for other goals."""
-        number = next(k for k, each in enumerate(self.graph.refuges) if each.name == refuge)
-        barred: BoolArray = (self.reserved != NOBODYS) & (self.reserved != number)
-        return barred
-
     @cached_property
     def _backwards(self) -> csr_array:
         """The spots before each spot, with the time of passing the earlier one."""
@@ -86,18 +81,40 @@ class Ways:
         return csr_array((prices, (self.after, before)), shape=shape)
 
     @cached_property
-    def _known(self) -> dict[str, IntArray]:
+    def _known(self) -> dict[str, Towards]:
         return {}
+
+    def towards(self, refuge: str) -> Towards:
+        """Return what the spots are to a chair whose goal is a refuge."""
+        if refuge not in self._known:
+            slots = list(self.slots[refuge])
+            found: FloatArray = dijkstra(self._backwards, indices=slots, min_only=True)
+            least_ms = np.where(np.isfinite(found), np.floor(found), NEVER).astype(np.int64)
+            is_goal = np.zeros(len(self.names), bool)
+            is_goal[slots] = True
+            number = next(k for k, each in enumerate(self.graph.refuges) if each.name == refuge)
+            is_barred = (self.reserved != NOBODYS) & (self.reserved != number)
+            self._known[refuge] = Towards(least_ms, is_goal, is_barred)
+        return self._known[refuge]
+
+    def is_barred(self, refuge: str) -> BoolArray:
+        """Return the spots (V,) that a chair with this goal must not enter, as they are reserved for other goals."""
+        return self.towards(refuge).is_barred
 
     def least_ms(self, refuge: str) -> IntArray:
         """Return the least time (V,) [ms] from entering each spot to entering a slot of a refuge; `NEVER` if there is no way.
 
         Reserved spots are passed through here, which makes the time smaller at most.
         """
-        if refuge not in self._known:
-            found: FloatArray = dijkstra(self._backwards, indices=list(self.slots[refuge]), min_only=True)
-            self._known[refuge] = np.where(np.isfinite(found), np.floor(found), NEVER).astype(np.int64)
-        return self._known[refuge]
+        return self.towards(refuge).least_ms
+
+
+class Towards(NamedTuple):
+    """The spots (V,) for one goal: the least time [ms] to it, whether they are its slots, and whether they are barred."""
+
+    least_ms: IntArray
+    is_goal: BoolArray
+    is_barred: BoolArray
 
 
 def ways_of(graph: TrafficGraph, speed: float) -> Ways:

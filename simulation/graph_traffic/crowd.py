@@ -93,6 +93,7 @@ class Crowd:
         top: the chairs of top priority, by number; they count with rule C and between chairs.
         permits: whether a chair enters a section only by `permit`; otherwise the nodes admit chairs by themselves.
         tells_entries: whether `run` also returns when a chair has entered a section from which it will go on.
+        tells_last_entry: with it, for the last section of a route, too.
 
     Raises:
         TrafficError: the number of people is impossible, or the graph has no section.
@@ -109,6 +110,7 @@ class Crowd:
         top: Sequence[int] = (),
         permits: bool = False,
         tells_entries: bool = False,
+        tells_last_entry: bool = False,
         model: CrowdModel | None = None,
     ) -> None:
         if not 0 <= people <= MOST_PEOPLE:
@@ -126,6 +128,7 @@ class Crowd:
             _RULES[rule],
             self.model.inheritance,
             tells_entries,
+            tells_last_entry,
         )
         self._arrays = _initial(self.indexed, starts, people, seed, top, permits)
 
@@ -202,6 +205,14 @@ class Crowd:
         """Return the section on which a chair is, -1 at a node."""
         return int(self._arrays.chairs.section[chair])
 
+    def direction_of(self, chair: int) -> int:
+        """Return the direction in which a chair drives on its section, or drove on its last one."""
+        return int(self._arrays.chairs.direction[chair])
+
+    def standing_s(self, chair: int) -> float:
+        """Return the time [s] for which a chair has not moved."""
+        return self.now - float(self._arrays.chairs.stood_since[chair])
+
     def progress(self, chair: int) -> tuple[int, float]:
         """Return the moves of its route that a chair has begun, and the seconds that the last of them still takes.
 
@@ -227,7 +238,7 @@ class Crowd:
         ]
 
     def entered(self) -> list[int]:
-        """Return the chairs that have entered a section from which they will go on; each is told once."""
+        """Return the chairs that have entered a section since the last call, as far as `run` tells entries."""
         news = self._arrays.chairs.news
         chairs = [int(c) for c in np.flatnonzero(news == ENTERED)]
         news[chairs] = GOING

@@ -19,7 +19,7 @@ ROUTINE, PEOPLE, TOP = 0, 1, 2
 
 GOING, ARRIVED, ASKING, ENTERED = 0, 1, 2, 3
 """News of a chair: none, it has reached the end of its route, it stands at a node and has no permit to go on, or it has
-entered a section that is not the last of its route."""
+entered a section."""
 
 ANY = -2
 """A permit for every section: the nodes admit the chair by their own rule."""
@@ -36,6 +36,7 @@ class CrowdRules(NamedTuple):
     rule: int
     inheritance: bool
     tells_entries: bool
+    tells_last_entry: bool
 
 
 class ChairRows(NamedTuple):
@@ -225,8 +226,10 @@ def _enter(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int)
     d = 0 if graph.ends[s, 0] == crowd.chairs.node[c] else 1
     spare = crowd.chairs.spare[c]
     crowd.chairs.spare[c] = 0.0
+    has_people = graph.lanes[s] == 1 and crowd.facing[s, 1 - d] > 0 and _gives_way(crowd, rules, c)
+    whom = 0 if has_people else 1  # it would stand for people, whether or not a chair were in its way
     if crowd.chairs.permit[c] not in (s, ANY):
-        _stand(crowd, rules, c, s, 1)
+        _stand(crowd, rules, c, s, whom)
         crowd.chairs.news[c] = ASKING
         return
     for other in range(len(crowd.chairs.section)):
@@ -234,9 +237,9 @@ def _enter(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int)
             continue
         against = crowd.chairs.direction[other] != d and graph.lanes[s] == 1
         if against or (crowd.chairs.direction[other] == d and crowd.chairs.offset[other] < rules.gap):
-            _stand(crowd, rules, c, s, 1)
+            _stand(crowd, rules, c, s, whom)
             return
-    if graph.lanes[s] == 1 and crowd.facing[s, 1 - d] > 0 and _gives_way(crowd, rules, c):
+    if has_people:
         _stand(crowd, rules, c, s, 0)
         return
     if crowd.chairs.permit[c] != ANY:
@@ -246,7 +249,7 @@ def _enter(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, c: int)
     crowd.chairs.offset[c] = spare
     crowd.chairs.position[c] += 1
     crowd.chairs.moving[c] = 1
-    if rules.tells_entries and crowd.chairs.position[c] < crowd.chairs.moves[c]:
+    if rules.tells_entries and (rules.tells_last_entry or crowd.chairs.position[c] < crowd.chairs.moves[c]):
         crowd.chairs.news[c] = ENTERED
 
 

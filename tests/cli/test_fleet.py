@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from tests.cli.command import refused, waychair
+from tests.maps.building.buildings import two_storeys
+from waychair.maps.building.hgraph_files import write_hgraph
 from waychair.maps.drawn.places import add_place
 from waychair.maps.folders.map_files import save_map
 from waychair.maps.traffic.traffic_files import read_traffic
@@ -69,14 +71,60 @@ def test_a_place_that_shuts_off_others_is_named_and_fails(tmp_path: Path) -> Non
     assert "not well formed" in done.stderr
 
 
+def test_chairs_drive_by_the_order_and_their_log_is_audited(tmp_path: Path) -> None:
+    log = tmp_path / "order.jsonl"
+    done = waychair(
+        *("fleet", "simulate", "T", "--planner", "order", "--rooms", "--chairs", 4, "--hours", 0.2, "--seeds", 1),
+        *("--bays", 1, "--log", log),
+    )
+    assert done.returncode == 0, done.stderr
+    assert "costs most: chairs wait" in done.stdout
+    assert "One bay beside" in done.stdout or "No bay" in done.stdout
+    audit = waychair("fleet", "audit", log, "--chair", 2)
+    assert audit.returncode == 0, audit.stderr
+    assert "0 rules broken" in audit.stdout
+    values = json.loads(waychair("fleet", "audit", log, "--json").stdout)
+    assert values["faults"] == []
+    assert sum(values["arrivals"].values()) > 10
+    lines = log.read_text().splitlines()
+    entered = next(k for k, line in enumerate(lines) if '"entered"' in line)
+    log.write_text("\n".join(lines[:entered] + lines[entered : entered + 1] * 2) + "\n")
+    assert "breaks 1 rule(s)" in refused(waychair("fleet", "audit", log))
+    log.write_text(lines[0] + "\nnonsense\n")
+    assert "line 2 of" in refused(waychair("fleet", "audit", log))
+    log.write_text("")
+    assert "has no record" in refused(waychair("fleet", "audit", log))
+
+
+def test_a_building_is_checked_and_simulated(tmp_path: Path) -> None:
+    write_hgraph(tmp_path / "clinic", two_storeys())
+    done = waychair("fleet", "check", tmp_path / "clinic", "--json")
+    assert done.returncode == 0, done.stderr
+    values = json.loads(done.stdout)
+    assert (values["lifts"], values["refuges"], values["shut_off"]) == (1, 6, [])
+    assert any("taken as single file" in note for note in values["notes"])
+    run = waychair(
+        *("fleet", "simulate", tmp_path / "clinic", "--planner", "order", "--chairs", 2, "--hours", 0.2, "--json")
+    )
+    values = json.loads(run.stdout)
+    assert values["tasks"] > 10
+    assert values["lockups"] == 0
+    assert list(values["waited_s_per_hour_by_lift"]) == ["A"]
+    assert "know no lifts" in refused(waychair("fleet", "simulate", tmp_path / "clinic"))
+
+
 @pytest.mark.parametrize(
     ("arguments", "told"),
     [
-        (("simulate", "nowhere"), "no floor plan or map 'nowhere'"),
+        (("simulate", "nowhere"), "no floor plan, map or building 'nowhere'"),
         (("simulate", "T", "--chairs", "9"), "places for 8 chairs"),
         (("simulate", "T", "--persons", "20000"), "people are impossible"),
         (("simulate", "T", "--hours", "5000"), "--hours 5000"),
         (("simulate", "T", "--width", "0.5"), "no room for a chair"),
+        (("simulate", "T", "--bays", "2"), "--bays and --log need --planner order"),
+        (("simulate", "T", "--planner", "order", "--rooms", "--chairs", "17"), "give 1 to 16 chairs"),
+        (("simulate", "T", "--planner", "order", "--rooms", "--persons", "20000"), "people are impossible"),
+        (("audit", "nowhere.jsonl"), "nowhere.jsonl"),
         (("check", "T", "--body", "Z"), "--body 'Z' is unknown"),
     ],
 )

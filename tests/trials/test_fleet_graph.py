@@ -66,3 +66,12 @@ def test_free_times_are_symmetric_and_those_of_the_shortest_ways() -> None:
     times = free_times(indexed_traffic(LOOP), 0.5)
     assert times[NAMES.index("10"), NAMES.index("00")] == pytest.approx(18.0)
     assert np.allclose(times, times.T)
+
+
+def test_nobody_and_ten_thousand_people_are_possible_and_more_are_refused() -> None:
+    kept = {"chairs": 2, "rule": RightOfWay.HUMANS, "hours": 0.05, "seed": 0}
+    assert fleet_hours(LOOP, people=0, **kept).waited[:, 0].sum() == 0.0  # type: ignore[arg-type]
+    crowded = fleet_hours(LOOP, people=10_000, **kept)  # type: ignore[arg-type]
+    assert crowded.waited[:, 0].max() > 100.0
+    with pytest.raises(TrafficError, match="10001 people are impossible; give 0 to 10000"):
+        fleet_hours(LOOP, people=10_001, **kept)  # type: ignore[arg-type]

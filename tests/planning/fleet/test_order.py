@@ -233,7 +233,7 @@ def test_priorities_age_up_to_appointments_and_top_outweighs_all() -> None:
     assert aged(Priority.ROUTINE, 120_000) == Priority.APPOINTMENT
     assert aged(Priority.ROUTINE, 10**9) == Priority.APPOINTMENT
     assert aged(Priority.TOP, 10**9) == Priority.TOP
-    assert weight(Priority.ROUTINE, 60_000) == 2 * weight(Priority.ROUTINE, 0)
+    assert weight(Priority.ROUTINE, 300_000) == 2 * weight(Priority.ROUTINE, 0)
     assert weight(Priority.TOP, 0) > 10 * weight(Priority.APPOINTMENT, 600_000)
 
 
