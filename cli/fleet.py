@@ -19,6 +19,10 @@ fleet_app.command(
     "waychair.cli.fleet_solving:solve_command", name="solve", help="Find short paths for many agents on a grid."
 )
 
+fleet_app.command(
+    "waychair.cli.fleet_demo:demo_command", name="demo", help="Let several whole chairs share a building."
+)
+
 _MOST_HOURS = 1000
 """Longer runs take minutes; more seeds say more than longer runs."""
 

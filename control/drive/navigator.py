@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.authority import FREE, HELD_WITHIN, Authority, fastest_before
 from waychair.control.drive.bystanders import Bystanders
 from waychair.control.drive.goals import how_far_off, is_at, is_missed, limits_to, posed
 from waychair.control.drive.leg_drive import LegDrive, View
@@ -99,6 +100,8 @@ class Navigator:
         self._plan, self._now = PlanState(), MotionState()
         self._maker = PathMaker(drawn, body, s, self._surroundings, self._people, self._plan, self._now)
         self._corrections = Corrections()
+        self.authority: Authority = FREE
+        """How far the chair may drive among other chairs."""
 
     @property
     def active(self) -> bool:
@@ -246,6 +249,8 @@ class Navigator:
             return self._halt(now_ns, self._plan.no_path_reason)
         if self.recovery.rests(now_ns):
             return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
+        if self._is_held():
+            self.recovery.leave_out_planning(since_ns)
         choice = self._choose(now_ns, pose, self._view(now_ns, pose, obstacles, odom_from_map))
         return self._outcome(now_ns, choice)
 
@@ -268,10 +273,21 @@ class Navigator:
             motion=None if self._now.jumping else self._now.motion,  # after a jump, braking is not limited for comfort
             tracks=self._people.predicted(now_ns, odom_from_map @ pose),
             has_sonars=self._surroundings.has_sonars,
+            fastest=fastest_before(self._granted_way(), self._now.command.v, self._dwa),
             layered=tuple(
                 (layer, transform_points(odom_from_map, seen)) for layer, seen in self._surroundings.in_narrow_layers()
             ),
         )
+
+    def _granted_way(self) -> float:
+        """Return the way [m] that the authority leaves on the present leg; +inf if it ends nowhere on it."""
+        if not self._plan.legs:
+            return math.inf
+        return self.authority.way_left(self._body, self._now.pose, self._plan.legs[0].path.poses)
+
+    def _is_held(self) -> bool:
+        """Return whether the chair stands, or is about to, because its authority ends."""
+        return self.authority.line is not None and self._granted_way() < HELD_WITHIN
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
         """Follow the path; if that has been impossible for a while, first back out along the chair's trail."""
@@ -384,6 +400,8 @@ class Navigator:
     def _why_at_rest(self, wants_to_move: bool) -> str:
         """Return for what a chair stands that is not blocked, and for how long."""
         recovery = self.settings.recovery
+        if self._is_held():
+            return self.authority.reason
         if self._among_people:
             return f"the chair lets somebody pass, for up to {recovery.patience:.0f} s"
         otherwise = (

@@ -1,0 +1,180 @@
+"""Where the spots of a traffic graph lie on the floor: the polyline of a chain, and the stop lines across it.
+
+Sections are straight between their nodes, as corridors of a floor plan are. A node reaches so far along its sections that
+a chair before it leaves room for another one to turn there; a refuge begins at the edge of the corridor.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.geometry import arc_lengths, transform_points
+from waychair.maps.traffic.traffic_graph import Section, TrafficGraph
+from waychair.planning.fleet.ways import MOST_AT_A_NODE, Ways
+from waychair.types import FloatArray, Pose2
+
+TURNING_ROOM = 0.90
+"""m; from the middle of a node where chairs turn to a chair that waits before it."""
+
+LINE_BEYOND = 0.10
+"""m; a stop line reaches so far into the walls on both sides."""
+
+_IN_PARTS = 8
+"""Points on each side of the outline by which a chair's place on its chain is found."""
+
+
+@dataclass(frozen=True, slots=True)
+class SpotPlace:
+    """The ends of a spot (2, 2) [m] in map, equal for nodes and slots, and its clear width [m]."""
+
+    ends: FloatArray
+    width: float
+    node: str | None
+    section: str | None
+
+
+@dataclass(frozen=True)
+class Chain:
+    """The spots of a chair's chain as a polyline (N, 2) [m] in map with the way (N,) along it.
+
+    Spot k, of `count`, reaches up to `until[k]` [m] along the way; there lies its stop line.
+    """
+
+    points: FloatArray
+    along: FloatArray
+    until: FloatArray
+    widths: FloatArray
+
+    def stop_line(self, k: int) -> FloatArray:
+        """Return the line (2, 2) [m] in map across the end of spot k."""
+        at, heading = self.place_at(float(self.until[k]))
+        half = self.widths[k] / 2 + LINE_BEYOND
+        across = np.array([-math.sin(heading), math.cos(heading)]) * half
+        return np.array([at - across, at + across])
+
+    def place_at(self, way: float) -> tuple[FloatArray, float]:
+        """Return the point (2,) [m] and the heading [rad] at a way along the chain."""
+        k = int(np.clip(np.searchsorted(self.along, way, side="right") - 1, 0, len(self.along) - 2))
+        step = self.points[k + 1] - self.points[k]
+        length = max(float(np.hypot(*step)), 1e-9)
+        share = (way - self.along[k]) / length
+        return self.points[k] + share * step, math.atan2(step[1], step[0])
+
+    def reach_of(self, body: ChairBody, pose: Pose2, near: float) -> tuple[float, float]:
+        """Return the way of the rearmost and of the foremost point of a chair, near a way [m] known before."""
+        corners = transform_points(pose, body.outline())
+        shares = np.linspace(0.0, 1.0, _IN_PARTS, endpoint=False)[:, None]
+        sides = [a + shares * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
+        ways = self._ways_of(np.concatenate(sides), near)
+        return float(ways.min()), float(ways.max())
+
+    def _ways_of(self, points: FloatArray, near: float) -> FloatArray:
+        """Return the way (M,) of the nearest place on the chain within 3 m of way from `near`, for points (M, 2)."""
+        a, steps = self.points[:-1], np.diff(self.points, axis=0)
+        long = np.maximum(np.hypot(*steps.T), 1e-9)
+        kept = (self.along[1:] > near - 3.0) & (self.along[:-1] < near + 3.0)
+        kept = kept if kept.any() else np.ones(len(long), np.bool_)
+        a, steps, long, from_way = a[kept], steps[kept], long[kept], self.along[:-1][kept]
+        share = ((points[:, None] - a) * steps).sum(axis=2) / long**2
+        within = np.clip(share, 0.0, 1.0)
+        off = np.hypot(*np.moveaxis(points[:, None] - a - within[..., None] * steps, 2, 0))
+        best = off.argmin(axis=1)
+        rows = np.arange(len(points))
+        # before the first and beyond the last point the way goes on straight
+        free = within[rows, best].copy()
+        first, last = (best == 0) & kept[0], (best == len(long) - 1) & kept[-1]
+        free = np.where(first & (share[rows, best] < 0.0), share[rows, best], free)
+        free = np.where(last & (share[rows, best] > 1.0), share[rows, best], free)
+        ways: FloatArray = from_way[best] + free * long[best]
+        return ways
+
+
+def spot_places(ways: Ways) -> tuple[SpotPlace, ...]:
+    """Return the place of each spot, in the order in which `ways_of` numbers them."""
+    graph = ways.graph
+    found: list[SpotPlace] = []
+    for node in graph.nodes:
+        at = np.array([[node.x, node.y]] * 2)
+        found += [SpotPlace(at, 0.0, node.name, None)] * min(graph.capacity(node.name), MOST_AT_A_NODE)
+    for section in graph.sections:
+        ends = np.array([[graph.node[each].x, graph.node[each].y] for each in (section.start, section.end)])
+        found.append(SpotPlace(ends, section.width, None, section.name))
+        if not section.one_way:
+            found.append(SpotPlace(ends[::-1], section.width, None, section.name))
+    assert len(found) == len(ways.names)
+    return tuple(found)
+
+
+def node_rooms(graph: TrafficGraph) -> dict[tuple[str, str], float]:
+    """Return how far [m] each node reaches along each of its sections, by the names of node and section."""
+    at: dict[str, list[Section]] = {node.name: [] for node in graph.nodes}
+    for section in graph.sections:
+        at[section.start].append(section)
+        at[section.end].append(section)
+    ends = Counter(end for section in graph.sections for end in (section.start, section.end))
+    found: dict[tuple[str, str], float] = {}
+    for name, sections in at.items():
+        for section in sections:
+            other = section.other(name)
+            if other in graph.refuge_at and ends[other] == 1:  # a door: up to the edge of the corridor
+                room = max(
+                    (each.width / 2 for each in sections if each.name != section.name), default=section.width / 2
+                )
+            elif name in graph.refuge_at and ends[name] == 1:
+                room = max(0.0, section.length - 0.5 * section.width)
+            else:
+                room = 0.0 if _goes_straight(graph, name, sections) else TURNING_ROOM
+            found[name, section.name] = (
+                min(room, 0.45 * section.length) if other not in graph.refuge_at else min(room, section.length)
+            )
+    return found
+
+
+def chain_of(
+    ways: Ways, places: Sequence[SpotPlace], rooms: dict[tuple[str, str], float], spots: Sequence[int]
+) -> Chain:
+    """Return the chain of some spots on the floor."""
+    points: list[FloatArray] = []
+    marks: list[int] = []  # index of the point at the end of each spot
+    for spot in spots:
+        start, end = places[spot].ends
+        for point in (start, end) if places[spot].section is not None else (start,):
+            if not points or np.hypot(*(points[-1] - point)) > 1e-9:
+                points.append(point)
+        marks.append(len(points) - 1)
+    if len(points) == 1:  # a chair at rest in its refuge
+        points.append(points[0] + (1.0, 0.0))
+    line = np.array(points)
+    along = arc_lengths(line)
+    until, widths = np.zeros(len(spots)), np.zeros(len(spots))
+    for k, spot in enumerate(spots):
+        here = places[spot]
+        way = float(along[marks[k]])
+        if k + 1 == len(spots):
+            until[k], widths[k] = math.inf, here.width
+            continue
+        after = places[spots[k + 1]]
+        if here.node is not None:  # from a node into a section
+            assert after.section is not None
+            until[k], widths[k] = way + rooms[here.node, after.section], after.width
+        else:
+            assert after.node is not None
+            assert here.section is not None
+            until[k], widths[k] = way - rooms[after.node, here.section], here.width
+    return Chain(line, along, np.maximum.accumulate(until), widths)
+
+
+def _goes_straight(graph: TrafficGraph, name: str, sections: Sequence[Section]) -> bool:
+    """Return whether a node only divides a straight corridor."""
+    if len(sections) != 2:
+        return False
+    here = graph.node[name]
+    ways = [graph.node[section.other(name)] for section in sections]
+    a, b = (math.atan2(node.y - here.y, node.x - here.x) for node in ways)
+    return abs(abs(math.remainder(a - b, math.tau)) - math.pi) < math.radians(20.0)
