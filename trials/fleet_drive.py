@@ -15,7 +15,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.calibration.fits.dac import DEFAULT
-from waychair.control.drive.navigator import Stage
+from waychair.control.drive.navigation import ACTIVE, Stage
 from waychair.control.safety.stops import halt_as_told
 from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.order import Request, parked
@@ -25,6 +25,7 @@ from waychair.planning.fleet.warden import District, Heard, decided
 from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.fleet.chain_driving import ChainDriver
+from waychair.runtime.fleet.chain_geometry import drivable
 from waychair.simulation.fleet import ChairPlan, FleetSimulator
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.seeds import chair_seed
@@ -139,6 +140,7 @@ class _Rider:
         self._goals = list(goals)
         self._asked_ms: int | None = None
         self._course: tuple[Goal, ...] = ()
+        self._left = 0
         self._again_ms: int | None = None
         self._tries = 0
 
@@ -146,6 +148,15 @@ class _Rider:
     def done(self) -> bool:
         """Whether no goal is left."""
         return not self._goals
+
+    def count_goals(self) -> int:
+        """Return the goals of the present chain that are not reached yet."""
+        stage = self.chair.navigator.stage
+        if stage is Stage.ARRIVED:
+            self._left = 0
+        elif stage in ACTIVE and self.state is not None and self.state.navigation.goals:
+            self._left = self.state.navigation.goals
+        return self._left
 
     def wish(self, now_ms: int, numbers: Iterator[int]) -> Request | None:
         """Return the request for the next goal, if it has not been made."""
@@ -158,7 +169,7 @@ class _Rider:
         """Set off for new goals, again after a drive that ended early, and to the next wish after an arrival."""
         stage = self.chair.navigator.stage
         if goals is not None and goals != self._course:
-            self._course, self._again_ms, self._tries = goals, None, 0
+            self._course, self._left, self._again_ms, self._tries = goals, len(goals), None, 0
             if goals:
                 self._set_off()
             return
@@ -180,7 +191,7 @@ class _Rider:
             self._again_ms = None
 
     def _set_off(self) -> None:
-        self.chair.go(*self._course)
+        self.chair.go(*self._course[len(self._course) - self._left :])
         self.chair.confirm()
 
     def _end(self, now_ms: int) -> None:
@@ -205,7 +216,7 @@ def drive_fleet(
         TaskError: a start or goal is no refuge, or has no slot.
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
-    ways = ways_of(scene.graph, SPEED)
+    ways = drivable(ways_of(scene.graph, SPEED), scene.body)
     plans = [
         ChairPlan(scene.body, randomised_settings(chair_seed(scene.seed, k)), scene.places[start].pose)
         for k, start in enumerate(scene.starts)
@@ -272,7 +283,9 @@ def _keep_order(
     reports, requests = [], []
     for rider in riders:
         assert rider.state is not None
-        steps = rider.driver.step(district.order, rider.state.map_from_base, now_ms, sentences.get(rider.number, ""))
+        steps = rider.driver.step(
+            district.order, rider.state.map_from_base, now_ms, rider.count_goals(), sentences.get(rider.number, "")
+        )
         rider.line = steps.authority.line
         rider.chair.navigator.authority = steps.authority
         rider.follow(steps.goals, now_ms)

@@ -25,7 +25,10 @@ from waychair.types import Goal, Place, Pose2
 CLAIMED_BEFORE = 1.6
 """m; a chair that is so near to a free spot enters it: it stops from its speed within less."""
 
-LEFT_BEYOND = 0.05
+AT_LINE = 0.30
+"""m; a chair so near to the end of its spot is ready to leave it."""
+
+LEFT_BEYOND = 0.02
 """m; a spot is left when the rear is so far beyond its end."""
 
 PATIENCE_MS = 20_000
@@ -55,6 +58,7 @@ class ChainDriver:
         self._chain: Chain | None = None
         self._first = 0  # place of the entered spot in that chain
         self._way = 0.0
+        self._goals: tuple[Goal, ...] = ()
         self._waits_since_ms: int | None = None
 
     @property
@@ -62,33 +66,50 @@ class ChainDriver:
         """Whether the chair has entered all its spots and left all others."""
         return len(self._ahead) < 2 and not self._behind
 
-    def step(self, order: Order, pose: Pose2, now_ms: int, reason: str = "") -> Steps:
-        """Return the report, authority and goals of this moment from the order and `map_from_base`."""
+    def step(self, order: Order, pose: Pose2, now_ms: int, goals_left: int = 0, reason: str = "") -> Steps:
+        """Return the report, authority and goals of this moment from the order and `map_from_base`.
+
+        `goals_left` of the last goals given are still to be reached, as the navigator says.
+        """
         spots = order.chains[self._number].spots
         goals = None
         if spots != self._ahead or self._chain is None:
-            goals = self._take(spots)
+            goals = self._take(spots, goals_left)
+            goals_left = len(goals)
         assert self._chain is not None
-        rear, front = self._chain.reach_of(self._body, pose, self._way)
+        piece = max(len(self._chain.folds) - max(goals_left - 1, 0), 0) if self._goals else 0
+        rear, front = self._chain.reach_of(self._body, pose, self._way, piece)
         self._way = (rear + front) / 2
-        entered = self._enter(order, front, now_ms)
-        while self._behind and rear > self._chain.until[self._first - len(self._behind)] + LEFT_BEYOND:
-            self._behind.pop(0)
-        last = self._first == len(self._chain.until) - 1
-        line = None if last else self._chain.stop_line(self._first)
-        left = 0.0 if last else max(float(self._chain.until[self._first]) - front, 0.0)
-        report = Report(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
-        if entered:
+        if self._enter(order, front, now_ms):
             self._waits_since_ms = None
+        self._leave(rear, piece, goals_left)
+        until = float(self._chain.until[self._first])
+        line = None if until > self._chain.ends_at(piece) or until == math.inf else self._chain.stop_line(self._first)
+        left = 0.0 if until == math.inf or until - front < AT_LINE else until - front
+        report = Report(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
         return Steps(report, Authority(line, reason or "the chair waits for its turn"), goals)
 
-    def _take(self, spots: tuple[int, ...]) -> tuple[Goal, ...]:
+    def _take(self, spots: tuple[int, ...], goals_left: int) -> tuple[Goal, ...]:
         """Follow another chain from the entered spot on; return the goals of it."""
         self._ahead = spots
         self._chain = chain_of(self._ways, self._spot_places, self._rooms, (*self._behind, *spots))
         self._first = len(self._behind)
         self._way = float(self._chain.until[self._first - 1]) if self._first else 0.0
-        return self._goals(spots)
+        bay = Goal(self._ways.names[spots[0]])
+        still = bay in self._goals[len(self._goals) - goals_left :] and self._chain.folds and len(spots) > 1
+        self._goals = (*((bay,) if still else ()), *self._goals_of(spots))
+        return self._goals
+
+    def _leave(self, rear: float, piece: int, goals_left: int) -> None:
+        """Leave the spots that the rear has passed, and all before a goal that the chair has reached."""
+        assert self._chain is not None
+        begins_at = self._chain.ends_at(piece - 1) if piece else -math.inf
+        while self._behind:
+            until = float(self._chain.until[self._first - len(self._behind)])
+            arrived = self._goals and goals_left == 0 and len(self._ahead) == 1
+            if not arrived and rear < until + LEFT_BEYOND and until > begins_at:
+                break
+            self._behind.pop(0)
 
     def _enter(self, order: Order, front: float, now_ms: int) -> bool:
         """Enter the next spots that are free and near, as far as the chair may wait; return whether it has."""
@@ -139,7 +160,7 @@ class ChainDriver:
         ends = Counter(end for section in self._ways.graph.sections for end in (section.start, section.end))
         return node in self._ways.graph.refuge_at and ends[node] == 1
 
-    def _goals(self, spots: tuple[int, ...]) -> tuple[Goal, ...]:
+    def _goals_of(self, spots: tuple[int, ...]) -> tuple[Goal, ...]:
         """Return the goals: the refuges on the way in which the chair turns about, places to back out of, and the last one."""
         goals: list[Goal] = []
         for k in range(1, len(spots) - 1):

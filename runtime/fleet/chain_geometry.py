@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +25,9 @@ TURNING_ROOM = 0.90
 
 LINE_BEYOND = 0.10
 """m; a stop line reaches so far into the walls on both sides."""
+
+_NEAR = 3.0
+"""m; a chair has not moved farther along its chain since it was last looked for."""
 
 _IN_PARTS = 8
 """Points on each side of the outline by which a chair's place on its chain is found."""
@@ -66,32 +70,45 @@ class Chain:
         share = (way - self.along[k]) / length
         return self.points[k] + share * step, math.atan2(step[1], step[0])
 
-    def reach_of(self, body: ChairBody, pose: Pose2, near: float) -> tuple[float, float]:
-        """Return the way of the rearmost and of the foremost point of a chair, near a way [m] known before."""
+    @cached_property
+    def folds(self) -> tuple[int, ...]:
+        """Indices of the points at which the chain turns back on itself: in a bay, or where a chair backs out again."""
+        steps = np.diff(self.points, axis=0)
+        ahead = (steps[:-1] * steps[1:]).sum(axis=1)
+        return tuple((np.flatnonzero(ahead < 0.0) + 1).tolist())
+
+    def ends_at(self, piece: int) -> float:
+        """Return the way [m] at which a piece ends, between two folds; +inf for the last one."""
+        return float(self.along[self.folds[piece]]) if piece < len(self.folds) else math.inf
+
+    def reach_of(self, body: ChairBody, pose: Pose2, near: float, piece: int) -> tuple[float, float]:
+        """Return the way of the rearmost and of the foremost point of a chair on a piece, near a way [m] known before."""
         corners = transform_points(pose, body.outline())
         shares = np.linspace(0.0, 1.0, _IN_PARTS, endpoint=False)[:, None]
         sides = [a + shares * (b - a) for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True)]
-        ways = self._ways_of(np.concatenate(sides), near)
+        ways = self._ways_of(np.concatenate(sides), near, piece)
         return float(ways.min()), float(ways.max())
 
-    def _ways_of(self, points: FloatArray, near: float) -> FloatArray:
-        """Return the way (M,) of the nearest place on the chain within 3 m of way from `near`, for points (M, 2)."""
-        a, steps = self.points[:-1], np.diff(self.points, axis=0)
+    def _ways_of(self, points: FloatArray, near: float, piece: int) -> FloatArray:
+        """Return the way (M,) of the nearest place on a piece within 3 m of way from `near`, for points (M, 2).
+
+        Before the first and beyond the last point of the piece the way goes on straight.
+        """
+        bounds = [0, *self.folds, len(self.points) - 1]
+        part = slice(bounds[piece], bounds[piece + 1])
+        a, steps, begins = self.points[:-1][part], np.diff(self.points, axis=0)[part], self.along[:-1][part]
         long = np.maximum(np.hypot(*steps.T), 1e-9)
-        kept = (self.along[1:] > near - 3.0) & (self.along[:-1] < near + 3.0)
+        kept = (begins + long > near - _NEAR) & (begins < near + _NEAR)
         kept = kept if kept.any() else np.ones(len(long), np.bool_)
-        a, steps, long, from_way = a[kept], steps[kept], long[kept], self.along[:-1][kept]
         share = ((points[:, None] - a) * steps).sum(axis=2) / long**2
         within = np.clip(share, 0.0, 1.0)
         off = np.hypot(*np.moveaxis(points[:, None] - a - within[..., None] * steps, 2, 0))
-        best = off.argmin(axis=1)
+        best = np.where(kept, off, np.inf).argmin(axis=1)
         rows = np.arange(len(points))
-        # before the first and beyond the last point the way goes on straight
-        free = within[rows, best].copy()
-        first, last = (best == 0) & kept[0], (best == len(long) - 1) & kept[-1]
-        free = np.where(first & (share[rows, best] < 0.0), share[rows, best], free)
-        free = np.where(last & (share[rows, best] > 1.0), share[rows, best], free)
-        ways: FloatArray = from_way[best] + free * long[best]
+        free = within[rows, best]
+        free = np.where(best == 0, np.minimum(share[rows, best], free), free)
+        free = np.where(best == len(long) - 1, np.maximum(share[rows, best], free), free)
+        ways: FloatArray = begins[best] + free * long[best]
         return ways
 
 
@@ -136,6 +153,26 @@ def node_rooms(graph: TrafficGraph) -> dict[tuple[str, str], float]:
     return found
 
 
+def drivable(ways: Ways, body: ChairBody) -> Ways:
+    """Return the ways without backing out of sections in which a whole chair does not stand aside, such as doors."""
+    places, rooms = spot_places(ways), node_rooms(ways.graph)
+    kept = np.ones(len(ways.after), np.bool_)
+    for spot, place in enumerate(places):
+        if place.section is None:
+            continue
+        section = ways.graph.section[place.section]
+        begins_at = {k for k in range(ways.first[spot], ways.first[spot + 1]) if _is_at(places, ways, k, place.ends[0])}
+        if section.length - sum(rooms[end, section.name] for end in (section.start, section.end)) < body.length:
+            kept[list(begins_at)] = False
+    before = np.repeat(np.arange(len(places)), np.diff(ways.first))[kept]
+    first = np.searchsorted(before, np.arange(len(places) + 1)).astype(np.int64)
+    return replace(ways, first=first, after=ways.after[kept])
+
+
+def _is_at(places: Sequence[SpotPlace], ways: Ways, edge: int, point: FloatArray) -> bool:
+    return bool(np.hypot(*(places[ways.after[edge]].ends[0] - point)) < 1e-9)
+
+
 def chain_of(
     ways: Ways, places: Sequence[SpotPlace], rooms: dict[tuple[str, str], float], spots: Sequence[int]
 ) -> Chain:
@@ -166,7 +203,10 @@ def chain_of(
         else:
             assert after.node is not None
             assert here.section is not None
-            until[k], widths[k] = way - rooms[after.node, here.section], here.width
+            room = rooms[after.node, here.section]
+            backs_out = np.hypot(*(after.ends[0] - here.ends[0])) < 1e-9
+            until[k] = way + (float(np.hypot(*(here.ends[1] - here.ends[0]))) - room if backs_out else -room)
+            widths[k] = here.width
     return Chain(line, along, np.maximum.accumulate(until), widths)
 
 

@@ -13,13 +13,13 @@ from waychair.planning.fleet.order import Order, Request, parked
 from waychair.planning.fleet.warden import District, Heard, Report, decided
 from waychair.planning.fleet.ways import ways_of
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
-from waychair.runtime.fleet.chain_geometry import TURNING_ROOM, chain_of, node_rooms, spot_places
+from waychair.runtime.fleet.chain_geometry import TURNING_ROOM, chain_of, drivable, node_rooms, spot_places
 from waychair.trials.fleet_scenes import places_in_rooms
 from waychair.types import Pose2
 
 PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
 GRAPH = corridor_graph(PLAN, 1.2, rooms=True, bays=True)
-WAYS = ways_of(GRAPH, 0.5)
+WAYS = drivable(ways_of(GRAPH, 0.5), CHAIR_A)
 PLACES = dict(places_in_rooms(PLAN))
 ROOMS = [refuge.name for refuge in GRAPH.refuges]
 
@@ -122,3 +122,42 @@ def test_a_chair_before_anothers_spot_gets_a_line_and_no_further() -> None:
     assert all(line is not None for line in lines)
     held = {(k, spot) for k in (0, 1) for spot in [points.order.chains[k].spots[0]]}
     assert len({WAYS.resource[spot] for _, spot in held}) == 2
+
+
+def _head_on() -> tuple[_Points, str, str]:
+    """Two chairs that exchange sides in a corridor without a bend: one steps aside into a room on the way."""
+    start, goal = _rooms_apart(12.0)
+    beside = [
+        next(name for name in ROOMS if name != room and abs(PLACES[name].pose.x - PLACES[room].pose.x) < 3.1)
+        for room in (start, goal)
+    ]
+    points = _Points({0: start, 1: goal}, {0: beside[1], 1: beside[0]})
+    for _ in range(2):
+        points.step()
+    return points, start, goal
+
+
+def test_one_of_two_that_meet_in_a_corridor_gets_a_bay_as_its_first_goal() -> None:
+    points, *_ = _head_on()
+    goals = {k: [each.target for each in steps.goals or ()] for k, steps in points.steps.items()}
+    assert sorted(map(len, goals.values())) == [1, 2]
+    aside = next(each[0] for each in goals.values() if len(each) == 2)
+    assert aside in ROOMS
+
+
+def test_no_line_bars_the_way_into_a_bay_and_one_bars_the_way_out_of_it() -> None:
+    points, *_ = _head_on()
+    k = next(k for k, steps in points.steps.items() if len(steps.goals or ()) == 2)
+    bay, last = (str(each.target) for each in points.steps[k].goals or ())
+    other = 1 - k
+    points.drivers.pop(other)
+    points.steps.pop(other)
+    away = math.copysign(1.0, PLACES[bay].pose.x - points.poses[k].x)
+    driver = points.drivers[k]
+    for x in (-2.0, -0.8, -0.4):  # up to the bay's door
+        points.poses[k] = Pose2(PLACES[bay].pose.x + away * x - 0.3 * away, 3.0, 0.0 if away > 0 else math.pi)
+        steps = driver.step(points.order, points.poses[k], points.now_ms, goals_left=2)
+    assert steps.authority.line is None or abs(steps.authority.line[:, 0].mean() - PLACES[bay].pose.x) > 0.5
+    inside = driver.step(points.order, PLACES[bay].pose, points.now_ms, goals_left=1)
+    assert inside.authority.line is not None
+    assert last in ROOMS
