@@ -17,6 +17,7 @@ from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.drive.navigation import ACTIVE, Stage
 from waychair.control.safety.stops import halt_as_told
+from waychair.maps.drawn.zones import Zone
 from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.order import Request, parked
 from waychair.planning.fleet.rules import Priority
@@ -31,7 +32,7 @@ from waychair.simulation.plan.world import World
 from waychair.simulation.scene.seeds import chair_seed
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, simulated_chair
-from waychair.types import FloatArray, Goal, Place, Pose2, SensorMessage
+from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, SensorMessage
 
 SPEED = 0.45
 """m/s; mean speed of a chair from room to room, with its turns, by which the warden foresees times."""
@@ -51,6 +52,12 @@ AGAIN_AFTER_S = 5.0
 MOST_TRIES = 5
 """Times that a rider asks for the same goal before it counts as not reached."""
 
+CHAIR_AHEAD = 8.0
+"""m; with another chair so near, a chair that does not get on waits for that chair."""
+
+BLOCKED_AFTER_MS, BLOCKED_FOR_MS = 2_000, 120_000
+"""ms that a chair stands before a way counts as closed, and for how long it does."""
+
 _MOVES = 0.02
 """m/s or rad/s; a slower chair stands."""
 
@@ -59,7 +66,8 @@ _MOVES = 0.02
 class FleetScene:
     """A world and its traffic graph; for each chair the refuge where it starts and its goals in turn.
 
-    `places` are the poses of all refuges, for a body.
+    `places` are the poses of all refuges, for a body; `zones` are drawn on every chair's map. `hidden` is the world without
+    the things that are on no map, if there are any.
     """
 
     world: World
@@ -70,6 +78,13 @@ class FleetScene:
     body: ChairBody = CHAIR_A
     seed: int = 0
     time_limit_s: float = 1200.0
+    zones: tuple[Zone, ...] = ()
+    hidden: World | None = None
+
+    @property
+    def mapped(self) -> OccupancyGrid:
+        """The map of all chairs."""
+        return (self.hidden or self.world).grid
 
 
 @dataclass(slots=True)
@@ -129,6 +144,10 @@ class FleetMoment:
     reached: tuple[int, ...]
 
 
+Events = Callable[[FleetSimulator, Sequence[Chair], float], None]
+"""A change of a scene under way: called before each tick with the simulator, the chairs and the time [s]."""
+
+
 class _Rider:
     """One chair with its goals: asks the warden, drives, and asks again after a drive that ended before its goal."""
 
@@ -143,6 +162,7 @@ class _Rider:
         self._left = 0
         self._again_ms: int | None = None
         self._tries = 0
+        self._stuck_ms: int | None = None
 
     @property
     def done(self) -> bool:
@@ -181,6 +201,22 @@ class _Rider:
         elif stage is Stage.FAILED:
             self._ask_again(now_ms)
 
+    def blocked(self, now_ms: int, others: Sequence[Pose2]) -> dict[str, int]:
+        """Return the section before which the chair stands for something that is no chair, with the time it counts [ms]."""
+        stage = self.chair.navigator.stage
+        if self.state is None or stage not in (Stage.WAITING, Stage.OFFERING) or self.held:
+            self._stuck_ms = None
+            return {}
+        here = self.state.map_from_base
+        if any(math.dist((here.x, here.y), (other.x, other.y)) < CHAIR_AHEAD for other in others):
+            self._stuck_ms = None
+            return {}
+        self._stuck_ms = now_ms if self._stuck_ms is None else self._stuck_ms
+        if now_ms - self._stuck_ms < BLOCKED_AFTER_MS:
+            return {}
+        section = self.driver.section_ahead()
+        return {} if section is None else {section: BLOCKED_FOR_MS}
+
     def _ask_again(self, now_ms: int) -> None:
         if self._again_ms is None:
             self.run.ends.append(self.chair.navigator.reason)
@@ -204,7 +240,7 @@ class _Rider:
 def drive_fleet(
     scene: FleetScene,
     on_moment: Callable[[FleetMoment], None] = lambda moment: None,
-    events: Callable[[FleetSimulator, Sequence[Chair], float], None] = lambda simulator, chairs, seconds: None,
+    events: Events = lambda simulator, chairs, seconds: None,
     settings: ChairSettings | None = None,
 ) -> FleetRun:
     """Drive all chairs to all their goals, for at most the scene's time.
@@ -223,7 +259,9 @@ def drive_fleet(
     ]
     simulator = FleetSimulator(scene.world, plans, scene.seed)
     run = FleetRun([ChairRun(len(goals)) for goals in scene.goals])
-    setup = DriveSetup(scene.world.grid, scene.places, scene.body, DEFAULT, chair=settings or ChairSettings())
+    setup = DriveSetup(
+        scene.mapped, scene.places, scene.body, DEFAULT, chair=settings or ChairSettings(), zones=scene.zones
+    )
     with ExitStack() as stack:
         chairs = [stack.enter_context(simulated_chair(setup, each)) for each in simulator.chairs]
         riders = [
@@ -245,7 +283,7 @@ def _drive(
     riders: Sequence[_Rider],
     run: FleetRun,
     on_moment: Callable[[FleetMoment], None],
-    events: Callable[[FleetSimulator, Sequence[Chair], float], None],
+    events: Events,
 ) -> None:
     district = District(parked(ways, dict(enumerate(scene.starts))), CLEARING_MS, scene.seed)
     numbers = iter(range(1, 1 << 30))
@@ -281,6 +319,7 @@ def _keep_order(
 ) -> tuple[District, tuple[Wait, ...]]:
     """Let every chair step along its chain and report, and the warden decide; give the chairs their authorities."""
     reports, requests = [], []
+    blocked: dict[str, int] = {}
     for rider in riders:
         assert rider.state is not None
         steps = rider.driver.step(
@@ -290,10 +329,13 @@ def _keep_order(
         rider.chair.navigator.authority = steps.authority
         rider.follow(steps.goals, now_ms)
         reports.append(steps.report)
+        blocked |= rider.blocked(
+            now_ms, [other.state.map_from_base for other in riders if other is not rider and other.state]
+        )
         wish = rider.wish(now_ms, numbers)
         if wish is not None:
             requests.append(wish)
-    district, _, present = decided(district, Heard(tuple(reports), tuple(requests)), now_ms)
+    district, _, present = decided(district, Heard(tuple(reports), tuple(requests), blocked), now_ms)
     return district, present
 
 

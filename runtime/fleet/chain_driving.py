@@ -89,6 +89,14 @@ class ChainDriver:
         report = Report(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
         return Steps(report, Authority(line, reason or "the chair waits for its turn"), goals)
 
+    def section_ahead(self) -> str | None:
+        """Return the name of the section that the chair is in or comes to next; None at the end of its chain."""
+        for spot in self._ahead[:-1]:
+            section = self._spot_places[spot].section
+            if section is not None:
+                return self._ways.graph.section[section].resource
+        return None
+
     def _take(self, spots: tuple[int, ...], goals_left: int) -> tuple[Goal, ...]:
         """Follow another chain from the entered spot on; return the goals of it."""
         self._ahead = spots
