@@ -216,17 +216,17 @@ def _tracks_picture(demo: FleetDemo) -> PngFigure:
 
 
 def plan_of(scene: FleetScene) -> Json:
-    """Return the plan that a page shows: its size, walls as strips x, y, length, width [m], and places name, x, y."""
+    """Return the plan that a page shows: its corner and size, walls as strips x, y, length, width [m], and places."""
     grid = scene.world.grid
     rows, columns = grid.cells.shape
-    side = grid.resolution
+    side, x0, y0 = grid.resolution, grid.map_from_grid.x, grid.map_from_grid.y
     walls = []
     for row, cells in enumerate(occupied(grid)):
         changes = np.flatnonzero(np.diff(np.concatenate([[False], cells, [False]]).astype(np.int8)))
         for begin, end in changes.reshape(-1, 2).tolist():
-            walls.append([round(each, 3) for each in (begin * side, row * side, (end - begin) * side, side)])
+            walls.append([round(each, 3) for each in (x0 + begin * side, y0 + row * side, (end - begin) * side, side)])
     places = [[name, round(place.pose.x, 2), round(place.pose.y, 2)] for name, place in scene.places.items()]
-    return {"size": [columns * side, rows * side], "walls": walls, "places": places}
+    return {"corner": [x0, y0], "size": [columns * side, rows * side], "walls": walls, "places": places}
 
 
 def view_of(scene: FleetScene, moment: FleetMoment) -> FleetView:

@@ -12,9 +12,9 @@ function element(name, attributes, text) {
 }
 
 function drawPlan(plan) {
-  const [width, height] = plan.size;
-  map.setAttribute("viewBox", `0 0 ${width} ${height}`);
-  const flipped = element("g", { transform: `translate(0 ${height}) scale(1 -1)` });
+  const [x0, y0] = plan.corner, [width, height] = plan.size;
+  map.setAttribute("viewBox", `${x0} ${-y0 - height} ${width} ${height}`);
+  const flipped = element("g", { transform: "scale(1 -1)" });
   for (const [x, y, length, thickness] of plan.walls)
     flipped.append(element("rect", { x, y, width: length, height: thickness, fill: "#333" }));
   for (const [name, x, y] of plan.places)
