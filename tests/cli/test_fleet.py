@@ -81,9 +81,6 @@ def test_a_place_that_shuts_off_others_is_named_and_fails(tmp_path: Path) -> Non
         (("demo", "--headless", "--chairs", "99"), "fleet simulate"),
         (("demo", "--headless", "--world", "nowhere"), "there is no floor plan 'nowhere'"),
         (("demo", "--headless", "--chairs", "12"), "not enough for 12 chairs"),
-        (("demo", "--headless", "--chairs", "99"), "fleet simulate"),
-        (("demo", "--headless", "--world", "nowhere"), "there is no floor plan 'nowhere'"),
-        (("demo", "--headless", "--chairs", "12"), "not enough for 12 chairs"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments: tuple[str, ...], told: str) -> None:
