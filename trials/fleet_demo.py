@@ -11,6 +11,7 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.files import write_json
+from waychair.geometry import transform_points
 from waychair.maps.grid.cells import occupied
 from waychair.maps.traffic.corridors import NARROW, load_corridors
 from waychair.offline.report import (
@@ -254,7 +255,5 @@ def view_of(scene: FleetScene, moment: FleetMoment) -> FleetView:
 
 
 def _corners(body: ChairBody, pose: Pose2) -> list[list[float]]:
-    from waychair.geometry import transform_points
-
     corners: list[list[float]] = np.round(transform_points(pose, body.outline()), 3).tolist()
     return corners

@@ -15,8 +15,10 @@ import numpy as np
 
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.calibration.fits.dac import DEFAULT
+from waychair.control.authority import crosses
 from waychair.control.drive.navigation import ACTIVE, Stage
 from waychair.control.safety.stops import halt_as_told
+from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.order import Request, parked
@@ -374,9 +376,6 @@ def _note(run: FleetRun, simulator: FleetSimulator, riders: Sequence[_Rider]) ->
 
 def _beyond(line: FloatArray, body: ChairBody, pose: Pose2) -> float:
     """Return how far [m] a chair's outline is beyond a stop line that lies across it, on its farther side."""
-    from waychair.control.authority import crosses
-    from waychair.geometry import transform_points
-
     if not crosses(line, body, pose.array()[None])[0]:
         return 0.0
     a, b = line
