@@ -126,3 +126,10 @@ def test_every_scene_ends_without_a_contact(name: str) -> None:
     run = drive_fleet(scenario.scene, events=scenario.events)
     assert run.contacts == run.lockups == 0
     assert all(chair.reached == chair.goals for k, chair in enumerate(run.chairs) if k not in scenario.may_fail)
+
+
+@pytest.mark.nightly
+def test_the_same_seed_gives_the_same_report_byte_by_byte() -> None:
+    scene = _two_in_a_corridor()
+    reports = [json.dumps(fleet_report(FleetDemo(scene, drive_fleet(scene), wall, {}))) for wall in (1.0, 2.0)]
+    assert reports[0] == reports[1]
