@@ -27,7 +27,7 @@ from waychair.planning.fleet.waits import Audit, Wait
 from waychair.planning.fleet.warden import District, Heard, decided
 from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
-from waychair.runtime.fleet.chain_driving import ChainDriver
+from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.chain_geometry import drivable
 from waychair.simulation.fleet import ChairPlan, FleetSimulator
 from waychair.simulation.plan.world import World
@@ -153,8 +153,18 @@ Events = Callable[[FleetSimulator, Sequence[Chair], float], None]
 class _Rider:
     """One chair with its goals: asks the warden, drives, and asks again after a drive that ended before its goal."""
 
-    def __init__(self, number: int, chair: Chair, driver: ChainDriver, goals: Sequence[str], run: ChairRun) -> None:
+    def __init__(
+        self,
+        number: int,
+        chair: Chair,
+        setup: DriveSetup,
+        driver: ChainDriver,
+        goals: Sequence[str],
+        run: ChairRun,
+    ) -> None:
         self.number, self.chair, self.driver, self.run = number, chair, driver, run
+        self._setup = setup
+        self._barred: set[str] = set()
         self.state: ChairState | None = None
         self.held = False
         self.line: FloatArray | None = None
@@ -186,6 +196,15 @@ class _Rider:
             return None
         self._asked_ms = now_ms
         return Request(next(numbers), self.number, self._goals[0], now_ms, Priority.ROUTINE)
+
+    def keep_on_chain(self, steps: Steps) -> None:
+        """Close the ways round a new chain on this chair's own map."""
+        if not steps.goals or {zone.name for zone in steps.bars} == self._barred:
+            return
+        self._barred = {zone.name for zone in steps.bars}
+        zones = (*self._setup.zones, *steps.bars)
+        drawn = self.chair.drawn(self._setup.grid, zones)
+        self.chair.redraw(drawn, zones, self._setup.places)
 
     def follow(self, goals: tuple[Goal, ...] | None, now_ms: int) -> None:
         """Set off for new goals, again after a drive that ended early, and to the next wish after an arrival."""
@@ -267,7 +286,7 @@ def drive_fleet(
     with ExitStack() as stack:
         chairs = [stack.enter_context(simulated_chair(setup, each)) for each in simulator.chairs]
         riders = [
-            _Rider(k, chair, ChainDriver(ways, k, scene.body, dict(scene.places)), scene.goals[k], run.chairs[k])
+            _Rider(k, chair, setup, ChainDriver(ways, k, scene.body, dict(scene.places)), scene.goals[k], run.chairs[k])
             for k, chair in enumerate(chairs)
         ]
         _drive(scene, ways, simulator, riders, run, on_moment, events)
@@ -329,6 +348,7 @@ def _keep_order(
         )
         rider.line = steps.authority.line
         rider.chair.navigator.authority = steps.authority
+        rider.keep_on_chain(steps)
         rider.follow(steps.goals, now_ms)
         reports.append(steps.report)
         blocked |= rider.blocked(

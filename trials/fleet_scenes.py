@@ -28,8 +28,8 @@ SCENE_S = 240.0
 DIES_AT_S, PUSHES_AT_S = 24.0, 22.0
 """s; when a chair dies, and when a rider takes the joystick: in a corridor."""
 
-FIG8_WIDTH = 1.5
-"""m; width of the corridors of figure 8, in which a chair turns round a corner but two do not pass at a node."""
+FIG8_WIDTH = 1.4
+"""m; width of the corridors of figure 8, in which two chairs do not pass."""
 
 LANES_FREE = 1.2
 """m; at both ends of a section, where chairs come to their lanes."""

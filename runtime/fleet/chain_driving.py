@@ -15,11 +15,12 @@ import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.authority import Authority
+from waychair.maps.drawn.zones import Zone
 from waychair.maps.traffic.traffic_graph import LONGEST_SECTION
 from waychair.planning.fleet.order import Order, Turn
 from waychair.planning.fleet.warden import Report
 from waychair.planning.fleet.ways import Ways
-from waychair.runtime.fleet.chain_geometry import Chain, SpotPlace, chain_of, node_rooms, spot_places
+from waychair.runtime.fleet.chain_geometry import Chain, SpotPlace, bars_off, chain_of, node_rooms, spot_places
 from waychair.types import Goal, Place, Pose2
 
 CLAIMED_BEFORE = 1.6
@@ -37,11 +38,15 @@ PATIENCE_MS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """What follows from a step: the report to the warden, the authority to drive, and the goals of the chain, if new."""
+    """What follows from a step: the report to the warden, the authority to drive, and, with a new chain, its goals.
+
+    `bars` are zones that keep the chair on a new chain where other ways lead round it.
+    """
 
     report: Report
     authority: Authority
     goals: tuple[Goal, ...] | None = None
+    bars: tuple[Zone, ...] = ()
 
 
 class ChainDriver:
@@ -87,7 +92,10 @@ class ChainDriver:
         line = None if until > self._chain.ends_at(piece) or until == math.inf else self._chain.stop_line(self._first)
         left = 0.0 if until == math.inf or until - front < AT_LINE else until - front
         report = Report(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
-        return Steps(report, Authority(line, reason or "the chair waits for its turn"), goals)
+        bars: tuple[Zone, ...] = ()
+        if goals:
+            bars = bars_off(self._ways, self._spot_places, (*self._behind, *self._ahead))
+        return Steps(report, Authority(line, reason or "the chair waits for its turn"), goals, bars)
 
     def section_ahead(self) -> str | None:
         """Return the name of the section that the chair is in or comes to next; None at the end of its chain."""

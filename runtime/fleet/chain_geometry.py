@@ -13,9 +13,12 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import arc_lengths, transform_points
+from waychair.maps.drawn.zones import Rule, Zone
 from waychair.maps.traffic.traffic_graph import Section, TrafficGraph
 from waychair.planning.fleet.ways import MOST_AT_A_NODE, Ways
 from waychair.types import FloatArray, Pose2
@@ -25,6 +28,9 @@ TURNING_ROOM = 0.90
 
 LINE_BEYOND = 0.10
 """m; a stop line reaches so far into the walls on both sides."""
+
+SHORTEST_BARRED, BAR = 2.5, 0.4
+"""m; sections off a chain that are as long as the first get a bar across their middle that is as thick as the second."""
 
 _NEAR = 3.0
 """m; a chair has not moved farther along its chain since it was last looked for."""
@@ -171,6 +177,41 @@ def drivable(ways: Ways, body: ChairBody) -> Ways:
 
 def _is_at(places: Sequence[SpotPlace], ways: Ways, edge: int, point: FloatArray) -> bool:
     return bool(np.hypot(*(places[ways.after[edge]].ends[0] - point)) < 1e-9)
+
+
+def bars_off(ways: Ways, places: Sequence[SpotPlace], spots: Sequence[int]) -> tuple[Zone, ...]:
+    """Return keep-out bars across the long sections that are off a chain and by which a chair could go round it."""
+    graph = ways.graph
+    used = {places[spot].section for spot in spots}
+    rings = _ring_sections(graph)
+    found = []
+    for section in graph.sections:
+        if section.name in used or section.name not in rings or section.length < SHORTEST_BARRED:
+            continue
+        a, b = (np.array([graph.node[end].x, graph.node[end].y]) for end in (section.start, section.end))
+        along = (b - a) / np.hypot(*(b - a))
+        across = np.array([-along[1], along[0]]) * (section.width / 2 + LINE_BEYOND)
+        middle, half = (a + b) / 2, along * BAR / 2
+        corners = np.array(
+            [middle - half - across, middle + half - across, middle + half + across, middle - half + across]
+        )
+        found.append(Zone(f"another way: {section.name}", Rule.KEEP_OUT, corners))
+    return tuple(found)
+
+
+def _ring_sections(graph: TrafficGraph) -> frozenset[str]:
+    """Return the sections without which their ends are still joined: those of a ring."""
+    numbers = {node.name: k for k, node in enumerate(graph.nodes)}
+    pairs = [(numbers[section.start], numbers[section.end]) for section in graph.sections]
+    found = []
+    for k, section in enumerate(graph.sections):
+        others = np.array([pair for j, pair in enumerate(pairs) if j != k], np.int64).reshape(-1, 2)
+        shape = (len(numbers), len(numbers))
+        joined = csr_array((np.ones(len(others)), (others[:, 0], others[:, 1])), shape=shape)
+        _, parts = connected_components(joined, directed=False)
+        if parts[pairs[k][0]] == parts[pairs[k][1]]:
+            found.append(section.name)
+    return frozenset(found)
 
 
 def chain_of(
