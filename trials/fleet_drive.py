@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -350,10 +350,13 @@ def _keep_order(
         rider.chair.navigator.authority = steps.authority
         rider.keep_on_chain(steps)
         rider.follow(steps.goals, now_ms)
-        reports.append(steps.report)
-        blocked |= rider.blocked(
+        found = rider.blocked(
             now_ms, [other.state.map_from_base for other in riders if other is not rider and other.state]
         )
+        if found:
+            district = replace(district, order=rider.driver.withdraw(district.order))
+        blocked |= found
+        reports.append(rider.driver.report() if found else steps.report)
         wish = rider.wish(now_ms, numbers)
         if wish is not None:
             requests.append(wish)

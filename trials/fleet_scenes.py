@@ -15,6 +15,7 @@ from waychair.maps.drawn.zones import Rule, Zone
 from waychair.maps.traffic.corridors import NARROW, CorridorPlan, corridor_graph, load_corridors, room_doors
 from waychair.maps.traffic.traffic_graph import Refuge, TrafficGraph
 from waychair.runtime.chair import Chair
+from waychair.runtime.fleet.chain_geometry import goes_straight
 from waychair.simulation.fleet import FleetSimulator
 from waychair.simulation.plan.corridor_world import ROOM_SIDE, corridor_world
 from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan
@@ -22,7 +23,7 @@ from waychair.simulation.scene.seeds import seed_from_names
 from waychair.trials.fleet_drive import Events, FleetScene
 from waychair.types import JoystickInput, Place, Pose2
 
-SCENE_S = 240.0
+SCENE_S = 150.0
 """s; longest time of a scene."""
 
 DIES_AT_S, PUSHES_AT_S = 24.0, 22.0
@@ -32,10 +33,10 @@ FIG8_WIDTH = 1.4
 """m; width of the corridors of figure 8, in which two chairs do not pass."""
 
 LANES_FREE = 1.2
-"""m; at both ends of a section, where chairs come to their lanes."""
+"""m; before a crossing or an end, where chairs come to their lanes."""
 
-LANE_MIDDLE = 0.05
-"""m; the axle of a chair stays so far from the middle of a corridor of two lanes."""
+LANE_MIDDLE = 0.35
+"""m; the axle of a chair stays so far from the middle of a corridor of two lanes: half its width and 5 cm."""
 
 BEFORE_WALL = 0.10
 """m; between a chair's front and the wall of its room."""
@@ -165,8 +166,8 @@ def l_way(seed: int) -> Scenario:
 def trash_bin(seed: int) -> Scenario:
     """A bin stands in a wide corridor: it is passed."""
     scene = _straight(1.8, {"west": "east"}, seed)
-    bin_there = Block(Pose2(12.0, 3.5, 0.0), 0.3, 0.3, 0.0, 0.7, "metal")
-    return Scenario(_with_hidden(scene, bin_there))
+    bin_there = Block(Pose2(12.0, 2.9, 0.0), 0.3, 0.3, 0.0, 0.7, "metal")
+    return Scenario(replace(_with_hidden(scene, bin_there), zones=()))
 
 
 def seated_persons(seed: int) -> Scenario:
@@ -240,7 +241,7 @@ def _fig8(ways: Mapping[str, str], seed: int) -> FleetScene:
 def _straight(width: float, ways: Mapping[str, str], seed: int) -> FleetScene:
     """Return chairs in one corridor of 18 m, between a refuge at either end; in two lanes they keep right."""
     plan = CorridorPlan("straight", (24.0, 7.0), ((3.0, 3.5, 21.0, 3.5),))
-    graph = corridor_graph(plan, width)
+    graph = two_abreast(corridor_graph(plan, width))
     ends = {node.x: node.name for node in graph.nodes if node.x in (3.0, 21.0)}
     refuges = (Refuge("west", ends[3.0], slots=2), Refuge("east", ends[21.0], slots=2))
     aside = width / 4
@@ -260,6 +261,18 @@ def _straight(width: float, ways: Mapping[str, str], seed: int) -> FleetScene:
     )
 
 
+def two_abreast(graph: TrafficGraph) -> TrafficGraph:
+    """Return the graph with room for two chairs at each node that only divides a straight corridor of two lanes."""
+    wide = {section.name for section in graph.sections if section.lanes == 2}
+    nodes = [
+        replace(node, capacity=2)
+        if goes_straight(graph, node.name) and {move.section for move in graph.moves[node.name]} <= wide
+        else node
+        for node in graph.nodes
+    ]
+    return replace(graph, nodes=tuple(nodes))
+
+
 def lane_zones(graph: TrafficGraph) -> tuple[Zone, ...]:
     """Return the one-way zones that make chairs keep right on sections of two lanes, but for their ends."""
     zones = []
@@ -269,8 +282,8 @@ def lane_zones(graph: TrafficGraph) -> tuple[Zone, ...]:
         a, b = graph.node[section.start], graph.node[section.end]
         heading = math.atan2(b.y - a.y, b.x - a.x)
         along, left = (np.array([math.cos(heading + turn), math.sin(heading + turn)]) for turn in (0.0, math.pi / 2))
-        begin = np.array([a.x, a.y]) + LANES_FREE * along
-        end = np.array([b.x, b.y]) - LANES_FREE * along
+        begin = np.array([a.x, a.y]) + (0.0 if goes_straight(graph, a.name) else LANES_FREE) * along
+        end = np.array([b.x, b.y]) - (0.0 if goes_straight(graph, b.name) else LANES_FREE) * along
         if (end - begin) @ along < LANES_FREE:
             continue
         for side, way in ((1.0, heading + math.pi), (-1.0, heading)):

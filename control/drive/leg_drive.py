@@ -93,7 +93,7 @@ class LegDrive:
             self._by_window(view, limits) if self._follower is None else self._along_line(self._follower, view, limits)
         )
         self.in_position = choice.in_position
-        if view.fastest <= 0.0 and choice.twist.v != 0.0:  # neither follower nor window creeps over a stop line
+        if view.fastest <= 0.0 and not choice.arrived:  # nothing creeps, and no corner swings, over a stop line
             return replace(choice, twist=braking(view.command, limits))
         return choice
 

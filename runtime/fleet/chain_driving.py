@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from waychair.types import Goal, Place, Pose2
 
 CLAIMED_BEFORE = 1.6
 """m; a chair that is so near to a free spot enters it: it stops from its speed within less."""
+
+NOT_YET_IN = 0.40
+"""m; a chair whose front reaches no farther into a section can still give it back."""
 
 AT_LINE = 0.30
 """m; a chair so near to the end of its spot is ready to leave it."""
@@ -47,6 +50,20 @@ class Steps:
     authority: Authority
     goals: tuple[Goal, ...] | None = None
     bars: tuple[Zone, ...] = ()
+
+
+def withdrawn(order: Order, chair: int) -> Order:
+    """Return the order with the spot that a chair entered last given back; it is still in the one before.
+
+    Raises:
+        ValueError: its rear has left the spot before.
+    """
+    chain = order.chains[chair]
+    if not chain.behind:
+        raise ValueError(f"chair {chair} has left the spot before, and cannot go back")
+    visit, spot = chain.behind[-1]
+    back = replace(chain, spots=(spot, *chain.spots), visit=visit, behind=chain.behind[:-1])
+    return replace(order, chains={**order.chains, chair: back})
 
 
 class ChainDriver:
@@ -96,6 +113,21 @@ class ChainDriver:
         if goals:
             bars = bars_off(self._ways, self._spot_places, (*self._behind, *self._ahead))
         return Steps(report, Authority(line, reason or "the chair waits for its turn"), goals, bars)
+
+    def report(self) -> Report:
+        """Return the report of a chair that is ready to go on."""
+        return Report(self._number, self._visit, len(self._behind), 0)
+
+    def withdraw(self, order: Order) -> Order:
+        """Give back the section that was entered but that the chair is not in yet, as its way is blocked; return the order."""
+        assert self._chain is not None
+        place = self._spot_places[self._ahead[0]]
+        inside = self._way + self._body.length / 2 - self._chain.until[self._first - 1] if self._first else math.inf
+        if place.section is None or not self._behind or inside > NOT_YET_IN:
+            return order
+        self._visit, self._first = self._visit - 1, self._first - 1
+        self._ahead = (self._behind.pop(), *self._ahead)
+        return withdrawn(order, self._number)
 
     def section_ahead(self) -> str | None:
         """Return the name of the section that the chair is in or comes to next; None at the end of its chain."""

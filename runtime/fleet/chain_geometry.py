@@ -26,11 +26,17 @@ from waychair.types import FloatArray, Pose2
 TURNING_ROOM = 0.90
 """m; from the middle of a node where chairs turn to a chair that waits before it."""
 
+TURN_AT_DOOR_MS = 9_000
+"""ms that a chair takes to turn into a room, or out of it, beside the way."""
+
 LINE_BEYOND = 0.10
 """m; a stop line reaches so far into the walls on both sides."""
 
 SHORTEST_BARRED, BAR = 2.5, 0.4
 """m; sections off a chain that are as long as the first get a bar across their middle that is as thick as the second."""
+
+_STRAIGHT = math.radians(20.0)
+"""rad; corridors that meet at a smaller bend go straight on."""
 
 _NEAR = 3.0
 """m; a chair has not moved farther along its chain since it was last looked for."""
@@ -152,7 +158,7 @@ def node_rooms(graph: TrafficGraph) -> dict[tuple[str, str], float]:
             elif name in graph.refuge_at and ends[name] == 1:
                 room = max(0.0, section.length - 0.5 * section.width)
             else:
-                room = 0.0 if _goes_straight(graph, name, sections) else TURNING_ROOM
+                room = 0.0 if goes_straight(graph, name) else TURNING_ROOM
             found[name, section.name] = (
                 min(room, 0.45 * section.length) if other not in graph.refuge_at else min(room, section.length)
             )
@@ -160,7 +166,10 @@ def node_rooms(graph: TrafficGraph) -> dict[tuple[str, str], float]:
 
 
 def drivable(ways: Ways, body: ChairBody) -> Ways:
-    """Return the ways without backing out of sections in which a whole chair does not stand aside, such as doors."""
+    """Return the ways as a whole chair drives them.
+
+    It does not back out of sections in which it cannot stand aside, such as doors, and it turns at a door.
+    """
     places, rooms = spot_places(ways), node_rooms(ways.graph)
     kept = np.ones(len(ways.after), np.bool_)
     for spot, place in enumerate(places):
@@ -172,7 +181,14 @@ def drivable(ways: Ways, body: ChairBody) -> Ways:
             kept[list(begins_at)] = False
     before = np.repeat(np.arange(len(places)), np.diff(ways.first))[kept]
     first = np.searchsorted(before, np.arange(len(places) + 1)).astype(np.int64)
-    return replace(ways, first=first, after=ways.after[kept])
+    ends = Counter(end for section in ways.graph.sections for end in (section.start, section.end))
+    doors = {
+        section.name
+        for section in ways.graph.sections
+        if any(end in ways.graph.refuge_at and ends[end] == 1 for end in (section.start, section.end))
+    }
+    turning = np.array([TURN_AT_DOOR_MS if place.section in doors else 0 for place in places], np.int64)
+    return replace(ways, first=first, after=ways.after[kept], passing_ms=ways.passing_ms + turning)
 
 
 def _is_at(places: Sequence[SpotPlace], ways: Ways, edge: int, point: FloatArray) -> bool:
@@ -251,11 +267,11 @@ def chain_of(
     return Chain(line, along, np.maximum.accumulate(until), widths)
 
 
-def _goes_straight(graph: TrafficGraph, name: str, sections: Sequence[Section]) -> bool:
+def goes_straight(graph: TrafficGraph, name: str) -> bool:
     """Return whether a node only divides a straight corridor."""
-    if len(sections) != 2:
+    ends = {end for move in graph.moves[name] for end in (move.start, move.end)} - {name}
+    if len(graph.moves[name]) != 2 or len(ends) != 2:
         return False
     here = graph.node[name]
-    ways = [graph.node[section.other(name)] for section in sections]
-    a, b = (math.atan2(node.y - here.y, node.x - here.x) for node in ways)
-    return abs(abs(math.remainder(a - b, math.tau)) - math.pi) < math.radians(20.0)
+    a, b = (math.atan2(graph.node[end].y - here.y, graph.node[end].x - here.x) for end in sorted(ends))
+    return abs(abs(math.remainder(a - b, math.tau)) - math.pi) < _STRAIGHT
