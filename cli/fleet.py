@@ -25,6 +25,10 @@ fleet_app.command(
     help="Check a log of grants, and say who waited for whom.",
 )
 
+fleet_app.command(
+    "waychair.cli.fleet_demo:demo_command", name="demo", help="Let several whole chairs share a building."
+)
+
 _MOST_HOURS = 1000
 """Longer runs take minutes; more seeds say more than longer runs."""
 

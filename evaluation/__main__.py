@@ -26,7 +26,7 @@ from evaluation.figures.driving import (
     scenes,
     situations,
 )
-from evaluation.figures.fleet import gap, grids, narrow, scale, tables
+from evaluation.figures.fleet import drive, gap, grids, narrow, scale, tables
 from evaluation.figures.mapping import (
     appearance,
     camera_fit,
@@ -135,6 +135,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "laser_line": laser_line.laser_line,
     "reacts": monitor.reacts,
     "ride": hazards.ride,
+    "fleet_drive": drive.fleet_drive,
     "fleet_tables": tables.fleet_tables,
     "fleet_gap": gap.fleet_gap,
     "real_maps": real_maps.real_maps,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from waychair.calibration.chair_body import ChairBody
 from waychair.simulation.plan.world import World
 from waychair.simulation.plant.plant import Plant
-from waychair.simulation.scene.scene import PersonState
+from waychair.simulation.scene.scene import Mover
 from waychair.simulation.scene.seeds import random_stream
 from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera
 from waychair.simulation.sensors.height_slices import slice_at
@@ -111,7 +111,7 @@ class SensorSuite:
         """Let the encoder counts go on from those of a chair that is about to be replaced."""
         self._ticks_before = self._ticks(chair)
 
-    def sense(self, now_ns: int, chair: Plant, people: Sequence[PersonState]) -> Iterator[SensorMessage]:
+    def sense(self, now_ns: int, chair: Plant, people: Sequence[Mover]) -> Iterator[SensorMessage]:
         """Yield the messages of the step that ends now."""
         rates, seen = self._rates, self._surroundings
         if rates.is_due(rates.imu, now_ns):

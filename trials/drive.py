@@ -28,6 +28,7 @@ from waychair.runtime.black_box.cell_traces import CellTraceFile
 from waychair.runtime.black_box.recorder import BlackBox, LoggedChair
 from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher, Watchers
 from waychair.simulation.follower import Follower, StallCheck
+from waychair.simulation.simulated_chair import SimulatedChair
 from waychair.simulation.simulator import Simulator
 from waychair.slam.localising.localiser import LocalisationState
 from waychair.topics import COMMAND
@@ -152,7 +153,7 @@ def black_box(setup: DriveSetup, folder: Path | None) -> AbstractContextManager[
 @contextmanager
 def simulated_chair(
     setup: DriveSetup,
-    simulator: Simulator,
+    simulator: SimulatedChair,
     watcher: ChairWatcher | None = None,
     wrap_transport: Callable[[Transport], Transport] = lambda transport: transport,
     start_known: bool = True,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from waychair.planning.route.legs import PathLeg
 from waychair.planning.seen.glass_gaps import openings
 from waychair.planning.seen.person_tracks import Track
 from waychair.planning.window.dwa import DwaResult, choose
-from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, slowing_speed
+from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, braking, slowing_speed
 from waychair.types import BoolArray, FloatArray, IntArray, Path, Pose2, Twist
 
 ROOMY = 0.1
@@ -40,7 +40,7 @@ class View:
 
     `seen` (N, 2) [m] are the points of this tick's scan, None without one. `unscanned` (M, 2) [m] are points that other
     sensors have seen; `layered` are those at the heights of one layer of the body. `local` makes the window of
-    distances on request. `motion` is that of the commands so far, `tracks` are the people to predict.
+    distances on request. `fastest` [m/s] is a limit from elsewhere. `motion` is that of the commands so far, `tracks` are the people to predict.
     """
 
     pose: Pose2
@@ -52,6 +52,7 @@ class View:
     motion: CommandedMotion | None = None
     tracks: tuple[Track, ...] = ()
     has_sonars: bool = False
+    fastest: float = math.inf
     layered: tuple[tuple[BodyLayer, FloatArray], ...] = ()
 
 
@@ -92,6 +93,8 @@ class LegDrive:
             self._by_window(view, limits) if self._follower is None else self._along_line(self._follower, view, limits)
         )
         self.in_position = choice.in_position
+        if view.fastest <= 0.0 and not choice.arrived:  # nothing creeps, and no corner swings, over a stop line
+            return replace(choice, twist=braking(view.command, limits))
         return choice
 
     def _by_window(self, view: View, limits: DwaSettings) -> DwaResult:
@@ -157,12 +160,11 @@ class LegDrive:
     def _fastest(self, view: View, limits: DwaSettings) -> float:
         """Return the speed limit [m/s] that falls in time to that of openings ahead, where glass may be."""
         if not view.has_sonars:
-            return math.inf
+            return view.fastest
         left = self.remaining(view.odom_from_map.inverse() @ view.pose) or 0.0
         left -= abs(view.command.v) * limits.reaction_time
-        return min(
-            (slowing_speed(way, OPENING_SPEED, limits) for way in self._ways_to_openings(left)), default=math.inf
-        )
+        before = [slowing_speed(way, OPENING_SPEED, limits) for way in self._ways_to_openings(left)]
+        return min((*before, view.fastest))
 
     def _ways_to_openings(self, left: float) -> list[float]:
         """Return the distances [m] to the slow zones of the openings ahead, from `left` [m] before the leg's end.

@@ -145,6 +145,7 @@ _ROWS: tuple[StopReason, ...] = (
         _ENDS,
         _COMFORT,
     ),
+    StopReason("fleet_waits", "another chair goes first", "wait; the drive goes on by itself", _PAUSES, _COMFORT),
     StopReason("obstacle", "something is close ahead", "wait, or have the way cleared", _PAUSES, _EMERGENCY),
     StopReason(
         "monitor_silent",

@@ -1,17 +1,17 @@
 """The people of a world: their states, advanced in time and in answer to the chair.
 
 There are five behaviours (`scene.Behaviour`): to and fro along a path, with social forces, seated, suddenly stepping
-out, and drifting discs. A person is a disc that never moves into a wall, the chair or another person; `walking.py`,
+out, and drifting discs. A person is a disc that never moves into a wall, a chair or another person; `walking.py`,
 `rails.py` and `social_force.py` move it.
 
 All random numbers are drawn at the start, except the headings of drifting discs: one per disc every HEADING_NS. The
-count of random numbers therefore depends on plan and time alone, not on the chair.
+count of random numbers therefore depends on plan and time alone, not on the chairs.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -19,7 +19,14 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.errors import WorldError
 from waychair.geometry import wrap_angle
 from waychair.maps.grid.cells import cells_from_points, inside
-from waychair.simulation.people.person_surroundings import Walls, chair_rectangle, nearest_wall, walls_from_grid
+from waychair.simulation.people.person_surroundings import (
+    ChairRectangle,
+    Walls,
+    chair_rectangle,
+    chair_rows,
+    nearest_wall,
+    walls_from_grid,
+)
 from waychair.simulation.people.rails import rail_from_path
 from waychair.simulation.people.walking import BOUNCE, PERSON, TOP_SPEED, WalkingSpace, move_people
 from waychair.simulation.scene.scene import Behaviour, PersonPlan, PersonState
@@ -42,7 +49,7 @@ VEER = (math.radians(6.0), math.radians(2.0))
 
 
 class SimulatedPeople:
-    """The people of one level round one chair; at time 0 each stands at the start of its path, facing along it."""
+    """The people of one level round its chairs; at time 0 each stands at the start of its path, facing along it."""
 
     def __init__(
         self, plans: Sequence[PersonPlan], grid: OccupancyGrid, body: ChairBody, rng: np.random.Generator
@@ -75,14 +82,18 @@ class SimulatedPeople:
         self._take_new_headings()
 
     def step(self, duration_ns: int, map_from_base: Pose2, twist: Twist) -> None:
-        """Let time pass, with the chair's pose and twist constant.
+        """Let time pass round one chair, with its pose and twist constant; see `step_round`."""
+        self.step_round(duration_ns, [chair_rectangle(self._body, map_from_base, twist)])
+
+    def step_round(self, duration_ns: int, chairs: Iterable[ChairRectangle]) -> None:
+        """Let time pass round some chairs, with their poses and twists constant.
 
         Raises:
             ValueError: the duration is negative.
         """
         if duration_ns < 0:
             raise ValueError(f"cannot move people by {duration_ns} ns: give a duration of at least 0")
-        space = WalkingSpace(self._rails, self._walls, chair_rectangle(self._body, map_from_base, twist))
+        space = WalkingSpace(self._rails, self._walls, chair_rows(chairs))
         end_ns = self._now_ns + duration_ns
         while self._now_ns < end_ns:
             to_heading_ns = HEADING_NS - self._now_ns % HEADING_NS

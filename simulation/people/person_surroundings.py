@@ -1,8 +1,9 @@
-"""Exact distances from a person to the solid cells of its level and to the chair's rectangle."""
+"""Exact distances from a person to the solid cells of its level and to the rectangles of chairs."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -56,6 +57,17 @@ def chair_rectangle(body: ChairBody, map_from_base: Pose2, twist: Twist) -> Chai
     c, s = math.cos(map_from_base.theta), math.sin(map_from_base.theta)
     reach = (body.front, body.rear, body.width / 2)
     return ChairRectangle(map_from_base.x, map_from_base.y, c, s, *reach, twist.v * c, twist.v * s, twist.omega)
+
+
+def chair_rows(chairs: Iterable[ChairRectangle]) -> FloatArray:
+    """Return the chairs' rectangles as rows (N, 10), for loops over them."""
+    return np.array([tuple(chair) for chair in chairs], np.float64).reshape(-1, len(ChairRectangle._fields))
+
+
+@njit(cache=True)
+def chair_of(row: FloatArray) -> ChairRectangle:
+    """Return a row of `chair_rows` as a rectangle."""
+    return ChairRectangle(row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9])
 
 
 @njit(cache=True)

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from waychair.simulation.people import social_force
 from waychair.simulation.people.person_surroundings import (
     FAR,
-    ChairRectangle,
     Walls,
+    chair_of,
     nearest_on_chair,
     nearest_wall,
     nearest_walls,
@@ -102,16 +102,16 @@ TOP_SPEED = 1.5
 
 
 class WalkingSpace(NamedTuple):
-    """The surroundings of the people: the rails of all of them in one array, the walls and the chair."""
+    """The surroundings of the people: the rails of all of them in one array, the walls, and `chair_rows` (N, 10)."""
 
     rails: FloatArray
     walls: Walls
-    chair: ChairRectangle
+    chairs: FloatArray
 
 
 @njit(cache=True, nogil=True)
 def move_people(people: Crowd, space: WalkingSpace, seconds: float) -> None:
-    """Move all people on by `seconds`, in the order of `people`, with the chair at rest."""
+    """Move all people on by `seconds`, in the order of `people`, with the chairs at rest."""
     for i in range(len(people)):
         person = people[i]
         before_x, before_y = person.x, person.y
@@ -145,11 +145,12 @@ def obstruction(people: Crowd, i: int, space: WalkingSpace, x: float, y: float) 
         if distance < before:
             deepest, away_x, away_y = distance - person.radius, nx, ny
     keep = person.radius + (CHAIR_GAP if person.yields and person.behaviour != BOUNCE else 0.0)
-    distance, _, _ = nearest_on_chair(space.chair, x, y)
-    if distance - keep < deepest:
-        before, nx, ny = nearest_on_chair(space.chair, person.x, person.y)
-        if distance < before:
-            deepest, away_x, away_y = distance - keep, nx, ny
+    for row in space.chairs:
+        distance, _, _ = nearest_on_chair(chair_of(row), x, y)
+        if distance - keep < deepest:
+            before, nx, ny = nearest_on_chair(chair_of(row), person.x, person.y)
+            if distance < before:
+                deepest, away_x, away_y = distance - keep, nx, ny
     for j in range(len(people)):
         other = people[j]
         distance = math.hypot(x - other.x, y - other.y)
@@ -163,15 +164,18 @@ def obstruction(people: Crowd, i: int, space: WalkingSpace, x: float, y: float) 
 
 @njit(cache=True)
 def is_startled(person: Person, space: WalkingSpace) -> bool:
-    """Return whether the chair is within `trigger` [m] of the person's rail and comes nearer."""
-    best, to_x, to_y, at_x, at_y = FAR, 0.0, 0.0, 0.0, 0.0
-    for row in range(person.first, person.last):
-        x, y = space.rails[row, 1], space.rails[row, 2]
-        distance, nx, ny = nearest_on_chair(space.chair, x, y)
-        if distance < best:
-            best, to_x, to_y, at_x, at_y = distance, nx, ny, x - distance * nx, y - distance * ny
-    vx, vy = velocity_at(space.chair, at_x, at_y)
-    return best <= person.trigger and vx * to_x + vy * to_y > 0.0
+    """Return whether a chair is within `trigger` [m] of the person's rail and comes nearer."""
+    for chair in space.chairs:
+        best, to_x, to_y, at_x, at_y = FAR, 0.0, 0.0, 0.0, 0.0
+        for row in range(person.first, person.last):
+            x, y = space.rails[row, 1], space.rails[row, 2]
+            distance, nx, ny = nearest_on_chair(chair_of(chair), x, y)
+            if distance < best:
+                best, to_x, to_y, at_x, at_y = distance, nx, ny, x - distance * nx, y - distance * ny
+        vx, vy = velocity_at(chair_of(chair), at_x, at_y)
+        if best <= person.trigger and vx * to_x + vy * to_y > 0.0:
+            return True
+    return False
 
 
 @njit(cache=True)
@@ -235,9 +239,11 @@ def _free_distance(people: Crowd, i: int, space: WalkingSpace, speed: float) -> 
 
 @njit(cache=True)
 def _gap_to_others(people: Crowd, i: int, space: WalkingSpace, x: float, y: float) -> float:
-    """Return the gap [m] from person `i` at (x, y) to the chair or the nearest other person."""
+    """Return the gap [m] from person `i` at (x, y) to the nearest chair or other person."""
     person = people[i]
-    room = nearest_on_chair(space.chair, x, y)[0] - person.radius
+    room = FAR
+    for row in space.chairs:
+        room = min(room, nearest_on_chair(chair_of(row), x, y)[0] - person.radius)
     for j in range(len(people)):
         if j != i:
             gap = math.hypot(x - people[j].x, y - people[j].y) - person.radius - people[j].radius
@@ -300,15 +306,17 @@ def _social_forces(people: Crowd, i: int, space: WalkingSpace, to_x: float, to_y
             part = weight(to_x, to_y, px, py)
             fx, fy = fx + part * px, fy + part * py
     if person.yields:
-        # The chair acts from its nearest point, with the velocity of that point.
-        distance, nx, ny = nearest_on_chair(space.chair, person.x, person.y)
-        cx, cy = velocity_at(space.chair, person.x - distance * nx, person.y - distance * ny)
-        # A person under the chair is pushed out as if just in front of it.
-        distance = max(distance, 0.01)
-        x, y = veered(distance * nx, distance * ny, person.veer)
-        px, py = repulsion(x, y, cx - person.vx, cy - person.vy, person.radius)
-        part = weight(to_x, to_y, px, py)
-        fx, fy = fx + part * px, fy + part * py
+        for row in space.chairs:
+            chair = chair_of(row)
+            # A chair acts from its nearest point, with the velocity of that point.
+            distance, nx, ny = nearest_on_chair(chair, person.x, person.y)
+            cx, cy = velocity_at(chair, person.x - distance * nx, person.y - distance * ny)
+            # A person under a chair is pushed out as if just in front of it.
+            distance = max(distance, 0.01)
+            x, y = veered(distance * nx, distance * ny, person.veer)
+            px, py = repulsion(x, y, cx - person.vx, cy - person.vy, person.radius)
+            part = weight(to_x, to_y, px, py)
+            fx, fy = fx + part * px, fy + part * py
     for vector in nearest_walls(space.walls, person.x, person.y, WALL_REACH):
         wx, wy = wall_repulsion(vector[0], vector[1])
         fx, fy = fx + wx, fy + wy

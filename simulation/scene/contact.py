@@ -25,7 +25,7 @@ LOWEST, HIGHEST = 0.03, 1.20
 
 
 class ContactKind(enum.Enum):
-    """The kinds of contact: an obstacle, a person, or a fall."""
+    """The kinds of contact of one chair: an obstacle, a person, or a fall; that of two chairs is a `ChairContact`."""
 
     SOLID = "solid"
     PERSON = "person"
@@ -41,6 +41,17 @@ class Contact:
     x: float
     y: float
     speed: float
+
+
+@dataclass(frozen=True, slots=True)
+class ChairContact:
+    """One contact of two chairs, by their numbers, at (x, y) [m, map], with the `speeds` [m/s] of both before it."""
+
+    stamp_ns: int
+    chairs: tuple[int, int]
+    x: float
+    y: float
+    speeds: tuple[float, float]
 
 
 class SolidBoxes(NamedTuple):
@@ -104,6 +115,11 @@ def nearest_person(body: ChairBody, map_from_base: Pose2, people: Iterable[Perso
 def person_distance(body: ChairBody, map_from_base: Pose2, people: Iterable[PersonState]) -> float:
     """Return the smallest distance [m] from the chair to a person's disc: 0 in contact, +inf without people."""
     return nearest_person(body, map_from_base, people)[0]
+
+
+def box_of(body: ChairBody, map_from_base: Pose2) -> FloatArray:
+    """Return the chair's rectangle as a box (6,), see `boxes.py`."""
+    return np.array(_outline(body, map_from_base))
 
 
 def _outline(body: ChairBody, map_from_base: Pose2) -> tuple[float, float, float, float, float, float]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TypeAlias
 
+from waychair.calibration.chair_body import ChairBody
 from waychair.types import FloatArray, IntArray, Pose2
 
 Colour: TypeAlias = tuple[float, float, float]
@@ -173,6 +174,19 @@ class PersonState:
     radius: float
     behaviour: Behaviour
     seed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class ChairState:
+    """Another wheelchair at one moment, for the sensors: pose in map (`map_from_base`), body and number in its level."""
+
+    pose: Pose2
+    body: ChairBody
+    number: int
+
+
+Mover: TypeAlias = PersonState | ChairState
+"""Anything that moves and that sensors see."""
 
 
 @dataclass(frozen=True, slots=True)

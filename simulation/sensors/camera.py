@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from waychair.config import Settings, setting
-from waychair.simulation.scene.scene import PersonState
+from waychair.simulation.scene.scene import Mover
 from waychair.simulation.sensors.exposure import AutoExposure
 from waychair.simulation.sensors.renderer import Renderer
 from waychair.types import Bytes, Float32Array, IntArray, Pose3, RgbdFrame, Twist
@@ -100,7 +100,7 @@ class RgbdCamera:
         """Gain of the next frame, at least 1."""
         return self._auto.gain
 
-    def frame(self, stamp_ns: int, map_from_base: Pose3, twist: Twist, people: Sequence[PersonState] = ()) -> RgbdFrame:
+    def frame(self, stamp_ns: int, map_from_base: Pose3, twist: Twist, people: Sequence[Mover] = ()) -> RgbdFrame:
         """Return colour and depth at one moment; depth is along the optical axis, nan where none was measured."""
         s = self._settings
         jitter = self._rng.standard_normal(3) * VIBRATION * abs(twist.v)

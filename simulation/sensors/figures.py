@@ -1,4 +1,4 @@
-"""The bodies of people for the camera: limbs (rounded tubes) placed by pose and stride, in clothes chosen by seed.
+"""The bodies of people, and of other wheelchairs with their riders, for the camera: limbs (rounded tubes) placed by pose and stride, in clothes chosen by seed.
 
 Legs are where `silhouettes.py` puts them for the lidar; the other sizes are plausible for an adult.
 """
@@ -12,7 +12,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from waychair.simulation.scene.scene import Behaviour, PersonState
+from waychair.calibration.chair_body import ChairBody
+from waychair.simulation.scene.scene import Behaviour, ChairState, Mover
 from waychair.simulation.scene.seeds import seed_from_names
 from waychair.simulation.sensors.silhouettes import (
     CHAIR_LEG_RADIUS,
@@ -72,8 +73,8 @@ class BodyMeshes:
     triangles: IntArray
 
 
-def body_meshes(people: Sequence[PersonState], looks: Sequence[str]) -> BodyMeshes:
-    """Return the bodies of all people; a look's number is its index in `looks`."""
+def body_meshes(people: Sequence[Mover], looks: Sequence[str]) -> BodyMeshes:
+    """Return the bodies of all people and chairs; a look's number is its index in `looks`."""
     limbs = [(owner, number, limb) for owner, person in enumerate(people) for number, limb in enumerate(_limbs(person))]
     begins = _placed(people, [(owner, limb.begin) for owner, _, limb in limbs])
     ends = _placed(people, [(owner, limb.end) for owner, _, limb in limbs])
@@ -108,8 +109,10 @@ def body_meshes(people: Sequence[PersonState], looks: Sequence[str]) -> BodyMesh
     )
 
 
-def _limbs(person: PersonState) -> list[_Limb]:
+def _limbs(person: Mover) -> list[_Limb]:
     """Return a person's limbs; a walker's legs swing by the sine of the stride and the arms against them."""
+    if isinstance(person, ChairState):
+        return _rider_and_chair(person.body)
     if person.behaviour is Behaviour.BOUNCE:
         return [_Limb((0.0, 0.0, 0.0), (0.0, 0.0, MOVER_HEIGHT), person.radius, "jacket", round=False)]
     build = 0.72 * person.radius
@@ -127,6 +130,46 @@ def _limbs(person: PersonState) -> list[_Limb]:
     return [*_trunk(HIP_HEIGHT, SHOULDER_HEIGHT, HEAD_HEIGHT, build, -swing), *legs]
 
 
+RIDER_BUILD = 0.19
+"""Radius [m] of a rider's trunk."""
+
+FRAME_RADIUS, FRAME_HEIGHTS = 0.03, (0.25, 0.40, 0.55)
+"""Radius [m] of the tubes of a wheelchair's frame, and their heights [m]."""
+
+
+def _rider_and_chair(body: ChairBody) -> list[_Limb]:
+    """Return the drive wheels, the frame's tubes along the outline, and the rider, in the base frame."""
+    r, half, low, high = (
+        FRAME_RADIUS,
+        body.width / 2 - FRAME_RADIUS,
+        FRAME_RADIUS - body.rear,
+        body.front - FRAME_RADIUS,
+    )
+    wheel = body.wheel_radius
+    wheels = [
+        _Limb((0.0, side * half - r, wheel), (0.0, side * half + r, wheel), wheel, "chair", round=False)
+        for side in (1.0, -1.0)
+    ]
+    frame = [
+        tube
+        for z in FRAME_HEIGHTS
+        for tube in (
+            *(_Limb((low, side * half, z), (high, side * half, z), r, "chair") for side in (1.0, -1.0)),
+            *(_Limb((end, -half, z), (end, half, z), r, "chair") for end in (low, high)),
+        )
+    ]
+    knee = min(0.45, high)
+    legs = [
+        limb
+        for y in (HIP, -HIP)
+        for limb in (
+            _Limb((knee, y, LEG_RADIUS), (knee, y, SEAT_HEIGHT), LEG_RADIUS, "trousers"),
+            _Limb((knee, y, SEAT_HEIGHT), (0.0, y, SEAT_HEIGHT), 1.3 * LEG_RADIUS, "trousers"),
+        )
+    ]
+    return [*_trunk(SEAT_HEIGHT, SEATED_SHOULDER_HEIGHT, SEATED_HEAD_HEIGHT, RIDER_BUILD, 0.15), *legs, *wheels, *frame]
+
+
 def _trunk(low: float, shoulder: float, head: float, build: float, swing: float) -> list[_Limb]:
     """Return body, head and arms; the left hand is `swing` [m] ahead, the right hand as far behind."""
     arms = []
@@ -137,7 +180,7 @@ def _trunk(low: float, shoulder: float, head: float, build: float, swing: float)
     return [body, _Limb((0.0, 0.0, head - 0.05), (0.0, 0.0, head + 0.03), 0.1, "head"), *arms]
 
 
-def _placed(people: Sequence[PersonState], points: Sequence[tuple[int, _Point]]) -> FloatArray:
+def _placed(people: Sequence[Mover], points: Sequence[tuple[int, _Point]]) -> FloatArray:
     """Return points (L, 3) in map, from points in their owners' frames."""
     poses = np.array([people[owner].pose.array() for owner, _ in points]).reshape(-1, 3)
     x, y, z = np.array([point for _, point in points]).reshape(-1, 3).T
@@ -145,9 +188,10 @@ def _placed(people: Sequence[PersonState], points: Sequence[tuple[int, _Point]])
     return np.stack([poses[:, 0] + c * x - s * y, poses[:, 1] + s * x + c * y, z], axis=1)
 
 
-def _seed(person: PersonState, number: int, part: str) -> int:
+def _seed(person: Mover, number: int, part: str) -> int:
     """Return a limb's seed; those of one part differ in the last bits only: same colour, different pattern."""
-    return (seed_from_names(part, person.seed) << 4 & 0xFFFFFFF0) | number
+    owner = person.number if isinstance(person, ChairState) else person.seed
+    return (seed_from_names(part, owner) << 4 & 0xFFFFFFF0) | number
 
 
 def _triangles() -> IntArray:

@@ -19,7 +19,7 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError
 from waychair.geometry import in_space
-from waychair.simulation.scene.scene import PersonState, Reflection
+from waychair.simulation.scene.scene import Mover, Reflection
 from waychair.simulation.sensors.rays import NO_CIRCLES, Scenery, cosine_of_incidence, nearest_circle, nearest_segment
 from waychair.simulation.sensors.silhouettes import legs, rider_legs
 from waychair.simulation.sensors.tilted_rays import Terrain, TiltedPose, cast_tilted, row_from_pose
@@ -133,7 +133,7 @@ class Lidar:
         self,
         scenery: Scenery,
         map_from_base: Pose2,
-        people: Sequence[PersonState],
+        people: Sequence[Mover],
         now_ns: int,
         leaning: TiltedPose | None = None,
     ) -> Scan | None:
@@ -237,7 +237,7 @@ class Lidar:
         if leaning is not None:
             self._leaning.append(leaning)
 
-    def _finished(self, scenery: Scenery, people: Sequence[PersonState], now_ns: int) -> Scan | None:
+    def _finished(self, scenery: Scenery, people: Sequence[Mover], now_ns: int) -> Scan | None:
         begun_ns = self._times_ns[0]
         if now_ns < begun_ns + self._sweep_ns:
             return None

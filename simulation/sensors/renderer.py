@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from waychair.errors import MissingExtra
 from waychair.install_advice import install_command
 from waychair.simulation.plan.world import World
-from waychair.simulation.scene.scene import PersonState
+from waychair.simulation.scene.scene import ChairState, Mover
 from waychair.simulation.sensors.figures import body_meshes
 from waychair.simulation.sensors.light_map import LightMap, default_lamps, light_map
 from waychair.simulation.sensors.looks import GLASS, GLASS_OPACITY, LOOKS, look_table
@@ -155,7 +155,7 @@ class Renderer:
     def render(
         self,
         map_from_camera: Pose3,
-        people: Sequence[PersonState] = (),
+        people: Sequence[Mover] = (),
         exposure: float = 0.3,
         laser: Laser | None = None,
     ) -> RenderedImage:
@@ -177,7 +177,7 @@ class Renderer:
         metres_from_depth(self._depth)
         return RenderedImage(self._colour, self._depth)
 
-    def _aim_fan(self, fan: _Fan, people: Sequence[PersonState], laser: Laser | None) -> None:
+    def _aim_fan(self, fan: _Fan, people: Sequence[Mover], laser: Laser | None) -> None:
         """Find the first surface in each direction of a laser's fan, as a picture of one row from the laser's place."""
         self._uniform("laser_power").value = 0.0
         self._uniform("laser_from_map").write(np.eye(4, dtype=np.float32))
@@ -192,14 +192,14 @@ class Renderer:
         laser_from_map = _matrix(laser.map_from_laser.inverse())
         self._uniform("laser_from_map").write(laser_from_map.T.astype(np.float32, order="C"))
 
-    def _draw(
-        self, target: Any, projection: FloatArray, map_from_camera: Pose3, people: Sequence[PersonState]
-    ) -> IntArray:
+    def _draw(self, target: Any, projection: FloatArray, map_from_camera: Pose3, people: Sequence[Mover]) -> IntArray:
         """Draw all that is opaque; return the faces of glass in view, from far to near."""
         clip_from_map = projection @ _matrix(map_from_camera.inverse())
         solid, glass = self._bounds.in_view(clip_from_map, map_from_camera.translation)
         middles = np.array([(p.pose.x, p.pose.y, 1.0) for p in people]).reshape(-1, 3)
-        seen_people = list(compress(people, _in_frustum(clip_from_map, middles, np.full(len(people), PERSON_REACH))))
+        seen_people = list(
+            compress(people, _in_frustum(clip_from_map, middles, np.array([_reach(p) for p in people], np.float64)))
+        )
         target.use()
         target.clear(0.0, 0.0, 0.0, 0.0, depth=1.0)
         self._uniform("clip_from_map").write(clip_from_map.T.astype(np.float32, order="C"))
@@ -230,7 +230,7 @@ class Renderer:
         self._draw_faces(faces)
         self._target.depth_mask = True
 
-    def _draw_people(self, people: Sequence[PersonState]) -> None:
+    def _draw_people(self, people: Sequence[Mover]) -> None:
         """Draw people in the light on the floor below them, darker on faces that look down."""
         bodies = body_meshes(people, _NAMES)
         vertices = np.zeros(len(bodies.looks), _VERTEX)
@@ -382,6 +382,13 @@ def _projection(camera_matrix: FloatArray, width: int, height: int) -> FloatArra
             [0.0, 0.0, 1.0, 0.0],
         ]
     )
+
+
+def _reach(mover: Mover) -> float:
+    """Return the radius [m] of the sphere round the point at 1 m height that contains a person or a chair."""
+    if not isinstance(mover, ChairState):
+        return PERSON_REACH
+    return math.hypot(mover.body.circumscribed_radius, 1.0)
 
 
 def _in_frustum(clip_from_map: FloatArray, middles: FloatArray, radii: FloatArray) -> BoolArray:

@@ -13,7 +13,7 @@ import numpy as np
 from waychair.calibration.servo_camera_mount import PICTURE, SERVO_CAMERA
 from waychair.config import Settings, setting
 from waychair.simulation.plan.world import World
-from waychair.simulation.scene.scene import PersonState
+from waychair.simulation.scene.scene import Mover
 from waychair.simulation.sensors.camera import blurred, noise_bank, noise_by_level, noisy_image
 from waychair.simulation.sensors.exposure import AutoExposure
 from waychair.simulation.sensors.pan_tilt import RATE, PanTilt, ServoCameraFaults
@@ -66,7 +66,7 @@ class ServoCamera:
         self.servos.step(step_ns, self.faults)
 
     def sense(
-        self, stamp_ns: int, map_from_base: Pose3, twist: Twist, people: Sequence[PersonState] = ()
+        self, stamp_ns: int, map_from_base: Pose3, twist: Twist, people: Sequence[Mover] = ()
     ) -> Iterator[PanTiltAngles | Picture]:
         """Yield the servos' report and the picture of one moment."""
         yield self.servos.report(stamp_ns, self.faults)

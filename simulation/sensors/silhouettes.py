@@ -1,4 +1,4 @@
-"""The cross-sections of people for lidar and sonars: circles (K, 3), x, y, radius [m].
+"""The cross-sections of people and other chairs for lidar and sonars: circles (K, 3), x, y, radius [m].
 
 Sizes are plausible for an average adult, not taken from a table.
 """
@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from functools import lru_cache
 
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import transform_points
-from waychair.simulation.scene.scene import Behaviour, PersonState
+from waychair.simulation.scene.scene import Behaviour, ChairState, Mover
 from waychair.simulation.sensors.rays import NO_CIRCLES
 from waychair.types import FloatArray, Pose2
 
@@ -39,12 +40,19 @@ TUBE_RADIUS = 0.015
 """Distances of the rider's shins and the leg rests' tubes behind a wheelchair's front end, and the tubes' radius [m]."""
 
 
-def legs_of(person: PersonState) -> FloatArray:
+OUTLINE_RADIUS, OUTLINE_SPACING = 0.05, 0.06
+"""Radius and distance [m] of the circles that stand for the sides of another wheelchair; they stay within its outline."""
+
+
+def legs_of(person: Mover) -> FloatArray:
     """Return a person's circles (K, 3) in map at the height of a lidar; K depends on the behaviour only.
 
     A walker's two legs swing in opposite directions by the sine of the stride's phase; at phase 0 they are side by side
     and the left one goes ahead. A seated person has two shins and the chair's four legs. A BOUNCE mover is a disc.
     """
+    if isinstance(person, ChairState):
+        own = sides_of(person.body)
+        return np.column_stack([transform_points(person.pose, own[:, :2]), own[:, 2]])
     if person.behaviour is Behaviour.BOUNCE:
         return _placed(person.pose, [(0.0, 0.0, person.radius)])
     if person.behaviour is Behaviour.SEATED:
@@ -54,14 +62,28 @@ def legs_of(person: PersonState) -> FloatArray:
     return _placed(person.pose, [(ahead, HIP, LEG_RADIUS), (-ahead, -HIP, LEG_RADIUS)])
 
 
-def legs(people: Iterable[PersonState]) -> FloatArray:
-    """Return the circles (K, 3) in map of all people, in order."""
+@lru_cache
+def sides_of(body: ChairBody) -> FloatArray:
+    """Return the circles (K, 3) in the base frame along the inside of a chair's outline: frame, wheels and leg rests."""
+    low, high, half = OUTLINE_RADIUS - body.rear, body.front - OUTLINE_RADIUS, body.width / 2 - OUTLINE_RADIUS
+    x = np.linspace(low, high, math.ceil((high - low) / OUTLINE_SPACING) + 1)
+    y = np.linspace(-half, half, math.ceil(2 * half / OUTLINE_SPACING) + 1)[1:-1]
+    sides = [(each, side) for side in (half, -half) for each in x] + [(end, each) for end in (low, high) for each in y]
+    return np.array([(*each, OUTLINE_RADIUS) for each in sides])
+
+
+def legs(people: Iterable[Mover]) -> FloatArray:
+    """Return the circles (K, 3) in map of all people and chairs, in order."""
     return np.concatenate([NO_CIRCLES, *(legs_of(person) for person in people)])
 
 
-def bodies(people: Iterable[PersonState]) -> FloatArray:
-    """Return each person as one disc, (K, 3) in map: the cross-section for sonars, above the knee."""
-    return np.array([(p.pose.x, p.pose.y, p.radius) for p in people], np.float64).reshape(-1, 3)
+def bodies(people: Iterable[Mover]) -> FloatArray:
+    """Return each person as one disc, and chairs by their sides, (K, 3) in map: for sonars, above the knee."""
+    discs = [
+        legs_of(p) if isinstance(p, ChairState) else np.array([(p.pose.x, p.pose.y, p.radius)], np.float64)
+        for p in people
+    ]
+    return np.concatenate([NO_CIRCLES, *discs])
 
 
 def rider_legs(body: ChairBody) -> FloatArray:

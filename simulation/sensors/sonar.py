@@ -17,7 +17,7 @@ from waychair.calibration.chair_body import ChairBody, sonar_mounts
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError
 from waychair.geometry import compose
-from waychair.simulation.scene.scene import PersonState
+from waychair.simulation.scene.scene import Mover
 from waychair.simulation.sensors.rays import Scenery, cosine_of_incidence, nearest_circle, nearest_segment
 from waychair.simulation.sensors.silhouettes import bodies
 from waychair.types import FloatArray, Pose2, SonarReadings
@@ -103,9 +103,7 @@ class Sonars:
         rays = 2 * math.ceil(settings.cone / _RAY_STEP) + 1
         self._fan = np.linspace(-settings.cone, settings.cone, rays)
 
-    def read(
-        self, scenery: Scenery, map_from_base: Pose2, people: Iterable[PersonState], stamp_ns: int
-    ) -> SonarReadings:
+    def read(self, scenery: Scenery, map_from_base: Pose2, people: Iterable[Mover], stamp_ns: int) -> SonarReadings:
         """Return ranges (8,) in the order of `sonar_mounts`, by REP-117: +inf no echo, -inf too close."""
         nearest, farthest = self._settings.limits
         sonars = compose(map_from_base.array(), self._mounts)

@@ -126,6 +126,9 @@ def test_a_building_is_checked_and_simulated(tmp_path: Path) -> None:
         (("simulate", "T", "--planner", "order", "--rooms", "--persons", "20000"), "people are impossible"),
         (("audit", "nowhere.jsonl"), "nowhere.jsonl"),
         (("check", "T", "--body", "Z"), "--body 'Z' is unknown"),
+        (("demo", "--headless", "--chairs", "99"), "fleet simulate"),
+        (("demo", "--headless", "--world", "nowhere"), "there is no floor plan 'nowhere'"),
+        (("demo", "--headless", "--chairs", "12"), "not enough for 12 chairs"),
     ],
 )
 def test_bad_input_is_one_sentence(arguments: tuple[str, ...], told: str) -> None:

@@ -230,7 +230,7 @@ def test_a_chair_that_was_carried_away_is_searched_for_and_does_not_drive_until_
         ride.chair.stop()
         ride.tick(40)
         here = ride.simulator.truth()
-        ride.simulator._place(ride.simulator.world, replace(here, x=here.x + 4.0, y=here.y - 0.6))
+        ride.simulator.place(ride.simulator.world, replace(here, x=here.x + 4.0, y=here.y - 0.6))
         ride.tick(60)
         states = {state.localisation.state.value for state in ride.states[-60:] if state.localisation is not None}
         assert states & {"lost", "degraded"}

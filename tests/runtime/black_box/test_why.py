@@ -103,7 +103,7 @@ def test_the_obstacle_is_named_with_its_distance(tmp_path: Path) -> None:
         at = ride.simulator.truth()
         cupboard = Block(Pose2(at.x + 0.75 + 0.45, at.y), 0.2, 3.0, 0.0, 1.5)
         world = ride.simulator.world
-        ride.simulator._place(replace(world, blocks=(*world.blocks, cupboard)), at)
+        ride.simulator.place(replace(world, blocks=(*world.blocks, cupboard)), at)
         ride.tick(60)
 
     why = explained(tmp_path, somebody_puts_a_cupboard_there)

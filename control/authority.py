@@ -1,0 +1,97 @@
+"""The part of a drive that a chair has been granted among other chairs: up to a stop line across its way.
+
+An authority limits the speed so that the chair comes to rest in comfort before the line, whichever way it drives. It never
+pushes, and no monitor or joystick asks it. Without an authority a chair drives alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.geometry import arc_lengths, transform_points
+from waychair.planning.window.motion_limits import DwaSettings, slowing_speed
+from waychair.types import BoolArray, FloatArray, Pose2
+
+BEFORE_LINE = 0.04
+"""m; the foremost corner stops so far before the line, which is about the error of the pose and of stopping."""
+
+HELD_WITHIN = 0.25
+"""m; a chair so near to its line stands for it, or is about to."""
+
+_LOOKED_AT = 5.0
+"""m of way ahead in which the line is looked for; no chair needs longer to stop."""
+
+
+@dataclass(frozen=True, slots=True)
+class Authority:
+    """How far a chair may drive: not over the stop `line` (2, 2) [m] in map, from end to end; None: as far as it likes.
+
+    `reason` is a sentence for the rider that waits before the line.
+    """
+
+    line: FloatArray | None = None
+    reason: str = ""
+
+    def way_left(self, body: ChairBody, pose: Pose2, poses: FloatArray) -> float:
+        """Return the way [m] along planned poses (N, 3) until the chair's outline comes to the line; +inf if it does not.
+
+        `pose` is where the chair is, in map as the line and the planned poses. 0 if the line is under the chair.
+        """
+        if self.line is None:
+            return math.inf
+        if crosses(self.line, body, pose.array()[None])[0]:
+            return 0.0
+        along = arc_lengths(poses[:, :2])
+        here = _way_at(poses, along, pose)
+        ahead = (along > here) & (along < here + _LOOKED_AT)
+        on_line = crosses(self.line, body, poses[ahead])
+        if not on_line.any():
+            return math.inf
+        first = np.flatnonzero(ahead)[np.argmax(on_line)]
+        # the outline comes to the line between this pose and the one before
+        return max(float(along[max(first - 1, 0)]) - here, 0.0)
+
+
+FREE = Authority()
+"""The authority of a chair that is alone."""
+
+
+def fastest_before(way: float, speed: float, limits: DwaSettings) -> float:
+    """Return the highest speed [m/s] from which a chair, at a speed [m/s] now, stops in comfort within a way [m]."""
+    if way == math.inf:
+        return math.inf
+    room = way - BEFORE_LINE - abs(speed) * limits.reaction_time
+    return slowing_speed(room, 0.0, limits) if room > 0.0 else 0.0
+
+
+def crosses(line: FloatArray, body: ChairBody, poses: FloatArray) -> BoolArray:
+    """Return which poses (N, 3) put the chair's outline onto a line (2, 2)."""
+    corners = np.array([transform_points(Pose2(*pose), body.outline()) for pose in poses.tolist()]).reshape(-1, 4, 2)
+    found = np.zeros(len(corners), np.bool_)
+    a, b = line
+    for k in range(4):
+        p, q = corners[:, k], corners[:, (k + 1) % 4]
+        found |= (_side(a, b, p) * _side(a, b, q) <= 0.0) & (_side(p, q, a) * _side(p, q, b) <= 0.0)
+    return found
+
+
+def _side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
+    """Return on which side of the line from a to b a point lies; points (..., 2)."""
+    d, e = b - a, p - a
+    side: FloatArray = d[..., 0] * e[..., 1] - d[..., 1] * e[..., 0]
+    return side
+
+
+def _way_at(poses: FloatArray, along: FloatArray, pose: Pose2) -> float:
+    """Return the way along poses (N, 3) at the point nearest to a pose."""
+    if len(poses) < 2:
+        return 0.0
+    a, steps = poses[:-1, :2], np.diff(poses[:, :2], axis=0)
+    long = np.maximum(np.hypot(*steps.T), 1e-9)
+    share = np.clip(((np.array([pose.x, pose.y]) - a) * steps).sum(axis=1) / long**2, 0.0, 1.0)
+    k = int(np.argmin(np.hypot(*(a + share[:, None] * steps - (pose.x, pose.y)).T)))
+    return float(along[k] + share[k] * long[k])

@@ -1,0 +1,106 @@
+"""Whole chairs that share a building, with the firmware in the loop: every scene of `trials/fleet_scenes.py`, by seeds.
+
+`FLEET_DRIVE_SEEDS=2` takes fewer than 15 seeds, `FLEET_DRIVE_SCENES=l_way,crossing` some of the scenes.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import time
+from dataclasses import replace
+from pathlib import Path
+
+from waychair.maps.traffic.corridors import load_corridors
+from waychair.trials.fleet_drive import FleetRun, drive_fleet
+from waychair.trials.fleet_scenes import SCENARIOS, Scenario, rooms_scene
+from waychair.types import Json
+
+SEEDS = 15
+SUCCESS, OVER_LINE_M, L_WAY_M = 0.97, 0.05, 0.03
+MOST_COST = 3.3
+COST_OVER_S = 20.0
+"""s of the chairs' time over which the processor time of three chairs is compared with that of one."""
+
+
+def fleet_drive(out: Path) -> Json:
+    """Goals reached, contacts, distances beyond stop lines, waits and times of each scene; zeros with their 95 % bound."""
+    seeds = range(int(os.environ.get("FLEET_DRIVE_SEEDS", SEEDS)))
+    names = os.environ.get("FLEET_DRIVE_SCENES", ",".join(SCENARIOS)).split(",")
+    rows: dict[str, Json] = {}
+    for name in names:
+        rows[name] = _row([_run(name, seed) for seed in seeds])
+        print(name, rows[name], flush=True)
+    ratio = lockstep_ratio()
+    runs = len(names) * len(seeds)
+    contacts = sum(row["contacts"] for row in rows.values())
+    passed = (
+        contacts == 0
+        and ratio <= MOST_COST
+        and all(row["success"] >= SUCCESS for row in rows.values())
+        and all(row["over_line_m"] <= OVER_LINE_M for row in rows.values())
+        and rows.get("l_way", {"end_error_m": 0.0})["end_error_m"] <= L_WAY_M
+    )
+    return {
+        "passed": passed,
+        "seeds": list(seeds),
+        "contacts": contacts,
+        "cost_of_three_over_one": round(ratio, 2),
+        "contact_share_below_95": round(min(1.0, 3.0 / runs), 4) if contacts == 0 else None,
+        "scenes": rows,
+    }
+
+
+def lockstep_ratio() -> float:
+    """Return the processor time of three whole chairs in lockstep over that of one, all of them driving."""
+    three = replace(rooms_scene(load_corridors("T"), 3, 1, 0), time_limit_s=COST_OVER_S)
+    one = replace(three, starts=three.starts[:1], goals=three.goals[:1])
+    seconds = []
+    for scene in (one, one, three):  # the first run loads the kernels
+        began = time.process_time()
+        drive_fleet(scene)
+        seconds.append(time.process_time() - began)
+    return seconds[2] / seconds[1]
+
+
+def _run(name: str, seed: int) -> tuple[Scenario, FleetRun]:
+    scenario = SCENARIOS[name](seed)
+    return scenario, drive_fleet(scenario.scene, events=scenario.events)
+
+
+def _row(runs: list[tuple[Scenario, FleetRun]]) -> Json:
+    """Return a scene's figures over its seeds."""
+    needed = [
+        chair.reached == chair.goals
+        for scenario, run in runs
+        for k, chair in enumerate(run.chairs)
+        if k not in scenario.may_fail
+    ]
+    ends = [error for scenario, run in runs for error in _end_errors(scenario, run)]
+    took = [each for _, run in runs for chair in run.chairs for each in chair.took_s]
+    return {
+        "success": round(sum(needed) / len(needed), 4) if needed else 1.0,
+        "contacts": sum(run.contacts for _, run in runs),
+        "lockups": sum(run.lockups for _, run in runs),
+        "over_line_m": round(max(chair.over_line for _, run in runs for chair in run.chairs), 4),
+        "nearest_chairs_m": _finite(min(run.nearest for _, run in runs)),
+        "nearest_person_m": _finite(min(chair.person_m for _, run in runs for chair in run.chairs)),
+        "end_error_m": round(max(ends), 4) if ends else 0.0,
+        "mean_s": round(sum(took) / len(took), 2) if took else None,
+        "waited_s": round(sum(chair.waited_s for _, run in runs for chair in run.chairs) / len(runs), 2),
+        "ends": sorted({end for _, run in runs for chair in run.chairs for end in chair.ends}),
+    }
+
+
+def _end_errors(scenario: Scenario, run: FleetRun) -> list[float]:
+    """Return the true distances [m] of the chairs that reached all their goals from the last of these."""
+    found = []
+    for goals, chair in zip(scenario.scene.goals, run.chairs, strict=True):
+        if chair.reached == chair.goals and chair.track:
+            goal = scenario.scene.places[goals[-1]].pose
+            found.append(math.dist(chair.track[-1][1:3], (goal.x, goal.y)))
+    return found
+
+
+def _finite(value: float) -> float | None:
+    return round(value, 3) if math.isfinite(value) else None

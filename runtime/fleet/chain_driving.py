@@ -1,0 +1,237 @@
+"""A chair drives along the chain that it was granted: it enters spots in turn, leaves them, and stops before the others.
+
+Pure: `step` goes from the order and the chair's pose to its report, its authority and its goals. A spot is entered as soon
+as the chair is so near that it could not stop before it any more, so that nobody else is let in. It waits where it
+disturbs nobody: never in a door, nor at a node where others turn, unless it has to move on from worse.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.control.authority import Authority
+from waychair.maps.drawn.zones import Zone
+from waychair.maps.traffic.traffic_graph import LONGEST_SECTION
+from waychair.planning.fleet.order import Order, Turn
+from waychair.planning.fleet.warden import Report
+from waychair.planning.fleet.ways import Ways
+from waychair.runtime.fleet.chain_geometry import Chain, SpotPlace, bars_off, chain_of, node_rooms, spot_places
+from waychair.types import Goal, Place, Pose2
+
+CLAIMED_BEFORE = 1.6
+"""m; a chair that is so near to a free spot enters it: it stops from its speed within less."""
+
+NOT_YET_IN = 0.40
+"""m; a chair whose front reaches no farther into a section can still give it back."""
+
+AT_LINE = 0.30
+"""m; a chair so near to the end of its spot is ready to leave it."""
+
+LEFT_BEYOND = 0.02
+"""m; a spot is left when the rear is so far beyond its end."""
+
+PATIENCE_MS = 20_000
+"""ms; a chair that has waited so long before several spots that are free one after the other enters the first one."""
+
+
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """What follows from a step: the report to the warden, the authority to drive, and, with a new chain, its goals.
+
+    `bars` are zones that keep the chair on a new chain where other ways lead round it.
+    """
+
+    report: Report
+    authority: Authority
+    goals: tuple[Goal, ...] | None = None
+    bars: tuple[Zone, ...] = ()
+
+
+def withdrawn(order: Order, chair: int) -> Order:
+    """Return the order with the spot that a chair entered last given back; it is still in the one before.
+
+    Raises:
+        ValueError: its rear has left the spot before.
+    """
+    chain = order.chains[chair]
+    if not chain.behind:
+        raise ValueError(f"chair {chair} has left the spot before, and cannot go back")
+    visit, spot = chain.behind[-1]
+    back = replace(chain, spots=(spot, *chain.spots), visit=visit, behind=chain.behind[:-1])
+    return replace(order, chains={**order.chains, chair: back})
+
+
+class ChainDriver:
+    """One chair's drive along its chains, with its progress from step to step."""
+
+    def __init__(self, ways: Ways, number: int, body: ChairBody, places: dict[str, Place]) -> None:
+        """`places`: the goals in the refuges, by name."""
+        self._ways, self._number, self._body, self._places = ways, number, body, places
+        self._spot_places: tuple[SpotPlace, ...] = spot_places(ways)
+        self._rooms = node_rooms(ways.graph)
+        self._visit = 0  # of the spot that the chair has entered last
+        self._behind: list[int] = []  # spots that its rear has not left, the earliest first
+        self._ahead: tuple[int, ...] = ()  # the spots of the present chain from the entered one on
+        self._chain: Chain | None = None
+        self._first = 0  # place of the entered spot in that chain
+        self._way = 0.0
+        self._goals: tuple[Goal, ...] = ()
+        self._waits_since_ms: int | None = None
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the chair has entered all its spots and left all others."""
+        return len(self._ahead) < 2 and not self._behind
+
+    def step(self, order: Order, pose: Pose2, now_ms: int, goals_left: int = 0, reason: str = "") -> Steps:
+        """Return the report, authority and goals of this moment from the order and `map_from_base`.
+
+        `goals_left` of the last goals given are still to be reached, as the navigator says.
+        """
+        spots = order.chains[self._number].spots
+        goals = None
+        if spots != self._ahead or self._chain is None:
+            goals = self._take(spots, goals_left)
+            goals_left = len(goals)
+        assert self._chain is not None
+        piece = max(len(self._chain.folds) - max(goals_left - 1, 0), 0) if self._goals else 0
+        rear, front = self._chain.reach_of(self._body, pose, self._way, piece)
+        self._way = (rear + front) / 2
+        if self._enter(order, front, now_ms):
+            self._waits_since_ms = None
+        self._leave(rear, piece, goals_left)
+        until = float(self._chain.until[self._first])
+        line = None if until > self._chain.ends_at(piece) or until == math.inf else self._chain.stop_line(self._first)
+        left = 0.0 if until == math.inf or until - front < AT_LINE else until - front
+        report = Report(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
+        bars: tuple[Zone, ...] = ()
+        if goals:
+            bars = bars_off(self._ways, self._spot_places, (*self._behind, *self._ahead))
+        return Steps(report, Authority(line, reason or "the chair waits for its turn"), goals, bars)
+
+    def report(self) -> Report:
+        """Return the report of a chair that is ready to go on."""
+        return Report(self._number, self._visit, len(self._behind), 0)
+
+    def withdraw(self, order: Order) -> Order:
+        """Give back the section that was entered but that the chair is not in yet, as its way is blocked; return the order."""
+        assert self._chain is not None
+        place = self._spot_places[self._ahead[0]]
+        inside = self._way + self._body.length / 2 - self._chain.until[self._first - 1] if self._first else math.inf
+        if place.section is None or not self._behind or inside > NOT_YET_IN:
+            return order
+        self._visit, self._first = self._visit - 1, self._first - 1
+        self._ahead = (self._behind.pop(), *self._ahead)
+        return withdrawn(order, self._number)
+
+    def section_ahead(self) -> str | None:
+        """Return the name of the section that the chair is in or comes to next; None at the end of its chain."""
+        for spot in self._ahead[:-1]:
+            section = self._spot_places[spot].section
+            if section is not None:
+                return self._ways.graph.section[section].resource
+        return None
+
+    def _take(self, spots: tuple[int, ...], goals_left: int) -> tuple[Goal, ...]:
+        """Follow another chain from the entered spot on; return the goals of it."""
+        self._ahead = spots
+        self._chain = chain_of(self._ways, self._spot_places, self._rooms, (*self._behind, *spots))
+        self._first = len(self._behind)
+        self._way = float(self._chain.until[self._first - 1]) if self._first else 0.0
+        bay = Goal(self._ways.names[spots[0]])
+        still = bay in self._goals[len(self._goals) - goals_left :] and self._chain.folds and len(spots) > 1
+        self._goals = (*((bay,) if still else ()), *self._goals_of(spots))
+        return self._goals
+
+    def _leave(self, rear: float, piece: int, goals_left: int) -> None:
+        """Leave the spots that the rear has passed, and all before a goal that the chair has reached."""
+        assert self._chain is not None
+        begins_at = self._chain.ends_at(piece - 1) if piece else -math.inf
+        while self._behind:
+            until = float(self._chain.until[self._first - len(self._behind)])
+            arrived = self._goals and goals_left == 0 and len(self._ahead) == 1
+            if not arrived and rear < until + LEFT_BEYOND and until > begins_at:
+                break
+            self._behind.pop(0)
+
+    def _enter(self, order: Order, front: float, now_ms: int) -> bool:
+        """Enter the next spots that are free and near, as far as the chair may wait; return whether it has."""
+        assert self._chain is not None
+        if front < self._chain.until[self._first] - CLAIMED_BEFORE or len(self._ahead) < 2:
+            return False
+        free = self._free_ahead(order)
+        if free == 0:
+            return False
+        good = [k for k in range(1, free + 1) if self._may_wait_in(k)]
+        if not good:
+            self._waits_since_ms = now_ms if self._waits_since_ms is None else self._waits_since_ms
+            if now_ms - self._waits_since_ms < PATIENCE_MS and self._may_wait_in(0):
+                return False
+            good = [1]
+        for _ in range(good[0]):
+            self._behind.append(self._ahead[0])
+            self._ahead = self._ahead[1:]
+            self._visit += 1
+            self._first += 1
+        return True
+
+    def _free_ahead(self, order: Order) -> int:
+        """Return how many of the next spots are free for this chair, one after the other."""
+        count = 0
+        for k, spot in enumerate(self._ahead[1:], 1):
+            resource = int(self._ways.resource[spot])
+            own = [turn for turn in order.queues[resource][:1] if turn == Turn(self._number, self._visit + k)]
+            if not own or resource in order.closed:
+                break
+            count = k
+        return count
+
+    def _may_wait_in(self, k: int) -> bool:
+        """Return whether the chair disturbs nobody by waiting in spot k of those ahead: in a refuge, or a section with room."""
+        spot = self._ahead[k]
+        if self._ways.at_home[spot] or k == len(self._ahead) - 1:
+            return True
+        place = self._spot_places[spot]
+        if place.section is None:
+            return False
+        section = self._ways.graph.section[place.section]
+        door = any(self._is_dead_end(end) for end in (section.start, section.end))
+        rooms = sum(self._rooms[end, section.name] for end in (section.start, section.end))
+        return not door and section.length - rooms >= self._body.length
+
+    def _is_dead_end(self, node: str) -> bool:
+        ends = Counter(end for section in self._ways.graph.sections for end in (section.start, section.end))
+        return node in self._ways.graph.refuge_at and ends[node] == 1
+
+    def _goals_of(self, spots: tuple[int, ...]) -> tuple[Goal, ...]:
+        """Return the goals: the refuges on the way in which the chair turns about, places to back out of, and the last one."""
+        goals: list[Goal] = []
+        for k in range(1, len(spots) - 1):
+            before, here, after = (self._spot_places[spots[each]] for each in (k - 1, k, k + 1))
+            if self._ways.at_home[spots[k]] and before.section == after.section:
+                goals.append(Goal(self._ways.names[spots[k]]))
+            elif here.section is not None and before.node == after.node:
+                goals.append(Goal(self._aside(here)))
+        if len(spots) > 1:
+            goals.append(Goal(self._ways.names[spots[-1]]))
+        return tuple(goals)
+
+    def _aside(self, place: SpotPlace) -> Pose2:
+        """Return where a chair stands in a section that it will back out of."""
+        (x0, y0), (x1, y1) = place.ends.tolist()
+        heading = math.atan2(y1 - y0, x1 - x0)
+        length = min(math.dist((x0, y0), (x1, y1)), LONGEST_SECTION)
+        room = self._rooms[self._start_of(place), place.section or ""]
+        way = min(room + self._body.rear + 2 * LEFT_BEYOND, length - self._body.front)
+        at = np.array([x0, y0]) + way * np.array([math.cos(heading), math.sin(heading)])
+        return Pose2(float(at[0]), float(at[1]), heading)
+
+    def _start_of(self, place: SpotPlace) -> str:
+        section = self._ways.graph.section[place.section or ""]
+        start = self._ways.graph.node[section.start]
+        return section.start if math.dist((start.x, start.y), place.ends[0]) < 1e-9 else section.end

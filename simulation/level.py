@@ -1,0 +1,144 @@
+"""One level of a building with its time, its people and the chairs in it, which step in lockstep.
+
+In each step all chairs move one after the other, then the people, then every chair senses the others where they are now.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.simulation.contact_watch import CONTACT_ENDS
+from waychair.simulation.people.people import SimulatedPeople
+from waychair.simulation.people.person_surroundings import chair_rectangle
+from waychair.simulation.plan.world import World
+from waychair.simulation.scene.boxes import nearest_points, touch
+from waychair.simulation.scene.contact import ChairContact, box_of
+from waychair.simulation.scene.scene import ChairState, Mover, PersonPlan, PersonState
+from waychair.simulation.scene.seeds import random_stream
+from waychair.types import FloatArray, Pose2, SensorMessage, Twist
+
+PEOPLE_STEP_NS = 50_000_000
+"""Step of the people's motion and of the check for contact with them."""
+
+
+class ChairInLevel(Protocol):
+    """A chair as the level steps it."""
+
+    body: ChairBody
+
+    @property
+    def speed_before(self) -> float: ...
+    def truth(self) -> Pose2: ...
+    def twist(self) -> Twist: ...
+    def move(self) -> None: ...
+    def answer(self) -> None: ...
+    def report(self, people_moved: bool) -> None: ...
+    def sense(self) -> Iterator[SensorMessage]: ...
+
+
+class Level:
+    """A world in time; `people` are all people now, `chair_contacts` the contacts of chairs with chairs so far."""
+
+    def __init__(self, world: World, seed: int, step_ns: int) -> None:
+        self.world = world
+        self.seed = seed
+        self.now_ns = 0
+        self.people: tuple[PersonState, ...] = ()
+        self._step_ns = step_ns
+        self._people: SimulatedPeople | None = None
+        self._chairs: list[ChairInLevel] = []
+        self._touching: set[tuple[int, int]] = set()
+        self.chair_contacts: list[ChairContact] = []
+
+    def enter(self, chair: ChairInLevel) -> int:
+        """Take in a chair that is about to be placed; return its number."""
+        self._chairs.append(chair)
+        return len(self._chairs) - 1
+
+    def populate(self, people: Sequence[PersonPlan]) -> None:
+        """Replace all people by these.
+
+        Raises:
+            WorldError: a person's start is not free, or its speed is impossible.
+        """
+        body, stream = self._chairs[0].body, random_stream(self.seed, 4)
+        self._people = SimulatedPeople(people, self.world.grid, body, stream)
+        self.people = self._people.states
+        self.world = replace(self.world, people=tuple(people))
+
+    def change(self, world: World) -> None:
+        """Go on in another state of the level, or on another level, which has its own people."""
+        other = world.level != self.world.level
+        self.world = world
+        if other:
+            self.populate(world.people)
+
+    def advance(self, duration_ns: int) -> Iterator[tuple[int, SensorMessage]]:
+        """Let a whole number of steps pass; yield the messages of that time in order, with the number of their chair.
+
+        Raises:
+            ValueError: the duration is negative or not a multiple of the step.
+        """
+        if duration_ns < 0 or duration_ns % self._step_ns:
+            raise ValueError(f"cannot advance by {duration_ns} ns: give a multiple of {self._step_ns} ns")
+        for _ in range(duration_ns // self._step_ns):
+            self._step()
+            for number, chair in enumerate(self._chairs):
+                for message in chair.sense():
+                    yield number, message
+
+    def seen_by(self, number: int) -> Sequence[Mover]:
+        """Return the people and the other chairs."""
+        if len(self._chairs) == 1:
+            return self.people
+        others = [
+            ChairState(chair.truth(), chair.body, other) for other, chair in enumerate(self._chairs) if other != number
+        ]
+        return (*self.people, *others)
+
+    def taken_by(self, number: int, pose: Pose2) -> int | None:
+        """Return another chair that stands where a chair would be at a pose; None if there is none."""
+        if len(self._chairs) == 1:
+            return None
+        own = box_of(self._chairs[number].body, pose)
+        return next((other for other, box in self._boxes_of_others(number) if touch(own, box)), None)
+
+    def report_touch(self, number: int, other: int) -> None:
+        """Report that a chair was stopped by another one, once until they have parted."""
+        pair = min(number, other), max(number, other)
+        if pair in self._touching:
+            return
+        self._touching.add(pair)
+        first, second = (self._chairs[each] for each in pair)
+        _, x, y = nearest_points(box_of(first.body, first.truth()), box_of(second.body, second.truth()))
+        speeds = first.speed_before, second.speed_before
+        self.chair_contacts.append(ChairContact(self.now_ns, pair, float(x), float(y), speeds))
+
+    def between(self, number: int, other: int) -> float:
+        """Return the distance [m] between two chairs' rectangles, 0 in contact."""
+        one, two = (box_of(chair.body, chair.truth()) for chair in (self._chairs[number], self._chairs[other]))
+        return 0.0 if touch(one, two) else float(nearest_points(one, two)[0])
+
+    def _boxes_of_others(self, number: int) -> list[tuple[int, FloatArray]]:
+        return [
+            (other, box_of(chair.body, chair.truth())) for other, chair in enumerate(self._chairs) if other != number
+        ]
+
+    def _step(self) -> None:
+        """Let one step pass: chairs, their boards, people, contacts."""
+        for chair in self._chairs:
+            chair.move()
+        self.now_ns += self._step_ns
+        for chair in self._chairs:
+            chair.answer()
+        people_moved = bool(self.people) and self.now_ns % PEOPLE_STEP_NS == 0
+        if people_moved and self._people is not None:
+            rectangles = [chair_rectangle(chair.body, chair.truth(), chair.twist()) for chair in self._chairs]
+            self._people.step_round(PEOPLE_STEP_NS, rectangles)
+            self.people = self._people.states
+        for chair in self._chairs:
+            chair.report(people_moved)
+        self._touching = {pair for pair in self._touching if self.between(*pair) <= CONTACT_ENDS}

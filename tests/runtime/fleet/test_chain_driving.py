@@ -1,0 +1,164 @@
+"""A chair on its chain: it enters spots in turn, leaves them behind its rear, waits where it may, and names its goals."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import pytest
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
+from waychair.planning.fleet.order import Order, Request, parked
+from waychair.planning.fleet.warden import District, Heard, Report, decided
+from waychair.planning.fleet.ways import ways_of
+from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
+from waychair.runtime.fleet.chain_geometry import TURNING_ROOM, chain_of, drivable, node_rooms, spot_places
+from waychair.trials.fleet_scenes import places_in_rooms
+from waychair.types import Pose2
+
+PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
+GRAPH = corridor_graph(PLAN, 1.2, rooms=True, bays=True)
+WAYS = drivable(ways_of(GRAPH, 0.5), CHAIR_A)
+PLACES = dict(places_in_rooms(PLAN))
+ROOMS = [refuge.name for refuge in GRAPH.refuges]
+
+
+class _Points:
+    """Chairs without mass that drive along their chains at 0.5 m/s, and a warden; `now_ms` goes on by 100 a step."""
+
+    def __init__(self, starts: dict[int, str], goals: dict[int, str]) -> None:
+        self.district = District(parked(WAYS, starts), 3000)
+        self.drivers = {k: ChainDriver(WAYS, k, CHAIR_A, PLACES) for k in starts}
+        self.ways = dict.fromkeys(starts, 0.0)
+        self.poses = {k: PLACES[room].pose for k, room in starts.items()}
+        self.now_ms = 0
+        self.goals_left: dict[int, int] = {}
+        self.steps: dict[int, Steps] = {}
+        self._asks = [Request(k + 1, k, goal, 0) for k, goal in goals.items()]
+
+    @property
+    def order(self) -> Order:
+        return self.district.order
+
+    def step(self) -> None:
+        for k, driver in self.drivers.items():
+            self.steps[k] = driver.step(self.order, self.poses[k], self.now_ms, self.goals_left.get(k, 1))
+        reports = tuple(each.report for each in self.steps.values())
+        self.district, replies, _ = decided(self.district, Heard(reports, tuple(self._asks)), self.now_ms)
+        assert not [reply.sentence for reply in replies if reply.answer.value == "rejected"]
+        self._asks = []
+        self.now_ms += 100
+
+
+def _rooms_apart(metres: float) -> tuple[str, str]:
+    return next(
+        (a, b)
+        for a, b in itertools.combinations(ROOMS, 2)
+        if abs(PLACES[a].pose.x - PLACES[b].pose.x) >= metres and PLACES[a].pose.theta == PLACES[b].pose.theta
+    )
+
+
+def test_a_chain_ends_each_spot_where_another_chair_still_has_room() -> None:
+    start, goal = _rooms_apart(6.0)
+    points = _Points({0: start}, {0: goal})
+    points.step()
+    chain = chain_of(WAYS, spot_places(WAYS), node_rooms(GRAPH), points.order.chains[0].spots)
+    assert (chain.until[1:] >= chain.until[:-1]).all()
+    assert chain.until[0] == pytest.approx(0.4)  # the corridor's edge, 0.6 m from its middle
+    assert chain.until[2] == pytest.approx(1.0 + TURNING_ROOM)
+    assert chain.until[-1] == math.inf
+
+
+def test_the_stop_line_lies_across_the_corridor() -> None:
+    start, goal = _rooms_apart(6.0)
+    points = _Points({0: start}, {0: goal})
+    points.step()
+    chain = chain_of(WAYS, spot_places(WAYS), node_rooms(GRAPH), points.order.chains[0].spots)
+    line = chain.stop_line(2)
+    assert line[0, 0] == pytest.approx(line[1, 0])
+    assert sorted(line[:, 1].tolist()) == pytest.approx([3.0 - 0.7, 3.0 + 0.7])
+
+
+def test_a_parked_chair_without_a_chain_may_not_leave_its_room() -> None:
+    points = _Points({0: ROOMS[0]}, {})
+    points.step()
+    steps = points.steps[0]
+    assert steps.report == Report(0, 0, 0, 0)
+    assert steps.goals == ()
+
+
+def test_the_goal_is_the_room_at_the_end_of_the_chain() -> None:
+    start, goal = _rooms_apart(6.0)
+    points = _Points({0: start}, {0: goal})
+    points.step()
+    points.step()
+    assert [each.target for each in points.steps[0].goals or ()] == [goal]
+
+
+def test_a_chair_enters_near_spots_and_leaves_them_when_its_rear_is_out() -> None:
+    start, goal = _rooms_apart(9.0)
+    points = _Points({0: start}, {0: goal})
+    points.step()
+    points.step()
+    assert points.steps[0].report.visits >= 1  # it stands at the edge of its room and nobody else is about
+    away = 1.0 if PLACES[goal].pose.x > PLACES[start].pose.x else -1.0
+    points.poses[0] = Pose2(PLACES[start].pose.x + away * 2.0, 3.0, 0.0 if away > 0 else math.pi)
+    for _ in range(3):
+        points.step()
+    report = points.steps[0].report
+    entered = points.order.chains[0]
+    assert report.behind == len(entered.behind) <= 2
+    assert all(WAYS.names[spot] != start for _, spot in entered.behind)
+    assert not points.drivers[0].arrived
+
+
+def test_a_chair_before_anothers_spot_gets_a_line_and_no_further() -> None:
+    start, goal = _rooms_apart(9.0)
+    other = next(name for name in ROOMS if name not in (start, goal))
+    points = _Points({0: start, 1: goal, 2: other}, {0: goal, 1: start})
+    for _ in range(3):
+        points.step()
+    lines = [points.steps[k].authority.line for k in (0, 1)]
+    assert all(line is not None for line in lines)
+    held = {(k, spot) for k in (0, 1) for spot in [points.order.chains[k].spots[0]]}
+    assert len({WAYS.resource[spot] for _, spot in held}) == 2
+
+
+def _head_on() -> tuple[_Points, str, str]:
+    """Two chairs that exchange their rooms: one of them steps aside into a room on the way."""
+    start, goal = _rooms_apart(12.0)
+    points = _Points({0: start, 1: goal}, {0: goal, 1: start})
+    for _ in range(2):
+        points.step()
+    return points, start, goal
+
+
+def test_one_of_two_that_meet_in_a_corridor_gets_a_bay_as_its_first_goal() -> None:
+    points, *_ = _head_on()
+    goals = {k: [each.target for each in steps.goals or ()] for k, steps in points.steps.items()}
+    assert sorted(map(len, goals.values())) == [1, 2]
+    aside = next(each[0] for each in goals.values() if len(each) == 2)
+    assert aside in ROOMS
+
+
+def test_no_line_bars_the_way_into_a_bay_and_one_bars_the_way_out_of_it() -> None:
+    points, *_ = _head_on()
+    k = next(k for k, steps in points.steps.items() if len(steps.goals or ()) == 2)
+    bay, last = (str(each.target) for each in points.steps[k].goals or ())
+    points.goals_left[k] = 2
+    away = math.copysign(1.0, PLACES[bay].pose.x - points.poses[k].x)
+    for _ in range(40):  # on its way it comes to the bay's door
+        x = points.poses[k].x + away * 0.4
+        if away * (PLACES[bay].pose.x - x) < 0.5:
+            break
+        points.poses[k] = Pose2(x, 3.0, 0.0 if away > 0 else math.pi)
+        points.step()
+    points.step()
+    line = points.steps[k].authority.line
+    assert line is None or abs(line[:, 0].mean() - PLACES[bay].pose.x) > 0.5
+    points.poses[k], points.goals_left[k] = PLACES[bay].pose, 1
+    points.step()
+    inside = points.steps[k].authority.line
+    assert inside is None or abs(inside[:, 0].mean() - PLACES[bay].pose.x) < 1.2
+    assert last in ROOMS

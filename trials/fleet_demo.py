@@ -1,0 +1,259 @@
+"""The demo of several chairs in one building, and its report: report.html and report.json."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.files import write_json
+from waychair.geometry import transform_points
+from waychair.maps.grid.cells import occupied
+from waychair.maps.traffic.corridors import NARROW, load_corridors
+from waychair.offline.report import (
+    COLOURS,
+    Bars,
+    PngFigure,
+    Table,
+    draw_map,
+    draw_outline,
+    new_figure,
+    png_from_figure,
+    write_page,
+)
+from waychair.planning.fleet.waits import jain
+from waychair.trials.fleet_drive import FleetMoment, FleetRun, FleetScene, drive_fleet
+from waychair.trials.fleet_scenes import rooms_scene
+from waychair.types import Json, Pose2
+
+WORLD = "T"
+GOALS = 3
+"""Goals of each chair."""
+
+OUTLINE_EVERY_S = 10.0
+"""s between two outlines of a chair in the report's picture."""
+
+
+@dataclass(frozen=True, slots=True)
+class FleetView:
+    """What a page shows of all chairs at one moment, in plain values.
+
+    Each chair has its outline's corners and stop line [m], its goal, the number of goals reached, and its state in words.
+    """
+
+    seconds: float
+    chairs: tuple[Json, ...]
+    people: tuple[tuple[float, float], ...]
+
+
+@dataclass(slots=True)
+class FleetDemo:
+    """The scene, its run, and the wall time [s]."""
+
+    scene: FleetScene
+    run: FleetRun
+    wall_s: float
+    waits_by_place: dict[str, float] = field(default_factory=dict)
+
+
+class FleetWatcher:
+    """Callbacks of a running demo; these do nothing."""
+
+    def began(self, scene: FleetScene) -> None:
+        """The chairs stand at their starts."""
+
+    def moment(self, moment: FleetMoment) -> None:
+        """A step of the order has passed."""
+
+
+def run_fleet_demo(
+    world: str = WORLD,
+    chairs: int = 3,
+    seed: int = 0,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+    watcher: FleetWatcher | None = None,
+) -> FleetDemo:
+    """Let chairs drive to three goals each in the rooms of a floor plan, by name or path.
+
+    Raises:
+        TrafficError: there is no such plan, or it is impossible.
+        TaskError: it has too few rooms.
+        BoardBuildError: the firmware cannot be built: no C compiler.
+    """
+    progress("prepare", 0.0)
+    scene = rooms_scene(load_corridors(world), chairs, GOALS, seed, width=NARROW)
+    watcher = watcher or FleetWatcher()
+    watcher.began(scene)
+    progress("prepare", 1.0)
+    total = sum(map(len, scene.goals))
+
+    def on_moment(moment: FleetMoment) -> None:
+        watcher.moment(moment)
+        progress("drive", sum(moment.reached) / total)
+
+    began = time.perf_counter()
+    run = drive_fleet(scene, on_moment)
+    progress("drive", 1.0)
+    return FleetDemo(scene, run, time.perf_counter() - began, waits_by_place(run))
+
+
+def waits_by_place(run: FleetRun) -> dict[str, float]:
+    """Return the seconds that chairs waited before each section, node or refuge, the longest first."""
+    found: dict[str, float] = {}
+    for wait in run.audit.ended:
+        found[wait["place"]] = found.get(wait["place"], 0.0) + wait["real_s"]
+    return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+
+
+def fleet_report(demo: FleetDemo) -> Json:
+    """Return the demo's results as JSON; the same seed gives the same bytes, so it holds no wall time."""
+    run = demo.run
+    waited = [chair.waited_s for chair in run.chairs]
+    metres = [max(chair.metres, 1.0) for chair in run.chairs]
+    done = sum(chair.reached for chair in run.chairs)
+    return {
+        "world": demo.scene.graph.name,
+        "seed": demo.scene.seed,
+        "chairs": len(run.chairs),
+        "goals": sum(chair.goals for chair in run.chairs),
+        "goals_reached": done,
+        "contacts": run.contacts,
+        "chair_contacts": run.chair_contacts,
+        "lockups": run.lockups,
+        "delay_s": round(sum(waited) / done, 2) if done else None,
+        "waits": len(run.audit.ended),
+        "foreseen_right": run.audit.foreseen_right(),
+        "jain": round(jain([a / b for a, b in zip(waited, metres, strict=True)]), 4),
+        "nearest_chairs_m": round(run.nearest, 3) if np.isfinite(run.nearest) else None,
+        "over_stop_line_m": round(max(chair.over_line for chair in run.chairs), 4),
+        "seconds": round(run.seconds, 2),
+        "waited_s_by_place": {name: round(seconds, 1) for name, seconds in demo.waits_by_place.items()},
+        "by_chair": [
+            {
+                "goals": list(goals),
+                "reached": chair.reached,
+                "took_s": [round(each, 2) for each in chair.took_s],
+                "waited_s": round(chair.waited_s, 2),
+                "metres": round(chair.metres, 2),
+                "asked_again": chair.again,
+                "ends": chair.ends,
+            }
+            for goals, chair in zip(demo.scene.goals, run.chairs, strict=True)
+        ],
+        "audit": run.audit.ended,
+    }
+
+
+def write_fleet_report(out: Path, demo: FleetDemo) -> None:
+    """Write report.json and report.html.
+
+    Raises:
+        OutputError: the folder cannot be written.
+    """
+    values = fleet_report(demo)
+    write_json(out / "report.json", values)
+    rows = [
+        (
+            f"chair {k}",
+            ", ".join(chair["goals"]),
+            f"{chair['reached']}",
+            ", ".join(f"{each:.0f} s" for each in chair["took_s"]),
+            f"{chair['waited_s']:.0f} s",
+            f"{chair['metres']:.0f} m",
+        )
+        for k, chair in enumerate(values["by_chair"])
+    ]
+    audit = [
+        (
+            f"{each['begun_ms'] / 1e3:.0f} s",
+            f"chair {each['waits']}",
+            "" if each["first"] is None else f"chair {each['first']}",
+            each["place"],
+            each["rule"],
+            "" if each["foreseen_s"] is None else f"{each['foreseen_s']:.0f} s",
+            f"{each['real_s']:.0f} s",
+        )
+        for each in demo.run.audit.ended
+    ]
+    places = tuple((name, seconds, f"{seconds:.0f} s") for name, seconds in list(demo.waits_by_place.items())[:12])
+    tables: list[Table | Bars] = [
+        Table("Chairs", ("chair", "goals", "reached", "took", "waited for others", "driven"), tuple(rows)),
+        Bars("Waiting before each place", places),
+        Table("Every wait", ("at", "waits", "first", "place", "rule", "foreseen", "real"), tuple(audit)),
+    ]
+    lead = (
+        f"{values['goals_reached']} of {values['goals']} goals reached by {values['chairs']} chairs on "
+        f"{values['world']} in {values['seconds']:.0f} s of their time; {values['contacts']} contacts, "
+        f"{values['lockups']} lock-ups, seed {values['seed']}. {worst_place(demo)}"
+    )
+    write_page(out / "report.html", f"waychair fleet: {values['world']}", lead, tables, [_tracks_picture(demo)])
+
+
+def worst_place(demo: FleetDemo) -> str:
+    """Return a sentence about where the chairs waited most."""
+    if not demo.waits_by_place:
+        return "No chair waited for another one."
+    name, seconds = next(iter(demo.waits_by_place.items()))
+    whole = sum(demo.waits_by_place.values())
+    return f"Most waiting, {seconds:.0f} of {whole:.0f} s, was before {name}: a bay there would save most."
+
+
+def _tracks_picture(demo: FleetDemo) -> PngFigure:
+    figure, axes = new_figure(9, 9)
+    draw_map(axes, demo.scene.world.grid)
+    for k, chair in enumerate(demo.run.chairs):
+        colour = COLOURS[k % len(COLOURS)]
+        track = np.array(chair.track).reshape(-1, 4)
+        axes.plot(track[:, 1], track[:, 2], color=colour, linewidth=1.4, label=f"chair {k}")
+        step = max(round(OUTLINE_EVERY_S / 0.1), 1)
+        for _, x, y, theta in track[::step].tolist():
+            draw_outline(axes, demo.scene.body.outline(), Pose2(x, y, theta), colour)
+    axes.legend(loc="upper right")
+    return PngFigure("The ways of the chairs", f"an outline every {OUTLINE_EVERY_S:.0f} s", png_from_figure(figure))
+
+
+def plan_of(scene: FleetScene) -> Json:
+    """Return the plan that a page shows: its corner and size, walls as strips x, y, length, width [m], and places."""
+    grid = scene.world.grid
+    rows, columns = grid.cells.shape
+    side, x0, y0 = grid.resolution, grid.map_from_grid.x, grid.map_from_grid.y
+    walls = []
+    for row, cells in enumerate(occupied(grid)):
+        changes = np.flatnonzero(np.diff(np.concatenate([[False], cells, [False]]).astype(np.int8)))
+        for begin, end in changes.reshape(-1, 2).tolist():
+            walls.append([round(each, 3) for each in (x0 + begin * side, y0 + row * side, (end - begin) * side, side)])
+    places = [[name, round(place.pose.x, 2), round(place.pose.y, 2)] for name, place in scene.places.items()]
+    return {"corner": [x0, y0], "size": [columns * side, rows * side], "walls": walls, "places": places}
+
+
+def view_of(scene: FleetScene, moment: FleetMoment) -> FleetView:
+    """Return what a page shows of a moment."""
+    sentences = {wait.chair: wait.sentence for wait in moment.waits}
+    chairs = []
+    for k, (pose, state) in enumerate(zip(moment.poses, moment.states, strict=True)):
+        left = scene.goals[k][moment.reached[k] :]
+        chairs.append(
+            {
+                "corners": _corners(scene.body, pose),
+                "goal": left[0] if left else "",
+                "told": sentences.get(k) or state.navigation.reason or state.navigation.stage.value,
+                "reached": moment.reached[k],
+                "goals": len(scene.goals[k]),
+                "line": None if moment.lines[k] is None else np.round(moment.lines[k], 3).tolist(),  # type: ignore[arg-type]
+            }
+        )
+    people: Sequence[Sequence[float]] = moment.people.tolist()
+    return FleetView(
+        seconds=round(moment.now_ns * 1e-9, 1),
+        chairs=tuple(chairs),
+        people=tuple((x, y) for x, y in people),
+    )
+
+
+def _corners(body: ChairBody, pose: Pose2) -> list[list[float]]:
+    corners: list[list[float]] = np.round(transform_points(pose, body.outline()), 3).tolist()
+    return corners

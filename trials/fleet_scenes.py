@@ -1,0 +1,299 @@
+"""Scenes of several whole chairs: floors of corridors with rooms, and the goals of the demo."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+import numpy as np
+
+from waychair.calibration.chair_body import CHAIR_A, ChairBody
+from waychair.errors import TaskError
+from waychair.maps.drawn.zones import Rule, Zone
+from waychair.maps.traffic.corridors import NARROW, CorridorPlan, corridor_graph, load_corridors, room_doors
+from waychair.maps.traffic.traffic_graph import Refuge, TrafficGraph
+from waychair.runtime.chair import Chair
+from waychair.runtime.fleet.chain_geometry import goes_straight
+from waychair.simulation.fleet import FleetSimulator
+from waychair.simulation.plan.corridor_world import ROOM_SIDE, corridor_world
+from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan
+from waychair.simulation.scene.seeds import seed_from_names
+from waychair.trials.fleet_drive import Events, FleetScene
+from waychair.types import JoystickInput, Place, Pose2
+
+SCENE_S = 150.0
+"""s; longest time of a scene."""
+
+DIES_AT_S, PUSHES_AT_S = 24.0, 22.0
+"""s; when a chair dies, and when a rider takes the joystick: in a corridor."""
+
+FIG8_WIDTH = 1.4
+"""m; width of the corridors of figure 8, in which two chairs do not pass."""
+
+LANES_FREE = 1.2
+"""m; before a crossing or an end, where chairs come to their lanes."""
+
+LANE_MIDDLE = 0.35
+"""m; the axle of a chair stays so far from the middle of a corridor of two lanes: half its width and 5 cm."""
+
+BEFORE_WALL = 0.10
+"""m; between a chair's front and the wall of its room."""
+
+
+def _nothing_happens(simulator: FleetSimulator, chairs: Sequence[Chair], seconds: float) -> None:
+    """Leave the scene alone."""
+
+
+def places_in_rooms(plan: CorridorPlan, body: ChairBody = CHAIR_A) -> Mapping[str, Place]:
+    """Return the pose of a chair in each room of a plan: facing away from its door, as deep inside as it can stand."""
+    found = {}
+    for name, (door, room) in room_doors(plan).items():
+        heading = math.atan2(room[1] - door[1], room[0] - door[0])
+        way = ROOM_SIDE / 2 - BEFORE_WALL - body.front
+        pose = Pose2(room[0] + way * math.cos(heading), room[1] + way * math.sin(heading), heading)
+        found[name] = Place(name, pose)
+    return found
+
+
+def rooms_scene(
+    plan: CorridorPlan, chairs: int, goals: int, seed: int, *, width: float = NARROW, bays: bool = True
+) -> FleetScene:
+    """Return chairs in random rooms of a plan with random goals in others, one after the other.
+
+    Goals of one round differ, and no chair's last goal is a goal of another one, so that nobody waits for a parked chair.
+
+    Raises:
+        TaskError: there are too few rooms for so many chairs.
+    """
+    graph = corridor_graph(plan, width, rooms=True, bays=bays)
+    names = [refuge.name for refuge in graph.refuges]
+    most = len(names) // 2 - 1
+    if not 1 <= chairs <= most:
+        raise TaskError(
+            f"{plan.name} has {len(names)} rooms, not enough for {chairs} chairs with goals: give 1 to {most}"
+        )
+    random = np.random.default_rng(seed_from_names("fleet drive", plan.name, seed))
+    starts = [names[k] for k in random.permutation(len(names))[:chairs].tolist()]
+    last = [names[k] for k in random.permutation(len(names))[:chairs].tolist()]
+    rounds = [starts]
+    for _ in range(goals - 1):
+        others = [name for name in names if name not in last]
+        chosen = rounds[-1]
+        while any(a == b for a, b in zip(chosen, rounds[-1], strict=True)):
+            chosen = [others[k] for k in random.permutation(len(others))[:chairs].tolist()]
+        rounds.append(chosen)
+    wishes = [tuple(own) for own in zip(*rounds[1:], last, strict=True)]
+    return FleetScene(
+        world=corridor_world(plan, width, rooms=True),
+        graph=graph,
+        places=places_in_rooms(plan),
+        starts=tuple(starts),
+        goals=tuple(wishes),
+        seed=seed,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """A scene with what happens in it. `may_fail`: chairs, by number, that need not reach their goals."""
+
+    scene: FleetScene
+    events: Events = _nothing_happens
+    may_fail: frozenset[int] = frozenset()
+
+
+def shared_run(seed: int) -> Scenario:
+    """Two chairs meet in a single-file corridor with rooms beside it: one steps aside."""
+    return Scenario(_rooms("T", {"room 1": "room 5", "room 6": "room 2"}, seed))
+
+
+def swap_in_t(seed: int) -> Scenario:
+    """Two chairs exchange their rooms on two arms of a T."""
+    return Scenario(_rooms("T", {"room 11": "room 15", "room 15": "room 11"}, seed))
+
+
+def crossing(seed: int) -> Scenario:
+    """Two chairs cross each other's way at right angles."""
+    plan = load_corridors("4cross")
+    doors = room_doors(plan)
+
+    def near(x: float, y: float) -> str:
+        return min(doors, key=lambda name: math.dist(doors[name][0], (x, y)))
+
+    ways = {near(9.0, 5.0): near(9.0, 14.0), near(5.0, 9.0): near(14.0, 9.0)}
+    return Scenario(_rooms("4cross", ways, seed))
+
+
+def door_from_both_sides(seed: int) -> Scenario:
+    """One chair leaves a room, and another one goes into the same room."""
+    return Scenario(_rooms("T", {"room 5": "room 8", "room 6": "room 5"}, seed))
+
+
+def dies_in_the_run(seed: int) -> Scenario:
+    """A chair's board fails in a corridor; the chair that wanted to pass there keeps its distance."""
+
+    def events(simulator: FleetSimulator, chairs: Sequence[Chair], seconds: float) -> None:
+        if seconds > DIES_AT_S:
+            chair = simulator.chairs[0]
+            chair.board_inputs = replace(chair.board_inputs, estop_released=False)
+
+    scene = _rooms("T", {"room 1": "room 5", "room 6": "room 2"}, seed)
+    return Scenario(replace(scene, time_limit_s=DIES_AT_S + 90.0), events, frozenset({0, 1}))
+
+
+def rider_takes_the_joystick(seed: int) -> Scenario:
+    """A rider pushes the stick for two seconds in a corridor, stops there, and asks for the goal again."""
+
+    def events(simulator: FleetSimulator, chairs: Sequence[Chair], seconds: float) -> None:
+        pushes = PUSHES_AT_S < seconds < PUSHES_AT_S + 2.0
+        simulator.chairs[0].rider = JoystickInput(simulator.now_ns, 0.4 if pushes else 0.0)
+
+    return Scenario(_rooms("T", {"room 1": "room 5", "room 8": "room 2"}, seed), events)
+
+
+def nodes_10_and_00(seed: int) -> Scenario:
+    """Two chairs exchange nodes 10 and 00 of the paper's figure 8: two ways lead from one to the other."""
+    return Scenario(_fig8({"10": "00", "00": "10"}, seed))
+
+
+def l_way(seed: int) -> Scenario:
+    """2 m ahead, a right turn and the way on to node 00: the paper's end error is 8.7 cm in the mean."""
+    return Scenario(_fig8({"05": "00"}, seed))
+
+
+def trash_bin(seed: int) -> Scenario:
+    """A bin stands in a wide corridor: it is passed."""
+    scene = _straight(1.8, {"west": "east"}, seed)
+    bin_there = Block(Pose2(12.0, 2.9, 0.0), 0.3, 0.3, 0.0, 0.7, "metal")
+    return Scenario(replace(_with_hidden(scene, bin_there), zones=()))
+
+
+def seated_persons(seed: int) -> Scenario:
+    """Two persons sit in the shorter way from node 10 to node 00: the other way is taken."""
+    scene = _fig8({"10": "00"}, seed)
+    people = [PersonPlan(Behaviour.SEATED, np.array([[x, 7.0], [x + 0.1, 7.0]]), 0.5) for x in (5.6, 6.3)]
+    return Scenario(replace(scene, world=replace(scene.world, people=tuple(people))))
+
+
+def two_pass(seed: int) -> Scenario:
+    """Two chairs pass each other in a corridor of two lanes, 1.8 m wide."""
+    return Scenario(_straight(1.8, {"west": "east", "east": "west"}, seed))
+
+
+SCENARIOS: Mapping[str, Callable[[int], Scenario]] = MappingProxyType(
+    {
+        each.__name__: each
+        for each in (
+            l_way,
+            seated_persons,
+            trash_bin,
+            nodes_10_and_00,
+            shared_run,
+            crossing,
+            swap_in_t,
+            door_from_both_sides,
+            dies_in_the_run,
+            rider_takes_the_joystick,
+            two_pass,
+        )
+    }
+)
+"""All scenes by name."""
+
+
+def _rooms(name: str, ways: Mapping[str, str], seed: int) -> FleetScene:
+    """Return chairs that each drive from one room of a plan to another."""
+    plan = load_corridors(name)
+    return FleetScene(
+        world=corridor_world(plan, NARROW, rooms=True),
+        graph=corridor_graph(plan, NARROW, rooms=True, bays=True),
+        places=places_in_rooms(plan),
+        starts=tuple(ways),
+        goals=tuple((goal,) for goal in ways.values()),
+        seed=seed,
+        time_limit_s=SCENE_S,
+    )
+
+
+def _fig8(ways: Mapping[str, str], seed: int) -> FleetScene:
+    """Return chairs that each drive from one node of figure 8 to another; those nodes are refuges."""
+    plan = load_corridors("fig8")
+    graph = corridor_graph(plan, FIG8_WIDTH)
+    poses = {
+        "10": Pose2(3.0, 4.0, math.pi / 2),
+        "05": Pose2(3.0, 5.0, math.pi / 2),
+        "00": Pose2(9.0 - CHAIR_A.front + CHAIR_A.rear, 7.0, 0.0),
+    }
+    used = dict.fromkeys((*ways, *ways.values()))
+    return FleetScene(
+        world=corridor_world(plan, FIG8_WIDTH),
+        graph=replace(graph, refuges=tuple(Refuge(name, name) for name in used)),
+        places={name: Place(name, poses[name], tolerance_m=0.06) for name in used},
+        starts=tuple(ways),
+        goals=tuple((goal,) for goal in ways.values()),
+        seed=seed,
+        time_limit_s=SCENE_S,
+    )
+
+
+def _straight(width: float, ways: Mapping[str, str], seed: int) -> FleetScene:
+    """Return chairs in one corridor of 18 m, between a refuge at either end; in two lanes they keep right."""
+    plan = CorridorPlan("straight", (24.0, 7.0), ((3.0, 3.5, 21.0, 3.5),))
+    graph = two_abreast(corridor_graph(plan, width))
+    ends = {node.x: node.name for node in graph.nodes if node.x in (3.0, 21.0)}
+    refuges = (Refuge("west", ends[3.0], slots=2), Refuge("east", ends[21.0], slots=2))
+    aside = width / 4
+    poses = {
+        "west": Pose2(3.6, 3.5 + aside, math.pi),
+        "east": Pose2(20.4, 3.5 - aside, 0.0),
+    }
+    return FleetScene(
+        world=corridor_world(plan, width),
+        graph=replace(graph, refuges=refuges),
+        places={name: Place(name, pose) for name, pose in poses.items()},
+        starts=tuple(ways),
+        goals=tuple((goal,) for goal in ways.values()),
+        seed=seed,
+        time_limit_s=SCENE_S,
+        zones=lane_zones(graph),
+    )
+
+
+def two_abreast(graph: TrafficGraph) -> TrafficGraph:
+    """Return the graph with room for two chairs at each node that only divides a straight corridor of two lanes."""
+    wide = {section.name for section in graph.sections if section.lanes == 2}
+    nodes = [
+        replace(node, capacity=2)
+        if goes_straight(graph, node.name) and {move.section for move in graph.moves[node.name]} <= wide
+        else node
+        for node in graph.nodes
+    ]
+    return replace(graph, nodes=tuple(nodes))
+
+
+def lane_zones(graph: TrafficGraph) -> tuple[Zone, ...]:
+    """Return the one-way zones that make chairs keep right on sections of two lanes, but for their ends."""
+    zones = []
+    for section in graph.sections:
+        if section.lanes < 2:
+            continue
+        a, b = graph.node[section.start], graph.node[section.end]
+        heading = math.atan2(b.y - a.y, b.x - a.x)
+        along, left = (np.array([math.cos(heading + turn), math.sin(heading + turn)]) for turn in (0.0, math.pi / 2))
+        begin = np.array([a.x, a.y]) + (0.0 if goes_straight(graph, a.name) else LANES_FREE) * along
+        end = np.array([b.x, b.y]) - (0.0 if goes_straight(graph, b.name) else LANES_FREE) * along
+        if (end - begin) @ along < LANES_FREE:
+            continue
+        for side, way in ((1.0, heading + math.pi), (-1.0, heading)):
+            inner, outer = -side * LANE_MIDDLE * left, side * section.width / 2 * left
+            corners = np.array([begin + inner, end + inner, end + outer, begin + outer])
+            zones.append(Zone(f"lane {section.name} {way:.1f}", Rule.ONE_WAY, corners, math.remainder(way, math.tau)))
+    return tuple(zones)
+
+
+def _with_hidden(scene: FleetScene, *blocks: Block) -> FleetScene:
+    """Return the scene with things that are on no map."""
+    world = replace(scene.world, blocks=(*scene.world.blocks, *blocks))
+    return replace(scene, world=world, hidden=scene.world)
