@@ -111,8 +111,8 @@ def test_in_inverse_scanning_the_frame_moves_while_held_and_letting_go_takes(pag
 def test_a_stuck_and_a_chattering_switch_are_named_and_take_nothing_more(page: Page) -> None:
     stuck = run(page, AUTO, [(0.5, "down"), (40.0, "end")])
     assert stuck == ["take 0", "stuck"]
-    chatter = run(page, {"method": "step"}, [t for k in range(20) for t in press(0.5 + 0.1 * k, 0.05)], count=99)
-    assert chatter.count("next") <= 8
+    chatter = run(page, {"method": "step"}, [t for k in range(24) for t in press(0.5 + 0.1 * k, 0.05)], count=99)
+    assert chatter.count("next") <= 16
     assert "chatter" in chatter
 
 

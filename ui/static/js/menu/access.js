@@ -23,7 +23,7 @@ export const OPTIONS = {
 
 export const BOUNCE_S = 0.03; // edges closer than this are one: switches bounce for 5 to 20 ms
 export const STUCK_S = 10; // a switch held for longer is stuck, but for "inverse", where it may be held for a whole menu
-const CHATTER = 8; // presses within two seconds that no hand makes
+const CHATTER = 16; // presses within two seconds; the fastest fingers tap seven times a second
 const CHATTER_S = 2;
 
 export function defaults() {
