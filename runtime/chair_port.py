@@ -92,6 +92,20 @@ class LayoutView:
     undoable: bool = False
 
 
+@dataclass(frozen=True, slots=True)
+class GoalView:
+    """A goal of the building for menus: the name that `go` takes, the menus that lead to it, its time and lifts from here.
+
+    `path`: names from the storey down to the goal itself, in the order of the building. `seconds` and `lifts`: the driving
+    time [s] and the number of lift rides from the chair's place, None while they are unknown.
+    """
+
+    name: str
+    path: tuple[str, ...]
+    seconds: float | None = None
+    lifts: int | None = None
+
+
 class ChairPort(Protocol):
     """The calls of a page to a chair."""
 
@@ -107,6 +121,9 @@ class ChairPort(Protocol):
 
     def layout(self) -> LayoutView:
         """Return places and zones of `view().layout_revision`."""
+
+    def goals(self) -> Sequence[GoalView]:
+        """Return the goals of a building in its order; empty for a chair that knows one map only, with its places."""
 
     def picture(self) -> bytes | None:
         """Return the camera's latest picture as JPEG; None without a camera."""

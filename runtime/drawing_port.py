@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from waychair.maps.drawn.places import check_place
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.folders.map_drawing import DrawingEditor
-from waychair.runtime.chair_port import Answer, ChairView
+from waychair.runtime.chair_port import Answer, ChairView, GoalView
 from waychair.runtime.chair_story import check_zone
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import FloatArray, OccupancyGrid, Place
@@ -33,6 +33,10 @@ class DrawingPort(ABC):
     @abstractmethod
     def _drawn(self, change: Callable[[DrawingEditor], None], done: str) -> Answer:
         """Make a change, pass it to the navigator, and answer `done` or why it was refused."""
+
+    def goals(self) -> Sequence[GoalView]:
+        """See `ChairPort`; a chair that knows one map has none beside its places."""
+        return ()
 
     def place_here(self, name: str, tolerance_m: float, tolerance_rad: float, replaces: bool = False) -> Answer:
         """See `ChairPort`."""

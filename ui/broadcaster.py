@@ -19,7 +19,15 @@ from typing import TypeVar
 from waychair.runtime.chair_port import Answer, ChairPort
 from waychair.types import Json, OccupancyGrid
 from waychair.ui.commands import RELEASE, STICK, STOP, obey
-from waychair.ui.page_messages import cells_message, encoded, grid_picture, layout_message, map_message, view_message
+from waychair.ui.page_messages import (
+    cells_message,
+    encoded,
+    goals_message,
+    grid_picture,
+    layout_message,
+    map_message,
+    view_message,
+)
 
 T = TypeVar("T")
 
@@ -31,6 +39,9 @@ WATCH_S = 0.1
 
 CELLS_EVERY = 2
 """Views from one message about the behaviour cells to the next."""
+
+GOALS_EVERY = 10
+"""Views from one question for the building's goals to the next; their times change while the chair drives."""
 
 ANSWERS_S = 0.2
 """A page counts as present for this time after its latest answer; the chair waits longer (`runtime.page_watch`)."""
@@ -69,7 +80,7 @@ class OpenPage:
         self._wake.clear()
         texts = [
             *self._answers,
-            *(self._newest[kind] for kind in ("map", "layout", "cells", "view") if kind in self._newest),
+            *(self._newest[kind] for kind in ("map", "layout", "goals", "cells", "view") if kind in self._newest),
         ]
         self._answers.clear()
         self._newest.clear()
@@ -182,11 +193,20 @@ class Broadcaster:
             self._told[kind] = text
             for page in self._pages:
                 page.tell(kind, text)
+        if self._count % GOALS_EVERY == 1:
+            await self._tell_goals()
         watching = [page for page in self._pages if page.shows_cells] if self._count % CELLS_EVERY == 0 else []
         if watching:
             text = await self.call(lambda: cells_message(self.port.perception()))
             for page in watching:
                 page.tell("cells", text)
+
+    async def _tell_goals(self) -> None:
+        text = await self.call(lambda: goals_message(self.port.goals()))
+        if text != self._told.get("goals", goals_message(())):
+            self._told["goals"] = text
+            for page in self._pages:
+                page.tell("goals", text)
 
     def _messages(self) -> dict[str, str]:
         """Return the new messages by kind."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
@@ -9,7 +10,7 @@ import numpy as np
 
 from waychair.control.safety.stops import STOPS, Severity
 from waychair.maps.drawn.zones import Zone
-from waychair.runtime.chair_port import ChairView, LayoutView
+from waychair.runtime.chair_port import ChairView, GoalView, LayoutView
 from waychair.runtime.perception_view import CellView, PerceptionView
 from waychair.runtime.sentences import sentence
 from waychair.types import Bytes, FloatArray, Json, OccupancyGrid, Place, Pose2
@@ -128,6 +129,24 @@ def layout_message(layout: LayoutView) -> str:
             "places": [_place(name, place) for name, place in layout.places.items()],
             "zones": [_zone(zone) for zone in layout.zones],
             "undoable": layout.undoable,
+        }
+    )
+
+
+def goals_message(goals: Sequence[GoalView]) -> str:
+    """Return the goals of a building as JSON text; times in steps of 10 s, so that a chair at rest sends nothing new."""
+    return encoded(
+        {
+            "type": "goals",
+            "goals": [
+                {
+                    "name": goal.name,
+                    "path": goal.path,
+                    "seconds": None if goal.seconds is None else 10 * round(goal.seconds / 10),
+                    "lifts": goal.lifts,
+                }
+                for goal in goals
+            ],
         }
     )
 

@@ -9,6 +9,7 @@ import "./steer.js";
 import "./draw.js";
 import "./edit.js";
 import "./scan.js";
+import "./menu/menu.js";
 import "./panel.js";
 import "./cells.js";
 import "./awake.js";

@@ -54,10 +54,11 @@ export const moves = (view) =>
     Math.abs(view.twist[0]) > 0.02 ||
     Math.abs(view.twist[1]) > 0.03);
 
-/** The newest view, the one before it, the layout and the chair's footprint. */
-export const now = { view: null, before: null, layout: { places: [], zones: [], undoable: false }, outline: [] };
+/** The newest view, the one before it, the layout, the goals of the building, and the chair's footprint. */
+export const now = { goals: [], view: null, before: null, layout: { places: [], zones: [], undoable: false }, outline: [] };
 
 // this module registers first, so that other listeners find the newest view here
 on("view", (view) => ([now.before, now.view] = [now.view, view]));
 on("layout", (layout) => (now.layout = layout));
+on("goals", ({ goals }) => (now.goals = goals));
 on("chair", ({ outline }) => (now.outline = outline));

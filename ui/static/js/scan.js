@@ -111,7 +111,8 @@ function restart() {
   step();
 }
 
-function set(on) {
+/** Switches the scanning of the page on or off. */
+export function setScanning(on) {
   running = on;
   [group, index, rounds] = [null, -1, 0];
   remember("scanning", on ? "on" : "off");
@@ -173,5 +174,5 @@ interval.addEventListener("change", () => {
   remember("interval", interval.value);
   restart();
 });
-option.addEventListener("click", () => set(!running));
-set(running);
+option.addEventListener("click", () => setScanning(!running));
+setScanning(running);

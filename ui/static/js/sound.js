@@ -21,7 +21,7 @@ export function hush() {
 /** Two soft notes, then the phrase where this browser has a voice. */
 export function announce(phrase) {
   if (!wanted) return;
-  for (const part of [() => tone(660, 0), () => tone(880, 0.22), hush, () => speak(phrase)]) {
+  for (const part of [() => tone(660, 0), () => tone(880, 0.22), hush, () => globalThis.speechSynthesis && speak(phrase)]) {
     try {
       part();
     } catch {
@@ -30,11 +30,32 @@ export function announce(phrase) {
   }
 }
 
+/** Speaks a phrase in place of the present one, then calls `ended`; false where this browser has no voice. */
+export function speakOnly(phrase, ended) {
+  try {
+    if (!globalThis.speechSynthesis?.getVoices().length) return false;
+    hush();
+    speak(phrase).onend = ended;
+    return true;
+  } catch {
+    return false;
+  }
+}
+
+/** A short note, also where tone and voice before a motion are off. */
+export function beep(frequency) {
+  try {
+    tone(frequency, 0);
+  } catch {
+    // no sound on this computer
+  }
+}
+
 function speak(phrase) {
-  if (!globalThis.speechSynthesis) return;
   const spoken = new SpeechSynthesisUtterance(phrase);
   spoken.lang = "en";
   speechSynthesis.speak(spoken);
+  return spoken;
 }
 
 function tone(frequency, after) {

@@ -8,8 +8,7 @@ const TOKEN_PART = "#token="; // of the address
 const STOPPED = new EventTarget();
 
 const ways = [() => post("stop").then((response) => response.json())];
-let takesSpace = () => false;
-let isSwitch = () => false;
+const switches = []; // modes in which Space is a switch: {handler, stops} each
 
 /** The value of a function, null where it fails: storage may be blocked, full or damaged. */
 function tried(work) {
@@ -48,10 +47,10 @@ const post = (name) => fetch(`api/do/${name}`, { method: "POST", headers: header
 export const alsoBy = (way) => ways.push(way);
 
 /**
- * Registers the one-switch mode. `handler`: true where it has used the press of Space, which then is not Stop.
+ * Registers a mode in which Space is a switch. `handler`: true where it has used the press of Space, which then is not Stop.
  * `stops`: whether Space has to be Stop in text fields, too.
  */
-export const onSpace = (handler, stops) => ([takesSpace, isSwitch] = [handler, stops]);
+export const onSpace = (handler, stops) => switches.push({ handler, stops });
 
 /** Registers a listener for Stop. */
 export const onStop = (heard) => STOPPED.addEventListener("stop", heard);
@@ -99,14 +98,14 @@ const onButton = ({ target }) => target instanceof Element && target.closest("#s
 
 function pressed(event) {
   if (event.key !== "Escape" && event.key !== " ") return;
-  if (event.key === " " && isTextField(event.target) && !asked(isSwitch)) return;
+  if (event.key === " " && isTextField(event.target) && !switches.some(({ stops }) => asked(stops))) return;
   event.preventDefault(); // so that Space presses no button, neither on keydown nor on keyup
   if (event.type === "keyup" || event.repeat) return;
-  if (event.key === " " && asked(takesSpace)) return;
+  if (event.key === " " && switches.some(({ handler }) => asked(handler))) return;
   stop();
 }
 
-/** The answer of the one-switch mode; if it fails, Space is Stop. */
+/** The answer of a mode; if it fails, Space is Stop. */
 const asked = (handler) => tried(handler) ?? false;
 
 // on the window, before all other listeners, and also before the button is there
