@@ -20,13 +20,14 @@ from waychair.errors import ConfigError, WorldError
 from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState
 from waychair.simulation.contact_watch import ContactWatch
 from waychair.simulation.joystick_lines import JoystickLines
+from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.people.people import SimulatedPeople
 from waychair.simulation.plan.world import World
 from waychair.simulation.plant.kinematic_chair import KinematicChair
 from waychair.simulation.plant.mujoco_chair import MujocoChair, substeps
 from waychair.simulation.plant.mujoco_model import MujocoSettings
 from waychair.simulation.plant.plant import Plant, PlantSettings, volts_from_twist
-from waychair.simulation.scene.contact import Contact, in_contact, person_distance, solid_from_blocks
+from waychair.simulation.scene.contact import Contact, in_contact, move_leaves, person_distance, solid_from_blocks
 from waychair.simulation.scene.scene import PersonPlan, PersonState
 from waychair.simulation.scene.seeds import random_stream
 from waychair.simulation.sensor_suite import SensorSuite
@@ -145,10 +146,18 @@ def with_all_sensors(settings: SimulatorSettings) -> SimulatorSettings:
 class Simulator:
     """One chair on one level; it starts at `world.start`, at rest, at time 0, with the joystick live."""
 
-    def __init__(self, world: World, body: ChairBody, settings: SimulatorSettings | None = None, seed: int = 0) -> None:
-        """
+    def __init__(
+        self,
+        world: World,
+        body: ChairBody,
+        settings: SimulatorSettings | None = None,
+        seed: int = 0,
+        lifts: Lifts | None = None,
+    ) -> None:
+        """`lifts` move and carry the chair from level to level; without them, lifts are open and `ride` is at once.
+
         Raises:
-            WorldError: the chair does not fit at the world's start.
+            WorldError: the chair does not fit at the world's start, or its plant does not know moving leaves.
             MissingExtra: the plant is MuJoCo's, which is not installed.
         """
         self.settings = s = settings or SimulatorSettings()
@@ -175,6 +184,12 @@ class Simulator:
         )
         self._plant_stream = random_stream(seed, 0)
         self._chair: Plant
+        self.lifts = lifts
+        self._passengers: tuple[PersonState, ...] = ()
+        if lifts is not None and s.plant_model != "kinematic":
+            raise WorldError("lifts move with the kinematic plant only: set plant_model = kinematic")
+        if lifts is not None:
+            lifts.note_chair(body.chair_id, world.level, world.start, body)
         self._place(world, world.start)
 
     @property
@@ -223,7 +238,7 @@ class Simulator:
     @property
     def people(self) -> tuple[PersonState, ...]:
         """All people on this level, now."""
-        return self._people_now
+        return self._people_now if self.lifts is None else (*self._people_now, *self._passengers)
 
     def populate(self, people: Sequence[PersonPlan]) -> None:
         """Replace all people by these; each starts its plan from the beginning.
@@ -329,7 +344,8 @@ class Simulator:
         messages: list[SensorMessage] = []
         for _ in range(duration_ns // self._step_ns):
             self._step()
-            messages += self._sensors.sense(self.now_ns, self._chair, self._people_now)
+            lifted = 0.0 if self.lifts is None else self.lifts.acceleration(self.body.chair_id, self.now_ns)
+            messages += self._sensors.sense(self.now_ns, self._chair, self.people, lifted)
         return tuple(messages)
 
     def truth(self) -> Pose2:
@@ -346,7 +362,7 @@ class Simulator:
 
     def person_distance(self) -> float:
         """Return the true distance [m] from the chair's rectangle to the nearest person; +inf without people."""
-        return person_distance(self.body, self._chair.pose, self._people_now)
+        return person_distance(self.body, self._chair.pose, self.people)
 
     def _servo_camera(self) -> ServoCamera:
         if self._sensors.servo_camera is None:
@@ -356,7 +372,10 @@ class Simulator:
 
     def _place(self, world: World, pose: Pose2) -> None:
         """Put the chair at rest into a world."""
-        solid = solid_from_blocks(world.blocks, world.pits)
+        leaves = () if self.lifts is None else self.lifts.sliding_leaves(world.level)
+        solid = solid_from_blocks(world.blocks, world.pits, leaves)
+        if self.lifts is not None:
+            move_leaves(solid, self.lifts.leaves(world.level))
         if in_contact(solid, self.body, pose):
             raise WorldError(
                 f"chair {self.body.chair_id} does not fit at ({pose.x:g}, {pose.y:g}, {pose.theta:g}) in "
@@ -369,7 +388,9 @@ class Simulator:
             self.populate(world.people)
         self.world = world
         self._contacts.place(solid)
-        self._sensors.place(world)
+        self._sensors.place(world, leaves)
+        if self.lifts is not None:
+            self._see_lifts(self.lifts)
         self._chair = _plant(world, pose, self.body, self.settings, self._plant_stream)
 
     def _step(self) -> None:
@@ -382,8 +403,29 @@ class Simulator:
         if self._people_now and self.now_ns % PEOPLE_STEP_NS == 0:
             self._people.step(PEOPLE_STEP_NS, chair.pose, chair.twist)
             self._people_now = self._people.states
-            self._contacts.report_people(self.now_ns, chair.pose, speed, self._people_now)
+        if self.lifts is not None:
+            free = self._step_lifts(self.lifts) and free
+        if self.people and self.now_ns % PEOPLE_STEP_NS == 0:
+            self._contacts.report_people(self.now_ns, chair.pose, speed, self.people)
         self._contacts.report_solid(self.now_ns, chair.pose, speed, free=free, upright=chair.upright)
+
+    def _step_lifts(self, lifts: Lifts) -> bool:
+        """Let cars, leaves and passengers move, and the chair with its car; return whether no leaf presses on it."""
+        key = self.body.chair_id
+        lifts.note_chair(key, self.world.level, self._chair.pose, self.body)
+        lifts.step(self.now_ns)
+        if lifts.level_of(key) != self.world.level:
+            self._place(lifts.levels[lifts.level_of(key)], self._chair.pose)
+        elif lifts.moving(self.world.level) or self._passengers or self.now_ns % PEOPLE_STEP_NS == 0:
+            self._see_lifts(lifts)
+        return not lifts.is_struck(key)
+
+    def _see_lifts(self, lifts: Lifts) -> None:
+        """Put leaves and passengers of this level where they are now."""
+        leaves = lifts.leaves(self.world.level)
+        self._contacts.move_leaves(leaves)
+        self._sensors.move_leaves(leaves)
+        self._passengers = lifts.people(self.world.level)
 
     def _volts_of(self, pushed: Twist) -> tuple[float, float]:
         """Return the volts that would drive the wheels at the speeds of a pushed chair."""

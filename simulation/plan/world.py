@@ -191,6 +191,11 @@ def load_world(name_or_path: str | Path, level: str | None = None) -> World:
     return world
 
 
+def load_levels(name_or_path: str | Path) -> tuple[World, ...]:
+    """Return all levels of a world from bottom to top, in the order of its plan; raises as `load_world`."""
+    return tuple(load_world(name_or_path, level) for level in levels_of(name_or_path))
+
+
 def _path(name_or_path: str | Path) -> Path:
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml"):
