@@ -317,7 +317,11 @@ class Lifts:
     def _free_slot(self, who: Passenger, known: CallableLift) -> int | None:
         """Return a place in the cabin with room, None without one."""
         crowd = self._others(who, known.stops[who.stop])
-        taken = {each.slot for each in self._passengers if each.doing in (Doing.ENTERS, Doing.RIDES) and each.lift == who.lift}
+        taken = {
+            each.slot
+            for each in self._passengers
+            if each.doing in (Doing.ENTERS, Doing.RIDES) and each.lift == who.lift
+        }
         for number, (x, y) in enumerate(slots_of(known.lift.length, known.lift.width)):
             at = known.lift.middle @ Pose2(x, y)
             away = np.hypot(crowd[:, 0] - at.x, crowd[:, 1] - at.y) - crowd[:, 2] if len(crowd) else np.array([9.0])
