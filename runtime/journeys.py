@@ -27,7 +27,7 @@ from waychair.control.journey.journey import (
     go_on,
     step,
 )
-from waychair.control.journey.lift_site import LiftSite
+from waychair.control.journey.lift_site import LiftSite, stand_in
 from waychair.control.journey.ride_motion import RideMotion
 from waychair.control.journey.which_storey import Evidence, probabilities, seen_through_door
 from waychair.control.safety.stops import Halt
@@ -260,7 +260,6 @@ class Traveller:
             clear_of_lift=site is None or inside is None or self._is_clear(site, inside),
             door=self._door,
             cabin_free=None if site is None or inside is None else self._is_free(site, inside, state),
-            rode=self._motion.rode_s > 0.0 if self._motion.known else None,
             riding=self._motion.riding,
             chances=self._chances(journey, site),
             localised=localised,
@@ -336,9 +335,3 @@ class Traveller:
         site = self._sites[lift, storey]
         self._chair.change_storey(storey, self._prepared.pop(storey), self._site_pose(site, journey, state))
         self.storey = storey
-
-
-def stand_in(site: LiftSite, body: ChairBody) -> Pose2:
-    """Return where a chair stands in a cabin, in its frame: facing the door, as far back as it can turn."""
-    back = max(0.0, site.length / 2 - body.circumscribed_radius - 0.12)
-    return Pose2(-back, 0.0)

@@ -89,7 +89,6 @@ class SensorSuite:
         """The newest messages of the camera on servos that nobody has taken yet."""
         self._leans = leans
         self._surroundings: _Surroundings
-        self._leaves: tuple[Block, ...] = ()
         self._ticks_before = (0, 0)
 
     @property
@@ -116,7 +115,9 @@ class SensorSuite:
         """Put the leaves of the level's lifts where they are now."""
         slide_leaves(self._surroundings.lidar, leaves)
         slide_leaves(self._surroundings.sonar, leaves)
-        self._leaves = tuple(leaves)
+        for camera in (self._camera, self.servo_camera):
+            if camera is not None:
+                camera.move_leaves(leaves)
 
     def carry_over(self, chair: Plant) -> None:
         """Let the encoder counts go on from those of a chair that is about to be replaced."""

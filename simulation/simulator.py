@@ -185,7 +185,6 @@ class Simulator:
         self._plant_stream = random_stream(seed, 0)
         self._chair: Plant
         self.lifts = lifts
-        self._passengers: tuple[PersonState, ...] = ()
         if lifts is not None and s.plant_model != "kinematic":
             raise WorldError("lifts move with the kinematic plant only: set plant_model = kinematic")
         if lifts is not None:
@@ -238,7 +237,7 @@ class Simulator:
     @property
     def people(self) -> tuple[PersonState, ...]:
         """All people on this level, now."""
-        return self._people_now if self.lifts is None else (*self._people_now, *self._passengers)
+        return self._people_now
 
     def populate(self, people: Sequence[PersonPlan]) -> None:
         """Replace all people by these; each starts its plan from the beginning.
@@ -247,7 +246,7 @@ class Simulator:
             WorldError: a person's start is not free, or its speed is impossible.
         """
         self._people = SimulatedPeople(people, self.world.grid, self.body, random_stream(self._seed, 4))
-        self._people_now = self._people.states
+        self._people_now = self._everybody()
         self.world = replace(self.world, people=tuple(people))
 
     def wire(self, board: HostBoard | None) -> None:
@@ -345,7 +344,7 @@ class Simulator:
         for _ in range(duration_ns // self._step_ns):
             self._step()
             lifted = 0.0 if self.lifts is None else self.lifts.acceleration(self.body.chair_id, self.now_ns)
-            messages += self._sensors.sense(self.now_ns, self._chair, self.people, lifted)
+            messages += self._sensors.sense(self.now_ns, self._chair, self._people_now, lifted)
         return tuple(messages)
 
     def truth(self) -> Pose2:
@@ -362,7 +361,7 @@ class Simulator:
 
     def person_distance(self) -> float:
         """Return the true distance [m] from the chair's rectangle to the nearest person; +inf without people."""
-        return person_distance(self.body, self._chair.pose, self.people)
+        return person_distance(self.body, self._chair.pose, self._people_now)
 
     def _servo_camera(self) -> ServoCamera:
         if self._sensors.servo_camera is None:
@@ -390,7 +389,7 @@ class Simulator:
         self._contacts.place(solid)
         self._sensors.place(world, leaves)
         if self.lifts is not None:
-            self._see_lifts(self.lifts)
+            self._see_leaves(self.lifts)
         self._chair = _plant(world, pose, self.body, self.settings, self._plant_stream)
 
     def _step(self) -> None:
@@ -400,13 +399,12 @@ class Simulator:
         free = chair.step(*volts, self._contacts.is_free)
         self.now_ns += self._step_ns
         self._lines.step(self.now_ns)
-        if self._people_now and self.now_ns % PEOPLE_STEP_NS == 0:
-            self._people.step(PEOPLE_STEP_NS, chair.pose, chair.twist)
-            self._people_now = self._people.states
         if self.lifts is not None:
             free = self._step_lifts(self.lifts) and free
-        if self.people and self.now_ns % PEOPLE_STEP_NS == 0:
-            self._contacts.report_people(self.now_ns, chair.pose, speed, self.people)
+        if self.now_ns % PEOPLE_STEP_NS == 0 and (self._people_now or self.lifts is not None):
+            self._people.step(PEOPLE_STEP_NS, chair.pose, chair.twist)
+            self._people_now = self._everybody()
+            self._contacts.report_people(self.now_ns, chair.pose, speed, self._people_now)
         self._contacts.report_solid(self.now_ns, chair.pose, speed, free=free, upright=chair.upright)
 
     def _step_lifts(self, lifts: Lifts) -> bool:
@@ -415,17 +413,21 @@ class Simulator:
         lifts.note_chair(key, self.world.level, self._chair.pose, self.body)
         lifts.step(self.now_ns)
         if lifts.level_of(key) != self.world.level:
-            self._place(lifts.levels[lifts.level_of(key)], self._chair.pose)
-        elif lifts.moving(self.world.level) or self._passengers or self.now_ns % PEOPLE_STEP_NS == 0:
-            self._see_lifts(lifts)
+            self._place(lifts.levels[lifts.level_of(key)], lifts.pose_of(key))
+        elif lifts.moving(self.world.level):
+            self._see_leaves(lifts)
         return not lifts.is_struck(key)
 
-    def _see_lifts(self, lifts: Lifts) -> None:
-        """Put leaves and passengers of this level where they are now."""
+    def _see_leaves(self, lifts: Lifts) -> None:
+        """Put the leaves of this level where they are now."""
         leaves = lifts.leaves(self.world.level)
         self._contacts.move_leaves(leaves)
         self._sensors.move_leaves(leaves)
-        self._passengers = lifts.people(self.world.level)
+
+    def _everybody(self) -> tuple[PersonState, ...]:
+        """Return the people of this level, and the passengers of its lifts."""
+        passengers = () if self.lifts is None else self.lifts.people(self.world.level)
+        return (*self._people.states, *passengers)
 
     def _volts_of(self, pushed: Twist) -> tuple[float, float]:
         """Return the volts that would drive the wheels at the speeds of a pushed chair."""

@@ -83,8 +83,8 @@ class JourneyView:
     """What a step knows of the chair.
 
     `storey`: that of the map in use. `in_cabin`: the axle is in the cabin of the leg's lift, `clear_of_lift`: the whole chair is
-    out of it. `cabin_free`: the lidar sees nothing where the chair will stand, None if it cannot tell. `rode`: the IMU
-    has felt a ride since the door closed, None without an IMU; `riding`: it feels one now. `chances`: probabilities of the
+    out of it. `cabin_free`: the lidar sees nothing where the chair will stand, None if it cannot tell. `riding`: the
+    IMU feels a ride. `chances`: probabilities of the
     lift's stops. `localised`: the pose on the present map is certain.
     """
 
@@ -96,9 +96,8 @@ class JourneyView:
     at_rest: bool = True
     in_cabin: bool = False
     clear_of_lift: bool = True
-    door: DoorView = DoorView()
+    door: DoorView = field(default_factory=DoorView)
     cabin_free: bool | None = True
-    rode: bool | None = None
     riding: bool = False
     chances: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     localised: bool = False

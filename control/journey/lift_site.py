@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from waychair.calibration.chair_body import ChairBody
 from waychair.types import Pose2
 
 LOBBY_AHEAD = 1.6
@@ -11,6 +12,10 @@ LOBBY_AHEAD = 1.6
 
 LOBBY_ASIDE = 1.1
 """m; ... and so far beside its middle, so that people can leave the lift."""
+
+
+TURN_ROOM = 0.12
+"""m; room round a chair that turns in a cabin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,3 +44,9 @@ class LiftSite:
         """Return whether the chair's axle is in the cabin."""
         inside = self.cabin.inverse() @ map_from_base
         return abs(inside.x) <= self.length / 2 and abs(inside.y) <= self.width / 2
+
+
+def stand_in(site: LiftSite, body: ChairBody) -> Pose2:
+    """Return where a chair stands in a cabin, in its frame: facing the door, as far back as it can turn."""
+    back = max(0.0, site.length / 2 - body.circumscribed_radius - TURN_ROOM)
+    return Pose2(-back, 0.0)

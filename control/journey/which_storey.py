@@ -21,7 +21,7 @@ ASKED = 0.6
 OUTLIER = 1e-3
 """Probability that the measured climb means nothing."""
 
-WORD = 200.0
+WORD = 1000.0
 """Odds by which the word of the rider, an adapter or a tag counts."""
 
 MOST_BY_MAP = 500.0

@@ -64,7 +64,6 @@ class Car:
     rest_until_ns: int = 0
     leaf_moved_ns: int = -(10**12)
     """Stamp of the last motion of a leaf."""
-    _up: bool = True
 
     def call(self, stop: int, now_ns: int) -> None:
         """Take a call from the hall or the cabin."""
@@ -140,8 +139,9 @@ class Car:
         if not above and not below:
             self.open(now_ns)
             return False
-        self._up = bool(above) if not (above and below) else self._up
-        to = min(above) if self._up else max(below)
+        went_up = self.at >= self.came_from
+        up = bool(above) if not (above and below) else went_up
+        to = min(above) if up else max(below)
         self.calls.discard(to)
         self.rides += 1
         if self.fault is LiftFault.STOPS_ELSEWHERE and self.rides % 2 == 0:

@@ -50,11 +50,20 @@ _CHAIR_CIRCLES = ((0.0, 0.35), (0.3, 0.35), (0.6, 0.3))
 
 @dataclass(frozen=True, slots=True)
 class CallableLift:
-    """A lift with its stops: the names of its levels from bottom to top, and its doorway on each."""
+    """A lift with its stops: the names of its levels from bottom to top, its cabin and doorway on each level's map."""
 
-    lift: Lift
+    cabins: Mapping[str, Lift]
     stops: tuple[str, ...]
     doors: Mapping[str, LiftDoor]
+
+    @property
+    def name(self) -> str:
+        """The lift's name."""
+        return self.cabins[self.stops[0]].name
+
+    def carried(self, pose: Pose2, here: str, there: str) -> Pose2:
+        """Return where something that stands in the cabin on one level's map is on another's."""
+        return self.cabins[there].middle @ self.cabins[here].middle.inverse() @ pose
 
 
 @dataclass(slots=True)
@@ -96,19 +105,23 @@ class Lifts:
         passengers: int = 0,
         kind: DoorKind = DoorKind.CURTAIN,
         faults: Mapping[str, LiftFault] = MappingProxyType({}),
+        heights: Mapping[str, float] | None = None,
     ) -> None:
         """`levels` from bottom to top; `passengers` people travel all the time; `faults` by the lifts' names.
+
+        `heights` [m] of the levels' floors; by default each is a room's height and a slab above the one below.
 
         Raises:
             WorldError: a lift has no door on one of its levels.
         """
         self.levels = {world.level: world for world in levels}
-        heights = _heights(levels)
+        heights = dict(heights or _heights(levels))
         self.lifts: dict[str, CallableLift] = {}
         self._cars: dict[str, Car] = {}
-        for name, lift, stops in _lifts_of(levels):
-            doors = {stop: door_of(lift, self.levels[stop]) for stop in stops}
-            self.lifts[name] = CallableLift(lift, stops, doors)
+        for name, cabins in _lifts_of(levels).items():
+            stops = tuple(cabins)
+            doors = {stop: door_of(lift, self.levels[stop]) for stop, lift in cabins.items()}
+            self.lifts[name] = CallableLift(cabins, stops, doors)
             width = min(door.width for door in doors.values())
             self._cars[name] = Car(
                 tuple(heights[stop] for stop in stops), width, kind=kind, fault=faults.get(name, LiftFault.NONE)
@@ -125,7 +138,7 @@ class Lifts:
         Raises:
             WorldError: there is no such lift, or it does not stop there.
         """
-        self._cars[lift].call(self._stop(lift, level), self._clock.now_ns)
+        self._car(lift).call(self._stop(lift, level), self._clock.now_ns)
 
     def hold(self, lift: str, who: str, held: bool = True) -> None:
         """Hold the door open, as an assistant at the button or a building's adapter does, or no longer.
@@ -161,6 +174,10 @@ class Lifts:
         """Return the level of a chair, which a ride changes as it begins: nobody sees it behind closed leaves."""
         return self._chairs[key].level
 
+    def pose_of(self, key: str) -> Pose2:
+        """Return the pose of a chair on its level's map."""
+        return self._chairs[key].pose
+
     def acceleration(self, key: str, now_ns: int) -> float:
         """Return the vertical acceleration [m/s^2] of a chair."""
         rides = self._chairs[key].rides
@@ -178,16 +195,13 @@ class Lifts:
     def leaves(self, level: str) -> tuple[Block, ...]:
         """Return the leaves on a level as they are now."""
         return tuple(
-            leaf.block(self._opened(each.lift.name, level))
-            for each in self._on(level)
-            for leaf in each.doors[level].leaves
+            leaf.block(self._opened(each.name, level)) for each in self._on(level) for leaf in each.doors[level].leaves
         )
 
     def moving(self, level: str) -> bool:
         """Return whether a leaf on a level may have moved in the last step."""
         return any(
-            self._cars[each.lift.name].moves != 0
-            or self._clock.now_ns - self._cars[each.lift.name].leaf_moved_ns <= 2 * STEP_NS
+            self._cars[each.name].moves != 0 or self._clock.now_ns - self._cars[each.name].leaf_moved_ns <= 2 * STEP_NS
             for each in self._on(level)
         )
 
@@ -213,8 +227,12 @@ class Lifts:
         if begins:
             here, there = known.stops[car.came_from], known.stops[car.at]
             for chair in self._chairs.values():
-                if chair.level == here and _inside(known.lift, chair.pose):
-                    chair.level, chair.rides = there, name
+                if chair.level == here and _inside(known.cabins[here], chair.pose):
+                    chair.level, chair.rides, chair.pose = there, name, known.carried(chair.pose, here, there)
+            for who in self._passengers:
+                if who.doing is Doing.RIDES and self._name_of(who) == name:
+                    pose = known.carried(Pose2(who.x, who.y, who.heading), here, there)
+                    who.x, who.y, who.heading = pose.x, pose.y, pose.theta
         elif car.ride is None:
             for chair in self._chairs.values():
                 chair.rides = "" if chair.rides == name else chair.rides
@@ -252,7 +270,7 @@ class Lifts:
         )
 
     def _step_passenger(self, who: Passenger) -> None:
-        name = list(self.lifts)[who.lift]
+        name = self._name_of(who)
         known, car, now_ns = self.lifts[name], self._cars[name], self._clock.now_ns
         actions: Mapping[Doing, Callable[[], None]] = {
             Doing.AWAY: lambda: self._appear(who, known, now_ns),
@@ -288,14 +306,15 @@ class Lifts:
         if slot is None or self._busy_doorway(who, known):
             return
         who.slot, who.doing = slot, Doing.ENTERS
-        middle, door = known.lift.middle, known.doors[known.stops[who.stop]].middle
-        inside = middle @ Pose2(*slots_of(known.lift.length, known.lift.width)[slot])
+        level = known.stops[who.stop]
+        cabin, door = known.cabins[level], known.doors[level].middle
+        inside = cabin.middle @ Pose2(*slots_of(cabin.length, cabin.width)[slot])
         ahead, behind = door @ Pose2(0.6, 0.0), door @ Pose2(-0.4, 0.0)
         who.way = [(ahead.x, ahead.y), (behind.x, behind.y), (inside.x, inside.y)]
 
     def _enter(self, who: Passenger, known: CallableLift, car: Car) -> None:
         if who.walk(STEP_NS * 1e-9, self._others(who, known.stops[who.stop])):
-            who.doing, who.heading = Doing.RIDES, known.lift.middle.theta
+            who.doing, who.heading = Doing.RIDES, known.cabins[known.stops[who.stop]].middle.theta
             car.call(who.wants, self._clock.now_ns)
 
     def _ride(self, who: Passenger, known: CallableLift, car: Car) -> None:
@@ -322,8 +341,9 @@ class Lifts:
             for each in self._passengers
             if each.doing in (Doing.ENTERS, Doing.RIDES) and each.lift == who.lift
         }
-        for number, (x, y) in enumerate(slots_of(known.lift.length, known.lift.width)):
-            at = known.lift.middle @ Pose2(x, y)
+        cabin = known.cabins[known.stops[who.stop]]
+        for number, (x, y) in enumerate(slots_of(cabin.length, cabin.width)):
+            at = cabin.middle @ Pose2(x, y)
             away = np.hypot(crowd[:, 0] - at.x, crowd[:, 1] - at.y) - crowd[:, 2] if len(crowd) else np.array([9.0])
             if number not in taken and away.min() > RADIUS + 0.35:
                 return number
@@ -353,9 +373,12 @@ class Lifts:
         return np.array(found).reshape(-1, 3)
 
     def _level_of(self, who: Passenger) -> str:
-        name = list(self.lifts)[who.lift]
+        name = self._name_of(who)
         stop = self._cars[name].at if who.doing is Doing.RIDES else who.stop
         return self.lifts[name].stops[stop]
+
+    def _name_of(self, who: Passenger) -> str:
+        return list(self.lifts)[who.lift]
 
     def _opened(self, name: str, level: str) -> float:
         car = self._cars[name]
@@ -391,11 +414,10 @@ def _heights(levels: Sequence[World]) -> dict[str, float]:
     return heights
 
 
-def _lifts_of(levels: Sequence[World]) -> Iterator[tuple[str, Lift, tuple[str, ...]]]:
-    """Yield each lift with its name and the levels at which it stops."""
-    known: dict[str, tuple[Lift, list[str]]] = {}
+def _lifts_of(levels: Sequence[World]) -> dict[str, dict[str, Lift]]:
+    """Return each lift by its name, and by the levels at which it stops."""
+    known: dict[str, dict[str, Lift]] = {}
     for world in levels:
         for lift in world.lifts:
-            known.setdefault(lift.name, (lift, []))[1].append(world.level)
-    for name, (lift, stops) in known.items():
-        yield name, lift, tuple(stops)
+            known.setdefault(lift.name, {})[world.level] = lift
+    return known

@@ -10,12 +10,14 @@ storeys are alike to the cell, as wards are; the others differ in rooms and furn
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
 from waychair.simulation.plan.floor_plan import (
     BuildingPlan,
     FloorPlan,
+    Planar,
     PlanBox,
     PlanDoor,
     PlanFinish,
@@ -24,7 +26,6 @@ from waychair.simulation.plan.floor_plan import (
     PlanPerson,
     PlanRamp,
     PlanWall,
-    Planar,
 )
 from waychair.simulation.scene.seeds import random_stream
 
@@ -61,7 +62,7 @@ def hospital_plan(seed: int = 0, storeys: int = STOREYS) -> BuildingPlan:
 def _storey(number: int, alike: int, storeys: int, seed: int) -> FloorPlan:
     """Return a storey; `alike` numbers what it looks like."""
     rng = random_stream(seed, 1000 + alike)
-    walls, boxes, places = _outer_walls(), [], {}
+    walls, boxes, places = _outer_walls(), list[PlanBox](), dict[str, Planar]()
     rooms = 0
     for y0, y1, door_y, spans in _bands(rng):
         for x0, x1 in spans:
@@ -89,13 +90,24 @@ def _storey(number: int, alike: int, storeys: int, seed: int) -> FloorPlan:
         people=_people(rng, number),
         lifts=lifts,
         places=places,
-        routes={"mapping": [(22.0, 9.8), (22.0, 7.0), (2.0, 7.0), (42.6, 7.0), (42.6, 19.0), (2.0, 19.0), (22.0, 19.0), (22.0, 9.8)]},
+        routes={
+            "mapping": [
+                (22.0, 9.8),
+                (22.0, 7.0),
+                (2.0, 7.0),
+                (42.6, 7.0),
+                (42.6, 19.0),
+                (2.0, 19.0),
+                (22.0, 19.0),
+                (22.0, 9.8),
+            ]
+        },
     )
 
 
 def _outer_walls() -> list[PlanWall]:
     corners = [(0.0, 0.0), (LENGTH, 0.0), (LENGTH, WIDTH), (0.0, WIDTH), (0.0, 0.0)]
-    return [PlanWall(start=a, end=b, material="concrete") for a, b in zip(corners, corners[1:], strict=False)]
+    return [PlanWall(start=a, end=b, material="concrete") for a, b in pairwise(corners)]
 
 
 def _bands(rng: np.random.Generator) -> list[tuple[float, float, float, list[tuple[float, float]]]]:
@@ -113,7 +125,7 @@ def _spans(rng: np.random.Generator, start: float, end: float, count: int) -> li
     """Return rooms side by side, of somewhat different widths."""
     parts = 1.0 + rng.uniform(-0.15, 0.15, count)
     ends = start + np.concatenate([[0.0], np.cumsum(parts) / parts.sum()]) * (end - start)
-    return [(round(float(a), 2), round(float(b), 2)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
+    return [(round(float(a), 2), round(float(b), 2)) for a, b in pairwise(ends)]
 
 
 def _room(
@@ -137,7 +149,9 @@ def _room(
         walls.append(PlanWall(start=(x0, door_y), end=(x0, deep)))
     walls.append(PlanWall(start=(x0, deep), end=(x1, deep)))
     bed_x = x0 + 0.7 if rng.random() < 0.5 else x1 - 0.7
-    boxes.append(PlanBox(centre=(round(bed_x, 2), round(deep - inward * 1.25, 2)), size=(1.0, 2.1), high=0.9, material="cloth"))
+    boxes.append(
+        PlanBox(centre=(round(bed_x, 2), round(deep - inward * 1.25, 2)), size=(1.0, 2.1), high=0.9, material="cloth")
+    )
     other = x1 - 0.5 if bed_x < (x0 + x1) / 2 else x0 + 0.5
     boxes.append(PlanBox(centre=(round(other, 2), round(deep - inward * 0.4, 2)), size=(0.8, 0.5), high=1.8))
     places[name] = (round(x0 + at, 2), round(door_y + inward * 2.0, 2), inward * math.pi / 2)
@@ -151,9 +165,7 @@ def _shaft(walls: list[PlanWall], name: str, x: float, y: float, theta: float) -
     for at in (y - half, y + half):
         walls.append(PlanWall(start=(back, at), end=(x, at), material="concrete"))
     walls.append(PlanWall(start=(back, y - half), end=(back, y + half), material="concrete"))
-    between = sorted(
-        edge for name_, x_, y_, _ in LIFTS if x_ == x for edge in (y_ - half, y_ + half)
-    )
+    between = sorted(edge for name_, x_, y_, _ in LIFTS if x_ == x for edge in (y_ - half, y_ + half))
     ends = [SOUTH[1], *between, NORTH[0]]
     if y + half == between[1]:  # once for each side of the hall: the walls between the shafts
         for low, high in zip(ends[::2], ends[1::2], strict=True):
@@ -190,7 +202,9 @@ def _people(rng: np.random.Generator, number: int) -> list[PlanPerson]:
         x0, x1 = float(rng.uniform(2.0, 12.0)), float(rng.uniform(30.0, 40.0))
         people.append(
             PlanPerson(
-                behaviour="social", path=[(round(x0, 1), y), (round(x1, 1), y)], speed=round(float(rng.uniform(0.6, 1.0)), 2)
+                behaviour="social",
+                path=[(round(x0, 1), y), (round(x1, 1), y)],
+                speed=round(float(rng.uniform(0.6, 1.0)), 2),
             )
         )
     return people

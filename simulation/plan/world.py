@@ -17,6 +17,7 @@ from waychair.maps.grid.cells import OCCUPIED_FROM, cells_from_points
 from waychair.maps.grid.distance_field import distance_field
 from waychair.simulation.plan.floor_plan import FloorPlan, Keys
 from waychair.simulation.plan.free_ground import ErrorMaker, check_free_path, check_free_point, points_between
+from waychair.simulation.plan.hospital_plan import hospital_plan
 from waychair.simulation.plan.plan_blocks import (
     blocks_from_plan,
     cells_in_rectangle,
@@ -29,7 +30,6 @@ from waychair.simulation.plan.plan_blocks import (
     pose_on_wall,
     slopes_from_plan,
 )
-from waychair.simulation.plan.hospital_plan import hospital_plan
 from waychair.simulation.plan.plan_file import Building, checked_building, load_building
 from waychair.simulation.plan.plan_fittings import (
     CLEAR_OF_START,

@@ -16,11 +16,12 @@ import numpy as np
 
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.calibration.fits.dac import DEFAULT
+from waychair.control.journey.building_legs import leg_to_lift
 from waychair.control.journey.journey import Leg, Phase
 from waychair.control.journey.lift_site import LOBBY_AHEAD, LOBBY_ASIDE, LiftSite
 from waychair.errors import UnknownPlace
 from waychair.runtime.chair import ChairSettings
-from waychair.runtime.journeys import StoreyMap, Traveller, TravelState, stand_in
+from waychair.runtime.journeys import StoreyMap, Traveller, TravelState
 from waychair.simulation.lifts.car import DoorKind, LiftFault
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World
@@ -86,11 +87,10 @@ def sites_of(lifts: Lifts, body: ChairBody) -> tuple[LiftSite, ...]:
     for name, known in lifts.lifts.items():
         for stop in known.stops:
             door = known.doors[stop]
-            ahead = (known.lift.middle.inverse() @ door.middle).x
+            cabin = known.cabins[stop]
+            ahead = (cabin.middle.inverse() @ door.middle).x
             lobby = _lobby(lifts.levels[stop], door.middle, body)
-            found.append(
-                LiftSite(name, stop, known.lift.middle, known.lift.length, known.lift.width, ahead, door.width, lobby)
-            )
+            found.append(LiftSite(name, stop, cabin.middle, cabin.length, cabin.width, ahead, door.width, lobby))
     return tuple(found)
 
 
@@ -123,8 +123,7 @@ def legs_between(
     legs, storey = [], start
     for lift, to in lifts:
         site = known[lift, storey]
-        cabin = site.cabin @ stand_in(site, body)
-        legs.append(Leg(storey, Goal(site.lobby, 0.3, math.radians(20.0)), lift, Goal(cabin, 0.1, math.radians(8.0))))
+        legs.append(leg_to_lift(site, body))
         storey = to
     legs.append(Leg(goal, Goal(place.pose, place.tolerance_m, place.tolerance_rad)))
     return tuple(legs)
@@ -178,7 +177,6 @@ def journey(
     begin, end = (_place(worlds, *which) for which in (start, goal))
     worlds[start[0]] = replace(worlds[start[0]], start=begin.pose)
     lifts = Lifts(tuple(worlds[world.level] for world in levels), seed, passengers, kind, faults)
-    chair_settings = settings or ChairSettings()
     simulated: SimulatorSettings = randomised_settings(seed)
     if imu:
         simulated = replace(simulated, imu=replace(simulated.imu, rate_hz=IMU.rate_hz))
@@ -187,12 +185,42 @@ def journey(
         StoreyMap(level, world.grid, {place.name: place for place in world.places}, lifts.heights[level])
         for level, world in worlds.items()
     ]
-    here = next(each for each in storeys if each.storey == start[0])
-    setup = DriveSetup(grid=here.grid, places=here.places, body=body, calibration=DEFAULT, chair=chair_settings)
     sites = sites_of(lifts, body)
     legs = legs_between(sites, body, start[0], goal[0], end, lifts_between(lifts, start[0], goal[0]))
+    return travel(simulator, storeys, sites, legs, (start, goal), end, settings, on_tick, time_limit_s)
+
+
+def travel(
+    simulator: Simulator,
+    storeys: Sequence[StoreyMap],
+    sites: Sequence[LiftSite],
+    legs: Sequence[Leg],
+    names: tuple[tuple[str, str], tuple[str, str]],
+    end: Place,
+    settings: ChairSettings | None = None,
+    on_tick: Callable[[TravelState, Simulator], None] = lambda state, simulator: None,
+    time_limit_s: float = TIME_LIMIT_S,
+) -> JourneyRecord:
+    """Travel along legs with the shipped firmware; `names` are level and place of both ends, `end` is the last place.
+
+    Raises:
+        BoardBuildError: the firmware cannot be built: no C compiler.
+    """
+    (start, _), (goal, _) = names
+    body, lifts = simulator.body, simulator.lifts
+    assert lifts is not None
+    here = next(each for each in storeys if each.storey == start)
+    setup = DriveSetup(
+        grid=here.grid,
+        places=here.places,
+        body=body,
+        calibration=DEFAULT,
+        chair=settings or ChairSettings(),
+        zones=here.zones,
+        scanned=here.scanned,
+    )
     with simulated_chair(setup, simulator) as chair:
-        traveller = Traveller(chair, body, storeys, sites, ToldRider(lifts), start[0])
+        traveller = Traveller(chair, body, storeys, sites, ToldRider(lifts), start)
         watch = _Watch(simulator, lifts, sites)
         until_ns = simulator.now_ns + round(READY_S * 1e9)
         while simulator.now_ns < until_ns and not chair.ready:
@@ -200,9 +228,8 @@ def journey(
             traveller.step(simulator.now_ns, messages)
         began_ns = simulator.now_ns
         traveller.go(legs, began_ns)
-        for leg in legs[1:]:
-            if leg.storey != start[0]:
-                traveller.prepare(leg.storey)
+        for storey in {leg.storey for leg in legs} - {start}:
+            traveller.prepare(storey)
         while simulator.now_ns - began_ns < time_limit_s * 1e9:
             messages = advance_tick(simulator, chair)
             state = traveller.step(simulator.now_ns, messages)
@@ -212,10 +239,10 @@ def journey(
                 break
     truth, phase = simulator.truth(), None if state.journey is None else state.journey.phase
     error = math.hypot(truth.x - end.pose.x, truth.y - end.pose.y)
-    there = simulator.world.level == goal[0] and error <= end.tolerance_m
+    there = simulator.world.level == goal and error <= end.tolerance_m
     return JourneyRecord(
-        start="/".join(start),
-        goal="/".join(goal),
+        start="/".join(names[0]),
+        goal="/".join(names[1]),
         arrived=phase is Phase.ARRIVED and there and not watch.asked,
         why=state.order.sentence
         if phase is None or phase in (Phase.ARRIVED, Phase.HELD, Phase.FAILED)
