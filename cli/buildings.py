@@ -37,6 +37,14 @@ buildings_app.command(
 )
 
 
+buildings_app.command(
+    "waychair.cli.building_journeys:cabin_command", name="cabin", help="Say where a lift's cabin is on a storey's map."
+)
+buildings_app.command(
+    "waychair.cli.building_journeys:drive_command", name="drive", help="Let a simulated chair travel over storeys."
+)
+
+
 @buildings_app.command(name="new")
 def new_command(folder: Path, /, *, name: str) -> None:
     """Make a building without storeys.

@@ -124,6 +124,11 @@ app.command(
     help="Make, check and route through buildings of several storeys.",
 )
 app.command(
+    "waychair.cli.journeys_command:journeys_command",
+    name="journeys",
+    help="Let a simulated chair travel over several storeys, and count how it fares.",
+)
+app.command(
     "waychair.cli.doctor:doctor_command",
     name="doctor",
     help="List missing parts of this machine and the commands that fix them.",

@@ -91,6 +91,15 @@ class ChairState:
     perceived: Perceived | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class PreparedStorey:
+    """Everything of a chair that belongs to one storey's map, made ready for `Chair.change_storey`."""
+
+    pilot: Pilot
+    known: SavedMap
+    zones: tuple[Zone, ...]
+
+
 class ChairWatcher(Protocol):
     """An observer of a chair's ticks, such as a black box. It must neither wait nor raise."""
 
@@ -279,6 +288,39 @@ class Chair:
         self._pilot.redraw(drawn, places)
         if known is not None:
             self._localiser.replace_map(known)
+
+    def prepared_storey(
+        self,
+        grid: OccupancyGrid,
+        places: Mapping[str, Place],
+        zones: Sequence[Zone] = (),
+        scanned: OccupancyGrid | None = None,
+    ) -> PreparedStorey:
+        """Prepare another storey's map for `change_storey`; takes a while, and may be called from any thread."""
+        body, stops = self._calibration.body, self._calibration.stops
+        pilot = Pilot(grid=grid, places=places, body=body, settings=self.settings, stops=stops, zones=zones)
+        known = prepared_map(grid if scanned is None else scanned, self.settings.localiser)
+        return PreparedStorey(pilot, known, tuple(zones))
+
+    def change_storey(self, storey: str, prepared: PreparedStorey, map_from_base: Pose2 | None) -> None:
+        """Take another storey's map, places, zones, planner and localiser at once, without anything seen on the last one.
+
+        `map_from_base`: the chair's pose on the new map, from which it localises; None: on the whole map. The odometry
+        goes on. A drive under way is dropped.
+        """
+        self._pilot.drop("the chair is on another storey: ask for the goal again")
+        self._tell(f"storey {storey}")
+        self._pilot = prepared.pilot
+        self._localiser.replace_map(prepared.known)
+        self._localiser.restart(map_from_base)
+        self._localisation = None
+        self._base.change_map(prepared.zones, map_from_base or Pose2())
+
+    @property
+    def odom_from_base(self) -> Pose2:
+        """The chair's pose by wheels and gyro alone, which no change of the map touches."""
+        odometry = self._base.motion.odometry
+        return Pose2() if odometry is None else odometry.odom_from_base
 
     def beat(self, now_ns: int) -> None:
         """Send the board a heartbeat between two ticks."""

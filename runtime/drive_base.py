@@ -125,6 +125,13 @@ class DriveBase:
         """Replace the map's zones, at any time."""
         self._limits.zones = tuple(zones)
 
+    def change_map(self, zones: Sequence[Zone], start: Pose2) -> None:
+        """Take another map's zones, and forget where the chair was on the last one; it is assumed at `start` in map."""
+        self.replace_zones(zones)
+        self.motion.change_map(start)
+        self._fitness.change_map()
+        self._loop.change_map()
+
     def request(self) -> None:
         """Note that another goal was asked for: it waits for a `confirm` of its own.
 

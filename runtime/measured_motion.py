@@ -55,6 +55,10 @@ class MeasuredMotion:
         """Take in the localiser's result."""
         self._localisation = localisation
 
+    def change_map(self, start: Pose2) -> None:
+        """Forget the pose on the last map; the chair is assumed at `start` in the new one."""
+        self._localisation, self._start = None, start
+
     def odom_from_base(self, stamp_ns: int) -> Pose2:
         """Return the odometry at a stamp, extrapolated by at most 0.1 s; the origin before the first wheel reading."""
         if self.odometry is None:

@@ -13,10 +13,11 @@ from waychair.simulation.scene.contact import (
     SolidBoxes,
     clearance,
     in_contact,
+    move_leaves,
     nearest_person,
     nearest_point,
 )
-from waychair.simulation.scene.scene import PersonState
+from waychair.simulation.scene.scene import Block, PersonState
 from waychair.types import Pose2
 
 CONTACT_ENDS = 0.02
@@ -40,6 +41,10 @@ class ContactWatch:
     def place(self, solid: SolidBoxes) -> None:
         """Put the chair among these obstacles."""
         self._solid = solid
+
+    def move_leaves(self, leaves: Sequence[Block]) -> None:
+        """Put the leaves of the level's lifts where they are now."""
+        move_leaves(self._solid, leaves)
 
     def is_free(self, pose: Pose2) -> bool:
         """Return whether the chair would touch nothing solid at a pose (map_from_base)."""

@@ -11,6 +11,7 @@ from typing import Protocol
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.simulation.contact_watch import CONTACT_ENDS
+from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.people.people import SimulatedPeople
 from waychair.simulation.people.person_surroundings import chair_rectangle
 from waychair.simulation.plan.world import World
@@ -35,16 +36,21 @@ class ChairInLevel(Protocol):
     def twist(self) -> Twist: ...
     def move(self) -> None: ...
     def answer(self) -> None: ...
+    def follow_lifts(self, lifts: Lifts) -> None: ...
     def report(self, people_moved: bool) -> None: ...
     def sense(self) -> Iterator[SensorMessage]: ...
 
 
 class Level:
-    """A world in time; `people` are all people now, `chair_contacts` the contacts of chairs with chairs so far."""
+    """A world in time; `people` are all people now, `chair_contacts` the contacts of chairs with chairs so far.
 
-    def __init__(self, world: World, seed: int, step_ns: int) -> None:
+    `lifts` move and carry the chair to the building's other levels; they serve a level with one chair.
+    """
+
+    def __init__(self, world: World, seed: int, step_ns: int, lifts: Lifts | None = None) -> None:
         self.world = world
         self.seed = seed
+        self.lifts = lifts
         self.now_ns = 0
         self.people: tuple[PersonState, ...] = ()
         self._step_ns = step_ns
@@ -66,7 +72,7 @@ class Level:
         """
         body, stream = self._chairs[0].body, random_stream(self.seed, 4)
         self._people = SimulatedPeople(people, self.world.grid, body, stream)
-        self.people = self._people.states
+        self.people = self._everybody(self._people)
         self.world = replace(self.world, people=tuple(people))
 
     def change(self, world: World) -> None:
@@ -134,11 +140,27 @@ class Level:
         self.now_ns += self._step_ns
         for chair in self._chairs:
             chair.answer()
-        people_moved = bool(self.people) and self.now_ns % PEOPLE_STEP_NS == 0
+        if self.lifts is not None:
+            self._step_lifts(self.lifts)
+        someone = bool(self.people) or self.lifts is not None
+        people_moved = someone and self.now_ns % PEOPLE_STEP_NS == 0
         if people_moved and self._people is not None:
             rectangles = [chair_rectangle(chair.body, chair.truth(), chair.twist()) for chair in self._chairs]
             self._people.step_round(PEOPLE_STEP_NS, rectangles)
-            self.people = self._people.states
+            self.people = self._everybody(self._people)
         for chair in self._chairs:
             chair.report(people_moved)
         self._touching = {pair for pair in self._touching if self.between(*pair) <= CONTACT_ENDS}
+
+    def _step_lifts(self, lifts: Lifts) -> None:
+        """Let cars, leaves and passengers move, and the chair with its car."""
+        for chair in self._chairs:
+            lifts.note_chair(chair.body.chair_id, self.world.level, chair.truth(), chair.body)
+        lifts.step(self.now_ns)
+        for chair in self._chairs:
+            chair.follow_lifts(lifts)
+
+    def _everybody(self, people: SimulatedPeople) -> tuple[PersonState, ...]:
+        """Return the people of this level, and the passengers of its lifts."""
+        passengers = () if self.lifts is None else self.lifts.people(self.world.level)
+        return (*people.states, *passengers)

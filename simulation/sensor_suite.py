@@ -7,16 +7,19 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from waychair.calibration.chair_body import ChairBody
 from waychair.simulation.plan.world import World
 from waychair.simulation.plant.plant import Plant
-from waychair.simulation.scene.scene import Mover
+from waychair.simulation.scene.moving import SlidingLeaf
+from waychair.simulation.scene.scene import Block, Mover
 from waychair.simulation.scene.seeds import random_stream
 from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera
 from waychair.simulation.sensors.height_slices import slice_at
 from waychair.simulation.sensors.imu import Imu, ImuSettings
 from waychair.simulation.sensors.lidar import Lidar, LidarSettings
-from waychair.simulation.sensors.rays import Scenery, scenery_from_slice
+from waychair.simulation.sensors.rays import Scenery, scenery_from_slice, slide_leaves
 from waychair.simulation.sensors.renderer import Renderer, camera_matrix, renderer_problem
 from waychair.simulation.sensors.servo_camera import ServoCamera, ServoCameraSettings
 from waychair.simulation.sensors.sonar import Sonars, SonarSettings
@@ -95,10 +98,11 @@ class SensorSuite:
         lacks = lacks or (self._rates.servo_camera > 0.0 and self.servo_camera is None)
         return renderer_problem() if lacks else None
 
-    def place(self, world: World) -> None:
-        """Put the sensors into a world."""
+    def place(self, world: World, leaves: Sequence[SlidingLeaf] = ()) -> None:
+        """Put the sensors into a world whose lifts have these leaves."""
         lidar, sonar = (
-            scenery_from_slice(slice_at(world.blocks, height)) for height in (self._body.laser_z, self._sonar_height)
+            scenery_from_slice(slice_at(world.blocks, height), leaves)
+            for height in (self._body.laser_z, self._sonar_height)
         )
         self._surroundings = _Surroundings(lidar, sonar, terrain_from_world(world) if self._leans else None)
         self._camera = self._camera_in(world)
@@ -107,15 +111,26 @@ class SensorSuite:
         elif self._rates.servo_camera > 0.0 and renderer_problem() is None:
             self.servo_camera = ServoCamera(random_stream(self._seed, 6), world)
 
+    def move_leaves(self, leaves: Sequence[Block]) -> None:
+        """Put the leaves of the level's lifts where they are now."""
+        slide_leaves(self._surroundings.lidar, leaves)
+        slide_leaves(self._surroundings.sonar, leaves)
+        for camera in (self._camera, self.servo_camera):
+            if camera is not None:
+                camera.move_leaves(leaves)
+
     def carry_over(self, chair: Plant) -> None:
         """Let the encoder counts go on from those of a chair that is about to be replaced."""
         self._ticks_before = self._ticks(chair)
 
-    def sense(self, now_ns: int, chair: Plant, people: Sequence[Mover]) -> Iterator[SensorMessage]:
-        """Yield the messages of the step that ends now."""
+    def sense(
+        self, now_ns: int, chair: Plant, people: Sequence[Mover], lifted: float = 0.0
+    ) -> Iterator[SensorMessage]:
+        """Yield the messages of the step that ends now; `lifted` is the acceleration [m/s^2] of the chair's lift."""
         rates, seen = self._rates, self._surroundings
         if rates.is_due(rates.imu, now_ns):
-            yield self._imu.sample(now_ns, chair.specific_force, chair.angular_rate)
+            force = chair.specific_force if not lifted else chair.specific_force + np.array([0.0, 0.0, lifted])
+            yield self._imu.sample(now_ns, force, chair.angular_rate)
         if rates.is_due(rates.wheels, now_ns):
             yield WheelTicks(now_ns, *self._ticks(chair))
         if rates.is_due(rates.sonar, now_ns):

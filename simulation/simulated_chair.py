@@ -17,11 +17,12 @@ from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState
 from waychair.simulation.contact_watch import ContactWatch
 from waychair.simulation.joystick_lines import JoystickLines
 from waychair.simulation.level import Level
+from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World
 from waychair.simulation.plant.kinematic_chair import KinematicChair
 from waychair.simulation.plant.mujoco_chair import MujocoChair
 from waychair.simulation.plant.plant import Plant, volts_from_twist
-from waychair.simulation.scene.contact import Contact, in_contact, person_distance, solid_from_blocks
+from waychair.simulation.scene.contact import Contact, in_contact, move_leaves, person_distance, solid_from_blocks
 from waychair.simulation.scene.scene import PersonState
 from waychair.simulation.scene.seeds import chair_seed, random_stream
 from waychair.simulation.sensor_suite import SensorSuite
@@ -66,6 +67,7 @@ class SimulatedChair:
         self._before = Twist()  # before the latest step
         self._free = True
         self._met: int | None = None  # the chair that stopped this one in the latest step
+        self._struck = False  # whether a leaf of a lift presses on it
         self.place(level.world, pose)
 
     @property
@@ -198,7 +200,11 @@ class SimulatedChair:
         Raises:
             WorldError: it does not fit there.
         """
-        solid = solid_from_blocks(world.blocks, world.pits)
+        lifts = self._level.lifts
+        leaves = () if lifts is None else lifts.sliding_leaves(world.level)
+        solid = solid_from_blocks(world.blocks, world.pits, leaves)
+        if lifts is not None:
+            move_leaves(solid, lifts.leaves(world.level))
         if in_contact(solid, self.body, pose):
             raise WorldError(
                 f"chair {self.body.chair_id} does not fit at ({pose.x:g}, {pose.y:g}, {pose.theta:g}) in "
@@ -207,7 +213,9 @@ class SimulatedChair:
         if self.now_ns:
             self._sensors.carry_over(self._chair)
         self._contacts.place(solid)
-        self._sensors.place(world)
+        self._sensors.place(world, leaves)
+        if lifts is not None:
+            self._see_leaves(lifts, world)
         self._chair = _plant(world, pose, self.body, self.settings, self._plant_stream)
 
     @property
@@ -226,6 +234,15 @@ class SimulatedChair:
         """Let a wired board follow the step; its volts drive the next one."""
         self._lines.step(self.now_ns)
 
+    def follow_lifts(self, lifts: Lifts) -> None:
+        """Go with the lift to another level, or see its leaves where they are now."""
+        key = self.body.chair_id
+        self._struck = lifts.is_struck(key)
+        if lifts.level_of(key) != self.world.level:
+            self.place(lifts.levels[lifts.level_of(key)], lifts.pose_of(key))
+        elif lifts.moving(self.world.level):
+            self._see_leaves(lifts, self.world)
+
     def report(self, people_moved: bool) -> None:
         """Report the contacts that begin with this step; `people_moved`: whether people were moved in it."""
         chair, speed = self._chair, self.speed_before
@@ -233,12 +250,20 @@ class SimulatedChair:
             self._contacts.report_people(self.now_ns, chair.pose, speed, self.people)
         if self._met is not None:
             self._level.report_touch(self._number, self._met)
-        free = self._free or self._met is not None
+        free = (self._free or self._met is not None) and not self._struck
         self._contacts.report_solid(self.now_ns, chair.pose, speed, free=free, upright=chair.upright)
 
     def sense(self) -> Iterator[SensorMessage]:
         """Yield the messages of the step."""
-        yield from self._sensors.sense(self.now_ns, self._chair, self._level.seen_by(self._number))
+        lifts = self._level.lifts
+        lifted = 0.0 if lifts is None else lifts.acceleration(self.body.chair_id, self.now_ns)
+        yield from self._sensors.sense(self.now_ns, self._chair, self._level.seen_by(self._number), lifted)
+
+    def _see_leaves(self, lifts: Lifts, world: World) -> None:
+        """Put the leaves of a level where they are now."""
+        leaves = lifts.leaves(world.level)
+        self._contacts.move_leaves(leaves)
+        self._sensors.move_leaves(leaves)
 
     def _is_free(self, pose: Pose2) -> bool:
         self._met = self._level.taken_by(self._number, pose)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from waychair.calibration.chair_body import ChairBody
 from waychair.errors import WorldError
 from waychair.simulation.level import Level
+from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.scene import PersonPlan
 from waychair.simulation.simulated_chair import SimulatedChair
@@ -36,14 +37,26 @@ __all__ = [
 class Simulator(SimulatedChair):
     """One chair on one level; it starts at `world.start`, at rest, at time 0, with the joystick live."""
 
-    def __init__(self, world: World, body: ChairBody, settings: SimulatorSettings | None = None, seed: int = 0) -> None:
-        """
+    def __init__(
+        self,
+        world: World,
+        body: ChairBody,
+        settings: SimulatorSettings | None = None,
+        seed: int = 0,
+        lifts: Lifts | None = None,
+    ) -> None:
+        """`lifts` move and carry the chair from level to level; without them, lifts are open and `ride` is at once.
+
         Raises:
-            WorldError: the chair does not fit at the world's start.
+            WorldError: the chair does not fit at the world's start, or its plant does not know moving leaves.
             MissingExtra: the plant is MuJoCo's, which is not installed.
         """
         s = settings or SimulatorSettings()
-        super().__init__(Level(world, seed, s.plant.step_ms * 1_000_000), body, s, world.start)
+        if lifts is not None and s.plant_model != "kinematic":
+            raise WorldError("lifts move with the kinematic plant only: set plant_model = kinematic")
+        if lifts is not None:
+            lifts.note_chair(body.chair_id, world.level, world.start, body)
+        super().__init__(Level(world, seed, s.plant.step_ms * 1_000_000, lifts), body, s, world.start)
         self.populate(world.people)
 
     def populate(self, people: Sequence[PersonPlan]) -> None:

@@ -105,6 +105,7 @@ class Fitness:
         self._lean = 0.0
         self._localisation: Localisation | None = None
         self._is_placed = False  # whether scans have ever confirmed a pose
+        self._is_elsewhere = False  # whether the map has been changed
         self._jump_m = 0.0
 
     def hear(self, message: Sensed, twist: Twist) -> None:
@@ -145,6 +146,11 @@ class Fitness:
         found = localisation.map_from_odom @ odom_from_base
         pending = math.hypot(localisation.remaining.x, localisation.remaining.y)
         self._jump_m = max(self._jump_m, pending, math.hypot(found.x - expected.x, found.y - expected.y))
+
+    def change_map(self) -> None:
+        """Forget the pose on the last map: scans must confirm one on the new map first."""
+        self._localisation, self._is_placed, self._jump_m = None, False, 0.0
+        self._is_elsewhere = True
 
     def settle(self) -> None:
         """Forget jumps of the pose, because nothing drives."""
@@ -229,7 +235,7 @@ class Fitness:
 
     def _lost(self) -> tuple[Halt, ...]:
         """Return the halts of F15: a pose that scans never confirmed, a lost one, or a jumping one."""
-        if self._localisation is not None and not self._is_placed:
+        if (self._localisation is not None or self._is_elsewhere) and not self._is_placed:
             return (halt("unplaced"),)
         if self._localisation is not None and self._localisation.lost:
             return (halt("lost"),)

@@ -62,6 +62,10 @@ class ClosedLoop:
         """Take in the pose by the scans at a stamp, and that by the odometry, to judge the wheel encoders by."""
         self._signs.locate(stamp_ns, map_from_base, odom_from_base)
 
+    def change_map(self) -> None:
+        """Forget the poses on the last map."""
+        self._signs.forget_places()
+
     def step(
         self,
         command: Twist | None,

@@ -65,6 +65,10 @@ class WheelSigns:
         while len(self._places) > 2 and stamp_ns - self._places[0][0] > WINDOW_S * 1e9:
             self._places.popleft()
 
+    def forget_places(self) -> None:
+        """Forget the poses by the scans, because the map has changed."""
+        self._places.clear()
+
     def step(self, expected: Twist, paths: tuple[float, float] | None, now_ns: int, *, judged: bool) -> str:
         """Take in a tick: the expected mean twist, and the paths [m] of left and right wheel since the last tick.
 

@@ -215,12 +215,16 @@ class Storey:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """A stop of a lift: the storey, the node in front of its door, the door's clear width [m], and its closure."""
+    """A stop of a lift: the storey, the node in front of its door, the door's clear width [m], and its closure.
+
+    `cabin`: the pose of the cabin's middle in the storey's map, facing the door.
+    """
 
     storey: str
     at: NodeRef
     door_width: float | None = None
     closure: Closure | None = None
+    cabin: Pose2 | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,7 +47,7 @@ _KEYS = {
     "lift": frozenset(
         ("id", "name", "cabin_width_m", "cabin_depth_m", "door_width_m", "wait_m", "board_m", "storey_m")
     ),
-    "stop": frozenset(("lift", "storey", "at", "door_width_m", "closed", "until")),
+    "stop": frozenset(("lift", "storey", "at", "door_width_m", "cabin_x", "cabin_y", "cabin_theta", "closed", "until")),
 }
 _WORD = re.compile(r"\w[\w.-]*")
 
@@ -204,14 +204,29 @@ def stop_of(record: Record) -> tuple[str, Stop]:
     """Return a `stop` record's lift and stop."""
     record.allow(_KEYS["stop"])
     width = record.maybe("door_width_m", 0.0, _WIDEST_M)
-    stop = Stop(checked_id(record, "storey"), ref_of(record, "at"), width, _closure(record))
+    stop = Stop(checked_id(record, "storey"), ref_of(record, "at"), width, _closure(record), _cabin(record))
     return checked_id(record, "lift"), stop
 
 
 def stop_line(lift: str, stop: Stop) -> str:
     """Return the record of a lift's stop."""
     values = [("lift", lift), ("storey", stop.storey), ("at", stop.at), *_floats([("door_width_m", stop.door_width)])]
-    return line_of("stop", [*values, *_closure_values(stop.closure)])
+    cabin = stop.cabin
+    place: list[tuple[str, float | None]] = (
+        [] if cabin is None else [("cabin_x", cabin.x), ("cabin_y", cabin.y), ("cabin_theta", cabin.theta)]
+    )
+    return line_of("stop", [*values, *_floats(place), *_closure_values(stop.closure)])
+
+
+def _cabin(record: Record) -> Pose2 | None:
+    """Return the pose of a stop's cabin; None without one."""
+    x, y = (record.maybe(key, -MAX_COORDINATE, MAX_COORDINATE) for key in ("cabin_x", "cabin_y"))
+    theta = record.maybe("cabin_theta", -math.tau, math.tau)
+    if x is None and y is None and theta is None:
+        return None
+    if x is None or y is None or theta is None:
+        raise record.error("a cabin needs cabin_x, cabin_y and cabin_theta: give all three, or none")
+    return Pose2(x, y, theta)
 
 
 def ref_of(record: Record, key: str) -> NodeRef:

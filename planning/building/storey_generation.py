@@ -128,7 +128,8 @@ def with_lift_stop(hgraph: HGraph, storey: str, lift: str, place: str) -> HGraph
     heights = {each.id: each.height for each in hgraph.storeys}
     before = hgraph.lifts.get(lift, Lift(lift, lift))
     others = [stop for stop in before.stops if stop.storey != storey]
-    stops = sorted([*others, Stop(storey, ref)], key=lambda stop: heights[stop.storey])
+    stop = next((each for each in before.stops if each.storey == storey), Stop(storey, ref))
+    stops = sorted([*others, replace(stop, at=ref)], key=lambda stop: heights[stop.storey])
     return with_lift(hgraph, replace(before, stops=tuple(stops)))
 
 

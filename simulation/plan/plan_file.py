@@ -109,12 +109,26 @@ def load_building(path: Path) -> Building:
     else:
         single = _converted(values, FloorPlan, source)
         building = Building(single.name, (LevelPlan(single, source),))
+    _check(building, source, has_levels="levels" in values)
+    return building
+
+
+def checked_building(plan: BuildingPlan) -> Building:
+    """Return the plans of a building that no file holds; raises WorldError as `load_building`, without true lines."""
+    path, root = Path(plan.name), yaml.MappingNode("tag:yaml.org,2002:map", [], yaml.Mark("", 0, 0, 0, None, 0))
+    levels = tuple(LevelPlan(level, PlanSource(path, root, ("levels", i))) for i, level in enumerate(plan.levels))
+    building = Building(plan.name, levels)
+    _check(building, PlanSource(path, root), has_levels=True)
+    return building
+
+
+def _check(building: Building, source: PlanSource, *, has_levels: bool) -> None:
+    """Check each level by itself and against the others."""
     for level in building.levels:
         for keys, problem in plan_problems(level.plan):
             raise level.source.error(keys, problem)
     for keys, problem in building_problems([level.plan for level in building.levels]):
-        raise source.error(keys if "levels" in values else keys[2:], problem)
-    return building
+        raise source.error(keys if has_levels else keys[2:], problem)
 
 
 def _parsed(path: Path) -> tuple[PlanSource, Any]:

@@ -17,6 +17,7 @@ from waychair.maps.grid.cells import OCCUPIED_FROM, cells_from_points
 from waychair.maps.grid.distance_field import distance_field
 from waychair.simulation.plan.floor_plan import FloorPlan, Keys
 from waychair.simulation.plan.free_ground import ErrorMaker, check_free_path, check_free_point, points_between
+from waychair.simulation.plan.hospital_plan import hospital_plan
 from waychair.simulation.plan.plan_blocks import (
     blocks_from_plan,
     cells_in_rectangle,
@@ -29,7 +30,7 @@ from waychair.simulation.plan.plan_blocks import (
     pose_on_wall,
     slopes_from_plan,
 )
-from waychair.simulation.plan.plan_file import load_building
+from waychair.simulation.plan.plan_file import Building, checked_building, load_building
 from waychair.simulation.plan.plan_fittings import (
     CLEAR_OF_START,
     finish_from_plan,
@@ -47,6 +48,9 @@ MARGIN = 0.5
 
 WORLDS = Path(__file__).resolve().parents[1] / "worlds"
 """Folder of the shipped worlds."""
+
+HOSPITAL = "hospital"
+"""Name of the world that is drawn from a seed, as in `hospital:7`."""
 
 MAPPING_ROUTE = "mapping"
 """Name of the route that sees all of a world and revisits places."""
@@ -158,7 +162,7 @@ def levels_of(name_or_path: str | Path) -> tuple[str, ...]:
     Raises:
         WorldError: as `load_world`, except for the checks that need the grid.
     """
-    return tuple(level.plan.name for level in load_building(_path(name_or_path)).levels)
+    return tuple(level.plan.name for level in _building(name_or_path).levels)
 
 
 def load_world(name_or_path: str | Path, level: str | None = None) -> World:
@@ -168,7 +172,7 @@ def load_world(name_or_path: str | Path, level: str | None = None) -> World:
         WorldError: there is no such world or level, its plan is invalid (`load_building`), or the start, a place, a
             route, a lift or a person's path lies outside or in something solid; it names the line.
     """
-    building = load_building(_path(name_or_path))
+    building = _building(name_or_path)
     levels = {each.plan.name: each for each in building.levels}
     if level is not None and level not in levels:
         raise WorldError(f"'{building.name}' has no level '{level}': take one of {', '.join(levels)}")
@@ -191,12 +195,25 @@ def load_world(name_or_path: str | Path, level: str | None = None) -> World:
     return world
 
 
+def load_levels(name_or_path: str | Path) -> tuple[World, ...]:
+    """Return all levels of a world from bottom to top, in the order of its plan; raises as `load_world`."""
+    return tuple(load_world(name_or_path, level) for level in levels_of(name_or_path))
+
+
+def _building(name_or_path: str | Path) -> Building:
+    """Return the plans of a world: drawn from a seed, or of a file."""
+    name, colon, seed = str(name_or_path).partition(":")
+    if name != HOSPITAL or (colon and not seed.isdigit()):
+        return load_building(_path(name_or_path))
+    return checked_building(hospital_plan(int(seed or 0)))
+
+
 def _path(name_or_path: str | Path) -> Path:
     path = Path(name_or_path)
     if path.suffix in (".yaml", ".yml"):
         return path
     if str(name_or_path) not in shipped_worlds():
-        known = ", ".join(shipped_worlds())
+        known = ", ".join((*shipped_worlds(), HOSPITAL, f"{HOSPITAL}:SEED"))
         raise WorldError(f"there is no world '{name_or_path}': take one of {known}, or a .yaml file")
     return WORLDS / f"{name_or_path}.yaml"
 

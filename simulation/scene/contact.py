@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from numba import njit
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.simulation.scene.boxes import Bins, bin_range, bins_from_boxes, nearest_points, touch
+from waychair.simulation.scene.moving import SlidingLeaf, boxes_of
 from waychair.simulation.scene.scene import Block, PersonState, Pit
 from waychair.types import FloatArray, Pose2
 
@@ -61,17 +62,25 @@ class SolidBoxes(NamedTuple):
     bins: Bins
 
 
-def solid_from_blocks(blocks: Iterable[Block], pits: Iterable[Pit] = ()) -> SolidBoxes:
-    """Return the blocks that a chair can hit, and the pits as if a wall stood round them."""
+def solid_from_blocks(
+    blocks: Iterable[Block], pits: Iterable[Pit] = (), leaves: Iterable[SlidingLeaf] = ()
+) -> SolidBoxes:
+    """Return the blocks that a chair can hit, the pits as if a wall stood round them, and last the closed leaves."""
     solid: list[Block | Pit] = [block for block in blocks if block.low < HIGHEST and block.high > LOWEST]
     boxes = np.array(
         [
             (s.middle.x, s.middle.y, math.cos(s.middle.theta), math.sin(s.middle.theta), s.length / 2, s.width / 2)
-            for s in (*solid, *pits)
+            for s in (*solid, *pits, *(leaf.block(0.0) for leaf in leaves))
         ],
         np.float64,
     ).reshape(-1, 6)
     return SolidBoxes(boxes, bins_from_boxes(boxes))
+
+
+def move_leaves(solid: SolidBoxes, leaves: Sequence[Block]) -> None:
+    """Put the leaves of `solid_from_blocks` where these blocks are."""
+    if leaves:
+        solid.boxes[-len(leaves) :] = boxes_of(leaves)
 
 
 def in_contact(solid: SolidBoxes, body: ChairBody, map_from_base: Pose2) -> bool:

@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from waychair.config import Settings, setting
-from waychair.simulation.scene.scene import Mover
+from waychair.simulation.scene.scene import Block, Mover
 from waychair.simulation.sensors.exposure import AutoExposure
 from waychair.simulation.sensors.renderer import Renderer
 from waychair.types import Bytes, Float32Array, IntArray, Pose3, RgbdFrame, Twist
@@ -99,6 +99,10 @@ class RgbdCamera:
     def gain(self) -> float:
         """Gain of the next frame, at least 1."""
         return self._auto.gain
+
+    def move_leaves(self, leaves: Sequence[Block]) -> None:
+        """Put the leaves of the level's lifts where they are now."""
+        self._renderer.leaves = tuple(leaves)
 
     def frame(self, stamp_ns: int, map_from_base: Pose3, twist: Twist, people: Sequence[Mover] = ()) -> RgbdFrame:
         """Return colour and depth at one moment; depth is along the optical axis, nan where none was measured."""

@@ -7,13 +7,15 @@ Ray Tracing, 1987). Circles (K, 3), x, y, radius [m, map], are moving things: le
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from waychair.simulation.scene.boxes import Bins, bins_from_boxes, boxes_from_segments
-from waychair.simulation.scene.scene import Slice
+from waychair.simulation.scene.moving import SlidingLeaf, boxes_of, sides_of
+from waychair.simulation.scene.scene import MATERIALS, Block, Slice
 from waychair.types import FloatArray, IntArray
 
 NO_CIRCLES: FloatArray = np.zeros((0, 3))
@@ -31,11 +33,25 @@ class Scenery(NamedTuple):
     bins: Bins
 
 
-def scenery_from_slice(view: Slice) -> Scenery:
-    """Return the slice with its bins; made once per world."""
+def scenery_from_slice(view: Slice, leaves: Sequence[SlidingLeaf] = ()) -> Scenery:
+    """Return the slice with its bins, and last the sides of the closed leaves; made once per world."""
     segments = np.ascontiguousarray(view.segments, np.float64).reshape(-1, 4)
     reflections = np.ascontiguousarray(view.reflections, np.int64)
-    return Scenery(segments, reflections, bins_from_boxes(boxes_from_segments(segments)))
+    boxes = boxes_from_segments(segments)
+    if leaves:
+        closed = [leaf.block(0.0) for leaf in leaves]
+        kinds = [MATERIALS[leaf.material].reflection for leaf in leaves for _ in range(4)]
+        segments = np.concatenate([segments, sides_of(closed)])
+        reflections = np.concatenate([reflections, np.array(kinds, np.int64)])
+        # a side is listed wherever its leaf may be
+        boxes = np.concatenate([boxes, boxes_of(closed).repeat(4, axis=0)])
+    return Scenery(segments, reflections, bins_from_boxes(boxes))
+
+
+def slide_leaves(scenery: Scenery, leaves: Sequence[Block]) -> None:
+    """Put the leaves of `scenery_from_slice` where these blocks are."""
+    if leaves:
+        scenery.segments[-4 * len(leaves) :] = sides_of(leaves)
 
 
 @njit(cache=True, nogil=True)

@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from waychair.errors import MissingExtra
 from waychair.install_advice import install_command
 from waychair.simulation.plan.world import World
-from waychair.simulation.scene.scene import ChairState, Mover
+from waychair.simulation.scene.moving import sides_of
+from waychair.simulation.scene.scene import Block, ChairState, Mover
 from waychair.simulation.sensors.figures import body_meshes
 from waychair.simulation.sensors.light_map import LightMap, default_lamps, light_map
 from waychair.simulation.sensors.looks import GLASS, GLASS_OPACITY, LOOKS, look_table
@@ -114,6 +115,8 @@ class Renderer:
         Raises:
             MissingExtra: moderngl or EGL is missing; the message says how to get it.
         """
+        self.leaves: tuple[Block, ...] = ()
+        """Leaves of the level's lifts as they are now."""
         self._context = _context()
         self._close = weakref.finalize(self, self._context.release)
         self.camera_matrix = camera_matrix
@@ -206,6 +209,8 @@ class Renderer:
         self._uniform("opacity").value = 1.0
         if seen_people:
             self._draw_people(seen_people)
+        if self.leaves:
+            self._draw_leaves(self.leaves)
         self._draw_faces(solid)
         return glass
 
@@ -246,6 +251,31 @@ class Renderer:
         self._context.enable(self._context.CULL_FACE)
         array.render()
         self._context.disable(self._context.CULL_FACE)
+        for part in (array, points, triangles):
+            part.release()
+
+    def _draw_leaves(self, leaves: Sequence[Block]) -> None:
+        """Draw the sides of leaves in the light on the floor below them."""
+        sides = sides_of(leaves)
+        owners = np.arange(len(leaves)).repeat(4)
+        high = np.array([leaf.high for leaf in leaves])[owners]
+        lengths = np.hypot(*(sides[:, 2:] - sides[:, :2]).T)
+        vertices = np.zeros((len(sides), 4), _VERTEX)
+        ends = sides.reshape(-1, 2, 2)[:, [0, 1, 1, 0]]
+        vertices["position"][..., :2] = ends
+        vertices["position"][:, 2:, 2] = high[:, None]
+        vertices["on_surface"][:, 1:3, 0] = lengths[:, None]
+        vertices["on_surface"][:, 2:, 1] = high[:, None]
+        lit = np.array([self._floor.at(leaf.middle.x, leaf.middle.y) for leaf in leaves])
+        vertices["on_light_map"] = lit[owners][:, None]
+        vertices["shade"] = 0.9
+        vertices["seed"] = np.array([leaf.seed for leaf in leaves])[owners][:, None]
+        vertices["look"] = np.array([_NAMES.index(leaf.material) for leaf in leaves])[owners][:, None]
+        points = self._context.buffer(vertices)
+        faces = np.arange(len(sides))[:, None] * 4 + _QUAD
+        triangles = self._context.buffer(faces.astype(np.uint32))
+        array = self._vertex_array(points, triangles)
+        array.render()
         for part in (array, points, triangles):
             part.release()
 

@@ -13,7 +13,7 @@ import numpy as np
 from waychair.calibration.servo_camera_mount import PICTURE, SERVO_CAMERA
 from waychair.config import Settings, setting
 from waychair.simulation.plan.world import World
-from waychair.simulation.scene.scene import Mover
+from waychair.simulation.scene.scene import Block, Mover
 from waychair.simulation.sensors.camera import blurred, noise_bank, noise_by_level, noisy_image
 from waychair.simulation.sensors.exposure import AutoExposure
 from waychair.simulation.sensors.pan_tilt import RATE, PanTilt, ServoCameraFaults
@@ -56,6 +56,10 @@ class ServoCamera:
     def place(self, world: World) -> None:
         """Put the camera into another world."""
         self._renderer = Renderer(world, SERVO_CAMERA.camera_matrix, *PICTURE, draws_laser=True)
+
+    def move_leaves(self, leaves: Sequence[Block]) -> None:
+        """Put the leaves of the level's lifts where they are now."""
+        self._renderer.leaves = tuple(leaves)
 
     def order(self, command: PanTiltCommand) -> None:
         """Take an order; see `PanTilt.order`."""

@@ -1,0 +1,1 @@
+"""Journeys over several storeys: drive, call a lift, ride, find out the storey, drive on. Begin with `journey.py`."""

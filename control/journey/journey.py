@@ -1,0 +1,387 @@
+"""A journey over several storeys as a pure step: from its state and a view of the chair to the next state and an order.
+
+The phases of a ride: drive to the lobby, call the lift, wait for its open door, enter, ride, find out the storey, switch the map,
+relocalise, leave, drive on. The chair rests, its lines released, in all phases but the drives. Replans and a cancel in the
+car change later legs only: the storey is always found out.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+
+from waychair.control.journey.door_view import Door, DoorView
+from waychair.control.journey.which_storey import decided
+from waychair.types import Goal
+
+
+class Phase(enum.StrEnum):
+    """The phases of a journey."""
+
+    DRIVE = "drive"
+    CALL = "call"
+    WAIT = "wait"
+    ENTER = "enter"
+    RIDE = "ride"
+    WHICH = "which storey"
+    SWITCH = "switch"
+    RELOCALISE = "relocalise"
+    LEAVE = "leave"
+    ARRIVED = "arrived"
+    HELD = "held"  # the rider has taken over, or something has ended a drive: `go_on` continues
+    FAILED = "failed"
+
+
+ENDED = (Phase.ARRIVED, Phase.FAILED)
+"""Phases after which nothing happens any more."""
+
+QUIET_S = 2.5
+"""s; a chair enters or leaves once nothing has moved in the doorway for so long: never within 2 s of a leaf's motion."""
+
+SEEN_OPEN_S = 1.0
+"""s; a door counts as open once it has been seen open for so long."""
+
+CROWDED_S = 10.0
+"""s; a chair waits so long for a cabin that is not free, then lets it go and calls again."""
+
+GONE_S = 12.0
+"""s; a lift that was let go has this long to close its door and leave."""
+
+COMES_WITHIN_S, RIDES_WITHIN_S, ENTERS_WITHIN_S, LOCALISES_WITHIN_S = 240.0, 240.0, 60.0, 10.0
+"""s; longest times of the phases."""
+
+MOST_TRIES = 4
+"""Attempts to enter, or rides that stop elsewhere, after which the rider is asked."""
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """A part of a journey on one storey: its goal; before a ride that is the lobby, and `lift` and `cabin` say which lift is
+    taken to the next leg's storey and where the chair stands in it.
+    """
+
+    storey: str
+    goal: Goal
+    lift: str = ""
+    cabin: Goal | None = None
+
+
+class Drive(enum.Enum):
+    """How the drive that was ordered last is doing."""
+
+    NONE = "none"
+    UNDER_WAY = "under way"
+    ARRIVED = "arrived"
+    FAILED = "failed"  # the navigator gave up
+    ENDED = "ended"  # the rider, Stop or a fault
+
+
+@dataclass(frozen=True, slots=True)
+class JourneyView:
+    """What a step knows of the chair.
+
+    `storey`: that of the map in use. `in_cabin`: the axle is in the cabin of the leg's lift, `clear_of_lift`: the whole chair is
+    out of it. `cabin_free`: the lidar sees nothing where the chair will stand, None if it cannot tell. `riding`: the
+    IMU feels a ride. `chances`: probabilities of the
+    lift's stops. `localised`: the pose on the present map is certain.
+    """
+
+    now_ns: int
+    storey: str
+    drive: Drive = Drive.NONE
+    why: str = ""
+    taken_over: bool = False
+    at_rest: bool = True
+    in_cabin: bool = False
+    clear_of_lift: bool = True
+    door: DoorView = field(default_factory=DoorView)
+    cabin_free: bool | None = True
+    riding: bool = False
+    chances: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
+    localised: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """What is to be done now.
+
+    `goal`: the drive to be under way, None: rest. `key` tells drives apart. `call`: the storey whose button is pressed now,
+    the hall's or the cabin's. `hold`: keep the door open. `switch`: change to the map of this storey, if nothing else drives.
+    `ask`: the stops among which the rider chooses. `sentence`: for the rider.
+    """
+
+    sentence: str
+    goal: Goal | None = None
+    key: tuple[int, int] | None = None
+    call: str | None = None
+    hold: bool = False
+    switch: str | None = None
+    ask: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Journey:
+    """The state of a journey: its legs, the present one, the phase and since when; `tries` counts attempts of it.
+
+    `drives` numbers the drives. `crowded_ns`: since when the open cabin has not been free. `closed`: the door has been seen
+    closed since the chair stands in the cabin. `to`: the storey whose map is to be used next. `cancelled`: only the storey
+    is still to be found out. `resume`: the phase that `go_on` leads to.
+    """
+
+    legs: tuple[Leg, ...]
+    leg: int = 0
+    phase: Phase = Phase.DRIVE
+    since_ns: int = 0
+    tries: int = 0
+    drives: int = 0
+    crowded_ns: int | None = None
+    closed: bool = False
+    to: str = ""
+    cancelled: bool = False
+    resume: Phase = Phase.DRIVE
+    why: str = ""
+
+    @property
+    def here(self) -> Leg:
+        """The present leg."""
+        return self.legs[self.leg]
+
+    @property
+    def next_storey(self) -> str:
+        """The storey to which the present leg's lift is taken."""
+        return self.legs[min(self.leg + 1, len(self.legs) - 1)].storey
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing more will happen."""
+        return self.phase in ENDED
+
+
+IN_THE_CAR = (Phase.RIDE, Phase.WHICH, Phase.SWITCH, Phase.RELOCALISE)
+"""Phases in which the storey is not certain: no drive begins."""
+
+
+def begun(legs: tuple[Leg, ...], now_ns: int) -> Journey:
+    """Return a journey that sets off now."""
+    return Journey(legs, since_ns=now_ns, drives=1)
+
+
+def cancel(journey: Journey, now_ns: int) -> Journey:
+    """Return a journey that the rider has cancelled: in the car it still finds out the storey."""
+    if journey.ended:
+        return journey
+    inside = journey.phase in IN_THE_CAR or (journey.phase is Phase.HELD and journey.resume in IN_THE_CAR)
+    if inside:
+        phase = journey.resume if journey.phase is Phase.HELD else journey.phase
+        return replace(journey, cancelled=True, phase=phase)
+    return _to(journey, Phase.FAILED, now_ns, why="the journey was cancelled: choose a goal to drive on")
+
+
+def go_on(journey: Journey, now_ns: int) -> Journey:
+    """Return a journey that goes on where it was held, by the rider's own act."""
+    if journey.phase is not Phase.HELD:
+        return journey
+    return replace(_to(journey, journey.resume, now_ns), drives=journey.drives + 1)
+
+
+def step(journey: Journey, view: JourneyView) -> tuple[Journey, Order]:
+    """Return the state after this view, and what is to be done."""
+    if not journey.ended and journey.phase is not Phase.HELD and (view.taken_over or view.drive is Drive.ENDED):
+        journey = _held(journey, view, view.why or "you drive")
+    after = _STEPS[journey.phase](journey, view)
+    return after, _order(after, view)
+
+
+def _drive(journey: Journey, view: JourneyView) -> Journey:
+    if view.drive is Drive.FAILED:
+        return _held(journey, view, view.why)
+    if view.drive is not Drive.ARRIVED:
+        return journey
+    if journey.leg + 1 == len(journey.legs):
+        return _to(journey, Phase.ARRIVED, view.now_ns)
+    return _to(journey, Phase.CALL, view.now_ns)
+
+
+def _call(journey: Journey, view: JourneyView) -> Journey:
+    if journey.crowded_ns is not None:  # let go: its door must close first
+        gone = view.door.door is Door.CLOSED or (view.now_ns - journey.crowded_ns) * 1e-9 > GONE_S
+        return replace(journey, crowded_ns=None if gone else journey.crowded_ns)
+    if view.door.door is Door.OPEN:
+        return _to(journey, Phase.WAIT, view.now_ns, tries=journey.tries)
+    if _lasts_s(journey, view) > COMES_WITHIN_S:
+        return _held(journey, view, "the lift does not come: see whether it works, take another one, or go on to wait")
+    return journey
+
+
+def _wait(journey: Journey, view: JourneyView) -> Journey:
+    if view.door.door in (Door.CLOSED, Door.UNSEEN) and _lasts_s(journey, view) > 1.0:
+        return _to(journey, Phase.CALL, view.now_ns, tries=journey.tries)
+    free = view.cabin_free is True
+    crowded = None if free else journey.crowded_ns or view.now_ns
+    if crowded is not None and (view.now_ns - crowded) * 1e-9 > CROWDED_S:
+        # nobody can ride with the chair in there: let them go, and call again
+        return replace(_to(journey, Phase.CALL, view.now_ns, tries=journey.tries), crowded_ns=view.now_ns)
+    if free and view.door.open_s(view.now_ns) >= SEEN_OPEN_S and view.door.still_s(view.now_ns) >= QUIET_S:
+        entering = _to(journey, Phase.ENTER, view.now_ns, tries=journey.tries + 1)
+        return replace(entering, drives=journey.drives + 1)
+    return replace(journey, crowded_ns=crowded)
+
+
+def _enter(journey: Journey, view: JourneyView) -> Journey:
+    closes = view.door.door is Door.PART and view.door.still_s(view.now_ns) < 0.3
+    if view.drive is Drive.ARRIVED and view.in_cabin:
+        return _to(journey, Phase.RIDE, view.now_ns)
+    gave_up = view.drive is Drive.FAILED or _lasts_s(journey, view) > ENTERS_WITHIN_S
+    if view.in_cabin and not gave_up:
+        return journey
+    if not gave_up and not (closes and view.clear_of_lift):
+        return journey
+    if journey.tries >= MOST_TRIES:
+        return _held(
+            journey, view, view.why or "the chair does not get into the lift: drive in by joystick, then go on"
+        )
+    if view.clear_of_lift:  # the chair is in nobody's way: wait for the door again
+        return _to(journey, Phase.WAIT, view.now_ns, tries=journey.tries)
+    return _held(journey, view, view.why or "the chair does not get into the lift: drive in by joystick, then go on")
+
+
+def _ride(journey: Journey, view: JourneyView) -> Journey:
+    closed = journey.closed or view.door.door is Door.CLOSED
+    journey = replace(journey, closed=closed)
+    if closed and view.door.door is Door.OPEN and not view.riding:
+        return _to(journey, Phase.WHICH, view.now_ns, tries=journey.tries)
+    if _lasts_s(journey, view) > RIDES_WITHIN_S:
+        return _held(journey, view, f"the lift has not gone to {journey.next_storey}: press its button, then go on")
+    return journey
+
+
+def _which(journey: Journey, view: JourneyView) -> Journey:
+    storey = decided(view.chances)
+    if storey is None or view.riding:
+        return journey
+    if storey == journey.here.storey and not journey.cancelled:
+        # it has not left: the door opened again
+        return _to(journey, Phase.RIDE, view.now_ns, tries=journey.tries)
+    if storey != journey.next_storey and not journey.cancelled:
+        if journey.tries + 1 >= MOST_TRIES:
+            why = f"the lift stops at {storey} instead of {journey.next_storey}: press its button, then go on"
+            return _held(journey, view, why)
+        return _to(journey, Phase.RIDE, view.now_ns, tries=journey.tries + 1)
+    return replace(_to(journey, Phase.SWITCH, view.now_ns, tries=journey.tries), to=storey)
+
+
+def _switch(journey: Journey, view: JourneyView) -> Journey:
+    return _to(journey, Phase.RELOCALISE, view.now_ns, tries=journey.tries) if view.storey == journey.to else journey
+
+
+def _relocalise(journey: Journey, view: JourneyView) -> Journey:
+    if view.riding or view.door.door is Door.CLOSED:  # somebody has called the car away
+        return replace(_to(journey, Phase.RIDE, view.now_ns, tries=journey.tries), closed=True)
+    if view.localised:
+        if journey.cancelled:
+            return _to(journey, Phase.FAILED, view.now_ns, why="the journey was cancelled: choose a goal to drive on")
+        leg = min(journey.leg + 1, len(journey.legs) - 1)
+        return replace(_to(journey, Phase.LEAVE, view.now_ns), leg=leg, drives=journey.drives + 1)
+    if _lasts_s(journey, view) > LOCALISES_WITHIN_S:
+        why = f"what the chair sees does not fit the map of {journey.to}: choose the storey, then go on"
+        return replace(_held(journey, view, why), resume=Phase.WHICH)
+    return journey
+
+
+def _leave(journey: Journey, view: JourneyView) -> Journey:
+    if view.drive in (Drive.UNDER_WAY, Drive.ARRIVED):
+        closes = view.door.door in (Door.PART, Door.CLOSED) and view.door.still_s(view.now_ns) < 0.3
+        if view.clear_of_lift:
+            return _drive(_to(journey, Phase.DRIVE, journey.since_ns), view)
+        if closes and view.in_cabin and view.drive is Drive.UNDER_WAY and view.at_rest:
+            return _again(journey, view, journey.tries)
+        return journey
+    if view.drive is Drive.FAILED:
+        return (
+            _held(journey, view, view.why) if journey.tries >= MOST_TRIES else _again(journey, view, journey.tries + 1)
+        )
+    return journey
+
+
+def _again(journey: Journey, view: JourneyView, tries: int) -> Journey:
+    """Return the journey with a new drive out of the lift, once its door rests."""
+    return replace(_to(journey, Phase.LEAVE, view.now_ns, tries=tries), drives=journey.drives + 1)
+
+
+def _rest(journey: Journey, view: JourneyView) -> Journey:
+    return journey
+
+
+_STEPS = {
+    Phase.DRIVE: _drive,
+    Phase.CALL: _call,
+    Phase.WAIT: _wait,
+    Phase.ENTER: _enter,
+    Phase.RIDE: _ride,
+    Phase.WHICH: _which,
+    Phase.SWITCH: _switch,
+    Phase.RELOCALISE: _relocalise,
+    Phase.LEAVE: _leave,
+    Phase.ARRIVED: _rest,
+    Phase.HELD: _rest,
+    Phase.FAILED: _rest,
+}
+
+
+def _order(journey: Journey, view: JourneyView) -> Order:
+    """Return what is to be done in a phase."""
+    here, there, key = journey.here, journey.next_storey, (journey.leg, journey.drives)
+    if journey.phase is Phase.DRIVE:
+        return Order("drives", goal=here.goal, key=key)
+    if journey.phase is Phase.CALL:
+        return Order(
+            f"press the lift's button: you want to go to {there}",
+            call=here.storey if journey.crowded_ns is None else None,
+        )
+    if journey.phase is Phase.WAIT:
+        return Order("waits until the lift's door rests and its cabin is free", hold=True)
+    if journey.phase is Phase.ENTER:
+        return Order("drives into the lift", goal=here.cabin, key=key, hold=True)
+    if journey.phase is Phase.RIDE:
+        return Order(f"press {there}: the chair waits until the lift is there", call=there)
+    if journey.phase is Phase.WHICH:
+        ask = tuple(view.chances) if decided(view.chances) is None and _lasts_s(journey, view) > SEEN_OPEN_S else ()
+        return Order("which storey is this? choose it" if ask else "finds out the storey", hold=True, ask=ask)
+    if journey.phase is Phase.SWITCH:
+        return Order(f"takes the map of {journey.to}", hold=True, switch=journey.to if view.at_rest else None)
+    if journey.phase is Phase.RELOCALISE:
+        return Order("finds its place on the map", hold=True)
+    if journey.phase is Phase.LEAVE:
+        quiet = view.door.door is Door.OPEN and view.door.still_s(view.now_ns) >= QUIET_S
+        drives = view.drive is Drive.UNDER_WAY or quiet
+        return Order(
+            "leaves the lift", goal=here.goal if drives else None, key=(journey.leg, journey.drives), hold=True
+        )
+    if journey.phase is Phase.ARRIVED:
+        return Order("arrived")
+    if journey.phase is Phase.HELD:
+        ask = tuple(view.chances) if journey.resume is Phase.WHICH else ()
+        return Order(f"{journey.why}; press Go on to continue", ask=ask)
+    return Order(journey.why)
+
+
+def _held(journey: Journey, view: JourneyView, why: str) -> Journey:
+    resume = {
+        Phase.ENTER: Phase.RIDE if view.in_cabin else Phase.DRIVE,
+        Phase.WAIT: Phase.DRIVE,
+        Phase.CALL: Phase.DRIVE,
+        Phase.SWITCH: Phase.WHICH,
+        Phase.RELOCALISE: Phase.WHICH,
+    }.get(journey.phase, journey.phase)
+    return replace(_to(journey, Phase.HELD, view.now_ns), resume=resume, why=why)
+
+
+def _to(journey: Journey, phase: Phase, now_ns: int, tries: int = 0, why: str = "") -> Journey:
+    closed = journey.closed if phase in (Phase.WHICH, Phase.SWITCH, Phase.RELOCALISE) else False
+    return replace(journey, phase=phase, since_ns=now_ns, tries=tries, crowded_ns=None, closed=closed, why=why)
+
+
+def _lasts_s(journey: Journey, view: JourneyView) -> float:
+    return (view.now_ns - journey.since_ns) * 1e-9

@@ -1,0 +1,52 @@
+"""A lift on one storey's map: its cabin, its doorway, and where a chair waits for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.types import Pose2
+
+LOBBY_AHEAD = 1.6
+"""m; a chair waits with its axle so far before the doorway ..."""
+
+LOBBY_ASIDE = 1.1
+"""m; ... and so far beside its middle, so that people can leave the lift."""
+
+
+TURN_ROOM = 0.12
+"""m; room round a chair that turns in a cabin."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiftSite:
+    """A lift on a storey: `cabin` is the pose of its middle in that storey's map, facing its door, `length` along that
+    direction and `width` [m]; the doorway is `door_ahead` [m] of the middle and `door_width` wide.
+
+    `lobby` is the pose in map in which a chair waits.
+    """
+
+    lift: str
+    storey: str
+    cabin: Pose2
+    length: float
+    width: float
+    door_ahead: float
+    door_width: float
+    lobby: Pose2
+
+    @property
+    def door(self) -> Pose2:
+        """The middle of the doorway in map, facing out of the cabin."""
+        return self.cabin @ Pose2(self.door_ahead, 0.0)
+
+    def holds(self, map_from_base: Pose2) -> bool:
+        """Return whether the chair's axle is in the cabin."""
+        inside = self.cabin.inverse() @ map_from_base
+        return abs(inside.x) <= self.length / 2 and abs(inside.y) <= self.width / 2
+
+
+def stand_in(site: LiftSite, body: ChairBody) -> Pose2:
+    """Return where a chair stands in a cabin, in its frame: facing the door, as far back as it can turn."""
+    back = max(0.0, site.length / 2 - body.circumscribed_radius - TURN_ROOM)
+    return Pose2(-back, 0.0)

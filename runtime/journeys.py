@@ -1,0 +1,337 @@
+"""A chair that travels over several storeys: `control/journey` on top of a `Chair`, with maps, lifts and the rider's words.
+
+The owner calls `step` in place of the chair's. The rider's yes to a journey is the yes to each of its drives; a push of the
+joystick, Stop, or whatever else ends a drive holds the journey until `go_on`, again by the rider.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.control.journey.door_view import Door, DoorView, beams_through, forgotten, seen_door
+from waychair.control.journey.journey import (
+    IN_THE_CAR,
+    Drive,
+    Journey,
+    JourneyView,
+    Leg,
+    Order,
+    Phase,
+    begun,
+    cancel,
+    go_on,
+    step,
+)
+from waychair.control.journey.lift_site import LiftSite, stand_in
+from waychair.control.journey.ride_motion import RideMotion
+from waychair.control.journey.which_storey import Evidence, probabilities, seen_through_door
+from waychair.control.safety.stops import Halt
+from waychair.control.safety.supervisor import deflection_of
+from waychair.geometry import transform_points
+from waychair.maps.drawn.zones import Zone
+from waychair.runtime.chair import Chair, ChairState, PreparedStorey
+from waychair.runtime.drive_base import ChairMessage
+from waychair.slam.localising.localisation import LocalisationState
+from waychair.slam.scan.scan_points import beam_ends
+from waychair.types import DriveMode, ImuSample, OccupancyGrid, Place, Pose2, Scan
+
+PRESS_AGAIN_S = 5.0
+"""s; a button is pressed again after this time."""
+
+FREE_MARGIN = 0.05
+"""m; a cabin is free if the chair can turn in it with this margin."""
+
+ABOARD_WITHIN = 0.6
+"""m; a pose on the new map so far from that in the cabin is another place."""
+
+_AT_REST = 0.02
+"""m/s, rad/s; a chair that moves more slowly stands."""
+
+
+@dataclass(frozen=True, slots=True)
+class StoreyMap:
+    """A storey's map: its grid, places and zones, the part that the lidar sees (None: all), and its height [m]."""
+
+    storey: str
+    grid: OccupancyGrid
+    places: Mapping[str, Place]
+    height: float = 0.0
+    zones: Sequence[Zone] = ()
+    scanned: OccupancyGrid | None = None
+
+
+class LiftPort(Protocol):
+    """The buttons of the lifts: pressed by a person who is told to, or by a building's adapter."""
+
+    def call(self, lift: str, storey: str) -> None:
+        """Press a storey's button, in the hall there or in the cabin."""
+
+    def hold(self, lift: str, held: bool) -> None:
+        """Keep the door open, or no longer."""
+
+    def said(self, lift: str) -> str | None:
+        """Return the storey at which the lift says its car stands; None if it says nothing."""
+
+
+@dataclass(frozen=True, slots=True)
+class TravelState:
+    """A tick of a journey: the chair's state, the journey's, None without one, the order, and the storey of the map."""
+
+    chair: ChairState
+    journey: Journey | None
+    order: Order
+    storey: str
+    chances: Mapping[str, float]
+    door: DoorView
+
+
+@dataclass(slots=True)
+class _Aboard:
+    """What is known of the ride: the chair in the cabin's frame by odometry, where it began, and the evidence."""
+
+    cabin_from_odom: Pose2 = field(default_factory=Pose2)
+    began: str = ""
+    match: dict[str, float] = field(default_factory=dict)
+    rider: str | None = None
+
+
+class Traveller:
+    """A chair with the maps of a building's storeys and the sites of its lifts."""
+
+    def __init__(
+        self,
+        chair: Chair,
+        body: ChairBody,
+        storeys: Sequence[StoreyMap],
+        sites: Iterable[LiftSite],
+        lifts: LiftPort,
+        storey: str,
+    ) -> None:
+        """`storey`: that of the chair's map now."""
+        self._chair, self._body, self._lifts = chair, body, lifts
+        self._maps = {each.storey: each for each in storeys}
+        self._sites = {(site.lift, site.storey): site for site in sites}
+        self._prepared: dict[str, PreparedStorey] = {}
+        self.storey = storey
+        self.journey: Journey | None = None
+        self._motion = RideMotion()
+        self._door = DoorView()
+        self._scan: Scan | None = None
+        self._aboard = _Aboard()
+        self._drive: tuple[tuple[int, int] | None, Drive, str] = None, Drive.NONE, ""
+        self._pressed: tuple[str, str, int] = "", "", -(10**12)
+
+    def go(self, legs: Sequence[Leg], now_ns: int) -> None:
+        """Begin a journey by the rider's yes."""
+        self.journey = begun(tuple(legs), now_ns)
+        self._drive = None, Drive.NONE, ""
+
+    def cancel(self, now_ns: int) -> None:
+        """Cancel the journey; in a car the storey is still found out."""
+        if self.journey is not None:
+            self.journey = cancel(self.journey, now_ns)
+            self._chair.cancel()
+
+    def go_on(self, now_ns: int) -> None:
+        """Continue a journey that was held."""
+        if self.journey is not None:
+            self.journey = go_on(self.journey, now_ns)
+
+    def answer(self, storey: str) -> None:
+        """Take the rider's word for the storey."""
+        self._aboard.rider = storey
+
+    def prepare(self, storey: str) -> None:
+        """Make a storey's map ready; takes a while, and may be called from any thread."""
+        known = self._maps[storey]
+        self._prepared[storey] = self._chair.prepared_storey(known.grid, known.places, known.zones, known.scanned)
+
+    def step(self, now_ns: int, messages: Iterable[ChairMessage], other_halts: Iterable[Halt] = ()) -> TravelState:
+        """Run one tick of the chair, and of its journey if there is one."""
+        heard = tuple(messages)
+        state = self._chair.step(now_ns, heard, other_halts)
+        for message in heard:
+            if isinstance(message, ImuSample):
+                self._motion.hear(message)
+            elif isinstance(message, Scan):
+                self._scan = message
+        self._note_drive(state)
+        if self.journey is None:
+            return TravelState(state, None, Order(""), self.storey, {}, self._door)
+        site = self._site(self.journey)
+        if site is not None and any(isinstance(message, Scan) for message in heard):
+            self._look(site, state)
+        view = self._view(self.journey, site, state)
+        before = self.journey.phase
+        self.journey, order = step(self.journey, view)
+        if self.journey.phase is Phase.RIDE and before in (Phase.ENTER, Phase.HELD) and site is not None:
+            self._board(site, state)
+        self._obey(self.journey, order, state)
+        return TravelState(state, self.journey, order, self.storey, view.chances, self._door)
+
+    def _site(self, journey: Journey) -> LiftSite | None:
+        """Return the lift that the journey is about, on the map in use."""
+        lift = journey.here.lift
+        if journey.phase is Phase.LEAVE or (journey.phase is Phase.DRIVE and not lift):
+            lift = journey.legs[max(journey.leg - 1, 0)].lift
+        return self._sites.get((lift, self.storey))
+
+    def _is_aboard(self, journey: Journey) -> bool:
+        held = journey.phase is Phase.HELD and journey.resume in IN_THE_CAR
+        return journey.phase in IN_THE_CAR or held
+
+    def _cabin_from_base(self, journey: Journey, site: LiftSite, state: ChairState) -> Pose2:
+        if self._is_aboard(journey):  # the map may be the wrong one
+            return self._aboard.cabin_from_odom @ self._chair.odom_from_base
+        return site.cabin.inverse() @ state.map_from_base
+
+    def _board(self, site: LiftSite, state: ChairState) -> None:
+        """Note that a ride may begin from here."""
+        cabin_from_base = site.cabin.inverse() @ state.map_from_base
+        self._aboard = _Aboard(cabin_from_base @ self._chair.odom_from_base.inverse(), self.storey)
+        self._motion.begin()
+
+    def _look(self, site: LiftSite, state: ChairState) -> None:
+        """See the lift's door, and what is behind it, in the latest scan."""
+        journey, scan = self.journey, self._scan
+        assert journey is not None
+        assert scan is not None
+        cabin_from_laser = self._cabin_from_base(journey, site, state) @ self._body.base_from_laser
+        near = abs(cabin_from_laser.x) < 8.0 and abs(cabin_from_laser.y) < 8.0
+        self._door = seen_door(self._door, scan, cabin_from_laser, site) if near else forgotten(self._door)
+        if journey.phase is Phase.WHICH and self._door.door is Door.OPEN:
+            angles, ranges = beams_through(scan, cabin_from_laser, site)
+            self._aboard.match = {
+                stop: seen_through_door(
+                    self._maps[stop].grid, self._sites[site.lift, stop].cabin @ cabin_from_laser, angles, ranges
+                )
+                for stop in self._stops(site.lift)
+                if len(angles)
+            }
+
+    def _stops(self, lift: str) -> list[str]:
+        return [storey for name, storey in self._sites if name == lift]
+
+    def _chances(self, journey: Journey, site: LiftSite | None) -> dict[str, float]:
+        if site is None or not self._is_aboard(journey):
+            return {}
+        aboard = self._aboard
+        return probabilities(
+            Evidence(
+                heights={stop: self._maps[stop].height for stop in self._stops(site.lift)},
+                began=aboard.began,
+                asked=journey.next_storey,
+                climb=self._motion.climb(),
+                match=aboard.match,
+                told=self._lifts.said(site.lift),
+                rider=aboard.rider,
+            )
+        )
+
+    def _view(self, journey: Journey, site: LiftSite | None, state: ChairState) -> JourneyView:
+        key, drive, why = self._drive
+        drive = drive if key == (journey.leg, journey.drives) else Drive.NONE
+        stick = None if state.telemetry is None else state.telemetry.joystick
+        pushed = stick is not None and not deflection_of(stick) < self._chair.settings.supervisor.override
+        stopped = state.verdict.mode is DriveMode.STOPPED
+        twist = state.twist
+        inside = None if site is None else self._cabin_from_base(journey, site, state)
+        localised = state.localisation is not None and state.localisation.state is LocalisationState.OK
+        if localised and site is not None and inside is not None and journey.phase is Phase.RELOCALISE:
+            gap = site.cabin.inverse() @ state.map_from_base
+            in_car = abs(inside.x) < site.length / 2 and abs(inside.y) < site.width / 2
+            localised = not in_car or float(np.hypot(gap.x - inside.x, gap.y - inside.y)) < ABOARD_WITHIN
+        return JourneyView(
+            now_ns=state.stamp_ns,
+            storey=self.storey,
+            drive=drive,
+            why=("Stop was pressed" if stopped else "you drive by the joystick") if stopped or pushed else why,
+            taken_over=pushed or stopped,
+            at_rest=abs(twist.v) < _AT_REST and abs(twist.omega) < _AT_REST,
+            in_cabin=site is not None
+            and inside is not None
+            and abs(inside.x) <= site.length / 2
+            and abs(inside.y) <= site.width / 2,
+            clear_of_lift=site is None or inside is None or self._is_clear(site, inside),
+            door=self._door,
+            cabin_free=None if site is None or inside is None else self._is_free(site, inside, state),
+            riding=self._motion.riding,
+            chances=self._chances(journey, site),
+            localised=localised,
+        )
+
+    def _is_clear(self, site: LiftSite, cabin_from_base: Pose2) -> bool:
+        """Return whether the whole chair is out of cabin and doorway."""
+        corners = transform_points(cabin_from_base, self._body.outline())
+        return bool((corners[:, 0] > site.door_ahead + 0.05).all())
+
+    def _is_free(self, site: LiftSite, cabin_from_base: Pose2, state: ChairState) -> bool | None:
+        """Return whether the chair can turn in the cabin, as far as the lidar sees; None without a scan."""
+        if self._scan is None:
+            return None
+        ends, valid = beam_ends(self._scan, self._body.base_from_laser, 8.0, state.twist)
+        points = transform_points(cabin_from_base, ends[valid])
+        stand = stand_in(site, self._body)
+        inner = (np.abs(points[:, 0]) < site.length / 2 - 0.1) & (np.abs(points[:, 1]) < site.width / 2 - 0.1)
+        near = np.hypot(points[:, 0] - stand.x, points[:, 1] - stand.y) < self._body.circumscribed_radius + FREE_MARGIN
+        return not bool((inner & near).any())
+
+    def _note_drive(self, state: ChairState) -> None:
+        """Note how the drive under way is doing."""
+        key, drive, _ = self._drive
+        if drive is not Drive.UNDER_WAY:
+            return
+        stage = state.navigation.stage.value
+        if stage == "arrived":
+            self._drive = key, Drive.ARRIVED, ""
+        elif not state.verdict.computer_drives:
+            self._drive = key, Drive.ENDED, state.verdict.reason
+        elif stage == "failed":
+            self._drive = key, Drive.FAILED, state.navigation.reason
+
+    def _obey(self, journey: Journey, order: Order, state: ChairState) -> None:
+        """Do what the journey orders."""
+        key, drive, _ = self._drive
+        wanted = order.goal is not None
+        if drive is Drive.UNDER_WAY and (not wanted or order.key != key):
+            self._chair.cancel()
+            self._drive = None, Drive.NONE, ""
+        elif wanted and order.key != key and self._chair.ready and not self._chair.waits:
+            assert order.goal is not None
+            self._chair.go(order.goal)
+            self._chair.confirm()
+            self._drive = order.key, Drive.UNDER_WAY, ""
+        site = self._site(journey)
+        if site is not None:
+            self._lifts.hold(site.lift, order.hold)
+            self._press(site.lift, order.call, state.stamp_ns)
+        if order.switch is not None and order.switch != self.storey and site is not None:
+            self._switch(site.lift, order.switch, journey, state)
+        elif order.switch is not None and site is not None:  # the same storey again: only its place is uncertain
+            self._chair.relocalise(self._site_pose(site, journey, state))
+
+    def _press(self, lift: str, storey: str | None, now_ns: int) -> None:
+        before = self._pressed
+        if storey is None:
+            self._pressed = "", "", -(10**12)
+        elif before[:2] != (lift, storey) or now_ns - before[2] > PRESS_AGAIN_S * 1e9:
+            self._lifts.call(lift, storey)
+            self._pressed = lift, storey, now_ns
+
+    def _site_pose(self, site: LiftSite, journey: Journey, state: ChairState) -> Pose2 | None:
+        inside = self._cabin_from_base(journey, site, state)
+        aboard = abs(inside.x) <= site.length / 2 and abs(inside.y) <= site.width / 2
+        return site.cabin @ inside if aboard else None
+
+    def _switch(self, lift: str, storey: str, journey: Journey, state: ChairState) -> None:
+        """Change everything that belongs to the map, in this tick."""
+        if storey not in self._prepared:
+            self.prepare(storey)
+        site = self._sites[lift, storey]
+        self._chair.change_storey(storey, self._prepared.pop(storey), self._site_pose(site, journey, state))
+        self.storey = storey

@@ -1,0 +1,233 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from waychair.control.journey.door_view import Door, DoorView, forgotten, seen_door
+from waychair.control.journey.journey import (
+    COMES_WITHIN_S,
+    CROWDED_S,
+    LOCALISES_WITHIN_S,
+    QUIET_S,
+    Drive,
+    Journey,
+    JourneyView,
+    Leg,
+    Order,
+    Phase,
+    begun,
+    cancel,
+    go_on,
+    step,
+)
+from waychair.control.journey.lift_site import LiftSite
+from waychair.types import Goal, Pose2, Scan
+
+LOBBY, CABIN, BED = Goal(Pose2(6.5, 3.5, 0.0)), Goal(Pose2(9.0, 3.5, math.pi)), Goal("bed")
+LEGS = (Leg("g", LOBBY, "A", CABIN), Leg("1", BED))
+S = 1_000_000_000
+SURE = {"g": 0.001, "1": 0.998, "2": 0.001}
+
+
+def door(kind: Door, since_s: float, now_s: float = 100.0) -> DoorView:
+    stamp = round((now_s - since_s) * S)
+    return DoorView(kind, 1.0, stamp, stamp if kind is Door.OPEN else None, round(now_s * S))
+
+
+OPEN, CLOSED, MOVING = door(Door.OPEN, 5.0), door(Door.CLOSED, 5.0), door(Door.PART, 0.0)
+
+
+def view(**changes: object) -> JourneyView:
+    return replace(JourneyView(100 * S, "g"), **changes)
+
+
+def at(phase: Phase, **changes: object) -> Journey:
+    return replace(replace(begun(LEGS, 0), phase=phase, since_ns=99 * S), **changes)
+
+
+def after(phase: Phase, seen: JourneyView, **changes: object) -> tuple[Journey, Order]:
+    return step(at(phase, **changes), seen)
+
+
+def test_a_journey_takes_all_its_steps_in_order() -> None:
+    inside, above = (
+        {"in_cabin": True, "clear_of_lift": False},
+        {"storey": "1", "in_cabin": True, "clear_of_lift": False},
+    )
+    seen = [
+        view(drive=Drive.ARRIVED, door=CLOSED),
+        view(door=OPEN),
+        view(door=OPEN),
+        view(drive=Drive.ARRIVED, door=OPEN, **inside),
+        view(door=CLOSED, **inside),
+        view(door=OPEN, chances=SURE, **inside),
+        view(door=OPEN, chances=SURE, **inside),
+        view(door=OPEN, chances=SURE, **above),
+        view(door=OPEN, localised=True, **above),
+        view(storey="1", drive=Drive.UNDER_WAY, door=OPEN),
+        view(storey="1", drive=Drive.ARRIVED),
+    ]
+    journey, phases, switched = begun(LEGS, 0), [], set()
+    for each in seen:
+        journey, order = step(journey, each)
+        phases.append(journey.phase)
+        switched.add(order.switch)
+    expected = [
+        "call",
+        "wait",
+        "enter",
+        "ride",
+        "ride",
+        "which storey",
+        "switch",
+        "relocalise",
+        "leave",
+        "drive",
+        "arrived",
+    ]
+    assert [str(phase) for phase in phases] == expected
+    assert switched == {None, "1"}
+
+
+@pytest.mark.parametrize("phase", [Phase.CALL, Phase.WAIT, Phase.RIDE, Phase.WHICH, Phase.SWITCH, Phase.RELOCALISE])
+def test_no_drive_is_ordered_while_the_chair_waits_or_the_storey_is_uncertain(phase: Phase) -> None:
+    for seen in (OPEN, CLOSED, MOVING, DoorView()):
+        for chances in ({}, {"g": 0.5, "1": 0.5}):
+            journey, order = after(phase, view(door=seen, chances=chances, cabin_free=False, in_cabin=True))
+            assert order.goal is None or journey.phase not in (Phase.RIDE, Phase.WHICH, Phase.SWITCH, Phase.RELOCALISE)
+
+
+def test_nobody_enters_within_two_seconds_of_a_leafs_motion_or_a_full_cabin() -> None:
+    assert after(Phase.WAIT, view(door=door(Door.OPEN, QUIET_S - 0.1)))[0].phase is Phase.WAIT
+    assert after(Phase.WAIT, view(door=OPEN, cabin_free=False))[0].phase is Phase.WAIT
+    assert after(Phase.WAIT, view(door=OPEN, cabin_free=None))[0].phase is Phase.WAIT
+    assert after(Phase.WAIT, view(door=OPEN))[0].phase is Phase.ENTER
+    order = after(Phase.LEAVE, view(storey="1", door=door(Door.OPEN, 1.0), in_cabin=True), leg=1)[1]
+    assert order.goal is None
+    assert after(Phase.LEAVE, view(storey="1", door=OPEN, in_cabin=True), leg=1)[1].goal == BED
+
+
+def test_a_door_that_closes_stops_an_entry_from_outside_only() -> None:
+    outside, order = after(Phase.ENTER, view(drive=Drive.UNDER_WAY, door=MOVING))
+    assert (outside.phase, order.goal) == (Phase.WAIT, None)
+    between, order = after(Phase.ENTER, view(drive=Drive.UNDER_WAY, door=MOVING, clear_of_lift=False))
+    assert (between.phase, order.goal) == (Phase.ENTER, CABIN)
+
+
+def test_a_full_lift_is_let_go_and_called_again() -> None:
+    journey, _ = after(Phase.WAIT, view(door=OPEN, cabin_free=False), crowded_ns=100 * S - round(CROWDED_S * S) - S)
+    assert journey.phase is Phase.CALL
+    journey, order = step(journey, view(door=OPEN))
+    assert (journey.phase, order.call, order.hold) == (Phase.CALL, None, False)
+    journey, order = step(journey, view(door=CLOSED))
+    assert order.call == "g"
+
+
+def test_a_lift_that_never_comes_is_told_and_can_be_waited_for() -> None:
+    journey, order = after(Phase.CALL, view(now_ns=round((100 + COMES_WITHIN_S) * S), door=CLOSED))
+    assert journey.phase is Phase.HELD
+    assert "does not come" in order.sentence
+    assert go_on(journey, 400 * S).phase is Phase.DRIVE
+
+
+def test_a_lift_that_stops_elsewhere_is_sent_on() -> None:
+    elsewhere = {"g": 0.0, "1": 0.001, "2": 0.999}
+    journey, order = after(Phase.WHICH, view(door=OPEN, chances=elsewhere))
+    assert (journey.phase, order.call) == (Phase.RIDE, "1")
+    assert not journey.closed  # its door must close and open again
+    assert after(Phase.WHICH, view(door=OPEN, chances=elsewhere), tries=3)[0].phase is Phase.HELD
+
+
+def test_uncertain_storeys_are_asked_for_with_the_door_held() -> None:
+    journey, order = after(Phase.WHICH, view(door=OPEN, chances={"g": 0.0, "1": 0.5, "2": 0.5}), since_ns=95 * S)
+    assert (journey.phase, order.ask, order.hold, order.switch) == (Phase.WHICH, ("g", "1", "2"), True, None)
+
+
+def test_the_map_changes_only_at_rest() -> None:
+    assert after(Phase.SWITCH, view(at_rest=False), to="1")[1].switch is None
+    assert after(Phase.SWITCH, view(), to="1")[1].switch == "1"
+
+
+def test_a_map_that_does_not_fit_is_asked_about() -> None:
+    late = view(now_ns=round((100 + LOCALISES_WITHIN_S) * S), storey="1", door=OPEN, chances=SURE)
+    journey, order = after(Phase.RELOCALISE, late, to="1")
+    assert (journey.phase, journey.resume, order.ask) == (Phase.HELD, Phase.WHICH, tuple(SURE))
+    assert order.goal is None
+
+
+def test_a_car_that_is_called_away_before_the_chair_leaves_rides_again() -> None:
+    assert after(Phase.RELOCALISE, view(storey="1", door=CLOSED), to="1")[0].phase is Phase.RIDE
+
+
+@pytest.mark.parametrize("phase", [phase for phase in Phase if phase not in (Phase.ARRIVED, Phase.FAILED, Phase.HELD)])
+def test_joystick_stop_and_faults_hold_a_journey_until_the_rider_goes_on(phase: Phase) -> None:
+    for seen in (view(taken_over=True, why="Stop was pressed"), view(drive=Drive.ENDED, why="the lidar is silent")):
+        journey, order = after(phase, seen, to="1")
+        assert journey.phase is Phase.HELD
+        assert (order.goal, order.call, order.hold, order.switch) == (None, None, False, None)
+        assert seen.why in order.sentence
+        assert step(journey, view(door=OPEN))[0].phase is Phase.HELD
+        again = go_on(journey, 200 * S)
+        assert not again.ended
+        assert again.drives == journey.drives + 1
+
+
+@pytest.mark.parametrize("phase", [Phase.RIDE, Phase.WHICH, Phase.SWITCH, Phase.RELOCALISE])
+def test_a_journey_cancelled_in_the_car_still_finds_out_the_storey(phase: Phase) -> None:
+    journey = cancel(at(phase, to="1"), 100 * S)
+    assert not journey.ended
+    for storey, seen in (("g", CLOSED), ("g", OPEN), ("g", OPEN), ("1", OPEN), ("1", OPEN)):
+        journey, order = step(journey, view(storey=storey, door=seen, chances=SURE, localised=storey == "1"))
+        assert order.goal is None
+    assert journey.phase is Phase.FAILED
+    assert "cancelled" in journey.why
+
+
+def test_a_journey_cancelled_elsewhere_ends() -> None:
+    assert cancel(at(Phase.WAIT), 0).phase is Phase.FAILED
+    assert cancel(at(Phase.ARRIVED), 0).phase is Phase.ARRIVED
+
+
+SITE = LiftSite("A", "g", Pose2(9.0, 3.5, math.pi), 1.8, 1.8, 1.0, 1.1, Pose2(6.5, 3.5, 0.0))
+
+
+def scan(opening: float, stamp_ns: int = 0, x: float = 2.0, y: float = 0.0) -> Scan:
+    """Return a scan from (x, y) in the cabin's frame, facing it: leaves at x = 1 open by a width, the back wall at -0.9."""
+    angles = np.linspace(-2.356, 2.356, 720)
+    dx, dy = np.cos(math.pi + angles), np.sin(math.pi + angles)
+    with np.errstate(divide="ignore"):
+        way = (1.0 - x) / dx
+        back = (-0.9 - x) / dx
+    across = y + way * dy
+    ranges = np.where((way > 0) & (np.abs(across) < opening / 2), back, np.where(way > 0, way, 9.0))
+    return Scan(stamp_ns, ranges.astype(np.float32), -2.356, 4.712 / 719)
+
+
+def looks(*openings: float) -> list[DoorView]:
+    found = [DoorView()]
+    for k, opening in enumerate(openings):
+        found.append(seen_door(found[-1], scan(opening, k * S // 10), Pose2(2.0, 0.0, math.pi), SITE))
+    return found[1:]
+
+
+def test_a_door_is_seen_to_open_and_then_to_rest() -> None:
+    seen = looks(0.0, 0.0, 0.3, 0.6, 0.9, 1.1, 1.1, 1.1)
+    kinds = [each.door for each in seen]
+    assert kinds == [Door.CLOSED, Door.CLOSED, Door.PART, Door.PART, Door.OPEN, Door.OPEN, Door.OPEN, Door.OPEN]
+    assert seen[1].still_s(S // 10) == pytest.approx(0.1)
+    assert seen[3].still_s(3 * S // 10) == 0.0
+    assert seen[-1].open_s(7 * S // 10) == pytest.approx(0.3)
+
+
+def test_a_slow_leaf_is_not_taken_for_one_at_rest() -> None:
+    seen = looks(*(1.1 - 0.02 * k for k in range(30)))
+    assert seen[-1].still_s(29 * S // 10) < 0.5
+
+
+def test_a_door_out_of_sight_is_unknown() -> None:
+    away = seen_door(DoorView(), scan(1.1), Pose2(2.0, 0.0, 0.0), SITE)
+    assert away.door is Door.UNSEEN
+    assert forgotten(looks(1.1)[0]).still_s(5 * S) == 0.0

@@ -1,0 +1,151 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.errors import WorldError
+from waychair.simulation.lifts.car import DoorKind
+from waychair.simulation.lifts.lifts import Lifts
+from waychair.simulation.plan.world import World, load_levels
+from waychair.simulation.sensors.renderer import renderer_problem
+from waychair.simulation.simulator import Simulator, SimulatorSettings
+from waychair.types import ImuSample, Pose2, RgbdFrame, Scan, SensorMessage
+
+TICK = 50_000_000
+CABIN, LOBBY = Pose2(9.0, 3.5, math.pi), Pose2(6.5, 3.5, 0.0)
+
+
+@pytest.fixture(scope="module")
+def levels() -> tuple[World, ...]:
+    return tuple(world.without_people() for world in load_levels("two_floors"))
+
+
+def at(levels: tuple[World, ...], pose: Pose2, kind: DoorKind = DoorKind.CURTAIN, passengers: int = 0) -> Simulator:
+    settings = SimulatorSettings()
+    settings = replace(
+        settings, imu=replace(settings.imu, rate_hz=200.0), lidar=replace(settings.lidar, faults=False, sigma=0.0)
+    )
+    lifts = Lifts(levels, 3, passengers, kind)
+    return Simulator(replace(levels[0], start=pose), CHAIR_A, settings, 1, lifts=lifts)
+
+
+def run(simulator: Simulator, seconds: float) -> list[SensorMessage]:
+    return [each for _ in range(round(seconds / 0.05)) for each in simulator.advance(TICK)]
+
+
+def ahead(messages: list[SensorMessage]) -> float:
+    scan = next(each for each in reversed(messages) if isinstance(each, Scan))
+    return float(scan.ranges[len(scan.ranges) // 2])
+
+
+def test_the_lidar_sees_the_door_closed_half_open_and_open(levels: tuple[World, ...]) -> None:
+    simulator = at(levels, LOBBY)
+    assert simulator.lifts is not None
+    assert ahead(run(simulator, 1.0)) == pytest.approx(7.98 - 7.1, abs=0.01)
+    assert simulator.clearance() == pytest.approx(7.98 - 7.25, abs=0.01)
+    simulator.lifts.call("lift", "ground")
+    run(simulator, 0.5)
+    scan = next(each for each in reversed(run(simulator, 0.4)) if isinstance(each, Scan))
+    inside = scan.ranges[np.abs(scan.angles()) < 0.5] > 1.5
+    assert 0 < inside.sum() < len(inside)
+    assert ahead(run(simulator, 2.0)) == pytest.approx(9.95 - 7.1, abs=0.01)
+
+
+@pytest.mark.skipif(renderer_problem() is not None, reason="no camera can be rendered here")
+def test_the_camera_sees_the_door_closed_and_open(levels: tuple[World, ...]) -> None:
+    settings = SimulatorSettings()
+    small = replace(settings.camera, rate_hz=10.0, width=64, height=48, noise=0.0)
+    lifts = Lifts(levels)
+    simulator = Simulator(replace(levels[0], start=LOBBY), CHAIR_A, replace(settings, camera=small), lifts=lifts)
+
+    def depth() -> float:
+        frame = next(each for each in reversed(run(simulator, 0.3)) if isinstance(each, RgbdFrame))
+        return float(np.nanmedian(frame.depth[10:20, 28:36]))
+
+    closed = depth()
+    lifts.call("lift", "ground")
+    run(simulator, 2.5)
+    assert closed == pytest.approx(7.98 - 6.9, abs=0.1)
+    assert depth() == pytest.approx(9.95 - 6.9, abs=0.2)
+
+
+def test_a_ride_takes_the_chair_up_and_its_imu_feels_it(levels: tuple[World, ...]) -> None:
+    simulator = at(levels, CABIN)
+    assert simulator.lifts is not None
+    simulator.lifts.call("lift", "upper")
+    messages = run(simulator, 9.0)
+    assert simulator.world.level == "upper"
+    assert simulator.contacts == 0
+    up = np.array([each.accel[2] for each in messages if isinstance(each, ImuSample)])
+    up = up - up[-100:].mean()
+    climbed = np.cumsum(np.cumsum(up) * 0.005)[-1] * 0.005
+    assert climbed == pytest.approx(simulator.lifts.heights["upper"], abs=0.3)
+    assert up[:600].max() == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_door_that_closes_on_the_chair_touches_it_unless_it_sees_it(levels: tuple[World, ...]) -> None:
+    in_doorway = Pose2(7.7, 3.5, 0.0)
+    seen, struck = at(levels, LOBBY), at(levels, LOBBY, DoorKind.BAD)
+    for simulator in (seen, struck):
+        assert simulator.lifts is not None
+        simulator.lifts.call("lift", "ground")
+        run(simulator, 3.0)
+        simulator._place(simulator.world, in_doorway)
+        run(simulator, 12.0)
+    assert (seen.contacts, struck.contacts) == (0, 1)
+    assert struck.lifts is not None
+    assert struck.lifts.view("lift").opened > 0.3  # it does not go through the chair
+
+
+def test_passengers_are_seen_ride_and_leave(levels: tuple[World, ...]) -> None:
+    simulator = at(levels, Pose2(1.5, 1.5, 0.0), passengers=2)
+    assert simulator.lifts is not None
+    doings = set()
+    for _ in range(240):
+        run(simulator, 0.5)
+        doings |= {each.doing.name for each in simulator.lifts._passengers}
+    assert doings == {"AWAY", "WAITS", "ENTERS", "RIDES", "LEAVES"}
+    assert simulator.contacts == 0
+
+
+def test_the_same_seed_gives_the_same_bytes(levels: tuple[World, ...]) -> None:
+    def told() -> list[bytes]:
+        simulator = at(levels, CABIN, passengers=2)
+        assert simulator.lifts is not None
+        simulator.lifts.call("lift", "upper")
+        found = run(simulator, 20.0)
+        return [each.ranges.tobytes() for each in found if isinstance(each, Scan)] + [
+            each.accel.tobytes() for each in found if isinstance(each, ImuSample)
+        ]
+
+    assert told() == told()
+
+
+def test_wrong_lifts_and_levels_are_named(levels: tuple[World, ...]) -> None:
+    lifts = Lifts(levels)
+    with pytest.raises(WorldError, match="no lift 'goods': take lift"):
+        lifts.call("goods", "upper")
+    with pytest.raises(WorldError, match="does not stop at 'cellar': take one of ground, upper"):
+        lifts.call("lift", "cellar")
+    no_door = tuple(replace(world, doors=()) for world in levels)
+    with pytest.raises(WorldError, match="no door on 'ground'"):
+        Lifts(no_door)
+    mujoco = replace(SimulatorSettings(), plant_model="mujoco")
+    with pytest.raises(WorldError, match="kinematic"):
+        Simulator(levels[0], CHAIR_A, mujoco, lifts=lifts)
+
+
+def test_the_hospital_has_its_storeys_lifts_and_rooms_and_is_drawn_alike() -> None:
+    hospital = load_levels("hospital")
+    assert [world.level for world in hospital] == ["0", "1", "2", "3"]
+    assert [[lift.name for lift in world.lifts] for world in hospital] == [list("ABC")] * 3 + [["A", "B"]]
+    assert sum(place.name.startswith("room") for world in hospital for place in world.places) >= 60
+    assert (hospital[2].grid.cells == hospital[3].grid.cells).all()
+    assert (hospital[1].grid.cells != hospital[2].grid.cells).mean() > 0.01
+    again = load_levels("hospital")
+    assert all((a.grid.cells == b.grid.cells).all() for a, b in zip(hospital, again, strict=True))
+    assert all(world.slopes for world in hospital)
