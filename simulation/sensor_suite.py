@@ -123,9 +123,7 @@ class SensorSuite:
         """Let the encoder counts go on from those of a chair that is about to be replaced."""
         self._ticks_before = self._ticks(chair)
 
-    def sense(
-        self, now_ns: int, chair: Plant, people: Sequence[Mover], lifted: float = 0.0
-    ) -> Iterator[SensorMessage]:
+    def sense(self, now_ns: int, chair: Plant, people: Sequence[Mover], lifted: float = 0.0) -> Iterator[SensorMessage]:
         """Yield the messages of the step that ends now; `lifted` is the acceleration [m/s^2] of the chair's lift."""
         rates, seen = self._rates, self._surroundings
         if rates.is_due(rates.imu, now_ns):

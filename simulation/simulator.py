@@ -59,6 +59,11 @@ class Simulator(SimulatedChair):
         super().__init__(Level(world, seed, s.plant.step_ms * 1_000_000, lifts), body, s, world.start)
         self.populate(world.people)
 
+    @property
+    def lifts(self) -> Lifts | None:
+        """The lifts that move and carry the chair; None without any."""
+        return self._level.lifts
+
     def populate(self, people: Sequence[PersonPlan]) -> None:
         """Replace all people by these; each starts its plan from the beginning.
 

@@ -11,7 +11,7 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_display import ChairDisplay
-from waychair.runtime.chair_port import Answer, ChairView, LayoutView
+from waychair.runtime.chair_port import Answer, ChairView, GoalView, LayoutView
 from waychair.runtime.chair_story import shown_points
 from waychair.runtime.perception_view import WithoutCells
 from waychair.slam.localising.localisation import LocalisationState
@@ -124,6 +124,10 @@ class DemoPage(DemoWatcher, WithoutCells):
     def grid(self) -> OccupancyGrid | None:
         """See `ChairPort`."""
         return self._grid
+
+    def goals(self) -> tuple[GoalView, ...]:
+        """See `ChairPort`; the demo has no building."""
+        return ()
 
     def layout(self) -> LayoutView:
         """See `ChairPort`."""

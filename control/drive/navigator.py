@@ -7,6 +7,7 @@ The navigator decides where to go; the supervisor decides whether the computer d
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 

@@ -92,7 +92,7 @@ def _page(port: _Hospital, access: Json, favourites: Sequence[str] = ()) -> Iter
 
     program = os.environ.get("WAYCHAIR_CHROMIUM") or shutil.which("chromium")
     with (
-        page_server(port) as address,  # type: ignore[arg-type]
+        page_server(port) as address,
         sync_playwright() as playwright,
         playwright.chromium.launch(executable_path=program) as browser,
     ):
