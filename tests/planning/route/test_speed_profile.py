@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_A_FRONT, CHAIR_A_MID
 from waychair.planning.body.footprint import along_arc
 from waychair.planning.route.speed_profile import (
     fastest_now,
@@ -112,6 +112,12 @@ def test_a_turn_takes_longer_the_farther_it_goes() -> None:
     times = [turn_time(turn, CHAIR_A, LIMITS) for turn in (0.0, 0.1, 1.0, -3.0)]
     assert times[0] == 0.0
     assert times == sorted(times)
+
+
+def test_a_turn_takes_longer_the_farther_the_rear_corners_are_from_the_drive_wheels() -> None:
+    rear, middle, front = (turn_time(math.pi, body, LIMITS) for body in (CHAIR_A, CHAIR_A_MID, CHAIR_A_FRONT))
+    assert rear < middle < front
+    assert front == pytest.approx(0.5 + math.pi / 0.2 + 0.2 / LIMITS.alpha)  # corners 0.75 m behind at 0.15 m/s
 
 
 def test_the_highest_speed_now_lets_the_chair_keep_the_speeds_ahead() -> None:
