@@ -35,7 +35,7 @@ from waychair.planning.route.direct_leg import turning_leg
 from waychair.planning.route.global_planner import SPACING, check_goal
 from waychair.planning.route.legs import joined_legs
 from waychair.planning.route.refused_plans import Obstruction, cause_of, explained, obstruction_on
-from waychair.planning.seen.forecast import arrival, meets_walkers
+from waychair.planning.seen.forecast import arrival, meets_soon
 from waychair.types import FloatArray, Goal, Path, Pose2
 
 _TOLD_DETOUR_M = 2.0
@@ -142,10 +142,12 @@ class PathMaker:
         """Return whether anybody walks, or may soon walk, near the chair."""
         return bool(self._people.expected_people(self._now.map_from_odom).tracks)
 
-    def meets_walkers(self, rest: FloatArray) -> bool:
-        """Return whether the chair is expected to meet somebody who walks on the rest of a path (N, 2) [m] in map."""
+    def meets_people(self, rest: FloatArray) -> bool:
+        """Return whether the chair is expected to meet somebody soon on the rest of a path (N, 2) [m] in map."""
+        if not self._settings.tracks.model.seeks_way:
+            return False
         people = self._people.expected_people(self._now.map_from_odom)
-        return meets_walkers(people, rest, self._settings.dwa.max_speed, self._settings.planner.forecast)
+        return meets_soon(people, rest, self._settings.dwa.max_speed, self._settings.planner.forecast)
 
     def obstacles(self) -> FloatArray:
         """Return the obstacles (N, 2) [m] in map of full height that stand, as the next plan would avoid them."""

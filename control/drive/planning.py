@@ -61,7 +61,7 @@ class Planning:
         if plan.path is None or waits or (people and not plan.among_people):
             return True
         rest = plan.rest(self._now.pose)
-        if rest is None or self._maker.meets_walkers(rest):
+        if rest is None or self._maker.meets_people(rest):
             return True
         if plan.leg is None:
             return self._maker.is_barred(rest)

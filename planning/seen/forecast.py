@@ -44,9 +44,6 @@ STEP_S = 0.2
 STAYS_S = 10.0
 """[s] Expected wait for somebody who blocks the path over the whole window."""
 
-WALKS = 0.3
-"""[m/s] Somebody slower stands or drifts: the dynamic window finds the way round them."""
-
 PRICE_FACTOR = 20.0
 """A cell's price rises by this times the share of the window for which somebody is expected there."""
 
@@ -114,12 +111,11 @@ def arrival(
     return longest + STAYS_S, STAYS_S
 
 
-def meets_walkers(people: ExpectedPeople, points: FloatArray, cruise: float, settings: ForecastSettings) -> bool:
-    """Return whether a drive along a path (N, 2) [m] in map at a speed [m/s] meets somebody who walks, within the window."""
+def meets_soon(people: ExpectedPeople, points: FloatArray, cruise: float, settings: ForecastSettings) -> bool:
+    """Return whether a drive along a path (N, 2) [m] in map at a speed [m/s] is expected to meet somebody in the window."""
     seconds = arc_lengths(points) / cruise
     within = seconds <= settings.window
-    walking = tuple(each for each in people.tracks if each.speed > WALKS)
-    return _meets(replace(people, tracks=walking), points[within], seconds[within])
+    return _meets(people, points[within], seconds[within])
 
 
 def _meets(people: ExpectedPeople, points: FloatArray, seconds: FloatArray) -> bool:

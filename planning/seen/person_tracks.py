@@ -50,6 +50,8 @@ class MoverModel:
     """[m] So does a displacement above this, if it goes on."""
     still_walking: float = 0.15
     """[m] Displacement above which a track that has walked before is still walking."""
+    seeks_way: bool = True
+    """Whether it looks for a way past the chair, so that a path which would meet it is worth planning anew."""
 
 
 PEOPLE = MoverModel()
@@ -64,6 +66,7 @@ SMALL_ROBOTS = MoverModel(
     walking=0.1,  # they drift at 0.15 m/s, no faster than furniture seems to
     displacement=0.15,
     still_walking=0.08,
+    seeks_way=False,
 )
 """Discs of 0.3 m that drift slowly, among which a robot of their size drives."""
 

@@ -17,6 +17,7 @@ from waychair.planning.seen.forecast import (
     ExpectedPeople,
     ForecastSettings,
     arrival,
+    meets_soon,
     predicted_occupancy,
     with_forecast,
 )
@@ -87,6 +88,15 @@ def test_a_person_who_has_passed_before_the_chair_comes_costs_no_waiting() -> No
     assert arrival(among(walker(4.5, 0.0, 0.0, 0.8)), LINE, 0.8) == (pytest.approx(6.25), 0.0)
     assert arrival(among(walker(2.5, 4.0, 0.0, 0.5)), LINE, 0.8) == (pytest.approx(6.25), 0.0)
     assert arrival(among(), LINE, 0.8) == (pytest.approx(6.25), 0.0)
+
+
+def test_somebody_is_met_soon_only_within_the_window() -> None:
+    window = ForecastSettings(window=4.0)  # 3.2 m of way
+    assert meets_soon(among(walker(4.5, 1.0, -0.8, 0.0)), LINE, 0.8, window)
+    assert meets_soon(among(walker(3.0, 1.0, 0.0, 0.0)), LINE, 0.8, window)
+    assert not meets_soon(among(walker(4.5, 1.0, 0.0, 0.0)), LINE, 0.8, window)
+    assert not meets_soon(among(walker(2.0, 1.0, 0.8, 0.0)), LINE, 0.8, window)
+    assert not meets_soon(among(), LINE, 0.8, window)
 
 
 def test_the_chair_waits_for_a_crossing_person_only_until_the_way_is_free() -> None:
