@@ -119,6 +119,8 @@ def solve(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False)
     elif not solved_before:  # the start may lie in another valley
         best = _likelier(best, lambda: _trusted(case, _spectral(case)))
     if not solved_before:
+        if (best.weights == 0).sum() > FEW_LOOPS:
+            best = _likelier(best, *(partial(_begun_without, case, group) for group in _largest(case, best)))
         best = _without_kernel(case, _heard_by_group(case, best))
     accepted = best.weights > 0
     against = chi_square(best.poses, arrays)
@@ -348,6 +350,24 @@ def _without(case: _Case, best: _Trial, group: int) -> _Trial:
     weights = np.where(case.groups == group, 0.0, best.weights)
     weights = joined_weights(problem.edges, weights, against, len(best.poses))
     return _reconsidered(case, _settled(case, problem.solve(best.poses, weights, iterations=MAX_ITERATIONS)))
+
+
+def _begun_without(case: _Case, group: int) -> _Trial:
+    """Return the settled solution from the start with every loop but those of one group trusted.
+
+    A large group that was trusted from the beginning may have bent the poses so far that no other loop comes back.
+    """
+    weights = np.where(case.groups == group, 0.0, 1.0)
+    weights = joined_weights(case.problem.edges, weights, chi_square(case.start, case.problem.edges), len(case.start))
+    return _settled(case, case.problem.solve(case.start, weights, iterations=MAX_ITERATIONS))
+
+
+def _largest(case: _Case, best: _Trial) -> list[int]:
+    """Return the largest groups of accepted loops, as many as are left out on trial."""
+    accepted = case.groups[(case.groups >= 0) & (best.weights > 0)]
+    names, sizes = np.unique(accepted, return_counts=True)
+    order = np.argsort(-sizes, kind="stable")[:MAX_DOUBTS]
+    return [int(names[k]) for k in order if sizes[k] >= LEAST_GROUP]
 
 
 def _without_kernel(case: _Case, best: _Trial) -> _Trial:
