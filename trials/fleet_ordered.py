@@ -61,17 +61,15 @@ class Done:
 class OrderedChairs:
     """Chairs that always have a task: a new one as soon as one is done.
 
-    `replans` says whether the order is planned anew when somebody is late, `goals` are the places to go to (all, if empty),
-    `top` is the chair of top priority, and `log` hears every decision and movement, as `planning/fleet/audit.py` reads them.
+    `goals` are the places to go to (all, if empty), `top` is the chair of top priority, and `log` hears every decision and
+    movement, as `planning/fleet/audit.py` reads them.
     """
 
     order: Order
     rng: np.random.Generator
     stops: Stops = Stops()
     rounds: int = 30
-    replans: bool = True
     now_ms: int = 0
-    moved_ms: int = 0
     done: list[Done] = field(default_factory=list)
     alone_ms: dict[int, int] = field(default_factory=dict)
     events: list[tuple[int, int]] = field(default_factory=list)
@@ -81,7 +79,6 @@ class OrderedChairs:
     requests: int = 0
     goals: tuple[str, ...] = ()
     top: int | None = None
-    plans: int = 0
     log: Callable[[Json], None] | None = None
 
     def run(self, until_ms: int) -> bool:
@@ -94,9 +91,15 @@ class OrderedChairs:
         while self.events and self.events[0][0] <= until_ms:
             self.now_ms, chair = heapq.heappop(self.events)
             self._act(chair)
-            if self.now_ms - self.moved_ms > LOCKED_MS and any(len(c.spots) > 1 for c in self.order.chains.values()):
+            if self._is_locked():
                 return False
         return bool(self.events)
+
+    def _is_locked(self) -> bool:
+        """Return whether nobody has moved for long though somebody wants to."""
+        chains = self.order.chains.values()
+        moved_ms = max(chain.entered_ms for chain in chains)
+        return self.now_ms - moved_ms > LOCKED_MS and any(len(chain.spots) > 1 for chain in chains)
 
     def _act(self, chair: int) -> None:
         """Let a chair's rear leave, and the chair enter its next spot if it can; then the first of those who wait for it."""
@@ -124,7 +127,6 @@ class OrderedChairs:
                 self._tell({"event": "waited", "t_ms": self.now_ms, **ended})
         before = self.order.chains[chair]
         self.order = entered(self.order, chair, self.now_ms)
-        self.moved_ms = self.now_ms
         chain = self.order.chains[chair]
         resource = int(self.order.ways.resource[chain.spots[0]])
         self._tell(
@@ -147,7 +149,7 @@ class OrderedChairs:
             return
         stop_ms = round(1e3 * self.rng.exponential(self.stops.mean_s))
         self.order = held_up(self.order, chair, chain.ready_ms + stop_ms)
-        if self.replans and stop_ms > _OFF_MS:
+        if stop_ms > _OFF_MS:
             self._plan()
 
     def _new_task(self, chair: int) -> None:
@@ -166,8 +168,7 @@ class OrderedChairs:
         self.alone_ms[chair] = int(self.order.ways.least_ms(goal)[self.order.chains[chair].spots[0]]) - 1
 
     def _plan(self) -> None:
-        self.plans += 1
-        is_measured = self.plans % _MEASURED_EVERY == 0
+        is_measured = self.requests % _MEASURED_EVERY == 0
         begun = time.thread_time() if is_measured else 0.0
         before = self.order
         self.order = granted(self.order, self.now_ms, CLEARING_MS, self.rng, self.rounds)

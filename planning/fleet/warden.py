@@ -24,7 +24,7 @@ LEASE_MS = 3_000
 SILENT_MS = LEASE_MS + 500
 """ms of silence after which a chair has certainly stopped by its lapsed lease: clocks drift 200 ppm, messages take time."""
 
-ROUNDS = 40
+ROUNDS = 80
 """Rounds of improvement of a plan; about 20 ms with eight chairs."""
 
 _LATE_MS = 10_000
