@@ -14,9 +14,9 @@ from dataclasses import replace
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.authority import FREE, HELD_WITHIN, Authority, fastest_before
 from waychair.control.drive.bystanders import Bystanders
 from waychair.control.drive.goals import how_far_off, is_at, is_missed, limits_to, posed
+from waychair.control.drive.granted_way import GrantedWay
 from waychair.control.drive.leg_drive import LegDrive, View
 from waychair.control.drive.local_obstacles import Surroundings, have_mostly_moved, without_mixed_pixels
 from waychair.control.drive.navigation import ACTIVE, Navigation, Stage
@@ -93,15 +93,13 @@ class Navigator:
         self._surroundings = Surroundings(drawn, body, self.settings.surroundings)
         self.recovery = Recovery(self.settings.recovery)
         self._people = Bystanders(body, s.tracks.model, s.personal_space, s.dwa.clearance)
-        self._among_people = False
         self._stage, self._reason = Stage.IDLE, "no goal"
         self._goals: list[Goal] = []
         self._dwa = self.settings.dwa
         self._plan, self._now = PlanState(), MotionState()
         self._maker = PathMaker(drawn, body, s, self._surroundings, self._people, self._plan, self._now)
         self._corrections = Corrections()
-        self.authority: Authority = FREE
-        """How far the chair may drive among other chairs."""
+        self.granted = GrantedWay(body, self._plan, self._now)
 
     @property
     def active(self) -> bool:
@@ -227,7 +225,7 @@ class Navigator:
                 stood_s=stood_s,
                 seen_ns=seen_ns,
             )
-            self._among_people = self._people.someone_walks_near(odom_from_map @ pose)
+            self._now.among_people = self._people.someone_walks_near(odom_from_map @ pose)
         if self._plan.planner is None or not self.active:
             return self._navigation(Twist())
         if self._stage is Stage.PAUSED:
@@ -249,7 +247,7 @@ class Navigator:
             return self._halt(now_ns, self._plan.no_path_reason)
         if self.recovery.rests(now_ns):
             return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
-        if self._is_held():
+        if self.granted.holds:
             self.recovery.leave_out_planning(since_ns)
         choice = self._choose(now_ns, pose, self._view(now_ns, pose, obstacles, odom_from_map))
         return self._outcome(now_ns, choice)
@@ -273,21 +271,11 @@ class Navigator:
             motion=None if self._now.jumping else self._now.motion,  # after a jump, braking is not limited for comfort
             tracks=self._people.predicted(now_ns, odom_from_map @ pose),
             has_sonars=self._surroundings.has_sonars,
-            fastest=fastest_before(self._granted_way(), self._now.command.v, self._dwa),
+            fastest=self.granted.fastest(self._dwa),
             layered=tuple(
                 (layer, transform_points(odom_from_map, seen)) for layer, seen in self._surroundings.in_narrow_layers()
             ),
         )
-
-    def _granted_way(self) -> float:
-        """Return the way [m] that the authority leaves on the present leg; +inf if it ends nowhere on it."""
-        if not self._plan.legs:
-            return math.inf
-        return self.authority.way_left(self._body, self._now.pose, self._plan.legs[0].path.poses)
-
-    def _is_held(self) -> bool:
-        """Return whether the chair stands, or is about to, because its authority ends."""
-        return self.authority.line is not None and self._granted_way() < HELD_WITHIN
 
     def _choose(self, now_ns: int, pose: Pose2, view: View) -> DwaResult:
         """Follow the path; if that has been impossible for a while, first back out along the chair's trail."""
@@ -332,8 +320,7 @@ class Navigator:
         if behind or (self._now.gears.are_enough and self._could_wait(self._plan.leg.leg)):
             limits = replace(limits, max_reverse=0.0)
         if len(self._plan.legs) > 1:
-            corner = replace(limits.tolerances, position=CORNER_TOLERANCE)
-            limits = replace(limits, tolerances=corner)
+            limits = replace(limits, tolerances=replace(limits.tolerances, position=CORNER_TOLERANCE))
         return self._plan.leg.step(view, limits)
 
     def _could_wait(self, leg: PathLeg) -> bool:
@@ -353,8 +340,8 @@ class Navigator:
         )
         if (why := reason_for_cramped(field, body, here)) is not None:
             return f"{why}: {BY_HAND}"
-        tries, what = self.settings.recovery.tries, self._maker.what_bars("").partition("; ")[0]
-        if what:
+        tries = self.settings.recovery.tries
+        if what := self._maker.what_bars("").partition("; ")[0]:
             return f"{what}, and the chair found no way past it in {tries} tries: ask for room, clear the way or choose another goal"
         return f"no way through after {tries} tries: clear the way or choose another goal"
 
@@ -367,12 +354,8 @@ class Navigator:
                 return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
             self.cancel(self._why_given_up())
             return self._navigation(braking(self._now.command, self._dwa), choice)
-        if (
-            choice.arrived
-            and self._plan.leg is not None
-            and self._plan.leg.leg.is_line
-            and is_missed(self._goals[0], self._now.pose)
-        ):
+        leg = self._plan.leg
+        if choice.arrived and leg is not None and leg.leg.is_line and is_missed(self._goals[0], self._now.pose):
             self._plan.made_ns, choice = None, replace(choice, arrived=False)
             self._plan.approaches += 1
             if self._plan.approaches >= MOST_APPROACHES:
@@ -400,9 +383,9 @@ class Navigator:
     def _why_at_rest(self, wants_to_move: bool) -> str:
         """Return for what a chair stands that is not blocked, and for how long."""
         recovery = self.settings.recovery
-        if self._is_held():
-            return self.authority.reason
-        if self._among_people:
+        if self.granted.holds:
+            return self.granted.authority.reason
+        if self._now.among_people:
             return f"the chair lets somebody pass, for up to {recovery.patience:.0f} s"
         otherwise = (
             "the chair sets off once nothing holds it back" if wants_to_move else "no motion is free at this moment"
@@ -457,19 +440,17 @@ class Navigator:
         someone = bool(self._people.expected_people(self._now.map_from_odom).tracks)
         if someone and not self._plan.among_people:
             return True
-        rest = self._plan.rest(self._now.pose)
-        if rest is None:
+        rest, leg = self._plan.rest(self._now.pose), self._plan.leg
+        if rest is None or (leg is not None and not leg.leg.is_line and not someone):
             return True
-        if self._plan.leg is not None and not self._plan.leg.leg.is_line and not someone:
-            return True
-        if self._plan.leg is not None and self._plan.leg.leg.is_line:
-            if self._plan.leg.is_barred:
+        if leg is not None and leg.leg.is_line:
+            if leg.is_barred:
                 return True
             rest = rest[np.hypot(*(rest - (self._now.pose.x, self._now.pose.y)).T) > LIVE_REACH]
         ahead = rest[: math.ceil(LOOK_AHEAD / SPACING)]
         in_odom, half = transform_points(self._now.map_from_odom.inverse(), ahead), self._body.width / 2
-        radius = self.settings.tracks.model.radius
-        return self._surroundings.stands_near(ahead, half) or self._people.someone_lingers_near(in_odom, half + radius)
+        wide = half + self.settings.tracks.model.radius
+        return self._surroundings.stands_near(ahead, half) or self._people.someone_lingers_near(in_odom, wide)
 
     def _advance_plan(self, now_ns: int) -> bool:
         """Plan, or go on planning; return whether to drive on. A plan that takes longer than a tick needs standstill.

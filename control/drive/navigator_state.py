@@ -181,7 +181,7 @@ class MotionState:
     `before` is the command before `command`, and `motion` the acceleration of both. `rested_ticks`: ticks without a
     command to move. `jumping`: the localised pose has just jumped. `local` is None until the distances are asked for.
     `still_at` is where the chair has stood, in odom, since `still_since_ns`; `odom_from_base` is its latest place there.
-    `gears`: the changes of gear on this drive.
+    `gears`: the changes of gear on this drive. `among_people`: somebody walks near.
     """
 
     pose: Pose2 = field(default_factory=Pose2)
@@ -197,6 +197,7 @@ class MotionState:
     still_since_ns: int = 0
     odom_from_base: Pose2 = field(default_factory=Pose2)
     gears: GearChanges = field(default_factory=GearChanges)
+    among_people: bool = False
 
     def note_place(self, now_ns: int, odom_from_base: Pose2) -> None:
         """Note where the chair is, in odom, to tell for how long it has stood there, and its changes of gear."""
