@@ -52,7 +52,7 @@ AGAIN_AFTER_S = 5.0
 """s; a rider whose drive ended before its goal asks again so much later."""
 
 MOST_TRIES = 5
-"""Times that a rider asks for the same goal before it counts as not reached."""
+"""Times that a rider asks again for goals whose drives ended early."""
 
 CHAIR_AHEAD = 8.0
 """m; with another chair so near, a chair that does not get on waits for that chair."""
@@ -173,7 +173,6 @@ class _Rider:
         self._course: tuple[Goal, ...] = ()
         self._left = 0
         self._again_ms: int | None = None
-        self._tries = 0
         self._stuck_ms: int | None = None
 
     @property
@@ -210,7 +209,7 @@ class _Rider:
         """Set off for new goals, again after a drive that ended early, and to the next wish after an arrival."""
         stage = self.chair.navigator.stage
         if goals is not None and goals != self._course:
-            self._course, self._left, self._again_ms, self._tries = goals, len(goals), None, 0
+            self._course, self._left, self._again_ms = goals, len(goals), None
             if goals:
                 self._set_off()
             return
@@ -225,7 +224,8 @@ class _Rider:
     def blocked(self, now_ms: int, others: Sequence[Pose2]) -> dict[str, int]:
         """Return the section before which the chair stands for something that is no chair, with the time it counts [ms]."""
         stage = self.chair.navigator.stage
-        if self.state is None or stage not in (Stage.WAITING, Stage.OFFERING) or self.held:
+        shut = stage is Stage.WAITING and self.state is not None and self.state.navigation.path is None
+        if self.state is None or not (shut or stage is Stage.OFFERING) or self.held:
             self._stuck_ms = None
             return {}
         here = self.state.map_from_base
@@ -241,8 +241,8 @@ class _Rider:
     def _ask_again(self, now_ms: int) -> None:
         if self._again_ms is None:
             self.run.ends.append(self.chair.navigator.reason)
-            self._again_ms, self._tries = now_ms + round(1e3 * AGAIN_AFTER_S), self._tries + 1
-        elif now_ms >= self._again_ms and self._tries <= MOST_TRIES:
+            self._again_ms = now_ms + round(1e3 * AGAIN_AFTER_S)
+        elif now_ms >= self._again_ms and self.run.again < MOST_TRIES:
             self.run.again += 1
             self._set_off()
             self._again_ms = None
@@ -347,7 +347,7 @@ def _keep_order(
             district.order, rider.state.map_from_base, now_ms, rider.count_goals(), sentences.get(rider.number, "")
         )
         rider.line = steps.authority.line
-        rider.chair.navigator.authority = steps.authority
+        rider.chair.navigator.granted.authority = steps.authority
         rider.keep_on_chain(steps)
         rider.follow(steps.goals, now_ms)
         found = rider.blocked(

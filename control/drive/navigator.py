@@ -7,16 +7,15 @@ The navigator decides where to go; the supervisor decides whether the computer d
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.authority import FREE, HELD_WITHIN, Authority, fastest_before
 from waychair.control.drive.bystanders import Bystanders
 from waychair.control.drive.goals import how_far_off, is_at, is_missed, limits_to, posed
+from waychair.control.drive.granted_way import GrantedWay
 from waychair.control.drive.leg_drive import LegDrive, View
 from waychair.control.drive.local_obstacles import Surroundings, without_mixed_pixels
 from waychair.control.drive.navigation import ACTIVE, Navigation, Stage
@@ -91,8 +90,7 @@ class Navigator:
         self._plan, self._now = PlanState(), MotionState()
         self._maker = PathMaker(drawn, body, s, self._surroundings, self._people, self._plan, self._now)
         self._planning = Planning(self._maker, self._plan, self._now, self.recovery)
-        self.authority: Authority = FREE
-        """How far the chair may drive among other chairs."""
+        self.granted = GrantedWay(body, self._plan, self._now)
 
     @property
     def active(self) -> bool:
@@ -207,7 +205,7 @@ class Navigator:
         standing = self._without_a_drive() or self._at_goal() or self._plan_ahead(now_ns)
         if standing is not None:
             return standing
-        view = self._granted(view)
+        view = replace(view, fastest=self.granted.fastest(self._dwa))  # of the leg that was chosen just now
         behind = self._people.someone_behind(now_ns, view.pose)
         choice = self._back_out(now_ns, view, behind) or self._follow(view, behind)
         return self._report(now_ns, choice)
@@ -298,23 +296,9 @@ class Navigator:
             return self._halt(now_ns, self._plan.no_path_reason)
         if self.recovery.rests(now_ns):
             return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
-        if self._is_held():  # a wait for other chairs is no failure to get on
+        if self.granted.holds:  # a wait for other chairs is no failure to get on
             self.recovery.leave_out_planning(self._now.since_ns)
         return None
-
-    def _granted(self, view: View) -> View:
-        """Return the view with the speed at which the present leg can still end where the authority does."""
-        return replace(view, fastest=fastest_before(self._granted_way(), view.command.v, self._dwa))
-
-    def _granted_way(self) -> float:
-        """Return the way [m] that the authority leaves on the present leg; +inf if it ends nowhere on it."""
-        if not self._plan.legs:
-            return math.inf
-        return self.authority.way_left(self._body, self._now.pose, self._plan.legs[0].path.poses)
-
-    def _is_held(self) -> bool:
-        """Return whether the chair stands, or is about to, because its authority ends."""
-        return self.authority.line is not None and self._granted_way() < HELD_WITHIN
 
     def _back_out(self, now_ns: int, view: View, behind: bool) -> DwaResult | None:
         """Return a command out along the chair's trail, once following the path has been impossible for a while."""
@@ -385,8 +369,8 @@ class Navigator:
         )
         if (why := reason_for_cramped(field, body, here)) is not None:
             return f"{why}: {BY_HAND}"
-        tries, what = self.settings.recovery.tries, self._maker.what_bars("").partition("; ")[0]
-        if what:
+        tries = self.settings.recovery.tries
+        if what := self._maker.what_bars("").partition("; ")[0]:
             return f"{what}, and the chair found no way past it in {tries} tries: ask for room, clear the way or choose another goal"
         return f"no way through after {tries} tries: clear the way or choose another goal"
 
@@ -399,12 +383,8 @@ class Navigator:
                 return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
             self.cancel(self._why_given_up())
             return self._navigation(braking(self._now.command, self._dwa), choice)
-        if (
-            choice.arrived
-            and self._plan.leg is not None
-            and self._plan.leg.leg.is_line
-            and is_missed(self._goals[0], self._now.pose)
-        ):
+        leg = self._plan.leg
+        if choice.arrived and leg is not None and leg.leg.is_line and is_missed(self._goals[0], self._now.pose):
             self._plan.ask_anew()
             choice = replace(choice, arrived=False)
             self._plan.approaches += 1
@@ -433,8 +413,8 @@ class Navigator:
     def _why_at_rest(self, wants_to_move: bool) -> str:
         """Return for what a chair stands that is not blocked, and for how long."""
         recovery = self.settings.recovery
-        if self._is_held():
-            return self.authority.reason
+        if self.granted.holds:
+            return self.granted.authority.reason
         if self._people.someone_walks_near(self._now.odom_from_base):
             return f"the chair lets somebody pass, for up to {recovery.patience:.0f} s"
         otherwise = (
