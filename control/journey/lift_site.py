@@ -40,11 +40,6 @@ class LiftSite:
         """The middle of the doorway in map, facing out of the cabin."""
         return self.cabin @ Pose2(self.door_ahead, 0.0)
 
-    def holds(self, map_from_base: Pose2) -> bool:
-        """Return whether the chair's axle is in the cabin."""
-        inside = self.cabin.inverse() @ map_from_base
-        return abs(inside.x) <= self.length / 2 and abs(inside.y) <= self.width / 2
-
 
 def stand_in(site: LiftSite, body: ChairBody) -> Pose2:
     """Return where a chair stands in a cabin, in its frame: facing the door, as far back as it can turn."""

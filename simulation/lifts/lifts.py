@@ -90,11 +90,6 @@ class LiftView:
     leaf_moved_ns: int
 
 
-@dataclass(slots=True)
-class _Clock:
-    now_ns: int = 0
-
-
 class Lifts:
     """The lifts of a building."""
 
@@ -130,7 +125,7 @@ class Lifts:
         self._rng = random_stream(seed, 7)
         self._passengers = [self._new_passenger() for _ in range(passengers if self.lifts else 0)]
         self._chairs: dict[str, _Chair] = {}
-        self._clock = _Clock()
+        self._now_ns = 0
 
     def call(self, lift: str, level: str) -> None:
         """Press a button: that of the hall at a level, or that of the cabin for a level.
@@ -138,7 +133,7 @@ class Lifts:
         Raises:
             WorldError: there is no such lift, or it does not stop there.
         """
-        self._car(lift).call(self._stop(lift, level), self._clock.now_ns)
+        self._car(lift).call(self._stop(lift, level), self._now_ns)
 
     def hold(self, lift: str, who: str, held: bool = True) -> None:
         """Hold the door open, as an assistant at the button or a building's adapter does, or no longer.
@@ -201,7 +196,7 @@ class Lifts:
     def moving(self, level: str) -> bool:
         """Return whether a leaf on a level may have moved in the last step."""
         return any(
-            self._cars[each.name].moves != 0 or self._clock.now_ns - self._cars[each.name].leaf_moved_ns <= 2 * STEP_NS
+            self._cars[each.name].moves != 0 or self._now_ns - self._cars[each.name].leaf_moved_ns <= 2 * STEP_NS
             for each in self._on(level)
         )
 
@@ -211,15 +206,15 @@ class Lifts:
 
     def step(self, now_ns: int) -> None:
         """Let time pass up to a stamp; a time already reached changes nothing."""
-        while self._clock.now_ns + STEP_NS <= now_ns:
-            self._clock.now_ns += STEP_NS
+        while self._now_ns + STEP_NS <= now_ns:
+            self._now_ns += STEP_NS
             for name in self._cars:
                 self._step_car(name)
             for passenger in self._passengers:
                 self._step_passenger(passenger)
 
     def _step_car(self, name: str) -> None:
-        car, known, now_ns = self._cars[name], self.lifts[name], self._clock.now_ns
+        car, known, now_ns = self._cars[name], self.lifts[name], self._now_ns
         level = known.stops[car.at]
         closes = car.opened > 0.0
         struck = self._obstruction(known, level, car) if closes else Obstruction.NONE
@@ -271,7 +266,7 @@ class Lifts:
 
     def _step_passenger(self, who: Passenger) -> None:
         name = self._name_of(who)
-        known, car, now_ns = self.lifts[name], self._cars[name], self._clock.now_ns
+        known, car, now_ns = self.lifts[name], self._cars[name], self._now_ns
         actions: Mapping[Doing, Callable[[], None]] = {
             Doing.AWAY: lambda: self._appear(who, known, now_ns),
             Doing.WAITS: lambda: self._wait(who, known, car),
@@ -296,11 +291,11 @@ class Lifts:
     def _wait(self, who: Passenger, known: CallableLift, car: Car) -> None:
         who.speed = 0.0
         if car.at != who.stop or car.ride is not None:
-            car.call(who.stop, self._clock.now_ns)
+            car.call(who.stop, self._now_ns)
             return
         if car.opened < 1.0:
             if car.opened == 0.0 and not car.calls:  # nobody else wants to set off
-                car.call(who.stop, self._clock.now_ns)
+                car.call(who.stop, self._now_ns)
             return
         slot = self._free_slot(who, known)
         if slot is None or self._busy_doorway(who, known):
@@ -315,7 +310,7 @@ class Lifts:
     def _enter(self, who: Passenger, known: CallableLift, car: Car) -> None:
         if who.walk(STEP_NS * 1e-9, self._others(who, known.stops[who.stop])):
             who.doing, who.heading = Doing.RIDES, known.cabins[known.stops[who.stop]].middle.theta
-            car.call(who.wants, self._clock.now_ns)
+            car.call(who.wants, self._now_ns)
 
     def _ride(self, who: Passenger, known: CallableLift, car: Car) -> None:
         who.speed = 0.0
@@ -325,12 +320,12 @@ class Lifts:
             points = (door @ Pose2(-0.4, 0.0), door @ Pose2(0.6, 0.0), door @ Pose2(SPOT_AHEAD, SPOT_ASIDE))
             who.way = [(point.x, point.y) for point in points]
         elif car.ride is None and car.at != who.wants and car.opened == 0.0:
-            car.call(who.wants, self._clock.now_ns)
+            car.call(who.wants, self._now_ns)
 
     def _leave(self, who: Passenger, known: CallableLift, car: Car) -> None:
         if who.walk(STEP_NS * 1e-9, self._others(who, known.stops[who.stop])):
             pause = self._rng.uniform(*PAUSE_S)
-            who.doing, who.until_ns = Doing.AWAY, self._clock.now_ns + round(pause * 1e9)
+            who.doing, who.until_ns = Doing.AWAY, self._now_ns + round(pause * 1e9)
             who.lift = int(self._rng.integers(len(self.lifts)))
 
     def _free_slot(self, who: Passenger, known: CallableLift) -> int | None:

@@ -7,7 +7,6 @@ contacts, motions of leaves round entries and exits, and whether the chair ever 
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -333,9 +332,3 @@ def _place(worlds: Mapping[str, World], level: str, name: str) -> Place:
             return place
     known = ", ".join(place.name for place in worlds[level].places)
     raise UnknownPlace(f"there is no place '{name}' on '{level}': take one of {known}")
-
-
-def timed(what: Callable[[], JourneyRecord]) -> tuple[JourneyRecord, float]:
-    """Return a record and the processor time [s] that it took."""
-    began = time.process_time()
-    return what(), time.process_time() - began
