@@ -375,6 +375,7 @@ def default_network(settings: PaperSettings | None = None, body: ChairBody = CHA
                     "way_finder": "Way finder",
                     "aim": "camera aim",
                 },
+                triggers=("camera aim",),
                 constants=camera,
                 dynamic=ShareMemory(),
             )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from tests.ros.realtime import ALONE
 from waychair.errors import MessageError
 from waychair.planning.seen.doorways import DoorState, Doorway
 from waychair.recordings.bags.ros_messages import laser_scan, odometry
@@ -67,6 +68,7 @@ def test_the_stack_starts_the_cells_where_the_chair_is_to_perceive_and_does_not_
     assert not cells.vital
 
 
+@ALONE
 def test_the_node_tells_signal_state_and_the_camera_s_orders_and_a_page_shows_them(ros: Harness) -> None:
     from waychair.ros.interface_types import interface_type
     from waychair.ros.messages.wire import serialised
