@@ -19,7 +19,7 @@ from waychair.geometry import compose, invert, pose_from_array
 from waychair.recordings.recording import Recording
 from waychair.recordings.scans import mirrored
 from waychair.slam.mapping.tracking import odometry_of
-from waychair.types import FloatArray, Odometry, Scan, SensorFrame
+from waychair.types import Float32Array, FloatArray, Odometry, Scan, SensorFrame
 
 SPEED, TURN_SPEED = 0.5, 0.5  # m/s, rad/s; at which the drive is timed
 _SCALES = (1.0, 1.12, 0.9, 1.25, 0.8)  # of the wings, each also mirrored
@@ -96,7 +96,7 @@ def _wing(recording: Recording, number: int) -> _Wing:
     return _Wing(tuple(scans), relative)
 
 
-def _with_ranges(scan: Scan, ranges: FloatArray) -> Scan:
+def _with_ranges(scan: Scan, ranges: Float32Array) -> Scan:
     return Scan(0, ranges, scan.angle_min, scan.angle_step, range_min=scan.range_min, range_max=scan.range_max)
 
 
@@ -113,8 +113,8 @@ def _free_place(wing: _Wing, here: FloatArray, known: FloatArray) -> tuple[Float
         if widest >= min(_CLEAR, 0.8 * length):
             break
     heading, length = best
-    turn = np.arange(1, int(abs(heading) / _YARD_TURN) + 1)[:, None] * (0.0, 0.0, math.copysign(_YARD_TURN, heading))
-    along = np.arange(_YARD_STEP, length, _YARD_STEP)[:, None] * (1.0, 0.0, 0.0)
+    turn = np.outer(np.arange(1, int(abs(heading) / _YARD_TURN) + 1), (0.0, 0.0, math.copysign(_YARD_TURN, heading)))
+    along = np.outer(np.arange(_YARD_STEP, length, _YARD_STEP), (1.0, 0.0, 0.0))
     way = compose(compose(here, np.array([0.0, 0.0, heading])), along)
     return np.concatenate([compose(here, turn), way]), _beyond(here, heading, length)
 
