@@ -33,7 +33,6 @@ from waychair.control.drive.navigator_state import (
 )
 from waychair.control.drive.path_making import PathMaker, or_another_goal
 from waychair.control.drive.planning import Planning
-from waychair.control.drive.pose_corrections import Corrections
 from waychair.control.drive.recovery import Recovery
 from waychair.geometry import transform_points
 from waychair.maps.depth.ground import GroundView
@@ -85,7 +84,6 @@ class Navigator:
         self._dwa = s.dwa
         self._surroundings = Surroundings(drawn, body, s.surroundings)
         self._people = Bystanders(body, s.tracks.model, s.personal_space, s.dwa.clearance)
-        self._corrections = Corrections()
         self.recovery = Recovery(s.recovery)
         self._plan, self._now = PlanState(), MotionState()
         self._maker = PathMaker(drawn, body, s, self._surroundings, self._people, self._plan, self._now)
@@ -238,10 +236,7 @@ class Navigator:
                 seen_ns=seen_ns,
             )
         if self.active and self._stage is not Stage.PAUSED:
-            jumping = self._corrections.jumping(now_ns, pose, odom_from_map)
-            if jumping != now.jumping:  # the plan is void: one from the true pose is needed
-                self._plan.ask_anew()
-            now.jumping = jumping
+            self._planning.note_pose(now_ns, pose, odom_from_map)
         return View(
             pose=odom_from_map @ pose,
             command=now.command,

@@ -12,10 +12,11 @@ from waychair.control.drive.navigator_state import (
     PlanState,
 )
 from waychair.control.drive.path_making import PathMaker
+from waychair.control.drive.pose_corrections import Corrections
 from waychair.control.drive.recovery import Recovery
 from waychair.planning.grid.resumable import Resumable
 from waychair.planning.route.global_planner import GlobalPlanner
-from waychair.types import Goal
+from waychair.types import Goal, Pose2
 
 _SLICES_STANDING, _SLICES_OF_A_TURN = 3, 6
 """Steps of planning done in one tick while the chair stands because it has no path: of a field, and of a search for a
@@ -34,11 +35,19 @@ class Planning:
         self._plan, self._now, self._recovery = plan, now, recovery
         self._making: Resumable[None] | None = None
         self._stops = self._stands = False
+        self._corrections = Corrections()
 
     def start(self, planner: GlobalPlanner) -> None:
         """Start planning to another goal from scratch."""
         self._plan.start(planner)
         self._making, self._stops, self._stands = None, False, False
+
+    def note_pose(self, now_ns: int, pose: Pose2, odom_from_map: Pose2) -> None:
+        """Take in a tick's pose; where it begins or ends to jump the plan is void, and one from the true pose is needed."""
+        jumping = self._corrections.jumping(now_ns, pose, odom_from_map)
+        if jumping != self._now.jumping:
+            self._plan.ask_anew()
+        self._now.jumping = jumping
 
     def interrupt(self) -> None:
         """Give up the plan in the making."""

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -40,6 +41,13 @@ _NODES_AN_ORDER = 20
 """A new order of elimination is sought when the graph has grown by one twentieth."""
 
 
+class _Order(NamedTuple):
+    """The order in which the nodes after the first are eliminated, and the number of nodes from which a better one is sought."""
+
+    nodes: IntArray
+    until: int
+
+
 class PoseGraph:
     """Nodes and edges in the order in which they were added; `poses` (N, 3) are those of the last `update`.
 
@@ -64,8 +72,7 @@ class PoseGraph:
         self._parked: set[int] = set()  # rejected loops that no solution has judged yet
         self._judge_at = 0  # number of nodes from which loops in doubt are judged again
         self._cost = 0.0  # sum of robust chi-squares at the last solution
-        self._order: IntArray | None = None  # in which the nodes after the first are eliminated
-        self._order_until = 0  # number of nodes from which a better order is sought
+        self._order: _Order | None = None
 
     @property
     def edges(self) -> tuple[Edge, ...]:
@@ -242,7 +249,7 @@ class PoseGraph:
         if not self._is_solved:
             return False
         count, before = len(self.poses), self._cost
-        if count >= self._order_until:
+        if self._order is not None and count >= self._order.until:
             self._order = None
         problem = self._problem()
         try:
@@ -250,7 +257,7 @@ class PoseGraph:
         except GraphError:
             return False
         if self._order is None:
-            self._order, self._order_until = problem.elimination_order, count + count // _NODES_AN_ORDER + 1
+            self._order = _Order(problem.elimination_order, count + count // _NODES_AN_ORDER + 1)
         fresh, self._known_edges = self._table.arrays.take(slice(self._known_edges, None)), len(self._edges)
         self._cost = problem.cost(self.poses)
         if self._cost - before > REJECTION_COST:
@@ -263,4 +270,4 @@ class PoseGraph:
 
     def _problem(self) -> PoseGraphProblem:
         """Return the problem of the accepted edges."""
-        return PoseGraphProblem(self.edge_arrays, MATCH_KERNEL, self._order)
+        return PoseGraphProblem(self.edge_arrays, MATCH_KERNEL, None if self._order is None else self._order.nodes)
