@@ -12,7 +12,7 @@ from waychair.maps.grid.distance_field import DistanceField, distances
 from waychair.planning.body import footprint
 from waychair.planning.route import leaving_a_wall as way_out
 from waychair.planning.route import multi_point_turn as manoeuvre
-from waychair.planning.seen import obstacle_layer, openings
+from waychair.planning.seen import glass_gaps, obstacle_layer
 from waychair.planning.warm_up import warm_up
 from waychair.planning.window import dwa_kernels
 from waychair.planning.window.dwa import choose
@@ -33,7 +33,7 @@ KERNELS = (
     obstacle_layer.between_heights,
     obstacle_layer.on_ground,
     obstacle_layer.passed_points,
-    openings._chords,
+    glass_gaps._chords,
     way_out._shortest,
 )
 

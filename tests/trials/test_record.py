@@ -34,7 +34,7 @@ class Straight(Simulator):
 
     def advance(self, duration_ns: int) -> tuple[Any, ...]:
         assert duration_ns == TICK_NS
-        self.now_ns += TICK_NS
+        self._level.now_ns += TICK_NS
         turns = 0.05 * self.now_ns / TICK_NS / (math.tau * CHAIR_A.wheel_radius)
         ticks = round(turns * CHAIR_A.ticks_per_turn)
         image, depth = np.zeros((4, 6, 3), np.uint8), np.ones((4, 6), np.float32)
