@@ -124,9 +124,10 @@ def offered(place: Place, body: ChairBody, seed: int, sensors: Sequence[str], hi
     times = np.arange(len(poses), dtype=np.int64) * TICK_NS
     rows = np.array([each.array() for each in poses])
     command: Any = None
+    speed = APPROACH_STEP / (TICK_NS * 1e-9) if history else 0.0
     for k, pose in enumerate(poses):
         now_ns = int(times[k])
-        heard: dict[str, Any] = {"odometry": OdometryPose(pose.x, pose.y, pose.theta)}
+        heard: dict[str, Any] = {"odometry": OdometryPose(pose.x, pose.y, pose.theta, v=speed)}
         if "lidar" in sensors and k % 2 == 0 and k >= 2:
             heard["lidar"] = lidar.scan(place.scenery, times, rows, now_ns - 2 * TICK_NS)
         if "sonars" in sensors:

@@ -61,17 +61,17 @@ from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_battery, read_imu, read_page_joystick, read_scan, read_wheels
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node_settings.bridge import BridgeNodeSettings
-from waychair.ros.nodes.bridge_log import BridgeLog, TickRecord
-from waychair.ros.nodes.bridge_state import (
+from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.ros.nodes.parts.bridge_log import BridgeLog, TickRecord
+from waychair.ros.nodes.parts.bridge_state import (
     MAX_CLOCK_DIFFERENCE_NS,
     BridgeDrive,
     BridgePublishers,
     LastMessage,
     Localised,
 )
-from waychair.ros.nodes.commanders import NAVIGATOR_NODE, PAGE_NODE, Commanders
-from waychair.ros.nodes.known_chair import known_chair
-from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.ros.nodes.parts.commanders import NAVIGATOR_NODE, PAGE_NODE, Commanders
+from waychair.ros.nodes.parts.known_chair import known_chair
 from waychair.ros.topics import RosTopic
 from waychair.runtime.black_box.recorder import LoggedChair
 from waychair.runtime.drive_base import ChairMessage, DriveBase

@@ -40,8 +40,8 @@ from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import SonarRing, read_joy, read_scan
 from waychair.ros.messages.servos import ServoPairing, pan_tilt_command
 from waychair.ros.node_settings.cells import CellsNodeSettings
-from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.ros.nodes.parts.known_chair import known_chair
 from waychair.runtime.perception import CellInputs, Perceived, Perception
 from waychair.runtime.perception_view import perception_view
 from waychair.runtime.senses.frame_sight import FrameSight, frames_in

@@ -56,9 +56,9 @@ from waychair.ros.messages.sensors import read_imu, read_scan
 from waychair.ros.messages.wire import native
 from waychair.ros.node_settings.mapper import MapperNodeSettings
 from waychair.ros.nodes.inputs import CLOCK_ERROR_NS
-from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.node import ChairNode, offer_get_state, run_node
-from waychair.ros.nodes.refusals import Refusals
+from waychair.ros.nodes.parts.known_chair import known_chair
+from waychair.ros.nodes.parts.refusals import Refusals
 from waychair.ros.topics import RosTopic
 from waychair.runtime.last_pose import remember_pose, remembered_pose
 from waychair.slam.localising.localiser import (
@@ -72,7 +72,7 @@ from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.types import Odometry, Pose2, Scan
 
 if TYPE_CHECKING:
-    from waychair.ros.nodes.map_builder import MapBuilder
+    from waychair.ros.nodes.parts.map_builder import MapBuilder
 
 _HEARTBEAT_HZ = 25.0
 _MAP_HZ = 0.5
@@ -131,7 +131,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
 
     def _begin_map(self) -> MapBuilder:
         """Begin a map, like `waychair map` from a bag of the same drive."""
-        from waychair.ros.nodes.map_builder import MapBuilder  # late, since localisation does not need it
+        from waychair.ros.nodes.parts.map_builder import MapBuilder  # late, since localisation does not need it
         from waychair.slam.mapping.mapper_warm_up import warm_up
 
         warm_up()

@@ -61,13 +61,13 @@ from waychair.ros.messages.motion import (
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import SonarRing, read_scan
 from waychair.ros.node_settings.navigator import NavigatorNodeSettings
-from waychair.ros.nodes.building_routes import BuildingRoutes, DriveNow
-from waychair.ros.nodes.known_chair import known_chair
-from waychair.ros.nodes.navigate_action import DriveFeedback, NavigateAction, remaining_distance
-from waychair.ros.nodes.navigation_display import NavigationDisplay
 from waychair.ros.nodes.node import ChairNode, offer_get_state, run_node
-from waychair.ros.nodes.refusals import Refusals
-from waychair.ros.nodes.tick_phase import TickPhase
+from waychair.ros.nodes.parts.building_routes import BuildingRoutes, DriveNow
+from waychair.ros.nodes.parts.known_chair import known_chair
+from waychair.ros.nodes.parts.navigate_action import DriveFeedback, NavigateAction, remaining_distance
+from waychair.ros.nodes.parts.navigation_display import NavigationDisplay
+from waychair.ros.nodes.parts.refusals import Refusals
+from waychair.ros.nodes.parts.tick_phase import TickPhase
 from waychair.runtime.pilot import Pilot
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED
 from waychair.slam.localising.localisation import Localisation

@@ -21,9 +21,9 @@ from pathlib import Path
 
 from waychair.ros.messages.reports import Report
 from waychair.ros.node_settings.page import PageNodeSettings
-from waychair.ros.nodes.known_chair import known_chair
 from waychair.ros.nodes.node import ChairNode
-from waychair.ros.nodes.page_port import PagePort
+from waychair.ros.nodes.parts.known_chair import known_chair
+from waychair.ros.nodes.parts.page_port import PagePort
 from waychair.runtime.chair_port import ChairPort
 
 _CAMERA_CHECK_HZ = 5.0

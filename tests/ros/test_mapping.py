@@ -24,7 +24,7 @@ from waychair.recordings.recording import read_recording, read_tum
 from waychair.ros import topics
 from waychair.ros.messages import sensors
 from waychair.ros.messages.chair import read_localisation
-from waychair.ros.nodes.map_builder import MAX_QUEUED, MapBuilder
+from waychair.ros.nodes.parts.map_builder import MAX_QUEUED, MapBuilder
 from waychair.slam.localising.localiser import Localisation, LocalisationState
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.types import FloatArray, ImuSample, JoystickInput, OccupancyGrid, Odometry, Pose2, Scan, Twist

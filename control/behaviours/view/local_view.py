@@ -22,6 +22,7 @@ from waychair.control.behaviours.cell import Reading
 from waychair.control.behaviours.doorway import OdometryPose
 from waychair.control.behaviours.view.view_kernels import (
     CELL,
+    KEPT,
     NEVER,
     SIDE,
     Stamps,
@@ -153,7 +154,7 @@ _LOOKS = slice(0, SOURCES.index("people"))
 
 @dataclass(frozen=True, slots=True)
 class Layer:
-    """One sensor's grids (SIDE, SIDE): `seen` and `hit` stamps [ms], the place of the last hit in its cell [mm], its class.
+    """One sensor's grids (SIDE, SIDE): `seen` and `hit` stamps [ms], the places of hits kept in their cell [mm], their class.
 
     `taken_ns` is the stamp of the last part; None: there was none yet. `points` (N, 2) [m] in odom are the obstacles that
     it left, with their classes and stamps (N,) [ms].
@@ -193,7 +194,7 @@ def _empty() -> Layer:
     return Layer(
         np.full((SIDE, SIDE), NEVER, np.int32),
         np.full((SIDE, SIDE), NEVER, np.int32),
-        np.zeros((SIDE, SIDE, 2), np.uint8),
+        np.zeros((SIDE, SIDE, 2 * KEPT), np.uint8),
         np.zeros((SIDE, SIDE), np.uint8),
         np.empty((0, 2)),
         np.empty(0, np.uint8),

@@ -19,7 +19,7 @@ from waychair.control.behaviours.doorway import OdometryPose
 from waychair.control.behaviours.range_finder import CameraAim
 from waychair.control.behaviours.view.local_view import Beams, Fans, Thing, leaps
 from waychair.slam.scan.scan_points import beam_ends
-from waychair.types import FloatArray, Pose2, Scan, SonarReadings, Twist
+from waychair.types import Float32Array, FloatArray, Pose2, Scan, SonarReadings, Twist
 
 _NOTHING_SEEN = 3.0
 """m; a beam without an echo is free up to here at most: dark things return none from farther away."""
@@ -52,25 +52,44 @@ _LEAP_TOLD_NS = 5_000_000_000
 """Time for which a leap of the pose is named: long enough to be read or spoken."""
 
 
+_MEAN_BEAMS, _ON_LINE = 2, 0.06
+"""Beams on either side over which a range is averaged, and the greatest difference [m] between two of them and twice the one
+between: five times that of a usual lidar's noise. Noise would show a wall farther away than it is."""
+
+
 def is_blind(scan: Scan) -> bool:
     """Return whether a scan has so few ranges that its lidar is covered, dazzled or out of order."""
     return not len(scan.ranges) or bool(np.isfinite(scan.ranges).mean() < _SPARSE)
 
 
-def lidar_fans(scan: Scan, odometry: OdometryPose | None, constants: ChairBody) -> Fans | None:
-    """Return a scan as a fan in base at the time of its middle beam; None where the lidar is blind.
+def smoothed(ranges: Float32Array) -> Float32Array:
+    """Return ranges (N,) [m], each the mean over as many beams on both sides as lie on a line with it; all others as they are."""
+    smooth, total, same = ranges.copy(), ranges.copy(), np.isfinite(ranges)
+    with np.errstate(invalid="ignore"):
+        for w in range(1, _MEAN_BEAMS + 1):
+            both = ranges[2 * w :] + ranges[: -2 * w]
+            total[w:-w] += both
+            same[:w] = same[-w:] = False
+            same[w:-w] &= np.abs(both - 2.0 * ranges[w:-w]) < _ON_LINE
+            smooth = np.where(same, total / np.float32(2 * w + 1), smooth)
+    return smooth
 
-    The chair's motion during the sweep is taken out of it.
+
+def lidar_fans(scan: Scan, odometry: OdometryPose | None, constants: ChairBody) -> Fans | None:
+    """Return a scan as a fan in base; None where the lidar is blind.
+
+    With odometry the chair's motion during the sweep is taken out, and base is that of the scan's stamp. Without, base is
+    that of its middle beam.
     """
     if is_blind(scan):
         return None
     mount = constants.base_from_laser
     reach = min(_NOTHING_SEEN, scan.range_max)
     hits = np.isfinite(scan.ranges) & (scan.ranges <= scan.range_max)
-    far = replace(scan, ranges=np.where(np.isposinf(scan.ranges), np.float32(reach), scan.ranges))
+    far = replace(scan, ranges=np.where(np.isposinf(scan.ranges), np.float32(reach), smoothed(scan.ranges)))
     twist = Twist() if odometry is None else Twist(odometry.v, odometry.omega)
     ends, valid = beam_ends(far, mount, _FARTHEST, twist)
-    halfway_ns = round(scan.time_step * len(scan.ranges) / 2 * 1e9)
+    halfway_ns = round(scan.time_step * len(scan.ranges) / 2 * 1e9) if odometry is None else 0
     beams = Beams(np.array([mount.x, mount.y]), ends[valid].astype(np.float32), hits[valid], abs(scan.angle_step) / 2)
     return Fans((beams,), scan.stamp_ns + halfway_ns)
 

@@ -28,6 +28,13 @@ NEVER = -(1 << 31)
 _MM = 1e-3
 """m; unit of the place of a hit in its cell."""
 
+KEPT, _APART = 4, 0.004
+"""Hits that are kept in a cell: a part's first, last and nearest to the sensor, and one of before that it did not look at.
+Two within the distance [m] count as one. By one hit alone the edge of a post could lie almost a cell nearer."""
+
+_BEYOND = 0.02
+"""m; a hit is gone if beams end farther than it by this, and hidden if they end nearer by this: less is noise."""
+
 _SPREAD = 1.5
 """Half widths of a beam in which a cell's middle must lie for the beam to tell of it."""
 
@@ -47,6 +54,32 @@ def direction_part(dx: float, dy: float, parts: int) -> int:
     along = dy / length
     part = along if dx >= 0.0 else 2.0 - along
     return int((part + 1.0) * (parts / 4)) % parts
+
+
+@njit(cache=True, inline="always")
+def _passed(places: Bytes, x: float, y: float, far: FloatArray) -> bool:
+    """Return whether beams pass all hits kept in a cell whose corner lies at (x, y) [m] from the sensor.
+
+    `far` (_BINS,) [m²] holds squared ranges by direction. A beam past the cell's middle may still miss a corner in it.
+    """
+    for each in range(KEPT):
+        dx, dy = x + places[2 * each] * _MM, y + places[2 * each + 1] * _MM
+        beyond = math.hypot(dx, dy) + _BEYOND
+        if beyond * beyond >= far[direction_part(dx, dy, _BINS)]:
+            return False
+    return True
+
+
+@njit(cache=True, inline="always")
+def _not_looked_at(places: Bytes, x: float, y: float, far: FloatArray) -> int:
+    """Return the number of a hit kept in a cell that lies beside or behind all beams, an older one first; -1: none."""
+    for k in range(KEPT):
+        each = (k + KEPT - 1) % KEPT
+        dx, dy = x + places[2 * each] * _MM, y + places[2 * each + 1] * _MM
+        reached = far[direction_part(dx, dy, _BINS)]
+        if reached < 0.0 or math.sqrt(reached) + _BEYOND < math.hypot(dx, dy):
+            return each
+    return -1
 
 
 @njit(cache=True, nogil=True)
@@ -71,6 +104,7 @@ def lay(
 ) -> None:
     """Mark the cells whose middle all neighbouring beams pass as seen, then the cells of hits, fan by fan.
 
+    A cell with a hit is seen only if beams pass the hit as well. `offset` (SIDE, SIDE, 2 * KEPT) [mm] are its hits' places.
     `origins` (F, 2) and `ends` (N, 2) [m] are in base, and the beams of fan f are those from `starts[f]` to
     `starts[f + 1]`. `near` (N,) [m]: distance from which a beam tells of free ground. Ends that are not finite say nothing.
     """
@@ -114,16 +148,28 @@ def lay(
                     if squared < reach:
                         place = direction_part(dx, dy, _BINS)
                         if begin[place] <= squared < far[place] and stamp > seen[row, col]:
-                            seen[row, col] = stamp
+                            stands = hit[row, col] > NEVER and hit[row, col] >= seen[row, col]
+                            if not stands or _passed(offset[row, col], col * CELL - ox, row * CELL - oy, far):
+                                seen[row, col] = stamp
         for i in range(first_beam, last_beam):
             ex, ey = ends[i, 0], ends[i, 1]
             if hits[i] and math.isfinite(ex) and math.isfinite(ey):
                 px, py = x + c * ex - s * ey, y + s * ex + c * ey
                 col, row = math.floor(px / CELL), math.floor(py / CELL)
                 if 0 <= col < size and 0 <= row < size and stamp >= hit[row, col]:
+                    right, up = round((px - col * CELL) / _MM), round((py - row * CELL) / _MM)
+                    places, cell_x, cell_y = offset[row, col], col * CELL - ox, row * CELL - oy
+                    if stamp > hit[row, col]:  # a part is laid in one stamp
+                        stood = clears[fan] and hit[row, col] > NEVER and hit[row, col] >= seen[row, col]
+                        each = _not_looked_at(places, cell_x, cell_y, far) if stood else -1
+                        places[6] = places[2 * each] if each >= 0 else right
+                        places[7] = places[2 * each + 1] if each >= 0 else up
+                        places[0], places[1], places[4], places[5] = right, up, right, up
+                    places[2], places[3] = right, up
+                    nearest_x, nearest_y = cell_x + places[4] * _MM, cell_y + places[5] * _MM
+                    if (px - ox) ** 2 + (py - oy) ** 2 < nearest_x * nearest_x + nearest_y * nearest_y:
+                        places[4], places[5] = right, up
                     hit[row, col] = stamp
-                    offset[row, col, 0] = round((px - col * CELL) / _MM)
-                    offset[row, col, 1] = round((py - row * CELL) / _MM)
                     thing[row, col] = things[fan]
 
 
@@ -140,16 +186,24 @@ def standing(
     for r in range(size):
         for k in range(size):
             count += hit[r, k] > NEVER and hit[r, k] >= seen[r, k]
-    points, classes, stamps = np.empty((count, 2)), np.empty(count, np.uint8), np.empty(count, np.int32)
+    points = np.empty((KEPT * count, 2))
+    classes, stamps = np.empty(KEPT * count, np.uint8), np.empty(KEPT * count, np.int32)
     at = 0
     for r in range(size):
         for k in range(size):
             if hit[r, k] > NEVER and hit[r, k] >= seen[r, k]:
-                points[at, 0] = (k + column) * CELL + offset[r, k, 0] * _MM
-                points[at, 1] = (r + row) * CELL + offset[r, k, 1] * _MM
-                classes[at], stamps[at] = thing[r, k], hit[r, k]
-                at += 1
-    return points, classes, stamps
+                begun = at
+                for each in range(KEPT):
+                    x = (k + column) * CELL + offset[r, k, 2 * each] * _MM
+                    y = (r + row) * CELL + offset[r, k, 2 * each + 1] * _MM
+                    apart = True
+                    for other in range(begun, at):
+                        apart = apart and math.hypot(points[other, 0] - x, points[other, 1] - y) > _APART
+                    if apart:
+                        points[at, 0], points[at, 1] = x, y
+                        classes[at], stamps[at] = thing[r, k], hit[r, k]
+                        at += 1
+    return points[:at], classes[:at], stamps[:at]
 
 
 @njit(cache=True, nogil=True)

@@ -17,7 +17,7 @@ from waychair.control.behaviours.doorway import Doorway, OdometryPose
 from waychair.control.behaviours.runtime import Innervation, Runtime
 from waychair.control.behaviours.view.door_cells import DoorSeen, DoorsSeen
 from waychair.control.behaviours.view.local_view import Beams, Fans, LocalView, MapPart, Thing, ViewMemory, gather_views
-from waychair.control.behaviours.view.sensor_cells import EchoMemory, check_echoes, echo_fans, lidar_fans
+from waychair.control.behaviours.view.sensor_cells import EchoMemory, check_echoes, echo_fans, lidar_fans, smoothed
 from waychair.control.behaviours.view.sensor_parts import map_part, people_fans
 from waychair.control.behaviours.view.swept_sectors import free_orientations
 from waychair.types import Float32Array, FloatArray, OccupancyGrid, Pose2, Scan, SonarReadings
@@ -260,6 +260,62 @@ class Rider:
 def command(done: Innervation) -> tuple[FreeKind, int]:
     found = done.ports["Free-space finding"].eo.command
     return found.kind, len(found.orientations)
+
+
+def test_a_moving_chair_s_lidar_shows_a_wall_where_it_stands() -> None:
+    speed, sweep, wall = 1.0, 0.075, 3.0
+    scan = scan_of(math.inf)
+    angles = scan.angle_min + scan.angle_step * np.arange(720)
+    seconds = np.linspace(0.0, sweep, 720)
+    ahead = np.abs(angles) < 1.0
+    ranges = np.full(720, np.inf)
+    ranges[ahead] = ((wall - CHAIR_A.base_from_laser.x - speed * seconds) / np.cos(angles))[ahead]
+    moving = replace(scan, ranges=ranges.astype(np.float32), time_step=sweep / 719)
+    fans = lidar_fans(moving, OdometryPose(0.0, 0.0, 0.0, v=speed), CHAIR_A)
+    assert fans is not None
+    assert fans.at_ns is not None
+    (beams,) = fans.fans
+    seen_at = beams.ends[beams.hits, 0] + speed * fans.at_ns * 1e-9
+    assert len(seen_at) > 200
+    assert np.abs(seen_at - wall).max() < 0.004
+
+
+def view_of(memory: ViewMemory, at_ns: int, hits: bool, *points: tuple[float, float]) -> tuple[LocalView, ViewMemory]:
+    """Return the view after a part whose beams from base end at the points."""
+    beams = Beams(np.zeros(2), points32(*points), np.full(len(points), hits), math.radians(0.1))
+    view, later = gathered(at_ns, memory, lidar=Reading(Fans((beams,)), at_ns))
+    assert view is not None
+    return view, later
+
+
+def shows(view: LocalView, x: float, y: float) -> bool:
+    return bool((np.hypot(*(view.metres() - (x, y)).T) < 0.003).any())
+
+
+def test_a_post_narrower_than_a_cell_is_shown_with_both_edges_and_its_nearest_place() -> None:
+    view, _ = view_of(ViewMemory(), TICK_NS, True, (1.33, -0.048), (1.31, -0.024), (1.33, -0.003))
+    assert all(shows(view, *each) for each in ((1.33, -0.048), (1.31, -0.024), (1.33, -0.003)))
+
+
+def test_a_beam_past_the_middle_of_a_cell_does_not_clear_a_hit_in_its_corner() -> None:
+    _, memory = view_of(ViewMemory(), TICK_NS, True, (1.303, 0.003))
+    past, memory = view_of(memory, 2 * TICK_NS, False, (2.65, 0.05))
+    assert shows(past, 1.303, 0.003)
+    gone, _ = view_of(memory, 3 * TICK_NS, False, (2.65, 0.05), (2.65, 0.006))
+    assert not shows(gone, 1.303, 0.003)
+
+
+def test_an_edge_seen_before_stays_when_a_later_part_sees_the_rest_of_its_cell_alone() -> None:
+    _, memory = view_of(ViewMemory(), TICK_NS, True, (1.31, 0.003), (1.31, 0.045))
+    view, _ = view_of(memory, 2 * TICK_NS, True, (1.31, 0.045))
+    assert shows(view, 1.31, 0.003)
+
+
+def test_noise_is_averaged_along_a_wall_and_never_across_an_edge() -> None:
+    noisy = np.full(9, 2.0, np.float32) + np.float32(0.01) * np.array([1, -1, 1, -1, 1, -1, 1, -1, 1], np.float32)
+    assert np.abs(smoothed(noisy)[2:-2] - 2.0).max() < 0.003
+    post = np.array([3.0, 3.0, 3.0, 1.0, 1.0, 3.0, 3.0, 3.0, np.nan], np.float32)
+    np.testing.assert_array_equal(smoothed(post), post)
 
 
 def test_without_sensors_and_without_odometry_nothing_is_free() -> None:

@@ -138,7 +138,7 @@ def test_a_pages_stick_held_since_before_the_bridge_started_counts_only_after_a_
 ) -> None:
     from waychair.ros.node_settings.bridge import BridgeNodeSettings
     from waychair.ros.nodes import bridge_node
-    from waychair.ros.nodes.commanders import PAGE_NODE, Commanders
+    from waychair.ros.nodes.parts.commanders import PAGE_NODE, Commanders
 
     obeyed: list[tuple[float, float]] = []
     now_ns = [10**9]

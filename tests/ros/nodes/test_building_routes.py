@@ -24,7 +24,7 @@ from waychair.types import OccupancyGrid, Pose2
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
-    from waychair.ros.nodes.building_routes import DriveNow
+    from waychair.ros.nodes.parts.building_routes import DriveNow
 
 SUCCEEDED, ABORTED = 4, 6
 
@@ -42,8 +42,8 @@ class Site:
 
         from waychair.ros import topics
         from waychair.ros.interface_types import interface_type
-        from waychair.ros.nodes.building_routes import BuildingRoutes, DriveNow
         from waychair.ros.nodes.node import ChairNode
+        from waychair.ros.nodes.parts.building_routes import BuildingRoutes, DriveNow
 
         self.now: DriveNow = DriveNow(drives=False, arrived=False, pose=Pose2(3.5, 0.5))
         self.drive: Iterator[DriveNow] = iter(())
@@ -109,7 +109,7 @@ def test_routes_are_computed_by_ids_by_poses_and_from_where_the_chair_is(site: S
 
 
 def test_a_drive_that_arrives_is_learnt(site: Site) -> None:
-    from waychair.ros.nodes.building_routes import DriveNow
+    from waychair.ros.nodes.parts.building_routes import DriveNow
 
     poses = [Pose2(x, 0.0) for x in np.linspace(3.0, 10.0, 30).tolist()]
     arrived = DriveNow(drives=False, arrived=True, pose=None)

@@ -12,7 +12,7 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 
 from waychair.recordings.bags.ros_messages import header, make
 from waychair.ros.messages.reports import DiagnosticLevel, Report
-from waychair.ros.nodes.page_port import PagePort
+from waychair.ros.nodes.parts.page_port import PagePort
 
 
 def image(encoding: str, width: int, channels: int) -> Any:

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import pytest
 
-from waychair.ros.nodes.tick_phase import TickPhase
+from waychair.ros.nodes.parts.tick_phase import TickPhase
 
 MS = 1_000_000
 PERIOD = 50 * MS

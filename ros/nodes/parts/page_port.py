@@ -42,9 +42,9 @@ from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, rea
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import joy, read_scan
 from waychair.ros.messages.wire import native
-from waychair.ros.nodes.heard_cells import HeardCells
 from waychair.ros.nodes.inputs import DECODING_ERRORS
 from waychair.ros.nodes.node import ChairNode
+from waychair.ros.nodes.parts.heard_cells import HeardCells
 from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import DriveFacts, next_action, obstacle_of, shown_points
 from waychair.runtime.drawing_port import DrawingPort
