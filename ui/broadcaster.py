@@ -194,7 +194,8 @@ class Broadcaster:
             for page in self._pages:
                 page.tell(kind, text)
         if self._count % GOALS_EVERY == 1:
-            await self._tell_goals()
+            with self._logged("goals"):
+                await self._tell_goals()
         watching = [page for page in self._pages if page.shows_cells] if self._count % CELLS_EVERY == 0 else []
         if watching:
             text = await self.call(lambda: cells_message(self.port.perception()))

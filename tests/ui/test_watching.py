@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from waychair.runtime.chair_port import ChairView, LayoutView
+from waychair.runtime.chair_port import ChairView, GoalView, LayoutView
 from waychair.runtime.page_watch import PageWatch
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Twist
@@ -38,6 +38,10 @@ class Port:
     def view(self) -> ChairView:
         self._work("view")
         return ChairView(0, None, LocalisationState.OK, 1.0, DriveMode.MANUAL, Twist())
+
+    def goals(self) -> Sequence[GoalView]:
+        self._work("goals")
+        return (GoalView("ward", ("Storey 1", "Ward")),)
 
     def grid(self) -> OccupancyGrid | None:
         self._work("grid")
@@ -81,7 +85,7 @@ def broadcast(port: Port, test: Callable[[Broadcaster, OpenPage], Any]) -> None:
         pool.submit(asyncio.run, run()).result()
 
 
-@pytest.mark.parametrize("name", ["view", "grid", "layout", "watched"])
+@pytest.mark.parametrize("name", ["view", "grid", "layout", "goals", "watched"])
 def test_a_temporary_failure_of_a_call_delays_pages_no_longer_than_the_failure(
     name: str, caplog: pytest.LogCaptureFixture
 ) -> None:
