@@ -25,5 +25,5 @@ def past(pose: Pose2, x: float, y: float, half: float, reach: float = 12.0) -> F
 
 
 def half_view(pose: Pose2, x: float, y: float) -> float:
-    """Return an angle [rad] of twice the half width of a person at x, y."""
-    return 0.3 / max(math.hypot(x - pose.x, y - pose.y), 0.3)
+    """Return an angle [rad] of the half width of a person at x, y, and a little more."""
+    return 0.18 / max(math.hypot(x - pose.x, y - pose.y), 0.3)

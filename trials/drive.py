@@ -22,6 +22,7 @@ from waychair.control.drive.navigator import Stage
 from waychair.firmware_bridge.board import BoardSettings, HostBoard, board_program
 from waychair.firmware_bridge.bridge import USUAL_FAMILY
 from waychair.firmware_bridge.transports import Reconnecting, Transport
+from waychair.garbage import present_left_out
 from waychair.geometry import wrap_angle
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.black_box.cell_traces import CellTraceFile
@@ -47,6 +48,9 @@ TickCallback = Callable[[tuple[SensorMessage, ...], ChairState], None]
 
 READY_S = 5.0
 """Within this time after start the chair has a board, a lidar and a pose."""
+
+ARMED_S = 5.0
+"""Within this time a board is armed for a drive, whose rider lets the stick rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,6 +164,7 @@ def simulated_chair(
 ) -> Iterator[Chair]:
     """Yield a chair at the simulated chair's place, connected to a board that drives the simulator during the block.
 
+    Objects from before the block are left out of garbage collection within it, as in the nodes of a real chair.
     `watcher`: see `Chair`. `wrap_transport` may wrap the cable's transport. The chair is `start_known` its start pose or has to
     relocalise.
 
@@ -171,7 +176,7 @@ def simulated_chair(
         simulator.wire(board)
         cable = Reconnecting(lambda: wrap_transport(board.transport))
         try:
-            yield Chair(
+            chair = Chair(
                 grid=setup.grid,
                 places=setup.places,
                 calibration=calibration_of(setup),
@@ -183,6 +188,8 @@ def simulated_chair(
                 scanned=setup.scanned,
                 watcher=watcher,
             )
+            with present_left_out():
+                yield chair
         finally:
             simulator.wire(None)
 
@@ -201,6 +208,19 @@ def start_drive(simulator: Simulator, chair: Chair, goal: Goal) -> None:
         look_round(simulator, chair, chair.step(simulator.now_ns, messages))
     chair.go(goal)
     chair.confirm()
+
+
+def hold_until_armed(simulator: Simulator, chair: Chair) -> None:
+    """Hold a confirmed drive at a pause until the board is armed, at most `ARMED_S`, then let it go on.
+
+    A board arms only for a drive, after two seconds with the stick at rest. An unready chair has no drive to hold.
+    """
+    for _ in range(round(ARMED_S * COMMAND.rate_hz)):
+        messages = advance_tick(simulator, chair)
+        look_round(simulator, chair, chair.step(simulator.now_ns, messages))
+        if chair.bridge.armed or not chair.pause():
+            break
+    chair.go_on()
 
 
 def board_settings(setup: DriveSetup) -> BoardSettings:
@@ -284,9 +304,15 @@ def drive_to_place(
     goal: str,
     time_limit_s: float = 300.0,
     on_tick: TickCallback = lambda messages, state: None,
+    armed: bool = False,
 ) -> DriveRecord:
-    """Drive to one named place; see `drive_to_places`."""
+    """Drive to one named place; see `drive_to_places`.
+
+    The record begins with the request, or with `armed` once the board is armed; until then the drive is held at a pause.
+    """
     start_drive(simulator, chair, Goal(goal))
+    if armed:
+        hold_until_armed(simulator, chair)
     began_ns, contacts = simulator.now_ns, simulator.contacts
     states: list[ChairState] = []
     truth, clearance, ticks, planned = [], [], [], np.empty((0, 3))

@@ -20,9 +20,8 @@ from waychair.planning.body.personal_space import (
     PersonalSpaceSettings,
 )
 from waychair.planning.seen.forecast import ExpectedPeople
+from waychair.planning.seen.person_sightings import MoverModel, ScanAround
 from waychair.planning.seen.person_tracks import (
-    MoverModel,
-    ScanAround,
     Track,
     Tracker,
     distance_to_body,
@@ -80,9 +79,11 @@ class Bystanders:
         surroundings: Surroundings,
         stood_s: float,
         seen_ns: int,
+        beyond: FloatArray | None = None,
     ) -> None:
         """Track people in a scan taken at `seen_ns` from map_from_base, with points (N, 2) [m] in map, beam by beam.
 
+        `beyond` (M, 2) [m] in map are the ends of free space on the scan's other beams.
         The surroundings are given the people's personal space, a smaller one once the chair has stood for `stood_s` [s]
         to let them pass.
         """
@@ -90,6 +91,7 @@ class Bystanders:
             points=transform_points(odom_from_map, obstacles),
             strangers=np.flatnonzero(surroundings.is_unmapped(obstacles)),
             laser=(odom_from_map @ pose @ self._body.base_from_laser).array()[:2],
+            free=None if beyond is None else transform_points(odom_from_map, beyond),
         )
         tracks = self._tracker.update(seen_ns, scan.points[scan.strangers], scan)
         self.tracks = tracks_at((track for track in tracks if track.has_walked), now_ns)

@@ -234,6 +234,7 @@ class Navigator:
                 surroundings=self._surroundings,
                 stood_s=self.recovery.standing_s(now_ns),
                 seen_ns=seen_ns,
+                beyond=beyond,
             )
         if self.active and self._stage is not Stage.PAUSED:
             self._planning.note_pose(now_ns, pose, odom_from_map)
@@ -373,7 +374,7 @@ class Navigator:
         """Return the tick's output from a choice: reached, given up, waiting or driving."""
         if self.recovery.exhausted or self.recovery.repeats:
             if self.recovery.rested_s(now_ns) < self.settings.recovery.patience:
-                self.recovery.rest(now_ns)
+                self.recovery.rest(now_ns, people=len(self._people.tracks) > 0)
                 self._plan.ask_anew()
                 return self._halt(now_ns, self._maker.what_bars("the chair does not get on here"))
             self.cancel(self._why_given_up())

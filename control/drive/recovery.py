@@ -50,8 +50,9 @@ BACKING_LENGTH = 0.4
 BLOCKED_S = 1.0
 """s; a backing that is blocked for so long is given up."""
 
-REST_S = 10.0
-"""s; a chair that has backed out often enough stands for so long before it tries to go on again."""
+REST_S, AMONG_THINGS_S = 10.0, 2.0
+"""s; a chair that has backed out often enough stands for so long before it tries to go on again: while there are people
+about, who may move on, and among things alone, for whose sake a wait is lost."""
 
 TRIES_RESET = 1.0
 """m; the tries count anew once the chair is nearer to the goal by this than at its last try."""
@@ -130,11 +131,11 @@ class Recovery:
         self._rests_until = self._first_rest = self._begun_at = None
         self.repeats = False
 
-    def rest(self, now_ns: int) -> None:
-        """Stand for a while before the next try to go on; no further backing out at this place."""
+    def rest(self, now_ns: int, people: bool) -> None:
+        """Stand for a while before the next try to go on, longer among people; no further backing out at this place."""
         self.tries, self.repeats = self._settings.tries, False
         self._backing, self._nearest, self._turned = None, None, None
-        self._rests_until = now_ns + round(REST_S * 1e9)
+        self._rests_until = now_ns + round((REST_S if people else AMONG_THINGS_S) * 1e9)
         self._first_rest = now_ns if self._first_rest is None else self._first_rest
 
     def rests(self, now_ns: int) -> bool:

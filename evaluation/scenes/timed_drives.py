@@ -1,7 +1,9 @@
 """Drives between random places of a building, on a map of the chair's own making, beside the least time for each.
 
-The chair drives alone. Its time, from the request to the report of its arrival, is divided by the time of the best
-drive between the same two poses in the true world (`evaluation/best_time`).
+The chair drives alone. Its time to the report of its arrival is divided by the time of the best drive between the same
+two poses in the true world (`evaluation/best_time`). The time begins with the request, or where the chair is asked when
+`armed`, with the start of a drive that stood at a pause while its board armed: planning counts, the board's two seconds
+at rest do not.
 """
 
 from __future__ import annotations
@@ -138,10 +140,10 @@ def best_of(ground: Ground, start: Pose2, goal: Pose2, body: ChairBody = CHAIR_A
     return kept_best_drive(solid, body, start, goal, comfort_of())
 
 
-def drives(ground: Ground, start: Pose2, goals: Sequence[Place], seed: int) -> list[TimedDrive]:
+def drives(ground: Ground, start: Pose2, goals: Sequence[Place], seed: int, armed: bool = False) -> list[TimedDrive]:
     """Drive chair A from a start to places in turn, all in the world's frame; return each drive beside its best.
 
-    The best drive to a place begins where the chair stood.
+    The best drive to a place begins where the chair stood. With `armed`, the time begins once the board is armed.
 
     Raises:
         BoardBuildError: the firmware cannot be built: no C compiler.
@@ -154,7 +156,7 @@ def drives(ground: Ground, start: Pose2, goals: Sequence[Place], seed: int) -> l
     with simulated_chair(setup, simulator) as chair:
         for goal in goals:
             began = simulator.truth()
-            leg = drive_to_place(setup, simulator, chair, goal.name)
+            leg = drive_to_place(setup, simulator, chair, goal.name, armed=armed)
             motion = simulator.motion().since(round(leg.times_s[0] * 1e9))
             found.append(_timed(ground, goal, leg, began, motion))
     return found

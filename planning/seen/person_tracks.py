@@ -1,13 +1,12 @@
 """Tracking of people: Kalman tracks of lidar points that the map does not explain.
 
-Points that touch form a cluster, and slim clusters close together are the legs of one person. Clusters are assigned to
-tracks by global nearest neighbour within a gate. Each track is a Kalman filter of constant velocity with white noise
-acceleration (Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Navigation, 2001, sections
-6.2 and 6.3). A track is confirmed after enough sightings, and dropped when it has not been seen for a while. People too
-slow for the uncertainty of their speed are recognised by the distance they have walked.
+Clusters of points (`person_sightings`) are assigned to tracks by global nearest neighbour within a gate. Each track is a
+Kalman filter of constant velocity with white noise acceleration (Bar-Shalom, Li and Kirubarajan, Estimation with
+Applications to Tracking and Navigation, 2001, sections 6.2 and 6.3). A track is confirmed after enough sightings, and
+dropped when it has not been seen for a while.
 
-Part of a wall or of furniture behind something nearer seems to walk while the chair drives: the line of sight moves its
-end. So an end that something hides is no measurement (`sightings`), and a cluster with both ends hidden shows no motion.
+Somebody walks who is faster than the uncertainty of the speed and has left the first place by a step; slower people are
+recognised by the distance they have walked. Either way the scan has to show that the place was changed.
 """
 
 from __future__ import annotations
@@ -18,57 +17,20 @@ from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
-from numba import njit
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.config import Settings, setting
 from waychair.errors import ConfigError
 from waychair.geometry import rotation, transform_points
-from waychair.planning.body.personal_space import PERSON_RADIUS
-from waychair.types import BoolArray, FloatArray, IntArray, Pose2
-
-
-@dataclass(frozen=True, slots=True)
-class MoverModel:
-    """Sizes and motion of the moving things that are tracked; the defaults are people's."""
-
-    radius: float = PERSON_RADIUS
-    """[m] Radius in predictions."""
-    largest: float = 1.2
-    """[m] A cluster wider than this is no person."""
-    link: float = 0.55
-    """[m] Legs nearer than this to each other belong to one person."""
-    apart: float = 0.6
-    """[m] No new track begins nearer than this to an existing one."""
-    acceleration: float = 1.0
-    """[m/s^2] Standard deviation of the acceleration."""
-    sigma: float = 0.08
-    """[m] Standard deviation of a cluster's middle about the person's: legs swing."""
-    walking: float = 0.2
-    """[m/s] A certain speed above this shows that a track moves by itself."""
-    displacement: float = 0.3
-    """[m] So does a displacement above this, if it goes on."""
-    still_walking: float = 0.15
-    """[m] Displacement above which a track that has walked before is still walking."""
-    seeks_way: bool = True
-    """Whether it looks for a way past the chair, so that a path which would meet it is worth planning anew."""
-
-
-PEOPLE = MoverModel()
-
-SMALL_ROBOTS = MoverModel(
-    radius=0.15,
-    largest=0.6,
-    link=0.05,
-    apart=0.25,  # two of them may touch
-    acceleration=0.3,
-    sigma=0.05,
-    walking=0.1,  # they drift at 0.15 m/s, no faster than furniture seems to
-    displacement=0.15,
-    still_walking=0.08,
-    seeks_way=False,
+from waychair.planning.seen.person_sightings import (
+    PEOPLE,
+    SMALL_ROBOTS,
+    MoverModel,
+    ScanAround,
+    has_changed_place,
+    sightings,
 )
-"""Discs of 0.3 m that drift slowly, among which a robot of their size drives."""
+from waychair.types import FloatArray, Pose2
 
 MODELS: Mapping[str, MoverModel] = MappingProxyType({"people": PEOPLE, "robots": SMALL_ROBOTS})
 
@@ -90,12 +52,6 @@ class TrackSettings(Settings):
         return MODELS[self.movers]
 
 
-TOUCH, LEG = 0.15, 0.22
-"""[m] Points nearer than the first belong to one cluster; a cluster no wider than the second may be one leg of two."""
-
-LEAST_POINTS = 3
-"""Least number of points of a person's cluster; fewer are noise."""
-
 DISPLACED_FROM_S, DISPLACED_WITHIN_S, STILL_WALKING_FROM_S = 1.5, 10.0, 0.5
 """[s] Shortest and longest time of a displacement that shows walking, and the shortest for a track that has walked."""
 
@@ -108,13 +64,6 @@ distance of the innovation that shows it (80 % of two degrees of freedom)."""
 
 GATE = 9.21
 """Squared Mahalanobis distance within which a cluster may be a track's: 99 % of two degrees of freedom."""
-
-HIDES, NEXT_BEAM = 0.1, math.radians(3.0)
-"""[m], [rad] A point nearer than its neighbour by the first hides the rest of the neighbour's thing, if the angle between
-the two is no larger than the second: farther apart they are no neighbours."""
-
-HALF_PERSON = 0.15
-"""[m] Half the width of two legs: a person with one end hidden is so far from the end in view."""
 
 CONFIRMED_AFTER = 4
 """Number of sightings after which a track is confirmed."""
@@ -132,7 +81,7 @@ class Track:
 
     `seen` counts the sightings, the last at `seen_ns`; the state is of `stamp_ns`. radius [m]. `moved_ns`: when it last
     certainly moved by itself, so that it is no furniture; None for never. `mark` (2,) [m] is its position at `mark_ns`,
-    from which its displacement is measured.
+    from which its displacement is measured, and `marked` the scan then, in the tracker's frame.
     """
 
     number: int
@@ -146,6 +95,7 @@ class Track:
     moved_ns: int | None = None
     mark: FloatArray = field(default_factory=lambda: np.zeros(2))
     mark_ns: int = 0
+    marked: ScanAround | None = None
 
     @property
     def has_walked(self) -> bool:
@@ -204,34 +154,6 @@ def transformed_tracks(frame_from_map: Pose2, tracks: Iterable[Track]) -> tuple[
     )
 
 
-@dataclass(frozen=True, slots=True)
-class ScanAround:
-    """The scan that unexplained points are part of: all points (M, 2) [m] in the order of its beams, and the laser (2,).
-
-    `strangers` (N,) are the indices of the unexplained points.
-    """
-
-    points: FloatArray
-    strangers: IntArray
-    laser: FloatArray
-
-    def is_cut(self, stranger: int, step: int, group: IntArray) -> bool:
-        """Return whether a thing of some strangers (indices of indices) goes on, or may, beyond its end `stranger`.
-
-        `step` is 1 or -1, out of the group in the order of the beams. The end is cut where a neighbouring point hides the
-        rest or is part of the thing, and at the edge of the view.
-        """
-        i = int(self.strangers[stranger])
-        k = (i + step) % len(self.points)
-        if k in self.strangers[group]:
-            return False
-        end, neighbour = self.points[i] - self.laser, self.points[k] - self.laser
-        (x, y), (u, v) = end.tolist(), neighbour.tolist()
-        if abs(math.atan2(x * v - y * u, x * u + y * v)) > NEXT_BEAM:
-            return k != i + step
-        return math.dist((x, y), (u, v)) < TOUCH or math.hypot(u, v) < math.hypot(x, y) - HIDES
-
-
 class Tracker:
     """The tracks, updated from scan to scan in a frame without jumps."""
 
@@ -262,13 +184,13 @@ class Tracker:
                 continue
             middle = middles[taken[i]]
             if shown[taken[i]] or track.has_walked:
-                kept.append(_corrected(_after_turn(self._tracks[i], track, middle, model.sigma), middle, model))
+                kept.append(_corrected(_after_turn(self._tracks[i], track, middle, model.sigma), middle, model, scan))
             else:  # its motion is to be shown from here on
-                kept.append(_new_track(track.number, stamp_ns, middle, model))
+                kept.append(_new_track(track.number, stamp_ns, middle, model, scan))
         for k in sorted(set(range(len(middles))) - set(taken.values())):
             # A cluster as near to a person as one leg to the other is no second person.
             if all(math.dist(track.position, middles[k]) > model.apart for track in kept):
-                kept.append(_new_track(self._next, stamp_ns, middles[k], model))
+                kept.append(_new_track(self._next, stamp_ns, middles[k], model, scan))
                 self._next += 1
         gone = {track.number for track in self._tracks} - {track.number for track in kept}
         lost = (*self._lost, *(track for track in self._tracks if track.number in gone and track.is_walking))
@@ -321,78 +243,6 @@ _ROUND = 48
 """Points of a circle of personal space, 5 cm apart."""
 
 
-def sightings(points: FloatArray, model: MoverModel, scan: ScanAround | None = None) -> tuple[FloatArray, BoolArray]:
-    """Return (K, 2) middles [m] of what may be people among points (N, 2) [m], and (K,) whether they show their motion.
-
-    The middle is that between both ends. Where one end is hidden, it is beside the other; where both are, nothing is
-    known of the motion.
-    """
-    groups = clusters(points, model)
-    middles, shown = np.empty((len(groups), 2)), np.ones(len(groups), np.bool_)
-    for k, group in enumerate(groups):
-        thing = points[group]
-        middles[k] = (thing.min(axis=0) + thing.max(axis=0)) / 2
-        if scan is None:
-            continue
-        first, last = int(group.min()), int(group.max())
-        cut = scan.is_cut(first, -1, group), scan.is_cut(last, 1, group)
-        shown[k] = not all(cut)
-        if any(cut) and shown[k]:
-            end, other = (points[last], points[first]) if cut[0] else (points[first], points[last])
-            long = max(math.dist(end, other), 1e-9)
-            middles[k] = end + HALF_PERSON / long * (other - end)
-    return middles, shown
-
-
-def clusters(points: FloatArray, model: MoverModel) -> list[IntArray]:
-    """Return the indices of the points (N, 2) [m] of each cluster or pair of legs that may be a person."""
-    if len(points) == 0:
-        return []
-    things = _linked(points, np.arange(len(points)), TOUCH)
-    slim = [bool(np.hypot(*np.ptp(points[thing], axis=0)) <= LEG) for thing in things]
-    legs = [thing for thing, leg in zip(things, slim, strict=True) if leg]
-    bodies = [thing for thing, leg in zip(things, slim, strict=True) if not leg]
-    if legs:
-        bodies += _linked(points, np.concatenate(legs), model.link)
-    return [
-        group
-        for group in bodies
-        if len(group) >= LEAST_POINTS and np.hypot(*np.ptp(points[group], axis=0)) <= model.largest
-    ]
-
-
-def _linked(points: FloatArray, some: IntArray, link: float) -> list[IntArray]:
-    """Return some of the points (N, 2) [m], as indices, split into groups connected by steps of at most a link [m]."""
-    labels = linked_groups(points[some], link)
-    return [some[labels == label] for label in range(labels.max() + 1)]
-
-
-@njit(cache=True)
-def linked_groups(points: FloatArray, link: float) -> IntArray:
-    """Return (N,) the group of each of points (N, 2) [m]; steps of at most a link [m] connect the points of a group.
-
-    Groups are numbered in the order of their first points. All pairs are tested: a scan has few unexplained points.
-    """
-    labels = np.full(len(points), -1, np.int64)
-    waiting = np.empty(len(points), np.int64)
-    groups = 0
-    for first in range(len(points)):
-        if labels[first] >= 0:
-            continue
-        labels[first], waiting[0], count = groups, first, 1
-        while count:
-            count -= 1
-            i = waiting[count]
-            for j in range(len(points)):
-                if labels[j] < 0:
-                    dx, dy = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1]
-                    if dx * dx + dy * dy <= link * link:
-                        labels[j], waiting[count] = groups, j
-                        count += 1
-        groups += 1
-    return labels
-
-
 def predicted(track: Track, stamp_ns: int, acceleration: float) -> Track:
     """Return the track predicted to a later time, with an acceleration [m/s^2] as white noise, one sigma."""
     from filterpy.kalman import predict
@@ -436,7 +286,7 @@ def _after_turn(before: Track, expected: Track, middle: FloatArray, sigma: float
     return predicted(before, expected.stamp_ns, SUDDEN)
 
 
-def _corrected(track: Track, middle: FloatArray, model: MoverModel) -> Track:
+def _corrected(track: Track, middle: FloatArray, model: MoverModel, scan: ScanAround | None) -> Track:
     from filterpy.kalman import update
 
     noise, sees = model.sigma**2 * np.eye(2), np.eye(2, 4)
@@ -450,18 +300,35 @@ def _corrected(track: Track, middle: FloatArray, model: MoverModel) -> Track:
         covariance=covariance,
     )
     if seen.seen < CONFIRMED_AFTER:
-        return replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
-    # a person known to walk needs no further proof
-    doubt = 0.0 if track.has_walked else 2.0 * seen.speed_sigma
+        return seen
     displaced = _is_displaced(seen, model)
+    if track.has_walked:  # a person known to walk needs no further proof
+        moves = displaced or seen.speed > model.walking
+    else:
+        displaced = (displaced or _is_fast(seen, model)) and _has_changed_place(seen, middle, scan)
+        moves = displaced
     if displaced or seen.stamp_ns - seen.mark_ns > DISPLACED_WITHIN_S * 1e9:
-        seen = replace(seen, mark=seen.position, mark_ns=seen.stamp_ns)
-    moves = displaced or seen.speed > max(model.walking, doubt)
+        seen = replace(seen, mark=seen.position, mark_ns=seen.stamp_ns, marked=scan)
     return replace(seen, moved_ns=seen.stamp_ns if moves else track.moved_ns)
 
 
+def _is_fast(track: Track, model: MoverModel) -> bool:
+    """Return whether its speed is beyond doubt and it has left its mark; the middle of a thing may leap once by less."""
+    return (
+        track.speed > max(model.walking, 2.0 * track.speed_sigma)
+        and math.dist(track.position, track.mark) > model.displacement
+    )
+
+
+def _has_changed_place(track: Track, middle: FloatArray, scan: ScanAround | None) -> bool:
+    """Return whether the scans at its mark and now, at (2,) [m], show it at two places; without scans assume so."""
+    if scan is None or track.marked is None:
+        return True
+    return has_changed_place(track.marked, track.mark, scan, middle)
+
+
 def _is_displaced(track: Track, model: MoverModel) -> bool:
-    """Return whether it has truly left its mark, and not only shows another side or part of itself."""
+    """Return whether it has left its mark for longer than a leap of its middle lasts."""
     gone = track.position - track.mark
     distance = float(np.hypot(*gone))
     seconds = (track.stamp_ns - track.mark_ns) * 1e-9
@@ -473,7 +340,7 @@ def _is_displaced(track: Track, model: MoverModel) -> bool:
     return float(track.velocity @ gone) / distance > 0.3 * distance / seconds
 
 
-def _new_track(number: int, stamp_ns: int, middle: FloatArray, model: MoverModel) -> Track:
+def _new_track(number: int, stamp_ns: int, middle: FloatArray, model: MoverModel, scan: ScanAround | None) -> Track:
     covariance = np.diag([model.sigma**2] * 2 + [START_SPEED**2] * 2)
     return Track(
         number=number,
@@ -484,6 +351,9 @@ def _new_track(number: int, stamp_ns: int, middle: FloatArray, model: MoverModel
         velocity=np.zeros(2),
         covariance=covariance,
         radius=model.radius,
+        mark=middle,
+        mark_ns=stamp_ns,
+        marked=scan,
     )
 
 

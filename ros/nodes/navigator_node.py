@@ -34,6 +34,7 @@ from waychair.control.safety.fitness import SLOW_SPEED, has_valid_reading
 from waychair.control.safety.stops import halt
 from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.errors import ConfigError, WaychairError
+from waychair.garbage import leave_out_present
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones
 from waychair.maps.folders.map_drawing import DrawnFiles
@@ -252,17 +253,16 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             return
         grid, self._layout.next_grid = self._layout.next_grid, None
         self._layout.grid = grid
-        stops = self._calibration.stops
         self._pilot = pilot = Pilot(
             grid=grid,
             places=self._layout.places,
             body=self._calibration.body,
             settings=self.settings,
-            stops=stops,
+            stops=self._calibration.stops,
             zones=self._layout.zones,
         )
         self._show_map(pilot, grid)
-        self.freeze_garbage_collection()
+        leave_out_present()
 
     def _show_map(self, pilot: Pilot, grid: OccupancyGrid) -> None:
         zones = self._layout.zones

@@ -7,7 +7,6 @@ heavy work goes to `worker`.
 from __future__ import annotations
 
 import contextlib
-import gc
 import os
 import signal
 import threading
@@ -25,6 +24,7 @@ from rclpy.parameter import Parameter
 
 from waychair.config import Settings
 from waychair.errors import ConfigError, WaychairError
+from waychair.garbage import leave_out_present
 from waychair.ros.environment import enter_ros_environment
 from waychair.ros.executor import NodeExecutor
 from waychair.ros.interface_types import interface_type
@@ -119,14 +119,6 @@ class ChairNode(Node, Generic[S]):
     def on_settings(self, settings: S) -> None:
         """React to a parameter that changed while the node runs; for nodes to override."""
 
-    def freeze_garbage_collection(self) -> None:
-        """Exclude all present objects from garbage collection, after building long-lived ones.
-
-        A collection over a node's modules and kernels was measured at 60 ms, more than a control period.
-        """
-        gc.collect()
-        gc.freeze()
-
     def close(self) -> None:
         """Call the functions of `at_end`, and destroy the node."""
         self._closing.close()
@@ -218,7 +210,7 @@ def run_until_signal(make: Callable[[], ChairNode[Any]], arguments: Sequence[str
         enter_ros_environment()
         _initialise(arguments)
         node = make()
-        node.freeze_garbage_collection()
+        leave_out_present()
         executor = NodeExecutor()
         executor.add_node(node)
         executor.spin()

@@ -30,6 +30,7 @@ from waychair.calibration.fits.dac import DEFAULT
 from waychair.calibration.servo_camera_mount import SERVO_CAMERA
 from waychair.errors import OutputError
 from waychair.firmware_bridge.board import BoardInputs, HostBoard, LineState, board_program
+from waychair.garbage import leave_out_present
 from waychair.geometry import in_space
 from waychair.recordings.bags import ros_messages
 from waychair.recordings.bags.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FRAME
@@ -138,7 +139,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
             step_ns = simulator.settings.plant.step_ms * 1_000_000
             clock_ns = round(1e9 / _CLOCK_HZ)
             self._simulator = simulator
-            self.freeze_garbage_collection()
+            leave_out_present()
             self._pacer.pace(simulator.now_ns)
             while not self._ended.is_set():
                 simulator.rider = self._rider(simulator.now_ns)

@@ -14,7 +14,8 @@ from waychair.control.drive.bystanders import Bystanders
 from waychair.control.drive.local_obstacles import Surroundings, SurroundingsSettings
 from waychair.planning.body.personal_space import GIVE_WAY_S, LINGERS_AFTER_S, SETTLED_AFTER_S, PersonalSpaceSettings
 from waychair.planning.grid.drawn_map import DrawnMap
-from waychair.planning.seen.person_tracks import PAUSE_S, PEOPLE
+from waychair.planning.seen.person_sightings import PEOPLE
+from waychair.planning.seen.person_tracks import PAUSE_S
 from waychair.types import FloatArray, OccupancyGrid, Pose2
 
 SCAN_NS = 100_000_000
@@ -43,7 +44,7 @@ class Watch:
             points, free = body(*at), past(pose, *at, half_view(pose, *at), 20.0)
             self.surroundings.see(self.scans * SCAN_NS, pose, points, free)
             stamp_ns = self.scans * SCAN_NS
-            self.people.see(stamp_ns + self.late_ns, pose, points, Pose2(), self.surroundings, 0.0, stamp_ns)
+            self.people.see(stamp_ns + self.late_ns, pose, points, Pose2(), self.surroundings, 0.0, stamp_ns, free)
             self.scans += 1
 
     @property

@@ -57,6 +57,9 @@ def test_a_drive_ahead_in_a_map_with_a_frame_of_its_own_is_reached_and_no_faster
     assert 3.0 / 0.8 < found.best_s < found.driven_s
     assert found.best_way_m == pytest.approx(3.0, abs=0.01)
     assert found.manners.stops == 0
+    (armed,) = drives(ground, Pose2(1.2, 2.2, 0.0), [Place("ahead", Pose2(4.2, 2.2, 0.0))], 0, armed=True)
+    assert armed.reached
+    assert 1.5 < found.driven_s - armed.driven_s < 2.5, "the board's two seconds at rest"
 
 
 def _drive(driven: float, best: float, **changes: object) -> TimedDrive:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,20 +17,16 @@ from waychair.geometry import transform_points
 from waychair.maps.grid.cells import cells_from_points
 from waychair.planning.body.personal_space import PersonalSpaceSettings
 from waychair.planning.seen import person_tracks as tracks_module
+from waychair.planning.seen.person_sightings import PEOPLE, ScanAround, clusters, linked_groups, sightings
 from waychair.planning.seen.person_tracks import (
     CONFIRMED_AFTER,
     PAUSE_S,
-    PEOPLE,
-    ScanAround,
     Track,
     Tracker,
     associate,
-    clusters,
-    linked_groups,
     person_may_be_behind,
     personal_space_points,
     predicted,
-    sightings,
 )
 from waychair.simulation.people.people import SimulatedPeople
 from waychair.simulation.scene.scene import Behaviour, PersonPlan, Slice
@@ -269,3 +266,32 @@ def test_somebody_who_steps_out_from_behind_a_corner_is_recognised_before_the_wh
     scans = [scan_of([corner, person, wall], {1}, 0.0, 0.0) for person in people]
     soonest = next(k for k, scan in enumerate(scans) if len(scan.strangers) >= 3)
     assert who_walks(scans).index(True) <= soonest + CONFIRMED_AFTER + 1
+
+
+@pytest.mark.parametrize("slope", [0.0, 0.3])
+def test_the_part_in_view_of_a_wall_beside_the_line_of_sight_does_not_walk(
+    slope: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wall, back = (1.7, 0.05, 3.4, 0.05 + 1.7 * slope), (6.0, -9.0, 6.0, 9.0)
+    scans = [scan_of([wall, back], {0}, -0.02 * k, 0.04 * k - 0.8) for k in range(30)]
+    assert not any(who_walks(scans))
+    monkeypatch.setattr(tracks_module, "has_changed_place", lambda *_: True)
+    assert any(who_walks(scans)), "it slides along the wall"
+
+
+@pytest.mark.parametrize(
+    ("begin", "way"), [((3.0, -1.0), (0.0, 1.0)), ((1.5, 0.2), (1.0, 0.0)), ((4.5, 0.2), (-1.0, 0.0))]
+)
+def test_somebody_who_walks_slowly_in_any_direction_is_recognised_within_a_second(
+    begin: tuple[float, float], way: tuple[float, float]
+) -> None:
+    scans, back = [], (6.0, -9.0, 6.0, 9.0)
+    for k in range(11):
+        x, y = np.array(begin) + 0.05 * k * np.array(way)
+        swing = 0.2 * math.sin(0.2 * k)
+        legs_now = [
+            (x + side * swing, y + 0.1 * side - 0.06, x + side * swing, y + 0.1 * side + 0.06) for side in (-1, 1)
+        ]
+        scans.append(replace(scan_of([*legs_now, back], {0, 1}, 0.0, 0.0), free=np.empty((0, 2))))
+    assert who_walks(scans)[-1]
+    assert not any(who_walks(scans[:5])), "half a step may be the other leg"
