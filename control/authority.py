@@ -30,17 +30,20 @@ _LOOKED_AT = 5.0
 class Authority:
     """How far a chair may drive: not over the stop `line` (2, 2) [m] in map, from end to end; None: as far as it likes.
 
-    `reason` is a sentence for the rider that waits before the line.
+    With `stands` it may not move at all. `reason` is a sentence for the rider that waits.
     """
 
     line: FloatArray | None = None
     reason: str = ""
+    stands: bool = False
 
     def way_left(self, body: ChairBody, pose: Pose2, poses: FloatArray) -> float:
         """Return the way [m] along planned poses (N, 3) until the chair's outline comes to the line; +inf if it does not.
 
-        `pose` is where the chair is, in map as the line and the planned poses. 0 if the line is under the chair.
+        `pose` is where the chair is, in map as the line and the planned poses. 0 if the line is under the chair, or it stands.
         """
+        if self.stands:
+            return 0.0
         if self.line is None:
             return math.inf
         if crosses(self.line, body, pose.array()[None])[0]:
@@ -75,7 +78,9 @@ def crosses(line: FloatArray, body: ChairBody, poses: FloatArray) -> BoolArray:
     a, b = line
     for k in range(4):
         p, q = corners[:, k], corners[:, (k + 1) % 4]
-        found |= (_side(a, b, p) * _side(a, b, q) <= 0.0) & (_side(p, q, a) * _side(p, q, b) <= 0.0)
+        meet = (_side(a, b, p) * _side(a, b, q) <= 0.0) & (_side(p, q, a) * _side(p, q, b) <= 0.0)
+        near = (np.maximum(p, q) >= np.minimum(a, b)) & (np.minimum(p, q) <= np.maximum(a, b))
+        found |= meet & near.all(axis=1)  # two segments on one straight line need not touch
     return found
 
 

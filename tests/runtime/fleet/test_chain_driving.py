@@ -5,9 +5,12 @@ from __future__ import annotations
 import itertools
 import math
 
+import numpy as np
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.authority import crosses
+from waychair.geometry import transform_points
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
 from waychair.planning.fleet.order import Order, Request, parked
 from waychair.planning.fleet.warden import District, Heard, Report, decided
@@ -142,23 +145,74 @@ def test_one_of_two_that_meet_in_a_corridor_gets_a_bay_as_its_first_goal() -> No
     assert aside in ROOMS
 
 
-def test_no_line_bars_the_way_into_a_bay_and_one_bars_the_way_out_of_it() -> None:
-    points, *_ = _head_on()
-    k = next(k for k, steps in points.steps.items() if len(steps.goals or ()) == 2)
-    bay, last = (str(each.target) for each in points.steps[k].goals or ())
-    points.goals_left[k] = 2
-    away = math.copysign(1.0, PLACES[bay].pose.x - points.poses[k].x)
-    for _ in range(40):  # on its way it comes to the bay's door
-        x = points.poses[k].x + away * 0.4
-        if away * (PLACES[bay].pose.x - x) < 0.5:
+def _from_room_to_room(pose: Pose2, room: str) -> list[Pose2]:
+    """Return poses 5 cm apart: backwards out of a room, turned on the spot, along the corridor, and into another room."""
+    goal = PLACES[room].pose
+    way = 0.0 if goal.x > pose.x else math.pi
+    inwards = math.sin(goal.theta)
+    found = [Pose2(pose.x, y, pose.theta) for y in _steps(pose.y, 3.0)]
+    found += [Pose2(x, 3.0, way) for x in _steps(pose.x, goal.x)]
+    return found + [Pose2(goal.x, y, math.copysign(math.pi / 2, inwards)) for y in _steps(3.0, goal.y)]
+
+
+def _steps(start: float, end: float) -> list[float]:
+    count = max(round(abs(end - start) / 0.05), 1)
+    return [start + (end - start) * k / count for k in range(count + 1)]
+
+
+class _Drivers(_Points):
+    """Chairs that drive to their goals, from room to room, as far as their authorities let them."""
+
+    def __init__(self, starts: dict[int, str], goals: dict[int, str]) -> None:
+        super().__init__(starts, goals)
+        self.goals_left = dict.fromkeys(starts, 0)
+        self.visited: dict[int, list[str]] = {k: [] for k in starts}
+        self._rooms: dict[int, list[str]] = {k: [] for k in starts}
+        self._path: dict[int, list[Pose2]] = {k: [] for k in starts}
+
+    def drive(self) -> None:
+        self.step()
+        for k, steps in self.steps.items():
+            if steps.goals is not None and [str(each.target) for each in steps.goals] != self._rooms[k]:
+                self._rooms[k] = [str(each.target) for each in steps.goals]
+                self._path[k] = _from_room_to_room(self.poses[k], self._rooms[k][0]) if self._rooms[k] else []
+            self.goals_left[k] = len(self._rooms[k])
+            self._move(k)
+
+    def _move(self, k: int) -> None:
+        path = np.array([pose.array() for pose in self._path[k]])
+        if not len(path) or self.steps[k].authority.way_left(CHAIR_A, self.poses[k], path) < 0.1:
+            return
+        self.poses[k] = self._path[k].pop(0)
+        line = self.steps[k].authority.line
+        assert line is None or not crosses(line, CHAIR_A, self.poses[k].array()[None])[0]
+        if not self._path[k]:
+            self.visited[k].append(self._rooms[k].pop(0))
+            self._path[k] = _from_room_to_room(self.poses[k], self._rooms[k][0]) if self._rooms[k] else []
+            self.goals_left[k] = len(self._rooms[k])
+
+
+def _touch(a: Pose2, b: Pose2) -> bool:
+    corners = transform_points(a, CHAIR_A.outline())
+    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    return any(crosses(np.array(side), CHAIR_A, b.array()[None])[0] for side in sides)
+
+
+@pytest.mark.parametrize("second", [0, 1, 2])
+def test_two_that_meet_pass_each_other_by_a_bay_which_no_line_bars_until_the_other_one_is_there(second: int) -> None:
+    start = _rooms_apart(12.0)[0]
+    far = [room for room in ROOMS if abs(PLACES[room].pose.x - PLACES[start].pose.x) >= 12.0]
+    goal = far[second % len(far)]
+    pair = _Drivers({0: start, 1: goal}, {0: goal, 1: start})
+    waited_inside = 0
+    for _ in range(2000):
+        pair.drive()
+        assert not _touch(pair.poses[0], pair.poses[1])
+        for k, visited in pair.visited.items():
+            inside = visited and pair.goals_left[k] > 0 and pair.poses[k] == PLACES[visited[-1]].pose
+            waited_inside += bool(inside and pair.steps[k].authority.line is not None)
+        if all(driver.arrived and not pair.goals_left[k] for k, driver in pair.drivers.items()) and pair.now_ms > 5000:
             break
-        points.poses[k] = Pose2(x, 3.0, 0.0 if away > 0 else math.pi)
-        points.step()
-    points.step()
-    line = points.steps[k].authority.line
-    assert line is None or abs(line[:, 0].mean() - PLACES[bay].pose.x) > 0.5
-    points.poses[k], points.goals_left[k] = PLACES[bay].pose, 1
-    points.step()
-    inside = points.steps[k].authority.line
-    assert inside is None or abs(inside[:, 0].mean() - PLACES[bay].pose.x) < 1.2
-    assert last in ROOMS
+    assert [pair.visited[0][-1], pair.visited[1][-1]] == [goal, start]
+    assert sorted(map(len, pair.visited.values())) == [1, 2]
+    assert waited_inside > 0  # the line across the bay's door held the chair until the other one had passed
