@@ -236,14 +236,17 @@ class ChainDriver:
         return tuple(goals)
 
     def _aside(self, place: SpotPlace) -> Pose2:
-        """Return where a chair stands in a section that it will back out of."""
+        """Return where a chair stands aside in a section: it backs in, and faces the node by which it leaves again.
+
+        Where it cannot turn after the other one has passed, as that one is in the room to turn, it need not.
+        """
         (x0, y0), (x1, y1) = place.ends.tolist()
-        heading = math.atan2(y1 - y0, x1 - x0)
+        inwards = math.atan2(y1 - y0, x1 - x0)
         length = min(math.dist((x0, y0), (x1, y1)), LONGEST_SECTION)
         room = self._rooms[self._start_of(place), place.section or ""]
-        way = min(room + self._body.rear + 2 * LEFT_BEYOND, length - self._body.front)
-        at = np.array([x0, y0]) + way * np.array([math.cos(heading), math.sin(heading)])
-        return Pose2(float(at[0]), float(at[1]), heading)
+        way = min(room + self._body.front + 2 * LEFT_BEYOND, length - self._body.rear)
+        at = np.array([x0, y0]) + way * np.array([math.cos(inwards), math.sin(inwards)])
+        return Pose2(float(at[0]), float(at[1]), math.remainder(inwards + math.pi, math.tau))
 
     def _start_of(self, place: SpotPlace) -> str:
         section = self._ways.graph.section[place.section or ""]

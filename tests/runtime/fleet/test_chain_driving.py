@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.authority import crosses
+from waychair.control.authority import FREE, crosses
 from waychair.geometry import transform_points
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
-from waychair.planning.fleet.order import Order, Request, parked
+from waychair.planning.fleet.order import Order, Request, parked, stopped
 from waychair.planning.fleet.warden import District, Heard, Report, decided
-from waychair.planning.fleet.ways import ways_of
+from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.chain_geometry import TURNING_ROOM, chain_of, drivable, node_rooms, spot_places
-from waychair.trials.fleet_scenes import places_in_rooms
-from waychair.types import Pose2
+from waychair.trials.fleet_scenes import SCENARIOS, places_in_rooms
+from waychair.types import Place, Pose2
 
 PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
 GRAPH = corridor_graph(PLAN, 1.2, rooms=True, bays=True)
@@ -30,11 +32,16 @@ ROOMS = [refuge.name for refuge in GRAPH.refuges]
 class _Points:
     """Chairs without mass that drive along their chains at 0.5 m/s, and a warden; `now_ms` goes on by 100 a step."""
 
-    def __init__(self, starts: dict[int, str], goals: dict[int, str]) -> None:
-        self.district = District(parked(WAYS, starts), 3000)
-        self.drivers = {k: ChainDriver(WAYS, k, CHAIR_A, PLACES) for k in starts}
-        self.ways = dict.fromkeys(starts, 0.0)
-        self.poses = {k: PLACES[room].pose for k, room in starts.items()}
+    def __init__(
+        self,
+        starts: dict[int, str],
+        goals: dict[int, str],
+        ways: Ways = WAYS,
+        places: Mapping[str, Place] = PLACES,
+    ) -> None:
+        self.district = District(parked(ways, starts), 3000)
+        self.drivers = {k: ChainDriver(ways, k, CHAIR_A, dict(places)) for k in starts}
+        self.poses = {k: places[room].pose for k, room in starts.items()}
         self.now_ms = 0
         self.goals_left: dict[int, int] = {}
         self.steps: dict[int, Steps] = {}
@@ -44,11 +51,11 @@ class _Points:
     def order(self) -> Order:
         return self.district.order
 
-    def step(self) -> None:
+    def step(self, blocked: Mapping[str, int] = {}) -> None:
         for k, driver in self.drivers.items():
             self.steps[k] = driver.step(self.order, self.poses[k], self.now_ms, self.goals_left.get(k, 1))
         reports = tuple(each.report for each in self.steps.values())
-        self.district, replies, _ = decided(self.district, Heard(reports, tuple(self._asks)), self.now_ms)
+        self.district, replies, _ = decided(self.district, Heard(reports, tuple(self._asks), blocked), self.now_ms)
         assert not [reply.sentence for reply in replies if reply.answer.value == "rejected"]
         self._asks = []
         self.now_ms += 100
@@ -216,3 +223,67 @@ def test_two_that_meet_pass_each_other_by_a_bay_which_no_line_bars_until_the_oth
     assert [pair.visited[0][-1], pair.visited[1][-1]] == [goal, start]
     assert sorted(map(len, pair.visited.values())) == [1, 2]
     assert waited_inside > 0  # the line across the bay's door held the chair until the other one had passed
+
+
+@pytest.mark.parametrize("inside", [0.05, 0.35, 0.7])
+def test_a_chair_before_a_shut_way_gives_it_back_and_turns_to_another_one_with_no_line_under_it(inside: float) -> None:
+    scene = SCENARIOS["seated_persons"](0).scene
+    ways = drivable(ways_of(scene.graph, 0.45), CHAIR_A)
+    points = _Points({0: "10"}, {0: "00"}, ways, scene.places)
+    points.step()
+    for _ in range(20):  # it comes to the corner from below, its rear still before the corner
+        y = min(points.poses[0].y + 0.2, 6.5)
+        points.poses[0] = Pose2(3.0, y, math.pi / 2)
+        points.step()
+    points.poses[0] = Pose2(3.9 + inside - CHAIR_A.front * math.cos(0.6), 6.45, 0.6)
+    points.step()
+    driver = points.drivers[0]
+    assert driver.section_ahead() is not None
+    assert ways.names[points.order.chains[0].spots[0]] == "02-00"
+    points.district = replace(points.district, order=driver.withdraw(points.order))
+    points.steps[0] = Steps(driver.report(), FREE)
+    points.district, _, _ = decided(points.district, Heard((driver.report(),), (), {"02-00": 120_000}), points.now_ms)
+    for _ in range(3):
+        points.step()
+        chain = points.order.chains[0]
+        assert "02-00" not in [ways.names[spot] for spot in chain.spots]
+        line = points.steps[0].authority.line
+        assert not points.steps[0].authority.stands
+        assert line is None or not crosses(line, CHAIR_A, points.poses[0].array()[None])[0]
+    assert chain.last > 0
+    assert ways.names[chain.spots[-1]] == "00"
+
+
+def test_a_chair_that_was_stopped_on_its_way_may_not_move() -> None:
+    start, goal = _rooms_apart(9.0)
+    points = _Points({0: start}, {0: goal})
+    for _ in range(3):
+        points.step()
+    assert not points.steps[0].authority.stands
+    assert points.order.chains[0].visit > 0  # it has entered its door
+    points.district = replace(points.district, order=stopped(points.order, 0))
+    points.step()
+    assert points.steps[0].authority.stands
+    assert points.steps[0].goals == ()
+
+
+def test_a_chair_stands_aside_with_its_face_to_the_node_by_which_it_leaves_again() -> None:
+    scene = SCENARIOS["door_from_both_sides"](0).scene
+    ways = drivable(ways_of(scene.graph, 0.45), CHAIR_A)
+    points = _Points(
+        dict(enumerate(scene.starts)), {k: goals[0] for k, goals in enumerate(scene.goals)}, ways, scene.places
+    )
+    points.step()
+    points.step()
+    aside = [
+        each.target for steps in points.steps.values() for each in steps.goals or () if isinstance(each.target, Pose2)
+    ]
+    assert len(aside) == 1
+    room = scene.places["room 5"].pose  # which the one leaves and the other one wants
+    door = min(
+        (node for node in scene.graph.nodes if "room" not in node.name),
+        key=lambda node: math.dist((node.x, node.y), (room.x, room.y)),
+    )
+    ahead = math.cos(aside[0].theta) * (door.x - aside[0].x) + math.sin(aside[0].theta) * (door.y - aside[0].y)
+    assert ahead == pytest.approx(math.dist((door.x, door.y), (aside[0].x, aside[0].y)))
+    assert ahead - CHAIR_A.front >= TURNING_ROOM
