@@ -105,6 +105,10 @@ class ChainDriver:
         last = self._first + self._returns(order)
         until = float(self._chain.until[last])
         line = None if until > self._chain.ends_at(piece) or until == math.inf else self._chain.stop_line(last)
+        if line is None and self._backs_out():
+            here = self._spot_places[self._ahead[0]]
+            beyond = self._ways.graph.section[here.section or ""].other(self._start_of(here))
+            line = self._chain.line_at(self._chain.ends_at(piece) - self._rooms[beyond, here.section or ""], here.width)
         left = 0.0 if until == math.inf or until - front < AT_LINE else until - front
         report = Report(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
         bars: tuple[Zone, ...] = ()
@@ -158,6 +162,12 @@ class ChainDriver:
             if not arrived and rear < until + LEFT_BEYOND and until > begins_at:
                 break
             self._behind.pop(0)
+
+    def _backs_out(self) -> bool:
+        """Return whether the entered spot is a section that the chair leaves where it came in."""
+        if len(self._ahead) < 2 or self._spot_places[self._ahead[0]].section is None:
+            return False
+        return self._spot_places[self._ahead[1]].node == self._start_of(self._spot_places[self._ahead[0]])
 
     def _returns(self, order: Order) -> int:
         """Return 1 if the chain turns back at the entered node, into the section that the chair's rear is in; else 0.
@@ -225,6 +235,8 @@ class ChainDriver:
     def _goals_of(self, spots: tuple[int, ...]) -> tuple[Goal, ...]:
         """Return the goals: the refuges on the way in which the chair turns about, places to back out of, and the last one."""
         goals: list[Goal] = []
+        if self._behind and self._backs_out():  # its rear is still on its way in
+            goals.append(Goal(self._aside(self._spot_places[spots[0]])))
         for k in range(1, len(spots) - 1):
             before, here, after = (self._spot_places[spots[each]] for each in (k - 1, k, k + 1))
             if self._ways.at_home[spots[k]] and before.section == after.section:

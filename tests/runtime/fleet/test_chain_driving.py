@@ -287,3 +287,34 @@ def test_a_chair_stands_aside_with_its_face_to_the_node_by_which_it_leaves_again
     ahead = math.cos(aside[0].theta) * (door.x - aside[0].x) + math.sin(aside[0].theta) * (door.y - aside[0].y)
     assert ahead == pytest.approx(math.dist((door.x, door.y), (aside[0].x, aside[0].y)))
     assert ahead - CHAIR_A.front >= TURNING_ROOM
+
+
+def test_a_chair_on_its_way_aside_keeps_that_goal_and_the_node_in_a_new_plan_and_goes_no_farther() -> None:
+    scene = SCENARIOS["door_from_both_sides"](0).scene
+    ways = drivable(ways_of(scene.graph, 0.45), CHAIR_A)
+    goals = {k: goals[0] for k, goals in enumerate(scene.goals)}
+    points = _Points(dict(enumerate(scene.starts)), goals, ways, scene.places)
+    for _ in range(2):
+        points.step()
+    k, steps = next((k, steps) for k, steps in points.steps.items() if len(steps.goals or ()) == 2)
+    assert [zone.name for zone in steps.bars if "place to wait" in zone.name]
+    aside = (steps.goals or ())[0].target
+    assert isinstance(aside, Pose2)
+    points.goals_left[k] = 2
+    room = points.poses[k]
+    for x in (room.x, room.x - 0.5):  # out of its room, as far as the section beside the door
+        points.poses[k] = Pose2(x, room.y, room.theta)
+        points.step()
+    points.poses[k] = Pose2(aside.x, room.y, aside.theta)
+    while not points.order.chains[k].behind or ways.names[points.order.chains[k].spots[0]].startswith("n5"):
+        points.step()
+    section = points.order.chains[k].spots[0]
+    driver = points.drivers[k]
+    driver._chain = None  # a new plan begins here
+    points.step()
+    assert [each.target for each in points.steps[k].goals or ()] == [aside, goals[k]]
+    assert points.order.chains[k].spots[0] == section
+    assert points.order.chains[k].behind
+    line = points.steps[k].authority.line
+    assert line is not None  # before the next node beyond
+    assert (line.mean(axis=0) - (aside.x, aside.y)) @ (math.cos(aside.theta), math.sin(aside.theta)) < -CHAIR_A.rear
