@@ -362,8 +362,7 @@ def _keep_order(
         if wish is not None:
             requests.append(wish)
     district, _, present = decided(district, Heard(tuple(reports), tuple(requests), blocked), now_ms)
-    # a chair whose own rear has not left yet waits for nobody else
-    return district, tuple(wait for wait in present if wait.other != wait.chair)
+    return district, present
 
 
 def _advance(simulator: FleetSimulator, riders: Sequence[_Rider]) -> list[list[SensorMessage]]:
