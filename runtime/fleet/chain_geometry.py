@@ -172,7 +172,7 @@ def node_rooms(graph: TrafficGraph) -> dict[tuple[str, str], float]:
 def drivable(ways: Ways, body: ChairBody) -> Ways:
     """Return the ways as a whole chair drives them.
 
-    It does not back out of sections in which it cannot stand aside, such as doors, and it turns at a door.
+    It stands aside only in sections in which it can also turn, so not in doors or narrow corridors, and it turns at a door.
     """
     places, rooms = spot_places(ways), node_rooms(ways.graph)
     kept = np.ones(len(ways.after), np.bool_)
@@ -181,7 +181,8 @@ def drivable(ways: Ways, body: ChairBody) -> Ways:
             continue
         section = ways.graph.section[place.section]
         begins_at = {k for k in range(ways.first[spot], ways.first[spot + 1]) if _is_at(places, ways, k, place.ends[0])}
-        if section.length - sum(rooms[end, section.name] for end in (section.start, section.end)) < body.length:
+        room = section.length - sum(rooms[end, section.name] for end in (section.start, section.end))
+        if room < body.length or section.width < 2 * body.circumscribed_radius:
             kept[list(begins_at)] = False
     before = np.repeat(np.arange(len(places)), np.diff(ways.first))[kept]
     first = np.searchsorted(before, np.arange(len(places) + 1)).astype(np.int64)

@@ -9,6 +9,7 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.control.authority import BEFORE_LINE, FREE, Authority, crosses, fastest_before
+from waychair.geometry import transform_points
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.types import FloatArray, Pose2
 
@@ -29,6 +30,14 @@ def _across(x: float) -> Authority:
 def test_the_way_left_is_that_of_the_foremost_corner(body: ChairBody) -> None:
     left = _across(4.0).way_left(body, Pose2(0.5, 0.0, 0.0), _straight(6.0))
     assert left == pytest.approx(4.0 - body.front - 0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("askew", [-0.3, -0.1, 0.1, 0.3])
+def test_a_chair_that_is_askew_stops_before_its_foremost_corner_is_over_the_line(askew: float) -> None:
+    pose = Pose2(2.5, 0.1, askew)
+    left = _across(4.0).way_left(CHAIR_A, pose, _straight(6.0))
+    foremost = max(x for x, _ in transform_points(pose, CHAIR_A.outline()).tolist())
+    assert 4.0 - foremost - 0.1 < left <= 4.0 - foremost
 
 
 def test_backwards_it_is_that_of_the_rear() -> None:

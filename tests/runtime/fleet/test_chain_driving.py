@@ -269,7 +269,7 @@ def test_a_chair_that_was_stopped_on_its_way_may_not_move() -> None:
 
 def test_a_chair_stands_aside_with_its_face_to_the_node_by_which_it_leaves_again() -> None:
     scene = SCENARIOS["door_from_both_sides"](0).scene
-    ways = drivable(ways_of(scene.graph, 0.45), CHAIR_A)
+    ways = ways_of(scene.graph, 0.45)  # as if a chair could turn in the corridor
     points = _Points(
         dict(enumerate(scene.starts)), {k: goals[0] for k, goals in enumerate(scene.goals)}, ways, scene.places
     )
@@ -291,7 +291,7 @@ def test_a_chair_stands_aside_with_its_face_to_the_node_by_which_it_leaves_again
 
 def test_a_chair_on_its_way_aside_keeps_that_goal_and_the_node_in_a_new_plan_and_goes_no_farther() -> None:
     scene = SCENARIOS["door_from_both_sides"](0).scene
-    ways = drivable(ways_of(scene.graph, 0.45), CHAIR_A)
+    ways = ways_of(scene.graph, 0.45)  # as if a chair could turn in the corridor
     goals = {k: goals[0] for k, goals in enumerate(scene.goals)}
     points = _Points(dict(enumerate(scene.starts)), goals, ways, scene.places)
     for _ in range(2):
@@ -318,3 +318,15 @@ def test_a_chair_on_its_way_aside_keeps_that_goal_and_the_node_in_a_new_plan_and
     line = points.steps[k].authority.line
     assert line is not None  # before the next node beyond
     assert (line.mean(axis=0) - (aside.x, aside.y)) @ (math.cos(aside.theta), math.sin(aside.theta)) < -CHAIR_A.rear
+
+
+def test_no_chair_stands_aside_where_it_cannot_turn_about() -> None:
+    scene = SCENARIOS["door_from_both_sides"](0).scene
+    ways = drivable(ways_of(scene.graph, 0.45), CHAIR_A)
+    goals = {k: goals[0] for k, goals in enumerate(scene.goals)}
+    points = _Points(dict(enumerate(scene.starts)), goals, ways, scene.places)
+    points.step()
+    points.step()
+    assert [[each.target for each in steps.goals or ()] for steps in points.steps.values()] == [
+        [g] for g in goals.values()
+    ]
