@@ -29,8 +29,8 @@ SCENE_S = 150.0
 DIES_AT_S, PUSHES_AT_S = 24.0, 22.0
 """s; when a chair dies, and when a rider takes the joystick: in a corridor."""
 
-FIG8_WIDTH = ROOM_TO_TURN = 1.4
-"""m; width of corridors in which a chair turns at a door or corner, but two chairs do not pass; those of figure 8 too."""
+FIG8_WIDTH = 1.4
+"""m; width of the corridors of figure 8, in which two chairs do not pass."""
 
 LANES_FREE = 1.2
 """m; before a crossing or an end, where chairs come to their lanes."""
@@ -128,7 +128,7 @@ def crossing(seed: int) -> Scenario:
 
 def door_from_both_sides(seed: int) -> Scenario:
     """One chair leaves a room, and another one goes into the same room."""
-    return Scenario(_rooms("T", {"room 5": "room 8", "room 6": "room 5"}, seed, ROOM_TO_TURN))
+    return Scenario(_rooms("T", {"room 5": "room 8", "room 6": "room 5"}, seed))
 
 
 def dies_in_the_run(seed: int) -> Scenario:
@@ -203,12 +203,12 @@ SCENARIOS: Mapping[str, Callable[[int], Scenario]] = MappingProxyType(
 """All scenes by name."""
 
 
-def _rooms(name: str, ways: Mapping[str, str], seed: int, width: float = NARROW) -> FleetScene:
+def _rooms(name: str, ways: Mapping[str, str], seed: int) -> FleetScene:
     """Return chairs that each drive from one room of a plan to another."""
     plan = load_corridors(name)
     return FleetScene(
-        world=corridor_world(plan, width, rooms=True),
-        graph=corridor_graph(plan, width, rooms=True, bays=True),
+        world=corridor_world(plan, NARROW, rooms=True),
+        graph=corridor_graph(plan, NARROW, rooms=True, bays=True),
         places=places_in_rooms(plan),
         starts=tuple(ways),
         goals=tuple((goal,) for goal in ways.values()),

@@ -233,7 +233,7 @@ class ChainDriver:
         return node in self._ways.graph.refuge_at and ends[node] == 1
 
     def _goals_of(self, spots: tuple[int, ...]) -> tuple[Goal, ...]:
-        """Return the goals: the refuges on the way in which the chair turns about, places to back out of, and the last one."""
+        """Return the goals: refuges and nodes on the way at which the chair turns about, places to back out of, and the last."""
         goals: list[Goal] = []
         if self._behind and self._backs_out():  # its rear is still on its way in
             goals.append(Goal(self._aside(self._spot_places[spots[0]])))
@@ -241,6 +241,8 @@ class ChainDriver:
             before, here, after = (self._spot_places[spots[each]] for each in (k - 1, k, k + 1))
             if self._ways.at_home[spots[k]] and before.section == after.section:
                 goals.append(Goal(self._ways.names[spots[k]]))
+            elif here.node is not None and before.section == after.section:
+                goals.append(Goal(_turned(before)))
             elif here.section is not None and before.node == after.node:
                 goals.append(Goal(self._aside(here)))
         if len(spots) > 1:
@@ -264,3 +266,9 @@ class ChainDriver:
         section = self._ways.graph.section[place.section or ""]
         start = self._ways.graph.node[section.start]
         return section.start if math.dist((start.x, start.y), place.ends[0]) < 1e-9 else section.end
+
+
+def _turned(section: SpotPlace) -> Pose2:
+    """Return the pose of a chair at the end of a section, turned about to go back."""
+    (x0, y0), (x1, y1) = section.ends.tolist()
+    return Pose2(x1, y1, math.atan2(y0 - y1, x0 - x1))

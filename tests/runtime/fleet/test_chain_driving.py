@@ -330,3 +330,20 @@ def test_no_chair_stands_aside_where_it_cannot_turn_about() -> None:
     assert [[each.target for each in steps.goals or ()] for steps in points.steps.values()] == [
         [g] for g in goals.values()
     ]
+
+
+def test_a_chair_that_lets_another_one_pass_in_a_side_way_gets_its_end_as_a_goal_and_faces_back() -> None:
+    scene = SCENARIOS["swap_in_t"](0).scene
+    ways = drivable(ways_of(scene.graph, 0.45), CHAIR_A)
+    goals = {k: goals[0] for k, goals in enumerate(scene.goals)}
+    points = _Points(dict(enumerate(scene.starts)), goals, ways, scene.places)
+    points.step()
+    points.step()
+    asked = [[each.target for each in steps.goals or ()] for steps in points.steps.values()]
+    assert sorted(map(len, asked)) == [1, 2]
+    first = next(each[0] for each in asked if len(each) == 2)
+    assert isinstance(first, str) or math.sin(first.theta) == pytest.approx(1.0)  # towards the crossing, in the stem
+    for k, steps in points.steps.items():
+        places = spot_places(ways)
+        folds = chain_of(ways, places, node_rooms(scene.graph), points.order.chains[k].spots).folds
+        assert len(folds) == len(steps.goals or ()) - 1
