@@ -250,9 +250,9 @@ class ChainDriver:
         return tuple(goals)
 
     def _aside(self, place: SpotPlace) -> Pose2:
-        """Return where a chair stands aside in a section: it backs in, and faces the node by which it leaves again.
+        """Return where a chair stands aside in a section: backed in, so that it faces the node by which it leaves again.
 
-        Where it cannot turn after the other one has passed, as that one is in the room to turn, it need not.
+        It then does not have to turn there beside the chair that it has let pass.
         """
         (x0, y0), (x1, y1) = place.ends.tolist()
         inwards = math.atan2(y1 - y0, x1 - x0)

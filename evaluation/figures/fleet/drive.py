@@ -49,7 +49,7 @@ def fleet_drive(out: Path) -> Json:
         and all(row["success"] >= SUCCESS for row in rows.values())
         and all(row["over_line_m"] <= OVER_LINE_M for row in rows.values())
         and rows.get("l_way", {"end_error_m": 0.0})["end_error_m"] <= L_WAY_M
-        and (rows.get("seated_persons", {"first_rest_s": 0.0})["first_rest_s"] or 0.0) <= OTHER_WAY_S
+        and rows.get("seated_persons", {"first_rest_s": 0.0})["first_rest_s"] <= OTHER_WAY_S
     )
     return {
         "passed": passed,
