@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pytest
-
 from evaluation.figures.fleet.drive import first_rest_s
 
 
