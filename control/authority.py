@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.geometry import arc_lengths, transform_points
+from waychair.geometry import arc_lengths
 from waychair.planning.window.motion_limits import DwaSettings, slowing_speed
 from waychair.types import BoolArray, FloatArray, Pose2
 
@@ -22,6 +22,9 @@ BEFORE_LINE = 0.04
 HELD_WITHIN = 0.25
 """m; a chair so near to its line stands for it, or is about to."""
 
+_ASKEW = 0.6
+"""rad; a chair that stands at a larger angle to its way turns before it drives on."""
+
 _LOOKED_AT = 5.0
 """m of way ahead in which the line is looked for; no chair needs longer to stop."""
 
@@ -30,30 +33,43 @@ _LOOKED_AT = 5.0
 class Authority:
     """How far a chair may drive: not over the stop `line` (2, 2) [m] in map, from end to end; None: as far as it likes.
 
-    `reason` is a sentence for the rider that waits before the line.
+    With `stands` it may not move at all. `reason` is a sentence for the rider that waits.
     """
 
     line: FloatArray | None = None
     reason: str = ""
+    stands: bool = False
 
     def way_left(self, body: ChairBody, pose: Pose2, poses: FloatArray) -> float:
         """Return the way [m] along planned poses (N, 3) until the chair's outline comes to the line; +inf if it does not.
 
-        `pose` is where the chair is, in map as the line and the planned poses. 0 if the line is under the chair.
+        `pose` is where the chair is, in map as the line and the planned poses. 0 if the line is under the chair, or it stands.
         """
+        if self.stands:
+            return 0.0
         if self.line is None:
             return math.inf
         if crosses(self.line, body, pose.array()[None])[0]:
             return 0.0
         along = arc_lengths(poses[:, :2])
-        here = _way_at(poses, along, pose)
+        here, k = _way_at(poses, along, pose)
         ahead = (along > here) & (along < here + _LOOKED_AT)
         on_line = crosses(self.line, body, poses[ahead])
+        off = Pose2(*poses[k]).inverse() @ pose
+        if abs(off.theta) < _ASKEW:  # as askew as it is now, the chair may reach the line by another corner before
+            on_line |= crosses(self.line, body, _moved(poses[ahead], Pose2(0.0, off.y, off.theta)))
         if not on_line.any():
             return math.inf
         first = np.flatnonzero(ahead)[np.argmax(on_line)]
         # the outline comes to the line between this pose and the one before
         return max(float(along[max(first - 1, 0)]) - here, 0.0)
+
+
+def _moved(poses: FloatArray, off: Pose2) -> FloatArray:
+    """Return poses (N, 3), each moved by a pose in its own frame."""
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    x, y = poses[:, 0] + cos * off.x - sin * off.y, poses[:, 1] + sin * off.x + cos * off.y
+    return np.column_stack([x, y, poses[:, 2] + off.theta])
 
 
 FREE = Authority()
@@ -70,12 +86,16 @@ def fastest_before(way: float, speed: float, limits: DwaSettings) -> float:
 
 def crosses(line: FloatArray, body: ChairBody, poses: FloatArray) -> BoolArray:
     """Return which poses (N, 3) put the chair's outline onto a line (2, 2)."""
-    corners = np.array([transform_points(Pose2(*pose), body.outline()) for pose in poses.tolist()]).reshape(-1, 4, 2)
+    cos, sin = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+    x, y = body.outline().T
+    corners = poses[:, None, :2] + np.stack([cos * x - sin * y, sin * x + cos * y], axis=2)
     found = np.zeros(len(corners), np.bool_)
     a, b = line
     for k in range(4):
         p, q = corners[:, k], corners[:, (k + 1) % 4]
-        found |= (_side(a, b, p) * _side(a, b, q) <= 0.0) & (_side(p, q, a) * _side(p, q, b) <= 0.0)
+        meet = (_side(a, b, p) * _side(a, b, q) <= 0.0) & (_side(p, q, a) * _side(p, q, b) <= 0.0)
+        near = (np.maximum(p, q) >= np.minimum(a, b)) & (np.minimum(p, q) <= np.maximum(a, b))
+        found |= meet & near.all(axis=1)  # two segments on one straight line need not touch
     return found
 
 
@@ -86,12 +106,12 @@ def _side(a: FloatArray, b: FloatArray, p: FloatArray) -> FloatArray:
     return side
 
 
-def _way_at(poses: FloatArray, along: FloatArray, pose: Pose2) -> float:
-    """Return the way along poses (N, 3) at the point nearest to a pose."""
+def _way_at(poses: FloatArray, along: FloatArray, pose: Pose2) -> tuple[float, int]:
+    """Return the way along poses (N, 3) at the point nearest to a pose, and the index of the pose before it."""
     if len(poses) < 2:
-        return 0.0
+        return 0.0, 0
     a, steps = poses[:-1, :2], np.diff(poses[:, :2], axis=0)
     long = np.maximum(np.hypot(*steps.T), 1e-9)
     share = np.clip(((np.array([pose.x, pose.y]) - a) * steps).sum(axis=1) / long**2, 0.0, 1.0)
     k = int(np.argmin(np.hypot(*(a + share[:, None] * steps - (pose.x, pose.y)).T)))
-    return float(along[k] + share[k] * long[k])
+    return float(along[k] + share[k] * long[k]), k

@@ -57,8 +57,8 @@ MOST_TRIES = 5
 CHAIR_AHEAD = 8.0
 """m; with another chair so near, a chair that does not get on waits for that chair."""
 
-BLOCKED_AFTER_MS, BLOCKED_FOR_MS = 2_000, 120_000
-"""ms that a chair stands before a way counts as closed, and for how long it does."""
+BLOCKED_AFTER_MS, UNPLANNED_AFTER_MS, BLOCKED_FOR_MS = 2_000, 8_000, 120_000
+"""ms that a chair stands before a way counts as closed, the same without a first plan, and for how long it is closed."""
 
 _MOVES = 0.02
 """m/s or rad/s; a slower chair stands."""
@@ -233,8 +233,9 @@ class _Rider:
             self._stuck_ms = None
             return {}
         self._stuck_ms = now_ms if self._stuck_ms is None else self._stuck_ms
-        if now_ms - self._stuck_ms < BLOCKED_AFTER_MS:
+        if now_ms - self._stuck_ms < (BLOCKED_AFTER_MS if self.state.navigation.plans else UNPLANNED_AFTER_MS):
             return {}
+        self._stuck_ms = None  # the way from here is another one now
         section = self.driver.section_ahead()
         return {} if section is None else {section: BLOCKED_FOR_MS}
 
@@ -361,8 +362,7 @@ def _keep_order(
         if wish is not None:
             requests.append(wish)
     district, _, present = decided(district, Heard(tuple(reports), tuple(requests), blocked), now_ms)
-    # a chair whose own rear has not left yet waits for nobody else
-    return district, tuple(wait for wait in present if wait.other != wait.chair)
+    return district, present
 
 
 def _advance(simulator: FleetSimulator, riders: Sequence[_Rider]) -> list[list[SensorMessage]]:

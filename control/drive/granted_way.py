@@ -20,7 +20,7 @@ class GrantedWay:
     @property
     def holds(self) -> bool:
         """Whether the chair stands, or is about to, because its authority ends."""
-        return self.authority.line is not None and self._left() < HELD_WITHIN
+        return self.authority.stands or (self.authority.line is not None and self._left() < HELD_WITHIN)
 
     def fastest(self, limits: DwaSettings) -> float:
         """Return the highest speed [m/s] from which the chair still stops in comfort before its stop line."""
@@ -28,5 +28,5 @@ class GrantedWay:
 
     def _left(self) -> float:
         if not self._plan.legs:
-            return math.inf
+            return 0.0 if self.authority.stands else math.inf
         return self.authority.way_left(self._body, self._now.pose, self._plan.legs[0].path.poses)

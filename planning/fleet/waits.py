@@ -78,11 +78,16 @@ def waits(order: Order, now_ms: int, clearing_ms: int) -> tuple[Wait, ...]:
 
 
 def wait_of(order: Order, chair: int, now_ms: int, clearing_ms: int) -> Wait | None:
-    """Return the wait of a chair that could go on along its chain but may not; None if it may, or is not ready."""
+    """Return the wait of a chair that could go on along its chain but may not; None if it may, or is not ready.
+
+    A chair whose own rear has not left yet waits for nobody.
+    """
     chain, spot = order.chains[chair], order.next_spot(chair)
     if spot is None or chain.ready_ms > now_ms or order.may_enter(chair):
         return None
     other = order.in_front(chair)
+    if other == chair:
+        return None
     times = foreseen(order, now_ms, clearing_ms)
     theirs = None if other is None else _priority(order.chains[other], now_ms)
     return Wait(

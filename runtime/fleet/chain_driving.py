@@ -26,9 +26,6 @@ from waychair.types import Goal, Place, Pose2
 CLAIMED_BEFORE = 1.6
 """m; a chair that is so near to a free spot enters it: it stops from its speed within less."""
 
-NOT_YET_IN = 0.40
-"""m; a chair whose front reaches no farther into a section can still give it back."""
-
 AT_LINE = 0.30
 """m; a chair so near to the end of its spot is ready to leave it."""
 
@@ -105,25 +102,32 @@ class ChainDriver:
         if self._enter(order, front, now_ms):
             self._waits_since_ms = None
         self._leave(rear, piece, goals_left)
-        until = float(self._chain.until[self._first])
-        line = None if until > self._chain.ends_at(piece) or until == math.inf else self._chain.stop_line(self._first)
+        last = self._first + self._returns(order)
+        until = float(self._chain.until[last])
+        line = None if until > self._chain.ends_at(piece) or until == math.inf else self._chain.stop_line(last)
+        if line is None and self._backs_out():
+            here = self._spot_places[self._ahead[0]]
+            beyond = self._ways.graph.section[here.section or ""].other(self._start_of(here))
+            line = self._chain.line_at(self._chain.ends_at(piece) - self._rooms[beyond, here.section or ""], here.width)
         left = 0.0 if until == math.inf or until - front < AT_LINE else until - front
         report = Report(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
         bars: tuple[Zone, ...] = ()
         if goals:
             bars = bars_off(self._ways, self._spot_places, (*self._behind, *self._ahead))
-        return Steps(report, Authority(line, reason or "the chair waits for its turn"), goals, bars)
+        # a chair that was stopped on its way, in no refuge, moves only by its next chain
+        stands = len(self._ahead) == 1 and not self._ways.at_home[self._ahead[0]]
+        return Steps(report, Authority(line, reason or "the chair waits for its turn", stands), goals, bars)
 
     def report(self) -> Report:
         """Return the report of a chair that is ready to go on."""
         return Report(self._number, self._visit, len(self._behind), 0)
 
     def withdraw(self, order: Order) -> Order:
-        """Give back the section that was entered but that the chair is not in yet, as its way is blocked; return the order."""
-        assert self._chain is not None
-        place = self._spot_places[self._ahead[0]]
-        inside = self._way + self._body.length / 2 - self._chain.until[self._first - 1] if self._first else math.inf
-        if place.section is None or not self._behind or inside > NOT_YET_IN:
+        """Give back the section that the chair is not wholly in yet, as its way there is blocked; return the order.
+
+        The section has to be closed for all meanwhile, as the chair's front may be in it.
+        """
+        if self._spot_places[self._ahead[0]].section is None or not self._behind:
             return order
         self._visit, self._first = self._visit - 1, self._first - 1
         self._ahead = (self._behind.pop(), *self._ahead)
@@ -158,6 +162,26 @@ class ChainDriver:
             if not arrived and rear < until + LEFT_BEYOND and until > begins_at:
                 break
             self._behind.pop(0)
+
+    def _backs_out(self) -> bool:
+        """Return whether the entered spot is a section that the chair leaves where it came in."""
+        if len(self._ahead) < 2 or self._spot_places[self._ahead[0]].section is None:
+            return False
+        return self._spot_places[self._ahead[1]].node == self._start_of(self._spot_places[self._ahead[0]])
+
+    def _returns(self, order: Order) -> int:
+        """Return 1 if the chain turns back at the entered node, into the section that the chair's rear is in; else 0.
+
+        That section is the chair's own as long as nobody else comes before in its queue.
+        """
+        assert self._chain is not None
+        if len(self._ahead) < 2 or self._first == 0 or self._ways.at_home[self._ahead[0]]:
+            return 0
+        begins, ends = self._chain.until[self._first - 1 : self._first + 1].tolist()
+        if not any(begins <= self._chain.along[fold] <= ends for fold in self._chain.folds):
+            return 0
+        queue = order.queues.get(int(self._ways.resource[self._ahead[1]]), ())
+        return int(bool(queue) and queue[0].chair == self._number)
 
     def _enter(self, order: Order, front: float, now_ms: int) -> bool:
         """Enter the next spots that are free and near, as far as the chair may wait; return whether it has."""
@@ -209,12 +233,16 @@ class ChainDriver:
         return node in self._ways.graph.refuge_at and ends[node] == 1
 
     def _goals_of(self, spots: tuple[int, ...]) -> tuple[Goal, ...]:
-        """Return the goals: the refuges on the way in which the chair turns about, places to back out of, and the last one."""
+        """Return the goals: refuges and nodes on the way at which the chair turns about, places to back out of, and the last."""
         goals: list[Goal] = []
+        if self._behind and self._backs_out():  # its rear is still on its way in
+            goals.append(Goal(self._aside(self._spot_places[spots[0]])))
         for k in range(1, len(spots) - 1):
             before, here, after = (self._spot_places[spots[each]] for each in (k - 1, k, k + 1))
             if self._ways.at_home[spots[k]] and before.section == after.section:
                 goals.append(Goal(self._ways.names[spots[k]]))
+            elif here.node is not None and before.section == after.section:
+                goals.append(Goal(_turned(before)))
             elif here.section is not None and before.node == after.node:
                 goals.append(Goal(self._aside(here)))
         if len(spots) > 1:
@@ -222,16 +250,25 @@ class ChainDriver:
         return tuple(goals)
 
     def _aside(self, place: SpotPlace) -> Pose2:
-        """Return where a chair stands in a section that it will back out of."""
+        """Return where a chair stands aside in a section: backed in, so that it faces the node by which it leaves again.
+
+        It then does not have to turn there beside the chair that it has let pass.
+        """
         (x0, y0), (x1, y1) = place.ends.tolist()
-        heading = math.atan2(y1 - y0, x1 - x0)
+        inwards = math.atan2(y1 - y0, x1 - x0)
         length = min(math.dist((x0, y0), (x1, y1)), LONGEST_SECTION)
         room = self._rooms[self._start_of(place), place.section or ""]
-        way = min(room + self._body.rear + 2 * LEFT_BEYOND, length - self._body.front)
-        at = np.array([x0, y0]) + way * np.array([math.cos(heading), math.sin(heading)])
-        return Pose2(float(at[0]), float(at[1]), heading)
+        way = min(room + self._body.front + 2 * LEFT_BEYOND, length - self._body.rear)
+        at = np.array([x0, y0]) + way * np.array([math.cos(inwards), math.sin(inwards)])
+        return Pose2(float(at[0]), float(at[1]), math.remainder(inwards + math.pi, math.tau))
 
     def _start_of(self, place: SpotPlace) -> str:
         section = self._ways.graph.section[place.section or ""]
         start = self._ways.graph.node[section.start]
         return section.start if math.dist((start.x, start.y), place.ends[0]) < 1e-9 else section.end
+
+
+def _turned(section: SpotPlace) -> Pose2:
+    """Return the pose of a chair at the end of a section, turned about to go back."""
+    (x0, y0), (x1, y1) = section.ends.tolist()
+    return Pose2(x1, y1, math.atan2(y0 - y1, x0 - x1))

@@ -69,8 +69,12 @@ class Chain:
 
     def stop_line(self, k: int) -> FloatArray:
         """Return the line (2, 2) [m] in map across the end of spot k."""
-        at, heading = self.place_at(float(self.until[k]))
-        half = self.widths[k] / 2 + LINE_BEYOND
+        return self.line_at(float(self.until[k]), float(self.widths[k]))
+
+    def line_at(self, way: float, width: float) -> FloatArray:
+        """Return the line (2, 2) [m] in map across the chain at a way along it, where it has a width [m]."""
+        at, heading = self.place_at(way)
+        half = width / 2 + LINE_BEYOND
         across = np.array([-math.sin(heading), math.cos(heading)]) * half
         return np.array([at - across, at + across])
 
@@ -168,7 +172,7 @@ def node_rooms(graph: TrafficGraph) -> dict[tuple[str, str], float]:
 def drivable(ways: Ways, body: ChairBody) -> Ways:
     """Return the ways as a whole chair drives them.
 
-    It does not back out of sections in which it cannot stand aside, such as doors, and it turns at a door.
+    It stands aside only in sections in which it can also turn, so not in doors or narrow corridors, and it turns at a door.
     """
     places, rooms = spot_places(ways), node_rooms(ways.graph)
     kept = np.ones(len(ways.after), np.bool_)
@@ -177,7 +181,8 @@ def drivable(ways: Ways, body: ChairBody) -> Ways:
             continue
         section = ways.graph.section[place.section]
         begins_at = {k for k in range(ways.first[spot], ways.first[spot + 1]) if _is_at(places, ways, k, place.ends[0])}
-        if section.length - sum(rooms[end, section.name] for end in (section.start, section.end)) < body.length:
+        room = section.length - sum(rooms[end, section.name] for end in (section.start, section.end))
+        if room < body.length or section.width < 2 * body.circumscribed_radius:
             kept[list(begins_at)] = False
     before = np.repeat(np.arange(len(places)), np.diff(ways.first))[kept]
     first = np.searchsorted(before, np.arange(len(places) + 1)).astype(np.int64)
@@ -196,7 +201,10 @@ def _is_at(places: Sequence[SpotPlace], ways: Ways, edge: int, point: FloatArray
 
 
 def bars_off(ways: Ways, places: Sequence[SpotPlace], spots: Sequence[int]) -> tuple[Zone, ...]:
-    """Return keep-out bars across the long sections that are off a chain and by which a chair could go round it."""
+    """Return keep-out bars across the long sections that are off a chain and by which a chair could go round it.
+
+    One more lies at the far end of each section that a chair backs out of again, if that is as long: it goes no farther.
+    """
     graph = ways.graph
     used = {places[spot].section for spot in spots}
     rings = _ring_sections(graph)
@@ -205,14 +213,24 @@ def bars_off(ways: Ways, places: Sequence[SpotPlace], spots: Sequence[int]) -> t
         if section.name in used or section.name not in rings or section.length < SHORTEST_BARRED:
             continue
         a, b = (np.array([graph.node[end].x, graph.node[end].y]) for end in (section.start, section.end))
-        along = (b - a) / np.hypot(*(b - a))
-        across = np.array([-along[1], along[0]]) * (section.width / 2 + LINE_BEYOND)
-        middle, half = (a + b) / 2, along * BAR / 2
-        corners = np.array(
-            [middle - half - across, middle + half - across, middle + half + across, middle - half + across]
-        )
-        found.append(Zone(f"another way: {section.name}", Rule.KEEP_OUT, corners))
+        found.append(_bar(f"another way: {section.name}", a, b, float(np.hypot(*(b - a))) / 2, section.width))
+    for before, spot, after in zip(spots, spots[1:], spots[2:], strict=False):
+        here = places[spot]
+        if here.section is None or places[before].node != places[after].node:
+            continue
+        a, b = here.ends
+        if (long := float(np.hypot(*(b - a)))) >= SHORTEST_BARRED:
+            found.append(_bar(f"beyond the place to wait: {here.section}", a, b, long - BAR / 2, here.width))
     return tuple(found)
+
+
+def _bar(name: str, a: FloatArray, b: FloatArray, way: float, width: float) -> Zone:
+    """Return a bar across the section from a to b, its middle at a way [m] from a."""
+    along = (b - a) / np.hypot(*(b - a))
+    across = np.array([-along[1], along[0]]) * (width / 2 + LINE_BEYOND)
+    middle, half = a + way * along, along * BAR / 2
+    corners = np.array([middle - half - across, middle + half - across, middle + half + across, middle - half + across])
+    return Zone(name, Rule.KEEP_OUT, corners)
 
 
 def _ring_sections(graph: TrafficGraph) -> frozenset[str]:

@@ -9,6 +9,7 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.control.authority import BEFORE_LINE, FREE, Authority, crosses, fastest_before
+from waychair.geometry import transform_points
 from waychair.planning.window.motion_limits import DwaSettings
 from waychair.types import FloatArray, Pose2
 
@@ -29,6 +30,14 @@ def _across(x: float) -> Authority:
 def test_the_way_left_is_that_of_the_foremost_corner(body: ChairBody) -> None:
     left = _across(4.0).way_left(body, Pose2(0.5, 0.0, 0.0), _straight(6.0))
     assert left == pytest.approx(4.0 - body.front - 0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("askew", [-0.3, -0.1, 0.1, 0.3])
+def test_a_chair_that_is_askew_stops_before_its_foremost_corner_is_over_the_line(askew: float) -> None:
+    pose = Pose2(2.5, 0.1, askew)
+    left = _across(4.0).way_left(CHAIR_A, pose, _straight(6.0))
+    foremost = max(x for x, _ in transform_points(pose, CHAIR_A.outline()).tolist())
+    assert 4.0 - foremost - 0.1 < left <= 4.0 - foremost
 
 
 def test_backwards_it_is_that_of_the_rear() -> None:
@@ -61,6 +70,12 @@ def test_a_side_of_the_outline_crosses_although_no_corner_does() -> None:
     assert crosses(short, CHAIR_A, np.array([[0.0, 0.0, 0.0], [0.0, 1.5, 0.0]])).tolist() == [True, False]
 
 
+def test_a_line_beside_the_chair_on_the_straight_line_of_its_rear_does_not_cross_it() -> None:
+    rear = -CHAIR_A.rear
+    assert not crosses(np.array([[rear, 2.0], [rear, 3.0]]), CHAIR_A, np.zeros((1, 3)))[0]
+    assert crosses(np.array([[rear, 0.2], [rear, 3.0]]), CHAIR_A, np.zeros((1, 3)))[0]
+
+
 @pytest.mark.parametrize("speed", [0.2, 0.5, LIMITS.max_speed])
 def test_a_chair_that_keeps_the_speed_stops_before_the_line_and_near_it(speed: float) -> None:
     x, v, a, stop = 0.0, speed, 0.0, 6.0
@@ -72,3 +87,8 @@ def test_a_chair_that_keeps_the_speed_stops_before_the_line_and_near_it(speed: f
         x += v * PERIOD_S
     assert stop - 0.15 < x < stop - BEFORE_LINE / 2
     assert v < 0.01
+
+
+def test_a_chair_that_has_to_stand_has_no_way_left_with_a_line_or_without() -> None:
+    assert Authority(stands=True).way_left(CHAIR_A, Pose2(), _straight(6.0)) == 0.0
+    assert fastest_before(0.0, 0.0, LIMITS) == 0.0

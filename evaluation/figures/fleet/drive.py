@@ -8,8 +8,11 @@ from __future__ import annotations
 import math
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from waychair.maps.traffic.corridors import load_corridors
 from waychair.trials.fleet_drive import FleetRun, drive_fleet
@@ -18,6 +21,12 @@ from waychair.types import Json
 
 SEEDS = 15
 SUCCESS, OVER_LINE_M, L_WAY_M = 0.97, 0.05, 0.03
+OTHER_WAY_S = 5.0
+"""s; a chair before seated persons turns to the other way within so long after it has come to rest."""
+
+STANDS_S, MOVES = 1.0, 2e-3
+"""s; a shorter rest is none. m or rad from step to step; a chair that moves less rests."""
+
 MOST_COST = 3.3
 COST_OVER_S = 20.0
 """s of the chairs' time over which the processor time of three chairs is compared with that of one."""
@@ -40,6 +49,7 @@ def fleet_drive(out: Path) -> Json:
         and all(row["success"] >= SUCCESS for row in rows.values())
         and all(row["over_line_m"] <= OVER_LINE_M for row in rows.values())
         and rows.get("l_way", {"end_error_m": 0.0})["end_error_m"] <= L_WAY_M
+        and rows.get("seated_persons", {"first_rest_s": 0.0})["first_rest_s"] <= OTHER_WAY_S
     )
     return {
         "passed": passed,
@@ -86,10 +96,25 @@ def _row(runs: list[tuple[Scenario, FleetRun]]) -> Json:
         "nearest_chairs_m": _finite(min(run.nearest for _, run in runs)),
         "nearest_person_m": _finite(min(chair.person_m for _, run in runs for chair in run.chairs)),
         "end_error_m": round(max(ends), 4) if ends else 0.0,
+        "first_rest_s": max((first_rest_s(chair.track) for _, run in runs for chair in run.chairs), default=0.0),
         "mean_s": round(sum(took) / len(took), 2) if took else None,
         "waited_s": round(sum(chair.waited_s for _, run in runs for chair in run.chairs) / len(runs), 2),
         "ends": sorted({end for _, run in runs for chair in run.chairs for end in chair.ends}),
     }
+
+
+def first_rest_s(track: Sequence[tuple[float, float, float, float]]) -> float:
+    """Return how long [s] a chair rested first, after it had set off; 0 if it did not rest, or until its track's end.
+
+    `track` has rows of time [s], x, y [m], heading [rad].
+    """
+    rows = np.array(track).reshape(-1, 4)
+    steps = np.abs(np.diff(rows[:, 1:], axis=0))
+    steps[:, 2] = np.minimum(steps[:, 2], math.tau - steps[:, 2])
+    moves = np.flatnonzero((steps > MOVES).any(axis=1))
+    rests = np.diff(rows[moves, 0])
+    long = rests[rests > STANDS_S]
+    return round(float(long[0]), 2) if len(long) else 0.0
 
 
 def _end_errors(scenario: Scenario, run: FleetRun) -> list[float]:

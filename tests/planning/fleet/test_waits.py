@@ -9,7 +9,7 @@ import pytest
 from tests.planning.fleet.small_traffic import TEE, traffic
 from tests.planning.fleet.test_order import CLEARING_MS, ordered
 from waychair.maps.traffic.traffic_graph import RefugeKind
-from waychair.planning.fleet.order import Order, Request, cleared, entered, parked
+from waychair.planning.fleet.order import Chain, Order, Request, Turn, cleared, entered, parked
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import IDLE_MS, Audit, Reason, Wait, in_the_way, jain, place_to_wait, waits
 from waychair.planning.fleet.warden import Answer, District, Heard, Lease, Report, decided
@@ -41,6 +41,19 @@ def test_the_second_of_two_chairs_waits_and_the_audit_compares_foreseen_and_real
     assert audit.ended
     assert all(set(each) >= {"place", "waits", "first", "rule", "foreseen_s", "real_s"} for each in audit.ended)
     assert audit.foreseen_right() == 1.0
+
+
+def test_a_chair_that_turns_back_into_the_section_that_its_rear_is_in_waits_for_nobody() -> None:
+    ways = ways_of(TEE, 0.5)
+    there = next(k for k, name in enumerate(ways.names) if "-" in name)
+    back = there + 1
+    assert ways.resource[back] == ways.resource[there]
+    node = next(k for k in ways.after[ways.first[there] : ways.first[there + 1]].tolist() if not ways.at_home[k])
+    chain = Chain((node, back), visit=1, behind=((0, there),))
+    queues = {int(ways.resource[there]): (Turn(1, 0), Turn(1, 2)), int(ways.resource[node]): (Turn(1, 1),)}
+    order = Order(ways, {1: chain}, queues)
+    assert not order.may_enter(1)
+    assert waits(order, 5000, CLEARING_MS) == ()
 
 
 def _cleared_rears(order: Order, now: int) -> Order:

@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.authority import FREE, crosses
+from waychair.geometry import transform_points
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
-from waychair.planning.fleet.order import Order, Request, parked
+from waychair.planning.fleet.order import Order, Request, parked, stopped
 from waychair.planning.fleet.warden import District, Heard, Report, decided
-from waychair.planning.fleet.ways import ways_of
+from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.chain_geometry import TURNING_ROOM, chain_of, drivable, node_rooms, spot_places
-from waychair.trials.fleet_scenes import places_in_rooms
-from waychair.types import Pose2
+from waychair.trials.fleet_scenes import SCENARIOS, places_in_rooms
+from waychair.types import Place, Pose2
 
 PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
 GRAPH = corridor_graph(PLAN, 1.2, rooms=True, bays=True)
@@ -27,11 +32,16 @@ ROOMS = [refuge.name for refuge in GRAPH.refuges]
 class _Points:
     """Chairs without mass that drive along their chains at 0.5 m/s, and a warden; `now_ms` goes on by 100 a step."""
 
-    def __init__(self, starts: dict[int, str], goals: dict[int, str]) -> None:
-        self.district = District(parked(WAYS, starts), 3000)
-        self.drivers = {k: ChainDriver(WAYS, k, CHAIR_A, PLACES) for k in starts}
-        self.ways = dict.fromkeys(starts, 0.0)
-        self.poses = {k: PLACES[room].pose for k, room in starts.items()}
+    def __init__(
+        self,
+        starts: dict[int, str],
+        goals: dict[int, str],
+        ways: Ways = WAYS,
+        places: Mapping[str, Place] = PLACES,
+    ) -> None:
+        self.district = District(parked(ways, starts), 3000)
+        self.drivers = {k: ChainDriver(ways, k, CHAIR_A, dict(places)) for k in starts}
+        self.poses = {k: places[room].pose for k, room in starts.items()}
         self.now_ms = 0
         self.goals_left: dict[int, int] = {}
         self.steps: dict[int, Steps] = {}
@@ -41,11 +51,11 @@ class _Points:
     def order(self) -> Order:
         return self.district.order
 
-    def step(self) -> None:
+    def step(self, blocked: Mapping[str, int] = {}) -> None:
         for k, driver in self.drivers.items():
             self.steps[k] = driver.step(self.order, self.poses[k], self.now_ms, self.goals_left.get(k, 1))
         reports = tuple(each.report for each in self.steps.values())
-        self.district, replies, _ = decided(self.district, Heard(reports, tuple(self._asks)), self.now_ms)
+        self.district, replies, _ = decided(self.district, Heard(reports, tuple(self._asks), blocked), self.now_ms)
         assert not [reply.sentence for reply in replies if reply.answer.value == "rejected"]
         self._asks = []
         self.now_ms += 100
@@ -142,23 +152,198 @@ def test_one_of_two_that_meet_in_a_corridor_gets_a_bay_as_its_first_goal() -> No
     assert aside in ROOMS
 
 
-def test_no_line_bars_the_way_into_a_bay_and_one_bars_the_way_out_of_it() -> None:
-    points, *_ = _head_on()
-    k = next(k for k, steps in points.steps.items() if len(steps.goals or ()) == 2)
-    bay, last = (str(each.target) for each in points.steps[k].goals or ())
-    points.goals_left[k] = 2
-    away = math.copysign(1.0, PLACES[bay].pose.x - points.poses[k].x)
-    for _ in range(40):  # on its way it comes to the bay's door
-        x = points.poses[k].x + away * 0.4
-        if away * (PLACES[bay].pose.x - x) < 0.5:
+def _from_room_to_room(pose: Pose2, room: str) -> list[Pose2]:
+    """Return poses 5 cm apart: backwards out of a room, turned on the spot, along the corridor, and into another room."""
+    goal = PLACES[room].pose
+    way = 0.0 if goal.x > pose.x else math.pi
+    inwards = math.sin(goal.theta)
+    found = [Pose2(pose.x, y, pose.theta) for y in _steps(pose.y, 3.0)]
+    found += [Pose2(x, 3.0, way) for x in _steps(pose.x, goal.x)]
+    return found + [Pose2(goal.x, y, math.copysign(math.pi / 2, inwards)) for y in _steps(3.0, goal.y)]
+
+
+def _steps(start: float, end: float) -> list[float]:
+    count = max(round(abs(end - start) / 0.05), 1)
+    return [start + (end - start) * k / count for k in range(count + 1)]
+
+
+class _Drivers(_Points):
+    """Chairs that drive to their goals, from room to room, as far as their authorities let them."""
+
+    def __init__(self, starts: dict[int, str], goals: dict[int, str]) -> None:
+        super().__init__(starts, goals)
+        self.goals_left = dict.fromkeys(starts, 0)
+        self.visited: dict[int, list[str]] = {k: [] for k in starts}
+        self._rooms: dict[int, list[str]] = {k: [] for k in starts}
+        self._path: dict[int, list[Pose2]] = {k: [] for k in starts}
+
+    def drive(self) -> None:
+        self.step()
+        for k, steps in self.steps.items():
+            if steps.goals is not None and [str(each.target) for each in steps.goals] != self._rooms[k]:
+                self._rooms[k] = [str(each.target) for each in steps.goals]
+                self._path[k] = _from_room_to_room(self.poses[k], self._rooms[k][0]) if self._rooms[k] else []
+            self.goals_left[k] = len(self._rooms[k])
+            self._move(k)
+
+    def _move(self, k: int) -> None:
+        path = np.array([pose.array() for pose in self._path[k]])
+        if not len(path) or self.steps[k].authority.way_left(CHAIR_A, self.poses[k], path) < 0.1:
+            return
+        self.poses[k] = self._path[k].pop(0)
+        line = self.steps[k].authority.line
+        assert line is None or not crosses(line, CHAIR_A, self.poses[k].array()[None])[0]
+        if not self._path[k]:
+            self.visited[k].append(self._rooms[k].pop(0))
+            self._path[k] = _from_room_to_room(self.poses[k], self._rooms[k][0]) if self._rooms[k] else []
+            self.goals_left[k] = len(self._rooms[k])
+
+
+def _touch(a: Pose2, b: Pose2) -> bool:
+    corners = transform_points(a, CHAIR_A.outline())
+    sides = zip(corners, np.roll(corners, -1, axis=0), strict=True)
+    return any(crosses(np.array(side), CHAIR_A, b.array()[None])[0] for side in sides)
+
+
+@pytest.mark.parametrize("second", [0, 1, 2])
+def test_two_that_meet_pass_each_other_by_a_bay_which_no_line_bars_until_the_other_one_is_there(second: int) -> None:
+    start = _rooms_apart(12.0)[0]
+    far = [room for room in ROOMS if abs(PLACES[room].pose.x - PLACES[start].pose.x) >= 12.0]
+    goal = far[second % len(far)]
+    pair = _Drivers({0: start, 1: goal}, {0: goal, 1: start})
+    waited_inside = 0
+    for _ in range(2000):
+        pair.drive()
+        assert not _touch(pair.poses[0], pair.poses[1])
+        for k, visited in pair.visited.items():
+            inside = visited and pair.goals_left[k] > 0 and pair.poses[k] == PLACES[visited[-1]].pose
+            waited_inside += bool(inside and pair.steps[k].authority.line is not None)
+        if all(driver.arrived and not pair.goals_left[k] for k, driver in pair.drivers.items()) and pair.now_ms > 5000:
             break
-        points.poses[k] = Pose2(x, 3.0, 0.0 if away > 0 else math.pi)
+    assert [pair.visited[0][-1], pair.visited[1][-1]] == [goal, start]
+    assert sorted(map(len, pair.visited.values())) == [1, 2]
+    assert waited_inside > 0  # the line across the bay's door held the chair until the other one had passed
+
+
+@pytest.mark.parametrize("inside", [0.05, 0.35, 0.7])
+def test_a_chair_before_a_shut_way_gives_it_back_and_turns_to_another_one_with_no_line_under_it(inside: float) -> None:
+    scene = SCENARIOS["seated_persons"](0).scene
+    ways = drivable(ways_of(scene.graph, 0.45), CHAIR_A)
+    points = _Points({0: "10"}, {0: "00"}, ways, scene.places)
+    points.step()
+    for _ in range(20):  # it comes to the corner from below, its rear still before the corner
+        y = min(points.poses[0].y + 0.2, 6.5)
+        points.poses[0] = Pose2(3.0, y, math.pi / 2)
         points.step()
+    points.poses[0] = Pose2(3.9 + inside - CHAIR_A.front * math.cos(0.6), 6.45, 0.6)
     points.step()
+    driver = points.drivers[0]
+    assert driver.section_ahead() is not None
+    assert ways.names[points.order.chains[0].spots[0]] == "02-00"
+    points.district = replace(points.district, order=driver.withdraw(points.order))
+    points.steps[0] = Steps(driver.report(), FREE)
+    points.district, _, _ = decided(points.district, Heard((driver.report(),), (), {"02-00": 120_000}), points.now_ms)
+    for _ in range(3):
+        points.step()
+        chain = points.order.chains[0]
+        assert "02-00" not in [ways.names[spot] for spot in chain.spots]
+        line = points.steps[0].authority.line
+        assert not points.steps[0].authority.stands
+        assert line is None or not crosses(line, CHAIR_A, points.poses[0].array()[None])[0]
+    assert chain.last > 0
+    assert ways.names[chain.spots[-1]] == "00"
+
+
+def test_a_chair_that_was_stopped_on_its_way_may_not_move() -> None:
+    start, goal = _rooms_apart(9.0)
+    points = _Points({0: start}, {0: goal})
+    for _ in range(3):
+        points.step()
+    assert not points.steps[0].authority.stands
+    assert points.order.chains[0].visit > 0  # it has entered its door
+    points.district = replace(points.district, order=stopped(points.order, 0))
+    points.step()
+    assert points.steps[0].authority.stands
+    assert points.steps[0].goals == ()
+
+
+def test_a_chair_stands_aside_with_its_face_to_the_node_by_which_it_leaves_again() -> None:
+    scene = SCENARIOS["door_from_both_sides"](0).scene
+    ways = ways_of(scene.graph, 0.45)  # as if a chair could turn in the corridor
+    points = _Points(
+        dict(enumerate(scene.starts)), {k: goals[0] for k, goals in enumerate(scene.goals)}, ways, scene.places
+    )
+    points.step()
+    points.step()
+    aside = [
+        each.target for steps in points.steps.values() for each in steps.goals or () if isinstance(each.target, Pose2)
+    ]
+    assert len(aside) == 1
+    room = scene.places["room 5"].pose  # which the one leaves and the other one wants
+    door = min(
+        (node for node in scene.graph.nodes if "room" not in node.name),
+        key=lambda node: math.dist((node.x, node.y), (room.x, room.y)),
+    )
+    ahead = math.cos(aside[0].theta) * (door.x - aside[0].x) + math.sin(aside[0].theta) * (door.y - aside[0].y)
+    assert ahead == pytest.approx(math.dist((door.x, door.y), (aside[0].x, aside[0].y)))
+    assert ahead - CHAIR_A.front >= TURNING_ROOM
+
+
+def test_a_chair_on_its_way_aside_keeps_that_goal_and_the_node_in_a_new_plan_and_goes_no_farther() -> None:
+    scene = SCENARIOS["door_from_both_sides"](0).scene
+    ways = ways_of(scene.graph, 0.45)  # as if a chair could turn in the corridor
+    goals = {k: goals[0] for k, goals in enumerate(scene.goals)}
+    points = _Points(dict(enumerate(scene.starts)), goals, ways, scene.places)
+    for _ in range(2):
+        points.step()
+    k, steps = next((k, steps) for k, steps in points.steps.items() if len(steps.goals or ()) == 2)
+    assert [zone.name for zone in steps.bars if "place to wait" in zone.name]
+    aside = (steps.goals or ())[0].target
+    assert isinstance(aside, Pose2)
+    points.goals_left[k] = 2
+    room = points.poses[k]
+    for x in (room.x, room.x - 0.5):  # out of its room, as far as the section beside the door
+        points.poses[k] = Pose2(x, room.y, room.theta)
+        points.step()
+    points.poses[k] = Pose2(aside.x, room.y, aside.theta)
+    while not points.order.chains[k].behind or ways.names[points.order.chains[k].spots[0]].startswith("n5"):
+        points.step()
+    section = points.order.chains[k].spots[0]
+    driver = points.drivers[k]
+    driver._chain = None  # a new plan begins here
+    points.step()
+    assert [each.target for each in points.steps[k].goals or ()] == [aside, goals[k]]
+    assert points.order.chains[k].spots[0] == section
+    assert points.order.chains[k].behind
     line = points.steps[k].authority.line
-    assert line is None or abs(line[:, 0].mean() - PLACES[bay].pose.x) > 0.5
-    points.poses[k], points.goals_left[k] = PLACES[bay].pose, 1
+    assert line is not None  # before the next node beyond
+    assert (line.mean(axis=0) - (aside.x, aside.y)) @ (math.cos(aside.theta), math.sin(aside.theta)) < -CHAIR_A.rear
+
+
+def test_no_chair_stands_aside_where_it_cannot_turn_about() -> None:
+    scene = SCENARIOS["door_from_both_sides"](0).scene
+    ways = drivable(ways_of(scene.graph, 0.45), CHAIR_A)
+    goals = {k: goals[0] for k, goals in enumerate(scene.goals)}
+    points = _Points(dict(enumerate(scene.starts)), goals, ways, scene.places)
     points.step()
-    inside = points.steps[k].authority.line
-    assert inside is None or abs(inside[:, 0].mean() - PLACES[bay].pose.x) < 1.2
-    assert last in ROOMS
+    points.step()
+    assert [[each.target for each in steps.goals or ()] for steps in points.steps.values()] == [
+        [g] for g in goals.values()
+    ]
+
+
+def test_a_chair_that_lets_another_one_pass_in_a_side_way_gets_its_end_as_a_goal_and_faces_back() -> None:
+    scene = SCENARIOS["swap_in_t"](0).scene
+    ways = drivable(ways_of(scene.graph, 0.45), CHAIR_A)
+    goals = {k: goals[0] for k, goals in enumerate(scene.goals)}
+    points = _Points(dict(enumerate(scene.starts)), goals, ways, scene.places)
+    points.step()
+    points.step()
+    asked = [[each.target for each in steps.goals or ()] for steps in points.steps.values()]
+    assert sorted(map(len, asked)) == [1, 2]
+    first = next(each[0] for each in asked if len(each) == 2)
+    assert isinstance(first, str) or math.sin(first.theta) == pytest.approx(1.0)  # towards the crossing, in the stem
+    for k, steps in points.steps.items():
+        places = spot_places(ways)
+        folds = chain_of(ways, places, node_rooms(scene.graph), points.order.chains[k].spots).folds
+        assert len(folds) == len(steps.goals or ()) - 1
