@@ -22,6 +22,7 @@ from waychair.slam.graph.information import (
     rotated_information,
 )
 from waychair.slam.mapping.key_scan_graph import KeyGraph
+from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_agreement import Agreement, View, agreement, view_of
 from waychair.slam.scan.scan_matching import Match, MatchSettings, Window, match
 from waychair.slam.scan.scan_points import ScanPoints
@@ -30,7 +31,11 @@ from waychair.types import FloatArray, Pose2
 _BEFORE = 10  # latest key scans that a doubted scan is compared with
 _POOR_RESPONSE, _CONTRADICTED = 0.62, 0.15  # a match as poor as this is a tear if it contradicts more
 _SURELY_CONTRADICTED = 0.25  # the same for a better match
+_SLIP_WINDOW = Window(1.2, 0.6)  # m, rad; where the odometry may have slipped
+_BETTER = 1.1  # times the response of the match near the odometry's pose, from which a slip is likely
+_AT_GUESS, _HELD = Window(0.05, 0.05), 100.0  # a match that must not leave the guess, of so many times the information
 _SLIP, _SLIP_CONTRADICTED = 0.5, 0.1  # m; a slip of the odometry by more must be contradicted as little as this
+_SLIP_SHARE = 0.5  # of the contradiction at the odometry's pose is left where it slipped
 _AGAIN = 0.7  # times these limits for the scan after a doubted one, which shows nearly the same
 _LEAST_SHARED = 60  # surface points that must be shared with all scans before; fewer prove nothing
 _AGREED, _CARRIED = 0.12, 0.2  # contradicted share up to which the chair drove, and from which it was carried
@@ -96,6 +101,40 @@ class CarryJudge:
         if math.hypot(found.pose.x - guess.x, found.pose.y - guess.y) > _SLIP and at[1].contradiction > limit:
             limit = _SLIP_CONTRADICTED
         return least.contradiction > (_AGAIN * limit if again else limit)
+
+    def less_contradicted(
+        self,
+        keys: KeyGraph,
+        recent: Sequence[int],
+        scan: ScanPoints,
+        reference: ScanReference,
+        found: Match,
+        guess: Pose2,
+        prior: FloatArray,
+        is_measured: bool,
+    ) -> tuple[Match, bool]:
+        """Return the match of a scan that fits poorly near the guess, and whether the odometry slipped.
+
+        `found` is its match near the guess, whose information is `prior` (3, 3), and `is_measured` unless the guess only
+        continues the last motion. A better fit elsewhere is no proof of a slip. A chair that drives backwards or turns sees
+        new walls beside the known ones; its scan fits best where it lies on known walls as a whole, which may be a metre
+        away. So the latest key scans must contradict the scan at the guess, and hardly where it fits.
+        """
+        wide = match(scan, reference, guess, prior / 100, _SLIP_WINDOW, self._matching)
+        earlier, view = self.views(keys, recent[-_BEFORE:]), view_of(scan, self._mount)
+
+        def is_proved(pose: Pose2, against: Pose2) -> bool:
+            there, here = (agreement(earlier, [(view, at @ self._mount)]) for at in (against, pose))
+            if there.shared < _LEAST_SHARED or not is_measured:
+                return True
+            limit = min(_SLIP_CONTRADICTED, _SLIP_SHARE * there.contradiction)
+            return there.contradiction > _SLIP_CONTRADICTED and here.contradiction < limit
+
+        gap = guess.inverse() @ found.pose
+        if math.hypot(gap.x, gap.y) > _NEAR_ODOMETRY and not is_proved(found.pose, guess):
+            found = match(scan, reference, guess, _HELD * prior, _AT_GUESS, self._matching)
+        slipped = wide.response > _BETTER * found.response and is_proved(wide.pose, found.pose)
+        return (wide if slipped else found), slipped
 
     def returned(
         self, keys: KeyGraph, tear: OpenTear, scan: ScanPoints, key_from_base: Pose2

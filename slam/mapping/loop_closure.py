@@ -60,6 +60,7 @@ _AGREE_DISTANCE, _AGREE_ANGLE = 0.5, 0.15  # m, rad; two finds this near agree
 _PLACE_REACH, _PLACE_PATH = 12.0, 15.0  # m; key scans this near to a part laid at a place, and so connected, see it
 _PLACE_VIEWS, _PART_VIEWS = 30, 20  # key scans of the place and of the part that are compared
 _LEAST_SHARED = 300  # surface points that both must know about
+_LONGEST_REST = 3  # times the length of a round of submaps: where the chair is on new ground, a round finds nothing
 _LOOKUPS = 10_000_000  # points that one piece of a search looks up in a grid, 20 ms
 _MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
 
@@ -186,13 +187,23 @@ class _SubmapSearch:
 
 
 @dataclass(slots=True)
-class _Driven:
-    """Distances driven [m] since the last search near the chair, of submaps, by partial overlap, and since the last loop."""
+class Driven:
+    """Distances driven [m] since the last search near the chair, of submaps, by partial overlap, and since the last loop.
+
+    Then the number of latest rounds of submaps without a find, and the distance [m] from the begin of the last to the next.
+    """
 
     search: float = math.inf
     submaps: float = math.inf
     overlap: float = math.inf
     loop: float = math.inf
+    fruitless: int = 0
+    next_round: float = 0.0
+
+    def end_round(self, is_fruitless: bool) -> None:
+        """Rest after a fruitless round of submaps for so many times its length as rounds before it were fruitless, too."""
+        self.next_round = self.submaps * (1 + min(self.fruitless, _LONGEST_REST)) if is_fruitless else 0.0
+        self.fruitless = self.fruitless + 1 if is_fruitless else 0
 
 
 class LoopRejection(enum.Enum):
@@ -224,7 +235,7 @@ class LoopCloser:
         self._settings, self._matching, self._reach = settings, matching, reach
         self._pyramids = SubmapPyramids()
         self._base_from_laser, self._judge = base_from_laser, judge
-        self._since = _Driven()
+        self._since = Driven()
         self._submaps: dict[
             int, bool
         ] = {}  # by first key scan: whether a submap where the chair can have been was searched
@@ -249,6 +260,7 @@ class LoopCloser:
         """Forget what was found before, since the chair may have been carried."""
         self._overlap_search = self._submap_search = self._submap_find = self._recognised = None
         self._overlap_finds = []
+        self._since.end_round(is_fruitless=False)
 
     def loops(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
         """Return edges that close loops at the last key scan, or at the view of a longer search.
@@ -262,6 +274,7 @@ class LoopCloser:
         self.counts["loops_closed"] += len(edges)
         if edges:
             self._since.loop, self._overlap_search, self._submap_search = 0.0, None, None
+            self._since.end_round(is_fruitless=False)
         return edges
 
     def _loops_here(self, keys: KeyGraph, recent: Sequence[int]) -> list[Edge]:
@@ -277,7 +290,8 @@ class LoopCloser:
         edges = [edge for edge in found if isinstance(edge, Edge)]
         if not edges and near and self._is_overlap_search_due():
             self._since.overlap, self._overlap_search = 0.0, _OverlapSearch(list(recent), list(near))
-        enough = len(recent) >= _SUBMAP_QUERY and self._since.submaps >= settings.submap_spacing
+        rested = keys.is_torn or self._since.submaps >= self._since.next_round  # parts that are apart have no rest
+        enough = len(recent) >= _SUBMAP_QUERY and rested and self._since.submaps >= settings.submap_spacing
         if not edges and enough and self._submap_search is None:
             self._begin_submap_search(keys, recent, path_lengths)
         return edges
@@ -434,6 +448,7 @@ class LoopCloser:
         if self._try_next_place(keys, search):
             return []
         self._submap_search = None
+        self._since.end_round(is_fruitless=not search.edges)
         self.counts["places_ambiguous"] += len(search.edges) > 1
         before, self._submap_find = self._submap_find, search.edges[0] if len(search.edges) == 1 else None
         if before is None or self._submap_find is None:

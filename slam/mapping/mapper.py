@@ -39,16 +39,17 @@ _COVER_PATH = 1.5  # m; longest path along the edges to a covering key scan
 _COVERED_SCANS = 3  # latest scans that are kept for the grid beside each key scan that covers them
 _RECENT_KEYS = 40  # latest key scans that a new scan is matched against
 CERTAIN_PATH = 3.0  # m; key scans this near along the edges are matched against, too
+_CERTAIN_STEPS, _LATEST = 6.0, 10  # or within so many mean steps between the latest key scans, if these are far apart
 _SEARCH_DISTANCE, _SEARCH_ANGLE = 0.3, 0.35  # m, rad; half window round the odometry
 _MATCHED_SHARE = 0.4  # share of that window if the scan was already aligned
-_GOOD_RESPONSE = 0.7  # a match with a lower response is searched again in the slip window
-_SLIP_WINDOW = Window(1.2, 0.6)  # where the odometry may have slipped
+_GOOD_RESPONSE = 0.7  # a match with a lower response is searched again where the odometry may have slipped
 _MIN_INLIERS = 0.3  # a match with a smaller share of points on surfaces is not used
 _GUESS_DOUBT = 100.0  # without odometry, a motion that is continued has so much less information
 _DOUBTS = 2  # scans in a row that contradict the key scans before a tear is declared
 _TRACK_INLIERS = 0.5  # between full matches, a scan with a smaller share of points on surfaces leaves the odometry
 _TRACK_POINTS = 360  # points of a scan that are aligned between full matches
 _TRACK_REACH = 0.12  # m; largest error of the odometry since the last scan
+_TRACK_FARTHEST = 0.3  # m; a scan that is aligned farther from the odometry's pose has slid along a corridor
 _FASTEST, _LEAST_STEP_S = 5.0, 0.3  # m/s, s; odometry that is faster for longer is no motion of a chair
 _STANDING_STAMP_S = 1.0  # s; assumed between two stamps that do not advance, which tell no speed
 
@@ -287,6 +288,8 @@ class Mapper:
                     settings=settings.matching,
                 )
                 pose, inliers = found.pose, found.inliers
+            if self._state.odometry is not None and math.hypot(pose.x - guess.x, pose.y - guess.y) > _TRACK_FARTHEST:
+                inliers = 0.0
             matched = len(scan) >= MIN_POINTS and inliers >= _TRACK_INLIERS
             self._state.inliers = float(inliers) if len(scan) >= MIN_POINTS else 0.0
             self._state.unmatched = 0 if matched else self._state.unmatched + 1
@@ -324,18 +327,13 @@ class Mapper:
                 scan, reference, guess=guess, guess_information=prior, window=window, settings=settings.matching
             )
             slipped = False
-            if found.response < _GOOD_RESPONSE:  # the odometry slipped, or the place is new
-                wide = match(
-                    scan,
-                    reference,
-                    guess=guess,
-                    guess_information=prior / 100,
-                    window=_SLIP_WINDOW,
-                    settings=settings.matching,
+            if found.response < _GOOD_RESPONSE:  # the odometry slipped, or part of the view is new
+                has_odometry = self._state.odometry is not None
+                found, slipped = self._judge.less_contradicted(
+                    self.keys, self._recent_keys, scan, reference, found, guess, prior, has_odometry
                 )
-                if wide.response > 1.1 * found.response:
-                    found, prior, slipped = wide, prior / 100, True
-                    self.counts["slips"] += 1
+                self.counts["slips"] += slipped
+                prior = prior / 100 if slipped else prior
             if len(scan) < MIN_POINTS:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
             doubted = self._tear is None and (slipped or found.response < _GOOD_RESPONSE)
@@ -456,7 +454,9 @@ class Mapper:
         """
         if self._reference is None:
             here = self.keys.poses[self._current_key]
-            certain = self.keys.path_lengths(self._current_key, CERTAIN_PATH)
+            latest = self.keys.poses[self._recent_keys[-_LATEST:], :2]
+            step = float(np.hypot(*np.diff(latest, axis=0).T).sum()) / max(1, len(latest) - 1)
+            certain = self.keys.path_lengths(self._current_key, max(CERTAIN_PATH, _CERTAIN_STEPS * step))
             members = np.array(sorted({*self._recent_keys, *certain}))
             near = np.hypot(*(self.keys.poses[members, :2] - here[:2]).T) < LOCAL_REACH
             self._reference = self.keys.reference(members[near], here, LOCAL_REACH, self.settings.matching.resolution)

@@ -23,7 +23,13 @@ from waychair.slam.graph.information import (
 )
 from waychair.slam.mapping.carried import agrees_with_odometry
 from waychair.slam.mapping.key_scan_graph import KeyGraph
-from waychair.slam.mapping.loop_closure import LoopSettings, candidates, graph_distances, uncertain_submaps
+from waychair.slam.mapping.loop_closure import (
+    Driven,
+    LoopSettings,
+    candidates,
+    graph_distances,
+    uncertain_submaps,
+)
 from waychair.slam.mapping.mapper import Mapper, MapperResult, MapperSettings
 from waychair.slam.scan.scan_agreement import Agreement, agreement, view_of
 from waychair.slam.scan.scan_points import scan_points
@@ -262,6 +268,19 @@ def test_the_key_scans_just_before_a_tear_are_searched_too(monkeypatch: pytest.M
     assert {first: list(nodes) for first, nodes in found.items()} == {
         0: list(range(10)), 10: list(range(10, 20)), 20: list(range(20, 27)),
     }  # fmt: skip
+
+
+def test_searches_of_submaps_that_find_nothing_become_rarer_until_one_does() -> None:
+    since, rests = Driven(), list[float]()
+    for _ in range(6):
+        since.submaps = 10.0  # m; the length of the round
+        since.end_round(is_fruitless=True)
+        rests.append(since.next_round - since.submaps)
+    assert rests == [0.0, 10.0, 20.0, 30.0, 30.0, 30.0]
+    since.end_round(is_fruitless=False)
+    assert since.next_round == 0.0
+    since.end_round(is_fruitless=True)
+    assert since.next_round == 10.0
 
 
 def test_information_falls_with_the_distance_and_rotates_with_the_frame() -> None:
