@@ -94,7 +94,7 @@ def test_a_door_that_closes_on_the_chair_touches_it_unless_it_sees_it(levels: tu
         assert simulator.lifts is not None
         simulator.lifts.call("lift", "ground")
         run(simulator, 3.0)
-        simulator._place(simulator.world, in_doorway)
+        simulator.place(simulator.world, in_doorway)
         run(simulator, 12.0)
     assert (seen.contacts, struck.contacts) == (0, 1)
     assert struck.lifts is not None
