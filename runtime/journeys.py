@@ -159,7 +159,9 @@ class Traveller:
             self._drive = (self.journey.leg, self.journey.drives), Drive.UNDER_WAY, ""
 
     def drop(self) -> None:
-        """Forget a journey that could not begin, or has ended."""
+        """Forget a journey that could not begin, has ended, or gives way to another goal; its lift is let go."""
+        if self.journey is not None and self.journey.here.lift:
+            self._lifts.hold(self.journey.here.lift, held=False)
         self.journey = None
 
     def cancel(self, now_ns: int) -> None:
