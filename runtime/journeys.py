@@ -17,6 +17,7 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.control.journey.door_view import Door, DoorView, beams_through, forgotten, seen_door
 from waychair.control.journey.journey import (
     IN_THE_CAR,
+    SEEN_OPEN_S,
     Drive,
     Journey,
     JourneyView,
@@ -230,6 +231,8 @@ class Traveller:
         site = self._site(self.journey)
         if site is not None and any(isinstance(message, Scan) for message in heard):
             self._look(site, state)
+            if self.aboard and self._heard.door.open_s(state.stamp_ns) >= SEEN_OPEN_S:
+                self._motion.stands()
         view = self._view(self.journey, site, state)
         self.journey, order = step(self.journey, view)
         if self.journey.phase is Phase.RIDE and self._aboard.leg != self.journey.leg and site is not None:
