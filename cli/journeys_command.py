@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from waychair.cli.options.arguments import NonNegativeInt, PositiveInt
 
 
@@ -13,6 +15,7 @@ def journeys_command(
     passengers: NonNegativeInt = 3,
     imu: bool = True,
     jobs: PositiveInt | None = None,
+    keep: Path | None = None,
     json: bool = False,
 ) -> None:
     """Let a chair travel between random places on different storeys, by lifts that move, and count how it fares.
@@ -31,24 +34,33 @@ def journeys_command(
         Whether the chair has an IMU, which feels the rides.
     jobs
         Number of processes; default one per core.
+    keep
+        File to which each journey is added as it ends, a line of JSON each. Journeys that are in it are not run again.
     json
-        Print JSON, with a row per journey.
+        Print JSON at the end, with a row per journey.
     """
     import json as text
 
     from waychair.cli.options.messages import sayer
-    from waychair.trials.travel.journey_runs import run_journeys, summary
+    from waychair.trials.travel.journey_runs import keep_record, kept_records, run_journeys, summary
     from waychair.trials.travel.journeys import JourneyRecord
 
-    seeds = range(seed, seed + runs)
-    say = sayer(json)
+    seeds, say = range(seed, seed + runs), sayer(json)
+    records = {} if keep is None else kept_records(keep, world, passengers, imu)
+    records = {each: record for each, record in records.items() if each in seeds}
+    if records:
+        say(f"{len(records)} of {runs} journeys are in {keep}")
 
-    def told(done: int, record: JourneyRecord) -> None:
-        way = f"{record.start} to {record.goal}"
+    def told(ended: int, record: JourneyRecord) -> None:
+        records[ended] = record
+        if keep is not None:
+            keep_record(keep, world, passengers, imu, ended, record)
+        way = f"seed {ended}, {record.start} to {record.goal}"
         ends = f"arrived after {record.seconds:.0f} s" if record.arrived else f"not arrived: {record.why}"
-        say(f"{done} of {runs}: {way}: {ends}")
+        say(f"{len(records)} of {runs}: {way}: {ends}")
 
-    result = summary(run_journeys(world, seeds, passengers, imu, jobs, told), seeds)
+    run_journeys(world, [each for each in seeds if each not in records], passengers, imu, jobs, told)
+    result = summary([records[each] for each in seeds], seeds)
     if json:
         print(text.dumps(result, indent=2, allow_nan=False))
         return

@@ -18,6 +18,7 @@ _LOOK_S = 0.1
 def page_command(
     *,
     sim: Annotated[str, Parameter(name=["--sim", "--world"])] = "small_clinic",
+    building: Path | None = None,
     map: Path | None = None,
     port: Annotated[NonNegativeInt, Parameter(name=["--port", "--page-port"])] = 8000,
     lan: Annotated[bool, Parameter(name=["--lan", "--page-lan"])] = False,
@@ -37,7 +38,10 @@ def page_command(
     Parameters
     ----------
     sim
-        World of the chair (see `waychair worlds`), or a plan's .yaml file.
+        World of the chair (see `waychair worlds`), or a plan's .yaml file. In a world of several levels the chair
+        travels to all of them by lifts that move.
+    building
+        Folder of a building in whose maps the chair travels, instead of a world.
     map
         Map folder of a drive that began at the world's start; default the world's plan, on which drawings are lost at
         the end.
@@ -67,6 +71,7 @@ def page_command(
     from waychair.cli.options.page_process import check_page_port, page_names, page_sentence, page_token
     from waychair.cli.starting import WARNING
     from waychair.runtime.processes import signalled
+    from waychair.trials.live_building import live_building
     from waychair.trials.live_chair import LiveChair
     from waychair.ui.server import page_server
 
@@ -76,8 +81,9 @@ def page_command(
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     print(WARNING, file=sys.stderr)
     with (
+        live_building(sim, building, map, people=people) as site,
         LiveChair(
-            world=sim,
+            world=sim if site is None else site.levels[0],
             map_folder=map,
             seed=seed,
             people=people,
@@ -86,6 +92,7 @@ def page_command(
             urgently=urgent,
             settings=configured.chair,
             simulation=configured.simulation,
+            building=site,
         ) as chair,
         page_server(
             chair,

@@ -57,6 +57,8 @@ class ChairView:
     computer's steady clock (`time.monotonic_ns`); the latter is the time since which the rider's own joystick has the
     lines, None while the computer holds them. `steered`: a page's joystick drives. `paused`: the drive stands until
     somebody lets it go on. `offers`: it waits at a doorway, and another way is taken once somebody lets it go on.
+    `storey`: the name of the storey whose map this is, empty for a chair that knows one map only. `asks`: the storeys
+    among which the rider chooses, since the chair in a lift is not certain where it is; see `answer_storey`.
     """
 
     stamp_ns: int
@@ -81,6 +83,8 @@ class ChairView:
     steered: bool = False
     paused: bool = False
     offers: bool = False
+    storey: str = ""
+    asks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,6 +156,9 @@ class ChairPort(Protocol):
 
     def cancel(self) -> Answer:
         """Come to rest and drop the goal."""
+
+    def answer_storey(self, storey: str) -> Answer:
+        """Take the rider's word for the storey at which the lift stands, one of `ChairView.asks`."""
 
     def stop(self) -> Answer:
         """Obey the rider's Stop: the computer lets go of the lines at once."""

@@ -13,6 +13,8 @@ from waychair.runtime.chair_story import check_zone
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import FloatArray, OccupancyGrid, Place
 
+NOT_ASKED = "the chair does not ask which storey this is"
+
 
 class DrawingPort(ABC):
     """Checks each change of places, zones and map; the subclass's `_drawn` makes it."""
@@ -37,6 +39,10 @@ class DrawingPort(ABC):
     def goals(self) -> Sequence[GoalView]:
         """See `ChairPort`; a chair that knows one map has none beside its places."""
         return ()
+
+    def answer_storey(self, storey: str) -> Answer:
+        """See `ChairPort`; a chair that knows one map never asks."""
+        return Answer(False, NOT_ASKED)
 
     def place_here(self, name: str, tolerance_m: float, tolerance_rad: float, replaces: bool = False) -> Answer:
         """See `ChairPort`."""

@@ -7,6 +7,7 @@ joystick, Stop, or whatever else ends a drive holds the journey until `go_on`, a
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -16,6 +17,7 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.control.journey.door_view import Door, DoorView, beams_through, forgotten, seen_door
 from waychair.control.journey.journey import (
     IN_THE_CAR,
+    SEEN_OPEN_S,
     Drive,
     Journey,
     JourneyView,
@@ -91,9 +93,20 @@ class TravelState:
 
 
 @dataclass(slots=True)
-class _Aboard:
-    """What is known of the ride: the chair in the cabin's frame by odometry, where it began, and the evidence."""
+class _Heard:
+    """What the latest messages and the rider say: the scan, the lift's door in it, whether Stop holds, and why to hold."""
 
+    scan: Scan | None = None
+    door: DoorView = field(default_factory=DoorView)
+    stopped: bool = False
+    hold: str = ""
+
+
+@dataclass(slots=True)
+class _Aboard:
+    """What is known of a leg's ride: the chair in the cabin's frame by odometry, where it began, and the evidence."""
+
+    leg: int = -1
     cabin_from_odom: Pose2 = field(default_factory=Pose2)
     began: str = ""
     match: dict[str, float] = field(default_factory=dict)
@@ -111,25 +124,46 @@ class Traveller:
         sites: Iterable[LiftSite],
         lifts: LiftPort,
         storey: str,
+        worker: Executor | None = None,
     ) -> None:
-        """`storey`: that of the chair's map now."""
+        """`storey`: that of the chair's map now. `worker` prepares maps beside the ticks; None: a tick waits for them."""
         self._chair, self._body, self._lifts = chair, body, lifts
         self._maps = {each.storey: each for each in storeys}
         self._sites = {(site.lift, site.storey): site for site in sites}
-        self._prepared: dict[str, PreparedStorey] = {}
+        self._prepared: dict[str, Future[PreparedStorey]] = {}
+        self._worker = worker
         self.storey = storey
         self.journey: Journey | None = None
         self._motion = RideMotion()
-        self._door = DoorView()
-        self._scan: Scan | None = None
+        self._heard = _Heard()
         self._aboard = _Aboard()
         self._drive: tuple[tuple[int, int] | None, Drive, str] = None, Drive.NONE, ""
         self._pressed: tuple[str, str, int] = "", "", -(10**12)
 
+    @property
+    def under_way(self) -> bool:
+        """Whether a journey goes on by itself: it has neither ended nor is it held."""
+        return self.journey is not None and not self.journey.ended and self.journey.phase is not Phase.HELD
+
+    @property
+    def aboard(self) -> bool:
+        """Whether the chair is in a lift, so that its storey is uncertain."""
+        return self.journey is not None and self._is_aboard(self.journey)
+
     def go(self, legs: Sequence[Leg], now_ns: int) -> None:
-        """Begin a journey by the rider's yes."""
+        """Begin a journey by the rider's yes; a goal for which the chair waits is that of the first leg."""
         self.journey = begun(tuple(legs), now_ns)
-        self._drive = None, Drive.NONE, ""
+        self._drive, self._aboard = (None, Drive.NONE, ""), _Aboard()
+        self._heard.hold = ""
+        if self._chair.waits:
+            self._chair.confirm()
+            self._drive = (self.journey.leg, self.journey.drives), Drive.UNDER_WAY, ""
+
+    def drop(self) -> None:
+        """Forget a journey that could not begin, has ended, or gives way to another goal; its lift is let go."""
+        if self.journey is not None and self.journey.here.lift:
+            self._lifts.hold(self.journey.here.lift, held=False)
+        self.journey = None
 
     def cancel(self, now_ns: int) -> None:
         """Cancel the journey; in a car the storey is still found out."""
@@ -137,19 +171,50 @@ class Traveller:
             self.journey = cancel(self.journey, now_ns)
             self._chair.cancel()
 
-    def go_on(self, now_ns: int) -> None:
-        """Continue a journey that was held."""
-        if self.journey is not None:
+    def stop(self) -> None:
+        """Obey the rider's Stop, which holds a journey in all its states."""
+        self._chair.stop()
+        self._heard.hold = "Stop was pressed"
+
+    def pause(self) -> bool:
+        """Hold the journey until `go_on`; on the way, the chair stands where it is. Return whether there is one to hold."""
+        journey = self.journey
+        if journey is None or not self.under_way:
+            return self._chair.pause()
+        if journey.phase is not Phase.DRIVE or not self._chair.pause():
+            self._heard.hold = "paused"
+        return True
+
+    def go_on(self, now_ns: int) -> bool:
+        """Continue a journey that was held, or a drive that was paused; return whether there is one."""
+        if self.journey is not None and self.journey.phase is Phase.HELD:
+            self.journey = go_on(self.journey, now_ns)
+            return True
+        return self._chair.go_on()
+
+    def answer(self, storey: str, now_ns: int) -> None:
+        """Take the rider's word for the storey; a journey that was held for it goes on."""
+        self._aboard.rider = storey
+        if self.journey is not None and self.journey.phase is Phase.HELD and self.journey.resume is Phase.WHICH:
             self.journey = go_on(self.journey, now_ns)
 
-    def answer(self, storey: str) -> None:
-        """Take the rider's word for the storey."""
-        self._aboard.rider = storey
-
     def prepare(self, storey: str) -> None:
-        """Make a storey's map ready; takes a while, and may be called from any thread."""
+        """Make a storey's map ready: by the worker, else at once, which takes a while."""
+        if storey in self._prepared:
+            return
         known = self._maps[storey]
-        self._prepared[storey] = self._chair.prepared_storey(known.grid, known.places, known.zones, known.scanned)
+        arguments = known.grid, known.places, known.zones, known.scanned
+        if self._worker is not None:
+            self._prepared[storey] = self._worker.submit(self._chair.prepared_storey, *arguments)
+            return
+        done: Future[PreparedStorey] = Future()
+        done.set_result(self._chair.prepared_storey(*arguments))
+        self._prepared[storey] = done
+
+    def replace_map(self, known: StoreyMap) -> None:
+        """Take what somebody has drawn on a storey's map; the chair's present map is its owner's affair."""
+        self._maps[known.storey] = known
+        self._prepared.pop(known.storey, None)
 
     def step(self, now_ns: int, messages: Iterable[ChairMessage], other_halts: Iterable[Halt] = ()) -> TravelState:
         """Run one tick of the chair, and of its journey if there is one."""
@@ -159,20 +224,21 @@ class Traveller:
             if isinstance(message, ImuSample):
                 self._motion.hear(message)
             elif isinstance(message, Scan):
-                self._scan = message
+                self._heard.scan = message
         self._note_drive(state)
         if self.journey is None:
-            return TravelState(state, None, Order(""), self.storey, {}, self._door)
+            return TravelState(state, None, Order(""), self.storey, {}, self._heard.door)
         site = self._site(self.journey)
         if site is not None and any(isinstance(message, Scan) for message in heard):
             self._look(site, state)
+            if self.aboard and self._heard.door.open_s(state.stamp_ns) >= SEEN_OPEN_S:
+                self._motion.stands()
         view = self._view(self.journey, site, state)
-        before = self.journey.phase
         self.journey, order = step(self.journey, view)
-        if self.journey.phase is Phase.RIDE and before in (Phase.ENTER, Phase.HELD) and site is not None:
-            self._board(site, state)
+        if self.journey.phase is Phase.RIDE and self._aboard.leg != self.journey.leg and site is not None:
+            self._board(self.journey.leg, site, state)
         self._obey(self.journey, order, state)
-        return TravelState(state, self.journey, order, self.storey, view.chances, self._door)
+        return TravelState(state, self.journey, order, self.storey, view.chances, self._heard.door)
 
     def _site(self, journey: Journey) -> LiftSite | None:
         """Return the lift that the journey is about, on the map in use."""
@@ -183,28 +249,30 @@ class Traveller:
 
     def _is_aboard(self, journey: Journey) -> bool:
         held = journey.phase is Phase.HELD and journey.resume in IN_THE_CAR
-        return journey.phase in IN_THE_CAR or held
+        return (journey.phase in IN_THE_CAR or held) and self._aboard.leg == journey.leg
 
     def _cabin_from_base(self, journey: Journey, site: LiftSite, state: ChairState) -> Pose2:
         if self._is_aboard(journey):  # the map may be the wrong one
             return self._aboard.cabin_from_odom @ self._chair.odom_from_base
         return site.cabin.inverse() @ state.map_from_base
 
-    def _board(self, site: LiftSite, state: ChairState) -> None:
+    def _board(self, leg: int, site: LiftSite, state: ChairState) -> None:
         """Note that a ride may begin from here."""
         cabin_from_base = site.cabin.inverse() @ state.map_from_base
-        self._aboard = _Aboard(cabin_from_base @ self._chair.odom_from_base.inverse(), self.storey)
+        self._aboard = _Aboard(leg, cabin_from_base @ self._chair.odom_from_base.inverse(), self.storey)
         self._motion.begin()
 
     def _look(self, site: LiftSite, state: ChairState) -> None:
         """See the lift's door, and what is behind it, in the latest scan."""
-        journey, scan = self.journey, self._scan
+        journey, scan = self.journey, self._heard.scan
         assert journey is not None
         assert scan is not None
         cabin_from_laser = self._cabin_from_base(journey, site, state) @ self._body.base_from_laser
         near = abs(cabin_from_laser.x) < 8.0 and abs(cabin_from_laser.y) < 8.0
-        self._door = seen_door(self._door, scan, cabin_from_laser, site) if near else forgotten(self._door)
-        if journey.phase is Phase.WHICH and self._door.door is Door.OPEN:
+        self._heard.door = (
+            seen_door(self._heard.door, scan, cabin_from_laser, site) if near else forgotten(self._heard.door)
+        )
+        if journey.phase is Phase.WHICH and self._heard.door.door is Door.OPEN:
             angles, ranges = beams_through(scan, cabin_from_laser, site)
             self._aboard.match = {
                 stop: seen_through_door(
@@ -238,7 +306,12 @@ class Traveller:
         drive = drive if key == (journey.leg, journey.drives) else Drive.NONE
         stick = None if state.telemetry is None else state.telemetry.joystick
         pushed = stick is not None and not deflection_of(stick) < self._chair.settings.supervisor.override
-        stopped = state.verdict.mode is DriveMode.STOPPED
+        pushed = pushed or state.verdict.steered
+        hold, was_stopped = self._heard.hold, self._heard.stopped
+        self._heard.hold, self._heard.stopped = "", state.verdict.mode is DriveMode.STOPPED
+        if self._heard.stopped and not was_stopped:  # it holds until the next drive; the rider may go on before
+            hold = "Stop was pressed"
+        hand = "you drive by the joystick" if pushed and not self._heard.stopped else hold
         twist = state.twist
         inside = None if site is None else self._cabin_from_base(journey, site, state)
         localised = state.localisation is not None and state.localisation.state is LocalisationState.OK
@@ -250,15 +323,15 @@ class Traveller:
             now_ns=state.stamp_ns,
             storey=self.storey,
             drive=drive,
-            why=("Stop was pressed" if stopped else "you drive by the joystick") if stopped or pushed else why,
-            taken_over=pushed or stopped,
+            why=hand or why,
+            taken_over=bool(hand),
             at_rest=abs(twist.v) < _AT_REST and abs(twist.omega) < _AT_REST,
             in_cabin=site is not None
             and inside is not None
             and abs(inside.x) <= site.length / 2
             and abs(inside.y) <= site.width / 2,
             clear_of_lift=site is None or inside is None or self._is_clear(site, inside),
-            door=self._door,
+            door=self._heard.door,
             cabin_free=None if site is None or inside is None else self._is_free(site, inside, state),
             riding=self._motion.riding,
             chances=self._chances(journey, site),
@@ -272,9 +345,9 @@ class Traveller:
 
     def _is_free(self, site: LiftSite, cabin_from_base: Pose2, state: ChairState) -> bool | None:
         """Return whether the chair can turn in the cabin, as far as the lidar sees; None without a scan."""
-        if self._scan is None:
+        if self._heard.scan is None:
             return None
-        ends, valid = beam_ends(self._scan, self._body.base_from_laser, 8.0, state.twist)
+        ends, valid = beam_ends(self._heard.scan, self._body.base_from_laser, 8.0, state.twist)
         points = transform_points(cabin_from_base, ends[valid])
         stand = stand_in(site, self._body)
         inner = (np.abs(points[:, 0]) < site.length / 2 - 0.1) & (np.abs(points[:, 1]) < site.width / 2 - 0.1)
@@ -330,8 +403,9 @@ class Traveller:
 
     def _switch(self, lift: str, storey: str, journey: Journey, state: ChairState) -> None:
         """Change everything that belongs to the map, in this tick."""
-        if storey not in self._prepared:
-            self.prepare(storey)
+        self.prepare(storey)
+        if not self._prepared[storey].done():
+            return  # the chair rests meanwhile
         site = self._sites[lift, storey]
-        self._chair.change_storey(storey, self._prepared.pop(storey), self._site_pose(site, journey, state))
+        self._chair.change_storey(storey, self._prepared.pop(storey).result(), self._site_pose(site, journey, state))
         self.storey = storey

@@ -155,6 +155,10 @@ class DemoPage(DemoWatcher, WithoutCells):
         """See `ChairPort`; the same as stop here."""
         return self.stop()
 
+    def answer_storey(self, storey: str) -> Answer:
+        """See `ChairPort`."""
+        return _NOT_HERE
+
     def go(self, goal: str | Pose2) -> Answer:
         """See `ChairPort`."""
         return _NOT_HERE

@@ -14,32 +14,33 @@ import resource
 import threading
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-import cv2
-import numpy as np
-
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
+from waychair.control.journey.journey import Leg
 from waychair.errors import WaychairError
 from waychair.firmware_bridge.heartbeat import urgent
 from waychair.maps.folders.map_drawing import DrawingEditor
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.chair_display import ChairDisplay
-from waychair.runtime.chair_port import Answer, ChairView, LayoutView
-from waychair.runtime.drawing_port import DrawingPort
-from waychair.runtime.perception import Perceived
-from waychair.runtime.perception_view import PerceptionView, drawn_network, perception_view
+from waychair.runtime.chair_port import Answer, ChairView, GoalView, LayoutView
+from waychair.runtime.drawing_port import NOT_ASKED, DrawingPort
+from waychair.runtime.perception_view import PerceptionView, drawn_network
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
 from waychair.simulation.plan.world import World, load_world
 from waychair.simulation.simulator import SimulationSettings, Simulator, SimulatorSettings
 from waychair.slam.localising.localisation import LocalisationState
+from waychair.topics import IMU
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, black_box, look_round, simulated_chair
+from waychair.trials.latest_senses import LatestCells, LatestPicture
+from waychair.trials.live_journeys import LiveBuilding, LiveJourneys
 from waychair.trials.live_map import LiveMap, plan_folder
 from waychair.trials.real_time import RealTimeLoop
 from waychair.types import (
@@ -47,11 +48,8 @@ from waychair.types import (
     FloatArray,
     Goal,
     OccupancyGrid,
-    PanTiltAngles,
     Pose2,
-    RgbdFrame,
     SensorMessage,
-    ServoMessage,
     Twist,
 )
 
@@ -81,46 +79,7 @@ class _Blueprint:
     camera: bool
     urgently: bool
     simulation: SimulationSettings
-
-
-class _LatestPicture:
-    """The camera's latest picture; it is encoded only when somebody looks at it."""
-
-    def __init__(self) -> None:
-        self._frame: RgbdFrame | None = None
-        self._jpeg: tuple[int, bytes] | None = None
-
-    def hear(self, messages: Sequence[SensorMessage]) -> None:
-        """Take in the messages of a tick."""
-        self._frame = next((each for each in reversed(messages) if isinstance(each, RgbdFrame)), self._frame)
-
-    def jpeg(self) -> bytes | None:
-        """Return the picture as JPEG; None before the first one."""
-        frame, known = self._frame, self._jpeg
-        if frame is None:
-            return None
-        if known is None or known[0] != frame.stamp_ns:
-            done, data = cv2.imencode(".jpg", np.ascontiguousarray(frame.image[..., ::-1]))
-            self._jpeg = known = frame.stamp_ns, bytes(data) if done else b""
-        return known[1]
-
-
-class _LatestCells:
-    """The behaviour cells after the latest tick, and the servos' report; the view is made only when somebody looks."""
-
-    def __init__(self) -> None:
-        self.perceived: Perceived | None = None
-        self._aim: PanTiltAngles | None = None
-
-    def hear(self, state: ChairState, looked: Sequence[ServoMessage]) -> None:
-        """Take in a tick."""
-        self.perceived = state.perceived
-        self._aim = next((each for each in reversed(looked) if isinstance(each, PanTiltAngles)), self._aim)
-
-    def view(self) -> PerceptionView | None:
-        """Return what a page shows; None without cells."""
-        perceived = self.perceived
-        return None if perceived is None else perception_view(perceived, CHAIR_A, self._aim)
+    building: LiveBuilding | None
 
 
 class LiveChair(DrawingPort):
@@ -139,36 +98,40 @@ class LiveChair(DrawingPort):
         urgently: bool = False,
         settings: ChairSettings | None = None,
         simulation: SimulationSettings | None = None,
+        building: LiveBuilding | None = None,
     ) -> None:
         """Load the world; the chair starts with the block.
 
         `map_folder`: a map of a drive that began at the world's start. Without it the chair uses the world's plan, and
         drawings on it are lost at the end. `camera`: with pictures to look at. `box`: folder of a black box.
         `urgently`: with real-time priority, if the system grants it. `settings` are the chair's; `countdown_s` applies
-        unless they give a countdown. `simulation`: the settings of the simulated sensors and plant.
+        unless they give a countdown. `simulation`: the settings of the simulated sensors and plant. `building`: the chair
+        travels over its storeys, from the world, which is one of its levels, on its maps instead of `map_folder`.
 
         Raises:
             WorldError: the world does not exist.
         """
-        building = world if isinstance(world, World) else load_world(world)
+        place = world if isinstance(world, World) else load_world(world)
         self._blueprint = _Blueprint(
-            world=building if people else building.without_people(),
+            world=place if people else place.without_people(),
             map_folder=map_folder,
             box=box,
             seed=seed,
             camera=camera,
             urgently=urgently,
             simulation=simulation or SimulationSettings(),
+            building=building,
         )
         settings = settings or ChairSettings()
         supervisor = replace(settings.supervisor, countdown_s=settings.supervisor.countdown_s or countdown_s)
         self._settings = replace(settings, supervisor=supervisor)
         self._view = _BEFORE_START
-        self._picture = _LatestPicture()
-        self._cells = _LatestCells()
+        self._picture = LatestPicture()
+        self._cells = LatestCells()
         self._started = threading.Event()
         self._failure: Exception | None = None
-        self._map: LiveMap
+        self._first_map: LiveMap
+        self._journeys: LiveJourneys | None = None
         self._simulator: Simulator
         self._chair: Chair
         self._display: ChairDisplay
@@ -220,9 +183,18 @@ class LiveChair(DrawingPort):
         """See `ChairPort`."""
         return self._view
 
+    @property
+    def _map(self) -> LiveMap:
+        """The map in use: that of the storey on which the chair is."""
+        return self._first_map if self._journeys is None else self._journeys.map
+
     def grid(self) -> OccupancyGrid | None:
         """See `ChairPort`."""
         return self._map.grid
+
+    def goals(self) -> Sequence[GoalView]:
+        """See `ChairPort`."""
+        return () if self._journeys is None else self._journeys.goals(self._view.map_from_base)
 
     def layout(self) -> LayoutView:
         """See `ChairPort`."""
@@ -242,12 +214,25 @@ class LiveChair(DrawingPort):
         return None if perceived is None else drawn_network(perceived, name)
 
     def go(self, goal: str | Pose2) -> Answer:
-        """See `ChairPort`."""
+        """See `ChairPort`; a goal of the building may lie on another storey."""
         label = goal if isinstance(goal, str) else f"{goal.x:.1f}, {goal.y:.1f}"
+        journeys, legs, here = self._journeys, tuple[Leg, ...](), self._map
+        if journeys is not None and isinstance(goal, str) and goal not in here.drawing.places:
+            pose = self._view.map_from_base
+            if pose is None:
+                return Answer(False, "the chair does not know where it is: drive it to a known place first")
+            try:
+                legs = journeys.legs(goal, journeys.traveller.storey, pose)
+            except WaychairError as error:
+                return Answer(False, str(error))
 
         def asked() -> Answer:
-            self._chair.go(Goal(goal))
+            if journeys is not None and (journeys.traveller.aboard or self._map is not here):
+                return Answer(False, "the chair is in a lift: let it find out the storey, then choose the goal again")
+            self._chair.go(legs[0].goal if legs else Goal(goal))
             self._display.label = label
+            if journeys is not None:
+                journeys.ask(label, legs if len(legs) > 1 else ())
             self._loop.step()
             return Answer(True, f"press Drive to go to {label}")
 
@@ -257,17 +242,19 @@ class LiveChair(DrawingPort):
         """See `ChairPort`."""
 
         def said() -> Answer:
+            label = self._display.label
             if not self._chair.waits:
                 return Answer(False, "there is no goal to confirm: choose a place first")
-            if goal and goal != self._display.label:
-                return Answer(False, f"the goal is {self._display.label} now: check its path, then press Drive")
+            if goal and goal != label:
+                return Answer(False, f"the goal is {label} now: check its path, then press Drive")
             self._loop.watch.began(time.monotonic_ns())
-            self._chair.confirm()
+            if self._journeys is None or not self._journeys.begin(self._simulator.now_ns):
+                self._chair.confirm()
             verdict = self._loop.step().verdict
             if verdict.computer_drives:
-                return Answer(
-                    True, f"sets off to {self._display.label} in {self._settings.supervisor.countdown_s:.0f} s"
-                )
+                return Answer(True, f"sets off to {label} in {self._settings.supervisor.countdown_s:.0f} s")
+            if self._journeys is not None:
+                self._journeys.traveller.drop()
             return Answer(False, verdict.reason)
 
         return self._request(said)
@@ -276,7 +263,7 @@ class LiveChair(DrawingPort):
         """See `ChairPort`."""
 
         def done() -> Answer:
-            paused = self._chair.pause()
+            paused = self._chair.pause() if self._journeys is None else self._journeys.traveller.pause()
             self._loop.step()
             return Answer(paused, PAUSED if paused else NOTHING_TO_PAUSE)
 
@@ -286,19 +273,39 @@ class LiveChair(DrawingPort):
         """See `ChairPort`."""
 
         def done() -> Answer:
-            goes_on = self._chair.go_on()
+            if self._journeys is None:
+                goes_on = self._chair.go_on()
+            else:
+                self._loop.watch.began(time.monotonic_ns())
+                goes_on = self._journeys.traveller.go_on(self._simulator.now_ns)
             self._loop.step()
             return Answer(goes_on, GOES_ON if goes_on else NOTHING_PAUSED)
 
         return self._request(done)
 
     def cancel(self) -> Answer:
-        """See `ChairPort`."""
+        """See `ChairPort`; in a lift the chair still finds out the storey."""
 
         def done() -> Answer:
+            if self._journeys is not None:
+                self._journeys.traveller.cancel(self._simulator.now_ns)
             self._chair.cancel()
             self._loop.step()
             return Answer(True, "the drive was cancelled")
+
+        return self._request(done)
+
+    def answer_storey(self, storey: str) -> Answer:
+        """See `ChairPort`."""
+        journeys = self._journeys
+
+        def done() -> Answer:
+            if journeys is None or storey not in self._view.asks:
+                return Answer(False, NOT_ASKED)
+            self._loop.watch.began(time.monotonic_ns())
+            journeys.traveller.answer(storey, self._simulator.now_ns)
+            self._loop.step()
+            return Answer(True, f"this is storey {storey}")
 
         return self._request(done)
 
@@ -306,7 +313,10 @@ class LiveChair(DrawingPort):
         """See `ChairPort`."""
 
         def done() -> Answer:
-            self._chair.stop()
+            if self._journeys is None:
+                self._chair.stop()
+            else:
+                self._journeys.traveller.stop()
             self._loop.step()
             return Answer(True, "stopped")
 
@@ -356,7 +366,16 @@ class LiveChair(DrawingPort):
             return Answer(False, str(error))
 
     def _drawn(self, change: Callable[[DrawingEditor], None], done: str) -> Answer:
-        return self._map.change(change, done, self._chair, self._loop)
+        known = self._map
+
+        def tell(what: Callable[[], None]) -> None:
+            """Change the chair's map, unless it is on another storey by now."""
+            self._loop.ask(lambda: what() if self._map is known else None)
+
+        answer = known.change(change, done, self._chair, tell)
+        if answer.done and self._journeys is not None:
+            self._journeys.redrawn(known)
+        return answer
 
     def _run(self) -> None:
         """Run the chair; the thread's function."""
@@ -383,34 +402,46 @@ class LiveChair(DrawingPort):
 
     def _build(self, ends: ExitStack) -> None:
         plan, settings = self._blueprint, randomised_settings(self._blueprint.seed)
-        folder = ends.enter_context(plan_folder(plan.world)) if plan.map_folder is None else plan.map_folder
-        self._map = LiveMap(folder)
-        drawn = self._map.drawing
+        site, maps, lifts = plan.building, dict[str, LiveMap](), None
+        if site is not None:
+            maps, lifts = site.maps(), site.lifts(plan.seed)
+            settings = replace(settings, imu=replace(settings.imu, rate_hz=IMU.rate_hz))  # it feels the rides
+            self._first_map = maps[plan.world.level]
+        else:
+            self._first_map = LiveMap(plan.map_folder or ends.enter_context(plan_folder(plan.world)))
+        drawn = self._first_map.drawing
         setup = DriveSetup(
-            grid=self._map.grid,
+            grid=self._first_map.grid,
             places=drawn.places,
             body=CHAIR_A,
             calibration=DEFAULT,
-            map_from_world=Pose2() if plan.map_folder is None else plan.world.start.inverse(),
+            map_from_world=plan.world.start.inverse() if site is None and plan.map_folder is not None else Pose2(),
             chair=self._settings,
             zones=drawn.zones,
-            scanned=self._map.scanned(),
+            scanned=self._first_map.scanned(),
         )
         simulated = plan.simulation.over(_with_pictures(settings, plan.camera))
-        self._simulator = Simulator(plan.world, CHAIR_A, simulated, plan.seed)
+        self._simulator = Simulator(plan.world, CHAIR_A, simulated, plan.seed, lifts)
         watcher = ends.enter_context(black_box(setup, plan.box))
         self._chair = ends.enter_context(simulated_chair(setup, self._simulator, watcher))
         self._display = ChairDisplay(self._chair, CHAIR_A.base_from_laser)
-        self._map.prepare(self._chair)
-        self._loop = RealTimeLoop(self._chair, self._simulator, self._after_tick)
+        if site is not None and lifts is not None:
+            worker = ends.enter_context(ThreadPoolExecutor(1, "storeys"))
+            here = plan.world.level, plan.world.start
+            self._journeys = LiveJourneys(site, maps, self._chair, lifts, *here, worker)
+        self._loop = RealTimeLoop(self._chair, self._simulator, self._after_tick, self._journeys)
 
     def _after_tick(self, messages: tuple[SensorMessage, ...], state: ChairState) -> None:
         """Update view and picture after a tick."""
+        journeys = self._journeys
+        if journeys is not None and journeys.under_way:
+            self._display.label = journeys.leg_label()
         self._display.hear(messages, state)
         self._picture.hear(messages)
         self._cells.hear(state, look_round(self._simulator, self._chair, state))
+        view = self._display.view(state)
         self._view = replace(
-            self._display.view(state),
+            view if journeys is None else journeys.shown(view),
             map_revision=self._map.revision,
             layout_revision=self._map.layout_revision,
             panel=self._panel(state),

@@ -17,7 +17,6 @@ from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.runtime.chair import Chair
 from waychair.runtime.chair_port import Answer, LayoutView
 from waychair.simulation.plan.world import World
-from waychair.trials.real_time import RealTimeLoop
 from waychair.types import OccupancyGrid
 
 
@@ -34,7 +33,12 @@ class LiveMap:
         self._editor = DrawingEditor(folder)
         self.grid = load_map(folder)
         self._lock = threading.Lock()
-        self._prepared: DrawnMap
+        self._prepared: DrawnMap | None = None  # of the drawing as it is, since the first change
+
+    @property
+    def revisions(self) -> tuple[int, int]:
+        """Both revisions."""
+        return self.revision, self.layout_revision
 
     @property
     def drawing(self) -> MapDrawing:
@@ -51,14 +55,16 @@ class LiveMap:
             drawn = self._editor.drawing
             return LayoutView(dict(drawn.places), drawn.zones, self._editor.undoable)
 
-    def prepare(self, chair: Chair) -> None:
-        """Prepare the planner's map of the drawing as it is; comes before the first `change`."""
-        self._prepared = chair.drawn(self.grid, self.drawing.zones)
-
-    def change(self, change: Callable[[DrawingEditor], None], done: str, chair: Chair, loop: RealTimeLoop) -> Answer:
+    def change(
+        self,
+        change: Callable[[DrawingEditor], None],
+        done: str,
+        chair: Chair,
+        tell: Callable[[Callable[[], None]], None],
+    ) -> Answer:
         """Apply a change of places, zones or erased cells to the files, then to the chair, which replans its drive.
 
-        Return `done`, or why it was refused.
+        `tell` runs the chair's part in its thread. Return `done`, or why it was refused.
         """
         with self._lock:
             before = self.drawing
@@ -70,10 +76,10 @@ class LiveMap:
                     self.grid = load_map(self.folder, lambda _: None)
                     self.revision += 1
                     known = chair.known(self.scanned())
-                if erased or not now.has_same_zones(before):
-                    self._prepared = chair.drawn(self.grid, now.zones)
                 prepared = self._prepared
-                loop.ask(lambda: chair.redraw(prepared, now.zones, now.places, known))
+                if prepared is None or erased or not now.has_same_zones(before):
+                    prepared = self._prepared = chair.drawn(self.grid, now.zones)
+                tell(lambda: chair.redraw(prepared, now.zones, now.places, known))
             except WaychairError as error:
                 return Answer(False, str(error))
             self.layout_revision += 1

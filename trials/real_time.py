@@ -10,16 +10,18 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from concurrent.futures import TimeoutError as FutureTimeout
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Protocol, TypeVar
 
+from waychair.control.safety.stops import Halt
 from waychair.errors import WaychairError
 from waychair.firmware_bridge.protocol import Holder
 from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_port import ANSWER_S
+from waychair.runtime.drive_base import ChairMessage
 from waychair.runtime.page_watch import PageWatch
 from waychair.simulation.simulator import Simulator
 from waychair.trials.drive import BEAT_NS, TICK_NS
@@ -46,17 +48,30 @@ _HANDOVER_BEATS = 5
 """Heartbeats after the stop; the board releases the lines within 20 ms of the command."""
 
 
+class Stepper(Protocol):
+    """A chair's tick, such as that of a chair which travels over storeys, and whether something goes on by itself."""
+
+    @property
+    def under_way(self) -> bool: ...
+    def step(self, now_ns: int, messages: Iterable[ChairMessage], other_halts: Iterable[Halt]) -> ChairState: ...
+
+
 class RealTimeLoop:
     """The thread's loop. `on_tick` is called with each tick's messages and state."""
 
     def __init__(
-        self, chair: Chair, simulator: Simulator, on_tick: Callable[[tuple[SensorMessage, ...], ChairState], None]
+        self,
+        chair: Chair,
+        simulator: Simulator,
+        on_tick: Callable[[tuple[SensorMessage, ...], ChairState], None],
+        stepper: Stepper | None = None,
     ) -> None:
+        """`stepper` runs the chair's ticks, by default the chair itself."""
         self.timing = LoopTiming()
         self.watch = PageWatch()
         self.free_since_ns: int | None = time.monotonic_ns()
         """Time since which the rider's joystick is on the lines; None while the board holds them."""
-        self._chair, self._simulator, self._on_tick = chair, simulator, on_tick
+        self._chair, self._simulator, self._on_tick, self._stepper = chair, simulator, on_tick, stepper
         self._requests: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._wake = threading.Event()
         self._ended = False
@@ -109,8 +124,10 @@ class RealTimeLoop:
         messages, self._messages = tuple(self._messages), []
         started, now_ns = time.thread_time(), time.monotonic_ns()
         to_drive = (message for message in messages if not isinstance(message, RgbdFrame))  # pictures are only shown
-        state = self._chair.step(self._simulator.now_ns, to_drive, self.watch.halts(now_ns))
-        if not state.verdict.computer_drives:
+        stepper = self._stepper
+        step = self._chair.step if stepper is None else stepper.step
+        state = step(self._simulator.now_ns, to_drive, self.watch.halts(now_ns))
+        if not state.verdict.computer_drives and (stepper is None or not stepper.under_way):
             self.watch.over()
         self._on_tick(messages, state)
         spent = time.thread_time() - started

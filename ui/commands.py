@@ -54,6 +54,10 @@ class _ConfirmArguments(_Arguments, frozen=True):
     goal: str = ""
 
 
+class _StoreyArguments(_Arguments, frozen=True):
+    storey: str
+
+
 class _SteerArguments(_Arguments, frozen=True):
     forward: Axis
     turn: Axis
@@ -138,6 +142,7 @@ COMMANDS: Mapping[str, _Command] = {
     "confirm": _Command(_ConfirmArguments, lambda port, asked: port.confirm(asked.goal)),
     "pause": _Command(_NoArguments, lambda port, _: port.pause()),
     "go_on": _Command(_NoArguments, lambda port, _: port.go_on()),
+    "storey": _Command(_StoreyArguments, lambda port, asked: port.answer_storey(asked.storey)),
     "cancel": _Command(_NoArguments, lambda port, _: port.cancel()),
     "reset": _Command(_NoArguments, lambda port, _: port.reset()),
     "place_here": _Command(

@@ -48,6 +48,8 @@ def view_message(view: ChairView, count: int) -> str:
             "steered": view.steered,
             "paused": view.paused,
             "offers": view.offers,
+            "storey": view.storey,
+            "asks": view.asks,
             "twist": [round(float(view.twist.v), 3), round(float(view.twist.omega), 3)],
             "goal": view.goal,
             "waits": view.waits,

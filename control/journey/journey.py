@@ -46,6 +46,9 @@ SEEN_OPEN_S = 1.0
 CROWDED_S = 10.0
 """s; a chair waits so long for a cabin that is not free, then lets it go and calls again."""
 
+MAKES_WAY_S = 5.0
+"""s; a chair that rests so long before somebody in the cabin backs out, so that the lift can go."""
+
 GONE_S = 12.0
 """s; a lift that was let go has this long to close its door and leave."""
 
@@ -201,7 +204,8 @@ def _drive(journey: Journey, view: JourneyView) -> Journey:
         return journey
     if journey.leg + 1 == len(journey.legs):
         return _to(journey, Phase.ARRIVED, view.now_ns)
-    return _to(journey, Phase.CALL, view.now_ns)
+    call = _to(journey, Phase.CALL, view.now_ns, tries=journey.tries)
+    return replace(call, crowded_ns=view.now_ns) if journey.tries else call  # let go of a lift that it has come out of
 
 
 def _call(journey: Journey, view: JourneyView) -> Journey:
@@ -233,10 +237,12 @@ def _enter(journey: Journey, view: JourneyView) -> Journey:
     closes = view.door.door is Door.PART and view.door.still_s(view.now_ns) < 0.3
     if view.drive is Drive.ARRIVED and view.in_cabin:
         return _to(journey, Phase.RIDE, view.now_ns)
-    gave_up = view.drive is Drive.FAILED or _lasts_s(journey, view) > ENTERS_WITHIN_S
-    if view.in_cabin and not gave_up:
-        return journey
-    if not gave_up and not (closes and view.clear_of_lift):
+    # somebody whom the door's jamb had hidden stands in the cabin, and cannot ride while the chair is in the door
+    blocked = view.at_rest and view.cabin_free is False
+    journey = replace(journey, crowded_ns=(journey.crowded_ns or view.now_ns) if blocked else None)
+    makes_way = journey.crowded_ns is not None and (view.now_ns - journey.crowded_ns) * 1e-9 > MAKES_WAY_S
+    gave_up = makes_way or view.drive is Drive.FAILED or _lasts_s(journey, view) > ENTERS_WITHIN_S
+    if not gave_up and (view.in_cabin or not (closes and view.clear_of_lift)):
         return journey
     if journey.tries >= MOST_TRIES:
         return _held(
@@ -244,7 +250,8 @@ def _enter(journey: Journey, view: JourneyView) -> Journey:
         )
     if view.clear_of_lift:  # the chair is in nobody's way: wait for the door again
         return _to(journey, Phase.WAIT, view.now_ns, tries=journey.tries)
-    return _held(journey, view, view.why or "the chair does not get into the lift: drive in by joystick, then go on")
+    back = _to(journey, Phase.DRIVE, view.now_ns, tries=journey.tries)  # to the lobby, and call again
+    return replace(back, drives=journey.drives + 1)
 
 
 def _ride(journey: Journey, view: JourneyView) -> Journey:
@@ -334,7 +341,7 @@ def _order(journey: Journey, view: JourneyView) -> Order:
     """Return what is to be done in a phase."""
     here, there, key = journey.here, journey.next_storey, (journey.leg, journey.drives)
     if journey.phase is Phase.DRIVE:
-        return Order("drives", goal=here.goal, key=key)
+        return Order("drives", goal=here.goal, key=key, hold=bool(here.lift) and not view.clear_of_lift)
     if journey.phase is Phase.CALL:
         return Order(
             f"press the lift's button: you want to go to {there}",

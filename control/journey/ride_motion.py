@@ -110,8 +110,21 @@ class RideMotion:
         self._add(dt, a)
         quiet = abs(self._smooth) < ENDS and abs(self._v) < SLOW
         self._quiet_s = self._quiet_s + dt if quiet else 0.0
-        if self._quiet_s < REST_S:
-            return
+        if self._quiet_s >= REST_S:
+            self._end()
+
+    def stands(self) -> None:
+        """Take the word of something else, such as the lift's open door, that the car stands: its ride is over.
+
+        A speed that has drifted away would otherwise look like a ride at constant speed. The climb is unknown then, until
+        the next `begin`.
+        """
+        if self._riding and self._level is not None:
+            self._broken = self._broken or abs(self._v) >= SLOW
+            self._end()
+            self._level, self._smooth = self._level + self._smooth, 0.0
+
+    def _end(self) -> None:
         # a speed that grew by a constant error has added half of its last value times the duration
         self._climbed += self._z - self._v * self._ride_s / 2
         self._rode_s += self._ride_s

@@ -62,6 +62,22 @@ def drive_in_building(
     return travel(simulator, storeys, sites, legs, ends, end, on_tick=on_tick)
 
 
+def raised_worlds(building: Building) -> tuple[World, ...]:
+    """Return the worlds of a building's maps, from bottom to top, with its lifts' cabins; the chair starts at a place.
+
+    Raises:
+        BuildingError: no storey has a map, or one has neither a place nor a lift's cabin.
+        WorldError: the chair does not fit at a start, or a lift's cabin is not free on a map.
+    """
+    sites = sites_of_building(building.hgraph)
+    worlds = tuple(
+        _raised(each, sites, next((p.pose for p in each.places.values()), None)) for each in storey_maps(building)
+    )
+    if not worlds:
+        raise BuildingError(f"no storey of {building.folder} has a map: add one with waychair building add --map")
+    return worlds
+
+
 def storey_maps(building: Building) -> list[StoreyMap]:
     """Return the storeys with a map, from bottom to top.
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
-from waychair.errors import WorldError
+from waychair.errors import OutputError, WorldError
 from waychair.simulation.plan.world import World, load_levels
 from waychair.trials.travel.journeys import JourneyRecord, journey
 from waychair.types import Json
@@ -51,22 +53,87 @@ def run_journeys(
     passengers: int = PASSENGERS,
     imu: bool = True,
     jobs: int | None = None,
-    progress: Callable[[int, JourneyRecord], None] = lambda done, record: None,
+    progress: Callable[[int, JourneyRecord], None] = lambda seed, record: None,
 ) -> list[JourneyRecord]:
-    """Return the records of the journeys of these seeds, in their order; `jobs` processes, by default one a core."""
+    """Return the records of the journeys of these seeds, in their order; `jobs` processes, by default one a core.
+
+    `progress` is called with each seed and its record as its journey ends.
+    """
     random_ends(load_levels(world), 0)  # a wrong world is told at once
     one = partial(seeded_journey, world, passengers=passengers, imu=imu)
-    records = []
+    records: dict[int, JourneyRecord] = {}
     if (jobs or os.cpu_count() or 1) == 1:
         for seed in seeds:
-            records.append(one(seed))
-            progress(len(records), records[-1])
-        return records
-    with ProcessPoolExecutor(jobs) as pool:
-        for record in pool.map(one, seeds):
-            records.append(record)
-            progress(len(records), record)
-    return records
+            records[seed] = one(seed)
+            progress(seed, records[seed])
+    else:
+        with ProcessPoolExecutor(jobs) as pool:
+            running = {pool.submit(one, seed): seed for seed in seeds}
+            try:
+                for ended in as_completed(running):
+                    records[running[ended]] = ended.result()
+                    progress(running[ended], ended.result())
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+    return [records[seed] for seed in seeds]
+
+
+def kept_records(path: Path, world: str, passengers: int, imu: bool) -> dict[int, JourneyRecord]:
+    """Return the records of a file of `keep_record` by their seeds, those of the same world, passengers and IMU only.
+
+    A last line that was cut off does not count.
+
+    Raises:
+        OutputError: the file holds something else, or cannot be read.
+    """
+    found: dict[int, JourneyRecord] = {}
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines(keepends=True) if path.exists() else []
+    except (OSError, UnicodeDecodeError) as error:
+        raise OutputError(f"cannot read {path} ({error}): name another file for the journeys") from error
+    for number, line in enumerate(lines, 1):
+        if not line.endswith("\n"):
+            break
+        try:
+            row = json.loads(line)
+            kind, seed = (row.pop("world"), row.pop("passengers"), row.pop("imu")), int(row.pop("seed"))
+            record = JourneyRecord(**{**row, "ok_s": tuple(row["ok_s"])})
+        except (ValueError, KeyError, TypeError, AttributeError) as error:
+            raise OutputError(f"{path}:{number} is no journey ({error}): name another file for the journeys") from error
+        if kind == (world, passengers, imu):
+            found[seed] = record
+    return found
+
+
+def keep_record(path: Path, world: str, passengers: int, imu: bool, seed: int, record: JourneyRecord) -> None:
+    """Add a journey to a file, a line of JSON each, after a line that was cut off, if any.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    row = {"world": world, "passengers": passengers, "imu": imu, **row_of(seed, record)}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("ab+") as file:
+            size = file.seek(0, os.SEEK_END)
+            if size:
+                whole = _up_to_the_last_line(path)
+                file.truncate(whole)
+            file.write((json.dumps(row, allow_nan=False) + "\n").encode())
+            file.flush()
+    except OSError as error:
+        raise OutputError(f"cannot write {path} ({error}): make room, or name another file") from error
+
+
+def _up_to_the_last_line(path: Path) -> int:
+    """Return the size [bytes] of a file up to the end of its last whole line."""
+    return path.read_bytes().rfind(b"\n") + 1
+
+
+def row_of(seed: int, record: JourneyRecord) -> Json:
+    """Return a journey as JSON."""
+    return {"seed": seed, **asdict(record), "ok_s": list(record.ok_s), "phases": dict(record.phases)}
 
 
 def summary(records: Sequence[JourneyRecord], seeds: Sequence[int]) -> Json:
@@ -87,8 +154,5 @@ def summary(records: Sequence[JourneyRecord], seeds: Sequence[int]) -> Json:
         "rides": sum(record.rides for record in records),
         "open_door_to_ok_s": round(float(np.median(ok)), 2) if ok else None,
         "seconds": round(float(np.median([record.seconds for record in records])), 1) if records else None,
-        "journeys": [
-            {"seed": seed, **asdict(record), "ok_s": list(record.ok_s)}
-            for seed, record in zip(seeds, records, strict=True)
-        ],
+        "journeys": [row_of(seed, record) for seed, record in zip(seeds, records, strict=True)],
     }

@@ -11,6 +11,8 @@ from waychair.control.journey.journey import (
     COMES_WITHIN_S,
     CROWDED_S,
     LOCALISES_WITHIN_S,
+    MAKES_WAY_S,
+    MOST_TRIES,
     QUIET_S,
     Drive,
     Journey,
@@ -115,6 +117,30 @@ def test_a_door_that_closes_stops_an_entry_from_outside_only() -> None:
     assert (outside.phase, order.goal) == (Phase.WAIT, None)
     between, order = after(Phase.ENTER, view(drive=Drive.UNDER_WAY, door=MOVING, clear_of_lift=False))
     assert (between.phase, order.goal) == (Phase.ENTER, CABIN)
+
+
+def test_a_chair_makes_way_for_somebody_whom_it_sees_only_in_the_door_and_calls_again() -> None:
+    between = {"door": OPEN, "drive": Drive.UNDER_WAY, "clear_of_lift": False}
+    crowded = view(cabin_free=False, **between)
+    journey, _ = after(Phase.ENTER, crowded, tries=1)
+    assert journey.phase is Phase.ENTER
+    later = replace(crowded, now_ns=crowded.now_ns + round((MAKES_WAY_S + 0.1) * S))
+    assert step(journey, replace(later, at_rest=False))[0].phase is Phase.ENTER
+    back, order = step(journey, later)
+    assert (back.phase, order.goal, order.hold) == (Phase.DRIVE, LOBBY, True)
+    assert order.key != step(journey, crowded)[1].key
+    there = replace(later, drive=Drive.ARRIVED, clear_of_lift=True)
+    calls, order = step(back, there)
+    assert (calls.phase, order.call) == (Phase.CALL, None)  # first the lift goes
+    gone, order = step(calls, replace(there, door=CLOSED))
+    assert (gone.phase, order.call) == (Phase.CALL, "g")
+
+
+def test_a_drive_into_the_lift_that_fails_is_tried_again_from_the_lobby_and_the_rider_is_asked_at_last() -> None:
+    failed = view(drive=Drive.FAILED, why="no way", door=OPEN, in_cabin=True, clear_of_lift=False)
+    assert after(Phase.ENTER, failed, tries=1)[0].phase is Phase.DRIVE
+    last, order = after(Phase.ENTER, failed, tries=MOST_TRIES)
+    assert (last.phase, order.sentence) == (Phase.HELD, "no way; press Go on to continue")
 
 
 def test_a_full_lift_is_let_go_and_called_again() -> None:

@@ -107,3 +107,25 @@ def test_beams_agree_with_the_map_that_they_were_measured_in() -> None:
     assert seen_through_door(far, pose, angles, ranges) > seen_through_door(far, pose_near, angles, ranges) + 3.0
     assert seen_through_door(near, pose_near, angles, ranges) == seen_through_door(far, pose, angles, ranges)
     assert seen_through_door(far, pose, angles[:0], ranges[:0]) == 0.0
+
+
+def test_a_ride_whose_speed_has_drifted_away_ends_at_the_open_door_and_its_climb_is_unknown() -> None:
+    motion, now_ns = RideMotion(), 0
+
+    def stay(seconds: float, up: float) -> None:
+        nonlocal now_ns
+        for _ in range(round(seconds * 200)):
+            now_ns += 5_000_000
+            motion.hear(ImuSample(now_ns, np.array([0.0, 0.0, up]), np.zeros(3)))
+
+    stay(4.0, 9.81)
+    motion.begin()
+    stay(30.0, 9.95)  # its mean at rest has changed, as by a jolt
+    assert motion.riding
+    motion.stands()
+    assert not motion.riding
+    assert motion.climb() is None
+    stay(5.0, 9.95)
+    assert not motion.riding
+    motion.begin()
+    assert motion.climb() == (0.0, 0.1)

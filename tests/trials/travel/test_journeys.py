@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from tests.runtime.riding import coarse_arcs
 from waychair.control.journey.journey import Phase
 from waychair.errors import UnknownPlace
 from waychair.runtime.journeys import TravelState
@@ -29,7 +30,8 @@ def test_a_chair_rides_to_another_storey_and_drives_on_there(levels: tuple[World
         assert state.journey is not None
         phases.append(state.journey.phase)
 
-    record = journey(levels, ("ground", "lift"), ("upper", "lift"), seed=1, people=False, on_tick=note)
+    with coarse_arcs():
+        record = journey(levels, ("ground", "lift"), ("upper", "lift"), seed=1, people=False, on_tick=note)
     assert (record.arrived, record.contacts, record.near_leaf, record.wrong_map_s) == (True, 0, 0, 0.0), record.why
     assert (record.rides, record.asked) == (1, 0)
     assert max(record.ok_s) <= 2.0

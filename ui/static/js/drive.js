@@ -42,13 +42,19 @@ on("view", (view) => {
   showCountdown(view);
   showModes(view);
   showPause(view);
-  $("cancel").hidden = !(view.mode === "autonomous" || (view.mode === "assisted" && view.goal));
+  showStoreys(view);
+  $("cancel").hidden = !(view.mode === "autonomous" || (view.mode === "assisted" && view.goal) || travels(view));
   $("reset").hidden = !view.obstacles.some((each) => each.reset);
   document.body.classList.toggle("moves", moves(view));
   speak(view);
 });
 
-function showFacts({ localisation, health, twist }) {
+/** Whether a journey over storeys is under way: its goal stays while the chair rests, such as in a lift. */
+const travels = ({ storey, goal, waits }) => Boolean(storey && goal && !waits);
+
+function showFacts({ localisation, health, twist, storey }) {
+  setText($("storey-fact"), storey);
+  $("storey-fact").hidden = !storey;
   setText($("place-fact"), `${LOCALISATION[localisation]} (${Math.round(100 * (health ?? 0))} %)`);
   $("place-fact").dataset.state = localisation;
   setText($("speed-fact"), `${Math.abs(twist[0]).toFixed(1)} m/s`);
@@ -99,8 +105,26 @@ function showCountdown(view) {
 }
 
 function showPause(view) {
-  $("pause").hidden = view.mode !== "autonomous" || !view.goal || view.paused || view.countdown !== null;
+  const goes = view.mode === "autonomous" || travels(view);
+  $("pause").hidden = !goes || !view.goal || view.paused || view.countdown !== null;
   $("go-on").hidden = !view.paused && !view.offers;
+}
+
+/** Offers the stops of the lift while the chair asks at which of them it is. */
+function showStoreys({ asks }) {
+  const row = $("asks");
+  const text = JSON.stringify(asks);
+  row.hidden = asks.length === 0;
+  if (row.dataset.shown === text) return;
+  row.dataset.shown = text;
+  row.replaceChildren(...asks.map(storeyButton));
+}
+
+function storeyButton(storey) {
+  const button = element("button", { className: "big", type: "button", textContent: `This is ${storey}` });
+  button.setAttribute("data-scan", "");
+  button.addEventListener("click", () => void refused(ask("storey", { storey })));
+  return button;
 }
 
 function showModes({ mode }) {

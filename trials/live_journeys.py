@@ -1,0 +1,220 @@
+"""The journeys of a live chair over the storeys of a simulated building: its maps, its graph, its goals, and its lifts.
+
+The chair's own thread calls `step`, `begin` and what changes a journey; goals and legs are computed in the callers' threads
+and by a worker, so that no tick waits for them.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.journey.building_legs import legs_of_route
+from waychair.control.journey.journey import Leg, Phase
+from waychair.control.safety.stops import Halt
+from waychair.errors import BuildingError, WaychairError
+from waychair.maps.building.building import Building
+from waychair.maps.building.zone_rules import with_zones
+from waychair.planning.building.hierarchical import RoutePlanner
+from waychair.planning.building.movements import lift_title
+from waychair.planning.building.pose_ends import nearest_node
+from waychair.planning.grid.costmap import Costmap, costmap_from_grid
+from waychair.runtime.building_goals import goal_views
+from waychair.runtime.chair import Chair, ChairState
+from waychair.runtime.chair_port import ChairView, GoalView
+from waychair.runtime.drive_base import ChairMessage
+from waychair.runtime.journeys import StoreyMap, Traveller, TravelState
+from waychair.runtime.sentences import sentence
+from waychair.simulation.lifts.lifts import Lifts
+from waychair.simulation.plan.world import World
+from waychair.trials.live_map import LiveMap
+from waychair.trials.travel.journeys import ToldRider, sites_of
+from waychair.types import Goal, Pose2
+
+MOVED_M = 1.0
+"""m; the goals' times are computed anew once the chair is so far from where they were computed last."""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveBuilding:
+    """A building to travel in: its folder's graph and maps, its levels from bottom to top, and people who ride its lifts."""
+
+    building: Building
+    levels: tuple[World, ...]
+    passengers: int = 0
+
+    def lifts(self, seed: int) -> Lifts:
+        """Return its lifts, which move."""
+        heights = {storey.id: storey.height for storey in self.building.hgraph.storeys}
+        return Lifts(self.levels, seed, self.passengers, heights=heights)
+
+    def maps(self) -> dict[str, LiveMap]:
+        """Return the maps of its levels.
+
+        Raises:
+            WaychairError: a map cannot be read.
+        """
+        folders = {world.level: self.building.map_folder(world.level) for world in self.levels}
+        return {level: LiveMap(folder) for level, folder in folders.items() if folder is not None}
+
+
+class LiveJourneys:
+    """A `Traveller` with the building's goals; a `Stepper` of the chair's loop."""
+
+    def __init__(
+        self,
+        site: LiveBuilding,
+        maps: dict[str, LiveMap],
+        chair: Chair,
+        lifts: Lifts,
+        storey: str,
+        start: Pose2,
+        worker: ThreadPoolExecutor,
+    ) -> None:
+        """`storey` and `start`: the chair's map now, and its pose there.
+
+        Raises:
+            BuildingError: the graph cannot be compiled.
+        """
+        self._building, self._worker = site.building, worker
+        self.maps = maps
+        self.label = ""
+        """Name of the goal of the journey under way, or of the one that waits for the rider's yes."""
+        self._sites = sites_of(lifts, CHAIR_A)
+        self._planner = RoutePlanner(with_zones(site.building))
+        self._lock = threading.Lock()  # of the planner and the costmaps
+        self._costmaps: dict[str, tuple[tuple[int, int], Costmap]] = {}
+        self._goals: tuple[str, Pose2, tuple[GoalView, ...]] = storey, start, ()
+        self._time_goals(storey, start)  # its kernels are loaded before the first tick
+        self._pending: tuple[Leg, ...] = ()
+        self._state: TravelState | None = None
+        self._over = ""
+        heights = {each.id: each.height for each in site.building.hgraph.storeys}
+        storeys = [_storey_map(level, known, heights[level]) for level, known in maps.items()]
+        self.traveller = Traveller(chair, CHAIR_A, storeys, self._sites, ToldRider(lifts), storey, worker)
+
+    @property
+    def under_way(self) -> bool:
+        """See `Stepper`."""
+        return self.traveller.under_way
+
+    @property
+    def map(self) -> LiveMap:
+        """The map in use."""
+        return self.maps[self.traveller.storey]
+
+    def step(self, now_ns: int, messages: Iterable[ChairMessage], other_halts: Iterable[Halt] = ()) -> ChairState:
+        """See `Stepper`."""
+        before = self.map
+        self._state = state = self.traveller.step(now_ns, messages, other_halts)
+        if self.map is not before:  # a page asks for what has changed
+            self.map.revision = before.revision + 1
+            self.map.layout_revision = before.layout_revision + 1
+        journey = state.journey
+        if journey is not None and journey.ended:
+            self._over = sentence(journey.why) if journey.phase is Phase.FAILED else ""
+            self.traveller.drop()
+        return state.chair
+
+    def legs(self, goal: str, storey: str, pose: Pose2) -> tuple[Leg, ...]:
+        """Return the legs from a pose on a storey's map to a goal of the building; any thread.
+
+        Raises:
+            BuildingError: there is no such goal, it is no place of its map, or a lift on the way has no cabin.
+            NoPath, PlanningError: there is no way, or the chair does not stand on free ground.
+        """
+        with self._lock:
+            ref = self._planner.node(goal)
+            hgraph = self._planner.hgraph
+            node, there = hgraph.node(ref), hgraph.storey_of(ref.submap)
+            place = None if node is None or there not in self.maps else self.maps[there].drawing.places.get(node.name)
+            if place is None:
+                raise BuildingError(f"'{goal}' is no place of its storey's map: set the place, or choose another goal")
+            start, _ = nearest_node(hgraph, storey, pose, self._costmap(storey))
+            route = self._planner.route(start, ref)
+        end = Goal(place.pose, place.tolerance_m, place.tolerance_rad)
+        return legs_of_route(hgraph, route, self._sites, CHAIR_A, end)
+
+    def ask(self, label: str, legs: Sequence[Leg]) -> None:
+        """Note the legs of the journey that waits for the rider's yes, () for a drive on this storey; prepare its maps."""
+        self.label, self._pending, self._over = label, tuple(legs), ""
+        self.traveller.drop()
+        for storey in {leg.storey for leg in legs} - {self.traveller.storey}:
+            self.traveller.prepare(storey)
+
+    def begin(self, now_ns: int) -> bool:
+        """Begin the journey that waits, by the rider's yes; return whether there is one."""
+        legs, self._pending = self._pending, ()
+        if legs:
+            self.traveller.go(legs, now_ns)
+        return bool(legs)
+
+    def goals(self, pose: Pose2 | None) -> tuple[GoalView, ...]:
+        """Return the goals with the latest times; a worker computes them anew for a chair that has moved."""
+        storey, before, views = self._goals
+        if pose is not None and (storey != self.traveller.storey or _apart(before, pose) > MOVED_M):
+            self._goals = self.traveller.storey, pose, views
+            self._worker.submit(self._time_goals, self.traveller.storey, pose)
+        return views
+
+    def redrawn(self, known: LiveMap) -> None:
+        """Take what was drawn on a map, for the next time that the chair comes to its storey."""
+        level = next(level for level, each in self.maps.items() if each is known)
+        height = next(each.height for each in self._building.hgraph.storeys if each.id == level)
+        self.traveller.replace_map(_storey_map(level, known, height))
+
+    def shown(self, view: ChairView) -> ChairView:
+        """Return the chair's view with its storey and the journey's state."""
+        storey = self.traveller.storey
+        view = replace(view, storey=self._title(storey))
+        state, journey = self._state, self.traveller.journey
+        if state is None or journey is None:
+            return replace(view, last_stop=self._over) if self._over else view
+        drives = state.order.goal is not None and journey.phase is not Phase.HELD and not view.waits
+        return replace(
+            view,
+            goal=self.label,
+            waits=False,
+            paused=view.paused or journey.phase is Phase.HELD,
+            next_action=view.next_action if drives else sentence(state.order.sentence),
+            last_stop="" if self.under_way else view.last_stop,
+            asks=state.order.ask,
+        )
+
+    def leg_label(self) -> str:
+        """Return the goal of the drive under way for people: a lift, or the journey's goal."""
+        journey = self.traveller.journey
+        lift = "" if journey is None else journey.here.lift
+        return lift_title(self._building.hgraph.lifts[lift]) if lift else self.label
+
+    def _title(self, storey: str) -> str:
+        return next((each.name or each.id for each in self._building.hgraph.storeys if each.id == storey), storey)
+
+    def _time_goals(self, storey: str, pose: Pose2) -> None:
+        try:
+            with self._lock:
+                start, aside = nearest_node(self._planner.hgraph, storey, pose, self._costmap(storey))
+                views = goal_views(self._planner, start, aside)
+        except WaychairError:  # the chair stands where nothing is known: the times are unknown
+            views = goal_views(self._planner)
+        self._goals = storey, pose, views
+
+    def _costmap(self, storey: str) -> Costmap:
+        known = self.maps[storey]
+        key, made = known.revisions, self._costmaps.get(storey)
+        if made is None or made[0] != key:
+            made = self._costmaps[storey] = key, costmap_from_grid(known.grid, CHAIR_A, zones=known.drawing.zones)
+        return made[1]
+
+
+def _storey_map(level: str, known: LiveMap, height: float) -> StoreyMap:
+    drawn = known.drawing
+    return StoreyMap(level, known.grid, drawn.places, height, drawn.zones, known.scanned())
+
+
+def _apart(one: Pose2, other: Pose2) -> float:
+    between = one.inverse() @ other
+    return float((between.x**2 + between.y**2) ** 0.5)
