@@ -38,6 +38,9 @@ LANES_FREE = 1.2
 LANE_MIDDLE = 0.35
 """m; the axle of a chair stays so far from the middle of a corridor of two lanes: half its width and 5 cm."""
 
+IN_ROOM = 0.06
+"""m; a chair that stops so far before its place in a room has its rear out of the corridor."""
+
 BEFORE_WALL = 0.10
 """m; between a chair's front and the wall of its room."""
 
@@ -53,7 +56,7 @@ def places_in_rooms(plan: CorridorPlan, body: ChairBody = CHAIR_A) -> Mapping[st
         heading = math.atan2(room[1] - door[1], room[0] - door[0])
         way = ROOM_SIDE / 2 - BEFORE_WALL - body.front
         pose = Pose2(room[0] + way * math.cos(heading), room[1] + way * math.sin(heading), heading)
-        found[name] = Place(name, pose)
+        found[name] = Place(name, pose, tolerance_m=IN_ROOM)
     return found
 
 
