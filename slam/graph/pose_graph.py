@@ -44,7 +44,7 @@ _NODES_AN_ORDER = 20
 class _Order:
     """The order in which the nodes after the first are eliminated, and the number of nodes from which a better one is sought."""
 
-    nodes: IntArray
+    nodes: IntArray | None
     until: int
 
 
