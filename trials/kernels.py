@@ -8,7 +8,7 @@ from pathlib import Path
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.planning import warm_up as planning_kernels
 from waychair.runtime.perception import Perception
-from waychair.slam.mapping import warm_up as mapping_kernels
+from waychair.slam.mapping import mapper_warm_up as mapping_kernels
 from waychair.trials.demo import StageProgress, run_demo
 
 _HALL = """\

@@ -17,9 +17,10 @@ import cv2
 import numpy as np
 
 from waychair.slam.camera.features import gray_image
+from waychair.slam.camera.meeting_surfaces import between_pixels, meeting
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.camera.reprojection import move_kernel, pinhole, unrolled
-from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray, Pose3, RgbdFrame
+from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, Pose3, RgbdFrame
 
 PICTURES = 300
 """Most pictures that are looked at: the first ten seconds of 30 Hz."""
@@ -34,7 +35,6 @@ _BLOCK = 4  # px; side of the squares over which depth is averaged
 _FLAT = 0.06  # largest relative step of depth within a square
 _CREASE = 3.0  # largest spread about a surface's plane over the middle one
 _REACH, _STRIDE = 2, 3  # squares: half the side of a surface, and between the surfaces that are compared
-_GATE, _COSINE = 0.12, 0.85  # [m] and cosine of normals within which two surfaces are one
 _ITERATIONS, _ICP_STEPS = 12, 8
 _PIXEL, _HUBER = 0.5, 1.5  # px, sigma
 _RANGE = (0.002, 0.001)  # m, 1/m; noise of a surface's depth: constant, and times the squared depth
@@ -342,7 +342,7 @@ class _Fit:
         for _ in range(5):
             points = along[:, None] * rays + origin
             at = depth[:2] * points[:, :2] / points[:, 2:] + depth[2:]
-            seen = _between(self.inverse, self.owner, at)
+            seen = between_pixels(self.inverse, self.owner, at)
             along = (1.0 / seen - origin[2]) / rays[:, 2]
             along = np.where(np.isfinite(along), along, np.nan)
         return along[:, None] * rays + origin
@@ -463,7 +463,7 @@ def _depth_term(turn: _Turn, motion: Pose3, cameras: list[FloatArray]) -> _Depth
         new, facing = turn.new.planes(camera)
         points = old @ motion.rotation.T + motion.translation
         if camera is cameras[0]:
-            met, at = _meeting(points, old_facing @ motion.rotation.T, new, facing, camera, turn.new.inverse.shape)
+            met, at = meeting(points, old_facing @ motion.rotation.T, new, facing, camera, turn.new.inverse.shape)
             there, normals, away = points[met], facing[at], points[met, 2]
         errors.append(((points[met] - new[at]) * facing[at]).sum(axis=1))
     sigma = _RANGE[0] + _RANGE[1] * away**2
@@ -479,42 +479,6 @@ def _depth_term(turn: _Turn, motion: Pose3, cameras: list[FloatArray]) -> _Depth
         focal_pull=-float((weights * by_focal * errors[0]).sum()),
         count=len(met),
     )
-
-
-def _meeting(
-    points: FloatArray,
-    turned: FloatArray,
-    new: FloatArray,
-    facing: FloatArray,
-    camera: FloatArray,
-    shape: tuple[int, ...],
-) -> tuple[IntArray, IntArray]:
-    """Return which points (N, 3) with normals `turned` meet a surface of the new picture, and the squares they meet."""
-    height, width = shape
-    with np.errstate(divide="ignore", invalid="ignore"):
-        at = camera[:2] * points[:, :2] / points[:, 2:] + camera[2:]
-        inside = (points[:, 2] > 0.0) & (at > -0.5).all(axis=1) & (at < (width - 0.5, height - 0.5)).all(axis=1)
-    met = np.flatnonzero(inside)
-    cells = np.rint(at[met]).astype(np.int64)
-    squares = cells[:, 1] * width + cells[:, 0]
-    gap = points[met] - new[squares]
-    along = np.abs((gap * facing[squares]).sum(axis=1))
-    with np.errstate(invalid="ignore"):
-        near = (along < _GATE) & (np.linalg.norm(gap, axis=1) < 2.0 * _GATE)
-        near &= (turned[met] * facing[squares]).sum(axis=1) > _COSINE
-    return met[near], squares[near]
-
-
-def _between(pictures: FloatArray, owner: IntArray, at: FloatArray) -> FloatArray:
-    """Return the values (N,) between four pixels of pictures (K, H, W), at pixels (N, 2) of pictures `owner` (N,)."""
-    height, width = pictures.shape[1:]
-    with np.errstate(invalid="ignore"):
-        inside = np.asarray((at >= 0.0).all(axis=1) & (at <= (width - 1.001, height - 1.001)).all(axis=1))
-    safe = np.where(inside[:, None], at, 0.0)
-    low = safe.astype(np.int64)
-    (x, y), (u, v) = (safe - low).T, low.T
-    row = [pictures[owner, v + k, u] * (1.0 - x) + pictures[owner, v + k, u + 1] * x for k in range(2)]
-    return np.where(inside, row[0] * (1.0 - y) + row[1] * y, np.nan)
 
 
 def _pose(parameters: FloatArray) -> Pose3:

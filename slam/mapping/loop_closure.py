@@ -16,7 +16,7 @@ import enum
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -28,6 +28,7 @@ from waychair.slam.graph.information import match_information, rotated_informati
 from waychair.slam.graph.shortest_paths import shortest_paths
 from waychair.slam.mapping.carried import EMBEDDED, CarryJudge
 from waychair.slam.mapping.key_scan_graph import KeyGraph
+from waychair.slam.mapping.loop_searches import CandidatesSearch, Find, LoopCandidate, SubmapsSearch
 from waychair.slam.scan import partial_overlap as overlap
 from waychair.slam.scan.partial_overlap import known_ground
 from waychair.slam.scan.reference_surfaces import ScanReference
@@ -82,16 +83,6 @@ class LoopSettings(Settings):
         "distance driven between two searches of whole submaps; larger: less time, but kidnappings are found later",
         low=0.0, high=100.0,
     )  # fmt: skip
-
-
-@dataclass(frozen=True, slots=True)
-class LoopCandidate:
-    """A run of earlier key scans: its nearest node, its members, and the half sizes of the search window [m], [rad]."""
-
-    nearest: int
-    members: IntArray
-    window: float
-    angle: float
 
 
 def graph_distances(poses: FloatArray, edges: Sequence[Edge] | EdgeArrays, node: int) -> FloatArray:
@@ -153,39 +144,6 @@ def uncertain_submaps(
     return dict(sorted(possible.items(), key=lambda item: float(away[item[1]].min())))
 
 
-@dataclass(frozen=True, slots=True)
-class _Find:
-    """A find of a search: at key scan `node` the chair was at `pose` in the present map."""
-
-    node: int
-    pose: Pose2
-
-
-@dataclass(slots=True)
-class _OverlapSearch:
-    """A search by partial overlap for the view of the key scans `recent`, the last of which is at the chair's place: the
-    candidates that wait, the search of the first of them once it is begun and the pose then of its nearest key scan, the finds so far, and the edges to those that agree with a find of the search before."""
-
-    recent: list[int]
-    waiting: list[LoopCandidate]
-    present: overlap.OverlapSearch | None = None
-    drawn_at: Pose2 = field(default_factory=Pose2)
-    finds: list[_Find] = field(default_factory=list)
-    edges: list[Edge] = field(default_factory=list)
-
-
-@dataclass(slots=True)
-class _SubmapSearch:
-    """A search of submaps for the view of the key scans `recent`, the last of which is at the chair's place; the members
-    of the searched submaps by number, and the edges to the places that hold, of those `tried` when all are searched."""
-
-    recent: list[int]
-    submaps: dict[int, IntArray]
-    round: SubmapRound
-    tried: int = 0
-    edges: list[Edge] = field(default_factory=list)
-
-
 @dataclass(slots=True)
 class Driven:
     """Distances driven [m] since the last search near the chair, of submaps, by partial overlap, and since the last loop.
@@ -239,11 +197,11 @@ class LoopCloser:
         self._submaps: dict[
             int, bool
         ] = {}  # by first key scan: whether a submap where the chair can have been was searched
-        self._overlap_search: _OverlapSearch | None = None
-        self._submap_search: _SubmapSearch | None = None
+        self._overlap_search: CandidatesSearch | None = None
+        self._submap_search: SubmapsSearch | None = None
         self._submap_find: Edge | None = None
-        self._overlap_finds: list[_Find] = []
-        self._recognised: _Find | None = None
+        self._overlap_finds: list[Find] = []
+        self._recognised: Find | None = None
 
     @property
     def never_searched(self) -> int:
@@ -289,7 +247,7 @@ class LoopCloser:
         found = [self._verified(keys, recent, candidate) for candidate in near]
         edges = [edge for edge in found if isinstance(edge, Edge)]
         if not edges and near and self._is_overlap_search_due():
-            self._since.overlap, self._overlap_search = 0.0, _OverlapSearch(list(recent), list(near))
+            self._since.overlap, self._overlap_search = 0.0, CandidatesSearch(list(recent), list(near))
         rested = keys.is_torn or self._since.submaps >= self._since.next_round  # parts that are apart have no rest
         enough = len(recent) >= _SUBMAP_QUERY and rested and self._since.submaps >= settings.submap_spacing
         if not edges and enough and self._submap_search is None:
@@ -311,7 +269,7 @@ class LoopCloser:
             return LoopRejection.FEW_KEY_SCANS
         path_length = float(graph_distances(keys.poses, keys.edge_arrays, here)[old])
         gap = keys.pose(here).inverse() @ map_from_base
-        drift, before, find = settings.drift * path_length, self._recognised, _Find(here, map_from_base)
+        drift, before, find = settings.drift * path_length, self._recognised, Find(here, map_from_base)
         angle = min(_MAX_ANGLE, 0.15 + _TURN_DRIFT * path_length)
         if drift > _MAX_WINDOW:
             self._recognised = find
@@ -402,7 +360,7 @@ class LoopCloser:
         if found is not None:
             self.counts["glimpses"] += 1
             pose = keys.pose(candidate.nearest) @ (search.drawn_at.inverse() @ found.pose)  # the graph may have moved
-            find = _Find(node, pose)
+            find = Find(node, pose)
             search.finds.append(find)
             agreed = any(self._agree(keys, earlier, find) for earlier in self._overlap_finds)
             if found.inliers >= overlap.MIN_INLIERS and agreed:
@@ -432,7 +390,7 @@ class LoopCloser:
         self.counts["submap_searches"] += 1
         self._submaps = dict.fromkeys(submaps, False) | self._submaps
         query = keys.joined_points(recent[-_SUBMAP_QUERY:], keys.pose(recent[-1]), _QUERY_CELL)
-        self._submap_search = _SubmapSearch(list(recent), submaps, SubmapRound(query.points, list(submaps.items())))
+        self._submap_search = SubmapsSearch(list(recent), submaps, SubmapRound(query.points, list(submaps.items())))
 
     def _submap_edges(self, keys: KeyGraph) -> list[Edge]:
         """Do the next piece of the search of submaps; return the edge to one of them, when all is done and two finds agree."""
@@ -457,7 +415,7 @@ class LoopCloser:
             return []
         return [self._submap_find]
 
-    def _try_next_place(self, keys: KeyGraph, search: _SubmapSearch) -> bool:
+    def _try_next_place(self, keys: KeyGraph, search: SubmapsSearch) -> bool:
         """Verify the places where the view of a search fits up to the next one that the scans match; return False if there is
         none.
 
@@ -497,14 +455,14 @@ class LoopCloser:
         self.counts["places_contradicted"] += not fits
         return fits
 
-    def _agree(self, keys: KeyGraph, before: _Find, now: _Find) -> bool:
+    def _agree(self, keys: KeyGraph, before: Find, now: Find) -> bool:
         """Return whether the motion between two finds equals the motion that was driven."""
         return _near(before.pose @ (keys.pose(before.node).inverse() @ keys.pose(now.node)), now.pose)
 
 
-def _find_of(keys: KeyGraph, edge: Edge) -> _Find:
+def _find_of(keys: KeyGraph, edge: Edge) -> Find:
     """Return the find that an edge from a key scan of the present map stands for."""
-    return _Find(edge.j, keys.pose(edge.i) @ edge.i_from_j)
+    return Find(edge.j, keys.pose(edge.i) @ edge.i_from_j)
 
 
 def _near(a: Pose2, b: Pose2) -> bool:

@@ -34,6 +34,7 @@ SERVICES = {"/stop", "/confirm", "/cancel"}
 def setup(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     """Return the arguments of setuptools.setup in setup.py."""
     asked: dict[str, Any] = {}
+    monkeypatch.setenv("SETUPTOOLS_USE_DISTUTILS", "stdlib")  # another test of this process may have loaded distutils
     monkeypatch.setattr("setuptools.setup", lambda **given: asked.update(given))
     monkeypatch.chdir(PACKAGE)
     runpy.run_path("setup.py")
