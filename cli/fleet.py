@@ -12,7 +12,7 @@ from waychair.cli.options.arguments import BadArgument, NonNegativeInt, Positive
 
 if TYPE_CHECKING:
     from waychair.maps.traffic.traffic_graph import TrafficGraph
-    from waychair.trials.fleet_graph import FleetHours
+    from waychair.trials.fleet.fleet_graph import FleetHours
     from waychair.types import Json
 
 fleet_app = App(name="fleet", help="Simulate several chairs in one building, and check its corridors.")
@@ -90,9 +90,9 @@ def simulate_command(
     from waychair.cli.options.progress import announce_compiling
     from waychair.planning.fleet.paper.plan_fwpp import Conflicts
     from waychair.simulation.graph_traffic.crowd import RightOfWay
-    from waychair.trials.fleet_coordinated import coordinated_hours
-    from waychair.trials.fleet_graph import fleet_hours
-    from waychair.trials.fleet_sources import graph_from_source
+    from waychair.trials.fleet.fleet_coordinated import coordinated_hours
+    from waychair.trials.fleet.fleet_graph import fleet_hours
+    from waychair.trials.fleet.fleet_sources import graph_from_source
 
     if hours > _MOST_HOURS:
         raise BadArgument(f"--hours {hours:g} is more than {_MOST_HOURS}; give a smaller number, and more --seeds")
@@ -129,7 +129,7 @@ def _tasks(run: FleetHours) -> str:
 
 
 def _print_result(graph: TrafficGraph, runs: list[FleetHours], json: bool) -> None:
-    from waychair.trials.fleet_graph import hours_as_json, mean
+    from waychair.trials.fleet.fleet_graph import hours_as_json, mean
 
     name = graph.name
     delays = [delay for run in runs for chair in run.delays for delay in chair]
@@ -200,7 +200,7 @@ def check_command(
     from waychair.maps.traffic.single_file import districts, runs
     from waychair.maps.traffic.traffic_files import write_traffic
     from waychair.maps.traffic.well_formed import well_formed
-    from waychair.trials.fleet_sources import traffic_from_source
+    from waychair.trials.fleet.fleet_sources import traffic_from_source
     from waychair.yaml_files import quoted
 
     if body not in BODIES:

@@ -12,7 +12,7 @@ from waychair.cli.options.arguments import BadArgument, NonEmptyPath
 if TYPE_CHECKING:
     from waychair.maps.traffic.traffic_graph import TrafficGraph
     from waychair.planning.fleet.audit import Audited
-    from waychair.trials.fleet_report import BestBay, OrderedHours
+    from waychair.trials.fleet.fleet_report import BestBay, OrderedHours
     from waychair.types import Json
 
 _SHOWN = 10
@@ -34,9 +34,9 @@ def simulate_by_order(
     from waychair.cli.options.progress import announce_compiling
     from waychair.files import write_text
     from waychair.simulation.graph_traffic.crowd import MOST_PEOPLE
-    from waychair.trials.fleet_graph import mean
-    from waychair.trials.fleet_ordered import Stops
-    from waychair.trials.fleet_report import best_bay, ordered_hours, stops_by_people
+    from waychair.trials.fleet.fleet_graph import mean
+    from waychair.trials.fleet.fleet_ordered import Stops
+    from waychair.trials.fleet.fleet_report import best_bay, ordered_hours, stops_by_people
 
     if persons > MOST_PEOPLE:
         raise BadArgument(f"{persons} people are impossible; give 0 to {MOST_PEOPLE}")
@@ -71,8 +71,8 @@ def simulate_by_order(
 
 
 def _print_ordered(graph: TrafficGraph, found: list[OrderedHours], bay: BestBay | None, bays: int, json: bool) -> None:
-    from waychair.trials.fleet_graph import mean
-    from waychair.trials.fleet_report import waits_by_corridor
+    from waychair.trials.fleet.fleet_graph import mean
+    from waychair.trials.fleet.fleet_report import waits_by_corridor
 
     delays = [delay for run in found for delay in run.delays]
     total_h = sum(run.hours for run in found)

@@ -15,8 +15,8 @@ from waychair.cli.options.arguments import BadArgument, NonNegativeInt, Positive
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from waychair.trials.fleet_demo import FleetWatcher
-    from waychair.trials.fleet_drive import FleetMoment, FleetScene
+    from waychair.trials.fleet.fleet_demo import FleetWatcher
+    from waychair.trials.fleet.fleet_drive import FleetMoment, FleetScene
 
 MOST_CHAIRS = 12
 """More whole chairs in lockstep take minutes for each minute of their time."""
@@ -62,7 +62,7 @@ def demo_command(
     from rich.console import Console
 
     from waychair.cli.options.progress import announce_compiling, stage_bars
-    from waychair.trials.fleet_demo import fleet_report, run_fleet_demo, worst_place, write_fleet_report
+    from waychair.trials.fleet.fleet_demo import fleet_report, run_fleet_demo, worst_place, write_fleet_report
 
     announce_compiling()
     console = Console(stderr=True, quiet=quiet)
@@ -88,7 +88,7 @@ def _shown(headless: bool, port: int, console: Console) -> Iterator[FleetWatcher
     """Serve the page of all chairs while the block runs; yield the watcher that feeds it."""
     from dataclasses import asdict
 
-    from waychair.trials.fleet_demo import FleetWatcher, plan_of, view_of
+    from waychair.trials.fleet.fleet_demo import FleetWatcher, plan_of, view_of
     from waychair.ui.fleet_page import FleetPage, fleet_page
 
     if headless:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.geometry import arc_lengths
+from waychair.geometry import arc_lengths, compose, nearest_step
 from waychair.planning.window.motion_limits import DwaSettings, slowing_speed
 from waychair.types import BoolArray, FloatArray, Pose2
 
@@ -57,19 +57,12 @@ class Authority:
         on_line = crosses(self.line, body, poses[ahead])
         off = Pose2(*poses[k]).inverse() @ pose
         if abs(off.theta) < _ASKEW:  # as askew as it is now, the chair may reach the line by another corner before
-            on_line |= crosses(self.line, body, _moved(poses[ahead], Pose2(0.0, off.y, off.theta)))
+            on_line |= crosses(self.line, body, compose(poses[ahead], np.array([0.0, off.y, off.theta])))
         if not on_line.any():
             return math.inf
         first = np.flatnonzero(ahead)[np.argmax(on_line)]
         # the outline comes to the line between this pose and the one before
         return max(float(along[max(first - 1, 0)]) - here, 0.0)
-
-
-def _moved(poses: FloatArray, off: Pose2) -> FloatArray:
-    """Return poses (N, 3), each moved by a pose in its own frame."""
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    x, y = poses[:, 0] + cos * off.x - sin * off.y, poses[:, 1] + sin * off.x + cos * off.y
-    return np.column_stack([x, y, poses[:, 2] + off.theta])
 
 
 FREE = Authority()
@@ -110,8 +103,5 @@ def _way_at(poses: FloatArray, along: FloatArray, pose: Pose2) -> tuple[float, i
     """Return the way along poses (N, 3) at the point nearest to a pose, and the index of the pose before it."""
     if len(poses) < 2:
         return 0.0, 0
-    a, steps = poses[:-1, :2], np.diff(poses[:, :2], axis=0)
-    long = np.maximum(np.hypot(*steps.T), 1e-9)
-    share = np.clip(((np.array([pose.x, pose.y]) - a) * steps).sum(axis=1) / long**2, 0.0, 1.0)
-    k = int(np.argmin(np.hypot(*(a + share[:, None] * steps - (pose.x, pose.y)).T)))
-    return float(along[k] + share[k] * long[k]), k
+    k, share = nearest_step(poses[:, :2], pose.array()[:2])
+    return float(along[k] + share * (along[k + 1] - along[k])), k

@@ -317,8 +317,7 @@ class Traveller:
         localised = state.localisation is not None and state.localisation.state is LocalisationState.OK
         if localised and site is not None and inside is not None and journey.phase is Phase.RELOCALISE:
             gap = site.cabin.inverse() @ state.map_from_base
-            in_car = abs(inside.x) < site.length / 2 and abs(inside.y) < site.width / 2
-            localised = not in_car or float(np.hypot(gap.x - inside.x, gap.y - inside.y)) < ABOARD_WITHIN
+            localised = not site.holds(inside) or float(np.hypot(gap.x - inside.x, gap.y - inside.y)) < ABOARD_WITHIN
         return JourneyView(
             now_ns=state.stamp_ns,
             storey=self.storey,
@@ -326,10 +325,7 @@ class Traveller:
             why=hand or why,
             taken_over=bool(hand),
             at_rest=abs(twist.v) < _AT_REST and abs(twist.omega) < _AT_REST,
-            in_cabin=site is not None
-            and inside is not None
-            and abs(inside.x) <= site.length / 2
-            and abs(inside.y) <= site.width / 2,
+            in_cabin=site is not None and inside is not None and site.holds(inside),
             clear_of_lift=site is None or inside is None or self._is_clear(site, inside),
             door=self._heard.door,
             cabin_free=None if site is None or inside is None else self._is_free(site, inside, state),
@@ -398,8 +394,7 @@ class Traveller:
 
     def _site_pose(self, site: LiftSite, journey: Journey, state: ChairState) -> Pose2 | None:
         inside = self._cabin_from_base(journey, site, state)
-        aboard = abs(inside.x) <= site.length / 2 and abs(inside.y) <= site.width / 2
-        return site.cabin @ inside if aboard else None
+        return site.cabin @ inside if site.holds(inside) else None
 
     def _switch(self, lift: str, storey: str, journey: Journey, state: ChairState) -> None:
         """Change everything that belongs to the map, in this tick."""

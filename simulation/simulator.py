@@ -99,8 +99,7 @@ class Simulator(SimulatedChair):
         if not shared:
             raise WorldError(f"no lift goes from {self.world.level or self.world.name} to {level.level or level.name}")
         for lift in shared:
-            inside = lift.middle.inverse() @ pose
-            if abs(inside.x) <= lift.length / 2 and abs(inside.y) <= lift.width / 2:
+            if lift.holds(pose):
                 return self.place(level, pose)
         names = ", ".join(lift.name for lift in shared)
         raise WorldError(f"the chair at ({pose.x:.2f}, {pose.y:.2f}) is not in {names}: drive it into the cabin first")

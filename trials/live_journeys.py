@@ -6,6 +6,7 @@ and by a worker, so that no tick waits for them.
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -155,7 +156,9 @@ class LiveJourneys:
     def goals(self, pose: Pose2 | None) -> tuple[GoalView, ...]:
         """Return the goals with the latest times; a worker computes them anew for a chair that has moved."""
         storey, before, views = self._goals
-        if pose is not None and (storey != self.traveller.storey or _apart(before, pose) > MOVED_M):
+        if pose is not None and (
+            storey != self.traveller.storey or math.dist((before.x, before.y), (pose.x, pose.y)) > MOVED_M
+        ):
             self._goals = self.traveller.storey, pose, views
             self._worker.submit(self._time_goals, self.traveller.storey, pose)
         return views
@@ -213,8 +216,3 @@ class LiveJourneys:
 def _storey_map(level: str, known: LiveMap, height: float) -> StoreyMap:
     drawn = known.drawing
     return StoreyMap(level, known.grid, drawn.places, height, drawn.zones, known.scanned())
-
-
-def _apart(one: Pose2, other: Pose2) -> float:
-    between = one.inverse() @ other
-    return float((between.x**2 + between.y**2) ** 0.5)

@@ -11,7 +11,7 @@ import numpy as np
 from waychair.calibration.chair_body import BodyLayer, ChairBody
 from waychair.control.drive.live_jambs import DoorWatch
 from waychair.control.drive.way_follower import SEEN_AHEAD, WayFollower
-from waychair.geometry import transform_points
+from waychair.geometry import nearest_step, transform_points
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import MAP_DOUBT
 from waychair.planning.grid.drawn_map import DrawnMap
@@ -207,8 +207,6 @@ class LegDrive:
 
 def _way_left(poses: FloatArray, pose: Pose2) -> float:
     """Return the distance [m] to the end of a line of poses (N, 3), N >= 2, from its step that is nearest to a pose."""
-    steps = np.diff(poses[:, :2], axis=0)
-    lengths = np.maximum(np.hypot(*steps.T), 1e-9)
-    share = np.clip(((np.array([pose.x, pose.y]) - poses[:-1, :2]) * steps).sum(axis=1) / lengths**2, 0.0, 1.0)
-    k = int(np.argmin(np.hypot(*(poses[:-1, :2] + share[:, None] * steps - (pose.x, pose.y)).T)))
-    return float(lengths[k:].sum() - share[k] * lengths[k])
+    k, share = nearest_step(poses[:, :2], np.array([pose.x, pose.y]))
+    lengths = np.hypot(*np.diff(poses[k:, :2], axis=0).T)
+    return float(lengths.sum() - share * lengths[0])

@@ -40,6 +40,10 @@ class LiftSite:
         """The middle of the doorway in map, facing out of the cabin."""
         return self.cabin @ Pose2(self.door_ahead, 0.0)
 
+    def holds(self, cabin_from_base: Pose2) -> bool:
+        """Return whether a chair's axle is in the cabin."""
+        return abs(cabin_from_base.x) <= self.length / 2 and abs(cabin_from_base.y) <= self.width / 2
+
 
 def stand_in(site: LiftSite, body: ChairBody) -> Pose2:
     """Return where a chair stands in a cabin, in its frame: facing the door, as far back as it can turn."""

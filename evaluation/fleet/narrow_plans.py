@@ -14,7 +14,7 @@ from waychair.planning.fleet.granting import CBS_STEPS, granted
 from waychair.planning.fleet.order import Request, Turn, asked, foreseen, parked
 from waychair.planning.fleet.sipp import Stay, earliest, gaps_between
 from waychair.planning.fleet.ways import Ways
-from waychair.trials.fleet_ordered import CLEARING_MS
+from waychair.trials.fleet.fleet_ordered import CLEARING_MS
 
 
 def cell_traffic(name: str, bays: bool) -> TrafficGraph:

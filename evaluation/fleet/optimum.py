@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.paper.goal_filters import distances_from
-from waychair.trials.fleet_tasks import PAPER_SPEED
+from waychair.trials.fleet.fleet_tasks import PAPER_SPEED
 
 MOST_NODES = 5_000
 """Conflicts looked at before an instance is given up as not proved."""

@@ -222,7 +222,7 @@ class Lifts:
         if begins:
             here, there = known.stops[car.came_from], known.stops[car.at]
             for chair in self._chairs.values():
-                if chair.level == here and _inside(known.cabins[here], chair.pose):
+                if chair.level == here and known.cabins[here].holds(chair.pose):
                     chair.level, chair.rides, chair.pose = there, name, known.carried(chair.pose, here, there)
             for who in self._passengers:
                 if who.doing is Doing.RIDES and self._name_of(who) == name:
@@ -393,11 +393,6 @@ class Lifts:
         if level not in stops:
             raise WorldError(f"the lift '{lift}' does not stop at '{level}': take one of {', '.join(stops)}")
         return stops.index(level)
-
-
-def _inside(lift: Lift, pose: Pose2) -> bool:
-    inside = lift.middle.inverse() @ pose
-    return abs(inside.x) <= lift.length / 2 and abs(inside.y) <= lift.width / 2
 
 
 def _heights(levels: Sequence[World]) -> dict[str, float]:

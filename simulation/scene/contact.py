@@ -67,13 +67,7 @@ def solid_from_blocks(
 ) -> SolidBoxes:
     """Return the blocks that a chair can hit, the pits as if a wall stood round them, and last the closed leaves."""
     solid: list[Block | Pit] = [block for block in blocks if block.low < HIGHEST and block.high > LOWEST]
-    boxes = np.array(
-        [
-            (s.middle.x, s.middle.y, math.cos(s.middle.theta), math.sin(s.middle.theta), s.length / 2, s.width / 2)
-            for s in (*solid, *pits, *(leaf.block(0.0) for leaf in leaves))
-        ],
-        np.float64,
-    ).reshape(-1, 6)
+    boxes = boxes_of([*solid, *pits, *(leaf.block(0.0) for leaf in leaves)])
     return SolidBoxes(boxes, bins_from_boxes(boxes))
 
 

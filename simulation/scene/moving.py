@@ -5,13 +5,14 @@ The bins list a leaf wherever it may ever be, so that only its own numbers chang
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from waychair.geometry import rectangle, transform_points
-from waychair.simulation.scene.scene import DOOR_HEIGHT, Block
+from waychair.simulation.scene.scene import DOOR_HEIGHT, Block, Pit
 from waychair.types import FloatArray, Pose2
 
 
@@ -34,15 +35,13 @@ class SlidingLeaf:
         return Block(middle, shown, self.thickness, 0.0, DOOR_HEIGHT, self.material, self.seed)
 
 
-def box_of(block: Block) -> FloatArray:
-    """Return a block as a box (6,) (see `boxes.py`)."""
-    pose = block.middle
-    return np.array([pose.x, pose.y, np.cos(pose.theta), np.sin(pose.theta), block.length / 2, block.width / 2])
-
-
-def boxes_of(blocks: Sequence[Block]) -> FloatArray:
-    """Return blocks as boxes (N, 6)."""
-    return np.array([box_of(block) for block in blocks]).reshape(-1, 6)
+def boxes_of(solid: Iterable[Block | Pit]) -> FloatArray:
+    """Return blocks and pits as boxes (N, 6), see `boxes.py`."""
+    boxes = [
+        (s.middle.x, s.middle.y, math.cos(s.middle.theta), math.sin(s.middle.theta), s.length / 2, s.width / 2)
+        for s in solid
+    ]
+    return np.array(boxes, np.float64).reshape(-1, 6)
 
 
 def sides_of(blocks: Sequence[Block]) -> FloatArray:

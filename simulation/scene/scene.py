@@ -141,6 +141,11 @@ class Lift:
     width: float
     levels: tuple[str, ...]
 
+    def holds(self, map_from_base: Pose2) -> bool:
+        """Return whether a chair's axle is in the cabin."""
+        inside = self.middle.inverse() @ map_from_base
+        return abs(inside.x) <= self.length / 2 and abs(inside.y) <= self.width / 2
+
 
 class Behaviour(enum.Enum):
     """The way a person moves."""

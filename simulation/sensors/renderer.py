@@ -245,14 +245,9 @@ class Renderer:
         vertices["shade"] = 0.75 + 0.25 * bodies.upward
         vertices["seed"] = bodies.seeds
         vertices["look"] = bodies.looks
-        points = self._context.buffer(vertices)
-        triangles = self._context.buffer(bodies.triangles.astype(np.uint32))
-        array = self._vertex_array(points, triangles)
         self._context.enable(self._context.CULL_FACE)
-        array.render()
+        self._draw_once(vertices, bodies.triangles)
         self._context.disable(self._context.CULL_FACE)
-        for part in (array, points, triangles):
-            part.release()
 
     def _draw_leaves(self, leaves: Sequence[Block]) -> None:
         """Draw the sides of leaves in the light on the floor below them."""
@@ -271,12 +266,15 @@ class Renderer:
         vertices["shade"] = 0.9
         vertices["seed"] = np.array([leaf.seed for leaf in leaves])[owners][:, None]
         vertices["look"] = np.array([_NAMES.index(leaf.material) for leaf in leaves])[owners][:, None]
+        self._draw_once(vertices, np.arange(len(sides))[:, None] * 4 + _QUAD)
+
+    def _draw_once(self, vertices: Any, triangles: IntArray) -> None:
+        """Draw what has moved since the last picture; its buffers are not kept."""
         points = self._context.buffer(vertices)
-        faces = np.arange(len(sides))[:, None] * 4 + _QUAD
-        triangles = self._context.buffer(faces.astype(np.uint32))
-        array = self._vertex_array(points, triangles)
+        corners = self._context.buffer(triangles.astype(np.uint32))
+        array = self._vertex_array(points, corners)
         array.render()
-        for part in (array, points, triangles):
+        for part in (array, points, corners):
             part.release()
 
     def _vertex_array(self, vertices: Any, indices: Any) -> Any:

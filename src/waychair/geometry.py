@@ -61,6 +61,15 @@ def arc_lengths(points: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
 
 
+def nearest_step(points: FloatArray, at: FloatArray) -> tuple[int, float]:
+    """Return the step of a polyline (N, 2), N >= 2, that is nearest to a point (2,), and the nearest place's share of it."""
+    steps = np.diff(points, axis=0)
+    lengths = np.maximum(np.hypot(*steps.T), 1e-9)
+    share = np.clip(((at - points[:-1]) * steps).sum(axis=1) / lengths**2, 0.0, 1.0)
+    k = int(np.argmin(np.hypot(*(points[:-1] + share[:, None] * steps - at).T)))
+    return k, float(share[k])
+
+
 def evenly_spaced(points: FloatArray, spacing: float) -> FloatArray:
     """Return points along a polyline, evenly spaced by at most `spacing` in their unit, both ends included."""
     along = arc_lengths(points)

@@ -9,7 +9,7 @@ from evaluation.fleet.paper_tables import FLEXIBLE, HUMANS_FIRST
 from waychair.maps.traffic.corridors import corridor_graph, load_corridors
 from waychair.maps.traffic.traffic_graph import Section, TrafficGraph, TrafficNode
 from waychair.planning.fleet.paper.baselines import PaperPreset
-from waychair.trials.fleet_tasks import Instance, do_tasks, random_instance
+from waychair.trials.fleet.fleet_tasks import Instance, do_tasks, random_instance
 
 
 def test_two_chairs_that_swap_the_ends_of_a_corridor_wait_once() -> None:

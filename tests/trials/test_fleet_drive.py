@@ -15,9 +15,16 @@ import pytest
 from waychair.errors import TaskError
 from waychair.maps.traffic.corridors import CorridorPlan, floor_plan_names, load_corridors
 from waychair.simulation.scene.contact import in_contact, solid_from_blocks
-from waychair.trials.fleet_demo import FleetDemo, fleet_report, plan_of, view_of, waits_by_place, write_fleet_report
-from waychair.trials.fleet_drive import FleetMoment, FleetRun, FleetScene, drive_fleet
-from waychair.trials.fleet_scenes import SCENARIOS, rooms_scene
+from waychair.trials.fleet.fleet_demo import (
+    FleetDemo,
+    fleet_report,
+    plan_of,
+    view_of,
+    waits_by_place,
+    write_fleet_report,
+)
+from waychair.trials.fleet.fleet_drive import FleetMoment, FleetRun, FleetScene, drive_fleet
+from waychair.trials.fleet.fleet_scenes import SCENARIOS, rooms_scene
 from waychair.ui.fleet_page import FleetPage, fleet_page
 
 SMALL = CorridorPlan("small", (16.0, 6.0), ((2.0, 3.0, 14.0, 3.0),))

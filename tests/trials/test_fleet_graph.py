@@ -10,7 +10,7 @@ from waychair.maps.traffic.corridors import corridor_graph, load_corridors
 from waychair.maps.traffic.indexed_traffic import indexed_traffic
 from waychair.planning.fleet.paper.plan_fwpp import Conflicts
 from waychair.simulation.graph_traffic.crowd import RightOfWay
-from waychair.trials.fleet_graph import PaperPlanner, fleet_hours, free_times
+from waychair.trials.fleet.fleet_graph import PaperPlanner, fleet_hours, free_times
 
 LOOP = corridor_graph(load_corridors("fig8"))
 NAMES = [node.name for node in LOOP.nodes]

@@ -10,9 +10,9 @@ from waychair.maps.traffic.corridors import corridor_graph, load_corridors
 from waychair.maps.traffic.storeys import cut_at_lifts, lobby_in, lobby_out
 from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.maps.traffic.well_formed import pieces, well_formed
-from waychair.trials.fleet_ordered import Stops, chairs_on
-from waychair.trials.fleet_report import best_bay, ordered_hours, stops_by_people, waits_by_corridor, with_bay
-from waychair.trials.fleet_storeys import FleetStoreys
+from waychair.trials.fleet.fleet_ordered import Stops, chairs_on
+from waychair.trials.fleet.fleet_report import best_bay, ordered_hours, stops_by_people, waits_by_corridor, with_bay
+from waychair.trials.fleet.fleet_storeys import FleetStoreys
 
 
 def test_a_building_is_cut_at_its_lifts_into_storeys_that_are_well_formed() -> None:

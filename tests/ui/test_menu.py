@@ -70,7 +70,8 @@ def choose(page: Page, method: str, label: str) -> None:
     while page.evaluate(FRAMED) != label:
         page.keyboard.press("ArrowDown" if method == "direct" else "Space", delay=60)
         page.wait_for_timeout(60)  # longer than a bounce
-    page.keyboard.press({"direct": "ArrowRight", "step": "Enter", "single": "Space"}[method], delay=700)
+    key, delay = {"direct": ("ArrowRight", 60), "step": ("Enter", 60), "single": ("Space", 700)}[method]
+    page.keyboard.press(key, delay=delay)
 
 
 def menu(page: Page, title: str) -> list[str]:

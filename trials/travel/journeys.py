@@ -19,6 +19,9 @@ from waychair.control.journey.building_legs import leg_to_lift
 from waychair.control.journey.journey import Leg, Phase
 from waychair.control.journey.lift_site import LOBBY_AHEAD, LOBBY_ASIDE, LiftSite
 from waychair.errors import UnknownPlace
+from waychair.geometry import transform_points
+from waychair.maps.grid.cells import cells_from_points, inside
+from waychair.maps.grid.distance_field import distance_field
 from waychair.runtime.chair import ChairSettings
 from waychair.runtime.journeys import StoreyMap, Traveller, TravelState
 from waychair.simulation.lifts.car import DoorKind, LiftFault
@@ -95,9 +98,6 @@ def sites_of(lifts: Lifts, body: ChairBody) -> tuple[LiftSite, ...]:
 
 def _lobby(world: World, door: Pose2, body: ChairBody) -> Pose2:
     """Return where the chair waits before a door, facing it, on the side with more room; straight before it if need be."""
-    from waychair.maps.grid.cells import cells_from_points, inside
-    from waychair.maps.grid.distance_field import distance_field
-
     room = distance_field(world.grid).metres
     spots = [door @ Pose2(LOBBY_AHEAD, side * LOBBY_ASIDE) for side in (1, -1)]
     spots += [door @ Pose2(LOBBY_AHEAD + 0.4, side * 0.6) for side in (1, -1)] + [door @ Pose2(LOBBY_AHEAD + 0.6, 0.0)]
@@ -319,8 +319,6 @@ class _Watch:
 
 
 def _corners(simulator: Simulator) -> FloatArray:
-    from waychair.geometry import transform_points
-
     return transform_points(simulator.truth(), simulator.body.outline())
 
 

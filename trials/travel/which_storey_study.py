@@ -31,7 +31,7 @@ ELSEWHERE = 0.2
 """Share of the rides that end at another stop than the one asked for."""
 
 PEOPLE = 3
-"""Largest number of people before the door, who hide what is behind them."""
+"""Largest number of people before the door; the scan shows nothing behind them."""
 
 
 @dataclass(frozen=True, slots=True)

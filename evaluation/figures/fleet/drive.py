@@ -1,4 +1,4 @@
-"""Whole chairs that share a building, with the firmware in the loop: every scene of `trials/fleet_scenes.py`, by seeds.
+"""Whole chairs that share a building, with the firmware in the loop: every scene of `trials/fleet/fleet_scenes.py`, by seeds.
 
 `FLEET_DRIVE_SEEDS=2` takes fewer than 15 seeds, `FLEET_DRIVE_SCENES=l_way,crossing` some of the scenes.
 """
@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from waychair.maps.traffic.corridors import load_corridors
-from waychair.trials.fleet_drive import FleetRun, drive_fleet
-from waychair.trials.fleet_scenes import SCENARIOS, Scenario, rooms_scene
+from waychair.trials.fleet.fleet_drive import FleetRun, drive_fleet
+from waychair.trials.fleet.fleet_scenes import SCENARIOS, Scenario, rooms_scene
 from waychair.types import Json
 
 SEEDS = 15

@@ -16,8 +16,8 @@ from waychair.maps.traffic.corridors import corridor_graph, load_corridors
 from waychair.maps.traffic.indexed_traffic import indexed_traffic
 from waychair.planning.fleet.paper.baselines import PaperPreset
 from waychair.planning.fleet.section_plans import SectionPlanner
-from waychair.trials.fleet_graph import free_times
-from waychair.trials.fleet_tasks import (
+from waychair.trials.fleet.fleet_graph import free_times
+from waychair.trials.fleet.fleet_tasks import (
     PAPER_SPEED,
     TasksDone,
     coordinated_tasks,

@@ -20,8 +20,8 @@ from evaluation.fleet.narrow_plans import OneTask, cell_traffic, one_task
 from waychair.planning.fleet.waits import Audit, jain
 from waychair.planning.fleet.warden import ROUNDS
 from waychair.planning.fleet.ways import ways_of
-from waychair.trials.fleet_ordered import SPEED, Stops, chairs_on
-from waychair.trials.fleet_report import delay_per_way
+from waychair.trials.fleet.fleet_ordered import SPEED, Stops, chairs_on
+from waychair.trials.fleet.fleet_report import delay_per_way
 from waychair.types import Json
 
 WORKERS = 2

@@ -13,9 +13,9 @@ import numpy as np
 
 from evaluation.fleet.hospital_traffic import hospital_traffic
 from waychair.planning.fleet.waits import Audit
-from waychair.trials.fleet_ordered import chairs_on
-from waychair.trials.fleet_sources import graph_from_source
-from waychair.trials.fleet_storeys import FleetStoreys
+from waychair.trials.fleet.fleet_ordered import chairs_on
+from waychair.trials.fleet.fleet_sources import graph_from_source
+from waychair.trials.fleet.fleet_storeys import FleetStoreys
 from waychair.types import Json
 
 SIZES = ((4, 100, 200.0, 1800), (10, 1000, 20.0, 300))

@@ -17,8 +17,8 @@ from evaluation.fleet.paper_tables import FLEXIBLE, HUMANS_FIRST, PERSONS
 from waychair.maps.traffic.corridors import corridor_graph, load_corridors
 from waychair.planning.fleet.paper.plan_fwpp import Conflicts
 from waychair.simulation.graph_traffic.crowd import RightOfWay
-from waychair.trials.fleet_coordinated import coordinated_hours
-from waychair.trials.fleet_graph import fleet_hours, mean
+from waychair.trials.fleet.fleet_coordinated import coordinated_hours
+from waychair.trials.fleet.fleet_graph import fleet_hours, mean
 from waychair.types import FloatArray, Json
 
 SEEDS = 12

@@ -12,7 +12,7 @@ from tests.planning.fleet.small_traffic import TEE
 from waychair.errors import TaskError
 from waychair.planning.fleet.audit import audited
 from waychair.planning.fleet.waits import Audit
-from waychair.trials.fleet_ordered import Stops, chairs_on
+from waychair.trials.fleet.fleet_ordered import Stops, chairs_on
 from waychair.types import Json
 
 

@@ -14,9 +14,9 @@ from waychair.maps.traffic.indexed_traffic import indexed_traffic
 from waychair.maps.traffic.traffic_graph import Section, TrafficGraph, TrafficNode
 from waychair.planning.fleet.section_plans import Drive, SectionOrder, SectionPlanner, SectionUse, Trip
 from waychair.simulation.graph_traffic.crowd import RightOfWay
-from waychair.trials.fleet_coordinated import coordinated_hours
-from waychair.trials.fleet_graph import fleet_hours, free_times
-from waychair.trials.fleet_tasks import PAPER_SPEED, coordinated_tasks, random_instance
+from waychair.trials.fleet.fleet_coordinated import coordinated_hours
+from waychair.trials.fleet.fleet_graph import fleet_hours, free_times
+from waychair.trials.fleet.fleet_tasks import PAPER_SPEED, coordinated_tasks, random_instance
 
 
 def plan_of(name: str) -> TrafficGraph:

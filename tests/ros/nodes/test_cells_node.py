@@ -101,6 +101,7 @@ def test_the_node_tells_signal_state_and_the_camera_s_orders_and_a_page_shows_th
         ros.spin_until(told, "the cells", drive)
         assert heard[topics.SIGNAL]
         assert read_pan_tilt_command(heard[topics.PAN_TILT_COMMAND][0]).laser
+        ros.spin_until(lambda: page.perception() is not None, "the page", drive)
         shown = page.perception()
         assert shown is not None
         assert "The camera looks straight ahead" in (shown.aim.words if shown.aim else "")

@@ -19,7 +19,7 @@ from waychair.planning.fleet.warden import District, Heard, Report, decided
 from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.chain_geometry import TURNING_ROOM, chain_of, drivable, node_rooms, spot_places
-from waychair.trials.fleet_scenes import SCENARIOS, places_in_rooms
+from waychair.trials.fleet.fleet_scenes import SCENARIOS, places_in_rooms
 from waychair.types import Place, Pose2
 
 PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))

@@ -20,7 +20,7 @@ from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.booking import Booking, booked, handed_over, taken_in
 from waychair.planning.fleet.order import Order, Request, cleared, entered, parked
 from waychair.planning.fleet.ways import ways_of
-from waychair.trials.fleet_ordered import SPEED
+from waychair.trials.fleet.fleet_ordered import SPEED
 
 _CLEARING_MS = 500
 """ms that a rear takes to leave a spot."""

@@ -20,7 +20,7 @@ from waychair.simulation.fleet import FleetSimulator
 from waychair.simulation.plan.corridor_world import ROOM_SIDE, corridor_world
 from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan
 from waychair.simulation.scene.seeds import seed_from_names
-from waychair.trials.fleet_drive import Events, FleetScene
+from waychair.trials.fleet.fleet_drive import Events, FleetScene
 from waychair.types import JoystickInput, Place, Pose2
 
 SCENE_S = 150.0

@@ -15,7 +15,7 @@ from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.section_plans import SectionOrder, SectionPlanner, SectionUse, Trip
 from waychair.simulation.graph_traffic.crowd import Crowd, CrowdModel, RightOfWay
 from waychair.simulation.scene.seeds import seed_from_names
-from waychair.trials.fleet_graph import FleetHours, free_times, goal_nodes, next_goal, start_nodes, task_streams
+from waychair.trials.fleet.fleet_graph import FleetHours, free_times, goal_nodes, next_goal, start_nodes, task_streams
 
 NO_SECTION = -1
 """A permit for none."""

@@ -26,8 +26,8 @@ from waychair.offline.report import (
     write_page,
 )
 from waychair.planning.fleet.waits import jain
-from waychair.trials.fleet_drive import FleetMoment, FleetRun, FleetScene, drive_fleet
-from waychair.trials.fleet_scenes import rooms_scene
+from waychair.trials.fleet.fleet_drive import FleetMoment, FleetRun, FleetScene, drive_fleet
+from waychair.trials.fleet.fleet_scenes import rooms_scene
 from waychair.types import Json, Pose2
 
 WORLD = "T"

@@ -13,7 +13,7 @@ from waychair.maps.traffic.single_file import Run, runs
 from waychair.maps.traffic.traffic_graph import Refuge, RefugeKind, Section, TrafficGraph, TrafficNode
 from waychair.planning.fleet.waits import Audit, jain
 from waychair.simulation.graph_traffic.crowd import CrowdModel
-from waychair.trials.fleet_ordered import OrderedChairs, Stops, chairs_on
+from waychair.trials.fleet.fleet_ordered import OrderedChairs, Stops, chairs_on
 from waychair.types import Json
 
 BAY_DEPTH = 1.0
