@@ -2,9 +2,8 @@
 PYTHON_BIN := .venv/bin
 NAME ?= all
 REALTIME := WAYCHAIR_REALTIME=1 $(PYTHON_BIN)/pytest -q tests/ros tests/ui
-# Each worker begins with a run of neighbouring tests, which share fixtures, and takes over from the others at the end. One
-# worker more than there are cores: many tests wait for a browser, a board or another process.
-PARALLEL := -n $(shell expr $$(nproc) + 1) --dist worksteal
+# Each worker begins with a run of neighbouring tests, which share fixtures, and takes over from the other at the end.
+PARALLEL := -n auto --dist worksteal
 
 .PHONY: demo seeds night test nightly lint acceptance bench format clean
 .DEFAULT_GOAL := test

@@ -80,7 +80,10 @@ def menu(page: Page, title: str) -> list[str]:
     return page.evaluate(LABELS)  # type: ignore[no-any-return]
 
 
-@pytest.mark.parametrize("method", ["auto", "step", "single", "inverse", "direct"])
+@pytest.mark.parametrize(
+    "method",
+    ["auto", "step", "inverse", *(pytest.param(each, marks=pytest.mark.nightly) for each in ("single", "direct"))],
+)
 def test_every_way_of_pressing_reaches_a_goal(browser: Browser, building: WithGoals, method: str) -> None:
     with menu_page(browser, building, method) as page:
         choose(page, method, "Storey 1")
