@@ -43,6 +43,7 @@ from waychair.planning.grid.fine_distances import fine_field
 from waychair.planning.route.global_planner import GlobalPlanner
 from waychair.planning.route.leaving_a_wall import BY_HAND, reason_for_cramped
 from waychair.planning.route.legs import PathLeg
+from waychair.planning.route.rooms import prepare_outlines
 from waychair.planning.warm_up import warm_up
 from waychair.planning.window.dwa import DwaResult
 from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, braking, crawling, stopping
@@ -77,6 +78,7 @@ class Navigator:
         warm_up()
         self.settings = s = settings or NavigatorSettings()
         drawn = DrawnMap(grid, body, zones, self.settings.clearance.comfortable)
+        prepare_outlines(body, grid)
         self._places = places
         self._body = body
         self._goals: list[Goal] = []

@@ -77,8 +77,8 @@ class Footprint(NamedTuple):
 def footprint(body: ChairBody, margin: float, field: DistanceField) -> Footprint:
     """Return the body, grown by a margin [m] on all sides, on a distance field."""
     cell = field.resolution
-    discs, skip = _disc_tree(body.front, body.rear, body.width / 2, margin, cell)
-    layers = [_disc_tree(layer.front, layer.rear, layer.half_width, margin, cell) for layer, _ in field.layers]
+    discs, skip = disc_tree(body.front, body.rear, body.width / 2, margin, cell)
+    layers = [disc_tree(layer.front, layer.rear, layer.half_width, margin, cell) for layer, _ in field.layers]
     if not layers:
         return Footprint(discs, skip, field.metres, cell, *_NO_LAYERS)
     ends = np.cumsum([len(layer_skip) for _, layer_skip in layers]).astype(np.int32)
@@ -121,11 +121,11 @@ def eased_footprint(body: ChairBody, margin: float, field: DistanceField, pose: 
     return footprint(body, margin, field), 0.0
 
 
-@lru_cache(maxsize=64)
-def _disc_tree(
+@lru_cache(maxsize=128)
+def disc_tree(
     front: float, rear: float, half: float, margin: float, cell: float
 ) -> tuple[FloatArray, NDArray[np.int32]]:
-    """Return `discs` and `skip` of an outline [m]; cached, since every tick needs the same few.
+    """Return `discs` (N, 4) and `skip` (N,) of an outline [m] as in `DiscTree`; cached, since every tick needs the same few.
 
     All parts of one level have one size, so the tree is built level by level. The first half of a part comes right
     after it, the second half after all parts below the first.

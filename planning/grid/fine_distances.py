@@ -10,7 +10,7 @@ import numpy as np
 from waychair.calibration.chair_body import BodyLayer
 from waychair.geometry import transform_points
 from waychair.maps.grid.cells import cells_from_points, cells_under, occupied, points_from_cells
-from waychair.maps.grid.distance_field import DistanceField, window_distances
+from waychair.maps.grid.distance_field import DistanceField, near_distances, window_distances
 from waychair.types import BoolArray, FloatArray, IntArray, OccupancyGrid, Pose2
 
 FINEST = 0.0125
@@ -18,6 +18,11 @@ FINEST = 0.0125
 
 _DEEP, _JAMB = 0.4, 0.06
 """A door's opening is cleared this far [m] before and behind its middle; its jambs are this wide and deep [m]."""
+
+
+def fine_cell(grid: OccupancyGrid) -> float:
+    """Return the side [m] of a fine cell: a whole part of the map's cell, at most `FINEST`."""
+    return grid.resolution / max(1, math.ceil(grid.resolution / FINEST - 1e-9))
 
 
 def fine_field(
@@ -37,7 +42,8 @@ def fine_field(
     fits there. `layered` points exist only at the heights of one layer of the body.
     """
     side = grid.resolution
-    parts = max(1, math.ceil(side / FINEST - 1e-9))
+    cell = fine_cell(grid)
+    parts = round(side / cell)
     row, column = cells_from_points(grid, np.array([[centre.x, centre.y]]))[0]
     span = math.ceil(reach / side)
     height, width = grid.cells.shape
@@ -49,14 +55,14 @@ def fine_field(
         grid.map_from_grid @ Pose2(left * side, top * side, 0.0),
     )
     solid = occupied(part).repeat(parts, axis=0).repeat(parts, axis=1)
-    fine = OccupancyGrid(np.zeros(solid.shape, np.int8), side / parts, part.map_from_grid)
+    fine = OccupancyGrid(np.zeros(solid.shape, np.int8), cell, part.map_from_grid)
     if opening is not None:
         _open(solid, fine, *opening)
-    known = metres = window_distances(solid, fine.resolution)
+    known = near_distances(solid, fine.resolution, known_within + fine.resolution) if known_within > 0.0 else None
 
     def news(points: FloatArray) -> IntArray:
         cells = cells_under(fine, points)
-        return cells[known[cells[:, 0], cells[:, 1]] > known_within] if known_within > 0.0 else cells
+        return cells if known is None else cells[known[cells[:, 0], cells[:, 1]] > known_within]
 
     layers = []
     for layer, seen in layered:
@@ -64,9 +70,10 @@ def fine_field(
             stands = np.zeros_like(solid)
             stands[cells[:, 0], cells[:, 1]] = True
             layers.append((layer, window_distances(stands, fine.resolution)))
-    if points is not None and len(points) and len(cells := news(points)):  # new points are rare in tight places
+    if points is not None and len(points):
+        cells = news(points)
         solid[cells[:, 0], cells[:, 1]] = True
-        metres = window_distances(solid, fine.resolution)
+    metres = window_distances(solid, fine.resolution)
     return DistanceField(metres, fine.resolution, fine.map_from_grid, tuple(layers))
 
 
