@@ -199,7 +199,9 @@ class DoorwayTracker:
         """
         self._hears = True
         for track in self._tracks:
-            for pose, heard in zip(sonars, ranges.astype(np.float64), strict=True):
+            away = np.hypot(sonars[:, 0] - track.pose.x, sonars[:, 1] - track.pose.y)
+            near = away <= HEARD_WITHIN + track.width / 2  # the others tell nothing
+            for pose, heard in zip(sonars[near], ranges[near].astype(np.float64), strict=True):
                 word = _heard(track, Pose2(*pose), float(heard))
                 if word is not None:
                     track.opening.echoes.append(word)
