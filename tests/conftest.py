@@ -6,12 +6,15 @@ import gc
 import os
 import re
 import signal
+import sys
 from collections import defaultdict
 from collections.abc import Generator
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
+
+from waychair.kernel_cache import compile_lightly
 
 # The first call of a kernel loads or compiles it, which does not make a test slow. The same examples every time, so
 # that a run is repeatable; `pytest --hypothesis-profile=search`, as in `make nightly`, draws new and more ones.
@@ -66,6 +69,8 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.freeze()
         gc.set_threshold(OBJECTS_PER_COLLECTION)
         gc.enable()
+        if "numba" in sys.modules:
+            compile_lightly()
 
 
 _skipped: defaultdict[str, list[str]] = defaultdict(list)
