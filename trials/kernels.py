@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.kernel_cache import compile_lightly
 from waychair.planning import warm_up as planning_kernels
 from waychair.runtime.perception import Perception
 from waychair.slam.mapping import mapper_warm_up as mapping_kernels
@@ -38,6 +39,7 @@ def compile_kernels(progress: StageProgress = lambda stage, share: None) -> None
     Raises:
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
+    compile_lightly()
     planning_kernels.warm_up()
     mapping_kernels.warm_up()
     Perception(CHAIR_A)  # its constructor runs the cells

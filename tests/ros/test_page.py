@@ -106,8 +106,11 @@ def port() -> int:
 
 @pytest.fixture(scope="module")
 def stack(ros: Harness, port: int, tmp_path_factory: pytest.TempPathFactory) -> Iterator[LiveStack]:
-    options = ("--no-camera", "--no-people", "--page", "--page-port", str(port))
-    with LiveStack(tmp_path_factory.mktemp("page"), ros.domain, *options) as running:
+    folder = tmp_path_factory.mktemp("page")
+    quick = folder / "quick.yaml"
+    quick.write_text("bridge: {ros__parameters: {supervisor.countdown_s: 1.0}}\n", encoding="utf-8")
+    options = ("--no-camera", "--no-people", "--page", "--page-port", str(port), "--params", str(quick))
+    with LiveStack(folder, ros.domain, *options) as running:
         yield running
 
 

@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 import numpy as np
 import pytest
 
+from tests.runtime.riding import coarse_arcs
 from waychair.errors import TaskError
 from waychair.maps.traffic.corridors import CorridorPlan, floor_plan_names, load_corridors
 from waychair.simulation.scene.contact import in_contact, solid_from_blocks
@@ -40,7 +41,8 @@ def _two_in_a_corridor() -> FleetScene:
 def driven() -> tuple[FleetScene, FleetRun, list[FleetMoment]]:
     scene = _two_in_a_corridor()
     moments: list[FleetMoment] = []
-    return scene, drive_fleet(scene, moments.append), moments
+    with coarse_arcs():
+        return scene, drive_fleet(scene, moments.append), moments
 
 
 def test_two_whole_chairs_reach_their_rooms_without_a_contact_or_a_line_passed(

@@ -29,7 +29,7 @@ def plain_way(v: float, a: float, end: float, most: float, jerk: float) -> float
     """The way to slow down, by the best switch from growing to falling braking, in small steps."""
     best = math.inf
     for peak in np.linspace(0.0, most, 100):
-        way, speed, rate, dt = 0.0, v, a, 0.001
+        way, speed, rate, dt = 0.0, v, a, 0.005
         while rate > -peak:
             rate = max(rate - jerk * dt, -peak)
             way, speed = way + speed * dt, speed + rate * dt
