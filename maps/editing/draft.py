@@ -114,11 +114,15 @@ def _drawn_texts(building: Building, storey: str, folder: Path, draft: Draft, be
     return texts
 
 
+def graph_texts(hgraph: HGraph) -> dict[str, str]:
+    """Return the texts of a graph's files by relative path."""
+    texts = {submap_file(Path(), path).as_posix(): submap_text(each) for path, each in hgraph.submaps.items()}
+    return {**texts, GENERAL: general_text(hgraph)}
+
+
 def texts_of_draft(draft: Draft) -> dict[str, str]:
     """Return a draft's texts by relative path: the graph's files, and the places and zones of each storey."""
-    root = Path()
-    texts = {submap_file(root, path).as_posix(): submap_text(each) for path, each in draft.hgraph.submaps.items()}
-    texts[GENERAL] = general_text(draft.hgraph)
+    texts = graph_texts(draft.hgraph)
     for storey, places in draft.places.items():
         texts[f"{storey}/{PLACES_YAML}"] = places_text(places)
     for storey, zones in draft.zones.items():

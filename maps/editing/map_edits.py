@@ -11,7 +11,7 @@ import numpy as np
 from waychair.errors import BuildingError
 from waychair.maps.drawn.places import checked_place
 from waychair.maps.drawn.zones import Rule, Zone, checked_zone
-from waychair.maps.editing.draft import Draft, graph_with_texts, is_graph_file
+from waychair.maps.editing.draft import Draft, graph_texts, graph_with_texts, is_graph_file
 from waychair.maps.editing.node_edits import Operation, with_place, without_place
 from waychair.types import Place, Pose2
 
@@ -53,15 +53,19 @@ class DeleteZone(Operation, tag="delete_zone"):
 
 
 class Patch(Operation, tag="patch"):
-    """Replace texts of the draft by relative path, None for those that go; `what` was done says in words.
+    """Replace texts of the graph and of a generation by relative path, None for those that go; `what` was done, in words.
 
     It holds the outcome of work that cannot be repeated from its arguments alone: a generation, an import, an alignment.
-    `places`: (name, x, y, theta) to add, by storey.
+    `places` (name, x, y, theta, tolerance [m], tolerance [rad]) and `zones` (name, rule, polygon, value) replace all those
+    of a storey.
     """
 
     what: str
     texts: dict[str, str | None]
-    places: dict[str, tuple[tuple[str, float, float, float], ...]] = msgspec.field(default_factory=dict)
+    places: dict[str, tuple[tuple[str, float, float, float, float, float], ...]] = msgspec.field(default_factory=dict)
+    zones: dict[str, tuple[tuple[str, str, tuple[tuple[float, float], ...], float], ...]] = msgspec.field(
+        default_factory=dict
+    )
 
 
 def set_place(draft: Draft, asked: SetPlace) -> Draft:
@@ -106,16 +110,45 @@ def delete_zone(draft: Draft, asked: DeleteZone) -> Draft:
 
 
 def patch(draft: Draft, asked: Patch) -> Draft:
-    """Return the draft with texts replaced and places added."""
+    """Return the draft with texts, places and zones replaced."""
     graph = {name: text for name, text in asked.texts.items() if is_graph_file(name)}
     hgraph = graph_with_texts(draft.hgraph, graph) if graph else draft.hgraph
     others = {**draft.texts, **{name: text for name, text in asked.texts.items() if name not in graph}}
     texts = {name: text for name, text in others.items() if text is not None}
-    storeys = {storey.id for storey in hgraph.storeys if storey.map}
+    storeys = [storey.id for storey in hgraph.storeys if storey.map]
     places = {storey: draft.places_of(storey) for storey in storeys}
     zones = {storey: draft.zones_of(storey) for storey in storeys}
-    draft = Draft(hgraph, places, zones, texts)
     for storey, rows in asked.places.items():
-        for name, *pose in rows:
-            draft = with_place(draft, storey, checked_place(Place(name, Pose2(*pose))))
-    return draft
+        made = [Place(name, Pose2(x, y, theta), near, turn) for name, x, y, theta, near, turn in rows]
+        places[storey] = {place.name: checked_place(place) for place in made}
+    for storey, drawn in asked.zones.items():
+        zones[storey] = tuple(
+            checked_zone(Zone(name, Rule(rule), np.array(corners, np.float64), value))
+            for name, rule, corners, value in drawn
+        )
+    return Draft(hgraph, places, zones, texts)
+
+
+def patch_between(what: str, before: Draft, after: Draft) -> Patch:
+    """Return the operation that makes the draft before the draft after."""
+    old, new = ({**graph_texts(draft.hgraph), **draft.texts} for draft in (before, after))
+    texts: dict[str, str | None] = {name: text for name, text in new.items() if old.get(name) != text}
+    texts |= {name: None for name in old if name not in new}
+    places = {
+        storey: tuple(
+            (name, place.pose.x, place.pose.y, place.pose.theta, place.tolerance_m, place.tolerance_rad)
+            for name, place in held.items()
+        )
+        for storey, held in after.places.items()
+        if dict(held) != dict(before.places_of(storey))
+    }
+    zones = {
+        storey: tuple((zone.name, zone.rule.value, _corners(zone), float(zone.value)) for zone in held)
+        for storey, held in after.zones.items()
+        if held is not before.zones_of(storey)
+    }
+    return Patch(what, texts, places, zones)
+
+
+def _corners(zone: Zone) -> tuple[tuple[float, float], ...]:
+    return tuple((x, y) for x, y in zone.polygon.tolist())
