@@ -49,7 +49,7 @@ from waychair.maps.building.text_forms import (
 )
 from waychair.maps.editing.addresses import PREFIXES, checked_line_of, free_id, node_at, node_ref, submap_at
 from waychair.maps.editing.draft import Draft
-from waychair.maps.editing.node_edits import Operation
+from waychair.maps.editing.node_edits import Operation, without_place
 from waychair.types import Pose2
 
 
@@ -84,13 +84,14 @@ class DeleteStorey(Operation, tag="delete_storey"):
 
 
 class AddSubmap(Operation, tag="add_submap"):
-    """Add a sub-map below another, its origin at x, y [m] in its parent's frame."""
+    """Add a sub-map below another, its origin at x, y [m] in its parent's frame; `storey` where it is not the parent's."""
 
     parent: str
     id: str
     name: str = ""
     x: float = 0.0
     y: float = 0.0
+    storey: str = ""
 
 
 class ChangeSubmap(Operation, tag="change_submap"):
@@ -244,7 +245,10 @@ def add_submap(draft: Draft, asked: AddSubmap) -> Draft:
     """Return the draft with a sub-map."""
     submap_at(draft.hgraph, asked.parent)
     path = _free_path(draft.hgraph, child_path(asked.parent, asked.id))
-    submap = SubMap(path, asked.name.strip(), Frame(asked.x, asked.y))
+    if asked.storey:
+        _storey_at(draft.hgraph, asked.storey)
+    storey = "" if asked.storey == draft.hgraph.storey_of(asked.parent) else asked.storey
+    submap = SubMap(path, asked.name.strip(), Frame(asked.x, asked.y), storey)
     checked_line_of(submap_line(submap), submap_of)
     return replace(draft, hgraph=with_submap(draft.hgraph, submap))
 
@@ -299,10 +303,16 @@ def move_submap(draft: Draft, asked: MoveSubmap) -> Draft:
 
 
 def delete_submap(draft: Draft, asked: DeleteSubmap) -> Draft:
-    """Return the draft without a sub-map and what is below it; goals' places stay on the map."""
+    """Return the draft without a sub-map and what is below it, and without the places of its goals."""
     submap = submap_at(draft.hgraph, asked.path)
-    if not asked.path or submap.storey:
+    if not asked.path or submap.storey == asked.path:
         raise BuildingError("the root and the storeys' own sub-maps stay: delete the storey instead")
+    for path in draft.hgraph.submaps:
+        if path == asked.path or path.startswith(f"{asked.path}/"):
+            storey = draft.hgraph.storey_of(path)
+            for node in draft.hgraph.submaps[path].nodes.values():
+                if node.kind is NodeKind.END and node.name in draft.places_of(storey):
+                    draft = without_place(draft, storey, node.name)
     return replace(draft, hgraph=without_submap(draft.hgraph, asked.path))
 
 

@@ -25,6 +25,7 @@ from waychair.maps.building.hgraph import (
     parent_path,
 )
 from waychair.maps.building.hgraph_edits import arc_ref, with_nodes, with_submap, without_node
+from waychair.maps.building.storey_checks import SAME_M
 from waychair.maps.building.text_forms import arc_line, arc_of, doorway_line, doorway_of, node_line, node_of
 from waychair.maps.editing.addresses import (
     PREFIXES,
@@ -425,6 +426,17 @@ def _with_place_of(draft: Draft, ref: NodeRef, before: Node, after: Node) -> Dra
 
 
 def _with_doorway(draft: Draft, outer: NodeRef, inner: NodeRef, way: Way, outwards: bool) -> Draft:
+    """Return the draft with a doorway; where its inner node is elsewhere, a door is made beside the outer one, and joined."""
+    point = draft.map_point(outer)
+    same_storey = draft.hgraph.storey_of(outer.submap) == draft.hgraph.storey_of(inner.submap)
+    if same_storey and math.dist(point, draft.map_point(inner)) > SAME_M:
+        room = draft.hgraph.submaps[inner.submap]
+        place = _inside(draft.hgraph, room.path, *point)
+        door_node = Node(free_id(PREFIXES[NodeKind.BRIDGE], room.nodes), NodeKind.BRIDGE, *place)
+        ends = (inner.node, door_node.id) if outwards else (door_node.id, inner.node)
+        room = replace(with_nodes(room, [door_node]), arcs=(*room.arcs, Arc(*ends, Way(one_way=way.one_way))))
+        draft = replace(draft, hgraph=with_submap(draft.hgraph, room))
+        inner = NodeRef(room.path, door_node.id)
     hgraph = draft.hgraph
     parent, child = hgraph.submaps[outer.submap], hgraph.submaps[inner.submap]
     door = Doorway(outer.node, inner.submap.rpartition("/")[2], inner.node, way, outwards)

@@ -18,7 +18,7 @@ from waychair.maps.building.hgraph_files import read_hgraph
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones
 from waychair.maps.editing.draft import Draft
-from waychair.maps.folders.map_files import load_map
+from waychair.maps.folders.map_files import MAP_YAML, load_map
 from waychair.maps.grid.cells import cells_from_points
 from waychair.planning.building.table_files import TABLES, StaleTables, graph_key, tables_key
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
@@ -53,7 +53,7 @@ def surroundings(building: Building, body: ChairBody | None = None) -> Surroundi
         folder = building.map_folder(storey.id)
         if folder is None:
             continue
-        if not is_file(folder / "map.yaml", MapError):
+        if not is_file(folder / MAP_YAML, MapError):
             missing.add(storey.id)
             continue
         grids[storey.id] = load_map(folder)
@@ -103,6 +103,28 @@ class LiveSurroundings:
         grids = {**self._base.grids, storey: grid}
         self._base = replace(self._base, grids=grids, missing=self._base.missing - {storey})
         self._drives.pop(storey, None)
+
+    def warm_up(self, draft: Draft) -> None:
+        """Ask for one drive on each storey with a map, so that the first edit does not wait for costmaps and kernels."""
+        around = self.of_draft(draft)
+        for storey in draft.hgraph.storeys:
+            points = [
+                draft.map_point(ref)
+                for ref, _ in draft.hgraph.nodes()
+                if draft.hgraph.storey_of(ref.submap) == storey.id
+            ][:2]
+            if storey.id in around.grids and len(points) == 2 and around.driven is not None:
+                around.driven(storey.id, points[0], points[1])
+
+    def look_for_maps(self, building: Building) -> bool:
+        """Look which storeys' maps are missing now; return whether that has changed."""
+        folders = {storey.id: building.map_folder(storey.id) for storey in building.hgraph.storeys}
+        missing = frozenset(
+            key for key, folder in folders.items() if folder is not None and not is_file(folder / MAP_YAML, MapError)
+        )
+        changed = missing != self._base.missing
+        self._base = replace(self._base, missing=missing)
+        return changed
 
     def with_tables(self, are_stale: bool) -> None:
         """Say whether the tables are older than the draft."""

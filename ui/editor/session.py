@@ -205,12 +205,15 @@ class Session:
             self.revision += 1
 
     def look(self) -> None:
-        """Look at the saved files, at most once a second: `foreign` says what somebody else has changed."""
+        """Look at the saved files and the maps, at most once a second: `foreign` says what somebody else has changed."""
         with self._lock:
             now = time.monotonic()
             if now - self._looked < WATCHED_S:
                 return
             self._looked = now
+            if self.around.look_for_maps(self.building):
+                self.check()
+                self.revision += 1
             try:
                 if self._key() == self._base:
                     self.foreign = ()
@@ -261,6 +264,7 @@ class Session:
         self.around = LiveSurroundings(replace(building, hgraph=self._saved.hgraph), self.body)
         self._checker = Checker()
         self.check()
+        self.around.warm_up(self.draft)
         return failed
 
     def _expect(self, revision: int) -> None:

@@ -6,12 +6,18 @@ import { select, shown, showAgain } from "./state.js";
 
 const selectedNode = () => (shown.selected?.kind === "node" ? nodeAt(shown.selected.ref) : null);
 
-/** The sub-map into which a new node goes: that of the selected thing on this storey, else the storey's own. */
+/** The sub-map into which a new node goes: that of the selected thing on this storey, else that of the node nearest to the cross. */
 export function submapHere() {
   const { kind, ref } = shown.selected ?? {};
   const path = kind === "submap" ? ref : kind === "node" ? nodeAt(ref)?.path : kind === "arc" ? arcAt(ref)?.path : null;
   if (path && model.submaps[path]?.storey === shown.storey) return path;
-  return model.paths.find((each) => model.submaps[each]?.own === shown.storey) ?? "";
+  const [x, y] = shown.cross;
+  let [best, found] = [Infinity, null];
+  for (const node of nodesOf(shown.storey)) {
+    const far = Math.hypot(node.x - x, node.y - y);
+    if (node.kind !== "door" && far < best) [best, found] = [far, node.path];
+  }
+  return found ?? model.paths.find((each) => model.submaps[each]?.own === shown.storey) ?? "";
 }
 
 export function selectAtCross() {

@@ -7,7 +7,7 @@ import { fit, onPress, zoom } from "./canvas.js";
 import { element } from "./forms.js";
 import { load, model, on, post, say, useToken } from "./model.js";
 import { findMaps, save, showTab } from "./panels.js";
-import { onShown, shown, select, showAgain, tidy } from "./state.js";
+import { onShown, shown, select, showAgain } from "./state.js";
 import "./switching.js";
 
 const $ = (id) => document.getElementById(id);
@@ -34,7 +34,6 @@ $("door").addEventListener("submit", (event) => {
 });
 
 on("change", () => {
-  tidy();
   $("title").textContent = model.name;
   document.title = `${model.name} - Waychair`;
   const errors = model.findings.filter(({ severity }) => severity === "error").length;

@@ -129,12 +129,13 @@ function submapForm() {
     key: "submap",
     title: shown.marked.size ? `Make a room of ${shown.marked.size} marked nodes` : "Add a sub-map",
     text: shown.marked.size ? "" : `It goes below ${titleOf(path) || "the building"}.`,
-    fields: [{ key: "id", label: "Id", value: `r${number}` }, { key: "name", label: "Name", value: `Room ${number}` }],
+    fields: [{ key: "id", label: "Id", value: `r${number}` }, { key: "name", label: "Name", value: `Room ${number}` },
+      ...(shown.marked.size ? [] : [{ key: "storey", label: "Lies on", wide: true, choices: [["", "the same storey"], ...model.storeys.map((each) => [each.id, each.name || each.id])] }])],
     buttons: [{
       label: shown.marked.size ? "Make this room" : "Add this sub-map",
-      run: async ({ id, name }) => {
+      run: async ({ id, name, storey = "" }) => {
         const nodes = [...shown.marked];
-        const op = nodes.length ? { do: "split_submap", nodes, id, name } : { do: "add_submap", parent: path, id, name };
+        const op = nodes.length ? { do: "split_submap", nodes, id, name } : { do: "add_submap", parent: path, id, name, storey };
         if (await edit(op)) select("submap", path ? `${path}/${id}` : id);
       },
     }],
@@ -208,7 +209,7 @@ function showBuild() {
 // Faults
 
 function showFaults() {
-  const { findings } = model;
+  const findings = [...model.findings].sort((a, b) => (a.severity === "warning") - (b.severity === "warning"));
   $("faults-none").hidden = findings.length > 0;
   const items = findings.slice(0, MOST_LISTED).map(({ code, severity, place, sentence, remedy }) => {
     const button = element("button", { type: "button", className: severity, data: { scan: "", ref: `${code} ${place}`, code } },
@@ -353,7 +354,7 @@ function submapFormOf(path) {
       ],
       buttons: [
         { label: "Change this sub-map", main: true, run: ({ theta, ...values }) => edit({ do: "change_submap", path, ...values, theta: (theta ?? 0) / DEGREES }) },
-        ...(own ? [] : [
+        ...(own === path ? [] : [
           { label: "Delete", bad: true, run: deleteSelected },
           { label: "Dissolve", run: () => edit({ do: "merge_submap", path }) },
         ]),

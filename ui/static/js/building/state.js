@@ -1,6 +1,6 @@
 // What this page shows of the building: storey, cross, selected thing, marked nodes, corners of a zone.
 
-import { arcAt, model, nodeAt } from "./model.js";
+import { arcAt, model, nodeAt, on } from "./model.js";
 
 const CHANGED = new EventTarget();
 
@@ -55,7 +55,7 @@ export function thingAt(place) {
 }
 
 /** Leaves out what is not there any more. */
-export function tidy() {
+function tidy() {
   if (!model.storeys.some(({ id }) => id === shown.storey)) shown.storey = model.storeys[0]?.id ?? "";
   for (const ref of shown.marked) if (!nodeAt(ref)) shown.marked.delete(ref);
   const { kind, ref } = shown.selected ?? {};
@@ -70,3 +70,5 @@ export function tidy() {
   };
   if (kind && !there[kind]?.()) shown.selected = null;
 }
+
+on("change", tidy); // before the listeners of the modules that show it
