@@ -43,7 +43,7 @@ def edit_command(
     """
     from waychair.calibration.chair_body import BODIES
     from waychair.cli.options.arguments import BadArgument
-    from waychair.cli.options.page_process import check_page_port, page_names, page_token
+    from waychair.cli.options.page_process import check_page_port, page_addresses, page_names, page_token
     from waychair.runtime.processes import signalled
     from waychair.ui.editor.server import editor_server
     from waychair.ui.editor.session import Session
@@ -56,8 +56,9 @@ def edit_command(
     host = "0.0.0.0" if lan else "127.0.0.1"
     with (
         Session(folder, BODIES[body]) as session,
-        editor_server(session, host=host, http_port=port, token=secret, names=names) as address,
+        editor_server(session, host=host, http_port=port, token=secret, names=names),
     ):
-        print(f"waychair: edit the building at {address}; end with Ctrl-C", file=sys.stderr)
+        told = "\n  or at ".join(page_addresses(port, lan, secret, page_name))
+        print(f"waychair: edit the building at {told}; end with Ctrl-C", file=sys.stderr)
         while not ending():
             time.sleep(_LOOK_S)

@@ -25,6 +25,8 @@ from waychair.install_advice import install_command
 from waychair.runtime.chair_port import ChairPort
 from waychair.ui.broadcaster import Broadcaster, CommandRunner, OpenPage
 from waychair.ui.commands import COMMANDS, STICK
+from waychair.ui.editor.server import editor_routes
+from waychair.ui.editor.session import Session
 from waychair.ui.guard import API, LIVE, RequestGuard, is_token
 from waychair.ui.page_messages import THEMES
 from waychair.ui.serving import LARGEST_MESSAGE, STATIC, served
@@ -44,11 +46,18 @@ _NO_JSON = (msgspec.DecodeError, ValueError, RecursionError)
 """Errors of decoding a page's text that is not JSON, or is nested too deeply."""
 
 
-def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: bool = True) -> FastAPI:
+def app(
+    port: ChairPort,
+    token: str = "",
+    *,
+    names: Sequence[str] = (),
+    local: bool = True,
+    session: Session | None = None,
+) -> FastAPI:
     """Return the page of a chair as an ASGI application.
 
     `token`: required of every page unless empty. `local`: only localhost and loopback addresses are valid hosts;
-    otherwise every address and `names`, too.
+    otherwise every address and `names`, too. `session`: a building that the page's building mode edits.
 
     Raises:
         MissingExtra: the extra [ui] is not installed.
@@ -62,7 +71,7 @@ def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: b
     except ImportError as error:
         raise MissingExtra(f"the page needs the extra [ui]: {install_command('ui')}") from error
 
-    broadcaster = Broadcaster(port)
+    broadcaster = Broadcaster(port, edits=session is not None)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -88,6 +97,7 @@ def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: b
         Route(API + "network.svg", _NetworkEndpoint(broadcaster).answer),
         Route(API + "do/{name}", _CommandEndpoint(broadcaster).answer, methods=["POST"]),
         WebSocketRoute(LIVE, live),
+        *(() if session is None else editor_routes(session, has_chair=True)),
         Mount("/static", StaticFiles(directory=STATIC)),
         Mount("/leaflet", StaticFiles(directory=leaflet.BASE_DIR)),
     ]
@@ -104,8 +114,11 @@ def page_server(
     http_port: int = 0,
     token: str = "",
     names: Sequence[str] = (),
+    session: Session | None = None,
 ) -> Iterator[str]:
     """Serve the page in a thread while the block lasts; yield its address. `http_port` 0 takes a free port.
+
+    `session`: a building that the page's building mode edits.
 
     Raises:
         ConfigError: the page would be open to the network without a token.
@@ -114,7 +127,7 @@ def page_server(
     """
 
     def pages(local: bool) -> FastAPI:
-        return app(port, token, names=names, local=local)
+        return app(port, token, names=names, local=local, session=session)
 
     with served(pages, host, http_port, token) as address:
         yield address

@@ -48,8 +48,9 @@ from waychair.maps.building.text_forms import (
     submap_of,
 )
 from waychair.maps.editing.addresses import PREFIXES, checked_line_of, free_id, node_at, node_ref, submap_at
+from waychair.maps.editing.arc_edits import Operation
 from waychair.maps.editing.draft import Draft
-from waychair.maps.editing.node_edits import Operation, without_place
+from waychair.maps.editing.node_edits import without_place
 from waychair.types import Pose2
 
 

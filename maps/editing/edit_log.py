@@ -20,8 +20,8 @@ import msgspec
 
 from waychair.errors import BuildingError, OutputError, WaychairError
 from waychair.files import is_file, os_error_text, read_bytes, remove, write_text
+from waychair.maps.editing.arc_edits import Operation
 from waychair.maps.editing.draft import Draft
-from waychair.maps.editing.node_edits import Operation
 from waychair.maps.editing.operations import applied, operation_of, words
 
 LOG = "draft.jsonl"

@@ -11,8 +11,9 @@ import numpy as np
 from waychair.errors import BuildingError
 from waychair.maps.drawn.places import checked_place
 from waychair.maps.drawn.zones import Rule, Zone, checked_zone
+from waychair.maps.editing.arc_edits import Operation
 from waychair.maps.editing.draft import Draft, graph_texts, graph_with_texts, is_graph_file
-from waychair.maps.editing.node_edits import Operation, with_place, without_place
+from waychair.maps.editing.node_edits import with_place, without_place
 from waychair.types import Place, Pose2
 
 
@@ -115,7 +116,8 @@ def patch(draft: Draft, asked: Patch) -> Draft:
     hgraph = graph_with_texts(draft.hgraph, graph) if graph else draft.hgraph
     others = {**draft.texts, **{name: text for name, text in asked.texts.items() if name not in graph}}
     texts = {name: text for name, text in others.items() if text is not None}
-    storeys = [storey.id for storey in hgraph.storeys if storey.map]
+    known = {*draft.places, *asked.places}
+    storeys = [storey.id for storey in hgraph.storeys if storey.id in known]
     places = {storey: draft.places_of(storey) for storey in storeys}
     zones = {storey: draft.zones_of(storey) for storey in storeys}
     for storey, rows in asked.places.items():
@@ -140,12 +142,12 @@ def patch_between(what: str, before: Draft, after: Draft) -> Patch:
             for name, place in held.items()
         )
         for storey, held in after.places.items()
-        if dict(held) != dict(before.places_of(storey))
+        if storey not in before.places or dict(held) != dict(before.places[storey])
     }
     zones = {
         storey: tuple((zone.name, zone.rule.value, _corners(zone), float(zone.value)) for zone in held)
         for storey, held in after.zones.items()
-        if held is not before.zones_of(storey)
+        if storey not in before.zones or held is not before.zones[storey]
     }
     return Patch(what, texts, places, zones)
 

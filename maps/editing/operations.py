@@ -12,11 +12,12 @@ from typing import Any
 import msgspec
 
 from waychair.errors import BuildingError
+from waychair.maps.editing import arc_edits as arcs
 from waychair.maps.editing import building_edits as building
 from waychair.maps.editing import map_edits as maps
 from waychair.maps.editing import node_edits as nodes
+from waychair.maps.editing.arc_edits import Operation
 from waychair.maps.editing.draft import Draft
-from waychair.maps.editing.node_edits import Operation
 
 _DOING: dict[type[Operation], tuple[Callable[[Draft, Any], Draft], Callable[[Any], str]]] = {
     nodes.AddNode: (nodes.add_node, lambda it: f"add a node {it.name}".rstrip()),
@@ -25,11 +26,11 @@ _DOING: dict[type[Operation], tuple[Callable[[Draft, Any], Draft], Callable[[Any
     nodes.DeleteNodes: (nodes.delete_nodes, lambda it: f"delete {_some(it.nodes, 'nodes')}"),
     nodes.MergeNodes: (nodes.merge_nodes, lambda it: f"make {it.kept} and {it.gone} one node"),
     nodes.SplitNode: (nodes.split_node, lambda it: f"split {it.node}"),
-    nodes.Join: (nodes.join, lambda it: f"join {it.one} and {it.other}"),
-    nodes.ChangeArc: (nodes.change_arc, lambda it: f"change the arc {it.arc}"),
-    nodes.DeleteArcs: (nodes.delete_arcs, lambda it: f"delete {_some(it.arcs, 'arcs')}"),
-    nodes.SplitArc: (nodes.split_arc, lambda it: f"split the arc {it.arc}"),
-    nodes.CrossArcs: (nodes.cross_arcs, lambda it: f"put a node where {it.one} and {it.other} cross"),
+    arcs.Join: (arcs.join, lambda it: f"join {it.one} and {it.other}"),
+    arcs.ChangeArc: (arcs.change_arc, lambda it: f"change the arc {it.arc}"),
+    arcs.DeleteArcs: (arcs.delete_arcs, lambda it: f"delete {_some(it.arcs, 'arcs')}"),
+    arcs.SplitArc: (arcs.split_arc, lambda it: f"split the arc {it.arc}"),
+    arcs.CrossArcs: (arcs.cross_arcs, lambda it: f"put a node where {it.one} and {it.other} cross"),
     building.ChangeBuilding: (building.change_building, lambda it: "change the building's name or costs"),
     building.AddStorey: (building.add_storey_to, lambda it: f"add storey '{it.id}'"),
     building.ChangeStorey: (building.change_storey, lambda it: f"change storey '{it.id}'"),

@@ -42,12 +42,12 @@ MOST_BYTES = 64 * 1024 * 1024
 """Largest body of a request: an imported file."""
 
 
-def editor_routes(session: Session) -> list[BaseRoute]:
-    """Return the routes of the editor: its page at /building, and its API."""
+def editor_routes(session: Session, *, has_chair: bool = False) -> list[BaseRoute]:
+    """Return the routes of the editor: its page at /building, and its API. `has_chair`: the page has a Stop button."""
     from starlette.responses import FileResponse
     from starlette.routing import Route
 
-    desk = _Desk(session)
+    desk = _Desk(session, has_chair)
 
     async def page(_: Request) -> Response:
         return FileResponse(STATIC / "building.html", headers={"cache-control": "no-cache"})
@@ -104,8 +104,8 @@ def editor_server(
 class _Desk:
     """Answers the pages of one session. Work that takes long runs in threads, so that Stop and other requests do not wait."""
 
-    def __init__(self, session: Session) -> None:
-        self._session = session
+    def __init__(self, session: Session, has_chair: bool) -> None:
+        self._session, self._has_chair = session, has_chair
         self._posts: dict[str, Callable[[dict[str, Any]], str | None]] = {
             "edit": lambda asked: session.do(asked["revision"], asked["op"]),
             "undo": lambda asked: session.undo(asked["revision"]),
@@ -123,7 +123,7 @@ class _Desk:
         }
 
     async def whole(self, _: Request) -> Response:
-        return await self._answer(lambda: {"done": True, **whole(self._session)})
+        return await self._answer(lambda: {"done": True, "chair": self._has_chair, **whole(self._session)})
 
     async def news(self, _: Request) -> Response:
         def look() -> Json:

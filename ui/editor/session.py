@@ -23,10 +23,10 @@ from waychair.maps.building.building import Building, load_building, new_buildin
 from waychair.maps.building.hgraph_checks import Checker, Finding, Severity
 from waychair.maps.building.hgraph_files import GENERAL
 from waychair.maps.building.indexed import indexed
+from waychair.maps.editing.arc_edits import Operation
 from waychair.maps.editing.draft import Draft, draft_of, save_draft, texts_of_draft, zoned
 from waychair.maps.editing.edit_log import LOG, EditLog, History, replayed
 from waychair.maps.editing.map_edits import patch_between
-from waychair.maps.editing.node_edits import Operation
 from waychair.maps.editing.operations import operation_of, words
 from waychair.maps.folders.map_files import load_map
 from waychair.planning.building.border_tables import BorderTables

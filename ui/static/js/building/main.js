@@ -143,6 +143,10 @@ addEventListener("keydown", (event) => {
 
 async function begin() {
   if (!(await load())) return;
+  if (model.chair) {
+    $("stop-bar").hidden = false;
+    await import("../stop.js");
+  }
   await findMaps();
   if (!model.storeys.length) $("build").querySelector("select, input")?.focus();
 }

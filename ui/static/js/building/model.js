@@ -20,6 +20,7 @@ export const model = {
   saved: true,
   blocked: 0,
   foreign: [],
+  chair: false, // whether a chair is served beside the editor
 };
 
 let token = sessionStorage.getItem("token") ?? "";
