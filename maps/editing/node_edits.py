@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+import msgspec
+
 from waychair.errors import BuildingError
 from waychair.maps.building.hgraph import (
     Arc,
@@ -32,7 +34,7 @@ from waychair.types import Place, Pose2
 
 
 class AddNode(Operation, tag="add_node"):
-    """Add a node at x, y [m] in its storey's map; `joined` names nodes to join it to."""
+    """Add a node at x, y [m] in its storey's map; `joined` names nodes to join it to. `id`: "" for a free one."""
 
     submap: str
     x: float
@@ -40,6 +42,7 @@ class AddNode(Operation, tag="add_node"):
     kind: str = "cross"
     name: str = ""
     joined: tuple[str, ...] = ()
+    id: str = ""
 
 
 class ChangeNode(Operation, tag="change_node"):
@@ -81,10 +84,15 @@ class SplitNode(Operation, tag="split_node"):
 
 def add_node(draft: Draft, asked: AddNode) -> Draft:
     """Return the draft with a node, joined to others; a goal gets a place if there is none of its name."""
-    hgraph, kind = draft.hgraph, _kind(asked.kind)
+    hgraph, kind = draft.hgraph, kind_of(asked.kind)
     submap = submap_at(hgraph, asked.submap)
+    if asked.id in submap.nodes:
+        raise BuildingError(f"there is a node '{asked.id}' in this sub-map already: choose another id")
     node = Node(
-        free_id(PREFIXES[kind], submap.nodes), kind, *point_inside(hgraph, submap.path, asked.x, asked.y), asked.name
+        asked.id or free_id(PREFIXES[kind], submap.nodes),
+        kind,
+        *point_inside(hgraph, submap.path, asked.x, asked.y),
+        asked.name,
     )
     storey = hgraph.storey_of(submap.path)
     if kind is NodeKind.END and not asked.name:
@@ -97,13 +105,21 @@ def add_node(draft: Draft, asked: AddNode) -> Draft:
     return draft
 
 
+def with_id(draft: Draft, asked: AddNode) -> AddNode:
+    """Return the operation with the id that its node gets, so that done again later it means the same node."""
+    if asked.id:
+        return asked
+    taken = submap_at(draft.hgraph, asked.submap).nodes
+    return msgspec.structs.replace(asked, id=free_id(PREFIXES[kind_of(asked.kind)], taken))
+
+
 def change_node(draft: Draft, asked: ChangeNode) -> Draft:
     """Return the draft with a node's kind, name or id changed."""
     ref = node_ref(asked.node)
     node, submap = node_at(draft.hgraph, ref), draft.hgraph.submaps[ref.submap]
     changed = replace(
         node,
-        kind=node.kind if asked.kind is None else _kind(asked.kind),
+        kind=node.kind if asked.kind is None else kind_of(asked.kind),
         name=node.name if asked.name is None else asked.name.strip(),
         origin=Origin.HAND,
     )
@@ -265,7 +281,7 @@ def _with_place_of(draft: Draft, ref: NodeRef, before: Node, after: Node) -> Dra
     return draft
 
 
-def _kind(text: str) -> NodeKind:
+def kind_of(text: str) -> NodeKind:
     if text not in ("end", "cross", "door", "lift"):
         raise BuildingError(f"'{text}' is no kind of node: choose end, cross, door or lift")
     return NodeKind(text)

@@ -27,6 +27,7 @@ from waychair.maps.editing.arc_edits import Operation
 from waychair.maps.editing.draft import Draft, draft_of, save_draft, texts_of_draft, zoned
 from waychair.maps.editing.edit_log import LOG, EditLog, History, replayed
 from waychair.maps.editing.map_edits import patch_between
+from waychair.maps.editing.node_edits import AddNode, with_id
 from waychair.maps.editing.operations import operation_of, words
 from waychair.maps.folders.map_files import load_map
 from waychair.planning.building.border_tables import BorderTables
@@ -116,6 +117,8 @@ class Session:
         """Do an operation; raises as `do`."""
         with self._lock:
             self._expect(revision)
+            if isinstance(operation, AddNode):
+                operation = with_id(self.draft, operation)
             after = self._history.after(operation)
             self._log.add(operation)
             self._become(after)

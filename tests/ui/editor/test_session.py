@@ -14,7 +14,7 @@ from tests.maps.building.buildings import two_storeys
 from waychair.errors import BuildingError
 from waychair.maps.building.building import Building, load_building, save_building
 from waychair.maps.building.hgraph import ArcRef
-from waychair.maps.building.hgraph_edits import closed
+from waychair.maps.building.hgraph_edits import with_way
 from waychair.maps.building.hgraph_files import SAVING, submap_file
 from waychair.maps.editing.draft import draft_of, save_draft, texts_of_draft
 from waychair.maps.editing.edit_log import LOG
@@ -120,9 +120,9 @@ def test_a_file_edited_by_hand_is_noticed_and_neither_side_is_lost(
     monkeypatch.setattr(sessions, "WATCHED_S", 0.0)
     with Session(folder) as session:
         session.do(session.revision, JOINED)
-        save_building(Building(folder, closed(two_storeys(), ArcRef("g", "c2", "c3"), "wet")))
+        save_building(Building(folder, with_way(two_storeys(), ArcRef("g", "c2", "c3"), price=30.0)))
         session.look()
-        assert any("closed=wet" in sentence for sentence in session.foreign)
+        assert any("price_m=30" in sentence for sentence in session.foreign)
         with pytest.raises(BuildingError, match="somebody else"):
             session.save(session.revision)
         assert session.take_files(session.revision) == []
@@ -130,15 +130,15 @@ def test_a_file_edited_by_hand_is_noticed_and_neither_side_is_lost(
         assert session.save(session.revision) == "Saved."
     both = load_building(folder).hgraph.submaps["g"]
     assert "c4" in both.nodes
-    assert any(arc.way.closure is not None for arc in both.arcs)
+    assert any(arc.way.price == 30.0 for arc in both.arcs)
 
 
 def test_a_save_over_somebody_elses_files_keeps_theirs_aside(folder: Path) -> None:
     with Session(folder) as session:
         session.do(session.revision, JOINED)
-        save_building(Building(folder, closed(two_storeys(), ArcRef("g", "c2", "c3"), "wet")))
+        save_building(Building(folder, with_way(two_storeys(), ArcRef("g", "c2", "c3"), price=30.0)))
         assert session.save(session.revision, over=True) == "Saved."
-    assert any("closed=wet" in each.read_text() for each in (folder / "replaced").rglob("g.txt"))
+    assert any("price_m=30" in each.read_text() for each in (folder / "replaced").rglob("g.txt"))
     assert "c4" in load_building(folder).hgraph.submaps["g"].nodes
 
 

@@ -3,17 +3,24 @@
 import { arcsOf, grid, model, nodesOf, on } from "./model.js";
 import { onShown, shown, showAgain, thingAt } from "./state.js";
 
-const canvas = document.getElementById("canvas");
-const context = canvas.getContext("2d");
+const screen = document.getElementById("canvas");
+const front = screen.getContext("2d", { alpha: false });
+const canvas = document.createElement("canvas"); // the scene, larger than the screen, so that panning copies it
+const back = canvas.getContext("2d", { alpha: false });
+const WIDER = 1.6; // times the screen
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 const NEAR_PX = 14;
 const [LEAST, MOST] = [0.5, 400]; // pixels to the metre
 const NAMED_FROM = 24; // pixels to the metre from which on names are shown
 const MOST_NAMES = 200;
+const AT_ONCE = 40; // lines of one path
 const PRESSED_PX = 6; // a pointer that moves less has pressed, not dragged
 const PRESSES = new EventTarget();
 
 const view = { x: 0, y: 0, scale: 30 }; // the point [m] in the middle, pixels to the metre
+const scene = { x: 0, y: 0, scale: 0, ratio: 0, stale: true };
+let context = front; // that which is painted on
+let target = screen; // its canvas
 let shapes = { nodes: [], arcs: [], marks: [] };
 let picture = null;
 let colours = {};
@@ -26,12 +33,12 @@ export const onPress = (heard) => PRESSES.addEventListener("press", heard);
 
 const ratio = () => window.devicePixelRatio || 1;
 const toScreen = (x, y) => [
-  canvas.width / 2 + (x - view.x) * view.scale * ratio(),
-  canvas.height / 2 - (y - view.y) * view.scale * ratio(),
+  target.width / 2 + (x - view.x) * view.scale * ratio(),
+  target.height / 2 - (y - view.y) * view.scale * ratio(),
 ];
 
 function toMap(px, py) {
-  const box = canvas.getBoundingClientRect();
+  const box = screen.getBoundingClientRect();
   return [view.x + (px - box.left - box.width / 2) / view.scale, view.y - (py - box.top - box.height / 2) / view.scale];
 }
 
@@ -72,11 +79,33 @@ function gather() {
   shapes = { nodes, arcs, marks };
 }
 
+/** Paints the view: the scene, which is kept while the view pans within it, and on it all that changes often. */
 function paint() {
-  const box = canvas.getBoundingClientRect();
+  const box = screen.getBoundingClientRect();
   const [width, height] = [Math.round(box.width * ratio()), Math.round(box.height * ratio())];
-  if (canvas.width !== width || canvas.height !== height) [canvas.width, canvas.height] = [width, height];
-  context.setTransform(1, 0, 0, 1, 0, 0);
+  if (screen.width !== width || screen.height !== height) [screen.width, screen.height] = [width, height];
+  if (!width || !height) return;
+  const shift = () => [
+    ((scene.x - view.x) * view.scale * ratio()) - (canvas.width - width) / 2,
+    ((view.y - scene.y) * view.scale * ratio()) - (canvas.height - height) / 2,
+  ];
+  const holds = ([x, y]) => x <= 0 && y <= 0 && x + canvas.width >= width && y + canvas.height >= height;
+  const isSame = scene.scale === view.scale && scene.ratio === ratio() && canvas.width === Math.round(width * WIDER) && canvas.height === Math.round(height * WIDER);
+  if (scene.stale || !isSame || !holds(shift())) paintScene(width, height);
+  const [x, y] = shift();
+  front.setTransform(1, 0, 0, 1, 0, 0);
+  front.drawImage(canvas, Math.round(x), Math.round(y));
+  context = front;
+  target = screen;
+  paintChosen();
+  paintCross();
+}
+
+function paintScene(width, height) {
+  [canvas.width, canvas.height] = [Math.round(width * WIDER), Math.round(height * WIDER)];
+  Object.assign(scene, { x: view.x, y: view.y, scale: view.scale, ratio: ratio(), stale: false });
+  context = back;
+  target = canvas;
   context.fillStyle = colours["map-ground"];
   context.fillRect(0, 0, canvas.width, canvas.height);
   paintMap();
@@ -84,11 +113,10 @@ function paint() {
   paintArcs();
   paintNodes();
   paintMarks();
-  paintCross();
 }
 
 function paintMap() {
-  if (!picture || picture.storey !== shown.storey) return;
+  if (!picture?.columns || picture.storey !== shown.storey) return;
   const { image, columns, rows, resolution, pose } = picture;
   const size = view.scale * ratio();
   const [x, y] = toScreen(pose[0], pose[1]);
@@ -113,11 +141,6 @@ function paintZones() {
     context.stroke();
     label(name, ...polygon[0]);
   }
-  if (!shown.corners.length) return;
-  outline(shown.corners, false);
-  context.strokeStyle = colours.focus;
-  context.lineWidth = 2 * ratio();
-  context.stroke();
 }
 
 function outline(corners, closed) {
@@ -128,7 +151,7 @@ function outline(corners, closed) {
 
 /** Whether a box of the map is in view, by two of its corners. */
 function inView(x1, y1, x2 = x1, y2 = y1) {
-  const half = [canvas.width / 2 / view.scale / ratio() + 1, canvas.height / 2 / view.scale / ratio() + 1];
+  const half = [target.width / 2 / view.scale / ratio() + 1, target.height / 2 / view.scale / ratio() + 1];
   return (
     Math.max(x1, x2) > view.x - half[0] &&
     Math.min(x1, x2) < view.x + half[0] &&
@@ -138,7 +161,6 @@ function inView(x1, y1, x2 = x1, y2 = y1) {
 }
 
 function paintArcs() {
-  const chosen = shown.selected?.kind === "arc" ? shown.selected.ref : "";
   const wide = Math.max(1, Math.min(3, view.scale / 12)) * ratio();
   const seen = shapes.arcs.filter(({ one, other }) => inView(one.x, one.y, other.x, other.y));
   for (const [colour, dash, which] of [
@@ -146,28 +168,21 @@ function paintArcs() {
     [colours["map-person"], [], ({ closed, door }) => !closed && door],
     [colours.bad, [6, 4], ({ closed }) => Boolean(closed)],
   ]) {
-    context.beginPath();
     context.setLineDash(dash.map((length) => length * ratio()));
-    for (const arc of seen) {
-      if (!which(arc)) continue;
-      context.moveTo(...toScreen(arc.one.x, arc.one.y));
-      context.lineTo(...toScreen(arc.other.x, arc.other.y));
-    }
     context.strokeStyle = colour;
     context.lineWidth = wide;
-    context.stroke();
+    const lines = seen.filter(which);
+    for (let first = 0; first < lines.length; first += AT_ONCE) {
+      context.beginPath(); // a path of thousands of lines is slow to fill without a graphics card
+      for (const { one, other } of lines.slice(first, first + AT_ONCE)) {
+        context.moveTo(...toScreen(one.x, one.y));
+        context.lineTo(...toScreen(other.x, other.y));
+      }
+      context.stroke();
+    }
   }
   context.setLineDash([]);
-  for (const arc of seen) {
-    if (arc.oneWay) arrow(arc);
-    if (arc.ref !== chosen) continue;
-    context.beginPath();
-    context.moveTo(...toScreen(arc.one.x, arc.one.y));
-    context.lineTo(...toScreen(arc.other.x, arc.other.y));
-    context.strokeStyle = colours.focus;
-    context.lineWidth = 3 * wide;
-    context.stroke();
-  }
+  for (const arc of seen) if (arc.oneWay) arrow(arc);
 }
 
 function arrow({ one, other, outwards }) {
@@ -186,27 +201,63 @@ const SHAPES = { end: "disc", cross: "dot", door: "square", lift: "diamond" };
 
 function paintNodes() {
   const seen = shapes.nodes.filter(({ x, y }) => inView(x, y));
-  const size = Math.max(2, Math.min(7, view.scale / 6)) * ratio();
+  const size = sizeOfNodes();
   for (const kind in SHAPES) {
-    context.beginPath();
-    for (const node of seen) if (node.kind === kind) shape(SHAPES[kind], ...toScreen(node.x, node.y), size);
-    context.fillStyle = kind === "end" ? colours.accent : kind === "lift" ? colours["map-chair"] : colours.ink;
-    context.fill();
-    if (kind === "end" || kind === "lift") {
-      context.strokeStyle = colours.card;
-      context.lineWidth = ratio();
-      context.stroke();
+    const stamp = stampOf(kind, size);
+    const half = stamp.width / 2;
+    for (const node of seen) {
+      if (node.kind !== kind) continue;
+      const [x, y] = toScreen(node.x, node.y);
+      context.drawImage(stamp, Math.round(x - half), Math.round(y - half));
     }
-  }
-  const chosen = shown.selected?.kind === "node" ? shown.selected.ref : "";
-  for (const node of seen) {
-    if (node.ref === chosen) ring(node, colours.focus, size + 6 * ratio());
-    if (shown.marked.has(node.ref)) ring(node, colours.warn, size + 3 * ratio());
   }
   if (view.scale >= NAMED_FROM && seen.length <= MOST_NAMES) for (const node of seen) if (node.name) label(node.name, node.x, node.y);
 }
 
-function shape(form, x, y, size) {
+const sizeOfNodes = () => Math.max(2, Math.min(7, view.scale / 6)) * ratio();
+
+/** A small picture of a node, which is copied to each place. */
+function stampOf(kind, size) {
+  const stamp = document.createElement("canvas");
+  stamp.width = stamp.height = 2 * Math.ceil(1.6 * size + 2);
+  const on = stamp.getContext("2d");
+  on.beginPath();
+  shape(on, SHAPES[kind], stamp.width / 2, stamp.width / 2, size);
+  on.fillStyle = kind === "end" ? colours.accent : kind === "lift" ? colours["map-chair"] : colours.ink;
+  on.fill();
+  if (kind === "end" || kind === "lift") {
+    on.strokeStyle = colours.card;
+    on.lineWidth = ratio();
+    on.stroke();
+  }
+  return stamp;
+}
+
+/** The selected thing and the marked nodes. */
+function paintChosen() {
+  const { kind, ref } = shown.selected ?? {};
+  const size = sizeOfNodes();
+  for (const node of shapes.nodes) {
+    if (kind === "node" && node.ref === ref) ring(node, colours.focus, size + 6 * ratio());
+    if (shown.marked.has(node.ref)) ring(node, colours.warn, size + 3 * ratio());
+  }
+  const arc = kind === "arc" && shapes.arcs.find((each) => each.ref === ref);
+  if (arc) {
+    context.beginPath();
+    context.moveTo(...toScreen(arc.one.x, arc.one.y));
+    context.lineTo(...toScreen(arc.other.x, arc.other.y));
+    context.strokeStyle = colours.focus;
+    context.lineWidth = 6 * ratio();
+    context.stroke();
+  }
+  if (!shown.corners.length) return;
+  outline(shown.corners, false);
+  context.strokeStyle = colours.focus;
+  context.lineWidth = 2 * ratio();
+  context.stroke();
+}
+
+function shape(context, form, x, y, size) {
   if (form === "square") context.rect(x - size, y - size, 2 * size, 2 * size);
   else if (form === "diamond") {
     const far = 1.6 * size;
@@ -240,22 +291,22 @@ function label(text, x, y) {
 
 /** Faults: triangles for errors, outlined triangles for warnings. */
 function paintMarks() {
+  const size = 8 * ratio();
   for (const severity of ["warning", "error"]) {
-    context.beginPath();
+    context.fillStyle = severity === "error" ? colours.bad : colours.card;
+    context.strokeStyle = severity === "error" ? colours.card : colours.warn;
+    context.lineWidth = 2 * ratio();
     for (const mark of shapes.marks) {
       if (mark.severity !== severity || !inView(mark.x, mark.y)) continue;
       const [x, y] = toScreen(mark.x, mark.y);
-      const size = 8 * ratio();
+      context.beginPath();
       context.moveTo(x, y - 2.6 * size);
       context.lineTo(x + size, y - size);
       context.lineTo(x - size, y - size);
       context.closePath();
+      context.fill();
+      context.stroke();
     }
-    context.fillStyle = severity === "error" ? colours.bad : colours.card;
-    context.fill();
-    context.strokeStyle = severity === "error" ? colours.card : colours.warn;
-    context.lineWidth = 2 * ratio();
-    context.stroke();
   }
 }
 
@@ -299,9 +350,10 @@ function distance({ one, other }, x, y) {
 
 /** Moves the view so that the cross is in it. */
 function keepInView() {
+  target = screen;
   const [x, y] = toScreen(...shown.cross);
   const margin = 40 * ratio();
-  if (x < margin || y < margin || x > canvas.width - margin || y > canvas.height - margin) [view.x, view.y] = shown.cross;
+  if (x < margin || y < margin || x > screen.width - margin || y > screen.height - margin) [view.x, view.y] = shown.cross;
 }
 
 export function moveCross(dx, dy) {
@@ -332,7 +384,7 @@ export function fit() {
   if (!corners.length) return;
   const [low, high] = [Math.min, Math.max].map((most) => [0, 1].map((i) => corners.reduce((a, each) => most(a, each[i]), corners[0][i])));
   [view.x, view.y] = [(low[0] + high[0]) / 2, (low[1] + high[1]) / 2];
-  const box = canvas.getBoundingClientRect();
+  const box = screen.getBoundingClientRect();
   const fits = Math.min(box.width / (high[0] - low[0] + 2), box.height / (high[1] - low[1] + 2));
   view.scale = Math.max(LEAST, Math.min(MOST, fits));
   if (fitted !== shown.storey) shown.cross = [Math.round(view.x * 4) / 4, Math.round(view.y * 4) / 4];
@@ -341,14 +393,18 @@ export function fit() {
 
 async function show() {
   const { storey } = shown;
-  if (stale || gathered !== storey) gather();
+  if (stale || gathered !== storey) {
+    gather();
+    scene.stale = true;
+  }
   [stale, gathered] = [false, storey];
   const folder = model.storeys.find(({ id }) => id === storey)?.map ?? "";
   if (picture?.storey !== storey || picture.folder !== folder) {
     const found = folder ? await grid(storey, DARK.matches ? "dark" : "light") : null;
     if (storey !== shown.storey) return;
     picture = { ...found, storey, folder, image: found?.image };
-    if (!found) picture = { storey, folder, image: document.createElement("canvas"), columns: 0, rows: 0, resolution: 1, pose: [0, 0, 0] };
+    scene.stale = true;
+    if (!found) picture = { storey, folder, image: null, columns: 0, rows: 0, resolution: 1, pose: [0, 0, 0] };
     if (fitted !== storey) {
       fit();
       fitted = storey;
@@ -361,19 +417,19 @@ async function show() {
 
 let dragged = null;
 
-canvas.addEventListener("pointerdown", (event) => {
+screen.addEventListener("pointerdown", (event) => {
   dragged = { x: event.clientX, y: event.clientY, moved: false };
-  canvas.setPointerCapture(event.pointerId);
-  canvas.focus();
+  screen.setPointerCapture(event.pointerId);
+  screen.focus();
 });
-canvas.addEventListener("pointermove", (event) => {
+screen.addEventListener("pointermove", (event) => {
   if (!dragged) return;
   const [dx, dy] = [event.clientX - dragged.x, event.clientY - dragged.y];
   if (!dragged.moved && Math.hypot(dx, dy) < PRESSED_PX) return;
   Object.assign(dragged, { x: event.clientX, y: event.clientY, moved: true });
   pan(dx, dy);
 });
-canvas.addEventListener("pointerup", (event) => {
+screen.addEventListener("pointerup", (event) => {
   if (dragged && !dragged.moved) {
     shown.cross = toMap(event.clientX, event.clientY).map((value) => Math.round(value * 100) / 100);
     showAgain();
@@ -381,8 +437,8 @@ canvas.addEventListener("pointerup", (event) => {
   }
   dragged = null;
 });
-canvas.addEventListener("pointercancel", () => (dragged = null));
-canvas.addEventListener(
+screen.addEventListener("pointercancel", () => (dragged = null));
+screen.addEventListener(
   "wheel",
   (event) => {
     event.preventDefault();
@@ -400,13 +456,15 @@ export function pan(dx, dy) {
 
 on("change", () => {
   stale = true;
+  scene.stale = true;
   show();
 });
 onShown(show);
 DARK.addEventListener("change", () => {
   readColours();
   picture = null;
+  scene.stale = true;
   show();
 });
-new ResizeObserver(draw).observe(canvas);
+new ResizeObserver(draw).observe(screen);
 readColours();
