@@ -120,4 +120,4 @@ FAULTS = (
     ),
     Fault("W3", f"{LOBBY}:p1", [_arc(_IN_BATH, drive_s=4.0)], [_arc(_IN_BATH)]),
 )
-"""E15 (tables) and E16 (missing map) come from files: the figure makes them by itself."""
+"""E15 (tables) and E16 (a missing map) come from files: the figure makes them by itself."""

@@ -126,6 +126,10 @@ class LiveSurroundings:
         self._base = replace(self._base, missing=missing)
         return changed
 
+    def with_saved_graph(self) -> None:
+        """Say that the graph was saved with its nodes where the maps have them now."""
+        self._base = replace(self._base, moved=frozenset())
+
     def with_tables(self, are_stale: bool) -> None:
         """Say whether the tables are older than the draft."""
         self._base = replace(self._base, stale_tables=are_stale)

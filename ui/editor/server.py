@@ -107,7 +107,7 @@ class _Desk:
     def __init__(self, session: Session, has_chair: bool) -> None:
         self._session, self._has_chair = session, has_chair
         self._posts: dict[str, Callable[[dict[str, Any]], str | None]] = {
-            "edit": lambda asked: session.do(asked["revision"], asked["op"]),
+            "edit": lambda asked: session.do(asked["revision"], asked.get("op")),
             "undo": lambda asked: session.undo(asked["revision"]),
             "redo": lambda asked: session.redo(asked["revision"]),
             "save": lambda asked: session.save(asked["revision"], asked.get("over") is True),

@@ -165,6 +165,8 @@ class Session:
             self._log.begin(self._base)
             self.foreign = ()
             self._saved_at = self._history.done
+            self.around.with_saved_graph()
+            self.check()
             self.revision += 1
             if is_file(self.folder / TABLES, BuildingError):
                 self._make_tables()

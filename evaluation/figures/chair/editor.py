@@ -62,12 +62,13 @@ _FARTHEST = 100
 WORLD = "two_floors"
 
 _WAIT = """async ([edits, code, place, there]) => {
-  const { edit } = await import('/static/js/building/model.js');
+  const { edit, post } = await import('/static/js/building/model.js');
+  const run = (op) => (typeof op === 'string' ? post(op).then(({ done }) => done) : edit(op));
   const shown = () => [...document.querySelectorAll('#faults-list [data-ref]')].some(
     (each) => each.dataset.ref === `${code} ${place}`);
-  for (const op of edits.slice(0, -1)) if (!(await edit(op))) return -1;
+  for (const op of edits.slice(0, -1)) if (!(await run(op))) return -1;
   const begun = performance.now();
-  if (!(await edit(edits.at(-1)))) return -2;
+  if (!(await run(edits.at(-1)))) return -2;
   for (let k = 0; shown() !== there; k += 1) {
     if (k > 200) return -3;
     await new Promise((done) => setTimeout(done, 10));
@@ -221,7 +222,24 @@ def _fault_times(page: Page) -> list[Json]:
             }""",
             len(fault.edits) + len(fault.remedy),
         )
+    arc = FAULTS[-1].edits[0]["arc"]
+    edits, place = ["tables", {"do": "change_arc", "arc": arc, "speed": 0.5}], WORLD
+    shown = page.evaluate(_WAIT, [edits, "E15", place, True])
+    gone = page.evaluate(_WAIT, [["save"], "E15", place, False])
+    rows.append({"code": "E15", "shown_ms": round(shown, 1), "gone_ms": round(gone, 1)})
     return rows
+
+
+def _missing_map_s(page: Page, folder: Path) -> float:
+    """Return the seconds until the page shows that a storey's map has gone (E16), looked for once a second."""
+    map_folder, aside = folder / "maps" / "upper", folder / "aside"
+    begun = time.monotonic()
+    map_folder.rename(aside)
+    page.wait_for_selector("#faults-list [data-ref='E16 storey upper']", state="attached")
+    took = time.monotonic() - begun
+    aside.rename(map_folder)
+    page.wait_for_selector("#faults-list [data-ref='E16 storey upper']", state="detached")
+    return took
 
 
 def _frames(folder: Path) -> float:
@@ -346,6 +364,7 @@ def editor(out: Path) -> Json:
         building_of_world(load_levels(WORLD), site / "known", CHAIR_A)
         with Session(site / "known") as session, page_of(session) as page:
             faults = _fault_times(page)
+            missing = _missing_map_s(page, site / "known")
         whole, cut = _cut_off(site / "known", KILLS)
         same = _same_bytes(site / "shared")
         frames = _frames(site / "large")
@@ -363,6 +382,7 @@ def editor(out: Path) -> Json:
         "why": why,
         "fault_ms_max": max(times),
         "faults": faults,
+        "missing_map_s": round(missing, 1),
         "kills": KILLS,
         "cut_off": cut,
         "old_or_new": whole,

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 STATE = "document.querySelector('#state').textContent"
 SAID = "document.querySelector('#said').textContent"
+LONGER_THAN_A_BOUNCE_MS = 260
 PARTS = ("build", "faults", "selected", "parts", "file")
 
 
@@ -37,11 +38,6 @@ def editor_page(browser: Browser, session: Session, **context: Any) -> Iterator[
     with editor_server(session) as address, page_at(browser, address, **context) as page:
         until(lambda: page.evaluate(STATE) != "Loading", "the page does not begin")
         yield page
-
-
-def nodes(session: Session, path: str) -> set[str]:
-    """Return the ids of a sub-map's nodes in the draft."""
-    return set(session.draft.hgraph.submaps[path].nodes)
 
 
 def test_a_node_is_added_checked_joined_undone_and_saved_by_keyboard(browser: Browser, session: Session) -> None:
@@ -86,21 +82,20 @@ def test_one_switch_adds_a_node_and_writes_its_name(browser: Browser, session: S
         until(lambda: page.locator(".scanned").count() > 0, "the frame does not walk")
 
         def take(selector: str) -> None:
-            until(lambda: page.locator(f"{selector}.scanned").count() == 1, f"the frame does not come to {selector}")
-            page.keyboard.press("Space", delay=30)
-            page.wait_for_timeout(260)
+            for _ in ("its group", "itself"):
+                until(lambda: page.locator(f"{selector}.scanned").count() == 1, f"the frame misses {selector}")
+                is_alone = page.locator(".scanned").count() == 1
+                page.keyboard.press("Space", delay=30)
+                page.wait_for_timeout(LONGER_THAN_A_BOUNCE_MS)
+                if is_alone:
+                    return
 
-        before = nodes(session, "g") | nodes(session, "g/ward") | nodes(session, "g/store")
         take("[data-form='node'] [data-field='name']")
-        take("#at-add") if False else None
-        until(lambda: page.locator("#pad:not([hidden])").count() == 1, "the letters do not open")
         take("#pad [data-scan]:text-is('a')")
         take("#pad [data-scan]:text-is('Done')")
         take("[data-form='node'] [data-button]")
         until(lambda: len(session.history.steps) == 1, "no node was added")
-        now = {node.name for _, node in session.draft.hgraph.nodes() if node.kind is NodeKind.END}
-        assert before
-        assert "a" in now
+        assert "a" in {node.name for _, node in session.draft.hgraph.nodes() if node.kind is NodeKind.END}
 
 
 @pytest.mark.parametrize("look", ["light", "dark", "at 200 %"])
