@@ -68,11 +68,6 @@ def arc_at(hgraph: HGraph, ref: ArcRef) -> Arc | Doorway:
     raise BuildingError(f"there is no arc {ref}: somebody has deleted or moved it")
 
 
-def is_at(submap: SubMap, each: Arc | Doorway, ref: ArcRef) -> bool:
-    """Return whether an arc or doorway of a sub-map has this address, whichever of its ends is named first."""
-    return {ref.start, ref.end} == set(arc_ref(submap, each)[1:])
-
-
 def free_id(prefix: str, taken: Iterable[str]) -> str:
     """Return the first id of this prefix and a number that is not taken."""
     known, number = set(taken), 1

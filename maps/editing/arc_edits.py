@@ -164,9 +164,8 @@ def split_arc(draft: Draft, asked: SplitArc) -> Draft:
     else:
         point = point_inside(draft.hgraph, submap.path, asked.x, asked.y)
     new = Node(free_id(PREFIXES[NodeKind.CROSS], submap.nodes), NodeKind.CROSS, *point)
-    return with_node(
-        replace(draft, hgraph=with_submap(draft.hgraph, _through(submap, arc, new))), submap, new, keep=True
-    )
+    checked_line_of(node_line(new), node_of)
+    return replace(draft, hgraph=with_submap(draft.hgraph, _through(submap, arc, new)))
 
 
 def cross_arcs(draft: Draft, asked: CrossArcs) -> Draft:
@@ -183,10 +182,10 @@ def cross_arcs(draft: Draft, asked: CrossArcs) -> Draft:
     return replace(draft, hgraph=with_submap(draft.hgraph, _through(_through(submap, one, new), other, new)))
 
 
-def with_node(draft: Draft, submap: SubMap, node: Node, *, keep: bool = False) -> Draft:
-    """Return the draft with a node added or replaced, checked; `keep`: only checked, since the sub-map has it already."""
+def with_node(draft: Draft, submap: SubMap, node: Node) -> Draft:
+    """Return the draft with a node added to a sub-map or replaced there; raises BuildingError for an impossible one."""
     checked_line_of(node_line(node), node_of)
-    return draft if keep else replace(draft, hgraph=with_submap(draft.hgraph, with_nodes(submap, [node])))
+    return replace(draft, hgraph=with_submap(draft.hgraph, with_nodes(submap, [node])))
 
 
 def _with_doorway(draft: Draft, outer: NodeRef, inner: NodeRef, way: Way, outwards: bool) -> Draft:

@@ -180,13 +180,13 @@ export function arcsOf(storey) {
   return found;
 }
 
+/** An arc or doorway by its address, whichever of its ends is named first; null without it. */
 export function arcAt(ref) {
-  const path = ref.slice(0, ref.indexOf(":"));
+  const [path, ends] = [ref.slice(0, ref.indexOf(":")), ref.slice(ref.indexOf(":") + 1)];
+  const both = [ref, `${path}:${ends.split(">").reverse().join(">")}`];
   const submap = model.submaps[path];
-  const arc = submap?.arcs.find((each) => each.ref === ref);
-  if (arc) return { ...arc, path, door: false, ends: endsOf(path, arc.ends), storey: submap.storey };
-  const door = submap?.doors.find((each) => each.ref === ref);
-  return door ? { ...door, path, door: true, ends: endsOf(path, door.ends), storey: submap.storey } : null;
+  const found = submap && [...submap.arcs, ...submap.doors].find((each) => both.includes(each.ref));
+  return found ? { ...found, path, door: found.ends[1].includes(":"), ends: endsOf(path, found.ends), storey: submap.storey } : null;
 }
 
 export const titleOf = (path) => model.submaps[path]?.name || path.split("/").at(-1) || model.name;

@@ -295,8 +295,9 @@ function nodeFormOf(ref) {
   ];
 }
 
-function arcFormOf(ref) {
-  const arc = arcAt(ref);
+function arcFormOf(chosen) {
+  const arc = arcAt(chosen);
+  const { ref } = arc;
   const [one, other] = arc.ends.map(nodeAt);
   const direction = !arc.oneWay ? "both" : arc.outwards ? "back" : "there";
   const far = one && other ? Math.hypot(one.x - other.x, one.y - other.y) : 0;
@@ -314,7 +315,7 @@ function arcFormOf(ref) {
       { key: "ramp", label: "Ramp between storeys", type: "check", value: arc.ramp },
     ],
     buttons: [
-      { label: "Change this arc", main: true, run: (values) => edit({ do: "change_arc", arc: ref, ...values }) },
+      { label: "Change this arc", main: true, run: async (values) => (await edit({ do: "change_arc", arc: ref, ...values })) && select("arc", arcAt(ref).ref) },
       { label: "Delete", bad: true, run: deleteSelected },
       ...(arc.door ? [] : [
         { label: "Node in its middle", run: () => edit({ do: "split_arc", arc: ref }) },

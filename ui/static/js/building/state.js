@@ -49,7 +49,7 @@ export function placeOf(selected) {
 export function thingAt(place) {
   if (place.startsWith("storey ")) return { kind: "storey", ref: place.slice(7) };
   if (place.startsWith("lift ")) return { kind: "lift", ref: place.slice(5) };
-  if (place.includes(">")) return arcAt(place) && { kind: "arc", ref: place };
+  if (place.includes(">")) return arcAt(place) && { kind: "arc", ref: arcAt(place).ref };
   if (place.includes(":")) return nodeAt(place) && { kind: "node", ref: place };
   return place in model.submaps ? { kind: "submap", ref: place } : null;
 }
