@@ -44,6 +44,10 @@ buildings_app.command(
     "waychair.cli.building_journeys:drive_command", name="drive", help="Let a simulated chair travel over storeys."
 )
 
+buildings_app.command(
+    "waychair.cli.building_editor:edit_command", name="edit", help="Open the editor of a building in the browser."
+)
+
 
 @buildings_app.command(name="new")
 def new_command(folder: Path, /, *, name: str) -> None:

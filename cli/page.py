@@ -5,12 +5,18 @@ from __future__ import annotations
 import signal
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
 from waychair.cli.options.arguments import NonNegativeInt
+from waychair.errors import BuildingError
+
+if TYPE_CHECKING:
+    from waychair.ui.editor.session import Session
 
 _LOOK_S = 0.1
 
@@ -81,6 +87,7 @@ def page_command(
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     print(WARNING, file=sys.stderr)
     with (
+        _edited(building) as session,
         live_building(sim, building, map, people=people) as site,
         LiveChair(
             world=sim if site is None else site.levels[0],
@@ -100,8 +107,29 @@ def page_command(
             http_port=port,
             token=secret,
             names=names,
+            session=session,
         ),
     ):
         print(f"waychair: {page_sentence(port, lan, secret, page_name)}; end with Ctrl-C", file=sys.stderr)
         while chair.alive and not ending():
             time.sleep(_LOOK_S)
+
+
+@contextmanager
+def _edited(folder: Path | None) -> Iterator[Session | None]:
+    """Yield the building in a folder for the page's building mode; None without one, or where another program edits it."""
+    from waychair.files import is_file
+    from waychair.maps.building.hgraph_files import GENERAL
+    from waychair.ui.editor.session import Session
+
+    if folder is None or not is_file(folder / GENERAL, BuildingError):
+        yield None
+        return
+    try:
+        session = Session(folder)
+    except BuildingError as error:
+        print(f"waychair: {error}; the page has no building mode", file=sys.stderr)
+        yield None
+        return
+    with session:
+        yield session

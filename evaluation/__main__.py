@@ -7,7 +7,7 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from evaluation.figures.chair import bridge, calibration, closed_loop, menus, sensor_time, simulation, start_up
+from evaluation.figures.chair import bridge, calibration, closed_loop, editor, menus, sensor_time, simulation, start_up
 from evaluation.figures.driving import (
     barn,
     behaviours,
@@ -159,6 +159,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "round_trip": bridge.round_trip,
     "fuzz": bridge.run_fuzz,
     "menus": menus.menus,
+    "editor": editor.editor,
     "sensor_time": sensor_time.sensor_time,
     "self_mask": sensor_time.self_mask,
     "odometry": odometry.run,

@@ -90,8 +90,9 @@ class OpenPage:
 class Broadcaster:
     """The open pages of a chair, and the threads that call the chair. `run` keeps the pages informed."""
 
-    def __init__(self, port: ChairPort, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, port: ChairPort, clock: Callable[[], float] = time.monotonic, *, edits: bool = False) -> None:
         self.port = port
+        self.edits = edits  # whether the page has a building mode
         self.boot = secrets.token_hex(4)  # makes browsers drop their copy of an earlier run's map
         self.grid: tuple[int, OccupancyGrid] | None = None
         self._clock = clock
@@ -123,7 +124,7 @@ class Broadcaster:
         """Add an open page, and send it everything."""
         self._pages.add(page)
         outline = self.port.outline.tolist()
-        page.answer(encoded({"type": "chair", "boot": self.boot, "outline": outline}))
+        page.answer(encoded({"type": "chair", "boot": self.boot, "outline": outline, "edits": self.edits}))
         for kind, text in self._told.items():
             page.tell(kind, text)
         self.answered(page)

@@ -13,32 +13,28 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 import logging
-import socket
-import threading
 from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager, contextmanager
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from waychair.errors import ConfigError, MissingExtra, OutputError
+from waychair.errors import MissingExtra
 from waychair.install_advice import install_command
 from waychair.runtime.chair_port import ChairPort
 from waychair.ui.broadcaster import Broadcaster, CommandRunner, OpenPage
 from waychair.ui.commands import COMMANDS, STICK
+from waychair.ui.editor.server import editor_routes
+from waychair.ui.editor.session import Session
 from waychair.ui.guard import API, LIVE, RequestGuard, is_token
 from waychair.ui.page_messages import THEMES
+from waychair.ui.serving import LARGEST_MESSAGE, STATIC, served
 
 if TYPE_CHECKING:
-    import uvicorn
     from fastapi import FastAPI, WebSocket
     from starlette.requests import Request
     from starlette.responses import Response
-
-STATIC = Path(__file__).parent / "static"
 
 HELLO_S = 5.0
 """A socket without a valid token after this time is closed."""
@@ -49,18 +45,19 @@ UNAUTHORISED = 4401
 _NO_JSON = (msgspec.DecodeError, ValueError, RecursionError)
 """Errors of decoding a page's text that is not JSON, or is nested too deeply."""
 
-PORTS = range(65_536)
-"""TCP ports; 0 stands for a free one."""
 
-_LARGEST = 65_536
-_ENDING_S = 3
-
-
-def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: bool = True) -> FastAPI:
+def app(
+    port: ChairPort,
+    token: str = "",
+    *,
+    names: Sequence[str] = (),
+    local: bool = True,
+    session: Session | None = None,
+) -> FastAPI:
     """Return the page of a chair as an ASGI application.
 
     `token`: required of every page unless empty. `local`: only localhost and loopback addresses are valid hosts;
-    otherwise every address and `names`, too.
+    otherwise every address and `names`, too. `session`: a building that the page's building mode edits.
 
     Raises:
         MissingExtra: the extra [ui] is not installed.
@@ -74,7 +71,7 @@ def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: b
     except ImportError as error:
         raise MissingExtra(f"the page needs the extra [ui]: {install_command('ui')}") from error
 
-    broadcaster = Broadcaster(port)
+    broadcaster = Broadcaster(port, edits=session is not None)
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
@@ -100,6 +97,7 @@ def app(port: ChairPort, token: str = "", *, names: Sequence[str] = (), local: b
         Route(API + "network.svg", _NetworkEndpoint(broadcaster).answer),
         Route(API + "do/{name}", _CommandEndpoint(broadcaster).answer, methods=["POST"]),
         WebSocketRoute(LIVE, live),
+        *(() if session is None else editor_routes(session, has_chair=True)),
         Mount("/static", StaticFiles(directory=STATIC)),
         Mount("/leaflet", StaticFiles(directory=leaflet.BASE_DIR)),
     ]
@@ -116,64 +114,23 @@ def page_server(
     http_port: int = 0,
     token: str = "",
     names: Sequence[str] = (),
+    session: Session | None = None,
 ) -> Iterator[str]:
     """Serve the page in a thread while the block lasts; yield its address. `http_port` 0 takes a free port.
+
+    `session`: a building that the page's building mode edits.
 
     Raises:
         ConfigError: the page would be open to the network without a token.
         OutputError: the port is in use, not allowed, or none.
         MissingExtra: the extra [ui] is not installed.
     """
-    server, listener, address = _prepared(port, host, http_port, token, names)
-    thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]}, name="page-server")
-    thread.start()
-    try:
+
+    def pages(local: bool) -> FastAPI:
+        return app(port, token, names=names, local=local, session=session)
+
+    with served(pages, host, http_port, token) as address:
         yield address
-    finally:
-        server.should_exit = True
-        thread.join()
-        listener.close()
-
-
-def _prepared(
-    port: ChairPort, host: str, http_port: int, token: str, names: Sequence[str]
-) -> tuple[uvicorn.Server, socket.socket, str]:
-    """Return a server, its listening socket, and the page's address."""
-    local = _is_local(host)
-    if not local and not token:
-        raise ConfigError(f"the page on {host} would be open to the whole network: give it a token")
-    pages = app(port, token, names=names, local=local)
-    import uvicorn
-
-    config = uvicorn.Config(
-        pages,
-        log_level="warning",
-        ws_max_size=_LARGEST,
-        ws_max_queue=64,
-        ws_per_message_deflate=False,
-        timeout_graceful_shutdown=_ENDING_S,
-        server_header=False,
-    )
-    if http_port not in PORTS:
-        raise OutputError(f"{http_port} is no port of a page: choose 1 to {PORTS[-1]}")
-    try:
-        listener = socket.create_server((host, http_port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
-    except OSError as error:
-        raise OutputError(
-            f"the page cannot be served on {host}:{http_port}: {error.strerror}; choose another port"
-        ) from error
-    number = listener.getsockname()[1]
-    name = f"[{host}]" if ":" in host else host
-    return uvicorn.Server(config), listener, f"http://{name}:{number}/" + (f"#token={token}" if token else "")
-
-
-def _is_local(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False
 
 
 async def _live(page: WebSocket, broadcaster: Broadcaster, token: str) -> None:
@@ -296,8 +253,10 @@ class _CommandEndpoint:
         body = b""
         async for part in request.stream():
             body += part
-            if len(body) > _LARGEST:
-                return JSONResponse({"done": False, "sentence": f"the command has more than {_LARGEST} bytes"}, 413)
+            if len(body) > LARGEST_MESSAGE:
+                return JSONResponse(
+                    {"done": False, "sentence": f"the command has more than {LARGEST_MESSAGE} bytes"}, 413
+                )
         try:
             asked = msgspec.json.decode(body or b"{}", type=dict[str, object])
         except _NO_JSON:

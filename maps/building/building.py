@@ -87,7 +87,7 @@ def save_building(building: Building, others: Mapping[Path, str] = MappingProxyT
         folder = building.map_folder(storey.id)
         if folder is None or not is_folder(folder, BuildingError):
             continue
-        text = anchors_text(folder, {ANCHORED: _poses(building.hgraph, storey.id)})
+        text = anchors_text(folder, {ANCHORED: node_poses(building.hgraph, storey.id)})
         if text is not None:
             texts.setdefault(folder / ANCHORS_YAML, text)
     write_hgraph(building.folder, building.hgraph, texts)
@@ -103,7 +103,7 @@ def texts_of_places(building: Building, storey: str, places: Mapping[str, Place]
     folder = building.map_folder(storey)
     if folder is None:
         return {}
-    points = {PLACES: place_points(places), ANCHORED: _poses(building.hgraph, storey)}
+    points = {PLACES: place_points(places), ANCHORED: node_poses(building.hgraph, storey)}
     anchors = anchors_text(folder, points)
     texts = {places_path(folder): places_text(places)}
     return texts if anchors is None else {**texts, folder / ANCHORS_YAML: anchors}
@@ -277,7 +277,7 @@ def with_places(building: Building, storey: str) -> HGraph:
     return replace(hgraph, submaps=changed)
 
 
-def _poses(hgraph: HGraph, storey: str) -> dict[str, list[Pose2]]:
+def node_poses(hgraph: HGraph, storey: str) -> dict[str, list[Pose2]]:
     """Return the poses of a storey's nodes in its map, by sub-map."""
     found = {}
     for path, submap in hgraph.submaps.items():

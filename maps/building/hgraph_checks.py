@@ -43,14 +43,22 @@ class Checker:
         self._outlines: dict[str, Outline] = {}
         self._crossings = Crossings()
 
-    def check(self, hgraph: HGraph) -> tuple[Finding, ...]:
-        """Return all faults and warnings of a graph."""
+    def check(self, hgraph: HGraph, around: Surroundings | None = None) -> tuple[Finding, ...]:
+        """Return all faults and warnings of a graph; `around`: its surroundings from now on, None for those of before.
+
+        A sub-map is checked again where the places, zones or grid of its storey are other objects than before; all are
+        where the chair, the grid planner or step guidance is another one.
+        """
+        if around is not None:
+            if _whole(around) != _whole(self._around):
+                self._kept = {}
+            self._around = around
         into, frames = outsides(hgraph), _frames(hgraph)
         self._outlines = {path: self._outline(submap, frames[path]) for path, submap in hgraph.submaps.items()}
         kept = {}
         for path, submap in hgraph.submaps.items():
             outside = into.get(path, Outside())
-            seen = (frames[path], *_seen(hgraph, submap), outside)
+            seen = (frames[path], *_seen(hgraph, submap), *self._drawn(hgraph.storey_of(path)), outside)
             before = self._kept.get(path)
             if before is not None and _are_same(before.seen, seen):
                 kept[path] = before
@@ -73,6 +81,10 @@ class Checker:
             ),
         )
 
+    def _drawn(self, storey: str) -> tuple[object, ...]:
+        around = self._around
+        return around.grids.get(storey), around.places.get(storey), around.zones.get(storey)
+
     def _part(self, path: str, submap: SubMap) -> tuple[SubMap, Part]:
         kept = self._parts.get(path)
         return kept if kept is not None and kept[0] is submap else (submap, part_of(submap))
@@ -89,6 +101,11 @@ class _Checked:
     seen: tuple[object, ...]
     findings: tuple[Finding, ...]
     detours: tuple[Suspect, ...]
+
+
+def _whole(around: Surroundings) -> tuple[object, ...]:
+    """Return the surroundings that count for every sub-map."""
+    return around.width, around.length, around.driven, around.turns, around.guides
 
 
 def _frames(hgraph: HGraph) -> dict[str, Frame]:

@@ -3,7 +3,8 @@
 The general file holds the building's name and costs, the storeys, the tree of sub-maps and the lifts; the file of the
 sub-map `ground/west` is `submaps/ground/west.txt`, that of the root `submaps/root.txt`. Reading and writing again gives the
 same bytes: lines that still hold are written as they were read, comments included. All files are written aside first,
-then renamed, the general file last, so that a full disk leaves the old building whole.
+then renamed, the general file last, so that a full disk leaves the old building whole. A list of the renames lets a save
+that was cut off be finished.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from waychair.files import is_file, read_text
 from waychair.maps.building.costs import CostSettings
 from waychair.maps.building.hgraph import ROOT, HGraph, Stop, SubMap, parent_path
 from waychair.maps.building.records import END, Record, line_of, record_of_line, records
-from waychair.maps.building.rewriting import rewritten, write_all
+from waychair.maps.building.rewriting import finish_writing, rewritten, write_all
 from waychair.maps.building.text_forms import (
     arc_line,
     arc_of,
@@ -45,6 +46,9 @@ GENERAL = "hgraph.txt"
 SUBMAPS = "submaps"
 ROOT_FILE = "root"
 
+SAVING = ".saving"
+"""The list of a save's renames; there only while a building is being saved, or after a save that was cut off."""
+
 
 @dataclass(frozen=True, slots=True)
 class Source:
@@ -62,10 +66,14 @@ def submap_file(folder: Path, path: str) -> Path:
 def read_hgraph(folder: Path, progress: Callable[[float], None] | None = None) -> HGraph:
     """Return the graph of the building in a folder; `progress` is told the share that is read.
 
+    A save that was cut off between two files is finished first.
+
     Raises:
+        OutputError: it cannot be finished.
         BuildingNotFound: there is no building.
         BuildingError: a file is missing, cut off or damaged; the message names the file and the line.
     """
+    finish_writing(folder / SAVING)
     path = folder / GENERAL
     if not is_file(path, BuildingError):
         raise BuildingNotFound(f"there is no building in {folder}: it has no {GENERAL}; make one with building new")
@@ -97,7 +105,7 @@ def write_hgraph(folder: Path, hgraph: HGraph, others: Mapping[Path, str] = Mapp
     submaps = {submap_file(folder, path): submap_text(submap) for path, submap in hgraph.submaps.items()}
     texts = {**others, **submaps}
     texts[folder / GENERAL] = general_text(hgraph)
-    write_all(texts, folder / SUBMAPS)
+    write_all(texts, folder / SUBMAPS, folder / SAVING)
 
 
 def general_from_text(path: Path, text: str) -> HGraph:

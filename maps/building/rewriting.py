@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import tempfile
 from collections import Counter
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from waychair.errors import OutputError
-from waychair.files import os_error_text, remove, sync_folder
+from waychair.files import os_error_text, remove, sync_folder, write_text
 from waychair.maps.building.records import END
 
 _MANY = 50
@@ -60,10 +61,12 @@ def rewritten(old: str, lines: list[str], form: Form) -> str:
     return "\n".join(_with_additions(kept, [line for new in fresh.values() for line in new]))
 
 
-def write_all(texts: Mapping[Path, str], swept: Path | None = None) -> None:
+def write_all(texts: Mapping[Path, str], swept: Path | None = None, journal: Path | None = None) -> None:
     """Write files so that either all change or none does; text files below `swept` that are not named are removed.
 
     Every file whose text differs is written aside and flushed first, then all are renamed in order, the last one last.
+    With a `journal`, the list of the renames is written before the first one, and removed after the last: a program that
+    is killed between two renames has finished them once `finish_writing` was called.
 
     Raises:
         OutputError: a file cannot be written; all files are as before.
@@ -78,24 +81,67 @@ def write_all(texts: Mapping[Path, str], swept: Path | None = None) -> None:
                 _make_folders(path.parent, made)
                 aside.append((_written_aside(path, data), path))
         _flush([temporary for temporary, _ in aside])
+        gone = [] if swept is None else [path for path in sorted(swept.rglob("*.txt")) if path not in texts]
+        if journal is not None and len(aside) + len(gone) > 1:
+            _write_journal(journal, aside, gone)
+            done = True
+            finish_writing(journal)
+            return
         for temporary, path in aside:
             temporary.replace(path)
         done = True
-        for parent in {path.parent for _, path in aside}:
-            with suppress(OSError):  # not every file system supports it
-                sync_folder(parent)
+        _sync_parents(aside)
+        for path in gone:
+            remove(path)
     except OSError as error:
         raise OutputError(f"cannot write {error.filename or next(iter(texts))}: {os_error_text(error)}") from error
     finally:
-        for temporary, _ in aside:
+        for temporary, _ in () if done else aside:
             temporary.unlink(missing_ok=True)
         for parent in () if done else reversed(made):
             with suppress(OSError):  # somebody else has put a file there meanwhile
                 parent.rmdir()
-    if swept is not None and swept.is_dir():
-        for path in sorted(swept.rglob("*.txt")):
-            if path not in texts:
-                remove(path)
+
+
+def finish_writing(journal: Path) -> bool:
+    """Finish the renames of a journal that was left behind, and remove it. Return whether there was one.
+
+    Raises:
+        OutputError: the folder cannot be written to; the journal stays.
+    """
+    try:
+        values = json.loads(journal.read_bytes())
+        renames = [(journal.parent / one, journal.parent / other) for one, other in values["renames"]]
+        gone = [journal.parent / each for each in values["gone"]]
+    except FileNotFoundError:
+        return False
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise OutputError(f"cannot read {journal}, the list of a save that was cut off: {error}") from error
+    try:
+        for temporary, path in renames:
+            with suppress(FileNotFoundError):  # renamed before
+                temporary.replace(path)
+        _sync_parents(renames)
+    except OSError as error:
+        raise OutputError(
+            f"cannot finish a save that was cut off, {error.filename}: {os_error_text(error)}; then open it again"
+        ) from error
+    for path in gone:
+        remove(path)
+    remove(journal)
+    return True
+
+
+def _write_journal(journal: Path, aside: list[tuple[Path, Path]], gone: list[Path]) -> None:
+    renames = [[os.path.relpath(each, journal.parent) for each in pair] for pair in aside]
+    values = {"renames": renames, "gone": [os.path.relpath(each, journal.parent) for each in gone]}
+    write_text(journal, json.dumps(values))
+
+
+def _sync_parents(renamed: list[tuple[Path, Path]]) -> None:
+    for parent in {path.parent for _, path in renamed}:
+        with suppress(OSError):  # not every file system supports it
+            sync_folder(parent)
 
 
 def _make_folders(folder: Path, made: list[Path]) -> None:

@@ -30,6 +30,8 @@ from waychair.types import BoolArray, FloatArray, OccupancyGrid, Pose2
 from waychair.yaml_files import compose_yaml, node_value, quoted
 
 ZONES_YAML = "zones.yaml"
+ZONES = "zones"
+"""The kind of the zones' anchors in `anchors.yaml`."""
 _SHAPE = "{keep_out: true | slow: SPEED | one_way: HEADING, polygon: [[x, y], [x, y], [x, y], ...]}"
 SLOWEST = 0.05
 """Least speed [m/s] of a slow zone; for less, draw a keep-out zone."""
@@ -104,6 +106,12 @@ def save_zones(folder: Path, zones: Sequence[Zone]) -> None:
         MapError: the anchors are damaged.
         OutputError: the folder cannot be made or written to.
     """
+    points = {zone.name: zone_points(zone) for zone in zones}
+    write_anchored(places_path(folder).with_name(ZONES_YAML), zones_text(zones), ZONES, points)
+
+
+def zones_text(zones: Sequence[Zone]) -> str:
+    """Return the text of `zones.yaml`."""
     values = {
         zone.name: {
             zone.rule.value: True if zone.rule is Rule.KEEP_OUT else float(zone.value),
@@ -111,9 +119,7 @@ def save_zones(folder: Path, zones: Sequence[Zone]) -> None:
         }
         for zone in zones
     }
-    text = yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
-    points = {zone.name: zone_points(zone) for zone in zones}
-    write_anchored(places_path(folder).with_name(ZONES_YAML), text, "zones", points)
+    return yaml.safe_dump(values, sort_keys=False, default_flow_style=None, allow_unicode=True, width=10_000)
 
 
 def zone_points(zone: Zone) -> list[Pose2]:
@@ -138,7 +144,7 @@ def checked_zone(zone: Zone) -> Zone:
 
 def _followed(zone: Zone, anchors: Anchors) -> Zone:
     points = zone_points(zone)
-    now = anchors.follow("zones", zone.name, points)
+    now = anchors.follow(ZONES, zone.name, points)
     if now == points:
         return zone
     turned = sum(wrap_angle(b.theta - a.theta) for a, b in zip(points, now, strict=True)) / len(points)

@@ -137,7 +137,7 @@ def write_imported(folder: Path, imported: Imported) -> Building:
                 write_bytes(aside / KEPT / file, data)
             for storey, grid in imported.grids.items():
                 save_map(aside / MAPS / storey, grid)
-                save_places(aside / MAPS / storey, _places(imported.hgraph, storey))
+                save_places(aside / MAPS / storey, goal_places(imported.hgraph, storey))
             save_building(Building(aside, imported.hgraph))
             _move_into(aside, folder)
     except OSError as error:
@@ -145,7 +145,7 @@ def write_imported(folder: Path, imported: Imported) -> Building:
     return Building(folder, imported.hgraph)
 
 
-def _places(hgraph: HGraph, storey: str) -> dict[str, Place]:
+def goal_places(hgraph: HGraph, storey: str) -> dict[str, Place]:
     """Return the goals of a storey as places of its map; those whose names no place can have are left out."""
     found = {}
     for ref, node in hgraph.nodes():

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -34,7 +34,7 @@ from waychair.maps.building.hgraph import (
 )
 from waychair.maps.building.hgraph_edits import with_lift, with_submap, without_submap
 from waychair.maps.drawn.places import load_places
-from waychair.maps.drawn.zones import load_zones
+from waychair.maps.drawn.zones import Zone, load_zones
 from waychair.maps.folders.map_files import load_map
 from waychair.maps.rooms.floor_rooms import FloorRooms, rooms_of_grid
 from waychair.planning.building.floor_graph import Sketch, sketch_of
@@ -63,8 +63,17 @@ class Generation:
     places: Mapping[str, Place]
 
 
-def generated_storey(building: Building, storey: str, body: ChairBody) -> Generation:
+def generated_storey(
+    building: Building,
+    storey: str,
+    body: ChairBody,
+    places: Mapping[str, Place] | None = None,
+    zones: Sequence[Zone] | None = None,
+    last: Json | None = None,
+) -> Generation:
     """Return the building with the graph of a storey made from its map and places, not written yet.
+
+    `places`, `zones` and the record `last` of a generation are a draft's; None for those in the building's folder.
 
     Raises:
         BuildingError: there is no such storey, it has no map, or its last record is damaged.
@@ -76,9 +85,10 @@ def generated_storey(building: Building, storey: str, body: ChairBody) -> Genera
     if folder is None:
         raise BuildingError(f"storey '{storey}' has no map: add one with waychair building add --map")
     grid = load_map(folder)
-    costmap = costmap_from_grid(grid, body, zones=load_zones(folder))
+    costmap = costmap_from_grid(grid, body, zones=load_zones(folder) if zones is None else zones)
     rooms = rooms_of_grid(costmap.grid)
-    last, places = _last_record(building.folder, storey), load_places(folder)
+    last = _last_record(building.folder, storey) if last is None else last
+    places = load_places(folder) if places is None else places
     known = last.get("places", {})
     sketch = sketch_of(costmap, rooms, {name: place for name, place in places.items() if name not in known})
     hgraph, record = regenerated_storey(building.hgraph, storey, sketch, last)
@@ -133,11 +143,11 @@ def with_lift_stop(hgraph: HGraph, storey: str, lift: str, place: str) -> HGraph
     return with_lift(hgraph, replace(before, stops=tuple(stops)))
 
 
-def aligned_storey(building: Building, storey: str) -> HGraph:
+def aligned_storey(building: Building, storey: str, places: Mapping[str, Mapping[str, Place]] | None = None) -> HGraph:
     """Return the graph with a storey laid on the others by the lifts that they share.
 
     Two lifts or more tell how the storey's map is turned; one does by the headings of the places in front of its doors. A
-    storey whose stops are in line already stays.
+    storey whose stops are in line already stays. `places` by storey are a draft's; None for those of the maps.
 
     Raises:
         PlaceError: the places of a storey's map are damaged.
@@ -163,7 +173,7 @@ def aligned_storey(building: Building, storey: str) -> HGraph:
         cross, dot = float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum()), float((p * q).sum())
         theta = math.atan2(cross, dot)
     else:
-        turned = _heading(building, pairs[0][1]) - _heading(building, pairs[0][0])
+        turned = _heading(building, pairs[0][1], places) - _heading(building, pairs[0][0], places)
         theta = math.remainder(now.theta + turned, math.tau)
     c, s = math.cos(theta), math.sin(theta)
     x, y = there.mean(axis=0) - np.array([[c, -s], [s, c]]) @ here.mean(axis=0)
@@ -176,10 +186,14 @@ def _in_frame(hgraph: HGraph, ref: NodeRef, frame: Frame) -> tuple[float, float]
     return frame.point(node.x, node.y)
 
 
-def _heading(building: Building, ref: NodeRef) -> float:
+def _heading(building: Building, ref: NodeRef, places: Mapping[str, Mapping[str, Place]] | None) -> float:
     """Return the heading [rad] of a node's place in the building's frame; that of the frame if it has no place."""
-    place, storey = place_of(building, ref), building.hgraph.storey_of(ref.submap)
-    return building.hgraph.storey_frame(storey).theta + (0.0 if place is None else place.pose.theta)
+    hgraph, storey = building.hgraph, building.hgraph.storey_of(ref.submap)
+    if places is None:
+        place = place_of(building, ref)
+    else:
+        place = places.get(storey, {}).get(hgraph.submaps[ref.submap].nodes[ref.node].name)
+    return hgraph.storey_frame(storey).theta + (0.0 if place is None else place.pose.theta)
 
 
 def regenerated_storey(hgraph: HGraph, storey: str, sketch: Sketch, last: Json) -> tuple[HGraph, Json]:

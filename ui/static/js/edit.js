@@ -99,3 +99,6 @@ on("layout", ({ places, zones, undoable }) => {
   if (focused) keepFocus(focused);
   $("save-name").placeholder = freeName("place", places);
 });
+
+on("chair", ({ edits }) => ($("edit-building").hidden = !edits));
+$("edit-building").addEventListener("click", () => (location.href = "building"));

@@ -1,0 +1,520 @@
+"""Operations on the tree, the storeys, the lifts, the beacons and the costs of a building."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from pathlib import Path
+
+import msgspec
+
+from waychair.errors import BuildingError
+from waychair.maps.building.building import HIGHEST_M, Building, add_storey
+from waychair.maps.building.costs import CostSettings
+from waychair.maps.building.hgraph import (
+    Arc,
+    Beacon,
+    Closure,
+    Doorway,
+    Frame,
+    HGraph,
+    Lift,
+    Node,
+    NodeKind,
+    NodeRef,
+    Origin,
+    Stop,
+    Storey,
+    SubMap,
+    child_path,
+    parent_path,
+)
+from waychair.maps.building.hgraph_edits import with_lift, with_nodes, with_storey, with_submap, without_submap
+from waychair.maps.building.hgraph_files import ROOT_FILE
+from waychair.maps.building.records import line_of
+from waychair.maps.building.text_forms import (
+    beacon_line,
+    beacon_of,
+    costs_of,
+    is_id,
+    lift_line,
+    lift_of,
+    stop_line,
+    stop_of,
+    storey_line,
+    storey_of,
+    submap_line,
+    submap_of,
+)
+from waychair.maps.editing.addresses import PREFIXES, checked_line_of, free_id, node_at, node_ref, submap_at
+from waychair.maps.editing.arc_edits import Operation
+from waychair.maps.editing.draft import Draft
+from waychair.maps.editing.node_edits import without_place
+from waychair.types import Pose2
+
+
+class ChangeBuilding(Operation, tag="change_building"):
+    """Change the building's name, or what turns, doors and lifts cost (`CostSettings`)."""
+
+    name: str | None = None
+    costs: dict[str, float] = msgspec.field(default_factory=dict)
+
+
+class AddStorey(Operation, tag="add_storey"):
+    """Add a storey and its sub-map; `map`: its map folder, relative to the building's, which must be there."""
+
+    id: str
+    name: str = ""
+    height: float = 0.0
+    map: str = ""
+
+
+class ChangeStorey(Operation, tag="change_storey"):
+    """Change a storey's name and height above the ground [m]."""
+
+    id: str
+    name: str
+    height: float
+
+
+class DeleteStorey(Operation, tag="delete_storey"):
+    """Delete a storey with its sub-maps and its stops; its map folder stays."""
+
+    id: str
+
+
+class AddSubmap(Operation, tag="add_submap"):
+    """Add a sub-map below another, its origin at x, y [m] in its parent's frame; `storey` where it is not the parent's."""
+
+    parent: str
+    id: str
+    name: str = ""
+    x: float = 0.0
+    y: float = 0.0
+    storey: str = ""
+
+
+class ChangeSubmap(Operation, tag="change_submap"):
+    """Change a sub-map's name and its frame in its parent's: x, y [m], theta [rad], scale."""
+
+    path: str
+    name: str
+    x: float
+    y: float
+    theta: float
+    scale: float
+
+
+class MoveSubmap(Operation, tag="move_submap"):
+    """Move a sub-map in the tree, or rename its id: `to` is its new path. Its place in the building stays."""
+
+    path: str
+    to: str
+
+
+class DeleteSubmap(Operation, tag="delete_submap"):
+    """Delete a sub-map, everything below it, and the doorways and stops that lead there."""
+
+    path: str
+
+
+class SplitSubmap(Operation, tag="split_submap"):
+    """Make a room of some nodes of a sub-map: they go into a new child; arcs that lead out become doorways."""
+
+    nodes: tuple[str, ...]
+    id: str
+    name: str = ""
+
+
+class MergeSubmap(Operation, tag="merge_submap"):
+    """Dissolve a sub-map without children into its parent: its nodes go there, and its doorways become arcs."""
+
+    path: str
+
+
+class SetLift(Operation, tag="set_lift"):
+    """Add a lift, or change its name, cabin and costs [m]; None where unknown or as the building's."""
+
+    id: str
+    name: str = ""
+    cabin_width: float | None = None
+    cabin_depth: float | None = None
+    door_width: float | None = None
+    wait: float | None = None
+    board: float | None = None
+    per_storey: float | None = None
+
+
+class DeleteLift(Operation, tag="delete_lift"):
+    """Delete a lift; the nodes in front of its doors become cross nodes."""
+
+    id: str
+
+
+class SetStop(Operation, tag="set_stop"):
+    """Make a node the stop of a lift on its storey, or change the stop; `cabin`: x, y, theta in the storey's map."""
+
+    lift: str
+    at: str
+    door_width: float | None = None
+    cabin: tuple[float, float, float] | None = None
+    closed: str = ""
+
+
+class DeleteStop(Operation, tag="delete_stop"):
+    """Take a stop out of a lift; its node becomes a cross node."""
+
+    lift: str
+    at: str
+
+
+class SetBeacon(Operation, tag="set_beacon"):
+    """Add a beacon to a sub-map, or move it: its pose x, y, theta in the sub-map's frame, and the node it stands for."""
+
+    submap: str
+    id: str
+    x: float
+    y: float
+    theta: float = 0.0
+    node: str = ""
+
+
+class DeleteBeacon(Operation, tag="delete_beacon"):
+    """Delete a beacon."""
+
+    submap: str
+    id: str
+
+
+def change_building(draft: Draft, asked: ChangeBuilding) -> Draft:
+    """Return the draft with the building's name or costs changed."""
+    hgraph = draft.hgraph
+    if asked.name is not None:
+        if not asked.name.strip() or not asked.name.isprintable():
+            raise BuildingError("the building's name is empty or has a line break: give another one")
+        hgraph = replace(hgraph, name=asked.name.strip())
+    known = {entry.name for entry in fields(CostSettings)}
+    for key in asked.costs:
+        if key not in known:
+            raise BuildingError(f"'{key}' is no cost: choose {', '.join(sorted(known))}")
+    values = {key: getattr(hgraph.costs, key) for key in known} | asked.costs
+    checked_line_of(line_of("cost", list(values.items())), costs_of)
+    return replace(draft, hgraph=replace(hgraph, costs=CostSettings(**values)))
+
+
+def add_storey_to(draft: Draft, asked: AddStorey) -> Draft:
+    """Return the draft with a storey; the caller adds the places and zones of its map."""
+    storey = Storey(asked.id, asked.name.strip(), asked.height, asked.map)
+    checked_line_of(storey_line(storey), storey_of)
+    return replace(draft, hgraph=add_storey(Building(Path(), draft.hgraph), storey).hgraph)
+
+
+def change_storey(draft: Draft, asked: ChangeStorey) -> Draft:
+    """Return the draft with a storey's name and height changed; its sub-map has the same name."""
+    storey = _storey_at(draft.hgraph, asked.id)
+    if not -HIGHEST_M <= asked.height <= HIGHEST_M:
+        raise BuildingError(f"a storey {asked.height:g} m above the ground is impossible: give at most {HIGHEST_M:g} m")
+    changed = replace(storey, name=asked.name.strip(), height=asked.height)
+    checked_line_of(storey_line(changed), storey_of)
+    hgraph = with_storey(draft.hgraph, changed)
+    submap = hgraph.submaps.get(asked.id)
+    if submap is not None and submap.name == storey.name:
+        hgraph = with_submap(hgraph, replace(submap, name=changed.name))
+    return replace(draft, hgraph=_with_stops_in_order(hgraph))
+
+
+def delete_storey(draft: Draft, asked: DeleteStorey) -> Draft:
+    """Return the draft without a storey."""
+    _storey_at(draft.hgraph, asked.id)
+    hgraph = draft.hgraph
+    for path in [each for each, submap in hgraph.submaps.items() if submap.storey == asked.id and each]:
+        if path in hgraph.submaps:
+            hgraph = without_submap(hgraph, path)
+    lifts = {
+        key: replace(lift, stops=tuple(stop for stop in lift.stops if stop.storey != asked.id))
+        for key, lift in hgraph.lifts.items()
+    }
+    storeys = tuple(each for each in hgraph.storeys if each.id != asked.id)
+    places = {key: value for key, value in draft.places.items() if key != asked.id}
+    zones = {key: value for key, value in draft.zones.items() if key != asked.id}
+    texts = {key: value for key, value in draft.texts.items() if key != f"generated/{asked.id}.json"}
+    return Draft(replace(hgraph, storeys=storeys, lifts=lifts), places, zones, texts)
+
+
+def add_submap(draft: Draft, asked: AddSubmap) -> Draft:
+    """Return the draft with a sub-map."""
+    submap_at(draft.hgraph, asked.parent)
+    path = _free_path(draft.hgraph, child_path(asked.parent, asked.id))
+    if asked.storey:
+        _storey_at(draft.hgraph, asked.storey)
+    storey = "" if asked.storey == draft.hgraph.storey_of(asked.parent) else asked.storey
+    submap = SubMap(path, asked.name.strip(), Frame(asked.x, asked.y), storey)
+    checked_line_of(submap_line(submap), submap_of)
+    return replace(draft, hgraph=with_submap(draft.hgraph, submap))
+
+
+def change_submap(draft: Draft, asked: ChangeSubmap) -> Draft:
+    """Return the draft with a sub-map's name and frame changed."""
+    if not asked.path:
+        raise BuildingError("the root's frame is the building's: change the frames of the sub-maps below it")
+    submap = submap_at(draft.hgraph, asked.path)
+    changed = replace(submap, name=asked.name.strip(), frame=Frame(asked.x, asked.y, asked.theta, asked.scale))
+    checked_line_of(submap_line(changed), submap_of)
+    return replace(draft, hgraph=with_submap(draft.hgraph, changed))
+
+
+def move_submap(draft: Draft, asked: MoveSubmap) -> Draft:
+    """Return the draft with a sub-map and everything below it at another path; doorways from another parent go."""
+    hgraph, old, new = draft.hgraph, asked.path, asked.to
+    submap_at(hgraph, old)
+    if old == new:
+        return draft
+    if not old or new.startswith(f"{old}/"):
+        raise BuildingError(f"'{old}' cannot be moved to '{new}', below itself: choose another parent")
+    if parent_path(new) not in hgraph.submaps:
+        raise BuildingError(f"there is no sub-map '{parent_path(new)}' to put it in: add it first")
+    if hgraph.submaps[old].storey:
+        raise BuildingError(f"'{old}' is a storey's sub-map, named as the storey: it stays where it is")
+    if hgraph.storey_of(parent_path(new)) != hgraph.storey_of(old):
+        raise BuildingError(f"'{new}' lies on another storey: delete the sub-map here, and make it there")
+    _free_path(hgraph, new)
+    same_parent = parent_path(old) == parent_path(new)
+    frame = hgraph.submaps[old].frame if same_parent else _relative(hgraph, parent_path(new), old)
+
+    def path_of(path: str) -> str:
+        return new + path[len(old) :] if path == old or path.startswith(f"{old}/") else path
+
+    submaps = {}
+    for path, each in hgraph.submaps.items():
+        moved = replace(each, path=path_of(path), source=each.source if path_of(path) == path else None)
+        submaps[path_of(path)] = (
+            replace(moved, frame=frame) if path == old else moved if path_of(path) != path else each
+        )
+    parent, last = submaps[parent_path(old)], old.rpartition("/")[2]
+    doors = [
+        replace(door, child=new.rpartition("/")[2]) if door.child == last else door
+        for door in parent.doorways
+        if same_parent or door.child != last
+    ]
+    submaps[parent.path] = replace(parent, doorways=tuple(doors))
+    lifts = _with_refs(hgraph.lifts, lambda ref: NodeRef(path_of(ref.submap), ref.node))
+    order = sorted(submaps, key=lambda path: path.count("/") + bool(path))
+    return replace(draft, hgraph=replace(hgraph, submaps={path: submaps[path] for path in order}, lifts=lifts))
+
+
+def delete_submap(draft: Draft, asked: DeleteSubmap) -> Draft:
+    """Return the draft without a sub-map and what is below it, and without the places of its goals."""
+    submap = submap_at(draft.hgraph, asked.path)
+    if not asked.path or submap.storey == asked.path:
+        raise BuildingError("the root and the storeys' own sub-maps stay: delete the storey instead")
+    for path in draft.hgraph.submaps:
+        if path == asked.path or path.startswith(f"{asked.path}/"):
+            storey = draft.hgraph.storey_of(path)
+            for node in draft.hgraph.submaps[path].nodes.values():
+                if node.kind is NodeKind.END and node.name in draft.places_of(storey):
+                    draft = without_place(draft, storey, node.name)
+    return replace(draft, hgraph=without_submap(draft.hgraph, asked.path))
+
+
+def split_submap(draft: Draft, asked: SplitSubmap) -> Draft:
+    """Return the draft with nodes of a sub-map in a new child.
+
+    Where an arc led out of them, a door stands at the arc's outer end: a doorway there, and an arc from it in the room.
+    """
+    refs = [node_ref(text) for text in asked.nodes]
+    if not refs or len({ref.submap for ref in refs}) != 1:
+        raise BuildingError("choose one or more nodes of one sub-map to make a room of")
+    path = refs[0].submap
+    for ref in refs:
+        node_at(draft.hgraph, ref)
+    hgraph = add_submap(draft, AddSubmap(path, asked.id, asked.name)).hgraph
+    submap, going = hgraph.submaps[path], {ref.node for ref in refs}
+    if any(door.start in going for door in submap.doorways):
+        raise BuildingError("a node with a doorway to another room stays in the corridor: choose other nodes")
+    nodes = {key: node for key, node in submap.nodes.items() if key in going}
+    arcs, kept, doors = [], [], list(submap.doorways)
+    for arc in submap.arcs:
+        own = arc.start if arc.start in going else arc.end
+        other = arc.end if own == arc.start else arc.start
+        if other in going or own not in going:
+            (arcs if own in going else kept).append(arc)
+            continue
+        outer = submap.nodes[other]
+        door = Node(free_id("d", nodes), NodeKind.BRIDGE, outer.x, outer.y)
+        nodes[door.id] = door
+        arcs.append(replace(arc, start=door.id if arc.start == other else own, end=own if arc.end == own else door.id))
+        way = replace(arc.way, length=None, drive_s=None, price=None)
+        doors.append(Doorway(other, asked.id, door.id, way, way.one_way and arc.start == own))
+    rest = replace(
+        submap,
+        nodes={key: node for key, node in submap.nodes.items() if key not in going},
+        arcs=tuple(kept),
+        doorways=tuple(doors),
+        beacons=tuple(replace(tag, node="") if tag.node in going else tag for tag in submap.beacons),
+    )
+    room = child_path(path, asked.id)
+    hgraph = with_submap(hgraph, rest)
+    hgraph = with_submap(hgraph, replace(hgraph.submaps[room], nodes=nodes, arcs=tuple(arcs)))
+    moved = {ref: NodeRef(room, ref.node) for ref in refs}
+    return replace(draft, hgraph=replace(hgraph, lifts=_with_refs(hgraph.lifts, lambda ref: moved.get(ref, ref))))
+
+
+def merge_submap(draft: Draft, asked: MergeSubmap) -> Draft:
+    """Return the draft with a sub-map's nodes in its parent, its doorways as arcs."""
+    hgraph = draft.hgraph
+    submap = submap_at(hgraph, asked.path)
+    if not asked.path or submap.storey or hgraph.children(asked.path):
+        raise BuildingError("a room without rooms of its own can be dissolved: the root, storeys and wings stay")
+    parent, last = hgraph.submaps[parent_path(asked.path)], asked.path.rpartition("/")[2]
+    taken, ids = set(parent.nodes), dict[str, str]()
+    for key, node in submap.nodes.items():
+        ids[key] = key if key not in taken else free_id(PREFIXES[node.kind], taken)
+        taken.add(ids[key])
+    nodes = dict(parent.nodes)
+    for key, node in submap.nodes.items():
+        x, y = submap.frame.point(node.x, node.y)
+        kind = NodeKind.CROSS if node.kind is NodeKind.BRIDGE else node.kind
+        nodes[ids[key]] = replace(node, id=ids[key], kind=kind, x=round(x, 4), y=round(y, 4))
+    arcs = [*parent.arcs, *(replace(arc, start=ids[arc.start], end=ids[arc.end]) for arc in submap.arcs)]
+    for door in parent.doorways:
+        if door.child == last and door.node in ids:
+            ends = (ids[door.node], door.start) if door.outwards else (door.start, ids[door.node])
+            arcs.append(Arc(*ends, door.way))
+    moved = {NodeRef(asked.path, key): NodeRef(parent.path, new) for key, new in ids.items()}
+    hgraph = replace(hgraph, lifts=_with_refs(hgraph.lifts, lambda ref: moved.get(ref, ref)))
+    hgraph = without_submap(hgraph, asked.path)
+    merged = replace(hgraph.submaps[parent.path], nodes=nodes, arcs=tuple(arcs))
+    return replace(draft, hgraph=with_submap(hgraph, merged))
+
+
+def set_lift(draft: Draft, asked: SetLift) -> Draft:
+    """Return the draft with a lift added or changed."""
+    known = draft.hgraph.lifts.get(asked.id, Lift(asked.id))
+    changed = replace(
+        known,
+        name=asked.name.strip(),
+        cabin_width=asked.cabin_width,
+        cabin_depth=asked.cabin_depth,
+        door_width=asked.door_width,
+        wait=asked.wait,
+        board=asked.board,
+        per_storey=asked.per_storey,
+    )
+    checked_line_of(lift_line(changed), lift_of)
+    return replace(draft, hgraph=with_lift(draft.hgraph, changed))
+
+
+def delete_lift(draft: Draft, asked: DeleteLift) -> Draft:
+    """Return the draft without a lift."""
+    lift = _lift_at(draft.hgraph, asked.id)
+    for stop in lift.stops:
+        draft = delete_stop(draft, DeleteStop(lift.id, str(stop.at)))
+    lifts = {key: each for key, each in draft.hgraph.lifts.items() if key != asked.id}
+    return replace(draft, hgraph=replace(draft.hgraph, lifts=lifts))
+
+
+def set_stop(draft: Draft, asked: SetStop) -> Draft:
+    """Return the draft with a node as the stop of a lift on its storey; the lift's other stop on that storey goes."""
+    hgraph, ref = draft.hgraph, node_ref(asked.at)
+    node, lift, storey = node_at(hgraph, ref), _lift_at(hgraph, asked.lift), hgraph.storey_of(ref.submap)
+    if not storey:
+        raise BuildingError(f"{ref} is on no storey: a lift stops at nodes of storeys")
+    cabin = None if asked.cabin is None else Pose2(*asked.cabin)
+    closure = Closure(asked.closed.strip()) if asked.closed.strip() else None
+    stop = Stop(storey, ref, asked.door_width, closure, cabin)
+    checked_line_of(stop_line(lift.id, stop), stop_of)
+    others = [each for each in lift.stops if each.storey != storey]
+    for each in lift.stops:
+        if each.storey == storey and each.at != ref:
+            draft = delete_stop(draft, DeleteStop(lift.id, str(each.at)))
+    submap = draft.hgraph.submaps[ref.submap]
+    stop_node = replace(node, kind=NodeKind.LIFT, origin=Origin.HAND)
+    hgraph = draft.hgraph if node.kind is NodeKind.LIFT else with_submap(draft.hgraph, with_nodes(submap, [stop_node]))
+    hgraph = with_lift(hgraph, replace(lift, stops=(*others, stop)))
+    return replace(draft, hgraph=_with_stops_in_order(hgraph))
+
+
+def delete_stop(draft: Draft, asked: DeleteStop) -> Draft:
+    """Return the draft without a lift's stop; its node, if no other lift stops there, is a goal or a cross node again."""
+    hgraph, ref = draft.hgraph, node_ref(asked.at)
+    lift = _lift_at(hgraph, asked.lift)
+    stops = tuple(each for each in lift.stops if each.at != ref)
+    if len(stops) == len(lift.stops):
+        raise BuildingError(f"lift '{lift.id}' does not stop at {ref}")
+    hgraph = with_lift(hgraph, replace(lift, stops=stops))
+    node = hgraph.node(ref)
+    if node is not None and all(stop.at != ref for each in hgraph.lifts.values() for stop in each.stops):
+        is_place = node.name in draft.places_of(hgraph.storey_of(ref.submap))
+        freed = replace(node, kind=NodeKind.END if is_place else NodeKind.CROSS)
+        hgraph = with_submap(hgraph, with_nodes(hgraph.submaps[ref.submap], [freed]))
+    return replace(draft, hgraph=hgraph)
+
+
+def set_beacon(draft: Draft, asked: SetBeacon) -> Draft:
+    """Return the draft with a beacon added or changed."""
+    submap = submap_at(draft.hgraph, asked.submap)
+    if asked.node and asked.node not in submap.nodes:
+        raise BuildingError(f"there is no node '{asked.node}' in this sub-map: choose one of its nodes")
+    beacon = Beacon(asked.id, Pose2(asked.x, asked.y, asked.theta), asked.node)
+    checked_line_of(beacon_line(beacon), beacon_of)
+    others = tuple(each for each in submap.beacons if each.id != asked.id)
+    return replace(draft, hgraph=with_submap(draft.hgraph, replace(submap, beacons=(*others, beacon))))
+
+
+def delete_beacon(draft: Draft, asked: DeleteBeacon) -> Draft:
+    """Return the draft without a beacon."""
+    submap = submap_at(draft.hgraph, asked.submap)
+    kept = tuple(each for each in submap.beacons if each.id != asked.id)
+    if len(kept) == len(submap.beacons):
+        raise BuildingError(f"there is no beacon '{asked.id}' in this sub-map")
+    return replace(draft, hgraph=with_submap(draft.hgraph, replace(submap, beacons=kept)))
+
+
+def _storey_at(hgraph: HGraph, key: str) -> Storey:
+    found = next((each for each in hgraph.storeys if each.id == key), None)
+    if found is None:
+        raise BuildingError(f"there is no storey '{key}': somebody has deleted it")
+    return found
+
+
+def _lift_at(hgraph: HGraph, key: str) -> Lift:
+    lift = hgraph.lifts.get(key)
+    if lift is None:
+        raise BuildingError(f"there is no lift '{key}': add it first")
+    return lift
+
+
+def _free_path(hgraph: HGraph, path: str) -> str:
+    last = path.rpartition("/")[2]
+    if not is_id(last):
+        raise BuildingError(f"'{last}' cannot name a sub-map: use letters, digits, _, - and .")
+    if path in hgraph.submaps:
+        raise BuildingError(f"there is a sub-map '{path}' already: choose another id")
+    if path == ROOT_FILE:
+        raise BuildingError(f"'{ROOT_FILE}' is the name of the root's own file: choose another id")
+    return path
+
+
+def _relative(hgraph: HGraph, parent: str, path: str) -> Frame:
+    """Return the frame of a sub-map in that of another one, both where they are in the building."""
+    outer, inner = hgraph.frame_of(parent), hgraph.frame_of(path)
+    x, y = outer.inside(inner.x, inner.y)
+    theta = math.remainder(inner.theta - outer.theta, math.tau)
+    return Frame(round(x, 4), round(y, 4), round(theta, 6), inner.scale / outer.scale)
+
+
+def _with_refs(lifts: Mapping[str, Lift], moved: Callable[[NodeRef], NodeRef]) -> dict[str, Lift]:
+    return {
+        key: replace(lift, stops=tuple(replace(stop, at=moved(stop.at)) for stop in lift.stops))
+        for key, lift in lifts.items()
+    }
+
+
+def _with_stops_in_order(hgraph: HGraph) -> HGraph:
+    order = {storey.id: at for at, storey in enumerate(hgraph.storeys)}
+    lifts = {
+        key: replace(lift, stops=tuple(sorted(lift.stops, key=lambda stop: order.get(stop.storey, -1))))
+        for key, lift in hgraph.lifts.items()
+    }
+    return replace(hgraph, lifts=lifts)
