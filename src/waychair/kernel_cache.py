@@ -4,7 +4,7 @@ Before it looks into its cache, numba fills its compiler's tables: it imports si
 see whether there is a BLAS. A short command spends more time on that than on its own work. `load_lightly` looks into the
 cache first; a kernel that is not there is compiled as ever, with everything loaded.
 
-While it compiles, numba spends a sixth of the time on three things of no use here. It compares flags by tables of all
+While it compiles, numba spends a tenth of the time on three things of no use here. It compares flags by tables of all
 options whenever it looks for the implementation of a function, as their hash is the same for all. It notes when each call of
 LLVM begins and ends. And garbage is collected again and again among its many objects, hardly any of which are a ring.
 `compile_lightly` leaves that out; the compiled code stays the same.
