@@ -28,9 +28,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 ROOT = Path(__file__).resolve().parent.parent
 
-OBJECTS_PER_COLLECTION = 50_000
-"""New objects after which garbage is collected; Python's default is 700."""
-
 MAY_BE_SKIPPED = (
     "keeps real time: ",  # `make test` runs these one after the other, beside all others
     "there is a GPU",
@@ -59,15 +56,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_collection() -> Generator[None, object, object]:
     """Collect tests without a garbage collector, which would find nothing and take two fifths of the time.
 
-    Later it leaves out the imported modules, which stay, and runs less often: compiling a kernel makes many objects and
-    hardly any ring of them, and a collection after each 700 took a tenth of its time.
+    Later it leaves out the imported modules, which stay.
     """
     gc.disable()
     try:
         return (yield)
     finally:
         gc.freeze()
-        gc.set_threshold(OBJECTS_PER_COLLECTION)
         gc.enable()
         if "numba" in sys.modules:
             compile_lightly()

@@ -25,7 +25,8 @@ print(kernel.middle(np.array([3.0, 1.0, 8.0])), sum(kernel.middle.stats.cache_hi
 """
 
 COMPILE = """
-import hashlib, sys
+import gc, hashlib, sys
+from numba.core import event
 from numba.core.compiler import Flags
 if sys.argv[1:] == ["lightly"]:
     from waychair.kernel_cache import compile_lightly
@@ -42,7 +43,16 @@ def inner(value):
 def outer(values):
     return inner(values[0]) / np.empty(3)[0]
 
+class Watch(event.Listener):
+    def on_start(self, event):
+        assert gc.isenabled() == (sys.argv[1:] != ["lightly"])
+
+    def on_end(self, event):
+        pass
+
+event.register("numba:compile", Watch())
 outer(np.ones(3))
+assert gc.isenabled()
 (code,) = outer.inspect_asm().values()
 one, other = Flags(), Flags()
 same = [one == other]
