@@ -13,7 +13,7 @@ from pathlib import Path
 from waychair.errors import BuildingError, OutputError, WaychairError
 from waychair.files import os_error_text, path_exists
 from waychair.maps.building.building import MAPS, Building
-from waychair.maps.building.hgraph import HGraph, NodeRef, inner_end
+from waychair.maps.building.hgraph import Doorway, HGraph, NodeRef, inner_end
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones
 from waychair.maps.editing.addresses import arc_at, ref_of_arc
@@ -156,7 +156,13 @@ def generated(session: Session, storey: str) -> tuple[Draft, str]:
 
 
 def aligned(session: Session, storey: str) -> HGraph:
-    """Return the draft's graph with a storey laid on the others by the lifts that they share."""
+    """Return the draft's graph with a storey laid on the others by the lifts that they share.
+
+    Raises:
+        BuildingError: there is no such storey.
+    """
+    if storey not in session.draft.hgraph.submaps:
+        raise BuildingError(f"there is no storey '{storey}': add it first")
     return aligned_storey(session.building, storey, session.draft.places)
 
 
@@ -270,8 +276,8 @@ def ends_of_arc(draft: Draft, text: str) -> tuple[str, tuple[float, float], tupl
         raise BuildingError(f"the arc is closed: {arc.way.closure.reason}")
     submap = hgraph.submaps[ref.submap]
     start = NodeRef(ref.submap, arc.start)
-    end = inner_end(submap, arc) if hasattr(arc, "child") else NodeRef(ref.submap, arc.end)
-    if getattr(arc, "outwards", False):
+    end = inner_end(submap, arc) if isinstance(arc, Doorway) else NodeRef(ref.submap, arc.end)
+    if isinstance(arc, Doorway) and arc.outwards:
         start, end = end, start
     return hgraph.storey_of(ref.submap), draft.map_point(start), draft.map_point(end)
 
