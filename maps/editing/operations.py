@@ -90,4 +90,4 @@ def _some(addresses: tuple[str, ...], what: str) -> str:
     return addresses[0] if len(addresses) == 1 else f"{len(addresses)} {what}"
 
 
-_BY_NAME = {str(msgspec.inspect.type_info(kind).tag): kind for kind in _DOING}  # type: ignore[union-attr]
+_BY_NAME = {str(kind.__struct_config__.tag): kind for kind in _DOING}

@@ -13,11 +13,12 @@ from waychair.calibration.chair_body import ROBOT, ChairBody
 from waychair.errors import MapError, NoPath, PlanningError
 from waychair.files import is_file
 from waychair.maps.building.building import Building, followed
-from waychair.maps.building.graph_findings import Surroundings
+from waychair.maps.building.graph_findings import Finding, Surroundings
+from waychair.maps.building.hgraph_checks import Checker
 from waychair.maps.building.hgraph_files import read_hgraph
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones
-from waychair.maps.editing.draft import Draft
+from waychair.maps.editing.draft import Draft, zoned
 from waychair.maps.folders.map_files import MAP_YAML, load_map
 from waychair.maps.grid.cells import cells_from_points
 from waychair.planning.building.table_files import TABLES, StaleTables, graph_key, tables_key
@@ -76,7 +77,10 @@ def surroundings(building: Building, body: ChairBody | None = None) -> Surroundi
 
 
 class LiveSurroundings:
-    """The surroundings of a draft: the places and zones are the draft's, drives that were asked for once are remembered.
+    """The surroundings of a draft, and its findings after each edit.
+
+    The places and zones are the draft's; drives that were asked for once are remembered, and so are the findings of
+    sub-maps that have not changed.
 
     Raises as `surroundings`.
     """
@@ -87,6 +91,11 @@ class LiveSurroundings:
         self._zones: dict[str, Sequence[Zone]] = {}
         self._drives: dict[str, _Drives] = {}
         self._known: dict[tuple[str, tuple[float, float], tuple[float, float]], float | None] = {}
+        self._checker = Checker()
+
+    def findings(self, draft: Draft) -> tuple[Finding, ...]:
+        """Return the faults and warnings of a draft, under the rules of its zones."""
+        return self._checker.check(zoned(draft), self.of_draft(draft))
 
     def of_draft(self, draft: Draft) -> Surroundings:
         """Return the surroundings of a draft of this building."""

@@ -20,7 +20,7 @@ from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.errors import BuildingError, WaychairError
 from waychair.files import is_file
 from waychair.maps.building.building import Building, load_building, new_building
-from waychair.maps.building.hgraph_checks import Checker, Finding, Severity
+from waychair.maps.building.hgraph_checks import Finding, Severity
 from waychair.maps.building.hgraph_files import GENERAL
 from waychair.maps.building.indexed import indexed
 from waychair.maps.editing.arc_edits import Operation
@@ -239,7 +239,7 @@ class Session:
 
     def check(self) -> None:
         """Check the draft; `findings` are its faults and warnings."""
-        self.findings: Sequence[Finding] = self._checker.check(zoned(self.draft), self.around.of_draft(self.draft))
+        self.findings: Sequence[Finding] = self.around.findings(self.draft)
 
     def _open(self) -> list[str]:
         """Read the saved building and do the edits of its log again; return those that failed, in words."""
@@ -267,7 +267,6 @@ class Session:
             self.notes += [f"This edit cannot be done any more: {sentence}" for sentence in failed]
         self._saved_at = 0
         self.around = LiveSurroundings(replace(building, hgraph=self._saved.hgraph), self.body)
-        self._checker = Checker()
         self.check()
         self.around.warm_up(self.draft)
         return failed

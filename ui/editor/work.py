@@ -13,7 +13,7 @@ from pathlib import Path
 from waychair.errors import BuildingError, OutputError, WaychairError
 from waychair.files import os_error_text, path_exists
 from waychair.maps.building.building import MAPS, Building
-from waychair.maps.building.hgraph import HGraph, NodeRef, inner_end
+from waychair.maps.building.hgraph import Arc, HGraph, NodeRef, inner_end
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones
 from waychair.maps.editing.addresses import arc_at, ref_of_arc
@@ -36,6 +36,9 @@ MOST_MAPS = 50
 
 ARRIVED_M = 0.15
 """An arc's end is reached so near to it [m]; the heading does not matter."""
+
+BEFORE_M = 1.2
+"""The drive through a door begins so far before it [m], straight on from the room's next node."""
 
 FORMATS = {"geojson": "building.geojson", "rmf": "building.building.yaml", "csv": "building.csv.zip"}
 """Names of exported files by the format that a page asks for."""
@@ -156,7 +159,13 @@ def generated(session: Session, storey: str) -> tuple[Draft, str]:
 
 
 def aligned(session: Session, storey: str) -> HGraph:
-    """Return the draft's graph with a storey laid on the others by the lifts that they share."""
+    """Return the draft's graph with a storey laid on the others by the lifts that they share.
+
+    Raises:
+        BuildingError: there is no such storey.
+    """
+    if storey not in session.draft.hgraph.submaps:
+        raise BuildingError(f"there is no storey '{storey}': add it first")
     return aligned_storey(session.building, storey, session.draft.places)
 
 
@@ -260,20 +269,28 @@ def exported(session: Session, format_: str) -> tuple[str, bytes]:
 def ends_of_arc(draft: Draft, text: str) -> tuple[str, tuple[float, float], tuple[float, float]]:
     """Return an arc's storey and its two ends in the storey's map [m], in the direction in which it may be driven.
 
+    A doorway, whose two sides are at one place, is driven from a point before it to the next node of its room.
+
     Raises:
-        BuildingError: there is no such arc, or a zone or a closure forbids it.
+        BuildingError: there is no such arc, a zone or a closure forbids it, or a door leads to a room without nodes.
     """
     ref = ref_of_arc(text)
     hgraph = zoned(draft)
     arc = arc_at(hgraph, ref)
     if arc.way.closure is not None:
         raise BuildingError(f"the arc is closed: {arc.way.closure.reason}")
-    submap = hgraph.submaps[ref.submap]
-    start = NodeRef(ref.submap, arc.start)
-    end = inner_end(submap, arc) if hasattr(arc, "child") else NodeRef(ref.submap, arc.end)
-    if getattr(arc, "outwards", False):
-        start, end = end, start
-    return hgraph.storey_of(ref.submap), draft.map_point(start), draft.map_point(end)
+    storey, start = hgraph.storey_of(ref.submap), draft.map_point(NodeRef(ref.submap, arc.start))
+    if isinstance(arc, Arc):
+        return storey, start, draft.map_point(NodeRef(ref.submap, arc.end))
+    inner = inner_end(hgraph.submaps[ref.submap], arc)
+    room = hgraph.submaps[inner.submap]
+    behind = [other for each in room.arcs if (other := {each.start: each.end, each.end: each.start}.get(inner.node))]
+    if not behind:
+        raise BuildingError(f"the door {inner} leads to no other node of its room: join it to one first")
+    door, end = draft.map_point(inner), draft.map_point(NodeRef(room.path, behind[0]))
+    far = max(math.dist(door, end), 1e-6)
+    before = (door[0] + BEFORE_M * (door[0] - end[0]) / far, door[1] + BEFORE_M * (door[1] - end[1]) / far)
+    return (storey, end, before) if arc.outwards else (storey, before, end)
 
 
 def drive_along(

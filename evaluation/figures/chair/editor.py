@@ -202,7 +202,8 @@ def _correct(page: Page) -> int:
 def _arrives(folder: Path) -> tuple[bool, str]:
     """Let a simulated chair drive from the entrance to the office on the other storey."""
     building = load_building(folder)
-    planner = RoutePlanner(zoned(draft_of(building)), Method.ASTAR, built=indexed(building.hgraph, time.time_ns()))
+    hgraph = zoned(draft_of(building))
+    planner = RoutePlanner(hgraph, Method.ASTAR, built=indexed(hgraph, time.time_ns()))
     record = drive_in_building(building, planner, planner.node("entrance"), planner.node("office"))
     return record.arrived and not record.contacts, record.why
 

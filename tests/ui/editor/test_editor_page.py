@@ -98,7 +98,7 @@ def test_one_switch_adds_a_node_and_writes_its_name(browser: Browser, session: S
         assert "a" in {node.name for _, node in session.draft.hgraph.nodes() if node.kind is NodeKind.END}
 
 
-@pytest.mark.parametrize("look", ["light", "dark", "at 200 %"])
+@pytest.mark.parametrize("look", ["light", pytest.param("dark", marks=pytest.mark.nightly), "at 200 %"])
 def test_axe_finds_no_fault_and_nothing_is_cut(browser: Browser, session: Session, look: str) -> None:
     from axe_playwright_python.sync_playwright import Axe
 

@@ -91,7 +91,7 @@ def test_a_simulated_chair_drives_an_arc(client: Client) -> None:
     op = {"do": "add_storey", "id": "ground", "name": "", "height": 0.0, "map": "maps/ground"}
     client.post("storey", op=op)
     client.post("generate", storey="ground")
-    assert "The chair drove it" in client.post("drive", arc="ground/r1:k3>k2")["sentence"]
+    assert "The chair drove it" in client.post("drive", arc="ground:d1>r2:d1")["sentence"]
 
 
 def test_an_imported_building_takes_the_drafts_place_and_undo_brings_that_back(client: Client) -> None:
