@@ -32,6 +32,11 @@ class MeasuredMotion:
         return Twist() if self.odometry is None else self.odometry.twist
 
     @property
+    def wheels(self) -> WheelTicks | None:
+        """The wheels' latest counts; None before the first."""
+        return None if self._wheels is None else self._wheels[1]
+
+    @property
     def twist_covariance(self) -> FloatArray:
         """Covariance (3, 3) of forward speed, lateral speed and turn rate [m^2/s^2, m rad/s^2, rad^2/s^2]."""
         return self._filter.twist_covariance
