@@ -345,7 +345,10 @@ class Lifts:
         return None
 
     def _busy_doorway(self, who: Passenger, known: CallableLift) -> bool:
-        """Return whether a chair or somebody who leaves is near the doorway, so that others wait."""
+        """Return whether a chair is near the doorway, or somebody leaves or is about to, so that others wait."""
+        leaves = (each for each in self._passengers if each.doing is Doing.RIDES and each.lift == who.lift)
+        if any(each.wants == who.stop for each in leaves):
+            return True
         door = known.doors[known.stops[who.stop]].middle
         crowd = self._others(who, known.stops[who.stop], waiting=False)
         return bool(len(crowd) and (np.hypot(crowd[:, 0] - door.x, crowd[:, 1] - door.y) < 1.9).any())
