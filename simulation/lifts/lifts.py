@@ -153,6 +153,14 @@ class Lifts:
         car = self._car(lift)
         return LiftView(self.lifts[lift].stops[car.at], car.ride is not None, car.opened, car.leaf_moved_ns)
 
+    def came_from(self, lift: str) -> str:
+        """Return the level at which a lift's last ride, or its present one, began.
+
+        Raises:
+            WorldError: there is no such lift.
+        """
+        return self.lifts[lift].stops[self._car(lift).came_from]
+
     def note_chair(self, key: str, level: str, pose: Pose2, body: ChairBody) -> None:
         """Take in where a chair is; `key` is its own."""
         before = self._chairs.get(key)
