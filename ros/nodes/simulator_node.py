@@ -197,7 +197,7 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         """Save the chair's pose, so that a restarted simulator continues there, as a real chair would."""
         simulator, s = self._simulator, self.settings
         pose = None if simulator is None else simulator.truth()
-        if pose is None or pose == self._saved_pose:
+        if simulator is None or pose is None or pose == self._saved_pose:
             return
         self._saved_pose = pose
         try:

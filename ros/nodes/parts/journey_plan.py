@@ -11,8 +11,8 @@ from waychair.control.journey.building_legs import sites_of_building
 from waychair.control.journey.journey import Leg
 from waychair.control.journey.lift_site import LiftSite
 from waychair.errors import BuildingError
-from waychair.maps.building.building import Building, full_name, goals, place_of
-from waychair.maps.building.hgraph import NodeRef
+from waychair.maps.building.building import Building, goals, place_of
+from waychair.maps.building.hgraph import NodeRef, full_name
 from waychair.maps.building.zone_rules import with_zones
 from waychair.maps.drawn.zones import load_zones
 from waychair.maps.folders.map_files import load_map
