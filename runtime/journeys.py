@@ -263,8 +263,10 @@ class Traveller:
             self._look(site, state)
             if self.aboard and self._heard.door.open_s(state.stamp_ns) >= SEEN_OPEN_S:
                 self._motion.stands()
-        view = self._view(self.journey, site, state)
-        self.journey, order = step(self.journey, view)
+        view, before = self._view(self.journey, site, state), self.journey
+        self.journey, order = step(before, view)
+        if self.journey.phase is Phase.RIDE and before.phase is not Phase.RIDE:
+            self._chair.doubt_storey(certain=False)
         if self.journey.phase is Phase.RIDE and self._aboard.leg != self.journey.leg and site is not None:
             self._board(self.journey.leg, site, state)
         self._obey(self.journey, order, state)
@@ -291,7 +293,6 @@ class Traveller:
         cabin_from_base = site.cabin.inverse() @ state.map_from_base
         self._aboard = _Aboard(leg, cabin_from_base @ self._chair.odom_from_base.inverse(), self.storey)
         self._motion.begin()
-        self._chair.doubt_storey(certain=False)
 
     def _look(self, site: LiftSite, state: ChairState) -> None:
         """See the lift's door, and what is behind it, in the latest scan."""
