@@ -225,3 +225,28 @@ def test_in_a_lift_no_other_goal_is_taken(site: Site, monkeypatch: pytest.Monkey
     monkeypatch.setattr(Traveller, "aboard", property(lambda self: True))
     with pytest.raises(BuildingError, match="the chair is in a lift: cancel the journey, or wait"):
         site.journeys.make_way()
+
+
+def test_a_storey_without_a_map_or_with_a_map_of_no_building_is_named(site: Site) -> None:
+    from waychair.maps.building.building import load_building
+    from waychair.maps.building.hgraph_files import write_hgraph
+    from waychair.ros.nodes.parts.journey_plan import planned
+
+    folder = site.driver.folder.parents[1]
+    hgraph = load_building(folder).hgraph
+    bare = tuple(replace(each, map="") if each.id == "1" else each for each in hgraph.storeys)
+    write_hgraph(folder, replace(hgraph, storeys=bare))
+    with pytest.raises(BuildingError, match=r"is no place of its storey's map|storey '1' has no map"):
+        planned(folder / "maps" / "g", Pose2(4.0, 0.0), CHAIR_A, StoreyGoal("First/Ward/Bed 1"))
+    with pytest.raises(BuildingError, match="the map belongs to no building"):
+        planned(folder.parent / "map", Pose2(4.0, 0.0), CHAIR_A, StoreyGoal("First/Ward/Bed 1"))
+
+
+def test_the_riders_word_for_the_storey_is_taken_at_rest_and_a_wrong_name_is_told(site: Site) -> None:
+    site.driver.stamp_ns = site.node.now_ns()
+    assert "takes the map of 1" in site.journeys._say_storey("first")
+    with pytest.raises(BuildingError, match="there is no storey 'Cellar': take one of Ground, First"):
+        site.journeys._say_storey("Cellar")
+    site.driver.drives = True
+    with pytest.raises(BuildingError, match="the chair is on its way: cancel the drive first"):
+        site.journeys._say_storey("First")
