@@ -35,6 +35,7 @@ import numpy as np
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.task import Future
 
+from waychair.calibration.chair_body import ChairBody
 from waychair.errors import ConfigError, MapError, MapNotFound, OutputError, WaychairError
 from waychair.geometry import in_space
 from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
@@ -92,7 +93,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         super().__init__("mapper", MapperNodeSettings, arguments=arguments)
         s = self.settings
         calibration = known_chair(s.calibration, s.chair)
-        self._calibration, self._body = calibration, calibration.body
+        self._calibration = calibration
         self._track = OdometryTrack()
         self._waiting: deque[Scan] = deque(maxlen=5)
         self._localisation: tuple[int, Localisation] | None = None
@@ -134,6 +135,10 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         )
         self.every(_HEARTBEAT_HZ, self._repeat)
         self.every(_SAVE_POSE_HZ, self._save_pose)
+
+    @property
+    def _body(self) -> ChairBody:
+        return self._calibration.body
 
     def _begin_map(self) -> MapBuilder:
         """Begin a map, like `waychair map` from a bag of the same drive."""
