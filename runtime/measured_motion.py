@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.speed.wheel_signs import wheel_paths
 from waychair.geometry import arc
 from waychair.slam.localising.localisation import Localisation
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.slam.odometry.tilt import Tilt, TiltFilter
+from waychair.slam.odometry.wheel_counts import wheel_paths
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Twist, WheelTicks
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.safety.supervisor import SupervisorSettings, deflection_of
-from waychair.control.speed.wheel_signs import wheel_paths
+from waychair.slam.odometry.wheel_counts import wheel_paths
 from waychair.types import JoystickInput, WheelTicks
 
 MOVED_M, MOVED_RAD = 0.05, 0.1
