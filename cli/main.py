@@ -51,6 +51,12 @@ app.command(
 app.command("waychair.cli.starting:up_command", name="up", help="Start all ROS 2 nodes of a chair, real or simulated.")
 app.command("waychair.cli.stack_commands:goto_command", name="goto", help="Send the running chair to places.")
 app.command(
+    "waychair.cli.travel_commands:travel_command", name="travel", help="Send the running chair to another storey."
+)
+app.command(
+    "waychair.cli.travel_commands:storey_command", name="storey", help="Tell the running chair which storey it is on."
+)
+app.command(
     "waychair.cli.record_commands:record_command", name="record", help="Record a running chair's topics into a bag."
 )
 app.command(

@@ -38,6 +38,7 @@ from waychair.ros.messages.chair import (
     read_located,
     read_places,
 )
+from waychair.ros.messages.floor import JourneyReport, StoreyGoal, read_journey_state, storey_goal
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_pose_stamped
 from waychair.ros.messages.reports import Report, read_diagnostics
 from waychair.ros.messages.wire import deserialised, native, serialised
@@ -55,7 +56,7 @@ _SETTLED_S = 1.0
 _NODES = ("simulator", "bridge", "mapper", "navigator", "page")
 """The nodes of a chair, in the order of their start."""
 
-_OFFERED_BY = {"cancel": "navigator", "pause": "navigator", "go_on": "navigator"}
+_OFFERED_BY = dict.fromkeys(("cancel", "pause", "go_on", "say_storey"), "navigator")
 """The nodes that offer services; the bridge offers all others."""
 
 _SILENT_S = 3.0
@@ -198,6 +199,40 @@ class ChairClient:
             RosError: the navigator does not answer in time.
         """
         return self._send_goal(native(pose_stamped(self._now_ns(), pose)), timeout_s)
+
+    def travel_to(self, goal: str, storey: str = "", timeout_s: float = 20.0) -> JourneyReport:
+        """Ask for a journey to a goal of the building, by its path or by its name on a storey; it waits for `confirm`.
+
+        Raises:
+            RosError: the navigator does not answer in time, or refuses the goal, with its reason.
+        """
+        before, topic = self.journey(1.0), topics.STOREY_GOAL
+        sender = self.node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
+        if not self._spin_until(lambda: sender.get_subscription_count() > 0, timeout_s):
+            raise RosError(self._silence("navigator", f"does not subscribe to {topic.name}", timeout_s))
+        sender.publish(serialised(storey_goal(StoreyGoal(goal, storey))))
+        if not self._spin_until(lambda: self.journey(0.0).stamp_ns != before.stamp_ns, timeout_s):
+            raise RosError(f"the journey was not planned within {timeout_s:g} s: see `waychair status`")
+        found = self.journey(0.0)
+        if found.phase == "refused":
+            raise RosError(found.sentence)
+        return found
+
+    def journey(self, timeout_s: float = 5.0) -> JourneyReport:
+        """Return the state of the journey; without one within the timeout an empty report."""
+        try:
+            return self._latest(topics.JOURNEY, read_journey_state, timeout_s, "navigator")
+        except RosError:
+            return JourneyReport(0)
+
+    def say_storey(self, storey: str, timeout_s: float = 5.0) -> tuple[bool, str]:
+        """Give the rider's word for the storey on which the chair is; return whether it was taken, and a sentence.
+
+        Raises:
+            RosError: the navigator does not answer in time.
+        """
+        kind = interface_type("waychair_msgs/srv/SayStorey")
+        return self._ask("say_storey", kind, kind.Request(storey=storey), timeout_s)
 
     @property
     def goal_id(self) -> int:

@@ -114,6 +114,20 @@ DRIVE_REQUEST = RosTopic("drive_request", "waychair_msgs/msg/DriveRequest", RELI
 DRIVE_STATE = RosTopic("drive_state", "waychair_msgs/msg/DriveState", RELIABLE, BASE_FRAME)
 PLACES = RosTopic("places", "waychair_msgs/msg/Places", LATCHED, MAP_FRAME)
 
+FLOOR = RosTopic("floor", "waychair_msgs/msg/Floor", LATCHED, MAP_FRAME)
+"""The map in use and its storey, which every node with something of a map follows; the mapper sends it."""
+
+JOURNEY = RosTopic("journey", "waychair_msgs/msg/JourneyState", LATCHED, MAP_FRAME)
+STOREY_GOAL = RosTopic("storey_goal", "waychair_msgs/msg/StoreyGoal", RELIABLE)
+"""A goal on any storey of the building; the action of `TRAVEL` does the same and answers."""
+
+TRAVEL = "travel"
+"""The name of the action waychair_msgs/action/Travel."""
+
+LIFT_REQUESTS = RosTopic("/lift_requests", "rmf_lift_msgs/msg/LiftRequest", Qos(10))
+LIFT_STATES = RosTopic("/lift_states", "rmf_lift_msgs/msg/LiftState", Qos(10))
+"""Requests to the lifts' adapters, and the lifts' states, named as in Open-RMF."""
+
 BUILDING_GRAPH = RosTopic("building_graph", "visualization_msgs/msg/MarkerArray", LATCHED, MAP_FRAME)
 """The graph of the storey whose map the navigator has, if it is one of a building."""
 

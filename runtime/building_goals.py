@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.control.journey.building_legs import legs_of_route
+from waychair.control.journey.journey import Leg
+from waychair.control.journey.lift_site import LiftSite
 from waychair.maps.building.building import goals
 from waychair.maps.building.costs import CLOSED_MM
 from waychair.maps.building.graph_arrays import NO_HEADING
@@ -9,6 +15,7 @@ from waychair.maps.building.hgraph import HGraph, NodeRef, ancestors
 from waychair.planning.building.graph_search import Way
 from waychair.planning.building.hierarchical import RoutePlanner
 from waychair.runtime.chair_port import GoalView
+from waychair.types import Goal, Place
 
 
 def goal_views(planner: RoutePlanner, start: NodeRef | None = None, aside_m: float = 0.0) -> tuple[GoalView, ...]:
@@ -33,6 +40,19 @@ def goal_views(planner: RoutePlanner, start: NodeRef | None = None, aside_m: flo
             lifts = rides_of(planner, planner.way(start, ref))
         found.append(GoalView(name, menu_path(hgraph, ref), seconds, lifts))
     return tuple(found)
+
+
+def legs_to(
+    planner: RoutePlanner, sites: Sequence[LiftSite], body: ChairBody, start: NodeRef, goal: NodeRef, place: Place
+) -> tuple[Leg, ...]:
+    """Return the legs from a node to the place of a goal's node.
+
+    Raises:
+        BuildingError: a lift on the way has no cabin.
+        NoPath: there is no way.
+    """
+    end = Goal(place.pose, place.tolerance_m, place.tolerance_rad)
+    return legs_of_route(planner.hgraph, planner.route(start, goal), sites, body, end)
 
 
 def menu_path(hgraph: HGraph, ref: NodeRef) -> tuple[str, ...]:

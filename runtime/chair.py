@@ -316,6 +316,10 @@ class Chair:
         self._localisation = None
         self._base.change_map(prepared.zones, map_from_base or Pose2())
 
+    def doubt_storey(self, *, certain: bool) -> None:
+        """Note that the chair may leave the storey of its map, or is on it again; a journey's owner begins no drive meanwhile."""
+        self._tell("storey certain" if certain else "storey uncertain")
+
     @property
     def odom_from_base(self) -> Pose2:
         """The chair's pose by wheels and gyro alone, which no change of the map touches."""

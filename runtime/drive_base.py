@@ -97,7 +97,7 @@ class DriveBase:
         watched = Watched(body, s.monitor, calibration.stops, calibration.self_mask)
         self.motion = MeasuredMotion(body, start)
         self._rider = RiderInput(s.supervisor, s.steering)
-        self._fitness, self._pushing = Fitness(body, s.fitness), Pushing(s.supervisor.at_rest)
+        self._fitness, self._pushing = Fitness(body, s.fitness), Pushing(body, s.supervisor.at_rest)
         self._own_parts = OwnParts(body)
         self._monitor = monitor or MonitorInStep(watched)
         self._halts = HaltWatch()
@@ -212,7 +212,7 @@ class DriveBase:
         telemetry, driven = self.bridge.listen(now_ns), self._mode in DRIVEN
         stick = None if telemetry is None else telemetry.joystick
         released = self._sent is not None and not self._sent.active and not driven
-        self.stopped_after_push = self._pushing.update(now_ns, released, stick, self.motion.odometry)
+        self.stopped_after_push = self._pushing.update(now_ns, released, stick, self.motion.wheels)
         self._rider.arming.update(now_ns, stick)
         if not driven:
             self._fitness.settle()

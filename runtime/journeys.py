@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -36,11 +36,11 @@ from waychair.control.safety.stops import Halt
 from waychair.control.safety.supervisor import deflection_of
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
-from waychair.runtime.chair import Chair, ChairState, PreparedStorey
+from waychair.runtime.chair import ChairSettings, ChairState
 from waychair.runtime.drive_base import ChairMessage
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.slam.scan.scan_points import beam_ends
-from waychair.types import DriveMode, ImuSample, OccupancyGrid, Place, Pose2, Scan
+from waychair.types import DriveMode, Goal, ImuSample, OccupancyGrid, Place, Pose2, Scan
 
 PRESS_AGAIN_S = 5.0
 """s; a button is pressed again after this time."""
@@ -65,6 +65,36 @@ class StoreyMap:
     height: float = 0.0
     zones: Sequence[Zone] = ()
     scanned: OccupancyGrid | None = None
+
+
+class TravellingChair(Protocol):
+    """A chair that travels: a `Chair`, or one whose parts are processes of their own. See the methods of `Chair`."""
+
+    @property
+    def settings(self) -> ChairSettings: ...
+    @property
+    def ready(self) -> bool: ...
+    @property
+    def waits(self) -> bool: ...
+    @property
+    def odom_from_base(self) -> Pose2: ...
+    def go(self, goal: Goal, *further: Goal) -> None: ...
+    def confirm(self) -> None: ...
+    def cancel(self) -> None: ...
+    def stop(self) -> None: ...
+    def pause(self) -> bool: ...
+    def go_on(self) -> bool: ...
+    def relocalise(self, map_from_base: Pose2 | None) -> None: ...
+    def doubt_storey(self, *, certain: bool) -> None: ...
+    def prepared_storey(
+        self,
+        grid: OccupancyGrid,
+        places: Mapping[str, Place],
+        zones: Sequence[Zone] = (),
+        scanned: OccupancyGrid | None = None,
+    ) -> Any: ...
+    def change_storey(self, storey: str, prepared: Any, map_from_base: Pose2 | None) -> None: ...
+    def step(self, now_ns: int, messages: Iterable[ChairMessage], other_halts: Iterable[Halt] = ()) -> ChairState: ...
 
 
 class LiftPort(Protocol):
@@ -118,7 +148,7 @@ class Traveller:
 
     def __init__(
         self,
-        chair: Chair,
+        chair: TravellingChair,
         body: ChairBody,
         storeys: Sequence[StoreyMap],
         sites: Iterable[LiftSite],
@@ -130,7 +160,7 @@ class Traveller:
         self._chair, self._body, self._lifts = chair, body, lifts
         self._maps = {each.storey: each for each in storeys}
         self._sites = {(site.lift, site.storey): site for site in sites}
-        self._prepared: dict[str, Future[PreparedStorey]] = {}
+        self._prepared: dict[str, Future[Any]] = {}
         self._worker = worker
         self.storey = storey
         self.journey: Journey | None = None
@@ -207,7 +237,7 @@ class Traveller:
         if self._worker is not None:
             self._prepared[storey] = self._worker.submit(self._chair.prepared_storey, *arguments)
             return
-        done: Future[PreparedStorey] = Future()
+        done: Future[Any] = Future()
         done.set_result(self._chair.prepared_storey(*arguments))
         self._prepared[storey] = done
 
@@ -233,8 +263,10 @@ class Traveller:
             self._look(site, state)
             if self.aboard and self._heard.door.open_s(state.stamp_ns) >= SEEN_OPEN_S:
                 self._motion.stands()
-        view = self._view(self.journey, site, state)
-        self.journey, order = step(self.journey, view)
+        view, before = self._view(self.journey, site, state), self.journey
+        self.journey, order = step(before, view)
+        if self.journey.phase is Phase.RIDE and before.phase is not Phase.RIDE:
+            self._chair.doubt_storey(certain=False)
         if self.journey.phase is Phase.RIDE and self._aboard.leg != self.journey.leg and site is not None:
             self._board(self.journey.leg, site, state)
         self._obey(self.journey, order, state)
@@ -383,6 +415,7 @@ class Traveller:
             self._switch(site.lift, order.switch, journey, state)
         elif order.switch is not None and site is not None:  # the same storey again: only its place is uncertain
             self._chair.relocalise(self._site_pose(site, journey, state))
+            self._chair.doubt_storey(certain=True)
 
     def _press(self, lift: str, storey: str | None, now_ns: int) -> None:
         before = self._pressed

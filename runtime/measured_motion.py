@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.speed.wheel_signs import wheel_paths
 from waychair.geometry import arc
 from waychair.slam.localising.localisation import Localisation
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.slam.odometry.tilt import Tilt, TiltFilter
+from waychair.slam.odometry.wheel_counts import wheel_paths
 from waychair.types import FloatArray, ImuSample, Odometry, Pose2, Twist, WheelTicks
 
 
@@ -30,6 +30,11 @@ class MeasuredMotion:
     def twist(self) -> Twist:
         """The chair's twist as measured by wheels and gyro."""
         return Twist() if self.odometry is None else self.odometry.twist
+
+    @property
+    def wheels(self) -> WheelTicks | None:
+        """The wheels' latest counts; None before the first."""
+        return None if self._wheels is None else self._wheels[1]
 
     @property
     def twist_covariance(self) -> FloatArray:

@@ -13,7 +13,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.journey.building_legs import legs_of_route
 from waychair.control.journey.journey import Leg, Phase
 from waychair.control.safety.stops import Halt
 from waychair.errors import BuildingError, WaychairError
@@ -23,7 +22,7 @@ from waychair.planning.building.hierarchical import RoutePlanner
 from waychair.planning.building.movements import lift_title
 from waychair.planning.building.pose_ends import nearest_node
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
-from waychair.runtime.building_goals import goal_views
+from waychair.runtime.building_goals import goal_views, legs_to
 from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_port import ChairView, GoalView
 from waychair.runtime.drive_base import ChairMessage
@@ -33,7 +32,7 @@ from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World
 from waychair.trials.live_map import LiveMap
 from waychair.trials.travel.journeys import ToldRider, sites_of
-from waychair.types import Goal, Pose2
+from waychair.types import Pose2
 
 MOVED_M = 1.0
 """m; the goals' times are computed anew once the chair is so far from where they were computed last."""
@@ -135,9 +134,7 @@ class LiveJourneys:
             if place is None:
                 raise BuildingError(f"'{goal}' is no place of its storey's map: set the place, or choose another goal")
             start, _ = nearest_node(hgraph, storey, pose, self._costmap(storey))
-            route = self._planner.route(start, ref)
-        end = Goal(place.pose, place.tolerance_m, place.tolerance_rad)
-        return legs_of_route(hgraph, route, self._sites, CHAIR_A, end)
+            return legs_to(self._planner, self._sites, CHAIR_A, start, ref, place)
 
     def ask(self, label: str, legs: Sequence[Leg]) -> None:
         """Note the legs of the journey that waits for the rider's yes, () for a drive on this storey; prepare its maps."""

@@ -305,11 +305,25 @@ def _leave(journey: Journey, view: JourneyView) -> Journey:
         if closes and view.in_cabin and view.drive is Drive.UNDER_WAY and view.at_rest:
             return _again(journey, view, journey.tries)
         return journey
+    if view.in_cabin and _car_leaves(view):  # somebody has called it away: the storey is uncertain again
+        ride = _to(journey, Phase.RIDE, view.now_ns, tries=journey.tries)
+        return replace(ride, leg=max(journey.leg - 1, 0), closed=True)
     if view.drive is Drive.FAILED:
         return (
             _held(journey, view, view.why) if journey.tries >= MOST_TRIES else _again(journey, view, journey.tries + 1)
         )
     return journey
+
+
+def _hold(journey: Journey, view: JourneyView) -> Journey:
+    """Return a held journey; if the car leaves with the chair, the storey is found out again before it goes on."""
+    if journey.resume is Phase.LEAVE and view.in_cabin and _car_leaves(view):
+        return replace(journey, leg=max(journey.leg - 1, 0), resume=Phase.WHICH)
+    return journey
+
+
+def _car_leaves(view: JourneyView) -> bool:
+    return view.riding or view.door.door is Door.CLOSED
 
 
 def _again(journey: Journey, view: JourneyView, tries: int) -> Journey:
@@ -332,7 +346,7 @@ _STEPS = {
     Phase.RELOCALISE: _relocalise,
     Phase.LEAVE: _leave,
     Phase.ARRIVED: _rest,
-    Phase.HELD: _rest,
+    Phase.HELD: _hold,
     Phase.FAILED: _rest,
 }
 

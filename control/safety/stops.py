@@ -208,6 +208,20 @@ _ROWS: tuple[StopReason, ...] = (
         _RELEASE,
     ),
     StopReason(
+        "floor_differs",
+        "the chair's nodes have the maps of different storeys",
+        "wait until they have one map, or restart the node that lacks it, then ask for the goal again",
+        _ENDS,
+        _RELEASE,
+    ),
+    StopReason(
+        "floor_uncertain",
+        "the chair is in a lift or has left one, and its storey is not certain",
+        "wait, or say which storey it is",
+        _ENDS,
+        _RELEASE,
+    ),
+    StopReason(
         "two_commanders",
         "another program commands the chair, too",
         "stop the other publisher of speeds, then ask for the goal again",
@@ -249,7 +263,17 @@ STOPS: Mapping[str, StopReason] = MappingProxyType({stop.id: stop for stop in (*
 """All stops by id."""
 
 BY_MAP_ONLY = frozenset(
-    {"lost", "unplaced", "pose_jump", "pushed", "navigator_silent", "localiser_silent", "page_gone"}
+    {
+        "lost",
+        "unplaced",
+        "pose_jump",
+        "pushed",
+        "navigator_silent",
+        "localiser_silent",
+        "floor_differs",
+        "floor_uncertain",
+        "page_gone",
+    }
 )
 """Ids of stops that concern drives to a goal on a map only; they do not stop a person that steers by a joystick."""
 

@@ -13,8 +13,7 @@ from collections import deque
 
 import numpy as np
 
-from waychair.calibration.chair_body import ChairBody
-from waychair.types import FloatArray, Pose2, Twist, WheelTicks
+from waychair.types import FloatArray, Pose2, Twist
 
 WINDOW_S = 1.2
 """s; the motion of so long is judged."""
@@ -35,17 +34,6 @@ LEAST_GAIN, MOST_GAIN = 0.4, 1.6
 """Range of the chair's gain, alike on both wheels: the speed dial may be turned, too."""
 
 _WAYS = ("", "exchanged", "left", "right", "both", "turned", "left dead", "right dead")
-
-
-def wheel_paths(before: WheelTicks, now: WheelTicks, body: ChairBody) -> tuple[float, float]:
-    """Return the paths [m] of the left and right wheel between two readings; 32-bit counters may wrap."""
-    per_count = math.tau * body.wheel_radius / body.ticks_per_turn
-    half = 1 << 31
-    left, right = (
-        (after - earlier + half) % (2 * half) - half
-        for after, earlier in ((now.left, before.left), (now.right, before.right))
-    )
-    return left * per_count, right * per_count
 
 
 class WheelSigns:

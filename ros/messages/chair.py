@@ -33,7 +33,7 @@ class DriveRequest:
 
     `scan_ns`: stamp of the latest scan used in the decision; 0 for none. `goal`: the goal's pose in map. `stage`, `reason`
     and `plans` are those of `Navigation`. `last_goal`: why the last goal was refused or given up. `furniture` (N, 2) [m]:
-    scan points that look like legs but are on the map, in the base frame at that scan.
+    scan points that look like legs but are on the map, in the base frame at that scan. `floor_revision`: of the navigator's map.
     """
 
     stamp_ns: int
@@ -47,6 +47,7 @@ class DriveRequest:
     plans: int = 0
     furniture: FloatArray = field(default_factory=lambda: np.empty((0, 2)), compare=False)
     last_goal: str = ""
+    floor_revision: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +58,8 @@ class DriveReport:
     why bridge or board ended a drive. `halts`: ids and sentences of the conditions that prevent a drive. `tilt`: the
     chair's roll and pitch [rad]. `scan_ns` and `goal`: from the request that the tick answers. `last_stop`: why the
     last drive ended, or did not begin. `last_goal`: why the navigator refused or gave up the last goal. `countdown_s`: time
-    until the first motion of a confirmed drive, 0 for none. `steered`: a page's joystick drives.
+    until the first motion of a confirmed drive, 0 for none. `steered`: a page's joystick drives. `pushed`: the rider pushes
+    the chair's joystick.
     """
 
     stamp_ns: int
@@ -76,6 +78,7 @@ class DriveReport:
     countdown_s: float = 0.0
     steered: bool = False
     last_goal: str = ""
+    pushed: bool = False
 
     @property
     def driving(self) -> bool:
@@ -113,6 +116,7 @@ def drive_request(request: DriveRequest) -> Any:
         plans=request.plans,
         furniture=np.ascontiguousarray(request.furniture, np.float32).ravel(),
         last_goal=request.last_goal,
+        floor_revision=request.floor_revision,
     )
 
 
@@ -138,6 +142,7 @@ def read_drive_request(message: Any) -> DriveRequest:
         plans=int(message.plans),
         furniture=furniture.reshape(-1, 2),
         last_goal=str(message.last_goal),
+        floor_revision=int(message.floor_revision),
     )
 
 
@@ -160,6 +165,7 @@ def drive_state(report: DriveReport) -> Any:
         last_goal=report.last_goal,
         countdown=report.countdown_s,
         steered=report.steered,
+        pushed=report.pushed,
         halts=[stop_id for stop_id, _ in report.halts],
         halt_texts=[text for _, text in report.halts],
         roll=report.tilt[0],
@@ -192,6 +198,7 @@ def read_drive_state(message: Any) -> DriveReport:
         last_goal=str(message.last_goal),
         countdown_s=float(message.countdown),
         steered=bool(message.steered),
+        pushed=bool(message.pushed),
     )
 
 
@@ -212,10 +219,10 @@ def read_lines(message: Any) -> Lines:
     return Lines(stamp_of(message), holder, float(message.forward), float(message.turn))
 
 
-def localisation(stamp_ns: int, found: Localisation, refused_pose: str = "") -> Any:
+def localisation(stamp_ns: int, found: Localisation, refused_pose: str = "", floor_revision: int = 0) -> Any:
     """Return a waychair_msgs/Localisation; the candidate poses of a lost chair are not sent.
 
-    `refused_pose` tells why the last initial pose was refused.
+    `refused_pose` tells why the last initial pose was refused, `floor_revision` on which map the pose is.
     """
     covariance = np.full(9, np.nan) if found.covariance is None else np.ravel(found.covariance)
     return make(
@@ -230,6 +237,7 @@ def localisation(stamp_ns: int, found: Localisation, refused_pose: str = "") -> 
         covariance=covariance.astype(np.float64),
         jumped=found.jumped,
         refused_pose=refused_pose,
+        floor_revision=floor_revision,
     )
 
 
@@ -252,6 +260,15 @@ def read_localisation(message: Any) -> tuple[int, Localisation]:
         remaining=read_pose(message.remaining),
         jumped=bool(message.jumped),
     )
+
+
+def read_localisation_on_floor(message: Any) -> tuple[int, Localisation, int]:
+    """Return stamp and localisation as `read_localisation`, and the revision of the map on which the pose is.
+
+    Raises:
+        MessageError: as `read_localisation`.
+    """
+    return (*read_localisation(message), int(message.floor_revision))
 
 
 def read_located(message: Any) -> tuple[int, Localisation, str]:

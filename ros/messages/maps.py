@@ -9,6 +9,7 @@ import numpy as np
 
 from waychair.errors import MessageError
 from waychair.recordings.bags.ros_messages import MAP_FRAME, header, make
+from waychair.recordings.bags.ros_transforms import stamp_ns as nanoseconds
 from waychair.ros.messages.motion import pose, read_pose
 from waychair.ros.messages.wire import require_frame
 from waychair.types import UNKNOWN, OccupancyGrid
@@ -16,12 +17,22 @@ from waychair.types import UNKNOWN, OccupancyGrid
 _OCCUPIED = 100
 
 
-def occupancy_grid(stamp_ns: int, grid: OccupancyGrid, frame: str = MAP_FRAME) -> Any:
-    """Return a nav_msgs/OccupancyGrid, row 0 at the lower edge."""
+def occupancy_grid(stamp_ns: int, grid: OccupancyGrid, frame: str = MAP_FRAME, loaded_ns: int = 0) -> Any:
+    """Return a nav_msgs/OccupancyGrid, row 0 at the lower edge; `loaded_ns`: when the map was loaded, 0 while it is made."""
     height, width = grid.cells.shape
     head = header(stamp_ns, frame)
-    info = make("nav_msgs/msg/MapMetaData", head.stamp, grid.resolution, width, height, pose(grid.map_from_grid))
+    loaded = header(loaded_ns, frame).stamp
+    info = make("nav_msgs/msg/MapMetaData", loaded, grid.resolution, width, height, pose(grid.map_from_grid))
     return make("nav_msgs/msg/OccupancyGrid", head, info, np.ascontiguousarray(grid.cells, np.int8).ravel())
+
+
+def read_loaded_grid(message: Any) -> tuple[OccupancyGrid, int]:
+    """Return the grid as `read_occupancy_grid`, and when it was loaded [ns], which is the revision of its floor.
+
+    Raises:
+        MessageError: as `read_occupancy_grid`.
+    """
+    return read_occupancy_grid(message), nanoseconds(message.info.map_load_time)
 
 
 def read_occupancy_grid(message: Any) -> OccupancyGrid:

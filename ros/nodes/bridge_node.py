@@ -5,6 +5,7 @@
 | cmd_vel, drive_request | the navigator's speeds and requests; only fresh ones, and only from the navigator |
 | scan, imu/data, joint_states, battery_state | for odometry, limits and the collision monitor (a process of its own) |
 | localisation | for slow zones; a chair that is not localised does not drive |
+| floor | the map in use; no drive while a node has another one, or while the storey is not certain |
 | stop | the rider's Stop |
 | page_joystick, page_watch, layout_changed | from a page: its joystick, its heartbeat, changed zones |
 
@@ -27,14 +28,14 @@ from __future__ import annotations
 import math
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.safety.stops import Halt, halt
-from waychair.control.safety.supervisor import DRIVEN
+from waychair.control.safety.supervisor import DRIVEN, deflection_of
 from waychair.errors import WaychairError
 from waychair.firmware_bridge.bridge import MAX_AGE_MS
 from waychair.firmware_bridge.heartbeat import Heartbeat
@@ -54,8 +55,9 @@ from waychair.ros.messages.chair import (
     DriveRequest,
     drive_state,
     read_drive_request,
-    read_localisation,
+    read_localisation_on_floor,
 )
+from waychair.ros.messages.floor import Floor, read_floor
 from waychair.ros.messages.motion import pose_with_covariance, read_twist, read_twist_stamped, transform
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_battery, read_imu, read_page_joystick, read_scan, read_wheels
@@ -141,7 +143,8 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self.listen(topics.SCAN, lambda message: read_scan(message, s.scan_frame), self._take_sensor)
         self.listen(_best_effort(topics.BATTERY), read_battery, self._take_sensor, needed=s.fitness.power_monitor)
         self.listen(_best_effort(topics.SEAT), self._read_seat, self._take_sensor, needed=s.fitness.seat_switch)
-        self.listen(topics.LOCALISATION, read_localisation, self._take_localisation)
+        self.listen(topics.LOCALISATION, read_localisation_on_floor, self._take_localisation)
+        self.listen(topics.FLOOR, read_floor, self._take_floor, needed=False)
         if s.enable_stamped_cmd_vel:
             self.listen(
                 topics.STAMPED_COMMAND, read_twist_stamped, self._take_stamped, self._take_invalid_speed, needed=False
@@ -159,9 +162,9 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         self.listen(topics.PAGE_WATCH, lambda message: message, self._take_page_heartbeat, needed=False)
         self.listen(topics.LAYOUT, lambda message: message, self._reload_zones, needed=False)
         self.listen(topics.STOP, lambda message: message, lambda message: self._stop(), needed=False)
-        self._serve("stop", self._stop)
+        self.serve("stop", self._stop)
         self.create_service(interface_type("waychair_msgs/srv/Confirm"), "confirm", self._answer_confirm)
-        self._serve("reset_faults", self._reset)
+        self.serve("reset_faults", self._reset)
         self.every(_WATCH_HZ, self._watch)
 
     def _start_log(self) -> BridgeLog | None:
@@ -237,9 +240,19 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         )
         self._publish.transform(transform(odometry.stamp_ns, ODOM_FRAME, BASE_FRAME, in_space(pose)))
 
-    def _take_localisation(self, located: tuple[int, Localisation]) -> None:
+    def _take_floor(self, told: Floor) -> None:
+        """Take the map in use: of another map its zones, and nothing of the last one's; of the same one its certainty."""
+        before, self._localised.floor = self._localised.floor, told
+        if before is not None and before.revision == told.revision:
+            return
+        self._log_request(f"storey {told.storey}")
+        if before is not None:
+            self._base.change_map((), Pose2())  # it is where the localiser finds it
+        self._reload_zones(None)
+
+    def _take_localisation(self, located: tuple[int, Localisation, int]) -> None:
         """Take the localiser's message; a repeated one is only a heartbeat."""
-        stamp_ns, localisation = located
+        stamp_ns, localisation, self._localised.revision = located
         self._localised.heartbeat.take(localisation)
         self._localised.steady_ns = time.monotonic_ns() - (self.now_ns() - stamp_ns)
         if stamp_ns != self._localised.stamp_ns and not SCAN_RATE.is_stale(
@@ -335,6 +348,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             last_goal=request.last_goal,
             countdown_s=self._base.countdown_s(now_ns) or 0.0,
             steered=verdict.steered,
+            pushed=telemetry is not None and not deflection_of(telemetry.joystick) < self.settings.supervisor.override,
         )
         self._publish.state(drive_state(self._drive.report))
 
@@ -345,20 +359,12 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
             halts.append(halt("navigator_silent"))
         if self._localised.heartbeat.is_silent(now_ns) or SCAN_RATE.is_stale(self._localised.steady_ns, now_ns):
             halts.append(halt("localiser_silent"))
+        halts += self._localised.floor_halts(self._request.value.floor_revision if active else None)
         self._commanders.check(now_ns)
         if self._commanders.intruder:
             halts.append(halt("two_commanders", self._commanders.intruder))
         halts += self._page_watch.halts(now_ns)
         return halts
-
-    def _serve(self, name: str, call: Callable[[], tuple[bool, str]]) -> None:
-        """Offer a std_srvs/Trigger service that answers with success and a sentence."""
-
-        def answer(request: Any, response: Any) -> Any:
-            response.success, response.message = call()
-            return response
-
-        self.create_service(interface_type("std_srvs/srv/Trigger"), name, answer)
 
     def _log_request(self, value: str, *goals: Goal) -> None:
         """Record a request in the black box."""
@@ -380,10 +386,12 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
 
     def _reload_zones(self, message: Any) -> None:
         """Load the changed zones."""
-        if not self.settings.map_folder:
+        told = self._localised.floor
+        folder = self.settings.map_folder if told is None else told.map_folder
+        if not folder:
             return
         try:
-            self._base.replace_zones(load_zones(Path(self.settings.map_folder)))
+            self._base.replace_zones(load_zones(Path(folder)))
         except WaychairError:
             return  # the zones stay unchanged; the navigator, which reads the same file, says so
 

@@ -11,10 +11,11 @@
 | map | on change; latched |
 | /tf | map -> odom, at 25 Hz, so that nobody waits for it |
 | localisation, amcl_pose | the pose of each scan, and its reliability |
+| floor | the map in use and its storey, which all nodes follow; latched |
 
-Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs), `reinitialize_global_localization` (std_srvs/Empty), and
-`amcl/get_state` (lifecycle_msgs) for scripts that wait for Nav2's localiser. `load_map` does not change the places and
-zones of the other nodes, which come from the `map_folder` that they were started with.
+Services: `map_server/load_map`, `map_saver/save_map` (nav2_msgs), `reinitialize_global_localization` (std_srvs/Empty),
+`set_floor` (waychair_msgs), and `amcl/get_state` (lifecycle_msgs) for scripts that wait for Nav2's localiser. `load_map` and
+`set_floor` change the map of all nodes, with its places and zones.
 
 With a map it localises, starting from the pose saved by its last run, else by global localisation. Without a map it makes
 one, the same as `waychair map` from a bag of the same drive.
@@ -34,7 +35,8 @@ import numpy as np
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.task import Future
 
-from waychair.errors import ConfigError, MapNotFound, OutputError, WaychairError
+from waychair.calibration.chair_body import ChairBody
+from waychair.errors import ConfigError, MapError, MapNotFound, OutputError, WaychairError
 from waychair.geometry import in_space
 from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
 from waychair.maps.folders.map_files import load_map
@@ -48,15 +50,17 @@ from waychair.ros.messages.maps import occupancy_grid
 from waychair.ros.messages.motion import (
     pose_with_covariance,
     read_odometry,
+    read_pose,
     read_pose_with_covariance,
     transform,
 )
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_imu, read_scan
-from waychair.ros.messages.wire import native
+from waychair.ros.messages.wire import native, plain
 from waychair.ros.node_settings.mapper import MapperNodeSettings
 from waychair.ros.nodes.inputs import CLOCK_ERROR_NS
 from waychair.ros.nodes.node import ChairNode, offer_get_state, run_node
+from waychair.ros.nodes.parts.floor_keeper import FloorKeeper
 from waychair.ros.nodes.parts.known_chair import known_chair
 from waychair.ros.nodes.parts.refusals import Refusals
 from waychair.ros.topics import RosTopic
@@ -89,10 +93,11 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         super().__init__("mapper", MapperNodeSettings, arguments=arguments)
         s = self.settings
         calibration = known_chair(s.calibration, s.chair)
-        self._calibration, self._body = calibration, calibration.body
+        self._calibration = calibration
         self._track = OdometryTrack()
         self._waiting: deque[Scan] = deque(maxlen=5)
         self._localisation: tuple[int, Localisation] | None = None
+        self._floor = FloorKeeper(self, s.pose_file)
         self._refusals = Refusals("initial pose", self.get_logger().error)
         self._saved_pose: Pose2 | None = None
         self._send_map, self._send_pose = self.publisher(topics.MAP), self.publisher(topics.POSE)
@@ -100,7 +105,8 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._localiser: Localiser | None = None
         self._builder: MapBuilder | None = None
         if s.map_folder:
-            self._localise_on(Path(s.map_folder), self._first_pose())
+            folder, certain = self._floor.first(Path(s.map_folder))
+            self._localise_on(folder, self._first_pose(folder), certain=certain)
         else:
             self._builder = self._begin_map()
         odometry, scan = topics.ODOMETRY, topics.SCAN
@@ -117,6 +123,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             needed=False,
         )
         self.create_service(interface_type("nav2_msgs/srv/LoadMap"), "map_server/load_map", self._load)
+        self.create_service(interface_type("waychair_msgs/srv/SetFloor"), "set_floor", self._set_floor)
         self.listen(topics.LAYOUT, lambda message: message, lambda message: self._reload_map(), needed=False)
         self.create_service(
             interface_type("std_srvs/srv/Empty"), "reinitialize_global_localization", self._global_localisation
@@ -128,6 +135,10 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         )
         self.every(_HEARTBEAT_HZ, self._repeat)
         self.every(_SAVE_POSE_HZ, self._save_pose)
+
+    @property
+    def _body(self) -> ChairBody:
+        return self._calibration.body
 
     def _begin_map(self) -> MapBuilder:
         """Begin a map, like `waychair map` from a bag of the same drive."""
@@ -166,8 +177,8 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         message = "" if found.state is LocalisationState.OK else f"the localisation is {found.state.value}"
         yield Report("localisation", levels.get(found.state, DiagnosticLevel.ERROR), message, values)
 
-    def _localise_on(self, folder: Path, start: Pose2 | None) -> None:
-        """Localise on a saved map.
+    def _localise_on(self, folder: Path, start: Pose2 | None, *, certain: bool = True) -> None:
+        """Localise on a saved map, and tell all nodes to use it.
 
         Raises:
             MapError: the map cannot be read.
@@ -177,13 +188,17 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._folder, self._grid = folder, grid
         self._localiser = Localiser(scanned, self._body.base_from_laser, start, self.settings.localiser)
         self._localisation = self._saved_pose = None  # these belong to another map
-        self._send_map(occupancy_grid(self.now_ns(), grid))
+        self._floor.take(folder, certain=certain)
+        self._send_grid()
 
-    def _first_pose(self) -> Pose2 | None:
+    def _send_grid(self) -> None:
+        self._send_map(occupancy_grid(self.now_ns(), self._grid, loaded_ns=self._floor.revision))
+
+    def _first_pose(self, folder: Path) -> Pose2 | None:
         """Return the pose of this node's last run; None: unknown."""
         s = self.settings
         try:
-            return remembered_pose(Path(s.pose_file), Path(s.map_folder)) if s.pose_file else None
+            return remembered_pose(Path(s.pose_file), folder) if s.pose_file else None
         except ConfigError as error:
             self.get_logger().warning(f"{error}; until then the chair localises itself globally")
             return None
@@ -241,7 +256,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             self.get_logger().error(f"{error}; the map stays unchanged")
             return
         self._grid = grid
-        self._send_map(occupancy_grid(self.now_ns(), grid))
+        self._send_grid()
         self.worker.submit(lambda: prepared_map(scanned, self.settings.localiser), localiser.replace_map)
 
     def _take_odometry(self, odometry: Odometry) -> None:
@@ -286,7 +301,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
 
     def _publish(self, stamp_ns: int, found: Localisation) -> None:
         self._localisation = stamp_ns, found
-        self._send_localisation(localisation(stamp_ns, found, self._refusals.last))
+        self._send_localisation(localisation(stamp_ns, found, self._refusals.last, self._floor.revision))
         known = found.covariance is not None and found.state is not LocalisationState.LOST
         covariance = found.covariance if known else _ANYWHERE
         self._send_pose(pose_with_covariance(stamp_ns, found.map_from_base, covariance))
@@ -296,7 +311,7 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         if self._localisation is None:
             return
         stamp_ns, found = self._localisation
-        self._send_localisation(localisation(stamp_ns, found, self._refusals.last))
+        self._send_localisation(localisation(stamp_ns, found, self._refusals.last, self._floor.revision))
         self._send_transform(transform(self.now_ns(), MAP_FRAME, ODOM_FRAME, in_space(found.map_from_odom)))
 
     def _publish_map(self) -> None:
@@ -316,11 +331,26 @@ class MapperNode(ChairNode[MapperNodeSettings]):
             missing = isinstance(error, MapNotFound)
             response.result = response.RESULT_MAP_DOES_NOT_EXIST if missing else response.RESULT_INVALID_MAP_DATA
             return response
-        self.get_logger().warning(
-            f"the map was loaded from {self._folder}; places and zones stay those of each node's map_folder"
-        )
         response.map = native(occupancy_grid(self.now_ns(), self._grid))
         response.result = response.RESULT_SUCCESS
+        return response
+
+    def _set_floor(self, request: Any, response: Any) -> Any:
+        """Serve waychair_msgs/srv/SetFloor."""
+        try:
+            if self._builder is not None:
+                raise MapError("a map is being made: save it, then restart the chair with the other map")
+            if request.map_url:
+                start = read_pose(plain(request.map_from_base)) if request.placed else None
+                self._localise_on(Path(request.map_url.removeprefix("file://")), start, certain=request.certain)
+            else:
+                self._floor.doubt(certain=request.certain)
+        except WaychairError as error:
+            self.get_logger().error(str(error))
+            response.success, response.message = False, str(error)
+        else:
+            response.success, response.message = True, f"the map is that of {self._folder}"
+        response.revision = self._floor.revision
         return response
 
     async def _save(self, request: Any, response: Any) -> Any:

@@ -7,6 +7,7 @@
 | goal_pose; the action navigate_to_pose | the goal; the rider's `confirm` begins the drive |
 | drive_state | the bridge's mode, the command that it sent, and the reason why a drive ended |
 | speed_limit | the largest speed |
+| floor | another map with its places and zones; for journeys over storeys see `Journeys` |
 
 | sends | |
 |---|---|
@@ -21,27 +22,20 @@ that wait for Nav2's node.
 
 from __future__ import annotations
 
-import math
 import sys
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
-from pathlib import Path as FilePath
-from typing import Any
 
-from waychair.control.drive.navigator import Navigation, Stage
-from waychair.control.safety.fitness import SLOW_SPEED, has_valid_reading
+from waychair.control.drive.navigation import ACTIVE, Navigation, Stage
+from waychair.control.safety.fitness import SLOW_SPEED
 from waychair.control.safety.stops import halt
 from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.errors import ConfigError, WaychairError
 from waychair.garbage import leave_out_present
 from waychair.maps.drawn.places import load_places
-from waychair.maps.drawn.zones import Zone, load_zones
-from waychair.maps.folders.map_drawing import DrawnFiles
+from waychair.maps.drawn.zones import load_zones
 from waychair.recordings.bags.ros_messages import make
 from waychair.ros import topics
-from waychair.ros.interface_types import interface_type
-from waychair.ros.messages.camera import CameraPairing
 from waychair.ros.messages.chair import (
     NO_GOAL,
     DriveReport,
@@ -49,9 +43,10 @@ from waychair.ros.messages.chair import (
     drive_request,
     places,
     read_drive_state,
-    read_localisation,
+    read_localisation_on_floor,
 )
-from waychair.ros.messages.maps import read_occupancy_grid
+from waychair.ros.messages.floor import Floor, read_floor
+from waychair.ros.messages.maps import read_loaded_grid
 from waychair.ros.messages.motion import (
     read_odometry,
     read_pose_stamped,
@@ -60,14 +55,24 @@ from waychair.ros.messages.motion import (
     twist_stamped,
 )
 from waychair.ros.messages.reports import DiagnosticLevel, Report
-from waychair.ros.messages.sensors import SonarRing, read_scan
+from waychair.ros.messages.sensors import read_scan
 from waychair.ros.node_settings.navigator import NavigatorNodeSettings
 from waychair.ros.nodes.node import ChairNode, offer_get_state, run_node
 from waychair.ros.nodes.parts.building_routes import BuildingRoutes, DriveNow
+from waychair.ros.nodes.parts.journeys import Journeys
 from waychair.ros.nodes.parts.known_chair import known_chair
-from waychair.ros.nodes.parts.navigate_action import DriveFeedback, NavigateAction, remaining_distance
+from waychair.ros.nodes.parts.navigate_action import NavigateAction, feedback
 from waychair.ros.nodes.parts.navigation_display import NavigationDisplay
+from waychair.ros.nodes.parts.navigator_senses import NavigatorSenses
+from waychair.ros.nodes.parts.navigator_state import (
+    CurrentDrive,
+    Latest,
+    NavigatedBuilding,
+    NavigatorPublishers,
+    first_layout,
+)
 from waychair.ros.nodes.parts.refusals import Refusals
+from waychair.ros.nodes.parts.remote_chair import ChairNow
 from waychair.ros.nodes.parts.tick_phase import TickPhase
 from waychair.runtime.pilot import Pilot
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED
@@ -77,54 +82,14 @@ from waychair.slam.odometry.tilt import Tilt
 from waychair.topics import CAMERA as CAMERA_RATE
 from waychair.topics import COMMAND as COMMAND_RATE
 from waychair.topics import SCAN as SCAN_RATE
-from waychair.types import Goal, OccupancyGrid, Odometry, Place, Pose2, RgbdFrame, Scan, SonarReadings, Twist
+from waychair.types import Goal, OccupancyGrid, Odometry, Pose2, Scan, Twist
 
 _PERIOD_NS = round(1e9 / COMMAND_RATE.rate_hz)
 _FEEDBACK_EVERY = 4  # ticks
-_SONARS = 8
 _DRAWN_HZ = 1.0
 """Rate at which the map's folder is searched for drawings that another program has changed."""
 _SILENT_NS = 500_000_000
 """A drive waits at rest so long for the bridge or the localiser before it ends (F25)."""
-
-
-@dataclass(slots=True)
-class _Layout:
-    """The map with its places and zones; `next_grid` waits for the end of the current drive, `drawn` is their files."""
-
-    places: dict[str, Place]
-    zones: tuple[Zone, ...]
-    grid: OccupancyGrid | None = None
-    next_grid: OccupancyGrid | None = None
-    drawn: DrawnFiles | None = None
-
-
-@dataclass(slots=True)
-class _Latest:
-    """The latest inputs, and the times [ns] of the last ones by the steady clock; `scan_ns` is a scan's stamp."""
-
-    scan: Scan | None = None  # waits for its localisation
-    located: tuple[int, Localisation] | None = None
-    frame: RgbdFrame | None = None  # waits for the next tick
-    state: DriveReport | None = None
-    limit: float = math.inf
-    bridge_ns: int | None = None
-    scan_ns: int = 0  # of the last scan that was used
-    pose_ns: int | None = None  # when the chair's pose was last known
-    camera_ns: int | None = None
-
-
-@dataclass(slots=True)
-class _Drive:
-    """The current goal, the start of its drive by the steady clock, and the number of recoveries before it."""
-
-    goal: Pose2 = field(default_factory=Pose2)
-    goal_id: int = NO_GOAL
-    began_ns: int = 0
-    recoveries: int = 0
-    ticks: int = 0
-    is_open: bool = False  # until its end was noted
-    was_driven: bool = False  # the computer has driven to it
 
 
 class NavigatorNode(ChairNode[NavigatorNodeSettings]):
@@ -134,42 +99,45 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         super().__init__("navigator", NavigatorNodeSettings)
         s = self.settings
         self._calibration = known_chair(s.calibration, s.chair)
-        folder = FilePath(s.map_folder)
-        self._layout = _Layout(load_places(folder), load_zones(folder)) if s.map_folder else _Layout({}, ())
+        self._layout = first_layout(s.map_folder)
         self._pilot: Pilot | None = None
         self._track = OdometryTrack()
-        self._latest, self._drive = _Latest(), _Drive()
+        self._latest, self._drive = Latest(), CurrentDrive()
         self._refusals = Refusals("last goal", self.get_logger().error)
         self._navigation: Navigation | None = None
 
         stamped = s.enable_stamped_cmd_vel
-        self._send_command = self.publisher(topics.STAMPED_COMMAND if stamped else topics.COMMAND)
-        self._send_request = self.publisher(topics.DRIVE_REQUEST)
+        self._publish = NavigatorPublishers(
+            command=self.publisher(topics.STAMPED_COMMAND if stamped else topics.COMMAND),
+            request=self.publisher(topics.DRIVE_REQUEST),
+            places=self.publisher(topics.PLACES),
+            layout=self.publisher(topics.LAYOUT),
+        )
         self._display = NavigationDisplay(self, self._calibration.body)
-        self._send_places = self.publisher(topics.PLACES)
-        self._send_places(places(self.now_ns(), self._layout.places))
+        self._publish.places(places(self.now_ns(), self._layout.places))
         self.listen(topics.LAYOUT, lambda message: message, lambda message: self._reload_layout(), needed=False)
-        if s.map_folder:
-            self._watch_drawing(DrawnFiles(folder))
-        self.listen(topics.MAP, read_occupancy_grid, self._take_map)
+        self.every(_DRAWN_HZ, self._watch_drawing)
+        self.listen(topics.MAP, read_loaded_grid, self._take_map)
+        self.listen(topics.FLOOR, read_floor, self._take_floor, needed=False)
         with_true_stamp = self._calibration.with_true_stamp
         self.listen(topics.ODOMETRY, lambda message: with_true_stamp(read_odometry(message)), self._take_odometry)
-        self.listen(topics.LOCALISATION, read_localisation, self._take_localisation)
+        self.listen(topics.LOCALISATION, read_localisation_on_floor, self._take_localisation)
         self.listen(topics.SCAN, lambda message: with_true_stamp(read_scan(message, s.scan_frame)), self._take_scan)
         self.listen(topics.DRIVE_STATE, read_drive_state, self._take_drive_state)
-        self._listen_to_sonars()
-        if s.camera:
-            self._listen_to_camera()
+        self._senses = NavigatorSenses(self, self, camera=s.camera)
         self.listen(topics.GOAL, read_pose_stamped, self._take_goal, self.refuse, needed=False)
         full_speed = s.limiter.max_speed
         self.listen(
             topics.SPEED_LIMIT, lambda message: read_speed_limit(message, full_speed), self._limit_speed, needed=False
         )
         self._action = NavigateAction(self, self)
-        BuildingRoutes(self, folder if s.map_folder else None, self._calibration.body, self._drive_now)
-        answers = {"cancel": self._answer_cancel, "pause": self._answer_pause, "go_on": self._answer_go_on}
-        for name, answer in answers.items():
-            self.create_service(interface_type("std_srvs/srv/Trigger"), name, answer)
+        self._building = NavigatedBuilding(
+            BuildingRoutes(self, self._layout.folder, self._calibration.body, self._drive_now),
+            Journeys(self, self, self._calibration.body),
+        )
+        self.serve("cancel", self._answer_cancel)
+        self.serve("pause", self._answer_pause)
+        self.serve("go_on", self._answer_go_on)
         offer_get_state("bt_navigator", self, lambda: self._navigation is not None)
         self._phase, self._timer = TickPhase(_PERIOD_NS), self.every(COMMAND_RATE.rate_hz, self._tick)
 
@@ -188,19 +156,35 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
         Raises:
             ConfigError: there is no map yet, or the bridge, the chair's pose or the camera is missing.
+            BuildingError: the chair is in a lift.
+        """
+        self._building.journeys.make_way()
+        self.begin_leg(self._layout.goal_at(goal), goal_id)
+
+    def begin_leg(self, goal: Goal, goal_id: int) -> None:
+        """Start a drive to a goal, of a journey as well.
+
+        Raises:
+            ConfigError: as `begin`.
         """
         if self._pilot is None:
             raise ConfigError("there is no map yet: start the mapper, or wait for it")
         if missing := self._missing_input(time.monotonic_ns()):
             raise ConfigError(missing)
-        self._pilot.go(self._with_tolerances(goal))
-        self._drive.goal, self._drive.goal_id, self._drive.began_ns = goal, goal_id, time.monotonic_ns()
+        assert isinstance(goal.target, Pose2)
+        self._pilot.go(goal)
+        self._drive.goal, self._drive.goal_id, self._drive.began_ns = goal.target, goal_id, time.monotonic_ns()
         self._drive.recoveries = self._pilot.navigator.recovery.begun
         self._drive.is_open, self._drive.was_driven = True, False
         self._refusals.accepted()
 
     def cancel(self) -> None:
-        """Give the goal up and stop; for the action and the service."""
+        """Give the goal up and stop, and the journey that it was part of; for the action and the service."""
+        self._building.journeys.cancel()
+        self.cancel_leg()
+
+    def cancel_leg(self) -> None:
+        """Give the goal up and stop."""
         self._drive.is_open = False
         if self._pilot is not None:
             self._pilot.drop("the drive was cancelled")
@@ -208,13 +192,6 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
     def refuse(self, reason: str) -> None:
         """Answer a goal that cannot be begun, in the log, on /diagnostics and in the request to the bridge."""
         self._refusals.refused(f"a goal was refused: {reason}")
-
-    def _with_tolerances(self, goal: Pose2) -> Goal:
-        """Return the goal, with the tolerances of the place at this pose if there is one."""
-        for place in self._layout.places.values():
-            if math.hypot(place.pose.x - goal.x, place.pose.y - goal.y) < 0.01:
-                return Goal(goal, place.tolerance_m, place.tolerance_rad)
-        return Goal(goal)
 
     def _take_goal(self, goal: Pose2) -> None:
         """Start a drive requested by topic; a waiting client of the action learns that its goal was replaced."""
@@ -224,42 +201,73 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         except WaychairError as error:
             self.refuse(str(error))
 
-    def _answer_cancel(self, request: Any, response: Any) -> Any:
-        active = self._pilot is not None and self._pilot.navigator.active
+    def _answer_cancel(self) -> tuple[bool, str]:
+        active = self._building.journeys.active or (self._pilot is not None and self._pilot.navigator.active)
         self.cancel()
-        response.success, response.message = True, "cancelled" if active else "there was nothing to cancel"
-        return response
+        return True, "cancelled" if active else "there was nothing to cancel"
 
-    def _answer_pause(self, request: Any, response: Any) -> Any:
-        paused = self._pilot is not None and self._pilot.pause()
-        response.success, response.message = paused, PAUSED if paused else NOTHING_TO_PAUSE
-        return response
+    def _answer_pause(self) -> tuple[bool, str]:
+        paused = self._building.journeys.pause() or self.pause_leg()
+        return paused, PAUSED if paused else NOTHING_TO_PAUSE
 
-    def _answer_go_on(self, request: Any, response: Any) -> Any:
-        goes_on = self._pilot is not None and self._pilot.go_on()
-        response.success, response.message = goes_on, GOES_ON if goes_on else NOTHING_PAUSED
-        return response
+    def _answer_go_on(self) -> tuple[bool, str]:
+        goes_on = self._building.journeys.go_on() or self.go_on_leg()
+        return goes_on, GOES_ON if goes_on else NOTHING_PAUSED
+
+    def pause_leg(self) -> bool:
+        """Pause the drive; return whether there is one."""
+        return self._pilot is not None and self._pilot.pause()
+
+    def go_on_leg(self) -> bool:
+        """Continue the drive that was paused, or take the way offered; return whether there is one."""
+        return self._pilot is not None and self._pilot.go_on()
 
     def _limit_speed(self, limit: float) -> None:
         self._latest.limit = limit
 
-    def _take_map(self, grid: OccupancyGrid) -> None:
-        """Use a new map at once, or after the current drive."""
-        self._layout.next_grid = grid
+    def _take_map(self, loaded: tuple[OccupancyGrid, int]) -> None:
+        """Use a new map at once, or after the current drive; that of another floor as soon as the floor is told, too."""
+        self._layout.next_grid, self._layout.loaded_ns = loaded
+        self._follow_floor()
+        self._use_next_map()
+
+    def _take_floor(self, told: Floor) -> None:
+        self._layout.floor = told
+        self._follow_floor()
+
+    def _follow_floor(self) -> None:
+        """Once another floor and its map have come, take the map with its places and zones; a drive under way ends.
+
+        Places or zones that cannot be read leave the node on its last floor, so that no drive begins.
+        """
+        layout = self._layout
+        try:
+            if not layout.follow():
+                return
+        except WaychairError as error:
+            self.get_logger().error(f"{error}; the chair does not drive on this map")
+            return
+        if self._pilot is not None and self._pilot.navigator.active:
+            self._pilot.drop("the chair has got another map: ask for the goal again")
+        assert layout.folder is not None
+        self._latest.located = self._latest.scan = None  # of the last map
+        self._publish.places(places(self.now_ns(), layout.places))
+        self._building.routes.follow(layout.folder)
         self._use_next_map()
 
     def _use_next_map(self) -> None:
-        if self._layout.next_grid is None or (self._pilot is not None and self._pilot.navigator.active):
+        layout = self._layout
+        if layout.next_grid is None or layout.waits or (self._pilot is not None and self._pilot.navigator.active):
             return
-        grid, self._layout.next_grid = self._layout.next_grid, None
-        self._layout.grid = grid
+        grid, layout.next_grid = layout.next_grid, None
+        layout.grid = grid
         self._pilot = pilot = Pilot(
             grid=grid,
-            places=self._layout.places,
+            places=layout.places,
             body=self._calibration.body,
             settings=self.settings,
             stops=self._calibration.stops,
-            zones=self._layout.zones,
+            zones=layout.zones,
         )
         self._show_map(pilot, grid)
         leave_out_present()
@@ -270,9 +278,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _reload_layout(self) -> None:
         """Load changed places and zones; a current drive is replanned with them."""
-        if self._layout.drawn is None:
+        folder = self._layout.folder
+        if self._layout.drawn is None or folder is None:
             return
-        folder = FilePath(self.settings.map_folder)
         self._layout.drawn.note()
         try:
             self._layout.places, self._layout.zones = load_places(folder), load_zones(folder)
@@ -280,20 +288,15 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             self.get_logger().error(f"{error}; places and zones stay unchanged")
             return
         named, zones, pilot, grid = self._layout.places, self._layout.zones, self._pilot, self._layout.grid
-        self._send_places(places(self.now_ns(), named))
+        self._publish.places(places(self.now_ns(), named))
         if pilot is not None and grid is not None:
             self.worker.submit(lambda: pilot.drawn(grid, zones), lambda drawn: pilot.redraw(drawn, named))
             self._show_map(pilot, grid)
 
-    def _watch_drawing(self, drawn: DrawnFiles) -> None:
+    def _watch_drawing(self) -> None:
         """Tell all nodes of places, zones or erased parts that another program has changed, such as `waychair places`."""
-        self._layout.drawn, send_layout = drawn, self.publisher(topics.LAYOUT)
-
-        def watch() -> None:
-            if drawn.changed():
-                send_layout(make("std_msgs/msg/Empty", 0))
-
-        self.every(_DRAWN_HZ, watch)
+        if self._layout.drawn is not None and self._layout.drawn.changed():
+            self._publish.layout(make("std_msgs/msg/Empty", 0))
 
     def _take_odometry(self, odometry: Odometry) -> None:
         if self._track.take(odometry):
@@ -301,9 +304,14 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _take_scan(self, scan: Scan) -> None:
         self._latest.scan = scan
+        self._building.journeys.hear(scan)
         self._pass_scan()
 
-    def _take_localisation(self, located: tuple[int, Localisation]) -> None:
+    def _take_localisation(self, told: tuple[int, Localisation, int]) -> None:
+        stamp_ns, found, revision = told
+        if revision != self._layout.revision:
+            return  # of another floor's map
+        located = stamp_ns, found
         if self._latest.located is None or located[0] != self._latest.located[0]:
             self._latest.located = located
             self._pass_scan()
@@ -317,40 +325,17 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._timer.timer_period_ns = self._phase.message_arrived(time.monotonic_ns())
         self._pilot.see(self._calibration.masked(scan), located[1], self._track.twist)
 
-    def _listen_to_sonars(self) -> None:
-        ring = SonarRing(_SONARS)
-        for k in range(_SONARS):
+    @property
+    def pilot(self) -> Pilot | None:
+        """The pilot on the present map; None before the first map."""
+        return self._pilot
 
-            def read(message: Any, k: int = k) -> SonarReadings | None:
-                return ring.hear(k, message)
+    def tilt(self, stamp_ns: int) -> Tilt | None:
+        """Return the chair's tilt as the bridge reports it; None before its first report."""
+        state = self._latest.state
+        return None if state is None else Tilt(stamp_ns, *state.tilt)
 
-            self.listen(topics.sonar(k), read, self._take_sonars, needed=False)
-
-    def _take_sonars(self, readings: SonarReadings | None) -> None:
-        pose = None if readings is None else self._map_from_base(readings.stamp_ns)
-        if readings is not None and self._pilot is not None and pose is not None:
-            self._pilot.hear(readings, pose)
-
-    def _listen_to_camera(self) -> None:
-        pairing = CameraPairing()
-        self.listen(topics.DEPTH_INFO, lambda message: message, pairing.calibrated, needed=False)
-        self.listen(topics.COLOUR, pairing.colour, self._take_frame, needed=False)
-        self.listen(topics.DEPTH, pairing.depth, self._take_frame, needed=False)
-
-    def _take_frame(self, frame: RgbdFrame | None) -> None:
-        if frame is not None and has_valid_reading(frame):  # a frame without any depth is ignored
-            self._latest.frame, self._latest.camera_ns = self._calibration.with_true_stamp(frame), time.monotonic_ns()
-
-    def _process_camera(self) -> None:
-        """Process the latest camera frame, just after a tick, since it takes much of the time to the next tick."""
-        frame, self._latest.frame = self._latest.frame, None
-        pose = None if frame is None else self._map_from_base(frame.stamp_ns)
-        if frame is not None and self._pilot is not None and pose is not None:
-            state = self._latest.state
-            tilt = None if state is None else Tilt(frame.stamp_ns, *state.tilt)
-            self._pilot.look(frame, pose, tilt)
-
-    def _map_from_base(self, stamp_ns: int) -> Pose2 | None:
+    def map_from_base(self, stamp_ns: int) -> Pose2 | None:
         """Return the chair's pose at a stamp; None without current odometry or localisation."""
         odom_from_base = self._track.odom_from_base(stamp_ns)
         if odom_from_base is None or self._latest.located is None:
@@ -375,7 +360,27 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._phase.ticked(time.monotonic_ns())
         self._timer.timer_period_ns = _PERIOD_NS
         self._step()
-        self._process_camera()
+        self._building.journeys.step()
+        self._senses.process_camera()
+
+    def now(self) -> ChairNow:
+        """Return what the node knows of the chair, for a journey."""
+        located, navigator = self._latest.located, None if self._pilot is None else self._pilot.navigator
+        now_ns = self.now_ns()
+        return ChairNow(
+            stamp_ns=now_ns,
+            map_from_base=self.map_from_base(now_ns),
+            odom_from_base=self._track.odom_from_base(now_ns),
+            twist=self._track.twist,
+            localisation=None if located is None else located[1],
+            navigation=Navigation(Stage.IDLE)
+            if navigator is None
+            else Navigation(navigator.stage, reason=navigator.reason),
+            goal_id=self._drive.goal_id,
+            state=self._latest.state,
+            floor=self._layout.floor,
+            revision=self._layout.revision,
+        )
 
     def _step(self) -> None:
         """Make one step of the navigator, and send its request to the bridge, even without a drive.
@@ -384,7 +389,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         it.
         """
         now_ns, steady_ns = self.now_ns(), time.monotonic_ns()
-        pose = self._map_from_base(now_ns)
+        pose = self.map_from_base(now_ns)
         pilot = self._pilot
         missing = self._missing_input(steady_ns)
         if missing and pilot is not None and pilot.navigator.active:
@@ -408,9 +413,9 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._use_next_map()
 
     def _drive_now(self) -> DriveNow:
-        drives = self._drive.was_driven and self._pilot is not None and self._pilot.navigator.active
-        arrived = self._pilot is not None and self._pilot.navigator.stage is Stage.ARRIVED
-        return DriveNow(drives, arrived, self._map_from_base(self.now_ns()))
+        stage = Stage.IDLE if self._pilot is None else self._pilot.navigator.stage
+        drives, arrived = self._drive.was_driven and stage in ACTIVE, stage is Stage.ARRIVED
+        return DriveNow(drives, arrived, self.map_from_base(self.now_ns()))
 
     def _note_end(self) -> None:
         """Note once why a goal was given up, for its sender."""
@@ -424,7 +429,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
     def _request(self, now_ns: int, navigation: Navigation | None = None) -> DriveRequest:
         """Return the request to the bridge from this tick's navigation; without one, only the goal."""
         if self._pilot is None:
-            return DriveRequest(now_ns, last_goal=self._refusals.last)
+            return DriveRequest(now_ns, last_goal=self._refusals.last, floor_revision=self._layout.revision)
         navigator, last = self._pilot.navigator, navigation or self._navigation
         driving = navigator.active and navigation is not None and navigation.driving
         return DriveRequest(
@@ -439,6 +444,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             plans=0 if last is None else last.plans,
             furniture=self._pilot.mapped_legs,
             last_goal=self._refusals.last,
+            floor_revision=self._layout.revision,
         )
 
     def _missing_input(self, now_ns: int) -> str:
@@ -452,7 +458,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _camera_is_silent(self, now_ns: int) -> bool:
         """Return whether a working camera has fallen silent, so that drop-offs go unseen (F13)."""
-        return self._latest.camera_ns is not None and CAMERA_RATE.is_stale(self._latest.camera_ns, now_ns)
+        heard_ns = self._senses.camera_ns
+        return heard_ns is not None and CAMERA_RATE.is_stale(heard_ns, now_ns)
 
     def _scan_is_stale(self, now_ns: int) -> bool:
         """Return whether the last localised scan is too old for driving."""
@@ -466,8 +473,8 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
 
     def _send(self, command: Twist, request: DriveRequest) -> None:
         stamped = self.settings.enable_stamped_cmd_vel
-        self._send_command(twist_stamped(request.stamp_ns, command) if stamped else twist(command))
-        self._send_request(drive_request(request))
+        self._publish.command(twist_stamped(request.stamp_ns, command) if stamped else twist(command))
+        self._publish.request(drive_request(request))
 
     def _update_action(self, pose: Pose2 | None = None) -> None:
         """Send the action's feedback periodically and at the end, and its result at once."""
@@ -475,20 +482,13 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if not self._action.active or self._pilot is None:
             return
         navigator = self._pilot.navigator
-        if not navigator.active or self._drive.ticks % _FEEDBACK_EVERY == 0:
-            self._send_feedback(pose)
+        due = not navigator.active or self._drive.ticks % _FEEDBACK_EVERY == 0
+        if due and pose is not None and self._navigation is not None:
+            recoveries, begun_ns = navigator.recovery.begun - self._drive.recoveries, self._drive.began_ns
+            elapsed_s, max_speed = (time.monotonic_ns() - begun_ns) * 1e-9, self.settings.limiter.max_speed
+            self._action.tell(feedback(pose, self._navigation.path, elapsed_s, recoveries, max_speed))
         if not navigator.active:
             self._action.end(reached=navigator.stage is Stage.ARRIVED, reason=navigator.reason)
-
-    def _send_feedback(self, pose: Pose2 | None) -> None:
-        navigation = self._navigation
-        if pose is None or navigation is None or self._pilot is None:
-            return
-        recoveries = self._pilot.navigator.recovery.begun - self._drive.recoveries
-        left = remaining_distance(navigation.path, pose)
-        elapsed_s = (time.monotonic_ns() - self._drive.began_ns) * 1e-9
-        seconds = left / max(self.settings.limiter.max_speed / 2, 0.05)
-        self._action.tell(DriveFeedback(pose, elapsed_s, seconds, recoveries, left))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -104,6 +104,15 @@ class ChairNode(Node, Generic[S]):
         self._inputs.append(Input(node=self, topic=topic, read=read, take=take, refuse=refuse, needed=needed))
         return self._inputs[-1]
 
+    def serve(self, name: str, call: Callable[[], tuple[bool, str]]) -> None:
+        """Offer a std_srvs/Trigger service that answers with success and a sentence."""
+
+        def answer(request: Any, response: Any) -> Any:
+            response.success, response.message = call()
+            return response
+
+        self.create_service(interface_type("std_srvs/srv/Trigger"), name, answer)
+
     def every(self, rate_hz: float, call: Callable[[], None]) -> Any:
         """Create a timer on the steady clock, which does not follow /clock."""
         return self.create_timer(1.0 / rate_hz, call, clock=self.steady_clock)

@@ -7,6 +7,7 @@
 | servo_camera/... | pictures of the camera on servos, and its angles, with `sensors.servo_camera.rate_hz` above 0 |
 | joint_states | angles of the drive wheels, from their encoders |
 | odom, /tf, /tf_static | unless `publish_base` is off: dead reckoning, and the mounts of the chair's file |
+| lift_states | the lifts of a world of several levels, which move; `lift_requests` call them |
 | ground_truth/odom | the true pose; a driving stack must not subscribe to it |
 | ground_truth/lines | the voltages of the joystick lines, at each change; likewise |
 | /clock | with `use_sim_time` |
@@ -37,6 +38,7 @@ from waychair.recordings.bags.ros_messages import BASE_FRAME, MAP_FRAME, ODOM_FR
 from waychair.ros import topics
 from waychair.ros.description import robot_description
 from waychair.ros.messages.chair import Lines, lines
+from waychair.ros.messages.lifts import LiftRequest, lift_state, read_lift_request
 from waychair.ros.messages.motion import transform
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.messages.sensors import read_joy
@@ -44,9 +46,11 @@ from waychair.ros.messages.servos import pan_tilt_angles, picture_messages, read
 from waychair.ros.mounts import static_transforms
 from waychair.ros.node_settings.simulator import SimulatorNodeSettings
 from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.ros.nodes.parts.simulated_lifts import SimulatedLiftAdapter
 from waychair.runtime.last_pose import remember_pose, remembered_pose
+from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.pacing import PaceMode, Pacer
-from waychair.simulation.plan.world import load_world
+from waychair.simulation.plan.world import World, load_levels
 from waychair.simulation.plant.chair_file import load_chair
 from waychair.simulation.plant.pseudo_terminal import make_link
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
@@ -66,6 +70,9 @@ from waychair.types import (
 )
 
 _SAVE_POSE_HZ = 10.0
+_PASSENGERS = 1
+"""People who travel by the lifts all the time, in a world with people."""
+
 _CLOCK_HZ = 100.0  # messages on /clock, with use_sim_time
 _SLACK_S = 0.04
 """A longer delay is never caught up. While catching up, the board's time would pass without messages from the computer,
@@ -98,6 +105,8 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._uses_sim_time = bool(self.get_parameter("use_sim_time").value)
         self._joystick = self.listen(topics.JOY, read_joy, needed=False)
         self._aim = self.listen(topics.PAN_TILT_COMMAND, read_pan_tilt_command, needed=False)
+        self._lifts: SimulatedLiftAdapter | None = None
+        self.listen(topics.LIFT_REQUESTS, read_lift_request, self._hear_request, needed=False)
         self._saved_pose: Pose2 | None = None
         if self.settings.pose_file:
             self.every(_SAVE_POSE_HZ, self._save_pose)
@@ -131,7 +140,6 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
             simulator = self._build(ends)
             body = simulator.body
             self._odometry = OdometryFilter(body)
-            self._ticks_per_turn = body.ticks_per_turn
             self._began_ns = time.time_ns() - simulator.now_ns
             if self.settings.publish_base:
                 self._send(topics.TF_STATIC, ros_messages.transforms(self._stamp_ns(0), static_transforms(body)))
@@ -145,6 +153,8 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
                 simulator.rider = self._rider(simulator.now_ns)
                 if simulator.settings.servo_camera.rate_hz > 0.0 and simulator.camera_problem is None:
                     self._serve_servo_camera(simulator)
+                for state in () if self._lifts is None else self._lifts.step(self._stamp_ns(simulator.now_ns)):
+                    self._send(topics.LIFT_STATES, lift_state(state))
                 messages = simulator.advance(step_ns)
                 self._publish_lines()
                 if self._uses_sim_time and simulator.now_ns % clock_ns < step_ns:
@@ -157,13 +167,19 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
 
     def _build(self, ends: ExitStack) -> Simulator:
         s, chair = self.settings, load_chair(self.settings.chair)
-        world = load_world(s.world)
-        if s.pose_file and (stood := remembered_pose(Path(s.pose_file), Path(s.world))) is not None:
-            world = replace(world, start=stood)
+        levels = [world if s.people else replace(world, people=()) for world in load_levels(s.world)]
+        world = levels[0]
+        for level in levels if s.pose_file else ():
+            stood = remembered_pose(Path(s.pose_file), _known_as(s.world, level))
+            world = world if stood is None else replace(level, start=stood)
+        moving = len(levels) > 1 and any(level.lifts for level in levels) and s.plant_model == "kinematic"
+        lifts = Lifts(levels, s.seed, _PASSENGERS if s.people else 0) if moving else None
+        if lifts is not None:
+            self._lifts = SimulatedLiftAdapter(lifts, self.get_logger().warning)
         every = with_all_sensors(SimulatorSettings(s.plant_model, chair.plant, chair.mujoco))
         every = s.sensors.over(every)
         settings = every if s.camera else replace(every, camera=replace(every.camera, rate_hz=0.0))
-        simulator = Simulator(world if s.people else replace(world, people=()), chair.body, settings, s.seed)
+        simulator = Simulator(world, chair.body, settings, s.seed, lifts=lifts)
         wiring = board_settings(DriveSetup(world.grid, {}, chair.body, DEFAULT))
         board = self._board = ends.enter_context(_Board(board_program(), wiring))
         simulator.wire(board)
@@ -181,13 +197,17 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         """Save the chair's pose, so that a restarted simulator continues there, as a real chair would."""
         simulator, s = self._simulator, self.settings
         pose = None if simulator is None else simulator.truth()
-        if pose is None or pose == self._saved_pose:
+        if simulator is None or pose is None or pose == self._saved_pose:
             return
         self._saved_pose = pose
         try:
-            remember_pose(Path(s.pose_file), Path(s.world), pose)
+            remember_pose(Path(s.pose_file), _known_as(s.world, simulator.world), pose)
         except OutputError as error:
             self.get_logger().warning(str(error), throttle_duration_sec=60.0)
+
+    def _hear_request(self, request: LiftRequest) -> None:
+        if self._lifts is not None:
+            self._lifts.hear(request)
 
     def _rider(self, now_ns: int) -> JoystickInput:
         """Return the rider's joystick; it springs back when its messages are stale."""
@@ -222,10 +242,10 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._send(topics.IMU, ros_messages.imu(sample))
 
     def _send_wheels(self, ticks: WheelTicks) -> None:
-        self._send(topics.JOINTS, ros_messages.joint_states(ticks, self._ticks_per_turn))
+        assert self._simulator is not None
+        self._send(topics.JOINTS, ros_messages.joint_states(ticks, self._simulator.body.ticks_per_turn))
         if self.settings.publish_base:
             self._send_odometry(self._odometry.update_wheels(ticks))
-        assert self._simulator is not None
         truth, twist = self._simulator.truth(), self._simulator.twist()
         self._send(topics.TRUTH, ros_messages.odometry(ticks.stamp_ns, MAP_FRAME, truth, twist))
 
@@ -282,6 +302,11 @@ _SENDS: Mapping[type, Callable[[SimulatorNode, Any], None]] = {
     SonarReadings: SimulatorNode._send_sonars,
     RgbdFrame: SimulatorNode._send_frame,
 }
+
+
+def _known_as(world: str, level: World) -> Path:
+    """Return the name under which a chair's pose on a level of a world is kept."""
+    return Path(world, level.level) if level.level else Path(world)
 
 
 def _line_values(state: LineState) -> tuple[int, int, int]:

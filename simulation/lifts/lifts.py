@@ -153,6 +153,14 @@ class Lifts:
         car = self._car(lift)
         return LiftView(self.lifts[lift].stops[car.at], car.ride is not None, car.opened, car.leaf_moved_ns)
 
+    def came_from(self, lift: str) -> str:
+        """Return the level at which a lift's last ride, or its present one, began.
+
+        Raises:
+            WorldError: there is no such lift.
+        """
+        return self.lifts[lift].stops[self._car(lift).came_from]
+
     def note_chair(self, key: str, level: str, pose: Pose2, body: ChairBody) -> None:
         """Take in where a chair is; `key` is its own."""
         before = self._chairs.get(key)
@@ -345,7 +353,10 @@ class Lifts:
         return None
 
     def _busy_doorway(self, who: Passenger, known: CallableLift) -> bool:
-        """Return whether a chair or somebody who leaves is near the doorway, so that others wait."""
+        """Return whether a chair is near the doorway, or somebody leaves or is about to, so that others wait."""
+        leaves = (each for each in self._passengers if each.doing is Doing.RIDES and each.lift == who.lift)
+        if any(each.wants == who.stop for each in leaves):
+            return True
         door = known.doors[known.stops[who.stop]].middle
         crowd = self._others(who, known.stops[who.stop], waiting=False)
         return bool(len(crowd) and (np.hypot(crowd[:, 0] - door.x, crowd[:, 1] - door.y) < 1.9).any())

@@ -1,7 +1,10 @@
-"""Encoder counts that continue over a restart of the counter from zero."""
+"""Encoder counts: continued over a restart of the counter from zero, and as paths of the wheels."""
 
 from __future__ import annotations
 
+import math
+
+from waychair.calibration.chair_body import ChairBody
 from waychair.types import WheelTicks
 
 _SILENT_NS = 300_000_000
@@ -39,3 +42,14 @@ class WheelCounts:
 
 def _wrapped(count: int) -> int:
     return (count + _COUNTS // 2) % _COUNTS - _COUNTS // 2
+
+
+def wheel_paths(before: WheelTicks, now: WheelTicks, body: ChairBody) -> tuple[float, float]:
+    """Return the paths [m] of the left and right wheel between two readings; 32-bit counters may wrap."""
+    per_count = math.tau * body.wheel_radius / body.ticks_per_turn
+    half = 1 << 31
+    left, right = (
+        (after - earlier + half) % (2 * half) - half
+        for after, earlier in ((now.left, before.left), (now.right, before.right))
+    )
+    return left * per_count, right * per_count

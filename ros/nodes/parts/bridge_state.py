@@ -7,7 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
+from waychair.control.safety.stops import Halt, halt
 from waychair.ros.messages.chair import NO_GOAL, DriveReport
+from waychair.ros.messages.floor import NO_REVISION, Floor
 from waychair.slam.localising.localisation import Localisation
 from waychair.types import DriveMode
 
@@ -34,12 +36,25 @@ class LastMessage:
 
 @dataclass(slots=True)
 class Localised:
-    """The localiser's heartbeat, and its last new localisation with the scan's stamp by ROS's and the steady clock [ns]."""
+    """The localiser's heartbeat, and its last new localisation with the scan's stamp by ROS's and the steady clock [ns].
+
+    `revision`: of the map on which it localises; `floor`: the map in use, None before it is told.
+    """
 
     heartbeat: LastMessage = field(default_factory=LastMessage)
     last: Localisation | None = None
     stamp_ns: int = 0
     steady_ns: int = -MAX_CLOCK_DIFFERENCE_NS * 1000
+    revision: int = NO_REVISION
+    floor: Floor | None = None
+
+    def floor_halts(self, navigators: int | None) -> list[Halt]:
+        """Return the halts of maps that differ, and of an uncertain storey; `navigators`: revision of its map, None: no goal."""
+        own = NO_REVISION if self.floor is None else self.floor.revision
+        others = {self.revision} if navigators is None else {self.revision, navigators}
+        if others != {own}:
+            return [halt("floor_differs")]
+        return [] if self.floor is None or self.floor.certain else [halt("floor_uncertain")]
 
 
 @dataclass(slots=True)

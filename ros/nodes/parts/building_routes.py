@@ -108,9 +108,14 @@ class BuildingRoutes:
         node.at_end(self._worker.close)
         node.at_end(server.destroy)
         self._load()
-        if folder is not None:
-            node.every(_RECORD_HZ, self._record)
-            node.every(_WATCH_HZ, self._watch)
+        node.every(_RECORD_HZ, self._record)
+        node.every(_WATCH_HZ, self._watch)
+
+    def follow(self, folder: Path) -> None:
+        """Answer for the building of another map folder from now on; the drive that was recorded is forgotten."""
+        if folder != self._folder:
+            self._folder, self._recorded, self._files = folder, _Recorded(), ()
+            self._load()
 
     def _load(self) -> None:
         """Load the building again, in the worker, and publish its graph; if it is damaged, the log says so."""

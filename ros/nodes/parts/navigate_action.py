@@ -158,6 +158,12 @@ class NavigateAction:
         return await ended
 
 
+def feedback(pose: Pose2, path: Path | None, elapsed_s: float, recoveries: int, max_speed: float) -> DriveFeedback:
+    """Return the feedback of a drive along a path, whose remaining time is that at half the largest speed [m/s]."""
+    left = remaining_distance(path, pose)
+    return DriveFeedback(pose, elapsed_s, left / max(max_speed / 2, 0.05), recoveries, left)
+
+
 def remaining_distance(path: Path | None, pose: Pose2) -> float:
     """Return the length [m] of a path from its point nearest to a pose."""
     if path is None or len(path.poses) < 2:

@@ -6,7 +6,6 @@ Messages arrive in the node's executor. Requests of a page come from the web ser
 from __future__ import annotations
 
 import math
-import resource
 import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
@@ -37,6 +36,7 @@ from waychair.ros.messages.chair import (
     read_localisation,
     read_places,
 )
+from waychair.ros.messages.floor import Floor, read_floor
 from waychair.ros.messages.maps import read_occupancy_grid
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_odometry, read_path, read_points
 from waychair.ros.messages.reports import DiagnosticLevel, Report
@@ -45,6 +45,7 @@ from waychair.ros.messages.wire import native
 from waychair.ros.nodes.inputs import DECODING_ERRORS
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.heard_cells import HeardCells
+from waychair.ros.nodes.parts.page_figures import figures
 from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import DriveFacts, next_action, obstacle_of, shown_points
 from waychair.runtime.drawing_port import DrawingPort
@@ -164,6 +165,7 @@ class PagePort(DrawingPort, HeardCells):
         listen(topics.PEOPLE, read_points, self._take_people, needed=False)
         listen(topics.MAP, read_occupancy_grid, self._take_grid, needed=False)
         listen(topics.PLACES, read_places, self._take_places, needed=False)
+        listen(topics.FLOOR, read_floor, self._take_floor, needed=False)
         self._listen_to_cells(self._node, self._calibration.body)
 
     @property
@@ -173,7 +175,8 @@ class PagePort(DrawingPort, HeardCells):
 
     def view(self) -> ChairView:
         """See `ChairPort`."""
-        now_ns, state, located = time.monotonic_ns(), self._received.state, self._received.located
+        got = self._received
+        now_ns, state, located = time.monotonic_ns(), got.state, got.located
         found = None if located is None else located[1]
         lost = found is None or found.state is LocalisationState.LOST
         pose = None if found is None else found.map_from_odom @ self._received.odometry.odom_from_base
@@ -191,7 +194,7 @@ class PagePort(DrawingPort, HeardCells):
             people=self._received.people,
             map_revision=self._received.map_revision,
             layout_revision=self._received.layout_revision,
-            panel=self._figures(),
+            panel=figures(self._node.now_ns(), got.request, got.located, got.state, got.grid),
             free_since_ns=self._story.free_since_ns or None,
         )
         if silent or state is None:
@@ -447,6 +450,18 @@ class PagePort(DrawingPort, HeardCells):
     def _take_people(self, people: FloatArray) -> None:
         self._received.people = people
 
+    def _take_floor(self, told: Floor) -> None:
+        """Draw on the map in use from now on."""
+        if not told.map_folder or Path(told.map_folder) == self._map_folder:
+            return
+        with self._drawing:
+            try:
+                self._map_folder, self._drawings = Path(told.map_folder), DrawingEditor(Path(told.map_folder))
+            except WaychairError as error:
+                self._node.get_logger().error(f"{error}; the page draws on no map")
+                self._drawings = None
+            self._received.layout_revision += 1
+
     def _take_grid(self, grid: OccupancyGrid) -> None:
         self._received.grid = grid
         self._received.map_revision += 1
@@ -467,23 +482,6 @@ class PagePort(DrawingPort, HeardCells):
             self._pictures.latest, self._pictures.problem = None, f"a picture cannot be read: {error}"
             return
         self._pictures.latest, self._pictures.problem = (now_ns, bytes(data)), ""
-
-    def _figures(self) -> dict[str, float]:
-        """Return figures for engineers."""
-        now_ns, state = self._node.now_ns(), self._received.state
-        figures = {
-            "plans of this drive": float(self._received.request.plans),
-            "memory of this page's process, peak [MB]": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
-        }
-        if self._received.located is not None:
-            figures["place, age [ms]"] = (now_ns - self._received.located[0]) * 1e-6
-            figures["share of the scan on walls"] = self._received.located[1].inliers
-        if state is not None:
-            figures["bridge, age [ms]"] = (now_ns - state.stamp_ns) * 1e-6
-            figures["lean, sideways [rad]"], figures["lean, ahead [rad]"] = state.tilt
-        if self._received.grid is not None:
-            figures["cells of the map"] = float(self._received.grid.cells.size)
-        return figures
 
 
 def _stage(text: str) -> Stage:

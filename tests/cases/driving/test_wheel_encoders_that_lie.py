@@ -12,9 +12,10 @@ import pytest
 from tests.runtime.riding import FAR, Ride
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.drive.navigator import Stage
-from waychair.control.speed.wheel_signs import WheelSigns, wheel_paths
+from waychair.control.speed.wheel_signs import WheelSigns
 from waychair.runtime.chair import ChairState
 from waychair.runtime.drive_base import ChairMessage
+from waychair.slam.odometry.wheel_counts import wheel_paths
 from waychair.types import Goal, Pose2, Twist, WheelTicks
 
 TRACK = CHAIR_A.track

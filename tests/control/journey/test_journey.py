@@ -14,6 +14,7 @@ from waychair.control.journey.journey import (
     MAKES_WAY_S,
     MOST_TRIES,
     QUIET_S,
+    RIDES_WITHIN_S,
     Drive,
     Journey,
     JourneyView,
@@ -186,6 +187,50 @@ def test_a_map_that_does_not_fit_is_asked_about() -> None:
 
 def test_a_car_that_is_called_away_before_the_chair_leaves_rides_again() -> None:
     assert after(Phase.RELOCALISE, view(storey="1", door=CLOSED), to="1")[0].phase is Phase.RIDE
+
+
+@pytest.mark.parametrize("away", [{"door": CLOSED}, {"door": OPEN, "riding": True}])
+def test_a_car_that_is_called_away_while_the_chair_waits_to_leave_makes_the_storey_uncertain_again(
+    away: dict[str, object],
+) -> None:
+    inside = {"storey": "1", "in_cabin": True, "clear_of_lift": False}
+    rides, order = after(Phase.LEAVE, view(**inside, **away), leg=1)
+    assert (rides.phase, rides.here.lift, order.goal, order.call) == (Phase.RIDE, "A", None, "1")
+    elsewhere = {"g": 0.0, "1": 0.001, "2": 0.999}
+    at_another, order = step(rides, view(door=OPEN, **inside))
+    assert at_another.phase is Phase.WHICH
+    sent_on, order = step(at_another, view(door=OPEN, chances=elsewhere, **inside))
+    assert (sent_on.phase, order.goal, order.call) == (Phase.RIDE, None, "1")
+
+    held = at(Phase.HELD, resume=Phase.LEAVE, leg=1, why="Stop was pressed")
+    held, order = step(held, view(**inside, **away))
+    assert (held.phase, order.goal) == (Phase.HELD, None)
+    again = go_on(held, 200 * S)
+    assert (again.phase, again.here.lift) == (Phase.WHICH, "A")  # not out of the door of any storey
+
+
+def test_a_lift_that_opens_its_other_door_only_ends_at_rest_with_a_sentence() -> None:
+    inside = {"in_cabin": True, "clear_of_lift": False}
+    rides, order = after(Phase.RIDE, view(door=CLOSED, **inside), since_ns=0, closed=True)
+    assert (rides.phase, order.goal) == (Phase.RIDE, None)
+    late = view(now_ns=round((RIDES_WITHIN_S + 1.0) * S), door=CLOSED, **inside)
+    held, order = step(replace(rides, since_ns=0), late)
+    assert (held.phase, held.resume, order.goal) == (Phase.HELD, Phase.RIDE, None)
+    assert "the lift has not gone to 1: press its button, then go on" in order.sentence
+
+
+def test_a_door_that_closes_on_the_chair_does_not_stop_it_between_the_leaves() -> None:
+    between = {"storey": "1", "drive": Drive.UNDER_WAY, "door": MOVING, "clear_of_lift": False}
+    goes_on, order = after(Phase.LEAVE, view(**between), leg=1)
+    assert (goes_on.phase, order.goal) == (Phase.LEAVE, BED)
+    waits, _ = after(Phase.LEAVE, view(in_cabin=True, **between), leg=1)
+    assert (waits.phase, waits.drives) == (
+        Phase.LEAVE,
+        goes_on.drives + 1,
+    )  # this drive ends, with the chair in the cabin
+    assert (
+        step(waits, view(**{**between, "drive": Drive.NONE, "in_cabin": True}))[1].goal is None
+    )  # until the door rests
 
 
 @pytest.mark.parametrize("phase", [phase for phase in Phase if phase not in (Phase.ARRIVED, Phase.FAILED, Phase.HELD)])

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from waychair.errors import ConfigError, GoalOccupied, NoPath, StartOccupied
-from waychair.types import Pose2
+from waychair.types import Goal, Pose2
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
@@ -129,18 +129,18 @@ def test_the_reported_recoveries_are_those_of_this_drive(ros: Harness) -> None:
 
     told: list[Any] = []
     recovery = SimpleNamespace(begun=3)
+    navigator = SimpleNamespace(recovery=recovery, active=True)
     node: Any = SimpleNamespace(
         settings=NavigatorNodeSettings(),
         _navigation=SimpleNamespace(path=None, plans=9),
-        _pilot=SimpleNamespace(navigator=SimpleNamespace(recovery=recovery), go=lambda goal: None),
-        _action=SimpleNamespace(tell=told.append),
-        _drive=SimpleNamespace(),
+        _pilot=SimpleNamespace(navigator=navigator, go=lambda goal: None),
+        _action=SimpleNamespace(tell=told.append, active=True),
+        _drive=SimpleNamespace(ticks=3),
         _refusals=SimpleNamespace(accepted=lambda: None),
         _missing_input=lambda now_ns: "",
-        _with_tolerances=lambda goal: goal,
     )
-    NavigatorNode.begin(node, Pose2(), 7)
-    NavigatorNode._send_feedback(node, Pose2())
-    recovery.begun += 1
-    NavigatorNode._send_feedback(node, Pose2())
+    NavigatorNode.begin_leg(node, Goal(Pose2()), 7)
+    NavigatorNode._update_action(node, Pose2())
+    recovery.begun, node._drive.ticks = 4, 7
+    NavigatorNode._update_action(node, Pose2())
     assert [progress.recoveries for progress in told] == [0, 1]

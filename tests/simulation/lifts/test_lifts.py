@@ -149,3 +149,14 @@ def test_the_hospital_has_its_storeys_lifts_and_rooms_and_is_drawn_alike() -> No
     again = load_levels("hospital")
     assert all((a.grid.cells == b.grid.cells).all() for a, b in zip(hospital, again, strict=True))
     assert all(world.slopes for world in hospital)
+
+
+def test_passengers_let_others_out_before_they_enter_so_that_no_doorway_is_blocked_for_good() -> None:
+    lifts = Lifts(load_levels("hospital"), seed=101, passengers=3)
+    lifts.step(40_000_000_000)
+    lifts.call("A", "0")
+    came = 0
+    for k in range(40, 160):
+        lifts.step(k * 1_000_000_000)
+        came += lifts.view("A").level == "0" and lifts.view("A").opened == 1.0
+    assert came

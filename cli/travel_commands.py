@@ -1,0 +1,81 @@
+"""Commands for a running chair in a building of several storeys: travel, storey."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from waychair.cli.options.stack_options import ChairAddress
+
+_ADDRESS = ChairAddress()
+
+_ENDED = ("arrived", "failed", "refused")
+
+
+def travel_command(
+    goal: str,
+    /,
+    *,
+    storey: str = "",
+    yes: bool = False,
+    wait: bool = True,
+    timeout: float = 1800.0,
+    address: ChairAddress = _ADDRESS,
+) -> None:
+    """Send the running chair to a goal of its building, by lifts where needed.
+
+    Ctrl-C ends this command, not the journey; `waychair cancel` ends that.
+
+    Parameters
+    ----------
+    goal
+        Path of the goal, such as "First/Ward/Bed 1", or with --storey the name of a place there.
+    storey
+        Id or name of the storey.
+    yes
+        Confirm the journey, too: you watch the chair now.
+    wait
+        Wait until the chair has arrived, and print what it says; --no-wait ends the command once the journey is planned.
+    timeout
+        Time limit in seconds; the journey goes on after it.
+    """
+    from waychair.errors import RosError
+
+    with address.client() as client:
+        said = client.travel_to(goal, storey)
+        print(said.sentence)
+        if yes:
+            begun, why = client.confirm(goal_id=client.drive_state().goal_id)
+            if not begun:
+                raise RosError(f"the journey did not begin: {why}")
+        elif wait:
+            print("waiting for the rider's confirmation: press Drive, or run `waychair confirm`", file=sys.stderr)
+        ends = time.monotonic() + timeout
+        while wait and said.phase not in _ENDED:
+            if time.monotonic() > ends:
+                raise RosError(f"'{goal}' was not reached within {timeout:g} s; the journey goes on: {said.sentence}")
+            client.spin(0.2)
+            now = client.journey()
+            if now != said:
+                asks = f" ({', '.join(now.asks)})" if now.asks else ""
+                print(f"{now.phase}: {now.sentence}{asks}")
+            said = now
+    if wait and said.phase != "arrived":
+        raise RosError(f"'{goal}' was not reached: {said.sentence}")
+
+
+def storey_command(name: str, /, *, address: ChairAddress = _ADDRESS) -> None:
+    """Tell the running chair which storey it is on: when it asks in a lift, or after a restart on another storey.
+
+    Parameters
+    ----------
+    name
+        Id or name of the storey.
+    """
+    from waychair.errors import RosError
+
+    with address.client() as client:
+        done, sentence = client.say_storey(name)
+    if not done:
+        raise RosError(sentence)
+    print(sentence)

@@ -1,0 +1,121 @@
+"""State of the navigator node: the map with what is drawn on it, the latest inputs, and the current drive."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path as FilePath
+from typing import Any
+
+from waychair.maps.drawn.places import load_places
+from waychair.maps.drawn.zones import Zone, load_zones
+from waychair.maps.folders.map_drawing import DrawnFiles
+from waychair.ros.messages.chair import NO_GOAL, DriveReport
+from waychair.ros.messages.floor import NO_REVISION, Floor
+from waychair.ros.nodes.parts.building_routes import BuildingRoutes
+from waychair.ros.nodes.parts.journeys import Journeys
+from waychair.slam.localising.localisation import Localisation
+from waychair.types import Goal, OccupancyGrid, Place, Pose2, Scan
+
+
+@dataclass(slots=True)
+class Layout:
+    """The map in `folder` with its places and zones; `next_grid` waits for the end of the current drive, `drawn` is their files.
+
+    `revision`: of the floor whose map the pilot has. `floor`: the one told last, until its map has come as well; `loaded_ns`:
+    when the map that came last was loaded.
+    """
+
+    places: dict[str, Place]
+    zones: tuple[Zone, ...]
+    folder: FilePath | None = None
+    grid: OccupancyGrid | None = None
+    next_grid: OccupancyGrid | None = None
+    drawn: DrawnFiles | None = None
+    revision: int = NO_REVISION
+    floor: Floor | None = None
+    loaded_ns: int = 0
+
+    @property
+    def waits(self) -> bool:
+        """Whether the map that came last is of a floor that has not been told yet."""
+        return self.floor is not None and self.loaded_ns != self.revision
+
+    def goal_at(self, pose: Pose2) -> Goal:
+        """Return the goal at a pose, with the tolerances of the place there if there is one."""
+        for place in self.places.values():
+            if math.hypot(place.pose.x - pose.x, place.pose.y - pose.y) < 0.01:
+                return Goal(pose, place.tolerance_m, place.tolerance_rad)
+        return Goal(pose)
+
+    def follow(self) -> bool:
+        """Take the floor that was told last once its map has come, too; return whether it is another one.
+
+        Raises:
+            PlaceError, ZoneError: its places or zones are damaged; then nothing changes.
+        """
+        told = self.floor
+        if told is None or told.revision in (self.revision, NO_REVISION) or told.revision != self.loaded_ns:
+            return False
+        folder = FilePath(told.map_folder)
+        self.places, self.zones = load_places(folder), load_zones(folder)
+        self.folder, self.revision, self.drawn = folder, told.revision, DrawnFiles(folder)
+        self.next_grid = self.grid if self.next_grid is None else self.next_grid
+        return True
+
+
+def first_layout(map_folder: str) -> Layout:
+    """Return the layout of the map folder that the node was started with.
+
+    Raises:
+        PlaceError, ZoneError: the places or zones of the map are damaged.
+    """
+    if not map_folder:
+        return Layout({}, ())
+    folder = FilePath(map_folder)
+    return Layout(load_places(folder), load_zones(folder), folder, drawn=DrawnFiles(folder))
+
+
+@dataclass(slots=True)
+class Latest:
+    """The latest inputs, and the times [ns] of the last ones by the steady clock; `scan_ns` is a scan's stamp."""
+
+    scan: Scan | None = None  # waits for its localisation
+    located: tuple[int, Localisation] | None = None
+    state: DriveReport | None = None
+    limit: float = math.inf
+    bridge_ns: int | None = None
+    scan_ns: int = 0  # of the last scan that was used
+    pose_ns: int | None = None  # when the chair's pose was last known
+
+
+@dataclass(slots=True)
+class CurrentDrive:
+    """The current goal, the start of its drive by the steady clock, and the number of recoveries before it."""
+
+    goal: Pose2 = field(default_factory=Pose2)
+    goal_id: int = NO_GOAL
+    began_ns: int = 0
+    recoveries: int = 0
+    ticks: int = 0
+    is_open: bool = False  # until its end was noted
+    was_driven: bool = False  # the computer has driven to it
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatorPublishers:
+    """The functions that publish on the node's topics."""
+
+    command: Callable[[Any], None]
+    request: Callable[[Any], None]
+    places: Callable[[Any], None]
+    layout: Callable[[Any], None]
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatedBuilding:
+    """The building round the map: its routes, and journeys over its storeys."""
+
+    routes: BuildingRoutes
+    journeys: Journeys
