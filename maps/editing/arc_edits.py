@@ -43,7 +43,7 @@ class Operation(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_fie
     """An edit as data: its JSON has the class's tag as `do` and its fields."""
 
 
-class Join(Operation, tag="join"):
+class Join(Operation, frozen=True, tag="join"):
     """Join two nodes: by an arc in one sub-map, by a doorway between a sub-map and its parent or between two rooms."""
 
     one: str
@@ -52,7 +52,7 @@ class Join(Operation, tag="join"):
     width: float | None = None
 
 
-class ChangeArc(Operation, tag="change_arc"):
+class ChangeArc(Operation, frozen=True, tag="change_arc"):
     """Change an arc's or doorway's properties, all of them; None where unknown.
 
     `direction`: "both", "there" (from the first of its two ends as named) or "back". `until`: a time in UTC.
@@ -70,13 +70,13 @@ class ChangeArc(Operation, tag="change_arc"):
     until: str = ""
 
 
-class DeleteArcs(Operation, tag="delete_arcs"):
+class DeleteArcs(Operation, frozen=True, tag="delete_arcs"):
     """Delete arcs and doorways."""
 
     arcs: tuple[str, ...]
 
 
-class SplitArc(Operation, tag="split_arc"):
+class SplitArc(Operation, frozen=True, tag="split_arc"):
     """Put a cross node on an arc, at x, y [m] in its storey's map or in its middle."""
 
     arc: str
@@ -84,7 +84,7 @@ class SplitArc(Operation, tag="split_arc"):
     y: float | None = None
 
 
-class CrossArcs(Operation, tag="cross_arcs"):
+class CrossArcs(Operation, frozen=True, tag="cross_arcs"):
     """Put a cross node where two arcs of one sub-map cross."""
 
     one: str

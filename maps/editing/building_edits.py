@@ -54,14 +54,14 @@ from waychair.maps.editing.node_edits import without_place
 from waychair.types import Pose2
 
 
-class ChangeBuilding(Operation, tag="change_building"):
+class ChangeBuilding(Operation, frozen=True, tag="change_building"):
     """Change the building's name, or what turns, doors and lifts cost (`CostSettings`)."""
 
     name: str | None = None
     costs: dict[str, float] = msgspec.field(default_factory=dict)
 
 
-class AddStorey(Operation, tag="add_storey"):
+class AddStorey(Operation, frozen=True, tag="add_storey"):
     """Add a storey and its sub-map; `map`: its map folder, relative to the building's, which must be there."""
 
     id: str
@@ -70,7 +70,7 @@ class AddStorey(Operation, tag="add_storey"):
     map: str = ""
 
 
-class ChangeStorey(Operation, tag="change_storey"):
+class ChangeStorey(Operation, frozen=True, tag="change_storey"):
     """Change a storey's name and height above the ground [m]."""
 
     id: str
@@ -78,13 +78,13 @@ class ChangeStorey(Operation, tag="change_storey"):
     height: float
 
 
-class DeleteStorey(Operation, tag="delete_storey"):
+class DeleteStorey(Operation, frozen=True, tag="delete_storey"):
     """Delete a storey with its sub-maps and its stops; its map folder stays."""
 
     id: str
 
 
-class AddSubmap(Operation, tag="add_submap"):
+class AddSubmap(Operation, frozen=True, tag="add_submap"):
     """Add a sub-map below another, its origin at x, y [m] in its parent's frame; `storey` where it is not the parent's."""
 
     parent: str
@@ -95,7 +95,7 @@ class AddSubmap(Operation, tag="add_submap"):
     storey: str = ""
 
 
-class ChangeSubmap(Operation, tag="change_submap"):
+class ChangeSubmap(Operation, frozen=True, tag="change_submap"):
     """Change a sub-map's name and its frame in its parent's: x, y [m], theta [rad], scale."""
 
     path: str
@@ -106,20 +106,20 @@ class ChangeSubmap(Operation, tag="change_submap"):
     scale: float
 
 
-class MoveSubmap(Operation, tag="move_submap"):
+class MoveSubmap(Operation, frozen=True, tag="move_submap"):
     """Move a sub-map in the tree, or rename its id: `to` is its new path. Its place in the building stays."""
 
     path: str
     to: str
 
 
-class DeleteSubmap(Operation, tag="delete_submap"):
+class DeleteSubmap(Operation, frozen=True, tag="delete_submap"):
     """Delete a sub-map, everything below it, and the doorways and stops that lead there."""
 
     path: str
 
 
-class SplitSubmap(Operation, tag="split_submap"):
+class SplitSubmap(Operation, frozen=True, tag="split_submap"):
     """Make a room of some nodes of a sub-map: they go into a new child; arcs that lead out become doorways."""
 
     nodes: tuple[str, ...]
@@ -127,13 +127,13 @@ class SplitSubmap(Operation, tag="split_submap"):
     name: str = ""
 
 
-class MergeSubmap(Operation, tag="merge_submap"):
+class MergeSubmap(Operation, frozen=True, tag="merge_submap"):
     """Dissolve a sub-map without children into its parent: its nodes go there, and its doorways become arcs."""
 
     path: str
 
 
-class SetLift(Operation, tag="set_lift"):
+class SetLift(Operation, frozen=True, tag="set_lift"):
     """Add a lift, or change its name, cabin and costs [m]; None where unknown or as the building's."""
 
     id: str
@@ -146,13 +146,13 @@ class SetLift(Operation, tag="set_lift"):
     per_storey: float | None = None
 
 
-class DeleteLift(Operation, tag="delete_lift"):
+class DeleteLift(Operation, frozen=True, tag="delete_lift"):
     """Delete a lift; the nodes in front of its doors become cross nodes."""
 
     id: str
 
 
-class SetStop(Operation, tag="set_stop"):
+class SetStop(Operation, frozen=True, tag="set_stop"):
     """Make a node the stop of a lift on its storey, or change the stop; `cabin`: x, y, theta in the storey's map."""
 
     lift: str
@@ -162,14 +162,14 @@ class SetStop(Operation, tag="set_stop"):
     closed: str = ""
 
 
-class DeleteStop(Operation, tag="delete_stop"):
+class DeleteStop(Operation, frozen=True, tag="delete_stop"):
     """Take a stop out of a lift; its node becomes a cross node."""
 
     lift: str
     at: str
 
 
-class SetBeacon(Operation, tag="set_beacon"):
+class SetBeacon(Operation, frozen=True, tag="set_beacon"):
     """Add a beacon to a sub-map, or move it: its pose x, y, theta in the sub-map's frame, and the node it stands for."""
 
     submap: str
@@ -180,7 +180,7 @@ class SetBeacon(Operation, tag="set_beacon"):
     node: str = ""
 
 
-class DeleteBeacon(Operation, tag="delete_beacon"):
+class DeleteBeacon(Operation, frozen=True, tag="delete_beacon"):
     """Delete a beacon."""
 
     submap: str
@@ -333,7 +333,9 @@ def split_submap(draft: Draft, asked: SplitSubmap) -> Draft:
     if any(door.start in going for door in submap.doorways):
         raise BuildingError("a node with a doorway to another room stays in the corridor: choose other nodes")
     nodes = {key: node for key, node in submap.nodes.items() if key in going}
-    arcs, kept, doors = [], [], list(submap.doorways)
+    arcs: list[Arc] = []
+    kept: list[Arc] = []
+    doors = list(submap.doorways)
     for arc in submap.arcs:
         own = arc.start if arc.start in going else arc.end
         other = arc.end if own == arc.start else arc.start

@@ -116,9 +116,10 @@ class EditLog:
             return None
         lines = read_bytes(self.path, BuildingError).split(b"\n")[:-1]  # what follows the last line feed was cut off
         rows = list(self._rows(lines))
-        if not rows or not isinstance(rows[0].get("base"), str):
+        base = rows[0].get("base") if rows else None
+        if not isinstance(base, str):
             raise BuildingError(f"{self.path} is damaged: its first line must name the building; move it away")
-        return rows[0]["base"], [_entry(row) for row in rows[1:]]
+        return base, [_entry(row) for row in rows[1:]]
 
     def _rows(self, lines: list[bytes]) -> Iterator[dict[str, object]]:
         for number, line in enumerate(lines, start=1):

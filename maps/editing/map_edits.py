@@ -17,7 +17,7 @@ from waychair.maps.editing.node_edits import with_place, without_place
 from waychair.types import Place, Pose2
 
 
-class SetPlace(Operation, tag="set_place"):
+class SetPlace(Operation, frozen=True, tag="set_place"):
     """Add a place to a storey's map, or change it: pose [m, m, rad] and tolerances [m, rad]; None as they are."""
 
     storey: str
@@ -29,14 +29,14 @@ class SetPlace(Operation, tag="set_place"):
     tolerance_rad: float | None = None
 
 
-class DeletePlace(Operation, tag="delete_place"):
+class DeletePlace(Operation, frozen=True, tag="delete_place"):
     """Delete a place of a storey's map."""
 
     storey: str
     name: str
 
 
-class SetZone(Operation, tag="set_zone"):
+class SetZone(Operation, frozen=True, tag="set_zone"):
     """Add a zone to a storey's map, or change it: keep_out, slow (value in m/s) or one_way (value in radians)."""
 
     storey: str
@@ -46,14 +46,14 @@ class SetZone(Operation, tag="set_zone"):
     value: float = 0.0
 
 
-class DeleteZone(Operation, tag="delete_zone"):
+class DeleteZone(Operation, frozen=True, tag="delete_zone"):
     """Delete a zone of a storey's map."""
 
     storey: str
     name: str
 
 
-class Patch(Operation, tag="patch"):
+class Patch(Operation, frozen=True, tag="patch"):
     """Replace texts of the graph and of a generation by relative path, None for those that go; `what` was done, in words.
 
     It holds the outcome of work that cannot be repeated from its arguments alone: a generation, an import, an alignment.

@@ -33,7 +33,7 @@ from waychair.maps.editing.draft import Draft, moved_place
 from waychair.types import Place, Pose2
 
 
-class AddNode(Operation, tag="add_node"):
+class AddNode(Operation, frozen=True, tag="add_node"):
     """Add a node at x, y [m] in its storey's map; `joined` names nodes to join it to. `id`: "" for a free one."""
 
     submap: str
@@ -45,7 +45,7 @@ class AddNode(Operation, tag="add_node"):
     id: str = ""
 
 
-class ChangeNode(Operation, tag="change_node"):
+class ChangeNode(Operation, frozen=True, tag="change_node"):
     """Change a node's kind or name, or its id; a goal's place takes its name, too."""
 
     node: str
@@ -54,7 +54,7 @@ class ChangeNode(Operation, tag="change_node"):
     id: str | None = None
 
 
-class MoveNodes(Operation, tag="move_nodes"):
+class MoveNodes(Operation, frozen=True, tag="move_nodes"):
     """Move nodes by x, y [m] in their storey's map; goals take their places with them."""
 
     nodes: tuple[str, ...]
@@ -62,20 +62,20 @@ class MoveNodes(Operation, tag="move_nodes"):
     y: float
 
 
-class DeleteNodes(Operation, tag="delete_nodes"):
+class DeleteNodes(Operation, frozen=True, tag="delete_nodes"):
     """Delete nodes, the arcs and doorways at them, and the places of goals."""
 
     nodes: tuple[str, ...]
 
 
-class MergeNodes(Operation, tag="merge_nodes"):
+class MergeNodes(Operation, frozen=True, tag="merge_nodes"):
     """Make two nodes of one sub-map one, which keeps the first one's id and place."""
 
     kept: str
     gone: str
 
 
-class SplitNode(Operation, tag="split_node"):
+class SplitNode(Operation, frozen=True, tag="split_node"):
     """Split a node with many arcs: those to one side go to a new node, `apart` metres from it."""
 
     node: str

@@ -218,7 +218,8 @@ def _part_around(costmap: Costmap, one: tuple[float, float], other: tuple[float,
     rows, columns = slice(low[0], high[0]), slice(low[1], high[1])
     corner = grid.map_from_grid @ Pose2(low[1] * grid.resolution, low[0] * grid.resolution)
     part = replace(grid, cells=np.ascontiguousarray(grid.cells[rows, columns]), map_from_grid=corner)
-    prices, clearance = (np.ascontiguousarray(each[rows, columns]) for each in (costmap.prices, costmap.clearance))
+    prices = np.ascontiguousarray(costmap.prices[rows, columns])
+    clearance = np.ascontiguousarray(costmap.clearance[rows, columns])
     barred = None if costmap.barred is None else np.ascontiguousarray(costmap.barred[rows, columns])
     return replace(costmap, grid=part, prices=prices, clearance=clearance, barred=barred, from_zones=None)
 

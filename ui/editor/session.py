@@ -61,6 +61,14 @@ class Session:
         self.folder, self.body = folder, body
         self.notes: list[str] = []
         self.revision = 1
+        self.foreign: Sequence[str] = ()
+        self.findings: Sequence[Finding] = ()
+        self.around: LiveSurroundings
+        self._base: str
+        self._saved: Draft
+        self._saved_at: int
+        self._history: History
+        self._looked: float
         self._lock = threading.RLock()
         self._held = _locked(folder)
         try:
@@ -239,14 +247,14 @@ class Session:
 
     def check(self) -> None:
         """Check the draft; `findings` are its faults and warnings."""
-        self.findings: Sequence[Finding] = self.around.findings(self.draft)
+        self.findings = self.around.findings(self.draft)
 
     def _open(self) -> list[str]:
         """Read the saved building and do the edits of its log again; return those that failed, in words."""
         building = load_building(self.folder)
         self._saved = draft_of(building)
         self._base = self._key()
-        self.foreign: Sequence[str] = ()
+        self.foreign = ()
         self._looked = time.monotonic()
         found = self._log.read()
         self._history, failed = History(self._saved), list[str]()
