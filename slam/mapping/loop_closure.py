@@ -399,6 +399,8 @@ class LoopCloser:
         if search is None:
             return []
         if search.round.waiting:
+            if not search.is_due():
+                return []
             submap = search.round.waiting[0][0]
             if search.round.search(keys.store, keys.poses, self._pyramids, _SUBMAP_LOOKUPS):
                 self.counts["submaps_searched"] += 1

@@ -28,7 +28,9 @@ from waychair.types import FloatArray, IntArray, Pose2
 
 REACH = 2.0  # m; the chair stands within this distance of a pose of the submap
 MAX_BEND = 0.1  # m; the pyramid of a submap whose poses moved further in its own frame is stale
-MAX_SPAN = 40.0  # m; key scans farther from most of their submap lie beyond a jump or a yard, and a pyramid of all is slow
+MAX_SPAN = (
+    40.0  # m; key scans farther from most of their submap lie beyond a jump or a yard, and a pyramid of all is slow
+)
 MOST_KEPT = 20_000_000  # bytes of pyramids; building one again takes a third of the time of searching it
 LARGE = 500_000  # cells; a larger pyramid takes as long to build as to search
 
