@@ -109,7 +109,7 @@ def generate_command(
     from waychair.calibration.chair_body import BODIES
     from waychair.cli.options.arguments import BadArgument
     from waychair.cli.options.messages import sayer
-    from waychair.cli.options.progress import announce_compiling
+    from waychair.cli.options.progress import prepare_kernels
     from waychair.maps.building.building import load_building
     from waychair.planning.building.storey_generation import (
         aligned_storey,
@@ -126,8 +126,7 @@ def generate_command(
             raise BadArgument(f"--lift is '{name}{equals}{place}': give a lift and a place, as A=lift")
     say = sayer(quiet)
     building = load_building(folder)
-    if not quiet:
-        announce_compiling()
+    prepare_kernels(quiet)
     made = generated_storey(building, storey, BODIES[body])
     hgraph = made.building.hgraph
     for name, _, place in stops:

@@ -9,7 +9,7 @@ from cyclopts import App, Parameter
 
 from waychair.cli.options.arguments import BadArgument, PositiveInt
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import announce_compiling, told_share
+from waychair.cli.options.progress import prepare_kernels, told_share
 from waychair.errors import BuildingError
 
 if TYPE_CHECKING:
@@ -158,8 +158,7 @@ def tables_command(folder: Path, /, *, quiet: bool = False) -> None:
     say, now_ns = sayer(quiet), time.time_ns()
     building = _loaded(folder, quiet)
     graph = indexed(with_zones(building), now_ns).graph
-    if not quiet:
-        announce_compiling()
+    prepare_kernels(quiet)
     begun = time.perf_counter()
     tables = BorderTables(graph)
     took = time.perf_counter() - begun
@@ -262,7 +261,7 @@ def bench_command(source: Path, /, *, queries: PositiveInt = 1000, json: bool = 
     from waychair.maps.exchange.floor_csv import NODES
     from waychair.planning.building.method_bench import bench
 
-    announce_compiling()
+    prepare_kernels()
     if is_file(source, BuildingError) or is_file(source / NODES, BuildingError):
         hgraph = read_exchange(source, "", None, SCALE).hgraph
     else:
@@ -299,7 +298,7 @@ def _planner(building: Building, method: str) -> RoutePlanner:
     if method not in list(Method):
         raise BadArgument(f"--method is '{method}': choose {', '.join(Method)}")
     hgraph, now_ns = with_zones(building), time.time_ns()
-    announce_compiling()
+    prepare_kernels()
     built = indexed(hgraph, now_ns)
     if method != Method.TABLES:
         return RoutePlanner(hgraph, Method(method), built=built)

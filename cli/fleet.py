@@ -87,7 +87,7 @@ def simulate_command(
     json
         Print JSON.
     """
-    from waychair.cli.options.progress import announce_compiling
+    from waychair.cli.options.progress import prepare_kernels
     from waychair.planning.fleet.paper.plan_fwpp import Conflicts
     from waychair.simulation.graph_traffic.crowd import RightOfWay
     from waychair.trials.fleet.fleet_coordinated import coordinated_hours
@@ -112,7 +112,7 @@ def simulate_command(
         "fwpp-exact": Conflicts.EXACT,
         "shortest": Conflicts.NONE,
     }
-    announce_compiling()
+    prepare_kernels()
     runs: list[FleetHours] = []
     run_hours = coordinated_hours if planner == "order" else partial(fleet_hours, conflicts=readings[planner])
     for seed in range(seeds):

@@ -31,7 +31,7 @@ def simulate_by_order(
     json: bool,
 ) -> None:
     """Simulate chairs that drive by the coordinator's order, and print their figures; see `fleet simulate`."""
-    from waychair.cli.options.progress import announce_compiling
+    from waychair.cli.options.progress import prepare_kernels
     from waychair.files import write_text
     from waychair.simulation.graph_traffic.crowd import MOST_PEOPLE
     from waychair.trials.fleet.fleet_graph import mean
@@ -42,7 +42,7 @@ def simulate_by_order(
         raise BadArgument(f"{persons} people are impossible; give 0 to {MOST_PEOPLE}")
     stops = Stops() if rule == "chairs" else stops_by_people(graph, persons)
     top = 1 if rule == "flexible" else None
-    announce_compiling()
+    prepare_kernels()
     records: list[Json] = []
     found: list[OrderedHours] = []
     for seed in range(seeds):

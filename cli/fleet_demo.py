@@ -61,10 +61,10 @@ def demo_command(
         )
     from rich.console import Console
 
-    from waychair.cli.options.progress import announce_compiling, stage_bars
+    from waychair.cli.options.progress import prepare_kernels, stage_bars
     from waychair.trials.fleet.fleet_demo import fleet_report, run_fleet_demo, worst_place, write_fleet_report
 
-    announce_compiling()
+    prepare_kernels()
     console = Console(stderr=True, quiet=quiet)
     with _shown(headless, page_port or 0, console) as watcher, stage_bars(console) as show:
         demo = run_fleet_demo(world, chairs, seed, show, watcher)

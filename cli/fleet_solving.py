@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from waychair.cli.options.arguments import BadArgument, NonEmptyPath, NonNegativeInt, PositiveInt
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import announce_compiling
+from waychair.cli.options.progress import prepare_kernels
 
 
 def solve_command(
@@ -65,8 +65,7 @@ def solve_command(
     queries = queries[:agents]
     check_queries(queries, free)
     task = task_of_cells(free, [query.start for query in queries], [query.goal for query in queries])
-    if not quiet:
-        announce_compiling()
+    prepare_kernels(quiet)
     load_kernels()
     found = solved(task, seconds, seed)
     if out is not None:

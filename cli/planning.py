@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from waychair.cli.options.arguments import NonEmptyPath
 from waychair.cli.options.messages import sayer, warnings_unless
-from waychair.cli.options.progress import announce_compiling
+from waychair.cli.options.progress import prepare_kernels
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -80,8 +80,7 @@ def plan_command(
         raise BadArgument(f"--body does not apply to a {SUFFIX} file: omit it")
     settings, comfortable = _planning_settings(config, planner)
     say = sayer(quiet)
-    if not quiet:
-        announce_compiling()
+    prepare_kernels(quiet)
     if scen is not None:
         _plan_scenario(map, scen, settings.planner, json, say)
     elif start is None or goal is None:

@@ -185,10 +185,9 @@ def _driven(simulator: Simulator, waypoints: FloatArray, record: Path | None, pa
     from rich.console import Console
     from rich.progress import Progress
 
-    from waychair.cli.options.progress import announce_compiling, is_drawn, stage_of
+    from waychair.cli.options.progress import is_drawn, prepare_kernels, stage_of
 
-    if not quiet:
-        announce_compiling()
+    prepare_kernels(quiet)
     from waychair.trials.record import drive_route
 
     console = Console(file=sys.stderr, quiet=quiet)

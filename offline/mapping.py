@@ -16,7 +16,7 @@ from typing import Literal
 from waychair import config
 from waychair.config import setting
 from waychair.errors import NoScans, SessionError
-from waychair.files import remove, write_json
+from waychair.files import remove, replacing_together, write_json
 from waychair.maps.folders.depth_layer import save_depth_layer
 from waychair.maps.folders.map_files import save_map
 from waychair.offline.aids import checked_recording
@@ -328,7 +328,7 @@ def _reported(live: LiveMapping, result: MapperResult, source: Recording, cost: 
 
 
 def save_mapping(folder: Path, mapping: Mapping, settings: LiveMappingSettings) -> None:
-    """Write map.pgm, map.yaml, trajectory.tum, graph.g2o, config.yaml, report.json and report.html, each atomically.
+    """Write map.pgm, map.yaml, trajectory.tum, graph.g2o, config.yaml, report.json and report.html, all or none.
 
     With depth images also depth.pgm and depth.yaml; for a recording with scans session.npz, from which a further drive
     can continue. Other files of an earlier map are removed; its places and zones stay (see `map_folders`).
@@ -336,18 +336,21 @@ def save_mapping(folder: Path, mapping: Mapping, settings: LiveMappingSettings) 
     Raises:
         OutputError: the folder cannot be written to.
     """
+    with replacing_together(folder) as aside:
+        write_tum(aside / "trajectory.tum", mapping.result.drive_trajectory)
+        write_g2o(aside / "graph.g2o", mapping.result.key_poses, mapping.result.edges)
+        config.save(settings, aside / "config.yaml")
+        write_json(aside / "report.json", mapping.report)
+        write_mapping_page(aside / "report.html", mapping.report, mapping.grid, mapping.result)
+        save_depth_layer(aside, mapping.depth)
+        save_map(aside, mapping.grid)
+        if mapping.state is not None:
+            save_state(aside, mapping.state)
     if "memory" not in mapping.report and "session" not in mapping.report:
         remove_memory(folder)
-    write_tum(folder / "trajectory.tum", mapping.result.drive_trajectory)
-    write_g2o(folder / "graph.g2o", mapping.result.key_poses, mapping.result.edges)
-    config.save(settings, folder / "config.yaml")
-    write_json(folder / "report.json", mapping.report)
-    write_mapping_page(folder / "report.html", mapping.report, mapping.grid, mapping.result)
-    save_depth_layer(folder, mapping.depth)
-    save_map(folder, mapping.grid)
-    if mapping.state is not None:
-        save_state(folder, mapping.state)
-    else:
+    if mapping.depth is None:
+        save_depth_layer(folder, None)
+    if mapping.state is None:
         remove(folder / SESSION)
     remove_checkpoint(folder)
 

@@ -23,10 +23,16 @@ LINE_EVERY_S = 10.0
 _TELLING = 0.05  # share from which the time left is told: before, kernels are compiled, and it would be hours
 
 
-@cache
-def announce_compiling() -> None:
-    """Say on standard error, at the first kernel that has to be compiled, that this happens once; later calls do nothing."""
+def prepare_kernels(quiet: bool = False) -> None:
+    """Let kernels come from their cache first; say on standard error, unless `quiet`, when the first has to be compiled."""
     load_lightly()
+    if not quiet:
+        _announce_compiling()
+
+
+@cache
+def _announce_compiling() -> None:
+    """Say at the first kernel that has to be compiled that this happens once; later calls do nothing."""
     from numba.core import event
 
     class FirstCompilation(event.Listener):
@@ -98,8 +104,7 @@ def stage_bars(console: Console) -> Iterator[Callable[[str, float], None]]:
     """Yield a callback that shows the progress of each stage, by its name and the share that is done."""
     from rich.progress import Progress
 
-    if not console.quiet:
-        announce_compiling()
+    prepare_kernels(console.quiet)
     with Progress(console=console, transient=True, disable=not is_drawn(console)) as bars:
         stages: dict[str, Callable[[float], None]] = {}
 

@@ -73,19 +73,23 @@ class RecordingOptions:
 
 
 class Stages:
-    """Progress of each stage with its remaining time, and warnings, on standard error."""
+    """Progress of each stage with its remaining time, and warnings, on standard error; without bars nothing is shown."""
 
-    def __init__(self, bar: Progress) -> None:
+    def __init__(self, bar: Progress | None) -> None:
         self._bar = bar
 
     def stage(self, name: str) -> Callable[[float], None]:
         """Add a stage; return the callback for the share (0 to 1) that is done."""
+        if self._bar is None:
+            return lambda share: None
         from waychair.cli.options.progress import stage_of
 
         return stage_of(self._bar, name)
 
     def warn(self, warnings: tuple[str, ...] | list[str]) -> None:
         """Print each warning on a line."""
+        if self._bar is None:
+            return
         for warning in warnings:
             self._bar.console.print(f"warning: {warning}", markup=False, highlight=False, soft_wrap=True)
 
@@ -101,6 +105,12 @@ class Stages:
 @contextmanager
 def stages(quiet: bool) -> Iterator[Stages]:
     """Show progress while the block runs; with `quiet` only errors."""
+    from waychair.cli.options.progress import is_drawn, prepare_kernels
+
+    prepare_kernels(quiet)
+    if quiet:
+        yield Stages(None)
+        return
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -111,10 +121,6 @@ def stages(quiet: bool) -> Iterator[Stages]:
         TimeRemainingColumn,
     )
 
-    from waychair.cli.options.progress import announce_compiling, is_drawn
-
-    if not quiet:
-        announce_compiling()
     columns = (
         TextColumn("{task.description}"),
         BarColumn(),
@@ -122,7 +128,7 @@ def stages(quiet: bool) -> Iterator[Stages]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    console = Console(file=sys.stderr, quiet=quiet)
+    console = Console(file=sys.stderr)
     with Progress(
         *columns,
         TextColumn("so far"),

@@ -78,12 +78,24 @@ class PoseGraphProblem:
         Raises:
             numpy.linalg.LinAlgError: the weighted edges leave nodes loose.
         """
+        return self.innovations_and_volumes(poses, weights, wanted)[0]
+
+    def innovations_and_volumes(
+        self, poses: FloatArray, weights: FloatArray, wanted: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the innovations (K,) of `innovations`, and the volume (K,) [m^2 rad] of the unit ellipsoid of each.
+
+        Raises:
+            numpy.linalg.LinAlgError: the weighted edges leave nodes loose.
+        """
         factor = self._factor(poses, weights)
-        found = np.empty(len(wanted))
+        found, volumes = np.empty(len(wanted)), np.empty(len(wanted))
         for k in range(len(wanted)):
             away, share = self._share(factor, poses, wanted[k : k + 1], 1.0)
-            found[k] = away @ np.linalg.solve(np.eye(3) + share, away)
-        return found
+            expected = np.eye(3) + share
+            found[k] = away @ np.linalg.solve(expected, away)
+            volumes[k] = 4.0 / 3.0 * math.pi * math.sqrt(np.linalg.det(expected))
+        return found, volumes / np.sqrt(np.linalg.det(self.edges.information[wanted]))
 
     def group_innovations(self, poses: FloatArray, weights: FloatArray, groups: Sequence[IntArray]) -> FloatArray:
         """Return the chi-square (K,) of the joint innovation of each group of edges against all other weighted edges.
@@ -172,7 +184,7 @@ class PoseGraphProblem:
             while damping < _MOST_DAMPING:
                 step = _step(structure, diagonal + damping * np.eye(3), below, right)
                 if step is None and not damped:
-                    raise _unsolvable(poses)
+                    raise unsolvable(poses)
                 if step is not None:
                     tried = present.copy()
                     tried[1:] = compose(present[1:], _exponential(step))
@@ -186,7 +198,7 @@ class PoseGraphProblem:
                         break
                 damping *= _DAMPING_STEP
             if not math.isfinite(cost):
-                raise _unsolvable(poses)
+                raise unsolvable(poses)
             least = max(_LEAST_GAIN * before, _LEAST_GAIN)
             if before - cost <= least or (damped and unforeseen <= _FORESEEN * least):
                 break
@@ -203,7 +215,8 @@ def _step(structure: Structure, diagonal: FloatArray, below: FloatArray, right: 
     return step
 
 
-def _unsolvable(poses: FloatArray) -> GraphError:
+def unsolvable(poses: FloatArray) -> GraphError:
+    """Return the error for a graph whose equations are singular."""
     return GraphError(f"the pose graph of {len(poses)} nodes cannot be solved; check the information of its edges")
 
 

@@ -22,8 +22,16 @@ import numpy as np
 from waychair.errors import GraphError
 from waychair.geometry import compose, pose_from_array
 from waychair.slam.graph.edges import Edge, EdgeArrays, EdgeKind, chi_square, edge_arrays
-from waychair.slam.graph.least_squares import PoseGraphProblem, check_graph, is_tree, joined_weights, with_first_pose
+from waychair.slam.graph.least_squares import (
+    PoseGraphProblem,
+    check_graph,
+    is_tree,
+    joined_weights,
+    unsolvable,
+    with_first_pose,
+)
 from waychair.slam.graph.loop_groups import group_cost, loop_groups
+from waychair.slam.graph.loop_sieve import credible_loops, is_too_dense
 from waychair.types import BoolArray, FloatArray, IntArray
 
 LOOP_SCALE = 1.0  # chi-square up to which a loop has full weight (dynamic covariance scaling)
@@ -108,6 +116,8 @@ def solve(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False)
     if is_tree(arrays, len(poses)):
         return Solution(_hung(poses, arrays), np.ones(len(arrays), bool), ())
     problem = PoseGraphProblem(arrays, MATCH_KERNEL)
+    if is_too_dense(arrays, len(poses)):
+        return _sieved(problem, poses, edges, solved_before)
     if not arrays.loop.any():
         return Solution(problem.solve(poses, iterations=MAX_ITERATIONS), ~arrays.loop, ())
     case = _Case(problem, loop_groups(poses, arrays), poses)
@@ -122,16 +132,38 @@ def solve(poses: FloatArray, edges: Sequence[Edge], solved_before: bool = False)
         if (best.weights == 0).sum() > FEW_LOOPS:
             best = _likelier(best, *(partial(_begun_without, case, group) for group in _largest(case, best)))
         best = _without_kernel(case, _heard_by_group(case, best))
-    accepted = best.weights > 0
-    against = chi_square(best.poses, arrays)
+    return _solution(best.poses, edges, arrays, best.weights > 0)
+
+
+def _solution(poses: FloatArray, edges: Sequence[Edge], arrays: EdgeArrays, accepted: BoolArray) -> Solution:
+    """Return the solution with its rejected loops."""
+    against = chi_square(poses, arrays)
     return Solution(
-        best.poses,
+        poses,
         accepted,
         tuple(
             RejectedLoop(edges[k], RejectionReason.CONTRADICTED, float(against[k]), LOOP_LIMIT)
             for k in np.flatnonzero(~accepted).tolist()
         ),
     )
+
+
+def _sieved(problem: PoseGraphProblem, poses: FloatArray, edges: Sequence[Edge], solved_before: bool) -> Solution:
+    """Return the solution of the credible loops and the other edges of a graph that has too many loops to be solved as a whole.
+
+    If that is still too much, the credible loops are taken as they are.
+    """
+    try:
+        begun, kept = credible_loops(problem, poses, solved_before)
+    except np.linalg.LinAlgError as error:
+        raise unsolvable(poses) from error
+    numbers = np.flatnonzero(kept)
+    if is_too_dense(problem.edges.take(numbers), len(poses)):
+        return _solution(begun, edges, problem.edges, kept)
+    found = solve(begun, [edges[k] for k in numbers.tolist()], solved_before)
+    accepted = np.zeros(len(edges), bool)
+    accepted[numbers[found.accepted]] = True
+    return _solution(found.poses, edges, problem.edges, accepted)
 
 
 def chained_poses(poses: FloatArray, edges: Sequence[Edge]) -> FloatArray:

@@ -22,11 +22,12 @@ from waychair.types import FloatArray, IntArray, Pose2
 class KeyGraph:
     """A pose graph whose node k is key scan k."""
 
+    _known_rejected: tuple[Edge, ...] = ()  # of the class, since older sessions were saved without it
+
     def __init__(self) -> None:
         self.store = ScanStore()
         self._graph = PoseGraph()
         self._neighbours: list[set[int]] = []
-        self._rejected_count = 0
         self.kinds: Counter[EdgeKind] = Counter()
         """Number of accepted edges of each kind."""
 
@@ -101,14 +102,22 @@ class KeyGraph:
         self._neighbours[edge.j].add(edge.i)
 
     def _drop_rejected(self) -> None:
-        """Remove rejected loops from the paths through the graph."""
-        if len(self.rejected) == self._rejected_count == 0:
+        """Remove rejected loops from the paths through the graph, and put back those that are accepted again."""
+        known = {id(edge): edge for edge in self._known_rejected}
+        rejected = {id(loop.edge): loop.edge for loop in self.rejected}
+        if rejected.keys() == known.keys():
             return
-        self._rejected_count = len(self.rejected)
-        self._neighbours = [set() for _ in self._neighbours]
-        self.kinds.clear()
-        for edge in self.edges:
-            self._count_edge(edge)
+        self._known_rejected = tuple(rejected.values())
+        for name in known.keys() - rejected.keys():
+            self._count_edge(known[name])
+        arrays = self.edge_arrays
+        low, high = np.minimum(arrays.i, arrays.j), np.maximum(arrays.i, arrays.j)
+        for name in rejected.keys() - known.keys():
+            edge = rejected[name]
+            self.kinds[edge.kind] -= 1
+            if not ((low == min(edge.i, edge.j)) & (high == max(edge.i, edge.j)) & ~arrays.torn).any():
+                self._neighbours[edge.i].discard(edge.j)
+                self._neighbours[edge.j].discard(edge.i)
 
     def for_next_drive(self, renewed: Mapping[int, ScanPoints]) -> KeyGraph:
         """Return a copy for another drive: with the present poses, without rejected loops and optimisation history, and

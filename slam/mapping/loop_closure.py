@@ -62,7 +62,8 @@ _PLACE_REACH, _PLACE_PATH = 12.0, 15.0  # m; key scans this near to a part laid 
 _PLACE_VIEWS, _PART_VIEWS = 30, 20  # key scans of the place and of the part that are compared
 _LEAST_SHARED = 300  # surface points that both must know about
 _LONGEST_REST = 3  # times the length of a round of submaps: where the chair is on new ground, a round finds nothing
-_LOOKUPS = 10_000_000  # points that one piece of a search looks up in a grid, 20 ms
+_LOOKUPS = 10_000_000  # points that one piece of a search by partial overlap looks up in a grid, 20 ms
+_SUBMAP_LOOKUPS = 20_000_000  # points that one piece of a search of a submap looks up, 40 ms
 _MAX_AMBIGUITY = 0.9  # largest ratio of the runner-up's response over the winner's
 
 
@@ -398,8 +399,10 @@ class LoopCloser:
         if search is None:
             return []
         if search.round.waiting:
+            if not search.is_due():
+                return []
             submap = search.round.waiting[0][0]
-            if search.round.search(keys.store, keys.poses, self._pyramids):
+            if search.round.search(keys.store, keys.poses, self._pyramids, _SUBMAP_LOOKUPS):
                 self.counts["submaps_searched"] += 1
                 self._submaps[submap] = True
             return []

@@ -9,6 +9,8 @@ from waychair.slam.scan import partial_overlap as overlap
 from waychair.slam.scan.submap_search import SubmapRound
 from waychair.types import IntArray, Pose2
 
+_LARGE_ROUND = 60  # submaps; of more, not one is searched with each key scan
+
 
 @dataclass(frozen=True, slots=True)
 class LoopCandidate:
@@ -44,10 +46,22 @@ class CandidatesSearch:
 @dataclass(slots=True)
 class SubmapsSearch:
     """A search of submaps for the view of the key scans `recent`, the last of which is at the chair's place; the members
-    of the searched submaps by number, and the edges to the places that hold, of those `tried` when all are searched."""
+    of the searched submaps by number, and the edges to the places that hold, of those `tried` when all are searched.
+
+    `waited` counts the key scans since the last piece."""
 
     recent: list[int]
     submaps: dict[int, IntArray]
     round: SubmapRound
     tried: int = 0
     edges: list[Edge] = field(default_factory=list)
+    waited: int = 0
+
+    def is_due(self) -> bool:
+        """Count a key scan; return whether the next submap is due: in a very large building it is with every second key scan or
+        so, so that the work with each does not grow with the building."""
+        self.waited += 1
+        if self.waited * _LARGE_ROUND < len(self.submaps):
+            return False
+        self.waited = 0
+        return True

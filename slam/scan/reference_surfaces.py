@@ -17,7 +17,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from waychair.slam.scan.scan_points import ScanPoints, ScanStore
-from waychair.types import Bytes, FloatArray, IntArray
+from waychair.types import Bytes, Float32Array, FloatArray, IntArray
 
 Slots: TypeAlias = NDArray[np.int32]
 
@@ -92,18 +92,23 @@ def block_maxima(likelihood: Bytes, count: int) -> Bytes:
     levels = np.empty((count, *likelihood.shape), np.uint8)
     levels[0] = likelihood
     for h in range(1, count):
-        shift, below, here = 2 ** (h - 1), levels[h - 1], levels[h]
-        here[:] = below
-        np.maximum(here[:, :-shift], below[:, shift:], out=here[:, :-shift])
-        below = here.copy()
-        np.maximum(here[:-shift], below[shift:], out=here[:-shift])
+        levels[h] = doubled_blocks(levels[h - 1], 2 ** (h - 1))
     return levels
+
+
+def doubled_blocks(below: Bytes, side: int) -> Bytes:
+    """Return the maxima (H, W) over blocks of twice the side, from those over blocks of `side` cells."""
+    across = below.copy()
+    np.maximum(across[:, :-side], below[:, side:], out=across[:, :-side])
+    here = across.copy()
+    np.maximum(here[:-side], across[side:], out=here[:-side])
+    return here
 
 
 @njit(cache=True)
 def _gather(
-    points: FloatArray,
-    normals: FloatArray,
+    points: Float32Array,
+    normals: Float32Array,
     offsets: IntArray,
     members: IntArray,
     poses: FloatArray,

@@ -19,7 +19,7 @@ from numba import njit
 
 from waychair.geometry import pose_from_array
 from waychair.maps.grid.cells import occupied
-from waychair.slam.scan.reference_surfaces import block_maxima
+from waychair.slam.scan.reference_surfaces import block_maxima, doubled_blocks
 from waychair.types import BoolArray, Bytes, FloatArray, IntArray, OccupancyGrid, Pose2
 
 RESOLUTION = 0.1  # m; default cell of the search; headings step by as much at the far beams
@@ -29,6 +29,7 @@ MAX_POINTS = 100  # points of the scan that are searched for
 MIN_RESPONSE = 0.5  # places that fit worse do not count
 SPREAD = 0.15  # places whose response is lower than the best by more do not count
 HYPOTHESES = 8  # distinct places that are kept
+ENDLESS = 1 << 60  # more points than any search looks up
 _FARTHEST = 9  # cells of half the resolution; farther from a wall the likelihood of a beam's end rounds to 0
 APART_DISTANCE = 0.5  # m; poses at this distance are distinct
 APART_ANGLE = 0.35  # rad; poses at this angle are distinct
@@ -44,9 +45,9 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True)
 class Pyramid:
-    """The search pyramid: `likelihood` (L, H, W) u8 of a beam's end; `standing` (L, H, W) u8, 1 where the chair may stand
-    in some cell of the block. Cell (r, c) of level h is the block [r, r + 2^h) x [c, c + 2^h) of level 0, whose cells
-    have side `resolution` [m]; `map_from_pyramid` is the corner of cell (0, 0)."""
+    """The search pyramid: `likelihood` (L, H, W) u8 of a beam's end; `standing` (H, W) u8, bit h set where the chair may stand
+    in some cell of the block of level h. Cell (r, c) of level h is the block [r, r + 2^h) x [c, c + 2^h) of level 0, whose
+    cells have side `resolution` [m]; `map_from_pyramid` is the corner of cell (0, 0)."""
 
     likelihood: Bytes
     standing: Bytes
@@ -81,10 +82,8 @@ def pyramid_from_points(points: FloatArray, standing: FloatArray, reach: float) 
         near[row - far : row + far + 1, col - far : col + far + 1] |= disc
     free = near[::2, ::2] | near[1::2, ::2] | near[::2, 1::2] | near[1::2, 1::2]
     likelihood = _likelihood(rows, cols, height, width, step / SIGMA)
-    standing_room = block_maxima(free.view(np.uint8), LEVELS)
-    return Pyramid(
-        block_maxima(likelihood, LEVELS), standing_room, RESOLUTION, Pose2(float(low[0]), float(low[1]), 0.0)
-    )
+    corner = Pose2(float(low[0]), float(low[1]), 0.0)
+    return Pyramid(block_maxima(likelihood, LEVELS), standing_room(free.view(np.uint8)), RESOLUTION, corner)
 
 
 def global_search(points: FloatArray, pyramid: Pyramid, *, floor: float = MIN_RESPONSE) -> tuple[Hypothesis, ...]:
@@ -94,16 +93,57 @@ def global_search(points: FloatArray, pyramid: Pyramid, *, floor: float = MIN_RE
     The first is the best of all grid poses, the others the best of their surroundings, up to the number of hypotheses.
     Positions are exact to one cell; the caller refines them.
     """
-    points = thinned(points, pyramid.resolution, MAX_POINTS)
-    if len(points) == 0:
-        return ()
-    count = heading_count(points, pyramid.resolution)
-    found = _search_everywhere(
-        points, pyramid.likelihood, pyramid.standing, pyramid.resolution, count, floor, SPREAD,
-        HYPOTHESES, APART_DISTANCE, APART_ANGLE,
-    )  # fmt: skip
-    order = np.argsort(-found[:, 3], kind="stable")
-    return tuple(Hypothesis(pyramid.map_from_pyramid @ pose_from_array(row[:3]), float(row[3])) for row in found[order])
+    search = begin_global_search(points, pyramid, floor)
+    search.go_on(pyramid, ENDLESS)
+    return search.hypotheses(pyramid)
+
+
+@dataclass(slots=True)
+class GlobalSearch:
+    """A search of a whole pyramid that is done in pieces; arrays only, so that it can be stored in between."""
+
+    points: FloatArray
+    bound: FloatArray
+    """Upper bounds (B,) of the response in the blocks of the top level, at each heading, as far as they are rated."""
+    order: IntArray
+    progress: IntArray
+    """Blocks of the top level that are rated, then those that are searched, then the number of poses found."""
+    found: FloatArray
+    """x, y [m] in the pyramid's frame, heading [rad] and response of the best poses, and in the row after them the least
+    response that still counts."""
+
+    def go_on(self, pyramid: Pyramid, most: int) -> bool:
+        """Look up at least `most` points in the pyramid, or all that are left to look up; return whether the search is done.
+
+        The pyramid must be that of the calls before.
+        """
+        if not len(self.points):
+            return True
+        done: bool = _search_everywhere(
+            self.points, pyramid.likelihood, pyramid.standing, pyramid.resolution, SPREAD, APART_DISTANCE, APART_ANGLE,
+            self.bound, self.order, self.progress, self.found, most,
+        )  # fmt: skip
+        return done
+
+    def hypotheses(self, pyramid: Pyramid) -> tuple[Hypothesis, ...]:
+        """Return the places found so far, best first."""
+        own = self.found[: self.progress[2]]
+        order = np.argsort(-own[:, 3], kind="stable")
+        return tuple(
+            Hypothesis(pyramid.map_from_pyramid @ pose_from_array(row[:3]), float(row[3])) for row in own[order]
+        )
+
+
+def begin_global_search(points: FloatArray, pyramid: Pyramid, floor: float = MIN_RESPONSE) -> GlobalSearch:
+    """Return a search of a pyramid that has done nothing yet; arguments as of `global_search`."""
+    few = thinned(points, pyramid.resolution, MAX_POINTS)
+    height, width = pyramid.standing.shape
+    block = 2 ** (len(pyramid.likelihood) - 1)
+    headings = heading_count(few, pyramid.resolution) if len(few) else 0
+    blocks = headings * -(-height // block) * -(-width // block)
+    found = np.zeros((HYPOTHESES + 1, 4))
+    found[HYPOTHESES, 3] = floor
+    return GlobalSearch(few, np.zeros(blocks), np.empty(blocks, np.int64), np.zeros(3, np.int64), found)
 
 
 def heading_count(points: FloatArray, resolution: float) -> int:
@@ -137,7 +177,16 @@ def _pyramid(solid: BoolArray, standing: BoolArray, cell: float, ratio: int, map
     else:
         likelihood = np.zeros(blocks[::-1], np.uint8)
     free = np.maximum.reduce([padded[1, r::ratio, c::ratio] for r in range(ratio) for c in range(ratio)])
-    return Pyramid(block_maxima(likelihood, LEVELS), block_maxima(free, LEVELS), cell * ratio, map_from_grid)
+    return Pyramid(block_maxima(likelihood, LEVELS), standing_room(free), cell * ratio, map_from_grid)
+
+
+def standing_room(free: Bytes, levels: int = LEVELS) -> Bytes:
+    """Return (H, W) u8 with bit h set where the block of level h from a cell on has a free cell, 1 in `free` (H, W)."""
+    bits, level = free.copy(), free
+    for h in range(1, levels):
+        level = doubled_blocks(level, 2 ** (h - 1))
+        bits |= level << np.uint8(h)
+    return bits
 
 
 @njit(cache=True, nogil=True)
@@ -230,14 +279,14 @@ def _keep(
 
 @njit(cache=True, nogil=True)
 def _open(
-    likelihood: Bytes, standing: Bytes, rows: IntArray, cols: IntArray, row: int, col: int, half: int, least: float,
+    likelihood: Bytes, standing: Bytes, rows: IntArray, cols: IntArray, row: int, col: int, level: int, least: float,
     bounds: FloatArray, corners: IntArray,
 ) -> int:  # fmt: skip
-    """Write the bounds of a block's quarters above `least`, ascending, and their corners; return their number."""
-    count = 0
+    """Write the bounds of a block's quarters, of this level, above `least`, ascending, and their corners; return their number."""
+    count, half = 0, 2**level
     for quarter in range(4):
         r, c = row + half * (quarter // 2), col + half * (quarter % 2)
-        if r >= likelihood.shape[0] or c >= likelihood.shape[1] or standing[r, c] == 0:
+        if r >= likelihood.shape[0] or c >= likelihood.shape[1] or not standing[r, c] >> level & 1:
             continue
         value = _block_score(likelihood, rows, cols, r, c, half) / (255.0 * len(rows))
         if value <= least:
@@ -258,35 +307,44 @@ def _search_everywhere(
     likelihood: Bytes,
     standing: Bytes,
     resolution: float,
-    count: int,
-    floor: float,
     spread: float,
-    keep: int,
     apart: float,
     apart_angle: float,
-) -> FloatArray:
-    """Search depth-first by branch and bound over (heading, row, col), best block first; see `global_search`.
-
-    Return (K, 4): x, y [m] in the pyramid's frame, heading [rad], response.
-    """
+    bound: FloatArray,
+    order: IntArray,
+    progress: IntArray,
+    found: FloatArray,
+    most: int,
+) -> bool:
+    """Go on with a depth-first search by branch and bound over (heading, row, col), best block first, until so many points
+    are looked up, or all is searched; return whether it is done. See `GlobalSearch` for the arrays."""
     levels, height, width = likelihood.shape
-    block = 2 ** (levels - 1)
+    block, each, keep = 2 ** (levels - 1), len(points), len(found) - 1
     down, across = -(-height // block), -(-width // block)
+    count = len(bound) // (down * across)
     rows, cols = _turned_cells(points, resolution, count)
-    bound = np.zeros(count * down * across)
-    for entry in range(len(bound)):
+    spent = 0
+    while progress[0] < len(bound):
+        if spent >= most:
+            return False
+        entry = progress[0]
         a, row, col = entry // (down * across), entry // across % down * block, entry % across * block
-        if standing[levels - 1, row, col] > 0:
-            bound[entry] = _block_score(likelihood[levels - 1], rows[a], cols[a], row, col, block) / (
-                255.0 * len(points)
-            )
-    found = np.zeros((keep, 4))
-    used, least = 0, floor
+        if standing[row, col] >> (levels - 1) & 1:
+            bound[entry] = _block_score(likelihood[levels - 1], rows[a], cols[a], row, col, block) / (255.0 * each)
+            spent += each
+        progress[0] += 1
+        if progress[0] == len(bound):
+            order[:] = np.argsort(-bound)
+    used, least = progress[2], found[keep, 3]
     bounds, corners = np.empty(4), np.empty((4, 2), np.int64)
     waiting, blocks = np.empty(4 * levels), np.empty((4 * levels, 3), np.int64)
-    for entry in np.argsort(-bound):
+    while progress[1] < len(order):
+        entry = order[progress[1]]
         if bound[entry] <= least:
             break
+        if spent >= most:
+            return False
+        progress[1] += 1
         a, depth = entry // (down * across), 1
         theta = 2.0 * math.pi * a / count
         waiting[0] = bound[entry]
@@ -298,18 +356,17 @@ def _search_everywhere(
             if value <= least:
                 continue
             if h > 0:
-                half = 2 ** (h - 1)
-                opened = _open(
-                    likelihood[h - 1], standing[h - 1], rows[a], cols[a], row, col, half, least, bounds, corners
-                )
+                opened = _open(likelihood[h - 1], standing, rows[a], cols[a], row, col, h - 1, least, bounds, corners)
+                spent += 4 * each
                 for k in range(opened):
                     waiting[depth] = bounds[k]
                     blocks[depth] = (h - 1, corners[k, 0], corners[k, 1])
                     depth += 1
                 continue
             x, y = (col + 0.5) * resolution, (row + 0.5) * resolution
-            used = _keep(found, used, x, y, theta, value, apart, apart_angle)
+            used = _keep(found[:keep], used, x, y, theta, value, apart, apart_angle)
             least = max(least, value - spread)
             if used == keep:
-                least = max(least, found[:, 3].min())
-    return found[:used]
+                least = max(least, found[:keep, 3].min())
+            progress[2], found[keep, 3] = used, least
+    return True

@@ -196,11 +196,14 @@ def _noise(points: FloatArray, usable: BoolArray, laser_x: float, laser_y: float
 
 
 class ScanStore:
-    """Points and normals of all key scans in two growing arrays; scan k owns rows `offsets[k]:offsets[k + 1]`."""
+    """Points and normals of all key scans in two growing arrays; scan k owns rows `offsets[k]:offsets[k + 1]`.
+
+    They are kept in single precision, a micrometre at 20 m: half the memory of a large map.
+    """
 
     def __init__(self) -> None:
-        self._points = np.empty((1024, 2))
-        self._normals = np.empty((1024, 2))
+        self._points = np.empty((1024, 2), np.float32)
+        self._normals = np.empty((1024, 2), np.float32)
         self._offsets = np.zeros(64, np.int64)
         self._count = 0
 
@@ -211,9 +214,9 @@ class ScanStore:
         """Add a scan; return its index."""
         start = self._offsets[self._count]
         end = start + len(scan)
-        while end > len(self._points):
-            self._points = np.concatenate([self._points, np.empty_like(self._points)])
-            self._normals = np.concatenate([self._normals, np.empty_like(self._normals)])
+        if end > len(self._points):
+            rows = max(int(end), len(self._points) * 5 // 4)
+            self._points, self._normals = (_with_rows(own, rows) for own in (self._points, self._normals))
         if self._count + 2 > len(self._offsets):
             self._offsets = np.concatenate([self._offsets, np.zeros_like(self._offsets)])
         self._points[start:end], self._normals[start:end] = scan.points, scan.normals
@@ -223,9 +226,16 @@ class ScanStore:
 
     def __getitem__(self, index: int) -> ScanPoints:
         rows = slice(self._offsets[index], self._offsets[index + 1])
-        return ScanPoints(self._points[rows], self._normals[rows])
+        return ScanPoints(self._points[rows].astype(np.float64), self._normals[rows].astype(np.float64))
 
     @property
-    def arrays(self) -> tuple[FloatArray, FloatArray, IntArray]:
+    def arrays(self) -> tuple[Float32Array, Float32Array, IntArray]:
         """Points, normals and offsets, for the kernels."""
         return self._points, self._normals, self._offsets
+
+
+def _with_rows(values: Float32Array, rows: int) -> Float32Array:
+    """Return a copy with more rows, the further ones undefined."""
+    longer = np.empty((rows, values.shape[1]), np.float32)
+    longer[: len(values)] = values
+    return longer

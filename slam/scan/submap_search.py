@@ -13,14 +13,25 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from waychair.geometry import compose, invert, pose_from_array, transform_points
-from waychair.slam.scan.relocaliser import HYPOTHESES, MIN_RESPONSE, SPREAD, Pyramid, global_search, pyramid_from_points
+from waychair.slam.scan.relocaliser import (
+    ENDLESS,
+    HYPOTHESES,
+    MIN_RESPONSE,
+    SPREAD,
+    GlobalSearch,
+    Pyramid,
+    begin_global_search,
+    pyramid_from_points,
+)
 from waychair.slam.scan.scan_points import ScanStore
 from waychair.types import FloatArray, IntArray, Pose2
 
 REACH = 2.0  # m; the chair stands within this distance of a pose of the submap
 MAX_BEND = 0.1  # m; the pyramid of a submap whose poses moved further in its own frame is stale
-MAX_SPAN = 100.0  # m; key scans farther from most of their submap were put there by a jump of the odometry
-MOST_KEPT = 32_000_000  # bytes of pyramids; building one again takes a third of the time of searching it
+MAX_SPAN = (
+    40.0  # m; key scans farther from most of their submap lie beyond a jump or a yard, and a pyramid of all is slow
+)
+MOST_KEPT = 20_000_000  # bytes of pyramids; building one again takes a third of the time of searching it
 LARGE = 500_000  # cells; a larger pyramid takes as long to build as to search
 
 
@@ -91,19 +102,31 @@ class SubmapRound:
     found: list[tuple[int, int, Pose2, float]] = field(default_factory=list)
     """Submap, its first key scan, the pose in its frame, and the response."""
     floor: float = MIN_RESPONSE
+    _present: GlobalSearch | None = None
+    """The search of the submap that waits first, once it has begun."""
 
-    def search(self, store: ScanStore, poses: FloatArray, pyramids: SubmapPyramids) -> bool:
-        """Do the next piece: build the pyramid of the next submap, and search it unless the pyramid is new and large; return
-        whether it was searched."""
+    def search(self, store: ScanStore, poses: FloatArray, pyramids: SubmapPyramids, most: int = ENDLESS) -> bool:
+        """Do the next piece: build the pyramid of the next submap, and, unless it is new and large, look up at least `most`
+        points in it, or all that are left to look up; return whether the submap is searched.
+
+        A search whose submap has changed its shape since the piece before begins again.
+        """
         submap, members = self.waiting[0]
         is_built = pyramids.has(submap, poses, members)
         pyramid = pyramids.pyramid(submap, store, poses, members)
-        if not is_built and pyramid.likelihood[0].size > LARGE:
+        if not is_built:
+            self._present = None
+            if pyramid.standing.size > LARGE:
+                return False
+        if self._present is None:
+            self._present = begin_global_search(self.points, pyramid, self.floor)
+        if not self._present.go_on(pyramid, most):
             return False
         del self.waiting[0]
-        for place in global_search(self.points, pyramid, floor=self.floor):
+        for place in self._present.hypotheses(pyramid):
             self.found.append((submap, int(members[0]), place.pose, place.response))
             self.floor = max(self.floor, place.response - SPREAD)
+        self._present = None
         return True
 
     def hypotheses(self, poses: FloatArray) -> tuple[SubmapHypothesis, ...]:

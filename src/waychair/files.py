@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import shutil
 import stat
 import tempfile
 from collections.abc import Iterator
@@ -13,6 +14,9 @@ from pathlib import Path
 
 from waychair.errors import OutputError, WaychairError
 from waychair.types import Json
+
+_TOGETHER = ".together."
+"""Beginning of the name of a folder whose files are to take their places together."""
 
 
 def cache_folder() -> Path:
@@ -117,6 +121,34 @@ def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
         raise OutputError(f"cannot write {path}: {os_error_text(error)}") from error
     finally:
         aside.unlink(missing_ok=True)
+
+
+@contextmanager
+def replacing_together(folder: Path) -> Iterator[Path]:
+    """Yield an empty folder inside `folder`. Its files take their places in `folder` when the block succeeds, and are removed
+    otherwise: a disk that is full leaves the files of before, not some of each.
+
+    Raises:
+        OutputError: the folder cannot be made or written to, or a file would replace one that is none.
+    """
+    aside = folder
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for stale in folder.glob(f"{_TOGETHER}*"):  # of a run that was killed
+            shutil.rmtree(stale, ignore_errors=True)
+        with tempfile.TemporaryDirectory(prefix=_TOGETHER, dir=folder) as work:
+            aside = Path(work)
+            yield aside
+            places = [(path, folder / path.name, _written(folder / path.name)) for path in sorted(aside.iterdir())]
+            for path, place, target in places:
+                if place.is_symlink():
+                    write_bytes(place, path.read_bytes())
+                else:
+                    path.replace(target)
+    except OutputError as error:
+        raise OutputError(str(error).replace(str(aside), str(folder))) from error
+    except OSError as error:
+        raise OutputError(f"cannot write {folder}: {os_error_text(error)}") from error
 
 
 def sync_folder(folder: Path) -> None:

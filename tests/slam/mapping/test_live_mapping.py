@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.full_disk import content, files_up_to
 from waychair.calibration.chair_body import ChairBody
-from waychair.errors import NoScans
+from waychair.errors import NoScans, OutputError
 from waychair.geometry import compose
 from waychair.maps.folders.map_files import load_map
 from waychair.maps.grid.cells import cells_from_points
@@ -132,6 +133,26 @@ def test_a_live_map_is_saved_like_any_other(drive: Drive, tmp_path: Path) -> Non
     report = json.loads((tmp_path / "report.json").read_text())
     assert (report["input"], report["source"], report["frames"]) == ("hall", "live", 80)
     assert set(report["cpu_seconds"]) >= {"odometry", "grid", "tracking", "total"}
+
+
+@pytest.mark.parametrize("room", [4_000, 20_000])
+def test_on_a_full_disk_all_files_of_the_map_before_stay(drive: Drive, tmp_path: Path, room: int) -> None:
+    settings, live = MappingSettings(), LiveMapping(MappingSettings(), Pose2())
+    for frame in drive[0][:20]:
+        live.process(frame)
+    save_mapping(tmp_path, live_result(live, Path("hall"), "live"), settings)
+    before = content(tmp_path)
+    for frame in drive[0][20:60]:
+        live.process(frame)
+    longer = live_result(live, Path("hall"), "live")
+    with files_up_to(room), pytest.raises(OutputError, match=rf"cannot write {tmp_path}/[a-z]+\.[a-z0-9]+: "):
+        save_mapping(tmp_path, longer, settings)
+    assert content(tmp_path) == before
+    (tmp_path / ".together.killed").mkdir()
+    save_mapping(tmp_path, longer, settings)
+    now = content(tmp_path)
+    assert now.keys() == before.keys()
+    assert all(now[name] != before[name] for name in ("trajectory.tum", "graph.g2o", "map.pgm"))
 
 
 def test_before_the_first_scan_the_map_is_empty_and_the_chair_is_at_the_origin() -> None:

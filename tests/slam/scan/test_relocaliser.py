@@ -17,10 +17,12 @@ from waychair.slam.scan.reference_surfaces import block_maxima
 from waychair.slam.scan.relocaliser import (
     APART_DISTANCE,
     Pyramid,
+    begin_global_search,
     global_search,
     heading_count,
     pyramid_from_grid,
     pyramid_from_points,
+    standing_room,
     thinned,
 )
 from waychair.slam.scan.scan_points import ScanStore, scan_points
@@ -45,7 +47,7 @@ def points_at(pose: Pose2, seed: int = 0) -> FloatArray:
 
 def exhaustive(points: FloatArray, pyramid: Pyramid) -> float:
     """Best response over every standing cell and heading, one after the other."""
-    level, standing = pyramid.likelihood[0].astype(int), np.argwhere(pyramid.standing[0] > 0)
+    level, standing = pyramid.likelihood[0].astype(int), np.argwhere(pyramid.standing & 1)
     count, best = heading_count(points, pyramid.resolution), 0.0
     for heading in np.arange(count) * math.tau / count:
         c, s = math.cos(heading), math.sin(heading)
@@ -66,11 +68,21 @@ def test_the_best_place_is_that_of_exhaustive_search_even_at_the_edges(
     rng = np.random.default_rng(seed)
     likelihood = np.where(rng.random((height, width)) < 0.1, rng.integers(1, 256, (height, width)), 0).astype(np.uint8)
     standing = (rng.random((height, width)) < 0.7).astype(np.uint8)
-    pyramid = Pyramid(block_maxima(likelihood, levels), block_maxima(standing, levels), 0.1)
+    pyramid = Pyramid(block_maxima(likelihood, levels), standing_room(standing, levels), 0.1)
     points = thinned(rng.uniform(-1.5, 1.5, (12, 2)), 0.1, 12)
     found = global_search(points, pyramid, floor=0.05)
     best = exhaustive(points, pyramid)
     assert (found[0].response if found else 0.0) == pytest.approx(best if best > 0.05 else 0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("most", [1, 3000])
+def test_a_search_in_pieces_finds_the_same_places_as_one_at_once(most: int) -> None:
+    points, pyramid = points_at(Pose2(1.5, 1.5, 0.3)), pyramid_from_grid(flat())
+    search, pieces = begin_global_search(points, pyramid), 1
+    while not search.go_on(pyramid, most):
+        pieces += 1
+    assert pieces > 10
+    assert search.hypotheses(pyramid) == global_search(points, pyramid)
 
 
 def test_a_level_is_never_below_the_sum_of_any_pose_that_it_bounds() -> None:
