@@ -18,9 +18,9 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.slam.camera.dense_alignment import align_pictures
-from waychair.slam.camera.features import FeatureSettings, ImageFeatures, extract, gray_image
+from waychair.slam.camera.features import FeatureSettings, ImageFeatures, extract, extract_sized, gray_image
 from waychair.slam.camera.patch_alignment import affine_kernel, align
-from waychair.slam.camera.picture_registration import register
+from waychair.slam.camera.picture_registration import Registration, register
 from waychair.slam.camera.reprojection import NoiseModel, PoseFit, back_project, fit_pose, pinhole, project, unrolled
 from waychair.slam.camera.tracked_picture import TrackedPicture, TrackingState
 from waychair.slam.camera.visual_map import DEPTH_STEP, KeyFrame, VisualMap, inverse_depths, pyramid_of
@@ -389,6 +389,7 @@ class VisualOdometry:
                 features=features,
                 depth=coarse,
                 piece=self.piece,
+                sized=self._without_rolling_shutter(self._sized(picture), picture, tracked.velocity),
             )
         )
         self.counts["key_frames"] += 1
@@ -411,6 +412,13 @@ class VisualOdometry:
             self._extracted = picture, extract(picture.frame, self.settings.features)
             self.extraction_s = time.process_time() - started
         return self._extracted[1]
+
+    def _sized(self, picture: _Picture) -> ImageFeatures:
+        """Return the picture's features for places, which look alike from near and far."""
+        started = time.process_time()
+        found = extract_sized(picture.frame, self.settings.features)
+        self.extraction_s += time.process_time() - started
+        return found
 
     def _without_rolling_shutter(
         self, features: ImageFeatures, picture: _Picture, velocity: FloatArray
@@ -455,17 +463,26 @@ class VisualOdometry:
         """Return the result by matching features with the latest and the most similar key frames, or None."""
         features, keys = self._features(picture), self._current_map.key_frames
         latest, piece = list(range(len(keys) - 1, max(-1, len(keys) - 4), -1)), self.piece
-        for key in [*latest, *(self._recall(features, latest) if self._recall else ())]:
-            found = register(keys[key].features, features, self._current_map.camera)
-            if found.old_from_new is None:
-                continue
-            pose = found.old_from_new.inverse() @ keys[key].camera_from_map
-            self.piece = keys[key].piece
-            tracked = self._follow(picture, pose, TrackingState.FOUND)
+        for key in latest:
+            tracked = self._found_at(picture, key, register(keys[key].features, features, self._current_map.camera))
             if tracked is not None:
                 return tracked
+        if self._recall is not None:
+            sized = self._sized(picture)
+            for key in self._recall(sized, latest):
+                tracked = self._found_at(picture, key, register(keys[key].sized, sized, self._current_map.camera))
+                if tracked is not None:
+                    return tracked
         self.piece = piece
         return None
+
+    def _found_at(self, picture: _Picture, key: int, found: Registration) -> TrackedPicture | None:
+        """Return the result by following the map from a registration with a key frame, or None."""
+        if found.old_from_new is None:
+            return None
+        own = self._current_map.key_frames[key]
+        self.piece = own.piece
+        return self._follow(picture, found.old_from_new.inverse() @ own.camera_from_map, TrackingState.FOUND)
 
     def _begin_new_piece(self, picture: _Picture) -> TrackedPicture:
         """Return LOST, or after a while begin a new piece of the map at the last known pose."""

@@ -14,7 +14,7 @@ from waychair.offline.rgbd_mapping import RgbdMappingSettings, map_pictures, sav
 from waychair.recordings.recording import InputSettings, Recording, read_recording
 from waychair.recordings.rgbd_folders import RgbdSettings, read_truth
 from waychair.slam.camera import visual_odometry
-from waychair.slam.camera.features import FeatureSettings, extract
+from waychair.slam.camera.features import FeatureSettings, extract, extract_sized
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.camera.tracked_picture import TrackingState
 from waychair.slam.camera.visual_map import KeyFrame
@@ -65,14 +65,15 @@ def places_of(poses: list[Pose3]) -> KeyPlaces:
         frame = render(at, k * STEP)
         nothing = np.empty(0, np.int64), np.empty((0, 4))
         pyramid, depth = (frame.image,), frame.depth[::4, ::4]
-        keys.append(KeyFrame(frame.stamp_ns, at.inverse(), pyramid, *nothing, extract(frame, settings), depth))
+        features, sized = extract(frame, settings), extract_sized(frame, settings)
+        keys.append(KeyFrame(frame.stamp_ns, at.inverse(), pyramid, *nothing, features, sized, depth))
         places.add(keys[-1], np.eye(3), planar_poses(keys), 0.0)
     return places
 
 
 def test_similar_key_frames_are_returned_first_and_excluded_ones_never() -> None:
     places = places_of([pose((0, 0.8 * k, 0)) for k in range(8)])
-    asked = extract(render(pose((0, 1.62, 0), (0.02, 0, 0))), FeatureSettings(upright=False))
+    asked = extract_sized(render(pose((0, 1.62, 0), (0.02, 0, 0))), FeatureSettings(upright=False))
     assert places.likeliest(asked)[0] == 2
     assert 2 not in places.likeliest(asked, excluded=[2])
     assert places.likeliest(asked.take(np.zeros(len(asked), bool))) == []

@@ -108,6 +108,18 @@ def test_bare_black_and_overexposed_pictures_give_no_place_and_change_no_belief(
     assert not any(r.hypothesis in (17, 18, 19) for r in results)
 
 
+def test_a_single_view_proposes_a_place_to_geometry_where_the_belief_expects_another() -> None:
+    """A carried chair: every view of the second lap is at a random place, so that no belief can build up."""
+    images = [place(k) for k in range(24)]
+    again = np.random.default_rng(4).permutation(24)[:12].tolist()
+    unsure = RecognitionSettings(accept=1.0)  # the belief alone accepts nothing
+    results = list(recognise_pictures([*images, *(place(k, 2) for k in again)], unsure, short_term=4))
+    lag = {r.node: r.closure for r in results if r.closure is not None}
+    assert all(again[node - 25] == closure - 1 for node, closure in lag.items() if node > 24)
+    assert all(node > 24 for node in lag)
+    assert len(lag) >= 8
+
+
 def test_a_hypothesis_that_contradicts_the_geometry_is_refused_with_the_reason() -> None:
     recognition = PlaceRecognition(RecognitionSettings(accept=0.0))
     for node in range(1, 6):
