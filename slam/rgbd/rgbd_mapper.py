@@ -190,7 +190,7 @@ class RgbdMapper:
             if unconnected and key:
                 self.places.start_map()
             step = self._step(dict(self._shared_with[key]).get(key - 1, 0))
-            spent_s = self.odometry.extraction_s if key == newest else 0.0
+            spent_s = self.odometry.features.spent_s if key == newest else 0.0
             candidates = self.places.add(keys[key], planar_information(step), planar_poses(keys[: key + 1]), spent_s)
         any(self._check_place(old, newest) for old in candidates)  # up to the first that fits
 
