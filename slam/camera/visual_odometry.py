@@ -26,8 +26,8 @@ from waychair.slam.camera.tracked_picture import Picture, TrackedPicture, Tracki
 from waychair.slam.camera.visual_map import DEPTH_STEP, KeyFrame, VisualMap, inverse_depths, pyramid_of
 from waychair.types import FloatArray, IntArray, Pose3, RgbdFrame
 
-Recall: TypeAlias = Callable[[ImageFeatures, Sequence[int]], Sequence[int]]
-"""Returns the key frames most similar to a picture, best first, without the excluded ones."""
+Recall: TypeAlias = Callable[[ImageFeatures], Sequence[int]]
+"""Returns the key frames most similar to a picture by features of places, best first."""
 
 
 _LANDMARKS = 350  # landmarks searched in a picture
@@ -79,7 +79,7 @@ class VisualOdometry:
     """Pass frames to `process` in order; `map` holds the key frames and landmarks so far."""
 
     def __init__(self, settings: VisualOdometrySettings | None = None, recall: Recall | None = None) -> None:
-        """Begin without a map. `recall` proposes key frames for a lost camera, besides the latest ones."""
+        """Begin without a map. `recall` proposes key frames for a lost camera, besides the latest ones as they are seen from nearby."""
         self.settings = settings or VisualOdometrySettings()
         self.map: VisualMap | None = None
         self.features = PictureFeatures(self.settings.features)
@@ -418,16 +418,16 @@ class VisualOdometry:
 
     def _find_again(self, picture: Picture) -> TrackedPicture | None:
         """Return the result by matching features with the latest and the most similar key frames, or None."""
-        features, keys = self.features.plain(picture), self._current_map.key_frames
-        latest, piece = list(range(len(keys) - 1, max(-1, len(keys) - 4), -1)), self.piece
-        for key in latest:
-            tracked = self._found_at(picture, key, register(keys[key].features, features, self._current_map.camera))
+        keys, camera, piece = self._current_map.key_frames, self._current_map.camera, self.piece
+        plain = self.features.plain(picture)
+        for key in range(len(keys) - 1, max(-1, len(keys) - 4), -1):
+            tracked = self._found_at(picture, key, register(keys[key].features, plain, camera))
             if tracked is not None:
                 return tracked
         if self._recall is not None:
             sized = self.features.sized(picture)
-            for key in self._recall(sized, latest):
-                tracked = self._found_at(picture, key, register(keys[key].sized, sized, self._current_map.camera))
+            for key in self._recall(sized):
+                tracked = self._found_at(picture, key, register(keys[key].sized, sized, camera))
                 if tracked is not None:
                     return tracked
         self.piece = piece

@@ -7,7 +7,7 @@ is the optical axis, y axis left of it, z axis up if the first picture is uprigh
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -93,11 +93,10 @@ class KeyPlaces:
         """Start a new map: the next key frame has no link to the previous one."""
         self.memory.start_map()
 
-    def likeliest(self, features: ImageFeatures, excluded: Collection[int] = (), most: int = 3) -> list[int]:
+    def likeliest(self, features: ImageFeatures, most: int = 3) -> list[int]:
         """Return the key frames most similar to a picture, best first, at most one per place."""
-        out = {self._node_of[key] for key in excluded if key < len(self._node_of)}
         chosen: list[int] = []
-        for node in self.places.recognition.likeliest(features, most * (2 * _BESIDE + 1), out):
+        for node in self.places.recognition.likeliest(features, most * (2 * _BESIDE + 1)):
             key = self._key_of[node]
             if len(chosen) < most and all(abs(key - other) > _BESIDE for other in chosen):
                 chosen.append(key)

@@ -8,7 +8,7 @@ called back. `recognise_pictures` runs a plain sequence of pictures without any 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -146,13 +146,13 @@ class PlaceRecognition:
             proposed=None if alike == closure else alike,
         )
 
-    def likeliest(self, features: ImageFeatures, most: int, excluded: Collection[int] = ()) -> list[int]:
+    def likeliest(self, features: ImageFeatures, most: int) -> list[int]:
         """Return the awake nodes most similar to a view by words alone, best first, the newest nodes included.
 
         For a lost chair: the earlier belief does not count, and the view is not added.
         """
         index = self.vocabulary.index
-        nodes = np.array([node for node in index.nodes if node not in set(excluded)], np.int64)
+        nodes = np.array(list(index.nodes), np.int64)
         if len(features) < MIN_FEATURES or len(nodes) == 0:
             return []
         scores = index.scores(self.vocabulary.known(features.descriptors), nodes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,21 @@ def test_a_piece_started_elsewhere_is_joined_when_the_camera_returns(monkeypatch
         assert float(np.linalg.norm(found.translation)) < 0.1
 
 
+@pytest.mark.parametrize(("before", "after"), [(-1.0, 0.0), (0.0, -1.0)])
+def test_a_camera_carried_to_half_or_twice_the_distance_is_found_at_once(before: float, after: float) -> None:
+    """A wall 2 m behind the origin is seen from 1 m and from 2 m."""
+    mapper = RgbdMapper()
+    for k in range(4):
+        mapper.process(render(pose((0, math.pi, 0), (0.05 * k, 0, before)), k * STEP))
+    carried = pose((0, math.pi - 0.05, 0), (0.1, 0, after))
+    tracked = mapper.process(render(carried, 40 * STEP))
+    assert tracked.state in (TrackingState.FOUND, TrackingState.FOLLOWED)
+    assert tracked.camera_from_map is not None
+    first = pose((0, math.pi, 0), (0, 0, before))
+    error = tracked.camera_from_map @ first.inverse() @ carried
+    assert float(np.linalg.norm(error.translation)) < 0.03
+
+
 def test_no_frames_give_an_empty_map() -> None:
     result = RgbdMapper().result()
     assert result.trajectory.positions.shape == (0, 3)
@@ -71,13 +87,24 @@ def places_of(poses: list[Pose3]) -> KeyPlaces:
     return places
 
 
-def test_similar_key_frames_are_returned_first_and_excluded_ones_never() -> None:
+def test_similar_key_frames_are_returned_first_and_none_for_a_blank_picture() -> None:
     places = places_of([pose((0, 0.8 * k, 0)) for k in range(8)])
     asked = extract_sized(render(pose((0, 1.62, 0), (0.02, 0, 0))), FeatureSettings(upright=False))
     assert places.likeliest(asked)[0] == 2
-    assert 2 not in places.likeliest(asked, excluded=[2])
     assert places.likeliest(asked.take(np.zeros(len(asked), bool))) == []
     assert places_of([]).likeliest(asked) == []
+
+
+@pytest.mark.parametrize(("near_first", "wall"), [(True, 1), (True, 3), (False, 1), (False, 2)])
+def test_a_view_of_a_wall_from_half_or_twice_the_distance_resembles_that_wall_most(near_first: bool, wall: int) -> None:
+    def view(wall: int, near: bool) -> Pose3:
+        turn = 0.5 * math.pi * wall
+        way = 1.0 if near else 0.0
+        return pose((0, turn, 0), (way * math.sin(turn), 0, way * math.cos(turn)))
+
+    places = places_of([view(wall, near_first) for wall in (1, 2, 3)])
+    asked = extract_sized(noisy(render(view(wall, not near_first)), 1), FeatureSettings(upright=False))
+    assert places.likeliest(asked)[0] == wall - 1
 
 
 def test_a_query_picture_does_not_change_the_vocabulary() -> None:

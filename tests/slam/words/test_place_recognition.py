@@ -35,6 +35,14 @@ def place(seed: int, shift: int = 0) -> Bytes:
     return (image + noise).clip(0, 255).astype(np.uint8)
 
 
+def enlarged(image: Bytes, factor: float) -> Bytes:
+    """The middle of a picture, as a camera so many times as near sees it."""
+    height, width = image.shape
+    h, w = round(height / factor), round(width / factor)
+    top, left = (height - h) // 2, (width - w) // 2
+    return np.asarray(cv2.resize(image[top : top + h, left : left + w], (width, height), interpolation=cv2.INTER_CUBIC))
+
+
 def seen(image: Bytes) -> ImageFeatures:
     return features_of_image(image, RecognitionSettings().features)
 
@@ -212,3 +220,13 @@ def test_real_photographs_of_the_second_lap_close_loops_on_the_first(data_dir: P
     assert all(39 <= later - earlier <= 43 for later, earlier in closures)
     assert len(closures) >= 18
     assert 46 not in dict(closures)  # a bare wall, which looks like that of picture 19
+
+
+def test_real_photographs_are_known_again_from_half_the_distance(data_dir: Path) -> None:
+    """The same ten places, seen as if the camera had gone twice as near."""
+    folder = data_dir / "places_rtabmap" / "images"
+    images = [cv2.imread(str(folder / f"{i}.jpg"), cv2.IMREAD_GRAYSCALE) for i in range(1, 18)]
+    results = list(recognise_pictures([*images, *(enlarged(image, 2.0) for image in images)]))
+    closures = {r.node: r.closure for r in results if r.closure is not None}
+    assert all(abs(node - 17 - closure) <= 2 for node, closure in closures.items())  # along a corridor
+    assert len(closures) >= 15
