@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from waychair.cli.options.arguments import BadArgument, NonEmptyPath, NonNegativeInt, PositiveInt
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import announce_compiling
+from waychair.cli.options.progress import announce_compiling, told_time
 
 
 def solve_command(
@@ -67,8 +67,9 @@ def solve_command(
     task = task_of_cells(free, [query.start for query in queries], [query.goal for query in queries])
     if not quiet:
         announce_compiling()
-    load_kernels()
-    found = solved(task, seconds, seed)
+    with told_time("solving", quiet):
+        load_kernels()
+        found = solved(task, seconds, seed)
     if out is not None:
         write_json(out, {"paths": np.argwhere(free)[found.paths][:, :, ::-1].tolist()})
     values = {
