@@ -110,7 +110,7 @@ class RgbdMapper:
         self._shared_with: list[list[tuple[int, int]]] = []  # by key frame: earlier ones that share most with it
         self.refused_icp = 0  # loops that ICP could not refine
         self._blamed: Counter[tuple[int, int]] = Counter()  # edges that contradicted a loop
-        self._confirmed = 0
+        self._proposed = self._confirmed = 0
 
     def process(self, frame: RgbdFrame) -> TrackedPicture:
         """Process a frame; return its pose and outcome."""
@@ -146,6 +146,7 @@ class RgbdMapper:
         counts = {
             "key_frames": len(keys),
             "landmarks": int(self.map.alive.sum()) if keys else 0,
+            "proposed": self._proposed,
             "loops": len(self.loops),
             "confirmed": self._confirmed,
             "rejected_loops": len(self.rejected),
@@ -196,6 +197,7 @@ class RgbdMapper:
 
     def _check_place(self, old: int, new: int) -> bool:
         """Link two key frames, by the map if they share landmarks, else by a new loop; return whether it is done."""
+        self._proposed += 1
         keys = self.map.key_frames
         if self.map.sharing(keys[new].landmarks)[old] >= _LOOP_SHARED:
             return self._confirm(old, new)

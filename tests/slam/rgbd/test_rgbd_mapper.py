@@ -186,6 +186,9 @@ def test_the_real_numbered_frames_are_within_the_limit_and_written(data_dir: Pat
     folder = data_dir / "rgbd_tsdf_sample50"
     mapping = map_pictures(read_recording(folder), RgbdMappingSettings(), keep_in=tmp_path)
     assert mapping.report["placed"] == 50
+    assert mapping.report["times_real_time"] > 0.0
+    search = mapping.report["loop_search"]
+    assert search["proposed"] >= search["verified"] >= search["closed"] + search["rejected"]
     assert rmse(mapping.result.trajectory, read_truth(folder)) < 0.03
     save_pictures_map(tmp_path, mapping, RgbdMappingSettings())
     assert {file.name for file in tmp_path.iterdir()} == {"trajectory.tum", "config.yaml", "report.json", "memory.db"}
