@@ -174,7 +174,7 @@ class VisualOdometry:
     def _better_pose(self, picture: Picture, guessed: TrackedPicture | None) -> TrackedPicture | None:
         """Return the guessed result, or that by features if it sees more of the map."""
         piece = self.piece
-        found = self._find_again(picture)
+        found = self._find_again(picture, lost=guessed is None)
         if guessed is None or found is None:
             return found if guessed is None else guessed
         if self.piece != piece or len(found.landmarks) <= len(guessed.landmarks):
@@ -416,8 +416,11 @@ class VisualOdometry:
         known = np.isfinite(inverse)
         return pixels[known], inverse[known]
 
-    def _find_again(self, picture: Picture) -> TrackedPicture | None:
-        """Return the result by matching features with the latest and the most similar key frames, or None."""
+    def _find_again(self, picture: Picture, lost: bool) -> TrackedPicture | None:
+        """Return the result by matching features with the latest and the most similar key frames, or None.
+
+        Features of places are less precise, and locate only a `lost` camera.
+        """
         keys, camera, piece = self._current_map.key_frames, self._current_map.camera, self.piece
         plain = self.features.plain(picture)
         for key in range(len(keys) - 1, max(-1, len(keys) - 4), -1):
@@ -427,9 +430,10 @@ class VisualOdometry:
         if self._recall is not None:
             sized = self.features.sized(picture)
             for key in self._recall(sized):
-                tracked = self._found_at(picture, key, register(keys[key].sized, sized, camera))
-                if tracked is not None:
-                    return tracked
+                for old, new in ((keys[key].features, plain), (keys[key].sized, sized))[: 1 + lost]:
+                    tracked = self._found_at(picture, key, register(old, new, camera))
+                    if tracked is not None:
+                        return tracked
         self.piece = piece
         return None
 
