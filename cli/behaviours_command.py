@@ -149,6 +149,7 @@ def replay_command(
     out
         Write the replay's own trace to this file.
     """
+    from waychair.cli.options.progress import told_share
     from waychair.control.behaviours.presets import preset_network
     from waychair.control.behaviours.replay import replay
     from waychair.errors import TraceError
@@ -156,7 +157,7 @@ def replay_command(
     from waychair.runtime.black_box.cell_traces import trace_at
 
     read = trace_at(trace)
-    done = replay(read, preset_network(read.header.preset, read.header.settings))
+    done = replay(read, preset_network(read.header.preset, read.header.settings), told_share("replaying"))
     if out is not None:
         write_bytes(out, done.data)
     if done.difference is None:

@@ -109,7 +109,7 @@ def generate_command(
     from waychair.calibration.chair_body import BODIES
     from waychair.cli.options.arguments import BadArgument
     from waychair.cli.options.messages import sayer
-    from waychair.cli.options.progress import prepare_kernels
+    from waychair.cli.options.progress import prepare_kernels, told_time
     from waychair.maps.building.building import load_building
     from waychair.planning.building.storey_generation import (
         aligned_storey,
@@ -127,7 +127,8 @@ def generate_command(
     say = sayer(quiet)
     building = load_building(folder)
     prepare_kernels(quiet)
-    made = generated_storey(building, storey, BODIES[body])
+    with told_time("generating the storey", quiet):
+        made = generated_storey(building, storey, BODIES[body])
     hgraph = made.building.hgraph
     for name, _, place in stops:
         hgraph = with_lift_stop(hgraph, storey, name, place)

@@ -38,7 +38,10 @@ def export_command(
     quiet
         Print nothing but errors.
     """
+    from rich.console import Console
+
     from waychair.cli.options.configuration import load_recording_settings
+    from waychair.cli.options.progress import stage_bars
     from waychair.offline.cloud_export import CloudSettings, export_cloud
     from waychair.offline.mapping import MappingSettings
     from waychair.offline.rgbd_mapping import RgbdMappingSettings
@@ -50,7 +53,8 @@ def export_command(
     else:
         settings = load_recording_settings(config, MappingSettings)
     settings = replace(settings, input=reading.over(settings.input))
-    done = export_cloud(source, ply, CloudSettings(voxel=voxel), settings)
+    with stage_bars(Console(stderr=True, quiet=quiet)) as show:
+        done = export_cloud(source, ply, CloudSettings(voxel=voxel), settings, show)
     if not quiet:
         print(
             f"{done.points} points of {done.key_frames} key frames among {done.pictures} pictures: "

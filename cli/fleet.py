@@ -87,7 +87,7 @@ def simulate_command(
     json
         Print JSON.
     """
-    from waychair.cli.options.progress import prepare_kernels
+    from waychair.cli.options.progress import prepare_kernels, told_time
     from waychair.planning.fleet.paper.plan_fwpp import Conflicts
     from waychair.simulation.graph_traffic.crowd import RightOfWay
     from waychair.trials.fleet.fleet_coordinated import coordinated_hours
@@ -116,7 +116,8 @@ def simulate_command(
     runs: list[FleetHours] = []
     run_hours = coordinated_hours if planner == "order" else partial(fleet_hours, conflicts=readings[planner])
     for seed in range(seeds):
-        runs.append(run_hours(graph, chairs=chairs, people=persons, rule=RightOfWay(rule), hours=hours, seed=seed))
+        with told_time(f"simulating seed {seed}"):
+            runs.append(run_hours(graph, chairs=chairs, people=persons, rule=RightOfWay(rule), hours=hours, seed=seed))
         if not json:
             print(f"seed {seed}: {_tasks(runs[-1])}", flush=True)
     _print_result(graph, runs, json)

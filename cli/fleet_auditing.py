@@ -31,7 +31,7 @@ def simulate_by_order(
     json: bool,
 ) -> None:
     """Simulate chairs that drive by the coordinator's order, and print their figures; see `fleet simulate`."""
-    from waychair.cli.options.progress import prepare_kernels
+    from waychair.cli.options.progress import prepare_kernels, told_time
     from waychair.files import write_text
     from waychair.simulation.graph_traffic.crowd import MOST_PEOPLE
     from waychair.trials.fleet.fleet_graph import mean
@@ -47,7 +47,8 @@ def simulate_by_order(
     found: list[OrderedHours] = []
     for seed in range(seeds):
         heard = records.append if log is not None and seed == 0 else None
-        found.append(ordered_hours(graph, chairs=chairs, hours=hours, seed=seed, stops=stops, top=top, log=heard))
+        with told_time(f"simulating seed {seed}"):
+            found.append(ordered_hours(graph, chairs=chairs, hours=hours, seed=seed, stops=stops, top=top, log=heard))
         if not json:
             run = found[-1]
             told = f"seed {seed}: {len(run.delays)} tasks" + (
@@ -60,13 +61,16 @@ def simulate_by_order(
         write_text(log, "".join(text.dumps(record) + "\n" for record in records))
     bay = None
     if bays and found[0].delays:
-        bay = best_bay(
-            graph,
-            mean(found[0].delays),
-            found[0].waited_s,
-            bays,
-            lambda other: mean(ordered_hours(other, chairs=chairs, hours=hours, seed=0, stops=stops, top=top).delays),
-        )
+        with told_time("trying the bays"):
+            bay = best_bay(
+                graph,
+                mean(found[0].delays),
+                found[0].waited_s,
+                bays,
+                lambda other: mean(
+                    ordered_hours(other, chairs=chairs, hours=hours, seed=0, stops=stops, top=top).delays
+                ),
+            )
     _print_ordered(graph, found, bay, bays, json)
 
 

@@ -9,7 +9,7 @@ from cyclopts import Parameter
 
 from waychair.cli.options.arguments import BadArgument, NonEmptyPath, NonNegativeInt, PositiveInt
 from waychair.cli.options.messages import sayer
-from waychair.cli.options.progress import prepare_kernels
+from waychair.cli.options.progress import prepare_kernels, told_time
 
 
 def solve_command(
@@ -66,8 +66,9 @@ def solve_command(
     check_queries(queries, free)
     task = task_of_cells(free, [query.start for query in queries], [query.goal for query in queries])
     prepare_kernels(quiet)
-    load_kernels()
-    found = solved(task, seconds, seed)
+    with told_time("solving", quiet):
+        load_kernels()
+        found = solved(task, seconds, seed)
     if out is not None:
         write_json(out, {"paths": np.argwhere(free)[found.paths][:, :, ::-1].tolist()})
     values = {

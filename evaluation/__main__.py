@@ -31,6 +31,7 @@ from evaluation.figures.fleet import drive, gap, grids, narrow, scale, tables
 from evaluation.figures.mapping import (
     appearance,
     camera_fit,
+    carried,
     cases,
     corruptions,
     depth_grid,
@@ -71,7 +72,8 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "growth": mapping.growth,
     "growth_large": mapping.growth_large,
     "live_grid": live_grid.live_grid,
-    "carried": mapping.carried,
+    "carried": carried.carried,
+    "false_tears": carried.false_tears,
     "corruptions": corruptions.corruptions,
     "cases": cases.cases,
     "rooms": rooms.rooms,

@@ -5,8 +5,9 @@ from __future__ import annotations
 import importlib
 import json
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ from waychair.slam.camera.coloured_points import coloured_points
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.mapping.depth_mapping import DepthMapping
 from waychair.slam.odometry.dead_reckoning import DeadReckoning
-from waychair.types import Pose3, RgbdFrame, Trajectory, Trajectory3
+from waychair.types import IntArray, Pose3, RgbdFrame, Trajectory, Trajectory3
 
 _KEY_DISTANCE = 0.3  # m; distance after which an image becomes a key frame
 _KEY_ANGLE = math.radians(15)  # rad; turn after which an image becomes a key frame
@@ -75,10 +76,12 @@ def export_cloud(
     ply: Path,
     settings: CloudSettings | None = None,
     mapping: MappingSettings | RgbdMappingSettings | None = None,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
 ) -> ExportCounts:
     """Write the cloud of a recording, which is mapped first, or of a map folder, whose recording must still exist.
 
     `mapping` tells how the recording is read and mapped; settings of the other kind of recording only tell how to read it.
+    `progress` is called with a stage and the share (0 to 1) of it that is done.
 
     Raises:
         MissingExtra: Open3D, which makes and writes clouds, is not installed.
@@ -89,7 +92,7 @@ def export_cloud(
     """
     s, clouds = settings or CloudSettings(), _open3d()
     sum_, pictures, keys, last = clouds.geometry.PointCloud(), 0, 0, None
-    for posed in _posed(source, mapping or MappingSettings()):
+    for posed in _posed(source, mapping or MappingSettings(), progress):
         pictures += 1
         if frame_problem(posed.picture, s.view) is not None or not _is_key(last, posed.map_from_camera):
             continue
@@ -123,28 +126,43 @@ def _is_key(last: Pose3 | None, here: Pose3) -> bool:
     return away >= _KEY_DISTANCE or angle_between(last, here) >= _KEY_ANGLE
 
 
-def _posed(source: Path, settings: MappingSettings | RgbdMappingSettings) -> Iterator[PosedImage]:
+def _posed(
+    source: Path, settings: MappingSettings | RgbdMappingSettings, progress: Callable[[str, float], None]
+) -> Iterator[PosedImage]:
     """Yield the images of a recording, or of a map's recording, that have a pose, in order."""
     report = yaml_path(source).with_name("report.json")
     folder = report.parent if (report.parent / "trajectory.tum").is_file() and report.is_file() else None
-    recording = read_recording([source] if folder is None else _recording_of(report), settings.input)
+    recording = read_recording(
+        [source] if folder is None else _recording_of(report), settings.input, progress=partial(progress, "reading")
+    )
+    map_progress = partial(progress, "mapping")
     if is_rgbd_folder(recording.path):
         if folder is None:
             pictured = settings if isinstance(settings, RgbdMappingSettings) else RgbdMappingSettings()
-            way = map_pictures(recording, pictured).result.trajectory
+            way = map_pictures(recording, pictured, map_progress).result.trajectory
         else:
             way = read_tum_in_space(folder / "trajectory.tum")
-        yield from _in_space(recording, way)
+        yield from _told(_in_space(recording, way), way.stamps_ns, progress)
         return
     scanned = settings if isinstance(settings, MappingSettings) else MappingSettings()
     mount, amiss = mount_of_camera(recording, scanned.depth)
     if mount is None:
         raise NoPictures(amiss[0] if amiss else f"{recording.path} holds no pictures with depth")
     if folder is None:
-        flat = map_recording(recording, replace(scanned, vision="off")).result.trajectory
+        flat = map_recording(recording, replace(scanned, vision="off"), map_progress).result.trajectory
     else:
         flat = read_tum(folder / "trajectory.tum")
-    yield from _on_floor(recording, mount, flat)
+    yield from _told(_on_floor(recording, mount, flat), flat.stamps_ns, progress)
+
+
+def _told(
+    images: Iterator[PosedImage], stamps_ns: IntArray, progress: Callable[[str, float], None]
+) -> Iterator[PosedImage]:
+    """Yield images of a drive with poses at these stamps (N,), and tell how far they are."""
+    first, last = int(stamps_ns.min()), int(stamps_ns.max())
+    for image in images:
+        progress("joining the cloud", (image.picture.stamp_ns - first) / max(1, last - first))
+        yield image
 
 
 def _recording_of(report: Path) -> list[Path]:

@@ -142,10 +142,17 @@ def _report(recording: Recording, result: RgbdMap, spent: list[float], cpu_s: fl
         "states": result.states,
         "unread": dict(recording.unread),
         "duration_s": round(float(stamps[-1] - stamps[0]) * 1e-9, 3),
+        "times_real_time": round(float(stamps[-1] - stamps[0]) * 1e-9 / max(wall_s, 1e-3), 1),
         "distance_m": round(float(steps.sum()), 3),
         "pieces": pieces,
         "counts": result.counts,
         "loops": [{"from": loop.i, "to": loop.j, "inliers": loop.inliers} for loop in result.loops],
+        "loop_search": {
+            "proposed": result.counts["proposed"],
+            "verified": result.counts["confirmed"] + len(result.loops) + len(result.rejected),
+            "closed": len(result.loops),
+            "rejected": len(result.rejected),
+        },
         "rejected_loops": list(result.rejected),
         "frame_ms": {
             "mean": round(float(milliseconds.mean()), 2),

@@ -4,6 +4,7 @@ numba compiles, once for each machine."""
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -97,6 +98,26 @@ def _spoken(seconds: float) -> str:
 def told_share(what: str) -> Callable[[float], None]:
     """Return a callback that prints the share of a long piece of work on stderr, each `LINE_EVERY_S`."""
     return _lines_of(lambda line: print(line, file=sys.stderr, flush=True), what)
+
+
+@contextmanager
+def told_time(what: str, quiet: bool = False) -> Iterator[None]:
+    """Print how long a piece of work of unknown length has lasted on stderr, each `LINE_EVERY_S`; nothing with `quiet`."""
+    began, over = time.monotonic(), threading.Event()
+
+    def tell() -> None:
+        while not over.wait(LINE_EVERY_S):
+            print(f"{what}: {_spoken(time.monotonic() - began)} so far", file=sys.stderr, flush=True)
+
+    teller = threading.Thread(target=tell, name="told_time", daemon=True)
+    if not quiet:
+        teller.start()
+    try:
+        yield
+    finally:
+        over.set()
+        if not quiet:
+            teller.join()
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,8 +49,10 @@ class Replay:
     difference: PortDifference | None = None
 
 
-def replay(trace: Trace, wiring: Wiring) -> Replay:
+def replay(trace: Trace, wiring: Wiring, progress: Callable[[float], None] = lambda share: None) -> Replay:
     """Run a traced network again on the same stamps and sensor values, and compare every record.
+
+    `progress` is called with the share (0 to 1) that is done.
 
     Raises:
         TraceError: the trace is of another wiring, a sensor's value is of another type, or records are missing.
@@ -71,6 +74,7 @@ def replay(trace: Trace, wiring: Wiring) -> Replay:
         raw = {name: _raw(*each) for name, each in was.heard.items()}
         record = encoder.innervation(done, raw, key=was.payload[:1] == b"K")
         written.append(record)
+        progress((index + 1) / len(trace.innervations))
         if record[FRAME.size :] != was.payload[1:]:
             again = trace_from_bytes(b"".join(written)).innervations[index]
             return Replay(b"".join(written), index + 1, first_difference(index, was, again))

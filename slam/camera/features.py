@@ -46,6 +46,12 @@ FAST_THRESHOLD = 10
 
 _SCALE_FACTOR, _LEVELS = 1.2, 8  # of the pyramid of `orb`
 
+# gftt_orb with depth
+_PATCH_WIDTH = 0.24  # [m] of a described patch; 31 px at 4 m for a camera of 525 px, nearer things on shrunken pictures
+_DEPTH_FACTOR, _DEPTH_LEVELS = math.sqrt(2.0), 6  # of that pyramid, from 4 m down to 0.7 m for that camera
+_LEAST_SHARE = 0.002  # of the depths in a level that is searched
+_LEAST_CORNERS = 20  # searched in such a level
+
 
 @dataclass(frozen=True, slots=True)
 class FeatureSettings(Settings):
@@ -123,9 +129,30 @@ def extract(frame: RgbdFrame, settings: FeatureSettings | None = None) -> ImageF
     depth = _checked_depth(frame.depth, gray)
     mask = None if depth is None else (depth > 0).view(np.uint8)
     features = features_of_image(gray, settings, mask)
-    if depth is None or len(features) == 0:
+    return features if depth is None else _with_points(features, depth, frame.camera_matrix)
+
+
+def extract_sized(frame: RgbdFrame, settings: FeatureSettings) -> ImageFeatures:
+    """Return features for which a place twice as near looks the same: `gftt_orb` by depth, other detectors as `extract`.
+
+    Those of near things are less precise than those of `extract`.
+
+    Raises:
+        SensorError: the image is not (H, W) or (H, W, 3) bytes, or the depth has another size.
+    """
+    gray = gray_image(frame.image)
+    depth = _checked_depth(frame.depth, gray)
+    if depth is None or settings.detector != "gftt_orb":
+        return extract(frame, settings)
+    found = _gftt_orb_of_depth(gray, depth, float(frame.camera_matrix[0, 0]), settings)
+    return _with_points(_of_keypoints(*found, settings), depth, frame.camera_matrix)
+
+
+def _with_points(features: ImageFeatures, depth: Float32Array, camera_matrix: FloatArray) -> ImageFeatures:
+    """Return the features that have depth, with their points in space."""
+    if len(features) == 0:
         return features
-    points = points_in_space(features.pixels, depth, frame.camera_matrix)
+    points = points_in_space(features.pixels, depth, camera_matrix)
     found = replace(features, points=points)
     # A keypoint of a coarse level is found on a shrunken mask, and may lie beside the pixels with depth.
     return found.take(np.isfinite(points[:, 2]))
@@ -137,6 +164,13 @@ def features_of_image(gray: Bytes, settings: FeatureSettings, mask: Bytes | None
         keypoints, descriptors = _gftt_orb(gray, settings, mask)
     else:
         keypoints, descriptors = _detector(settings).detectAndCompute(gray, mask)
+    return _of_keypoints(keypoints, descriptors, settings)
+
+
+def _of_keypoints(
+    keypoints: Sequence[cv2.KeyPoint], descriptors: Descriptors | None, settings: FeatureSettings
+) -> ImageFeatures:
+    """Return the strongest features of these keypoints (N,) and descriptors (N, W); all points are nan."""
     if descriptors is None or len(keypoints) == 0:
         return no_features(settings)
     count = len(keypoints)
@@ -203,22 +237,75 @@ def _detector(settings: FeatureSettings) -> cv2.Feature2D:
 
 
 def _gftt_orb(gray: Bytes, settings: FeatureSettings, mask: Bytes | None) -> tuple[Sequence[cv2.KeyPoint], Descriptors]:
-    anywhere: Any = mask  # None is allowed; OpenCV's stubs do not say so
-    corners, strengths = cv2.goodFeaturesToTrackWithQuality(
-        gray, settings.max_features, _QUALITY, _MIN_DISTANCE, anywhere, blockSize=_BLOCK_SIZE
-    )
-    if corners is None:
+    pixels, strengths = _strong_corners(gray, settings.max_features, mask)
+    if len(pixels) == 0:
         return (), np.empty((0, 32), np.uint8)
-    strengths = strengths.ravel()
-    strong = strengths >= _MIN_STRENGTH
-    pixels = corners.reshape(-1, 2)[strong].astype(np.float32, copy=False)
     angles = np.full(len(pixels), -1.0) if settings.upright else patch_angles(gray, pixels)
     keypoints = [
         cv2.KeyPoint(float(x), float(y), 2.0 * _PATCH_RADIUS + 1, float(angle), float(strength))
-        for (x, y), angle, strength in zip(pixels, angles, strengths[strong], strict=True)
+        for (x, y), angle, strength in zip(pixels, angles, strengths, strict=True)
     ]
     kept, descriptors = cv2.ORB.create(settings.max_features, edgeThreshold=_BORDER, nlevels=1).compute(gray, keypoints)
     return kept, descriptors
+
+
+def _gftt_orb_of_depth(
+    gray: Bytes, depth: Float32Array, focal: float, settings: FeatureSettings
+) -> tuple[Sequence[cv2.KeyPoint], Descriptors | None]:
+    """Return corners whose patches have one size in metres, so that a place twice as near looks the same.
+
+    Each level of a pyramid is searched where the depth fits it. A keypoint's octave counts in steps of the pyramid of
+    `orb`, as everywhere.
+    """
+    full_depth = _PATCH_WIDTH * focal / (2.0 * _PATCH_RADIUS + 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        level = np.rint(np.log(full_depth / depth) / math.log(_DEPTH_FACTOR))
+    known = np.isfinite(level) & (depth > 0)
+    level = np.where(known, level.clip(0, _DEPTH_LEVELS - 1), -1).astype(np.int8)
+    keypoints: list[cv2.KeyPoint] = []
+    for k in range(_DEPTH_LEVELS):
+        here = (level == k).view(np.uint8)
+        share = float(np.count_nonzero(here)) / max(int(np.count_nonzero(known)), 1)
+        if share >= _LEAST_SHARE:
+            most = max(_LEAST_CORNERS, round(share * settings.max_features))
+            keypoints += _corners_of_level(gray, here, k, most, settings.upright)
+    if not keypoints:
+        return (), None
+    compute = cv2.ORB.create(settings.max_features, _DEPTH_FACTOR, _DEPTH_LEVELS, edgeThreshold=_BORDER).compute
+    kept, descriptors = compute(gray, keypoints)
+    for keypoint in kept:
+        keypoint.octave = round(keypoint.octave * math.log(_DEPTH_FACTOR) / math.log(_SCALE_FACTOR))
+    return kept, descriptors
+
+
+def _corners_of_level(gray: Bytes, mask: Bytes, level: int, most: int, upright: bool) -> list[cv2.KeyPoint]:
+    """Return at most `most` corners where `mask` (H, W) is not 0, found on the picture shrunken to a level."""
+    scale = _DEPTH_FACTOR**level
+    if level:
+        size = (round(gray.shape[1] / scale), round(gray.shape[0] / scale))
+        gray = np.asarray(cv2.resize(gray, size, interpolation=cv2.INTER_AREA), np.uint8)
+        mask = np.asarray(cv2.resize(mask, size, interpolation=cv2.INTER_NEAREST), np.uint8)
+    pixels, strengths = _strong_corners(gray, most, mask)
+    angles = np.full(len(pixels), -1.0) if upright else patch_angles(gray, pixels)
+    full = (pixels + 0.5) * scale - 0.5
+    diameter = (2.0 * _PATCH_RADIUS + 1) * scale
+    return [
+        cv2.KeyPoint(float(x), float(y), diameter, float(angle), float(strength), level)
+        for (x, y), angle, strength in zip(full, angles, strengths, strict=True)
+    ]
+
+
+def _strong_corners(gray: Bytes, most: int, mask: Bytes | None) -> tuple[Float32Array, Float32Array]:
+    """Return pixels (N, 2) and strengths (N,) of the strongest corners of a picture where `mask` is not 0."""
+    anywhere: Any = mask  # None is allowed; OpenCV's stubs do not say so
+    corners, strengths = cv2.goodFeaturesToTrackWithQuality(
+        gray, most, _QUALITY, _MIN_DISTANCE, anywhere, blockSize=_BLOCK_SIZE
+    )
+    if corners is None:
+        return np.empty((0, 2), np.float32), np.empty(0, np.float32)
+    strengths = np.asarray(strengths, np.float32).ravel()
+    strong = strengths >= _MIN_STRENGTH
+    return corners.reshape(-1, 2)[strong].astype(np.float32, copy=False), strengths[strong]
 
 
 @njit(cache=True)

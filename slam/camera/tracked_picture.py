@@ -1,4 +1,4 @@
-"""The outcome of the visual odometry for one picture."""
+"""One picture of the visual odometry, and its outcome."""
 
 from __future__ import annotations
 
@@ -7,7 +7,21 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from waychair.types import FloatArray, IntArray, Pose3
+from waychair.types import Bytes, Float32Array, FloatArray, IntArray, Pose3, RgbdFrame
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A frame with its pyramid of grey pictures and its depth."""
+
+    frame: RgbdFrame
+    pyramid: tuple[Bytes, ...]
+    depth: Float32Array
+
+    def row_time(self, rows: FloatArray) -> FloatArray:
+        """Return the exposure times (N,) [s] of rows (N,), relative to the frame's stamp."""
+        time: FloatArray = (rows - 0.5 * self.depth.shape[0]) * self.frame.row_step
+        return time
 
 
 class TrackingState(enum.Enum):

@@ -28,7 +28,8 @@ class KeyFrame:
     """A kept picture: its pose (camera_from_map), and the landmarks (K,) that it saw, with their observations (K, 4).
 
     `observed` holds u, v [px], inverse depth [1/m], nan where depth is missing, and the factor on the pixel's error.
-    `depth` [m] is every fourth pixel of every fourth row. `piece` is the piece of the map; the motion between two
+    `depth` [m] is every fourth pixel of every fourth row. `features` locate a camera nearby; `sized` are those of
+    places, which look alike from near and far. `piece` is the piece of the map; the motion between two
     pieces is unobserved.
     """
 
@@ -38,6 +39,7 @@ class KeyFrame:
     landmarks: IntArray
     observed: FloatArray
     features: ImageFeatures
+    sized: ImageFeatures
     depth: Float32Array
     piece: int = 0
 

@@ -7,7 +7,6 @@ frames. Patches are aligned (`patch_alignment`), since descriptors lie on whole 
 
 from __future__ import annotations
 
-import time
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,16 +17,17 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.slam.camera.dense_alignment import align_pictures
-from waychair.slam.camera.features import FeatureSettings, ImageFeatures, extract, gray_image
+from waychair.slam.camera.features import FeatureSettings, ImageFeatures, gray_image
 from waychair.slam.camera.patch_alignment import affine_kernel, align
-from waychair.slam.camera.picture_registration import register
+from waychair.slam.camera.picture_features import PictureFeatures, without_rolling_shutter
+from waychair.slam.camera.picture_registration import Registration, register
 from waychair.slam.camera.reprojection import NoiseModel, PoseFit, back_project, fit_pose, pinhole, project, unrolled
-from waychair.slam.camera.tracked_picture import TrackedPicture, TrackingState
+from waychair.slam.camera.tracked_picture import Picture, TrackedPicture, TrackingState
 from waychair.slam.camera.visual_map import DEPTH_STEP, KeyFrame, VisualMap, inverse_depths, pyramid_of
-from waychair.types import Bytes, Float32Array, FloatArray, IntArray, Pose3, RgbdFrame
+from waychair.types import FloatArray, IntArray, Pose3, RgbdFrame
 
-Recall: TypeAlias = Callable[[ImageFeatures, Sequence[int]], Sequence[int]]
-"""Returns the key frames most similar to a picture, best first, without the excluded ones."""
+Recall: TypeAlias = Callable[[ImageFeatures], Sequence[int]]
+"""Returns the key frames most similar to a picture by features of places, best first."""
 
 
 _LANDMARKS = 350  # landmarks searched in a picture
@@ -75,34 +75,18 @@ _LONGEST_STEP = 0.3  # [s] longest time over which the camera's velocity is extr
 _PAUSE, _LONG = 1.7, 0.1  # a pause is longer than _PAUSE shortest intervals, or than _LONG [s]
 
 
-@dataclass(frozen=True, slots=True)
-class _Picture:
-    """A frame with its pyramid of grey pictures and its depth."""
-
-    frame: RgbdFrame
-    pyramid: tuple[Bytes, ...]
-    depth: Float32Array
-
-    def row_time(self, rows: FloatArray) -> FloatArray:
-        """Return the exposure times (N,) [s] of rows (N,), relative to the frame's stamp."""
-        time: FloatArray = (rows - 0.5 * self.depth.shape[0]) * self.frame.row_step
-        return time
-
-
 class VisualOdometry:
     """Pass frames to `process` in order; `map` holds the key frames and landmarks so far."""
 
     def __init__(self, settings: VisualOdometrySettings | None = None, recall: Recall | None = None) -> None:
-        """Begin without a map. `recall` proposes key frames for a lost camera, besides the latest ones."""
+        """Begin without a map. `recall` proposes key frames for a lost camera, besides the latest ones as they are seen from nearby."""
         self.settings = settings or VisualOdometrySettings()
         self.map: VisualMap | None = None
-        self.extraction_s = 0.0
-        """CPU time [s] of the features of the newest key frame."""
+        self.features = PictureFeatures(self.settings.features)
         self._recall = recall
-        self._extracted: tuple[_Picture, ImageFeatures] | None = None
         self.piece = 0  # piece of the map that the camera is in
         self.counts: Counter[str] = Counter()
-        self._last: _Picture | None = None
+        self._last: Picture | None = None
         self._tracked: TrackedPicture | None = None  # the latest result with a pose
         self._velocity = np.zeros(6)  # rotation vector [rad/s], translation [m/s] of the camera's motion
         self._stamp = 0
@@ -120,7 +104,7 @@ class VisualOdometry:
         gray = gray_image(frame.image)
         if float(gray[::4, ::4].std()) < _LEAST_CONTRAST:
             return self._count_state(TrackedPicture(TrackingState.BLIND))
-        picture = _Picture(frame, pyramid_of(gray), frame.depth)
+        picture = Picture(frame, pyramid_of(gray), frame.depth)
         if self.map is None:
             return self._count_state(self._start(picture))
         paused = self._has_paused(picture)
@@ -157,7 +141,7 @@ class VisualOdometry:
         self.counts[tracked.state.name.lower()] += 1
         return tracked
 
-    def _start(self, picture: _Picture, velocity: FloatArray | None = None) -> TrackedPicture:
+    def _start(self, picture: Picture, velocity: FloatArray | None = None) -> TrackedPicture:
         """Make the first key frame, at the map's origin; its velocity is unknown before the second picture."""
         camera = pinhole(picture.frame.camera_matrix)
         self.map, self._unsure_start = VisualMap(camera), velocity is None
@@ -169,7 +153,7 @@ class VisualOdometry:
         self._remember(picture, tracked)
         return tracked
 
-    def _start_again(self, picture: _Picture, tracked: TrackedPicture) -> TrackedPicture | None:
+    def _start_again(self, picture: Picture, tracked: TrackedPicture) -> TrackedPicture | None:
         """Make the first key frame again with the velocity from the second picture, and track the second against it."""
         assert self._last is not None
         assert tracked.camera_from_map is not None
@@ -177,7 +161,7 @@ class VisualOdometry:
         self._start(first, tracked.velocity)
         return self._follow(picture, tracked.camera_from_map, TrackingState.FOLLOWED)
 
-    def _has_paused(self, picture: _Picture) -> bool:
+    def _has_paused(self, picture: Picture) -> bool:
         """Return whether the last picture is so old that the guessed motion may be wrong.
 
         Points nearly in a plane look almost the same from two poses (Schweighofer and Pinz, PAMI 2006); a fit begun
@@ -187,10 +171,10 @@ class VisualOdometry:
         self._interval = min(self._interval, elapsed)
         return elapsed > min(_PAUSE * self._interval, _LONG)
 
-    def _better_pose(self, picture: _Picture, guessed: TrackedPicture | None) -> TrackedPicture | None:
+    def _better_pose(self, picture: Picture, guessed: TrackedPicture | None) -> TrackedPicture | None:
         """Return the guessed result, or that by features if it sees more of the map."""
         piece = self.piece
-        found = self._find_again(picture)
+        found = self._find_again(picture, lost=guessed is None)
         if guessed is None or found is None:
             return found if guessed is None else guessed
         if self.piece != piece or len(found.landmarks) <= len(guessed.landmarks):
@@ -198,7 +182,7 @@ class VisualOdometry:
             return guessed
         return replace(found, state=TrackingState.FOLLOWED)
 
-    def _remember(self, picture: _Picture, tracked: TrackedPicture) -> None:
+    def _remember(self, picture: Picture, tracked: TrackedPicture) -> None:
         assert tracked.camera_from_map is not None
         self._velocity = self._velocity_to(tracked.camera_from_map, picture)
         self._last, self._tracked, self._stamp = picture, tracked, picture.frame.stamp_ns
@@ -212,7 +196,7 @@ class VisualOdometry:
 
         return Pose3(Rotation.from_rotvec(step[:3]).as_matrix(), step[3:]) @ self._tracked.camera_from_map
 
-    def _guess(self, picture: _Picture, predicted: Pose3) -> Pose3:
+    def _guess(self, picture: Picture, predicted: Pose3) -> Pose3:
         """Return the better of prediction and standing still, refined by dense alignment with the last picture."""
         assert self._last is not None
         assert self._tracked is not None
@@ -241,7 +225,7 @@ class VisualOdometry:
         return best.now_from_before @ last
 
     def _follow(
-        self, picture: _Picture, guess: Pose3, state: TrackingState, known_velocity: FloatArray | None = None
+        self, picture: Picture, guess: Pose3, state: TrackingState, known_velocity: FloatArray | None = None
     ) -> TrackedPicture | None:
         """Fit the pose to the landmarks of the map near `guess`; return None if too few are found."""
         settings, camera = self.settings, self._current_map.camera
@@ -269,7 +253,7 @@ class VisualOdometry:
         self._current_map.count(wanted, found, _FOUND_SHARE, 8)
         return TrackedPicture(state, fit.camera_from_map, found, seen[fit.inliers], velocity=velocity)
 
-    def _velocity_to(self, pose: Pose3, picture: _Picture) -> FloatArray:
+    def _velocity_to(self, pose: Pose3, picture: Picture) -> FloatArray:
         """Return the velocity (6,) [rad/s], [m/s] of points in the camera's frame since the last picture, or 0."""
         before = self._tracked.camera_from_map if self._tracked is not None else None
         elapsed = (picture.frame.stamp_ns - self._stamp) * 1e-9
@@ -280,7 +264,7 @@ class VisualOdometry:
 
         return np.concatenate([Rotation.from_matrix(moved.rotation).as_rotvec(), moved.translation]) / elapsed
 
-    def _in_view(self, pose: Pose3, picture: _Picture) -> tuple[IntArray, FloatArray]:
+    def _in_view(self, pose: Pose3, picture: Picture) -> tuple[IntArray, FloatArray]:
         """Return landmarks that should be seen from a pose, spread over the picture, and their observations (K, 4)."""
         assert self._tracked is not None
         candidates = self._current_map.landmarks_of(self._local(pose))
@@ -314,7 +298,7 @@ class VisualOdometry:
         return [own[k] for k in np.argsort(cost, kind="stable")[:12].tolist()]
 
     def _aligned(
-        self, picture: _Picture, wanted: IntArray, guess: Pose3, expected: FloatArray
+        self, picture: Picture, wanted: IntArray, guess: Pose3, expected: FloatArray
     ) -> tuple[FloatArray, IntArray]:
         """Return pixels (K, 2) of landmarks in the picture, and the finest level (K,) of each match, or -1."""
         pixels, level = expected.copy(), np.full(len(wanted), -1)
@@ -360,7 +344,7 @@ class VisualOdometry:
         turned = float(np.arccos(np.clip(0.5 * (np.trace(moved.rotation) - 1.0), -1.0, 1.0)))
         return max(turned / KEY_ANGLE, float(np.linalg.norm(moved.translation)) / KEY_DISTANCE)
 
-    def _add_key(self, picture: _Picture, tracked: TrackedPicture) -> TrackedPicture:
+    def _add_key(self, picture: Picture, tracked: TrackedPicture) -> TrackedPicture:
         """Make a key frame of the picture with new landmarks where it has few, and adjust the latest key frames."""
         assert tracked.camera_from_map is not None
         key = len(self._current_map.key_frames)
@@ -377,7 +361,7 @@ class VisualOdometry:
         fresh = self._current_map.add_landmarks(points, pixels, key)
         landmarks = np.concatenate([tracked.landmarks, fresh])
         seen = np.concatenate([tracked.observed, observed])
-        features = self._without_rolling_shutter(self._features(picture), picture, tracked.velocity)
+        camera = self._current_map.camera
         coarse = np.ascontiguousarray(picture.depth[::DEPTH_STEP, ::DEPTH_STEP])
         self._current_map.key_frames.append(
             KeyFrame(
@@ -386,7 +370,8 @@ class VisualOdometry:
                 pyramid=picture.pyramid,
                 landmarks=landmarks,
                 observed=seen,
-                features=features,
+                features=without_rolling_shutter(self.features.plain(picture), picture, tracked.velocity, camera),
+                sized=without_rolling_shutter(self.features.sized(picture), picture, tracked.velocity, camera),
                 depth=coarse,
                 piece=self.piece,
             )
@@ -404,26 +389,6 @@ class VisualOdometry:
             velocity=tracked.velocity,
         )
 
-    def _features(self, picture: _Picture) -> ImageFeatures:
-        """Return the picture's features, extracted once."""
-        if self._extracted is None or self._extracted[0] is not picture:
-            started = time.process_time()
-            self._extracted = picture, extract(picture.frame, self.settings.features)
-            self.extraction_s = time.process_time() - started
-        return self._extracted[1]
-
-    def _without_rolling_shutter(
-        self, features: ImageFeatures, picture: _Picture, velocity: FloatArray
-    ) -> ImageFeatures:
-        """Return features corrected for the rolling shutter."""
-        if picture.frame.row_step == 0.0 or len(features) == 0:
-            return features
-        pixels = features.pixels.astype(np.float64)
-        raw = np.column_stack([pixels, 1.0 / features.points[:, 2].astype(np.float64), np.ones(len(pixels))])
-        seen = unrolled(raw, velocity, picture.row_time(pixels[:, 1]), self._current_map.camera)
-        points = back_project(seen, self._current_map.camera).astype(np.float32)
-        return replace(features, pixels=seen[:, :2].astype(np.float32), points=points)
-
     def _window(self, key: int) -> list[int]:
         """Return the latest key frames, and others that share the most landmarks with the newest."""
         piece = [k for k, own in enumerate(self._current_map.key_frames) if own.piece == self.piece]
@@ -433,7 +398,7 @@ class VisualOdometry:
         others = [k for k in np.argsort(-shared, kind="stable").tolist() if shared[k] >= 15]
         return sorted([*latest, *others[:_NEIGHBOURS]])
 
-    def _corners(self, picture: _Picture, taken: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def _corners(self, picture: Picture, taken: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return pixels (K, 2) of corners with depth away from those taken, and their inverse depths (K,)."""
         settings = self.settings
         with np.errstate(invalid="ignore"):
@@ -451,23 +416,36 @@ class VisualOdometry:
         known = np.isfinite(inverse)
         return pixels[known], inverse[known]
 
-    def _find_again(self, picture: _Picture) -> TrackedPicture | None:
-        """Return the result by matching features with the latest and the most similar key frames, or None."""
-        features, keys = self._features(picture), self._current_map.key_frames
-        latest, piece = list(range(len(keys) - 1, max(-1, len(keys) - 4), -1)), self.piece
-        for key in [*latest, *(self._recall(features, latest) if self._recall else ())]:
-            found = register(keys[key].features, features, self._current_map.camera)
-            if found.old_from_new is None:
-                continue
-            pose = found.old_from_new.inverse() @ keys[key].camera_from_map
-            self.piece = keys[key].piece
-            tracked = self._follow(picture, pose, TrackingState.FOUND)
+    def _find_again(self, picture: Picture, lost: bool) -> TrackedPicture | None:
+        """Return the result by matching features with the latest and the most similar key frames, or None.
+
+        Features of places are less precise, and locate only a `lost` camera.
+        """
+        keys, camera, piece = self._current_map.key_frames, self._current_map.camera, self.piece
+        plain = self.features.plain(picture)
+        for key in range(len(keys) - 1, max(-1, len(keys) - 4), -1):
+            tracked = self._found_at(picture, key, register(keys[key].features, plain, camera))
             if tracked is not None:
                 return tracked
+        if self._recall is not None:
+            sized = self.features.sized(picture)
+            for key in self._recall(sized):
+                for old, new in ((keys[key].features, plain), (keys[key].sized, sized))[: 1 + lost]:
+                    tracked = self._found_at(picture, key, register(old, new, camera))
+                    if tracked is not None:
+                        return tracked
         self.piece = piece
         return None
 
-    def _begin_new_piece(self, picture: _Picture) -> TrackedPicture:
+    def _found_at(self, picture: Picture, key: int, found: Registration) -> TrackedPicture | None:
+        """Return the result by following the map from a registration with a key frame, or None."""
+        if found.old_from_new is None:
+            return None
+        own = self._current_map.key_frames[key]
+        self.piece = own.piece
+        return self._follow(picture, found.old_from_new.inverse() @ own.camera_from_map, TrackingState.FOUND)
+
+    def _begin_new_piece(self, picture: Picture) -> TrackedPicture:
         """Return LOST, or after a while begin a new piece of the map at the last known pose."""
         assert self._tracked is not None
         if (picture.frame.stamp_ns - self._stamp) * 1e-9 < self.settings.restart_after:

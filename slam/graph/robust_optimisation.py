@@ -37,7 +37,8 @@ from waychair.types import BoolArray, FloatArray, IntArray
 LOOP_SCALE = 1.0  # chi-square up to which a loop has full weight (dynamic covariance scaling)
 MATCH_KERNEL = 2.0  # sigma; width of the Huber kernel on all edges except loops
 LOOP_LIMIT = 16.27  # a loop of greater chi-square is rejected (99.9 % of 3 degrees of freedom)
-REJECTION_COST = 50.0  # gain in -2 log likelihood for which a loop is rejected
+REJECTION_COST = 50.0  # gain in -2 log likelihood for which a loop is rejected,
+FIRST_REJECTION_COST = 90.0  # for one of the first `FEW_LOOPS`: no other has shown yet how far the odometry drifts
 FEW_LOOPS = 3  # loops in doubt up to this number are tried all together
 ANNEALING = 2.0  # factor by which the limit shrinks per round of graduated non-convexity
 MAX_ROUNDS = 100  # rounds of graduated non-convexity
@@ -325,11 +326,12 @@ def _unlikelihood(case: _Case, poses: FloatArray, weights: FloatArray) -> tuple[
 
 
 def _rejection(case: _Case, left_out: IntArray) -> float:
-    """Return the cost of leaving loops out: that of 3 degrees of freedom each, and `REJECTION_COST` per group.
+    """Return the cost of leaving loops out: that of 3 degrees of freedom each, and that of a rejection per group.
 
     A group that agrees is one mistake, and costs more only by the logarithm of its number.
     """
-    return 3.0 * len(left_out) + group_cost(case.groups, left_out, REJECTION_COST)
+    is_first = case.problem.edges.loop.sum() <= FEW_LOOPS
+    return 3.0 * len(left_out) + group_cost(case.groups, left_out, FIRST_REJECTION_COST if is_first else REJECTION_COST)
 
 
 def _reconsidered(case: _Case, best: _Trial) -> _Trial:

@@ -251,7 +251,7 @@ class AppearanceLoopClosure:
         """Return whether a loop was closed, or the node was linked to one in a known place."""
         result = self.places.recognise(here.id)
         self.places.apply_change(self.memory.retrieve(result.hypothesis, here.pose(mapper)))
-        closed = result.closure is not None and self._close_loop(mapper, here, result.closure)
+        closed = any(self._close_loop(mapper, here, place) for place in result.candidates)
         return self._link_known_place(mapper, here) or closed
 
     def _close_loop(self, mapper: Mapper, here: _NewNode, place: int) -> bool:

@@ -5,6 +5,10 @@ by the odometry. One scan may err, so the tear stays open. The next key scans of
 other only. Together they are laid on the surfaces before the tear, near where the odometry says. If both parts then see
 the same surfaces, the chair drove: the tear is undone. If they contradict each other, it was carried: only a loop can
 join the parts.
+
+A scan that fits well where the odometry says that the chair is not claims a slip of the odometry. A room that looks alike
+claims the same. So the next key scans are compared with those before: if they contradict each other, the chair was
+carried, and the map is torn at the slip.
 """
 
 from __future__ import annotations
@@ -42,6 +46,10 @@ _AGREED, _CARRIED = 0.12, 0.2  # contradicted share up to which the chair drove,
 # Of 50 carries the least share near the odometry's pose was 0.29; where real drives were doubted, it was 0.12 to 0.24.
 _ODOMETRY_AGREED, _ODOMETRY_CARRIED = 0.2, 0.25  # the same where the parts lie as the odometry says
 _NEAR_ODOMETRY, _TURNED_ODOMETRY = 0.15, 0.06  # m, rad; a match this near to the odometry's pose lies as it says
+_SLIP_CARRIED = (
+    0.15  # share of contradiction over a slip from which the chair was carried; real slips show 0.07 or less
+)
+SLIP_CLAIMED = 0.25  # m; a match farther than this from the odometry's pose claims a slip
 _SOON = 3  # key scans after a tear within which the chair may be back on known ground
 _SURE_RESPONSE = 0.75  # response and share of inliers of a scan that is
 _LEAST_RESPONSE = 0.5  # of the match of both parts, for an edge by the scans and not by the odometry
@@ -69,11 +77,15 @@ class Verdict(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class OpenTear:
-    """A tear that is not yet judged: its edge, the key scans before it, and the information (3, 3) of the odometry."""
+    """A tear that is not yet judged: its edge, the key scans before it, and the information (3, 3) of the odometry.
+
+    Over a slip of the odometry, the edge is that of the match, and `odometry` is the motion that it contradicts.
+    """
 
     edge: Edge
     before: tuple[int, ...]
     by_odometry: FloatArray
+    odometry: Pose2 | None = None
 
 
 class CarryJudge:
@@ -166,6 +178,8 @@ class CarryJudge:
         """Return what the key scans `since` a tear say about it, and the edge that takes its place if the chair drove."""
         if len(since) not in JUDGED_AT:
             return Verdict.OPEN, None
+        if tear.odometry is not None:
+            return self._slip_judged(keys, tear, since), None
         node, base = tear.edge.j, keys.pose(tear.edge.j)
         query = keys.joined_points(since, base, _QUERY_CELL)
         reference = keys.reference(
@@ -192,6 +206,13 @@ class CarryJudge:
             known = rotated_information(match_information(found.information) + prior, -found.pose.theta)
             return Verdict.DROVE, Edge(tear.edge.i, node, before_from_base @ found.pose, known, EdgeKind.MATCH)
         return Verdict.DROVE, Edge(tear.edge.i, node, tear.edge.i_from_j, tear.by_odometry, EdgeKind.ODOMETRY)
+
+    def _slip_judged(self, keys: KeyGraph, slip: OpenTear, since: Sequence[int]) -> Verdict:
+        """Return whether the key scans since a slip contradict those before it."""
+        seen = self._laid(keys, self.views(keys, slip.before[-_BEFORE:]), since, Pose2())
+        if seen.shared >= _LEAST_SHARED and seen.contradiction > _SLIP_CARRIED:
+            return Verdict.CARRIED
+        return Verdict.DROVE if len(since) >= JUDGED_AT[-1] else Verdict.OPEN
 
     def _laid(
         self, keys: KeyGraph, earlier: Sequence[tuple[View, Pose2]], nodes: Sequence[int], moved: Pose2

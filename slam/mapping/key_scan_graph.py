@@ -12,6 +12,7 @@ import numpy as np
 from waychair.geometry import rotation, transform_points, wrap_angles
 from waychair.slam.graph.edges import EdgeArrays
 from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, RejectedLoop
+from waychair.slam.graph.information import unknown_information
 from waychair.slam.graph.pose_graph import PoseGraph
 from waychair.slam.scan.reference_surfaces import ScanReference, reference_from_scans
 from waychair.slam.scan.scan_matching import BEAM_SIGMA
@@ -84,6 +85,17 @@ class KeyGraph:
         self.kinds[tear.kind] -= 1
         self._count_edge(edge)
 
+    def tear(self, edge: Edge, odometry: Pose2) -> bool:
+        """Tear the graph at an edge over which the chair was carried against its `odometry`; return whether it is torn.
+
+        Any other edge over the place keeps the graph whole.
+        """
+        if sum((other.i < edge.j) != (other.j < edge.j) for other in self.edges) > 1:
+            return False
+        self._graph.replace(edge, Edge(edge.i, edge.j, odometry, unknown_information(), EdgeKind.UNKNOWN))
+        self._count_edges()
+        return True
+
     def optimise(self) -> None:
         """Optimise the poses incrementally for all edges so far."""
         self._graph.update()
@@ -118,6 +130,14 @@ class KeyGraph:
             if not ((low == min(edge.i, edge.j)) & (high == max(edge.i, edge.j)) & ~arrays.torn).any():
                 self._neighbours[edge.i].discard(edge.j)
                 self._neighbours[edge.j].discard(edge.i)
+
+    def _count_edges(self) -> None:
+        """Count all accepted edges anew."""
+        self._known_rejected = tuple(loop.edge for loop in self.rejected)
+        self._neighbours = [set() for _ in self._neighbours]
+        self.kinds.clear()
+        for edge in self.edges:
+            self._count_edge(edge)
 
     def for_next_drive(self, renewed: Mapping[int, ScanPoints]) -> KeyGraph:
         """Return a copy for another drive: with the present poses, without rejected loops and optimisation history, and

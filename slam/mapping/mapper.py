@@ -22,7 +22,14 @@ from waychair.slam.graph.information import (
     unknown_information,
 )
 from waychair.slam.mapping.attached_frames import AttachedFrame, AttachedFrames
-from waychair.slam.mapping.carried import JUDGED_AT, CarryJudge, OpenTear, Verdict, agrees_with_odometry
+from waychair.slam.mapping.carried import (
+    JUDGED_AT,
+    SLIP_CLAIMED,
+    CarryJudge,
+    OpenTear,
+    Verdict,
+    agrees_with_odometry,
+)
 from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.mapping.loop_closure import LoopCloser, LoopRejection, LoopSettings
 from waychair.slam.mapping.tracking import TrackingState, odometry_of, twist_of
@@ -313,8 +320,9 @@ class Mapper:
             return Edge(len(self.keys) - 1, len(self.keys), Pose2(), unknown_information(), EdgeKind.UNKNOWN)
         with self._timed("matching"):
             settings, node = self.settings, len(self.keys)
-            if self._tear is not None and (back := self._judge.returned(self.keys, self._tear, scan, here_from_base)):
-                self._close_tear(self._tear, back[0], latest_before=True)
+            self._state.slip, tear = None, self._open_tear
+            if tear is not None and (back := self._judge.returned(self.keys, tear, scan, here_from_base)):
+                self._close_tear(tear, back[0], latest_before=True)
                 return back[1]
             here = self._current_key
             guess = self.keys.pose(here) @ here_from_base
@@ -336,7 +344,7 @@ class Mapper:
                 prior = prior / 100 if slipped else prior
             if len(scan) < MIN_POINTS:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
-            doubted = self._tear is None and (slipped or found.response < _GOOD_RESPONSE)
+            doubted = tear is None and (slipped or found.response < _GOOD_RESPONSE)
             again = self._state.doubted > 0
             if doubted and self._judge.is_doubted(self.keys, self._recent_keys, scan, found, guess, again):
                 return Edge(here, node, here_from_base, unknown_information(), EdgeKind.UNKNOWN)
@@ -344,7 +352,10 @@ class Mapper:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
             self.counts["matches"] += 1
             information = rotated_information(match_information(found.information) + prior, -found.pose.theta)
-            return Edge(here, node, self._relative_to(here, found.pose), information, EdgeKind.MATCH)
+            edge = Edge(here, node, self._relative_to(here, found.pose), information, EdgeKind.MATCH)
+            if math.hypot(found.pose.x - guess.x, found.pose.y - guess.y) > SLIP_CLAIMED:
+                self._state.slip = OpenTear(edge, tuple(self._recent_keys), by_odometry, here_from_base)
+            return edge
 
     def _is_first_doubt(self, edge: Edge | None) -> bool:
         """Return whether a scan would tear the map after which no other has contradicted the key scans yet."""
@@ -373,6 +384,7 @@ class Mapper:
             self._begin_new_part(node, edge)
         elif edge is not None:
             self._distribute_correction(edge.i_from_j)
+            self._tear = self._tear or self._state.slip
         if edge is not None:
             self._closer.add_distance(math.hypot(edge.i_from_j.x, edge.i_from_j.y))
         self.counts["key_scans"] += 1
@@ -404,6 +416,9 @@ class Mapper:
         self._tear = tear if verdict is Verdict.OPEN else None
         if edge is not None:
             self._close_tear(tear, edge)
+        if tear.odometry is not None and verdict is Verdict.CARRIED and self.keys.tear(tear.edge, tear.odometry):
+            self._recent_keys, self._reference = since, None
+            self._closer.begin_part()
         return len(since) in JUDGED_AT
 
     def _close_tear(self, tear: OpenTear, edge: Edge, latest_before: bool = False) -> None:
@@ -437,6 +452,11 @@ class Mapper:
             frame = self.frames[k - unmatched]
             moved = frame.key_from_base @ interpolate(Pose2(), gap, k / unmatched)
             self.frames[k - unmatched] = AttachedFrame(frame.stamp_ns, frame.key, moved)
+
+    @property
+    def _open_tear(self) -> OpenTear | None:
+        """The tear that the next scans have not judged yet; None for a slip, where the map is whole."""
+        return None if self._tear is None or self._tear.odometry is not None else self._tear
 
     @property
     def _current_key(self) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from waychair.slam.mapping.carried import OpenTear
 from waychair.types import Odometry, Pose2, SensorFrame, Twist
 
 
@@ -18,6 +19,7 @@ class TrackingState:
     unmatched: int = 0  # frames since the latest matched scan
     doubted: int = 0  # latest scans in a row that contradict those before
     inliers: float = 1.0  # of the latest scan
+    slip: OpenTear | None = None  # that the latest match claims
 
 
 def odometry_of(frame: SensorFrame) -> Odometry | None:

@@ -7,7 +7,7 @@ is the optical axis, y axis left of it, z axis up if the first picture is uprigh
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -40,8 +40,8 @@ class KeyPlaces:
         """Return the number of key frames."""
         return len(self._node_of)
 
-    def add(self, key: KeyFrame, information: FloatArray, poses: FloatArray, extraction_s: float) -> int | None:
-        """Add a key frame; return the earlier key frame that it shows again by the Bayes filter, or None.
+    def add(self, key: KeyFrame, information: FloatArray, poses: FloatArray, extraction_s: float) -> list[int]:
+        """Add a key frame; return earlier key frames that it may show again, by the Bayes filter first, then alone.
 
         Args:
             key: the key frame.
@@ -53,10 +53,10 @@ class KeyPlaces:
         self.places.counts["pictures"] += 1
         memory.move_anchors(poses)
         node, here = self.places.next_id, pose_from_array(poses[-1])
-        words, made = self.places.words(key.features)
+        words, made = self.places.words(key.sized)
         words_s = time.process_time() - started
         before = pose_from_array(poses[-2]) if number else here
-        features = key.features
+        features = key.sized
         added = memory.add(
             node=Node(
                 stamp_ns=key.stamp_ns,
@@ -74,12 +74,12 @@ class KeyPlaces:
         )
         self.places.apply_change(added.change)
         self._node_of.append(added.id)
-        hypothesis = None
+        candidates: list[int] = []
         if added.id == node:
             self._key_of[node] = number
             found = self.places.recognise(node)
             self.places.apply_change(memory.retrieve(found.hypothesis, here))
-            hypothesis = None if found.closure is None else self._key_of[found.closure]
+            candidates = [self._key_of[place] for place in found.candidates]
         else:
             self.places.recognition.leave(node)
         spent_s = time.process_time() - started + extraction_s
@@ -87,17 +87,16 @@ class KeyPlaces:
         new = 0 if made is None else len(made[0])
         cost = PictureCost(1e3 * extraction_s, 1e3 * words_s, 1e3 * spent_s, int((words > 0).sum()), new)
         self.places.costs.append(cost)
-        return hypothesis
+        return candidates
 
     def start_map(self) -> None:
         """Start a new map: the next key frame has no link to the previous one."""
         self.memory.start_map()
 
-    def likeliest(self, features: ImageFeatures, excluded: Collection[int] = (), most: int = 3) -> list[int]:
+    def likeliest(self, features: ImageFeatures, most: int = 3) -> list[int]:
         """Return the key frames most similar to a picture, best first, at most one per place."""
-        out = {self._node_of[key] for key in excluded if key < len(self._node_of)}
         chosen: list[int] = []
-        for node in self.places.recognition.likeliest(features, most * (2 * _BESIDE + 1), out):
+        for node in self.places.recognition.likeliest(features, most * (2 * _BESIDE + 1)):
             key = self._key_of[node]
             if len(chosen) < most and all(abs(key - other) > _BESIDE for other in chosen):
                 chosen.append(key)

@@ -29,7 +29,9 @@ _UNOBSERVED = np.diag([1.0] * 3 + [25.0] * 3)  # covariance [rad^2], [m^2] of an
 _LOOP_SHARED = 10  # key frames that share this many landmarks need no loop
 _MAX_BLAME = 2  # contradicted loops after which an older edge is left out
 LOOP_INLIERS = 60
-"""Least number of matches that agree for a loop."""
+"""Least number of matches that agree for a loop by features alone."""
+
+_DEPTH_LOOP_INLIERS = 25  # that suffices where the depth of both views confirms the pose: views from near and far
 
 _LOOP_DISTANCE, _LOOP_ANGLE = 0.03, 0.02  # [m], [rad] a loop that moves less changes nothing
 _LOOP_SHARE = 0.9  # least share of the matches that agree after ICP
@@ -108,7 +110,7 @@ class RgbdMapper:
         self._shared_with: list[list[tuple[int, int]]] = []  # by key frame: earlier ones that share most with it
         self.refused_icp = 0  # loops that ICP could not refine
         self._blamed: Counter[tuple[int, int]] = Counter()  # edges that contradicted a loop
-        self._confirmed = 0
+        self._proposed = self._confirmed = 0
 
     def process(self, frame: RgbdFrame) -> TrackedPicture:
         """Process a frame; return its pose and outcome."""
@@ -144,6 +146,7 @@ class RgbdMapper:
         counts = {
             "key_frames": len(keys),
             "landmarks": int(self.map.alive.sum()) if keys else 0,
+            "proposed": self._proposed,
             "loops": len(self.loops),
             "confirmed": self._confirmed,
             "rejected_loops": len(self.rejected),
@@ -182,28 +185,31 @@ class RgbdMapper:
 
     def _include(self, newest: int, unconnected: bool) -> None:
         """Make the newest key frame a place, and close a loop if an earlier one shows the same place."""
-        hypothesis, keys = None, self.map.key_frames
+        candidates: list[int] = []
+        keys = self.map.key_frames
         for key in range(len(self.places), newest + 1):
             if unconnected and key:
                 self.places.start_map()
             step = self._step(dict(self._shared_with[key]).get(key - 1, 0))
-            spent_s = self.odometry.extraction_s if key == newest else 0.0
-            hypothesis = self.places.add(keys[key], planar_information(step), planar_poses(keys[: key + 1]), spent_s)
-        if hypothesis is not None:
-            self._check_place(hypothesis, newest)
+            spent_s = self.odometry.features.spent_s if key == newest else 0.0
+            candidates = self.places.add(keys[key], planar_information(step), planar_poses(keys[: key + 1]), spent_s)
+        any(self._check_place(old, newest) for old in candidates)  # up to the first that fits
 
     def _check_place(self, old: int, new: int) -> bool:
         """Link two key frames, by the map if they share landmarks, else by a new loop; return whether it is done."""
+        self._proposed += 1
         keys = self.map.key_frames
         if self.map.sharing(keys[new].landmarks)[old] >= _LOOP_SHARED:
             return self._confirm(old, new)
         camera, there, here = self.map.camera, keys[old], keys[new]
-        found = register(there.features, here.features, camera)
-        if found.old_from_new is None or found.inliers < LOOP_INLIERS:
+        found = register(there.sized, here.sized, camera)
+        refined = self._refined(found, old, new) if found.inliers >= _DEPTH_LOOP_INLIERS else None
+        if found.old_from_new is None or (refined is None and found.inliers < LOOP_INLIERS):
             why = "too few features agree" if found.refusal is None else found.refusal.value
             self.places.refuse(old, new, why)
             return False
-        loop = VisualLoop(old, new, self._refined(found, old, new), found.covariance, found.inliers)
+        self.refused_icp += refined is None
+        loop = VisualLoop(old, new, refined or found.old_from_new, found.covariance, found.inliers)
         if self._is_known(loop):
             return self._confirm(old, new)
         return self._close_loop(loop)
@@ -216,18 +222,17 @@ class RgbdMapper:
         self._confirmed += 1
         return True
 
-    def _refined(self, found: Registration, old: int, new: int) -> Pose3:
-        """Return `old_from_new` refined by ICP if the features agree, else that of the features.
+    def _refined(self, found: Registration, old: int, new: int) -> Pose3 | None:
+        """Return `old_from_new` refined by ICP; None without a pose or if the features do not agree with ICP.
 
         A rolling shutter bends the depth of a turning camera; the features are corrected for it.
         """
-        assert found.old_from_new is not None
+        if found.old_from_new is None:
+            return None
         keys, camera = self.map.key_frames, self.map.camera
         fit = refine_by_depth(keys[old].depth, keys[new].depth, camera / DEPTH_STEP, found.old_from_new)
-        if fit.refusal is None and found.inlier_share(fit.old_from_new, camera) >= _LOOP_SHARE:
-            return fit.old_from_new
-        self.refused_icp += 1
-        return found.old_from_new
+        agrees = fit.refusal is None and found.inlier_share(fit.old_from_new, camera) >= _LOOP_SHARE
+        return fit.old_from_new if agrees else None
 
     def _is_known(self, loop: VisualLoop) -> bool:
         """Return whether the map already has the relative pose of a loop."""

@@ -21,7 +21,7 @@ from waychair.slam.graph.information import (
     rotated_information,
     unknown_information,
 )
-from waychair.slam.mapping.carried import agrees_with_odometry
+from waychair.slam.mapping.carried import CarryJudge, OpenTear, Verdict, agrees_with_odometry
 from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.mapping.loop_closure import (
     Driven,
@@ -32,6 +32,7 @@ from waychair.slam.mapping.loop_closure import (
 )
 from waychair.slam.mapping.mapper import Mapper, MapperResult, MapperSettings
 from waychair.slam.scan.scan_agreement import Agreement, agreement, view_of
+from waychair.slam.scan.scan_matching import MatchSettings
 from waychair.slam.scan.scan_points import scan_points
 from waychair.types import FloatArray, Odometry, Pose2, Scan, SensorFrame
 
@@ -243,6 +244,41 @@ def test_before_any_loop_the_part_after_a_tear_moves_with_the_edge_that_undoes_i
     assert keys.poses[2] == pytest.approx([1.0, 0.0, 0.0])
     assert keys.poses[5] == pytest.approx([1.5, 1.1, math.pi / 2])
     assert keys.reaches(5, 1)
+
+
+def slipped(really_at: Sequence[Pose2]) -> tuple[KeyGraph, OpenTear, Verdict]:
+    """Map a way into a room and three key scans after a slip, laid in that room and really `really_at`; judge the slip."""
+    walls, mounted, keys = rooms(2, furnished=True), Pose2(), KeyGraph()
+    into = [Pose2(1.6, 1.0 + 0.3 * k, math.pi / 2) for k in range(11)]
+    for k, (pose, true) in enumerate(zip(into, [*into[:8], *really_at], strict=True)):
+        step = into[k - 1].inverse() @ pose if k else Pose2()
+        edge = Edge(k - 1, k, step, match_information(1e6 * np.eye(3)), EdgeKind.MATCH)
+        keys.add(scan_points(cast(walls, true), mounted, 20.0), edge if k else None)
+    slip = OpenTear(keys.edges[7], tuple(range(8)), odometry_information(Pose2(0.3)), Pose2(0.9, 0.1, 0.2))
+    return keys, slip, CarryJudge(MatchSettings(), 10.0, mounted).judged(keys, slip, range(8, 11))[0]
+
+
+def test_a_slip_that_the_next_scans_confirm_stays_open_and_tears_nothing() -> None:
+    _, _, verdict = slipped([Pose2(1.6, 1.0 + 0.3 * k, math.pi / 2) for k in range(8, 11)])
+    assert verdict is Verdict.OPEN
+
+
+def test_a_slip_that_the_next_scans_contradict_was_a_carry_and_tears_the_map_there() -> None:
+    elsewhere = [Pose2(3.0 + 1.5 * k, 1.0, 0.0) for k in range(3)]  # along the corridor
+    keys, slip, verdict = slipped(elsewhere)
+    assert verdict is Verdict.CARRIED
+    assert slip.odometry is not None
+    assert keys.tear(slip.edge, slip.odometry)
+    assert keys.is_torn
+    assert not keys.reaches(10, 8)
+    assert (keys.pose(7).inverse() @ keys.pose(8)).array() == pytest.approx(slip.odometry.array(), abs=1e-9)
+
+
+def test_a_loop_over_a_slip_keeps_the_map_whole() -> None:
+    keys, edges = chained(12, 20)
+    keys.link(Edge(2, 9, Pose2(3.5, 0.0, 0.0), match_information(1e6 * np.eye(3)), EdgeKind.LOOP))
+    assert not keys.tear(edges[4], Pose2())
+    assert not keys.is_torn
 
 
 def test_an_edge_of_unknown_motion_needs_a_search_of_submaps(

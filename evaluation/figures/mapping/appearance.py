@@ -33,7 +33,9 @@ WORDS = 600_000
 
 
 def places(out: Path) -> Json:
-    """84 photographs of two laps: at least 42 right closures and no wrong one.
+    """84 photographs of two laps: 43 right closures, all that are possible, and no wrong one.
+
+    The second lap begins with the 41st picture; of its 44 pictures, the 46th shows a bare wall.
 
     A closure is right if its lag is that of one or two laps (`RIGHT_LAGS`, verified by eye, as no truth is published).
     Every threshold is changed by a fifth in both directions to show its influence.
@@ -54,7 +56,7 @@ def places(out: Path) -> Json:
     }
     open_ends = {r.node: r.reason for r in results if r.node > 40 and r.closure is None}
     return {
-        "passed": right >= 42 and wrong == 0,
+        "passed": right >= 43 and wrong == 0,
         "right": right,
         "wrong": wrong,
         "cpu_ms_per_image": round(1e3 * seconds / len(images), 1),

@@ -1,15 +1,12 @@
-"""Mapping: simulated floors, a chair that is carried during mapping, very long logs, and very large buildings."""
+"""Mapping: simulated floors, very long logs, and very large buildings."""
 
 from __future__ import annotations
 
-import dataclasses
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -18,25 +15,21 @@ from evaluation.figures.mapping.logs import DATA
 from evaluation.runs.long_drives import SLOW_MS, command_figures, live_figures
 from evaluation.scenes.map_score import wall_agreement
 from waychair.maps.folders.map_files import load_map
-from waychair.offline.mapping_report import torn_warnings
-from waychair.recordings.recording import Recording, read_recording, read_tum
+from waychair.recordings.recording import read_recording, read_tum
 from waychair.simulation.plan.world import load_world
 from waychair.slam.mapping.mapper import Mapper, MapperSettings
-from waychair.slam.mapping.tracking import odometry_of
-from waychair.slam.trajectory_errors import read_relations, relation_errors, truth_errors
+from waychair.slam.trajectory_errors import truth_errors
 from waychair.trials.record import true_trajectory
-from waychair.types import Json, Odometry, SensorFrame
+from waychair.types import Json
 
 PASSES = 10
-SPLICES = 10
-_INTEL = ("lidar_intel/intel_first1088s.clf.gz", "lidar_intel/intel_first1088s.relations.gz")
-_FR079 = ("lidar_fr079/fr079_laser.clf.gz", "lidar_fr079/fr079.relations.gz")
+_INTEL = "lidar_intel/intel_first1088s.clf.gz"
 LARGE = {
     "infinite_corridor": "lidar_radish_corrected/infinite-corridor-corrected.log.gz",
     "aces": "lidar_radish_corrected/aces-corrected.log.gz",
     "seattle": "lidar_radish_corrected/seattle-corrected.log.gz",
     "freiburg_campus": "lidar_radish_corrected/freiburg-campus-corrected.log.gz",
-    "intel": _INTEL[0],
+    "intel": _INTEL,
 }
 KEY_SCANS = 5000
 _MOST_GROWTH, _MOST_MB = 1.2, 350.0
@@ -77,7 +70,7 @@ def _mapped_floor(world: str) -> Json:
 
 def growth(out: Path) -> Json:
     """The Intel log forward and back ten times: the time per scan must not grow with the length of the log."""
-    recording = read_recording(DATA / _INTEL[0])
+    recording = read_recording(DATA / _INTEL)
     there = recording.frames
     mapper, rows = Mapper(MapperSettings(), recording.base_from_laser), []
     for number in range(PASSES):
@@ -115,54 +108,6 @@ def _large_building(folder: Path, name: str, count: int) -> Json:
     quick = whole["times_real_time"] >= (_REAL_TIME_INTEL if is_intel else _REAL_TIME) and live["max_ms"] <= SLOW_MS
     lean = max(live["peak_mb"], whole["peak_mb"]) <= _MOST_MB
     return {"passed": bool(flat and quick and lean and not live["tears"]), "live": live, "command": whole}
-
-
-def carried(out: Path) -> Json:
-    """A chair carried during mapping, by random splices of two real logs: 16 of 20 maps are repaired and right.
-
-    The odometry does not show the splice. A splice is repaired if the relations across loops are as good as in the
-    original log, known if the report says that it could not be repaired, and silently wrong otherwise.
-    `CARRIED_SEED=7` takes other splices, `CARRIED_SPLICES=20` more of each log.
-    """
-    seed, count = int(os.environ.get("CARRIED_SEED", "2026")), int(os.environ.get("CARRIED_SPLICES", str(SPLICES)))
-    rng, counts = np.random.default_rng(seed), {"mended": 0, "known": 0, "wrong": 0}
-    rows = []
-    for name, (log, relations) in (("intel", _INTEL), ("fr079", _FR079)):
-        recording = read_recording(DATA / log)
-        for _ in range(count):
-            cut = int(rng.integers(800, len(recording.frames) - 2200))
-            on = cut + int(rng.integers(400, len(recording.frames) - cut - 1500))
-            verdict, error = _spliced(recording, cut, on, DATA / relations)
-            counts[verdict] += 1
-            rows.append({"log": name, "cut": cut, "on": on, "verdict": verdict, "across_loops_m": round(error, 4)})
-    return {"passed": counts["mended"] >= 0.8 * len(rows) and not counts["wrong"], **counts, "rows": rows}
-
-
-def _spliced(recording: Recording, cut: int, on: int, relations: Path) -> tuple[str, float]:
-    mapper = Mapper(MapperSettings(), recording.base_from_laser)
-    for frame in chain(recording.frames[:cut], _continued(recording, cut, on)):
-        mapper.process(frame)
-    result = mapper.result()
-    error = relation_errors(result.trajectory, read_relations(relations)).loop.mean_m
-    if error < 0.10:
-        return "mended", error
-    known = any("is not joined" in warning for warning in torn_warnings(result))
-    return "known" if known else "wrong", error
-
-
-def _continued(recording: Recording, cut: int, on: int) -> Iterator[SensorFrame]:
-    """Yield the frames from `on`, with odometry that continues that of frame `cut` - 1."""
-    here, there = _odometry(recording.frames[cut - 1]), _odometry(recording.frames[on])
-    for frame in recording.frames[on:]:
-        reading = _odometry(frame)
-        pose = here.odom_from_base @ (there.odom_from_base.inverse() @ reading.odom_from_base)
-        yield dataclasses.replace(frame, wheels=(dataclasses.replace(reading, odom_from_base=pose),))
-
-
-def _odometry(frame: SensorFrame) -> Odometry:
-    reading = odometry_of(frame)
-    assert reading is not None
-    return reading
 
 
 def _plot_growth(path: Path, rows: list[Json]) -> None:

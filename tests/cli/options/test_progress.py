@@ -1,6 +1,7 @@
 """Progress where standard error is no terminal."""
 
 import io
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -36,3 +37,19 @@ def test_a_short_stage_and_a_quiet_command_say_nothing(monkeypatch: pytest.Monke
 
 def test_the_time_left_is_not_told_at_the_very_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
     assert told(monkeypatch, [(0.0, 0.0), (30.0, 0.01)]) == ["mapping: 1 %"]
+
+
+def test_work_of_unknown_length_tells_the_time_so_far_and_nothing_once_it_is_over(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(progress, "LINE_EVERY_S", 0.01)
+    lines, said = "", threading.Event()
+    with progress.told_time("solving"):
+        while not lines:
+            said.wait(0.01)
+            lines = capsys.readouterr().err
+    assert lines.splitlines()[0] == "solving: 0 s so far"
+    capsys.readouterr()
+    with progress.told_time("solving", quiet=True):
+        said.wait(0.05)
+    assert capsys.readouterr().err == ""

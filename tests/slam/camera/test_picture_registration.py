@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from tests.slam.rgbd_scene import CAMERA, pose, render
+from tests.slam.rgbd_scene import CAMERA, noisy, pose, render
 from waychair.slam.camera.depth_icp import IcpRefusal, cloud_kernel, refine_by_depth
-from waychair.slam.camera.features import FeatureSettings, ImageFeatures, extract
+from waychair.slam.camera.features import FeatureSettings, ImageFeatures, extract, extract_sized
 from waychair.slam.camera.picture_registration import RegistrationRefusal, angle_between, register
 from waychair.slam.camera.reprojection import NoiseModel, fit_pose, project, residual_kernel, unrolled
 from waychair.types import FloatArray, Pose3
@@ -174,3 +174,16 @@ def test_normals_are_those_of_the_walls() -> None:
     assert known.mean() > 0.9
     np.testing.assert_allclose(np.abs(normals[known]).max(axis=1), 1.0, atol=0.01)  # all walls are along the axes
     assert (np.einsum("ni,ni->n", normals[known], points[known]) < 0).all()
+
+
+@pytest.mark.parametrize("ratio", [1.5, 2.0])
+def test_a_place_seen_from_up_to_twice_the_distance_is_registered_both_ways(ratio: float) -> None:
+    """A wall from 1 m and from up to 2 m: each patch is described at its size in metres."""
+    turning = FeatureSettings(upright=False)
+    near_at, far_at = pose((0, math.pi, 0), (0, 0, -1.0)), pose((0, math.pi - 0.05, 0), (0.05, 0, ratio - 2.0))
+    near, far = (extract_sized(noisy(render(at), seed), turning) for seed, at in enumerate((near_at, far_at)))
+    for old, new, old_at, new_at in ((near, far, near_at, far_at), (far, near, far_at, near_at)):
+        found = register(old, new, CAMERA)
+        assert found.old_from_new is not None, (found.refusal, found.matches, found.inliers)
+        error = found.old_from_new.inverse() @ old_at.inverse() @ new_at
+        assert float(np.linalg.norm(error.translation)) < 0.05

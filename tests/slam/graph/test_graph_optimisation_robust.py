@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -66,6 +67,22 @@ def test_false_loops_do_not_move_the_optimum_and_are_named(
     )
     told = [str(item) for item in solution.rejected]
     assert told[0].startswith(f"loop {false[0].i}-{false[0].j}: the rest of the graph contradicts it (chi-square ")
+
+
+@pytest.mark.parametrize(("turned", "is_true"), [(0.0, True), (0.8, False)])
+def test_the_first_loop_is_kept_although_steps_drift_by_more_than_their_deviation(turned: float, is_true: bool) -> None:
+    """Sixty steps round a circle err by 1.1 standard deviations of the heading, all to one side, 18 degrees in all."""
+    count, sigma, bias = 60, 0.0047, 0.0052
+    information = np.diag([0.01**-2, 0.01**-2, sigma**-2])
+    true, drifted = (Pose2(0.4, 0.0, 2 * math.pi / count + more) for more in (0.0, bias))
+    steps = [Edge(k, k + 1, drifted, information, EdgeKind.MATCH) for k in range(count)]
+    poses, back = [Pose2()], Pose2()
+    for _ in range(count):
+        poses.append(poses[-1] @ drifted)
+        back = back @ true
+    loop = Edge(0, count, back @ Pose2(0.0, 0.0, turned), information, EdgeKind.LOOP)
+    solution = solve(np.array([pose.array() for pose in poses]), (*steps, loop))
+    assert bool(solution.accepted.all()) is is_true
 
 
 def test_without_false_loops_no_true_loop_is_rejected(intel: tuple[FloatArray, tuple[Edge, ...], FloatArray]) -> None:

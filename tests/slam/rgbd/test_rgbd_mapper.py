@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from waychair.offline.rgbd_mapping import RgbdMappingSettings, map_pictures, sav
 from waychair.recordings.recording import InputSettings, Recording, read_recording
 from waychair.recordings.rgbd_folders import RgbdSettings, read_truth
 from waychair.slam.camera import visual_odometry
-from waychair.slam.camera.features import FeatureSettings, extract
+from waychair.slam.camera.features import FeatureSettings, extract, extract_sized
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.camera.tracked_picture import TrackingState
 from waychair.slam.camera.visual_map import KeyFrame
@@ -51,6 +52,21 @@ def test_a_piece_started_elsewhere_is_joined_when_the_camera_returns(monkeypatch
         assert float(np.linalg.norm(found.translation)) < 0.1
 
 
+@pytest.mark.parametrize(("before", "after"), [(-1.0, 0.0), (0.0, -1.0)])
+def test_a_camera_carried_to_half_or_twice_the_distance_is_found_at_once(before: float, after: float) -> None:
+    """A wall 2 m behind the origin is seen from 1 m and from 2 m."""
+    mapper = RgbdMapper()
+    for k in range(4):
+        mapper.process(render(pose((0, math.pi, 0), (0.05 * k, 0, before)), k * STEP))
+    carried = pose((0, math.pi - 0.05, 0), (0.1, 0, after))
+    tracked = mapper.process(render(carried, 40 * STEP))
+    assert tracked.state in (TrackingState.FOUND, TrackingState.FOLLOWED)
+    assert tracked.camera_from_map is not None
+    first = pose((0, math.pi, 0), (0, 0, before))
+    error = tracked.camera_from_map @ first.inverse() @ carried
+    assert float(np.linalg.norm(error.translation)) < 0.03
+
+
 def test_no_frames_give_an_empty_map() -> None:
     result = RgbdMapper().result()
     assert result.trajectory.positions.shape == (0, 3)
@@ -65,18 +81,30 @@ def places_of(poses: list[Pose3]) -> KeyPlaces:
         frame = render(at, k * STEP)
         nothing = np.empty(0, np.int64), np.empty((0, 4))
         pyramid, depth = (frame.image,), frame.depth[::4, ::4]
-        keys.append(KeyFrame(frame.stamp_ns, at.inverse(), pyramid, *nothing, extract(frame, settings), depth))
+        features, sized = extract(frame, settings), extract_sized(frame, settings)
+        keys.append(KeyFrame(frame.stamp_ns, at.inverse(), pyramid, *nothing, features, sized, depth))
         places.add(keys[-1], np.eye(3), planar_poses(keys), 0.0)
     return places
 
 
-def test_similar_key_frames_are_returned_first_and_excluded_ones_never() -> None:
+def test_similar_key_frames_are_returned_first_and_none_for_a_blank_picture() -> None:
     places = places_of([pose((0, 0.8 * k, 0)) for k in range(8)])
-    asked = extract(render(pose((0, 1.62, 0), (0.02, 0, 0))), FeatureSettings(upright=False))
+    asked = extract_sized(render(pose((0, 1.62, 0), (0.02, 0, 0))), FeatureSettings(upright=False))
     assert places.likeliest(asked)[0] == 2
-    assert 2 not in places.likeliest(asked, excluded=[2])
     assert places.likeliest(asked.take(np.zeros(len(asked), bool))) == []
     assert places_of([]).likeliest(asked) == []
+
+
+@pytest.mark.parametrize(("near_first", "wall"), [(True, 1), (True, 3), (False, 1), (False, 2)])
+def test_a_view_of_a_wall_from_half_or_twice_the_distance_resembles_that_wall_most(near_first: bool, wall: int) -> None:
+    def view(wall: int, near: bool) -> Pose3:
+        turn = 0.5 * math.pi * wall
+        way = 1.0 if near else 0.0
+        return pose((0, turn, 0), (way * math.sin(turn), 0, way * math.cos(turn)))
+
+    places = places_of([view(wall, near_first) for wall in (1, 2, 3)])
+    asked = extract_sized(noisy(render(view(wall, not near_first)), 1), FeatureSettings(upright=False))
+    assert places.likeliest(asked)[0] == wall - 1
 
 
 def test_a_query_picture_does_not_change_the_vocabulary() -> None:
@@ -158,6 +186,9 @@ def test_the_real_numbered_frames_are_within_the_limit_and_written(data_dir: Pat
     folder = data_dir / "rgbd_tsdf_sample50"
     mapping = map_pictures(read_recording(folder), RgbdMappingSettings(), keep_in=tmp_path)
     assert mapping.report["placed"] == 50
+    assert mapping.report["times_real_time"] > 0.0
+    search = mapping.report["loop_search"]
+    assert search["proposed"] >= search["verified"] >= search["closed"] + search["rejected"]
     assert rmse(mapping.result.trajectory, read_truth(folder)) < 0.03
     save_pictures_map(tmp_path, mapping, RgbdMappingSettings())
     assert {file.name for file in tmp_path.iterdir()} == {"trajectory.tum", "config.yaml", "report.json", "memory.db"}
