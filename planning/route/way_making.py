@@ -115,7 +115,7 @@ def _directly(ground: Ground, start: Pose2, goal: Pose2) -> CountedSteps[Piece |
     """
     at, costmap = start.inverse() @ goal, ground.costmap
     away = math.hypot(at.x, at.y)
-    gears = (False, True)
+    gears: tuple[bool, ...] = (False, True)
     if away > _NEAR:
         if away > _FAR_BACK or at.x > 0.0 or abs(at.y) > 0.3 * away:
             return None
