@@ -127,7 +127,8 @@ def _directly(ground: Ground, start: Pose2, goal: Pose2) -> CountedSteps[Piece |
     for backwards in gears:
         if backwards and ground.limits.max_reverse == 0.0:
             continue
-        piece = yield from _soonest(ground, line, start, goal, backwards=backwards)
+        turns = away <= _NEAR
+        piece = yield from _soonest(ground, line, start, goal, first=turns, last=turns, backwards=backwards)
         found += [] if piece is None else [piece]
     return min(found, key=lambda piece: piece.seconds) if found else None
 
