@@ -62,8 +62,7 @@ def barn_command(
     from waychair.cli.options.tables import print_table
     from waychair.trials.barn import BarnTask, report, run_worlds, worlds_in
 
-    changes, file_speed = _changes(config)
-    speed = speed if speed is not None else file_speed
+    changes, speed = _changes(config), _SPEED if speed is None else speed
     task = BarnTask(body=body, speed=speed, scale=scale, starts=starts, changes=changes)
     paths = worlds_in(folder, worlds)
     console = Console(stderr=True, quiet=json or quiet)
@@ -85,8 +84,8 @@ def barn_command(
     )
 
 
-def _changes(path: Path | None) -> tuple[Mapping[str, Any], float]:
-    """Return the file's changes of the mapless navigator's settings, and the top speed [m/s].
+def _changes(path: Path | None) -> Mapping[str, Any]:
+    """Return the file's changes of the mapless navigator's settings.
 
     Raises:
         ConfigError: the file is wrong, or it changes nothing that the benchmark has.
@@ -99,7 +98,7 @@ def _changes(path: Path | None) -> tuple[Mapping[str, Any], float]:
     from waychair.errors import ConfigError
 
     if path is None:
-        return {}, _SPEED
+        return {}
     chair = changed_values(load_configuration(path).chair)
     navigator = chair.get("navigator", {})
     known = {entry.name for entry in dataclasses.fields(MaplessSettings)}
@@ -109,4 +108,4 @@ def _changes(path: Path | None) -> tuple[Mapping[str, Any], float]:
             f"{path}: the benchmark has no part of the chair but navigator.{', navigator.'.join(sorted(known - {'memory'}))}, "
             "none of which the file changes: omit --config"
         )
-    return changes, changes.get("dwa", {}).get("max_speed", _SPEED)
+    return changes

@@ -90,7 +90,7 @@ app.command(
     help="Drive a simulated chair along a route of a world, and record it.",
 )
 app.command(
-    "waychair.cli.fleet:fleet_app",
+    "waychair.cli.fleet_commands.fleet:fleet_app",
     name="fleet",
     help="Simulate several chairs in one building, and check its corridors.",
 )
@@ -125,12 +125,12 @@ app.command(
     help="Show the networks of behaviour cells, and read and replay their traces.",
 )
 app.command(
-    "waychair.cli.buildings:buildings_app",
+    "waychair.cli.building.buildings:buildings_app",
     name="building",
     help="Make, check and route through buildings of several storeys.",
 )
 app.command(
-    "waychair.cli.journeys_command:journeys_command",
+    "waychair.cli.building.journeys_command:journeys_command",
     name="journeys",
     help="Let a simulated chair travel over several storeys, and count how it fares.",
 )

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import yaml
 
-from waychair.config import Settings, from_mapping
+from waychair.config import Settings, from_mapping, settable_fields
 from waychair.errors import ConfigError
 from waychair.ros.interface_types import interface_type
 from waychair.yaml_files import yaml_from_text
@@ -52,7 +52,7 @@ class Leaf:
 def leaves(settings: Settings, prefix: str = "") -> dict[str, Leaf]:
     """Return all plain values of nested settings, by dotted name."""
     found: dict[str, Leaf] = {}
-    for entry in dataclasses.fields(settings):
+    for entry in settable_fields(settings):
         name, value = f"{prefix}{entry.name}", getattr(settings, entry.name)
         if isinstance(value, Settings):
             found.update(leaves(value, f"{name}."))

@@ -199,24 +199,18 @@ class Pilot:
 
 
 def _within(settings: PilotSettings, stops: StopTable | None) -> NavigatorSettings:
-    """Return the navigator's settings within the rider's comfort limits and the chair's measured stops.
-
-    The navigator gives way to people for as long as the monitor does.
-    """
-    navigator, limits = settings.navigator, settings.limiter
-    dwa = measured(navigator.dwa, stops)
-    return replace(
-        navigator,
-        dwa=replace(
-            dwa,
-            max_speed=min(dwa.max_speed, limits.max_speed),
-            max_reverse=min(dwa.max_reverse, permitted_speed(stops)),
-            max_omega=min(dwa.max_omega, limits.max_omega),
-            acceleration=min(dwa.acceleration, limits.acceleration),
-            braking=min(dwa.braking, limits.braking),
-            alpha=min(dwa.alpha, limits.alpha),
-            jerk=min(dwa.jerk, limits.jerk),
-            alpha_jerk=min(dwa.alpha_jerk, limits.jerk * limits.alpha / limits.acceleration),
-            max_lateral=min(dwa.max_lateral, limits.lateral),
-        ),
+    """Return the navigator's settings with the rider's comfort limits, within the chair's measured stops."""
+    dwa, limits = settings.navigator.dwa, settings.limiter
+    comfortable = replace(
+        dwa,
+        max_speed=limits.max_speed,
+        max_reverse=min(dwa.max_reverse, permitted_speed(stops)),
+        max_omega=limits.max_omega,
+        acceleration=limits.acceleration,
+        braking=limits.braking,
+        alpha=limits.alpha,
+        jerk=limits.jerk,
+        alpha_jerk=min(dwa.alpha_jerk, limits.jerk * limits.alpha / limits.acceleration),
+        max_lateral=limits.lateral,
     )
+    return replace(settings.navigator, dwa=measured(comfortable, stops))

@@ -10,7 +10,7 @@ import pytest
 
 from waychair import config
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
-from waychair.config import Settings, setting
+from waychair.config import Settings, given, setting
 from waychair.errors import ConfigError
 from waychair.offline.mapping import MappingSettings
 
@@ -99,3 +99,15 @@ def test_the_two_chairs_have_the_sizes_of_the_design() -> None:
     assert CHAIR_B.circumscribed_radius == pytest.approx(math.hypot(0.85, 0.35))
     assert ChairBody().outline().min(axis=0).tolist() == [-0.25, -0.3]
     assert ChairBody().outline().max(axis=0).tolist() == [0.75, 0.3]
+
+
+@dataclass(frozen=True, slots=True)
+class Limits(Settings):
+    fastest: float = setting(0.8, "m/s", "highest speed")
+    measured: float = given(0.3)
+
+
+def test_a_field_that_the_program_fills_is_in_no_file() -> None:
+    assert "measured" not in config.dump(Limits(measured=0.5))
+    with pytest.raises(ConfigError, match="unknown key 'measured'; did you mean 'fastest'"):
+        config.from_mapping(Limits, {"measured": 0.5})

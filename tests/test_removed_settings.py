@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from waychair import removed_settings
-from waychair.config import Settings, from_mapping, load, setting
+from waychair.config import Settings, from_mapping, load, settable_fields, setting
 from waychair.errors import ConfigError
 from waychair.offline.mapping import MappingSettings
 from waychair.removed_settings import TABLE, read_table
@@ -106,9 +106,7 @@ def test_parameters_of_a_node_are_explained_too() -> None:
 
 def test_the_shipped_table_has_valid_rows_that_name_no_present_setting() -> None:
     rows = read_table(TABLE)
-    present = {
-        (owner.__name__, name) for owner in _subclasses(Settings) for name in getattr(owner, "__dataclass_fields__", ())
-    }
+    present = {(owner.__name__, entry.name) for owner in _subclasses(Settings) for entry in settable_fields(owner)}
     assert rows
     assert not present & set(rows)
 

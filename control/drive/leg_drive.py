@@ -11,7 +11,7 @@ import numpy as np
 from waychair.calibration.chair_body import BodyLayer, ChairBody
 from waychair.control.drive.live_jambs import DoorWatch
 from waychair.control.drive.way_follower import SEEN_AHEAD, WayFollower
-from waychair.geometry import nearest_step, transform_points
+from waychair.geometry import arc_lengths, nearest_step, transform_points
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import MAP_DOUBT
 from waychair.planning.grid.drawn_map import DrawnMap
@@ -21,7 +21,7 @@ from waychair.planning.seen.glass_gaps import openings
 from waychair.planning.seen.person_tracks import Track
 from waychair.planning.window.dwa import DwaResult, choose
 from waychair.planning.window.motion_limits import CommandedMotion, DwaSettings, braking, slowing_speed
-from waychair.types import BoolArray, FloatArray, IntArray, Path, Pose2, Twist
+from waychair.types import BoolArray, FloatArray, Path, Pose2, Twist
 
 ROOMY = 0.1
 """m; room beside a line on the map in which the dynamic window may leave it."""
@@ -172,15 +172,10 @@ class LegDrive:
         A slow zone ends once the chair's front is through.
         """
         if self._openings is None:
-            self._openings = self._before_end(openings(self._drawn.grid, self.leg.path.poses, WIDEST_OPENING))
+            along = arc_lengths(self.leg.path.poses[:, :2])
+            self._openings = along[-1] - along[openings(self._drawn.grid, self.leg.path.poses, WIDEST_OPENING)]
         front = left - self._body.front
         return [front - each - OPENING_SLOW_M for each in self._openings.tolist() if front > each]
-
-    def _before_end(self, indices: IntArray) -> FloatArray:
-        """Return the distances (K,) [m] from some of the leg's poses to its end."""
-        steps = np.hypot(*np.diff(self.leg.path.poses[:, :2], axis=0).T)
-        ways: FloatArray = np.append(np.cumsum(steps[::-1])[::-1], 0.0)[indices]
-        return ways
 
     def _near_field(self, view: View, opening: tuple[Pose2, float] | None) -> DistanceField:
         """Return distances to obstacles near the chair on fine cells, in odom, made anew with every scan.
@@ -208,5 +203,5 @@ class LegDrive:
 def _way_left(poses: FloatArray, pose: Pose2) -> float:
     """Return the distance [m] to the end of a line of poses (N, 3), N >= 2, from its step that is nearest to a pose."""
     k, share = nearest_step(poses[:, :2], np.array([pose.x, pose.y]))
-    lengths = np.hypot(*np.diff(poses[k:, :2], axis=0).T)
-    return float(lengths.sum() - share * lengths[0])
+    along = arc_lengths(poses[k:, :2])
+    return float(along[-1] - share * along[1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from waychair.config import Settings, setting
+from waychair.config import Settings, given, setting
 from waychair.control.drive.local_obstacles import SurroundingsSettings
 from waychair.control.drive.recovery import RecoverySettings
 from waychair.planning.body.clearance import ClearanceSettings
@@ -16,7 +16,10 @@ from waychair.planning.window.motion_limits import DwaSettings
 
 @dataclass(frozen=True, slots=True)
 class NavigatorSettings(Settings):
-    """Settings of the navigator and of its parts."""
+    """Settings of the navigator and of its parts.
+
+    `goal_wait_distance` [m]: the chair drives so near to an occupied goal before it waits for it.
+    """
 
     obstacle_range: float = setting(
         6.0,
@@ -25,13 +28,7 @@ class NavigatorSettings(Settings):
         low=1.0,
         high=50.0,
     )
-    goal_wait_distance: float = setting(
-        2.0,
-        "m",
-        "distance to an occupied goal below which the chair waits for it; larger: it waits farther away",
-        low=0.1,
-        high=50.0,
-    )
+    goal_wait_distance: float = given(2.0)
     tracks: TrackSettings = field(default_factory=TrackSettings)
     personal_space: PersonalSpaceSettings = field(default_factory=PersonalSpaceSettings)
     surroundings: SurroundingsSettings = field(default_factory=SurroundingsSettings)

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.config import Settings, setting
+from waychair.config import Settings, given, setting
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.clearance import BACKING_OUT, BACKING_OUT_NOISE
 from waychair.planning.body.footprint import Footprint
@@ -60,29 +60,15 @@ TRIES_RESET = 1.0
 
 @dataclass(frozen=True, slots=True)
 class RecoverySettings(Settings):
-    """Waiting times before backing out and giving up, and the number of tries."""
+    """Waiting times before backing out and giving up, and the number of tries.
 
-    wait: float = setting(
-        2.0,
-        "s",
-        "standstill before the chair first backs out, more at each further try; larger: it backs out later",
-        low=0.1,
-        high=600,
-    )
-    progress_time: float = setting(
-        8.0,
-        "s",
-        "time without progress before the chair backs out; larger: it backs out later and for longer",
-        low=1.0,
-        high=600.0,
-    )
-    tries: int = setting(
-        2,
-        "",
-        "times that the chair backs out at one place before it only waits there; larger: it moves to and fro for longer",
-        low=0,
-        high=100,
-    )
+    `wait` [s]: standstill before the chair first backs out, more at each further try; `progress_time` [s] without
+    progress before it does. `tries`: times that it backs out at one place before it only waits there.
+    """
+
+    wait: float = given(2.0)
+    progress_time: float = given(8.0)
+    tries: int = given(2)
     patience: float = setting(
         120.0,
         "s",

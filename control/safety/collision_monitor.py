@@ -34,7 +34,7 @@ import numpy as np
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.self_mask import SelfMask, outline_reach
 from waychair.calibration.fits.stopping import StopTable
-from waychair.config import Settings, setting
+from waychair.config import Settings, given, setting
 from waychair.control.safety.arc_entry import entry_times
 from waychair.geometry import arcs, transform_points
 from waychair.planning.body.clearance import (
@@ -70,7 +70,10 @@ JUDGED_WITHIN_V, JUDGED_WITHIN_OMEGA = 0.1, 0.2
 
 @dataclass(frozen=True, slots=True)
 class MonitorSettings(Settings):
-    """The chair's emergency braking before its stops were measured, and the extra clearance to legs."""
+    """The chair's emergency braking before its stops were measured, and the extra clearance to legs.
+
+    `emergency` [m/s^2] and `emergency_alpha` [rad/s^2] are the decelerations assumed without measured stops.
+    """
 
     reaction_s: float = setting(
         0.3,
@@ -79,20 +82,8 @@ class MonitorSettings(Settings):
         low=0.0,
         high=2.0,
     )
-    emergency: float = setting(
-        1.5,
-        "m/s^2",
-        "emergency deceleration assumed without measured stops; larger: the chair brakes later",
-        low=0.2,
-        high=4.0,
-    )
-    emergency_alpha: float = setting(
-        1.5,
-        "rad/s^2",
-        "emergency deceleration of a turn assumed without measured stops; larger: the chair brakes later",
-        low=0.2,
-        high=10.0,
-    )
+    emergency: float = given(1.5)
+    emergency_alpha: float = given(1.5)
     legs: LegClearanceSettings = field(default_factory=LegClearanceSettings)
 
 

@@ -378,20 +378,16 @@ def robot_settings() -> ChairSettings:
             recovery=RecoverySettings(patience=150.0),  # discs never stand for long
             tracks=TrackSettings(movers="robots"),
             personal_space=PersonalSpaceSettings(radius=0.2, squeezed=0.2),
-            dwa=DwaSettings(
-                max_speed=0.5,
-                max_omega=0.8,  # any faster, its corners would hit discs that drift past
-                acceleration=1.0,
-                braking=1.0,
-                alpha=3.0,
-                jerk=10.0,
-                alpha_jerk=30.0,
-                clearance=0.02,
-                people_weight=0.3,
-            ),
+            dwa=DwaSettings(alpha_jerk=30.0, clearance=0.02, people_weight=0.3),
         ),
         limiter=LimiterSettings(
-            acceleration=1.0, braking=1.0, alpha=3.0, emergency_alpha=6.0, max_omega=0.8, jerk=10.0
+            max_speed=0.5,
+            max_omega=0.8,  # any faster, its corners would hit discs that drift past
+            acceleration=1.0,
+            braking=1.0,
+            alpha=3.0,
+            emergency_alpha=6.0,
+            jerk=10.0,
         ),
         monitor=MonitorSettings(
             legs=LegClearanceSettings(ahead=0.12, beside=0.05, turning=0.05, ahead_after=0.10, beside_after=0.05)

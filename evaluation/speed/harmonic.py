@@ -21,7 +21,7 @@ from evaluation.speed.paper_band import paper_band, polyline_length
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.geometry import evenly_spaced
 from waychair.maps.grid.moving_ai import load_free_cells
-from waychair.planning.body.clearance import PLANNED_ON_PATH
+from waychair.planning.body.clearance import PLANNED
 from waychair.planning.body.footprint import footprint, room
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.grid.grid_graph import Cell
@@ -107,7 +107,7 @@ def bands(scene: BandScene) -> Bands:
 
 def rectangle_fits(costmap: Costmap, points: FloatArray) -> bool:
     """Return whether chair A with the band's margin fits all along a path, headed along it."""
-    shape = footprint(costmap.body, PLANNED_ON_PATH, costmap.field)
+    shape = footprint(costmap.body, PLANNED, costmap.field)
     line = evenly_spaced(points, 0.05 / CELL)
     ahead = np.diff(line, axis=0)
     return all(

@@ -32,9 +32,6 @@ NOISE = 0.005
 PLANNED = 0.03
 """[m] Kept by the local planner and, beside the chair's half width, by the costmap. It covers localisation noise."""
 
-PLANNED_ON_PATH = 0.045
-"""[m] Kept along a direct path: `PLANNED`, plus the rounding of the costmap's coarser cells."""
-
 PLANNED_TURN = 0.06
 """[m] Kept where a turn on the spot is planned: `PLANNED`, and as much again because the stop is not exact."""
 

@@ -153,15 +153,9 @@ def _relax(
     count = stop - first
     if count < 1:
         return True
-    width = 4  # half bandwidth of the system, with the diagonal: a point moves across the line only
-    band = np.zeros((count, width))
+    band = np.zeros((count, 4))  # half bandwidth of the system, with the diagonal: a point moves across the line only
     right = np.zeros(count)
-    stencils = np.array([[-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]])
-    prices = np.array([LENGTH_PRICE / h, BEND_PRICE / h**3, BEND_RATE_PRICE / h**5])
-    sizes = np.array([2, 3, 4])
     across = np.zeros((n, 2))
-    slopes = np.zeros(4)
-    lever = np.zeros(3)
     for _ in range(steps):
         for i in range(n):
             before, after = max(i - 1, 0), min(i + 1, n - 1)
@@ -170,71 +164,8 @@ def _relax(
             across[i, 0], across[i, 1] = -ty / long, tx / long
         band[:] = 0.0
         right[:] = 0.0
-        for term in range(3):
-            size = sizes[term]
-            for i in range(n - size + 1):
-                rx, ry = 0.0, 0.0
-                for a in range(size):
-                    rx += stencils[term, a] * p[i + a, 0]
-                    ry += stencils[term, a] * p[i + a, 1]
-                if term > 0:  # bends are what deviates across the line; along it only the points' spacing does
-                    nx, ny = across[i + 1, 0], across[i + 1, 1]
-                    if term == 2:
-                        nx, ny = nx + across[i + 2, 0], ny + across[i + 2, 1]
-                        long = math.hypot(nx, ny) + 1e-9
-                        nx, ny = nx / long, ny / long
-                    residual = rx * nx + ry * ny
-                    for a in range(size):
-                        slopes[a] = stencils[term, a] * (across[i + a, 0] * nx + across[i + a, 1] * ny)
-                    for a in range(size):
-                        if first <= i + a < stop:
-                            row = i + a - first
-                            right[row] -= prices[term] * slopes[a] * residual
-                            for b in range(a + 1):
-                                if first <= i + b < stop:
-                                    band[row, a - b] += prices[term] * slopes[a] * slopes[b]
-                    continue
-                for a in range(size):
-                    if first <= i + a < stop:
-                        row = i + a - first
-                        right[row] -= prices[term] * stencils[term, a] * (rx * across[i + a, 0] + ry * across[i + a, 1])
-                        for b in range(a + 1):
-                            if first <= i + b < stop:
-                                dot = across[i + a, 0] * across[i + b, 0] + across[i + a, 1] * across[i + b, 1]
-                                band[row, a - b] += prices[term] * stencils[term, a] * stencils[term, b] * dot
-        for i in range(1, n - 1):
-            tx, ty = p[i + 1, 0] - p[i - 1, 0], p[i + 1, 1] - p[i - 1, 1]
-            long = math.hypot(tx, ty) + 1e-9
-            tx, ty = tx / long, ty / long
-            for k in range(len(shape) + (from_zones.size > 0)):
-                if k < len(shape):
-                    field, o, w, want = metres, shape[k, 0], shape[k, 1], shape[k, 2]
-                else:
-                    field, o, w, want = from_zones, 0.0, 0.0, FROM_ZONES + cell / 2
-                x, y = p[i, 0] + o * tx - w * ty, p[i, 1] + o * ty + w * tx
-                u, v = x / cell, y / cell
-                lacking = want - interpolated(field, u, v)
-                if lacking <= 0.0:
-                    continue
-                gx = (interpolated(field, u + 1.0, v) - interpolated(field, u - 1.0, v)) / (2 * cell)
-                gy = (interpolated(field, u, v + 1.0) - interpolated(field, u, v - 1.0)) / (2 * cell)
-                # the point moves with the turn of the heading: d(point)/d(theta) = (-o ty - w tx, o tx - w ty)
-                turned = gx * (-o * ty - w * tx) + gy * (o * tx - w * ty)
-                for a in range(3):
-                    nx, ny = across[i + a - 1, 0], across[i + a - 1, 1]
-                    if a == 1:
-                        lever[a] = -(gx * nx + gy * ny)
-                    else:
-                        lever[a] = -turned * (a - 1) * (-ty * nx + tx * ny) / long
-                price = room_price * h
-                for a in range(3):
-                    if not first <= i + a - 1 < stop:
-                        continue
-                    row = i + a - 1 - first
-                    right[row] -= price * lever[a] * lacking
-                    for b in range(a + 1):
-                        if first <= i + b - 1 < stop:
-                            band[row, a - b] += price * lever[a] * lever[b]
+        _add_smoothness(p, across, h, first, stop, band, right)
+        _add_room(p, across, metres, from_zones, cell, shape, room_price * h, first, stop, band, right)
         for row in range(count):
             band[row, 0] += DAMPING
         _solve(band, right)
@@ -248,6 +179,98 @@ def _relax(
         if longest < STILL:
             return True
     return False
+
+
+@njit(cache=True, nogil=True)
+def _add_smoothness(
+    p: FloatArray, across: FloatArray, h: float, first: int, stop: int, band: FloatArray, right: FloatArray
+) -> None:
+    """Add the price of length, bends and their rate to the system of the points from `first` to `stop`."""
+    stencils = np.array([[-1.0, 1.0, 0.0, 0.0], [1.0, -2.0, 1.0, 0.0], [-1.0, 3.0, -3.0, 1.0]])
+    prices = np.array([LENGTH_PRICE / h, BEND_PRICE / h**3, BEND_RATE_PRICE / h**5])
+    slopes = np.zeros(4)
+    for term in range(3):
+        size = term + 2
+        for i in range(len(p) - size + 1):
+            rx, ry = 0.0, 0.0
+            for a in range(size):
+                rx += stencils[term, a] * p[i + a, 0]
+                ry += stencils[term, a] * p[i + a, 1]
+            if term > 0:  # bends are what deviates across the line; along it only the points' spacing does
+                nx, ny = across[i + 1, 0], across[i + 1, 1]
+                if term == 2:
+                    nx, ny = nx + across[i + 2, 0], ny + across[i + 2, 1]
+                    long = math.hypot(nx, ny) + 1e-9
+                    nx, ny = nx / long, ny / long
+                residual = rx * nx + ry * ny
+                for a in range(size):
+                    slopes[a] = stencils[term, a] * (across[i + a, 0] * nx + across[i + a, 1] * ny)
+                for a in range(size):
+                    if first <= i + a < stop:
+                        row = i + a - first
+                        right[row] -= prices[term] * slopes[a] * residual
+                        for b in range(a + 1):
+                            if first <= i + b < stop:
+                                band[row, a - b] += prices[term] * slopes[a] * slopes[b]
+                continue
+            for a in range(size):
+                if first <= i + a < stop:
+                    row = i + a - first
+                    right[row] -= prices[term] * stencils[term, a] * (rx * across[i + a, 0] + ry * across[i + a, 1])
+                    for b in range(a + 1):
+                        if first <= i + b < stop:
+                            dot = across[i + a, 0] * across[i + b, 0] + across[i + a, 1] * across[i + b, 1]
+                            band[row, a - b] += prices[term] * stencils[term, a] * stencils[term, b] * dot
+
+
+@njit(cache=True, nogil=True)
+def _add_room(
+    p: FloatArray,
+    across: FloatArray,
+    metres: Float32Array,
+    from_zones: Float32Array,
+    cell: float,
+    shape: FloatArray,
+    price: float,
+    first: int,
+    stop: int,
+    band: FloatArray,
+    right: FloatArray,
+) -> None:
+    """Add the price of the room that points of the outline lack to the system of the points from `first` to `stop`."""
+    lever = np.zeros(3)
+    for i in range(1, len(p) - 1):
+        tx, ty = p[i + 1, 0] - p[i - 1, 0], p[i + 1, 1] - p[i - 1, 1]
+        long = math.hypot(tx, ty) + 1e-9
+        tx, ty = tx / long, ty / long
+        for k in range(len(shape) + (from_zones.size > 0)):
+            if k < len(shape):
+                field, o, w, want = metres, shape[k, 0], shape[k, 1], shape[k, 2]
+            else:
+                field, o, w, want = from_zones, 0.0, 0.0, FROM_ZONES + cell / 2
+            x, y = p[i, 0] + o * tx - w * ty, p[i, 1] + o * ty + w * tx
+            u, v = x / cell, y / cell
+            lacking = want - interpolated(field, u, v)
+            if lacking <= 0.0:
+                continue
+            gx = (interpolated(field, u + 1.0, v) - interpolated(field, u - 1.0, v)) / (2 * cell)
+            gy = (interpolated(field, u, v + 1.0) - interpolated(field, u, v - 1.0)) / (2 * cell)
+            # the point moves with the turn of the heading: d(point)/d(theta) = (-o ty - w tx, o tx - w ty)
+            turned = gx * (-o * ty - w * tx) + gy * (o * tx - w * ty)
+            for a in range(3):
+                nx, ny = across[i + a - 1, 0], across[i + a - 1, 1]
+                if a == 1:
+                    lever[a] = -(gx * nx + gy * ny)
+                else:
+                    lever[a] = -turned * (a - 1) * (-ty * nx + tx * ny) / long
+            for a in range(3):
+                if not first <= i + a - 1 < stop:
+                    continue
+                row = i + a - 1 - first
+                right[row] -= price * lever[a] * lacking
+                for b in range(a + 1):
+                    if first <= i + b - 1 < stop:
+                        band[row, a - b] += price * lever[a] * lever[b]
 
 
 STRAIGHT = 3

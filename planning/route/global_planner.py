@@ -26,7 +26,6 @@ from waychair.planning.grid.resumable import CELLS_PER_STEP, Resumable, finished
 from waychair.planning.grid.smoothing import pull_taut, round_corners
 from waychair.planning.harmonic.harmonic_field import HarmonicSettings
 from waychair.planning.harmonic.laplace_solvers import HasTime
-from waychair.planning.route.direct_leg import direct_leg
 from waychair.planning.route.grid_planner import GridPlanner, grid_planner, prepared
 from waychair.planning.route.keep_right import KeepRightSettings, kept_right
 from waychair.planning.route.legs import DoorPassage, PathLeg, joined_legs
@@ -162,10 +161,6 @@ class GlobalPlanner:
             doors = self._doors(costmap, line)
             if among_people and not doors:
                 self.legs = (self._plain_leg(costmap, line),)
-                return joined_legs(self.legs)
-            direct = None if among_people else direct_leg(costmap, here, self.goal)
-            if direct is not None:
-                self.legs = (direct,)
                 return joined_legs(self.legs)
             searches = None if among_people else self._stand_still
             try:

@@ -79,9 +79,11 @@ def way_legs(
         NoPath: the chair does not fit somewhere, not even with a multi-point turn.
     """
     if math.dist((start.x, start.y), (goal.x, goal.y)) < _NOWHERE:
-        poses = np.array([[start.x, start.y, start.theta], [start.x, start.y, goal.theta]])
-        return [PathLeg(Path(poses), np.zeros(2))]
+        return [_turn(start, goal.theta)]
     ground = Ground(costmap, limits, _zones_round(costmap, line), searches)
+    direct = None if searches is None else (yield from _directly(ground, start, goal))
+    if direct is not None:
+        return _joined([direct], goal, ())
     pieces: list[Piece] = []
     passed: list[DoorPassage] = []
     here, rest = start, line
@@ -96,6 +98,44 @@ def way_legs(
         pieces += yield from _pieces(ground, rest, here, goal)
     return _joined(pieces, goal, passed)
 
+
+def turning_leg(costmap: Costmap, pose: Pose2, heading: float) -> PathLeg | None:
+    """Return the leg that only turns on the spot to a heading [rad] in map; None where the turn is not free."""
+    return _turn(pose, heading) if can_turn(costmap, pose, heading, HARD) else None
+
+
+def _turn(pose: Pose2, heading: float) -> PathLeg:
+    return PathLeg(Path(np.array([pose.array(), [pose.x, pose.y, heading]])), np.zeros(2))
+
+
+def _directly(ground: Ground, start: Pose2, goal: Pose2) -> CountedSteps[Piece | None]:
+    """Return the soonest band straight to a goal that is near, in both gears; to one behind a chair without room to turn, in reverse.
+
+    To a goal half a metre behind the chair, a way over the cells would begin and end with half a turn.
+    """
+    at, costmap = start.inverse() @ goal, ground.costmap
+    away = math.hypot(at.x, at.y)
+    gears: tuple[bool, ...] = (False, True)
+    if away > _NEAR:
+        if away > _FAR_BACK or at.x > 0.0 or abs(at.y) > 0.3 * away:
+            return None
+        if can_turn(costmap, start, start.theta + math.pi, PLANNED_TURN):
+            return None
+        gears = (True,)
+    line = np.array([[start.x, start.y], [goal.x, goal.y]])
+    found: list[Piece] = []
+    for backwards in gears:
+        if backwards and ground.limits.max_reverse == 0.0:
+            continue
+        turns = away <= _NEAR
+        piece = yield from _soonest(ground, line, start, goal, first=turns, last=turns, backwards=backwards)
+        found += [] if piece is None else [piece]
+    return min(found, key=lambda piece: piece.seconds) if found else None
+
+
+_NEAR, _FAR_BACK = 1.0, 6.0
+"""[m] A goal no farther than the first is driven to directly. A chair that cannot turn where it stands backs no farther than
+the second."""
 
 _NOWHERE = 0.005
 """[m] At a goal so near the chair only turns."""
@@ -269,6 +309,7 @@ def _soonest(
     free: tuple[FloatArray, FloatArray] | None = None,
     first: bool = True,
     last: bool = True,
+    backwards: bool = False,
 ) -> CountedSteps[Piece | None]:
     """Return the soonest of the bands along a line with fixed and with free ends; None if none fits.
 
@@ -276,11 +317,11 @@ def _soonest(
     at the others it drives on, in the pose's heading.
     """
     best: Piece | None = None
-    costmap, limits = ground.costmap, ground.limits
+    costmap, limits, gear = ground.costmap, ground.limits, -1.0 if backwards else 1.0
     for leaves in (None, start.theta) if first else (start.theta,):
         for arrives in (None, goal.theta) if last else (goal.theta,):
             found = free if leaves is None and arrives is None else None
-            found = found or (yield from _fitting(ground, line, leaves, arrives))
+            found = found or (yield from _fitting(ground, line, leaves, arrives, backwards))
             if found is None:
                 continue
             poses, rooms = found
@@ -291,9 +332,9 @@ def _soonest(
                 continue
             turning = turn_time(wrap_angle(into.theta - start.theta), costmap.body, limits) if leaves is None else 0.0
             turning += turn_time(wrap_angle(goal.theta - out.theta), costmap.body, limits) if arrives is None else 0.0
-            seconds = time_along(poses, rooms, costmap.body, limits) + turning
+            seconds = time_along(poses, rooms, costmap.body, limits, gear) + turning
             if best is None or seconds < best.seconds:
-                best = Piece(poses, rooms, seconds, turning=turning)
+                best = Piece(poses, rooms, seconds, backwards, turning)
     return best
 
 
@@ -302,13 +343,13 @@ _END_PART = 3.0
 
 
 def _fitting(
-    ground: Ground, line: FloatArray, leaves: float | None, arrives: float | None
+    ground: Ground, line: FloatArray, leaves: float | None, arrives: float | None, backwards: bool = False
 ) -> CountedSteps[tuple[FloatArray, FloatArray] | None]:
     """Return the first band along a line that fits, and the room (N,) [m] at its poses; None if none does."""
     costmap = ground.costmap
     for comfort, price in ((COMFORT, _SETTLING_PRICE), *_TRIES):
         poses = yield from flowing(
-            line, costmap.field, costmap.body, leaves, arrives, comfort, price=price, from_zones=ground.from_zones
+            line, costmap.field, costmap.body, leaves, arrives, comfort, backwards, price, ground.from_zones
         )
         line = poses[:, :2]
         if price == _SETTLING_PRICE:

@@ -144,53 +144,33 @@ def choose(
     """
     shape, ease = eased_footprint(body, settings.clearance, distances, pose)
     settings = crawling(settings) if ease else settings
-    # This command moves the chair only after the reaction time; until then the last command does.
-    ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
+    now = _Tick(pose, command, shape, distances, settings, motion, tracks)
+    ahead = now.ahead
     section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * HORIZON + 0.5)
-
-    def turned_to(heading: float) -> DwaResult:
-        turn = _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
-        return _unless_meeting(
-            turn=turn, ahead=ahead, command=command, tracks=tracks, shape=shape, distances=distances, settings=settings
-        )
 
     tolerance = settings.tolerances.release if in_position else settings.tolerances.position
     if math.hypot(path.poses[-1, 0] - ahead.x, path.poses[-1, 1] - ahead.y) <= tolerance:
-        return replace(turned_to(float(path.poses[-1, 2])), in_position=True)
+        return replace(_unless_meeting(now, _rotate(now, float(path.poses[-1, 2]))), in_position=True)
     off_path = wrap_angle(float(section[min(10, len(section) - 1), 2]) - ahead.theta)
     if abs(off_path) > TURN_FIRST and remaining > settings.tolerances.position:
-        turn = turned_to(ahead.theta + off_path)
+        turn = _unless_meeting(now, _rotate(now, ahead.theta + off_path))
         if not turn.blocked:
             return turn
 
     fastest = min(fastest, slowing_speed(remaining, 0.0, settings))
     candidates = _window(command, max(fastest, MIN_SPEED), body, settings, motion)
-    measures = _measures(
-        candidates=candidates,
-        ahead=ahead,
-        command=command,
-        section=section,
-        shape=shape,
-        distances=distances,
-        settings=settings,
-    )
-    measures = _with_people(
-        measures=measures, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings
-    )
+    measures = _with_people(now, _measures(now, candidates, section))
     if motion is not None:
         measures = replace(measures, reversal=(candidates[:, 0] * motion.direction < 0).astype(np.float64))
     if ease > settings.clearance:  # the outline itself may be too near: admit arcs to more clearance only
         roomier = footprint(body, settings.clearance - ease + EASE_STEP, distances)
-        measures = replace(
-            measures, admissible=measures.admissible & _reaches_room(measures, ahead, roomier, distances)
-        )
+        reaches = fits_after(roomier, now.start, candidates, np.minimum(_LEAVING, measures.free_time))
+        measures = replace(measures, admissible=measures.admissible & reaches)
     longest = min(settings.max_speed * HORIZON, _FAR)
     scores = weighted_score(measures, settings.people_weight, longest, settings.max_speed)
     scores = np.where(measures.admissible, scores, -np.inf)
-    best = _best(candidates, scores, ahead, command, shape, distances, settings, motion)
-    if best.blocked and _meets_somebody(
-        command=command, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings
-    ):
+    best = _best(now, candidates, scores)
+    if best.blocked and _meets_somebody(now):
         return replace(best, twist=braking_hard(command, settings))
     return best
 
@@ -211,8 +191,31 @@ def rotate_to_heading(
     first stops with limited jerk.
     """
     shape = footprint(body, settings.clearance, distances)
-    ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
-    return _rotate(pose, ahead, command, heading, shape, distances, settings, motion)
+    return _rotate(_Tick(pose, command, shape, distances, settings, motion), heading)
+
+
+class _Tick:
+    """The input of one choice: pose and last command, the body on the distances, limits, and people.
+
+    `ahead` is the pose after the reaction time, and `start` the same on the distances' cells: a command moves the chair
+    only then, and until then the last one does.
+    """
+
+    def __init__(
+        self,
+        pose: Pose2,
+        command: Twist,
+        shape: Footprint,
+        distances: DistanceField,
+        settings: DwaSettings,
+        motion: CommandedMotion | None,
+        tracks: Sequence[Track] = (),
+    ) -> None:
+        self.pose, self.command, self.shape, self.distances = pose, command, shape, distances
+        self.settings, self.motion, self.tracks = settings, motion, tracks
+        arc = along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time)
+        self.ahead = Pose2(*arc)
+        self.start = in_cells(distances, self.ahead)
 
 
 def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
@@ -233,10 +236,10 @@ def _time_needed(candidates: FloatArray, settings: DwaSettings) -> FloatArray:
     return PERIOD + needed
 
 
-def _can_stop(twist: Twist, start: FloatArray, shape: Footprint, settings: DwaSettings) -> bool:
+def _can_stop(now: _Tick, twist: Twist) -> bool:
     """Return whether one period at this speed and the stop after it stay free (Eq. (10))."""
     twists = np.array([[twist.v, twist.omega]])
-    return bool(first_free(shape, start, twists, _time_needed(twists, settings)) == 0)
+    return bool(first_free(now.shape, now.start, twists, _time_needed(twists, now.settings)) == 0)
 
 
 def _window(
@@ -276,23 +279,15 @@ def _samples(low: float, high: float, count: int) -> FloatArray:
     return values
 
 
-def _measures(
-    candidates: FloatArray,
-    ahead: Pose2,
-    command: Twist,
-    section: FloatArray,
-    shape: Footprint,
-    distances: DistanceField,
-    settings: DwaSettings,
-) -> ArcMeasures:
+def _measures(now: _Tick, candidates: FloatArray, section: FloatArray) -> ArcMeasures:
     """Roll out every candidate and measure it against the path and the obstacles."""
+    shape, settings, local = now.shape, now.settings, poses_in_cells(now.distances, section)
     needed = np.minimum(_time_needed(candidates, settings), HORIZON)
-    start, local = in_cells(distances, ahead), poses_in_cells(distances, section)
-    rows = measure(shape, start, candidates, local, needed, HORIZON)
+    rows = measure(shape, now.start, candidates, local, needed, HORIZON)
     admissible: BoolArray = rows[:, 0] >= needed
     end_is_near = (len(section) - 1) * SPACING <= _NEAR_END
     x, y, theta = local[-1].tolist()
-    change = np.abs(candidates - (command.v, command.omega)) / (settings.max_speed, settings.max_omega)
+    change = np.abs(candidates - (now.command.v, now.command.omega)) / (settings.max_speed, settings.max_omega)
     return ArcMeasures(
         candidates=candidates,
         admissible=admissible,
@@ -309,69 +304,34 @@ def _measures(
     )
 
 
-def _with_people(
-    measures: ArcMeasures,
-    ahead: Pose2,
-    tracks: Sequence[Track],
-    shape: Footprint,
-    distances: DistanceField,
-    settings: DwaSettings,
-) -> ArcMeasures:
+def _with_people(now: _Tick, measures: ArcMeasures) -> ArcMeasures:
     """Return the measures with people: arcs that meet a predicted person before the chair stands are inadmissible.
 
     Standing is always admissible: a standing chair runs into nobody. So is an arc on which the chair can stop if it
     would be met later there, and comes no nearer to anybody, than standing still. Turns on the spot in front of
     somebody approaching are inadmissible: they block one side after the other, and neither gets past.
     """
-    if not tracks:
+    if not now.tracks:
         return measures
-    spares, gaps = _avoid_people(
-        candidates=measures.candidates, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings
-    )
-    here = (ahead.x, ahead.y)
-    if any(t.speed > NO_TURNING_SPEED and math.dist(t.position, here) < NO_TURNING_WITHIN for t in tracks):
+    spares, gaps = _avoid_people(now, measures.candidates)
+    here = (now.ahead.x, now.ahead.y)
+    if any(t.speed > NO_TURNING_SPEED and math.dist(t.position, here) < NO_TURNING_WITHIN for t in now.tracks):
         spares &= (measures.candidates[:, 0] != 0.0) | (measures.candidates[:, 1] == 0.0)
     return replace(measures, admissible=measures.admissible & spares, people_gap=gaps)
 
 
-def _unless_meeting(
-    turn: DwaResult,
-    ahead: Pose2,
-    command: Twist,
-    tracks: Sequence[Track],
-    shape: Footprint,
-    distances: DistanceField,
-    settings: DwaSettings,
-) -> DwaResult:
+def _unless_meeting(now: _Tick, turn: DwaResult) -> DwaResult:
     """Return the turn on the spot, or a stop if a corner of the chair would meet a predicted person."""
-    if not tracks or standing(turn.twist):
-        return turn
     tried = np.array([[turn.twist.v, turn.twist.omega]])
-    if _avoid_people(candidates=tried, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings)[
-        0
-    ][0]:
+    if not now.tracks or standing(turn.twist) or _avoid_people(now, tried)[0][0]:
         return turn
-    return replace(turn, twist=braking(command, settings), blocked=True)
+    return replace(turn, twist=braking(now.command, now.settings), blocked=True)
 
 
-def _avoid_people(
-    candidates: FloatArray,
-    ahead: Pose2,
-    tracks: Sequence[Track],
-    shape: Footprint,
-    distances: DistanceField,
-    settings: DwaSettings,
-) -> tuple[BoolArray, FloatArray]:
+def _avoid_people(now: _Tick, candidates: FloatArray) -> tuple[BoolArray, FloatArray]:
     """Return (N,) whether candidates meet nobody too soon, and (N,) their least gaps [m]; see `_with_people`."""
-    needed = np.minimum(_time_needed(candidates, settings), HORIZON)
-    met = _meetings(
-        candidates=np.concatenate([candidates, np.zeros((1, 2))]),
-        ahead=ahead,
-        tracks=tracks,
-        shape=shape,
-        distances=distances,
-        settings=settings,
-    )
+    needed = np.minimum(_time_needed(candidates, now.settings), HORIZON)
+    met = _meetings(now, np.concatenate([candidates, np.zeros((1, 2))]))
     met, stood = met[:-1], met[-1]
     stands = (candidates == 0.0).all(axis=1)
     in_time = met[:, 0] > needed + STANDING_BEFORE_S
@@ -380,69 +340,36 @@ def _avoid_people(
     return spares, met[:, 1]
 
 
-def _meets_somebody(
-    command: Twist,
-    ahead: Pose2,
-    tracks: Sequence[Track],
-    shape: Footprint,
-    distances: DistanceField,
-    settings: DwaSettings,
-) -> bool:
+def _meets_somebody(now: _Tick) -> bool:
     """Return whether a chair that brakes comfortably would meet somebody before it stands."""
-    if not tracks or standing(command):
+    if not now.tracks or standing(now.command):
         return False
-    present = np.array([[command.v, command.omega]])
-    return bool(
-        _meetings(candidates=present, ahead=ahead, tracks=tracks, shape=shape, distances=distances, settings=settings)[
-            0, 0
-        ]
-        < stop_time(command, settings)
-    )
+    present = np.array([[now.command.v, now.command.omega]])
+    return bool(_meetings(now, present)[0, 0] < stop_time(now.command, now.settings))
 
 
-def _meetings(
-    candidates: FloatArray,
-    ahead: Pose2,
-    tracks: Sequence[Track],
-    shape: Footprint,
-    distances: DistanceField,
-    settings: DwaSettings,
-) -> FloatArray:
-    """Return (N, 2) when [s] each candidate meets a predicted person, and the least gap [m]
-    (`meetings_with_people`)."""
-    people = np.array([track.row(settings.reaction_time) for track in tracks])
+def _meetings(now: _Tick, candidates: FloatArray) -> FloatArray:
+    """Return (N, 2) when [s] each candidate meets a predicted person, and the least gap [m] (`meetings_with_people`)."""
+    people = np.array([track.row(now.settings.reaction_time) for track in now.tracks])
+    distances = now.distances
     people[:, :2] = poses_in_cells(distances, np.column_stack([people[:, :2], np.zeros(len(people))]))[:, :2]
-    people[:, 2:4] = people[:, 2:4] @ rotation(distances.map_from_grid.theta) / shape.cell
-    met: FloatArray = meetings_with_people(shape, in_cells(distances, ahead), candidates, people, HORIZON)
+    people[:, 2:4] = people[:, 2:4] @ rotation(distances.map_from_grid.theta) / now.shape.cell
+    met: FloatArray = meetings_with_people(now.shape, now.start, candidates, people, HORIZON)
     return met
 
 
-def _reaches_room(measures: ArcMeasures, ahead: Pose2, roomier: Footprint, distances: DistanceField) -> BoolArray:
-    """Return (N,) whether a candidate stands still or leads to a place with more clearance than here."""
-    times = np.minimum(_LEAVING, measures.free_time)
-    return fits_after(roomier, in_cells(distances, ahead), measures.candidates, times)
-
-
-def _best(
-    candidates: FloatArray,
-    scores: FloatArray,
-    ahead: Pose2,
-    command: Twist,
-    shape: Footprint,
-    distances: DistanceField,
-    settings: DwaSettings,
-    motion: CommandedMotion | None,
-) -> DwaResult:
+def _best(now: _Tick, candidates: FloatArray, scores: FloatArray) -> DwaResult:
     """Return the best candidate whose first period can stop; braking when there is none."""
     order = np.argsort(-scores, kind="stable")
     order = order[scores[order] > -np.inf]
-    twists = towards_each(command, candidates[order], settings, motion)
-    first = first_free(shape, in_cells(distances, ahead), twists, _time_needed(twists, settings))
+    twists = towards_each(now.command, candidates[order], now.settings, now.motion)
+    first = first_free(now.shape, now.start, twists, _time_needed(twists, now.settings))
     if first == len(order):
-        return DwaResult(braking(command, settings), candidates, scores, ahead.array()[None], blocked=True)
+        stop = braking(now.command, now.settings)
+        return DwaResult(stop, candidates, scores, now.ahead.array()[None], blocked=True)
     twist, candidate = Twist(*twists[first].tolist()), candidates[order[first]]
     stuck = standing(twist) and standing(Twist(*candidate.tolist()))
-    return DwaResult(twist, candidates, scores, _arc(ahead, candidate, HORIZON), blocked=stuck)
+    return DwaResult(twist, candidates, scores, _arc(now.ahead, candidate, HORIZON), blocked=stuck)
 
 
 def _arc(start: Pose2, candidate: FloatArray, horizon: float) -> FloatArray:
@@ -451,26 +378,17 @@ def _arc(start: Pose2, candidate: FloatArray, horizon: float) -> FloatArray:
     return np.array([along_arc(start.x, start.y, start.theta, candidate[0], candidate[1], t) for t in times])
 
 
-def _rotate(
-    pose: Pose2,
-    ahead: Pose2,
-    command: Twist,
-    heading: float,
-    shape: Footprint,
-    distances: DistanceField,
-    settings: DwaSettings,
-    motion: CommandedMotion | None,
-) -> DwaResult:
+def _rotate(now: _Tick, heading: float) -> DwaResult:
     """Brake v, comfortably if there is room, then turn as fast as stopping within the remaining angle allows.
 
     The turn ends only when the measured heading confirms it. A small turn given up as soon as its command should have
     sufficed would never begin where a dead band or a lag swallows the first part.
     """
-    none = np.zeros((0, 2))
-    here, start = ahead.array()[None], in_cells(distances, ahead)
-    eased = stopping(command, settings, motion)
+    pose, ahead, command, settings = now.pose, now.ahead, now.command, now.settings
+    none, here = np.zeros((0, 2)), ahead.array()[None]
+    eased = stopping(command, settings, now.motion)
     if abs(command.v) >= STANDING_V or abs(eased.v) > _LET_GO:
-        stopped = eased if _can_stop(eased, start, shape, settings) else braking(command, settings)
+        stopped = eased if _can_stop(now, eased) else braking(command, settings)
         return DwaResult(stopped, none, np.zeros(0), here)
     error, seen = wrap_angle(heading - ahead.theta), wrap_angle(heading - pose.theta)
     if abs(error) <= settings.tolerances.heading:
@@ -481,12 +399,12 @@ def _rotate(
             return DwaResult(Twist() if there else braking(command, settings), none, np.zeros(0), here, arrived=there)
     for angle in _turning_angles(error, command.omega):
         needed = abs(angle) / settings.max_omega
-        if free_time(shape, start, 0.0, math.copysign(settings.max_omega, angle), needed, needed) < needed:
+        if free_time(now.shape, now.start, 0.0, math.copysign(settings.max_omega, angle), needed, needed) < needed:
             continue
         omega = math.copysign(min(settings.max_omega, math.sqrt(1.4 * settings.alpha * abs(angle))), angle)
         step = settings.alpha * PERIOD
         twist = Twist(0.0, min(max(omega, command.omega - step), command.omega + step))
-        if _can_stop(twist, start, shape, settings):
+        if _can_stop(now, twist):
             target = np.array([[0.0, omega]])
             return DwaResult(twist, target, np.zeros(1), _arc(ahead, target[0], needed))
     return DwaResult(braking(command, settings), none, np.zeros(0), here, blocked=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numba import njit
 
 from waychair.angles import wrapped
+from waychair.geometry import arc_lengths, nearest_step
 from waychair.planning.body.arc_fan import FINE, fill_table, free_times
 from waychair.planning.body.footprint import Footprint, along_arc, free_time, room, side_clearance
 from waychair.planning.body.personal_space import PREDICTED_GROWTH
@@ -34,20 +35,17 @@ def local_section(poses: FloatArray, at: FloatArray, length: float) -> tuple[Flo
     points = poses[:, :2]
     if len(points) == 1:
         return poses[:1].copy(), float(np.hypot(*(points[0] - at[:2])))
-    steps = np.diff(points, axis=0)
-    lengths = np.hypot(steps[:, 0], steps[:, 1])
-    along = np.concatenate([[0.0], np.cumsum(lengths)])
-    # The nearest point of each leg, then the nearest of those.
-    share = np.clip(((at[:2] - points[:-1]) * steps).sum(axis=1) / np.maximum(lengths**2, 1e-12), 0.0, 1.0)
-    away = np.hypot(*(points[:-1] + share[:, None] * steps - at[:2]).T)
-    leg = int(np.argmin(away))
-    begin = along[leg] + share[leg] * lengths[leg]
+    along = arc_lengths(points)
+    leg, share = nearest_step(points, at[:2])
+    near = points[leg] + share * (points[leg + 1] - points[leg])
+    begin = along[leg] + share * (along[leg + 1] - along[leg])
     end = min(begin + length, along[-1])
     stations = np.linspace(begin, end, int((end - begin) / SPACING) + 2)
     x, y = np.interp(stations, along, points[:, 0]), np.interp(stations, along, points[:, 1])
-    legs = np.clip(np.searchsorted(along, stations, side="right") - 1, 0, len(steps) - 1)
-    direction = np.arctan2(steps[legs, 1], steps[legs, 0])
-    return np.column_stack([x, y, direction]), float(along[-1] - begin + away[leg])
+    legs = np.clip(np.searchsorted(along, stations, side="right") - 1, 0, len(points) - 2)
+    steps = points[legs + 1] - points[legs]
+    direction = np.arctan2(steps[:, 1], steps[:, 0])
+    return np.column_stack([x, y, direction]), float(along[-1] - begin + math.dist(near, at[:2]))
 
 
 _EVERY = 8

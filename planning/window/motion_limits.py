@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 
 from waychair.calibration.fits.stopping import StopTable, permitted_speed
-from waychair.config import Settings, setting
+from waychair.config import GIVEN, Settings, given, setting
 from waychair.planning.body.clearance import PLANNED
 from waychair.planning.body.personal_space import COMFORT_WEIGHT
 from waychair.types import FloatArray, Twist
@@ -64,10 +64,13 @@ class GoalTolerances(Settings):
 class DwaSettings(Settings):
     """Limits of the chair's motion; engineering choices for comfort, no standard.
 
-    `stops`: the measured stopping distances of the chair, if there are any (`measured`).
+    In a chair the rider's comfort limits (`limiter`) replace the speeds [m/s], [rad/s], the accelerations [m/s^2],
+    [rad/s^2] and the jerks [m/s^3], [rad/s^3] that are given here. `braking`: of a comfortable stop. `max_lateral`
+    [m/s^2]: of v * omega. `clearance` [m] is kept around the footprint by the local planner. `people_weight`: of the
+    distance to people against speed and path. `stops`: the measured stopping distances, if there are any (`measured`).
     """
 
-    max_speed: float = setting(0.8, "m/s", "highest planned forward speed; larger: faster drive", low=0.05, high=3.0)
+    max_speed: float = given(0.8)
     max_reverse: float = setting(
         0.2,
         "m/s",
@@ -75,63 +78,21 @@ class DwaSettings(Settings):
         low=0.0,
         high=1.0,
     )
-    max_omega: float = setting(0.8, "rad/s", "highest planned turning speed; larger: faster turns", low=0.05, high=3.0)
-    acceleration: float = setting(
-        0.5,
-        "m/s^2",
-        "highest planned acceleration when the chair speeds up; larger: quicker, rougher starts",
-        low=0.05,
-        high=3.0,
-    )
-    braking: float = setting(
-        0.6, "m/s^2", "planned deceleration of a comfortable stop; larger: shorter, harder stops", low=0.05, high=3.0
-    )
-    alpha: float = setting(
-        0.8,
-        "rad/s^2",
-        "highest planned angular acceleration; larger: turns begin and end more abruptly",
-        low=0.05,
-        high=5.0,
-    )
-    jerk: float = setting(
-        0.7,
-        "m/s^3",
-        "highest planned change of the acceleration per second; larger: quicker, rougher drive",
-        low=0.05,
-        high=1000.0,
-    )
-    alpha_jerk: float = setting(
-        4.0,
-        "rad/s^3",
-        "highest planned change of the angular acceleration per second; larger: quicker, rougher turns",
-        low=0.05,
-        high=1000.0,
-    )
-    max_lateral: float = setting(
-        0.5, "m/s^2", "highest planned lateral acceleration v * omega; larger: faster bends", low=0.05, high=5.0
-    )
-    max_wheel_speed: float = setting(
-        1.0, "m/s", "highest planned speed of a drive wheel; larger: faster turns at speed", low=0.05, high=5.0
-    )
+    max_omega: float = given(0.8)
+    acceleration: float = given(0.5)
+    braking: float = given(0.6)
+    alpha: float = given(0.8)
+    jerk: float = given(0.7)
+    alpha_jerk: float = given(4.0)
+    max_lateral: float = given(0.5)
+    max_wheel_speed: float = given(1.0)
     reaction_time: float = setting(
         0.15, "s", "delay from a command to the chair's motion; larger: more distance to obstacles", low=0.0, high=2.0
     )
-    clearance: float = setting(
-        PLANNED,
-        "m",
-        "clearance that the local planner keeps around the footprint; larger: fewer doors are passable",
-        low=0.0,
-        high=0.5,
-    )
-    people_weight: float = setting(
-        COMFORT_WEIGHT,
-        "",
-        "weight of the distance to people against speed and path; larger: the chair stays farther away",
-        low=0.0,
-        high=100.0,
-    )
+    clearance: float = given(PLANNED)
+    people_weight: float = given(COMFORT_WEIGHT)
     tolerances: GoalTolerances = field(default_factory=GoalTolerances)
-    stops: StopTable | None = None
+    stops: StopTable | None = field(default=None, metadata=GIVEN)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import msgspec
@@ -39,6 +40,20 @@ def setting(default: T, unit: str, about: str, *, low: float = -math.inf, high: 
     """Return a dataclass field with its unit, its meaning and its closed range of possible values."""
     metadata = {"unit": unit, "about": about, "low": low, "high": high}
     return dataclasses.field(default=default, metadata=metadata)
+
+
+def given(default: T) -> T:
+    """Return a dataclass field that the program fills: files cannot set it, and no list of settings shows it."""
+    return dataclasses.field(default=default, metadata=GIVEN)
+
+
+GIVEN: Mapping[str, Any] = MappingProxyType({"given": True})
+"""The metadata of a field that is `given`."""
+
+
+def settable_fields(settings: Settings | type[Settings]) -> list[dataclasses.Field[Any]]:
+    """Return the fields that files may set: all but those that are `given`."""
+    return [entry for entry in dataclasses.fields(settings) if not entry.metadata.get("given")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +171,7 @@ def save(settings: Settings, path: Path) -> None:
 
 def _lines(settings: Settings, indent: str) -> list[str]:
     lines = []
-    for entry in dataclasses.fields(settings):
+    for entry in settable_fields(settings):
         value = getattr(settings, entry.name)
         key = entry.name if yaml.safe_load(entry.name) == entry.name else f"'{entry.name}'"  # e.g. `off` is a bool
         if isinstance(value, Settings):
@@ -198,7 +213,7 @@ class _Unknown:
         Raises:
             ConfigError: a section holds a plain value.
         """
-        known = {entry.name: entry for entry in dataclasses.fields(cls)}
+        known = {entry.name: entry for entry in settable_fields(cls)}
         for key, value in values.items():
             if key not in known:
                 self._note(cls, key, value, section)
@@ -216,9 +231,7 @@ class _Unknown:
         removed = self._table.find(cls, str(key), value, section)
         self.removed += removed
         if not removed and not self.unknown:
-            near = difflib.get_close_matches(
-                str(key), [entry.name for entry in dataclasses.fields(cls)], n=1, cutoff=0.0
-            )
+            near = difflib.get_close_matches(str(key), [entry.name for entry in settable_fields(cls)], n=1, cutoff=0.0)
             hint = f"did you mean '{near[0]}'?" if near else "it takes no keys"
             self.unknown = f"{self._prefix(section)}: unknown key '{key}'; {hint}"
 

@@ -13,7 +13,7 @@ from waychair.maps.building.hgraph import HGraph, Storey
 from waychair.maps.building.hgraph_edits import with_lift
 from waychair.maps.drawn.places import save_places
 from waychair.maps.folders.map_files import save_map
-from waychair.planning.building.storey_generation import generated_storey, save_generation, with_lift_stop
+from waychair.planning.building.generation.storey_generation import generated_storey, save_generation, with_lift_stop
 from waychair.simulation.lifts.lifts import CallableLift, Lifts
 from waychair.simulation.plan.world import World
 

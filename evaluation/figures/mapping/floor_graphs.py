@@ -14,7 +14,7 @@ from waychair.maps.building.hgraph import HGraph, NodeKind, Storey
 from waychair.maps.building.hgraph_checks import Severity, Surroundings, check
 from waychair.maps.drawn.places import load_places, save_places
 from waychair.maps.folders.map_files import load_map, save_map
-from waychair.planning.building.storey_generation import generated_storey, save_generation
+from waychair.planning.building.generation.storey_generation import generated_storey, save_generation
 from waychair.simulation.plan.world import World, levels_of, load_world, shipped_worlds
 from waychair.trials.navigate import navigate
 from waychair.types import Json, Place

@@ -213,10 +213,11 @@ def test_the_benchmark_keeps_its_own_settings_except_those_that_the_file_changes
         return given
 
     assert task() == BarnTask()
-    path = written(tmp_path, "chair: {navigator: {dwa: {max_speed: 0.4}, recovery: {tries: 3}}}\n")
+    path = written(tmp_path, "chair: {navigator: {dwa: {max_reverse: 0.1}, recovery: {patience: 30}}}\n")
     changed = task("--config", path)
-    own = navigator_settings(JACKAL, 0.4, 1.0)
-    assert changed.navigator() == replace(own, recovery=replace(own.recovery, tries=3))
+    own = navigator_settings(JACKAL, 0.5, 1.0)
+    slower = replace(own.dwa, max_reverse=0.1)
+    assert changed.navigator() == replace(own, dwa=slower, recovery=replace(own.recovery, patience=30.0))
     assert task("--config", path, "--speed", "0.7").navigator().dwa.max_speed == 0.7
     assert BarnTask().navigator() == navigator_settings(JACKAL, 0.5, 1.0)
     monkeypatch.undo()
@@ -246,7 +247,7 @@ def stack_of(folder: Path, text: str, change: Callable[[Stack], Stack] = lambda 
 
 def test_the_file_reaches_the_parameter_files_of_nodes_with_the_setting(tmp_path: Path) -> None:
     text = """
-chair: {limiter: {max_speed: 0.35}, navigator: {goal_wait_distance: 3}, localiser: {lost_scans: 9}, bridge: {family: 2}}
+chair: {limiter: {max_speed: 0.35}, navigator: {obstacle_range: 3}, localiser: {lost_scans: 9}, bridge: {family: 2}}
 map: {mapper: {key_distance: 0.3}, vision: 'off', depth: {mount: [0, 0, 1, 0, 0]}}
 simulation: {plant_model: mujoco, sensors: {lidar: {beams: 360}}}
 nodes: {bridge: {black_box: {parts: 3}}, mapper: {scan_frame: front}}
@@ -257,7 +258,7 @@ nodes: {bridge: {black_box: {parts: 3}}, mapper: {scan_frame: front}}
     assert [told[name].get(limit) for name in told] == [0.35, None, 0.35, None]
     assert told["bridge"]["black_box.parts"] == 3
     assert told["bridge"]["bridge.family"] == 2
-    assert told["navigator"]["navigator.goal_wait_distance"] == 3.0
+    assert told["navigator"]["navigator.obstacle_range"] == 3.0
     assert told["mapper"]["localiser.lost_scans"] == 9
     assert told["mapper"]["live.mapper.key_distance"] == 0.3
     assert told["mapper"]["scan_frame"] == "front"

@@ -14,8 +14,8 @@ from waychair.maps.building.hgraph import Arc, Frame, HGraph, Lift, Node, NodeKi
 from waychair.maps.building.hgraph_checks import check
 from waychair.maps.building.hgraph_edits import with_lift, with_submap
 from waychair.maps.drawn.places import load_places, save_places
+from waychair.planning.building.generation.storey_generation import aligned_storey
 from waychair.planning.building.hierarchical import Method, RoutePlanner
-from waychair.planning.building.storey_generation import aligned_storey
 from waychair.types import Place, Pose2
 
 TURNED = Frame(4.0, -7.0, 2.0)

@@ -18,7 +18,12 @@ from waychair.maps.building.hgraph_checks import Severity, Surroundings, check
 from waychair.maps.building.hgraph_edits import with_nodes, with_submap, without_node, without_submap
 from waychair.maps.drawn.places import load_places, save_places
 from waychair.maps.folders.map_files import load_map, save_map
-from waychair.planning.building.storey_generation import Generation, generated_storey, save_generation, with_lift_stop
+from waychair.planning.building.generation.storey_generation import (
+    Generation,
+    generated_storey,
+    save_generation,
+    with_lift_stop,
+)
 from waychair.types import Place, Pose2
 
 BODY = BODIES["A"]

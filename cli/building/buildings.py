@@ -22,26 +22,36 @@ if TYPE_CHECKING:
 buildings_app = App(name="building", help="Make, check and route through buildings of several storeys.")
 
 buildings_app.command(
-    "waychair.cli.building_imports:import_command", name="import", help="Make a building of another program's file."
+    "waychair.cli.building.building_imports:import_command",
+    name="import",
+    help="Make a building of another program's file.",
 )
 buildings_app.command(
-    "waychair.cli.building_imports:export_command", name="export", help="Write a building for another program."
+    "waychair.cli.building.building_imports:export_command", name="export", help="Write a building for another program."
 )
 buildings_app.command(
-    "waychair.cli.building_imports:generate_command", name="generate", help="Make the graph of a mapped storey."
+    "waychair.cli.building.building_imports:generate_command",
+    name="generate",
+    help="Make the graph of a mapped storey.",
 )
 
 
 buildings_app.command(
-    "waychair.cli.building_imports:learn_command", name="learn", help="Learn driving times from a drive's trajectory."
+    "waychair.cli.building.building_imports:learn_command",
+    name="learn",
+    help="Learn driving times from a drive's trajectory.",
 )
 
 
 buildings_app.command(
-    "waychair.cli.building_journeys:cabin_command", name="cabin", help="Say where a lift's cabin is on a storey's map."
+    "waychair.cli.building.building_journeys:cabin_command",
+    name="cabin",
+    help="Say where a lift's cabin is on a storey's map.",
 )
 buildings_app.command(
-    "waychair.cli.building_journeys:drive_command", name="drive", help="Let a simulated chair travel over storeys."
+    "waychair.cli.building.building_journeys:drive_command",
+    name="drive",
+    help="Let a simulated chair travel over storeys.",
 )
 
 buildings_app.command(

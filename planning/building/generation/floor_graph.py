@@ -16,9 +16,15 @@ from waychair.maps.building.hgraph import NodeKind
 from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.maps.rooms.floor_rooms import FloorRooms, Room, RoomKind
 from waychair.maps.rooms.openings import Opening
-from waychair.planning.building.joined_parts import joined_parts
-from waychair.planning.building.region_network import MOST_ARCS, Region, ahead_of_opening, region_links, region_of
-from waychair.planning.building.sketch_parts import SketchArc, SketchDoorway, SketchMap, SketchNode
+from waychair.planning.building.generation.joined_parts import joined_parts
+from waychair.planning.building.generation.region_network import (
+    MOST_ARCS,
+    Region,
+    ahead_of_opening,
+    region_links,
+    region_of,
+)
+from waychair.planning.building.generation.sketch_parts import SketchArc, SketchDoorway, SketchMap, SketchNode
 from waychair.planning.grid.costmap import Costmap
 from waychair.types import FloatArray, Place
 

@@ -37,8 +37,8 @@ from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones
 from waychair.maps.folders.map_files import load_map
 from waychair.maps.rooms.floor_rooms import FloorRooms, rooms_of_grid
-from waychair.planning.building.floor_graph import Sketch, sketch_of
-from waychair.planning.building.sketch_parts import SketchArc, SketchMap
+from waychair.planning.building.generation.floor_graph import Sketch, sketch_of
+from waychair.planning.building.generation.sketch_parts import SketchArc, SketchMap
 from waychair.planning.grid.costmap import costmap_from_grid
 from waychair.types import Json, Place, Pose2
 

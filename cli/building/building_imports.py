@@ -111,7 +111,7 @@ def generate_command(
     from waychair.cli.options.messages import sayer
     from waychair.cli.options.progress import prepare_kernels, told_time
     from waychair.maps.building.building import load_building
-    from waychair.planning.building.storey_generation import (
+    from waychair.planning.building.generation.storey_generation import (
         aligned_storey,
         generated_storey,
         save_generation,

@@ -17,16 +17,20 @@ if TYPE_CHECKING:
 
 fleet_app = App(name="fleet", help="Simulate several chairs in one building, and check its corridors.")
 fleet_app.command(
-    "waychair.cli.fleet_solving:solve_command", name="solve", help="Find short paths for many agents on a grid."
+    "waychair.cli.fleet_commands.fleet_solving:solve_command",
+    name="solve",
+    help="Find short paths for many agents on a grid.",
 )
 fleet_app.command(
-    "waychair.cli.fleet_auditing:audit_command",
+    "waychair.cli.fleet_commands.fleet_auditing:audit_command",
     name="audit",
     help="Check a log of grants, and say who waited for whom.",
 )
 
 fleet_app.command(
-    "waychair.cli.fleet_demo:demo_command", name="demo", help="Let several whole chairs share a building."
+    "waychair.cli.fleet_commands.fleet_demo:demo_command",
+    name="demo",
+    help="Let several whole chairs share a building.",
 )
 
 _MOST_HOURS = 1000
@@ -98,7 +102,7 @@ def simulate_command(
         raise BadArgument(f"--hours {hours:g} is more than {_MOST_HOURS}; give a smaller number, and more --seeds")
     graph = graph_from_source(plan, width=width, rooms=rooms)
     if planner == "order" and graph.refuges:
-        from waychair.cli.fleet_auditing import simulate_by_order
+        from waychair.cli.fleet_commands.fleet_auditing import simulate_by_order
 
         simulate_by_order(graph, chairs, persons, rule, hours, seeds, bays, log, json)
         return

@@ -9,8 +9,8 @@ from typing import TypeAlias
 import numpy as np
 
 from waychair.maps.building.hgraph import NodeKind
-from waychair.planning.building.region_network import link_between, whole_storey
-from waychair.planning.building.sketch_parts import SketchArc, SketchDoorway, SketchMap, SketchNode
+from waychair.planning.building.generation.region_network import link_between, whole_storey
+from waychair.planning.building.generation.sketch_parts import SketchArc, SketchDoorway, SketchMap, SketchNode
 from waychair.planning.grid.costmap import Costmap
 
 Key: TypeAlias = tuple[int, int]

@@ -1,4 +1,4 @@
-"""Direct legs to near goals: a curve or a line, forwards or backwards, only where they are free."""
+"""Straight ways to near goals, in both gears, and back out of corridors without room to turn."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.maps.drawn.zones import Rule, Zone
-from waychair.planning.grid.costmap import costmap_from_grid
-from waychair.planning.route.direct_leg import direct_leg, turning_leg
+from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.planning.route.global_planner import GlobalPlanner
+from waychair.planning.route.legs import PathLeg, joined_legs
+from waychair.planning.route.way_making import turning_leg
+from waychair.planning.route.way_pieces import is_against_one_way
 from waychair.types import OccupancyGrid, Pose2
 
 
@@ -22,34 +24,38 @@ def room(width: float, length: float = 9.0) -> OccupancyGrid:
     return OccupancyGrid(cells, 0.05, Pose2(-0.05, -0.05, 0.0))
 
 
+def legs_to(goal: Pose2, costmap: Costmap, start: Pose2) -> tuple[PathLeg, ...]:
+    planner = GlobalPlanner(goal)
+    planner.replan(costmap, start)
+    return planner.legs
+
+
 def turned(poses: np.ndarray) -> float:
     return float(np.abs(np.diff(np.unwrap(poses[:, 2]))).sum())
 
 
 @pytest.mark.parametrize("back", [0.1, 0.4, 0.9])
 def test_a_chair_backs_to_a_goal_that_is_straight_behind_it(back: float) -> None:
-    leg = direct_leg(costmap_from_grid(room(5.0), CHAIR_A), Pose2(4.0, 2.5, 0.3), Pose2(4.0, 2.5, 0.3) @ Pose2(-back))
-    assert leg is not None
+    start = Pose2(4.0, 2.5, 0.3)
+    (leg,) = legs_to(start @ Pose2(-back), costmap_from_grid(room(5.0), CHAIR_A), start)
     assert leg.backwards
     assert turned(leg.path.poses) == pytest.approx(0.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("goal", [(0.5, 0.1, 0.3), (-0.6, 0.1, -0.2), (0.05, 0.4, 0.0), (-0.3, -0.3, math.pi)])
-def test_a_direct_leg_ends_at_the_goal_and_turns_at_most_once_round(goal: tuple[float, float, float]) -> None:
+def test_a_way_to_a_near_goal_is_one_leg_and_turns_at_most_once_round(goal: tuple[float, float, float]) -> None:
     start = Pose2(4.0, 2.5, 1.1)
-    leg = direct_leg(costmap_from_grid(room(5.0), CHAIR_A), start, start @ Pose2(*goal))
-    assert leg is not None
-    assert leg.path.poses[-1, :2] == pytest.approx((start @ Pose2(*goal)).array()[:2])
-    assert math.cos(leg.path.poses[-1, 2] - (start @ Pose2(*goal)).theta) == pytest.approx(1.0)
-    assert turned(leg.path.poses) < math.tau
+    legs = legs_to(start @ Pose2(*goal), costmap_from_grid(room(5.0), CHAIR_A), start)
+    poses = np.concatenate([start.array()[None], joined_legs(legs).poses])
+    assert len(legs) == 1
+    assert poses[-1, :2] == pytest.approx((start @ Pose2(*goal)).array()[:2])
+    assert math.cos(poses[-1, 2] - (start @ Pose2(*goal)).theta) == pytest.approx(1.0)
+    assert turned(poses) < math.tau
 
 
-def test_far_goals_and_goals_behind_an_obstacle_have_none() -> None:
-    costmap = costmap_from_grid(room(5.0), CHAIR_A)
-    assert direct_leg(costmap, Pose2(2.0, 2.5), Pose2(4.0, 2.5)) is None
-    board = np.column_stack([np.full(40, 3.0), np.linspace(2.0, 3.0, 40)])
-    shut = costmap_from_grid(room(5.0), CHAIR_A, board)
-    assert direct_leg(shut, Pose2(3.6, 2.5), Pose2(2.9, 2.5)) is None
+def test_a_chair_with_room_to_turn_backs_to_no_far_goal() -> None:
+    legs = legs_to(Pose2(2.0, 2.5), costmap_from_grid(room(5.0), CHAIR_A), Pose2(4.0, 2.5))
+    assert not any(leg.backwards for leg in legs)
 
 
 @pytest.mark.parametrize("width", [1.15, 1.25, 1.4])
@@ -61,10 +67,11 @@ def test_in_a_corridor_too_narrow_to_turn_in_the_chair_backs_out(width: float) -
     assert path.length() == pytest.approx(4.0, abs=0.05)
 
 
-def test_no_direct_leg_leads_through_a_one_way_zone() -> None:
+def test_no_straight_way_leads_against_a_one_way_zone() -> None:
     zone = Zone("ramp", Rule.ONE_WAY, np.array([[3.0, 0.0], [5.0, 0.0], [5.0, 5.0], [3.0, 5.0]]), math.pi / 2)
     costmap = costmap_from_grid(room(5.0), CHAIR_A, zones=(zone,))
-    assert direct_leg(costmap, Pose2(4.0, 2.5), Pose2(4.4, 2.5)) is None
+    legs = legs_to(Pose2(4.0, 2.1, -math.pi / 2), costmap, Pose2(4.0, 2.5, -math.pi / 2))
+    assert not any(is_against_one_way(costmap, leg.path.poses[:, :2]) for leg in legs)
 
 
 def test_a_turn_on_the_spot_needs_room_all_round() -> None:

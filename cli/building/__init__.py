@@ -1,0 +1,1 @@
+"""The commands for buildings of several storeys, and journeys in them."""

@@ -1,0 +1,1 @@
+"""The commands for several chairs in one building."""
