@@ -143,7 +143,7 @@ def choose(
     fastest [m/s]: upper bound of the speed, for slowing down before the next leg.
     """
     shape, ease = eased_footprint(body, settings.clearance, distances, pose)
-    settings = crawling(settings) if ease else settings
+    settings = crawling(settings, settings.clearance - ease) if ease else settings
     # This command moves the chair only after the reaction time; until then the last command does.
     ahead = Pose2(*along_arc(pose.x, pose.y, pose.theta, command.v, command.omega, settings.reaction_time))
     section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * HORIZON + 0.5)

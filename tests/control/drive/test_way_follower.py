@@ -16,9 +16,16 @@ from waychair.control.drive.way_follower import WayFollower
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.footprint import along_arc
 from waychair.planning.route.legs import DoorPassage, PathLeg
-from waychair.planning.route.speed_profile import ERROR_PER_SPEED, ERROR_STANDING
 from waychair.planning.window.dwa import DwaResult
-from waychair.planning.window.motion_limits import MIN_SPEED, PERIOD, CommandedMotion, DwaSettings, motion_after
+from waychair.planning.window.motion_limits import (
+    ERROR_PER_SPEED,
+    ERROR_STANDING,
+    MIN_SPEED,
+    PERIOD,
+    CommandedMotion,
+    DwaSettings,
+    motion_after,
+)
 from waychair.types import FloatArray, Path, Pose2, Twist
 
 LIMITS = DwaSettings()
