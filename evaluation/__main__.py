@@ -26,6 +26,7 @@ from evaluation.figures.driving import (
     real_maps,
     scenes,
     situations,
+    wrong_chairs,
 )
 from evaluation.figures.fleet import drive, gap, grids, narrow, scale, tables
 from evaluation.figures.mapping import (
@@ -146,6 +147,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "help": start_up.run,
     "monitor_killed": monitor.monitor_killed,
     "steps_out": monitor.steps_out,
+    "wrong_chairs": wrong_chairs.wrong_chairs,
     "ros_goals": _with_ros("chair.ros_stack", "ros_goals"),
     "ros_killed": _with_ros("chair.ros_stack", "ros_killed"),
     "ros_latency": _with_ros("chair.ros_stack", "ros_latency"),

@@ -87,8 +87,9 @@ class CommandLimits:
             braking = Braking.RELEASE
         cap = min(speed_limit, permitted_speed(self._stops), self._zone_limit(motion.map_from_base(now_ns)))
         share = 0.0 if found is None else permitted_share(wanted, found)
-        share = min(share, sight_share(wanted, self._body, self._sectors, self._settings.unseen))
-        return limiter.step(wanted, now_ns, cap, share, braking)
+        seen = sight_share(wanted, self._body, self._sectors, self._settings.unseen)
+        in_sight = Twist(seen * wanted.v, seen * wanted.omega)  # at once: nothing is known of unseen space
+        return limiter.step(in_sight, now_ns, cap, min(1.0, share / max(seen, share, 1e-9)), braking)
 
     def _within_wheels(self, twist: Twist) -> Twist:
         """Slow a twist down along its arc to the greatest wheel speed; an impossible twist is returned as it is."""

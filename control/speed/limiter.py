@@ -3,8 +3,8 @@
 The command keeps to the arc that was asked for and is only slowed down along it, so that the path checked by the
 planner is the path driven. Speeding up is limited in acceleration and jerk, and turning faster is limited by alpha.
 Braking that the planner asks for passes unchanged, up to emergency braking: the planner chose the arc on the promise of
-that braking, and its own window limits it. Speed caps from outside (a zone, a doubtful gain, an unmeasured chair) and
-comfortable stops are approached with limited jerk. An emergency is exempt from all of it.
+that braking, and its own window limits it. Speed caps from outside (a zone, a doubtful gain, an unmeasured chair, the
+collision monitor's share) and comfortable stops are approached with limited jerk. An emergency is exempt from all of it.
 
 Sources of the figures. No accessible standard limits a wheelchair's accelerations in numbers, so they are engineering
 choices. ISO 2631-1 (1997), annex C, calls a weighted acceleration of less than 0.315 m/s^2 r.m.s. not uncomfortable and
@@ -29,6 +29,10 @@ _LONGEST_S = 0.1
 
 _FASTEST = 3.0
 """m/s, rad/s; a faster command is a fault of its source (F5), because no setting allows it."""
+
+_LATE = 1.25
+"""A command that slows down to a permitted share with limited jerk is at most so many times the share: about half of the
+way that lies between a comfortable stop and an emergency's is left."""
 
 _AT_REST = 1e-3
 """m/s; a slower command is at rest."""
@@ -124,9 +128,9 @@ class Limiter:
     ) -> Twist:
         """Return the command of this tick.
 
-        `cap` [m/s] limits the speed smoothly. `share` in [0, 1], the collision monitor's, scales the asked twist at
-        once. With `braking` the chair comes to rest in that way, whatever is asked. An asked twist that is not finite
-        or not possible is an emergency (F5).
+        `cap` [m/s] limits the speed smoothly. So does `share` in [0, 1] of the asked twist, the collision monitor's, but
+        the command is never faster than `_LATE` times the share. With `braking` the chair comes to rest in that way,
+        whatever is asked. An asked twist that is not finite or not possible is an emergency (F5).
         """
         s, before = self._settings, self._command
         passed = 0.05 if self._last_ns is None else (now_ns - self._last_ns) * 1e-9
@@ -141,7 +145,9 @@ class Limiter:
         elif braking is Braking.COMFORT:
             command = self._sized(before, self._slower(self._size(before), 0.0, seconds))
         else:
-            wanted = _scaled(self._comfortable(asked), share)
+            wanted = self._comfortable(asked)
+            if share < 1.0:
+                cap, wanted = min(cap, share * self._size(wanted)), _scaled(wanted, min(1.0, _LATE * share))
             size = min(self._size(wanted), self._faster(self._size(before), cap, seconds))
             if self._size(before) > cap and self._size(wanted) > cap:
                 size = min(self._size(wanted), self._slower(self._size(before), cap, seconds))

@@ -22,6 +22,7 @@ from waychair.planning.body.footprint import fits
 from waychair.runtime.chair import ChairSettings
 from waychair.simulation.plan.floor_plan import FloorPlan, PlanDoor, PlanWall
 from waychair.simulation.plan.world import World, world_from_plan
+from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.simulator import Simulator, with_all_sensors
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveRecord, DriveSetup, drive_to_places
@@ -172,13 +173,17 @@ def parked_scene(place: str, body: ChairBody, seed: int) -> TightScene:
     return TightScene(name, replace(world, start=start), Place("middle", goal), body)
 
 
-def run_scene(scene: TightScene, seed: int, time_limit_s: float = 150.0) -> SceneResult:
-    """Drive a simulated chair of this seed to the scene's goal, on the true map.
+def run_scene(
+    scene: TightScene, seed: int, time_limit_s: float = 150.0, plant: PlantSettings | None = None
+) -> SceneResult:
+    """Drive a simulated chair of this seed, or with this `plant`, to the scene's goal, on the true map.
 
     Raises:
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
-    chair = with_all_sensors(randomised_settings(seed)) if scene.sensors else randomised_settings(seed)
+    chair = randomised_settings(seed)
+    chair = chair if plant is None else replace(chair, plant=plant)
+    chair = with_all_sensors(chair) if scene.sensors else chair
     simulator = Simulator(scene.world, scene.body, chair, seed)
     places = {scene.goal.name: scene.goal}
     setup = DriveSetup(

@@ -46,8 +46,8 @@ _STOP_S = 1.0
 _AHEAD, _ASIDE, _MOST_PLACES = (-0.2, -0.4, -0.7, -1.0, 0.3, 0.6), (0.0, 0.1, -0.1, 0.2, -0.2), 6
 """[m], [m] and count: places round the start at which the chair may turn right round."""
 
-_CELLS = 40_000
-"""Work of one candidate beside its band, in visited grid cells."""
+_CELLS, _CELLS_OF_A_BAND = 40_000, 200_000
+"""Work of one candidate beside its band, and of its judgement, in visited grid cells."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,7 @@ def _offer_bands(
             price=FIRM_PRICE,
             from_zones=ground.from_zones,
         )
-        yield _CELLS
+        yield _CELLS_OF_A_BAND
         if sharpest(poses) > SHARPEST or is_against_one_way(ground.costmap, poses[:, :2]):
             continue
         rooms = rooms_along(body, near, poses)

@@ -11,14 +11,11 @@ from waychair.calibration.chair_body import ChairBody
 from waychair.geometry import arc_lengths
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.footprint import fits_each
-from waychair.planning.window.motion_limits import PERIOD, DwaSettings
+from waychair.planning.window.motion_limits import ERROR_PER_SPEED, ERROR_STANDING, PERIOD, DwaSettings
 from waychair.types import FloatArray
 
 ROOMS = (0.0, 0.01, 0.02, 0.03, 0.04, 0.06, 0.08, 0.10, 0.13, 0.16)
 """[m] Clearances that are told apart along a line."""
-
-ERROR_STANDING, ERROR_PER_SPEED = 0.01, 0.05
-"""[m], [s] Foreseen distance from the line: at a crawl, and more for each m/s."""
 
 LEAST_SPEED = 0.15
 """[m/s] A chair is no slower than this beside things."""
@@ -56,9 +53,18 @@ def curvatures(poses: FloatArray) -> FloatArray:
 
 
 def speeds_along(
-    bends: FloatArray, rooms: FloatArray, along: FloatArray, body: ChairBody, limits: DwaSettings, gear: float = 1.0
+    bends: FloatArray,
+    rooms: FloatArray,
+    along: FloatArray,
+    body: ChairBody,
+    limits: DwaSettings,
+    gear: float = 1.0,
+    strays: float = ERROR_PER_SPEED,
 ) -> FloatArray:
-    """Return (N,) [m/s] the highest comfortable speed at each pose, its neighbours left out of account."""
+    """Return (N,) [m/s] the highest comfortable speed at each pose, its neighbours left out of account.
+
+    `strays` [s] is the foreseen distance from the line for each m/s.
+    """
     top = limits.max_speed if gear > 0 else limits.max_reverse
     tight = np.abs(bends)
     speed = np.minimum(top, np.sqrt(limits.max_lateral / np.maximum(tight, 1e-6)))
@@ -69,7 +75,7 @@ def speeds_along(
         speed = np.minimum(speed, np.sqrt(STEERING_SHARE * limits.alpha / np.maximum(rate, 1e-6)))
     room = np.maximum(rooms, 0.0)
     free = rooms >= ROOMS[-1]
-    near = np.maximum((room - ERROR_STANDING) / ERROR_PER_SPEED, LEAST_SPEED)
+    near = np.maximum((room - ERROR_STANDING) / strays, LEAST_SPEED)
     return np.where(free, speed, np.minimum(speed, near))
 
 

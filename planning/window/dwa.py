@@ -143,7 +143,7 @@ def choose(
     fastest [m/s]: upper bound of the speed, for slowing down before the next leg.
     """
     shape, ease = eased_footprint(body, settings.clearance, distances, pose)
-    settings = crawling(settings) if ease else settings
+    settings = crawling(settings, settings.clearance - ease) if ease else settings
     now = _Tick(pose, command, shape, distances, settings, motion, tracks)
     ahead = now.ahead
     section, remaining = local_section(path.poses, ahead.array(), settings.max_speed * HORIZON + 0.5)

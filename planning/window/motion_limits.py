@@ -28,6 +28,9 @@ EMERGENCY_BRAKING, EMERGENCY_ALPHA = 1.5, 3.0
 CRAWL_V, CRAWL_OMEGA = 0.15, 0.4
 """Speeds [m/s], [rad/s] at which the chair leaves a tight spot."""
 
+ERROR_STANDING, ERROR_PER_SPEED = 0.01, 0.05
+"""[m], [s] Foreseen distance from the line or arc: at a crawl, and more for each m/s."""
+
 RELEASE = 1.6
 """A turn at the goal may drift to so many times the tolerance of the position."""
 
@@ -138,13 +141,14 @@ def _within(value: float, most: float) -> float:
     return min(max(value, -most), most)
 
 
-def crawling(settings: DwaSettings) -> DwaSettings:
-    """Return the same limits at crawling speed, for leaving a place too narrow for the planned clearance."""
+def crawling(settings: DwaSettings, room: float = 0.0) -> DwaSettings:
+    """Return the same limits at crawling speed, or as much faster as a room [m] beside the chair allows."""
+    faster = max(1.0, (room - ERROR_STANDING) / ERROR_PER_SPEED / CRAWL_V)
     return replace(
         settings,
-        max_speed=min(settings.max_speed, CRAWL_V),
-        max_reverse=min(settings.max_reverse, CRAWL_V),
-        max_omega=min(settings.max_omega, CRAWL_OMEGA),
+        max_speed=min(settings.max_speed, faster * CRAWL_V),
+        max_reverse=min(settings.max_reverse, faster * CRAWL_V),
+        max_omega=min(settings.max_omega, faster * CRAWL_OMEGA),
     )
 
 

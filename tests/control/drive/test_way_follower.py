@@ -16,9 +16,16 @@ from waychair.control.drive.way_follower import WayFollower
 from waychair.maps.grid.distance_field import DistanceField
 from waychair.planning.body.footprint import along_arc
 from waychair.planning.route.legs import DoorPassage, PathLeg
-from waychair.planning.route.speed_profile import ERROR_PER_SPEED, ERROR_STANDING
 from waychair.planning.window.dwa import DwaResult
-from waychair.planning.window.motion_limits import MIN_SPEED, PERIOD, CommandedMotion, DwaSettings, motion_after
+from waychair.planning.window.motion_limits import (
+    ERROR_PER_SPEED,
+    ERROR_STANDING,
+    MIN_SPEED,
+    PERIOD,
+    CommandedMotion,
+    DwaSettings,
+    motion_after,
+)
 from waychair.types import FloatArray, Path, Pose2, Twist
 
 LIMITS = DwaSettings()
@@ -223,3 +230,19 @@ def test_without_a_dead_band_a_line_is_driven_to_its_end(monkeypatch: pytest.Mon
 def test_a_leg_without_its_room_is_not_followed() -> None:
     with pytest.raises(ValueError, match="room"):
         WayFollower(PathLeg(Path(straight(1.0))), CHAIR_A)
+
+
+def test_a_chair_that_strays_from_its_line_is_slower_beside_things() -> None:
+    follow = follower(straight(6.0), room=0.06)
+    step(follow, Pose2(0.9, 0.0, 0.0), Twist(0.5, 0.0))
+    assert follow.top_speed(LIMITS) > 0.7
+    step(follow, Pose2(1.0, 0.07, 0.0), Twist(0.5, 0.0))
+    assert follow.top_speed(LIMITS) == pytest.approx(0.5, abs=0.02)  # a tenth of a metre for each m/s, 5 cm of room
+    step(follow, Pose2(1.1, 0.0, 0.3), Twist(0.5, 0.0))  # its front swings out
+    assert follow.top_speed(LIMITS) == pytest.approx(0.15, abs=0.02)
+
+
+def test_a_chair_that_begins_beside_its_line_does_not_stray() -> None:
+    follow = follower(straight(6.0), room=0.06)
+    step(follow, Pose2(1.0, 0.06, 0.0), Twist(0.5, 0.0))
+    assert follow.top_speed(LIMITS) > 0.7

@@ -117,6 +117,34 @@ def test_a_speed_cap_is_approached_with_limited_jerk_and_kept() -> None:
     assert riding.run(0.8, 0.2, 20, cap=0.3)[:, 0].max() <= 0.3 + 1e-9
 
 
+def test_a_share_of_a_single_tick_costs_no_jolt() -> None:
+    riding = Riding()
+    riding.run(0.8, 0.2, 80)
+    v = np.concatenate(
+        [riding.run(0.8, 0.2, ticks, share=share)[1:, 0] for ticks, share in ((5, 1.0), (1, 0.85), (5, 1.0))]
+    )
+    assert np.abs(np.diff(v, 2) / DT**2).max() <= 2.0 * NORMAL.jerk + 1e-9  # down in one tick, and up again in the next
+    assert v.min() >= 0.79
+
+
+@given(st.floats(0.05, 0.95))
+def test_a_lasting_share_is_kept_and_a_command_is_never_a_quarter_faster_once_brakes_can_hold_it(share: float) -> None:
+    riding = Riding()
+    riding.run(0.6, 0.0, 80)
+    v = riding.run(0.6, 0.0, 60, share=share)[1:, 0]
+    assert v[-1] == pytest.approx(share * 0.6, abs=1e-6)
+    hardest = 0.6 - NORMAL.emergency * DT * np.arange(1, len(v) + 1)
+    assert (v <= np.maximum(1.25 * share * 0.6, hardest) + 1e-9).all()
+
+
+def test_no_share_at_all_brakes_as_an_emergency() -> None:
+    riding = Riding()
+    riding.run(0.8, 0.0, 80)
+    v = riding.run(0.8, 0.0, 20, share=0.0)[:, 0]
+    assert v[1] == pytest.approx(v[0] - NORMAL.emergency * DT)
+    assert v[-1] == 0.0
+
+
 def test_a_comfortable_stop_has_limited_jerk_and_keeps_the_arc() -> None:
     riding = Riding()
     riding.run(0.8, 0.4, 80)

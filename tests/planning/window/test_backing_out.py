@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.geometry import transform_points
@@ -14,7 +15,7 @@ from waychair.planning.body.clearance import EASE_STEP
 from waychair.planning.body.footprint import along_arc, eased_footprint, fits
 from waychair.planning.window.backing_out import back_up
 from waychair.planning.window.dwa import choose
-from waychair.planning.window.motion_limits import DwaSettings
+from waychair.planning.window.motion_limits import DwaSettings, crawling
 from waychair.types import FloatArray, Path, Pose2, Twist
 
 SETTINGS = DwaSettings(reaction_time=0.0)
@@ -105,6 +106,14 @@ def test_a_chair_beside_a_wall_crawls_away_from_it() -> None:
     assert not result.blocked
     assert result.candidates[:, 0].max() <= 0.15 + 1e-9
     assert abs(result.twist.v) + abs(result.twist.omega) > 0.0
+
+
+def test_a_chair_that_lacks_a_few_millimetres_of_its_margin_is_as_fast_as_its_room_allows() -> None:
+    assert crawling(SETTINGS, 0.026).max_speed == pytest.approx(0.32)  # 1 cm, and 5 cm for each m/s
+    for room in (-0.01, 0.0, 0.0175):
+        assert crawling(SETTINGS, room).max_speed == pytest.approx(0.15)
+        assert crawling(SETTINGS, room).max_omega == pytest.approx(0.4)
+    assert crawling(SETTINGS, 1.0) == SETTINGS
 
 
 def test_a_chair_that_may_not_reverse_does_not_back_out() -> None:
