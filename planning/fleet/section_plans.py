@@ -231,10 +231,6 @@ class SectionOrder:
         """Hear that a chair has left the first section that it had ahead."""
         self._ahead[chair].pop(0)
 
-    def rests(self, chair: int) -> None:
-        """Hear that a chair has nothing ahead."""
-        self._ahead.pop(chair, None)
-
     def following(self, chair: int) -> int | None:
         """Return the section that a chair enters next; None if it has none ahead."""
         uses = self._ahead.get(chair)

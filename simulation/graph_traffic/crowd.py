@@ -171,11 +171,6 @@ class Crowd:
         arrays.chairs.news[chair] = GOING if sections else ARRIVED
         arrays.chairs.spare[chair] = 0.0
 
-    def rest(self, chair: int) -> None:
-        """Let a chair at the end of its route stay there, without news."""
-        self.give(chair, [])
-        self._arrays.chairs.news[chair] = GOING
-
     def turn_off(self, chair: int, sections: Sequence[int]) -> None:
         """Give a chair under way another route from the end of its section on, or from its node."""
         section, news = self.section_of(chair), int(self._arrays.chairs.news[chair])

@@ -17,16 +17,7 @@ from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.planning.fleet.section_plans import SectionOrder, SectionPlanner, SectionUse, Trip
 from waychair.simulation.graph_traffic.crowd import Crowd, CrowdModel, RightOfWay
 from waychair.simulation.scene.seeds import seed_from_names
-from waychair.trials.fleet.fleet_graph import (
-    LAST_TASKS_S,
-    FleetHours,
-    free_times,
-    goal_nodes,
-    next_goal,
-    run_to_end,
-    start_nodes,
-    task_streams,
-)
+from waychair.trials.fleet.fleet_graph import FleetHours, free_times, goal_nodes, next_goal, start_nodes, task_streams
 
 NO_SECTION = -1
 """A permit for none."""
@@ -91,19 +82,13 @@ def coordinated_hours(
     )
     run = _Run(graph, crowd, model.chair_speed, top, FleetHours.of(chairs, hours), keeps_order)
     end_s = hours * 3600.0
-    resting: set[int] = set()
-    while crowd.now < end_s - 1e-6 or (len(resting) < chairs and crowd.now < end_s + LAST_TASKS_S):
+    while crowd.now < end_s - 1e-6:
         for chair, when in crowd.arrived():
-            run.end(chair, when)
-            if crowd.now >= end_s - 1e-6:
-                crowd.rest(chair)
-                resting.add(chair)
-            else:
-                run.begin(chair, next_goal(tasks[chair], goals, crowd.node_of(chair)))
+            run.begin(chair, when, next_goal(tasks[chair], goals, crowd.node_of(chair)))
         crowd.entered()
         run.direct()
-        run_to_end(crowd, run.result, end_s)
-    return run.result
+        crowd.run(end_s)
+    return run.result.ended(crowd)
 
 
 class _Run:
@@ -132,17 +117,12 @@ class _Run:
         self._plan_after_s = 0.0
         self._at_goal: set[int] = set()
 
-    def end(self, chair: int, when_s: float) -> None:
-        """Take down the task of a chair that has arrived, if it had one."""
-        old = self._tasks.pop(chair, None)
-        if old is not None:
-            stood_s = float(self._crowd.waited[chair, 0]) - old.stood_s
-            self.result.done(chair, when_s - old.began_s, old.ideal_s, stood_s, self._speed)
-            self._order.rests(chair)
-
-    def begin(self, chair: int, goal: int) -> None:
-        """Let a chair begin a task where it is."""
+    def begin(self, chair: int, when_s: float, goal: int) -> None:
+        """Let a chair that has arrived begin its next task."""
         now_s, stood_s = self._crowd.now, float(self._crowd.waited[chair, 0])
+        if chair in self._tasks:
+            old = self._tasks[chair]
+            self.result.done(chair, when_s - old.began_s, old.ideal_s, stood_s - old.stood_s, self._speed)
         ideal_s = float(self._free_s[self._crowd.node_of(chair), goal])
         self._tasks[chair] = _Task(goal, now_s, ideal_s, stood_s)
         self._at_goal.add(chair)
@@ -162,7 +142,7 @@ class _Run:
         """Permit all that may go on; return whether one at a node must wait for another."""
         is_blocked = False
         asking = set(self._crowd.asking())
-        for chair in sorted(self._tasks):
+        for chair in self._tasks:
             begun, _ = self._crowd.progress(chair)
             while self._begun[chair] < begun:
                 self._order.left(chair)
@@ -189,7 +169,7 @@ class _Run:
         now_ms = round(1e3 * crowd.now)
         trips: list[Trip] = []
         busy: list[SectionUse] = []
-        for chair, task in sorted(self._tasks.items()):
+        for chair, task in self._tasks.items():
             section = crowd.section_of(chair)
             stood_s = self._held_up_s(chair)
             ready_ms = now_ms + round(1e3 * max(stood_s, HELD_UP_S)) if stood_s >= _STANDS_S else now_ms
@@ -201,7 +181,7 @@ class _Run:
         found = self._planner.plans(trips, busy)
         if found is None:
             raise TrafficError("a chair has a goal to which no way leads; join the parts of the graph")
-        drives = dict(zip(sorted(self._tasks), found.drives, strict=True))
+        drives = dict(zip(self._tasks, found.drives, strict=True))
         self._order.set(drives)
         for chair, drive in drives.items():
             sections = [use.section for use in drive]

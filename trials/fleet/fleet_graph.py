@@ -1,8 +1,8 @@
 """Hours of several chairs on a traffic graph with people about: the paper's simulation, and ours beside it.
 
 Every chair gets a random task as soon as it has done the one before: another node, or another refuge where the graph has
-some. The delay of a task is the time it took less the time of the shortest way with nobody about. Tasks that have begun by the
-end are done to their ends, as the longest ones would be missing otherwise; all other figures are of the time until then.
+some. The delay of a task is the time it took less the time of the shortest way with nobody about. Tasks that are under way
+at the end are not counted.
 """
 
 from __future__ import annotations
@@ -32,9 +32,6 @@ from waychair.types import FloatArray, IntArray, Json
 LOCKED_UP_S = 300.0
 """s; longer than that without a movement of any chair is a lock-up, as in the spec's trials."""
 
-
-LAST_TASKS_S = 3600.0
-"""s; the last tasks are given so long to end."""
 
 WORTH_TURNING_S = 1.0
 """s; a chair under way takes another route only if that is better by more, so that rounding does not turn it about."""
@@ -165,7 +162,7 @@ class FleetHours:
         self.metres[chair].append(ideal_s * speed)
 
     def ended(self, crowd: Crowd) -> FleetHours:
-        """Return the result with what the crowd has counted by now."""
+        """Return the result with what the crowd has counted by the end."""
         self.waited, self.queued = crowd.waited, crowd.queued
         self.people_waited = crowd.people_held_up / self.hours
         self.longest_standstill = crowd.longest_standstill
@@ -211,19 +208,13 @@ def fleet_hours(
     result = FleetHours.of(chairs, hours)
     began, ideal, goal_of = np.zeros(chairs), np.full(chairs, -1.0), [-1] * chairs
     stood = np.zeros(chairs)
-    end_s = hours * 3600.0
-    resting: set[int] = set()
-    while crowd.now < end_s - 1e-6 or (len(resting) < chairs and crowd.now < end_s + LAST_TASKS_S):
+    while crowd.now < hours * 3600.0 - 1e-6:
         for chair, when in crowd.arrived():
             stood_now = float(crowd.waited[chair, 0])
             if ideal[chair] >= 0.0:
                 took = when - float(began[chair])
                 result.done(chair, took, float(ideal[chair]), stood_now - float(stood[chair]), model.chair_speed)
             stood[chair] = stood_now
-            if crowd.now >= end_s - 1e-6:
-                crowd.rest(chair)
-                resting.add(chair)
-                continue
             here = crowd.node_of(chair)
             goal = next_goal(tasks[chair], goals, here)
             under_way = [other for other in range(chairs) if other != chair and ideal[other] >= 0.0]
@@ -237,18 +228,8 @@ def fleet_hours(
         if entered:
             _tell_progress(crowd, planner, range(chairs))
             _search_again(crowd, planner, entered, goal_of)
-        run_to_end(crowd, result, end_s)
-    return result
-
-
-def run_to_end(crowd: Crowd, result: FleetHours, end_s: float) -> None:
-    """Let the crowd run until a chair has news; at the end of the time, take down its figures, and go on with the last tasks."""
-    if crowd.now < end_s - 1e-6:
-        crowd.run(end_s)
-        if crowd.now >= end_s - 1e-6:
-            result.ended(crowd)
-    else:
-        crowd.run(end_s + LAST_TASKS_S)
+        crowd.run(hours * 3600.0)
+    return result.ended(crowd)
 
 
 def _search_again(crowd: Crowd, planner: RoutePlanner, chairs: Iterable[int], goals: Sequence[int]) -> None:
