@@ -1,10 +1,12 @@
-"""One level of a building with its time, its people and the chairs in it, which step in lockstep.
+"""One level of a building with its time, its people and its chairs, which step in lockstep.
 
 In each step all chairs move one after the other, then the people, then every chair senses the others where they are now.
+Lifts carry chairs to the building's other levels, where nobody but chairs and the lifts' passengers is about.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Protocol
@@ -19,7 +21,7 @@ from waychair.simulation.scene.boxes import nearest_points, touch
 from waychair.simulation.scene.contact import ChairContact, box_of
 from waychair.simulation.scene.scene import ChairState, Mover, PersonPlan, PersonState
 from waychair.simulation.scene.seeds import random_stream
-from waychair.types import FloatArray, Pose2, SensorMessage, Twist
+from waychair.types import Pose2, SensorMessage, Twist
 
 PEOPLE_STEP_NS = 50_000_000
 """Step of the people's motion and of the check for contact with them."""
@@ -30,6 +32,10 @@ class ChairInLevel(Protocol):
 
     body: ChairBody
 
+    @property
+    def key(self) -> str: ...
+    @property
+    def world(self) -> World: ...
     @property
     def speed_before(self) -> float: ...
     def truth(self) -> Pose2: ...
@@ -42,9 +48,9 @@ class ChairInLevel(Protocol):
 
 
 class Level:
-    """A world in time; `people` are all people now, `chair_contacts` the contacts of chairs with chairs so far.
+    """A world in time; `people` are all people there now, `chair_contacts` the contacts of chairs with chairs so far.
 
-    `lifts` move and carry the chair to the building's other levels; they serve a level with one chair.
+    `lifts` move and carry chairs to the building's other levels.
     """
 
     def __init__(self, world: World, seed: int, step_ns: int, lifts: Lifts | None = None) -> None:
@@ -96,21 +102,26 @@ class Level:
                 for message in chair.sense():
                     yield number, message
 
-    def seen_by(self, number: int) -> Sequence[Mover]:
-        """Return the people and the other chairs."""
-        if len(self._chairs) == 1:
+    def people_on(self, level: str) -> tuple[PersonState, ...]:
+        """Return all people on a level, now."""
+        if level == self.world.level:
             return self.people
-        others = [
-            ChairState(chair.truth(), chair.body, other) for other, chair in enumerate(self._chairs) if other != number
-        ]
-        return (*self.people, *others)
+        return () if self.lifts is None else self.lifts.people(level)
+
+    def seen_by(self, number: int) -> Sequence[Mover]:
+        """Return the people and the other chairs on a chair's level."""
+        people = self.people_on(self._chairs[number].world.level)
+        if len(self._chairs) == 1:
+            return people
+        return (*people, *(ChairState(chair.truth(), chair.body, other) for other, chair in self._others(number)))
 
     def taken_by(self, number: int, pose: Pose2) -> int | None:
-        """Return another chair that stands where a chair would be at a pose; None if there is none."""
+        """Return another chair that stands where a chair would be at a pose on its level; None if there is none."""
         if len(self._chairs) == 1:
             return None
         own = box_of(self._chairs[number].body, pose)
-        return next((other for other, box in self._boxes_of_others(number) if touch(own, box)), None)
+        boxes = ((other, box_of(chair.body, chair.truth())) for other, chair in self._others(number))
+        return next((other for other, box in boxes if touch(own, box)), None)
 
     def report_touch(self, number: int, other: int) -> None:
         """Report that a chair was stopped by another one, once until they have parted."""
@@ -124,14 +135,19 @@ class Level:
         self.chair_contacts.append(ChairContact(self.now_ns, pair, float(x), float(y), speeds))
 
     def between(self, number: int, other: int) -> float:
-        """Return the distance [m] between two chairs' rectangles, 0 in contact."""
-        one, two = (box_of(chair.body, chair.truth()) for chair in (self._chairs[number], self._chairs[other]))
+        """Return the distance [m] between two chairs' rectangles, 0 in contact, infinite between levels."""
+        chairs = self._chairs[number], self._chairs[other]
+        if chairs[0].world.level != chairs[1].world.level:
+            return math.inf
+        one, two = (box_of(chair.body, chair.truth()) for chair in chairs)
         return 0.0 if touch(one, two) else float(nearest_points(one, two)[0])
 
-    def _boxes_of_others(self, number: int) -> list[tuple[int, FloatArray]]:
-        return [
-            (other, box_of(chair.body, chair.truth())) for other, chair in enumerate(self._chairs) if other != number
-        ]
+    def _others(self, number: int) -> Iterator[tuple[int, ChairInLevel]]:
+        """Yield the other chairs on a chair's level, with their numbers."""
+        level = self._chairs[number].world.level
+        for other, chair in enumerate(self._chairs):
+            if other != number and chair.world.level == level:
+                yield other, chair
 
     def _step(self) -> None:
         """Let one step pass: chairs, their boards, people, contacts."""
@@ -145,7 +161,11 @@ class Level:
         someone = bool(self.people) or self.lifts is not None
         people_moved = someone and self.now_ns % PEOPLE_STEP_NS == 0
         if people_moved and self._people is not None:
-            rectangles = [chair_rectangle(chair.body, chair.truth(), chair.twist()) for chair in self._chairs]
+            rectangles = [
+                chair_rectangle(chair.body, chair.truth(), chair.twist())
+                for chair in self._chairs
+                if chair.world.level == self.world.level
+            ]
             self._people.step_round(PEOPLE_STEP_NS, rectangles)
             self.people = self._everybody(self._people)
         for chair in self._chairs:
@@ -153,9 +173,9 @@ class Level:
         self._touching = {pair for pair in self._touching if self.between(*pair) <= CONTACT_ENDS}
 
     def _step_lifts(self, lifts: Lifts) -> None:
-        """Let cars, leaves and passengers move, and the chair with its car."""
+        """Let cars, leaves and passengers move, and the chairs with their cars."""
         for chair in self._chairs:
-            lifts.note_chair(chair.body.chair_id, self.world.level, chair.truth(), chair.body)
+            lifts.note_chair(chair.key, chair.world.level, chair.truth(), chair.body)
         lifts.step(self.now_ns)
         for chair in self._chairs:
             chair.follow_lifts(lifts)

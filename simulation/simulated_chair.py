@@ -35,8 +35,11 @@ from waychair.types import JoystickInput, PanTiltCommand, Pose2, SensorMessage, 
 class SimulatedChair:
     """A chair in a level, at rest at first; each of its parts draws random numbers of its own."""
 
-    def __init__(self, level: Level, body: ChairBody, settings: SimulatorSettings, pose: Pose2) -> None:
-        """
+    def __init__(
+        self, level: Level, body: ChairBody, settings: SimulatorSettings, pose: Pose2, world: World | None = None
+    ) -> None:
+        """`world`: the chair's level of the building; by default the one of `level`.
+
         Raises:
             WorldError: the chair does not fit at the pose.
             MissingExtra: the plant is MuJoCo's, which is not installed.
@@ -46,6 +49,7 @@ class SimulatedChair:
         self.pushed: Twist | None = None
         """Twist at which a helper pushes the chair by hand, its motors out of gear; None: no one pushes."""
         self._level = level
+        self._world = level.world if world is None else world
         self._number = level.enter(self)
         seed = chair_seed(level.seed, self._number)
         self._lines = JoystickLines(s.plant)
@@ -68,7 +72,7 @@ class SimulatedChair:
         self._free = True
         self._met: int | None = None  # the chair that stopped this one in the latest step
         self._struck = False  # whether a leaf of a lift presses on it
-        self.place(level.world, pose)
+        self.place(self._world, pose)
 
     @property
     def now_ns(self) -> int:
@@ -77,8 +81,13 @@ class SimulatedChair:
 
     @property
     def world(self) -> World:
-        """The level as it is now."""
-        return self._level.world
+        """The chair's level as it is now."""
+        return self._world
+
+    @property
+    def key(self) -> str:
+        """The chair's name in lifts: that of its body, with its number if it is not the first."""
+        return self.body.chair_id if self._number == 0 else f"{self.body.chair_id} {self._number + 1}"
 
     @property
     def rider(self) -> JoystickInput:
@@ -125,8 +134,8 @@ class SimulatedChair:
 
     @property
     def people(self) -> tuple[PersonState, ...]:
-        """All people on this level, now."""
-        return self._level.people
+        """All people on the chair's level, now."""
+        return self._level.people_on(self._world.level)
 
     def wire(self, board: HostBoard | None) -> None:
         """Connect a board between the rider's stick and the chair's lines, or remove it; it runs on simulated time.
@@ -212,6 +221,7 @@ class SimulatedChair:
             )
         if self.now_ns:
             self._sensors.carry_over(self._chair)
+        self._world = world
         self._contacts.place(solid)
         self._sensors.place(world, leaves)
         if lifts is not None:
@@ -236,10 +246,10 @@ class SimulatedChair:
 
     def follow_lifts(self, lifts: Lifts) -> None:
         """Go with the lift to another level, or see its leaves where they are now."""
-        key = self.body.chair_id
-        self._struck = lifts.is_struck(key)
-        if lifts.level_of(key) != self.world.level:
-            self.place(lifts.levels[lifts.level_of(key)], lifts.pose_of(key))
+        self._struck = lifts.is_struck(self.key)
+        level = lifts.level_of(self.key)
+        if level != self.world.level:
+            self.place(lifts.levels[level], lifts.pose_of(self.key))
         elif lifts.moving(self.world.level):
             self._see_leaves(lifts, self.world)
 
@@ -256,7 +266,7 @@ class SimulatedChair:
     def sense(self) -> Iterator[SensorMessage]:
         """Yield the messages of the step."""
         lifts = self._level.lifts
-        lifted = 0.0 if lifts is None else lifts.acceleration(self.body.chair_id, self.now_ns)
+        lifted = 0.0 if lifts is None else lifts.acceleration(self.key, self.now_ns)
         yield from self._sensors.sense(self.now_ns, self._chair, self._level.seen_by(self._number), lifted)
 
     def _see_leaves(self, lifts: Lifts, world: World) -> None:

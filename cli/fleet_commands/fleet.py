@@ -160,7 +160,7 @@ def _print_result(graph: TrafficGraph, runs: list[FleetHours], json: bool) -> No
         print(text.dumps(values, allow_nan=False))
         return
     if not delays:
-        print(f"{name}: no chair has reached a goal; give more --hours")
+        print(f"{name}: no chair has reached a goal; give more --hours, or fewer --persons")
         return
     bound = f"; with 95 % confidence in less than {min(1.0, 3.0 / len(runs)):.0%} of runs" if locked == 0 else ""
     print(

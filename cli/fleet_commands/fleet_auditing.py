@@ -36,7 +36,7 @@ def simulate_by_order(
     from waychair.simulation.graph_traffic.crowd import MOST_PEOPLE
     from waychair.trials.fleet.fleet_graph import mean
     from waychair.trials.fleet.fleet_ordered import Stops
-    from waychair.trials.fleet.fleet_report import best_bay, ordered_hours, stops_by_people
+    from waychair.trials.fleet.fleet_report import bay_that_helps, ordered_hours, stops_by_people
 
     if persons > MOST_PEOPLE:
         raise BadArgument(f"{persons} people are impossible; give 0 to {MOST_PEOPLE}")
@@ -60,23 +60,15 @@ def simulate_by_order(
 
         write_text(log, "".join(text.dumps(record) + "\n" for record in records))
     bay = None
-    if bays and found[0].delays:
+    if bays:
         with told_time("trying the bays"):
-            bay = best_bay(
-                graph,
-                mean(found[0].delays),
-                found[0].waited_s,
-                bays,
-                lambda other: mean(
-                    ordered_hours(other, chairs=chairs, hours=hours, seed=0, stops=stops, top=top).delays
-                ),
-            )
+            bay = bay_that_helps(graph, chairs=chairs, hours=hours, seed=0, stops=stops, tries=bays, top=top)
     _print_ordered(graph, found, bay, bays, json)
 
 
 def _print_ordered(graph: TrafficGraph, found: list[OrderedHours], bay: BestBay | None, bays: int, json: bool) -> None:
     from waychair.trials.fleet.fleet_graph import mean
-    from waychair.trials.fleet.fleet_report import waits_by_corridor
+    from waychair.trials.fleet.fleet_report import corridor_sentence, waits_by_corridor
 
     delays = [delay for run in found for delay in run.delays]
     total_h = sum(run.hours for run in found)
@@ -96,9 +88,7 @@ def _print_ordered(graph: TrafficGraph, found: list[OrderedHours], bay: BestBay 
             "mean_delay_s": mean(delays) if delays else None,
             "waited_s_per_hour_by_corridor": corridors,
             "waited_s_per_hour_by_lift": lifts,
-            "bay": None
-            if bay is None
-            else {"beside": bay.node, "corridor": bay.corridor, "mean_delay_s": [bay.before_s, bay.after_s]},
+            "bay": None if bay is None else bay.as_json(),
             "jain": [run.jain for run in found],
             "foreseen_right": [run.foreseen_right for run in found],
             "most_overtaken": max(run.most_overtaken for run in found),
@@ -108,23 +98,17 @@ def _print_ordered(graph: TrafficGraph, found: list[OrderedHours], bay: BestBay 
         print(text.dumps(values, allow_nan=False))
         return
     if not delays:
-        print(f"{graph.name}: no chair has reached a goal; give more --hours")
+        print(f"{graph.name}: no chair has reached a goal; give more --hours, or fewer --persons")
         return
     bound = f"; with 95 % confidence in less than {min(1.0, 3.0 / len(found)):.0%} of runs" if locked == 0 else ""
     print(f"{graph.name}: {len(delays)} tasks, mean delay {mean(delays):.1f} s; {locked} lock-ups{bound}")
-    costly = next(((name, seconds) for name, seconds in corridors.items() if name not in lifts), None)
+    costly = corridor_sentence(graph, corridors, 1.0)
     if costly is not None:
-        share = costly[1] / sum(corridors.values())
-        print(
-            f"The corridor {costly[0]} costs most: chairs wait {costly[1]:.0f} s an hour for it, {share:.0%} of all waiting"
-        )
+        print(costly)
     for name, seconds in sorted(lifts.items(), key=lambda item: -item[1]):
         print(f"Chairs wait {seconds:.0f} s an hour for lift {name}")
     if bay is not None:
-        print(
-            f"One bay beside {bay.node}, in the corridor {bay.corridor}, saves most: mean delay {bay.before_s:.1f} s without "
-            f"and {bay.after_s:.1f} s with it (seed 0)"
-        )
+        print(f"{bay.sentence} (seed 0)")
     elif bays:
         print("No bay in the corridors with the most waiting saves anything (seed 0)")
 

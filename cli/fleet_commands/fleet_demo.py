@@ -62,7 +62,7 @@ def demo_command(
     from rich.console import Console
 
     from waychair.cli.options.progress import prepare_kernels, stage_bars
-    from waychair.trials.fleet.fleet_demo import fleet_report, run_fleet_demo, worst_place, write_fleet_report
+    from waychair.trials.fleet.fleet_demo import fleet_report, run_fleet_demo, where_it_waits, write_fleet_report
 
     prepare_kernels()
     console = Console(stderr=True, quiet=quiet)
@@ -77,7 +77,7 @@ def demo_command(
             f"their time ({demo.wall_s:.0f} s here): {values['contacts']} contacts, {values['lockups']} lock-ups, "
             f"{values['waits']} waits{delay}"
         )
-        print(worst_place(demo))
+        print(where_it_waits(demo))
         print(f"report: {out / 'report.html'}")
     if values["goals_reached"] < values["goals"] or values["contacts"]:
         sys.exit(1)

@@ -3,7 +3,8 @@
 The chair's room is the free cells that are at least half its width and 5 cm from everything else. Its skeleton (T. Zhang
 and C. Suen, "A fast parallel algorithm for thinning digital patterns", CACM 27(3), 1984) has a node wherever lines end or
 meet. A section's clear width is the least along it, so that doors decide the lanes. Short spurs into the corners of rooms
-are left out. Places of the map become refuges, each on a stub of its own from the nearest point of the lines.
+are left out. Places of the map become refuges, each on a stub of its own from the nearest point of the lines, or on the line
+itself where nobody could pass a chair that stands there.
 """
 
 from __future__ import annotations
@@ -221,14 +222,25 @@ def _graph(
         lanes = lanes_for(width, chair_width)
         sections.append(Section(label, first, last, _length(piece, grid.resolution), width, lanes))
     refuges: list[Refuge] = []
+    on_line: set[str] = set()
     for place in places:
         at = names[stubs[place.name]]
+        off = math.dist(_point(grid, stubs[place.name]), (place.pose.x, place.pose.y))
+        if at not in on_line and _in_the_way(off, float(clear[stubs[place.name]]), chair_width):
+            on_line.add(at)
+            refuges.append(Refuge(place.name, at))
+            continue
         node = f"at {place.name}"
         nodes.append(TrafficNode(node, place.pose.x, place.pose.y, storey))
-        far = max(grid.resolution, math.dist(_point(grid, stubs[place.name]), (place.pose.x, place.pose.y)))
+        far = max(grid.resolution, off)
         sections.append(Section(f"{at}-{node}", at, node, far, chair_width + SINGLE_FILE_ROOM, 1))
         refuges.append(Refuge(place.name, node))
     return TrafficGraph(name, tuple(nodes), tuple(sections), tuple(refuges), chair_width=chair_width)
+
+
+def _in_the_way(off: float, clear: float, chair_width: float) -> bool:
+    """Return whether nobody passes a chair that stands so far [m] off a line whose room is `clear` [m] on either side."""
+    return clear + off - chair_width / 2 < chair_width + SINGLE_FILE_ROOM
 
 
 def _pieces(lines: list[list[_Cell]], stops: set[_Cell], resolution: float) -> list[list[_Cell]]:

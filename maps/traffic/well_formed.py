@@ -39,7 +39,7 @@ def well_formed(graph: TrafficGraph) -> tuple[ShutOff, ...]:
     """Return all places that shut off others, in the order of the refuges; empty for a well-formed graph.
 
     Only refuges are asked for, and not the lobbies of lifts, which chairs pass. Where a refuge cuts the graph in two, the
-    smaller part is shut off.
+    part with fewer refuges is shut off; a part without any is none.
     """
     findings: list[ShutOff] = []
     at = {refuge.node: refuge.name for refuge in graph.refuges}
@@ -57,7 +57,7 @@ def well_formed(graph: TrafficGraph) -> tuple[ShutOff, ...]:
         if len(neighbours) < 2:
             continue  # the end of a stub is on nobody's way
         inside = [node for node in parts[home[refuge.node]] if node != refuge.node]
-        left = _strong_parts(graph, inside)
+        left = sorted(_strong_parts(graph, inside), key=lambda part: -sum(node in at for node in part))
         others = tuple(at[node] for part in left[1:] for node in part if node in at)
         if others:
             findings.append(ShutOff(refuge.name, others, refuge.slots))

@@ -62,6 +62,14 @@ def waits(order: Order, now_ms: int, clearing_ms: int) -> tuple[Wait, ...]:
     found = [wait for chair in order.chains if (wait := wait_of(order, chair, now_ms, clearing_ms)) is not None]
     for request in order.waiting:
         holder = _holder(order, request)
+        before = _under_way(order, request) if holder is None else None
+        if before is not None:
+            other, spot = before
+            theirs = _priority(order.chains[other], now_ms)
+            age_ms = now_ms - request.asked_ms
+            place = order.ways.names[spot]
+            found.append(Wait(request.chair, other, place, Reason.FIRST, (request.priority, theirs), age_ms, None))
+            continue
         behind = holder is not None and any(each.chair == holder for each in order.waiting)
         found.append(
             Wait(
@@ -141,14 +149,32 @@ def _holder(order: Order, request: Request) -> int | None:
     for chair, spot in ends.items():
         if ways.names[spot] == request.goal:
             return chair
+    on_the_way = {int(ways.resource[spot]) for spot in _shortest_way(order, request)}
+    return next((chair for chair, spot in ends.items() if int(ways.resource[spot]) in on_the_way), None)
+
+
+def _under_way(order: Order, request: Request) -> tuple[int, int] | None:
+    """Return a chair that will drive through the shortest way to the place asked for, and the first spot it needs there."""
+    on_the_way = [int(order.ways.resource[spot]) for spot in _shortest_way(order, request)]
+    for resource in on_the_way:
+        for turn in order.queues.get(resource, ()):
+            chain = order.chains[turn.chair]
+            if turn.chair != request.chair and turn.visit >= chain.visit:
+                return turn.chair, chain.spots[turn.visit - chain.visit]
+    return None
+
+
+def _shortest_way(order: Order, request: Request) -> list[int]:
+    """Return the spots of the shortest way to the place asked for."""
+    ways = order.ways
     left = ways.least_ms(request.goal)
     spot = order.chains[request.chair].spots[0]
-    on_the_way = set()
+    found = []
     while left[spot] > 0:
         after = ways.after[ways.first[spot] : ways.first[spot + 1]]
         spot = int(after[left[after].argmin()])
-        on_the_way.add(int(ways.resource[spot]))
-    return next((chair for chair, spot in ends.items() if int(ways.resource[spot]) in on_the_way), None)
+        found.append(spot)
+    return found
 
 
 def _priority(chain: Chain, now_ms: int) -> Priority | None:

@@ -127,6 +127,8 @@ def run_crowd(graph: IndexedTraffic, crowd: CrowdArrays, rules: CrowdRules, unti
             crowd.chairs.moving[c] = 0
             if crowd.chairs.section[c] >= 0:
                 _drive(graph, crowd, rules, c)
+        for i in range(chairs):
+            order[i] = i  # so that it does not matter how often the caller has asked for news
         for i in range(chairs - 1, 0, -1):  # equal chairs have equal chances at a section
             k = draw(crowd.random, i + 1)
             order[i], order[k] = order[k], order[i]

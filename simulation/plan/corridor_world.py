@@ -19,10 +19,10 @@ ROOM_SIDE = 1.5
 _Box = tuple[float, float, float, float]
 
 
-def corridor_world(plan: CorridorPlan, width: float = NARROW, *, rooms: bool = False) -> World:
+def corridor_world(plan: CorridorPlan, width: float = NARROW, *, rooms: bool = False, cell: float = 0.05) -> World:
     """Return the world of a plan whose corridors have a clear width [m], with a place at every node of its graph.
 
-    With `rooms`, each room of the cell map is a square of 1.5 m beside its corridor.
+    `cell` [m] is the side of the map's cells. With `rooms`, each room of the cell map is a square of 1.5 m beside its corridor.
 
     Raises:
         TrafficError: no chair fits in the width.
@@ -45,6 +45,7 @@ def corridor_world(plan: CorridorPlan, width: float = NARROW, *, rooms: bool = F
         size=plan.size,
         start=(first.x, first.y, 0.0),
         walls=[PlanWall(start=start, end=end, thickness=WALL) for start, end in outline(boxes)],
+        resolution=cell,
         places={node.name: (node.x, node.y, 0.0) for node in graph.nodes},
     )
     for keys, problem in plan_problems(floor):

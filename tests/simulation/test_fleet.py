@@ -11,7 +11,8 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.errors import ConfigError, WorldError
 from waychair.simulation.fleet import ChairPlan, FleetSimulator
-from waychair.simulation.plan.world import World, load_world, world_from_grid
+from waychair.simulation.lifts.lifts import Lifts
+from waychair.simulation.plan.world import World, load_levels, load_world, world_from_grid
 from waychair.simulation.scene.scene import Behaviour, ChairState, PersonPlan
 from waychair.simulation.sensors.lidar import LidarSettings
 from waychair.simulation.sensors.silhouettes import sides_of
@@ -159,3 +160,31 @@ def test_the_camera_draws_another_chair_where_it_is() -> None:
     assert nearer.sum() > 60
     assert 1.7 < seen[nearer].min() < 2.5
     camera.release()
+
+
+def test_a_lift_carries_a_chair_to_the_level_of_another_one_and_only_then_do_they_see_each_other() -> None:
+    levels = load_levels("two_floors")
+    quick = SimulatorSettings(lidar=LidarSettings(beams=41))
+    cabin, before = Pose2(8.8, 3.5, math.pi), Pose2(5.0, 3.5, 0.0)
+    plans = [ChairPlan(CHAIR_A, quick, cabin), ChairPlan(CHAIR_A, quick, before, "upper")]
+    lifts = Lifts(levels)
+    fleet = FleetSimulator(levels[0], plans, lifts=lifts)
+    first, second = fleet.chairs
+    assert (first.world.level, second.world.level) == ("ground", "upper")
+    assert fleet.between(0, 1) == math.inf
+    assert [len(chair.people) for chair in fleet.chairs] == [1, 0]
+    lifts.call("lift", "upper")
+    for _ in range(40):
+        fleet.advance(SECOND)
+        if first.world.level == "upper":
+            break
+    assert first.world.level == "upper"
+    assert first.truth().x == pytest.approx(cabin.x)
+    assert fleet.between(0, 1) == pytest.approx(3.8 - 2 * CHAIR_A.front, abs=0.01)
+    assert first.people == ()
+    assert fleet.chair_contacts == []
+
+
+def test_a_chair_cannot_start_on_a_level_to_which_no_lift_leads() -> None:
+    with pytest.raises(WorldError, match="no lift leads to the level 'roof'"):
+        FleetSimulator(_hall(), [replace(_plan(2.0), level="roof")])

@@ -13,19 +13,26 @@ import numpy as np
 import pytest
 
 from tests.runtime.riding import coarse_arcs
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import TaskError
-from waychair.maps.traffic.corridors import CorridorPlan, floor_plan_names, load_corridors
+from waychair.maps.drawn.zones import Rule
+from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph, floor_plan_names, load_corridors
+from waychair.maps.traffic.well_formed import well_formed
+from waychair.planning.fleet.granting import granted
+from waychair.planning.fleet.order import Request, asked, parked
+from waychair.planning.fleet.ways import ways_of
+from waychair.simulation.plan.world import load_levels
 from waychair.simulation.scene.contact import in_contact, solid_from_blocks
 from waychair.trials.fleet.fleet_demo import (
     FleetDemo,
     fleet_report,
     plan_of,
     view_of,
-    waits_by_place,
     write_fleet_report,
 )
-from waychair.trials.fleet.fleet_drive import FleetMoment, FleetRun, FleetScene, drive_fleet
-from waychair.trials.fleet.fleet_scenes import SCENARIOS, rooms_scene
+from waychair.trials.fleet.fleet_drive import SPEED, FleetMoment, FleetRun, FleetScene, drive_fleet
+from waychair.trials.fleet.fleet_lift import PLACES, WAYS, WORLD, free_up_to_lift, hall_graph, share_lift
+from waychair.trials.fleet.fleet_scenes import SCENARIOS, lane_zones, rooms_scene
 from waychair.ui.fleet_page import FleetPage, fleet_page
 
 SMALL = CorridorPlan("small", (16.0, 6.0), ((2.0, 3.0, 14.0, 3.0),))
@@ -61,7 +68,7 @@ def test_the_report_has_the_figures_that_are_asked_for(
     driven: tuple[FleetScene, FleetRun, list[FleetMoment]], tmp_path: Path
 ) -> None:
     scene, run, _ = driven
-    demo = FleetDemo(scene, run, 1.0, waits_by_place(run))
+    demo = FleetDemo(scene, run, 1.0)
     write_fleet_report(tmp_path, demo)
     values = json.loads((tmp_path / "report.json").read_text())
     assert values == json.loads(json.dumps(fleet_report(demo)))
@@ -70,6 +77,7 @@ def test_the_report_has_the_figures_that_are_asked_for(
     assert (values["chairs"], values["goals"], values["goals_reached"], values["contacts"]) == (2, 2, 2, 0)
     page = (tmp_path / "report.html").read_text()
     assert "2 of 2 goals reached" in page
+    assert "No bay in its corridors saves anything" in page
     assert "chair 1" in page
 
 
@@ -140,5 +148,39 @@ def test_every_scene_ends_without_a_contact(name: str) -> None:
 @pytest.mark.nightly
 def test_the_same_seed_gives_the_same_report_byte_by_byte() -> None:
     scene = _two_in_a_corridor()
-    reports = [json.dumps(fleet_report(FleetDemo(scene, drive_fleet(scene), wall, {}))) for wall in (1.0, 2.0)]
+    reports = [json.dumps(fleet_report(FleetDemo(scene, drive_fleet(scene), wall))) for wall in (1.0, 2.0)]
     assert reports[0] == reports[1]
+
+
+def test_in_a_corridor_without_room_to_spare_a_line_along_the_middle_keeps_chairs_right_and_in_a_wider_one_lanes() -> (
+    None
+):
+    narrow, wide = (SCENARIOS[name](0).scene for name in ("two_pass", "two_wide_pass"))
+    for scene in (narrow, wide):
+        assert {zone.rule for zone in scene.zones} == {Rule.KEEP_OUT}
+    assert {zone.rule for zone in lane_zones(corridor_graph(SMALL, 1.8))} == {Rule.ONE_WAY}
+    assert all(section.lanes == 2 for scene in (narrow, wide) for section in scene.graph.sections)
+    assert (narrow.graph.sections[0].width, narrow.body.width) == (1.525, 0.60)
+    assert (wide.graph.sections[0].width, wide.body.width) == (1.8, 0.70)
+
+
+def test_three_chairs_stand_free_where_they_begin_and_end_their_rides_and_one_at_a_time_has_the_lift() -> None:
+    levels = {world.level: world for world in load_levels(WORLD)}
+    for storey, pose in PLACES.values():
+        solid = solid_from_blocks(levels[storey].blocks, levels[storey].pits)
+        assert not in_contact(solid, CHAIR_A, pose)
+    graph = hall_graph()
+    assert well_formed(graph) == ()
+    order = parked(ways_of(graph, SPEED), {k: start for k, (start, _) in enumerate(WAYS)})
+    for k, (_, goal) in enumerate(WAYS):
+        order = asked(order, Request(k, k, goal, 0))
+    order = granted(order, 0, 3000, np.random.default_rng(0), 20)
+    assert sum(free_up_to_lift(order, k) > 0 for k in range(3)) == 1
+
+
+@pytest.mark.nightly
+def test_three_chairs_share_a_lift_without_a_contact() -> None:
+    run = share_lift(0)
+    assert run.finished
+    assert run.contacts == run.lockups == 0
+    assert all(chair.end_error is not None and chair.end_error < 0.3 for chair in run.chairs)

@@ -1,7 +1,9 @@
 """Hours of several chairs among people in the paper's model, by the coordinator: all are planned together, as often as it helps.
 
 The coordinator plans anew when a chair has a new task, and while a chair at a node waits for another one, which people may have
-held up.
+held up. Where all chairs are equal and the corridors have no ring, plans change nothing but the order at sections. There the
+first to come goes first, as at the paper's nodes: of two chairs that meet, neither could go before the other with less delay
+in all, and the plans' foresight among people was 1 % worse (60 seeds of an hour on T, I and 2bconR).
 """
 
 from __future__ import annotations
@@ -65,10 +67,20 @@ def coordinated_hours(
     starts = start_nodes(graph, goals, chairs, random)
     tasks = task_streams(graph, chairs, seed)
     top = (0,) if rule is RightOfWay.FLEXIBLE else ()
+    keeps_order = len(graph.sections) >= len(graph.nodes) or bool(top)  # of a ring, in a graph of one part
     crowd = Crowd(
-        graph, starts, people, rule, seed, top=top, permits=True, tells_entries=True, tells_last_entry=True, model=model
+        graph,
+        starts,
+        people,
+        rule,
+        seed,
+        top=top,
+        permits=keeps_order,
+        tells_entries=True,
+        tells_last_entry=True,
+        model=model,
     )
-    run = _Run(graph, crowd, model.chair_speed, top, FleetHours.of(chairs, hours))
+    run = _Run(graph, crowd, model.chair_speed, top, FleetHours.of(chairs, hours), keeps_order)
     end_s = hours * 3600.0
     while crowd.now < end_s - 1e-6:
         for chair, when in crowd.arrived():
@@ -83,8 +95,15 @@ class _Run:
     """The chairs of one run: their tasks, the plan and its order."""
 
     def __init__(
-        self, graph: TrafficGraph, crowd: Crowd, speed: float, top: tuple[int, ...], result: FleetHours
+        self,
+        graph: TrafficGraph,
+        crowd: Crowd,
+        speed: float,
+        top: tuple[int, ...],
+        result: FleetHours,
+        keeps_order: bool,
     ) -> None:
+        """Without `keeps_order` the nodes admit whoever comes first."""
         self.result = result
         self._crowd = crowd
         self._speed = speed
@@ -92,6 +111,7 @@ class _Run:
         self._planner = SectionPlanner(crowd.indexed, speed, self._free_s)
         self._order = SectionOrder(crowd.indexed)
         self._top = top
+        self._keeps_order = keeps_order
         self._tasks: dict[int, _Task] = {}
         self._begun: dict[int, int] = {}
         self._plan_after_s = 0.0
@@ -111,6 +131,8 @@ class _Run:
         """Plan anew where that is due, and let the chairs enter their next sections in the order of the plan."""
         if self._at_goal:
             self._plan()
+        if not self._keeps_order:
+            return
         is_blocked = self._admit()
         if is_blocked and self._crowd.now >= self._plan_after_s:
             self._plan()
@@ -167,7 +189,8 @@ class _Run:
                 crowd.give(chair, sections)
             else:
                 crowd.turn_off(chair, sections)
-            crowd.permit(chair, NO_SECTION)
+            if self._keeps_order:
+                crowd.permit(chair, NO_SECTION)
             self._begun[chair] = crowd.progress(chair)[0]
         self._at_goal.clear()
         self._plan_after_s = crowd.now + _AGAIN_S

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -27,12 +27,17 @@ from waychair.offline.report import (
 )
 from waychair.planning.fleet.waits import jain
 from waychair.trials.fleet.fleet_drive import FleetMoment, FleetRun, FleetScene, drive_fleet
+from waychair.trials.fleet.fleet_ordered import Stops
+from waychair.trials.fleet.fleet_report import BestBay, bay_that_helps, corridor_sentence, waits_by_corridor
 from waychair.trials.fleet.fleet_scenes import rooms_scene
 from waychair.types import Json, Pose2
 
 WORLD = "T"
 GOALS = 3
 """Goals of each chair."""
+
+BAYS, BAY_HOURS = 3, 1.0
+"""Corridors with the most waiting in which a bay is tried, and hours of drives on the traffic graph for each."""
 
 OUTLINE_EVERY_S = 10.0
 """s between two outlines of a chair in the report's picture."""
@@ -52,12 +57,20 @@ class FleetView:
 
 @dataclass(slots=True)
 class FleetDemo:
-    """The scene, its run, and the wall time [s]."""
+    """The scene, its run, the wall time [s], and the bay that saves most in hours of such drives on the traffic graph."""
 
     scene: FleetScene
     run: FleetRun
     wall_s: float
-    waits_by_place: dict[str, float] = field(default_factory=dict)
+    bay: BestBay | None = None
+
+    @property
+    def waits_by_corridor(self) -> dict[str, float]:
+        """The seconds that chairs waited for each corridor, the most first."""
+        found: dict[str, float] = {}
+        for wait in self.run.audit.ended:
+            found[wait["place"]] = found.get(wait["place"], 0.0) + wait["real_s"]
+        return waits_by_corridor(self.scene.graph, dict(sorted(found.items())))
 
 
 class FleetWatcher:
@@ -98,15 +111,10 @@ def run_fleet_demo(
     began = time.perf_counter()
     run = drive_fleet(scene, on_moment)
     progress("drive", 1.0)
-    return FleetDemo(scene, run, time.perf_counter() - began, waits_by_place(run))
-
-
-def waits_by_place(run: FleetRun) -> dict[str, float]:
-    """Return the seconds that chairs waited before each section, node or refuge, the longest first."""
-    found: dict[str, float] = {}
-    for wait in run.audit.ended:
-        found[wait["place"]] = found.get(wait["place"], 0.0) + wait["real_s"]
-    return dict(sorted(found.items(), key=lambda item: (-item[1], item[0])))
+    progress("bays", 0.0)
+    bay = bay_that_helps(scene.graph, chairs=chairs, hours=BAY_HOURS, seed=seed, stops=Stops(), tries=BAYS)
+    progress("bays", 1.0)
+    return FleetDemo(scene, run, time.perf_counter() - began, bay)
 
 
 def fleet_report(demo: FleetDemo) -> Json:
@@ -131,7 +139,8 @@ def fleet_report(demo: FleetDemo) -> Json:
         "nearest_chairs_m": round(run.nearest, 3) if np.isfinite(run.nearest) else None,
         "over_stop_line_m": round(max(chair.over_line for chair in run.chairs), 4),
         "seconds": round(run.seconds, 2),
-        "waited_s_by_place": {name: round(seconds, 1) for name, seconds in demo.waits_by_place.items()},
+        "waited_s_by_corridor": {name: round(seconds, 1) for name, seconds in demo.waits_by_corridor.items()},
+        "bay": None if demo.bay is None else demo.bay.as_json(),
         "by_chair": [
             {
                 "goals": list(goals),
@@ -179,27 +188,27 @@ def write_fleet_report(out: Path, demo: FleetDemo) -> None:
         )
         for each in demo.run.audit.ended
     ]
-    places = tuple((name, seconds, f"{seconds:.0f} s") for name, seconds in list(demo.waits_by_place.items())[:12])
+    places = tuple((name, seconds, f"{seconds:.0f} s") for name, seconds in list(demo.waits_by_corridor.items())[:12])
     tables: list[Table | Bars] = [
         Table("Chairs", ("chair", "goals", "reached", "took", "waited for others", "driven"), tuple(rows)),
-        Bars("Waiting before each place", places),
+        Bars("Waiting for each corridor", places),
         Table("Every wait", ("at", "waits", "first", "place", "rule", "foreseen", "real"), tuple(audit)),
     ]
     lead = (
         f"{values['goals_reached']} of {values['goals']} goals reached by {values['chairs']} chairs on "
         f"{values['world']} in {values['seconds']:.0f} s of their time; {values['contacts']} contacts, "
-        f"{values['lockups']} lock-ups, seed {values['seed']}. {worst_place(demo)}"
+        f"{values['lockups']} lock-ups, seed {values['seed']}. {where_it_waits(demo)}"
     )
     write_page(out / "report.html", f"waychair fleet: {values['world']}", lead, tables, [_tracks_picture(demo)])
 
 
-def worst_place(demo: FleetDemo) -> str:
-    """Return a sentence about where the chairs waited most."""
-    if not demo.waits_by_place:
-        return "No chair waited for another one."
-    name, seconds = next(iter(demo.waits_by_place.items()))
-    whole = sum(demo.waits_by_place.values())
-    return f"Most waiting, {seconds:.0f} of {whole:.0f} s, was before {name}: a bay there would save most."
+def where_it_waits(demo: FleetDemo) -> str:
+    """Return which corridor cost most waiting, and where one bay would save most."""
+    graph = demo.scene.graph
+    costly = corridor_sentence(graph, demo.waits_by_corridor, demo.run.seconds / 3600.0)
+    bay = f"no bay in its corridors saves anything in {BAY_HOURS:g} h of such drives"
+    bay = bay if demo.bay is None else f"{demo.bay.sentence} in {BAY_HOURS:g} h of such drives"
+    return f"{costly or 'No chair waited for another one'}. {bay[0].upper()}{bay[1:]}."
 
 
 def _tracks_picture(demo: FleetDemo) -> PngFigure:

@@ -32,6 +32,7 @@ from waychair.runtime.fleet.chain_geometry import drivable
 from waychair.simulation.fleet import ChairPlan, FleetSimulator
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.seeds import chair_seed
+from waychair.simulation.simulated_chair import SimulatedChair
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, simulated_chair
 from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, SensorMessage
@@ -94,7 +95,7 @@ class ChairRun:
     """What one chair did: goals reached with the time [s] each took, seconds it stood for others, metres, its track.
 
     `track` has a row of time [s], x, y [m], heading [rad] for each step of the order. `over_line` [m] is the farthest that
-    its foremost corner was beyond a stop line.
+    its foremost corner was beyond a stop line, `end_error` [m] its true distance from its last goal when all were reached.
     """
 
     goals: int
@@ -107,6 +108,21 @@ class ChairRun:
     person_m: float = math.inf
     ends: list[str] = field(default_factory=list)
     track: list[tuple[float, float, float, float]] = field(default_factory=list)
+    end_error: float | None = None
+
+    def note(self, now_s: float, chair: SimulatedChair, waits_s: float) -> None:
+        """Take down where a chair is now, and that it has waited so long [s] for others since the last time."""
+        pose = chair.truth()
+        if self.track:
+            self.metres += math.dist(self.track[-1][1:3], (pose.x, pose.y))
+        self.track.append((now_s, pose.x, pose.y, pose.theta))
+        self.waited_s += waits_s
+        self.person_m = min(self.person_m, chair.person_distance())
+
+    def note_end(self, goal: Pose2, pose: Pose2) -> None:
+        """Take down how far a chair is from its last goal, if it has reached all."""
+        if self.reached == self.goals:
+            self.end_error = math.dist((goal.x, goal.y), (pose.x, pose.y))
 
 
 @dataclass(slots=True)
@@ -121,6 +137,13 @@ class FleetRun:
     seconds: float = 0.0
     nearest: float = math.inf
     audit: Audit = field(default_factory=Audit)
+
+    def count_contacts(self, simulator: FleetSimulator) -> None:
+        """Take down all contacts that there were."""
+        kinds = [contact.kind.value for chair in simulator.chairs for contact in chair.contact_reports]
+        self.chair_contacts = len(simulator.chair_contacts)
+        self.person_contacts = kinds.count("person")
+        self.solid_contacts = len(kinds) - self.person_contacts
 
     @property
     def contacts(self) -> int:
@@ -291,10 +314,9 @@ def drive_fleet(
             for k, chair in enumerate(chairs)
         ]
         _drive(scene, ways, simulator, riders, run, on_moment, events)
-    contacts = [contact.kind.value for chair in simulator.chairs for contact in chair.contact_reports]
-    run.chair_contacts = len(simulator.chair_contacts)
-    run.person_contacts = contacts.count("person")
-    run.solid_contacts = len(contacts) - run.person_contacts
+    run.count_contacts(simulator)
+    for own, chair, goals in zip(run.chairs, simulator.chairs, scene.goals, strict=True):
+        own.note_end(scene.places[goals[-1]].pose, chair.truth())
     return run
 
 
@@ -320,14 +342,14 @@ def _drive(
             sentences = {wait.chair: wait.sentence for wait in present}
             run.audit.note(present, now_ms)
             for rider in riders:
-                rider.held = rider.number in sentences and _stands(simulator, rider.number)
+                rider.held = rider.number in sentences and stands(simulator, rider.number)
             _note(run, simulator, riders)
             on_moment(_moment(simulator, riders, present))
-        heard = _advance(simulator, riders)
+        heard = advance_tick(simulator, [rider.chair for rider in riders])
         for rider, messages in zip(riders, heard, strict=True):
             others = [halt_as_told("fleet_waits", sentences[rider.number])] if rider.held else []
             rider.state = rider.chair.step(simulator.now_ns, messages, others)
-        if not all(_stands(simulator, rider.number) for rider in riders):
+        if not all(stands(simulator, rider.number) for rider in riders):
             moved_ns = simulator.now_ns
         if simulator.now_ns - moved_ns > LOCKED_UP_S * 1e9:
             run.lockups += 1
@@ -365,18 +387,19 @@ def _keep_order(
     return district, present
 
 
-def _advance(simulator: FleetSimulator, riders: Sequence[_Rider]) -> list[list[SensorMessage]]:
+def advance_tick(simulator: FleetSimulator, chairs: Sequence[Chair]) -> list[list[SensorMessage]]:
     """Advance all chairs by one tick with heartbeats to their boards, and return the tick's messages of each."""
-    heard: list[list[SensorMessage]] = [[] for _ in riders]
+    heard: list[list[SensorMessage]] = [[] for _ in chairs]
     for _ in range(TICK_NS // BEAT_NS):
-        for rider in riders:
-            rider.chair.beat(simulator.now_ns)
+        for chair in chairs:
+            chair.beat(simulator.now_ns)
         for messages, new in zip(heard, simulator.advance(BEAT_NS), strict=True):
             messages += new
     return heard
 
 
-def _stands(simulator: FleetSimulator, number: int) -> bool:
+def stands(simulator: FleetSimulator, number: int) -> bool:
+    """Return whether a chair is at rest."""
     twist = simulator.chairs[number].twist()
     return max(abs(twist.v), abs(twist.omega)) < _MOVES
 
@@ -385,14 +408,9 @@ def _note(run: FleetRun, simulator: FleetSimulator, riders: Sequence[_Rider]) ->
     """Take down the figures of a step of the order."""
     step_s = STEPS_OF_ORDER * TICK_NS * 1e-9
     for rider, chair, own in zip(riders, simulator.chairs, run.chairs, strict=True):
-        pose = chair.truth()
-        if own.track:
-            own.metres += math.dist(own.track[-1][1:3], (pose.x, pose.y))
-        own.track.append((simulator.now_ns * 1e-9, pose.x, pose.y, pose.theta))
-        own.waited_s += step_s * rider.held
-        own.person_m = min(own.person_m, chair.person_distance())
+        own.note(simulator.now_ns * 1e-9, chair, step_s * rider.held)
         if rider.line is not None:
-            own.over_line = max(own.over_line, _beyond(rider.line, chair.body, pose))
+            own.over_line = max(own.over_line, _beyond(rider.line, chair.body, chair.truth()))
     count = len(riders)
     run.nearest = min([run.nearest, *(simulator.between(a, b) for a in range(count) for b in range(a + 1, count))])
 

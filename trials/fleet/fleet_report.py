@@ -13,6 +13,7 @@ from waychair.maps.traffic.single_file import Run, runs
 from waychair.maps.traffic.traffic_graph import Refuge, RefugeKind, Section, TrafficGraph, TrafficNode
 from waychair.planning.fleet.waits import Audit, jain
 from waychair.simulation.graph_traffic.crowd import CrowdModel
+from waychair.trials.fleet.fleet_graph import mean
 from waychair.trials.fleet.fleet_ordered import OrderedChairs, Stops, chairs_on
 from waychair.types import Json
 
@@ -49,6 +50,18 @@ class BestBay:
     corridor: str
     before_s: float
     after_s: float
+
+    @property
+    def sentence(self) -> str:
+        """The finding in words."""
+        return (
+            f"One bay beside {self.node}, in the corridor {self.corridor}, saves most: mean delay {self.before_s:.1f} s "
+            f"without and {self.after_s:.1f} s with it"
+        )
+
+    def as_json(self) -> Json:
+        """Return the finding for a report."""
+        return {"beside": self.node, "corridor": self.corridor, "mean_delay_s": [self.before_s, self.after_s]}
 
 
 def stops_by_people(graph: TrafficGraph, persons: int) -> Stops:
@@ -123,6 +136,19 @@ def waits_by_corridor(graph: TrafficGraph, waited_s: Mapping[str, float]) -> dic
     return dict(sorted(found.items(), key=lambda item: -item[1]))
 
 
+def corridor_sentence(graph: TrafficGraph, by_corridor: Mapping[str, float], hours: float) -> str | None:
+    """Return which corridor costs most waiting, in words, by the waits [s] of some hours; None if nobody waited for one."""
+    lifts = {lift.name for lift in graph.lifts}
+    costly = next(((name, seconds) for name, seconds in by_corridor.items() if name not in lifts), None)
+    if costly is None:
+        return None
+    share = costly[1] / sum(by_corridor.values())
+    return (
+        f"The corridor {costly[0]} costs most: chairs wait {costly[1] / hours:.0f} s an hour for it, "
+        f"{share:.0%} of all waiting"
+    )
+
+
 def corridor_name(run: Run) -> str:
     """Return a run's name for people: its ends."""
     return f"{run.nodes[0]} to {run.nodes[-1]}"
@@ -140,6 +166,24 @@ def with_bay(graph: TrafficGraph, node: str) -> TrafficGraph:
         refuges=(*graph.refuges, Refuge(name, name, kind=RefugeKind.BAY, waiting=True)),
         revision=graph.revision + 1,
     )
+
+
+def bay_that_helps(
+    graph: TrafficGraph, *, chairs: int, hours: float, seed: int, stops: Stops, tries: int, top: int | None = None
+) -> BestBay | None:
+    """Return where one bay saves most for some chairs in some hours, with the same tasks and stops; None if none saves any.
+
+    Raises:
+        TaskError: there are not more places than chairs.
+    """
+
+    def run(other: TrafficGraph) -> OrderedHours:
+        return ordered_hours(other, chairs=chairs, hours=hours, seed=seed, stops=stops, top=top)
+
+    before = run(graph)
+    if not before.delays:
+        return None
+    return best_bay(graph, mean(before.delays), before.waited_s, tries, lambda other: mean(run(other).delays))
 
 
 def best_bay(

@@ -9,7 +9,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from waychair.calibration.chair_body import CHAIR_A, ChairBody
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.errors import TaskError
 from waychair.maps.drawn.zones import Rule, Zone
 from waychair.maps.traffic.corridors import NARROW, CorridorPlan, corridor_graph, load_corridors, room_doors
@@ -35,8 +35,21 @@ FIG8_WIDTH = 1.4
 LANES_FREE = 1.2
 """m; before a crossing or an end, where chairs come to their lanes."""
 
-LANE_MIDDLE = 0.35
-"""m; the axle of a chair stays so far from the middle of a corridor of two lanes: half its width and 5 cm."""
+LANE_MARGIN = 0.05
+"""m; a chair keeps so far from the middle of a corridor of two lanes."""
+
+LANE_SPARE, MIDDLE_LINE = 0.25, 0.02
+"""m; a lane has room to spare if it is wider than the chair by so much; and width of the line between two that have not."""
+
+MIDDLE = 3.5
+"""m; middle of the straight corridors."""
+
+FINE = 0.025
+"""m; cells of the map where two chairs pass with 10 cm on all sides: in cells of 5 cm, the halves of two cells and the noise of
+the lidar take more than that."""
+
+STEPS_OF_LINE = 3.0
+"""m between two goals of a chair that stops on its way along a corridor, as in the paper."""
 
 IN_ROOM = 0.06
 """m; a chair that stops so far before its place in a room has its rear out of the corridor."""
@@ -168,7 +181,7 @@ def l_way(seed: int) -> Scenario:
 
 def trash_bin(seed: int) -> Scenario:
     """A bin stands in a wide corridor: it is passed."""
-    scene = _straight(1.8, {"west": "east"}, seed)
+    scene = _straight(1.8, {"from west": "east"}, seed)
     bin_there = Block(Pose2(12.0, 2.9, 0.0), 0.3, 0.3, 0.0, 0.7, "metal")
     return Scenario(replace(_with_hidden(scene, bin_there), zones=()))
 
@@ -180,9 +193,32 @@ def seated_persons(seed: int) -> Scenario:
     return Scenario(replace(scene, world=replace(scene.world, people=tuple(people))))
 
 
+def three_metres_five_times(seed: int) -> Scenario:
+    """3 m straight on, five times, each to a stop: the paper's chair drives them at 0.320 to 0.337 m/s."""
+    points = {f"{k}": (3.0 + STEPS_OF_LINE * k, 3.5) for k in range(6)}
+    plan = CorridorPlan("line", (24.0, 7.0), ((2.0, 3.5, 20.0, 3.5),), points)
+    graph = corridor_graph(plan, FIG8_WIDTH)
+    return Scenario(
+        FleetScene(
+            world=corridor_world(plan, FIG8_WIDTH),
+            graph=replace(graph, refuges=tuple(Refuge(name, name) for name in points)),
+            places={name: Place(name, Pose2(*point, 0.0), tolerance_m=0.06) for name, point in points.items()},
+            starts=("0",),
+            goals=(tuple(points)[1:],),
+            seed=seed,
+            time_limit_s=SCENE_S,
+        )
+    )
+
+
 def two_pass(seed: int) -> Scenario:
-    """Two chairs pass each other in a corridor of two lanes, 1.8 m wide."""
-    return Scenario(_straight(1.8, {"west": "east", "east": "west"}, seed))
+    """Two chairs A pass each other in a corridor of 1.525 m, the passing width of the ADA."""
+    return Scenario(_straight(1.525, {"from west": "east", "from east": "west"}, seed, CHAIR_A, FINE))
+
+
+def two_wide_pass(seed: int) -> Scenario:
+    """Two chairs B pass each other in a corridor of 1.8 m."""
+    return Scenario(_straight(1.8, {"from west": "east", "from east": "west"}, seed, CHAIR_B, FINE))
 
 
 SCENARIOS: Mapping[str, Callable[[int], Scenario]] = MappingProxyType(
@@ -190,6 +226,7 @@ SCENARIOS: Mapping[str, Callable[[int], Scenario]] = MappingProxyType(
         each.__name__: each
         for each in (
             l_way,
+            three_metres_five_times,
             seated_persons,
             trash_bin,
             nodes_10_and_00,
@@ -200,6 +237,7 @@ SCENARIOS: Mapping[str, Callable[[int], Scenario]] = MappingProxyType(
             dies_in_the_run,
             rider_takes_the_joystick,
             two_pass,
+            two_wide_pass,
         )
     }
 )
@@ -241,23 +279,30 @@ def _fig8(ways: Mapping[str, str], seed: int) -> FleetScene:
     )
 
 
-def _straight(width: float, ways: Mapping[str, str], seed: int) -> FleetScene:
-    """Return chairs in one corridor of 18 m, between a refuge at either end; in two lanes they keep right."""
-    plan = CorridorPlan("straight", (24.0, 7.0), ((3.0, 3.5, 21.0, 3.5),))
-    graph = two_abreast(corridor_graph(plan, width))
-    ends = {node.x: node.name for node in graph.nodes if node.x in (3.0, 21.0)}
-    refuges = (Refuge("west", ends[3.0], slots=2), Refuge("east", ends[21.0], slots=2))
+def _straight(
+    width: float, ways: Mapping[str, str], seed: int, body: ChairBody = CHAIR_A, cell: float = 0.05
+) -> FleetScene:
+    """Return chairs in one corridor of 18 m, with goals at both ends and starts 2 m before them, where the chairs face the way.
+
+    In two lanes they keep right; nobody has to turn where there is no room for it.
+    """
+    points = {"west": (3.0, MIDDLE), "from west": (5.0, MIDDLE), "from east": (19.0, MIDDLE), "east": (21.0, MIDDLE)}
+    plan = CorridorPlan("straight", (24.0, 7.0), ((3.0, MIDDLE, 21.0, MIDDLE),), points)
+    graph = two_abreast(corridor_graph(plan, width, chair_width=body.width))
     aside = width / 4
     poses = {
-        "west": Pose2(3.6, 3.5 + aside, math.pi),
-        "east": Pose2(20.4, 3.5 - aside, 0.0),
+        "west": Pose2(3.6, MIDDLE + aside, math.pi),
+        "from west": Pose2(5.0, MIDDLE - aside, 0.0),
+        "from east": Pose2(19.0, MIDDLE + aside, math.pi),
+        "east": Pose2(20.4, MIDDLE - aside, 0.0),
     }
     return FleetScene(
-        world=corridor_world(plan, width),
-        graph=replace(graph, refuges=refuges),
+        world=corridor_world(plan, width, cell=cell),
+        graph=replace(graph, refuges=tuple(Refuge(name, name, slots=2) for name in points)),
         places={name: Place(name, pose) for name, pose in poses.items()},
         starts=tuple(ways),
         goals=tuple((goal,) for goal in ways.values()),
+        body=body,
         seed=seed,
         time_limit_s=SCENE_S,
         zones=lane_zones(graph),
@@ -277,7 +322,10 @@ def two_abreast(graph: TrafficGraph) -> TrafficGraph:
 
 
 def lane_zones(graph: TrafficGraph) -> tuple[Zone, ...]:
-    """Return the one-way zones that make chairs keep right on sections of two lanes, but for their ends."""
+    """Return the zones that make chairs keep right on sections of two lanes, but for their ends at crossings.
+
+    These are one-way lanes; where they have no room to spare, a line along the middle that no chair drives over.
+    """
     zones = []
     for section in graph.sections:
         if section.lanes < 2:
@@ -285,15 +333,26 @@ def lane_zones(graph: TrafficGraph) -> tuple[Zone, ...]:
         a, b = graph.node[section.start], graph.node[section.end]
         heading = math.atan2(b.y - a.y, b.x - a.x)
         along, left = (np.array([math.cos(heading + turn), math.sin(heading + turn)]) for turn in (0.0, math.pi / 2))
-        begin = np.array([a.x, a.y]) + (0.0 if goes_straight(graph, a.name) else LANES_FREE) * along
-        end = np.array([b.x, b.y]) - (0.0 if goes_straight(graph, b.name) else LANES_FREE) * along
+        narrow = section.width < 2 * (graph.chair_width + LANE_SPARE)
+        free_at_a, free_at_b = (_free_before(graph, end.name, narrow) for end in (a, b))
+        begin, end = np.array([a.x, a.y]) + free_at_a * along, np.array([b.x, b.y]) - free_at_b * along
         if (end - begin) @ along < LANES_FREE:
             continue
+        if narrow:
+            aside = MIDDLE_LINE / 2 * left
+            corners = np.array([begin - aside, end - aside, end + aside, begin + aside])
+            zones.append(Zone(f"middle of {section.name}", Rule.KEEP_OUT, corners))
+            continue
         for side, way in ((1.0, heading + math.pi), (-1.0, heading)):
-            inner, outer = -side * LANE_MIDDLE * left, side * section.width / 2 * left
+            inner, outer = -side * (graph.chair_width / 2 + LANE_MARGIN) * left, side * section.width / 2 * left
             corners = np.array([begin + inner, end + inner, end + outer, begin + outer])
             zones.append(Zone(f"lane {section.name} {way:.1f}", Rule.ONE_WAY, corners, math.remainder(way, math.tau)))
     return tuple(zones)
+
+
+def _free_before(graph: TrafficGraph, node: str, narrow: bool) -> float:
+    """Return how far [m] before a node the lanes of a section end: where chairs turn, but not in a narrow dead end."""
+    return 0.0 if goes_straight(graph, node) or (narrow and len(graph.moves[node]) == 1) else LANES_FREE
 
 
 def _with_hidden(scene: FleetScene, *blocks: Block) -> FleetScene:

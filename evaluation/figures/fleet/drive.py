@@ -1,4 +1,5 @@
-"""Whole chairs that share a building, with the firmware in the loop: every scene of `trials/fleet/fleet_scenes.py`, by seeds.
+"""Whole chairs that share a building, with the firmware in the loop: every scene of `trials/fleet/fleet_scenes.py`, and the
+lift shared by three, by seeds.
 
 `FLEET_DRIVE_SEEDS=2` takes fewer than 15 seeds, `FLEET_DRIVE_SCENES=l_way,crossing` some of the scenes.
 """
@@ -16,13 +17,16 @@ import numpy as np
 
 from waychair.maps.traffic.corridors import load_corridors
 from waychair.trials.fleet.fleet_drive import FleetRun, drive_fleet
-from waychair.trials.fleet.fleet_scenes import SCENARIOS, Scenario, rooms_scene
+from waychair.trials.fleet.fleet_lift import share_lift
+from waychair.trials.fleet.fleet_scenes import SCENARIOS, rooms_scene
 from waychair.types import Json
 
 SEEDS = 15
 SUCCESS, OVER_LINE_M, L_WAY_M = 0.97, 0.05, 0.03
 OTHER_WAY_S = 5.0
 """s; a chair before seated persons turns to the other way within so long after it has come to rest."""
+
+LIFT_SCENE = "lift_for_three"
 
 STANDS_S, MOVES = 1.0, 2e-3
 """s; a shorter rest is none. m or rad from step to step; a chair that moves less rests."""
@@ -35,7 +39,7 @@ COST_OVER_S = 20.0
 def fleet_drive(out: Path) -> Json:
     """Goals reached, contacts, distances beyond stop lines, waits and times of each scene; zeros with their 95 % bound."""
     seeds = range(int(os.environ.get("FLEET_DRIVE_SEEDS", SEEDS)))
-    names = os.environ.get("FLEET_DRIVE_SCENES", ",".join(SCENARIOS)).split(",")
+    names = os.environ.get("FLEET_DRIVE_SCENES", ",".join((*SCENARIOS, LIFT_SCENE))).split(",")
     rows: dict[str, Json] = {}
     for name in names:
         rows[name] = _row([_run(name, seed) for seed in seeds])
@@ -73,20 +77,23 @@ def lockstep_ratio() -> float:
     return seconds[2] / seconds[1]
 
 
-def _run(name: str, seed: int) -> tuple[Scenario, FleetRun]:
+def _run(name: str, seed: int) -> tuple[frozenset[int], FleetRun]:
+    """Return the chairs of a scene that may fail, and its run."""
+    if name == LIFT_SCENE:
+        return frozenset(), share_lift(seed)
     scenario = SCENARIOS[name](seed)
-    return scenario, drive_fleet(scenario.scene, events=scenario.events)
+    return scenario.may_fail, drive_fleet(scenario.scene, events=scenario.events)
 
 
-def _row(runs: list[tuple[Scenario, FleetRun]]) -> Json:
+def _row(runs: list[tuple[frozenset[int], FleetRun]]) -> Json:
     """Return a scene's figures over its seeds."""
     needed = [
         chair.reached == chair.goals
-        for scenario, run in runs
+        for may_fail, run in runs
         for k, chair in enumerate(run.chairs)
-        if k not in scenario.may_fail
+        if k not in may_fail
     ]
-    ends = [error for scenario, run in runs for error in _end_errors(scenario, run)]
+    ends = [chair.end_error for _, run in runs for chair in run.chairs if chair.end_error is not None]
     took = [each for _, run in runs for chair in run.chairs for each in chair.took_s]
     return {
         "success": round(sum(needed) / len(needed), 4) if needed else 1.0,
@@ -115,16 +122,6 @@ def first_rest_s(track: Sequence[tuple[float, float, float, float]]) -> float:
     rests = np.diff(rows[moves, 0])
     long = rests[rests > STANDS_S]
     return round(float(long[0]), 2) if len(long) else 0.0
-
-
-def _end_errors(scenario: Scenario, run: FleetRun) -> list[float]:
-    """Return the true distances [m] of the chairs that reached all their goals from the last of these."""
-    found = []
-    for goals, chair in zip(scenario.scene.goals, run.chairs, strict=True):
-        if chair.reached == chair.goals and chair.track:
-            goal = scenario.scene.places[goals[-1]].pose
-            found.append(math.dist(chair.track[-1][1:3], (goal.x, goal.y)))
-    return found
 
 
 def _finite(value: float) -> float | None:

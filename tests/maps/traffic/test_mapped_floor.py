@@ -53,12 +53,28 @@ def test_a_ring_stays_a_ring_and_a_door_decides_the_lanes() -> None:
     assert lanes.count(1) == 1
 
 
-def test_places_hang_on_stubs_and_shut_nobody_off() -> None:
+def test_places_at_the_ends_of_corridors_shut_nobody_off_and_one_where_they_meet_does() -> None:
     places = [Place("west", Pose2(1.2, 7.6)), Place("middle", Pose2(7.0, 7.6)), Place("south", Pose2(7.0, 1.2))]
     graph = mapped_floor_graph(T, places)
     assert [refuge.name for refuge in graph.refuges] == ["west", "middle", "south"]
     assert len(pieces(graph)) == 1
-    assert well_formed(graph) == ()
+    (found,) = well_formed(graph)
+    assert found.refuge == "middle"
+    assert well_formed(mapped_floor_graph(T, places[::2])) == ()
+
+
+@pytest.mark.parametrize(
+    ("width", "off", "shut"), [(1.2, 0.0, True), (1.2, 0.2, True), (2.4, 0.0, False), (1.6, 0.4, False)]
+)
+def test_a_place_on_which_a_chair_leaves_nobody_room_to_pass_shuts_the_corridor(
+    width: float, off: float, shut: bool
+) -> None:
+    cells = np.full((100, 400), 100, np.int8)
+    half = round(width / 0.1)
+    cells[50 - half : 50 + half, 10:390] = 0
+    places = [Place("desk", Pose2(10.0, 2.5 + off)), *(Place(f"end {x}", Pose2(x, 2.5)) for x in (2.0, 18.0))]
+    found = well_formed(mapped_floor_graph(OccupancyGrid(cells, 0.05), places))
+    assert [each.refuge for each in found] == ["desk"] * shut
 
 
 def test_a_floor_without_room_and_a_place_elsewhere_are_refused() -> None:

@@ -106,6 +106,13 @@ def test_a_second_way_round_makes_the_desk_harmless() -> None:
     assert well_formed(around) == ()
 
 
+def test_corridors_without_any_place_are_shut_off_from_nobody() -> None:
+    places = tuple(Refuge(name, name) for name in ("desk", "ward", "bed"))
+    graph = chain("attic", "loft", "stairs", "hall", "desk", "ward", "bed", refuges=places)
+    (found,) = well_formed(graph)
+    assert found == ShutOff("ward", ("bed",)) or found == ShutOff("ward", ("desk",))
+
+
 def test_a_one_way_section_without_a_way_back_is_named() -> None:
     graph = chain("lobby", "ward", refuges=(Refuge("lobby", "lobby"), Refuge("ward", "ward")))
     one_way = replace(graph, sections=(replace(graph.sections[0], one_way=True),))

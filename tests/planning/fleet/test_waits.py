@@ -9,7 +9,7 @@ import pytest
 from tests.planning.fleet.small_traffic import TEE, traffic
 from tests.planning.fleet.test_order import CLEARING_MS, ordered
 from waychair.maps.traffic.traffic_graph import RefugeKind
-from waychair.planning.fleet.order import Chain, Order, Request, Turn, cleared, entered, parked
+from waychair.planning.fleet.order import Chain, Order, Request, Turn, asked, cleared, entered, parked
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import IDLE_MS, Audit, Reason, Wait, in_the_way, jain, place_to_wait, waits
 from waychair.planning.fleet.warden import Answer, District, Heard, Lease, Report, decided
@@ -54,6 +54,14 @@ def test_a_chair_that_turns_back_into_the_section_that_its_rear_is_in_waits_for_
     order = Order(ways, {1: chain}, queues)
     assert not order.may_enter(1)
     assert waits(order, 5000, CLEARING_MS) == ()
+
+
+def test_a_chair_without_a_chain_waits_for_the_one_that_will_drive_through_its_way() -> None:
+    order = ordered(TEE, {1: "P", 2: "Q"}, {1: "S"})
+    (wait,) = (each for each in waits(asked(order, Request(9, 2, "R", 3000)), 5000, CLEARING_MS) if each.chair == 2)
+    assert (wait.other, wait.reason, wait.waited_ms) == (1, Reason.FIRST, 2000)
+    assert wait.place == "b2"
+    assert wait.sentence == f"Waits for chair 1 to leave {wait.place}."
 
 
 def _cleared_rears(order: Order, now: int) -> Order:
