@@ -53,7 +53,7 @@ from waychair.slam.frames.mount_check import mount_warnings
 from waychair.slam.graph.graph_optimisation import write_g2o
 from waychair.slam.mapping.appearance_loops import AppearanceSettings
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.slam.mapping.mapper import MapperResult
+from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.types import Json, OccupancyGrid, Pose2, Pose3
 
 _LEAST_SCANS = 10  # a recording of fewer is no drive

@@ -15,7 +15,7 @@ from waychair.offline.report import COLOURS, Bars, SvgFigure, Table, write_page
 from waychair.recordings.recording import Recording
 from waychair.slam.graph.graph_optimisation import EdgeKind
 from waychair.slam.graph.least_squares import connected_parts
-from waychair.slam.mapping.mapper import MapperResult
+from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.types import UNKNOWN, FloatArray, Json, OccupancyGrid
 
 _MARGIN = 1.0  # [m] around the known part of the map

@@ -55,7 +55,9 @@ buildings_app.command(
 )
 
 buildings_app.command(
-    "waychair.cli.building_editor:edit_command", name="edit", help="Open the editor of a building in the browser."
+    "waychair.cli.building.building_editor:edit_command",
+    name="edit",
+    help="Open the editor of a building in the browser.",
 )
 
 

@@ -29,7 +29,7 @@ from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all
 from waychair.slam.graph.edges import EdgeKind
 from waychair.slam.mapping.appearance_loops import AppearanceLoopClosure, AppearanceSettings
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
-from waychair.slam.mapping.mapper import MapperResult
+from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.memory.nodes import LOOPS, LinkKind
 from waychair.slam.trajectory_errors import poses_at, truth_errors
 from waychair.trials.record import drive_route, true_trajectory

@@ -14,6 +14,7 @@ import msgspec
 from waychair.errors import BuildingError
 from waychair.maps.editing import arc_edits as arcs
 from waychair.maps.editing import building_edits as building
+from waychair.maps.editing import lift_edits as lifts
 from waychair.maps.editing import map_edits as maps
 from waychair.maps.editing import node_edits as nodes
 from waychair.maps.editing.arc_edits import Operation
@@ -41,12 +42,12 @@ _DOING: dict[type[Operation], tuple[Callable[[Draft, Any], Draft], Callable[[Any
     building.DeleteSubmap: (building.delete_submap, lambda it: f"delete sub-map '{it.path}'"),
     building.SplitSubmap: (building.split_submap, lambda it: f"make the room '{it.id}' of {_some(it.nodes, 'nodes')}"),
     building.MergeSubmap: (building.merge_submap, lambda it: f"dissolve sub-map '{it.path}'"),
-    building.SetLift: (building.set_lift, lambda it: f"set lift '{it.id}'"),
-    building.DeleteLift: (building.delete_lift, lambda it: f"delete lift '{it.id}'"),
-    building.SetStop: (building.set_stop, lambda it: f"lift '{it.lift}' stops at {it.at}"),
-    building.DeleteStop: (building.delete_stop, lambda it: f"lift '{it.lift}' does not stop at {it.at}"),
-    building.SetBeacon: (building.set_beacon, lambda it: f"set beacon '{it.id}'"),
-    building.DeleteBeacon: (building.delete_beacon, lambda it: f"delete beacon '{it.id}'"),
+    lifts.SetLift: (lifts.set_lift, lambda it: f"set lift '{it.id}'"),
+    lifts.DeleteLift: (lifts.delete_lift, lambda it: f"delete lift '{it.id}'"),
+    lifts.SetStop: (lifts.set_stop, lambda it: f"lift '{it.lift}' stops at {it.at}"),
+    lifts.DeleteStop: (lifts.delete_stop, lambda it: f"lift '{it.lift}' does not stop at {it.at}"),
+    lifts.SetBeacon: (lifts.set_beacon, lambda it: f"set beacon '{it.id}'"),
+    lifts.DeleteBeacon: (lifts.delete_beacon, lambda it: f"delete beacon '{it.id}'"),
     maps.SetPlace: (maps.set_place, lambda it: f"set the place '{it.name}'"),
     maps.DeletePlace: (maps.delete_place, lambda it: f"delete the place '{it.name}'"),
     maps.SetZone: (maps.set_zone, lambda it: f"set the zone '{it.name}'"),

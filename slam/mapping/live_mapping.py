@@ -21,7 +21,8 @@ from waychair.maps.grid.occupancy import EvidenceGrid, OccupancySettings
 from waychair.maps.layers.grid_assembly import DepthAssembly, GridAssembly
 from waychair.maps.layers.session_grid import SessionGrid
 from waychair.slam.mapping.depth_mapping import DepthMapping, DepthMappingSettings
-from waychair.slam.mapping.mapper import Mapper, MapperResult, MapperSettings
+from waychair.slam.mapping.mapper import Mapper, MapperSettings
+from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.mapping.tracking import odometry_of, twist_of
 from waychair.slam.odometry.dead_reckoning import DeadReckoning
 from waychair.slam.odometry.odometry_model import OdometrySettings

@@ -14,7 +14,7 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.geometry import compose, interpolate
-from waychair.slam.graph.graph_optimisation import Edge, EdgeKind, RejectedLoop
+from waychair.slam.graph.graph_optimisation import Edge, EdgeKind
 from waychair.slam.graph.information import (
     match_information,
     odometry_information,
@@ -32,11 +32,12 @@ from waychair.slam.mapping.carried import (
 )
 from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.mapping.loop_closure import LoopCloser, LoopRejection, LoopSettings
+from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.mapping.tracking import TrackingState, odometry_of, twist_of
 from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_matching import MatchSettings, Window, match, refine
 from waychair.slam.scan.scan_points import MIN_POINTS, ScanPoints, scan_points
-from waychair.types import FloatArray, Pose2, SensorFrame, Trajectory
+from waychair.types import Pose2, SensorFrame, Trajectory
 
 LOCAL_REACH = 12.0
 """Half side [m] of the reference round the chair."""
@@ -76,34 +77,6 @@ class MapperSettings(Settings):
     )  # fmt: skip
     matching: MatchSettings = field(default_factory=MatchSettings)
     loops: LoopSettings = field(default_factory=LoopSettings)
-
-
-@dataclass(frozen=True, slots=True)
-class MapperResult:
-    """The map of a recording.
-
-    `trajectory` has one pose per frame, in the order of the input. Key scan k has pose `key_poses[k]` (N, 3) and is the
-    scan of frame `key_frames[k]`. The grid is drawn from `scan_frames`: the key scans and the latest scans that they
-    cover, in order of time. `counts` and `seconds` (CPU) by stage are for the report. The first `earlier_frames` frames are kept
-    from earlier drives.
-    """
-
-    trajectory: Trajectory
-    key_poses: FloatArray
-    key_frames: tuple[int, ...]
-    scan_frames: tuple[int, ...]
-    edges: tuple[Edge, ...]
-    rejected: tuple[RejectedLoop, ...]
-    counts: dict[str, int]
-    seconds: dict[str, float]
-    earlier_frames: int = 0
-
-    @property
-    def drive_trajectory(self) -> Trajectory:
-        """The trajectory of this drive, without frames of earlier drives."""
-        return Trajectory(
-            self.trajectory.stamps_ns[self.earlier_frames :], self.trajectory.poses[self.earlier_frames :]
-        )
 
 
 class Mapper:

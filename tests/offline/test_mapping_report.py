@@ -11,7 +11,7 @@ from waychair.offline.mapping import MappingSettings, map_recording
 from waychair.offline.mapping_report import tears_of, torn_warnings
 from waychair.recordings.recording import read_recording
 from waychair.slam.graph.graph_optimisation import Edge, EdgeKind
-from waychair.slam.mapping.mapper import MapperResult
+from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.types import Pose2, Trajectory
 
 

@@ -30,7 +30,8 @@ from waychair.slam.mapping.loop_closure import (
     graph_distances,
     uncertain_submaps,
 )
-from waychair.slam.mapping.mapper import Mapper, MapperResult, MapperSettings
+from waychair.slam.mapping.mapper import Mapper, MapperSettings
+from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.scan.scan_agreement import Agreement, agreement, view_of
 from waychair.slam.scan.scan_matching import MatchSettings
 from waychair.slam.scan.scan_points import scan_points

@@ -20,7 +20,8 @@ import msgspec
 from waychair.errors import BuildingError, MissingExtra, WaychairError
 from waychair.install_advice import install_command
 from waychair.maps.editing.addresses import node_ref
-from waychair.maps.editing.building_edits import AddStorey, SetLift
+from waychair.maps.editing.building_edits import AddStorey
+from waychair.maps.editing.lift_edits import SetLift
 from waychair.maps.editing.map_edits import patch_between
 from waychair.types import Json
 from waychair.ui.editor import work

@@ -17,15 +17,16 @@ from waychair.maps.building.hgraph import Arc, HGraph, NodeRef, inner_end
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones
 from waychair.maps.editing.addresses import arc_at, ref_of_arc
-from waychair.maps.editing.building_edits import AddStorey, SetLift, SetStop, add_storey_to
+from waychair.maps.editing.building_edits import AddStorey, add_storey_to
 from waychair.maps.editing.cabins import Cabin, cabin_ahead
 from waychair.maps.editing.draft import Draft, zoned
+from waychair.maps.editing.lift_edits import SetLift, SetStop
 from waychair.maps.editing.map_edits import patch_between
 from waychair.maps.editing.operations import applied
 from waychair.maps.exchange.exchange import SCALE, read_exchange, write_exchange
 from waychair.maps.exchange.flat_graph import goal_places
 from waychair.maps.folders.map_files import MAP_YAML, load_info, load_map, save_map, yaml_path
-from waychair.planning.building.storey_generation import GENERATED, aligned_storey, generated_storey
+from waychair.planning.building.generation.storey_generation import GENERATED, aligned_storey, generated_storey
 from waychair.types import OccupancyGrid, Place, Pose2
 from waychair.ui.editor.session import Session
 
@@ -134,7 +135,7 @@ def join_by_lift(session: Session, revision: int, lift: SetLift, stops: Sequence
 def generated(session: Session, storey: str) -> tuple[Draft, str]:
     """Return the draft with a storey's graph made of its map, and what was found in words.
 
-    Raises as `planning.building.storey_generation.generated_storey`.
+    Raises as `planning.building.generation.storey_generation.generated_storey`.
     """
     draft, name = session.draft, f"{GENERATED}/{storey}.json"
     last = json.loads(draft.texts[name]) if name in draft.texts else None

@@ -16,7 +16,8 @@ from evaluation.figures.mapping.logs import DATA
 from waychair.geometry import compose, invert
 from waychair.offline.mapping_report import tears_of, torn_warnings
 from waychair.recordings.recording import Recording, read_recording
-from waychair.slam.mapping.mapper import Mapper, MapperResult, MapperSettings
+from waychair.slam.mapping.mapper import Mapper, MapperSettings
+from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.mapping.tracking import odometry_of
 from waychair.slam.trajectory_errors import Relations, read_relations, relation_errors
 from waychair.types import FloatArray, IntArray, Json, Odometry, Pose2, SensorFrame

@@ -10,7 +10,8 @@ import pytest
 
 from waychair.geometry import compose, invert
 from waychair.slam.graph.graph_optimisation import EdgeKind
-from waychair.slam.mapping.mapper import Mapper, MapperResult, MapperSettings
+from waychair.slam.mapping.mapper import Mapper, MapperSettings
+from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.types import FloatArray, Odometry, Pose2, SensorFrame
 
 Drive = tuple[list[SensorFrame], FloatArray]

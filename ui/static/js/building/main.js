@@ -3,10 +3,11 @@
 import {
   addNode, deleteSelected, joinAtCross, mark, moveCross, moveToCross, selectAtCross, setCorner, step, toggleChain,
 } from "./actions.js";
+import { findMaps } from "./build_panel.js";
 import { fit, onPress, zoom } from "./canvas.js";
 import { element } from "./forms.js";
 import { load, model, on, post, say, useToken } from "./model.js";
-import { findMaps, save, showTab } from "./panels.js";
+import { save, showTab } from "./panels.js";
 import { onShown, shown, select, showAgain } from "./state.js";
 import "./switching.js";
 
