@@ -285,7 +285,7 @@ def _cut_off(folder: Path, kills: int) -> tuple[int, int]:
 
     Each save changes the files of two storeys, the places and the general file.
     """
-    edits = [
+    edits: list[Json] = [
         {"do": "move_nodes", "nodes": ["ground/r1:p1", "upper/r1:p1"], "x": 0.05, "y": 0.0},
         {"do": "change_building", "name": "Two floors"},
         {"do": "change_storey", "id": "upper", "name": "Above", "height": 3.6},
