@@ -222,7 +222,9 @@ class DoorwayTracker:
         close = [track for track in shown if _away(track, sensor) < CLOSE]
         if close:
             self._turn += 1
-            _note_space(close[self._turn % len(close)], view)
+            turn = close[self._turn % len(close)]
+            _note_space(turn, view)
+            _note_leaf(turn, view)
 
     def _take(self, view: RangeView, near: list[_Track], stamp_ns: int) -> None:
         """Add a view to the window, measure the tracks near it, and begin a search when one is due."""
@@ -280,9 +282,11 @@ class DoorwayTracker:
             track.offered = track.offered and track.plausible
             before, track.validated = track.validated, track.plausible and (track.validated or not judged.missing)
             if track.validated and not before:
-                for view in views[-STATE_VIEWS:]:
-                    if _note_stopped(track, view):
-                        _note_space(track, view)
+                shown = [view for view in views[-STATE_VIEWS:] if _note_stopped(track, view)]
+                for view in shown:
+                    _note_space(track, view)
+                for view in shown[-1:]:
+                    _note_leaf(track, view)
             yield
         self._settle_rivals()
         candidates = sorted((t for t in self._tracks if not t.validated), key=lambda t: t.seen_at)
@@ -356,14 +360,18 @@ def _note_stopped(track: _Track, view: RangeView) -> bool:
 
 
 def _note_space(track: _Track, view: RangeView) -> None:
-    """Note the floor seen free before and behind a track, and its leaf."""
+    """Note the floor seen free before and behind a track."""
     opening = track.opening
     if opening.space_at is None or _moved(opening.space_at, track.pose):
         opening.space, opening.space_at = NO_SPACE, track.pose
     opening.space = looked_at(opening.space, view, opening.space_at)
+
+
+def _note_leaf(track: _Track, view: RangeView) -> None:
+    """Note a track's leaf, as a view shows it."""
     local = transform_points(track.pose.inverse(), view.ends[view.met])
     near = local[np.hypot(local[:, 0], local[:, 1]) < 2.0 * track.width]
-    opening.leaf = find_leaf(near, track.width)
+    track.opening.leaf = find_leaf(near, track.width)
 
 
 def _heard(track: _Track, sonar: Pose2, heard: float) -> bool | None:

@@ -34,6 +34,7 @@ from waychair.control.drive.navigator_state import (
 from waychair.control.drive.path_making import PathMaker, or_another_goal
 from waychair.control.drive.planning import Planning
 from waychair.control.drive.recovery import Recovery
+from waychair.control.drive.way_follower import SCAN_NOISE
 from waychair.geometry import transform_points
 from waychair.maps.depth.ground import GroundView
 from waychair.maps.drawn.zones import Zone
@@ -78,7 +79,7 @@ class Navigator:
         warm_up()
         self.settings = s = settings or NavigatorSettings()
         drawn = DrawnMap(grid, body, zones, self.settings.clearance.comfortable)
-        prepare_outlines(body, grid)
+        prepare_outlines(body, grid, (-SCAN_NOISE,))
         self._places = places
         self._body = body
         self._goals: list[Goal] = []

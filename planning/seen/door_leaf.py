@@ -87,13 +87,13 @@ def _best_angle(off: FloatArray, width: float) -> tuple[tuple[float, float], flo
     point, step = np.nonzero(on)
     pieces[step, np.minimum((along[point, step] / PIECE).astype(np.int64), pieces.shape[1] - 1)] = True
     first = math.ceil(FROM_HINGE / PIECE)
-    best, most = (0.0, 0.0), 0.0
-    filled = np.cumsum(pieces, axis=1)
+    filled = np.cumsum(pieces, axis=1).T
     spread = np.sqrt((beside**2 * on).sum(axis=0) / np.maximum(on.sum(axis=0), 1))
-    for last in range(math.ceil(LENGTHS[0] * width / PIECE), pieces.shape[1]):
-        share = (filled[:, last - 1] - filled[:, first - 1]) / (last - first)
-        rating = np.where(share >= FILLED, share - UNEVEN * spread, 0.0)
-        k = int(np.argmax(rating))
-        if rating[k] > most:
-            best, most = (float(STEPS[k]), float(last * PIECE)), float(rating[k])
-    return best, most
+    lasts = np.arange(math.ceil(LENGTHS[0] * width / PIECE), len(filled))
+    if not len(lasts):
+        return (0.0, 0.0), 0.0
+    shares = (filled[lasts - 1] - filled[first - 1]) / (lasts - first)[:, None]  # (lengths, angles)
+    ratings = np.where(shares >= FILLED, shares - UNEVEN * spread, 0.0)
+    length, angle = np.unravel_index(np.argmax(ratings), ratings.shape)
+    best = max(0.0, float(ratings[length, angle]))
+    return (float(STEPS[angle]), float(lasts[length] * PIECE)), best
