@@ -269,9 +269,7 @@ def kill(stack: LiveStack, name: str, how: signal.Signals = signal.SIGKILL) -> D
     pid, dead_ns = stack.pids[name], time.time_ns()
     gone = let_go_after if name == "simulator" else gone_after
     os.kill(pid, how)
-    stack.until(lambda: gone(stack, dead_ns) is not None, "the lines to be let go", 5.0)
-    gone_ns = gone(stack, dead_ns)
-    assert gone_ns is not None
+    gone_ns = until_released(stack, dead_ns, gone, 5.0)
     late_ms = jitter_ms(stack, dead_ns)
     if how is signal.SIGSTOP:
         stack.spin(0.5)
@@ -286,10 +284,31 @@ def kill(stack: LiveStack, name: str, how: signal.Signals = signal.SIGKILL) -> D
     return Death(name, (gone_ns - dead_ns) / 1e6, back_s, stack.off_m(), late_ms, held or stack.driving)
 
 
+def held_at(stack: LiveStack, stamp_ns: int) -> bool:
+    """Return whether the computer held the lines at a stamp; the simulator tells each change."""
+    before: list[Lines] = [lines for _, lines in stack.lines.all if lines.stamp_ns <= stamp_ns]
+    return bool(before) and before[-1].holder is Holder.BOARD
+
+
 def gone_after(stack: LiveStack, dead_ns: int) -> int | None:
-    """Return the first stamp after `dead_ns` at which the computer does not hold the lines."""
+    """Return the first stamp from `dead_ns` on at which the computer does not hold the lines."""
+    if not held_at(stack, dead_ns):
+        return dead_ns
     after: list[Lines] = [lines for _, lines in stack.lines.all if lines.stamp_ns > dead_ns]
     return next((lines.stamp_ns for lines in after if lines.holder is not Holder.BOARD), None)
+
+
+def until_released(
+    stack: LiveStack,
+    since_ns: int,
+    gone: Callable[[LiveStack, int], int | None] = gone_after,
+    patience_s: float = PATIENCE_S,
+) -> int:
+    """Receive messages until the computer has released the lines after a stamp; return the stamp of the release."""
+    stack.until(lambda: gone(stack, since_ns) is not None, "the lines to be let go", patience_s)
+    gone_ns = gone(stack, since_ns)
+    assert gone_ns is not None
+    return gone_ns
 
 
 def let_go_after(stack: LiveStack, dead_ns: int) -> int | None:

@@ -31,7 +31,7 @@ from waychair.types import Pose2
 if importlib.util.find_spec("rclpy") is None:
     pytest.skip("ROS is not installed (no rclpy)", allow_module_level=True)
 
-from evaluation.runs.live_stack import PATIENCE_S, Death, LiveStack, Seen, gone_after, jitter_ms, kill, waychair
+from evaluation.runs.live_stack import PATIENCE_S, Death, LiveStack, Seen, jitter_ms, kill, until_released, waychair
 
 from waychair.recordings.bags.ros_messages import header, make
 from waychair.ros import topics
@@ -242,18 +242,16 @@ def test_a_pose_set_far_away_ends_the_drive_and_the_right_one_corrects_it(stack:
 
 @pytest.mark.parametrize("way", ["topic", pytest.param("service", marks=pytest.mark.nightly)])
 def test_the_riders_stop_releases_the_lines_at_once_and_nothing_resumes(stack: LiveStack, way: str) -> None:
-    stack.begin(FAR)
     node = stack.client.node
     publisher = node.create_publisher(interface_type(topics.STOP.type), "stop", topics.profile(topics.STOP.qos))
     stack.until(lambda: publisher.get_subscription_count() > 0, "the bridge to listen")
+    stack.begin(FAR)
     pressed_ns = node.get_clock().now().nanoseconds
     if way == "topic":
         publisher.publish(serialised(make("std_msgs/msg/Empty", 0)))
     else:
         assert stack.client.stop() == (True, "stopped")
-    stack.until(lambda: gone_after(stack, pressed_ns) is not None, "the lines to be let go")
-    gone_ns = gone_after(stack, pressed_ns)
-    assert gone_ns is not None
+    gone_ns = until_released(stack, pressed_ns)
     assert (gone_ns - pressed_ns) / 1e6 < SOON_MS + jitter_ms(stack, pressed_ns)
     stack.until(stack.client.is_task_complete, "the client to be told")
     assert stack.client.result().reason == "Stop was pressed: ask for a goal again to drive on"
@@ -328,7 +326,7 @@ def test_f26_a_second_publisher_of_speeds_ends_the_drive(stack: LiveStack) -> No
     came_ns = node.get_clock().now().nanoseconds
     try:
         publisher.publish(serialised(twist(Twist(0.8, 0.0))))
-        stack.until(lambda: gone_after(stack, came_ns) is not None, "the lines to be let go")
+        until_released(stack, came_ns)
         stack.until(  # a publisher is known a little before its node's name is
             lambda: "onlooker" in dict(stack.state.halts if stack.state else ()).get("two_commanders", ""),
             "the stop that names the other program",
@@ -402,7 +400,7 @@ def test_a_node_that_hangs_is_restarted(stack: LiveStack) -> None:
     stack.begin(far_from(stack))
     before, hung_ns = stack.pids["bridge"], stack.client.node.get_clock().now().nanoseconds
     os.kill(before, signal.SIGSTOP)
-    stack.until(lambda: gone_after(stack, hung_ns) is not None, "the lines to be let go")
+    until_released(stack, hung_ns)
     stack.until(lambda: stack.pids["bridge"] != before, "another bridge")
     stack.until_ready(stack.client.node.get_clock().now().nanoseconds)
     assert "'bridge' has hung for" in stack.log
