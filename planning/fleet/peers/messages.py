@@ -127,6 +127,14 @@ class Request(Struct, frozen=True, array_like=True, tag="request"):
     wish: Wish
 
 
+class Why(Struct, frozen=True, array_like=True):
+    """The reason for a wait: the chair for which one waits, a sentence for the rider, and how long; unknown: -1."""
+
+    others: Numbers = ()
+    sentence: Sentence = ""
+    foreseen_ms: Annotated[int, Meta(ge=-1, le=1 << 50)] = -1
+
+
 class Answer(Struct, frozen=True, array_like=True, tag="answer"):
     """The warden's word to one chair.
 
@@ -141,9 +149,7 @@ class Answer(Struct, frozen=True, array_like=True, tag="answer"):
         spots: the chain.
         upto: the number of the last spot that may be entered now.
         look: the chair has to look before it enters a spot, as not all chairs keep this order.
-        others: the chair for which it waits.
-        sentence: why, for the rider.
-        foreseen_ms: how long the wait will be; none is foreseen: -1.
+        why: the reason for a wait.
         number: of the request that is answered; 0: none.
     """
 
@@ -159,9 +165,7 @@ class Answer(Struct, frozen=True, array_like=True, tag="answer"):
     spots: Spots = ()
     upto: Count = 0
     look: bool = False
-    others: Numbers = ()
-    sentence: Sentence = ""
-    foreseen_ms: Annotated[int, Meta(ge=-1, le=1 << 50)] = -1
+    why: Why = Why()
     number: Count = 0
 
 
@@ -231,7 +235,7 @@ Body: TypeAlias = Hello | State | Request | Answer | Blocked | Order | Query | C
 
 BODIES: tuple[type[Struct], ...] = (
     *(Hello, State, Request, Answer, Blocked, Order, Query, Confirm, Commit, Filter),
-    *(Term, Wish, Place, Queue),
+    *(Term, Wish, Place, Queue, Why),
 )
 
 LAYOUT = zlib.crc32(
@@ -295,8 +299,11 @@ class Reader:
     refused: dict[str, int] = field(default_factory=dict)
     told: set[tuple[int, str]] = field(default_factory=set)
 
-    def read(self, data: bytes) -> tuple[Letter | None, str]:
-        """Return the message, or None with a sentence of advice; each sentence comes once for each sender."""
+    def read(self, data: bytes, source: int | None = None) -> tuple[Letter | None, str]:
+        """Return the message, or None with a sentence of advice; each sentence comes once for each sender.
+
+        `source` is the sender that the transport tells; a message in another's name is refused.
+        """
         if len(data) > LARGEST:
             return None, self._refuse(-1, "size", f"a message of {len(data)} bytes is too large: find its sender")
         try:
@@ -304,6 +311,9 @@ class Reader:
         except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
             return None, self._refuse(-1, "form", "a message is no message of waychair: keep others off this network")
         who = envelope.sender
+        if source is not None and source != who:
+            advice = f"chair {source} sends in the name of chair {who}: take it off the network"
+            return None, self._refuse(source, "forged", advice)
         if envelope.layout != LAYOUT:
             advice = f"chair {who} runs another version of waychair: install the same version on all chairs"
             return None, self._refuse(who, "version", advice)
@@ -320,8 +330,12 @@ class Reader:
             )
         return Letter(who, envelope.boot, envelope.seq, envelope.sent_ns, body), ""
 
+    def count(self, reason: str, messages: int) -> None:
+        """Count messages that were not read."""
+        self.refused[reason] = self.refused.get(reason, 0) + messages
+
     def _refuse(self, who: int, reason: str, sentence: str) -> str:
-        self.refused[reason] = self.refused.get(reason, 0) + 1
+        self.count(reason, 1)
         if (who, reason) in self.told or len(self.told) >= 1000:
             return ""
         self.told.add((who, reason))
