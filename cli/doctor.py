@@ -112,6 +112,28 @@ def _web() -> Check:
     return _packages("packages [ui]", "ui", "the web page", PartState.OPTIONAL)
 
 
+def _fleet() -> Check:
+    return _packages("packages [fleet]", "fleet", "several chairs that talk", PartState.OPTIONAL)
+
+
+def _fleet_ports() -> Check:
+    """Check that the first ports of chairs on this computer are free."""
+    import socket
+
+    from waychair.runtime.fleet.fleet_file import FIRST_PORT
+
+    taken = []
+    for port in range(FIRST_PORT + 1, FIRST_PORT + 4):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                taken.append(port)
+    remedy = f"stop the program at port {taken[0]} (ss -ltnp), or give `listen` in fleet.yaml" if taken else ""
+    return _check("ports of chairs", "several chairs on this computer", remedy, not taken, PartState.OPTIONAL)
+
+
 def _ros() -> Check:
     purpose = "ROS 2 nodes (bags need none)"
     if find_spec("rclpy") is not None:
@@ -243,4 +265,6 @@ _CHECKS: tuple[Callable[[], Check], ...] = (
     _serial_ports,
     _ros,
     _web,
+    _fleet,
+    _fleet_ports,
 )

@@ -28,7 +28,7 @@ from evaluation.figures.driving import (
     situations,
     wrong_chairs,
 )
-from evaluation.figures.fleet import drive, gap, grids, narrow, scale, tables
+from evaluation.figures.fleet import drive, gap, grids, narrow, network, scale, tables
 from evaluation.figures.mapping import (
     appearance,
     camera_fit,
@@ -128,6 +128,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "fleet_mapf": grids.fleet_mapf,
     "fleet_narrow": narrow.fleet_narrow,
     "fleet_delays": narrow.fleet_delays,
+    "fleet_network": network.fleet_network,
     "fleet_scale": scale.fleet_scale,
     "edges": hazards.edges,
     "glass_door": hazards.glass_door,

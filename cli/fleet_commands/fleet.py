@@ -33,6 +33,19 @@ fleet_app.command(
     help="Let several whole chairs share a building.",
 )
 
+fleet_app.command(
+    "waychair.cli.fleet_commands.fleet_network:router_command",
+    name="router",
+    help="Join the chairs of networks that keep computers apart.",
+)
+fleet_app.command("waychair.cli.fleet_commands.fleet_network:keys_app", name="keys")
+for _name, _help in (
+    ("voter", "Vote among chairs from a computer without one."),
+    ("status", "Say which chairs are there, and which one orders."),
+    ("watch", "Say so every second."),
+):
+    fleet_app.command(f"waychair.cli.fleet_commands.fleet_network:{_name}_command", name=_name, help=_help)
+
 _MOST_HOURS = 1000
 """Longer runs take minutes; more seeds say more than longer runs."""
 

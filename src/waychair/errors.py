@@ -181,6 +181,10 @@ class TaskError(PlanningError):
     """The starts or goals of several agents contradict each other."""
 
 
+class FleetError(WaychairError):
+    """The network of several chairs cannot be joined: its file, its keys or its endpoints are wrong."""
+
+
 class OutputError(WaychairError):
     """A result cannot be written to the requested path."""
 

@@ -173,7 +173,7 @@ Events = Callable[[FleetSimulator, Sequence[Chair], float], None]
 """A change of a scene under way: called before each tick with the simulator, the chairs and the time [s]."""
 
 
-class _Rider:
+class Rider:
     """One chair with its goals: asks the warden, drives, and asks again after a drive that ended before its goal."""
 
     def __init__(
@@ -282,15 +282,21 @@ class _Rider:
         self._asked_ms, self._course = None, ()
 
 
+Keeper = Callable[[FleetScene, Ways, Sequence[Rider]], Callable[[int], tuple[Wait, ...]]]
+"""Makes the step of an order: it gives the riders their authorities and goals, and returns the present waits."""
+
+
 def drive_fleet(
     scene: FleetScene,
     on_moment: Callable[[FleetMoment], None] = lambda moment: None,
     events: Events = lambda simulator, chairs, seconds: None,
     settings: ChairSettings | None = None,
+    keeper: Keeper | None = None,
 ) -> FleetRun:
     """Drive all chairs to all their goals, for at most the scene's time.
 
     `on_moment` is called at each step of the order, `events` before each tick, with the time [s], to change the scene.
+    `keeper` keeps the order instead of the one warden that hears every report at once.
 
     Raises:
         WorldError: a chair does not fit at its start.
@@ -310,10 +316,11 @@ def drive_fleet(
     with ExitStack() as stack:
         chairs = [stack.enter_context(simulated_chair(setup, each)) for each in simulator.chairs]
         riders = [
-            _Rider(k, chair, setup, ChainDriver(ways, k, scene.body, dict(scene.places)), scene.goals[k], run.chairs[k])
+            Rider(k, chair, setup, ChainDriver(ways, k, scene.body, dict(scene.places)), scene.goals[k], run.chairs[k])
             for k, chair in enumerate(chairs)
         ]
-        _drive(scene, ways, simulator, riders, run, on_moment, events)
+        keep = _one_warden(scene, ways, riders) if keeper is None else keeper(scene, ways, riders)
+        _drive(scene, simulator, riders, run, on_moment, events, keep)
     run.count_contacts(simulator)
     for own, chair, goals in zip(run.chairs, simulator.chairs, scene.goals, strict=True):
         own.note_end(scene.places[goals[-1]].pose, chair.truth())
@@ -322,23 +329,20 @@ def drive_fleet(
 
 def _drive(
     scene: FleetScene,
-    ways: Ways,
     simulator: FleetSimulator,
-    riders: Sequence[_Rider],
+    riders: Sequence[Rider],
     run: FleetRun,
     on_moment: Callable[[FleetMoment], None],
     events: Events,
+    keep: Callable[[int], tuple[Wait, ...]],
 ) -> None:
-    district = District(parked(ways, dict(enumerate(scene.starts))), CLEARING_MS, scene.seed)
-    numbers = iter(range(1, 1 << 30))
     sentences: dict[int, str] = {}
     moved_ns, tick = 0, 0
     while simulator.now_ns < scene.time_limit_s * 1e9 and not all(rider.done for rider in riders):
         now_ms = simulator.now_ns // 1_000_000
         events(simulator, [rider.chair for rider in riders], simulator.now_ns * 1e-9)
         if tick % STEPS_OF_ORDER == 0 and all(rider.state is not None for rider in riders):
-            present: tuple[Wait, ...] = ()
-            district, present = _keep_order(district, riders, sentences, numbers, now_ms)
+            present = keep(now_ms)
             sentences = {wait.chair: wait.sentence for wait in present}
             run.audit.note(present, now_ms)
             for rider in riders:
@@ -358,8 +362,23 @@ def _drive(
     run.seconds = simulator.now_ns * 1e-9
 
 
+def _one_warden(scene: FleetScene, ways: Ways, riders: Sequence[Rider]) -> Callable[[int], tuple[Wait, ...]]:
+    """Return the step of one warden for all chairs in this process."""
+    district = District(parked(ways, dict(enumerate(scene.starts))), CLEARING_MS, scene.seed)
+    numbers = iter(range(1, 1 << 30))
+    sentences: dict[int, str] = {}
+
+    def keep(now_ms: int) -> tuple[Wait, ...]:
+        nonlocal district, sentences
+        district, present = _keep_order(district, riders, sentences, numbers, now_ms)
+        sentences = {wait.chair: wait.sentence for wait in present}
+        return present
+
+    return keep
+
+
 def _keep_order(
-    district: District, riders: Sequence[_Rider], sentences: Mapping[int, str], numbers: Iterator[int], now_ms: int
+    district: District, riders: Sequence[Rider], sentences: Mapping[int, str], numbers: Iterator[int], now_ms: int
 ) -> tuple[District, tuple[Wait, ...]]:
     """Let every chair step along its chain and report, and the warden decide; give the chairs their authorities."""
     reports, requests = [], []
@@ -404,7 +423,7 @@ def stands(simulator: FleetSimulator, number: int) -> bool:
     return max(abs(twist.v), abs(twist.omega)) < _MOVES
 
 
-def _note(run: FleetRun, simulator: FleetSimulator, riders: Sequence[_Rider]) -> None:
+def _note(run: FleetRun, simulator: FleetSimulator, riders: Sequence[Rider]) -> None:
     """Take down the figures of a step of the order."""
     step_s = STEPS_OF_ORDER * TICK_NS * 1e-9
     for rider, chair, own in zip(riders, simulator.chairs, run.chairs, strict=True):
@@ -425,7 +444,7 @@ def _beyond(line: FloatArray, body: ChairBody, pose: Pose2) -> float:
     return float(min(off.max(), -off.min()))
 
 
-def _moment(simulator: FleetSimulator, riders: Sequence[_Rider], waits: tuple[Wait, ...]) -> FleetMoment:
+def _moment(simulator: FleetSimulator, riders: Sequence[Rider], waits: tuple[Wait, ...]) -> FleetMoment:
     return FleetMoment(
         now_ns=simulator.now_ns,
         poses=tuple(chair.truth() for chair in simulator.chairs),

@@ -1,0 +1,361 @@
+"""The warden of a district over a network: it hears States, and answers with what each chair may enter now.
+
+It keeps an order as `warden.py` does, with one difference: a spot counts as entered from the moment in which the warden allows it,
+not from the moment in which the chair is there. So no later plan takes back what a chair may be doing just then. A chair that
+gives up all that it has not entered says so by a new stance; then the order is made again from what the chairs say.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+from waychair.planning.fleet.order import Order, Request, Turn
+from waychair.planning.fleet.peers import messages
+from waychair.planning.fleet.peers.claims import Claim, claim_of, is_known, kept, order_of
+from waychair.planning.fleet.peers.election import Known, Voter, followers, is_majority
+from waychair.planning.fleet.peers.messages import Answer, Queue, Term, Why
+from waychair.planning.fleet.rules import Priority
+from waychair.planning.fleet.waits import Wait
+from waychair.planning.fleet.warden import Answer as Word
+from waychair.planning.fleet.warden import District, Heard, Reply, Report, decided
+from waychair.planning.fleet.ways import NEVER, Ways
+
+LEASE_MS = 2_000
+"""ms for which a chair may enter what it was allowed, from when it sent the State that the answer answers."""
+
+LISTEN_NS = 2_200_000_000
+"""A new warden listens longer than any lease of an earlier one, unless all chairs have told before.
+
+The last lease of an earlier warden runs from a State that came before its majority ended.
+"""
+
+AGAIN_NS = 400_000_000
+"""An answer is repeated so often."""
+
+ORDER_NS = 1_000_000_000
+"""The order is told so often."""
+
+SILENT_NS = 2_500_000_000
+"""A chair that was not heard for so long may have begun to drive by its own eyes."""
+
+_NUMBERS = 1 << 32
+
+
+@dataclass(slots=True)
+class Office:
+    """What a warden knows in one term.
+
+    Attributes:
+        term: the term.
+        boots: the boots of followers that are counted in this term.
+        since_ns: when the majority was first counted.
+        district: the order, once the chairs were heard.
+        stances: boot and stance of each chair that keeps the order.
+        absent: the claims of chairs that do not, or are silent.
+        heard: the time of the last State of each chair that went into the order.
+        refused: numbers of wishes that were refused, with the sentence, by chair.
+        answers: the last answer to each chair, and when it was sent.
+        told_ns: when the order was told.
+        waits: the present waits.
+    """
+
+    term: Term
+    boots: dict[int, int] = field(default_factory=dict)
+    since_ns: int | None = None
+    district: District | None = None
+    stances: dict[int, tuple[int, int]] = field(default_factory=dict)
+    absent: dict[int, Claim] = field(default_factory=dict)
+    heard: dict[int, int] = field(default_factory=dict)
+    refused: dict[int, tuple[int, str]] = field(default_factory=dict)
+    answers: dict[int, tuple[Answer, int]] = field(default_factory=dict)
+    told_ns: int = 0
+    waits: tuple[Wait, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Decision:
+    """What a warden sends: answers to chairs, and the order if it is time to tell it; `grants`: whether it may grant."""
+
+    grants: bool = False
+    answers: tuple[Answer, ...] = ()
+    order: messages.Order | None = None
+
+
+def counted(office: Office, own: Voter, known: Mapping[int, Known], now_ns: int) -> bool:
+    """Return whether a majority follows; a peer that has booted again is counted where the others are a majority.
+
+    It may have followed somebody else since, and forgotten it.
+    """
+    boots = {each.number: each.boot for each in known.values()} | {own.number: own.boot}
+    found = followers(own, office.term, known, now_ns)
+    office.boots.setdefault(own.number, own.boot)
+    if office.since_ns is None:
+        office.boots.update({number: boots[number] for number in found})
+    old = {number for number in found if office.boots.get(number) == boots[number]}
+    if not is_majority(own.electorate, old):
+        return False
+    office.boots.update({number: boots[number] for number in found})
+    return True
+
+
+def ordered(
+    office: Office,
+    own: Voter,
+    ways: Ways,
+    clearing_ms: int,
+    chairs: frozenset[int],
+    known: Mapping[int, Known],
+    now_ns: int,
+) -> Decision:
+    """Return the warden's decision from the last States of all peers, its own among them, and take it down in the office."""
+    if not counted(office, own, known, now_ns):
+        return Decision()
+    if office.since_ns is None:
+        office.since_ns = now_ns
+    now_ms = now_ns // 1_000_000
+    loyal = {
+        number: each
+        for number, each in known.items()
+        if number in chairs and _keeps_order(office, each) and now_ns - each.heard_ns <= SILENT_NS
+    }
+    if office.district is None:
+        if any(number not in loyal for number in chairs) and now_ns - office.since_ns < LISTEN_NS:
+            return Decision()
+        office.district = District(order_of(ways, {}, now_ms), clearing_ms, own.number)
+    afresh = _is_changed(office, loyal, known, chairs, now_ms)
+    if afresh:
+        order = _taken_over(office, ways, loyal, known, chairs, now_ms)
+        office.district = _with_closed(office, replace(office.district, order=order), now_ms)
+    _decide(office, loyal, now_ns, afresh)
+    look = any(number not in loyal and not (number in known and known[number].state.parked) for number in chairs)
+    answers = _answers(office, loyal, look, now_ns)
+    told = None
+    if afresh or now_ns - office.told_ns >= ORDER_NS:
+        office.told_ns = now_ns
+        told = _told(own, office)
+    return Decision(True, answers, told)
+
+
+def _taken_over(
+    office: Office,
+    ways: Ways,
+    loyal: Mapping[int, Known],
+    known: Mapping[int, Known],
+    chairs: frozenset[int],
+    now_ms: int,
+) -> Order:
+    """Return the order from all claims; a chair that kept its stance claims all that it was allowed.
+
+    A chair that does not keep the order is no part of it: what it claims is closed.
+    """
+    before = None if office.district is None else office.district.order
+    claims: dict[int, Claim] = {}
+    absent: dict[int, Claim] = {}
+    stances: dict[int, tuple[int, int]] = {}
+    for number in sorted(chairs & set(known)):
+        each = known[number]
+        stance = (each.boot, each.state.stance)
+        claim = _claim(office, before, number, each, now_ms)
+        if claim is None or not is_known(ways, claim):
+            continue
+        if _keeps_order(office, each):
+            stances[number] = stance
+        if number in loyal:
+            claims[number] = claim
+        else:
+            absent[number] = claim
+    office.stances, office.absent = stances, absent
+    office.answers.clear()
+    return order_of(ways, claims, now_ms)
+
+
+def _claim(office: Office, before: Order | None, number: int, each: Known, now_ms: int) -> Claim | None:
+    """Return what a chair is in or may enter: by the order as long as it keeps its stance, else by its own word."""
+    if not _keeps_order(office, each):
+        return claim_of(each.state, with_released=True)
+    if office.stances.get(number) != (each.boot, each.state.stance):
+        return claim_of(each.state, with_released=False)
+    is_in = before is not None and number in before.chains
+    claim = kept(before, number, now_ms) if before is not None and is_in else office.absent.get(number)
+    if claim is None or not set(each.state.entered) <= set(claim.spots):  # somebody pushed it
+        return claim_of(each.state, with_released=True)
+    return claim
+
+
+def _keeps_order(office: Office, each: Known) -> bool:
+    return each.state.follows == office.term and each.state.mode == messages.IN_ORDER
+
+
+def _is_changed(
+    office: Office, loyal: Mapping[int, Known], known: Mapping[int, Known], chairs: frozenset[int], now_ms: int
+) -> bool:
+    """Return whether a chair has given something back, has come or gone, or drives by its own eyes."""
+    assert office.district is not None
+    order = office.district.order
+    for number in chairs & set(known):
+        each = known[number]
+        if not each.state.entered:
+            continue
+        if (number in loyal) != (number in order.chains):
+            return True
+        if number in loyal:
+            stance = (each.boot, each.state.stance)
+            if office.stances.get(number) != stance or not _is_there(order, number, each):
+                return True
+        elif _claim(office, order, number, each, now_ms) != office.absent.get(number):
+            return True
+    return False
+
+
+def _is_there(order: Order, number: int, each: Known) -> bool:
+    """Return whether a chair is in no spot but those that it was allowed to enter."""
+    chain = order.chains[number]
+    return set(each.state.entered) <= {chain.spots[0], *(spot for _, spot in chain.behind)}
+
+
+def _with_closed(office: Office, district: District, now_ms: int) -> District:
+    """Return the district with all resources closed in which a chair is that does not keep the order."""
+    ways = district.order.ways
+    blocked = {resource: until for resource, until in district.blocked_until_ms.items() if now_ms < until < NEVER}
+    for claim in office.absent.values():
+        blocked.update({int(ways.resource[spot]): NEVER for spot in claim.spots})
+    return replace(district, blocked_until_ms=blocked)
+
+
+def _decide(office: Office, loyal: Mapping[int, Known], now_ns: int, afresh: bool) -> None:
+    """Take the States since the last time into the order."""
+    assert office.district is not None
+    order = office.district.order
+    now_ms = now_ns // 1_000_000
+    reports: list[Report] = []
+    requests: list[Request] = []
+    for number, each in loyal.items():
+        if number not in order.chains or (office.heard.get(number) == each.sent_ns and not afresh):
+            continue
+        office.heard[number] = each.sent_ns
+        reports.append(_report(order, number, each))
+        request = _request(office, order, number, each, now_ms)
+        if request is not None:
+            requests.append(request)
+    if not (reports or requests or afresh):
+        return
+    state, replies, office.waits = decided(office.district, Heard(tuple(reports), tuple(requests)), now_ms)
+    office.district = state
+    _note_refusals(office, replies, requests)
+
+
+def _report(order: Order, number: int, each: Known) -> Report:
+    """Return the report in which all that the chair wants and may enter now counts as entered."""
+    chain, state = order.chains[number], each.state
+    more = max(min(state.visit + state.wants - chain.visit, len(chain.spots) - 1), 0)
+    free = 0
+    for k in range(1, more + 1):
+        resource = int(order.ways.resource[chain.spots[k]])
+        if order.queues[resource][0] != Turn(number, chain.visit + k) or resource in order.closed:
+            break
+        free = k
+    visits = chain.visit + free
+    rear = state.visit - len(state.entered) + 1
+    passing = sum(int(order.ways.passing_ms[spot]) for spot in chain.spots[1 : free + 1])
+    ahead = sum(int(order.ways.passing_ms[spot]) for visit, spot in chain.behind if visit > state.visit)
+    if chain.visit > state.visit:
+        ahead += int(order.ways.passing_ms[chain.spots[0]])
+    return Report(number, visits, max(visits - rear, 0), state.ready_ms + passing + ahead)
+
+
+def _request(office: Office, order: Order, number: int, each: Known, now_ms: int) -> Request | None:
+    """Return a chair's wish as a request, if the order does not have it yet."""
+    wish, chain = each.state.wish, order.chains[number]
+    if wish is None:
+        return None
+    key = number * _NUMBERS + wish.number
+    asked = {request.number for request in order.waiting}
+    is_asked = key in asked or (chain.request is not None and chain.request.number == key)
+    is_there = len(chain.spots) == 1 and order.ways.names[chain.spots[0]] == wish.goal
+    if is_asked or is_there or office.refused.get(number, (0, ""))[0] == wish.number:
+        return None
+    return Request(key, number, wish.goal, now_ms - wish.age_ms, Priority(wish.priority))
+
+
+def _note_refusals(office: Office, replies: tuple[Reply, ...], requests: list[Request]) -> None:
+    numbers = {request.chair: request.number % _NUMBERS for request in requests}
+    for reply in replies:
+        if reply.answer is Word.REJECTED and reply.chair in numbers:
+            office.refused[reply.chair] = (numbers[reply.chair], reply.sentence)
+
+
+def _answers(office: Office, loyal: Mapping[int, Known], look: bool, now_ns: int) -> tuple[Answer, ...]:
+    """Return the answers that have changed or are due again."""
+    assert office.district is not None
+    order = office.district.order
+    why = {wait.chair: wait for wait in office.waits}
+    found = []
+    for number, each in loyal.items():
+        if number not in order.chains:
+            continue
+        state = each.state
+        chain = order.chains[number]
+        ahead = tuple(spot for visit, spot in chain.behind if visit >= state.visit) + chain.spots
+        first = chain.last - len(ahead) + 1
+        refused = office.refused.get(number)
+        wish = 0 if state.wish is None else state.wish.number
+        if len(ahead) < 2 and not wish:
+            continue
+        word, sentence = messages.GRANTED if len(ahead) > 1 else messages.QUEUED, ""
+        if refused is not None and refused[0] == wish:
+            word, sentence = messages.REJECTED, refused[1]
+        wait = why.get(number)
+        if wait is not None and not sentence:
+            sentence = wait.sentence
+        other = () if wait is None or wait.other is None else (wait.other,)
+        foreseen = -1 if wait is None or wait.foreseen_ms is None else min(max(wait.foreseen_ms, 0), NEVER)
+        answer = Answer(
+            chair=number,
+            boot=each.boot,
+            stance=state.stance,
+            epoch=office.term.epoch,
+            serial=office.district.serial,
+            word=word,
+            echo_ns=each.sent_ns,
+            lease_ms=LEASE_MS,
+            visit=max(first, 0),
+            spots=ahead,
+            upto=chain.visit,
+            look=look,
+            why=Why(other, sentence[:240], foreseen),
+            number=wish,
+        )
+        before = office.answers.get(number)
+        if before is not None and now_ns - before[1] < AGAIN_NS and _same(before[0], answer):
+            continue
+        office.answers[number] = (answer, now_ns)
+        found.append(answer)
+    return tuple(found)
+
+
+def _same(old: Answer, new: Answer) -> bool:
+    """Return whether two answers allow the same for the same reason."""
+    ends = (old.visit + len(old.spots), new.visit + len(new.spots))
+    return (
+        ends[0] == ends[1]
+        and (old.upto, old.look, old.word, old.why.others, old.number)
+        == (new.upto, new.look, new.word, new.why.others, new.number)
+        and old.spots[-1:] == new.spots[-1:]
+    )
+
+
+def _told(own: Voter, office: Office) -> messages.Order:
+    assert office.district is not None
+    order = office.district.order
+    queues = tuple(
+        Queue(resource, tuple((turn.chair, turn.visit) for turn in turns)) for resource, turns in order.queues.items()
+    )
+    return messages.Order(
+        own.district,
+        office.term.epoch,
+        office.district.serial,
+        tuple(sorted(own.electorate)),
+        queues,
+        tuple(sorted(order.closed)),
+    )

@@ -1,0 +1,100 @@
+"""A whole chair among peers: it drives along its chain as its peer's authority lets it, and tells the peer where it is.
+
+The chair enters the next spots only once its peer may let it in; it asks for them a little before it has to brake.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from waychair.planning.fleet.order import Chain, Order, Turn
+from waychair.planning.fleet.peers.peer import Own, OwnWish, Peer, SpotAuthority, Step
+from waychair.planning.fleet.ways import Ways
+from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
+from waychair.types import Pose2
+
+ASKED_BEFORE_MS = 4_000
+"""ms before the end of its spot at which a chair asks for the next ones: it brakes from 1.6 m before, at 0.45 m/s."""
+
+MOST_WANTED = 8
+"""Spots that a chair asks for at once: nobody waits at a node, so that it wants them up to a place for waiting."""
+
+_OTHERS = 0xFFFF
+"""Stands for the other chair in a queue; who it is does not matter to the driver."""
+
+
+@dataclass(frozen=True, slots=True)
+class PeerSteps:
+    """What follows from a step: the driver's authority and goals, and the peer's messages and words."""
+
+    driven: Steps
+    peer: Step
+
+
+class PeerDriver:
+    """The driver of one chair and its peer, stepped together ten times a second."""
+
+    def __init__(self, ways: Ways, peer: Peer, driver: ChainDriver, start: str) -> None:
+        """`start`: the refuge in which the chair stands."""
+        self.peer, self.driver = peer, driver
+        self.authority = SpotAuthority()
+        self._ways = ways
+        self._spots: dict[int, int] = {0: ways.slots[start][0]}  # by the number of the visit
+        self._visit, self._behind = 0, 0
+
+    @property
+    def entered(self) -> tuple[int, ...]:
+        """The spots in which the chair is, from its rear to its front."""
+        return tuple(self._spots[visit] for visit in range(self._visit - self._behind, self._visit + 1))
+
+    def step(
+        self,
+        now_ns: int,
+        pose: Pose2,
+        goals_left: int,
+        heard: Sequence[tuple[int, bytes]],
+        wish: OwnWish | None,
+        manual: bool = False,
+        is_free: Callable[[int], bool] = lambda spot: True,
+    ) -> PeerSteps:
+        """Return what follows from `map_from_base`, the goals left and the messages since the last step.
+
+        `is_free` tells whether the chair's own sensors see nothing in a spot; it is asked where the authority says so.
+        """
+        authority = self.authority
+        free = len(authority.spots)
+        if authority.look:
+            free = next((k for k, spot in enumerate(authority.spots) if not is_free(spot)), free)
+        order = seen_order(self._ways, self.peer.number, self.entered, self._visit, authority.chain, free)
+        self._spots |= {self._visit + k: spot for k, spot in enumerate(authority.chain, start=1)}
+        driven = self.driver.step(order, pose, now_ns // 1_000_000, goals_left, authority.sentence)
+        self._visit, self._behind = driven.report.visits, driven.report.behind
+        self._spots = {visit: spot for visit, spot in self._spots.items() if visit >= self._visit - self._behind}
+        wants = 0
+        if wish is not None and driven.report.ready_in_ms <= ASKED_BEFORE_MS:
+            wants = self._wanted(authority.chain[self._visit - order.chains[self.peer.number].visit :])
+        own = Own(self.entered, self._visit, driven.report.ready_in_ms, wants, wish, manual)
+        step = self.peer.step(now_ns, own, heard)
+        self.authority = step.authority
+        return PeerSteps(driven, step)
+
+    def _wanted(self, ahead: Sequence[int]) -> int:
+        """Return how many spots lead to the next section or refuge, where a chair may wait."""
+        for k, spot in enumerate(ahead[:MOST_WANTED], start=1):
+            if self._ways.at_home[spot] or self._ways.passing_ms[spot] > 1:
+                return k
+        return min(max(len(ahead), 1), MOST_WANTED)
+
+
+def seen_order(ways: Ways, number: int, entered: Sequence[int], visit: int, chain: Sequence[int], free: int) -> Order:
+    """Return the order as one chair knows it: its own chain, of which it may enter the first `free` spots."""
+    first = visit - len(entered) + 1
+    behind = tuple((first + k, spot) for k, spot in enumerate(entered[:-1]))
+    queues: dict[int, tuple[Turn, ...]] = {}
+    for k, spot in enumerate((*entered, *chain)):
+        resource = int(ways.resource[spot])
+        turn = Turn(number, first + k)
+        before = () if k < len(entered) + free else (Turn(_OTHERS, 0),)
+        queues[resource] = (*queues.get(resource, before), turn)
+    return Order(ways, {number: Chain((entered[-1], *chain), visit, behind=behind)}, queues)

@@ -1,0 +1,69 @@
+"""A peer's process: ten steps a second, and one at once when a Request or an Answer has come."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+
+from waychair.planning.fleet.peers.messages import building_of
+from waychair.planning.fleet.peers.peer import Fleet, Own, Peer, Step
+from waychair.planning.fleet.ways import ways_of
+from waychair.runtime.fleet.fleet_file import FleetFile
+from waychair.runtime.fleet.zenoh_transport import ZenohTransport
+
+SPEED = 0.45
+"""m/s; mean speed of a chair from room to room, by which the warden foresees times."""
+
+STEP_S = 0.1
+
+
+def fleet_of(file: FleetFile) -> Fleet:
+    """Return what all peers of a site know.
+
+    Raises:
+        TrafficError: the building's traffic graph is missing or damaged.
+    """
+    graph = file.traffic_graph()
+    return Fleet(building_of(graph), ways_of(graph, SPEED), frozenset(file.chairs), frozenset(file.voters))
+
+
+def new_boot() -> int:
+    """Return a random number for a start of the program."""
+    return int.from_bytes(os.urandom(7), "big") + 1
+
+
+def clock_ns() -> int:
+    """Return a monotonic clock that runs while the computer sleeps, so that leases lapse."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
+
+def serve(
+    file: FleetFile,
+    lan: bool,
+    stopped: Callable[[], bool],
+    own: Callable[[], Own] = Own,
+    told: Callable[[Step], None] = lambda step: None,
+    mode: str = "peer",
+) -> None:
+    """Be a peer of a fleet until `stopped`; a voter without a chair has nothing of its `own`.
+
+    `told` hears each step: its authority and notices.
+
+    Raises:
+        FleetError: the network cannot be joined.
+        TrafficError: the building's traffic graph is missing or damaged.
+        MissingExtra: the extra [fleet] is not installed.
+    """
+    fleet = fleet_of(file)
+    peer = Peer(fleet, file.number, new_boot())
+    transport = ZenohTransport(file, fleet.building, lan, mode)
+    try:
+        while not stopped():
+            step = peer.step(clock_ns(), own(), transport.received())
+            for to, kind, data in step.send:
+                transport.send(to, kind, data)
+            told(step)
+            transport.wait(STEP_S)
+    finally:
+        transport.close()

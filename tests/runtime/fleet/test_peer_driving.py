@@ -1,0 +1,96 @@
+"""Chairs that drive along chains which their peers agreed on over a network."""
+
+from __future__ import annotations
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
+from waychair.planning.fleet.order import Turn
+from waychair.planning.fleet.peers.messages import building_of
+from waychair.planning.fleet.peers.peer import Fleet, OwnWish, Peer
+from waychair.planning.fleet.ways import ways_of
+from waychair.runtime.fleet.chain_driving import ChainDriver
+from waychair.runtime.fleet.chain_geometry import drivable
+from waychair.runtime.fleet.peer_driving import PeerDriver, PeerSteps, seen_order
+from waychair.simulation.network import NetworkFaults, SeededNetwork
+from waychair.trials.fleet.fleet_scenes import places_in_rooms
+from waychair.types import Pose2
+
+PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
+GRAPH = corridor_graph(PLAN, 1.2, rooms=True, bays=True)
+WAYS = drivable(ways_of(GRAPH, 0.5), CHAIR_A)
+PLACES = dict(places_in_rooms(PLAN))
+ROOMS = [refuge.name for refuge in GRAPH.refuges]
+STEP_NS = 100_000_000
+SPEED = 0.5
+
+
+class _Points:
+    """Chairs without mass that follow the polylines of their chains up to the stop lines, over a seeded network."""
+
+    def __init__(self, starts: dict[int, str], faults: NetworkFaults) -> None:
+        self.network = SeededNetwork(3, faults)
+        fleet = Fleet(building_of(GRAPH), WAYS, frozenset(starts))
+        self.chairs = {
+            k: PeerDriver(WAYS, Peer(fleet, k, 100 + k), ChainDriver(WAYS, k, CHAIR_A, PLACES), start)
+            for k, start in starts.items()
+        }
+        self.poses = {k: PLACES[start].pose for k, start in starts.items()}
+        self.way = dict.fromkeys(starts, 0.0)
+        self.wishes: dict[int, OwnWish | None] = dict.fromkeys(starts)
+        self.steps: dict[int, PeerSteps] = {}
+        self.now_ns = 10**10
+
+    def step(self) -> None:
+        self.now_ns += STEP_NS
+        for k, chair in self.chairs.items():
+            heard = self.network.received(self.now_ns, k)
+            left = len(chair.driver._goals) if not self._is_at_end(k) else 0
+            self.steps[k] = chair.step(self.now_ns, self.poses[k], left, heard, self.wishes[k])
+            for to, _, data in self.steps[k].peer.send:
+                others = [to] if to is not None else [other for other in self.chairs if other != k]
+                self.network.send(self.now_ns, k, others, data)
+            self._drive(k)
+        used: dict[int, int] = {}
+        for k, chair in self.chairs.items():
+            for spot in chair.entered:
+                assert used.setdefault(int(WAYS.resource[spot]), k) == k
+
+    def _is_at_end(self, k: int) -> bool:
+        chain = self.chairs[k].driver._chain
+        return chain is not None and self.way[k] >= chain.along[-1] - 0.01
+
+    def _drive(self, k: int) -> None:
+        """Move along the chain until the front of the outline would cross the stop line."""
+        driver = self.chairs[k].driver
+        chain = driver._chain
+        if chain is None or len(chain.along) < 2:
+            return
+        if self.steps[k].driven.goals is not None:
+            rear, front = chain.reach_of(CHAIR_A, self.poses[k], driver._way, 0)
+            self.way[k] = max((rear + front) / 2, 0.0)
+        way = min(self.way[k] + SPEED * STEP_NS * 1e-9, float(chain.along[-1]))
+        at, heading = chain.place_at(way)
+        pose = Pose2(float(at[0]), float(at[1]), heading)
+        if self.steps[k].driven.authority.way_left(CHAIR_A, pose, pose.array()[None]) > 0.0:
+            self.way[k], self.poses[k] = way, pose
+
+
+def test_a_chair_knows_only_what_it_may_enter() -> None:
+    chain = [int(each) for each in (WAYS.after[WAYS.first[0]], 2, 3)]
+    order = seen_order(WAYS, 4, (0,), 7, chain, 1)
+    assert order.may_enter(4)
+    assert order.queues[int(WAYS.resource[2])][0] != Turn(4, 9)
+    assert not seen_order(WAYS, 4, (0,), 7, chain, 0).may_enter(4)
+
+
+def test_two_chairs_exchange_places_over_a_network_that_loses_and_delays() -> None:
+    points = _Points({1: ROOMS[0], 2: ROOMS[-1]}, NetworkFaults(loss=0.1, doubled=0.1, delay_ms=20.0))
+    for _ in range(60):
+        points.step()
+    points.wishes = {1: OwnWish(1, ROOMS[-1], 0, points.now_ns), 2: OwnWish(1, ROOMS[0], 0, points.now_ns)}
+    for _ in range(3000):
+        points.step()
+        if all(points.chairs[k].entered == (WAYS.slots[ROOMS[end]][0],) for k, end in ((1, -1), (2, 0))):
+            break
+    assert points.chairs[1].entered == (WAYS.slots[ROOMS[-1]][0],)
+    assert points.chairs[2].entered == (WAYS.slots[ROOMS[0]][0],)
