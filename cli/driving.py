@@ -43,7 +43,9 @@ def demo_command(
 ) -> None:
     """Map a simulated floor by joystick, then let the chair localise itself on the map and drive to three places.
 
-    Writes report.html and report.json. The demo runs as fast as possible; a web page shows it live.
+    In a world of several levels with lifts, such as hospital, two storeys are mapped and joined by a lift, and the chair travels
+    from a room of one to a room of the other. Writes report.html and report.json. The demo runs as fast as possible; a web page
+    shows it live.
 
     Parameters
     ----------
@@ -74,10 +76,34 @@ def demo_command(
     from waychair.trials.demo import run_demo
     from waychair.trials.demo_page import DemoPage
     from waychair.trials.demo_report import write_report
+    from waychair.trials.travel.building_demo import is_building, run_building_demo
+    from waychair.trials.travel.building_demo_report import building_facts, write_building_report
 
     configured = load_configuration(config)
     console = Console(stderr=True, quiet=quiet)
     page = DemoPage()
+    if is_building(world):
+        with _shown(page, headless, page_port, console), stage_bars(console) as show:
+            travelled = run_building_demo(
+                out=out,
+                seed=seed,
+                progress=show,
+                world=world,
+                surprises=surprises,
+                box=box,
+                watcher=page,
+                mapping_settings=configured.map.narrowed(MappingSettings),
+                chair_settings=configured.chair,
+                simulation=configured.simulation,
+            )
+        write_building_report(out, travelled)
+        if not quiet:
+            for name, value in building_facts(travelled):
+                print(f"{name:38s} {value}")
+            print(f"see {out / 'report.html'}")
+        if not travelled.record.arrived:
+            sys.exit(1)
+        return
     with _shown(page, headless, page_port, console), stage_bars(console) as show:
         demo = run_demo(
             out=out,

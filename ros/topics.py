@@ -19,6 +19,7 @@ from waychair.recordings.bags.ros_topics import (
     JOINTS,
     LATCHED,
     ODOMETRY,
+    PRESSURE,
     RELIABLE,
     SCAN,
     SENSOR_DATA,
@@ -39,6 +40,7 @@ __all__ = [
     "JOINTS",
     "LATCHED",
     "ODOMETRY",
+    "PRESSURE",
     "RELIABLE",
     "SCAN",
     "SENSOR_DATA",
@@ -120,6 +122,9 @@ FLOOR = RosTopic("floor", "waychair_msgs/msg/Floor", LATCHED, MAP_FRAME)
 JOURNEY = RosTopic("journey", "waychair_msgs/msg/JourneyState", LATCHED, MAP_FRAME)
 STOREY_GOAL = RosTopic("storey_goal", "waychair_msgs/msg/StoreyGoal", RELIABLE)
 """A goal on any storey of the building; the action of `TRAVEL` does the same and answers."""
+
+BEACON = RosTopic("beacon", "std_msgs/msg/String", RELIABLE)
+"""The id of a beacon that the chair has met: a tag that a camera read, a radio tag, or a line on the floor."""
 
 TRAVEL = "travel"
 """The name of the action waychair_msgs/action/Travel."""

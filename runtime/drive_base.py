@@ -38,6 +38,7 @@ from waychair.types import (
     FloatArray,
     ImuSample,
     Pose2,
+    PressureSample,
     Scan,
     SensorMessage,
     SentCommand,
@@ -186,12 +187,12 @@ class DriveBase:
             masked = self._calibration.masked(message)
             self._limits.see(masked)
             self._own_parts.see(masked, self.motion.odom_from_base(message.stamp_ns))
-        if not isinstance(message, SonarReadings):
+        if not isinstance(message, SonarReadings | PressureSample):
             self._fitness.hear(message, self.motion.twist)
 
     def dismiss(self, message: ChairMessage, age_s: float, now_ns: int) -> None:
         """Note a message that cannot be used because its stamp, so much older [s] than now, is of another clock."""
-        if not isinstance(message, SonarReadings):
+        if not isinstance(message, SonarReadings | PressureSample):
             self._fitness.dismiss(message, age_s, now_ns)
 
     def locate(self, localisation: Localisation, stamp_ns: int) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor, Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -30,6 +30,7 @@ from waychair.control.journey.journey import (
     step,
 )
 from waychair.control.journey.lift_site import LiftSite, stand_in
+from waychair.control.journey.pressure_climb import PressureClimb
 from waychair.control.journey.ride_motion import RideMotion
 from waychair.control.journey.which_storey import Evidence, probabilities, seen_through_door
 from waychair.control.safety.stops import Halt
@@ -40,13 +41,14 @@ from waychair.runtime.chair import ChairSettings, ChairState
 from waychair.runtime.drive_base import ChairMessage
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.slam.scan.scan_points import beam_ends
-from waychair.types import DriveMode, Goal, ImuSample, OccupancyGrid, Place, Pose2, Scan
+from waychair.types import DriveMode, Goal, ImuSample, OccupancyGrid, Place, Pose2, PressureSample, Scan
 
 PRESS_AGAIN_S = 5.0
 """s; a button is pressed again after this time."""
 
-FREE_MARGIN = 0.05
-"""m; a cabin is free if the chair can turn in it with this margin."""
+FREE_MARGIN = 0.25
+"""m; a cabin is free if the chair can turn in it with this margin: a person's body reaches 0.2 m beyond the legs that the lidar
+sees (`personal_space`), and the chair plans a turn with 5 cm."""
 
 ABOARD_WITHIN = 0.6
 """m; a pose on the new map so far from that in the cabin is another place."""
@@ -124,12 +126,15 @@ class TravelState:
 
 @dataclass(slots=True)
 class _Heard:
-    """What the latest messages and the rider say: the scan, the lift's door in it, whether Stop holds, and why to hold."""
+    """What the latest messages and the rider say: the scan, the lift's door in it, whether Stop holds, why to hold, and the
+    air's pressure.
+    """
 
     scan: Scan | None = None
     door: DoorView = field(default_factory=DoorView)
     stopped: bool = False
     hold: str = ""
+    pressure: PressureClimb = field(default_factory=PressureClimb)
 
 
 @dataclass(slots=True)
@@ -141,6 +146,7 @@ class _Aboard:
     began: str = ""
     match: dict[str, float] = field(default_factory=dict)
     rider: str | None = None
+    beacon: str | None = None
 
 
 class Traveller:
@@ -228,6 +234,11 @@ class Traveller:
         if self.journey is not None and self.journey.phase is Phase.HELD and self.journey.resume is Phase.WHICH:
             self.journey = go_on(self.journey, now_ns)
 
+    def met_beacon(self, storey: str) -> None:
+        """Take the word of a beacon, met in a lift at rest, for the storey."""
+        if self.journey is not None and self.journey.phase is Phase.WHICH:
+            self._aboard.beacon = storey
+
     def prepare(self, storey: str) -> None:
         """Make a storey's map ready: by the worker, else at once, which takes a while."""
         if storey in self._prepared:
@@ -253,6 +264,8 @@ class Traveller:
         for message in heard:
             if isinstance(message, ImuSample):
                 self._motion.hear(message)
+            elif isinstance(message, PressureSample):
+                self._heard.pressure.hear(message)
             elif isinstance(message, Scan):
                 self._heard.scan = message
         self._note_drive(state)
@@ -293,6 +306,7 @@ class Traveller:
         cabin_from_base = site.cabin.inverse() @ state.map_from_base
         self._aboard = _Aboard(leg, cabin_from_base @ self._chair.odom_from_base.inverse(), self.storey)
         self._motion.begin()
+        self._heard.pressure.begin(state.stamp_ns)
 
     def _look(self, site: LiftSite, state: ChairState) -> None:
         """See the lift's door, and what is behind it, in the latest scan."""
@@ -317,7 +331,7 @@ class Traveller:
     def _stops(self, lift: str) -> list[str]:
         return [storey for name, storey in self._sites if name == lift]
 
-    def _chances(self, journey: Journey, site: LiftSite | None) -> dict[str, float]:
+    def _chances(self, journey: Journey, site: LiftSite | None, now_ns: int) -> dict[str, float]:
         if site is None or not self._is_aboard(journey):
             return {}
         aboard = self._aboard
@@ -327,8 +341,9 @@ class Traveller:
                 began=aboard.began,
                 asked=journey.next_storey,
                 climb=self._motion.climb(),
+                pressure=self._heard.pressure.climb(now_ns),
                 match=aboard.match,
-                told=self._lifts.said(site.lift),
+                told=self._lifts.said(site.lift) or aboard.beacon,
                 rider=aboard.rider,
             )
         )
@@ -362,7 +377,7 @@ class Traveller:
             door=self._heard.door,
             cabin_free=None if site is None or inside is None else self._is_free(site, inside, state),
             riding=self._motion.riding,
-            chances=self._chances(journey, site),
+            chances=self._chances(journey, site, state.stamp_ns),
             localised=localised,
         )
 
@@ -404,7 +419,8 @@ class Traveller:
             self._drive = None, Drive.NONE, ""
         elif wanted and order.key != key and self._chair.ready and not self._chair.waits:
             assert order.goal is not None
-            self._chair.go(order.goal)
+            waiting = tuple(site.waiting for (_, storey), site in self._sites.items() if storey == self.storey)
+            self._chair.go(replace(order.goal, waiting=waiting))
             self._chair.confirm()
             self._drive = order.key, Drive.UNDER_WAY, ""
         site = self._site(journey)

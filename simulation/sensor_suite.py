@@ -15,6 +15,7 @@ from waychair.simulation.plant.plant import Plant
 from waychair.simulation.scene.moving import SlidingLeaf
 from waychair.simulation.scene.scene import Block, Mover
 from waychair.simulation.scene.seeds import random_stream
+from waychair.simulation.sensors.barometer import Barometer
 from waychair.simulation.sensors.camera import CameraSettings, RgbdCamera
 from waychair.simulation.sensors.height_slices import slice_at
 from waychair.simulation.sensors.imu import Imu, ImuSettings
@@ -40,6 +41,7 @@ class _Rates:
     sonar: float
     camera: float
     servo_camera: float
+    barometer: float
 
     def is_due(self, rate_hz: float, now_ns: int) -> bool:
         """Return whether a sample falls into the last step; half a nanosecond guards against rounding."""
@@ -59,7 +61,7 @@ class _Surroundings:
 
 
 class SensorSuite:
-    """Lidar, IMU, sonars, cameras and wheel encoders of one chair, each with its own random stream."""
+    """Lidar, IMU, barometer, sonars, cameras and wheel encoders of one chair, each with its own random stream."""
 
     def __init__(
         self,
@@ -74,13 +76,17 @@ class SensorSuite:
         servo_camera: ServoCameraSettings,
         wheels_hz: float,
         leans: bool,
+        barometer_hz: float = 0.0,
     ) -> None:
         """`step_ns`: the time between two calls of `sense`. `leans`: whether the chair can lean, and its lidar with it."""
         self._body = body
         self._seed = seed
-        self._rates = _Rates(step_ns, imu.rate_hz, wheels_hz, sonar.rate_hz, camera.rate_hz, servo_camera.rate_hz)
+        self._rates = _Rates(
+            step_ns, imu.rate_hz, wheels_hz, sonar.rate_hz, camera.rate_hz, servo_camera.rate_hz, barometer_hz
+        )
         self._lidar = Lidar(lidar, body, random_stream(seed, 1))
         self._imu = Imu(imu, random_stream(seed, 2))
+        self._barometer = Barometer(barometer_hz, random_stream(seed, 8))
         self._sonars, self._sonar_height = Sonars(sonar, body, random_stream(seed, 3)), sonar.height
         self._camera_settings = camera
         self._camera: RgbdCamera | None = None
@@ -123,14 +129,21 @@ class SensorSuite:
         """Let the encoder counts go on from those of a chair that is about to be replaced."""
         self._ticks_before = self._ticks(chair)
 
-    def sense(self, now_ns: int, chair: Plant, people: Sequence[Mover], lifted: float = 0.0) -> Iterator[SensorMessage]:
-        """Yield the messages of the step that ends now; `lifted` is the acceleration [m/s^2] of the chair's lift."""
+    def sense(
+        self, now_ns: int, chair: Plant, people: Sequence[Mover], lifted: float = 0.0, height: float = 0.0
+    ) -> Iterator[SensorMessage]:
+        """Yield the messages of the step that ends now.
+
+        `lifted` is the acceleration [m/s^2] of the chair's lift, `height` [m] that of the floor below the chair.
+        """
         rates, seen = self._rates, self._surroundings
         if rates.is_due(rates.imu, now_ns):
             force = chair.specific_force if not lifted else chair.specific_force + np.array([0.0, 0.0, lifted])
             yield self._imu.sample(now_ns, force, chair.angular_rate)
         if rates.is_due(rates.wheels, now_ns):
             yield WheelTicks(now_ns, *self._ticks(chair))
+        if rates.is_due(rates.barometer, now_ns):
+            yield self._barometer.sample(now_ns, height)
         if rates.is_due(rates.sonar, now_ns):
             yield self._sonars.read(seen.sonar, chair.pose, people, now_ns)
         leaning = TiltedPose(seen.terrain, chair.pose3) if seen.terrain is not None else None

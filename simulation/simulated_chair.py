@@ -18,6 +18,7 @@ from waychair.simulation.contact_watch import ContactWatch
 from waychair.simulation.joystick_lines import JoystickLines
 from waychair.simulation.level import Level
 from waychair.simulation.lifts.lifts import Lifts
+from waychair.simulation.lifts.sill import jolt
 from waychair.simulation.plan.world import World
 from waychair.simulation.plant.kinematic_chair import KinematicChair
 from waychair.simulation.plant.mujoco_chair import MujocoChair
@@ -65,6 +66,7 @@ class SimulatedChair:
             servo_camera=s.servo_camera,
             wheels_hz=s.wheels_hz,
             leans=s.plant_model == "mujoco",
+            barometer_hz=s.barometer_hz,
         )
         self._plant_stream = random_stream(seed, 0)
         self._chair: Plant
@@ -266,8 +268,11 @@ class SimulatedChair:
     def sense(self) -> Iterator[SensorMessage]:
         """Yield the messages of the step."""
         lifts = self._level.lifts
-        lifted = 0.0 if lifts is None else lifts.acceleration(self.key, self.now_ns)
-        yield from self._sensors.sense(self.now_ns, self._chair, self._level.seen_by(self._number), lifted)
+        lifted = height = 0.0
+        if lifts is not None:
+            lifted, height = lifts.acceleration(self.key, self.now_ns), lifts.height(self.key, self.now_ns)
+        lifted += jolt(self.world.gaps, self.body, self._chair.pose, self._chair.twist.v)
+        yield from self._sensors.sense(self.now_ns, self._chair, self._level.seen_by(self._number), lifted, height)
 
     def _see_leaves(self, lifts: Lifts, world: World) -> None:
         """Put the leaves of a level where they are now."""

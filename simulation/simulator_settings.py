@@ -42,6 +42,9 @@ class SimulatorSettings(Settings):
         low=1.0,
         high=1000.0,
     )
+    barometer_hz: float = setting(
+        0.0, "Hz", "readings per second of a barometer; larger: rides are known sooner; 0: none", low=0.0, high=100.0
+    )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
@@ -75,6 +78,9 @@ class SensorSettings(Settings):
         low=1.0,
         high=1000.0,
     )
+    barometer_hz: float = setting(
+        0.0, "Hz", "readings per second of a barometer; larger: rides are known sooner; 0: none", low=0.0, high=100.0
+    )
 
     def over(self, settings: SimulatorSettings) -> SimulatorSettings:
         """Return the simulated chair with these sensors; those whose rate is 0 here keep that of `settings`."""
@@ -86,6 +92,7 @@ class SensorSettings(Settings):
             camera=replace(self.camera, rate_hz=self.camera.rate_hz or settings.camera.rate_hz),
             servo_camera=self.servo_camera if self.servo_camera.rate_hz else settings.servo_camera,
             wheels_hz=self.wheels_hz,
+            barometer_hz=self.barometer_hz or settings.barometer_hz,
         )
 
 

@@ -137,17 +137,17 @@ def run_demo(
         WorldError: the world does not exist, it has no mapping route, or the rider ran into something.
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
-    stage, watcher = _Stages(progress), watcher or DemoWatcher()
+    stage, watcher = Stages(progress), watcher or DemoWatcher()
     building = load_world(world) if surprises else load_world(world).without_people()
     mapping_settings, chair_settings = mapping_settings or MappingSettings(), chair_settings or ChairSettings()
     simulated = (simulation or SimulationSettings()).over(randomised_settings(seed))
     simulator = RecordingSimulator(building, CHAIR_A, simulated, seed)
     with stage("map"):
-        mapping, errors = _map_by_joystick(out, simulator, stage, watcher, mapping_settings, chair_settings)
+        mapping, errors = map_by_joystick(out, simulator, stage, watcher, mapping_settings, chair_settings)
     with stage("save"):
         save_mapping(out / "map", mapping, mapping_settings)
         map_from_world = building.start.inverse()
-        save_places(out / "map", {place.name: _in_map(place, map_from_world) for place in building.places})
+        save_places(out / "map", {place.name: place_in_map(place, map_from_world) for place in building.places})
     setup = _setup_on_map(out / "map", map_from_world, chair_settings)
     goals = _goals(building)
     closed = _door_to_close(building, goals) if surprises else ""
@@ -192,20 +192,25 @@ def randomised_settings(seed: int) -> SimulatorSettings:
     return SimulatorSettings(plant=randomised(PlantSettings(), seed))
 
 
-def _map_by_joystick(
+def map_by_joystick(
     out: Path,
     simulator: RecordingSimulator,
-    stage: _Stages,
+    stage: Stages,
     watcher: DemoWatcher,
     settings: MappingSettings,
     chair: ChairSettings,
+    route: FloatArray | None = None,
+    name: str = "map",
 ) -> tuple[Mapping, TruthErrors]:
-    """Return a floor's map and its errors; a rider drives the mapping route through the firmware meanwhile."""
+    """Return a floor's map and its errors; a rider drives a route through the firmware meanwhile.
+
+    `route` (N, 2) [m, world], by default the world's mapping route. `name` is that of the stage whose progress is told.
+    """
     bag = out / "drive.mcap"
     bag.unlink(missing_ok=True)
     live = LiveMapping(settings, CHAIR_A.base_from_laser, CHAIR_A)
     wiring = board_settings(DriveSetup(simulator.world.grid, {}, CHAIR_A, DEFAULT, chair=chair))
-    route = simulator.world.route()
+    route = simulator.world.route() if route is None else route
     with HostBoard(board_program(), wiring) as board:
         simulator.wire(board)
         try:
@@ -215,7 +220,7 @@ def _map_by_joystick(
                 body=CHAIR_A,
                 route=route,
                 bag=bag,
-                progress=lambda share: stage.progress("map", share),
+                progress=lambda share: stage.progress(name, share),
                 on_message=on_message,
             )
         finally:
@@ -293,7 +298,7 @@ def return_route(world: World) -> FloatArray:
     return np.concatenate([spots[first : first + 1] if first and reached else route[:0], route[-2::-1]])
 
 
-class _Stages:
+class Stages:
     """Measures the wall time of the stages and reports each stage's progress."""
 
     def __init__(self, progress: StageProgress) -> None:
@@ -309,6 +314,7 @@ class _Stages:
         self.progress(name, 1.0)
 
 
-def _in_map(place: Place, map_from_world: Pose2) -> Place:
+def place_in_map(place: Place, map_from_world: Pose2) -> Place:
+    """Return a place of the world in a map's frame."""
     pose = map_from_world @ place.pose
     return replace(place, pose=Pose2(round(pose.x, 3), round(pose.y, 3), round(wrap_angle(pose.theta), 4)))

@@ -25,14 +25,11 @@ from waychair.simulation.simulator import Simulator
 from waychair.slam.odometry.odometry_filter import OdometryFilter
 from waychair.types import (
     FloatArray,
-    ImuSample,
     Odometry,
     Pose2,
     Pose3,
-    RgbdFrame,
     Scan,
     SensorMessage,
-    SonarReadings,
     Trajectory,
     WheelTicks,
 )
@@ -43,7 +40,7 @@ EPOCH_NS = 1_700_000_000 * 10**9
 TRUTH = "/ground_truth/odom"
 """Topic of the true poses in the bag of a simulated drive."""
 
-_Stamped = TypeVar("_Stamped", bound=Scan | Odometry | ImuSample | WheelTicks | RgbdFrame | SonarReadings)
+_Stamped = TypeVar("_Stamped", bound=Odometry | SensorMessage)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +31,7 @@ from waychair.planning.seen.person_tracks import (
     tracks_at,
     transformed_tracks,
 )
-from waychair.types import FloatArray, Pose2
+from waychair.types import BoolArray, FloatArray, Pose2
 
 _NOWHERE = 0.3
 """m; a chair displaced by no more than this has made no progress."""
@@ -61,13 +62,15 @@ class Bystanders:
         self._body, self._space, self._margin = body, space, margin
         self._tracker = Tracker(model)
         self.tracks: tuple[Track, ...] = ()
+        self.waiting: tuple[tuple[float, float, float], ...] = ()
+        """Circles x, y, radius [m] in map in which people stand and wait: anything there that may be a person is one."""
         self._room = space.radius
         self._stands_at = Pose2()
         self._stays_near: dict[int, _Stay] = {}
 
     @property
     def positions(self) -> FloatArray:
-        """Positions (K, 2) [m] in odom of people that walk or have walked."""
+        """Positions (K, 2) [m] in odom of people: they walk, have walked, or stand where people wait."""
         return np.array([track.position for track in self.tracks]).reshape(-1, 2)
 
     def see(
@@ -94,7 +97,9 @@ class Bystanders:
             free=None if beyond is None else transform_points(odom_from_map, beyond),
         )
         tracks = self._tracker.update(seen_ns, scan.points[scan.strangers], scan)
-        self.tracks = tracks_at((track for track in tracks if track.has_walked), now_ns)
+        waits = self._where_people_wait(tracks, odom_from_map)
+        known = (replace(track, waits=bool(here)) for track, here in zip(tracks, waits, strict=True))
+        self.tracks = tracks_at((track for track in known if track.is_person), now_ns)
         self._note_stays(now_ns, odom_from_map @ pose)
         self._room = self._space.squeezed if stood_s > GIVE_WAY_S else self._space.radius
         room = personal_space_points(
@@ -139,6 +144,15 @@ class Bystanders:
         """Return whether people may be in the area that backing out would use."""
         everybody = (*self.tracks, *self._tracker.recently_lost)
         return person_may_be_behind(everybody, now_ns, odom_from_base, self._body, BACKING_LENGTH)
+
+    def _where_people_wait(self, tracks: Sequence[Track], odom_from_map: Pose2) -> BoolArray:
+        """Return (K,) whether tracks in odom are where people stand and wait."""
+        areas = np.array(self.waiting).reshape(-1, 3)
+        middles = transform_points(odom_from_map, areas[:, :2])
+        at = np.array([track.position for track in tracks]).reshape(-1, 2)
+        within = np.hypot(*(at[:, None] - middles[None]).transpose(2, 0, 1)) < areas[:, 2]
+        waits: BoolArray = within.any(axis=1)
+        return waits
 
     def _near(self, odom_from_base: Pose2) -> list[Track]:
         return [track for track in self.tracks if self._gap(track, odom_from_base) < WAITED_FOR_WITHIN]

@@ -258,6 +258,7 @@ class Navigator:
 
     def _begin(self, goal: Goal) -> None:
         assert isinstance(goal.target, Pose2)
+        self._people.waiting = goal.waiting
         self._dwa, self._now.gears = limits_to(goal, self.settings.dwa), GearChanges()
         self._planning.start(GlobalPlanner(goal.target, self.settings.planner, limits=self._dwa))
         self._stage, self._reason = Stage.DRIVING, ""

@@ -65,9 +65,9 @@ def leg_to_lift(site: LiftSite, body: ChairBody) -> Leg:
     cabin = site.cabin @ stand_in(site, body)
     return Leg(
         site.storey,
-        Goal(site.lobby, LOBBY_TOLERANCE_M, LOBBY_TOLERANCE_RAD),
+        Goal(site.lobby, LOBBY_TOLERANCE_M, LOBBY_TOLERANCE_RAD, (site.waiting,)),
         site.lift,
-        Goal(cabin, CABIN_TOLERANCE_M, CABIN_TOLERANCE_RAD),
+        Goal(cabin, CABIN_TOLERANCE_M, CABIN_TOLERANCE_RAD, (site.waiting,)),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from waychair.calibration.chair_body import ChairBody
@@ -13,6 +14,12 @@ LOBBY_AHEAD = 1.6
 LOBBY_ASIDE = 1.1
 """m; ... and so far beside its middle, so that people can leave the lift."""
 
+
+WAITING_MARGIN = 0.3
+"""m; people wait up to so far beyond cabin and lobby."""
+
+STALE_M = 0.5
+"""m; a chair that drives into a lift is so far from the pose that was kept last: 0.5 m/s, and a pose each second."""
 
 TURN_ROOM = 0.12
 """m; room round a chair that turns in a cabin."""
@@ -39,6 +46,19 @@ class LiftSite:
     def door(self) -> Pose2:
         """The middle of the doorway in map, facing out of the cabin."""
         return self.cabin @ Pose2(self.door_ahead, 0.0)
+
+    @property
+    def waiting(self) -> tuple[float, float, float]:
+        """The circle x, y, radius [m] in map in which people stand and wait: the cabin, and the ground before its door."""
+        door = self.door
+        cabin, lobby = math.hypot(self.length + 0.1, self.width / 2), math.hypot(LOBBY_AHEAD, LOBBY_ASIDE)
+        return door.x, door.y, max(cabin, lobby) + WAITING_MARGIN
+
+    def is_near(self, cabin_from_base: Pose2) -> bool:
+        """Return whether a chair may be in the cabin or its doorway, its pose being half a metre old."""
+        return (
+            abs(cabin_from_base.x) <= self.length / 2 + STALE_M and abs(cabin_from_base.y) <= self.width / 2 + STALE_M
+        )
 
     def holds(self, cabin_from_base: Pose2) -> bool:
         """Return whether a chair's axle is in the cabin."""

@@ -81,7 +81,8 @@ class Track:
 
     `seen` counts the sightings, the last at `seen_ns`; the state is of `stamp_ns`. radius [m]. `moved_ns`: when it last
     certainly moved by itself, so that it is no furniture; None for never. `mark` (2,) [m] is its position at `mark_ns`,
-    from which its displacement is measured, and `marked` the scan then, in the tracker's frame.
+    from which its displacement is measured, and `marked` the scan then, in the tracker's frame. `waits`: it stands where people
+    wait, so that it counts as a person although nobody has seen it walk.
     """
 
     number: int
@@ -96,6 +97,12 @@ class Track:
     mark: FloatArray = field(default_factory=lambda: np.zeros(2))
     mark_ns: int = 0
     marked: ScanAround | None = None
+    waits: bool = False
+
+    @property
+    def is_person(self) -> bool:
+        """Whether it counts as a person."""
+        return self.has_walked or self.waits
 
     @property
     def has_walked(self) -> bool:
@@ -202,7 +209,7 @@ class Tracker:
 def personal_space_points(
     tracks: Iterable[Track], room: float, pose: Pose2, body: ChairBody, spare: float
 ) -> FloatArray:
-    """Return (N, 2) points on circles of `room` [m] around people who move or have moved, as obstacles.
+    """Return (N, 2) points on circles of `room` [m] around people, as obstacles.
 
     Where a circle would reach a chair at `pose`, it is reduced to the distance between them less `spare` [m], so that
     the chair can leave but come no nearer.
@@ -212,7 +219,7 @@ def personal_space_points(
     circles = [np.empty((0, 2))]
     for track in tracks:
         radius = min(room, distance_to_body(track.position, pose, body) - spare)
-        if track.has_walked and radius > 0.0:
+        if track.is_person and radius > 0.0:
             circles.append(track.position + radius * circle)
     return np.concatenate(circles)
 
@@ -226,7 +233,7 @@ def distance_to_body(point: FloatArray, pose: Pose2, body: ChairBody) -> float:
 def person_may_be_behind(tracks: Iterable[Track], now_ns: int, pose: Pose2, body: ChairBody, way: float) -> bool:
     """Return whether somebody may be behind a chair at `pose` within a distance [m], moving on as fast as last seen."""
     for track in tracks:
-        if track.has_walked:
+        if track.is_person:
             unseen_s = (now_ns - track.seen_ns) * 1e-9
             reach = track.radius + min(max(track.speed, _SLOWEST) * unseen_s, _FARTHEST)
             x, y = transform_points(pose.inverse(), track.position[None])[0]

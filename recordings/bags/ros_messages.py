@@ -14,7 +14,7 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from waychair.geometry import in_space
-from waychair.types import FloatArray, ImuSample, Pose2, Pose3, RgbdFrame, Scan, Twist, WheelTicks
+from waychair.types import FloatArray, ImuSample, Pose2, Pose3, PressureSample, RgbdFrame, Scan, Twist, WheelTicks
 
 MAP_FRAME, ODOM_FRAME, BASE_FRAME = "map", "odom", "base_link"
 LASER_FRAME, IMU_FRAME = "laser", "imu_link"
@@ -98,6 +98,11 @@ def imu(sample: ImuSample) -> Any:
         linear_acceleration=vector(sample.accel),
         linear_acceleration_covariance=np.zeros(9),
     )
+
+
+def pressure(sample: PressureSample) -> Any:
+    """Return a sensor_msgs/FluidPressure with unknown variance (0)."""
+    return make("sensor_msgs/msg/FluidPressure", header(sample.stamp_ns, IMU_FRAME), sample.pascal, 0.0)
 
 
 def colour_image(frame: RgbdFrame) -> Any:

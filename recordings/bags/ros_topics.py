@@ -57,6 +57,7 @@ class RosTopic:
 
 SCAN = RosTopic("scan", "sensor_msgs/msg/LaserScan", SENSOR_DATA, LASER_FRAME, topics.SCAN)
 IMU = RosTopic("imu/data", "sensor_msgs/msg/Imu", SENSOR_DATA, IMU_FRAME, topics.IMU)
+PRESSURE = RosTopic("pressure", "sensor_msgs/msg/FluidPressure", SENSOR_DATA, IMU_FRAME, topics.PRESSURE)
 JOINTS = RosTopic("joint_states", "sensor_msgs/msg/JointState", RELIABLE, "", topics.WHEELS)
 ODOMETRY = RosTopic("odom", "nav_msgs/msg/Odometry", RELIABLE, ODOM_FRAME, topics.ODOMETRY)
 COLOUR = RosTopic("camera/color/image_raw", "sensor_msgs/msg/Image", SENSOR_DATA, OPTICAL_FRAME, topics.CAMERA)

@@ -24,7 +24,19 @@ from waychair.recordings.bags.ros_messages import (
 )
 from waychair.recordings.bags.ros_topics import RosTopic
 from waychair.recordings.bags.rosbag_output import BagOutput
-from waychair.types import ImuSample, Odometry, Pose2, Pose3, RgbdFrame, Scan, SonarReadings, Twist, WheelTicks
+from waychair.types import (
+    ImuSample,
+    Odometry,
+    Pose2,
+    Pose3,
+    PressureSample,
+    RgbdFrame,
+    Scan,
+    SensorMessage,
+    SonarReadings,
+    Twist,
+    WheelTicks,
+)
 
 _STAMP_LIMIT_NS = (1 << 31) * 1_000_000_000  # builtin_interfaces/Time counts seconds in int32
 
@@ -37,6 +49,7 @@ class RecordingWriter:
     | `Scan` | /scan |
     | `Odometry` | /odom, and odom -> base_link in /tf |
     | `ImuSample` | /imu/data |
+    | `PressureSample` | /pressure |
     | `WheelTicks` | /joint_states: wheel angles; left out unless `ticks_per_turn` is given |
     | `RgbdFrame` | /camera/color/{image_raw,camera_info}, /camera/aligned_depth_to_color/{image_raw,camera_info} |
     | `SonarReadings` | /sonar_0, /sonar_1, ... |
@@ -101,7 +114,7 @@ class RecordingWriter:
         else:
             self._output.finish()
 
-    def write(self, message: Scan | Odometry | ImuSample | WheelTicks | RgbdFrame | SonarReadings) -> None:
+    def write(self, message: SensorMessage | Odometry) -> None:
         """Append a measurement of a sensor, or an odometry reading."""
         with self._message(message.stamp_ns):
             _PUTS[type(message)](self, message)
@@ -137,6 +150,9 @@ class RecordingWriter:
     def _put_imu(self, sample: ImuSample) -> None:
         self._put(ros_topics.IMU, ros_messages.imu(sample))
 
+    def _put_pressure(self, sample: PressureSample) -> None:
+        self._put(ros_topics.PRESSURE, ros_messages.pressure(sample))
+
     def _put_ticks(self, ticks: WheelTicks) -> None:
         if self._ticks_per_turn is not None:
             self._put(ros_topics.JOINTS, ros_messages.joint_states(ticks, self._ticks_per_turn))
@@ -161,6 +177,7 @@ _PUTS: Mapping[type, Callable[[RecordingWriter, Any], None]] = {
     Odometry: RecordingWriter._put_odometry,
     ImuSample: RecordingWriter._put_imu,
     WheelTicks: RecordingWriter._put_ticks,
+    PressureSample: RecordingWriter._put_pressure,
     RgbdFrame: RecordingWriter._put_frame,
     SonarReadings: RecordingWriter._put_sonars,
 }

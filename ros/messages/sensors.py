@@ -16,7 +16,7 @@ from waychair.recordings.bags.ros_decoding import imu_from_message, scan_from_me
 from waychair.recordings.bags.ros_messages import IMU_FRAME, LASER_FRAME, UNREPORTED, WHEEL_JOINTS, header, make
 from waychair.recordings.bags.ros_transforms import frame_name
 from waychair.ros.messages.wire import require_finite, stamp_of
-from waychair.types import ChairStatus, ImuSample, JoystickInput, Scan, SonarReadings, WheelTicks
+from waychair.types import ChairStatus, ImuSample, JoystickInput, PressureSample, Scan, SonarReadings, WheelTicks
 
 _COUNTS = 2**32
 _UNKNOWN, _CHARGING, _DISCHARGING, _NOT_CHARGING, _FULL = range(5)  # BatteryState.power_supply_status
@@ -42,6 +42,17 @@ def read_scan(message: Any, frame: str = LASER_FRAME) -> Scan:
             f"a scan has {len(scan.ranges)} ranges, but {beams:.0f} beams by its angles: check the lidar's driver"
         )
     return scan
+
+
+def read_pressure(message: Any) -> PressureSample:
+    """Return the sample of a sensor_msgs/FluidPressure.
+
+    Raises:
+        MessageError: the pressure is not finite.
+    """
+    stamp_ns = stamp_of(message)
+    require_finite("a pressure", message.fluid_pressure)
+    return PressureSample(stamp_ns, float(message.fluid_pressure))
 
 
 def read_imu(message: Any, frame: str = IMU_FRAME) -> ImuSample:

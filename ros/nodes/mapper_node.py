@@ -106,7 +106,8 @@ class MapperNode(ChairNode[MapperNodeSettings]):
         self._builder: MapBuilder | None = None
         if s.map_folder:
             folder, certain = self._floor.first(Path(s.map_folder))
-            self._localise_on(folder, self._first_pose(folder), certain=certain)
+            pose = self._first_pose(folder)
+            self._localise_on(folder, pose, certain=certain and not self._floor.in_a_lift(folder, pose))
         else:
             self._builder = self._begin_map()
         odometry, scan = topics.ODOMETRY, topics.SCAN

@@ -3,14 +3,15 @@
 | takes | |
 |---|---|
 | drive_state, drive_request, localisation, odom, scan, plan, people, map, places | for display |
+| floor, journey | the storey, its goals in the building, and how a journey fares |
 | camera/... | only while a page shows its pictures |
 
 | sends | |
 |---|---|
 | page_joystick, page_watch | a page's joystick while it is held; a heartbeat while a page with a Stop button is open |
-| stop, initialpose, layout_changed | requests of a page |
+| stop, initialpose, layout_changed, storey_goal | requests of a page |
 
-It calls `confirm`, `pause`, `go_on`, `cancel`, `stop`, `reset_faults`, `reinitialize_global_localization`, and navigate_to_pose.
+It calls `confirm`, `say_storey`, `pause`, `go_on`, `cancel`, `stop`, `reset_faults`, `reinitialize_global_localization`, and navigate_to_pose.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ from waychair.ros.nodes.parts.known_chair import known_chair
 from waychair.ros.nodes.parts.page_port import PagePort
 from waychair.runtime.chair_port import ChairPort
 
-_CAMERA_CHECK_HZ = 5.0
+_UPDATE_HZ = 5.0
 
 
 class PageNode(ChairNode[PageNodeSettings]):
@@ -38,7 +39,7 @@ class PageNode(ChairNode[PageNodeSettings]):
         s = self.settings
         folder = Path(s.map_folder) if s.map_folder else None
         self._port = port = PagePort(self, known_chair(s.calibration, s.chair), folder, s.scan_frame)
-        self.every(_CAMERA_CHECK_HZ, port.update_camera)
+        self.every(_UPDATE_HZ, port.update)
         server = serve(port, s)
         address = server.__enter__()
         self.at_end(lambda: server.__exit__(None, None, None))

@@ -5,6 +5,7 @@
 | scan, imu/data, sonar_0..7 | at the rates of `waychair.topics` |
 | camera/... | pictures and depth, where this computer can render |
 | servo_camera/... | pictures of the camera on servos, and its angles, with `sensors.servo_camera.rate_hz` above 0 |
+| pressure | a barometer's, with `sensors.barometer_hz` above 0 |
 | joint_states | angles of the drive wheels, from their encoders |
 | odom, /tf, /tf_static | unless `publish_base` is off: dead reckoning, and the mounts of the chair's file |
 | lift_states | the lifts of a world of several levels, which move; `lift_requests` call them |
@@ -63,6 +64,7 @@ from waychair.types import (
     PanTiltAngles,
     Picture,
     Pose2,
+    PressureSample,
     RgbdFrame,
     Scan,
     SonarReadings,
@@ -241,6 +243,9 @@ class SimulatorNode(ChairNode[SimulatorNodeSettings]):
         self._odometry.update_imu(sample)
         self._send(topics.IMU, ros_messages.imu(sample))
 
+    def _send_pressure(self, sample: PressureSample) -> None:
+        self._send(topics.PRESSURE, ros_messages.pressure(sample))
+
     def _send_wheels(self, ticks: WheelTicks) -> None:
         assert self._simulator is not None
         self._send(topics.JOINTS, ros_messages.joint_states(ticks, self._simulator.body.ticks_per_turn))
@@ -299,6 +304,7 @@ _SENDS: Mapping[type, Callable[[SimulatorNode, Any], None]] = {
     Scan: SimulatorNode._send_scan,
     ImuSample: SimulatorNode._send_imu,
     WheelTicks: SimulatorNode._send_wheels,
+    PressureSample: SimulatorNode._send_pressure,
     SonarReadings: SimulatorNode._send_sonars,
     RgbdFrame: SimulatorNode._send_frame,
 }

@@ -32,6 +32,7 @@ from waychair.types import (
     ImuSample,
     Json,
     Pose2,
+    PressureSample,
     RgbdFrame,
     Scan,
     SentCommand,
@@ -182,7 +183,7 @@ _KINDS: dict[bytes, type[Any]] = {
     b"C": CellTrace,
 }
 _LETTERS = {kind: letter for letter, kind in _KINDS.items()}
-_HEARD = (WheelTicks, Scan, ImuSample, SonarReadings, ChairStatus, StoredPicture)
+_HEARD = (WheelTicks, Scan, ImuSample, SonarReadings, PressureSample, ChairStatus, StoredPicture)
 
 
 def encoded(record: Record) -> bytes:

@@ -12,7 +12,7 @@ from waychair.recordings.bags.rosbag_writer import RecordingWriter
 from waychair.runtime.black_box.box_file import Log
 from waychair.runtime.black_box.why_evidence import LogCursor
 from waychair.slam.odometry.odometry_filter import OdometryFilter
-from waychair.types import ChairStatus, ImuSample, Odometry, Pose3, RgbdFrame, Scan, SonarReadings, WheelTicks
+from waychair.types import ChairStatus, ImuSample, Odometry, Pose3, SensorMessage, WheelTicks
 
 
 def write_bag(path: Path, log: Log, mounts: Callable[[ChairBody], Mapping[str, Pose3]]) -> None:
@@ -40,7 +40,5 @@ def write_bag(path: Path, log: Log, mounts: Callable[[ChairBody], Mapping[str, P
                 odometry.update_imu(message)
 
 
-def _later(
-    message: Scan | WheelTicks | ImuSample | SonarReadings | RgbdFrame | Odometry, by_ns: int
-) -> Scan | WheelTicks | ImuSample | SonarReadings | RgbdFrame | Odometry:
+def _later(message: SensorMessage | Odometry, by_ns: int) -> SensorMessage | Odometry:
     return replace(message, stamp_ns=message.stamp_ns + by_ns)

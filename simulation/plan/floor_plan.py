@@ -201,11 +201,15 @@ class PlanPerson(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class PlanLift(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A lift's cabin: pose of its `middle` (x, y, yaw) facing its door, `size` along that direction and across."""
+    """A lift's cabin: pose of its `middle` (x, y, yaw) facing its door, `size` along that direction and across.
+
+    `gap` [m] is the width of the slit between the car's floor and the sill of the doorway (EN 81-20: at most 35 mm).
+    """
 
     name: str
     middle: Planar
     size: tuple[Length, Length]
+    gap: Annotated[float, Meta(ge=0.0, le=0.05)] = 0.0
 
 
 class FloorPlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -50,6 +50,9 @@ SHAFT = 2.3
 LIFTS = (("A", HALL[0], 10.15, 0.0), ("B", HALL[0], 15.85, 0.0), ("C", HALL[1], 13.0, math.pi))
 """Lifts: name, x of the wall with the door, y of its middle, heading out of the cabin."""
 
+GAPS = {"A": 0.03, "B": 0.02, "C": 0.01}
+"""m; slits between the cars and the sills."""
+
 STOREYS = 4
 
 
@@ -75,7 +78,7 @@ def _storey(number: int, alike: int, storeys: int, seed: int) -> FloorPlan:
             continue
         inner = SHAFT - 0.1
         out = math.cos(theta)
-        lifts.append(PlanLift(name=name, middle=(x - out * SHAFT / 2, y, theta), size=(inner, inner)))
+        lifts.append(PlanLift(name=name, middle=(x - out * SHAFT / 2, y, theta), size=(inner, inner), gap=GAPS[name]))
         places[f"lift {name}"] = (x + out * 2.0, y, math.pi if theta == 0.0 else 0.0)
     boxes += _hall_furniture(rng, alike)
     return FloorPlan(

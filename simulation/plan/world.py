@@ -94,6 +94,11 @@ class World:
     people: tuple[PersonPlan, ...] = ()
     lifts: tuple[Lift, ...] = ()
 
+    @property
+    def gaps(self) -> tuple[Pit, ...]:
+        """The slits at the sills of lifts, which wheels cross: seen and felt, but no obstacles."""
+        return tuple(lift.sill for lift in self.lifts if lift.gap > 0.0)
+
     def route(self, name: str = MAPPING_ROUTE) -> FloatArray:
         """Return the waypoints (N, 2) [m] of a route.
 
@@ -183,6 +188,7 @@ def load_world(name_or_path: str | Path, level: str | None = None) -> World:
             Pose2(*lift.middle),
             *lift.size,
             tuple(name for name, each in levels.items() if lift.name in (other.name for other in each.plan.lifts)),
+            lift.gap,
         )
         for lift in chosen.plan.lifts
     )

@@ -131,15 +131,28 @@ class Finish:
     ambient: float = 0.35
 
 
+SILL_AHEAD, SHAFT_DEPTH = 0.05, 1.0
+"""m; a car ends half a usual wall before the middle of its doorway, and its slit shows so much of the shaft."""
+
+
 @dataclass(frozen=True, slots=True)
 class Lift:
-    """A lift's cabin that stops at several levels; `middle` is its pose in each level's map, facing its door."""
+    """A lift's cabin that stops at several levels; `middle` is its pose in each level's map, facing its door.
+
+    `gap` [m] is the width of the slit between the car's floor and the sill of its doorway.
+    """
 
     name: str
     middle: Pose2
     length: float
     width: float
     levels: tuple[str, ...]
+    gap: float = 0.0
+
+    @property
+    def sill(self) -> Pit:
+        """The slit, in the middle of the wall before the car."""
+        return Pit(self.middle @ Pose2(self.length / 2 + SILL_AHEAD, 0.0), self.gap, self.width, SHAFT_DEPTH)
 
     def holds(self, map_from_base: Pose2) -> bool:
         """Return whether a chair's axle is in the cabin."""

@@ -73,7 +73,7 @@ def surfaces_from_world(world: World, looks: Sequence[str]) -> Surfaces:
         faces += _block_faces(block, world.finish.height)
     for slope in world.slopes:
         faces += _slope_faces(slope)
-    for pit in world.pits:
+    for pit in (*world.pits, *world.gaps):
         faces += _pit_faces(pit, world.finish.floor)
     faces += [_poster_face(poster) for poster in world.posters]
     for lamp in world.lamps:
@@ -203,7 +203,7 @@ def _floor_and_ceiling(world: World) -> Iterator[Face]:
     floor_axes, ceiling_axes = np.eye(3)[:2], np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
     for i, j in product(range(len(columns) - 1), range(len(rows) - 1)):
         tile = np.array([columns[i], rows[j]]) + _box(columns[i + 1] - columns[i], rows[j + 1] - rows[j])
-        for outline in _without_pits(tile, world.pits):
+        for outline in _without_pits(tile, (*world.pits, *world.gaps)):
             yield Face(np.zeros(3), floor_axes, outline, finish.floor, _mixed(seed, 0))
         mirrored = tile[::-1] * [1.0, -1.0]
         yield Face(np.array([0.0, 0.0, finish.height]), ceiling_axes, mirrored, finish.ceiling, _mixed(seed, 1))

@@ -16,6 +16,7 @@ from waychair.types import (
     OccupancyGrid,
     Odometry,
     Path,
+    PressureSample,
     RgbdFrame,
     Scan,
     SonarReadings,
@@ -51,6 +52,7 @@ WHEELS = Topic("wheel_ticks", WheelTicks, 50.0, patience=5.0)
 IMU = Topic("imu/data", ImuSample, 200.0, patience=60.0)  # 0.3 s, like the camera (F13)
 CAMERA = Topic("camera", RgbdFrame, 15.0, patience=4.5)
 SONAR = Topic("sonar", SonarReadings, 20.0)
+PRESSURE = Topic("pressure", PressureSample, 10.0)
 JOYSTICK = Topic("joystick", JoystickInput, 50.0, patience=5.0)
 ODOMETRY = Topic("odom", Odometry, 50.0, patience=5.0)
 MAP = Topic("map", OccupancyGrid, 0.0)

@@ -171,6 +171,14 @@ class SonarReadings:
 
 
 @dataclass(frozen=True, slots=True)
+class PressureSample:
+    """A barometer's reading: the pressure of the air [Pa]."""
+
+    stamp_ns: int
+    pascal: float
+
+
+@dataclass(frozen=True, slots=True)
 class PanTiltCommand:
     """An order to the servo camera: pan to the left in [0, 2 pi) and tilt up [rad] from base's x axis, and the laser."""
 
@@ -200,7 +208,7 @@ class Picture:
     laser: bool = False
 
 
-SensorMessage: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | SonarReadings
+SensorMessage: TypeAlias = WheelTicks | Scan | ImuSample | RgbdFrame | SonarReadings | PressureSample
 """A message of a chair's sensors."""
 
 ServoMessage: TypeAlias = PanTiltAngles | Picture
@@ -326,11 +334,15 @@ class Path:
 
 @dataclass(frozen=True, slots=True)
 class Goal:
-    """A goal: a pose in map or the name of a place, and the tolerances [m], [rad]."""
+    """A goal: a pose in map or the name of a place, and the tolerances [m], [rad].
+
+    `waiting`: circles x, y, radius [m] in map in which people stand and wait, such as a lift and the ground before it.
+    """
 
     target: Pose2 | str
     tolerance_m: float = 0.15
     tolerance_rad: float = math.radians(5.0)
+    waiting: tuple[tuple[float, float, float], ...] = ()
 
 
 Json: TypeAlias = dict[str, Any]

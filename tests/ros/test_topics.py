@@ -40,7 +40,8 @@ def test_late_subscribers_get_maps_poses_and_mounts_but_no_old_readings() -> Non
         "map", "amcl_pose", "robot_description", "/tf_static", "global_costmap/costmap", "local_costmap/costmap"
     }  # fmt: skip
     assert {topic.type for topic in TABLE if topic.qos == SENSOR_DATA} == {
-        f"sensor_msgs/msg/{name}" for name in ("LaserScan", "Imu", "Image", "CameraInfo", "Range", "Joy")
+        f"sensor_msgs/msg/{name}"
+        for name in ("LaserScan", "Imu", "FluidPressure", "Image", "CameraInfo", "Range", "Joy")
     }
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -29,8 +30,8 @@ from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.topics import IMU
-from waychair.trials.demo import randomised_settings
-from waychair.trials.drive import READY_S, TICK_NS, DriveSetup, advance_tick, simulated_chair
+from waychair.trials.demo import DemoWatcher, randomised_settings
+from waychair.trials.drive import READY_S, TICK_NS, DriveSetup, advance_tick, black_box, simulated_chair
 from waychair.types import FloatArray, Goal, Place, Pose2
 
 QUIET_NS = 2_000_000_000
@@ -199,28 +200,27 @@ def travel(
     settings: ChairSettings | None = None,
     on_tick: Callable[[TravelState, Simulator], None] = lambda state, simulator: None,
     time_limit_s: float = TIME_LIMIT_S,
+    frames: Mapping[str, Pose2] = MappingProxyType({}),
+    watcher: DemoWatcher | None = None,
+    box: Path | None = None,
 ) -> JourneyRecord:
     """Travel along legs with the shipped firmware; `names` are level and place of both ends, `end` is the last place.
 
+    `frames`: the pose of the world in each storey's map, where they differ. `watcher` sees each tick, and each change of map.
+    `box`: folder of a black box.
+
     Raises:
+        BoxError: the black box cannot be written, or another program writes it.
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
     (start, _), (goal, _) = names
     body, lifts = simulator.body, simulator.lifts
     assert lifts is not None
-    here = next(each for each in storeys if each.storey == start)
-    setup = DriveSetup(
-        grid=here.grid,
-        places=here.places,
-        body=body,
-        calibration=DEFAULT,
-        chair=settings or ChairSettings(),
-        zones=here.zones,
-        scanned=here.scanned,
-    )
-    with simulated_chair(setup, simulator) as chair:
+    setups = {each.storey: _setup(each, body, settings, frames.get(each.storey, Pose2())) for each in storeys}
+    watcher = watcher or DemoWatcher()
+    with black_box(setups[start], box) as log, simulated_chair(setups[start], simulator, log) as chair:
         traveller = Traveller(chair, body, storeys, sites, ToldRider(lifts), start)
-        watch = _Watch(simulator, lifts, sites)
+        watch = _Watch(simulator, lifts, [_in_world(site, frames) for site in sites])
         until_ns = simulator.now_ns + round(READY_S * 1e9)
         while simulator.now_ns < until_ns and not chair.ready:
             messages = advance_tick(simulator, chair)
@@ -229,14 +229,21 @@ def travel(
         traveller.go(legs, began_ns)
         for storey in {leg.storey for leg in legs} - {start}:
             traveller.prepare(storey)
+        watcher.drive_began(setups[start], chair)
         while simulator.now_ns - began_ns < time_limit_s * 1e9:
-            messages = advance_tick(simulator, chair)
+            messages, before = advance_tick(simulator, chair), traveller.storey
             state = traveller.step(simulator.now_ns, messages)
             watch.tick(state)
             on_tick(state, simulator)
+            if state.storey != before:
+                watcher.drive_began(setups[state.storey], chair)
+            watcher.tick_ended(messages, state.chair)
             if state.journey is None or state.journey.ended or state.journey.phase is Phase.HELD:
                 break
-    truth, phase = simulator.truth(), None if state.journey is None else state.journey.phase
+    truth, phase = (
+        setups[goal].map_from_world @ simulator.truth(),
+        None if state.journey is None else state.journey.phase,
+    )
     error = math.hypot(truth.x - end.pose.x, truth.y - end.pose.y)
     there = simulator.world.level == goal and error <= end.tolerance_m
     return JourneyRecord(
@@ -256,6 +263,25 @@ def travel(
         error_m=error,
         phases=dict(watch.phases),
     )
+
+
+def _setup(storey: StoreyMap, body: ChairBody, settings: ChairSettings | None, map_from_world: Pose2) -> DriveSetup:
+    return DriveSetup(
+        grid=storey.grid,
+        places=storey.places,
+        body=body,
+        calibration=DEFAULT,
+        map_from_world=map_from_world,
+        chair=settings or ChairSettings(),
+        zones=storey.zones,
+        scanned=storey.scanned,
+    )
+
+
+def _in_world(site: LiftSite, frames: Mapping[str, Pose2]) -> LiftSite:
+    """Return a site in the world's frame instead of its storey's map."""
+    world_from_map = frames.get(site.storey, Pose2()).inverse()
+    return replace(site, cabin=world_from_map @ site.cabin, lobby=world_from_map @ site.lobby)
 
 
 class _Watch:

@@ -37,7 +37,7 @@ def building_of_world(
     building = new_building(folder, levels[0].name.partition("/")[0] or "building")
     for world in levels:
         progress(world.level)
-        building = add_storey(building, Storey(world.level, _title(world.level), lifts.heights[world.level]))
+        building = add_storey(building, Storey(world.level, storey_title(world.level), lifts.heights[world.level]))
         plan = folder / "plans" / world.level
         plan.mkdir(parents=True)
         save_map(plan, world.grid)
@@ -57,11 +57,7 @@ def building_of_world(
 def _with_lift(hgraph: HGraph, lift: CallableLift, lifts: Lifts) -> HGraph:
     """Return the graph with a lift, its stops at the places in front of its doors."""
     for stop in lift.stops:
-        names = {place.name for place in lifts.levels[stop].places}
-        place = next((name for name in (f"lift {lift.name}", lift.name) if name in names), None)
-        if place is None:
-            raise WorldError(f"level '{stop}' has no place in front of lift '{lift.name}': name one 'lift {lift.name}'")
-        hgraph = with_lift_stop(hgraph, stop, lift.name, place)
+        hgraph = with_lift_stop(hgraph, stop, lift.name, lift_place(lifts.levels[stop], lift.name))
     known, cabin = hgraph.lifts[lift.name], lift.cabins[lift.stops[0]]
     stops = tuple(replace(each, cabin=lift.cabins[each.storey].middle) for each in known.stops)
     widths = [door.width for door in lift.doors.values()]
@@ -71,6 +67,19 @@ def _with_lift(hgraph: HGraph, lift: CallableLift, lifts: Lifts) -> HGraph:
     return with_lift(hgraph, sized)
 
 
-def _title(level: str) -> str:
+def lift_place(world: World, lift: str) -> str:
+    """Return the name of the place in front of a lift's door, which is named as the lift or `lift NAME`.
+
+    Raises:
+        WorldError: there is none.
+    """
+    names = {place.name for place in world.places}
+    found = next((name for name in (f"lift {lift}", lift) if name in names), None)
+    if found is None:
+        raise WorldError(f"level '{world.level}' has no place in front of lift '{lift}': name one 'lift {lift}'")
+    return found
+
+
+def storey_title(level: str) -> str:
     """Return a storey's name for people."""
     return f"Floor {level}" if level.isdigit() else level.capitalize()

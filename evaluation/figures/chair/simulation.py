@@ -28,7 +28,7 @@ from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all
 from waychair.trials.demo import run_demo
 from waychair.trials.demo_report import report
 from waychair.trials.record import drive_route
-from waychair.types import ImuSample, Json, Pose2, RgbdFrame, Scan, SensorMessage, SonarReadings, Twist
+from waychair.types import ImuSample, Json, Pose2, PressureSample, RgbdFrame, Scan, SensorMessage, SonarReadings, Twist
 
 FLOOR = "second_floor"
 SEEDS = 20
@@ -91,6 +91,8 @@ def _bytes(message: SensorMessage) -> Iterator[bytes]:
         yield message.accel.tobytes() + message.gyro.tobytes()
     elif isinstance(message, RgbdFrame):
         yield message.image.tobytes() + message.depth.tobytes()
+    elif isinstance(message, PressureSample):
+        yield f"{message.pascal!r}".encode()
     else:
         yield f"{message.left} {message.right}".encode()
 

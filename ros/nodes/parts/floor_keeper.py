@@ -9,18 +9,21 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from waychair.control.journey.building_legs import sites_of_building
 from waychair.errors import OutputError, WaychairError
 from waychair.files import write_json
 from waychair.planning.building.learnt_drives import building_of_map
 from waychair.ros import topics
 from waychair.ros.messages.floor import NO_REVISION, Floor, floor
 from waychair.ros.nodes.node import ChairNode
+from waychair.types import Pose2
 
 
 class FloorKeeper:
     """Sends the topic `floor`, and keeps it in a file beside the chair's pose.
 
-    A mapper that is killed in a lift, or after it, begins again with that map, and stays as uncertain as it was.
+    A mapper that is killed in a lift, or after it, begins again with that map, and stays as uncertain as it was. In a lift's
+    cabin it is uncertain in any case.
     """
 
     def __init__(self, node: ChairNode[Any], pose_file: str) -> None:
@@ -53,6 +56,20 @@ class FloorKeeper:
                 "tell it by `waychair storey NAME`"
             )
         return folder, certain
+
+    def in_a_lift(self, folder: Path, pose: Pose2 | None) -> bool:
+        """Return whether a kept pose on a map is in a lift, or in its doorway: the car may have gone elsewhere since.
+
+        The phase of a journey is not asked: a chair that was killed while it drove in or out is in the car as well.
+        """
+        try:
+            found = None if pose is None else building_of_map(folder)
+            sites = () if found is None else sites_of_building(found[0].hgraph)
+        except WaychairError:
+            return False  # `_floor_of` says so
+        if found is None or pose is None:
+            return False
+        return any(site.storey == found[1] and site.is_near(site.cabin.inverse() @ pose) for site in sites)
 
     def take(self, folder: Path, *, certain: bool) -> Floor:
         """Note that this map is in use from now on, and tell all nodes."""

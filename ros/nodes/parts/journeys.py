@@ -3,9 +3,10 @@
 | takes | |
 |---|---|
 | the action travel, the topic storey_goal | the goal; the rider's `confirm` of the first drive begins the journey |
-| imu/data | the rides |
+| imu/data, pressure | the rides |
 | lift_states | the word of the lifts' adapters |
 | the service say_storey | the rider's word for the storey |
+| beacon | the id of a beacon that the chair has met, which tells the storey |
 
 | sends | |
 |---|---|
@@ -29,10 +30,11 @@ from rclpy.task import Future
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.journey.journey import Phase
 from waychair.errors import BuildingError, WaychairError
+from waychair.planning.building.beacon_places import storey_of_beacon
 from waychair.ros import topics
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.floor import JourneyReport, StoreyGoal, journey_state, read_storey_goal
-from waychair.ros.messages.sensors import read_imu
+from waychair.ros.messages.sensors import read_imu, read_pressure
 from waychair.ros.messages.wire import native, plain
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.journey_plan import JourneyPlan, known_building, planned, storey_named
@@ -81,6 +83,10 @@ class Journeys:
         node.at_end(self._worker.close)
         node.listen(topics.STOREY_GOAL, read_storey_goal, self._take_goal, needed=False)
         node.listen(topics.IMU, read_imu, self._hear_imu, needed=False)
+        self._beacon = "", "", ""
+        """The beacon met last, the map folder then, and the beacon's storey."""
+        node.listen(topics.BEACON, lambda message: str(message.data), self._meet_beacon, needed=False)
+        node.listen(topics.PRESSURE, read_pressure, self.hear, needed=False)
         node.listen(topics.PAGE_WATCH, lambda message: message, lambda message: self._saw_page(), needed=False)
         node.create_service(interface_type("waychair_msgs/srv/SayStorey"), "say_storey", self._answer_storey)
 
@@ -251,6 +257,36 @@ class Journeys:
 
     def _hear_imu(self, sample: Any) -> None:
         self.hear(sample)
+
+    def _meet_beacon(self, beacon: str) -> None:
+        """Take the storey of a beacon: as evidence in a lift, else as the chair's storey; a drive on another map ends."""
+        now = self._driver.now()
+        if now.floor is None:
+            return
+        try:
+            if self._beacon[:2] != (beacon, now.floor.map_folder):
+                building, _ = known_building(Path(now.floor.map_folder))
+                self._beacon = beacon, now.floor.map_folder, storey_of_beacon(building.hgraph, beacon)
+            storey = self._beacon[2]
+            if self._now is not None and self._now.traveller.aboard:
+                self._now.traveller.met_beacon(storey)
+            elif storey != now.floor.storey and (
+                self._now is not None or (now.state is not None and now.state.driving)
+            ):
+                self.cancel()
+                self._driver.cancel_leg()
+                self._doubt(f"beacon '{beacon}' is on storey '{storey}', and the chair drove on the map of another")
+            elif storey != now.floor.storey or not now.floor.certain:
+                self._node.get_logger().info(self._say_storey(storey))
+        except WaychairError as error:
+            self._node.get_logger().warning(str(error), throttle_duration_sec=60.0)
+
+    def _doubt(self, why: str) -> None:
+        """Let no drive begin until somebody, or a beacon at rest, has said the storey."""
+        self._node.get_logger().error(why)
+        chair = RemoteChair(self._node, self._driver, {})
+        chair.doubt_storey(certain=False)
+        self._node.executor.create_task(chair.close)
 
     def _saw_page(self) -> None:
         if self._now is not None:

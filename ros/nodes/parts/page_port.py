@@ -45,6 +45,7 @@ from waychair.ros.messages.wire import native
 from waychair.ros.nodes.inputs import DECODING_ERRORS
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.heard_cells import HeardCells
+from waychair.ros.nodes.parts.page_building import PageBuilding
 from waychair.ros.nodes.parts.page_figures import figures
 from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import DriveFacts, next_action, obstacle_of, shown_points
@@ -121,7 +122,7 @@ class _Publishers:
     pose: Callable[[Any], None]
 
 
-class PagePort(DrawingPort, HeardCells):
+class PagePort(PageBuilding, DrawingPort, HeardCells):
     """A `ChairPort` over the messages and services that a node of this process uses."""
 
     def __init__(
@@ -167,6 +168,7 @@ class PagePort(DrawingPort, HeardCells):
         listen(topics.PLACES, read_places, self._take_places, needed=False)
         listen(topics.FLOOR, read_floor, self._take_floor, needed=False)
         self._listen_to_cells(self._node, self._calibration.body)
+        self._listen_to_building(self._node, self._calibration.body)
 
     @property
     def outline(self) -> FloatArray:
@@ -175,6 +177,10 @@ class PagePort(DrawingPort, HeardCells):
 
     def view(self) -> ChairView:
         """See `ChairPort`."""
+        return self._with_journey(self._drive_view())
+
+    def _drive_view(self) -> ChairView:
+        """Return the view of a chair that knows one storey only."""
         got = self._received
         now_ns, state, located = time.monotonic_ns(), got.state, got.located
         found = None if located is None else located[1]
@@ -199,10 +205,8 @@ class PagePort(DrawingPort, HeardCells):
         )
         if silent or state is None:
             return replace(shown, free_since_ns=shown.free_since_ns or self._received.state_ns or now_ns)
-        has_goal, request = (
-            self._story.had_goal,
-            self._received.request,
-        )  # as of that state, so that goal and end change together
+        # as of that state, so that goal and end change together
+        has_goal, request = self._story.had_goal, self._received.request
         goal, path = (self._story.label, self._received.path) if has_goal else ("", _NO_POINTS)
         obstacles = tuple(obstacle_of(stop_id, text) for stop_id, text in state.halts)
         countdown_s, waits = state.countdown_s or None, has_goal and state.waits
@@ -249,8 +253,9 @@ class PagePort(DrawingPort, HeardCells):
                 "camera", DiagnosticLevel.WARN if self._pictures.problem else DiagnosticLevel.OK, self._pictures.problem
             )
 
-    def update_camera(self) -> None:
-        """Begin or end the camera subscription; to be called periodically in the executor's thread."""
+    def update(self) -> None:
+        """Begin or end the camera subscription, and time the goals; to be called periodically in the executor's thread."""
+        self._time_goals(self.view().map_from_base)
         looks = time.monotonic_ns() - self._pictures.requested_ns < _PICTURE_REQUEST_NS
         if looks and self._pictures.subscription is None:
             kind = interface_type(topics.COLOUR.type)
@@ -264,6 +269,8 @@ class PagePort(DrawingPort, HeardCells):
 
     def go(self, goal: str | Pose2) -> Answer:
         """See `ChairPort`."""
+        if isinstance(goal, str) and goal not in self._received.places and self._is_goal(goal):
+            return self._travel(goal)
         try:
             pose = find(self._received.places, goal).pose if isinstance(goal, str) else goal
         except WaychairError as error:
@@ -291,8 +298,8 @@ class PagePort(DrawingPort, HeardCells):
         state = self._received.state
         if state is None or not (self._has_goal(state) and state.waits):
             return Answer(False, "there is nothing to say yes to: choose a place first")
-        if goal and goal != self._story.label:
-            return Answer(False, f"the goal was changed to {self._story.label} meanwhile: check it, then press Drive")
+        if goal and goal != (shown := self.view().goal):
+            return Answer(False, f"the goal was changed to {shown} meanwhile: check it, then press Drive")
         kind = interface_type("waychair_msgs/srv/Confirm")
         return self._call(self._confirm, kind.Request(goal_id=state.goal_id, on_page=True))
 
@@ -408,11 +415,8 @@ class PagePort(DrawingPort, HeardCells):
             self._story.last_stop = sentence(state.reason)
         elif "pushed" in halts and not self._story.was_pushed:
             self._story.last_stop = sentence(halts["pushed"])
-        self._story.had_goal, self._story.was_pushed, self._story.was_steered = (
-            has_goal,
-            "pushed" in halts,
-            state.steered,
-        )
+        story = self._story
+        story.had_goal, story.was_pushed, story.was_steered = has_goal, "pushed" in halts, state.steered
 
     def _is_stop(self, state: DriveReport) -> bool:
         """Return whether somebody pressed Stop between the last state and this one."""
@@ -451,7 +455,8 @@ class PagePort(DrawingPort, HeardCells):
         self._received.people = people
 
     def _take_floor(self, told: Floor) -> None:
-        """Draw on the map in use from now on."""
+        """Draw on the map in use from now on, and travel from there."""
+        self._enter_storey(told)
         if not told.map_folder or Path(told.map_folder) == self._map_folder:
             return
         with self._drawing:

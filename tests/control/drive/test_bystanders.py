@@ -12,6 +12,7 @@ from tests.people import body, half_view, past
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.drive.bystanders import Bystanders
 from waychair.control.drive.local_obstacles import Surroundings, SurroundingsSettings
+from waychair.control.journey.lift_site import LiftSite
 from waychair.planning.body.personal_space import GIVE_WAY_S, LINGERS_AFTER_S, SETTLED_AFTER_S, PersonalSpaceSettings
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.seen.person_sightings import PEOPLE
@@ -176,3 +177,30 @@ def test_a_chair_that_has_waited_for_people_keeps_less_distance_beside_them() ->
     now_ns, stood_s = watch.scans * SCAN_NS, GIVE_WAY_S + 0.1
     watch.people.see(now_ns, HERE, points, Pose2(), watch.surroundings, stood_s, now_ns)
     assert watch.people.expected_people(Pose2()).radius == pytest.approx(CHAIR_A.width / 2 + SPACE.squeezed)
+
+
+def test_somebody_never_seen_to_walk_gets_a_persons_room_where_people_wait() -> None:
+    def stands(_: float) -> tuple[float, float]:
+        return 5.0, 4.0
+
+    def room(*waiting: tuple[float, float, float]) -> FloatArray:
+        watch = Watch()
+        watch.people.waiting = waiting
+        watch.see(stands, 1.0)
+        points = watch.surroundings.unscanned()
+        return np.hypot(*(points - (5.0, 4.0)).T)
+
+    assert len(room()) == 0
+    assert len(room((8.0, 4.0, 2.5))) == 0
+    around = room((6.5, 4.0, 2.0))
+    assert len(around) > 0
+    assert around.min() == pytest.approx(SPACE.radius, abs=0.06)
+
+
+def test_a_lifts_waiting_area_holds_its_cabin_and_the_ground_before_its_door() -> None:
+    site = LiftSite("A", "g", Pose2(10.0, 5.0, math.pi), 2.2, 2.0, 1.2, 1.1, Pose2())
+    x, y, radius = site.waiting
+    for ahead, aside in ((-1.1, 1.0), (-1.1, -1.0), (2.4, 1.1), (2.4, -1.1), (2.8, 0.0)):
+        spot = site.cabin @ Pose2(ahead, aside)
+        assert math.hypot(spot.x - x, spot.y - y) < radius
+    assert radius < 3.0

@@ -10,11 +10,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from tests.maps.building.buildings import two_storeys
+from tests.maps.building.test_lift_cabins import with_cabins
+from waychair.maps.building.building import Building, save_with_map
 from waychair.maps.drawn.places import save_places
 from waychair.maps.folders.map_files import save_map
 from waychair.ros import topics
 from waychair.ros.messages.chair import read_drive_request, read_drive_state, read_places
 from waychair.ros.messages.floor import Floor, floor, read_floor
+from waychair.runtime.last_pose import remember_pose
 from waychair.types import OccupancyGrid, Place, Pose2
 
 if TYPE_CHECKING:
@@ -94,6 +98,28 @@ def test_a_mapper_that_was_killed_in_a_lift_stays_uncertain_and_keeps_its_storey
     with ros.serving(MapperNode(["--ros-args", "-p", f"map_folder:={ward}", "-p", f"pose_file:={kept}"])):
         ros.spin_until(lambda: floors, "the floor")
         assert not read_floor(floors[-1]).certain
+    floors.close()
+
+
+@pytest.mark.parametrize(
+    ("pose", "certain"), [((4.0, -2.4, 1.5), False), ((4.0, -1.2, 1.5), False), ((9.0, 3.0, 0.0), True)]
+)
+def test_a_mapper_that_was_killed_in_a_cabin_is_uncertain_whatever_the_journey_was_doing(
+    ros: Harness, tmp_path: Path, pose: tuple[float, float, float], certain: bool
+) -> None:
+    from waychair.ros.nodes.mapper_node import MapperNode
+
+    save_map(tmp_path / "map", OccupancyGrid(np.zeros((120, 200), np.int8), 0.1, Pose2(0.0, -6.0)))
+    building = Building(tmp_path / "clinic", with_cabins(two_storeys()))
+    for each in ("g", "1"):
+        building = save_with_map(building, each, tmp_path / "map")
+    ground, kept = tmp_path / "clinic" / "maps" / "g", tmp_path / "pose.json"
+    kept.with_suffix(".floor.json").write_text(json.dumps({"map": str(ground), "certain": True}))
+    remember_pose(kept, ground, Pose2(*pose))
+    floors = ros.heard(topics.FLOOR)
+    with ros.serving(MapperNode(["--ros-args", "-p", f"map_folder:={ground}", "-p", f"pose_file:={kept}"])):
+        ros.spin_until(lambda: floors, "the floor")
+        assert read_floor(floors[-1]).certain is certain
     floors.close()
 
 

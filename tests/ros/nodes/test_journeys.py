@@ -18,8 +18,10 @@ from waychair.config import Settings
 from waychair.control.drive.navigation import Navigation, Stage
 from waychair.errors import BuildingError, MessageError
 from waychair.maps.building.building import Building, save_with_map
+from waychair.maps.building.hgraph import Beacon
 from waychair.maps.drawn.places import save_places
 from waychair.maps.folders.map_files import save_map
+from waychair.planning.building.beacon_places import storey_of_beacon
 from waychair.ros import topics
 from waychair.ros.messages.chair import DriveReport
 from waychair.ros.messages.floor import Floor, StoreyGoal, read_journey_state, storey_goal
@@ -240,6 +242,40 @@ def test_a_storey_without_a_map_or_with_a_map_of_no_building_is_named(site: Site
         planned(folder / "maps" / "g", Pose2(4.0, 0.0), CHAIR_A, StoreyGoal("First/Ward/Bed 1"))
     with pytest.raises(BuildingError, match="the map belongs to no building"):
         planned(folder.parent / "map", Pose2(4.0, 0.0), CHAIR_A, StoreyGoal("First/Ward/Bed 1"))
+
+
+def test_a_beacon_sets_the_storey_at_rest_and_ends_a_drive_on_another_storeys_map(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from waychair.maps.building.building import load_building
+    from waychair.maps.building.hgraph_files import write_hgraph
+
+    folder = site.driver.folder.parents[1]
+    hgraph = load_building(folder).hgraph
+    for path, name in (("g", "7"), ("1", "8"), ("g", "both"), ("1", "both")):
+        submap = hgraph.submaps[path]
+        tagged = replace(submap, beacons=(*submap.beacons, Beacon(name, Pose2(1.0, 0.0))))
+        hgraph = replace(hgraph, submaps={**hgraph.submaps, path: tagged})
+    write_hgraph(folder, hgraph)
+    assert storey_of_beacon(hgraph, " 8 ") == "1"
+    with pytest.raises(BuildingError, match=r"beacon 'both' is on several storeys \(1, g\): give each its own id"):
+        storey_of_beacon(hgraph, "both")
+    said: list[str] = []
+    monkeypatch.setattr(site.journeys, "_say_storey", lambda storey: said.append(storey) or "taken")
+    monkeypatch.setattr(site.journeys, "_doubt", said.append)
+    site.driver.stamp_ns = site.node.now_ns()
+    for beacon in ("7", "9", "both"):  # where it is, unknown, and no use
+        site.journeys._meet_beacon(beacon)
+    assert said == []
+    site.journeys._meet_beacon("8")
+    assert said.pop() == "1"
+    site.driver.certain = False
+    site.journeys._meet_beacon("7")
+    assert said.pop() == "g"
+    site.driver.drives = True
+    site.journeys._meet_beacon("8")
+    assert "beacon '8' is on storey '1'" in said.pop()
+    assert not site.driver.drives
 
 
 def test_the_riders_word_for_the_storey_is_taken_at_rest_and_a_wrong_name_is_told(site: Site) -> None:

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.journey.pressure_climb import PressureClimb
 from waychair.errors import WorldError
 from waychair.simulation.lifts.car import DoorKind
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World, load_levels
 from waychair.simulation.sensors.renderer import renderer_problem
 from waychair.simulation.simulator import Simulator, SimulatorSettings
-from waychair.types import ImuSample, Pose2, RgbdFrame, Scan, SensorMessage
+from waychair.types import ImuSample, Pose2, PressureSample, RgbdFrame, Scan, SensorMessage
 
 TICK = 50_000_000
 CABIN, LOBBY = Pose2(9.0, 3.5, math.pi), Pose2(6.5, 3.5, 0.0)
@@ -26,6 +27,7 @@ def levels() -> tuple[World, ...]:
 
 def at(levels: tuple[World, ...], pose: Pose2, kind: DoorKind = DoorKind.CURTAIN, passengers: int = 0) -> Simulator:
     settings = SimulatorSettings()
+    settings = replace(settings, barometer_hz=10.0)
     settings = replace(
         settings, imu=replace(settings.imu, rate_hz=200.0), lidar=replace(settings.lidar, faults=False, sigma=0.0)
     )
@@ -85,6 +87,26 @@ def test_a_ride_takes_the_chair_up_and_its_imu_feels_it(levels: tuple[World, ...
     climbed = np.cumsum(np.cumsum(up) * 0.005)[-1] * 0.005
     assert climbed == pytest.approx(simulator.lifts.heights["upper"], abs=0.3)
     assert up[:600].max() == pytest.approx(0.5, abs=0.1)
+
+
+def test_a_barometer_tells_the_climb_of_a_ride_by_means_before_and_after(levels: tuple[World, ...]) -> None:
+    simulator, climb = at(levels, CABIN), PressureClimb()
+    assert simulator.lifts is not None
+
+    def hear(seconds: float) -> list[PressureSample]:
+        heard = [each for each in run(simulator, seconds) if isinstance(each, PressureSample)]
+        for each in heard:
+            climb.hear(each)
+        return heard
+
+    assert len(hear(2.0)) == 20
+    climb.begin(simulator.now_ns)
+    simulator.lifts.call("lift", "upper")
+    hear(9.0)
+    known = climb.climb(simulator.now_ns)
+    assert known is not None
+    assert known[0] == pytest.approx(simulator.lifts.heights["upper"], abs=2 * known[1])
+    assert known[1] < 0.5
 
 
 def test_a_door_that_closes_on_the_chair_touches_it_unless_it_sees_it(levels: tuple[World, ...]) -> None:

@@ -1,0 +1,120 @@
+"""The page over ROS in a building: its goals by storey, a journey by its path, and what the page shows meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from tests.maps.building.buildings import two_storeys
+from tests.maps.building.test_lift_cabins import with_cabins
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.config import Settings
+from waychair.maps.building.building import Building, save_with_map
+from waychair.maps.drawn.places import save_places
+from waychair.maps.folders.map_files import save_map
+from waychair.ros import topics
+from waychair.ros.messages.floor import Floor, JourneyReport, floor, journey_state, read_storey_goal
+from waychair.runtime.chair_port import Answer, ChairView
+from waychair.slam.localising.localisation import LocalisationState
+from waychair.types import DriveMode, OccupancyGrid, Place, Pose2, Twist
+
+if TYPE_CHECKING:
+    from tests.ros.harness import Harness
+
+VIEW = ChairView(0, Pose2(4.0, 0.0), LocalisationState.OK, 1.0, DriveMode.MANUAL, Twist(), goal="4.0, 0.1", waits=True)
+"""A chair whose first drive, to the lobby, waits for the yes."""
+
+
+@dataclass(frozen=True, slots=True)
+class NoSettings(Settings):
+    """None."""
+
+
+class Page:
+    """A node with the part of a page's port, told by the test what the nodes say."""
+
+    def __init__(self, ros: Harness, folder: Path) -> None:
+        from waychair.ros.nodes.node import ChairNode
+        from waychair.ros.nodes.parts.page_building import PageBuilding
+
+        self.ros, self.folder = ros, folder
+        self.node: Any = ChairNode("page_building", NoSettings)
+        self.port = PageBuilding()
+        self.port._listen_to_building(self.node, CHAIR_A)
+        self.port._enter_storey(Floor(0, str(folder / "maps" / "g"), 1, "Clinic", "g"))
+
+    def tell(self, phase: str, said: str, *asks: str) -> None:
+        self.port._take_journey(JourneyReport(1, "First/Ward/Bed 1", phase, said, "g", asks))
+
+    def shown(self) -> ChairView:
+        return self.port._with_journey(VIEW)
+
+
+@pytest.fixture
+def page(ros: Harness, tmp_path: Path) -> Iterator[Page]:
+    save_map(tmp_path / "map", OccupancyGrid(np.zeros((120, 200), np.int8), 0.1, Pose2(0.0, -6.0)))
+    building = Building(tmp_path / "clinic", with_cabins(two_storeys()))
+    for storey in ("g", "1"):
+        save_places(tmp_path / "map", {f"Bed {storey}": Place(f"Bed {storey}", Pose2(10.0, 3.25))})
+        building = save_with_map(building, storey, tmp_path / "map")
+    found = Page(ros, tmp_path / "clinic")
+    with ros.serving(found.node):
+        ros.spin_until(lambda: found.port.goals(), "the building's goals")
+        yield found
+
+
+def test_goals_have_their_menus_and_once_the_chair_is_known_their_times_and_lifts(page: Page) -> None:
+    names = {goal.name: goal for goal in page.port.goals()}
+    assert names["First/Ward/Bed 1"].path[0] == "First"
+    assert names["First/Ward/Bed 1"].seconds is None
+    page.port._time_goals(VIEW.map_from_base)
+    page.ros.spin_until(lambda: page.port.goals()[0].seconds is not None, "the times")
+    timed = {goal.name: goal for goal in page.port.goals()}["First/Ward/Bed 1"]
+    assert timed.lifts == 1
+    assert page.port._is_goal("First/Ward/Bed 1")
+    assert not page.port._is_goal("First/Ward/Bed 9")
+
+
+def test_a_journey_is_asked_for_by_its_path_and_a_refusal_is_the_answer(page: Page) -> None:
+    asked = page.ros.heard(topics.STOREY_GOAL)
+    page.ros.spin_until(lambda: page.node.count_subscribers(topics.STOREY_GOAL.name) > 0, "the subscription")
+
+    def travel(phase: str, said: str) -> Answer:
+        page.port._ask_for = lambda message, send=page.port._ask_for: (send(message), page.tell(phase, said))
+        return page.port._travel("First/Ward/Bed 1")
+
+    assert travel("asked", "press Drive to go to First/Ward/Bed 1") == Answer(
+        True, "press Drive to go to First/Ward/Bed 1"
+    )
+    page.ros.spin_until(lambda: asked, "the goal")
+    assert read_storey_goal(asked[-1]).goal == "First/Ward/Bed 1"
+    assert travel("refused", "the chair is not localised: wait until it is, then ask for the goal again").done is False
+    asked.close()
+
+
+def test_the_page_shows_the_journeys_goal_question_and_end(page: Page) -> None:
+    assert (page.shown().storey, page.shown().goal) == ("Ground", "4.0, 0.1")
+    page.tell("asked", "press Drive to go to First/Ward/Bed 1")
+    assert (page.shown().goal, page.shown().waits) == ("First/Ward/Bed 1", True)
+    page.tell("call", "press the button for First")
+    shown = page.shown()
+    assert (shown.waits, shown.next_action, shown.paused) == (False, "Press the button for First.", False)
+    page.tell("which storey", "which storey is this?", "g", "1")
+    assert page.shown().asks == ("g", "1")
+    page.tell("held", "you drive by the joystick; press Go on to continue")
+    assert page.shown().paused
+    page.tell("failed", "the lift does not come: choose another way")
+    assert page.shown().goal == "4.0, 0.1"  # the next drive, of another goal
+
+
+def test_a_map_of_no_building_has_no_goals_and_keeps_the_view(page: Page, tmp_path: Path) -> None:
+    page.port._enter_storey(Floor(0, str(tmp_path / "map"), 2))
+    page.ros.spin_until(lambda: not page.port.goals(), "the map of no building")
+    assert page.shown() == VIEW
+    assert floor(Floor(0, "", 0)).map_folder == ""
+    assert journey_state(JourneyReport(0)).phase == ""
