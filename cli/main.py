@@ -21,7 +21,12 @@ app = App(
     default_parameter=Parameter(negative_iterable=()),  # no --empty-goal beside --goal
     suppress_keyboard_interrupt=False,  # `main` prints the notes of an interrupt
 )
-app.command("waychair.cli.mapping_commands:map_command", name="map", help="Make a map of a recording.")
+app.command("waychair.cli.mapping.map_command:map_command", name="map", help="Make a map of a recording.")
+app.command(
+    "waychair.cli.mapping.map_all_command:map_all_command",
+    name="map-all",
+    help="Make maps of many recordings at once, on this computer or a cluster.",
+)
 app.command(
     "waychair.cli.places_command:places_command", name="places", help="List, add or change the named places of a map."
 )

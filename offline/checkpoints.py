@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 import zipfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -96,10 +96,14 @@ def remove_checkpoint(folder: Path) -> None:
         path.unlink(missing_ok=True)
 
 
+def files_of(parts: Iterable[Path]) -> list[Path]:
+    """Return the files of a recording, which is in files or folders, in order of their names."""
+    return [file for part in parts for file in sorted(each for each in part.rglob("*") if each.is_file()) or [part]]
+
+
 def _fingerprint(recording: Recording, settings: Settings) -> str:
     """Return a hash over the recording's files and frames, the settings and the program's version."""
-    parts = recording.parts or (recording.path,)
-    files = [file for part in parts for file in sorted(each for each in part.rglob("*") if each.is_file()) or [part]]
+    files = files_of(recording.parts or (recording.path,))
     stats = [(path.name, path.stat().st_size, path.stat().st_mtime_ns) for path in files]
     stamps = [frame.stamp_ns for frame in recording.frames]
     told = (__version__, config.dump(settings), stats, len(stamps), stamps[:1], stamps[-1:], recording.source)

@@ -95,6 +95,7 @@ MIRRORS = {
     "PlantSettings": "settings",
     "Stack": "the options of `waychair up`",
     "Tick": "the black box's record",
+    "VdaState": "a message of VDA 5050",
 }
 """Classes with more than fifteen attributes, and the thing whose fields each one repeats."""
 

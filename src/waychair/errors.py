@@ -86,12 +86,24 @@ class TrafficError(WaychairError):
     """A traffic graph or floor plan is impossible, damaged or cannot be made."""
 
 
+class VdaError(WaychairError):
+    """A message of VDA 5050 cannot be followed, or its broker cannot be reached."""
+
+
 class WorldError(WaychairError):
     """A simulated world's file is invalid."""
 
 
 class WorkerLost(WaychairError):
     """A worker process was killed from outside."""
+
+
+class ClusterError(WaychairError):
+    """A cluster of computers cannot be reached, or went away."""
+
+
+class NotAllMapped(WaychairError):
+    """Some of many recordings could not be mapped; all others are."""
 
 
 class CalibrationError(WaychairError):

@@ -1,4 +1,4 @@
-"""`waychair map`."""
+"""`waychair map`: one recording becomes a map folder."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""`waychair map` and `waychair map-all`."""
