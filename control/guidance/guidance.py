@@ -100,12 +100,21 @@ class Guiding:
 
 
 @dataclass(frozen=True, slots=True)
+class Rest:
+    """The rider's rests: since when the present one [ns], the longest since the last place [s], and whether it is noted."""
+
+    since_ns: int | None = None
+    longest_s: float = 0.0
+    noted: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Guidance:
     """The state of guidance to a goal.
 
     `level`: the level of prompting where the rider has no practice. `told`: the index of the present movement of the
-    plan's part, which never goes back. `lift`: the one in whose cabin the chair is. `rest_ns`: since when the chair rests;
-    `rested_s`: its longest rest since the last place; `noted`: the present one is noted. `plans`: how many have been made.
+    plan's part, `passed` that of the way there on which the chair was last; neither goes back. `lift`: the one in whose cabin
+    the chair is. `plans`: how many have been made.
     """
 
     goal: NodeRef
@@ -116,12 +125,11 @@ class Guidance:
     plan: Plan | None = None
     plans: int = 0
     told: int = 0
+    passed: int = 0
     track: Track | None = None
     turning: MovementKind | None = None
     speech: Speech = field(default_factory=Speech)
-    rest_ns: int | None = None
-    rested_s: float = 0.0
-    noted: bool = False
+    rest: Rest = field(default_factory=Rest)
     arrived: bool = False
 
     def practice_at(self, place: str) -> Practice:
@@ -150,10 +158,11 @@ def step(state: Guidance, view: GuidanceView, ways: GuidedWays) -> tuple[Guidanc
 
 
 def _rested(state: Guidance, view: GuidanceView) -> Guidance:
+    rest = state.rest
     if not view.at_rest or view.computer_drives or state.arrived:
-        return replace(state, rest_ns=None, noted=False)
-    since = view.now_ns if state.rest_ns is None else state.rest_ns
-    return replace(state, rest_ns=since, rested_s=max(state.rested_s, (view.now_ns - since) * 1e-9))
+        return replace(state, rest=Rest(longest_s=rest.longest_s))
+    since = view.now_ns if rest.since_ns is None else rest.since_ns
+    return replace(state, rest=Rest(since, max(rest.longest_s, (view.now_ns - since) * 1e-9), rest.noted))
 
 
 def _on_storey(state: Guidance, view: GuidanceView, pose: Pose2, ways: GuidedWays) -> tuple[Guidance, Guiding]:
@@ -181,7 +190,7 @@ def _planned(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> Gu
     if back < onwards:
         behind, ahead = ahead, behind
     plan = ways.plan(state.storey, None if behind == ahead else behind, ahead, state.goal)
-    return replace(state, plan=plan, plans=state.plans + 1, told=0, turning=None, arrived=False, rested_s=0.0)
+    return replace(state, plan=plan, plans=state.plans + 1, told=0, passed=0, turning=None, arrived=False)
 
 
 def _costs(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> tuple[float, float]:
@@ -199,7 +208,9 @@ def _costs(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> tupl
 def _reconsidered(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> Guidance:
     """Return the state with the plan on along the way of a rider who does not turn back, once that costs less."""
     assert state.plan is not None
-    if _index(state.plan.parts[0], *track.edge[::-1]) is None or _index(state.plan.parts[0], *track.edge) is not None:
+    part = state.plan.parts[0]
+    against = _index(part, *track.edge[::-1], state.passed) is not None
+    if not against or _index(part, *track.edge, state.passed) is not None:
         return state
     onwards, back = _costs(state, pose, ways, track)
     return _planned(state, pose, ways, track) if onwards + SURELY_M < back else state
@@ -213,16 +224,18 @@ def _moved_on(
     known, part, (place, towards) = ways.storey(view.storey), state.plan.parts[0], track.edge
     back = (towards, place) == before.edge or _index(part, towards, place) is not None
     decision = Decision.TURNED_BACK if back else Decision.OTHER
-    decision = Decision.FOLLOWED if _index(part, place, towards) is not None else decision
+    index = _index(part, place, towards, state.passed)
+    if index is not None:
+        decision, state = Decision.FOLLOWED, replace(state, passed=index)
     junction, made = known.junctions[place], None
-    if not view.computer_drives and (len(junction.ways) > 2 or decision is Decision.TURNED_BACK):
+    if not view.computer_drives and (len(junction.ways) > 2 or decision is not Decision.FOLLOWED):
         proposed = next((each.movement.kind for each in part.told if each.junction == place), MovementKind.STRAIGHT)
-        made = DecisionMade(junction.name, proposed, decision, state.rested_s, state.speech.prompts)
+        made = DecisionMade(junction.name, proposed, decision, state.rest.longest_s, state.speech.prompts)
         after = practised(state.practice_at(made.place), made)
         state = replace(
             state,
             practice=MappingProxyType({**state.practice, made.place: after}),
-            rested_s=0.0,
+            rest=replace(state.rest, longest_s=0.0),
             speech=replace(state.speech, prompts=0),
         )
     if decision is not Decision.FOLLOWED:
@@ -230,17 +243,19 @@ def _moved_on(
     return state, made
 
 
-def _index(part: Part, one: int, other: int) -> int | None:
-    """Return where a part goes from one junction to another, None where it does not."""
+def _index(part: Part, one: int, other: int, first: int = 0) -> int | None:
+    """Return where a part goes from one junction to another, from its way number `first` on; None where it does not."""
     passed = part.junctions
-    return next((k for k in range(len(passed) - 1) if passed[k] == one and passed[k + 1] == other), None)
+    return next((k for k in range(first, len(passed) - 1) if passed[k] == one and passed[k + 1] == other), None)
 
 
 def _in_lift(state: Guidance, view: GuidanceView, ways: GuidedWays, lift: str) -> tuple[Guidance, Guiding]:
     """Return what is told in a cabin: which storey to press, or to leave."""
     if state.lift != lift or state.storey != view.storey or state.plan is None:
         plan = ways.plan_in_lift(lift, view.storey, state.goal)
-        state = replace(state, storey=view.storey, lift=lift, plan=plan, plans=state.plans + 1, told=0, track=None)
+        state = replace(
+            state, storey=view.storey, lift=lift, plan=plan, plans=state.plans + 1, told=0, passed=0, track=None
+        )
     assert state.plan is not None
     part = state.plan.parts[0]
     movement = Movement(MovementKind.LEAVE_LIFT, lift=ways.lift_title(lift))
@@ -265,7 +280,7 @@ def _told(
         cue = Cue.NOW if not state.arrived and state.level > NO_PROMPT else None
         arrived = Movement(MovementKind.ARRIVED, landmark=state.plan.name.rpartition("/")[2])
         return replace(state, arrived=True), Guiding(arrived, cue=cue, decided=decided, arrived=True)
-    at = _along(part, state.track)
+    at = _along(part, state.track, state.passed)
     index = present(part, state.told, at, pose)
     bearing = bearing_to(part, at, pose)
     turn = turning(part, index, bearing, state.turning)
@@ -305,21 +320,21 @@ def _hesitated(
     state: Guidance, place: str, proposed: MovementKind, rests_s: float
 ) -> tuple[Guidance, DecisionMade | None]:
     """Return the state with a hesitation noted, once a rest, and the decision that it is."""
-    if state.noted:
+    if state.rest.noted:
         return state, None
     made = DecisionMade(place, proposed, Decision.HESITATED, rests_s, state.speech.prompts)
     practice = MappingProxyType({**state.practice, place: practised(state.practice_at(place), made)})
-    return replace(state, practice=practice, noted=True), made
+    return replace(state, practice=practice, rest=replace(state.rest, noted=True)), made
 
 
 def _rests_s(state: Guidance, view: GuidanceView) -> float:
-    return 0.0 if state.rest_ns is None else (view.now_ns - state.rest_ns) * 1e-9
+    return 0.0 if state.rest.since_ns is None else (view.now_ns - state.rest.since_ns) * 1e-9
 
 
-def _along(part: Part, track: Track) -> float:
+def _along(part: Part, track: Track, passed: int) -> float:
     """Return how far along a part a chair is [m]."""
-    index = _index(part, *track.edge)
+    index = _index(part, *track.edge, passed)
     if index is not None:
         return float(part.along[index]) + track.along
-    index = _index(part, *track.edge[::-1])  # it has not turned yet
+    index = _index(part, *track.edge[::-1], passed)  # it has not turned yet
     return 0.0 if index is None else float(part.along[index + 1]) - track.along

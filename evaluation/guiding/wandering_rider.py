@@ -281,7 +281,8 @@ def _planned(state: Guidance, came: int, place: int) -> tuple[int, int] | None:
     """Return the way that the plan takes from a junction to which a rider has come from another, None if it does not."""
     passed = () if state.plan is None else state.plan.parts[0].junctions
     ways = zip(passed, passed[1:], passed[2:], strict=False)
-    return next(((place, after) for before, here, after in ways if (before, here) == (came, place)), None)
+    after = next(((place, after) for before, here, after in ways if (before, here) == (came, place)), None)
+    return after or next((pair for pair in pairwise(passed) if pair[0] == place), None)
 
 
 def _is_planned(state: Guidance, edge: tuple[int, int]) -> bool:
@@ -315,8 +316,11 @@ def _scored(
         score.decisions += 1
     if strays and not now.replanned:
         score.late_plans += 1
+    edge = None if state.track is None else state.track.edge
+    if strays and (edge != rider.edge or (choice is not None and choice.proposed and edge == choice.edge)):
+        score.false += 1
+        strays = False
     if choice is None:
-        score.false += strays
         return None
     known = ways.storey(rider.storey)
     along, _ = _away(known, choice.edge, rider.pose)
@@ -327,9 +331,9 @@ def _scored(
         choice = replace(choice, clear_ns=now.ns)
     waited_s = 0.0 if choice.clear_ns is None else (now.ns - choice.clear_ns) * 1e-9
     if choice.proposed:
-        score.false += strays
-        return None if strays or waited_s > RECOGNISED_S else choice
-    if strays:
+        return None if waited_s > RECOGNISED_S else choice
+    followed = decided is not None and decided.decision is Decision.FOLLOWED and edge == choice.edge
+    if edge == choice.edge and not followed and (choice.clear_ns is not None or strays):
         score.others += 1
         score.delays_s.append(waited_s)
         return None
