@@ -41,7 +41,7 @@ from waychair.errors import BuildingError, NoPath
 from waychair.geometry import wrap_angle
 from waychair.maps.building.hgraph import NodeRef
 from waychair.planning.building.guided_ways import GuidedWays, Part, Plan
-from waychair.planning.movements import TURNS, Movement, MovementKind
+from waychair.planning.movements import Movement, MovementKind
 from waychair.types import Pose2
 
 LOBBY_M = 1.5
@@ -259,11 +259,11 @@ def _in_lift(state: Guidance, view: GuidanceView, ways: GuidedWays, lift: str) -
     assert state.plan is not None
     part = state.plan.parts[0]
     movement = Movement(MovementKind.LEAVE_LIFT, lift=ways.lift_title(lift))
-    if part.lift:
+    if not part.junctions:
         movement = Movement(MovementKind.PRESS, lift=part.title, storey=part.to_title)
     if view.computer_drives:
         return replace(state, speech=Speech()), Guiding()
-    occasion = Occasion((movement.kind,), (state.plans,), movement, state.level, rests_s=_rests_s(state, view))
+    occasion = Occasion(state.plans, 0, movement, state.level, rests_s=_rests_s(state, view))
     speech, cue = spoken(state.speech, occasion, view.now_ns)
     offers = state.level >= STEERS
     return replace(state, speech=speech), Guiding(movement, cue=cue, at_stops=ways.stops(lift), offers=offers)
@@ -283,7 +283,7 @@ def _told(
     at = _along(part, state.track, state.passed)
     index = present(part, state.told, at, pose)
     bearing = bearing_to(part, at, pose)
-    turn = turning(part, index, bearing, state.turning)
+    turn = turning(part, index, at, pose, state.turning)
     state = replace(state, told=index, turning=turn)
     following = part.told[index + 1].movement if index + 1 < len(part.told) else None
     if part.lift and (index == len(part.told) or float(part.along[-1]) - at < LOBBY_M):
@@ -308,9 +308,8 @@ def _told(
         level = max(level, 1)
     if rests_s > HESITATES_S and decided is None and place and movement.kind not in TAKES_TIME:
         state, decided = _hesitated(state, place, movement.kind, rests_s)
-    what = "turn" if movement.kind in TURNS else movement.kind  # one turn is told once, however it looks half done
-    new, key = (state.plans, index), (what, movement.lift)
-    occasion = Occasion(key, new, movement, level, left, following, rests_s)
+    number = index if place else len(part.told)
+    occasion = Occasion(state.plans, number, movement, level, left, following, rests_s)
     speech, cue = spoken(state.speech, occasion, view.now_ns)
     offers = state.level >= STEERS
     return replace(state, speech=speech), Guiding(movement, left, following, bearing, cue, decided, offers=offers)

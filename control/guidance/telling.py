@@ -35,6 +35,9 @@ ROUND_FROM = math.radians(140.0)
 LOOK_AHEAD_M = 1.0
 """m; a chair should face the point of its way so far ahead."""
 
+NEAR_M = 0.4
+"""m; the direction to a nearer point tells nothing."""
+
 ARRIVED_M = 0.6
 """m; a goal is reached within this of its node."""
 
@@ -64,58 +67,63 @@ class Cue(enum.StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Speech:
-    """What has been said: the movement told last, that foretold last, the time of the last words [ns], and the prompts."""
+    """What has been said: in which plan, the movement told last, that foretold last, and the prompts since the last place.
 
+    `words`: movements that were said, each with its number in the plan and the time [ns].
+    """
+
+    plan: int = 0
     key: tuple[object, ...] = ()
     soon: tuple[object, ...] = ()
-    words: tuple[tuple[Movement, int], ...] = ()
+    words: tuple[tuple[Movement, int, int], ...] = ()
     prompts: int = 0
 
 
 @dataclass(frozen=True, slots=True)
 class Occasion:
-    """An occasion to speak: of a movement known by `key`, `left` [m] before its end, of the one that follows, of level.
+    """An occasion to speak: of a plan's movement and its number there, `left` [m] before its end, at a level of prompting.
 
-    `new`: the key of what has changed: the plan and the place on it. `rests_s`: the chair rests so long.
+    `following`: the movement after it. `rests_s`: the chair rests so long.
     """
 
-    key: tuple[object, ...]
-    new: tuple[object, ...]
+    plan: int
+    number: int
     movement: Movement
     level: int
     left: float = math.inf
     following: Movement | None = None
     rests_s: float = 0.0
 
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What tells it from others; a turn is one, however it looks half done."""
+        kind = self.movement.kind
+        return self.plan, self.number, "turn" if kind in TURNS else kind, self.movement.lift
+
 
 def spoken(speech: Speech, occasion: Occasion, now_ns: int) -> tuple[Speech, Cue | None]:
     """Return the speech after an occasion, and the cue to speak, None for silence."""
-    movement, level = occasion.movement, occasion.level
-    words = speech.words if speech.key[: len(occasion.new)] == occasion.new else ()
-    key = (*occasion.new, *occasion.key)
-    told = max((at for _, at in words), default=-(10**15))
+    movement, level, following = occasion.movement, occasion.level, occasion.following
+    words = speech.words if speech.plan == occasion.plan else ()
     cue: Cue | None = None
-    if key != speech.key and level >= (AT_DECISIONS if movement.kind in AT_ONCE else BEFORE):
+    if occasion.key != speech.key and level >= (AT_DECISIONS if movement.kind in AT_ONCE else BEFORE):
         cue = Cue.NOW
-    following = occasion.following
     foretold = following is not None and following.kind in AT_ONCE and movement.kind not in AT_ONCE
-    if (
-        foretold
-        and level >= BEFORE
-        and speech.soon != key
-        and occasion.left < SOON_M
-        and movement.distance > SOON_M + 2.0
-    ):
-        cue, speech = Cue.SOON, replace(speech, soon=key)
+    is_soon = occasion.left < SOON_M and movement.distance > SOON_M + 2.0 and speech.soon != occasion.key
+    if foretold and is_soon and level >= BEFORE:
+        cue, speech = Cue.SOON, replace(speech, soon=occasion.key)
+    silent_s = (now_ns - max((at for *_, at in words), default=-(10**15))) * 1e-9
     rests = occasion.rests_s > HESITATES_S and movement.kind not in TAKES_TIME
-    if cue is None and rests and (now_ns - told) * 1e-9 > REMINDS_S and level >= AT_DECISIONS:
+    if cue is None and rests and silent_s > REMINDS_S and level >= AT_DECISIONS:
         cue = Cue.AGAIN
-    said = following if cue is Cue.SOON and following is not None else movement
-    if cue is not None and any(_alike(each, said) and (now_ns - at) * 1e-9 < AGAIN_S for each, at in words):
+    is_next = cue is Cue.SOON and following is not None
+    said, number = (following, occasion.number + 1) if is_next and following else (movement, occasion.number)
+    if any(_alike(each, said) and k == number and (now_ns - at) * 1e-9 < AGAIN_S for each, k, at in words):
         cue = None
     if cue is not None:
-        words = (*(pair for pair in words if (now_ns - pair[1]) * 1e-9 < AGAIN_S + REMINDS_S), (said, now_ns))
-    return replace(speech, key=key, words=words, prompts=speech.prompts + (cue is not None)), cue
+        words = (*(each for each in words if (now_ns - each[2]) * 1e-9 < AGAIN_S + REMINDS_S), (said, number, now_ns))
+    prompts = speech.prompts + (cue is not None)
+    return replace(speech, plan=occasion.plan, key=occasion.key, words=words, prompts=prompts), cue
 
 
 def _alike(one: Movement, other: Movement) -> bool:
@@ -160,10 +168,14 @@ def _side(angle: float) -> MovementKind:
     return MovementKind.LEFT if angle > 0.0 else MovementKind.RIGHT
 
 
-def turning(part: Part, index: int, bearing: float, before: MovementKind | None) -> MovementKind | None:
+def turning(part: Part, index: int, at: float, pose: Pose2, before: MovementKind | None) -> MovementKind | None:
     """Return the turn that a chair needs first which faces away from its way; None if it does not."""
-    if index < len(part.told) and part.told[index].movement.kind in (*TURNS, MovementKind.ARRIVED):
-        return None
+    bearing = bearing_to(part, at, pose)
+    if index < len(part.told):
+        told = part.told[index]
+        start = told.movement.start
+        if told.movement.kind in TURNS and start is not None:
+            bearing = wrap_angle(start.theta - pose.theta) if told.begins - at > NEAR_M else 0.0
     if abs(bearing) < (FACES_AWAY if before is None else FACES_WELL):
         return None
     return MovementKind.TURN_ROUND if before is MovementKind.TURN_ROUND else _side(bearing)
@@ -171,10 +183,14 @@ def turning(part: Part, index: int, bearing: float, before: MovementKind | None)
 
 def bearing_to(part: Part, at: float, pose: Pose2) -> float:
     """Return the direction [rad] of the way ahead from the chair's heading; 0 at its end."""
+    if len(part.along) < 2:
+        return 0.0
     target = min(at + LOOK_AHEAD_M, float(part.along[-1]))
     x, y = (float(np.interp(target, part.along, part.points[:, axis])) for axis in (0, 1))
-    if math.hypot(x - pose.x, y - pose.y) < 0.3:
-        return 0.0
+    if math.hypot(x - pose.x, y - pose.y) < NEAR_M:  # the direction of the way itself
+        k = min(max(int(np.searchsorted(part.along, target)), 1), len(part.along) - 1)
+        dx, dy = part.points[k] - part.points[k - 1]
+        return wrap_angle(math.atan2(dy, dx) - pose.theta)
     return wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.theta)
 
 

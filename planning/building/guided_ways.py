@@ -40,8 +40,9 @@ CABIN_M = 1.2
 
 @dataclass(frozen=True, slots=True)
 class Junction:
-    """Nodes of a storey at one point [m] of its map, the junctions joined to it, and whether a door is there.
+    """Nodes of a storey at one point [m] of its map, and the junctions joined to it.
 
+    `sides`: on which side of a doorway at this point each way begins; one that goes over to another side passes the door.
     `name` is its address for people and for habits: sub-map and node, never coordinates.
     """
 
@@ -49,8 +50,13 @@ class Junction:
     x: float
     y: float
     ways: tuple[int, ...]
-    door: bool
+    sides: tuple[int, ...]
     name: str
+
+    @property
+    def door(self) -> bool:
+        """Whether a doorway is at this point."""
+        return len(set(self.sides)) > 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +70,14 @@ class StoreyWays:
     doors: frozenset[tuple[int, int]]
 
     def has_door(self, one: int, other: int) -> bool:
-        """Return whether a door is on the way between two junctions, or at its end."""
-        return (min(one, other), max(one, other)) in self.doors or self.junctions[other].door
+        """Return whether a door is on the way between two junctions."""
+        return (min(one, other), max(one, other)) in self.doors
+
+    def passes_door(self, before: int, here: int, after: int) -> bool:
+        """Return whether a doorway at a junction is passed on the way from one to another."""
+        junction = self.junctions[here]
+        sides = dict(zip(junction.ways, junction.sides, strict=True))
+        return sides.get(before) != sides.get(after)
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,7 +210,7 @@ class GuidedWays:
         return self._planned(storey, start, goal, () if behind is None else (behind,))
 
     def plan_in_lift(self, lift: str, storey: str, goal: NodeRef) -> Plan:
-        """Return the cheapest plan from a lift's cabin at a storey; its first part has no junction. Raises as `plan`."""
+        """Return the cheapest plan from a lift's cabin at a storey; its first part has no junction if it is a ride. Raises as `plan`."""
         return self._planned(storey, lift_node(lift, storey), goal)
 
     def cost(self, storey: str, junction: int, goal: NodeRef) -> float:
@@ -227,7 +239,8 @@ class GuidedWays:
                 lift, to = head.submap[1:], head.node
             else:
                 if built.graph.heading[arc] == NO_HEADING:  # out of a cabin
-                    parts.append(self._part(here, passed, name, lift, to))
+                    if passed or to != here:
+                        parts.append(self._part(here, passed, name, lift, to))
                     here, passed, lift, to = to, [], "", ""
                 if not passed or passed[-1] != self._at[head]:
                     passed.append(self._at[head])
@@ -294,36 +307,41 @@ def _storey_ways(hgraph: HGraph, storey: str) -> StoreyWays:
             points += [frame.point(node.x, node.y) for node in submap.nodes.values()]
     index = {ref: number for number, ref in enumerate(refs)}
     pairs = list(_pairs(hgraph, storey, index))
-    group = list(range(len(refs)))
-    for one, other, _ in pairs:
-        if math.dist(points[one], points[other]) < JOINED_M:
-            low, high = sorted((_root(group, one), _root(group, other)))
-            group[high] = low
-    roots = [_root(group, each) for each in range(len(refs))]
-    number = {root: k for k, root in enumerate(dict.fromkeys(roots))}
+    near = [(one, other, door) for one, other, door in pairs if math.dist(points[one], points[other]) < JOINED_M]
+    group = _groups(len(refs), [(one, other) for one, other, _ in near])
+    side = _groups(len(refs), [(one, other) for one, other, door in near if not door])
+    number = {root: k for k, root in enumerate(dict.fromkeys(group))}
     members: list[list[int]] = [[] for _ in number]
-    for each, root in enumerate(roots):
+    for each, root in enumerate(group):
         members[number[root]].append(each)
     ways: dict[tuple[int, int], bool] = {}
-    doors: set[int] = set()
+    beside: list[dict[int, int]] = [{} for _ in members]
     for one, other, is_door in pairs:
-        a, b = sorted((number[roots[one]], number[roots[other]]))
+        a, b = number[group[one]], number[group[other]]
         if a == b:
-            doors |= {a} if is_door else set()
-        else:
-            ways[a, b] = ways.get((a, b), False) or is_door
-    beside: list[list[int]] = [[] for _ in members]
-    for a, b in ways:
-        beside[a].append(b)
-        beside[b].append(a)
+            continue
+        key = (min(a, b), max(a, b))
+        ways[key] = ways.get(key, False) or is_door
+        beside[a].setdefault(b, side[one])
+        beside[b].setdefault(a, side[other])
     junctions = []
-    for k, inside in enumerate(members):
-        x, y = np.mean([points[each] for each in inside], axis=0)
-        nodes = tuple(refs[each] for each in inside)
-        junctions.append(Junction(nodes, float(x), float(y), tuple(beside[k]), k in doors, _name(hgraph, nodes[0])))
-    own = frozenset(way for way, is_door in ways.items() if is_door and not (doors & set(way)))
+    for k, grouped in enumerate(members):
+        x, y = np.mean([points[each] for each in grouped], axis=0)
+        nodes = tuple(refs[each] for each in grouped)
+        name = full_name(hgraph, nodes[0])
+        junctions.append(Junction(nodes, float(x), float(y), tuple(beside[k]), tuple(beside[k].values()), name))
+    own = frozenset(pair for pair, is_door in ways.items() if is_door and not any(junctions[k].door for k in pair))
     array = np.array([(each.x, each.y) for each in junctions], np.float64).reshape(-1, 2)
     return StoreyWays(storey, tuple(junctions), array, np.array(list(ways), np.int64).reshape(-1, 2), own)
+
+
+def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> list[int]:
+    """Return a number for each of `count` things, the same for those that pairs join."""
+    group = list(range(count))
+    for one, other in pairs:
+        low, high = sorted((_root(group, one), _root(group, other)))
+        group[high] = low
+    return [_root(group, each) for each in range(count)]
 
 
 def _pairs(hgraph: HGraph, storey: str, index: dict[NodeRef, int]) -> Iterator[tuple[int, int, bool]]:
@@ -344,9 +362,3 @@ def _root(group: list[int], each: int) -> int:
     while group[each] != each:
         each = group[each]
     return each
-
-
-def _name(hgraph: HGraph, ref: NodeRef) -> str:
-    node = hgraph.node(ref)
-    title = full_name(hgraph, ref)
-    return title if node is not None else str(ref)

@@ -53,8 +53,6 @@ class Told:
 
 class _Junction(Protocol):
     @property
-    def door(self) -> bool: ...
-    @property
     def ways(self) -> tuple[int, ...]: ...
 
 
@@ -66,6 +64,7 @@ class _Ways(Protocol):
     @property
     def points(self) -> FloatArray: ...
     def has_door(self, one: int, other: int) -> bool: ...
+    def passes_door(self, before: int, here: int, after: int) -> bool: ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,9 +178,10 @@ def _turns(points: FloatArray, along: FloatArray, corners: list[int]) -> list[_M
 def _doors(ways: _Ways, passed: Sequence[int], along: FloatArray) -> list[_Mark]:
     found: list[_Mark] = []
     for k, junction in enumerate(passed):
-        places = [float(along[k])] if 0 < k < len(passed) - 1 and ways.junctions[junction].door else []
-        if k + 1 < len(passed) and not ways.junctions[junction].door and not ways.junctions[passed[k + 1]].door:
-            places += [float(along[k] + along[k + 1]) / 2] if ways.has_door(junction, passed[k + 1]) else []
+        inner = 0 < k < len(passed) - 1
+        places = [float(along[k])] if inner and ways.passes_door(passed[k - 1], junction, passed[k + 1]) else []
+        if k + 1 < len(passed) and ways.has_door(junction, passed[k + 1]):
+            places.append(float(along[k] + along[k + 1]) / 2)
         found += [_Mark(at, k, 0.0) for at in places if not found or at - found[-1].at > SAME_DOOR_M]
     return found
 
@@ -212,7 +212,8 @@ def _landmark(
     if abs(turn.angle) > ROUND_FROM:
         return ""
     side, word = math.copysign(1.0, turn.angle), "left" if turn.angle > 0.0 else "right"
-    to_door = _leads_to_door(ways, passed[turn.index], passed[turn.index + 1])
+    corner = turn.index
+    to_door = _leads_to_door(ways, passed[corner - 1], passed[corner], passed[corner + 1])
     count = 1
     for k in range(1, turn.index):
         if not begins + 0.3 < along[k] < along[turn.index] - 0.3:
@@ -223,7 +224,7 @@ def _landmark(
                 continue
             dx, dy = ways.points[other] - ways.points[passed[k]]
             away = wrap_angle(math.atan2(dy, dx) - heading) * side
-            if TURN_FROM < away < ROUND_FROM and _leads_to_door(ways, passed[k], other) == to_door:
+            if TURN_FROM < away < ROUND_FROM and _leads_to_door(ways, passed[k - 1], passed[k], other) == to_door:
                 count += 1
     if not to_door and _ends_there(ways, passed[turn.index], _pose_at(points, along, corners, turn.at).theta):
         return f"to the end, then {word}"
@@ -232,19 +233,18 @@ def _landmark(
     return f"to the {_ORDINALS[count - 1]} {'door' if to_door else 'way'} on the {word}"
 
 
-def _leads_to_door(ways: _Ways, junction: int, towards: int) -> bool:
-    """Return whether a way leads to a door, before it branches or turns out to be long."""
-    before, here, driven = junction, towards, 0.0
-    while True:
-        driven += math.dist(ways.points[before], ways.points[here])
-        if driven > TO_DOOR_M:
-            return False
-        if ways.has_door(before, here):
+def _leads_to_door(ways: _Ways, came: int, junction: int, towards: int) -> bool:
+    """Return whether a way leads to a door, for those who come from `came`, before it branches or turns out to be long."""
+    before, here, after, driven = came, junction, towards, 0.0
+    while driven <= TO_DOOR_M:
+        if ways.passes_door(before, here, after) or ways.has_door(here, after):
             return True
-        onwards = [each for each in ways.junctions[here].ways if each != before]
+        driven += math.dist(ways.points[here], ways.points[after])
+        onwards = [each for each in ways.junctions[after].ways if each != here]
         if len(onwards) != 1:
             return False
-        before, here = here, onwards[0]
+        before, here, after = here, after, onwards[0]
+    return False
 
 
 def _ends_there(ways: _Ways, junction: int, heading: float) -> bool:
