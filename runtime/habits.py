@@ -12,16 +12,21 @@ import csv
 import io
 import json
 import os
+import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime, timedelta
+from functools import wraps
 from pathlib import Path
+from typing import Concatenate, ParamSpec
 
 from waychair.control.guidance.practice import BEFORE, Decision, DecisionMade, Practice, practised
 from waychair.errors import HabitsError, OutputError
 from waychair.files import is_file, os_error_text, read_bytes, remove, replacing, sync_folder
 from waychair.planning.movements import MovementKind
+
+P = ParamSpec("P")
 
 KEPT_DAYS = 90
 """Days after which a row is forgotten."""
@@ -78,12 +83,24 @@ def default_path() -> Path:
     return (Path(data) if data else Path.home() / ".local" / "share") / "waychair" / "habits.jsonl"
 
 
+def _alone(method: Callable[Concatenate[Habits, P], None]) -> Callable[Concatenate[Habits, P], None]:
+    """Return a method of `Habits` that runs in one thread at a time."""
+
+    @wraps(method)
+    def alone(self: Habits, *args: P.args, **kwargs: P.kwargs) -> None:
+        with self.lock:
+            method(self, *args, **kwargs)
+
+    return alone
+
+
 class Habits:
     """The record of one rider. Recording never raises: a fault is a sentence in `trouble`, and the chair drives on."""
 
     def __init__(self, path: Path, now: Callable[[], datetime] = datetime.now) -> None:
         """`now`: the local time. A damaged file is not touched: `trouble` names it, and nothing is recorded."""
         self._path, self._now = path, now
+        self.lock = threading.Lock()
         self.trouble = ""
         self.wanted = False
         """Whether the rider has said yes."""
@@ -98,6 +115,7 @@ class Habits:
         """Return everything that is recorded, in its order."""
         return self._rows
 
+    @_alone
     def say_yes(self) -> None:
         """Record from now on, by the rider's own yes.
 
@@ -112,6 +130,7 @@ class Habits:
             self._append({"kind": "yes"})
             self.wanted = True
 
+    @_alone
     def say_no(self) -> None:
         """Record nothing more; what is recorded stays until `erase`.
 
@@ -122,6 +141,7 @@ class Habits:
             self.wanted = False
             self._append({"kind": "no"})
 
+    @_alone
     def erase(self) -> None:
         """Erase everything, the yes included.
 
@@ -136,12 +156,14 @@ class Habits:
         if left:
             sync_folder(self._path.parent)
 
+    @_alone
     def note_decision(self, made: DecisionMade) -> None:
         """Record a decision of guidance."""
         day = f"{self._now():%Y-%m-%d}"
         row = DecisionRow(day, made.place, made.proposed, made.decision, round(made.hesitation_s, 1), made.prompts)
         self._note("decision", row)
 
+    @_alone
     def note_drive(
         self, goal: str, *, arrived: bool, seconds: float, expected_s: float, counts: Mapping[str, int]
     ) -> None:

@@ -48,6 +48,9 @@ LOBBY_M = 1.5
 """m; so near to the place before a lift's door the rider waits for it."""
 
 
+INSIDE_M = 0.2
+"""m; a chair is in a cabin once its axle is so far within, and out of it again so far without."""
+
 SURELY_M = 0.5
 """m of straight driving; the way on has to cost less by this before it replaces the way back."""
 
@@ -149,7 +152,7 @@ def step(state: Guidance, view: GuidanceView, ways: GuidedWays) -> tuple[Guidanc
         return state, Guiding(trouble=Trouble.NO_POSE, arrived=state.arrived)
     state = _rested(state, view)
     try:
-        lift = ways.cabin_of(view.storey, pose)
+        lift = ways.cabin_of(view.storey, pose, -INSIDE_M if not state.lift else INSIDE_M)
         return _in_lift(state, view, ways, lift) if lift else _on_storey(state, view, pose, ways)
     except NoPath as error:
         return replace(state, plan=None, track=None), Guiding(trouble=Trouble.NO_WAY, why=str(error))

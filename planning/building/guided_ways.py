@@ -148,14 +148,14 @@ class GuidedWays:
             raise BuildingError(f"storey '{storey}' has no graph to guide by: generate it, or draw one")
         return known
 
-    def cabin_of(self, storey: str, pose: Pose2) -> str:
-        """Return the lift in whose cabin the chair's axle is on a storey, "" in none."""
+    def cabin_of(self, storey: str, pose: Pose2, margin: float = 0.0) -> str:
+        """Return the lift in whose cabin, larger by a margin [m] on each side, the chair's axle is on a storey; "" in none."""
         for lift in self._planner.hgraph.lifts.values():
             for stop in lift.stops:
                 if stop.storey == storey and stop.cabin is not None:
                     at = stop.cabin.inverse() @ pose
                     length, width = lift.cabin_depth or 2.0 * CABIN_M, lift.cabin_width or 2.0 * CABIN_M
-                    if abs(at.x) < length / 2 and abs(at.y) < width / 2:
+                    if abs(at.x) < length / 2 + margin and abs(at.y) < width / 2 + margin:
                         return lift.id
         return ""
 
