@@ -36,6 +36,7 @@ def page_command(
     box: Path | None = None,
     config: Path | None = None,
     urgent: bool = False,
+    habits: Path | None = None,
 ) -> None:
     """Drive a simulated chair in real time by a page in the browser, until Ctrl-C.
 
@@ -72,10 +73,14 @@ def page_command(
         YAML file with settings that differ from the defaults (see `waychair config chair` and `simulation`).
     urgent
         Real-time priority for the chair, if the system grants it; useful on a busy computer.
+    habits
+        File of the rider's own record of guided drives, which is off until the rider says yes on the page; default
+        waychair/habits.jsonl in the user's data folder.
     """
     from waychair.cli.options.configuration import load_configuration
     from waychair.cli.options.page_process import check_page_port, page_names, page_sentence, page_token
     from waychair.cli.starting import WARNING
+    from waychair.runtime.habits import Habits, default_path
     from waychair.runtime.processes import signalled
     from waychair.trials.live_building import live_building
     from waychair.trials.live_chair import LiveChair
@@ -84,6 +89,7 @@ def page_command(
     check_page_port(port, "--port")
     names, secret = page_names(page_name, lan), page_token(lan, token)
     configured = load_configuration(config)
+    record = Habits(habits or default_path())
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     print(WARNING, file=sys.stderr)
     with (
@@ -100,6 +106,7 @@ def page_command(
             settings=configured.chair,
             simulation=configured.simulation,
             building=site,
+            habits=record,
         ) as chair,
         page_server(
             chair,
@@ -108,6 +115,7 @@ def page_command(
             token=secret,
             names=names,
             session=session,
+            habits=record,
         ),
     ):
         print(f"waychair: {page_sentence(port, lan, secret, page_name)}; end with Ctrl-C", file=sys.stderr)

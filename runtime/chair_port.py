@@ -46,6 +46,27 @@ class Obstacle:
 
 
 @dataclass(frozen=True, slots=True)
+class GuideView:
+    """Step guidance as a page shows it.
+
+    `kind` of movement, `sentence` about it, `said`: the sentence spoken last, `count`: how many have been spoken. `bearing`
+    [rad] of the way ahead from the chair's heading, left positive; `left` [m] of the movement. `level` of prompting.
+    `offers`: the chair may be asked to drive.
+    """
+
+    goal: str
+    kind: str = ""
+    sentence: str = ""
+    said: str = ""
+    count: int = 0
+    bearing: float = 0.0
+    left: float = 0.0
+    level: int = 0
+    arrived: bool = False
+    offers: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class ChairView:
     """A chair as a page shows it, at `stamp_ns`.
 
@@ -59,6 +80,7 @@ class ChairView:
     somebody lets it go on. `offers`: it waits at a doorway, and another way is taken once somebody lets it go on.
     `storey`: the name of the storey whose map this is, empty for a chair that knows one map only. `asks`: the storeys
     among which the rider chooses, since the chair in a lift is not certain where it is; see `answer_storey`.
+    `guide`: step guidance, None without.
     """
 
     stamp_ns: int
@@ -85,6 +107,7 @@ class ChairView:
     offers: bool = False
     storey: str = ""
     asks: tuple[str, ...] = ()
+    guide: GuideView | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +182,12 @@ class ChairPort(Protocol):
 
     def answer_storey(self, storey: str) -> Answer:
         """Take the rider's word for the storey at which the lift stands, one of `ChairView.asks`."""
+
+    def guide(self, goal: str, level: int) -> Answer:
+        """Guide the rider, who drives, step by step to a goal of the building, at a level of prompting from 0 to 3."""
+
+    def end_guide(self) -> Answer:
+        """End step guidance."""
 
     def stop(self) -> Answer:
         """Obey the rider's Stop: the computer lets go of the lines at once."""

@@ -13,6 +13,7 @@ from waychair.runtime.chair_story import check_zone
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import FloatArray, OccupancyGrid, Place
 
+NO_GUIDE = "this chair has no building to guide in: open the page with --building FOLDER"
 NOT_ASKED = "the chair does not ask which storey this is"
 
 
@@ -43,6 +44,14 @@ class DrawingPort(ABC):
     def answer_storey(self, storey: str) -> Answer:
         """See `ChairPort`; a chair that knows one map never asks."""
         return Answer(False, NOT_ASKED)
+
+    def guide(self, goal: str, level: int) -> Answer:
+        """See `ChairPort`; a chair that knows one map guides nobody."""
+        return Answer(False, NO_GUIDE)
+
+    def end_guide(self) -> Answer:
+        """See `ChairPort`."""
+        return Answer(False, NO_GUIDE)
 
     def place_here(self, name: str, tolerance_m: float, tolerance_rad: float, replaces: bool = False) -> Answer:
         """See `ChairPort`."""

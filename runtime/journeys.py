@@ -239,6 +239,15 @@ class Traveller:
         if self.journey is not None and self.journey.phase is Phase.WHICH:
             self._aboard.beacon = storey
 
+    def take_storey(self, storey: str, map_from_base: Pose2 | None) -> bool:
+        """Change to another storey's map by the rider's word, without a journey; return False until it is made ready."""
+        self.prepare(storey)
+        if not self._prepared[storey].done():
+            return False
+        self._chair.change_storey(storey, self._prepared.pop(storey).result(), map_from_base)
+        self.storey = storey
+        return True
+
     def prepare(self, storey: str) -> None:
         """Make a storey's map ready: by the worker, else at once, which takes a while."""
         if storey in self._prepared:

@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 
+from waychair.control.guidance.guidance import Guiding, Trouble
+from waychair.control.guidance.telling import Cue
 from waychair.geometry import wrap_angle
+from waychair.planning.movements import Movement, MovementKind
 from waychair.types import FloatArray, Pose2
 
 PAUSED, NOTHING_TO_PAUSE = "paused: the goal is kept", "there is no drive to pause"
@@ -70,6 +73,51 @@ def driving_sentence(goal: str, way: FloatArray, pose: Pose2) -> str:
     if away < _NOW_M:
         return f"Turning {side}, {_metres(left)} to {goal}."
     return f"Turning {side} in {_metres(away)}, {_metres(left)} to {goal}."
+
+
+_UNKNOWN_PLACE = "the chair does not know where it is: drive on slowly, or choose its place on the map"
+
+
+def guiding_sentence(guiding: Guiding) -> str:
+    """Return a sentence about the present movement of step guidance, or about its trouble, for the page."""
+    if guiding.trouble is not Trouble.NONE:
+        return sentence(_UNKNOWN_PLACE if guiding.trouble is Trouble.NO_POSE else guiding.why)
+    return "" if guiding.movement is None else movement_sentence(guiding.movement, guiding.left)
+
+
+def spoken_sentence(guiding: Guiding) -> str:
+    """Return the sentence to be spoken now, empty for silence; beforehand it is about the movement that follows."""
+    if guiding.cue is None or guiding.movement is None:
+        return ""
+    if guiding.cue is Cue.SOON and guiding.following is not None:
+        return sentence(f"soon {_words(guiding.following, 0.0)}")
+    return movement_sentence(guiding.movement, guiding.left)
+
+
+def movement_sentence(movement: Movement, left: float) -> str:
+    """Return a sentence about a movement with so much of it left [m]."""
+    return sentence(_words(movement, left))
+
+
+def _words(movement: Movement, left: float) -> str:
+    kind = movement.kind
+    if kind is MovementKind.STRAIGHT:
+        where = f", {movement.landmark}" if movement.landmark else ""
+        return f"straight on, {_metres(left)}{where}" if left > 0.0 else f"straight on{where}"
+    if kind is MovementKind.WAIT:
+        return f"call {movement.lift}, you want to go to {movement.storey}; drive in once its door is open and rests"
+    if kind is MovementKind.ARRIVED:
+        return f"you are at {movement.landmark}" if movement.landmark else "you are there"
+    return {
+        MovementKind.BACK: f"back, {_metres(left)}",
+        MovementKind.LEFT: "turn left",
+        MovementKind.RIGHT: "turn right",
+        MovementKind.TURN_ROUND: "turn round",
+        MovementKind.DOOR: "through the door",
+        MovementKind.INTO_LIFT: f"drive into {movement.lift}, if nothing moves in its door",
+        MovementKind.PRESS: f"press {movement.storey}",
+        MovementKind.LEAVE_LIFT: "leave the lift once its door is open and rests",
+    }[kind]
 
 
 def _metres(length: float) -> str:

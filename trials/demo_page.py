@@ -159,6 +159,14 @@ class DemoPage(DemoWatcher, WithoutCells):
         """See `ChairPort`."""
         return _NOT_HERE
 
+    def guide(self, goal: str, level: int) -> Answer:
+        """See `ChairPort`."""
+        return _NOT_HERE
+
+    def end_guide(self) -> Answer:
+        """See `ChairPort`."""
+        return _NOT_HERE
+
     def go(self, goal: str | Pose2) -> Answer:
         """See `ChairPort`."""
         return _NOT_HERE

@@ -30,7 +30,8 @@ from waychair.maps.folders.map_drawing import DrawingEditor
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, GoalView, LayoutView
-from waychair.runtime.drawing_port import NOT_ASKED, DrawingPort
+from waychair.runtime.drawing_port import NO_GUIDE, NOT_ASKED, DrawingPort
+from waychair.runtime.habits import Habits
 from waychair.runtime.perception_view import PerceptionView, drawn_network
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
 from waychair.simulation.plan.world import World, load_world
@@ -80,6 +81,7 @@ class _Blueprint:
     urgently: bool
     simulation: SimulationSettings
     building: LiveBuilding | None
+    habits: Habits | None
 
 
 class LiveChair(DrawingPort):
@@ -99,6 +101,7 @@ class LiveChair(DrawingPort):
         settings: ChairSettings | None = None,
         simulation: SimulationSettings | None = None,
         building: LiveBuilding | None = None,
+        habits: Habits | None = None,
     ) -> None:
         """Load the world; the chair starts with the block.
 
@@ -106,7 +109,8 @@ class LiveChair(DrawingPort):
         drawings on it are lost at the end. `camera`: with pictures to look at. `box`: folder of a black box.
         `urgently`: with real-time priority, if the system grants it. `settings` are the chair's; `countdown_s` applies
         unless they give a countdown. `simulation`: the settings of the simulated sensors and plant. `building`: the chair
-        travels over its storeys, from the world, which is one of its levels, on its maps instead of `map_folder`.
+        travels over its storeys, from the world, which is one of its levels, on its maps instead of `map_folder`. `habits`:
+        the rider's record.
 
         Raises:
             WorldError: the world does not exist.
@@ -121,6 +125,7 @@ class LiveChair(DrawingPort):
             urgently=urgently,
             simulation=simulation or SimulationSettings(),
             building=building,
+            habits=habits,
         )
         settings = settings or ChairSettings()
         supervisor = replace(settings.supervisor, countdown_s=settings.supervisor.countdown_s or countdown_s)
@@ -300,14 +305,28 @@ class LiveChair(DrawingPort):
         journeys = self._journeys
 
         def done() -> Answer:
-            if journeys is None or storey not in self._view.asks:
+            if journeys is None:
                 return Answer(False, NOT_ASKED)
             self._loop.watch.began(time.monotonic_ns())
-            journeys.traveller.answer(storey, self._simulator.now_ns)
+            answer = journeys.answer(storey, self._view.asks, self._simulator.now_ns)
             self._loop.step()
-            return Answer(True, f"this is storey {storey}")
+            return answer
 
         return self._request(done)
+
+    def guide(self, goal: str, level: int) -> Answer:
+        """See `ChairPort`."""
+        journeys = self._journeys
+        if journeys is None:
+            return Answer(False, NO_GUIDE)
+        return self._request(lambda: journeys.guide(goal, level, self._simulator.now_ns))
+
+    def end_guide(self) -> Answer:
+        """See `ChairPort`."""
+        journeys = self._journeys
+        if journeys is None:
+            return Answer(False, NO_GUIDE)
+        return self._request(lambda: journeys.end_guide(self._simulator.now_ns))
 
     def stop(self) -> Answer:
         """See `ChairPort`."""
@@ -428,7 +447,7 @@ class LiveChair(DrawingPort):
         if site is not None and lifts is not None:
             worker = ends.enter_context(ThreadPoolExecutor(1, "storeys"))
             here = plan.world.level, plan.world.start
-            self._journeys = LiveJourneys(site, maps, self._chair, lifts, *here, worker)
+            self._journeys = LiveJourneys(site, maps, self._chair, lifts, *here, worker, plan.habits)
         self._loop = RealTimeLoop(self._chair, self._simulator, self._after_tick, self._journeys)
 
     def _after_tick(self, messages: tuple[SensorMessage, ...], state: ChairState) -> None:

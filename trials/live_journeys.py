@@ -18,15 +18,19 @@ from waychair.control.safety.stops import Halt
 from waychair.errors import BuildingError, WaychairError
 from waychair.maps.building.building import Building
 from waychair.maps.building.zone_rules import with_zones
+from waychair.planning.building.guided_ways import GuidedWays
 from waychair.planning.building.hierarchical import RoutePlanner
 from waychair.planning.building.movements import lift_title
 from waychair.planning.building.pose_ends import nearest_node
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.runtime.building_goals import goal_views, legs_to
 from waychair.runtime.chair import Chair, ChairState
-from waychair.runtime.chair_port import ChairView, GoalView
+from waychair.runtime.chair_port import Answer, ChairView, GoalView
+from waychair.runtime.drawing_port import NOT_ASKED
 from waychair.runtime.drive_base import ChairMessage
-from waychair.runtime.journeys import StoreyMap, Traveller, TravelState
+from waychair.runtime.guiding import Guide
+from waychair.runtime.habits import Habits
+from waychair.runtime.journeys import PRESS_AGAIN_S, StoreyMap, Traveller, TravelState
 from waychair.runtime.sentences import sentence
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World
@@ -73,8 +77,9 @@ class LiveJourneys:
         storey: str,
         start: Pose2,
         worker: ThreadPoolExecutor,
+        habits: Habits | None = None,
     ) -> None:
-        """`storey` and `start`: the chair's map now, and its pose there.
+        """`storey` and `start`: the chair's map now, and its pose there. `habits`: the rider's record.
 
         Raises:
             BuildingError: the graph cannot be compiled.
@@ -94,7 +99,10 @@ class LiveJourneys:
         self._over = ""
         heights = {each.id: each.height for each in site.building.hgraph.storeys}
         storeys = [_storey_map(level, known, heights[level]) for level, known in maps.items()]
-        self.traveller = Traveller(chair, CHAIR_A, storeys, self._sites, ToldRider(lifts), storey, worker)
+        buttons = ToldRider(lifts)
+        self.traveller = Traveller(chair, CHAIR_A, storeys, self._sites, buttons, storey, worker)
+        self._guide = Guide(self._ways, lambda: chair.odom_from_base, habits, worker)
+        self._pressed = Pressed(buttons)
 
     @property
     def under_way(self) -> bool:
@@ -113,6 +121,9 @@ class LiveJourneys:
         if self.map is not before:  # a page asks for what has changed
             self.map.revision = before.revision + 1
             self.map.layout_revision = before.layout_revision + 1
+        self._guide.step(state.chair, self.traveller.storey)
+        if not self.under_way:
+            self._pressed.press(self._guide.buttons, now_ns)
         journey = state.journey
         if journey is not None and journey.ended:
             self._over = sentence(journey.why) if journey.phase is Phase.FAILED else ""
@@ -135,6 +146,34 @@ class LiveJourneys:
                 raise BuildingError(f"'{goal}' is no place of its storey's map: set the place, or choose another goal")
             start, _ = nearest_node(hgraph, storey, pose, self._costmap(storey))
             return legs_to(self._planner, self._sites, CHAIR_A, start, ref, place)
+
+    def guide(self, goal: str, level: int, now_ns: int) -> Answer:
+        """Begin step guidance to a goal; the rider drives.
+
+        Raises:
+            BuildingError: there is no such goal, or no graph.
+        """
+        self._guide.go(goal, level, now_ns)
+        return Answer(True, f"guides you to {goal}: you drive")
+
+    def end_guide(self, now_ns: int) -> Answer:
+        """End step guidance."""
+        was_on = self._guide.view is not None
+        self._guide.end(now_ns)
+        return Answer(was_on, "guidance has ended" if was_on else "there is no guidance to end")
+
+    def answer(self, storey: str, asked: Sequence[str], now_ns: int) -> Answer:
+        """Take the rider's word for the storey, of those that were asked for."""
+        title = self._title(storey)
+        if storey not in asked:
+            return Answer(False, NOT_ASKED)
+        if self.traveller.journey is not None:
+            self.traveller.answer(storey, now_ns)
+        elif storey != self.traveller.storey:
+            pose = self._guide.pose_at(storey)
+            if not self.traveller.take_storey(storey, pose):
+                return Answer(False, f"the map of {title} is being made ready: answer again in a moment")
+        return Answer(True, f"this is {title}")
 
     def ask(self, label: str, legs: Sequence[Leg]) -> None:
         """Note the legs of the journey that waits for the rider's yes, () for a drive on this storey; prepare its maps."""
@@ -169,7 +208,9 @@ class LiveJourneys:
     def shown(self, view: ChairView) -> ChairView:
         """Return the chair's view with its storey and the journey's state."""
         storey = self.traveller.storey
-        view = replace(view, storey=self._title(storey))
+        view = replace(view, storey=self._title(storey), guide=self._guide.view)
+        if self._guide.at_stops and self.traveller.journey is None:
+            view = replace(view, asks=self._guide.at_stops)
         state, journey = self._state, self.traveller.journey
         if state is None or journey is None:
             return replace(view, last_stop=self._over) if self._over else view
@@ -190,6 +231,10 @@ class LiveJourneys:
         lift = "" if journey is None else journey.here.lift
         return lift_title(self._building.hgraph.lifts[lift]) if lift else self.label
 
+    def _ways(self) -> GuidedWays:
+        grids = {level: known.grid for level, known in self.maps.items()}
+        return GuidedWays(with_zones(self._building), grids)
+
     def _title(self, storey: str) -> str:
         return next((each.name or each.id for each in self._building.hgraph.storeys if each.id == storey), storey)
 
@@ -208,6 +253,23 @@ class LiveJourneys:
         if made is None or made[0] != key:
             made = self._costmaps[storey] = key, costmap_from_grid(known.grid, CHAIR_A, zones=known.drawing.zones)
         return made[1]
+
+
+class Pressed:
+    """The lifts' buttons as somebody presses them who is told to: again after some time."""
+
+    def __init__(self, buttons: ToldRider) -> None:
+        self._buttons = buttons
+        self._last: tuple[tuple[str, str] | None, int] = None, 0
+
+    def press(self, wanted: tuple[str, str] | None, now_ns: int) -> None:
+        """Press a lift's button for a storey, or none."""
+        before, at = self._last
+        if wanted is None:
+            self._last = None, 0
+        elif wanted != before or now_ns - at > PRESS_AGAIN_S * 1e9:
+            self._buttons.call(*wanted)
+            self._last = wanted, now_ns
 
 
 def _storey_map(level: str, known: LiveMap, height: float) -> StoreyMap:

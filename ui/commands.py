@@ -58,6 +58,11 @@ class _StoreyArguments(_Arguments, frozen=True):
     storey: str
 
 
+class _GuideArguments(_Arguments, frozen=True):
+    goal: str
+    level: Annotated[int, msgspec.Meta(ge=0, le=3)] = 2
+
+
 class _SteerArguments(_Arguments, frozen=True):
     forward: Axis
     turn: Axis
@@ -143,6 +148,8 @@ COMMANDS: Mapping[str, _Command] = {
     "pause": _Command(_NoArguments, lambda port, _: port.pause()),
     "go_on": _Command(_NoArguments, lambda port, _: port.go_on()),
     "storey": _Command(_StoreyArguments, lambda port, asked: port.answer_storey(asked.storey)),
+    "guide": _Command(_GuideArguments, lambda port, asked: port.guide(asked.goal, asked.level)),
+    "end_guide": _Command(_NoArguments, lambda port, _: port.end_guide()),
     "cancel": _Command(_NoArguments, lambda port, _: port.cancel()),
     "reset": _Command(_NoArguments, lambda port, _: port.reset()),
     "place_here": _Command(

@@ -10,7 +10,7 @@ import numpy as np
 
 from waychair.control.safety.stops import STOPS, Severity
 from waychair.maps.drawn.zones import Zone
-from waychair.runtime.chair_port import ChairView, GoalView, LayoutView
+from waychair.runtime.chair_port import ChairView, GoalView, GuideView, LayoutView
 from waychair.runtime.perception_view import CellView, PerceptionView
 from waychair.runtime.sentences import sentence
 from waychair.types import Bytes, FloatArray, Json, OccupancyGrid, Place, Pose2
@@ -50,6 +50,7 @@ def view_message(view: ChairView, count: int) -> str:
             "offers": view.offers,
             "storey": view.storey,
             "asks": view.asks,
+            "guide": None if view.guide is None else _guide(view.guide),
             "twist": [round(float(view.twist.v), 3), round(float(view.twist.omega), 3)],
             "goal": view.goal,
             "waits": view.waits,
@@ -69,6 +70,20 @@ def view_message(view: ChairView, count: int) -> str:
             "panel": {name: float(value) for name, value in view.panel.items()},
         }
     )
+
+
+def _guide(guide: GuideView) -> Json:
+    return {
+        "goal": guide.goal,
+        "kind": guide.kind,
+        "sentence": guide.sentence,
+        "said": guide.said,
+        "count": guide.count,
+        "bearing": round(float(guide.bearing), 2),
+        "level": guide.level,
+        "arrived": guide.arrived,
+        "offers": guide.offers,
+    }
 
 
 def cells_message(seen: PerceptionView | None) -> str:

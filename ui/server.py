@@ -23,11 +23,13 @@ import msgspec
 from waychair.errors import MissingExtra
 from waychair.install_advice import install_command
 from waychair.runtime.chair_port import ChairPort
+from waychair.runtime.habits import Habits
 from waychair.ui.broadcaster import Broadcaster, CommandRunner, OpenPage
 from waychair.ui.commands import COMMANDS, STICK
 from waychair.ui.editor.server import editor_routes
 from waychair.ui.editor.session import Session
 from waychair.ui.guard import API, LIVE, RequestGuard, is_token
+from waychair.ui.habits_routes import habits_routes
 from waychair.ui.page_messages import THEMES
 from waychair.ui.serving import LARGEST_MESSAGE, STATIC, served
 
@@ -53,11 +55,13 @@ def app(
     names: Sequence[str] = (),
     local: bool = True,
     session: Session | None = None,
+    habits: Habits | None = None,
 ) -> FastAPI:
     """Return the page of a chair as an ASGI application.
 
     `token`: required of every page unless empty. `local`: only localhost and loopback addresses are valid hosts;
-    otherwise every address and `names`, too. `session`: a building that the page's building mode edits.
+    otherwise every address and `names`, too. `session`: a building that the page's building mode edits. `habits`: the
+    rider's record.
 
     Raises:
         MissingExtra: the extra [ui] is not installed.
@@ -97,6 +101,7 @@ def app(
         Route(API + "network.svg", _NetworkEndpoint(broadcaster).answer),
         Route(API + "do/{name}", _CommandEndpoint(broadcaster).answer, methods=["POST"]),
         WebSocketRoute(LIVE, live),
+        *(() if habits is None else habits_routes(habits)),
         *(() if session is None else editor_routes(session, has_chair=True)),
         Mount("/static", StaticFiles(directory=STATIC)),
         Mount("/leaflet", StaticFiles(directory=leaflet.BASE_DIR)),
@@ -115,10 +120,11 @@ def page_server(
     token: str = "",
     names: Sequence[str] = (),
     session: Session | None = None,
+    habits: Habits | None = None,
 ) -> Iterator[str]:
     """Serve the page in a thread while the block lasts; yield its address. `http_port` 0 takes a free port.
 
-    `session`: a building that the page's building mode edits.
+    `session`: a building that the page's building mode edits. `habits`: the rider's record.
 
     Raises:
         ConfigError: the page would be open to the network without a token.
@@ -127,7 +133,7 @@ def page_server(
     """
 
     def pages(local: bool) -> FastAPI:
-        return app(port, token, names=names, local=local, session=session)
+        return app(port, token, names=names, local=local, session=session, habits=habits)
 
     with served(pages, host, http_port, token) as address:
         yield address

@@ -30,8 +30,9 @@ from waychair.planning.building.graph_search import (
     cost_of_way,
     traced,
 )
-from waychair.planning.building.movements import Movement, lift_title, movements, record_of
+from waychair.planning.building.movements import lift_title, movements, record_of
 from waychair.planning.building.tetranauta import Tetranauta
+from waychair.planning.movements import Movement
 
 
 class Method(enum.StrEnum):

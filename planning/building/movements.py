@@ -5,61 +5,16 @@ A movement is told when the chair has to do something else than before; turns ar
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from waychair.maps.building.costs import door_cost_m, millimetres
 from waychair.maps.building.graph_arrays import NO_HEADING, Int32Array
-from waychair.maps.building.hgraph import Arc, ArcRef, Doorway, HGraph, Lift, NodeRef
+from waychair.maps.building.hgraph import Arc, ArcRef, Doorway, HGraph, Lift
 from waychair.maps.building.hgraph_edits import arc_ref
 from waychair.maps.building.indexed import IndexedGraph, stop_costs_m
 from waychair.planning.building.overlay import turn
-
-
-class MovementKind(enum.StrEnum):
-    """The kinds of movement."""
-
-    STRAIGHT = "straight"
-    LEFT = "left"
-    RIGHT = "right"
-    TURN_ROUND = "turn round"
-    DOOR = "door"
-    WAIT = "wait"
-    INTO_LIFT = "into the lift"
-    PRESS = "press"
-    LEAVE_LIFT = "leave the lift"
-    ARRIVED = "arrived"
-
-
-@dataclass(frozen=True, slots=True)
-class Movement:
-    """One movement: its kind, the node at which it begins, its cost [mm], and what it needs of the others.
-
-    `distance` [m] of straight driving; `lift` and `storey` are the names for people of the lift and of the storey to press.
-    """
-
-    kind: MovementKind
-    at: NodeRef
-    cost: int
-    distance: float = 0.0
-    lift: str = ""
-    storey: str = ""
-
-    def sentence(self) -> str:
-        """Return it in words."""
-        return {
-            MovementKind.STRAIGHT: f"straight {self.distance:.0f} m" if self.distance >= 1.0 else "straight, a little",
-            MovementKind.LEFT: "turn left",
-            MovementKind.RIGHT: "turn right",
-            MovementKind.TURN_ROUND: "turn round",
-            MovementKind.DOOR: "through the door",
-            MovementKind.WAIT: f"wait for {self.lift}",
-            MovementKind.INTO_LIFT: f"drive into {self.lift}",
-            MovementKind.PRESS: f"{self.lift} to {self.storey}",
-            MovementKind.LEAVE_LIFT: "leave the lift",
-            MovementKind.ARRIVED: "arrived",
-        }[self.kind]
+from waychair.planning.movements import Movement, MovementKind
 
 
 def movements(hgraph: HGraph, built: IndexedGraph, arcs: Int32Array) -> tuple[Movement, ...]:

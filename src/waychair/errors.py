@@ -221,6 +221,10 @@ class SensorError(WaychairError):
     """Messages of a sensor contradict each other."""
 
 
+class HabitsError(WaychairError):
+    """The record of the rider's habits cannot be read."""
+
+
 class BoxError(WaychairError):
     """A black box cannot be read or written, or holds no stop to explain."""
 

@@ -86,11 +86,11 @@ def refuse_empty_file(path: Path, failure: type[WaychairError], none: str) -> No
 
 
 @contextmanager
-def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
+def replacing(path: Path, *, lasting: bool = True, mode: int = 0o644) -> Iterator[Path]:
     """Yield a temporary path beside `path`. It replaces `path` when the block succeeds, and is removed otherwise.
 
     After a power cut the file is either the old one or the new one. With `lasting=False` nothing waits for the disk,
-    and after a power cut the file may be empty.
+    and after a power cut the file may be empty. `mode`: the file's permissions.
 
     A symbolic link is followed: its target is written. An existing folder, device or pipe is left alone.
 
@@ -109,7 +109,7 @@ def replacing(path: Path, *, lasting: bool = True) -> Iterator[Path]:
     aside = Path(name)
     try:
         yield aside
-        aside.chmod(0o644)
+        aside.chmod(mode)
         if lasting:
             with aside.open("rb") as file:
                 os.fsync(file.fileno())

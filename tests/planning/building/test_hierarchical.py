@@ -9,7 +9,7 @@ from waychair.errors import BuildingError, NoPath
 from waychair.maps.building.hgraph import ArcRef, Closure, NodeRef
 from waychair.maps.building.hgraph_edits import closed, with_drives, with_lift, with_way
 from waychair.planning.building.hierarchical import Method, RoutePlanner
-from waychair.planning.building.movements import MovementKind
+from waychair.planning.movements import MovementKind
 
 
 @pytest.mark.parametrize("method", list(Method))

@@ -12,6 +12,8 @@ import "./scan.js";
 import "./menu/menu.js";
 import "./panel.js";
 import "./cells.js";
+import "./guide.js";
+import "./habits.js";
 import "./awake.js";
 import "./focus.js";
 import { remembers } from "./memory.js";

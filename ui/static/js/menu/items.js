@@ -2,6 +2,7 @@
 // items of a menu), `act` (work, after which the menu begins again; true keeps it open) or `hold` (steering while held).
 
 import { goTo } from "../drive.js";
+import { guideTo, sayAgain } from "../guide.js";
 import { ask } from "../link.js";
 import { moves, note, now, say } from "../page.js";
 import { setSound, soundWanted } from "../sound.js";
@@ -46,6 +47,7 @@ export function firstMenu(leave, calibrate) {
       title: `Drive to ${view.goal || "the point on the map"}?`,
       items: [
         { label: "Drive there", act: () => answered(ask("confirm", { goal: view.goal })) },
+        ...(now.goals.length ? [{ label: "Guide me, I drive", act: () => void guideTo(view.goal) }] : []),
         { label: "Not now", act: () => void say(ask("cancel")) },
         STOP,
       ],
@@ -69,6 +71,7 @@ function atRest(view, leave, calibrate) {
     STOP,
     ...view.asks.map((storey) => ({ label: `This is ${storey}`, act: () => answered(ask("storey", { storey })) })),
     ...(view.paused || view.offers ? [{ label: "Go on", act: () => answered(ask("go_on")) }] : []),
+    ...(view.guide ? [{ label: "Say it again", act: () => sayAgain() }, { label: "End guidance", act: () => void say(ask("end_guide")) }] : []),
     ...(view.goal ? [{ label: "End this drive", act: () => void say(ask("cancel")) }] : []),
     ...(view.obstacles.some(({ reset }) => reset) ? [{ label: "Reset", act: () => void say(ask("reset")) }] : []),
     ...(pinned.length ? [{ label: "Favourites", items: () => pinned.slice(0, MOST).map(farItem) }] : []),

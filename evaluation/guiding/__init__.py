@@ -1,0 +1,1 @@
+"""Simulated riders who are guided step by step, and their scores."""

@@ -1,0 +1,68 @@
+// Step guidance: the present movement, large, with an arrow, and spoken; the rider drives.
+
+import { ask, on } from "./link.js";
+import { recall, remember } from "./memory.js";
+import { $, note, now, say, setText } from "./page.js";
+import { soundWanted, speakOnly } from "./sound.js";
+
+const LEVELS = ["no prompts", "at decisions", "also in time before", "the chair drives on request"];
+const ARROWS = new Set(["left", "right", "turn round", "straight", "door", "back", "into the lift"]);
+
+let level = Number(recall("guide-level") ?? 2);
+let heard = null; // how many sentences had been spoken when the page last looked
+
+const guide = (goal) => say(ask("guide", { goal, level }));
+
+function show(view) {
+  const guiding = view.guide;
+  $("guide").hidden = !guiding;
+  $("ask-guide").hidden = !view.waits || now.goals.length === 0;
+  if (!guiding) {
+    heard = null;
+    return;
+  }
+  setText($("guide-title"), `On the way to ${guiding.goal}`);
+  setText($("guide-text"), guiding.level > 0 || guiding.arrived ? guiding.sentence : "Drive as you like. Say it again tells the way.");
+  setText($("guide-level"), `Prompts: ${LEVELS[guiding.level]}`);
+  const arrow = $("guide-arrow");
+  arrow.toggleAttribute("hidden", guiding.level === 0 || !ARROWS.has(guiding.kind));
+  arrow.style.transform = `rotate(${-Math.round((guiding.bearing * 180) / Math.PI)}deg)`;
+  $("guide-drive").hidden = !guiding.offers || guiding.arrived;
+  if (guiding.count > (heard ?? 0)) tell(guiding.said);
+  heard = guiding.count;
+}
+
+/** Speaks a sentence, and shows it to screen readers where there is no voice. */
+function tell(sentence) {
+  if (!(soundWanted() && speakOnly(sentence, () => {}))) setText($("guide-said"), sentence);
+}
+
+on("view", show);
+/** Guides to the goal that waits for a yes, in place of a drive there. */
+export async function guideTo(goal) {
+  await ask("cancel");
+  return guide(goal);
+}
+
+/** Tells the present movement once more, at every level of prompting. */
+export function sayAgain() {
+  const { sentence } = now.view?.guide ?? {};
+  if (!sentence) return;
+  tell(sentence);
+  note(sentence);
+}
+
+$("ask-guide").addEventListener("click", () => guideTo(now.view.goal));
+$("guide-again").addEventListener("click", sayAgain);
+$("guide-level").addEventListener("click", () => {
+  const guiding = now.view?.guide;
+  if (!guiding) return;
+  level = (guiding.level + 1) % LEVELS.length;
+  remember("guide-level", String(level));
+  guide(guiding.goal);
+});
+$("guide-drive").addEventListener("click", async () => {
+  const guiding = now.view?.guide;
+  if (guiding) say(ask("go", { place: guiding.goal }));
+});
+$("guide-end").addEventListener("click", () => say(ask("end_guide")));
