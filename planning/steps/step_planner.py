@@ -23,7 +23,7 @@ from waychair.planning.route.tight_doors import tight_doors
 from waychair.planning.steps.clear_ground import SPIN_ROOM, ClearGround
 from waychair.planning.steps.door_steps import door_steps, doors_too_narrow
 from waychair.planning.steps.step import NoSteps, Step, StepKind, StepPlan, with_pivots
-from waychair.types import FloatArray, Goal, Pose2
+from waychair.types import BoolArray, FloatArray, Goal, Pose2
 
 PIVOT_COST = 1.5
 """m; a turn on the spot takes a driver as long as this way."""
@@ -234,8 +234,22 @@ class _Search:
 
     def _rooms_from(self, at: int) -> FloatArray:
         if at not in self._rooms:
-            self._rooms[at] = self._ground.side_rooms(self._points[at], self._points)
+            rooms = self._ground.side_rooms(self._points[at], self._points)
+            for _, door in self._doors.values():
+                rooms[_crosses(door, self._points[at], self._points)] = -1.0  # it is passed by its own step only
+            self._rooms[at] = rooms
         return self._rooms[at]
+
+
+def _crosses(through: Step, start: FloatArray, ends: FloatArray) -> BoolArray:
+    """Return (N,) whether straight legs from one point (2,) to each of `ends` (N, 2) lead through a door."""
+    assert through.door is not None
+    door_from_map = through.door.map_from_door.inverse()
+    (x, y), (xs, ys) = transform_points(door_from_map, start[None])[0], transform_points(door_from_map, ends).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = y + (ys - y) * -x / (xs - x)
+    within: BoolArray = (x * xs < 0.0) & (np.abs(across) < through.door.width)
+    return within
 
 
 def _ways_out(ground: ClearGround, start: Pose2) -> Iterator[tuple[float, Step]]:
