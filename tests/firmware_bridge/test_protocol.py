@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from tests.firmware_bridge.rig import CCommand, CFrame, CHello, CHelloReply, CTelemetry, Rig
 from waychair.errors import BridgeError
 from waychair.firmware_bridge.board import FIRMWARE
+from waychair.firmware_bridge.frames import crc16
 from waychair.firmware_bridge.protocol import (
     LAYOUT_HASH,
     PROTOCOL_VERSION,
@@ -27,7 +28,6 @@ from waychair.firmware_bridge.protocol import (
     HelloReply,
     Message,
     Received,
-    crc16,
     encode,
     hello,
     line_millivolts,
