@@ -248,7 +248,7 @@ def test_a_flood_without_a_zero_keeps_no_more_than_a_frame() -> None:
     decoder = Decoder()
     for _ in range(100):
         assert decoder.feed(b"\1" * 1000) == []
-    assert len(decoder._pending) <= 54
+    assert len(decoder._frames._pending) <= 54
     assert decoder.feed(b"\0" + encode(COMMAND, 1)) == [Received(1, COMMAND)]
     assert decoder.bad == 1
 
