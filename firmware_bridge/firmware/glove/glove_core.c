@@ -122,9 +122,14 @@ static void advance(glove_core *core, uint32_t elapsed_ms)
     core->left_ms -= elapsed_ms;
 }
 
+/* Motors that are whole and not switched off by a gain of 0. */
 static uint16_t usable(const glove_core *core, const glove_inputs *inputs)
 {
-    return (uint16_t)(all_motors(core) & ~(inputs->open | inputs->shorted));
+    unsigned motors = all_motors(core) & ~(unsigned)(inputs->open | inputs->shorted);
+    for (int motor = 0; motor < core->motors; motor++)
+        if (core->gain[motor] == 0)
+            motors &= ~(1u << motor);
+    return (uint16_t)motors;
 }
 
 static bool step_is_possible(const glove_core *core, const glove_step *step)

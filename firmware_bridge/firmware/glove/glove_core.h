@@ -43,7 +43,7 @@ typedef enum {
 /* Why a PLAY is not played; 0: it is played or queued. */
 enum {
     PLAY_STEPS = 1 << 0,           /* no steps, no such motor, or a time or strength out of its limits */
-    PLAY_FAULTY = 1 << 1,          /* all motors of one of its steps are open or shorted */
+    PLAY_FAULTY = 1 << 1,          /* all motors of one of its steps are open, shorted or off */
     PLAY_NOT_WORN = 1 << 2,
     PLAY_HOT = 1 << 3,
     PLAY_DUTY = 1 << 4,            /* one of its motors has vibrated too much in the last 10 s */
