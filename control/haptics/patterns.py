@@ -56,15 +56,10 @@ class Pattern:
         """The rest that follows it."""
         return self.bursts[-1].off_ms
 
-    def steps(self, motor_of: tuple[int, ...] | None = None) -> tuple[PlayStep, ...]:
-        """Return the steps of PLAY; `motor_of` gives the board's output of each motor of the layout."""
+    def steps(self) -> tuple[PlayStep, ...]:
+        """Return the steps of PLAY, whose masks name motors of the layout."""
         return tuple(
-            PlayStep(
-                sum(1 << (k if motor_of is None else motor_of[k]) for k in burst.tactors),
-                STRENGTHS[burst.level - 1],
-                burst.on_ms,
-                burst.off_ms,
-            )
+            PlayStep(sum(1 << k for k in burst.tactors), STRENGTHS[burst.level - 1], burst.on_ms, burst.off_ms)
             for burst in self.bursts
         )
 
