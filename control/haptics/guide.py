@@ -46,7 +46,7 @@ STRAIGHT_ENOUGH = math.radians(6.0)
 LOOK_AHEAD = 1.2
 """m; how far ahead on the leg the driver aims."""
 
-GATE_FROM, GATE_TO = 0.35, 0.02
+GATE_FROM, GATE_TO = 0.25, 0.02
 """m; distances of the chair's front from the wall between which the gate decides."""
 
 GATE_OFFSET, GATE_TURN = 0.75, math.radians(3.0)

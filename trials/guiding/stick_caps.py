@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.safety.collision_monitor import points_now, valid_beams
 from waychair.geometry import arcs
 from waychair.simulation.plant.plant import PlantSettings
-from waychair.types import FloatArray, JoystickInput, Twist
+from waychair.types import BoolArray, FloatArray, JoystickInput, Scan, Twist
 
 RUN_ON_S, HELD_S = 0.12, 0.22
 """s; a new cap acts after the first; the command holds for the second before the next cap counts."""
@@ -77,8 +78,7 @@ class CapsByScan:
         if not len(points):
             return StickCaps(reverse=_REVERSE)
         both = self._share(points, measured, forward, turn)
-        straight = both if both == 1.0 else max(both, 0.0)
-        cap_ahead = abs(forward) * straight if forward else 1.0
+        cap_ahead = abs(forward) * both if forward else 1.0
         cap_turn = abs(turn) * both if turn else 1.0
         return StickCaps(
             forward=cap_ahead if forward > 0.0 and both < 1.0 else 1.0,
@@ -86,6 +86,10 @@ class CapsByScan:
             left=cap_turn if turn > 0.0 and both < 1.0 else 1.0,
             right=cap_turn if turn < 0.0 and both < 1.0 else 1.0,
         )
+
+    def points(self, scan: Scan, measured: Twist, now_ns: int) -> FloatArray:
+        """Return a scan's points (N, 2) [m] in base now."""
+        return points_now(scan, valid_beams(scan, np.zeros(len(scan.ranges), np.bool_)), self._body, measured, now_ns)
 
     @property
     def _middle(self) -> float:
@@ -95,7 +99,7 @@ class CapsByScan:
         """Return the largest share of the stick that stops free; 0 if none."""
         for share in _SHARES.tolist():
             if self._is_free(points, measured, self.twist_of(share * forward, share * turn)):
-                return share
+                return float(share)
         return 0.0
 
     def _is_free(self, points: FloatArray, measured: Twist, wanted: Twist) -> bool:
@@ -107,15 +111,14 @@ class CapsByScan:
             return not after.any()
         return not (after & ~before).any() and not self._inside(points, poses, 0.0, 0.0).any()
 
-    def _inside(self, points: FloatArray, poses: FloatArray, beside: float, ahead: float) -> FloatArray:
+    def _inside(self, points: FloatArray, poses: FloatArray, beside: float, ahead: float) -> BoolArray:
         """Return (N,) whether points enter the outline, grown by margins, at any of the poses (P, 3)."""
         c, s = np.cos(poses[:, 2])[:, None], np.sin(poses[:, 2])[:, None]
         dx, dy = points[:, 0] - poses[:, :1], points[:, 1] - poses[:, 1:2]
         x, y = c * dx + s * dy, c * dy - s * dx
         body = self._body
         within = (np.abs(y) < body.width / 2 + beside) & (x < body.front + ahead) & (x > -body.rear - ahead)
-        inside: FloatArray = within.any(axis=0)
-        return inside
+        return np.asarray(within.any(axis=0), np.bool_)
 
 
 def _way(measured: Twist, wanted: Twist) -> FloatArray:
@@ -131,8 +134,6 @@ def _way(measured: Twist, wanted: Twist) -> FloatArray:
             poses.append(np.array([at[0] + c * x - s * y, at[1] + s * x + c * y, at[2] + theta]))
 
     add(measured.v, measured.omega, RUN_ON_S, 1)
-    v = max(measured.v, wanted.v, key=abs) if measured.v * wanted.v >= 0.0 else wanted.v
-    v = wanted.v if abs(wanted.v) < abs(measured.v) else v
     add(wanted.v, wanted.omega, HELD_S, 2)
     half = 0.5 * max(abs(wanted.v) / BRAKING, abs(wanted.omega) / TURN_BRAKING)
     add(wanted.v, wanted.omega, half, 3)
