@@ -185,6 +185,10 @@ class _Tick:
 
     def run(self, state: GuideState) -> tuple[Guidance, GuideState]:
         """Return guidance and memory."""
+        guidance, after = self._phase(state)
+        return replace(guidance, slow=self._is_slow(after)), after
+
+    def _phase(self, state: GuideState) -> tuple[Guidance, GuideState]:
         if state.phase is Phase.DONE:
             return self._done(state)
         if state.phase is Phase.TURN:
@@ -192,6 +196,14 @@ class _Tick:
         if state.phase is Phase.BACK:
             return self._back(state)
         return self._go(state)
+
+    def _is_slow(self, state: GuideState) -> bool:
+        """Return whether a door is near: its own step, or the last part of the leg to its pivotal point."""
+        step = self.plan.steps[state.step]
+        following = self.plan.steps[state.step + 1 : state.step + 3]
+        along, _, _ = self._on_leg(step)
+        near = step.kind is StepKind.PIVOT or step.length - along < _SLOW_BEFORE
+        return step.door is not None or (near and any(each.door is not None for each in following))
 
     # saying -----------------------------------------------------------------------------------------------------------
 
@@ -245,7 +257,7 @@ class _Tick:
 
     def _next(self, state: GuideState) -> tuple[Guidance, GuideState]:
         """Go on to the next step."""
-        return self.run(self.guide._begin(self.plan, state.step + 1, state, self.now))
+        return self._phase(self.guide._begin(self.plan, state.step + 1, state, self.now))
 
     def _turn(self, state: GuideState) -> tuple[Guidance, GuideState]:
         omega = self.now.twist.omega
@@ -371,7 +383,6 @@ class _Tick:
         drives = v > STILL_V
         following = self._following(state)
         ends = step.length - along
-        slow = step.door is not None or self._door_is_near(state, ends)
         if ends <= (max(v, 0.0) * self.guide.lead(following) if following is not Symbol.FORWARD else 0.0) + _NEAR_END:
             return self._next(state)
         if abs(aside) > ASTRAY or along < -2.0 * ASTRAY:
@@ -379,14 +390,16 @@ class _Tick:
         nudge = Symbol.NUDGE_LEFT
         ahead_s = self.guide.lead(nudge)
         error, course = self._error(step, state, ahead_s)
-        if step.door is not None:
+        if step.door is not None and abs(self.now.twist.omega) < _SWIVELLING:
+            if not drives and self._is_hopeless(step, along, aside):
+                return self._quiet("too far beside the door's axis", state, astray=True)
             refused = self._gate(step, state, course)
             if refused:
                 return refused
         reason = f"straight, {max(ends, 0.0):.1f} m more"
         pending = state.said is Symbol.FORWARD and self._since_obeyed(state) < _SETTLES_S
         if pending and abs(self.now.twist.omega) > _SWIVELLING:
-            return self._quiet(reason, state, slow=slow)
+            return self._quiet(reason, state)
         far_off = abs(error) > self._swivel_from and not state.nudges
         if self._may_turn and far_off and self._may_swivel(step, along):
             heading = wrap_angle(self.now.pose.theta + error)
@@ -396,18 +409,17 @@ class _Tick:
         limit = max(LEAST_ERROR, NUDGE_SHARE * self.guide.rider.nudge)
         side = Symbol.NUDGE_LEFT if error > 0.0 else Symbol.NUDGE_RIGHT
         if not drives:
-            return self._from_rest(state, error, side, reason, slow)
+            return self._from_rest(state, error, side, reason)
         if abs(self.now.twist.omega) > _SWIVELLING:
-            return self._ask_again(Symbol.FORWARD, reason, state, slow=slow)
-        if abs(error) > limit:
-            return self._say(side, f"{reason}, {math.degrees(error):.0f} degrees off", state, slow=slow)
+            return self._ask_again(Symbol.FORWARD, reason, state)
+        ends_soon = following is not Symbol.FORWARD and ends < v * (self.guide.lead(following) + _NUDGE_TAKES_S)
+        if abs(error) > limit and not ends_soon:
+            return self._say(side, f"{reason}, {math.degrees(error):.0f} degrees off", state)
         if self._silent_s(state) > REPEAT_S:
-            return self._say(Symbol.FORWARD, reason, state, slow=slow)
-        return self._quiet(reason, state, slow=slow)
+            return self._say(Symbol.FORWARD, reason, state)
+        return self._quiet(reason, state)
 
-    def _from_rest(
-        self, state: GuideState, error: float, side: Symbol, reason: str, slow: bool
-    ) -> tuple[Guidance, GuideState]:
+    def _from_rest(self, state: GuideState, error: float, side: Symbol, reason: str) -> tuple[Guidance, GuideState]:
         """The chair does not drive ahead yet: straighten it, send it ahead, or notice that something is in the way."""
         now = self.now
         state = self._watched(state, moves=False)
@@ -419,12 +431,12 @@ class _Tick:
         if stood > _STRAIGHTENS_S or (askew and not pending and self._front_at_door(state)):
             return self._retry(state, "the chair cannot be straightened here")
         if pending or state.nudges:
-            return self._quiet(reason, state, slow=slow)
+            return self._quiet(reason, state)
         if askew and abs(now.twist.omega) < STILL_OMEGA and now.twist.v > -STILL_V:
-            return self._say(side, f"straighten, {math.degrees(error):.0f} degrees off", state, slow=slow)
+            return self._say(side, f"straighten, {math.degrees(error):.0f} degrees off", state)
         if state.said is Symbol.FORWARD:
-            return self._ask_again(Symbol.FORWARD, reason, state, slow=slow)
-        return self._say(Symbol.FORWARD, reason, state, slow=slow)
+            return self._ask_again(Symbol.FORWARD, reason, state)
+        return self._say(Symbol.FORWARD, reason, state)
 
     def _stood(self, state: GuideState, symbol: Symbol) -> float:
         """Return for how long [s] the chair has not moved although it could have obeyed a symbol."""
@@ -457,10 +469,6 @@ class _Tick:
         if following.kind is StepKind.ARRIVED:
             return Symbol.ARRIVED
         return Symbol.BACK if following.kind is StepKind.BACK else Symbol.FORWARD
-
-    def _door_is_near(self, state: GuideState, ends: float) -> bool:
-        following = self.plan.steps[min(state.step + 2, len(self.plan.steps) - 1)]
-        return following.door is not None and ends < _SLOW_BEFORE
 
     def _error(self, step: Step, state: GuideState, ahead_s: float) -> tuple[float, Pose2]:
         """Return the error of the course [rad, left positive] when the next nudge acts, and the pose on the leg then."""
@@ -497,9 +505,20 @@ class _Tick:
         at = step.start.inverse() @ step.door.map_from_door
         offset = course.y + (at.x - course.x) * math.tan(course.theta) - at.y
         turned = abs(wrap_angle(course.theta - at.theta))
-        if abs(offset) <= GATE_OFFSET * step.room and turned <= GATE_TURN + 0.5 * step.room:
+        if abs(offset) <= GATE_OFFSET * step.room and turned <= self._gate_turn(step):
             return None
         return self._retry(state, f"{100.0 * offset:.0f} cm and {math.degrees(course.theta):.0f} degrees off the door")
+
+    def _is_hopeless(self, step: Step, along: float, aside: float) -> bool:
+        """Return whether the straight way to the door's middle is more askew than the gate allows, with room to turn here."""
+        assert step.door is not None
+        at = step.start.inverse() @ step.door.map_from_door
+        needed = abs(math.atan2(at.y - aside, max(at.x - along, 1e-3)))
+        return self._before_wall(step, along) > _TURN_BEFORE_WALL and needed > _HOPELESS * self._gate_turn(step)
+
+    @staticmethod
+    def _gate_turn(step: Step) -> float:
+        return GATE_TURN + 0.5 * step.room
 
     def _retry(self, state: GuideState, why: str) -> tuple[Guidance, GuideState]:
         """Back off from a door, or from something in the way, and try again."""
@@ -545,6 +564,12 @@ _SHORTEST_SWIVEL_S = 0.85
 
 _NEAR_END = 0.05
 """m; the end of a leg is reached within this."""
+
+_NUDGE_TAKES_S = 0.66
+"""s; for so long a nudge keeps the next symbol waiting."""
+
+_HOPELESS = 1.1
+"""Share of the gate's heading, beyond which new steps lead to the pivotal point again."""
 
 _SWIVELLING = 0.25
 """rad/s; a chair that turns so fast while it should drive straight is still swivelling."""

@@ -39,7 +39,7 @@ DRIVERS: Mapping[str, DriverModel] = MappingProxyType(
         "sure_85": replace(_DEFAULT, sure=0.85),
         "sure_70": replace(_DEFAULT, sure=0.70),
         "warnings_90": replace(_DEFAULT, warnings_felt=0.90),
-        "fast_swivel": replace(_DEFAULT, hand=HandModel(swivel=0.44)),
+        "fast_swivel": replace(_DEFAULT, hand=HandModel(swivel=0.38)),
     }
 )
 
