@@ -16,7 +16,7 @@ import numpy as np
 
 from waychair.control.haptics.rider import LIMITS, RiderModel
 from waychair.control.haptics.symbols import Symbol
-from waychair.types import Json, Twist
+from waychair.types import FloatArray, Json, Twist
 
 KEPT = 25
 """Latest values of each figure."""
@@ -27,11 +27,15 @@ PRIOR = 4
 WATCHED_S = 1.9
 """s after a pattern's end within which its effect is looked for; a later one is not counted."""
 
-QUIET_S = 0.25
-"""s before a symbol's effect could begin, in which the rates before it are measured."""
-
 MOVES_V, MOVES_OMEGA = 0.06, 0.12
 """m/s, rad/s; an effect of a symbol."""
+
+FREE_S = 0.5
+"""s; a piece of straight driving between two nudges, long enough to show how the chair veers."""
+
+BEFORE_S, AFTER_S, BESIDE_S = 0.25, 0.45, 0.12
+"""s before and after the expected middle of a nudge within which its turn is made, and beside them, where the rate is measured
+at which the chair would have turned without: drivers are nudged against a drift, which has to be taken off."""
 
 _MOTION = {
     Symbol.FORWARD: "forward",
@@ -60,8 +64,11 @@ class RiderLearner:
     def __init__(self, start: RiderModel | None = None) -> None:
         self._start = self.model = start or RiderModel()
         self._values: dict[str, deque[float]] = {}
-        self._motion: deque[tuple[float, float, float]] = deque(maxlen=200)  # s, v, omega
+        self._motion: deque[tuple[float, float, float]] = deque(maxlen=120)  # s, v, omega
         self._waiting: list[_Waiting] = []
+        self._nudges: list[tuple[float, float]] = []  # side, and when the pattern ends
+        self._disturbed_s = -math.inf  # the last time at which something else than straight driving was asked for
+        self._free_s = -math.inf  # since when the chair drives straight, as far as it was asked
         self._answers: dict[tuple[str, str], int] = {}
         self.reset()
 
@@ -70,13 +77,17 @@ class RiderLearner:
         self._values = {name: deque([getattr(self._start, name)] * PRIOR, maxlen=KEPT) for name in LIMITS}
         self.model = self._start
         self._waiting.clear()
+        self._nudges.clear()
         self._answers.clear()
 
     def note_said(self, symbol: Symbol, now_ns: int, duration_s: float, moving: Twist) -> None:
         """Note a symbol at the beginning of its pattern, and the chair's motion then."""
-        now_s = now_ns * 1e-9
-        self._waiting = [each for each in self._waiting if each.ends_s > now_s]  # a newer one covers the effect
-        self._waiting.append(_Waiting(symbol, now_s + duration_s, moving))
+        ends_s = now_ns * 1e-9 + duration_s
+        self._waiting.append(_Waiting(symbol, ends_s, moving))
+        if symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
+            self._nudges.append((1.0 if symbol is Symbol.NUDGE_LEFT else -1.0, ends_s))
+        elif symbol is not Symbol.FORWARD or moving.v < MOVES_V:
+            self._disturbed_s = ends_s + self.model.lag_s + AFTER_S
 
     def note_motion(self, now_ns: int, twist: Twist) -> None:
         """Take in the measured motion of a tick; values that are no numbers are ignored."""
@@ -87,6 +98,10 @@ class RiderLearner:
         for each in [one for one in self._waiting if now_s > one.ends_s + WATCHED_S]:
             self._waiting.remove(each)
             self._look_at(each)
+        if twist.v < MOVES_V:
+            self._disturbed_s = max(self._disturbed_s, now_s)
+        self._look_at_nudges(now_s)
+        self._look_at_veer(now_s)
 
     def exported(self) -> Json:
         """Return everything that was learnt, as plain numbers: the figures, the values behind them, the answers."""
@@ -100,8 +115,36 @@ class RiderLearner:
         """Return how often each symbol (its value) was answered by each motion."""
         return dict(self._answers)
 
+    def _rates(self, begin_s: float, end_s: float) -> FloatArray:
+        """Return times and turn rates (N, 2) between two times."""
+        rows = [(s, omega) for s, _, omega in self._motion if begin_s <= s <= end_s]
+        return np.array(rows).reshape(-1, 2)
+
+    def _look_at_nudges(self, now_s: float) -> None:
+        """Take the turn of each nudge that is over."""
+        done_s = self.model.lag_s + AFTER_S + BESIDE_S
+        for side, ends in [each for each in self._nudges if now_s > each[1] + done_s]:
+            self._nudges.remove((side, ends))
+            begin, end = ends + self.model.lag_s - BEFORE_S, ends + self.model.lag_s + AFTER_S
+            before, during = self._rates(begin - BESIDE_S, begin), self._rates(begin, end)
+            after = self._rates(end, end + BESIDE_S)
+            if begin < self._disturbed_s or not (len(before) and len(after) and len(during) > 2):
+                continue
+            drift = 0.5 * (float(before[:, 1].mean()) + float(after[:, 1].mean()))
+            self._add("nudge", side * float(np.trapezoid(during[:, 1] - drift, during[:, 0])))
+
+    def _look_at_veer(self, now_s: float) -> None:
+        """Take the rate of each piece of straight driving without a nudge."""
+        acts = [
+            ends + self.model.lag_s + AFTER_S for _, ends in self._nudges if now_s > ends + self.model.lag_s - BEFORE_S
+        ]
+        self._free_s = max(self._free_s, self._disturbed_s, *acts, -math.inf)
+        if now_s - self._free_s >= FREE_S:
+            self._add("veer", float(self._rates(self._free_s, now_s)[:, 1].mean()))
+            self._free_s = now_s
+
     def _look_at(self, said: _Waiting) -> None:
-        motion = np.array([row for row in self._motion if row[0] > said.ends_s - QUIET_S])
+        motion = np.array([row for row in self._motion if said.ends_s < row[0] <= said.ends_s + WATCHED_S])
         if len(motion) < 10:
             return
         times, v, omega = motion.T
@@ -110,47 +153,43 @@ class RiderLearner:
         self._answers[key] = self._answers.get(key, 0) + 1
         if done != _MOTION.get(said.symbol):
             return
-        if said.symbol in (Symbol.FORWARD, Symbol.BACK) and abs(said.before.v) < MOVES_V:
+        if said.symbol in (Symbol.FORWARD, Symbol.BACK) and max(abs(said.before.v), abs(said.before.omega)) < MOVES_V:
             self._add("lag_s", _half_way(times, np.abs(v)) - said.ends_s)
             if said.symbol is Symbol.FORWARD:
-                self._add("speed", float(np.median(v[-5:])))
+                self._add("speed", float(v.max()))
         elif said.symbol in (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT) and abs(said.before.omega) < MOVES_OMEGA:
-            self._add("lag_s", _half_way(times, np.abs(omega)) - said.ends_s)
+            if abs(said.before.v) < MOVES_V:
+                self._add("lag_s", _half_way(times, np.abs(omega)) - said.ends_s)
             self._add("swivel", float(np.abs(omega).max()))
-        elif said.symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
-            veer = self.model.veer if said.before.v > MOVES_V else 0.0
-            turn = float(np.trapezoid(omega - veer, times))
-            self._add("nudge", math.copysign(turn, turn if said.symbol is Symbol.NUDGE_LEFT else -turn))
-        elif said.symbol is Symbol.FORWARD and said.before.v > MOVES_V:
-            self._add("veer", float(np.mean(omega)))
 
     def _add(self, name: str, value: float) -> None:
         low, high = LIMITS[name]
-        if not low <= value <= high:
-            return
-        values = self._values[name]
-        values.append(value)
-        changed: dict[str, float] = {name: float(np.median(values))}
+        if low <= value <= high:
+            self._values[name].append(value)
+            self._set(name, float(np.median(self._values[name])))
+
+    def _set(self, name: str, value: float) -> None:
+        low, high = LIMITS[name]
+        changed: dict[str, float] = {name: min(max(value, low), high)}
         self.model = replace(self.model, **changed)
 
 
-def _motion_of(v: object, omega: object, said: _Waiting) -> str:
+def _motion_of(v: FloatArray, omega: FloatArray, said: _Waiting) -> str:
     """Return the motion by which a symbol was answered, in words."""
-    speeds, rates = np.asarray(v, float), np.asarray(omega, float)
-    v_end, omega_end = float(np.median(speeds[-5:])), float(np.median(rates[-5:]))
     if said.symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
-        turned = float(rates.mean())
-        peak = float(rates[np.argmax(np.abs(rates))])
-        return f"nudged {'left' if peak > 0.0 else 'right'}" if abs(peak) > MOVES_OMEGA / 2 or turned else "nothing"
-    if abs(omega_end) > MOVES_OMEGA and abs(v_end) < MOVES_V:
-        return "left" if omega_end > 0.0 else "right"
-    if abs(v_end) > MOVES_V:
-        return "forward" if v_end > 0.0 else "back"
-    return "rest"
+        peak = float(omega[np.argmax(np.abs(omega))])
+        if abs(peak) < MOVES_OMEGA / 2:
+            return "nothing"
+        return f"nudged {'left' if peak > 0.0 else 'right'}"
+    turns, drives = float(omega[np.argmax(np.abs(omega))]), float(v[np.argmax(np.abs(v))])
+    if said.symbol in (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT) and abs(turns) > MOVES_OMEGA:
+        return "left" if turns > 0.0 else "right"
+    if abs(drives) > MOVES_V and said.symbol in (Symbol.FORWARD, Symbol.BACK):
+        return "forward" if float(np.median(v[-5:])) > 0.0 else "back"
+    return "rest" if abs(float(np.median(v[-5:]))) < MOVES_V else "goes on"
 
 
-def _half_way(times: object, speeds: object) -> float:
-    """Return the time [s] at which a rising speed passed half of its last value: a pure delay covers the same way."""
-    at, speed = np.asarray(times, float), np.asarray(speeds, float)
-    above = np.flatnonzero(speed >= 0.5 * float(np.median(speed[-5:])))
-    return float(at[above[0]])
+def _half_way(times: FloatArray, speeds: FloatArray) -> float:
+    """Return the time [s] at which a rising speed passed half of its greatest value: a pure delay covers the same way."""
+    above = np.flatnonzero(speeds >= 0.5 * float(speeds.max()))
+    return float(times[above[0]])
