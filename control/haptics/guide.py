@@ -46,7 +46,7 @@ STRAIGHT_ENOUGH = math.radians(6.0)
 LOOK_AHEAD = 1.2
 """m; how far ahead on the leg the driver aims."""
 
-GATE_FROM, GATE_TO = 0.25, 0.02
+GATE_FROM, GATE_TO = 0.20, 0.02
 """m; distances of the chair's front from the wall between which the gate decides."""
 
 GATE_OFFSET, GATE_TURN = 0.75, math.radians(3.0)
@@ -55,6 +55,10 @@ half a rad per metre of room, does not pass the gate."""
 
 BACK_OFF = 0.85
 """m; distance of the chair's front from the wall from which the next try begins."""
+
+SLOW, SLOWEST, TIGHT = 0.22, 0.17, 0.08
+"""Shares of the swing to hold the stick ahead at a door, about 0.22 and 0.14 m/s, and the room [m] beside the chair up to which
+the latter counts."""
 
 SHUFFLE = 0.3
 """m; way straight back or ahead when the chair cannot turn on."""
@@ -131,14 +135,14 @@ class GuideInputs:
 class Guidance:
     """The guide's word in a tick: advice to say now or None, the present step, its reason in words.
 
-    `slow`: a door is near, and a cap on the stick would help. `astray`: new steps are wanted. `offers_repeat`: the rider
+    `cap`: share of the swing to which the stick ahead is best held; less near a door, least before a tight one. `astray`: new steps are wanted. `offers_repeat`: the rider
     seems to have a reason not to follow; the guide is silent until asked.
     """
 
     advice: Advice | None
     step: Step
     reason: str
-    slow: bool = False
+    cap: float = 1.0
     astray: bool = False
     offers_repeat: bool = False
     arrived: bool = False
@@ -186,7 +190,7 @@ class _Tick:
     def run(self, state: GuideState) -> tuple[Guidance, GuideState]:
         """Return guidance and memory."""
         guidance, after = self._phase(state)
-        return replace(guidance, slow=self._is_slow(after)), after
+        return replace(guidance, cap=self._cap(after)), after
 
     def _phase(self, state: GuideState) -> tuple[Guidance, GuideState]:
         if state.phase is Phase.DONE:
@@ -197,13 +201,16 @@ class _Tick:
             return self._back(state)
         return self._go(state)
 
-    def _is_slow(self, state: GuideState) -> bool:
-        """Return whether a door is near: its own step, or the last part of the leg to its pivotal point."""
+    def _cap(self, state: GuideState) -> float:
+        """Return the cap of a door that is near: in its own step, or in the last part of the leg to its pivotal point."""
         step = self.plan.steps[state.step]
         following = self.plan.steps[state.step + 1 : state.step + 3]
         along, _, _ = self._on_leg(step)
         near = step.kind is StepKind.PIVOT or step.length - along < _SLOW_BEFORE
-        return step.door is not None or (near and any(each.door is not None for each in following))
+        doors = [each for each in (step, *(following if near else ())) if each.door is not None]
+        if not doors:
+            return 1.0
+        return SLOW if min(door.room for door in doors) > TIGHT or doors[0] is not step else SLOWEST
 
     # saying -----------------------------------------------------------------------------------------------------------
 
@@ -412,10 +419,10 @@ class _Tick:
             return self._from_rest(state, error, side, reason)
         if abs(self.now.twist.omega) > _SWIVELLING:
             return self._ask_again(Symbol.FORWARD, reason, state)
-        ends_soon = following is not Symbol.FORWARD and ends < v * (self.guide.lead(following) + _NUDGE_TAKES_S)
+        ends_soon = following is not Symbol.FORWARD and ends < v * (self.guide.lead(following) + _KEEPS_WAITING_S)
         if abs(error) > limit and not ends_soon:
             return self._say(side, f"{reason}, {math.degrees(error):.0f} degrees off", state)
-        if self._silent_s(state) > REPEAT_S:
+        if self._silent_s(state) > REPEAT_S and not ends_soon:
             return self._say(Symbol.FORWARD, reason, state)
         return self._quiet(reason, state)
 
@@ -565,8 +572,8 @@ _SHORTEST_SWIVEL_S = 0.85
 _NEAR_END = 0.05
 """m; the end of a leg is reached within this."""
 
-_NUDGE_TAKES_S = 0.66
-"""s; for so long a nudge keeps the next symbol waiting."""
+_KEEPS_WAITING_S = 0.85
+"""s; for so long a symbol keeps the next one waiting."""
 
 _HOPELESS = 1.1
 """Share of the gate's heading, beyond which new steps lead to the pivotal point again."""

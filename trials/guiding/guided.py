@@ -33,16 +33,15 @@ from waychair.planning.grid.costmap import Costmap, LiveCostmap
 from waychair.planning.steps.step import StepPlan
 from waychair.planning.steps.step_planner import StepPlanner
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
+from waychair.simulation.follower import Follower
 from waychair.simulation.plan.world import World
+from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.rider.blind_driver import BlindDriver, DriverModel, Felt
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import READY_S, TICK_NS, DriveSetup, advance_tick, simulated_chair
 from waychair.trials.guiding.stick_caps import NO_CAPS, CapsByScan, StickCaps, clamped
 from waychair.types import FloatArray, Goal, JoystickInput, OccupancyGrid, Place, Scan, SensorMessage
-
-SLOW = 0.22
-"""Share of the swing to which level guide caps the stick ahead before and in a door: about 0.22 m/s."""
 
 NEW = 0.15
 """m; points farther from everything on the map than this are new, and the steps lead round them."""
@@ -73,7 +72,11 @@ def level_named(name: str) -> Level:
 
 @dataclass(frozen=True, slots=True)
 class GuidedSetup:
-    """A guided drive: the map, its zones, the goal, the chair, the driver, the level, and the device on the skin."""
+    """A guided drive: the map, its zones, the goal, the chair, the driver, the level, and the device on the skin.
+
+    `known` is known of the driver before; with `learn` the drive adds to it. With `sees` a rider who sees steers along the same
+    steps instead, for comparison.
+    """
 
     world: World
     grid: OccupancyGrid
@@ -86,6 +89,7 @@ class GuidedSetup:
     zones: tuple[Zone, ...] = ()
     known: RiderModel = field(default_factory=RiderModel)
     learn: bool = True
+    sees: bool = False
     near_m: float = 0.5
     simulator: SimulatorSettings | None = None
 
@@ -207,6 +211,7 @@ class _Trial:
         self._caps = NO_CAPS
         self._rows: list[tuple[float, ...]] = []
         self._plans = 0
+        self._follower: Follower | None = None
 
     def get_ready(self) -> None:
         """Let the chair find its board, lidar and pose, and the glove its computer."""
@@ -226,6 +231,11 @@ class _Trial:
             state = self._tick()
             if setup.level is Level.GUARD:
                 continue  # caps alone: nobody says anything
+            if setup.sees:
+                if self._follower is not None and self._follower.done and abs(state.twist.v) < _STANDS:
+                    arrived, reason = True, "arrived"
+                    break
+                continue
             guidance, memory = self._guide(plan, memory, state)
             if guidance.arrived:
                 arrived, reason = True, "arrived"
@@ -267,6 +277,8 @@ class _Trial:
         state = self._chair.step(simulator.now_ns, messages)
         self._hear(messages)
         self._stick = self._hand.stick(simulator.now_ns)
+        if self._setup.sees:
+            self._stick = self._seen_stick()
         self._caps = NO_CAPS if level is Level.INFORM else self._guarded(state)
         simulator.rider = clamped(self._stick, self._caps)
         pose, caps, stick = simulator.truth(), self._caps, self._stick
@@ -274,6 +286,14 @@ class _Trial:
         row = simulator.now_ns * 1e-9, pose.x, pose.y, pose.theta, *limits, stick.forward, stick.turn
         self._rows.append(row)
         return state
+
+    def _seen_stick(self) -> JoystickInput:
+        """Return the stick of the rider who sees."""
+        simulator, follower = self._simulator, self._follower
+        if follower is None:
+            return JoystickInput(simulator.now_ns)
+        forward, turn = follower.stick(simulator.truth(), simulator.body, simulator.people)
+        return JoystickInput(simulator.now_ns, forward, turn)
 
     def _hear(self, messages: tuple[SensorMessage, ...]) -> None:
         for message in messages:
@@ -305,14 +325,17 @@ class _Trial:
             self._learner.note_said(Symbol(said), now_ns, self._hand.durations[Symbol(said)], state.twist)
         elif guidance.advice is not None:  # it was not said, so nobody will obey
             after = replace(after, said=memory.said, said_ns=memory.said_ns, nudges=memory.nudges)
-        if guidance.slow and self._setup.level is Level.GUIDE:
-            self._caps = replace(caps, forward=min(caps.forward, SLOW))
+        if guidance.cap < caps.forward and self._setup.level is Level.GUIDE:
+            self._caps = replace(caps, forward=guidance.cap)
             self._simulator.rider = clamped(stick, self._caps)
         return guidance, after
 
     def _replan(self, state: ChairState) -> StepPlan:
         self._plans += 1
-        return self._planner.replan(self._costmap(state), state.map_from_base)
+        plan = self._planner.replan(self._costmap(state), state.map_from_base)
+        route = np.array([[step.end.x, step.end.y] for step in plan.steps if step.length > 0.0]).reshape(-1, 2)
+        self._follower = Follower(route, self._setup.body.track, PlantSettings())
+        return plan
 
     def _costmap(self, state: ChairState) -> Costmap:
         """Return the costmap with everything in the latest scan that is not on the map."""
@@ -329,6 +352,9 @@ class _Trial:
         new[within] = plain.clearance[tuple(cells[within].T)] > NEW
         return self._live.costmap(points[new])
 
+
+_STANDS = 0.02
+"""m/s; a slower chair stands."""
 
 _HELD, _HELD_AT = 0.03, 0.1
 """Shares of the swing: the stick is pushed so far beyond a cap, and the cap leaves hardly any motion."""
