@@ -506,8 +506,8 @@ class _Tick:
         """Refuse the door if the chair, as it will be when it can obey, would not pass it; None while it may go on."""
         along, _, _ = self._on_leg(step)
         before, then = self._before_wall(step, along), self._before_wall(step, course.x)
-        if not (then <= GATE_FROM and before >= GATE_TO):
-            return None
+        if not (then <= GATE_FROM and before >= GATE_TO) or (state.nudges and before > GATE_FROM):
+            return None  # a nudge on its way still changes the aim
         assert step.door is not None
         at = step.start.inverse() @ step.door.map_from_door
         offset = course.y + (at.x - course.x) * math.tan(course.theta) - at.y

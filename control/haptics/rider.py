@@ -16,7 +16,7 @@ class RiderModel:
     """
 
     lag_s: float = 0.65
-    nudge: float = math.radians(3.4)
+    nudge: float = math.radians(2.4)
     swivel: float = 0.5
     veer: float = 0.0
     speed: float = 0.3

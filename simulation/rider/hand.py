@@ -24,7 +24,7 @@ class HandModel:
     forward: float = 0.26
     back: float = 0.22
     swivel: float = 0.23
-    nudge: float = 0.18
+    nudge: float = 0.15
     nudge_s: float = 0.2
     spread: float = 0.12
     bias: float = 0.025
