@@ -95,6 +95,11 @@ app.command(
     help="Drive a simulated chair along a route of a world, and record it.",
 )
 app.command(
+    "waychair.cli.guiding.guide_command:guide_command",
+    name="guide",
+    help="Lead a simulated driver who cannot see to a place, by the motors of a glove.",
+)
+app.command(
     "waychair.cli.fleet_commands.fleet:fleet_app",
     name="fleet",
     help="Simulate several chairs in one building, and check its corridors.",

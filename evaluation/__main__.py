@@ -30,6 +30,7 @@ from evaluation.figures.driving import (
     wrong_chairs,
 )
 from evaluation.figures.fleet import drive, gap, grids, narrow, network, scale, tables
+from evaluation.figures.guiding import blind_doors, skin
 from evaluation.figures.mapping import (
     appearance,
     camera_fit,
@@ -143,6 +144,8 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "paper_rules": behaviours.paper_rules,
     "free_space": behaviours.free_space,
     "laser_line": laser_line.laser_line,
+    "skin": skin.skin,
+    "blind_doors": blind_doors.blind_doors,
     "reacts": monitor.reacts,
     "ride": hazards.ride,
     "fleet_drive": drive.fleet_drive,

@@ -16,7 +16,7 @@ import shutil
 import signal
 import struct
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -134,16 +134,23 @@ def build_board(folder: Path) -> Path:
         BoardBuildError: there is no C compiler, or it refuses the sources.
         OutputError: the folder cannot be written to.
     """
-    sources = sorted([*FIRMWARE.glob("*.c"), *(FIRMWARE / "host").glob("*.c")])
-    headers = sorted([*FIRMWARE.glob("*.h"), *(FIRMWARE / "host").glob("*.h")])
-    digest = hashlib.sha256(" ".join(C_FLAGS).encode())
-    for path in (*sources, *headers):
+    sources = [*FIRMWARE.glob("*.c"), *(FIRMWARE / "host").glob("*.c")]
+    headers = [*FIRMWARE.glob("*.h"), *(FIRMWARE / "host").glob("*.h")]
+    return build_program("waychair_board", folder, sources, headers, C_FLAGS)
+
+
+def build_program(
+    name: str, folder: Path, sources: Iterable[Path], headers: Iterable[Path], flags: Sequence[str]
+) -> Path:
+    """Return the program of these sources, built into `folder` unless it is there already; raises as `build_board`."""
+    digest = hashlib.sha256(" ".join(flags).encode())
+    for path in (*sorted(sources), *sorted(headers)):
         digest.update(path.name.encode() + path.read_bytes())
-    program = folder / f"waychair_board-{digest.hexdigest()[:16]}"
+    program = folder / f"{name}-{digest.hexdigest()[:16]}"
     if os.access(program, os.X_OK):
         return program
     with replacing(program) as aside:
-        compile_c([*C_FLAGS, *map(str, sources), "-o", str(aside)])
+        compile_c([*flags, *map(str, sorted(sources)), "-o", str(aside)])
     program.chmod(0o755)
     return program
 
@@ -306,20 +313,29 @@ class HostBoard:
 
     def _exchange(self, request: bytes) -> bytes | None:
         """Return the program's answer; None if the program has ended."""
-        answer = b""
-        try:
-            os.write(self._requests[1], request)
-            while len(answer) < _ANSWER.size:
-                ready, _, _ = select.select([self._answers[0]], [], [], TIMEOUT_S)
-                if not ready:
-                    raise BridgeError(f"the board's program did not answer within {TIMEOUT_S:g} s: start it again")
-                part = os.read(self._answers[0], _ANSWER.size - len(answer))
-                if not part:
-                    return None
-                answer += part
-        except BrokenPipeError:
-            return None
-        return answer
+        return exchange(self._requests[1], self._answers[0], request, _ANSWER.size)
+
+
+def exchange(requests: int, answers: int, request: bytes, size: int) -> bytes | None:
+    """Write a request to a program's descriptor and return its answer of `size` bytes; None if the program has ended.
+
+    Raises:
+        BridgeError: the program runs but does not answer.
+    """
+    answer = b""
+    try:
+        os.write(requests, request)
+        while len(answer) < size:
+            ready, _, _ = select.select([answers], [], [], TIMEOUT_S)
+            if not ready:
+                raise BridgeError(f"the board's program did not answer within {TIMEOUT_S:g} s: start it again")
+            part = os.read(answers, size - len(answer))
+            if not part:
+                return None
+            answer += part
+    except BrokenPipeError:
+        return None
+    return answer
 
 
 def _request(now_ms: int, written: int, inputs: BoardInputs) -> bytes:

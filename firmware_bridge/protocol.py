@@ -9,7 +9,6 @@ two sides built from different tables refuse each other.
 
 from __future__ import annotations
 
-import binascii
 import enum
 import struct
 import zlib
@@ -17,6 +16,7 @@ from dataclasses import astuple, dataclass
 from typing import Any, ClassVar, TypeAlias
 
 from waychair.errors import BridgeError
+from waychair.firmware_bridge.frames import Frame, FrameDecoder, encode_frame
 
 PROTOCOL_VERSION = 1
 FIRMWARE_VERSION = 0x0100
@@ -30,9 +30,6 @@ PAYLOAD_MAX = 48
 
 CHAIR_ID_LENGTH = 16
 
-_HEAD = struct.Struct("<BH")
-_CRC = struct.Struct("<H")
-_WIRE_MAX = _HEAD.size + PAYLOAD_MAX + _CRC.size + 1
 _FORMATS = {"u8": "B", "u16": "H", "u32": "I", "i16": "h", "id": f"{CHAIR_ID_LENGTH}s"}
 
 
@@ -239,13 +236,7 @@ def encode(message: Message, sequence: int) -> bytes:
         payload = _STRUCTS[message.TYPE].pack(*astuple(message))
     except struct.error as error:
         raise BridgeError(f"{message} cannot be sent: {error}") from error
-    plain = _HEAD.pack(message.TYPE, sequence & 0xFFFF) + payload
-    return _stuff(plain + _CRC.pack(crc16(plain))) + b"\0"
-
-
-def crc16(data: bytes) -> int:
-    """Return the CRC-16/IBM-3740, also known as CCITT with start value 0xFFFF."""
-    return binascii.crc_hqx(data, 0xFFFF)
+    return encode_frame(Frame(message.TYPE, sequence & 0xFFFF, payload))
 
 
 class Decoder:
@@ -255,59 +246,24 @@ class Decoder:
     """
 
     def __init__(self) -> None:
-        self.bad = 0
-        self._pending = bytearray()
-        self._overflowed = False
+        self._frames = FrameDecoder(PAYLOAD_MAX)
+        self._unknown = 0
+
+    @property
+    def bad(self) -> int:
+        return self._frames.bad + self._unknown
 
     def feed(self, data: bytes) -> list[Received]:
         """Return the messages completed by these bytes, in order."""
-        messages = []
-        *ended, rest = data.split(b"\0")
-        for part in ended:
-            self._keep(part)
-            received = self._finish()
-            if received is not None:
-                messages.append(received)
-        self._keep(rest)
-        return messages
-
-    def _keep(self, part: bytes) -> None:
-        self._overflowed |= len(self._pending) + len(part) > _WIRE_MAX
-        self._pending += part[: _WIRE_MAX - len(self._pending)]
-
-    def _finish(self) -> Received | None:
-        stuffed, overflowed = bytes(self._pending), self._overflowed
-        self._pending.clear()
-        self._overflowed = False
-        if not stuffed:
-            return None
-        received = None if overflowed else _parse(_unstuff(stuffed))
-        self.bad += received is None
-        return received
+        read = [_parse(frame) for frame in self._frames.feed(data)]
+        self._unknown += read.count(None)
+        return [received for received in read if received is not None]
 
 
-def _parse(plain: bytes | None) -> Received | None:
-    if plain is None or len(plain) < _HEAD.size + _CRC.size:
+def _parse(frame: Frame) -> Received | None:
+    if frame.type not in _STRUCTS or len(frame.payload) != _STRUCTS[frame.type].size:
         return None
-    body, (crc,) = plain[: -_CRC.size], _CRC.unpack(plain[-_CRC.size :])
-    kind, sequence = _HEAD.unpack(body[: _HEAD.size])
-    payload = body[_HEAD.size :]
-    if crc != crc16(body) or kind not in _STRUCTS or len(payload) != _STRUCTS[kind].size:
-        return None
-    return Received(sequence, _TYPES[kind](*_STRUCTS[kind].unpack(payload)))
-
-
-def _stuff(plain: bytes) -> bytes:
-    """Return the COBS encoding of fewer than 254 bytes: each run between zeros after the distance to the next zero."""
-    return b"".join(bytes([len(run) + 1]) + run for run in plain.split(b"\0"))
-
-
-def _unstuff(stuffed: bytes) -> bytes | None:
-    runs, at = [], 0
-    while at < len(stuffed):
-        runs.append(stuffed[at + 1 : at + stuffed[at]])
-        at += stuffed[at]
-    return b"\0".join(runs) if at == len(stuffed) else None
+    return Received(frame.sequence, _TYPES[frame.type](*_STRUCTS[frame.type].unpack(frame.payload)))
 
 
 def _nearest(numerator: int, denominator: int) -> int:

@@ -86,6 +86,16 @@ def navigate(
     return drive_to_places(setup, simulator, [place.name for place in goals], box=box, trace=trace)
 
 
+def world_with_people(world: World, start: Pose2, people: int, seed: int) -> World:
+    """Return a world with the chair's start moved to `start`, with walking people instead of its own.
+
+    Raises:
+        StartOccupied: the chair does not fit there.
+        WorldError: there is no space for so many people.
+    """
+    return with_walkers(_world_at_start(start, world.grid, world, Pose2()), people, seed)
+
+
 def _world_at_start(start: Pose2, grid: OccupancyGrid, world: World | None, map_from_world: Pose2) -> World:
     """Return the given world without people, or one raised from the grid, with the chair at `start` in map."""
     refusal = StartOccupied(

@@ -7,8 +7,13 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* Each board's longest payload, given to the compiler where it is not the chair's board's. */
+#ifndef FRAME_PAYLOAD_LIMIT
+#define FRAME_PAYLOAD_LIMIT 48
+#endif
+
 enum {
-    FRAME_PAYLOAD_MAX = 48,                     /* the longest payload is 36 bytes */
+    FRAME_PAYLOAD_MAX = FRAME_PAYLOAD_LIMIT,    /* below 249, so that one COBS code byte reaches over a frame */
     FRAME_HEAD = 3,                             /* type u8, sequence u16 */
     FRAME_CRC = 2,
     FRAME_PLAIN_MAX = FRAME_HEAD + FRAME_PAYLOAD_MAX + FRAME_CRC,

@@ -251,3 +251,11 @@ class WiringError(BehaviourError):
 
 class TraceError(BehaviourError):
     """A trace of a network of behaviour cells cannot be read or replayed."""
+
+
+class GloveError(WaychairError):
+    """The vibrating glove cannot be used, or is described in an impossible way."""
+
+
+class PatternError(WaychairError):
+    """Patterns of vibration are impossible, or cannot be told apart by touch."""

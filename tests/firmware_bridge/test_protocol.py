@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from tests.firmware_bridge.rig import CCommand, CFrame, CHello, CHelloReply, CTelemetry, Rig
 from waychair.errors import BridgeError
 from waychair.firmware_bridge.board import FIRMWARE
+from waychair.firmware_bridge.frames import crc16
 from waychair.firmware_bridge.protocol import (
     LAYOUT_HASH,
     PROTOCOL_VERSION,
@@ -27,7 +28,6 @@ from waychair.firmware_bridge.protocol import (
     HelloReply,
     Message,
     Received,
-    crc16,
     encode,
     hello,
     line_millivolts,
@@ -248,7 +248,7 @@ def test_a_flood_without_a_zero_keeps_no_more_than_a_frame() -> None:
     decoder = Decoder()
     for _ in range(100):
         assert decoder.feed(b"\1" * 1000) == []
-    assert len(decoder._pending) <= 54
+    assert len(decoder._frames._pending) <= 54
     assert decoder.feed(b"\0" + encode(COMMAND, 1)) == [Received(1, COMMAND)]
     assert decoder.bad == 1
 

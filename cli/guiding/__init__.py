@@ -1,0 +1,1 @@
+"""The command for a driver who is led by touch."""

@@ -1,0 +1,98 @@
+"""`waychair guide`: a simulated driver who cannot see is led to a place by the glove."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
+
+from waychair.cli.options.arguments import NonNegativeInt
+
+if TYPE_CHECKING:
+    from waychair.trials.guiding.guided import GuidedRecord
+
+
+def guide_command(
+    *,
+    world: Annotated[str, Parameter(name=["--world", "--sim"])],
+    goal: Annotated[str, Parameter(allow_leading_hyphen=True)],
+    start: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
+    rider: Literal["blind", "stick"] = "blind",
+    level: Literal["inform", "guard", "guide"] = "guide",
+    driver: str = "default",
+    layout: str = "glove_3x3",
+    people: NonNegativeInt = 0,
+    seed: NonNegativeInt = 0,
+    minutes: float = 10.0,
+    out: Path | None = None,
+    quiet: bool = False,
+) -> None:
+    """Lead a simulated driver who cannot see to a place, by the motors of a glove.
+
+    The driver feels the motors and nothing else; the programs of the chair's board and of the glove run as shipped. A
+    simulated driver shows faults of the guidance, never that it helps a person.
+
+    Parameters
+    ----------
+    world
+        Name of a world (see `waychair worlds`), or a plan's .yaml file.
+    goal
+        Name of a place, or X,Y or X,Y,YAW in metres and radians.
+    start
+        The chair's start, in the same form; default the world's.
+    rider
+        blind: feels the glove; stick: sees, and steers along the same steps, for comparison.
+    level
+        inform: advice alone; guard: the stick is held within caps, and nobody says anything; guide: both.
+    driver
+        default, waist, older, second_task, noisy_hand, sure_85, sure_70, warnings_90 or fast_swivel.
+    layout
+        Motors on the body: glove_3x3, belt_8, bracelets or arm_rest_4.
+    people
+        Number of people who walk about.
+    seed
+        Seed of the chair, its sensors, the driver and the people.
+    minutes
+        Time limit of the simulated drive.
+    out
+        Folder for the report (guided.json) and the symbols over time (symbols.csv).
+    quiet
+        Print nothing but errors.
+    """
+    from waychair.calibration.chair_body import CHAIR_A
+    from waychair.cli.planning import place_among
+    from waychair.simulation.plan.world import load_world
+    from waychair.simulation.rider.driver_presets import driver_named
+    from waychair.trials.guiding.guided import GuidedSetup, guided_drive, level_named
+    from waychair.trials.guiding.guided_report import save_report, summary
+    from waychair.trials.navigate import world_with_people
+
+    plan = load_world(world)
+    own, owner = {place.name: place for place in plan.places}, f"the world '{plan.name}'"
+    to = place_among(own, goal, "--goal", owner)
+    begin = plan.start if start is None else place_among(own, start, "--start", owner).pose
+    setup = GuidedSetup(
+        world=world_with_people(plan, begin, people, seed),
+        grid=plan.grid,
+        goal=to,
+        body=CHAIR_A,
+        driver=driver_named(driver),
+        level=level_named(level),
+        layout=layout,
+        seed=seed,
+        sees=rider == "stick",
+    )
+    record = guided_drive(setup, 60.0 * minutes)
+    if out is not None:
+        save_report(record, setup, out)
+    if not quiet:
+        print(summary(record, setup))
+    _fail_unless_reached(record, goal)
+
+
+def _fail_unless_reached(record: GuidedRecord, goal: str) -> None:
+    if not record.reached:
+        print(f"waychair: {goal} was not reached: {record.reason}", file=sys.stderr)
+        sys.exit(1)

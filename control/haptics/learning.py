@@ -1,0 +1,195 @@
+"""Learning one rider from drives: how late and how far each symbol is obeyed, how the chair veers, which symbols are mixed up.
+
+Each symbol is looked at once, when its effect is over. Of every figure the median of the latest values counts, so that a
+symbol that was not felt, or an outlier, changes little; values outside `rider.LIMITS` are dropped. All of it stays on the
+chair, can be reset, and is exported as plain numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from waychair.control.haptics.rider import LIMITS, RiderModel
+from waychair.control.haptics.symbols import Symbol
+from waychair.types import FloatArray, Json, Twist
+
+KEPT = 25
+"""Latest values of each figure."""
+
+PRIOR = 4
+"""The figures known before count as so many values."""
+
+WATCHED_S = 1.9
+"""s after a pattern's end within which its effect is looked for; a later one is not counted."""
+
+MOVES_V, MOVES_OMEGA = 0.06, 0.12
+"""m/s, rad/s; an effect of a symbol."""
+
+FREE_S = 0.5
+"""s; a piece of straight driving between two nudges, long enough to show how the chair veers."""
+
+BEFORE_S, AFTER_S, BESIDE_S = 0.25, 0.45, 0.12
+"""s before and after the expected middle of a nudge within which its turn is made, and beside them, where the rate is measured
+at which the chair would have turned without: drivers are nudged against a drift, which has to be taken off."""
+
+_MOTION = {
+    Symbol.FORWARD: "forward",
+    Symbol.BACK: "back",
+    Symbol.SWIVEL_LEFT: "left",
+    Symbol.SWIVEL_RIGHT: "right",
+    Symbol.NUDGE_LEFT: "nudged left",
+    Symbol.NUDGE_RIGHT: "nudged right",
+    Symbol.WARNING: "rest",
+    Symbol.ARRIVED: "rest",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting:
+    """A symbol whose effect is waited for: when its pattern ends [s], and how the chair moved when it began."""
+
+    symbol: Symbol
+    ends_s: float
+    before: Twist
+
+
+class RiderLearner:
+    """What is learnt of one rider; `model` is the present knowledge."""
+
+    def __init__(self, start: RiderModel | None = None) -> None:
+        self._start = self.model = start or RiderModel()
+        self._values: dict[str, deque[float]] = {}
+        self._motion: deque[tuple[float, float, float]] = deque(maxlen=120)  # s, v, omega
+        self._waiting: list[_Waiting] = []
+        self._nudges: list[tuple[float, float]] = []  # side, and when the pattern ends
+        self._disturbed_s = -math.inf  # the last time at which something else than straight driving was asked for
+        self._free_s = -math.inf  # since when the chair drives straight, as far as it was asked
+        self._answers: dict[tuple[str, str], int] = {}
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the rider."""
+        self._values = {name: deque([getattr(self._start, name)] * PRIOR, maxlen=KEPT) for name in LIMITS}
+        self.model = self._start
+        self._waiting.clear()
+        self._nudges.clear()
+        self._answers.clear()
+
+    def note_said(self, symbol: Symbol, now_ns: int, duration_s: float, moving: Twist) -> None:
+        """Note a symbol at the beginning of its pattern, and the chair's motion then."""
+        ends_s = now_ns * 1e-9 + duration_s
+        self._waiting.append(_Waiting(symbol, ends_s, moving))
+        if symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
+            self._nudges.append((1.0 if symbol is Symbol.NUDGE_LEFT else -1.0, ends_s))
+        elif symbol is not Symbol.FORWARD or moving.v < MOVES_V:
+            self._disturbed_s = ends_s + self.model.lag_s + AFTER_S
+
+    def note_motion(self, now_ns: int, twist: Twist) -> None:
+        """Take in the measured motion of a tick; values that are no numbers are ignored."""
+        if not (math.isfinite(twist.v) and math.isfinite(twist.omega)):
+            return
+        now_s = now_ns * 1e-9
+        self._motion.append((now_s, twist.v, twist.omega))
+        for each in [one for one in self._waiting if now_s > one.ends_s + WATCHED_S]:
+            self._waiting.remove(each)
+            self._look_at(each)
+        if twist.v < MOVES_V:
+            self._disturbed_s = max(self._disturbed_s, now_s)
+        self._look_at_nudges(now_s)
+        self._look_at_veer(now_s)
+
+    def exported(self) -> Json:
+        """Return everything that was learnt, as plain numbers: the figures, the values behind them, the answers."""
+        return {
+            "figures": {name: getattr(self.model, name) for name in LIMITS},
+            "values": {name: list(values)[PRIOR:] for name, values in self._values.items()},
+            "answers": {f"{said} answered by {done}": count for (said, done), count in sorted(self._answers.items())},
+        }
+
+    def answers(self) -> Mapping[tuple[str, str], int]:
+        """Return how often each symbol (its value) was answered by each motion."""
+        return dict(self._answers)
+
+    def _rates(self, begin_s: float, end_s: float) -> FloatArray:
+        """Return times and turn rates (N, 2) between two times."""
+        rows = [(s, omega) for s, _, omega in self._motion if begin_s <= s <= end_s]
+        return np.array(rows).reshape(-1, 2)
+
+    def _look_at_nudges(self, now_s: float) -> None:
+        """Take the turn of each nudge that is over."""
+        done_s = self.model.lag_s + AFTER_S + BESIDE_S
+        for side, ends in [each for each in self._nudges if now_s > each[1] + done_s]:
+            self._nudges.remove((side, ends))
+            begin, end = ends + self.model.lag_s - BEFORE_S, ends + self.model.lag_s + AFTER_S
+            before, during = self._rates(begin - BESIDE_S, begin), self._rates(begin, end)
+            after = self._rates(end, end + BESIDE_S)
+            if begin < self._disturbed_s or not (len(before) and len(after) and len(during) > 2):
+                continue
+            drift = 0.5 * (float(before[:, 1].mean()) + float(after[:, 1].mean()))
+            self._add("nudge", side * float(np.trapezoid(during[:, 1] - drift, during[:, 0])))
+
+    def _look_at_veer(self, now_s: float) -> None:
+        """Take the rate of each piece of straight driving without a nudge."""
+        acts = [
+            ends + self.model.lag_s + AFTER_S for _, ends in self._nudges if now_s > ends + self.model.lag_s - BEFORE_S
+        ]
+        self._free_s = max(self._free_s, self._disturbed_s, *acts, -math.inf)
+        if now_s - self._free_s >= FREE_S:
+            self._add("veer", float(self._rates(self._free_s, now_s)[:, 1].mean()))
+            self._free_s = now_s
+
+    def _look_at(self, said: _Waiting) -> None:
+        motion = np.array([row for row in self._motion if said.ends_s < row[0] <= said.ends_s + WATCHED_S])
+        if len(motion) < 10:
+            return
+        times, v, omega = motion.T
+        done = _motion_of(v, omega, said)
+        key = said.symbol.value, done
+        self._answers[key] = self._answers.get(key, 0) + 1
+        if done != _MOTION.get(said.symbol):
+            return
+        if said.symbol in (Symbol.FORWARD, Symbol.BACK) and max(abs(said.before.v), abs(said.before.omega)) < MOVES_V:
+            self._add("lag_s", _half_way(times, np.abs(v)) - said.ends_s)
+            if said.symbol is Symbol.FORWARD:
+                self._add("speed", float(v.max()))
+        elif said.symbol in (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT) and abs(said.before.omega) < MOVES_OMEGA:
+            if abs(said.before.v) < MOVES_V:
+                self._add("lag_s", _half_way(times, np.abs(omega)) - said.ends_s)
+            self._add("swivel", float(np.abs(omega).max()))
+
+    def _add(self, name: str, value: float) -> None:
+        low, high = LIMITS[name]
+        if low <= value <= high:
+            self._values[name].append(value)
+            self._set(name, float(np.median(self._values[name])))
+
+    def _set(self, name: str, value: float) -> None:
+        low, high = LIMITS[name]
+        changed: dict[str, float] = {name: min(max(value, low), high)}
+        self.model = replace(self.model, **changed)
+
+
+def _motion_of(v: FloatArray, omega: FloatArray, said: _Waiting) -> str:
+    """Return the motion by which a symbol was answered, in words."""
+    if said.symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
+        peak = float(omega[np.argmax(np.abs(omega))])
+        if abs(peak) < MOVES_OMEGA / 2:
+            return "nothing"
+        return f"nudged {'left' if peak > 0.0 else 'right'}"
+    turns, drives = float(omega[np.argmax(np.abs(omega))]), float(v[np.argmax(np.abs(v))])
+    if said.symbol in (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT) and abs(turns) > MOVES_OMEGA:
+        return "left" if turns > 0.0 else "right"
+    if abs(drives) > MOVES_V and said.symbol in (Symbol.FORWARD, Symbol.BACK):
+        return "forward" if float(np.median(v[-5:])) > 0.0 else "back"
+    return "rest" if abs(float(np.median(v[-5:]))) < MOVES_V else "goes on"
+
+
+def _half_way(times: FloatArray, speeds: FloatArray) -> float:
+    """Return the time [s] at which a rising speed passed half of its greatest value: a pure delay covers the same way."""
+    above = np.flatnonzero(speeds >= 0.5 * float(speeds.max()))
+    return float(times[above[0]])

@@ -1,0 +1,1 @@
+"""Figures of guidance for drivers who cannot see. Begin with `blind_doors.py`."""

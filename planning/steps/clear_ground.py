@@ -1,0 +1,89 @@
+"""Where this chair may spin on the spot and where it may drive straight, on a costmap.
+
+A spin needs the disc that the outline sweeps. A straight leg needs half the chair's width and the driver's wander on
+both sides. Clearances are between cell centres, so half a cell's diagonal is added to every need.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from waychair.geometry import wrap_angle
+from waychair.maps.grid.cells import cells_from_points, inside
+from waychair.planning.body.footprint import fits_each
+from waychair.planning.grid.costmap import Costmap
+from waychair.types import FloatArray, Pose2
+
+SPIN_ROOM = 0.04
+"""m; kept round the disc that the outline sweeps in a spin: a driver's hand does not turn quite on the spot."""
+
+TURN_ROOM = 0.02
+"""m; kept round the outline where only a part of a turn is free, as beside a wall at the start."""
+
+_SAMPLE = 0.08
+"""m; places along a leg at which the clearance is looked up, besides its ends."""
+
+_TURN_STEP = math.radians(3.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ClearGround:
+    """A costmap with the questions that steps ask of it."""
+
+    costmap: Costmap
+
+    @property
+    def _doubt(self) -> float:
+        """Return half a cell's diagonal [m]."""
+        return self.costmap.grid.resolution * math.sqrt(0.5)
+
+    def clearance(self, points: FloatArray) -> FloatArray:
+        """Return (N,) the free distance [m] round points (N, 2) in map; 0 off the map and in keep-out zones."""
+        grid = self.costmap.grid
+        cells = cells_from_points(grid, points)
+        within = inside(grid, cells)
+        found = np.zeros(len(points))
+        found[within] = np.maximum(self.costmap.clearance[tuple(cells[within].T)] - self._doubt, 0.0)
+        return found
+
+    def spin_room(self, points: FloatArray) -> FloatArray:
+        """Return (N,) what is left [m] round the swept disc at points (N, 2); negative where the chair cannot spin."""
+        return self.clearance(points) - self.costmap.body.circumscribed_radius
+
+    def side_rooms(self, start: FloatArray, ends: FloatArray) -> FloatArray:
+        """Return (N,) the room [m] on either side of straight legs from one point (2,) to each of `ends` (N, 2).
+
+        Negative where the chair does not pass, or the costmap has no price.
+        """
+        away = ends - start
+        count = max(2, math.ceil(float(np.hypot(*away.T).max(initial=0.0)) / _SAMPLE) + 1)
+        shares = np.linspace(0.0, 1.0, count)
+        points = start + shares[:, None, None] * away
+        clear = self.clearance(points.reshape(-1, 2)).reshape(count, len(ends))
+        between: FloatArray = clear.min(axis=0) - self.costmap.body.width / 2
+        return between
+
+    def straight_is_free(self, start: Pose2, along: float, margin: float) -> bool:
+        """Return whether the outline, grown by `margin` [m], drives straight by `along` [m], backwards if negative."""
+        count = max(2, math.ceil(abs(along) / (self.costmap.grid.resolution * 2)) + 1)
+        on = np.linspace(0.0, along, count)
+        c, s = math.cos(start.theta), math.sin(start.theta)
+        poses = np.column_stack([start.x + c * on, start.y + s * on, np.full(count, start.theta)])
+        return bool(fits_each(self.costmap.body, margin, self.costmap.field, poses).all())
+
+    def turn_is_free(self, at: Pose2, heading: float) -> float | None:
+        """Return the turn [rad] from a pose to a heading through which the outline is free: the shorter one first.
+
+        None where both ways round are blocked.
+        """
+        short = wrap_angle(heading - at.theta)
+        for turn in (short, short - math.copysign(math.tau, short)):
+            count = max(2, math.ceil(abs(turn) / _TURN_STEP) + 1)
+            headings = at.theta + np.linspace(0.0, turn, count)
+            poses = np.column_stack([np.full(count, at.x), np.full(count, at.y), headings])
+            if fits_each(self.costmap.body, TURN_ROOM, self.costmap.field, poses).all():
+                return turn
+        return None

@@ -1,0 +1,172 @@
+"""Guidance on a chair of plain equations: when symbols come, and where they lead."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass, field, replace
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.haptics.guide import GAP_S, Guidance, Guide, GuideInputs, GuideState, Nudge
+from waychair.control.haptics.patterns import vocabulary
+from waychair.control.haptics.rider import RiderModel
+from waychair.control.haptics.symbols import Symbol
+from waychair.planning.route.legs import DoorPassage
+from waychair.planning.steps.door_steps import steps_through
+from waychair.planning.steps.step import Step, StepKind, StepPlan, with_pivots
+from waychair.types import Pose2, Twist
+
+DURATIONS = {symbol: 1e-3 * pattern.duration_ms for symbol, pattern in vocabulary("glove_3x3").patterns.items()}
+TICK_S = 0.05
+
+
+@dataclass
+class PlainDriver:
+    """Obeys every symbol after exactly the rider's lag, on a chair without inertia."""
+
+    pose: Pose2
+    rider: RiderModel
+    deaf: bool = False
+    twist: Twist = field(default_factory=Twist)
+
+    def __post_init__(self) -> None:
+        self._due: list[tuple[float, Symbol]] = []
+        self._nudged: list[tuple[float, float]] = []
+        self._held = Twist()
+
+    def hear(self, symbol: Symbol, now_s: float) -> None:
+        if not self.deaf:
+            self._due.append((now_s + DURATIONS[symbol] + self.rider.lag_s, symbol))
+
+    def step(self, now_s: float) -> None:
+        rider = self.rider
+        for due, symbol in [each for each in self._due if each[0] <= now_s]:
+            self._due.remove((due, symbol))
+            side = 1.0 if symbol in (Symbol.NUDGE_LEFT, Symbol.SWIVEL_LEFT) else -1.0
+            if symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
+                self._nudged.append((now_s + 0.2, side * rider.nudge / 0.2))
+            elif symbol is Symbol.FORWARD:
+                self._held = Twist(rider.speed, rider.veer)
+            elif symbol is Symbol.BACK:
+                self._held = Twist(-rider.speed, 0.0)
+            elif symbol in (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT):
+                self._held = Twist(0.0, side * rider.swivel)
+            else:
+                self._held = Twist()
+        extra = sum(rate for until, rate in self._nudged if until > now_s)
+        self.twist = Twist(self._held.v, self._held.omega + extra)
+        self.pose = self.pose @ Pose2(self.twist.v * TICK_S, 0.0, self.twist.omega * TICK_S)
+
+
+@dataclass
+class Drive:
+    """A whole guided drive: the words by time, and the end."""
+
+    said: list[tuple[float, Symbol]]
+    last: Guidance
+    driver: PlainDriver
+    seconds: float
+
+
+def driven(plan: StepPlan, driver: PlainDriver, seconds: float = 120.0, known: RiderModel | None = None) -> Drive:
+    guide, state, said = Guide(CHAIR_A, known or driver.rider, DURATIONS), GuideState(), list[tuple[float, Symbol]]()
+    tick, guidance = 0, None
+    while guidance is None or not (guidance.arrived or guidance.astray or tick * TICK_S > seconds):
+        tick += 1
+        inputs = GuideInputs(tick * 50_000_000, driver.pose, driver.twist)
+        guidance, state = guide.step(plan, state, inputs)
+        if guidance.advice is not None:
+            said.append((tick * TICK_S, guidance.advice.symbol))
+            driver.hear(guidance.advice.symbol, tick * TICK_S)
+        driver.step(tick * TICK_S)
+    return Drive(said, guidance, driver, tick * TICK_S)
+
+
+def corner() -> StepPlan:
+    """Return 3 m ahead, a left turn, 2 m ahead."""
+    first = Step(StepKind.STRAIGHT, Pose2(), Pose2(3.0), room=0.3)
+    second = Step(StepKind.STRAIGHT, Pose2(3.0, 0.0, math.pi / 2), Pose2(3.0, 2.0, math.pi / 2), room=0.3)
+    return with_pivots(Pose2(), [first, second], None)
+
+
+def test_an_obedient_driver_arrives_within_ten_centimetres_round_a_corner() -> None:
+    drive = driven(corner(), PlainDriver(Pose2(), RiderModel()))
+    assert drive.last.arrived
+    assert math.hypot(drive.driver.pose.x - 3.0, drive.driver.pose.y - 2.0) < 0.1
+
+
+def test_the_turn_is_said_ahead_by_pattern_and_lag() -> None:
+    rider = RiderModel()
+    drive = driven(corner(), PlainDriver(Pose2(), rider))
+    swivel = next(at for at, symbol in drive.said if symbol is Symbol.SWIVEL_LEFT)
+    forward = next(at for at, symbol in drive.said if symbol is Symbol.FORWARD)
+    begins = forward + DURATIONS[Symbol.FORWARD] + rider.lag_s
+    arrives = begins + 3.0 / rider.speed
+    assert (
+        arrives - swivel == math.isclose(arrives, swivel)
+        or abs(arrives - swivel - DURATIONS[Symbol.SWIVEL_LEFT] - rider.lag_s) < 0.35
+    )
+
+
+def test_patterns_keep_their_gap() -> None:
+    drive = driven(corner(), PlainDriver(Pose2(0.0, 0.0, math.radians(4.0)), RiderModel()), seconds=6.0)
+    assert any(symbol is Symbol.NUDGE_RIGHT for _, symbol in drive.said)
+    for (at, symbol), (later, _) in itertools.pairwise(drive.said):
+        assert later - at >= DURATIONS[symbol] + GAP_S - 1e-6
+
+
+def test_a_nudge_that_is_on_its_way_is_counted_before_another_is_said() -> None:
+    guide, now_ns = Guide(CHAIR_A, RiderModel(), DURATIONS), 10_000_000_000
+    off = GuideInputs(now_ns, Pose2(1.0, 0.0, math.radians(3.0)), Twist(0.3, 0.0))
+    said = GuideState(step=0, said=Symbol.NUDGE_RIGHT, said_ns=now_ns - 700_000_000)
+    again, _ = guide.step(corner(), said, off)
+    counted, _ = guide.step(corner(), replace(said, nudges=(Nudge(-RiderModel().nudge, now_ns + 600_000_000),)), off)
+    assert again.advice is not None
+    assert again.advice.symbol is Symbol.NUDGE_RIGHT
+    assert counted.advice is None
+
+
+def test_a_door_is_passed_in_its_middle_by_odometry_alone_despite_a_veer() -> None:
+    door = DoorPassage(Pose2(4.0, 0.5, math.radians(10.0)), 0.8)
+    driver = PlainDriver(Pose2(), RiderModel(veer=math.radians(1.5)))
+    plan = steps_through(door, Pose2(), CHAIR_A)
+    offsets = []
+    guide_drive = driven(plan, driver)
+    assert guide_drive.last.arrived
+    at = door.map_from_door.inverse() @ guide_drive.driver.pose
+    offsets.append(at.y)
+    assert at.x > CHAIR_A.rear
+    assert abs(at.y) < 0.2
+
+
+def test_a_course_that_misses_the_door_is_broken_off_and_tried_again() -> None:
+    door = DoorPassage(Pose2(3.0, 0.0, 0.0), 0.8)
+    begin = Pose2(1.6, 0.22, 0.0)  # close before the door and 22 cm beside its axis
+    plan = StepPlan(
+        (
+            replace(steps_through(door, Pose2(), CHAIR_A).steps[-2], start=Pose2(0.8), kind=StepKind.DOOR),
+            steps_through(door, Pose2(), CHAIR_A).steps[-1],
+        )
+    )
+    drive = driven(plan, PlainDriver(begin, RiderModel()), seconds=200.0)
+    assert drive.last.arrived or drive.last.astray
+    assert any(symbol is Symbol.BACK for _, symbol in drive.said) or drive.last.astray
+
+
+def test_the_guide_falls_silent_before_a_driver_who_does_not_follow_and_offers_to_repeat() -> None:
+    plan, driver = corner(), PlainDriver(Pose2(), RiderModel(), deaf=True)
+    guide, state, said, offered = Guide(CHAIR_A, RiderModel(), DURATIONS), GuideState(), list[float](), False
+    for tick in range(1, 400):
+        guidance, state = guide.step(plan, state, GuideInputs(tick * 50_000_000, driver.pose, Twist()))
+        offered = offered or guidance.offers_repeat
+        if guidance.advice is not None:
+            said.append(tick * TICK_S)
+    assert offered
+    assert max(b - a for a, b in itertools.pairwise(said)) >= 4.0
+
+
+def test_a_driver_far_beside_the_leg_gets_new_steps() -> None:
+    guide = Guide(CHAIR_A, RiderModel(), DURATIONS)
+    guidance, _ = guide.step(corner(), GuideState(), GuideInputs(50_000_000, Pose2(1.0, 0.8, 0.0), Twist(0.3, 0.0)))
+    assert guidance.astray
+    assert guidance.advice is None

@@ -1,0 +1,82 @@
+"""Learning a rider from symbols and motion that are made here."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from waychair.control.haptics.learning import RiderLearner
+from waychair.control.haptics.rider import LIMITS, RiderModel
+from waychair.control.haptics.symbols import Symbol
+from waychair.types import Twist
+
+TICK_S = 0.05
+
+
+def taught(
+    learner: RiderLearner, lag_s: float, nudge: float, swivel: float, veer: float, rounds: int, wrong: float = 0.0
+) -> None:
+    """Let a rider of these figures answer rounds of: forward, two nudges, rest, a turn, rest; some nudges are ignored."""
+    rng, now = np.random.default_rng(3), 0.0
+    for number in range(rounds):
+        drives, turns = (1.0, 8.0), (12.0, 15.0)
+        side = 1.0 if number % 2 else -1.0
+        ignored = rng.random() < wrong
+        said = {
+            0.5: (Symbol.FORWARD, 0.45),
+            4.0: (Symbol.NUDGE_LEFT if side > 0.0 else Symbol.NUDGE_RIGHT, 0.26),
+            7.5: (Symbol.WARNING, 0.25),
+            10.0: (Symbol.SWIVEL_LEFT if side > 0.0 else Symbol.SWIVEL_RIGHT, 0.448),
+            14.0: (Symbol.WARNING, 0.25),
+        }
+        drives = 0.95 + lag_s, 7.75 + lag_s
+        turns = 10.448 + lag_s, 14.25 + lag_s
+        nudged = 4.26 + lag_s, 4.46 + lag_s
+        for tick in range(400):
+            at = round(tick * TICK_S, 2)
+            v = 0.3 if drives[0] <= at < drives[1] else 0.0
+            omega = veer if v else side * swivel if turns[0] <= at < turns[1] else 0.0
+            if nudged[0] <= at + TICK_S / 2 < nudged[1] and not ignored:
+                omega += side * nudge / 0.2
+            now_ns = round((now + at) * 1e9)
+            if at in said:
+                learner.note_said(said[at][0], now_ns, said[at][1], Twist(v, omega))
+            learner.note_motion(now_ns, Twist(v, omega))
+        now += 20.0
+
+
+def test_lag_nudge_swivel_and_veer_are_found_within_the_bars() -> None:
+    learner = RiderLearner()
+    taught(learner, 0.85, math.radians(4.5), 0.7, 0.03, rounds=20)
+    assert abs(learner.model.lag_s - 0.85) < 0.08
+    assert abs(learner.model.nudge - math.radians(4.5)) < math.radians(1.0)
+    assert abs(learner.model.swivel - 0.7) < 0.05
+    assert abs(learner.model.veer - 0.03) < 0.01
+
+
+def test_symbols_without_an_answer_do_not_spoil_the_figures_but_are_counted() -> None:
+    learner = RiderLearner()
+    taught(learner, 0.65, math.radians(4.0), 0.5, 0.0, rounds=20, wrong=0.3)
+    assert abs(learner.model.nudge - math.radians(4.0)) < math.radians(1.0)
+    assert sum(count for (_, done), count in learner.answers().items() if done == "nothing") > 0
+
+
+def test_nothing_outside_the_limits_is_learnt_and_a_motion_without_numbers_is_ignored() -> None:
+    learner = RiderLearner()
+    taught(learner, 0.65, math.radians(60.0), 4.0, 0.5, rounds=10)
+    for tick in range(100):
+        learner.note_motion(tick, Twist(math.nan, math.inf))
+    for name, (low, high) in LIMITS.items():
+        assert low <= getattr(learner.model, name) <= high
+
+
+def test_a_reset_forgets_the_rider_and_the_export_is_plain() -> None:
+    learner = RiderLearner(RiderModel(lag_s=0.7))
+    taught(learner, 0.9, math.radians(4.0), 0.5, 0.0, rounds=8)
+    exported = learner.exported()
+    assert exported["figures"]["lag_s"] != 0.7
+    assert len(exported["values"]["lag_s"]) >= 8
+    learner.reset()
+    assert learner.model == RiderModel(lag_s=0.7)
+    assert not learner.answers()

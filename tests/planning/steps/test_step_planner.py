@@ -1,0 +1,124 @@
+"""Steps on worlds of walls: what they lead past, where they turn, and where there are none."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair_body import CHAIR_A, CHAIR_B
+from waychair.maps.grid.distance_field import distance_field
+from waychair.planning.body.footprint import fits_each
+from waychair.planning.grid.costmap import Costmap, costmap_from_grid
+from waychair.planning.route.legs import DoorPassage
+from waychair.planning.steps.door_steps import steps_through
+from waychair.planning.steps.step import NoSteps, StepKind, StepPlan
+from waychair.planning.steps.step_planner import StepPlanner
+from waychair.types import Goal, OccupancyGrid, Pose2
+
+CELL = 0.02
+
+
+def two_rooms(width: float, middle: float = 2.5) -> OccupancyGrid:
+    """Return two rooms of 4 by 5 m beside each other, with a door of this width in the wall between them."""
+    cells = np.zeros((round(5.0 / CELL), round(8.15 / CELL)), np.int8)
+    cells[[0, -1]] = 100
+    cells[:, [0, -1]] = 100
+    left, right = round(4.0 / CELL), round(4.15 / CELL)
+    cells[:, left:right] = 100
+    half = round(width / 2 / CELL)
+    row = round(middle / CELL)
+    cells[row - half : row + half, left:right] = 0
+    return OccupancyGrid(cells, CELL)
+
+
+def planned(costmap: Costmap, start: Pose2, goal: Pose2) -> StepPlan:
+    return StepPlanner(Goal(goal), goal).replan(costmap, start)
+
+
+def swept_poses(plan: StepPlan) -> np.ndarray:
+    """Return poses (N, 3) all along a plan, turns included."""
+    poses = []
+    for step in plan.steps:
+        for share in np.linspace(0.0, 1.0, 60):
+            x = step.start.x + share * (step.end.x - step.start.x)
+            y = step.start.y + share * (step.end.y - step.start.y)
+            poses.append((x, y, step.start.theta + share * step.turn))
+    return np.array(poses)
+
+
+def test_a_step_begins_where_the_last_one_ends() -> None:
+    plan = planned(costmap_from_grid(two_rooms(0.9), CHAIR_A), Pose2(1.5, 1.2, 2.0), Pose2(6.5, 2.5, 0.0))
+    for before, after in zip(plan.steps, plan.steps[1:], strict=False):
+        assert math.hypot(before.end.x - after.start.x, before.end.y - after.start.y) < 1e-6
+        assert abs(math.remainder(before.end.theta - after.start.theta, math.tau)) < math.radians(2.6)
+    assert plan.steps[-1].kind is StepKind.ARRIVED
+
+
+@pytest.mark.parametrize(("body", "width"), [(CHAIR_A, 0.8), (CHAIR_A, 0.9), (CHAIR_B, 0.8), (CHAIR_B, 0.9)])
+def test_a_door_is_one_step_on_its_axis_from_a_pivot_with_room(body, width) -> None:  # type: ignore[no-untyped-def]
+    grid = two_rooms(width)
+    plan = planned(costmap_from_grid(grid, body), Pose2(1.3, 3.5, 0.6), Pose2(6.5, 2.5, 0.0))
+    doors = [step for step in plan.steps if step.kind is StepKind.DOOR]
+    assert len(doors) == 1
+    assert abs(doors[0].start.y - 2.5) < 0.03
+    assert abs(doors[0].end.y - 2.5) < 0.03
+    assert abs(doors[0].start.theta) < math.radians(1.5)
+    assert 4.0 - (doors[0].start.x + body.front) == pytest.approx(0.75, abs=0.05)
+    assert fits_each(body, 0.0, distance_field(grid), swept_poses(plan)).all()
+
+
+def test_open_floor_takes_one_leg_and_the_turn_towards_it() -> None:
+    cells = np.zeros((300, 400), np.int8)
+    plan = planned(costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A), Pose2(2.0, 2.0, 1.5), Pose2(6.0, 3.0, 0.245))
+    assert [step.kind for step in plan.steps] == [StepKind.PIVOT, StepKind.STRAIGHT, StepKind.ARRIVED]
+    assert plan.length == pytest.approx(math.hypot(4.0, 1.0), abs=0.01)
+
+
+def test_a_closed_door_sends_the_steps_through_the_other_one() -> None:
+    grid = two_rooms(0.9, middle=1.5)
+    half, row = round(0.45 / CELL), round(3.8 / CELL)
+    grid.cells[row - half : row + half, round(4.0 / CELL) : round(4.15 / CELL)] = 0
+    start, goal = Pose2(2.0, 1.5, 0.0), Pose2(6.0, 1.5, 0.0)
+    planner = StepPlanner(Goal(goal), goal)
+    first = planner.replan(costmap_from_grid(grid, CHAIR_A), start)
+    shut = np.array([[4.075, y] for y in np.arange(1.0, 2.0, 0.02)])
+    second = planner.replan(costmap_from_grid(grid, CHAIR_A, live_points=shut), start)
+    ways = [next(step for step in plan.steps if step.kind is StepKind.DOOR) for plan in (first, second)]
+    assert abs(ways[0].start.y - 1.5) < 0.03
+    assert abs(ways[1].start.y - 3.8) < 0.03
+
+
+def test_a_chair_that_cannot_turn_is_led_straight_back_first() -> None:
+    cells = np.full((round(4.0 / CELL), round(6.0 / CELL)), 100, np.int8)
+    cells[50:150, 50:150] = 0  # a room of 2 m
+    cells[80:122, 150:270] = 0  # a dead end 0.84 m wide
+    goal = Pose2(2.0, 2.0, math.pi)
+    plan = planned(costmap_from_grid(OccupancyGrid(cells, CELL), CHAIR_A), Pose2(3.3, 2.02, 0.0), goal)
+    assert plan.steps[0].kind is StepKind.BACK
+
+
+def test_a_door_too_narrow_for_a_hand_is_refused_with_its_width_and_offers_autonomy() -> None:
+    costmap = costmap_from_grid(two_rooms(0.8), CHAIR_B)
+    narrow = DoorPassage(Pose2(2.0, 0.0, 0.0), 0.71)
+    with pytest.raises(NoSteps, match=r"0.71 m wide .* drive there by itself"):
+        steps_through(narrow, Pose2(), CHAIR_B)
+    with pytest.raises(NoSteps, match="drive there by itself"):
+        StepPlanner(Goal("x"), Pose2(6.5, 2.5)).replan(_cluttered(costmap), Pose2(1.3, 2.5))
+
+
+def _cluttered(costmap: Costmap) -> Costmap:
+    """Return the map with posts so near to each other before the door that no chair turns there."""
+    posts = np.array([[x, y] for x in (2.2, 2.8, 3.4) for y in (0.8, 1.9, 3.1, 4.2)])
+    return costmap_from_grid(costmap.grid, costmap.body, live_points=posts)
+
+
+def test_a_door_just_found_is_led_to_by_odometry_alone() -> None:
+    door = DoorPassage(Pose2(3.0, 1.0, math.radians(20.0)), 0.9)
+    plan = steps_through(door, Pose2(), CHAIR_A)
+    last = plan.steps[-2]
+    assert last.kind is StepKind.DOOR
+    axis = door.map_from_door.inverse() @ last.start
+    assert abs(axis.y) < 1e-6
+    assert [step.kind for step in plan.steps][:2] == [StepKind.PIVOT, StepKind.STRAIGHT]

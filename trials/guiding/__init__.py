@@ -1,0 +1,1 @@
+"""Trials of a simulated driver who cannot see. Begin in `guided`."""
