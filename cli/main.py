@@ -135,6 +135,11 @@ app.command(
     help="Show the networks of behaviour cells, and read and replay their traces.",
 )
 app.command(
+    "waychair.cli.haptics_commands.haptics:haptics_app",
+    name="haptics",
+    help="Play, check and tune the vibrations that guide a driver who cannot see.",
+)
+app.command(
     "waychair.cli.building.buildings:buildings_app",
     name="building",
     help="Make, check and route through buildings of several storeys.",

@@ -7,7 +7,17 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from evaluation.figures.chair import bridge, calibration, closed_loop, editor, menus, sensor_time, simulation, start_up
+from evaluation.figures.chair import (
+    bridge,
+    calibration,
+    closed_loop,
+    editor,
+    glove,
+    menus,
+    sensor_time,
+    simulation,
+    start_up,
+)
 from evaluation.figures.driving import (
     barn,
     behaviours,
@@ -170,6 +180,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "board_killed": bridge.board_killed,
     "round_trip": bridge.round_trip,
     "fuzz": bridge.run_fuzz,
+    "glove": glove.glove,
     "menus": menus.menus,
     "editor": editor.editor,
     "sensor_time": sensor_time.sensor_time,

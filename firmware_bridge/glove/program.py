@@ -186,6 +186,11 @@ class LiveGlove:
             self._process.wait()
         self._release()
 
+    @property
+    def pid(self) -> int:
+        """The program's process."""
+        return self._process.pid
+
     def records(self, timeout_s: float = 0.0) -> list[tuple[int, bytes]]:
         """Return the records reported since the last call: the clock [ms, modulo 2^32] and the 16 levels of each.
 

@@ -1,6 +1,6 @@
 """Mutation run: small wrong changes to the portable firmware; a test must detect each of them.
 
-    python -m tests.firmware_bridge.mutation [--sample N]
+    python -m tests.firmware_bridge.mutation [--glove] [--sample N]
 
 After the method of panda's and opendbc's safety tests: comparisons, boundaries, arithmetic, logic, negations, numbers
 and whole statements are changed one at a time, and `cases.py` runs against each mutant. A mutant whose object code is
@@ -20,16 +20,16 @@ import subprocess
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from tests.firmware_bridge.cases import failure
+from tests.firmware_bridge import cases
+from tests.firmware_bridge.glove import cases as glove_cases
+from tests.firmware_bridge.glove import rig as glove_rig
 from tests.firmware_bridge.rig import SOURCES, TRAP
 from waychair.firmware_bridge.board import FIRMWARE
 
-SURVIVORS = Path(__file__).with_name("survivors.txt")
-MUTATED = ("safety_core.h", "safety_core.c", "frame.c", "protocol.c", "converter.c")
 LONGEST_S = 20
 """A mutant that runs for longer hangs, which is noticed too."""
 
@@ -61,6 +61,36 @@ NUMBER = re.compile(r"(?<![\w.])\d+(?![\w.])")
 
 
 @dataclass(frozen=True, slots=True)
+class Target:
+    """Portable firmware of one board: its mutated files and all its sources below `FIRMWARE`, its rig and its cases."""
+
+    mutated: tuple[str, ...]
+    sources: tuple[str, ...]
+    rig: Path
+    failure: Callable[[Path], str]
+    survivors: Path
+    flags: tuple[str, ...] = ()
+
+
+HERE = Path(__file__).parent
+CHAIR = Target(
+    ("safety_core.h", "safety_core.c", "frame.c", "protocol.c", "converter.c"),
+    SOURCES,
+    HERE / "rig.c",
+    cases.failure,
+    HERE / "survivors.txt",
+)
+GLOVE = Target(
+    ("glove/glove_core.h", "glove/glove_core.c", "glove/glove_protocol.c", "glove/glove_board.c"),
+    glove_rig.SOURCES,
+    glove_rig.RIG,
+    glove_cases.failure,
+    HERE / "glove" / "survivors.txt",
+    (glove_rig.LIMIT,),
+)
+
+
+@dataclass(frozen=True, slots=True)
 class Mutant:
     """One changed line of one file; `occurrence` counts the same change of an equal line, from 1."""
 
@@ -76,12 +106,12 @@ class Mutant:
         return f"{self.file}: {_bare(self.original)}  =>  {_bare(self.changed) or 'nothing'}{again}"
 
 
-def mutants(firmware: Path = FIRMWARE) -> list[Mutant]:
+def mutants(target: Target = CHAIR) -> list[Mutant]:
     """All mutants in the order of files and lines."""
     found: list[Mutant] = []
     seen: Counter[tuple[str, str, str]] = Counter()
-    for file in MUTATED:
-        for number, line in enumerate((firmware / file).read_text().splitlines()):
+    for file in target.mutated:
+        for number, line in enumerate((FIRMWARE / file).read_text().splitlines()):
             code = line.split("/*")[0]
             if not code.startswith((" ", "static const")) or code.strip().startswith("*"):
                 continue
@@ -108,16 +138,18 @@ def _changes(code: str, header: bool) -> Iterator[str]:
         yield re.match(r"\s*", code)[0] + ";"  # type: ignore[index]
 
 
-def survives(mutant: Mutant, folder: Path, originals: dict[str, bytes]) -> str:
+def survives(mutant: Mutant, folder: Path, originals: dict[str, bytes], target: Target = CHAIR) -> str:
     """'killed', 'survived', 'same code' or 'not C' for one mutant; `originals` are the object files by source."""
     firmware = folder / "mutant"
-    firmware.mkdir(exist_ok=True)
-    for path in FIRMWARE.glob("*.[ch]"):
+    for path in (*FIRMWARE.glob("*.[ch]"), *FIRMWARE.glob("glove/*.[ch]")):
+        name = str(path.relative_to(FIRMWARE))
         lines = path.read_text().splitlines()
-        if path.name == mutant.file:
+        if name == mutant.file:
             lines[mutant.line] = mutant.changed
-        (firmware / path.name).write_text("\n".join(lines) + "\n")
-    objects = compile_objects(firmware, folder, SOURCES if mutant.file.endswith(".h") else (mutant.file,))
+        (firmware / name).parent.mkdir(parents=True, exist_ok=True)
+        (firmware / name).write_text("\n".join(lines) + "\n")
+    changed = target.sources if mutant.file.endswith(".h") else (mutant.file,)
+    objects = compile_objects([firmware / name for name in changed], firmware, folder, target.flags)
     if objects is None:
         return "not C"
     if all(originals[name] == code for name, code in objects.items()):
@@ -127,36 +159,38 @@ def survives(mutant: Mutant, folder: Path, originals: dict[str, bytes]) -> str:
         (folder / f"{name}.o").write_bytes(code)
     files = [str(folder / f"{name}.o") for name in originals]
     subprocess.run(["cc", "-shared", *files, "-o", str(library)], check=True)
-    return "survived" if _passes(library) else "killed"
+    return "survived" if _passes(library, target) else "killed"
 
 
-def compile_objects(firmware: Path, folder: Path, sources: Sequence[str]) -> dict[str, bytes] | None:
-    """Object code by source name; None when the compiler refuses it."""
+def compile_objects(
+    sources: Sequence[Path], firmware: Path, folder: Path, flags: Sequence[str] = ()
+) -> dict[str, bytes] | None:
+    """Object code by the names of the sources; None when the compiler refuses it."""
     objects = {}
-    for name in sources:
-        path = Path(__file__).with_name(name) if name == "rig.c" else firmware / name
+    for path in sources:
         target = folder / "object.o"
-        command = ["cc", "-std=c99", "-O1", "-fPIC", *TRAP, f"-I{firmware}", "-c", str(path), "-o", str(target)]
+        command = ["cc", "-std=c99", "-O1", "-fPIC", *TRAP, *flags, f"-I{firmware}", "-c", str(path), "-o", str(target)]
         if subprocess.run(command, capture_output=True, check=False).returncode != 0:
             return None
-        objects[name] = target.read_bytes()
+        objects[path.name] = target.read_bytes()
     return objects
 
 
-def run(chosen: Sequence[Mutant]) -> list[tuple[Mutant, str]]:
+def run(chosen: Sequence[Mutant], target: Target = CHAIR) -> list[tuple[Mutant, str]]:
     """Return every mutant with its fate."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        originals = compile_objects(FIRMWARE, folder, (*SOURCES, "rig.c"))
+        sources = [*(FIRMWARE / source for source in target.sources), target.rig]
+        originals = compile_objects(sources, FIRMWARE, folder, target.flags)
         assert originals is not None, "the firmware itself does not compile"
-        return [(mutant, survives(mutant, folder, originals)) for mutant in chosen]
+        return [(mutant, survives(mutant, folder, originals, target)) for mutant in chosen]
 
 
-def explained() -> dict[str, str]:
+def explained(target: Target = CHAIR) -> dict[str, str]:
     """Mutants by name that may survive, with the reason: survivors.txt, each name above its indented reason."""
     reasons: dict[str, str] = {}
     name = ""
-    for line in SURVIVORS.read_text().splitlines():
+    for line in target.survivors.read_text().splitlines():
         if line.startswith(" "):
             reasons[name] = f"{reasons[name]} {line.strip()}".strip()
         elif line and not line.startswith("#"):
@@ -165,7 +199,7 @@ def explained() -> dict[str, str]:
     return reasons
 
 
-def _passes(library: Path) -> bool:
+def _passes(library: Path, target: Target) -> bool:
     """Whether all cases pass, in a separate process: a mutant may crash or never end."""
     child = os.fork()
     if child == 0:
@@ -173,7 +207,7 @@ def _passes(library: Path) -> bool:
         faulthandler.disable()  # a crash is an answer, and needs no report
         passed = False
         try:
-            passed = failure(library) == ""
+            passed = target.failure(library) == ""
         finally:
             os._exit(0 if passed else 1)
     return os.waitpid(child, 0)[1] == 0
@@ -188,11 +222,13 @@ def main() -> int:
     """Run and print the survivors; status 1 when a survivor has no explanation, or an explanation no survivor."""
     parser = argparse.ArgumentParser(description="Mutation run over the portable firmware")
     parser.add_argument("--sample", type=int, help="only so many mutants, drawn with a fixed seed")
+    parser.add_argument("--glove", action="store_true", help="the glove's firmware, not that of the chair's board")
     arguments = parser.parse_args()
-    everything = mutants()
+    target = GLOVE if arguments.glove else CHAIR
+    everything = mutants(target)
     chosen = random.Random(0).sample(everything, arguments.sample) if arguments.sample else everything
-    results = run(chosen)
-    reasons = explained()
+    results = run(chosen, target)
+    reasons = explained(target)
     survivors = [mutant.name() for mutant, fate in results if fate == "survived"]
     counts = {fate: sum(f == fate for _, f in results) for fate in ("killed", "survived", "same code", "not C")}
     print(f"{len(results)} mutants: " + ", ".join(f"{count} {fate}" for fate, count in counts.items()))

@@ -46,7 +46,7 @@ static void begin(glove_core *core, const glove_pattern *pattern)
 static void say_that_nobody_speaks(glove_core *core)
 {
     const glove_step step = {all_motors(core), NOBODY_STRENGTH, NOBODY_ON_MS, NOBODY_OFF_MS};
-    const glove_pattern pattern = {.priority = GLOVE_OWN_PRIORITY, .count = 2, .steps = {step, step}};
+    const glove_pattern pattern = {.count = 2, .steps = {step, step}};
     begin(core, &pattern);
 }
 

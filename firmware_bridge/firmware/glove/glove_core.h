@@ -25,8 +25,7 @@ enum {
     GLOVE_HOT_C = 43,              /* skin is not touched by more for minutes (IEC 60601-1) */
     GLOVE_COOL_C = 41,
     GLOVE_DEBOUNCE_MS = 20,
-    GLOVE_SEQUENCE_WINDOW = 32,
-    GLOVE_OWN_PRIORITY = 255
+    GLOVE_SEQUENCE_WINDOW = 32
 };
 
 typedef enum { GLOVE_WAITING, GLOVE_READY, GLOVE_ARMED, GLOVE_LOST } glove_state;

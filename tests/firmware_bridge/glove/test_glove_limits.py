@@ -181,6 +181,22 @@ def test_a_motor_vibrates_for_half_of_ten_seconds_at_most(rig: GloveRig) -> None
     assert rig.judged() == 0
 
 
+def test_vibration_is_forgotten_ten_seconds_and_a_bin_later_to_the_millisecond(rig: GloveRig) -> None:
+    rig.arm()
+    rig.run(98)  # the first bin of 100 ms ends here
+    begun = rig.now_ms
+    for _ in range(10):
+        rig.play((1 << 3, 200, 500, 0))
+        rig.run_alive(501)
+    while True:
+        rig.play((1 << 3, 200, 1, 0))
+        if rig.judged() == 0:
+            break
+        assert rig.report.refused == PlayRefusal.DUTY
+        rig.run(0 if rig.now_ms > begun + 9990 else 7)
+    assert rig.now_ms - begun == 10_101
+
+
 def test_half_the_time_may_be_used_for_ever(rig: GloveRig) -> None:
     rig.arm()
     assert 0.45 < _long(rig, 40)[:, 3].astype(bool).mean() <= 0.5
@@ -255,7 +271,12 @@ def test_vibration_during_a_hang_counts(rig: GloveRig) -> None:
     rig.arm()
     rig.play((1 << 3, 200, 400, 0))
     rig.run(1)
-    rig.jump(4600)
+    rig.jump(2600)
+    rig.run(1)
+    rig.arm()
+    rig.play((1 << 3, 200, 500, 0))
+    assert rig.judged() == 0
+    rig.jump(2000)
     rig.run(1)
     rig.arm()
     rig.play((1 << 3, 200, 500, 0))

@@ -7,7 +7,7 @@
 #include <stdint.h>
 
 enum { LOW, HIGH };
-enum { INPUT_PULLDOWN = 0x09, OUTPUT = 0x03, SERIAL_8N1 = 0x800001c };
+enum { INPUT = 0x01, INPUT_PULLUP = 0x05, INPUT_PULLDOWN = 0x09, OUTPUT = 0x03, SERIAL_8N1 = 0x800001c };
 
 typedef struct uart_struct_t uart_t;
 

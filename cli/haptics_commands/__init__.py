@@ -1,0 +1,1 @@
+"""The commands for a driver who cannot see: vibrations, speech and their fitting."""

@@ -1,0 +1,147 @@
+"""Speech and tones by programs of this computer, one at a time: never two voices at once.
+
+Speech: `espeak-ng`, else `spd-say`. Tones: `paplay`, `aplay`, or sox's `play`. A program that is missing or fails is told
+once, in one sentence, and everything else goes on.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from waychair.control.haptics.profile import HapticsProfile
+from waychair.control.haptics.symbols import Advice
+from waychair.control.haptics.tones import tone, wave_file
+
+WARNING_QUIET_NS = 500_000_000
+"""Time after a warning that was felt or heard in which nothing is spoken."""
+
+SPEECH_PROGRAMS = ("espeak-ng", "spd-say")
+TONE_PROGRAMS = ("paplay", "aplay", "play")
+
+Find = Callable[[str], str | None]
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """A command that makes a sound."""
+
+    words: tuple[str, ...]
+    speech: bool = False
+
+
+class Sounds:
+    """One rider's loudspeaker. `notices` are sentences about missing or failing programs, each once."""
+
+    def __init__(self, profile: HapticsProfile, find: Find = shutil.which) -> None:
+        self.notices: list[str] = []
+        self._profile = profile
+        self._speech = _found(SPEECH_PROGRAMS, find)
+        self._player = _found(TONE_PROGRAMS, find)
+        self._running: subprocess.Popen[bytes] | None = None
+        self._name = ""
+        self._waiting: list[_Job] = []
+        self._quiet_until_ns = 0
+        self._folder = tempfile.TemporaryDirectory(prefix="waychair-tones-")
+        if profile.speech and self._speech is None:
+            self.notices.append(
+                "no speech program was found, so advice is not spoken: install one (`sudo apt install espeak-ng`)"
+            )
+        if profile.tones and self._player is None:
+            self.notices.append(
+                "no program that plays sound was found, so there are no tones: install one (`sudo apt install alsa-utils`)"
+            )
+
+    @property
+    def sounding(self) -> bool:
+        """Whether something is spoken or played now."""
+        return self._running is not None and self._running.poll() is None
+
+    def tell(self, words: str, advice: Advice | None, now_ns: int, interrupts: bool) -> None:
+        """Play the tone of advice and then speak the words, as the profile wants; None: no tone.
+
+        What waits is replaced, so that nothing late is spoken. `interrupts`: what sounds now ends at once.
+        """
+        if interrupts:
+            self.hush()
+        jobs = []
+        if advice is not None and self._profile.tones and self._player is not None:
+            jobs.append(_Job((self._player, str(self._tone_file(advice)))))
+        if self._profile.speech and self._speech is not None:
+            spoken = speech_words(self._speech, words, self._profile.rate, self._profile.volume)
+            jobs.append(_Job(tuple(spoken), speech=True))
+        self._waiting = jobs
+        self.tick(now_ns)
+
+    def keep_quiet(self, now_ns: int) -> None:
+        """Speak nothing for a while after a warning that is felt or heard: the speech that runs ends at once."""
+        self.hush()
+        self._quiet_until_ns = now_ns + WARNING_QUIET_NS
+
+    def tick(self, now_ns: int) -> None:
+        """Begin the sound that waits, once the one before has ended."""
+        if self._running is not None:
+            code = self._running.poll()
+            if code is None:
+                return
+            if code > 0:
+                self._tell_once(f"{self._name} failed, so advice may not be heard: check the sound of this computer")
+            self._running = None
+        if self._waiting and not (self._waiting[0].speech and now_ns < self._quiet_until_ns):
+            self._start(self._waiting.pop(0).words)
+
+    def hush(self) -> None:
+        """End what sounds, and forget what waits."""
+        self._waiting = []
+        running, self._running = self._running, None
+        if running is None or running.poll() is not None:
+            return
+        running.kill()
+        running.wait()
+        if self._speech is not None and Path(self._speech).name == "spd-say":
+            subprocess.run(
+                [self._speech, "--cancel"], check=False, capture_output=True
+            )  # its server speaks, not itself
+
+    def close(self) -> None:
+        """End all sounds, and remove their files."""
+        self.hush()
+        self._folder.cleanup()
+
+    def _start(self, words: Sequence[str]) -> None:
+        self._name = Path(words[0]).name
+        try:
+            self._running = subprocess.Popen(
+                words, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            )
+        except OSError as error:
+            self._tell_once(
+                f"{words[0]} cannot be run ({error.strerror}), so advice may not be heard: install it again"
+            )
+
+    def _tell_once(self, sentence: str) -> None:
+        if sentence not in self.notices:
+            self.notices.append(sentence)
+
+    def _tone_file(self, advice: Advice) -> Path:
+        direction = "" if advice.direction is None else f"{advice.direction:.1f}"
+        path = Path(self._folder.name) / f"{advice.symbol.value}{direction}.wav"
+        if not path.exists():
+            path.write_bytes(wave_file(tone(advice, self._profile.volume)))
+        return path
+
+
+def speech_words(program: str, text: str, rate: int, volume: float) -> list[str]:
+    """Return the command that speaks a text at a rate [words/min] and a volume in [0, 1]."""
+    if Path(program).name == "spd-say":
+        relative = max(-100, min(100, round((rate - 175) / 2.75)))  # speech-dispatcher's -100 to 100; 0 is about 175
+        return [program, "--wait", "--rate", str(relative), "--volume", str(round(200 * volume - 100)), "--", text]
+    return [program, "-s", str(rate), "-a", str(round(200 * volume)), "--", text]  # its amplitude is 0 to 200
+
+
+def _found(programs: Sequence[str], find: Find) -> str | None:
+    return next((path for path in map(find, programs) if path is not None), None)
