@@ -8,7 +8,7 @@
 #include <stdint.h>
 
 enum {
-    FRAME_PAYLOAD_MAX = 48,                     /* the longest payload is 36 bytes */
+    FRAME_PAYLOAD_MAX = 48,                     /* the longest payload is 41 bytes */
     FRAME_HEAD = 3,                             /* type u8, sequence u16 */
     FRAME_CRC = 2,
     FRAME_PLAIN_MAX = FRAME_HEAD + FRAME_PAYLOAD_MAX + FRAME_CRC,

@@ -29,7 +29,7 @@ from tests.firmware_bridge.rig import SOURCES, TRAP
 from waychair.firmware_bridge.board import FIRMWARE
 
 SURVIVORS = Path(__file__).with_name("survivors.txt")
-MUTATED = ("safety_core.h", "safety_core.c", "frame.c", "protocol.c", "converter.c")
+MUTATED = ("axes.h", "safety_core.h", "safety_core.c", "guard.h", "guard.c", "frame.c", "protocol.c", "converter.c")
 LONGEST_S = 20
 """A mutant that runs for longer hangs, which is noticed too."""
 
@@ -55,7 +55,7 @@ STATEMENT = re.compile(r"^\s+[a-z(][\w\->\[\].() ,&*+]*( [|+-]?= .*|\(.*\)|\+\+)
 """A whole line that assigns or calls; declarations begin with a type, and leaving one out would not compile."""
 
 DECLARATION = re.compile(
-    r"^\s+(const |static |return|bool |u?int\d+_t |safety_|span |frame |size_t |line_holder |for )"
+    r"^\s+(const |static |return|bool |u?int\d+_t |safety_|guard \*|span |frame |size_t |line_holder |for )"
 )
 NUMBER = re.compile(r"(?<![\w.])\d+(?![\w.])")
 
