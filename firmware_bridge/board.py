@@ -89,6 +89,13 @@ class BoardSettings(Settings):
         low=0,
         high=500,
     )
+    guard_lost_per_mille: int = setting(
+        250,
+        "1/1000 swing",
+        "highest deflection that a guard lets pass once the computer is lost; larger: faster, 1000 for a rider who sees",
+        low=0,
+        high=1000,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,6 +308,7 @@ class HostBoard:
             "--neutral": settings.neutral_per_mille,
             "--override": settings.override_per_mille,
             "--override-ms": settings.override_ms,
+            "--guard-lost": settings.guard_lost_per_mille,
         }
         os.set_blocking(board, False)
         words = [str(word) for option in options.items() for word in option]

@@ -1,4 +1,4 @@
-"""The serial protocol between computer and board: COBS frames, CRC-16, sequence numbers, four messages.
+"""The serial protocol between computer and board: COBS frames, CRC-16, sequence numbers, five messages.
 
 A frame on the wire is `COBS(type u8, sequence u16, payload, crc u16) 00`, all little endian: COBS by Cheshire and Baker
 (1999), CRC-16/IBM-3740 (polynomial 0x1021, start 0xFFFF, check value 0x29B1) over everything before it. Set-points are
@@ -18,8 +18,8 @@ from typing import Any, ClassVar, TypeAlias
 from waychair.errors import BridgeError
 from waychair.firmware_bridge.frames import Frame, FrameDecoder, encode_frame
 
-PROTOCOL_VERSION = 1
-FIRMWARE_VERSION = 0x0100
+PROTOCOL_VERSION = 2
+FIRMWARE_VERSION = 0x0200
 """Major and minor version of the firmware tested with this computer; another major version is refused."""
 
 SETPOINT_MAX = 10_000
@@ -43,11 +43,28 @@ class Family(enum.IntEnum):
 
 
 class CommandFlag(enum.IntFlag):
-    """Flags of a command beside its set-points."""
+    """Flags of a command beside its set-points, or of a limit beside its caps.
+
+    GUARD and the bits of drop-offs count in a limit only: the guard acts, and no override raises that direction's cap.
+    """
 
     ENABLE = 1
     RESET = 2
     ESTOP_ACK = 4
+    GUARD = 8
+    DROP_TO_FRONT = 16
+    DROP_TO_REAR = 32
+    DROP_TO_LEFT = 64
+    DROP_TO_RIGHT = 128
+
+
+class GuardBit(enum.IntFlag):
+    """How the board's guard acts on the rider's stick now: `firmware/guard.h`."""
+
+    CAPPED = 1
+    WARNS = 2
+    OVERRIDDEN = 4
+    LOST = 8
 
 
 class HandshakeRefusal(enum.IntFlag):
@@ -67,6 +84,7 @@ class BoardState(enum.IntEnum):
     ARMED = 1
     DRIVE = 2
     FAULT = 3
+    GUARD = 4
 
 
 class Holder(enum.IntEnum):
@@ -146,14 +164,31 @@ class Command:
 
 
 @dataclass(frozen=True, slots=True)
+class Limit:
+    """Computer to board at 50 Hz instead of commands: caps of the rider's own stick [1/10000 of the swing], each also a
+    heartbeat. See `CommandFlag` for the flags."""
+
+    TYPE: ClassVar[int] = 5
+    LAYOUT: ClassVar[str] = "front u16,rear u16,left u16,right u16,flags u8,stamp_us u32"
+
+    front: int
+    rear: int
+    left: int
+    right: int
+    flags: int
+    stamp_us: int
+
+
+@dataclass(frozen=True, slots=True)
 class BoardTelemetry:
-    """Board to computer after every accepted command, or every 20 ms: voltages [mV], echo, counters."""
+    """Board to computer after every accepted command or limit, or every 20 ms: voltages [mV], echo, counters, and the
+    guard's caps in force [1/10000 of the swing] with its `GuardBit`s."""
 
     TYPE: ClassVar[int] = 4
     LAYOUT: ClassVar[str] = (
         "state u8,holder u8,faults u16,forward_set_mv u16,turn_set_mv u16,forward_mv u16,turn_mv u16,reference_mv u16,"
         "joystick_forward_mv u16,joystick_turn_mv u16,echo_sequence u16,echo_stamp_us u32,board_ms u32,"
-        "bad_frames u16,rejected u16"
+        "bad_frames u16,rejected u16,front_cap u16,rear_cap u16,left_cap u16,right_cap u16,guard_bits u8"
     )
 
     state: int
@@ -171,11 +206,18 @@ class BoardTelemetry:
     board_ms: int
     bad_frames: int
     rejected: int
+    front_cap: int
+    rear_cap: int
+    left_cap: int
+    right_cap: int
+    guard_bits: int
 
 
-Message: TypeAlias = Hello | HelloReply | Command | BoardTelemetry
+Message: TypeAlias = Hello | HelloReply | Command | BoardTelemetry | Limit
 
-_TYPES: dict[int, type[Any]] = {message.TYPE: message for message in (Hello, HelloReply, Command, BoardTelemetry)}
+_TYPES: dict[int, type[Any]] = {
+    message.TYPE: message for message in (Hello, HelloReply, Command, BoardTelemetry, Limit)
+}
 _STRUCTS = {
     message.TYPE: struct.Struct("<" + "".join(_FORMATS[field.split()[1]] for field in message.LAYOUT.split(",")))
     for message in _TYPES.values()

@@ -65,33 +65,42 @@ static void reply(board *self, uint8_t refused)
     send(self, &message);
 }
 
-static host_message understand(board *self, const frame *received, command *order)
+/* `stamp_us` is that of a command or limit. */
+static host_message understand(board *self, const frame *received, uint32_t *stamp_us)
 {
     hello theirs;
+    command order;
+    limit caps;
     host_message message = {.event = EVENT_BAD_FRAME, .sequence = received->sequence};
     if (protocol_read_hello(received, &theirs)) {
         const uint8_t refused = refusal(self, &theirs);
         message.event = EVENT_HELLO;
         message.hello_matches = refused == 0;
         reply(self, refused);
-    } else if (protocol_read_command(received, order)) {
+    } else if (protocol_read_command(received, &order)) {
         message.event = EVENT_COMMAND;
-        message.flags = order->flags;
-        memcpy(message.setpoint, order->setpoint, sizeof message.setpoint);
+        message.flags = order.flags;
+        memcpy(message.setpoint, order.setpoint, sizeof message.setpoint);
+        *stamp_us = order.stamp_us;
+    } else if (protocol_read_limit(received, &caps)) {
+        message.event = EVENT_LIMIT;
+        message.flags = caps.flags;
+        memcpy(message.caps, caps.caps, sizeof message.caps);
+        *stamp_us = caps.stamp_us;
     }
     return message;
 }
 
 /* Takes up to one frame: a burst of frames takes as many steps, so that no frame hides another. The number of bytes is
  * limited, so that a flood of bytes does not keep the loop from its watchdog. */
-static host_message receive(board *self, command *order)
+static host_message receive(board *self, uint32_t *stamp_us)
 {
     uint8_t byte;
     for (int taken = 0; taken < RECEIVE_MAX && hal_read_byte(&byte); taken++) {
         frame received;
         const decoded what = frame_decode(&self->decoder, byte, &received);
         if (what == DECODED_FRAME)
-            return understand(self, &received, order);
+            return understand(self, &received, stamp_us);
         if (what == DECODED_BAD)
             return (host_message){.event = EVENT_BAD_FRAME};
     }
@@ -110,25 +119,27 @@ static void report(board *self, const safety_inputs *inputs, const safety_output
         .board_ms = self->core.now_ms,
         .bad_frames = self->bad_frames,
         .rejected = self->rejected,
+        .guard_bits = outputs->guard_bits,
     };
     memcpy(ours.set_mv, outputs->line_mv, sizeof ours.set_mv);
     memcpy(ours.line_mv, inputs->line_mv, sizeof ours.line_mv);
     memcpy(ours.joystick_mv, inputs->joystick_mv, sizeof ours.joystick_mv);
+    memcpy(ours.caps, outputs->caps, sizeof ours.caps);
     frame message;
     protocol_write_telemetry(&ours, &message);
     send(self, &message);
     self->telemetry_ms = self->core.now_ms;
 }
 
-static void count(board *self, const host_message *host, const safety_outputs *outputs, const command *order)
+static void count(board *self, const host_message *host, const safety_outputs *outputs, uint32_t stamp_us)
 {
     if (host->event == EVENT_BAD_FRAME)
         self->bad_frames++;
-    if (host->event == EVENT_COMMAND && !outputs->heard)
+    if ((host->event == EVENT_COMMAND || host->event == EVENT_LIMIT) && !outputs->heard)
         self->rejected++;
     if (outputs->heard) {
         self->echo_sequence = host->sequence;
-        self->echo_stamp_us = order->stamp_us;
+        self->echo_stamp_us = stamp_us;
     }
 }
 
@@ -145,13 +156,13 @@ static void act(board *self, const safety_outputs *outputs)
 safety_outputs board_step(board *self)
 {
     safety_inputs inputs = {0};
-    command order = {0};
+    uint32_t stamp_us = 0;
     hal_sense(&inputs);
     inputs.board_ok = inputs.board_ok && self->converter_ok;
-    inputs.host = receive(self, &order);
+    inputs.host = receive(self, &stamp_us);
     const safety_outputs outputs = safety_step(&self->core, &inputs, hal_now_ms());
     act(self, &outputs);
-    count(self, &inputs.host, &outputs, &order);
+    count(self, &inputs.host, &outputs, stamp_us);
     if (outputs.heard || self->core.now_ms - self->telemetry_ms >= TELEMETRY_MS)
         report(self, &inputs, &outputs);
     if (outputs.kick)

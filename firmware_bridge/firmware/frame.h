@@ -9,7 +9,7 @@
 
 /* Each board's longest payload, given to the compiler where it is not the chair's board's. */
 #ifndef FRAME_PAYLOAD_LIMIT
-#define FRAME_PAYLOAD_LIMIT 48
+#define FRAME_PAYLOAD_LIMIT 48                      /* the chair's board's longest payload is 41 bytes */
 #endif
 
 enum {

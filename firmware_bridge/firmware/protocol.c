@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-enum { HELLO_LENGTH = 22, COMMAND_LENGTH = 9 };
+enum { HELLO_LENGTH = 22, COMMAND_LENGTH = 9, LIMIT_LENGTH = 13 };
 
 static uint16_t get_u16(const uint8_t *bytes)
 {
@@ -61,6 +61,17 @@ bool protocol_read_command(const frame *source, command *message)
     return true;
 }
 
+bool protocol_read_limit(const frame *source, limit *message)
+{
+    if (source->type != FRAME_LIMIT || source->length != LIMIT_LENGTH)
+        return false;
+    for (int to = 0; to < DIRECTIONS; to++)
+        message->caps[to] = get_u16(source->payload + 2 * to);
+    message->flags = source->payload[8];
+    message->stamp_us = get_u32(source->payload + 9);
+    return true;
+}
+
 void protocol_write_hello_reply(const hello_reply *message, frame *result)
 {
     result->type = FRAME_HELLO_REPLY;
@@ -99,4 +110,7 @@ void protocol_write_telemetry(const telemetry *message, frame *result)
     put_u32(result, message->board_ms);
     put_u16(result, message->bad_frames);
     put_u16(result, message->rejected);
+    for (int to = 0; to < DIRECTIONS; to++)
+        put_u16(result, message->caps[to]);
+    put_u8(result, message->guard_bits);
 }

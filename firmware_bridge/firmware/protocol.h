@@ -9,13 +9,13 @@
 #include "frame.h"
 #include "safety_core.h"
 
-static const uint8_t PROTOCOL_VERSION = 1;
-static const uint32_t PROTOCOL_LAYOUT_HASH = 0x0C2E4D12u;
-static const uint16_t FIRMWARE_VERSION = 0x0100; /* major, minor */
+static const uint8_t PROTOCOL_VERSION = 2;
+static const uint32_t PROTOCOL_LAYOUT_HASH = 0xDB0DE5A4u;
+static const uint16_t FIRMWARE_VERSION = 0x0200; /* major, minor */
 
 enum { CHAIR_ID_LENGTH = 16 }; /* padded with zeros */
 
-typedef enum { FRAME_HELLO = 1, FRAME_HELLO_REPLY = 2, FRAME_COMMAND = 3, FRAME_TELEMETRY = 4 } frame_type;
+typedef enum { FRAME_HELLO = 1, FRAME_HELLO_REPLY = 2, FRAME_COMMAND = 3, FRAME_TELEMETRY = 4, FRAME_LIMIT = 5 } frame_type;
 
 enum {
     REFUSED_VERSION = 1 << 0,
@@ -54,6 +54,12 @@ typedef struct {
 } command;
 
 typedef struct {
+    uint16_t caps[DIRECTIONS];     /* of the rider's stick, 1/10000 of the swing; front, rear, left, right */
+    uint8_t flags;                 /* those of a command, LIMIT_GUARD, and a drop-off's bit for each direction */
+    uint32_t stamp_us;
+} limit;
+
+typedef struct {
     uint8_t state;
     uint8_t holder;
     uint16_t faults;
@@ -66,11 +72,14 @@ typedef struct {
     uint32_t board_ms;
     uint16_t bad_frames;
     uint16_t rejected;             /* valid frames outside the sequence window or without a session */
+    uint16_t caps[DIRECTIONS];     /* of the guard, in force now */
+    uint8_t guard_bits;            /* of guard.h */
 } telemetry;
 
 /* False: the frame has another type or length. */
 bool protocol_read_hello(const frame *source, hello *message);
 bool protocol_read_command(const frame *source, command *message);
+bool protocol_read_limit(const frame *source, limit *message);
 
 /* Fill type, length and payload of the frame; the caller sets its sequence. */
 void protocol_write_hello_reply(const hello_reply *message, frame *result);

@@ -33,7 +33,8 @@ static int32_t scaled(int32_t value, int32_t numerator, int32_t denominator)
 safety_config safety_defaults(uint8_t family)
 {
     return (safety_config){
-        .family = family, .neutral_per_mille = 100, .override_per_mille = 200, .override_ms = 10, .slew_ms = 200};
+        .family = family, .neutral_per_mille = 100, .override_per_mille = 200, .override_ms = 10, .slew_ms = 200,
+        .guard_lost_per_mille = 250};
 }
 
 static bool config_possible(const safety_config *config)
@@ -41,7 +42,7 @@ static bool config_possible(const safety_config *config)
     return family_find(config->family) != NULL && config->neutral_per_mille >= NEUTRAL_MIN &&
            config->neutral_per_mille <= NEUTRAL_MAX && config->override_per_mille > config->neutral_per_mille &&
            config->override_per_mille <= OVERRIDE_MAX && config->override_ms <= OVERRIDE_MAX_MS &&
-           config->slew_ms >= SLEW_MIN_MS && config->slew_ms <= SLEW_MAX_MS;
+           config->slew_ms >= SLEW_MIN_MS && config->slew_ms <= SLEW_MAX_MS && config->guard_lost_per_mille <= PER_MILLE;
 }
 
 bool safety_init(safety_core *core, const safety_config *config)
@@ -115,7 +116,7 @@ static bool stick_pushed(const safety_core *core, const safety_inputs *inputs, s
 
 static bool armed(const safety_core *core)
 {
-    return core->state == STATE_ARMED || core->state == STATE_DRIVE;
+    return core->state == STATE_ARMED || core->state == STATE_DRIVE || core->state == STATE_GUARD;
 }
 
 static bool command_zero(const safety_core *core)
@@ -142,20 +143,43 @@ static uint16_t hear_hello(safety_core *core, const host_message *host)
     return FAULT_NEW_HOST;
 }
 
-static uint16_t hear_command(safety_core *core, const host_message *host)
+/* Whether a frame belongs to the session and is new; it is then a sign of life. */
+static bool accept(safety_core *core, const host_message *host, uint8_t flags)
 {
     const uint16_t newer = (uint16_t)(host->sequence - core->sequence);
     if (!core->session || newer == 0 || newer > SEQUENCE_WINDOW)
-        return 0;
+        return false;
     core->heard = core->host_present = true;
     core->host_ms = core->now_ms;
     core->sequence = host->sequence;
-    core->reset_asked = (host->flags & ~core->flags & COMMAND_RESET) != 0;
-    core->flags = host->flags;
+    core->reset_asked = (flags & ~core->flags & COMMAND_RESET) != 0;
+    core->flags = flags;
+    return true;
+}
+
+static uint16_t hear_command(safety_core *core, const host_message *host)
+{
+    if (!accept(core, host, host->flags & (COMMAND_ENABLE | COMMAND_RESET | COMMAND_ESTOP_ACK)))
+        return 0;
     memcpy(core->setpoint, host->setpoint, sizeof core->setpoint);
     const bool beyond =
         distance(host->setpoint[AXIS_FORWARD], 0) > SETPOINT_MAX || distance(host->setpoint[AXIS_TURN], 0) > SETPOINT_MAX;
     return beyond ? FAULT_RANGE : 0;
+}
+
+/* A limit never drives: it has no set-point, and without its guard flag it does not even arm. */
+static uint16_t hear_limit(safety_core *core, const host_message *host)
+{
+    const bool guards = (host->flags & LIMIT_GUARD) != 0;
+    if (!accept(core, host, guards ? host->flags : host->flags & (COMMAND_RESET | COMMAND_ESTOP_ACK)))
+        return 0;
+    core->setpoint[AXIS_FORWARD] = core->setpoint[AXIS_TURN] = 0;
+    for (int to = 0; to < DIRECTIONS; to++)
+        if (host->caps[to] > SETPOINT_MAX)
+            return FAULT_RANGE;
+    if (core->state == STATE_GUARD)
+        guard_ask(&core->guard, host->caps, host->flags >> LIMIT_HARD_SHIFT);
+    return 0;
 }
 
 static uint16_t hear(safety_core *core, const host_message *host)
@@ -170,6 +194,8 @@ static uint16_t hear(safety_core *core, const host_message *host)
         return hear_hello(core, host);
     case EVENT_COMMAND:
         return hear_command(core, host);
+    case EVENT_LIMIT:
+        return hear_limit(core, host);
     default:
         return 0;
     }
@@ -188,15 +214,24 @@ static uint16_t host_faults(safety_core *core, const host_message *host)
     return armed(core) ? found : 0;
 }
 
-/* Compares the read-back with the voltage of the present holder: F8 at any time, F21 on an axis commanded to rest. */
-static uint16_t read_back_faults(safety_core *core, const safety_inputs *inputs)
+/* Whether the line of an axis should stand at neutral: by the computer's command, or because the stick that it copies is
+ * at rest. */
+static bool rests(const safety_core *core, int axis, span now)
+{
+    if (!core->guarding)
+        return core->setpoint[axis] == 0;
+    return distance(core->line_mv[axis], now.neutral_mv) * PER_MILLE <= core->config.neutral_per_mille * now.swing_mv;
+}
+
+/* Compares the read-back with the voltage of the present holder: F8 at any time, F21 on an axis at rest. */
+static uint16_t read_back_faults(safety_core *core, const safety_inputs *inputs, span now)
 {
     bool mismatch = false, creep = false;
     for (int axis = 0; axis < AXES; axis++) {
         const int32_t expected = core->holder == HOLDER_BOARD ? core->line_mv[axis] : inputs->joystick_mv[axis];
         const int32_t error = distance(inputs->line_mv[axis], expected);
         mismatch = mismatch || (core->holder != HOLDER_CUT && error > MISMATCH_MV);
-        creep = creep || (core->holder == HOLDER_BOARD && core->setpoint[axis] == 0 && error > CREEP_MV);
+        creep = creep || (core->holder == HOLDER_BOARD && rests(core, axis, now) && error > CREEP_MV);
     }
     uint16_t found = 0;
     if (held(core, TIMER_MISMATCH, mismatch, LINE_FAULT_MS))
@@ -206,9 +241,9 @@ static uint16_t read_back_faults(safety_core *core, const safety_inputs *inputs)
     return found;
 }
 
-static uint16_t line_faults(safety_core *core, const safety_inputs *inputs)
+static uint16_t line_faults(safety_core *core, const safety_inputs *inputs, span now)
 {
-    uint16_t found = read_back_faults(core, inputs);
+    uint16_t found = read_back_faults(core, inputs, now);
     const int32_t drift = distance(inputs->reference_mv, core->family->reference_mv);
     if (held(core, TIMER_REFERENCE, drift > reference_tolerance(core), LINE_FAULT_MS))
         found |= FAULT_REFERENCE;
@@ -226,13 +261,23 @@ static uint16_t line_faults(safety_core *core, const safety_inputs *inputs)
 static void give_lines(safety_core *core, line_holder holder)
 {
     core->holder = holder;
-    core->stopping = false;
+    core->stopping = core->guarding = false;
 }
 
 static void begin_stop(safety_core *core, uint32_t duration_ms)
 {
     core->stopping = true;
     core->stop_left_ms = duration_ms;
+}
+
+/* A fault of the computer or of the converter ends a guard: the stick stays narrow, or is cut off if the converter cannot
+ * copy it. */
+static void lose_guard(safety_core *core, uint16_t found)
+{
+    core->lost = true;
+    guard_narrow(&core->guard, core->config.guard_lost_per_mille * (SETPOINT_MAX / PER_MILLE));
+    if (found & FAULT_BOARD)
+        give_lines(core, HOLDER_CUT);
 }
 
 /* Latches faults and begins the stop of their class; a stronger class replaces a weaker one in progress. */
@@ -248,14 +293,31 @@ static void latch(safety_core *core, uint16_t found)
         give_lines(core, HOLDER_CUT);
     else if ((found & FAULTS_RAMP_TO_CUT) && !ramping)
         begin_stop(core, RAMP_TO_CUT_MS);
+    else if (core->guarding)
+        lose_guard(core, found);
     else if (board && !core->stopping)
         begin_stop(core, HANDOVER_MS);
+}
+
+/* After a lost guard and a stick at rest the joystick is live; faults of the computer are then over. */
+static void free_stick(safety_core *core, bool neutral)
+{
+    if (!held(core, TIMER_LOST, core->lost && neutral, NEUTRAL_HOLD_MS))
+        return;
+    core->lost = false;
+    if (core->faults & (FAULTS_RAMP_TO_CUT | FAULTS_CUT_AT_ONCE))
+        return;
+    give_lines(core, HOLDER_JOYSTICK);
+    core->faults &= FAULT_BOARD;
+    if (core->faults == 0)
+        core->state = STATE_SILENT;
 }
 
 /* Leaves FAULT by a reset of the computer while everything is in order. A rider without a computer gets the joystick
  * back after a released e-stop and a stick at rest; the computer stays locked out. */
 static void recover(safety_core *core, uint16_t found, bool neutral)
 {
+    free_stick(core, neutral);
     const bool only_estop = (core->faults & (FAULTS_RAMP_TO_CUT | FAULTS_CUT_AT_ONCE)) == FAULT_ESTOP;
     const bool released = only_estop && !(found & FAULT_ESTOP) && neutral;
     if (held(core, TIMER_ESTOP_RELEASE, released, NEUTRAL_HOLD_MS))
@@ -263,7 +325,7 @@ static void recover(safety_core *core, uint16_t found, bool neutral)
     const bool acknowledged = !(core->faults & FAULT_ESTOP) || (core->flags & COMMAND_ESTOP_ACK);
     if (core->state != STATE_FAULT || !core->reset_asked || !acknowledged)
         return;
-    if (found != 0 || !neutral || !command_zero(core) || core->stopping)
+    if (found != 0 || !neutral || !command_zero(core) || core->stopping || core->lost)
         return;
     core->faults = 0;
     core->state = STATE_SILENT;
@@ -280,14 +342,23 @@ static void take_lines(safety_core *core, const safety_inputs *inputs)
     core->window_start_ms = core->now_ms;
 }
 
+static void take_guard(safety_core *core)
+{
+    core->state = STATE_GUARD;
+    give_lines(core, HOLDER_BOARD);
+    core->guarding = true;
+    guard_begin(&core->guard);
+}
+
 static void change_state(safety_core *core, const safety_inputs *inputs, span now, bool neutral)
 {
     const bool enabled = (core->flags & COMMAND_ENABLE) != 0;
+    const bool guards = enabled && (core->flags & LIMIT_GUARD) != 0;
     const bool ready = core->state == STATE_SILENT && core->session && core->host_present && enabled &&
                        command_zero(core) && neutral;
     const bool overridden =
         held(core, TIMER_OVERRIDE, stick_pushed(core, inputs, now), core->config.override_ms);
-    if (core->holder == HOLDER_BOARD && overridden && !(core->faults & FAULTS_RAMP_TO_CUT)) {
+    if (core->holder == HOLDER_BOARD && !core->guarding && overridden && !(core->faults & FAULTS_RAMP_TO_CUT)) {
         give_lines(core, HOLDER_JOYSTICK); /* F19, at once: the rider expects this jump */
         if (core->state == STATE_DRIVE)
             core->state = STATE_SILENT;
@@ -296,11 +367,16 @@ static void change_state(safety_core *core, const safety_inputs *inputs, span no
         core->state = STATE_ARMED;
     else if (core->state == STATE_ARMED && (!enabled || !neutral))
         core->state = STATE_SILENT;
+    else if (core->state == STATE_ARMED && guards)
+        take_guard(core);
     else if (core->state == STATE_ARMED && !command_zero(core))
         take_lines(core, inputs);
-    else if (core->state == STATE_DRIVE && !enabled) {
+    else if (core->state == STATE_DRIVE && (!enabled || guards)) {
         core->state = STATE_SILENT;
         begin_stop(core, HANDOVER_MS);
+    } else if (core->state == STATE_GUARD && !guards) {
+        core->state = STATE_SILENT;
+        guard_open(&core->guard);
     }
 }
 
@@ -340,9 +416,35 @@ static void drive_lines(safety_core *core, span now)
     }
 }
 
+/* Copies the stick within the caps. A stick with a broken wire counts as at rest at once: its voltage is nobody's wish. A
+ * guard that the rider has ended holds the lines until the caps hold nothing back, so that nothing lurches. */
+static void guard_lines(safety_core *core, const safety_inputs *inputs, span now)
+{
+    const int32_t elapsed = clamp((int32_t)core->elapsed_ms, 0, SLEW_STEP_MS);
+    const bool possible_stick = possible(core, inputs->joystick_mv);
+    int32_t deflection_mv[AXES];
+    for (int axis = 0; axis < AXES; axis++)
+        deflection_mv[axis] = possible_stick ? inputs->joystick_mv[axis] - now.neutral_mv : 0;
+    if (core->stopping && core->elapsed_ms >= core->stop_left_ms) {
+        give_lines(core, HOLDER_CUT);
+        return;
+    }
+    if (core->stopping) {
+        guard_fade(&core->guard, (int32_t)core->elapsed_ms, (int32_t)core->stop_left_ms);
+        core->stop_left_ms -= core->elapsed_ms;
+    } else
+        guard_step(&core->guard, deflection_mv, now.swing_mv, elapsed);
+    for (int axis = 0; axis < AXES; axis++)
+        core->line_mv[axis] = now.neutral_mv + guard_capped(&core->guard, axis, deflection_mv[axis], now.swing_mv);
+    if (core->state == STATE_SILENT && (guard_is_full(&core->guard) || !(core->guard.bits & GUARD_CAPPED)))
+        give_lines(core, HOLDER_JOYSTICK);
+}
+
 static void move_lines(safety_core *core, const safety_inputs *inputs, span now)
 {
-    if (core->stopping)
+    if (core->guarding)
+        guard_lines(core, inputs, now);
+    else if (core->stopping)
         stop_lines(core, inputs, now);
     else if (core->holder == HOLDER_BOARD)
         drive_lines(core, now);
@@ -356,6 +458,9 @@ static safety_outputs outputs_of(safety_core *core)
         .state = (uint8_t)core->state, .holder = (uint8_t)core->holder, .faults = core->faults, .heard = core->heard};
     for (int axis = 0; axis < AXES; axis++)
         outputs.line_mv[axis] = (uint16_t)core->line_mv[axis];
+    for (int to = 0; core->guarding && to < DIRECTIONS; to++)
+        outputs.caps[to] = (uint16_t)core->guard.caps[to];
+    outputs.guard_bits = (uint8_t)((core->guarding ? core->guard.bits : 0) | (core->lost ? GUARD_LOST : 0));
     outputs.kick = core->now_ms - core->kick_ms >= KICK_MS;
     if (outputs.kick)
         core->kick_ms = core->now_ms;
@@ -368,7 +473,7 @@ safety_outputs safety_step(safety_core *core, const safety_inputs *inputs, uint3
     if (core->family != NULL) {
         const span now = span_now(core, inputs->reference_mv);
         const bool neutral = stick_neutral(core, inputs, now);
-        const uint16_t found = (uint16_t)(host_faults(core, &inputs->host) | line_faults(core, inputs));
+        const uint16_t found = (uint16_t)(host_faults(core, &inputs->host) | line_faults(core, inputs, now));
         latch(core, found);
         recover(core, found, neutral);
         change_state(core, inputs, now, neutral);

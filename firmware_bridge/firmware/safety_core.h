@@ -4,6 +4,10 @@
  *   ARMED    the rider's joystick is live; the first non-zero command takes the lines
  *   DRIVE    the board holds the lines at the computer's command, within its own limits
  *   FAULT    latched until the computer asks for a reset while everything is in order
+ *   GUARD    the board copies the rider's own stick to the lines, within the computer's caps (guard.h)
+ *
+ * A guard that ends by a fault never becomes wider: the caps stay narrow, or the lines are cut, until the stick has been
+ * at rest for two seconds. Then the joystick is live.
  *
  * Data in, data out: no heap, no float, no clock, no I/O. Milliseconds are modulo 2^32. The faults F1 to F29 named here
  * are rows of the fault table in README.md. */
@@ -13,13 +17,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "axes.h"
 #include "families.h"
-
-enum { AXIS_FORWARD, AXIS_TURN, AXES };
+#include "guard.h"
 
 enum {
-    SETPOINT_MAX = 10000,          /* a command in 1/10000 of the family's swing; beyond it is a fault (F5) */
-    PER_MILLE = 1000,
     HOST_BUDGET_MS = 100,          /* F1: from the last good frame to a live joystick */
     HANDOVER_MS = 20,              /* the command fades into the joystick; a jump would jolt the rider */
     WATCHDOG_MS = HOST_BUDGET_MS - HANDOVER_MS,
@@ -40,7 +42,7 @@ enum {
     KICK_MS = 10                   /* F29: period of the kicks that the external watchdog expects */
 };
 
-typedef enum { STATE_SILENT, STATE_ARMED, STATE_DRIVE, STATE_FAULT } safety_state;
+typedef enum { STATE_SILENT, STATE_ARMED, STATE_DRIVE, STATE_FAULT, STATE_GUARD } safety_state;
 typedef enum { HOLDER_JOYSTICK, HOLDER_BOARD, HOLDER_CUT } line_holder;
 
 enum {
@@ -60,7 +62,8 @@ enum {
 
 /* Stop classes, weakest first: the holder of the lines after a fault. */
 enum {
-    FAULTS_TO_JOYSTICK = FAULT_HOST_SILENT | FAULT_BAD_FRAMES | FAULT_RANGE | FAULT_NEW_HOST | FAULT_CLOCK | FAULT_BOARD,
+    FAULTS_OF_HOST = FAULT_HOST_SILENT | FAULT_BAD_FRAMES | FAULT_RANGE | FAULT_NEW_HOST | FAULT_CLOCK,
+    FAULTS_TO_JOYSTICK = FAULTS_OF_HOST | FAULT_BOARD,
     FAULTS_RAMP_TO_CUT = FAULT_STICK | FAULT_REFERENCE | FAULT_CREEP,
     FAULTS_CUT_AT_ONCE = FAULT_MISMATCH | FAULT_IMPOSSIBLE | FAULT_ESTOP
 };
@@ -68,7 +71,9 @@ enum {
 enum {
     COMMAND_ENABLE = 1 << 0,       /* the computer wants to drive */
     COMMAND_RESET = 1 << 1,        /* its rising edge clears faults */
-    COMMAND_ESTOP_ACK = 1 << 2     /* with reset: the e-stop was released on purpose */
+    COMMAND_ESTOP_ACK = 1 << 2,    /* with reset: the e-stop was released on purpose */
+    LIMIT_GUARD = 1 << 3,          /* with enable, in a LIMIT only: the rider drives within its caps */
+    LIMIT_HARD_SHIFT = 4           /* in a LIMIT only: from this bit on one for each direction, a drop-off */
 };
 
 typedef struct {
@@ -77,17 +82,19 @@ typedef struct {
     uint16_t override_per_mille;   /* of the swing: a stick beyond this takes over */
     uint16_t override_ms;          /* for at least this long; raise both for tremor or spasm */
     uint16_t slew_ms;              /* least time of a line from neutral to the end of its swing */
+    uint16_t guard_lost_per_mille; /* of the swing: highest cap after the computer is lost; 1000 for a rider who sees */
 } safety_config;
 
-typedef enum { EVENT_NONE, EVENT_BAD_FRAME, EVENT_HELLO, EVENT_COMMAND } host_event;
+typedef enum { EVENT_NONE, EVENT_BAD_FRAME, EVENT_HELLO, EVENT_COMMAND, EVENT_LIMIT } host_event;
 
 /* The message from the computer since the last step; at most one frame. */
 typedef struct {
     uint8_t event;
     bool hello_matches;            /* same protocol, layout, chair and family */
     uint16_t sequence;
-    int16_t setpoint[AXES];
+    int16_t setpoint[AXES];        /* of a command */
     uint8_t flags;
+    uint16_t caps[DIRECTIONS];     /* of a limit */
 } host_message;
 
 typedef struct {
@@ -105,7 +112,9 @@ typedef struct {
     uint16_t faults;
     uint16_t line_mv[AXES];        /* for the converter, valid with every holder */
     bool kick;                     /* a kick of the external watchdog is due */
-    bool heard;                    /* the frame of this step was an accepted command */
+    bool heard;                    /* the frame of this step was an accepted command or limit */
+    uint16_t caps[DIRECTIONS];     /* in force; none without a guard */
+    uint8_t guard_bits;
 } safety_outputs;
 
 typedef struct {
@@ -114,7 +123,7 @@ typedef struct {
 } safety_timer;
 
 enum { TIMER_HOLD, TIMER_OVERRIDE, TIMER_MISMATCH, TIMER_REFERENCE, TIMER_IMPOSSIBLE, TIMER_STICK, TIMER_CREEP,
-       TIMER_ESTOP_RELEASE, TIMER_COUNT };
+       TIMER_ESTOP_RELEASE, TIMER_LOST, TIMER_COUNT };
 
 typedef struct {
     safety_config config;
@@ -137,7 +146,10 @@ typedef struct {
     uint16_t sequence;
     int16_t setpoint[AXES];
     uint8_t flags;
-    bool heard;                    /* this step's frame was an accepted command */
+    bool guarding;                 /* the lines copy the stick within the guard's caps */
+    bool lost;                     /* a guard ended by a fault, and the stick has not been at rest for long enough since */
+    guard guard;
+    bool heard;                    /* this step's frame was an accepted command or limit */
     bool reset_asked;              /* and its reset flag has just been set */
     uint8_t bad_frames;
     uint32_t bad_frame_ms[BAD_FRAMES];
@@ -145,7 +157,7 @@ typedef struct {
 } safety_core;
 
 /* For a rider without tremor: stick at rest within 10 %, override beyond 20 % for 10 ms; full swing in 200 ms, about
- * the speed of a hand. */
+ * the speed of a hand; a lost guard leaves 25 %, about 0.25 m/s. */
 safety_config safety_defaults(uint8_t family);
 
 /* Starts in SILENT with the joystick live. False: the configuration is invalid or has no family; it never arms. */

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from tests.firmware_bridge import (
     test_protocol,
+    test_safety_core_guard,
     test_safety_core_host,
     test_safety_core_lines,
     test_safety_core_stops,
@@ -22,6 +23,7 @@ from tests.firmware_bridge.rig import Rig, load_core
 
 MODULES = (
     test_protocol,
+    test_safety_core_guard,
     test_safety_core_host,
     test_safety_core_lines,
     test_safety_core_stops,

@@ -18,6 +18,7 @@ static const uint8_t *input;
 static size_t input_left;
 static uint32_t clock_ms;
 static uint16_t lines_mv[AXES];
+static uint16_t stick_mv[AXES];
 
 void hal_begin(const joystick_family *family)
 {
@@ -61,7 +62,7 @@ void hal_sense(safety_inputs *inputs)
     inputs->reference_mv = NEUTRAL_MV;
     inputs->estop_released = inputs->board_ok = true;
     for (int axis = 0; axis < AXES; axis++) {
-        inputs->joystick_mv[axis] = NEUTRAL_MV;
+        inputs->joystick_mv[axis] = stick_mv[axis];
         inputs->line_mv[axis] = lines_mv[axis];
     }
 }
@@ -75,7 +76,7 @@ bool hal_put(const uint16_t line_mv[AXES])
 void hal_switch(uint8_t holder)
 {
     for (int axis = 0; holder != HOLDER_BOARD && axis < AXES; axis++)
-        lines_mv[axis] = NEUTRAL_MV;
+        lines_mv[axis] = holder == HOLDER_CUT ? NEUTRAL_MV : stick_mv[axis];
 }
 
 void hal_kick(void)
@@ -112,6 +113,16 @@ static size_t put_command(uint16_t sequence, int16_t forward, uint8_t *wire)
     return put_frame(FRAME_COMMAND, sequence, payload, sizeof payload, wire);
 }
 
+static size_t put_limit(uint16_t sequence, int16_t cap, uint8_t flags, uint8_t *wire)
+{
+    uint8_t payload[13] = {[8] = flags};
+    for (int to = 0; to < DIRECTIONS; to++) {
+        payload[2 * to] = (uint8_t)cap;
+        payload[2 * to + 1] = (uint8_t)((uint16_t)cap >> 8);
+    }
+    return put_frame(FRAME_LIMIT, sequence, payload, sizeof payload, wire);
+}
+
 static void feed(board *self, const uint8_t *bytes, size_t length, bool may_move)
 {
     input = bytes;
@@ -130,7 +141,7 @@ static void start(board *self)
 {
     const board_config config = {.chair_id = "A", .safety = safety_defaults(FAMILY_HALL_5V)};
     clock_ms = 0;
-    lines_mv[AXIS_FORWARD] = lines_mv[AXIS_TURN] = NEUTRAL_MV;
+    lines_mv[AXIS_FORWARD] = lines_mv[AXIS_TURN] = stick_mv[AXIS_FORWARD] = stick_mv[AXIS_TURN] = NEUTRAL_MV;
     board_init(self, &config);
 }
 
@@ -151,18 +162,68 @@ static board driving(void)
     return self;
 }
 
+/* A board that guards by the book, with a stick that is held against its caps. */
+static board guarding(void)
+{
+    board self;
+    uint8_t wire[FRAME_WIRE_MAX];
+    start(&self);
+    feed(&self, wire, put_hello(wire), false);
+    for (uint16_t sequence = 1; sequence <= 125; sequence++) {
+        feed(&self, wire, put_limit(sequence, 1000, COMMAND_ENABLE | LIMIT_GUARD, wire), true);
+        while (clock_ms < 20u * sequence)
+            (void)one_step(&self);
+    }
+    if (self.core.state != STATE_GUARD)
+        abort();
+    stick_mv[AXIS_FORWARD] = NEUTRAL_MV + 700;
+    stick_mv[AXIS_TURN] = NEUTRAL_MV - 90;
+    return self;
+}
+
+/* No bytes give the chair more than its rider's stick while a guard or its end holds the lines. */
+static void within_the_stick(const safety_outputs *outputs)
+{
+    for (int axis = 0; outputs->holder == HOLDER_BOARD && axis < AXES; axis++) {
+        const int line = outputs->line_mv[axis] - NEUTRAL_MV, stick = stick_mv[axis] - NEUTRAL_MV;
+        if (abs(line) > abs(stick) || line * stick < 0)
+            abort();
+    }
+}
+
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
+
+/* The bytes arrive while the board guards: afterwards the caps are narrow, or the stick is free by its own act. */
+static void feed_guarded(const board *on_guard, uint32_t now_ms, const uint8_t *data, size_t size)
+{
+    board self = *on_guard;
+    clock_ms = now_ms;
+    stick_mv[AXIS_FORWARD] = NEUTRAL_MV + 700;
+    stick_mv[AXIS_TURN] = NEUTRAL_MV - 90;
+    input = data;
+    input_left = size;
+    for (int after = 0; input_left > 0 || after < HOST_BUDGET_MS; after += input_left == 0) {
+        const safety_outputs outputs = one_step(&self);
+        within_the_stick(&outputs);
+    }
+    for (int to = 0; self.core.lost && to < DIRECTIONS; to++)
+        if (self.core.guard.caps[to] > 2500)
+            abort();
+}
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
-    static board on_the_way;
-    static uint32_t on_the_way_ms;
+    static board on_the_way, on_guard;
+    static uint32_t on_the_way_ms, on_guard_ms;
     static bool prepared;
     if (!prepared) {
         on_the_way = driving();
         on_the_way_ms = clock_ms;
+        on_guard = guarding();
+        on_guard_ms = clock_ms;
         prepared = true;
     }
+    feed_guarded(&on_guard, on_guard_ms, data, size);
     board self;
     start(&self);
     feed(&self, data, size, false); /* too short for two seconds of anything: it must never move */
@@ -238,7 +299,10 @@ static sample changed(const sample *from)
         while (at < from->length && from->bytes[at++] != 0)
             continue;
         append(&result, from->bytes, at);
-        append(&result, wire, put_command((uint16_t)draw(12), SETPOINTS[draw(SETPOINT_COUNT)], wire));
+        if (draw(2) == 0)
+            append(&result, wire, put_command((uint16_t)draw(160), SETPOINTS[draw(SETPOINT_COUNT)], wire));
+        else
+            append(&result, wire, put_limit((uint16_t)draw(160), SETPOINTS[draw(SETPOINT_COUNT)], (uint8_t)draw(256), wire));
         append(&result, from->bytes + at, from->length - at);
         break;
     case 3: /* a frame of any type and length */
@@ -246,7 +310,7 @@ static sample changed(const sample *from)
             wire[i] = (uint8_t)draw(256);
         append(&result, from->bytes, from->length);
         uint8_t framed[FRAME_WIRE_MAX];
-        append(&result, framed, put_frame((uint8_t)draw(6), 0, wire, (uint8_t)draw(FRAME_PAYLOAD_MAX + 1), framed));
+        append(&result, framed, put_frame((uint8_t)draw(7), 0, wire, (uint8_t)draw(FRAME_PAYLOAD_MAX + 1), framed));
         break;
     default:
         append(&result, from->bytes, from->length);

@@ -55,7 +55,7 @@ STATEMENT = re.compile(r"^\s+[a-z(][\w\->\[\].() ,&*+]*( [|+-]?= .*|\(.*\)|\+\+)
 """A whole line that assigns or calls; declarations begin with a type, and leaving one out would not compile."""
 
 DECLARATION = re.compile(
-    r"^\s+(const |static |return|bool |u?int\d+_t |safety_|span |frame |size_t |line_holder |for )"
+    r"^\s+(const |static |return|bool |u?int\d+_t |safety_|guard \*|span |frame |size_t |line_holder |for )"
 )
 NUMBER = re.compile(r"(?<![\w.])\d+(?![\w.])")
 
@@ -74,7 +74,7 @@ class Target:
 
 HERE = Path(__file__).parent
 CHAIR = Target(
-    ("safety_core.h", "safety_core.c", "frame.c", "protocol.c", "converter.c"),
+    ("axes.h", "safety_core.h", "safety_core.c", "guard.h", "guard.c", "frame.c", "protocol.c", "converter.c"),
     SOURCES,
     HERE / "rig.c",
     cases.failure,

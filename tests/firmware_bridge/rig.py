@@ -26,14 +26,19 @@ from pathlib import Path
 
 from waychair.firmware_bridge.board import FIRMWARE, compile_c
 
-SOURCES = ("safety_core.c", "families.c", "frame.c", "protocol.c", "converter.c")
+SOURCES = ("safety_core.c", "guard.c", "families.c", "frame.c", "protocol.c", "converter.c")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow")
 TRAP = ("-fsanitize=undefined", "-fsanitize-undefined-trap-on-error")
 
-SILENT, ARMED, DRIVE, FAULT = range(4)
+SILENT, ARMED, DRIVE, FAULT, GUARD = range(5)
 JOYSTICK, BOARD, CUT = range(3)
-NO_EVENT, BAD_FRAME, HELLO, COMMAND = range(4)
-ENABLE, RESET, ESTOP_ACK = 1, 2, 4
+NO_EVENT, BAD_FRAME, HELLO, COMMAND, LIMIT = range(5)
+ENABLE, RESET, ESTOP_ACK, GUARDS = 1, 2, 4, 8
+DROPS = 16, 32, 64, 128
+"""Flags of drop-offs to the front, the rear, the left and the right."""
+
+CAPPED, WARNS, OVERRIDDEN, LOST = 1, 2, 4, 8
+FULL = (10000,) * 4
 (HOST_SILENT, BAD_FRAMES, RANGE, NEW_HOST, CLOCK, BOARD_FAULT, STICK, REFERENCE, CREEP, MISMATCH, IMPOSSIBLE, ESTOP) = (
     1 << bit for bit in range(12)
 )
@@ -50,6 +55,7 @@ class Config(Structure):
         ("override_per_mille", c_uint16),
         ("override_ms", c_uint16),
         ("slew_ms", c_uint16),
+        ("guard_lost_per_mille", c_uint16),
     ]
 
 
@@ -62,6 +68,7 @@ class HostMessage(Structure):
         ("sequence", c_uint16),
         ("setpoint", c_int16 * 2),
         ("flags", c_uint8),
+        ("caps", c_uint16 * 4),
     ]
 
 
@@ -88,6 +95,8 @@ class Outputs(Structure):
         ("line_mv", c_uint16 * 2),
         ("kick", c_bool),
         ("heard", c_bool),
+        ("caps", c_uint16 * 4),
+        ("guard_bits", c_uint8),
     ]
 
 
@@ -126,6 +135,12 @@ class CCommand(Structure):
     _fields_ = [("setpoint", c_int16 * 2), ("flags", c_uint8), ("stamp_us", c_uint32)]
 
 
+class CLimit(Structure):
+    """limit."""
+
+    _fields_ = [("caps", c_uint16 * 4), ("flags", c_uint8), ("stamp_us", c_uint32)]
+
+
 class CHelloReply(Structure):
     """hello_reply."""
 
@@ -161,6 +176,8 @@ class CTelemetry(Structure):
         ("board_ms", c_uint32),
         ("bad_frames", c_uint16),
         ("rejected", c_uint16),
+        ("caps", c_uint16 * 4),
+        ("guard_bits", c_uint8),
     ]
 
 
@@ -188,7 +205,7 @@ def load_core(library: Path) -> ctypes.CDLL:
     core.converter_line_mv.argtypes = [POINTER(JoystickFamily), c_uint16, c_uint16]
     core.frame_decode.restype = c_int
     core.frame_decode.argtypes = [ctypes.c_void_p, c_uint8, POINTER(CFrame)]
-    core.protocol_read_hello.restype = core.protocol_read_command.restype = c_bool
+    core.protocol_read_hello.restype = core.protocol_read_command.restype = core.protocol_read_limit.restype = c_bool
     return core
 
 
@@ -252,6 +269,36 @@ class Rig:
         """A command arrives, its sequence number `ahead` of the last one sent."""
         self.sequence = (self.sequence + ahead) & 0xFFFF
         return self.step(HostMessage(COMMAND, False, self.sequence, (c_int16 * 2)(forward, turn), flags), ms)
+
+    def limit(self, caps: Sequence[int] = FULL, flags: int = ENABLE | GUARDS, ahead: int = 1, ms: int = 1) -> Outputs:
+        """A limit arrives: caps to the front, the rear, the left and the right."""
+        self.sequence = (self.sequence + ahead) & 0xFFFF
+        message = HostMessage(LIMIT, False, self.sequence, (c_int16 * 2)(), flags, (c_uint16 * 4)(*caps))
+        return self.step(message, ms)
+
+    def limited(self, ms: int, caps: Sequence[int] = FULL, flags: int = ENABLE | GUARDS) -> Outputs:
+        """Limits every 20 ms, the first at once, for so long."""
+        for tick in range(ms):
+            if tick % 20 == 0:
+                self.limit(caps, flags)
+            else:
+                self.step()
+        return self.out
+
+    def guard(self, caps: Sequence[int] = FULL, ms: int = 520) -> Outputs:
+        """Handshake, two seconds at rest, and the guard with these caps for so long: they are all in force."""
+        key = (self._memory.raw + bytes(self.config), self.now_ms, 100_000)
+        if key in self._armed:
+            memory, self.now_ms, self.sequence = self._armed[key]
+            self._memory.raw = memory
+        else:
+            self.hello()
+            self.limited(2041, (0,) * 4)
+            self._armed[key] = (self._memory.raw, self.now_ms, self.sequence)
+        self.limited(ms, caps)
+        out = self.out
+        assert (out.state, out.holder, out.faults, list(out.caps)) == (GUARD, BOARD, 0, list(caps))
+        return out
 
     def run(self, ms: int, forward: int = 0, turn: int = 0, flags: int = ENABLE) -> Outputs:
         """Commands every 20 ms, the first at once, for so long."""

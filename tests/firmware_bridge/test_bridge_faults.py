@@ -10,16 +10,21 @@ import pytest
 from tests.firmware_bridge.bridged import BOARD, GOOD, MS, TICK_MS, Bridged
 from waychair.errors import BridgeError
 from waychair.firmware_bridge import bridge as bridge_module
+from waychair.firmware_bridge.advice import handshake_problem
 from waychair.firmware_bridge.board import BoardSettings, Defect
 from waychair.firmware_bridge.bridge import BridgeSettings
 from waychair.firmware_bridge.protocol import (
+    FIRMWARE_VERSION,
+    LAYOUT_HASH,
     BoardFault,
     BoardState,
     BoardTelemetry,
     Decoder,
     Family,
+    HelloReply,
     Holder,
     encode,
+    hello,
 )
 
 
@@ -55,6 +60,18 @@ def test_f22_a_wrong_board_or_calibration_is_named_and_never_armed(
         assert reason in link.bridge.trouble[0]
         assert link.lines.state is BoardState.SILENT
         assert link.joystick_is_live
+
+
+def test_f22_the_protocol_without_a_guard_and_the_one_with_it_refuse_each_other() -> None:
+    new = hello("A", Family.HALL_5V)
+    old = replace(new, version=1, layout_hash=0x0C2E4D12)
+    reply = HelloReply(1, old.layout_hash, 0x0100, new.chair_id, Family.HALL_5V, 0, 12, 4095, 2500, 1200, 1100, 3900)
+    assert "protocol 1 and this computer 2" in handshake_problem(reply, new)
+    assert handshake_problem(replace(reply, firmware_version=FIRMWARE_VERSION), old) == ""
+    current = replace(reply, version=2, layout_hash=LAYOUT_HASH, firmware_version=FIRMWARE_VERSION)
+    assert handshake_problem(current, new) == ""
+    assert "protocol 2 and this computer 1" in handshake_problem(current, old)
+    assert "flash the firmware" in handshake_problem(replace(current, layout_hash=old.layout_hash), new)
 
 
 def test_f22_an_impossible_board_name_is_an_error_with_advice(board_program: Path) -> None:

@@ -35,6 +35,7 @@ from waychair.firmware_bridge.protocol import (
     HandshakeRefusal,
     HelloReply,
     Holder,
+    Limit,
     Message,
     encode,
     hello,
@@ -208,7 +209,8 @@ def test_f19_the_riders_stick_is_on_the_lines_within_one_tick(computer: Computer
 @pytest.mark.parametrize(
     ("wrong", "refusal"),
     [
-        ({"version": 2}, HandshakeRefusal.VERSION),
+        ({"version": 3}, HandshakeRefusal.VERSION),
+        ({"version": 1, "layout_hash": 0x0C2E4D12}, HandshakeRefusal.VERSION | HandshakeRefusal.LAYOUT),
         ({"layout_hash": 1}, HandshakeRefusal.LAYOUT),
         ({"chair_id": b"B".ljust(16, b"\0")}, HandshakeRefusal.CHAIR),
         ({"chair_id": b"A".ljust(15, b"\0") + b"x"}, HandshakeRefusal.CHAIR),
@@ -227,6 +229,36 @@ def test_f22_a_wrong_handshake_is_refused_by_name_and_never_armed(
     assert isinstance(telemetry, BoardTelemetry)
     assert reply.refused == refusal
     assert telemetry.rejected == 130
+
+
+def test_a_guard_copies_the_stick_within_the_caps_and_a_dead_computer_leaves_it_narrow(computer: Computer) -> None:
+    computer.send(hello("A", Family.HALL_5V))
+
+    def limited(ms: int, caps: tuple[int, int, int, int]) -> LineState:
+        for _ in range(ms):
+            if computer.now_ms % 20 == 0:
+                computer.send(Limit(*caps, 9, 77))
+            state = computer.run(1, talks=False)
+        return state
+
+    assert limited(2520, (5000, 5000, 0, 10000)).state is BoardState.GUARD
+    computer.inputs = replace(computer.inputs, joystick_forward_mv=3600, joystick_turn_mv=2000)
+    state = limited(20, (5000, 5000, 0, 10000))
+    assert abs(state.forward_mv - 3100) <= 1
+    assert (state.turn_mv, state.holder, state.faults) == (2500, Holder.BOARD, 0)
+    told = computer.heard[-1]
+    assert isinstance(told, BoardTelemetry)
+    assert (told.front_cap, told.rear_cap, told.left_cap, told.right_cap) == (5000, 5000, 0, 10000)
+    assert (told.guard_bits, told.echo_stamp_us, told.state) == (1, 77, BoardState.GUARD)
+    state = computer.run(100, talks=False)
+    assert abs(state.forward_mv - 2800) <= 1
+    assert (state.turn_mv, state.faults) == (2500, BoardFault.HOST_SILENT)
+    told = computer.heard[-1]
+    assert isinstance(told, BoardTelemetry)
+    assert told.guard_bits == 9
+    computer.inputs = at_rest()
+    state = computer.run(2001, talks=False)
+    assert (state.state, state.holder, state.faults) == (BoardState.SILENT, Holder.JOYSTICK, 0)
 
 
 def test_f22_a_board_without_a_joystick_family_refuses_to_arm_and_its_joystick_is_live(board_program: Path) -> None:

@@ -31,6 +31,9 @@ def test_there_are_mutants_of_every_kind_in_every_file() -> None:
     assert {mutant.file for mutant in everything} == {
         "safety_core.h",
         "safety_core.c",
+        "axes.h",
+        "guard.h",
+        "guard.c",
         "frame.c",
         "protocol.c",
         "converter.c",

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.firmware_bridge.rig import CCommand, CFrame, CHello, CHelloReply, CTelemetry, Rig
+from tests.firmware_bridge.rig import CCommand, CFrame, CHello, CHelloReply, CLimit, CTelemetry, Rig
 from waychair.errors import BridgeError
 from waychair.firmware_bridge.board import FIRMWARE
 from waychair.firmware_bridge.frames import crc16
@@ -26,6 +26,7 @@ from waychair.firmware_bridge.protocol import (
     Family,
     Hello,
     HelloReply,
+    Limit,
     Message,
     Received,
     encode,
@@ -36,7 +37,9 @@ from waychair.firmware_bridge.protocol import (
 
 COMMAND = Command(-10000, 10000, 1, 0x89ABCDEF)
 REPLY = HelloReply(1, 2**32 - 1, 0x0102, b"A".ljust(16, b"\0"), 1, 0, 8, 255, 2500, 1200, 1100, 3900)
-TELEMETRY = BoardTelemetry(2, 1, 0xFFF, 2000, 2001, 2002, 2003, 2004, 2005, 2006, 65535, 2**32 - 1, 7, 0, 256)
+TELEMETRY = BoardTelemetry(
+    2, 1, 0xFFF, 2000, 2001, 2002, 2003, 2004, 2005, 2006, 65535, 2**32 - 1, 7, 0, 256, 1, 2, 300, 10000, 9
+)
 
 u16 = st.integers(0, 0xFFFF)
 commands = st.builds(
@@ -106,6 +109,13 @@ def test_c_reads_the_frames_of_python(rig: Rig) -> None:
         assert not rig.core.protocol_read_hello(byref(frame), byref(CHello()))
         assert (frame.sequence, bad) == (sequence, 0)
         assert _numbers(read) == list(dataclasses.astuple(sent))
+    for caps in ((0, 1, 256, 65535), (10000, 255, 0, 2500)):
+        asked = Limit(*caps, 0xF9, 0x89ABCDEF)
+        (frame,), _ = _c_decode(rig, encode(asked, 7))
+        limit = CLimit()
+        assert rig.core.protocol_read_limit(byref(frame), byref(limit))
+        assert not rig.core.protocol_read_command(byref(frame), byref(CCommand()))
+        assert _numbers(limit) == list(dataclasses.astuple(asked))
     greeting = Hello(9, 0x89ABCDEF, b"a chair\0\0\0\0\0\0\0\0\1", 200)
     (frame,), _ = _c_decode(rig, encode(greeting, 1))
     said = CHello()
@@ -116,7 +126,8 @@ def test_c_reads_the_frames_of_python(rig: Rig) -> None:
 
 
 def test_c_refuses_a_payload_of_the_wrong_length(rig: Rig) -> None:
-    for kind, length, read, target in ((1, 22, "hello", CHello), (3, 9, "command", CCommand)):
+    messages = ((1, 22, "hello", CHello), (3, 9, "command", CCommand), (5, 13, "limit", CLimit))
+    for kind, length, read, target in messages:
         for wrong in (length - 1, length, length + 1):
             for other in (kind, kind + 1):
                 frame = CFrame(other, 0, wrong)
@@ -239,7 +250,7 @@ def test_a_flipped_bit_never_gives_another_message(sent: Command, sequence: int,
     assert decoder.bad >= 1
 
 
-@pytest.mark.parametrize("message", [COMMAND, REPLY, TELEMETRY, hello("A", Family.HALL_5V)])
+@pytest.mark.parametrize("message", [COMMAND, REPLY, TELEMETRY, hello("A", Family.HALL_5V), Limit(1, 2, 3, 4, 9, 5)])
 def test_every_message_survives_encoding_and_decoding(message: Message) -> None:
     assert Decoder().feed(encode(message, 70000)) == [Received(70000 - 65536, message)]
 

@@ -160,6 +160,7 @@ def test_a_configuration_out_of_its_limits_never_arms(rig: Rig) -> None:
         ("override_per_mille", 101, 800),
         ("override_ms", 0, 500),
         ("slew_ms", 100, 1000),
+        ("guard_lost_per_mille", 0, 1000),
     ):
         for value, fine in ((low - 1, False), (low, True), (high, True), (high + 1, False)):
             if value < 0:
@@ -189,7 +190,7 @@ def test_without_a_joystick_family_nothing_arms_and_the_joystick_stays_live(rig:
 def test_the_defaults_match_the_readme(rig: Rig) -> None:
     config = rig.core.safety_defaults(c_uint8(2))
     values = (config.family, config.neutral_per_mille, config.override_per_mille, config.override_ms, config.slew_ms)
-    assert values == (2, 100, 200, 10, 200)
+    assert (*values, config.guard_lost_per_mille) == (2, 100, 200, 10, 200, 250)
 
 
 def test_the_range_of_every_family_covers_its_swing_and_its_tolerance(rig: Rig) -> None:

@@ -3,7 +3,7 @@
  *
  *   waychair_board (--serial PATH | --serial-fd N) (--lockstep IN,OUT | --realtime)
  *                  [--family N] [--chair ID] [--dac-bits N] [--neutral PER_MILLE] [--override PER_MILLE]
- *                  [--override-ms N] [--slew-ms N]
+ *                  [--override-ms N] [--slew-ms N] [--guard-lost PER_MILLE]
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -91,6 +91,8 @@ static void take_option(options *result, const char *name, const char *value)
         safety->override_ms = (uint16_t)number(name, value, UINT16_MAX);
     else if (strcmp(name, "--slew-ms") == 0)
         safety->slew_ms = (uint16_t)number(name, value, UINT16_MAX);
+    else if (strcmp(name, "--guard-lost") == 0)
+        safety->guard_lost_per_mille = (uint16_t)number(name, value, PER_MILLE);
     else
         refuse(name, value);
 }
