@@ -94,7 +94,7 @@ def simulate_command(
     seeds
         Number of runs, with seeds 0, 1, 2, ...
     width
-        Width of a floor plan's corridors in metres; from 1.5 on two chairs pass each other.
+        Width of a floor plan's corridors in metres; from 1.55 on two chairs pass each other.
     rooms
         Chairs drive between rooms beside the corridors of a floor plan, instead of between all nodes.
     bays

@@ -28,6 +28,7 @@ import msgspec
 from waychair.errors import TrafficError
 from waychair.files import is_file, read_bytes
 from waychair.maps.traffic.traffic_graph import (
+    CELL,
     LONGEST_SECTION,
     Refuge,
     RefugeKind,
@@ -134,9 +135,15 @@ def checked_plan(plan: CorridorPlan) -> CorridorPlan:
 
 
 def corridor_graph(
-    plan: CorridorPlan, width: float = NARROW, *, chair_width: float = 0.60, rooms: bool = False, bays: bool = False
+    plan: CorridorPlan,
+    width: float = NARROW,
+    *,
+    chair_width: float = 0.60,
+    cell: float = CELL,
+    rooms: bool = False,
+    bays: bool = False,
 ) -> TrafficGraph:
-    """Return the traffic graph of a plan whose corridors are `width` wide [m].
+    """Return the traffic graph of a plan whose corridors are `width` wide [m], for chairs whose maps have cells of `cell` [m].
 
     With `rooms`, rooms of one slot hang on the corridors at the places of the cell map; with `bays`, any chair may step
     aside into them. Without, there are no refuges, as in the paper, where every node is a possible goal.
@@ -144,7 +151,7 @@ def corridor_graph(
     Raises:
         TrafficError: no chair fits in the width, or the corridors are in pieces.
     """
-    lanes = lanes_for(width, chair_width)
+    lanes = lanes_for(width, chair_width, cell)
     if not (math.isfinite(width) and lanes > 0):
         raise TrafficError(
             f"a corridor of {width:g} m has no room for a chair of {chair_width:.2f} m; give a larger width"
@@ -169,7 +176,7 @@ def corridor_graph(
         nodes.append(TrafficNode(room, *place))
         sections.append(Section(f"{at}-{room}", at, room, ROOM_DEPTH, width, 1))
         refuges.append(Refuge(room, room, waiting=bays, kind=RefugeKind.BAY if bays else RefugeKind.PLACE))
-    graph = TrafficGraph(plan.name, tuple(nodes), tuple(sections), tuple(refuges), chair_width=chair_width)
+    graph = TrafficGraph(plan.name, tuple(nodes), tuple(sections), tuple(refuges), chair_width=chair_width, cell=cell)
     _refuse_pieces(graph)
     return graph
 

@@ -2,21 +2,23 @@
 
 The chair's room is the free cells that are at least half its width and 5 cm from everything else. Its skeleton (T. Zhang
 and C. Suen, "A fast parallel algorithm for thinning digital patterns", CACM 27(3), 1984) has a node wherever lines end or
-meet. A section's clear width is the least along it, so that doors decide the lanes. Short spurs into the corners of rooms
-are left out. Places of the map become refuges, each on a stub of its own from the nearest point of the lines, or on the line
-itself where nobody could pass a chair that stands there.
+meet. A section keeps the course of its line and the clear width across it; its own clear width is the least of these, so that
+doors decide the lanes. Short spurs into the corners of rooms are left out. Places of the map become refuges, each on a stub of
+its own from the nearest point of the lines in sight, or on the line itself where nobody could pass a chair that stands there.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import cv2
 import numpy as np
 
 from waychair.errors import TrafficError
+from waychair.geometry import arc_lengths, bends, evenly_spaced
 from waychair.maps.grid.cells import OCCUPIED_FROM, cells_from_points, coarser, inside, points_from_cells
 from waychair.maps.traffic.traffic_graph import (
     LONGEST_SECTION,
@@ -25,6 +27,7 @@ from waychair.maps.traffic.traffic_graph import (
     Section,
     TrafficGraph,
     TrafficNode,
+    WayPoint,
     lanes_for,
 )
 from waychair.types import BoolArray, FloatArray, OccupancyGrid, Place
@@ -38,8 +41,33 @@ SHORTEST_SPUR = 1.0
 FARTHEST_PLACE = 5.0
 """m; a place farther from every line is not on this floor."""
 
+STRAIGHT, EQUALLY_WIDE = 0.1, 0.1
+"""m; a line that stays so near to a straight one is straight, and one whose clear width varies by less is equally wide."""
+
 _Cell = tuple[int, int]
 _AROUND = ((-1, 0), (-1, 1), (0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1))
+
+
+@dataclass(frozen=True)
+class _Floor:
+    """The free cells (H, W) of a grid, with the room [m] on each side of them, for chairs whose maps have cells of `cell` [m]."""
+
+    grid: OccupancyGrid
+    free: BoolArray
+    clear: FloatArray
+    chair_width: float
+    cell: float
+
+    def point(self, cell: _Cell) -> tuple[float, float]:
+        """Return a cell's middle [m] in map."""
+        x, y = points_from_cells(self.grid, np.array([cell]))[0]
+        return float(x), float(y)
+
+    def in_sight(self, a: tuple[float, float], b: tuple[float, float]) -> bool:
+        """Return whether the straight line between two points is free."""
+        line = evenly_spaced(np.array([a, b]), self.grid.resolution / 2)
+        cells = cells_from_points(self.grid, line)
+        return bool(inside(self.grid, cells).all() and self.free[cells[:, 0], cells[:, 1]].all())
 
 
 def mapped_floor_graph(
@@ -55,6 +83,7 @@ def mapped_floor_graph(
     Raises:
         TrafficError: there is no room for the chair, or a place is too far from all of it.
     """
+    cell = grid.resolution
     times = max(1, math.floor(FINEST / grid.resolution + 1e-9))
     grid = coarser(grid, times) if times > 1 else grid
     free = (grid.cells >= 0) & (grid.cells < OCCUPIED_FROM)
@@ -65,7 +94,7 @@ def mapped_floor_graph(
     if not room.any():
         raise TrafficError(f"{name} has no room for a chair of {chair_width:.2f} m; give a map with free floor")
     lines = _without_spurs(_lines(skeleton(room)), clear, grid.resolution)
-    return _graph(grid, clear, lines, list(places), name, storey, chair_width)
+    return _graph(_Floor(grid, free, clear, chair_width, cell), lines, list(places), name, storey)
 
 
 def skeleton(mask: BoolArray) -> BoolArray:
@@ -186,23 +215,10 @@ def _merged(lines: list[list[_Cell]]) -> tuple[list[list[_Cell]], bool]:
     return lines, False
 
 
-def _graph(
-    grid: OccupancyGrid,
-    clear: FloatArray,
-    lines: list[list[_Cell]],
-    places: list[Place],
-    name: str,
-    storey: str,
-    chair_width: float,
-) -> TrafficGraph:
+def _graph(floor: _Floor, lines: list[list[_Cell]], places: list[Place], name: str, storey: str) -> TrafficGraph:
     cells = [cell for line in lines for cell in line]
-    stubs: dict[str, _Cell] = {}
-    for place in places:
-        nearest = min(cells, key=lambda cell: math.dist(_point(grid, cell), (place.pose.x, place.pose.y)))
-        if math.dist(_point(grid, nearest), (place.pose.x, place.pose.y)) > FARTHEST_PLACE:
-            raise TrafficError(f"place {place.name} is more than {FARTHEST_PLACE:g} m from the ways of {name}; move it")
-        stubs[place.name] = nearest
-    pieces = _pieces(lines, set(stubs.values()), grid.resolution)
+    stubs = {place.name: _stub_of(floor, place, cells, name) for place in places}
+    pieces = _pieces(lines, set(stubs.values()), floor.grid.resolution)
     names: dict[_Cell, str] = {}
     for piece in pieces:
         for end in (piece[0], piece[-1]):
@@ -210,32 +226,63 @@ def _graph(
     for line in lines:
         if len(line) == 1:
             names.setdefault(line[0], f"n{len(names) + 1}")
-    nodes = [TrafficNode(each, *_point(grid, cell), storey) for cell, each in names.items()]
+    nodes = [TrafficNode(each, *floor.point(cell), storey) for cell, each in names.items()]
     sections: list[Section] = []
     used: dict[str, int] = {}
     for piece in pieces:
         first, last = names[piece[0]], names[piece[-1]]
         used[f"{first}-{last}"] = number = used.get(f"{first}-{last}", 0) + 1
-        # every cell is in the chair's room; rounding may have taken a hair off
-        width = max(2.0 * min(float(clear[cell]) for cell in piece), chair_width + SINGLE_FILE_ROOM)
         label = f"{first}-{last}" if number == 1 else f"{first}-{last}-{number}"
-        lanes = lanes_for(width, chair_width)
-        sections.append(Section(label, first, last, _length(piece, grid.resolution), width, lanes))
+        sections.append(_section(floor, piece, label, first, last))
     refuges: list[Refuge] = []
     on_line: set[str] = set()
+    narrowest = floor.chair_width + SINGLE_FILE_ROOM
     for place in places:
         at = names[stubs[place.name]]
-        off = math.dist(_point(grid, stubs[place.name]), (place.pose.x, place.pose.y))
-        if at not in on_line and _in_the_way(off, float(clear[stubs[place.name]]), chair_width):
+        off = math.dist(floor.point(stubs[place.name]), (place.pose.x, place.pose.y))
+        if at not in on_line and _in_the_way(off, float(floor.clear[stubs[place.name]]), floor.chair_width):
             on_line.add(at)
             refuges.append(Refuge(place.name, at))
             continue
         node = f"at {place.name}"
         nodes.append(TrafficNode(node, place.pose.x, place.pose.y, storey))
-        far = max(grid.resolution, off)
-        sections.append(Section(f"{at}-{node}", at, node, far, chair_width + SINGLE_FILE_ROOM, 1))
+        sections.append(Section(f"{at}-{node}", at, node, max(floor.grid.resolution, off), narrowest, 1))
         refuges.append(Refuge(place.name, node))
-    return TrafficGraph(name, tuple(nodes), tuple(sections), tuple(refuges), chair_width=chair_width)
+    return TrafficGraph(
+        name, tuple(nodes), tuple(sections), tuple(refuges), chair_width=floor.chair_width, cell=floor.cell
+    )
+
+
+def _stub_of(floor: _Floor, place: Place, cells: Sequence[_Cell], name: str) -> _Cell:
+    """Return the cell of the lines that is nearest to a place, of those in sight if there are any."""
+    here = (place.pose.x, place.pose.y)
+    away = np.hypot(*(points_from_cells(floor.grid, np.array(cells)) - here).T)
+    order = np.argsort(away, kind="stable")
+    near = [cells[k] for k in order.tolist() if away[k] <= FARTHEST_PLACE]
+    if not near:
+        raise TrafficError(f"place {place.name} is more than {FARTHEST_PLACE:g} m from the ways of {name}; move it")
+    return next((cell for cell in near if floor.in_sight(floor.point(cell), here)), near[0])
+
+
+def _section(floor: _Floor, piece: Sequence[_Cell], name: str, start: str, end: str) -> Section:
+    """Return the section along a line; its course is left out where it is straight and equally wide."""
+    path = points_from_cells(floor.grid, np.array(piece))
+    # every cell is in the chair's room; rounding may have taken a hair off
+    widths = np.maximum([2.0 * float(floor.clear[cell]) for cell in piece], floor.chair_width + SINGLE_FILE_ROOM)
+    profile = np.column_stack([arc_lengths(path), widths])
+    kept = [0, *sorted({*bends(path, STRAIGHT), *bends(profile, EQUALLY_WIDE)}), len(piece) - 1]
+    bent = len(kept) > 2 or abs(widths[-1] - widths[0]) > EQUALLY_WIDE
+    points = [WayPoint(*map(float, (*path[k], widths[k]))) for k in kept]
+    width = float(widths.min())
+    return Section(
+        name,
+        start,
+        end,
+        length=float(arc_lengths(path[kept])[-1]),
+        width=width,
+        lanes=lanes_for(width, floor.chair_width, floor.cell),
+        points=tuple(points) if bent else (),
+    )
 
 
 def _in_the_way(off: float, clear: float, chair_width: float) -> bool:
@@ -257,11 +304,6 @@ def _pieces(lines: list[list[_Cell]], stops: set[_Cell], resolution: float) -> l
             marks = np.linspace(0, len(part) - 1, count + 1).round().astype(int)
             pieces += [part[a : b + 1] for a, b in pairwise(marks) if b > a]
     return pieces
-
-
-def _point(grid: OccupancyGrid, cell: _Cell) -> tuple[float, float]:
-    x, y = points_from_cells(grid, np.array([cell]))[0]
-    return float(x), float(y)
 
 
 def places_on(grid: OccupancyGrid, places: Mapping[str, Place]) -> list[Place]:

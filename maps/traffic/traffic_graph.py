@@ -17,6 +17,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
@@ -26,7 +27,16 @@ LONGEST_SECTION = 8.0
 """m; a longer piece of corridor is cut, so that a chair behind another waits for a part of it only."""
 
 PASSING_ROOM = 0.30
-"""m; two chairs pass in twice their width and this: chairs A of 0.60 m in 1.50 m (the ADA asks for 1.525 m)."""
+"""m; two chairs pass in twice their width, this, and a cell of their map: 10 cm on either side and between them.
+
+Chairs A of 0.60 m pass in 1.525 m, the passing width of the ADA, on cells of 2.5 cm, and in 1.55 m on cells of 5 cm.
+"""
+
+CELL = 0.05
+"""m; side of the cells of the chairs' maps: walls may take half a cell of the clear width on either side."""
+
+_WAY_ERROR = 0.01
+"""m; the way of a section may differ by so much from its nodes, length and width, as texts are rounded."""
 
 SINGLE_FILE_ROOM = 0.10
 """m; a chair needs its width and this to drive through a section at all, 5 cm on either side."""
@@ -57,6 +67,14 @@ class TrafficNode:
     capacity: int = 1
 
 
+class WayPoint(NamedTuple):
+    """A point of a section's way in the map of its storey: `x`, `y` [m], and the clear `width` [m] across the way there."""
+
+    x: float
+    y: float
+    width: float
+
+
 @dataclass(frozen=True, slots=True)
 class Section:
     """A piece of way between two nodes.
@@ -65,11 +83,12 @@ class Section:
         name: its name in orders, logs and sentences.
         start, end: the names of its nodes.
         length: metres along the way that a chair drives.
-        width: clear width [m] along that way.
+        width: least clear width [m] along that way.
         lanes: 2 where two chairs pass each other (both keep right), else 1.
         one_way: whether it may be driven from start to end only.
         delay_s: fixed time [s] that it takes beside driving: a door, or a lift's waiting and ride.
         lift: the name of the lift that it belongs to; the sections of one lift are used by one chair at a time.
+        points: the way from node to node, where it is bent or not equally wide; empty for a straight way of one width.
     """
 
     name: str
@@ -81,6 +100,7 @@ class Section:
     one_way: bool = False
     delay_s: float = 0.0
     lift: str | None = None
+    points: tuple[WayPoint, ...] = ()
 
     @property
     def resource(self) -> str:
@@ -138,7 +158,7 @@ class Move(NamedTuple):
 
 @dataclass(frozen=True)
 class TrafficGraph:
-    """Nodes, sections, refuges and lifts by name, in the order of the file; `chair_width` [m] decides the lanes.
+    """Nodes, sections, refuges and lifts by name, in the order of the file; `chair_width` and `cell` [m] decide the lanes.
 
     `revision` counts the versions of one building's graph, and `changes_since` tells what differs. `fingerprint` is
     equal for equal graphs.
@@ -154,6 +174,7 @@ class TrafficGraph:
     lifts: tuple[TrafficLift, ...] = ()
     chair_width: float = 0.60
     revision: int = 0
+    cell: float = CELL
 
     def __post_init__(self) -> None:
         _check(self)
@@ -193,6 +214,12 @@ class TrafficGraph:
                 leaving[section.end].append(Move(section.name, section.end, section.start))
         return MappingProxyType({name: tuple(moves) for name, moves in leaving.items()})
 
+    def way(self, section: str) -> tuple[WayPoint, ...]:
+        """Return the way of a section, by its name, from its start to its end."""
+        here = self.section[section]
+        ends = (self.node[here.start], self.node[here.end])
+        return here.points or tuple(WayPoint(node.x, node.y, here.width) for node in ends)
+
     def capacity(self, node: str) -> int:
         """Return the number of chairs that may be at a node: its refuge's slots, or its own capacity."""
         refuge = self.refuge_at.get(node)
@@ -206,7 +233,7 @@ class TrafficGraph:
     @cached_property
     def fingerprint(self) -> str:
         """A short hash over everything but the revision: equal for equal graphs, on every computer."""
-        values = [self.name, repr(self.chair_width)]
+        values = [self.name, repr(self.chair_width), repr(self.cell)]
         values.extend(repr(part) for part in _all_parts(self))
         return hashlib.sha256("\x1e".join(values).encode()).hexdigest()[:12]
 
@@ -233,9 +260,14 @@ def changes_since(old: TrafficGraph, new: TrafficGraph) -> TrafficChange:
     )
 
 
-def lanes_for(width: float, chair_width: float) -> int:
+def passing_width(chair_width: float, cell: float = CELL) -> float:
+    """Return the clear width [m] in which two chairs of a width [m] pass each other by a map whose cells are `cell` [m] wide."""
+    return 2 * chair_width + PASSING_ROOM + cell
+
+
+def lanes_for(width: float, chair_width: float, cell: float = CELL) -> int:
     """Return 2 where two chairs pass each other in a clear width [m], 1 where one drives, and 0 where none fits."""
-    if width >= 2 * chair_width + PASSING_ROOM - 1e-9:
+    if width >= passing_width(chair_width, cell) - 1e-9:
         return 2
     return 1 if width >= chair_width + SINGLE_FILE_ROOM - 1e-9 else 0
 
@@ -261,8 +293,12 @@ def _check(graph: TrafficGraph) -> None:
             raise TrafficError(f"node {node.name} lies at x {node.x}, y {node.y}; give finite metres")
         if node.capacity < 1:
             raise TrafficError(f"node {node.name} has a capacity of {node.capacity}; it must be 1 or more")
+    if not (math.isfinite(graph.cell) and graph.cell > 0):
+        raise TrafficError(f"cells of {graph.cell} m are impossible; give a side above 0")
     for section in graph.sections:
-        _check_section(section, nodes, lifts, graph.chair_width)
+        _check_section(section, nodes, lifts, graph)
+        if section.points:
+            _check_points(section, graph)
     for refuge in graph.refuges:
         if refuge.node not in nodes:
             raise TrafficError(f"refuge {refuge.name} names node {refuge.node}, which is not in the graph")
@@ -276,7 +312,7 @@ def _check(graph: TrafficGraph) -> None:
                 raise TrafficError(f"lift {lift.name} stops at node {stop}, which is not in the graph")
 
 
-def _check_section(section: Section, nodes: set[str], lifts: set[str], chair_width: float) -> None:
+def _check_section(section: Section, nodes: set[str], lifts: set[str], graph: TrafficGraph) -> None:
     for end in (section.start, section.end):
         if end not in nodes:
             raise TrafficError(f"section {section.name} names node {end}, which is not in the graph")
@@ -288,18 +324,39 @@ def _check_section(section: Section, nodes: set[str], lifts: set[str], chair_wid
         raise TrafficError(f"section {section.name} has a clear width of {section.width} m; it must be above 0")
     if not (math.isfinite(section.delay_s) and section.delay_s >= 0):
         raise TrafficError(f"section {section.name} has a delay of {section.delay_s} s; it must be 0 or more")
-    fit = lanes_for(section.width, chair_width)
+    fit = lanes_for(section.width, graph.chair_width, graph.cell)
     if fit == 0:
         raise TrafficError(
-            f"section {section.name} is {section.width:.2f} m wide, too narrow for a chair of {chair_width:.2f} m; "
+            f"section {section.name} is {section.width:.2f} m wide, too narrow for a chair of {graph.chair_width:.2f} m; "
             "leave the section out or give a narrower chair"
         )
     if not 1 <= section.lanes <= fit:
         raise TrafficError(
-            f"section {section.name} has {section.lanes} lanes, but its {section.width:.2f} m give room for {fit}"
+            f"section {section.name} has {section.lanes} lanes, but its {section.width:.3f} m give room for {fit}: two chairs "
+            f"of {graph.chair_width:.2f} m pass from {passing_width(graph.chair_width, graph.cell):.3f} m on"
         )
     if section.lift is not None and section.lift not in lifts:
         raise TrafficError(f"section {section.name} belongs to lift {section.lift}, which is not in the graph")
+
+
+def _check_points(section: Section, graph: TrafficGraph) -> None:
+    way = section.points
+    if not all(math.isfinite(value) for point in way for value in point):
+        raise TrafficError(f"the way of section {section.name} has a value that is not finite; give metres")
+    ends = [(node.x, node.y) for node in (graph.node[section.start], graph.node[section.end])]
+    if any(math.dist(end, point[:2]) > _WAY_ERROR for end, point in zip(ends, (way[0], way[-1]), strict=True)):
+        raise TrafficError(
+            f"the way of section {section.name} does not lead from node {section.start} to {section.end}; begin and end it there"
+        )
+    long = sum(math.dist(a[:2], b[:2]) for a, b in pairwise(way))
+    if abs(long - section.length) > _WAY_ERROR:
+        raise TrafficError(
+            f"the way of section {section.name} is {long:.2f} m long, not {section.length:.2f} m; correct one"
+        )
+    if min(point.width for point in way) < section.width - _WAY_ERROR:
+        raise TrafficError(
+            f"the way of section {section.name} is narrower than {section.width:.2f} m; correct its width"
+        )
 
 
 def _unique(kind: str, names: Iterable[str]) -> None:

@@ -11,8 +11,6 @@ import math
 from collections import Counter
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.authority import Authority
 from waychair.maps.drawn.zones import Zone
@@ -108,7 +106,8 @@ class ChainDriver:
         if line is None and self._backs_out():
             here = self._spot_places[self._ahead[0]]
             beyond = self._ways.graph.section[here.section or ""].other(self._start_of(here))
-            line = self._chain.line_at(self._chain.ends_at(piece) - self._rooms[beyond, here.section or ""], here.width)
+            room = self._rooms[beyond, here.section or ""]
+            line = self._chain.line_at(self._chain.ends_at(piece) - room, here.at(here.length - room)[2])
         left = 0.0 if until == math.inf or until - front < AT_LINE else until - front
         report = Report(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
         bars: tuple[Zone, ...] = ()
@@ -254,21 +253,18 @@ class ChainDriver:
 
         It then does not have to turn there beside the chair that it has let pass.
         """
-        (x0, y0), (x1, y1) = place.ends.tolist()
-        inwards = math.atan2(y1 - y0, x1 - x0)
-        length = min(math.dist((x0, y0), (x1, y1)), LONGEST_SECTION)
+        length = min(place.length, LONGEST_SECTION)
         room = self._rooms[self._start_of(place), place.section or ""]
-        way = min(room + self._body.front + 2 * LEFT_BEYOND, length - self._body.rear)
-        at = np.array([x0, y0]) + way * np.array([math.cos(inwards), math.sin(inwards)])
+        at, inwards, _ = place.at(min(room + self._body.front + 2 * LEFT_BEYOND, length - self._body.rear))
         return Pose2(float(at[0]), float(at[1]), math.remainder(inwards + math.pi, math.tau))
 
     def _start_of(self, place: SpotPlace) -> str:
         section = self._ways.graph.section[place.section or ""]
         start = self._ways.graph.node[section.start]
-        return section.start if math.dist((start.x, start.y), place.ends[0]) < 1e-9 else section.end
+        return section.start if math.dist((start.x, start.y), place.points[0]) < 1e-9 else section.end
 
 
 def _turned(section: SpotPlace) -> Pose2:
     """Return the pose of a chair at the end of a section, turned about to go back."""
-    (x0, y0), (x1, y1) = section.ends.tolist()
+    (x0, y0), (x1, y1) = section.points[-2:].tolist()
     return Pose2(x1, y1, math.atan2(y0 - y1, x0 - x1))

@@ -1,6 +1,7 @@
 """Where the spots of a traffic graph lie on the floor: the polyline of a chain, and the stop lines across it.
 
-Sections are straight between their nodes, as corridors of a floor plan are. A node reaches so far along its sections that
+Sections follow the course that their graph gives them: straight on a floor plan, bent where the graph was made of a mapped
+floor, with the clear width along it, so that a stop line lies across the way wherever it ends. A node reaches so far along its sections that
 a chair before it leaves room for another one to turn there; a refuge begins at the edge of the corridor.
 """
 
@@ -10,7 +11,6 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -47,25 +47,37 @@ _IN_PARTS = 8
 
 @dataclass(frozen=True, slots=True)
 class SpotPlace:
-    """The ends of a spot (2, 2) [m] in map, equal for nodes and slots, and its clear width [m]."""
+    """The way of a spot: points (N, 2) [m] in map, all equal for nodes and slots, and the clear `widths` (N,) [m] there."""
 
-    ends: FloatArray
-    width: float
+    points: FloatArray
+    widths: FloatArray
     node: str | None
     section: str | None
+
+    @property
+    def length(self) -> float:
+        """The length [m] of the way."""
+        return float(arc_lengths(self.points)[-1])
+
+    def at(self, way: float) -> tuple[FloatArray, float, float]:
+        """Return the point (2,) [m], the heading [rad] and the clear width [m] at a way [m] from its start."""
+        along = arc_lengths(self.points)
+        return *_place_at(self.points, along, way), float(np.interp(way, along, self.widths))
 
 
 @dataclass(frozen=True)
 class Chain:
     """The spots of a chair's chain as a polyline (N, 2) [m] in map with the way (N,) along it.
 
-    Spot k, of `count`, reaches up to `until[k]` [m] along the way; there lies its stop line.
+    Spot k reaches up to `until[k]` [m] along the way; there lies its stop line, where the way is `widths[k]` [m] wide. `folds` are
+    the indices of the points at which the chain turns back on itself: in a bay, or where a chair backs out again.
     """
 
     points: FloatArray
     along: FloatArray
     until: FloatArray
     widths: FloatArray
+    folds: tuple[int, ...]
 
     def stop_line(self, k: int) -> FloatArray:
         """Return the line (2, 2) [m] in map across the end of spot k."""
@@ -80,18 +92,7 @@ class Chain:
 
     def place_at(self, way: float) -> tuple[FloatArray, float]:
         """Return the point (2,) [m] and the heading [rad] at a way along the chain."""
-        k = int(np.clip(np.searchsorted(self.along, way, side="right") - 1, 0, len(self.along) - 2))
-        step = self.points[k + 1] - self.points[k]
-        length = max(float(np.hypot(*step)), 1e-9)
-        share = (way - self.along[k]) / length
-        return self.points[k] + share * step, math.atan2(step[1], step[0])
-
-    @cached_property
-    def folds(self) -> tuple[int, ...]:
-        """Indices of the points at which the chain turns back on itself: in a bay, or where a chair backs out again."""
-        steps = np.diff(self.points, axis=0)
-        ahead = (steps[:-1] * steps[1:]).sum(axis=1)
-        return tuple((np.flatnonzero(ahead < 0.0) + 1).tolist())
+        return _place_at(self.points, self.along, way)
 
     def ends_at(self, piece: int) -> float:
         """Return the way [m] at which a piece ends, between two folds; +inf for the last one."""
@@ -134,12 +135,13 @@ def spot_places(ways: Ways) -> tuple[SpotPlace, ...]:
     found: list[SpotPlace] = []
     for node in graph.nodes:
         at = np.array([[node.x, node.y]] * 2)
-        found += [SpotPlace(at, 0.0, node.name, None)] * min(graph.capacity(node.name), MOST_AT_A_NODE)
+        found += [SpotPlace(at, np.zeros(2), node.name, None)] * min(graph.capacity(node.name), MOST_AT_A_NODE)
     for section in graph.sections:
-        ends = np.array([[graph.node[each].x, graph.node[each].y] for each in (section.start, section.end)])
-        found.append(SpotPlace(ends, section.width, None, section.name))
+        way = np.array(graph.way(section.name))
+        way[[0, -1], :2] = [(graph.node[each].x, graph.node[each].y) for each in (section.start, section.end)]
+        found.append(SpotPlace(way[:, :2], way[:, 2], None, section.name))
         if not section.one_way:
-            found.append(SpotPlace(ends[::-1], section.width, None, section.name))
+            found.append(SpotPlace(way[::-1, :2], way[::-1, 2], None, section.name))
     assert len(found) == len(ways.names)
     return tuple(found)
 
@@ -156,9 +158,8 @@ def node_rooms(graph: TrafficGraph) -> dict[tuple[str, str], float]:
         for section in sections:
             other = section.other(name)
             if other in graph.refuge_at and ends[other] == 1:  # a door: up to the edge of the corridor
-                room = max(
-                    (each.width / 2 for each in sections if each.name != section.name), default=section.width / 2
-                )
+                beside = [_width_at(graph, each, name) / 2 for each in sections if each.name != section.name]
+                room = max(beside, default=section.width / 2)
             elif name in graph.refuge_at and ends[name] == 1:
                 room = max(0.0, section.length - 0.5 * section.width)
             else:
@@ -180,7 +181,8 @@ def drivable(ways: Ways, body: ChairBody) -> Ways:
         if place.section is None:
             continue
         section = ways.graph.section[place.section]
-        begins_at = {k for k in range(ways.first[spot], ways.first[spot + 1]) if _is_at(places, ways, k, place.ends[0])}
+        leaving = range(ways.first[spot], ways.first[spot + 1])
+        begins_at = {k for k in leaving if _is_at(places, ways, k, place.points[0])}
         room = section.length - sum(rooms[end, section.name] for end in (section.start, section.end))
         if room < body.length or section.width < 2 * body.circumscribed_radius:
             kept[list(begins_at)] = False
@@ -197,7 +199,7 @@ def drivable(ways: Ways, body: ChairBody) -> Ways:
 
 
 def _is_at(places: Sequence[SpotPlace], ways: Ways, edge: int, point: FloatArray) -> bool:
-    return bool(np.hypot(*(places[ways.after[edge]].ends[0] - point)) < 1e-9)
+    return bool(np.hypot(*(places[ways.after[edge]].points[0] - point)) < 1e-9)
 
 
 def bars_off(ways: Ways, places: Sequence[SpotPlace], spots: Sequence[int]) -> tuple[Zone, ...]:
@@ -212,23 +214,23 @@ def bars_off(ways: Ways, places: Sequence[SpotPlace], spots: Sequence[int]) -> t
     for section in graph.sections:
         if section.name in used or section.name not in rings or section.length < SHORTEST_BARRED:
             continue
-        a, b = (np.array([graph.node[end].x, graph.node[end].y]) for end in (section.start, section.end))
-        found.append(_bar(f"another way: {section.name}", a, b, float(np.hypot(*(b - a))) / 2, section.width))
+        way = next(place for place in places if place.section == section.name)
+        found.append(_bar(f"another way: {section.name}", way, way.length / 2))
     for before, spot, after in zip(spots, spots[1:], spots[2:], strict=False):
         here = places[spot]
         if here.section is None or places[before].node != places[after].node:
             continue
-        a, b = here.ends
-        if (long := float(np.hypot(*(b - a)))) >= SHORTEST_BARRED:
-            found.append(_bar(f"beyond the place to wait: {here.section}", a, b, long - BAR / 2, here.width))
+        if here.length >= SHORTEST_BARRED:
+            found.append(_bar(f"beyond the place to wait: {here.section}", here, here.length - BAR / 2))
     return tuple(found)
 
 
-def _bar(name: str, a: FloatArray, b: FloatArray, way: float, width: float) -> Zone:
-    """Return a bar across the section from a to b, its middle at a way [m] from a."""
-    along = (b - a) / np.hypot(*(b - a))
+def _bar(name: str, place: SpotPlace, way: float) -> Zone:
+    """Return a bar across a section, its middle at a way [m] from its start."""
+    middle, heading, width = place.at(way)
+    along = np.array([math.cos(heading), math.sin(heading)])
     across = np.array([-along[1], along[0]]) * (width / 2 + LINE_BEYOND)
-    middle, half = a + way * along, along * BAR / 2
+    half = along * BAR / 2
     corners = np.array([middle - half - across, middle + half - across, middle + half + across, middle - half + across])
     return Zone(name, Rule.KEEP_OUT, corners)
 
@@ -254,10 +256,22 @@ def chain_of(
     """Return the chain of some spots on the floor."""
     points: list[FloatArray] = []
     marks: list[int] = []  # index of the point at the end of each spot
-    for spot in spots:
-        start, end = places[spot].ends
-        for point in (start, end) if places[spot].section is not None else (start,):
-            if not points or np.hypot(*(points[-1] - point)) > 1e-9:
+    folds: list[int] = []
+    for k, spot in enumerate(spots):
+        here = places[spot]
+        before = places[spots[k - 1]] if k else None
+        way = here.points if here.section is not None else here.points[:1]
+        if (
+            before is not None
+            and before.section is not None
+            and here.node is not None
+            and _meets(before.points[0], way[0])
+        ):
+            way = before.points[::-1]  # it backs out to the node by which it came
+        if points and len(way) > 1 and _meets(points[-1], way[0]) and len(points) > 1 and _meets(points[-2], way[1]):
+            folds.append(len(points) - 1)
+        for point in way:
+            if not points or not _meets(points[-1], point):
                 points.append(point)
         marks.append(len(points) - 1)
     if len(points) == 1:  # a chair at rest in its refuge
@@ -269,20 +283,21 @@ def chain_of(
         here = places[spot]
         way = float(along[marks[k]])
         if k + 1 == len(spots):
-            until[k], widths[k] = math.inf, here.width
+            until[k], widths[k] = math.inf, here.widths[-1]
             continue
         after = places[spots[k + 1]]
         if here.node is not None:  # from a node into a section
             assert after.section is not None
-            until[k], widths[k] = way + rooms[here.node, after.section], after.width
+            room = rooms[here.node, after.section]
+            until[k], widths[k] = way + room, after.at(room)[2]
         else:
             assert after.node is not None
             assert here.section is not None
             room = rooms[after.node, here.section]
-            backs_out = np.hypot(*(after.ends[0] - here.ends[0])) < 1e-9
-            until[k] = way + (float(np.hypot(*(here.ends[1] - here.ends[0]))) - room if backs_out else -room)
-            widths[k] = here.width
-    return Chain(line, along, np.maximum.accumulate(until), widths)
+            backs_out = _meets(after.points[0], here.points[0])
+            until[k] = way + (here.length - room if backs_out else -room)
+            widths[k] = here.at(room if backs_out else here.length - room)[2]
+    return Chain(line, along, np.maximum.accumulate(until), widths, tuple(folds))
 
 
 def goes_straight(graph: TrafficGraph, name: str) -> bool:
@@ -290,6 +305,30 @@ def goes_straight(graph: TrafficGraph, name: str) -> bool:
     ends = {end for move in graph.moves[name] for end in (move.start, move.end)} - {name}
     if len(graph.moves[name]) != 2 or len(ends) != 2:
         return False
-    here = graph.node[name]
-    a, b = (math.atan2(graph.node[end].y - here.y, graph.node[end].x - here.x) for end in sorted(ends))
+    a, b = (_heading_from(graph, graph.section[move.section], name) for move in graph.moves[name])
     return abs(abs(math.remainder(a - b, math.tau)) - math.pi) < _STRAIGHT
+
+
+def _width_at(graph: TrafficGraph, section: Section, node: str) -> float:
+    """Return the clear width [m] of a section at one of its nodes."""
+    return graph.way(section.name)[0 if node == section.start else -1].width
+
+
+def _heading_from(graph: TrafficGraph, section: Section, node: str) -> float:
+    """Return the direction [rad] in which a section leaves a node."""
+    way = graph.way(section.name)
+    here, ahead = way[:2] if node == section.start else way[:-3:-1]
+    return math.atan2(ahead.y - here.y, ahead.x - here.x)
+
+
+def _meets(a: FloatArray, b: FloatArray) -> bool:
+    return bool(np.hypot(*(a - b)) < 1e-9)
+
+
+def _place_at(points: FloatArray, along: FloatArray, way: float) -> tuple[FloatArray, float]:
+    """Return the point (2,) and the heading [rad] at a way along a polyline (N, 2), which goes on straight beyond its ends."""
+    k = int(np.clip(np.searchsorted(along, way, side="right") - 1, 0, len(along) - 2))
+    step = points[k + 1] - points[k]
+    length = max(float(np.hypot(*step)), 1e-9)
+    share = (way - along[k]) / length
+    return points[k] + share * step, math.atan2(step[1], step[0])

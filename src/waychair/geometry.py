@@ -61,6 +61,28 @@ def arc_lengths(points: FloatArray) -> FloatArray:
     return np.concatenate([[0.0], np.hypot(*np.diff(points, axis=0).T).cumsum()])
 
 
+def bends(path: FloatArray, tolerance: float) -> list[int]:
+    """Return the indices, without the ends, at which a path (N, 2) bends (Douglas and Peucker 1973).
+
+    The straight lines between them are nowhere farther than `tolerance`, in the path's unit, from the path.
+    """
+
+    def between(first: int, last: int) -> list[int]:
+        if last - first < 2:
+            return []
+        chord = path[last] - path[first]
+        away = path[first + 1 : last] - path[first]
+        length = float(np.hypot(*chord))
+        off = np.hypot(*away.T) if length < 1e-09 else np.abs(chord[0] * away[:, 1] - chord[1] * away[:, 0]) / length
+        at = int(np.argmax(off))
+        if off[at] <= tolerance:
+            return []
+        middle = first + 1 + at
+        return [*between(first, middle), middle, *between(middle, last)]
+
+    return between(0, len(path) - 1)
+
+
 def nearest_step(points: FloatArray, at: FloatArray) -> tuple[int, float]:
     """Return the step of a polyline (N, 2), N >= 2, that is nearest to a point (2,), and the nearest place's share of it."""
     steps = np.diff(points, axis=0)

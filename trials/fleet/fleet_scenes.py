@@ -288,7 +288,7 @@ def _straight(
     """
     points = {"west": (3.0, MIDDLE), "from west": (5.0, MIDDLE), "from east": (19.0, MIDDLE), "east": (21.0, MIDDLE)}
     plan = CorridorPlan("straight", (24.0, 7.0), ((3.0, MIDDLE, 21.0, MIDDLE),), points)
-    graph = two_abreast(corridor_graph(plan, width, chair_width=body.width))
+    graph = two_abreast(corridor_graph(plan, width, chair_width=body.width, cell=cell))
     aside = width / 4
     poses = {
         "west": Pose2(3.6, MIDDLE + aside, math.pi),

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from waychair.errors import NoPath
+from waychair.geometry import bends
 from waychair.maps.grid.cells import cells_from_points, inside, points_from_cells
 from waychair.planning.grid.costmap import Costmap
 from waychair.planning.grid.dstar_lite import DStarLite
@@ -176,25 +177,10 @@ def _candidates(region: Region, points: FloatArray, cells: list[tuple[int, int] 
 def _link(region: Region, start: int, end: int, cells: IntArray, points: FloatArray) -> Link:
     path = points_from_cells(region.costmap.grid, cells + region.low)
     path[0], path[-1] = points[start], points[end]
-    keep = _bends(path, 0, len(path) - 1)
+    keep = bends(path, BEND)
     steps = np.hypot(*np.diff(path, axis=0).T)
     lengths = np.array([steps[a:b].sum() for a, b in pairwise([0, *keep, len(path) - 1])])
     return Link(start, end, path[keep].reshape(-1, 2), lengths)
-
-
-def _bends(path: FloatArray, first: int, last: int) -> list[int]:
-    """Return the indices at which a path bends (Douglas and Peucker 1973)."""
-    if last - first < 2:
-        return []
-    chord = path[last] - path[first]
-    away = path[first + 1 : last] - path[first]
-    length = float(np.hypot(*chord))
-    off = np.hypot(*away.T) if length < 1e-09 else np.abs(chord[0] * away[:, 1] - chord[1] * away[:, 0]) / length
-    at = int(np.argmax(off))
-    if off[at] <= BEND:
-        return []
-    middle = first + 1 + at
-    return [*_bends(path, first, middle), middle, *_bends(path, middle, last)]
 
 
 def _passes_another(link: Link, points: FloatArray) -> bool:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from waychair.errors import TrafficError
+from waychair.geometry import evenly_spaced
+from waychair.maps.grid.cells import cells_from_points
 from waychair.maps.traffic.mapped_floor import mapped_floor_graph, skeleton
 from waychair.maps.traffic.well_formed import pieces, well_formed
 from waychair.types import OccupancyGrid, Place, Pose2
@@ -75,6 +77,34 @@ def test_a_place_on_which_a_chair_leaves_nobody_room_to_pass_shuts_the_corridor(
     places = [Place("desk", Pose2(10.0, 2.5 + off)), *(Place(f"end {x}", Pose2(x, 2.5)) for x in (2.0, 18.0))]
     found = well_formed(mapped_floor_graph(OccupancyGrid(cells, 0.05), places))
     assert [each.refuge for each in found] == ["desk"] * shut
+
+
+def l_floor() -> OccupancyGrid:
+    """A corridor of 1.2 m that turns left at a right angle, and becomes 2.4 m wide."""
+    return floor(10.0, 10.0, (1.0, 1.0, 9.0, 2.2), (7.8, 1.0, 9.0, 4.0), (7.2, 4.0, 9.6, 9.0))
+
+
+def test_a_section_follows_the_bend_of_its_corridor_and_knows_how_wide_it_is_there() -> None:
+    grid = l_floor()
+    graph = mapped_floor_graph(grid)
+    bent = max(graph.sections, key=lambda section: len(section.points))
+    way = np.array(graph.way(bent.name))
+    assert np.hypot(*(way[:, :2] - (8.4, 1.6)).T).min() < 0.5  # round the corner
+    assert bent.length == pytest.approx(np.hypot(*np.diff(way[:, :2], axis=0).T).sum())
+    for section in graph.sections:
+        line = evenly_spaced(np.array(graph.way(section.name))[:, :2], 0.05)
+        cells = cells_from_points(grid, line)
+        assert (grid.cells[cells[:, 0], cells[:, 1]] == 0).all()
+    widths = [np.interp(6.0, *np.array(graph.way(each.name))[:, 1:].T) for each in graph.sections]
+    assert max(widths) == pytest.approx(2.4, abs=0.25)
+    assert bent.width == pytest.approx(1.2, abs=0.2)
+
+
+def test_a_place_hangs_on_the_lines_in_its_own_room_and_not_on_a_nearer_one_behind_the_wall() -> None:
+    grid = floor(12.0, 8.0, (1.0, 1.0, 11.0, 2.2), (1.0, 2.5, 5.0, 7.0), (4.0, 2.0, 4.9, 2.6))
+    graph = mapped_floor_graph(grid, [Place("desk", Pose2(1.7, 3.0))])
+    (stub,) = (section for section in graph.sections if "at desk" in (section.start, section.end))
+    assert graph.node[stub.other("at desk")].y > 2.5
 
 
 def test_a_floor_without_room_and_a_place_elsewhere_are_refused() -> None:

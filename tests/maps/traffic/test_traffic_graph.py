@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from waychair.calibration.chair_body import CHAIR_B
 from waychair.errors import TrafficError
 from waychair.maps.traffic.single_file import districts, runs
 from waychair.maps.traffic.traffic_files import read_traffic, traffic_from_text, traffic_text, write_traffic
@@ -18,6 +19,7 @@ from waychair.maps.traffic.traffic_graph import (
     TrafficGraph,
     TrafficLift,
     TrafficNode,
+    WayPoint,
     changes_since,
     lanes_for,
 )
@@ -49,13 +51,27 @@ def two_storeys() -> TrafficGraph:
     return TrafficGraph("two storeys", nodes, (*sections, ride), refuges, lifts, revision=3)
 
 
-@pytest.mark.parametrize(("width", "lanes"), [(0.69, 0), (0.7, 1), (1.49, 1), (1.5, 2), (1.525, 2)])
-def test_two_chairs_a_pass_from_one_and_a_half_metres_on(width: float, lanes: int) -> None:
-    assert lanes_for(width, 0.6) == lanes
+@pytest.mark.parametrize(
+    ("width", "cell", "lanes"),
+    [
+        (0.69, 0.05, 0),
+        (0.7, 0.05, 1),
+        (1.5, 0.05, 1),
+        (1.525, 0.05, 1),
+        (1.55, 0.05, 2),
+        (1.5, 0.025, 1),
+        (1.525, 0.025, 2),
+    ],
+)
+def test_two_chairs_a_pass_in_their_widths_and_thirty_centimetres_and_a_cell(
+    width: float, cell: float, lanes: int
+) -> None:
+    assert lanes_for(width, 0.6, cell) == lanes
 
 
 def test_two_chairs_b_pass_in_one_metre_eighty() -> None:
-    assert (lanes_for(1.8, 0.75), lanes_for(1.79, 0.75)) == (2, 1)
+    assert [lanes_for(1.8, CHAIR_B.width, cell) for cell in (0.025, 0.05, 0.1)] == [2, 2, 2]
+    assert (lanes_for(1.75, CHAIR_B.width), lanes_for(1.74, CHAIR_B.width)) == (2, 1)
 
 
 def test_a_corridor_without_branches_is_one_run() -> None:
@@ -140,6 +156,41 @@ def test_a_graph_comes_back_equal_from_its_file(tmp_path: Path) -> None:
     graph = replace(two_storeys(), name='the "old" house # 1')
     write_traffic(tmp_path / "traffic.txt", graph)
     assert read_traffic(tmp_path / "traffic.txt") == graph
+
+
+def bent() -> TrafficGraph:
+    """A section of 10 m round a right angle, from 1.2 to 2 m wide."""
+    nodes = (TrafficNode("a", 0.0, 0.0), TrafficNode("b", 6.0, 4.0))
+    way = (WayPoint(0.0, 0.0, 1.2), WayPoint(6.0, 0.0, 1.5), WayPoint(6.0, 4.0, 2.0))
+    return TrafficGraph("bent", nodes, (Section("a-b", "a", "b", 10.0, 1.2, points=way),), cell=0.025)
+
+
+def test_a_bent_way_comes_back_equal_from_its_file_and_an_old_file_has_cells_of_5_cm() -> None:
+    assert traffic_from_text(traffic_text(bent())) == bent()
+    old = traffic_text(chain("a", "b")).replace(" cell 0.05", "")
+    assert traffic_from_text(old) == chain("a", "b")
+    assert chain("a", "b").way("a-b") == (WayPoint(0.0, 0.0, 1.2), WayPoint(5.0, 0.0, 1.2))
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ((" 6.0 4.0 2.0", ""), "is 6.00 m long, not 10.00 m|does not lead from node a to b"),
+        ((" 2.0\n", "\n"), "has 8 numbers"),
+        (("6.0 0.0 1.5", "6.0 1.0 1.5"), "m long, not 10.00 m"),
+        (("6.0 0.0 1.5", "6.0 0.0 1.0"), "narrower than 1.20 m"),
+        (("6.0 0.0 1.5", "6.0 nan 1.5"), "not finite"),
+        (("way a-b 0.0", "way a-b 0.5"), "does not lead from node a to b"),
+        (("way a-b", "way a-c"), "does not follow its section"),
+        (("cell 0.025", "cell 0"), "cells of 0.0 m are impossible"),
+    ],
+)
+def test_an_impossible_way_is_refused_in_one_sentence(change: tuple[str, str], told: str) -> None:
+    text = traffic_text(bent())
+    assert change[0] in text
+    with pytest.raises(TrafficError, match=told) as refused:
+        traffic_from_text(text.replace(*change), "bent.txt")
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(

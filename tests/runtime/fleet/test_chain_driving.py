@@ -14,13 +14,14 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.authority import FREE, crosses
 from waychair.geometry import transform_points
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
+from waychair.maps.traffic.mapped_floor import mapped_floor_graph
 from waychair.planning.fleet.order import Order, Request, parked, stopped
 from waychair.planning.fleet.warden import District, Heard, Report, decided
 from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.chain_geometry import TURNING_ROOM, chain_of, drivable, node_rooms, spot_places
 from waychair.trials.fleet.fleet_scenes import SCENARIOS, places_in_rooms
-from waychair.types import Place, Pose2
+from waychair.types import OccupancyGrid, Place, Pose2
 
 PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
 GRAPH = corridor_graph(PLAN, 1.2, rooms=True, bays=True)
@@ -88,6 +89,42 @@ def test_the_stop_line_lies_across_the_corridor() -> None:
     line = chain.stop_line(2)
     assert line[0, 0] == pytest.approx(line[1, 0])
     assert sorted(line[:, 1].tolist()) == pytest.approx([3.0 - 0.7, 3.0 + 0.7])
+
+
+def _bend_of(width: float) -> OccupancyGrid:
+    """Return the map of a corridor that bends to the left on a circle of 4 m, with 3 m of straight way before and behind."""
+    y, x = np.mgrid[0:200, 0:200] * 0.05
+    off = np.abs(np.hypot(x - 4.0, y - 6.0) - 4.0)
+    off = np.where((x < 4.0) | (y > 6.0), np.inf, off)
+    off = np.minimum(off, np.where((x > 1.0) & (x <= 4.0), np.abs(y - 2.0), np.inf))
+    off = np.minimum(off, np.where((y > 6.0) & (y <= 9.0), np.abs(x - 8.0), np.inf))
+    return OccupancyGrid(np.where(off < width / 2, 0, 100).astype(np.int8), 0.05)
+
+
+@pytest.mark.parametrize("width", [1.2, 1.8])
+def test_on_a_mapped_floor_that_bends_every_stop_line_lies_across_the_way_from_wall_to_wall(width: float) -> None:
+    grid = _bend_of(width)
+    places = {"one": Place("one", Pose2(1.8, 2.0)), "other": Place("other", Pose2(8.0, 8.2))}
+    graph = mapped_floor_graph(grid, places.values())
+    ways = drivable(ways_of(graph, 0.5), CHAIR_A)
+    points = _Points({0: "one"}, {0: "other"}, ways, places)
+    points.step()
+    spots = points.order.chains[0].spots
+    chain = chain_of(ways, spot_places(ways), node_rooms(graph), spots)
+    assert not chain.folds
+    in_bend = 0
+    for k in range(len(spots) - 1):
+        a, b = chain.stop_line(k)
+        middle, half = (a + b) / 2, (b - a) / 2
+        radius = float(np.hypot(*(middle - (4.0, 6.0))))
+        if middle[0] < 4.3 or middle[1] > 5.7:
+            continue
+        in_bend += 1
+        assert abs(radius - 4.0) < 0.2
+        assert abs(math.sin(math.atan2(*half[::-1]) - math.atan2(*(middle - (4.0, 6.0))[::-1]))) < 0.35
+        for end in (a, b):  # no chair has room between the line and the wall
+            assert abs(abs(np.hypot(*(end - (4.0, 6.0))) - 4.0) - width / 2) < 0.25
+    assert in_bend >= 1
 
 
 def test_a_parked_chair_without_a_chain_may_not_leave_its_room() -> None:
