@@ -9,20 +9,27 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 
 from waychair.errors import WaychairError
 from waychair.maps.traffic.corridors import corridor_graph, load_corridors
 from waychair.planning.fleet.peers import alone, claims, election, networked_warden, peer
-from waychair.planning.fleet.peers.messages import Answer, Letter, State
+from waychair.planning.fleet.peers.messages import ALONE, Letter, State
 from waychair.planning.fleet.warden import Report
 from waychair.simulation.network import NetworkFaults
 from waychair.trials.fleet import fleet_networked
-from waychair.trials.fleet.fleet_invariants import Invariants, summary, troubles
+from waychair.trials.fleet.fleet_invariants import Invariants, storm, summary, troubles
 from waychair.trials.fleet.fleet_networked import TICK_MS, NetworkedChairs
 
 PLANS = ("T", "I", "2bconR", "Rectangle", "3tie", "4cross", "9cube", "2d-grid")
 MINUTES = 10.0
+STORM_MINUTES, STORM_WISH_MS = 5.0, 120_000
+"""Length of a run in which the links change every few seconds, and ms until its last wishes."""
+
+ARRIVES_MS = 300_000
+"""ms within which those who are still under way then have to arrive: the plans are up to 190 m long, and people stop chairs."""
+
 FEWEST, MOST = 3, 8
 
 
@@ -37,7 +44,12 @@ class NetworkRun(NamedTuple):
     cpu_s: float
 
 
-def network_run(seed: int) -> NetworkRun:
+def storm_run(seed: int) -> NetworkRun:
+    """Return a run in which the links change every few seconds."""
+    return network_run(seed, stormy=True)
+
+
+def network_run(seed: int, stormy: bool = False) -> NetworkRun:
     """Let 3 to 8 chairs drive for ten minutes among people, over a network with all its troubles."""
     rng = np.random.default_rng([seed, 0x5EED])
     graph = corridor_graph(load_corridors(PLANS[seed % len(PLANS)]), rooms=True, bays=bool(rng.random() < 0.5))
@@ -50,9 +62,16 @@ def network_run(seed: int) -> NetworkRun:
         drift_ppm=200.0,
     )
     begun = time.process_time()
-    world = NetworkedChairs(graph, chairs, seed, faults, troubles(chairs, seed))
+    minutes = STORM_MINUTES if stormy else MINUTES
+    if stormy:
+        world = NetworkedChairs(graph, chairs, seed, faults, storm(chairs, seed, STORM_WISH_MS), STORM_WISH_MS)
+    else:
+        world = NetworkedChairs(graph, chairs, seed, faults, troubles(chairs, seed))
     watch = Invariants()
-    world.run(round(MINUTES * 60_000), watch)
+    world.run(round(minutes * 60_000), watch)
+    until_ms = world.now_ms + ARRIVES_MS
+    while world.now_ms < until_ms and any(chair.wish is not None for chair in world.chairs.values()):
+        world.run(world.now_ms + 1_000, watch)
     watch.end(world)
     found = summary(world, watch)
     return NetworkRun(
@@ -109,7 +128,7 @@ def killed_by(mutant: Mutant, seeds: range) -> int | None:
     with with_bug(mutant):
         for seed in seeds:
             try:
-                if network_run(seed).faults:
+                if network_run(seed, stormy=True).faults or network_run(seed).faults:
                     return seed
             except (AssertionError, AttributeError, LookupError, TypeError, ValueError, WaychairError):
                 return seed
@@ -130,14 +149,40 @@ def _report_without_rear(order: Any, number: int, each: Any) -> Report:
     return replace(found, behind=max(found.visits - each.state.visit, 0))
 
 
-def _claim_of_front(state: State, with_released: bool) -> claims.Claim | None:
-    return claims.Claim(state.entered[-1:], state.visit, state.ready_ms) if state.entered else None
+def _kept_front(order: Any, chair: int, now_ms: int) -> claims.Claim:
+    """A chair that keeps its stance claims its last spot only."""
+    right = claims.kept(order, chair, now_ms)
+    return replace(right, spots=right.spots[-1:])
 
 
-def _answer_of_any_term(self: Any, letter: Letter, answer: Answer) -> None:
-    """An answer of any warden, to any boot and stance, is taken."""
-    if answer.chair == self.number:
-        self._heard.answer = answer
+def _all_that_are_heard(own: Any, term: Any, known: Any, now_ns: int) -> set[int]:
+    """Everybody who is heard counts as a follower."""
+    fresh = {number for number, each in known.items() if now_ns - each.heard_ns < election.FOLLOWED_NS}
+    return {own.number, *fresh}
+
+
+def _followers_for_ever(own: Any, term: Any, known: Any, now_ns: int) -> set[int]:
+    """Everybody who has ever followed counts as a follower."""
+    return {own.number, *(number for number, each in known.items() if each.state.follows == term)}
+
+
+def _next_epoch(own: Any, before: Any, known: Any) -> Any:
+    """The epochs of two wardens can be equal."""
+    right = _right_standing(own, before, known)
+    return replace(right, term=msgspec.structs.replace(right.term, epoch=right.term.epoch // election.EPOCHS))
+
+
+def _alone_at_once(self: Any, now_ns: int, own: Any) -> None:
+    """A chair without a warden drives by its own eyes at once, and tells nobody before."""
+    _right_mode(self, now_ns, own)
+    if not self.has_warden():
+        self._times.alone = now_ns - peer.ANNOUNCED_NS
+        self._mode = ALONE
+
+
+def _authority_unseen(self: Any, now_ns: int, own: Any) -> Any:
+    """Nobody looks before it enters."""
+    return replace(_right_authority(self, now_ns, own), look=False)
 
 
 def _state_out_of_order(self: Any, letter: Letter, state: State, now_ns: int) -> None:
@@ -157,23 +202,26 @@ def _first_of_all(own: Any, before: Any, known: Any, now_ns: int) -> Any:
 _right_report: Callable[..., Report] = networked_warden._report
 _right_way: Callable[..., tuple[int, ...]] = alone.way_by_eye
 _right_followed: Callable[..., Any] = election.followed
+_right_standing: Callable[..., Any] = election.standing
+_right_mode: Callable[..., None] = peer.Peer._choose_mode
+_right_authority: Callable[..., Any] = peer.Peer._authority
 
 MUTANTS = (
     Mutant("a majority is more than half", networked_warden, "is_majority", lambda electorate, voters: True),
+    Mutant("a warden counts those who follow it", networked_warden, "followers", _all_that_are_heard),
+    Mutant("a warden counts followers for a second", networked_warden, "followers", _followers_for_ever),
+    Mutant("a peer follows one warden at a time", peer, "followed", _first_of_all),
+    Mutant("no two wardens have one epoch", election, "standing", _next_epoch),
+    Mutant("a warden that cannot be followed begins a new epoch", peer.Peer, "_is_passed", lambda self, now_ns: False),
     Mutant("a chair enters first in its queue", networked_warden, "_report", _report_of_all),
     Mutant("a spot is taken until the rear has left", networked_warden, "_report", _report_without_rear),
-    Mutant("a warden takes over all that chairs hold", networked_warden, "claim_of", _claim_of_front),
-    Mutant(
-        "a chair that keeps no order stays taken", networked_warden, "_with_closed", lambda office, state, now: state
-    ),
+    Mutant("a warden begins again from all that chairs hold", networked_warden, "kept", _kept_front),
+    Mutant("a chair without order stays taken", networked_warden, "_with_closed", lambda office, state, now: state),
     Mutant("what was not entered is given back", peer.Peer, "_give_back", lambda self: None),
-    Mutant("an answer is for one boot, stance and term", peer.Peer, "_take_answer", _answer_of_any_term),
     Mutant("an older State is nothing", peer.Peer, "_take_state", _state_out_of_order),
-    Mutant("who misses a chair looks", peer.Peer, "_misses_somebody", lambda self, now_ns: False),
-    Mutant("alone mode is announced", peer, "ANNOUNCED_NS", -1),
-    Mutant("alone mode looks first", fleet_networked, "way_by_eye", _way_unseen),
-    Mutant("a peer follows one warden at a time", peer, "followed", _first_of_all),
-    Mutant("there is an alone mode and a way back", peer.Peer, "_is_passed", lambda self, now_ns: False),
     Mutant("a silent chair is missed", networked_warden, "SILENT_NS", 10**12),
+    Mutant("a chair that misses another one looks", peer.Peer, "_authority", _authority_unseen),
+    Mutant("alone mode is announced", peer.Peer, "_choose_mode", _alone_at_once),
+    Mutant("alone mode looks first", fleet_networked, "way_by_eye", _way_unseen),
 )
 """A bug in each rule."""

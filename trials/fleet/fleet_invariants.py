@@ -182,6 +182,20 @@ def troubles(chairs: int, seed: int, last_ms: int = LAST_MS) -> list[Trouble]:
             found.append(Trouble(at_ms, 10_000, kind, ((numbers[0],),)))
 
 
+def storm(chairs: int, seed: int, last_ms: int) -> list[Trouble]:
+    """Return troubles in which some links are deaf at any time, others every few seconds: wardens change all the time."""
+    rng = np.random.default_rng([seed, 0x5708])
+    found: list[Trouble] = []
+    at_ms = FIRST_MS
+    while at_ms < last_ms:
+        share = float(rng.uniform(0.1, 0.6))
+        links = [(a, b) for a in range(1, chairs + 1) for b in range(1, chairs + 1) if a != b and rng.random() < share]
+        for_ms = int(rng.integers(500, 8_000))
+        found.append(Trouble(at_ms, for_ms, "deaf", tuple(links)))
+        at_ms += for_ms + int(rng.integers(100, 1_500))
+    return found
+
+
 def summary(world: NetworkedChairs, watch: Invariants) -> Mapping[str, float]:
     """Return the figures of a run."""
     took = [each[1] for chair in world.chairs.values() for each in chair.done]

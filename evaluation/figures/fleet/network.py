@@ -11,10 +11,13 @@ import statistics
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from evaluation.fleet.network_runs import MUTANTS, killed_by, network_run, warden_killed
+from evaluation.fleet.network_runs import MUTANTS, killed_by, network_run, storm_run, warden_killed
 from waychair.types import Json
 
 WORKERS = 2
+STORMS_EVERY = 5
+"""Seeds for each of which there is a run in which the links change every few seconds, beside the others."""
+
 LONGEST_S = 4.0
 """s from the end of a warden until another one orders."""
 
@@ -27,6 +30,7 @@ def fleet_network(out: Path) -> Json:
     tries = int(os.environ.get("FLEET_NETWORK_MUTANT_SEEDS", "20"))
     with ProcessPoolExecutor(WORKERS) as pool:
         runs = list(pool.map(network_run, range(first, first + count)))
+        runs += pool.map(storm_run, range(first, first + count // STORMS_EVERY))
         again = pool.submit(network_run, first).result()
         mutants = [pool.submit(_killed, k, tries) for k in range(len(MUTANTS) if tries else 0)]
         killed = {MUTANTS[k].rule: each.result() for k, each in enumerate(mutants)}

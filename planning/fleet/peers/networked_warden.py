@@ -129,7 +129,8 @@ def ordered(
         office.district = _with_closed(office, replace(office.district, order=order), now_ms)
     _decide(office, loyal, now_ns, afresh)
     look = any(number not in loyal and not (number in known and known[number].state.parked) for number in chairs)
-    answers = _answers(office, loyal, look, now_ns)
+    twice = _claimed_twice(office, loyal)
+    answers = _answers(office, loyal, look or bool(twice), {chair for chairs in twice for chair in chairs}, now_ns)
     told = None
     if afresh or now_ns - office.told_ns >= ORDER_NS:
         office.told_ns = now_ns
@@ -285,7 +286,27 @@ def _note_refusals(office: Office, replies: tuple[Reply, ...], requests: list[Re
             office.refused[reply.chair] = (numbers[reply.chair], reply.sentence)
 
 
-def _answers(office: Office, loyal: Mapping[int, Known], look: bool, now_ns: int) -> tuple[Answer, ...]:
+def _claimed_twice(office: Office, loyal: Mapping[int, Known]) -> list[set[int]]:
+    """Return for each resource that two chairs claim those of them that have not entered it, and have to give it back.
+
+    A chair that drove by its own eyes may have entered what another one was allowed to enter, and did not yet.
+    """
+    assert office.district is not None
+    order = office.district.order
+    users: dict[int, dict[int, bool]] = {}
+    for number, chain in order.chains.items():
+        entered = set(loyal[number].state.entered) if number in loyal else set()
+        for spot in (*(spot for _, spot in chain.behind), chain.spots[0]):
+            users.setdefault(int(order.ways.resource[spot]), {})[number] = number in loyal and spot not in entered
+    for number, claim in office.absent.items():
+        for spot in claim.spots:
+            users.setdefault(int(order.ways.resource[spot]), {})[number] = False
+    return [{number for number, gives in each.items() if gives} for each in users.values() if len(each) > 1]
+
+
+def _answers(
+    office: Office, loyal: Mapping[int, Known], look: bool, revoked: set[int], now_ns: int
+) -> tuple[Answer, ...]:
     """Return the answers that have changed or are due again."""
     assert office.district is not None
     order = office.district.order
@@ -302,8 +323,12 @@ def _answers(office: Office, loyal: Mapping[int, Known], look: bool, now_ns: int
         wish = 0 if state.wish is None else state.wish.number
         if len(ahead) < 2 and not wish:
             continue
+        if number in revoked:
+            ahead, first = state.entered[-1:], state.visit
         word, sentence = messages.GRANTED if len(ahead) > 1 else messages.QUEUED, ""
-        if refused is not None and refused[0] == wish:
+        if number in revoked:
+            word = messages.REVOKED
+        elif refused is not None and refused[0] == wish:
             word, sentence = messages.REJECTED, refused[1]
         wait = why.get(number)
         if wait is not None and not sentence:
@@ -321,7 +346,7 @@ def _answers(office: Office, loyal: Mapping[int, Known], look: bool, now_ns: int
             lease_ms=LEASE_MS,
             visit=max(first, 0),
             spots=ahead,
-            upto=chain.visit,
+            upto=state.visit if number in revoked else chain.visit,
             look=look,
             why=Why(other, sentence[:240], foreseen),
             number=wish,

@@ -300,6 +300,9 @@ class Peer:
             return
         if term is None or (letter.sender, letter.boot, answer.epoch) != (term.warden, term.boot, term.epoch):
             return
+        if answer.word == messages.REVOKED:
+            self._give_back()
+            return
         last = self._heard.answer
         if last is None or (answer.serial, answer.echo_ns, answer.upto) >= (last.serial, last.echo_ns, last.upto):
             self._heard.answer = answer
@@ -335,7 +338,9 @@ class Peer:
             now_ns,
         )
         for answer in decision.answers:
-            if answer.chair == self.number:
+            if answer.chair == self.number and answer.word == messages.REVOKED:
+                self._give_back()
+            elif answer.chair == self.number:
                 self._heard.answer = answer
         return decision
 

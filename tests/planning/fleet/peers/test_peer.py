@@ -235,3 +235,19 @@ def test_f36_a_chair_whose_rider_steers_keeps_no_order_and_the_others_look() -> 
     assert desk.steps[3 - steered].authority.chain
     desk.own[steered] = Own((section,), 3, wants=2, wish=OwnWish(1, "R", 0, desk.now_ns))
     assert desk.run(3, lambda: bool(desk.steps[steered].authority.spots)) < 2.0
+
+
+def test_f33_what_another_chair_has_entered_meanwhile_is_given_back() -> None:
+    desk = Desk(2, voters=1)
+    desk.run(6)
+    mover = next(number for number in (1, 2) if number not in desk.wardens)
+    other = 3 - mover
+    desk.wish(mover, "R")
+    assert desk.run(2, lambda: bool(desk.steps[mover].authority.spots)) < 1.0
+    first = desk.steps[mover].authority.spots[0]
+    stance = desk.peers[mover]._stance
+    desk.own[other] = Own((first,), 5, manual=True)  # by its rider
+    desk.run(1)
+    assert desk.peers[mover]._stance > stance
+    assert first not in desk.steps[mover].authority.spots
+    assert desk.steps[mover].authority.look
