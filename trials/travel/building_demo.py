@@ -265,7 +265,6 @@ def _travel(
     sites = sites_of_building(hgraph)
     route = RoutePlanner(hgraph).route(start, goal)
     legs = legs_of_route(hgraph, route, sites, CHAIR_A, Goal(end.pose, end.tolerance_m, end.tolerance_rad))
-    watcher.goal_chosen(end.name)
     return travel(
         simulator,
         storey_maps(building),

@@ -230,6 +230,7 @@ def travel(
         for storey in {leg.storey for leg in legs} - {start}:
             traveller.prepare(storey)
         watcher.drive_began(setups[start], chair)
+        watcher.goal_chosen(end.name)
         while simulator.now_ns - began_ns < time_limit_s * 1e9:
             messages, before = advance_tick(simulator, chair), traveller.storey
             state = traveller.step(simulator.now_ns, messages)
@@ -237,6 +238,7 @@ def travel(
             on_tick(state, simulator)
             if state.storey != before:
                 watcher.drive_began(setups[state.storey], chair)
+                watcher.goal_chosen(end.name)
             watcher.tick_ended(messages, state.chair)
             if state.journey is None or state.journey.ended or state.journey.phase is Phase.HELD:
                 break

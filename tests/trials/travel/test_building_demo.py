@@ -14,6 +14,7 @@ from waychair.geometry import transform_points
 from waychair.maps.grid.distance_field import are_within, distance_field
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World, load_levels
+from waychair.trials.demo_page import DemoPage
 from waychair.trials.travel.building_demo import is_building, riders_route, run_building_demo
 from waychair.trials.travel.building_demo_report import write_building_report
 from waychair.trials.travel.journeys import sites_of
@@ -44,7 +45,7 @@ def test_the_rider_enters_the_room_and_the_lift_without_coming_near_a_wall(level
 
 @pytest.mark.nightly
 def test_two_storeys_mapped_by_joystick_are_joined_and_the_chair_travels_between_them(tmp_path: Path) -> None:
-    demo = run_building_demo(tmp_path, seed=1, world="two_floors", surprises=False)
+    demo = run_building_demo(tmp_path, seed=1, world="two_floors", surprises=False, watcher=DemoPage())
     assert (demo.record.arrived, demo.record.contacts, demo.record.wrong_map_s) == (True, 0, 0.0), demo.record.why
     assert demo.record.rides == 1
     assert max(error.rmse_m for error in demo.errors.values()) < 0.1
