@@ -119,7 +119,7 @@ class PoseGraph:
         """Append rows to the buffer of poses; existing rows stay in place while there are spare rows."""
         known, count = len(self.poses), len(self.poses) + len(poses)
         if self.poses.base is not self._buffer or count > len(self._buffer):
-            self._buffer = np.empty((max(64, 2 * count), 3))
+            self._buffer = np.zeros((max(64, 2 * count), 3))  # spare rows are saved, too: a file holds no old memory
             self._buffer[:known] = self.poses
         self._buffer[known:count] = poses
         self.poses = self._buffer[:count]

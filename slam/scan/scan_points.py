@@ -202,8 +202,8 @@ class ScanStore:
     """
 
     def __init__(self) -> None:
-        self._points = np.empty((1024, 2), np.float32)
-        self._normals = np.empty((1024, 2), np.float32)
+        self._points = np.zeros((1024, 2), np.float32)  # spare rows are saved, too: a file holds no old memory
+        self._normals = np.zeros((1024, 2), np.float32)
         self._offsets = np.zeros(64, np.int64)
         self._count = 0
 
@@ -235,7 +235,7 @@ class ScanStore:
 
 
 def _with_rows(values: Float32Array, rows: int) -> Float32Array:
-    """Return a copy with more rows, the further ones undefined."""
-    longer = np.empty((rows, values.shape[1]), np.float32)
+    """Return a copy with more rows, the further ones zero."""
+    longer = np.zeros((rows, values.shape[1]), np.float32)
     longer[: len(values)] = values
     return longer

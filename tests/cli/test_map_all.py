@@ -10,7 +10,7 @@ import pytest
 
 from tests.cli.command import refused, waychair
 
-MAP_FILES = ("map.pgm", "map.yaml", "trajectory.tum", "graph.g2o", "config.yaml")
+MAP_FILES = ("map.pgm", "map.yaml", "trajectory.tum", "graph.g2o", "config.yaml", "session.npz")
 
 
 def room_log(path: Path, scans: int = 12) -> Path:

@@ -173,3 +173,15 @@ def test_noise_close_to_a_dense_lidar_does_not_turn_the_normals(beams: int, away
     off = np.degrees(np.arccos(np.clip(-seen.normals[known, 0], -1.0, 1.0)))
     assert known.mean() > 0.3
     assert np.quantile(off, 0.95) < 25.0
+
+
+def test_rows_that_hold_no_scan_yet_are_zero_as_they_are_saved_with_the_others() -> None:
+    for rows in (1024, 1280):
+        np.full((rows, 2), np.nan, np.float32)  # memory that is used again below
+    store = ScanStore()
+    for _ in range(12):
+        store.append(scan_points(wall_ahead(), Pose2(), 20.0))
+    points, normals, offsets = store.arrays
+    assert len(points) > offsets[12]
+    assert not points[offsets[12] :].any()
+    assert not normals[offsets[12] :].any()
