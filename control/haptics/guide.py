@@ -29,7 +29,6 @@ from waychair.control.haptics.guide_numbers import (
     GATE_OFFSET,
     GATE_TO,
     GATE_TURN,
-    HOPELESS,
     IGNORED,
     IN_DOOR,
     KEEPS_WAITING_S,
@@ -213,6 +212,9 @@ class _Tick:
             if omega * error > 0.0:
                 if left <= self._rate(state) * self.guide.lead(after) + STOPS_SHORT:
                     return self._leave_turn(state)
+                goes_on = left > self._rate(state) * (self.guide.lead(after) + KEEPS_WAITING_S)
+                if goes_on and self._silent_s(state) > REPEAT_S:
+                    return self._say(swivel, reason, replace(state, ignored=0))
                 return self._quiet(reason, replace(state, ignored=0))
             if left < PASSED:
                 return self._leave_turn(state)
@@ -439,7 +441,7 @@ class _Tick:
         if state.aim is None or state.aim.ticks < AIM_TICKS:
             return None
         offset, turned = state.aim.offset, state.aim.turned
-        if abs(offset) <= GATE_OFFSET * step.room and abs(turned) <= self._gate_turn(step):
+        if abs(offset) <= GATE_OFFSET * self._room_askew(step, turned) and abs(turned) <= GATE_TURN:
             return None
         return self._retry(state, f"{100.0 * offset:.0f} cm and {math.degrees(turned):.0f} degrees off the door")
 
@@ -466,11 +468,13 @@ class _Tick:
         assert step.door is not None
         at = step.start.inverse() @ step.door.map_from_door
         needed = abs(math.atan2(at.y - aside, max(at.x - along, 1e-3)))
-        return self._before_wall(step, along) > TURN_BEFORE_WALL and needed > HOPELESS * self._gate_turn(step)
+        return self._before_wall(step, along) > TURN_BEFORE_WALL and needed > GATE_TURN
 
-    @staticmethod
-    def _gate_turn(step: Step) -> float:
-        return GATE_TURN + 0.5 * step.room
+    def _room_askew(self, step: Step, turned: float) -> float:
+        """Return the room [m] beside a chair that passes the door at an angle to its axis: less by the wall's thickness."""
+        assert step.door is not None
+        gap = step.door.width * math.cos(turned) - 2.0 * HALF_WALL * abs(math.sin(turned))
+        return max(0.5 * (gap - self.guide.body.width), 0.0)
 
     def _retry(self, state: GuideState, why: str) -> tuple[Guidance, GuideState]:
         """Back off from a door, or from something in the way, and try again."""

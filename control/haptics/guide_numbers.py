@@ -33,9 +33,8 @@ LOOK_AHEAD = 1.2
 GATE_FROM, GATE_TO = 0.20, 0.02
 """m; distances of the chair's front from the wall between which the gate decides."""
 
-GATE_OFFSET, GATE_TURN = 0.75, math.radians(3.0)
-"""Share of the room beside the chair, and rad: an aim farther off the middle, or a heading farther off than the second and
-half a rad per metre of room, does not pass the gate."""
+GATE_OFFSET, GATE_TURN = 0.75, math.radians(7.0)
+"""Share of the room beside the chair as it is turned, and rad to the door's axis: farther off, the chair does not pass the gate."""
 
 BACK_OFF = 0.85
 """m; distance of the chair's front from the wall from which the next try begins."""
@@ -97,9 +96,6 @@ KEEPS_WAITING_S = 0.85
 
 AIM_PART, AIM_TICKS = 0.12, 6
 """Share by which a tick's aim counts, about 0.4 s, and ticks without which there is no verdict."""
-
-HOPELESS = 1.1
-"""Share of the gate's heading, beyond which new steps lead to the pivotal point again."""
 
 SWIVELLING = 0.25
 """rad/s; a chair that turns so fast while it should drive straight is still swivelling."""
