@@ -24,6 +24,7 @@ from waychair.control.haptics.guide_numbers import (
     BACK_OFF,
     BEHIND_START,
     EARLY_S,
+    FAR_OFF,
     GAP_S,
     GATE_FROM,
     GATE_OFFSET,
@@ -337,7 +338,7 @@ class _Tick:
         pending = state.said is Symbol.FORWARD and self._since_obeyed(state) < SETTLES_S
         if pending and abs(self.now.twist.omega) > SWIVELLING:
             return self._quiet(reason, state)
-        far_off = abs(error) > self._swivel_from and not state.nudges
+        far_off = abs(error) > self._swivel_from * (FAR_OFF if state.nudges else 1.0)
         if self._may_turn and far_off and self._may_swivel(step, along):
             heading = wrap_angle(self.now.pose.theta + error)
             return self._turn(replace(state, phase=Phase.TURN, heading=heading, still_ns=None))

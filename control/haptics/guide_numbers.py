@@ -24,6 +24,9 @@ NUDGE_SHARE = 0.55
 SWIVEL_FROM, SHORT_SWIVEL = math.radians(14.0), 0.6
 """rad, and share of the shortest held turn that this rider can make: farther off its course the chair turns on the spot."""
 
+FAR_OFF = 1.4
+"""So many times farther off, the driver is turned on the spot although nudges are on their way: they do not help."""
+
 STRAIGHT_ENOUGH = math.radians(6.0)
 """rad; a driver who stands is nudged until the course is so good, then sent ahead."""
 

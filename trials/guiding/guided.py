@@ -256,10 +256,10 @@ class _Trial:
                     break
                 try:
                     plan = self._replan(state)
+                    memory = GuideState(number=memory.number, said=memory.said, said_ns=memory.said_ns)
                 except PlanningError as error:
-                    reason = str(error)
-                    break
-                memory = GuideState(number=memory.number, said=memory.said, said_ns=memory.said_ns)
+                    reason = str(error)  # no steps lead on from here; the old ones may, from a little elsewhere
+                    memory = replace(memory, tries=0, shuffles=0)
         truth = np.array([row[1:4] for row in self._rows])
         error_m = math.hypot(truth[-1, 0] - setup.goal.pose.x, truth[-1, 1] - setup.goal.pose.y)
         rows = np.array(self._rows)
