@@ -9,143 +9,70 @@ and tries again. The chair's poses come from a localiser on the map, or from odo
 
 from __future__ import annotations
 
-import enum
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.haptics.guidance import Aim, Guidance, GuideInputs, GuideState, Nudge, Phase
+from waychair.control.haptics.guide_numbers import (
+    ABOUT,
+    AIM_PART,
+    AIM_TICKS,
+    ASTRAY,
+    BACK_FROM_THINGS,
+    BACK_OFF,
+    BEHIND_START,
+    EARLY_S,
+    FAR_OFF,
+    GAP_S,
+    GATE_FROM,
+    GATE_OFFSET,
+    GATE_TO,
+    GATE_TURN,
+    IGNORED,
+    IN_DOOR,
+    KEEPS_WAITING_S,
+    LEAST_AIM,
+    LEAST_ERROR,
+    LOOK_AHEAD,
+    MOST_TRIES,
+    NEAR_END,
+    NUDGE_SHARE,
+    NUDGED_S,
+    NUDGES,
+    NUDGING_S,
+    OBEYED_S,
+    PASSED,
+    QUIET_S,
+    REPEAT_S,
+    SETTLES_S,
+    SHORT_SWIVEL,
+    SHORTEST_SWIVEL_S,
+    SHUFFLE,
+    SLOW,
+    SLOW_BEFORE,
+    SLOWEST,
+    SPEEDS_UP_S,
+    STILL_OMEGA,
+    STILL_V,
+    STOPS_SHORT,
+    STRAIGHT_ENOUGH,
+    STRAIGHTENS_S,
+    STUCK_S,
+    SWIVEL_FROM,
+    SWIVELLING,
+    SWIVELS,
+    TIGHT,
+    TURN_BEFORE_WALL,
+    VALID_NS,
+)
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.geometry import wrap_angle
 from waychair.planning.steps.door_steps import HALF_WALL
 from waychair.planning.steps.step import Step, StepKind, StepPlan
-from waychair.types import Pose2, Twist
-
-GAP_S = 0.40
-"""s; least rest between two patterns (Niwa et al. 2009)."""
-
-VALID_NS = 150_000_000
-"""ns; a symbol that has not begun by then is not said any more."""
-
-REPEAT_S = 2.1
-"""s; while all is well, "forward" is said again after so long: a driver lets go of the stick after three seconds of silence."""
-
-LEAST_ERROR = math.radians(1.6)
-"""rad; smaller errors of the course are not corrected."""
-
-NUDGE_SHARE = 0.55
-"""An error is corrected by a nudge if it is larger than this share of one, so that the nudge makes it smaller."""
-
-SWIVEL_FROM, SHORT_SWIVEL = math.radians(14.0), 0.6
-"""rad, and share of the shortest held turn that this rider can make: farther off its course the chair turns on the spot."""
-
-STRAIGHT_ENOUGH = math.radians(6.0)
-"""rad; a driver who stands is nudged until the course is so good, then sent ahead."""
-
-LOOK_AHEAD = 1.2
-"""m; how far ahead on the leg the driver aims."""
-
-GATE_FROM, GATE_TO = 0.20, 0.02
-"""m; distances of the chair's front from the wall between which the gate decides."""
-
-GATE_OFFSET, GATE_TURN = 0.75, math.radians(3.0)
-"""Share of the room beside the chair, and rad: an aim farther off the middle, or a heading farther off than the second and
-half a rad per metre of room, does not pass the gate."""
-
-BACK_OFF = 0.85
-"""m; distance of the chair's front from the wall from which the next try begins."""
-
-SLOW, SLOWEST, TIGHT = 0.22, 0.17, 0.08
-"""Shares of the swing to hold the stick ahead at a door, about 0.22 and 0.14 m/s, and the room [m] beside the chair up to which
-the latter counts."""
-
-SHUFFLE = 0.3
-"""m; way straight back or ahead when the chair cannot turn on."""
-
-MOST_TRIES = 12
-"""Tries at one door, and shuffles at one turn, before the guide asks for other steps."""
-
-ASTRAY = 0.5
-"""m; farther beside the leg new steps are wanted."""
-
-STILL_V, STILL_OMEGA = 0.03, 0.05
-"""m/s, rad/s; below these the chair stands."""
-
-OBEYED_S, STUCK_S = 0.6, 2.5
-"""s beyond the lag: without an effect by the first, a symbol is said again; by the second, something is in the way."""
-
-IGNORED, QUIET_S = 4, 4.0
-"""Symbols without any effect, after which the rider has a reason: the guide is silent for so many seconds."""
-
-
-class Phase(enum.Enum):
-    """What the driver is doing: turning to a heading, driving along a leg, backing, or nothing more."""
-
-    TURN = "turn"
-    GO = "go"
-    BACK = "back"
-    DONE = "done"
-
-
-@dataclass(frozen=True, slots=True)
-class Nudge:
-    """A nudge on its way: its turn [rad], and when it is done."""
-
-    turn: float
-    done_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class GuideState:
-    """Memory of the guide between two steps.
-
-    `step` is the index in the plan. `heading` [rad] is the one to turn to, `back_until` [m] the place along the leg up to
-    which to back. `said`, `said_ns`: the last symbol and its beginning. `expected_ns`: since when the chair has not moved as
-    it should. `tries`: at the present door or turn. `ignored`: symbols in a row without any effect.
-    """
-
-    step: int = -1
-    phase: Phase = Phase.GO
-    heading: float = 0.0
-    back_until: float = 0.0
-    number: int = 0
-    said: Symbol | None = None
-    said_ns: int = -(10**18)
-    nudges: tuple[Nudge, ...] = ()
-    still_ns: int | None = None
-    tries: int = 0
-    ignored: int = 0
-    quiet_ns: int = -(10**18)
-    shuffles: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class GuideInputs:
-    """The chair now: its pose in the plan's frame, its measured twist, and whether the guard holds the stick back."""
-
-    now_ns: int
-    pose: Pose2
-    twist: Twist
-    held_ahead: bool = False
-    held_turn: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Guidance:
-    """The guide's word in a tick: advice to say now or None, the present step, its reason in words.
-
-    `cap`: share of the swing to which the stick ahead is best held; less near a door, least before a tight one. `astray`: new steps are wanted. `offers_repeat`: the rider
-    seems to have a reason not to follow; the guide is silent until asked.
-    """
-
-    advice: Advice | None
-    step: Step
-    reason: str
-    cap: float = 1.0
-    astray: bool = False
-    offers_repeat: bool = False
-    arrived: bool = False
+from waychair.types import Pose2
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,7 +97,7 @@ class Guide:
     def _begin(self, plan: StepPlan, index: int, state: GuideState, now: GuideInputs) -> GuideState:
         """Return the state at the beginning of a step of the plan."""
         step = plan.steps[index]
-        fresh = replace(state, step=index, tries=0, shuffles=0, still_ns=None)
+        fresh = replace(state, step=index, tries=0, shuffles=0, still_ns=None, aim=None)
         if step.kind is StepKind.PIVOT:
             return replace(fresh, phase=Phase.TURN, heading=step.end.theta)
         if step.kind is StepKind.BACK:
@@ -206,7 +133,7 @@ class _Tick:
         step = self.plan.steps[state.step]
         following = self.plan.steps[state.step + 1 : state.step + 3]
         along, _, _ = self._on_leg(step)
-        near = step.kind is StepKind.PIVOT or step.length - along < _SLOW_BEFORE
+        near = step.kind is StepKind.PIVOT or step.length - along < SLOW_BEFORE
         doors = [each for each in (step, *(following if near else ())) if each.door is not None]
         if not doors:
             return 1.0
@@ -230,7 +157,7 @@ class _Tick:
         after = replace(state, number=number, said=symbol, said_ns=now_ns)
         if symbol in (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT):
             turn = self.guide.rider.nudge if symbol is Symbol.NUDGE_LEFT else -self.guide.rider.nudge
-            done_ns = now_ns + round((self.guide.lead(symbol) + _NUDGED_S) * 1e9)
+            done_ns = now_ns + round((self.guide.lead(symbol) + NUDGED_S) * 1e9)
             after = replace(after, nudges=(*after.nudges, Nudge(turn, done_ns)))
         return Guidance(Advice(symbol, number, now_ns + VALID_NS, reason=reason), step, reason, **flags), after
 
@@ -270,24 +197,27 @@ class _Tick:
         omega = self.now.twist.omega
         error = wrap_angle(state.heading - self.now.pose.theta)
         planned = self.plan.steps[state.step].turn
-        if abs(error) > _ABOUT and planned and state.said not in _SWIVELS:
+        if abs(error) > ABOUT and planned and state.said not in SWIVELS:
             error = error if error * planned > 0.0 else error + math.copysign(math.tau, planned)
         after = self._after_turn(state)
         swivel = Symbol.SWIVEL_LEFT if error > 0.0 else Symbol.SWIVEL_RIGHT
         left = abs(error)
         turns = abs(omega) > STILL_OMEGA
         reason = f"turn {'left' if error > 0.0 else 'right'}, {math.degrees(left):.0f} degrees more"
-        if state.said not in _SWIVELS:
+        if state.said not in SWIVELS:
             if left < self._swivel_from and (not turns or omega * error > 0.0):
                 return self._leave_turn(state)
             return self._say(swivel, reason, replace(state, still_ns=None))
         state = self._watched(state, turns)
-        if turns and self._since_obeyed(state) > -_EARLY_S:
+        if turns and self._since_obeyed(state) > -EARLY_S:
             if omega * error > 0.0:
-                if left <= self._rate(state) * self.guide.lead(after) + _STOPS_SHORT:
+                if left <= self._rate(state) * self.guide.lead(after) + STOPS_SHORT:
                     return self._leave_turn(state)
+                goes_on = left > self._rate(state) * (self.guide.lead(after) + KEEPS_WAITING_S)
+                if goes_on and self._silent_s(state) > REPEAT_S:
+                    return self._say(swivel, reason, replace(state, ignored=0))
                 return self._quiet(reason, replace(state, ignored=0))
-            if left < _PASSED:
+            if left < PASSED:
                 return self._leave_turn(state)
         if not turns and left < self._swivel_from:
             return self._leave_turn(state)
@@ -297,12 +227,12 @@ class _Tick:
 
     @property
     def _swivel_from(self) -> float:
-        return max(SWIVEL_FROM, SHORT_SWIVEL * self.guide.rider.swivel * _SHORTEST_SWIVEL_S)
+        return max(SWIVEL_FROM, SHORT_SWIVEL * self.guide.rider.swivel * SHORTEST_SWIVEL_S)
 
     def _rate(self, state: GuideState) -> float:
         """Return the rate of a turn on the spot [rad/s], which a turn that just began still reaches."""
         measured = abs(self.now.twist.omega)
-        return max(measured, self.guide.rider.swivel) if self._since_obeyed(state) < _SPEEDS_UP_S else measured
+        return max(measured, self.guide.rider.swivel) if self._since_obeyed(state) < SPEEDS_UP_S else measured
 
     def _watched(self, state: GuideState, moves: bool) -> GuideState:
         """Return the state with the time since when the chair has not moved as it should."""
@@ -356,7 +286,7 @@ class _Tick:
         ):
             return self._leave_back(state)
         reason = f"back, {max(left, 0.0):.1f} m more"
-        if state.said is Symbol.BACK or (state.said in _NUDGES and backs):
+        if state.said is Symbol.BACK or (state.said in NUDGES and backs):
             if backs:
                 if self._silent_s(state) > REPEAT_S:
                     return self._say(Symbol.BACK, reason, replace(state, ignored=0))
@@ -390,24 +320,25 @@ class _Tick:
         drives = v > STILL_V
         following = self._following(state)
         ends = step.length - along
-        if ends <= (max(v, 0.0) * self.guide.lead(following) if following is not Symbol.FORWARD else 0.0) + _NEAR_END:
+        if ends <= (max(v, 0.0) * self.guide.lead(following) if following is not Symbol.FORWARD else 0.0) + NEAR_END:
             return self._next(state)
         if abs(aside) > ASTRAY or along < -2.0 * ASTRAY:
             return self._quiet("off the way", state, astray=True)
         nudge = Symbol.NUDGE_LEFT
         ahead_s = self.guide.lead(nudge)
         error, course = self._error(step, state, ahead_s)
-        if step.door is not None and abs(self.now.twist.omega) < _SWIVELLING:
+        if step.door is not None and abs(self.now.twist.omega) < SWIVELLING:
             if not drives and self._is_hopeless(step, along, aside):
                 return self._quiet("too far beside the door's axis", state, astray=True)
+            state = self._aimed(step, state, course)
             refused = self._gate(step, state, course)
             if refused:
                 return refused
         reason = f"straight, {max(ends, 0.0):.1f} m more"
-        pending = state.said is Symbol.FORWARD and self._since_obeyed(state) < _SETTLES_S
-        if pending and abs(self.now.twist.omega) > _SWIVELLING:
+        pending = state.said is Symbol.FORWARD and self._since_obeyed(state) < SETTLES_S
+        if pending and abs(self.now.twist.omega) > SWIVELLING:
             return self._quiet(reason, state)
-        far_off = abs(error) > self._swivel_from and not state.nudges
+        far_off = abs(error) > self._swivel_from * (FAR_OFF if state.nudges else 1.0)
         if self._may_turn and far_off and self._may_swivel(step, along):
             heading = wrap_angle(self.now.pose.theta + error)
             return self._turn(replace(state, phase=Phase.TURN, heading=heading, still_ns=None))
@@ -417,9 +348,9 @@ class _Tick:
         side = Symbol.NUDGE_LEFT if error > 0.0 else Symbol.NUDGE_RIGHT
         if not drives:
             return self._from_rest(state, error, side, reason)
-        if abs(self.now.twist.omega) > _SWIVELLING:
+        if abs(self.now.twist.omega) > SWIVELLING:
             return self._ask_again(Symbol.FORWARD, reason, state)
-        ends_soon = following is not Symbol.FORWARD and ends < v * (self.guide.lead(following) + _KEEPS_WAITING_S)
+        ends_soon = following is not Symbol.FORWARD and ends < v * (self.guide.lead(following) + KEEPS_WAITING_S)
         if abs(error) > limit and not ends_soon:
             return self._say(side, f"{reason}, {math.degrees(error):.0f} degrees off", state)
         if self._silent_s(state) > REPEAT_S and not ends_soon:
@@ -435,7 +366,7 @@ class _Tick:
         askew = abs(error) > STRAIGHT_ENOUGH
         if state.said is Symbol.FORWARD and not pending and (now.held_ahead or stood > 2.0 * STUCK_S):
             return self._retry(state, "something is in the way")
-        if stood > _STRAIGHTENS_S or (askew and not pending and self._front_at_door(state)):
+        if stood > STRAIGHTENS_S or (askew and not pending and self._front_at_door(state)):
             return self._retry(state, "the chair cannot be straightened here")
         if pending or state.nudges:
             return self._quiet(reason, state)
@@ -455,13 +386,13 @@ class _Tick:
         if step.door is None:
             return False
         along, _, _ = self._on_leg(step)
-        return -self.guide.body.length < self._before_wall(step, along) < _TURN_BEFORE_WALL
+        return -self.guide.body.length < self._before_wall(step, along) < TURN_BEFORE_WALL
 
     def _may_swivel(self, step: Step, along: float) -> bool:
         """Return whether a turn on the spot is free here: not with the front in a door."""
         if step.door is None:
             return True
-        return self._before_wall(step, along) > _TURN_BEFORE_WALL or along > step.length - _NEAR_END
+        return self._before_wall(step, along) > TURN_BEFORE_WALL or along > step.length - NEAR_END
 
     def _before_wall(self, step: Step, along: float) -> float:
         """Return the distance [m] of the chair's front from the door's wall."""
@@ -481,14 +412,14 @@ class _Tick:
         """Return the error of the course [rad, left positive] when the next nudge acts, and the pose on the leg then."""
         now, rider = self.now, self.guide.rider
         along, aside, turned = self._on_leg(step)
-        on_way = sum(each.turn * min(1.0, (each.done_ns - now.now_ns) * 1e-9 / _NUDGING_S) for each in state.nudges)
+        on_way = sum(each.turn * min(1.0, (each.done_ns - now.now_ns) * 1e-9 / NUDGING_S) for each in state.nudges)
         drives = now.twist.v > STILL_V
         heading = turned + on_way + (rider.veer * ahead_s if drives else 0.0) + self._still_to_turn(state)
         way = now.twist.v * ahead_s
         there = Pose2(along + way, aside + way * math.sin(turned + 0.5 * (heading - turned)), heading)
-        if step.door is not None and self._before_wall(step, there.x) > -_IN_DOOR:
+        if step.door is not None and self._before_wall(step, there.x) > -IN_DOOR:
             at = step.start.inverse() @ step.door.map_from_door
-            target = (max(at.x, there.x + _LEAST_AIM), at.y)
+            target = (max(at.x, there.x + LEAST_AIM), at.y)
         else:
             target = (there.x + LOOK_AHEAD, 0.0)
         return wrap_angle(math.atan2(target[1] - there.y, target[0] - there.x) - heading), there
@@ -496,10 +427,10 @@ class _Tick:
     def _still_to_turn(self, state: GuideState) -> float:
         """Return how far [rad] a turn on the spot still goes on until the symbol that ends it is obeyed."""
         omega = self.now.twist.omega
-        if abs(omega) < STILL_OMEGA or state.said in _NUDGES:
+        if abs(omega) < STILL_OMEGA or state.said in NUDGES:
             return 0.0
-        left_s = self.guide.lead(Symbol.FORWARD) if state.said in _SWIVELS else -self._since_obeyed(state)
-        rate = self._rate(state) if state.said in _SWIVELS else abs(omega)
+        left_s = self.guide.lead(Symbol.FORWARD) if state.said in SWIVELS else -self._since_obeyed(state)
+        rate = self._rate(state) if state.said in SWIVELS else abs(omega)
         return math.copysign(rate, omega) * max(left_s, 0.0)
 
     def _gate(self, step: Step, state: GuideState, course: Pose2) -> tuple[Guidance, GuideState] | None:
@@ -508,24 +439,43 @@ class _Tick:
         before, then = self._before_wall(step, along), self._before_wall(step, course.x)
         if not (then <= GATE_FROM and before >= GATE_TO) or (state.nudges and before > GATE_FROM):
             return None  # a nudge on its way still changes the aim
+        if state.aim is None or state.aim.ticks < AIM_TICKS:
+            return None
+        offset, turned = state.aim.offset, state.aim.turned
+        if abs(offset) <= GATE_OFFSET * self._room_askew(step, turned) and abs(turned) <= GATE_TURN:
+            return None
+        return self._retry(state, f"{100.0 * offset:.0f} cm and {math.degrees(turned):.0f} degrees off the door")
+
+    def _aimed(self, step: Step, state: GuideState, course: Pose2) -> GuideState:
+        """Return the state with the aim at the door, smoothed: one noisy pose must not break a good try off."""
         assert step.door is not None
         at = step.start.inverse() @ step.door.map_from_door
         offset = course.y + (at.x - course.x) * math.tan(course.theta) - at.y
-        turned = abs(wrap_angle(course.theta - at.theta))
-        if abs(offset) <= GATE_OFFSET * step.room and turned <= self._gate_turn(step):
-            return None
-        return self._retry(state, f"{100.0 * offset:.0f} cm and {math.degrees(course.theta):.0f} degrees off the door")
+        turned = wrap_angle(course.theta - at.theta)
+        if state.aim is None:
+            return replace(state, aim=Aim(offset, turned, 1))
+        part = max(AIM_PART, 1.0 / (state.aim.ticks + 1))
+        return replace(
+            state,
+            aim=Aim(
+                state.aim.offset + part * (offset - state.aim.offset),
+                state.aim.turned + part * (turned - state.aim.turned),
+                state.aim.ticks + 1,
+            ),
+        )
 
     def _is_hopeless(self, step: Step, along: float, aside: float) -> bool:
         """Return whether the straight way to the door's middle is more askew than the gate allows, with room to turn here."""
         assert step.door is not None
         at = step.start.inverse() @ step.door.map_from_door
         needed = abs(math.atan2(at.y - aside, max(at.x - along, 1e-3)))
-        return self._before_wall(step, along) > _TURN_BEFORE_WALL and needed > _HOPELESS * self._gate_turn(step)
+        return self._before_wall(step, along) > TURN_BEFORE_WALL and needed > GATE_TURN
 
-    @staticmethod
-    def _gate_turn(step: Step) -> float:
-        return GATE_TURN + 0.5 * step.room
+    def _room_askew(self, step: Step, turned: float) -> float:
+        """Return the room [m] beside a chair that passes the door at an angle to its axis: less by the wall's thickness."""
+        assert step.door is not None
+        gap = step.door.width * math.cos(turned) - 2.0 * HALF_WALL * abs(math.sin(turned))
+        return max(0.5 * (gap - self.guide.body.width), 0.0)
 
     def _retry(self, state: GuideState, why: str) -> tuple[Guidance, GuideState]:
         """Back off from a door, or from something in the way, and try again."""
@@ -533,65 +483,11 @@ class _Tick:
         if state.tries >= MOST_TRIES:
             return self._quiet(f"{why}, after {state.tries} tries", state, astray=True)
         along, _, _ = self._on_leg(step)
-        until = along - _BACK_FROM_THINGS
+        until = along - BACK_FROM_THINGS
         if step.door is not None:
             at = step.start.inverse() @ step.door.map_from_door
             until = min(until, at.x - HALF_WALL - self.guide.body.front - BACK_OFF)
-        state = replace(state, phase=Phase.BACK, back_until=until, tries=state.tries + 1, still_ns=None)
+        until = max(until, -BEHIND_START)  # farther back nobody has looked
+        state = replace(state, phase=Phase.BACK, back_until=until, tries=state.tries + 1, still_ns=None, aim=None)
         guidance, state = self._back(state)
         return replace(guidance, reason=f"{why}: {guidance.reason}"), state
-
-
-_SWIVELS = (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT)
-_NUDGES = (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT)
-
-_ABOUT = math.radians(150.0)
-"""rad; from here on a turn may go either way round: the plan's side counts."""
-
-_NUDGED_S, _NUDGING_S = 0.35, 0.5
-"""s; a nudge is done so long after its effect began, and its turn is spread over the second."""
-
-_EARLY_S = 0.35
-"""s; some drivers react so much sooner than their mean."""
-
-_STOPS_SHORT = math.radians(1.5)
-"""rad; a turn ends within half a tick of this."""
-
-_SPEEDS_UP_S, _SETTLES_S = 0.7, 0.35
-"""s after a symbol is obeyed: a turn has its full rate, and has come to rest."""
-
-_STRAIGHTENS_S = 9.0
-"""s; a driver who is still not straight after so long backs off."""
-
-_PASSED = math.radians(60.0)
-"""rad; a turn that is so near but leads away has passed its heading."""
-
-_SHORTEST_SWIVEL_S = 0.85
-"""s; two patterns cannot follow each other sooner, so no held turn is shorter."""
-
-_NEAR_END = 0.05
-"""m; the end of a leg is reached within this."""
-
-_KEEPS_WAITING_S = 0.85
-"""s; for so long a symbol keeps the next one waiting."""
-
-_HOPELESS = 1.1
-"""Share of the gate's heading, beyond which new steps lead to the pivotal point again."""
-
-_SWIVELLING = 0.25
-"""rad/s; a chair that turns so fast while it should drive straight is still swivelling."""
-
-_TURN_BEFORE_WALL = 0.15
-"""m; nearer to the wall the front does not swing."""
-
-_IN_DOOR = 0.3
-"""m; so far beyond the wall's face the chair is aimed along the axis, no longer at the middle."""
-
-_LEAST_AIM = 0.5
-"""m; a nearer point is no aim."""
-
-_SLOW_BEFORE = 1.0
-"""m before the pivot of a door the driver is slowed down."""
-
-_BACK_FROM_THINGS = 0.4
-"""m; way back from something in the way."""

@@ -7,7 +7,9 @@ import math
 from dataclasses import dataclass, field, replace
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.control.haptics.guide import GAP_S, Guidance, Guide, GuideInputs, GuideState, Nudge
+from waychair.control.haptics.guidance import Guidance, GuideInputs, GuideState, Nudge
+from waychair.control.haptics.guide import Guide
+from waychair.control.haptics.guide_numbers import GAP_S
 from waychair.control.haptics.patterns import vocabulary
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import Symbol

@@ -1,0 +1,89 @@
+"""What the guide remembers, hears and says: data of `guide`."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from waychair.control.haptics.symbols import Advice, Symbol
+from waychair.planning.steps.step import Step
+from waychair.types import Pose2, Twist
+
+
+class Phase(enum.Enum):
+    """What the driver is doing: turning to a heading, driving along a leg, backing, or nothing more."""
+
+    TURN = "turn"
+    GO = "go"
+    BACK = "back"
+    DONE = "done"
+
+
+@dataclass(frozen=True, slots=True)
+class Nudge:
+    """A nudge on its way: its turn [rad], and when it is done."""
+
+    turn: float
+    done_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Aim:
+    """Where the chair's course passes a door: offset from its middle [m], heading to its axis [rad], over so many ticks."""
+
+    offset: float
+    turned: float
+    ticks: int
+
+
+@dataclass(frozen=True, slots=True)
+class GuideState:
+    """Memory of the guide between two steps.
+
+    `step` is the index in the plan. `heading` [rad] is the one to turn to, `back_until` [m] the place along the leg up to
+    which to back. `said`, `said_ns`: the last symbol and its beginning. `expected_ns`: since when the chair has not moved as
+    it should. `tries`: at the present door or turn. `ignored`: symbols in a row without any effect.
+    """
+
+    step: int = -1
+    phase: Phase = Phase.GO
+    heading: float = 0.0
+    back_until: float = 0.0
+    number: int = 0
+    said: Symbol | None = None
+    said_ns: int = -(10**18)
+    nudges: tuple[Nudge, ...] = ()
+    still_ns: int | None = None
+    tries: int = 0
+    ignored: int = 0
+    quiet_ns: int = -(10**18)
+    shuffles: int = 0
+    aim: Aim | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GuideInputs:
+    """The chair now: its pose in the plan's frame, its measured twist, and whether the guard holds the stick back."""
+
+    now_ns: int
+    pose: Pose2
+    twist: Twist
+    held_ahead: bool = False
+    held_turn: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Guidance:
+    """The guide's word in a tick: advice to say now or None, the present step, its reason in words.
+
+    `cap`: share of the swing to which the stick ahead is best held; less near a door, least before a tight one. `astray`: new steps are wanted. `offers_repeat`: the rider
+    seems to have a reason not to follow; the guide is silent until asked.
+    """
+
+    advice: Advice | None
+    step: Step
+    reason: str
+    cap: float = 1.0
+    astray: bool = False
+    offers_repeat: bool = False
+    arrived: bool = False

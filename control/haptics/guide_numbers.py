@@ -1,0 +1,122 @@
+"""Numbers of the guidance, with their units and reasons."""
+
+from __future__ import annotations
+
+import math
+
+from waychair.control.haptics.symbols import Symbol
+
+GAP_S = 0.40
+"""s; least rest between two patterns (Niwa et al. 2009)."""
+
+VALID_NS = 150_000_000
+"""ns; a symbol that has not begun by then is not said any more."""
+
+REPEAT_S = 2.1
+"""s; while all is well, "forward" is said again after so long: a driver lets go of the stick after three seconds of silence."""
+
+LEAST_ERROR = math.radians(1.6)
+"""rad; smaller errors of the course are not corrected."""
+
+NUDGE_SHARE = 0.55
+"""An error is corrected by a nudge if it is larger than this share of one, so that the nudge makes it smaller."""
+
+SWIVEL_FROM, SHORT_SWIVEL = math.radians(14.0), 0.6
+"""rad, and share of the shortest held turn that this rider can make: farther off its course the chair turns on the spot."""
+
+FAR_OFF = 1.4
+"""So many times farther off, the driver is turned on the spot although nudges are on their way: they do not help."""
+
+STRAIGHT_ENOUGH = math.radians(6.0)
+"""rad; a driver who stands is nudged until the course is so good, then sent ahead."""
+
+LOOK_AHEAD = 1.2
+"""m; how far ahead on the leg the driver aims."""
+
+GATE_FROM, GATE_TO = 0.20, 0.02
+"""m; distances of the chair's front from the wall between which the gate decides."""
+
+GATE_OFFSET, GATE_TURN = 0.75, math.radians(7.0)
+"""Share of the room beside the chair as it is turned, and rad to the door's axis: farther off, the chair does not pass the gate."""
+
+BACK_OFF = 0.85
+"""m; distance of the chair's front from the wall from which the next try begins."""
+
+SLOW, SLOWEST, TIGHT = 0.22, 0.17, 0.08
+"""Shares of the swing to hold the stick ahead at a door, about 0.22 and 0.14 m/s, and the room [m] beside the chair up to which
+the latter counts."""
+
+SHUFFLE = 0.3
+"""m; way straight back or ahead when the chair cannot turn on."""
+
+MOST_TRIES = 12
+"""Tries at one door, and shuffles at one turn, before the guide asks for other steps."""
+
+ASTRAY = 0.5
+"""m; farther beside the leg new steps are wanted."""
+
+STILL_V, STILL_OMEGA = 0.03, 0.05
+"""m/s, rad/s; below these the chair stands."""
+
+OBEYED_S, STUCK_S = 0.6, 2.5
+"""s beyond the lag: without an effect by the first, a symbol is said again; by the second, something is in the way."""
+
+IGNORED, QUIET_S = 4, 4.0
+"""Symbols without any effect, after which the rider has a reason: the guide is silent for so many seconds."""
+
+SWIVELS = (Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT)
+NUDGES = (Symbol.NUDGE_LEFT, Symbol.NUDGE_RIGHT)
+
+ABOUT = math.radians(150.0)
+"""rad; from here on a turn may go either way round: the plan's side counts."""
+
+NUDGED_S, NUDGING_S = 0.35, 0.5
+"""s; a nudge is done so long after its effect began, and its turn is spread over the second."""
+
+EARLY_S = 0.35
+"""s; some drivers react so much sooner than their mean."""
+
+STOPS_SHORT = math.radians(1.5)
+"""rad; a turn ends within half a tick of this."""
+
+SPEEDS_UP_S, SETTLES_S = 0.7, 0.35
+"""s after a symbol is obeyed: a turn has its full rate, and has come to rest."""
+
+STRAIGHTENS_S = 9.0
+"""s; a driver who is still not straight after so long backs off."""
+
+PASSED = math.radians(60.0)
+"""rad; a turn that is so near but leads away has passed its heading."""
+
+SHORTEST_SWIVEL_S = 0.85
+"""s; two patterns cannot follow each other sooner, so no held turn is shorter."""
+
+NEAR_END = 0.05
+"""m; the end of a leg is reached within this."""
+
+KEEPS_WAITING_S = 0.85
+"""s; for so long a symbol keeps the next one waiting."""
+
+AIM_PART, AIM_TICKS = 0.12, 6
+"""Share by which a tick's aim counts, about 0.4 s, and ticks without which there is no verdict."""
+
+SWIVELLING = 0.25
+"""rad/s; a chair that turns so fast while it should drive straight is still swivelling."""
+
+TURN_BEFORE_WALL = 0.15
+"""m; nearer to the wall the front does not swing."""
+
+IN_DOOR = 0.3
+"""m; so far beyond the wall's face the chair is aimed along the axis, no longer at the middle."""
+
+LEAST_AIM = 0.5
+"""m; a nearer point is no aim."""
+
+SLOW_BEFORE = 1.0
+"""m before the pivot of a door the driver is slowed down."""
+
+BEHIND_START = 0.15
+"""m; a driver is not sent back farther behind the start of a leg: behind it the steps are not known to be free."""
+
+BACK_FROM_THINGS = 0.4
+"""m; way back from something in the way."""
