@@ -1,6 +1,6 @@
 """A page of this computer that shows all chairs of a fleet's demo from above; it only shows, and commands nothing.
 
-It needs no web framework: one page, its two files, and the latest view as JSON.
+It needs no web framework: one page, its files, and the latest view as JSON.
 """
 
 from __future__ import annotations
@@ -20,9 +20,10 @@ _FILES = {
     "/": ("fleet.html", "text/html; charset=utf-8"),
     "/fleet.js": ("js/fleet.js", "text/javascript; charset=utf-8"),
     "/theme.css": ("theme.css", "text/css; charset=utf-8"),
+    "/icon.svg": ("icon.svg", "image/svg+xml"),
 }
 _STATIC = Path(__file__).parent / "static"
-_POLICY = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'"
+_POLICY = "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; connect-src 'self'; img-src 'self'"
 
 
 class FleetPage:

@@ -147,6 +147,7 @@ def _tasks(run: FleetHours) -> str:
 
 
 def _print_result(graph: TrafficGraph, runs: list[FleetHours], json: bool) -> None:
+    from waychair.errors import TaskError
     from waychair.trials.fleet.fleet_graph import hours_as_json, mean
 
     name = graph.name
@@ -173,8 +174,7 @@ def _print_result(graph: TrafficGraph, runs: list[FleetHours], json: bool) -> No
         print(text.dumps(values, allow_nan=False))
         return
     if not delays:
-        print(f"{name}: no chair has reached a goal; give more --hours, or fewer --persons")
-        return
+        raise TaskError(f"{name}: no chair has reached a goal; give more --hours, or fewer --persons")
     bound = f"; with 95 % confidence in less than {min(1.0, 3.0 / len(runs)):.0%} of runs" if locked == 0 else ""
     print(
         f"{name}: {len(delays)} tasks, mean delay {mean(delays):.1f} s; a person stands {people:.0f} s an hour for chairs; "
@@ -259,4 +259,8 @@ def check_command(
         for each in found:
             print(each.sentence)
     if found:
-        raise TrafficError(f"{graph.name} is not well formed: {len(found)} place(s) would shut off others")
+        cut_off = [each for each in found if not each.refuge]
+        shuts = len(found) - len(cut_off)
+        why = ["some places are cut off from the others"] * bool(cut_off)
+        why += [f"{shuts} place{'s' * (shuts > 1)} would shut off others"] * bool(shuts)
+        raise TrafficError(f"{graph.name} is not well formed: {' and '.join(why)}")

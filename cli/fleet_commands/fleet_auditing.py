@@ -67,6 +67,7 @@ def simulate_by_order(
 
 
 def _print_ordered(graph: TrafficGraph, found: list[OrderedHours], bay: BestBay | None, bays: int, json: bool) -> None:
+    from waychair.errors import TaskError
     from waychair.trials.fleet.fleet_graph import mean
     from waychair.trials.fleet.fleet_report import corridor_sentence, waits_by_corridor
 
@@ -98,8 +99,7 @@ def _print_ordered(graph: TrafficGraph, found: list[OrderedHours], bay: BestBay 
         print(text.dumps(values, allow_nan=False))
         return
     if not delays:
-        print(f"{graph.name}: no chair has reached a goal; give more --hours, or fewer --persons")
-        return
+        raise TaskError(f"{graph.name}: no chair has reached a goal; give more --hours, or fewer --persons")
     bound = f"; with 95 % confidence in less than {min(1.0, 3.0 / len(found)):.0%} of runs" if locked == 0 else ""
     print(f"{graph.name}: {len(delays)} tasks, mean delay {mean(delays):.1f} s; {locked} lock-ups{bound}")
     costly = corridor_sentence(graph, corridors, 1.0)

@@ -62,12 +62,19 @@ def demo_command(
     from rich.console import Console
 
     from waychair.cli.options.progress import prepare_kernels, stage_bars
-    from waychair.trials.fleet.fleet_demo import fleet_report, run_fleet_demo, where_it_waits, write_fleet_report
+    from waychair.trials.fleet.fleet_demo import (
+        demo_scene,
+        fleet_report,
+        run_fleet_demo,
+        where_it_waits,
+        write_fleet_report,
+    )
 
+    scene = demo_scene(world, chairs, seed)
     prepare_kernels()
     console = Console(stderr=True, quiet=quiet)
     with _shown(headless, page_port or 0, console) as watcher, stage_bars(console) as show:
-        demo = run_fleet_demo(world, chairs, seed, show, watcher)
+        demo = run_fleet_demo(scene, show, watcher)
     write_fleet_report(out, demo)
     values = fleet_report(demo)
     if not quiet:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 
 from waychair.errors import MapError
@@ -81,6 +82,20 @@ def occupied(grid: OccupancyGrid) -> BoolArray:
     """Return which cells (H, W) are occupied: at least `OCCUPIED_FROM`."""
     result: BoolArray = grid.cells >= OCCUPIED_FROM
     return result
+
+
+def joined_to(grid: OccupancyGrid, x: float, y: float) -> BoolArray:
+    """Return the cells (H, W) that are not occupied and joined by their sides to that of a point [m] in map.
+
+    Raises:
+        ValueError: the point is not on the grid.
+    """
+    at = cells_from_points(grid, np.array([[x, y]]))
+    if not inside(grid, at).all():
+        raise ValueError(f"({x:g}, {y:g}) is not on the grid")
+    _, labels = cv2.connectedComponents((~occupied(grid)).astype(np.uint8), connectivity=4)
+    joined: BoolArray = (labels == labels[at[0, 0], at[0, 1]]) & ~occupied(grid)
+    return joined
 
 
 def cells_where(mask: BoolArray) -> IntArray:

@@ -37,7 +37,7 @@ from waychair.maps.traffic.traffic_graph import (
     TrafficNode,
     lanes_for,
 )
-from waychair.maps.traffic.well_formed import pieces
+from waychair.maps.traffic.well_formed import refuse_pieces
 
 FLOOR_PLANS = Path(__file__).resolve().parent / "floorplans"
 """Folder of the shipped floor plans."""
@@ -129,7 +129,7 @@ def checked_plan(plan: CorridorPlan) -> CorridorPlan:
         if x0 != x1 and y0 != y1:
             raise TrafficError(f"{shown} lies at an angle; give it along x or y")
     for name, point in plan.nodes.items():
-        if not any(_on(line, point) for line in plan.corridors):
+        if not any(lies_on(line, point) for line in plan.corridors):
             raise TrafficError(f"node {name} at {point[0]:g} {point[1]:g} lies on no corridor; move it onto one")
     return plan
 
@@ -177,7 +177,7 @@ def corridor_graph(
         sections.append(Section(f"{at}-{room}", at, room, ROOM_DEPTH, width, 1))
         refuges.append(Refuge(room, room, waiting=bays, kind=RefugeKind.BAY if bays else RefugeKind.PLACE))
     graph = TrafficGraph(plan.name, tuple(nodes), tuple(sections), tuple(refuges), chair_width=chair_width, cell=cell)
-    _refuse_pieces(graph)
+    refuse_pieces(graph)
     return graph
 
 
@@ -185,11 +185,14 @@ def room_doors(plan: CorridorPlan) -> dict[str, tuple[Point, Point]]:
     """Return the door on the centre line and the place inside of each room, by its name.
 
     Rooms lie beside whole metres of the corridors, where they touch one corridor only; their doors are at least 3 m apart.
+    A corridor whose centre line is not on whole metres has none.
     """
     cells = corridor_cells(plan)
     rooms: dict[str, tuple[Point, Point]] = {}
     chosen: list[tuple[int, int]] = []
     for x, y in sorted(cells, key=lambda cell: (cell[1], cell[0])):
+        if not any(lies_on(line, (x, y)) for line in plan.corridors):
+            continue
         for dx, dy in ((0, 1), (1, 0), (0, -1), (-1, 0)):
             room = (x + dx, y + dy)
             inside = 0 <= room[0] < plan.size[0] and 0 <= room[1] < plan.size[1]
@@ -225,7 +228,7 @@ def _segments(plan: CorridorPlan, doors: Iterable[Point]) -> list[tuple[Point, P
     found: list[tuple[Point, Point]] = []
     for line in plan.corridors:
         crossings = [point for other in plan.corridors if (point := _crossing(line, other)) is not None]
-        here = sorted({point for point in (*points, *crossings) if _on(line, point)})
+        here = sorted({point for point in (*points, *crossings) if lies_on(line, point)})
         for start, end in pairwise(here):
             pieces = math.ceil(math.dist(start, end) / LONGEST_SECTION - 1e-9)
             cuts = [
@@ -242,17 +245,10 @@ def _crossing(one: Line, other: Line) -> Point | None:
         return None
     upright, level = (one, other) if one[0] == one[2] else (other, one)
     point = (upright[0], level[1])
-    return point if _on(upright, point) and _on(level, point) else None
+    return point if lies_on(upright, point) and lies_on(level, point) else None
 
 
-def _on(line: Line, point: Sequence[float]) -> bool:
+def lies_on(line: Line, point: Sequence[float]) -> bool:
+    """Return whether a point [m] is on a centre line."""
     x0, y0, x1, y1 = line
     return min(x0, x1) <= point[0] <= max(x0, x1) and min(y0, y1) <= point[1] <= max(y0, y1)
-
-
-def _refuse_pieces(graph: TrafficGraph) -> None:
-    parts = pieces(graph)
-    if len(parts) > 1:
-        raise TrafficError(
-            f"plan {graph.name} is in {len(parts)} pieces: no way leads from {parts[0][0]} to {parts[1][0]}; join them"
-        )

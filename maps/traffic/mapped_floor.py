@@ -41,7 +41,10 @@ SHORTEST_SPUR = 1.0
 FARTHEST_PLACE = 5.0
 """m; a place farther from every line is not on this floor."""
 
-STRAIGHT, EQUALLY_WIDE = 0.1, 0.1
+SMOOTHED = 3
+"""Cells to either side over which a line is averaged: thinning leaves it jagged by a cell."""
+
+STRAIGHT, EQUALLY_WIDE = 0.05, 0.2
 """m; a line that stays so near to a straight one is straight, and one whose clear width varies by less is equally wide."""
 
 _Cell = tuple[int, int]
@@ -254,35 +257,47 @@ def _graph(floor: _Floor, lines: list[list[_Cell]], places: list[Place], name: s
 
 
 def _stub_of(floor: _Floor, place: Place, cells: Sequence[_Cell], name: str) -> _Cell:
-    """Return the cell of the lines that is nearest to a place, of those in sight if there are any."""
+    """Return the cell of the lines that is nearest to a place; of those in sight, unless a chair there is in the way of that one."""
     here = (place.pose.x, place.pose.y)
     away = np.hypot(*(points_from_cells(floor.grid, np.array(cells)) - here).T)
     order = np.argsort(away, kind="stable")
-    near = [cells[k] for k in order.tolist() if away[k] <= FARTHEST_PLACE]
+    near: list[_Cell] = [cells[k] for k in order.tolist() if away[k] <= FARTHEST_PLACE]
     if not near:
         raise TrafficError(f"place {place.name} is more than {FARTHEST_PLACE:g} m from the ways of {name}; move it")
+    if _in_the_way(float(away[order[0]]), float(floor.clear[near[0]]), floor.chair_width):
+        return near[0]
     return next((cell for cell in near if floor.in_sight(floor.point(cell), here)), near[0])
 
 
 def _section(floor: _Floor, piece: Sequence[_Cell], name: str, start: str, end: str) -> Section:
     """Return the section along a line; its course is left out where it is straight and equally wide."""
-    path = points_from_cells(floor.grid, np.array(piece))
+    path = _smooth(points_from_cells(floor.grid, np.array(piece)))
     # every cell is in the chair's room; rounding may have taken a hair off
     widths = np.maximum([2.0 * float(floor.clear[cell]) for cell in piece], floor.chair_width + SINGLE_FILE_ROOM)
-    profile = np.column_stack([arc_lengths(path), widths])
-    kept = [0, *sorted({*bends(path, STRAIGHT), *bends(profile, EQUALLY_WIDE)}), len(piece) - 1]
+    along = arc_lengths(path)
+    corners = [0, *bends(path, STRAIGHT), len(piece) - 1]
+    kept = sorted({*corners, *bends(np.column_stack([along, widths]), EQUALLY_WIDE)})
     bent = len(kept) > 2 or abs(widths[-1] - widths[0]) > EQUALLY_WIDE
-    points = [WayPoint(*map(float, (*path[k], widths[k]))) for k in kept]
+    # a change of width alone makes no corner: it lies on the straight line between two
+    way = np.column_stack([np.interp(along[kept], along[corners], path[corners, axis]) for axis in (0, 1)])
+    points = [WayPoint(*map(float, (*at, widths[k]))) for at, k in zip(way, kept, strict=True)]
     width = float(widths.min())
     return Section(
         name,
         start,
         end,
-        length=float(arc_lengths(path[kept])[-1]),
+        length=float(arc_lengths(way)[-1]),
         width=width,
         lanes=lanes_for(width, floor.chair_width, floor.cell),
         points=tuple(points) if bent else (),
     )
+
+
+def _smooth(path: FloatArray) -> FloatArray:
+    """Return the path (N, 2) as running means, with its ends as they are."""
+    last = len(path) - 1
+    reach = [min(k, last - k, SMOOTHED) for k in range(len(path))]
+    return np.array([path[k - n : k + n + 1].mean(axis=0) for k, n in enumerate(reach)])
 
 
 def _in_the_way(off: float, clear: float, chair_width: float) -> bool:

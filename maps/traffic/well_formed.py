@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from waychair.errors import TrafficError
 from waychair.maps.traffic.traffic_graph import TrafficGraph
 
 
@@ -38,13 +39,14 @@ class ShutOff:
 def well_formed(graph: TrafficGraph) -> tuple[ShutOff, ...]:
     """Return all places that shut off others, in the order of the refuges; empty for a well-formed graph.
 
-    Only refuges are asked for, and not the lobbies of lifts, which chairs pass. Where a refuge cuts the graph in two, the
+    Only refuges are asked for, or all nodes of a graph without any, and not the lobbies of lifts, which chairs pass. Where a refuge cuts the graph in two, the
     part with fewer refuges is shut off; a part without any is none.
     """
     findings: list[ShutOff] = []
     at = {refuge.node: refuge.name for refuge in graph.refuges}
     parts = pieces(graph)
-    apart = tuple(at[node] for part in parts[1:] for node in part if node in at)
+    goals = at or {node.name: node.name for node in graph.nodes}
+    apart = tuple(goals[node] for part in parts[1:] for node in part if node in goals)
     if apart:
         findings.append(ShutOff("", apart))
     home = {node: number for number, part in enumerate(parts) for node in part}
@@ -62,6 +64,23 @@ def well_formed(graph: TrafficGraph) -> tuple[ShutOff, ...]:
         if others:
             findings.append(ShutOff(refuge.name, others, refuge.slots))
     return tuple(findings)
+
+
+def refuse_pieces(graph: TrafficGraph, among: Iterable[str] | None = None) -> None:
+    """Pass if all nodes, or those `among` them, are joined both ways.
+
+    Raises:
+        TrafficError: they are not; the message names two of them.
+    """
+    wanted = set(graph.node if among is None else among)
+    parts = [[node for node in part if node in wanted] for part in pieces(graph)]
+    parts = [part for part in parts if part]
+    if len(parts) > 1:
+        here, there = (graph.node[part[0]] for part in parts[:2])
+        raise TrafficError(
+            f"{graph.name} is in {len(parts)} pieces: no way leads from {here.name} at {here.x:g} {here.y:g} to {there.name} at "
+            f"{there.x:g} {there.y:g} and back; join them"
+        )
 
 
 def pieces(graph: TrafficGraph) -> tuple[tuple[str, ...], ...]:

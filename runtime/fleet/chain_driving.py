@@ -18,7 +18,15 @@ from waychair.maps.traffic.traffic_graph import LONGEST_SECTION
 from waychair.planning.fleet.order import Order, Turn
 from waychair.planning.fleet.warden import Report
 from waychair.planning.fleet.ways import Ways
-from waychair.runtime.fleet.chain_geometry import Chain, SpotPlace, bars_off, chain_of, node_rooms, spot_places
+from waychair.runtime.fleet.chain_geometry import (
+    Chain,
+    SpotPlace,
+    bars_off,
+    chain_of,
+    node_rooms,
+    ring_sections,
+    spot_places,
+)
 from waychair.types import Goal, Place, Pose2
 
 CLAIMED_BEFORE = 1.6
@@ -69,6 +77,7 @@ class ChainDriver:
         self._ways, self._number, self._body, self._places = ways, number, body, places
         self._spot_places: tuple[SpotPlace, ...] = spot_places(ways)
         self._rooms = node_rooms(ways.graph)
+        self._rings = ring_sections(ways.graph)
         self._visit = 0  # of the spot that the chair has entered last
         self._behind: list[int] = []  # spots that its rear has not left, the earliest first
         self._ahead: tuple[int, ...] = ()  # the spots of the present chain from the entered one on
@@ -82,6 +91,14 @@ class ChainDriver:
     def arrived(self) -> bool:
         """Whether the chair has entered all its spots and left all others."""
         return len(self._ahead) < 2 and not self._behind
+
+    def arrived_at(self, refuge: str) -> bool:
+        """Return whether the chair has arrived at a refuge, not at another one where it waits for its way."""
+        return self.arrived and bool(self._ahead) and self._ways.names[self._ahead[0]] == refuge
+
+    def has_way_round(self, section: str) -> bool:
+        """Return whether a way round a section is known, by which the chair could go if the section were shut."""
+        return section in self._rings
 
     def step(self, order: Order, pose: Pose2, now_ms: int, goals_left: int = 0, reason: str = "") -> Steps:
         """Return the report, authority and goals of this moment from the order and `map_from_base`.
@@ -112,7 +129,7 @@ class ChainDriver:
         report = Report(self._number, self._visit, len(self._behind), round(1e3 * left / self._ways.speed))
         bars: tuple[Zone, ...] = ()
         if goals:
-            bars = bars_off(self._ways, self._spot_places, (*self._behind, *self._ahead))
+            bars = bars_off(self._ways, self._spot_places, self._rings, (*self._behind, *self._ahead))
         # a chair that was stopped on its way, in no refuge, moves only by its next chain
         stands = len(self._ahead) == 1 and not self._ways.at_home[self._ahead[0]]
         return Steps(report, Authority(line, reason or "the chair waits for its turn", stands), goals, bars)

@@ -202,14 +202,13 @@ def _is_at(places: Sequence[SpotPlace], ways: Ways, edge: int, point: FloatArray
     return bool(np.hypot(*(places[ways.after[edge]].points[0] - point)) < 1e-9)
 
 
-def bars_off(ways: Ways, places: Sequence[SpotPlace], spots: Sequence[int]) -> tuple[Zone, ...]:
+def bars_off(ways: Ways, places: Sequence[SpotPlace], rings: frozenset[str], spots: Sequence[int]) -> tuple[Zone, ...]:
     """Return keep-out bars across the long sections that are off a chain and by which a chair could go round it.
 
-    One more lies at the far end of each section that a chair backs out of again, if that is as long: it goes no farther.
+    `rings` are the sections of `ring_sections`. One more lies at the far end of each section that a chair backs out of again, if that is as long: it goes no farther.
     """
     graph = ways.graph
     used = {places[spot].section for spot in spots}
-    rings = _ring_sections(graph)
     found = []
     for section in graph.sections:
         if section.name in used or section.name not in rings or section.length < SHORTEST_BARRED:
@@ -235,7 +234,7 @@ def _bar(name: str, place: SpotPlace, way: float) -> Zone:
     return Zone(name, Rule.KEEP_OUT, corners)
 
 
-def _ring_sections(graph: TrafficGraph) -> frozenset[str]:
+def ring_sections(graph: TrafficGraph) -> frozenset[str]:
     """Return the sections without which their ends are still joined: those of a ring."""
     numbers = {node.name: k for k, node in enumerate(graph.nodes)}
     pairs = [(numbers[section.start], numbers[section.end]) for section in graph.sections]
@@ -254,34 +253,12 @@ def chain_of(
     ways: Ways, places: Sequence[SpotPlace], rooms: dict[tuple[str, str], float], spots: Sequence[int]
 ) -> Chain:
     """Return the chain of some spots on the floor."""
-    points: list[FloatArray] = []
-    marks: list[int] = []  # index of the point at the end of each spot
-    folds: list[int] = []
-    for k, spot in enumerate(spots):
-        here = places[spot]
-        before = places[spots[k - 1]] if k else None
-        way = here.points if here.section is not None else here.points[:1]
-        if (
-            before is not None
-            and before.section is not None
-            and here.node is not None
-            and _meets(before.points[0], way[0])
-        ):
-            way = before.points[::-1]  # it backs out to the node by which it came
-        if points and len(way) > 1 and _meets(points[-1], way[0]) and len(points) > 1 and _meets(points[-2], way[1]):
-            folds.append(len(points) - 1)
-        for point in way:
-            if not points or not _meets(points[-1], point):
-                points.append(point)
-        marks.append(len(points) - 1)
-    if len(points) == 1:  # a chair at rest in its refuge
-        points.append(points[0] + (1.0, 0.0))
-    line = np.array(points)
+    line, marks, folds = _line_along(places, spots)
     along = arc_lengths(line)
     until, widths = np.zeros(len(spots)), np.zeros(len(spots))
     for k, spot in enumerate(spots):
         here = places[spot]
-        way = float(along[marks[k]])
+        end = float(along[marks[k]])
         if k + 1 == len(spots):
             until[k], widths[k] = math.inf, here.widths[-1]
             continue
@@ -289,15 +266,38 @@ def chain_of(
         if here.node is not None:  # from a node into a section
             assert after.section is not None
             room = rooms[here.node, after.section]
-            until[k], widths[k] = way + room, after.at(room)[2]
+            until[k], widths[k] = end + room, after.at(room)[2]
         else:
             assert after.node is not None
             assert here.section is not None
             room = rooms[after.node, here.section]
             backs_out = _meets(after.points[0], here.points[0])
-            until[k] = way + (here.length - room if backs_out else -room)
+            until[k] = end + (here.length - room if backs_out else -room)
             widths[k] = here.at(room if backs_out else here.length - room)[2]
-    return Chain(line, along, np.maximum.accumulate(until), widths, tuple(folds))
+    return Chain(line, along, np.maximum.accumulate(until), widths, folds)
+
+
+def _line_along(places: Sequence[SpotPlace], spots: Sequence[int]) -> tuple[FloatArray, list[int], tuple[int, ...]]:
+    """Return a polyline (N, 2) [m] along some spots, the index of its point at the end of each, and those at which it turns back."""
+    points: list[FloatArray] = []
+    marks: list[int] = []
+    folds: list[int] = []
+    before: SpotPlace | None = None
+    for spot in spots:
+        here = places[spot]
+        way = here.points if here.section is not None else here.points[:1]
+        if before is not None and before.section is not None and _meets(before.points[0], way[0]):
+            way = before.points[::-1]  # it backs out to the node by which it came
+        if len(way) > 1 and len(points) > 1 and _meets(points[-1], way[0]) and _meets(points[-2], way[1]):
+            folds.append(len(points) - 1)
+        for point in way:
+            if not points or not _meets(points[-1], point):
+                points.append(point)
+        marks.append(len(points) - 1)
+        before = here
+    if len(points) == 1:  # a chair at rest in its refuge
+        points.append(points[0] + (1.0, 0.0))
+    return np.array(points), marks, tuple(folds)
 
 
 def goes_straight(graph: TrafficGraph, name: str) -> bool:

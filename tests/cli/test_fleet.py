@@ -117,6 +117,7 @@ def test_a_building_is_checked_and_simulated(tmp_path: Path) -> None:
     ("arguments", "told"),
     [
         (("simulate", "nowhere"), "no floor plan, map or building 'nowhere'"),
+        (("check", "T", "--body", "B", "--width", "0.75"), "no room for a chair of 0.70 m"),
         (("simulate", "T", "--chairs", "9"), "places for 8 chairs"),
         (("simulate", "T", "--persons", "20000"), "people are impossible"),
         (("simulate", "T", "--hours", "5000"), "--hours 5000"),
@@ -133,3 +134,55 @@ def test_a_building_is_checked_and_simulated(tmp_path: Path) -> None:
 )
 def test_bad_input_is_one_sentence(arguments: tuple[str, ...], told: str) -> None:
     assert told in refused(waychair("fleet", *arguments))
+
+
+_WARD = """traffic-graph 1
+graph ward chair_width 0.6 revision 0
+node hall g 0 0 1
+node desk g 5 0 1
+node bed g 9 0 1
+section a hall desk length 5 width 1.2 lanes 1 both delay 0 lift -
+{more}refuge hall hall slots 3 place own owner -
+refuge desk desk slots 1 place own owner -
+refuge bed bed slots 1 place own owner -
+"""
+"""A graph with a bed to which no way leads, unless there is more."""
+
+_TO_BED = "section b desk bed length 4 width 1.2 lanes 1 both delay 0 lift -\n"
+
+
+@pytest.mark.parametrize(
+    ("corridors", "told"),
+    [
+        ("[[3, 27, 33, 27]]", "corridor 3 27 33 27 leaves the plan of 30 x 30 m"),
+        ("[[3, 27, 27, 20]]", "lies at an angle"),
+        ("[[3, 27, 3, 27]]", "has no length"),
+        ("[[3, 27, 27, 27], [3, 3, 27, 3]]", "is in 2 pieces: no way leads from n10 at 3 27 to n1 at 3 3 and back"),
+        ("[[3, 3.4, 27, 3.4]]", "has 0 rooms, but chairs with goals need 4"),
+        ("[]", "has no corridors"),
+    ],
+)
+def test_a_demo_on_an_impossible_plan_is_one_sentence(tmp_path: Path, corridors: str, told: str) -> None:
+    (tmp_path / "plan.yaml").write_text(f"name: plan\nsize: [30, 30]\ncorridors: {corridors}\n")
+    assert told in refused(waychair("fleet", "demo", "--headless", "--world", tmp_path / "plan.yaml"))
+
+
+def test_a_graph_in_pieces_and_one_with_a_place_in_the_way_are_refused_by_their_true_cause(tmp_path: Path) -> None:
+    graph = tmp_path / "graph.txt"
+    graph.write_text(_WARD.format(more=""))
+    assert "some places are cut off from the others" in waychair("fleet", "check", graph).stderr
+    assert "no way leads from" in refused(waychair("fleet", "simulate", graph))
+    graph.write_text(_WARD.format(more=_TO_BED))
+    told = refused(waychair("fleet", "simulate", graph, "--planner", "order"))
+    assert "2 places in nobody's way (1 shut off others or are cut off" in told
+    assert told.rstrip().endswith("give 1 chair")
+    graph.write_text(_WARD.format(more=_TO_BED + "lift north hall\n"))
+    assert "lift north has fewer than two stops" in refused(waychair("fleet", "check", graph))
+
+
+def test_nobody_about_is_no_fault_and_too_many_to_move_is_one() -> None:
+    alone = waychair("fleet", "simulate", "T", "--persons", 0, "--hours", 0.1, "--seeds", 1)
+    assert alone.returncode == 0, alone.stderr
+    crowd = waychair("fleet", "simulate", "T", "--persons", 10000, "--hours", 0.02, "--seeds", 1)
+    assert crowd.returncode == 1
+    assert "no chair has reached a goal; give more --hours, or fewer --persons" in crowd.stderr

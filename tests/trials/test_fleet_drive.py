@@ -15,7 +15,9 @@ import pytest
 from tests.runtime.riding import coarse_arcs
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import TaskError
+from waychair.geometry import evenly_spaced
 from waychair.maps.drawn.zones import Rule
+from waychair.maps.grid.cells import occupied_points
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph, floor_plan_names, load_corridors
 from waychair.maps.traffic.well_formed import well_formed
 from waychair.planning.fleet.granting import granted
@@ -23,6 +25,8 @@ from waychair.planning.fleet.order import Request, asked, parked
 from waychair.planning.fleet.ways import ways_of
 from waychair.simulation.plan.world import load_levels
 from waychair.simulation.scene.contact import in_contact, solid_from_blocks
+from waychair.simulation.scene.scene import Behaviour
+from waychair.trials.fleet.bent_floor import MIDDLE, RADIUS
 from waychair.trials.fleet.fleet_demo import (
     FleetDemo,
     fleet_report,
@@ -134,6 +138,42 @@ def test_every_chair_of_a_scene_fits_at_its_start_and_at_its_goals(name: str) ->
         assert not in_contact(solid, scene.body, place.pose)
     assert {*scene.starts, *(goal for goals in scene.goals for goal in goals)} <= scene.places.keys()
     assert np.isfinite(scene.mapped.cells).all()
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_people_of_a_scene_walk_on_free_floor_and_their_pace_is_the_seeds(name: str) -> None:
+    worlds = [SCENARIOS[name](seed).scene.world for seed in (0, 0, 1)]
+    walkers = [[each for each in world.people if each.behaviour is Behaviour.PATH] for world in worlds]
+    for person in walkers[0]:
+        solid = occupied_points(worlds[0].grid)
+        way = evenly_spaced(person.path, 0.05)
+        assert min(float(np.hypot(*(solid - at).T).min()) for at in way) > person.radius + 0.05
+    paces = [[each.speed for each in own] for own in walkers]
+    assert paces[0] == paces[1]
+    assert not paces[0] or paces[0] != paces[2]
+
+
+def test_two_chairs_meet_on_a_mapped_floor_whose_sections_follow_the_bend() -> None:
+    graph = SCENARIOS["mapped_bend"](0).scene.graph
+    assert well_formed(graph) == ()
+    assert [refuge.name for refuge in graph.refuges if refuge.waiting] == ["niche"]
+    bent = [section for section in graph.sections if len(section.points) > 2]
+    for section in bent:
+        points = np.array(graph.way(section.name))[:, :2]
+        in_bend = points[(points[:, 0] > 5.0) & (points[:, 1] < 9.0)]
+        assert np.abs(np.hypot(*(in_bend - MIDDLE).T) - RADIUS).max() < 0.6  # in the corridor, by the niche as well
+        chord = points[-1] - points[0]
+        aside = np.abs((points - points[0]) @ (-chord[1], chord[0])) / np.hypot(*chord)
+        assert aside.max() > 0.4  # on a straight section, stop lines would lie so far off the way
+    assert len(bent) == 2
+
+
+def test_the_plan_of_a_page_has_the_floor_inside_the_walls_only() -> None:
+    plan = plan_of(rooms_scene(SMALL, 1, 1, 0))
+    area = sum(length * width for _, _, length, width in plan["floor"])
+    rooms = 1.5 * 1.5 + 1.5 * 0.15  # beside the corridor, whose edge is 0.6 m from its middle, with the door
+    assert area == pytest.approx(13.2 * 1.2 + 4 * rooms, rel=0.1)
+    assert len(plan["floor"]) < 60
 
 
 @pytest.mark.nightly

@@ -12,7 +12,7 @@ import numpy as np
 from waychair.calibration.chair_body import ChairBody
 from waychair.files import write_json
 from waychair.geometry import transform_points
-from waychair.maps.grid.cells import occupied
+from waychair.maps.grid.cells import joined_to, occupied
 from waychair.maps.traffic.corridors import NARROW, load_corridors
 from waychair.offline.report import (
     COLOURS,
@@ -30,7 +30,7 @@ from waychair.trials.fleet.fleet_drive import FleetMoment, FleetRun, FleetScene,
 from waychair.trials.fleet.fleet_ordered import Stops
 from waychair.trials.fleet.fleet_report import BestBay, bay_that_helps, corridor_sentence, waits_by_corridor
 from waychair.trials.fleet.fleet_scenes import rooms_scene
-from waychair.types import Json, Pose2
+from waychair.types import BoolArray, Json, OccupancyGrid, Pose2
 
 WORLD = "T"
 GOALS = 3
@@ -47,7 +47,7 @@ OUTLINE_EVERY_S = 10.0
 class FleetView:
     """What a page shows of all chairs at one moment, in plain values.
 
-    Each chair has its outline's corners and stop line [m], its goal, the number of goals reached, and its state in words.
+    Each chair has its outline's corners and stop line [m], its heading [rad], its goal, the number of goals reached, and its state in words.
     """
 
     seconds: float
@@ -83,22 +83,28 @@ class FleetWatcher:
         """A step of the order has passed."""
 
 
-def run_fleet_demo(
-    world: str = WORLD,
-    chairs: int = 3,
-    seed: int = 0,
-    progress: Callable[[str, float], None] = lambda stage, share: None,
-    watcher: FleetWatcher | None = None,
-) -> FleetDemo:
-    """Let chairs drive to three goals each in the rooms of a floor plan, by name or path.
+def demo_scene(world: str = WORLD, chairs: int = 3, seed: int = 0) -> FleetScene:
+    """Return chairs with three goals each in the rooms of a floor plan, by name or path.
 
     Raises:
         TrafficError: there is no such plan, or it is impossible.
         TaskError: it has too few rooms.
+        WorldError: its corridors reach beyond it.
+    """
+    return rooms_scene(load_corridors(world), chairs, GOALS, seed, width=NARROW)
+
+
+def run_fleet_demo(
+    scene: FleetScene,
+    progress: Callable[[str, float], None] = lambda stage, share: None,
+    watcher: FleetWatcher | None = None,
+) -> FleetDemo:
+    """Let the chairs of a scene drive to all their goals, and look where a bay would help.
+
+    Raises:
         BoardBuildError: the firmware cannot be built: no C compiler.
     """
     progress("prepare", 0.0)
-    scene = rooms_scene(load_corridors(world), chairs, GOALS, seed, width=NARROW)
     watcher = watcher or FleetWatcher()
     watcher.began(scene)
     progress("prepare", 1.0)
@@ -112,7 +118,9 @@ def run_fleet_demo(
     run = drive_fleet(scene, on_moment)
     progress("drive", 1.0)
     progress("bays", 0.0)
-    bay = bay_that_helps(scene.graph, chairs=chairs, hours=BAY_HOURS, seed=seed, stops=Stops(), tries=BAYS)
+    bay = bay_that_helps(
+        scene.graph, chairs=len(scene.starts), hours=BAY_HOURS, seed=scene.seed, stops=Stops(), tries=BAYS
+    )
     progress("bays", 1.0)
     return FleetDemo(scene, run, time.perf_counter() - began, bay)
 
@@ -226,17 +234,40 @@ def _tracks_picture(demo: FleetDemo) -> PngFigure:
 
 
 def plan_of(scene: FleetScene) -> Json:
-    """Return the plan that a page shows: its corner and size, walls as strips x, y, length, width [m], and places."""
+    """Return the plan that a page shows: its corner and size, floor and walls as strips, and places.
+
+    A strip is x, y, length, width [m].
+    """
     grid = scene.world.grid
     rows, columns = grid.cells.shape
     side, x0, y0 = grid.resolution, grid.map_from_grid.x, grid.map_from_grid.y
-    walls = []
-    for row, cells in enumerate(occupied(grid)):
-        changes = np.flatnonzero(np.diff(np.concatenate([[False], cells, [False]]).astype(np.int8)))
-        for begin, end in changes.reshape(-1, 2).tolist():
-            walls.append([round(each, 3) for each in (x0 + begin * side, y0 + row * side, (end - begin) * side, side)])
+    start = scene.places[scene.starts[0]].pose
     places = [[name, round(place.pose.x, 2), round(place.pose.y, 2)] for name, place in scene.places.items()]
-    return {"corner": [x0, y0], "size": [columns * side, rows * side], "walls": walls, "places": places}
+    return {
+        "corner": [x0, y0],
+        "size": [columns * side, rows * side],
+        "floor": _strips(grid, joined_to(grid, start.x, start.y)),
+        "walls": _strips(grid, occupied(grid)),
+        "places": places,
+    }
+
+
+def _strips(grid: OccupancyGrid, mask: BoolArray) -> list[list[float]]:
+    """Return the cells of a mask as strips along x; equal ones of rows one above the other are one."""
+    side, x0, y0 = grid.resolution, grid.map_from_grid.x, grid.map_from_grid.y
+    open_strips: dict[
+        tuple[int, int], int
+    ] = {}  # columns of the strips in the row below, and the row where each begins
+    found: list[list[float]] = []
+    for row, cells in enumerate([*mask, np.zeros(mask.shape[1], np.bool_)]):
+        changes = np.flatnonzero(np.diff(np.concatenate([[False], cells, [False]]).astype(np.int8)))
+        here = [(begin, end) for begin, end in changes.reshape(-1, 2).tolist()]
+        for (begin, end), first in open_strips.items():
+            if (begin, end) not in here:
+                strip = (x0 + begin * side, y0 + first * side, (end - begin) * side, (row - first) * side)
+                found.append([round(each, 3) for each in strip])
+        open_strips = {strip: open_strips.get(strip, row) for strip in here}
+    return found
 
 
 def view_of(scene: FleetScene, moment: FleetMoment) -> FleetView:
@@ -248,6 +279,7 @@ def view_of(scene: FleetScene, moment: FleetMoment) -> FleetView:
         chairs.append(
             {
                 "corners": _corners(scene.body, pose),
+                "heading": round(pose.theta, 3),
                 "goal": left[0] if left else "",
                 "told": sentences.get(k) or state.navigation.reason or state.navigation.stage.value,
                 "reached": moment.reached[k],

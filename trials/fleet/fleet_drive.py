@@ -61,6 +61,9 @@ CHAIR_AHEAD = 8.0
 BLOCKED_AFTER_MS, UNPLANNED_AFTER_MS, BLOCKED_FOR_MS = 2_000, 8_000, 120_000
 """ms that a chair stands before a way counts as closed, the same without a first plan, and for how long it is closed."""
 
+NO_WAY_ROUND_MS = 40_000
+"""ms that a chair stands before a section without a way round it: mostly for people, who go on by themselves."""
+
 _MOVES = 0.02
 """m/s or rad/s; a slower chair stands."""
 
@@ -238,7 +241,7 @@ class Rider:
             return
         if not self._course or self._asked_ms is None:
             return
-        if stage is Stage.ARRIVED and self.driver.arrived:
+        if stage is Stage.ARRIVED and self.driver.arrived_at(self._goals[0]):
             self.run.reached += 1
             self._end(now_ms)
         elif stage is Stage.FAILED:
@@ -256,10 +259,13 @@ class Rider:
             self._stuck_ms = None
             return {}
         self._stuck_ms = now_ms if self._stuck_ms is None else self._stuck_ms
-        if now_ms - self._stuck_ms < (BLOCKED_AFTER_MS if self.state.navigation.plans else UNPLANNED_AFTER_MS):
+        section = self.driver.section_ahead()
+        patience_ms = BLOCKED_AFTER_MS if self.state.navigation.plans else UNPLANNED_AFTER_MS
+        if section is None or not self.driver.has_way_round(section):
+            patience_ms = NO_WAY_ROUND_MS
+        if now_ms - self._stuck_ms < patience_ms:
             return {}
         self._stuck_ms = None  # the way from here is another one now
-        section = self.driver.section_ahead()
         return {} if section is None else {section: BLOCKED_FOR_MS}
 
     def _ask_again(self, now_ms: int) -> None:
@@ -337,8 +343,7 @@ def _drive(
     keep: Callable[[int], tuple[Wait, ...]],
 ) -> None:
     sentences: dict[int, str] = {}
-    moved_ns, tick = 0, 0
-    while simulator.now_ns < scene.time_limit_s * 1e9 and not all(rider.done for rider in riders):
+    for tick in ticks(simulator, run, scene.time_limit_s, lambda: all(rider.done for rider in riders)):
         now_ms = simulator.now_ns // 1_000_000
         events(simulator, [rider.chair for rider in riders], simulator.now_ns * 1e-9)
         if tick % STEPS_OF_ORDER == 0 and all(rider.state is not None for rider in riders):
@@ -353,13 +358,6 @@ def _drive(
         for rider, messages in zip(riders, heard, strict=True):
             others = [halt_as_told("fleet_waits", sentences[rider.number])] if rider.held else []
             rider.state = rider.chair.step(simulator.now_ns, messages, others)
-        if not all(stands(simulator, rider.number) for rider in riders):
-            moved_ns = simulator.now_ns
-        if simulator.now_ns - moved_ns > LOCKED_UP_S * 1e9:
-            run.lockups += 1
-            break
-        tick += 1
-    run.seconds = simulator.now_ns * 1e-9
 
 
 def _one_warden(scene: FleetScene, ways: Ways, riders: Sequence[Rider]) -> Callable[[int], tuple[Wait, ...]]:
@@ -404,6 +402,23 @@ def _keep_order(
             requests.append(wish)
     district, _, present = decided(district, Heard(tuple(reports), tuple(requests), blocked), now_ms)
     return district, present
+
+
+def ticks(simulator: FleetSimulator, run: FleetRun, limit_s: float, done: Callable[[], bool]) -> Iterator[int]:
+    """Yield the number of each tick, in which the caller advances all chairs, until they are done or the time [s] is up.
+
+    They are locked up, and the end has come, when none of them has moved for `LOCKED_UP_S`.
+    """
+    moved_ns, tick = 0, 0
+    while simulator.now_ns < limit_s * 1e9 and not done():
+        yield tick
+        if not all(stands(simulator, number) for number in range(len(simulator.chairs))):
+            moved_ns = simulator.now_ns
+        if simulator.now_ns - moved_ns > LOCKED_UP_S * 1e9:
+            run.lockups += 1
+            break
+        tick += 1
+    run.seconds = simulator.now_ns * 1e-9
 
 
 def advance_tick(simulator: FleetSimulator, chairs: Sequence[Chair]) -> list[list[SensorMessage]]:

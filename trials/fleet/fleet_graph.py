@@ -16,6 +16,7 @@ import numpy as np
 from waychair.errors import TrafficError
 from waychair.maps.traffic.indexed_traffic import IndexedTraffic
 from waychair.maps.traffic.traffic_graph import TrafficGraph
+from waychair.maps.traffic.well_formed import refuse_pieces
 from waychair.planning.fleet.paper.plan_fwpp import (
     Conflicts,
     PlannedRoute,
@@ -261,7 +262,7 @@ def start_nodes(graph: TrafficGraph, goals: IntArray, chairs: int, random: np.ra
     """Return different nodes to start from.
 
     Raises:
-        TrafficError: there are fewer places than chairs, or no second place to go to.
+        TrafficError: there are fewer places than chairs, no second place to go to, or no way between two.
     """
     if chairs < 1:
         raise TrafficError(f"{chairs} chairs are impossible; give 1 or more")
@@ -269,6 +270,7 @@ def start_nodes(graph: TrafficGraph, goals: IntArray, chairs: int, random: np.ra
         raise TrafficError(f"{graph.name} has {len(goals)} place to go to; a chair needs two")
     if chairs > len(goals):
         raise TrafficError(f"{graph.name} has places for {len(goals)} chairs, not for {chairs}; give fewer chairs")
+    refuse_pieces(graph, [graph.nodes[goal].name for goal in goals])
     return [int(node) for node in random.choice(goals, size=chairs, replace=False)]
 
 

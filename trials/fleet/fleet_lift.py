@@ -33,14 +33,13 @@ from waychair.trials.drive import TICK_NS, DriveSetup, simulated_chair
 from waychair.trials.fleet.fleet_drive import (
     AGAIN_AFTER_S,
     CLEARING_MS,
-    LOCKED_UP_S,
     MOST_TRIES,
     SPEED,
     STEPS_OF_ORDER,
     ChairRun,
     FleetRun,
     advance_tick,
-    stands,
+    ticks,
 )
 from waychair.trials.travel.journeys import ToldRider, legs_between, lifts_between, sites_of
 from waychair.types import Place, Pose2
@@ -200,8 +199,7 @@ def _travel(seed: int, simulator: FleetSimulator, riders: Sequence[_Rider], run:
     starts = {number: start for number, (start, _) in enumerate(WAYS)}
     district = District(parked(ways_of(hall_graph(), SPEED), starts), CLEARING_MS, seed)
     numbers = iter(range(1, 1 << 30))
-    moved_ns, tick = 0, 0
-    while simulator.now_ns < SCENE_S * 1e9 and not all(rider.done for rider in riders):
+    for tick in ticks(simulator, run, SCENE_S, lambda: all(rider.done for rider in riders)):
         now_ms = simulator.now_ns // 1_000_000
         if tick % STEPS_OF_ORDER == 0 and tick:
             requests = tuple(wish for rider in riders if (wish := rider.wish(now_ms, numbers)) is not None)
@@ -214,13 +212,6 @@ def _travel(seed: int, simulator: FleetSimulator, riders: Sequence[_Rider], run:
         heard = advance_tick(simulator, [rider.chair for rider in riders])
         for rider, messages in zip(riders, heard, strict=True):
             rider.state = rider.traveller.step(simulator.now_ns, messages)
-        if not all(stands(simulator, rider.number) for rider in riders):
-            moved_ns = simulator.now_ns
-        if simulator.now_ns - moved_ns > LOCKED_UP_S * 1e9:
-            run.lockups += 1
-            break
-        tick += 1
-    run.seconds = simulator.now_ns * 1e-9
 
 
 def free_up_to_lift(order: Order, number: int) -> int:

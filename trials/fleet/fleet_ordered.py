@@ -200,11 +200,14 @@ def chairs_on(graph: TrafficGraph, chairs: int, seed: int, **how: object) -> Ord
     in_the_way = {finding.refuge for finding in well_formed(graph)}
     places = sorted(name for name in names - in_the_way if graph.refuge[name].node in joined)
     if not 0 < chairs < len(places):
+        others = len(names) - len(places)
+        why = f" ({others} shut off others or are cut off, as `waychair fleet check` says)" if others else ""
+        most = len(places) - 1
         raise TaskError(
-            f"{chairs} chairs cannot go from place to place in {graph.name}, which has {len(places)} places in nobody's way: "
-            f"give 1 to {len(places) - 1} chairs"
-            if len(places) > 1
-            else f"{graph.name} has no two places in nobody's way between which chairs can go: add places"
+            f"{chairs} chairs cannot go from place to place in {graph.name}, which has {len(places)} places in nobody's way"
+            f"{why}: give {f'1 to {most} chairs' if most > 1 else '1 chair'}"
+            if most > 0
+            else f"{graph.name} has no two places in nobody's way between which chairs can go{why}: add places"
         )
     starts = rng.permutation(places)[:chairs].tolist()
     order = parked(ways, dict(enumerate(starts, start=1)))

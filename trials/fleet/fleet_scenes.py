@@ -6,13 +6,14 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
+from typing import TypeAlias
 
 import numpy as np
 
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.errors import TaskError
 from waychair.maps.drawn.zones import Rule, Zone
-from waychair.maps.traffic.corridors import NARROW, CorridorPlan, corridor_graph, load_corridors, room_doors
+from waychair.maps.traffic.corridors import NARROW, CorridorPlan, corridor_graph, lies_on, load_corridors, room_doors
 from waychair.maps.traffic.traffic_graph import Refuge, TrafficGraph
 from waychair.runtime.chair import Chair
 from waychair.runtime.fleet.chain_geometry import goes_straight
@@ -20,6 +21,7 @@ from waychair.simulation.fleet import FleetSimulator
 from waychair.simulation.plan.corridor_world import ROOM_SIDE, corridor_world
 from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan
 from waychair.simulation.scene.seeds import seed_from_names
+from waychair.trials.fleet.bent_floor import BEND_WALK, bent_scene
 from waychair.trials.fleet.fleet_drive import Events, FleetScene
 from waychair.types import JoystickInput, Place, Pose2
 
@@ -51,8 +53,26 @@ the lidar take more than that."""
 STEPS_OF_LINE = 3.0
 """m between two goals of a chair that stops on its way along a corridor, as in the paper."""
 
+PACES = (0.5, 0.9)
+"""m/s; the slowest and the fastest person who walks about: these are corridors of a ward."""
+
+LEAST_ROOMS = 4
+"""Rooms in which one chair has goals: for its start, for other goals, and for its last one."""
+
 IN_ROOM = 0.06
 """m; a chair that stops so far before its place in a room has its rear out of the corridor."""
+
+Path2: TypeAlias = tuple[tuple[float, float], ...]
+"""Points x, y [m] of a person's way."""
+
+FROM_ABOVE: Path2 = ((15.0, 28.0), (15.0, 19.6))
+FROM_BELOW: Path2 = ((16.0, 9.0), (15.0, 9.0), (15.0, 13.4))
+ABOVE_THE_STEM: Path2 = ((9.0, 28.0), (9.0, 27.0), (15.0, 27.0), (15.0, 25.6))
+IN_THE_STEM: Path2 = ((16.0, 3.0), (15.0, 3.0), (15.0, 20.0))
+"""m; ways of people on the T, to the chairs from behind and back: two chairs shut in nobody who walks between them."""
+
+BOTTOM_OF_FIG8: Path2 = ((4.5, 3.0), (9.0, 3.0), (9.0, 4.5))
+"""m; a person's way in the corridors of figure 8 that the chairs need least."""
 
 BEFORE_WALL = 0.10
 """m; between a chair's front and the wall of its room."""
@@ -86,6 +106,11 @@ def rooms_scene(
     graph = corridor_graph(plan, width, rooms=True, bays=bays)
     names = [refuge.name for refuge in graph.refuges]
     most = len(names) // 2 - 1
+    if most < 1:
+        raise TaskError(
+            f"{plan.name} has {len(names)} rooms, but chairs with goals need {LEAST_ROOMS}: make its corridors longer, with "
+            "their centre lines on whole metres"
+        )
     if not 1 <= chairs <= most:
         raise TaskError(
             f"{plan.name} has {len(names)} rooms, not enough for {chairs} chairs with goals: give 1 to {most}"
@@ -111,6 +136,29 @@ def rooms_scene(
     )
 
 
+def with_people_on(scene: FleetScene, *paths: Path2) -> FleetScene:
+    """Return the scene with one more person for each path, who walks to and fro along it at a pace that the seed gives.
+
+    People stop before a chair, and turn back if it does not go; nobody passes a chair in a corridor of 1.2 m.
+    """
+    dice = np.random.default_rng(seed_from_names("walkers", scene.graph.name, scene.seed))
+    people = [PersonPlan(Behaviour.PATH, np.array(path), float(dice.uniform(*PACES))) for path in paths]
+    return replace(scene, world=replace(scene.world, people=(*scene.world.people, *people)))
+
+
+def walk_between(plan: CorridorPlan, start: str, end: str) -> Path2:
+    """Return a person's way from one room of a plan to another, along at most two corridors."""
+    (door, room), (other_door, other_room) = (room_doors(plan)[name] for name in (start, end))
+    corners = ((door[0], other_door[1]), (other_door[0], door[1]))
+    corner = next(point for point in corners if all(_corridor_joins(plan, point, each) for each in (door, other_door)))
+    return room, door, corner, other_door, other_room
+
+
+def _corridor_joins(plan: CorridorPlan, a: tuple[float, float], b: tuple[float, float]) -> bool:
+    """Return whether one corridor of a plan has both points on its centre line."""
+    return any(lies_on(line, a) and lies_on(line, b) for line in plan.corridors)
+
+
 @dataclass(frozen=True, slots=True)
 class Scenario:
     """A scene with what happens in it. `may_fail`: chairs, by number, that need not reach their goals."""
@@ -122,12 +170,12 @@ class Scenario:
 
 def shared_run(seed: int) -> Scenario:
     """Two chairs meet in a single-file corridor with rooms beside it: one steps aside."""
-    return Scenario(_rooms("T", {"room 1": "room 5", "room 6": "room 2"}, seed))
+    return Scenario(_rooms("T", {"room 1": "room 5", "room 6": "room 2"}, seed, FROM_ABOVE))
 
 
 def swap_in_t(seed: int) -> Scenario:
-    """Two chairs exchange their rooms on two arms of a T."""
-    return Scenario(_rooms("T", {"room 11": "room 15", "room 15": "room 11"}, seed))
+    """Two chairs exchange their rooms on two arms of a T; somebody walks in the foot of its stem."""
+    return Scenario(_rooms("T", {"room 11": "room 15", "room 15": "room 11"}, seed, IN_THE_STEM))
 
 
 def crossing(seed: int) -> Scenario:
@@ -139,12 +187,12 @@ def crossing(seed: int) -> Scenario:
         return min(doors, key=lambda name: math.dist(doors[name][0], (x, y)))
 
     ways = {near(9.0, 5.0): near(9.0, 14.0), near(5.0, 9.0): near(14.0, 9.0)}
-    return Scenario(_rooms("4cross", ways, seed))
+    return Scenario(_rooms("4cross", ways, seed, walk_between(plan, "room 17", "room 7")))
 
 
 def door_from_both_sides(seed: int) -> Scenario:
     """One chair leaves a room, and another one goes into the same room."""
-    return Scenario(_rooms("T", {"room 5": "room 8", "room 6": "room 5"}, seed))
+    return Scenario(_rooms("T", {"room 5": "room 8", "room 6": "room 5"}, seed, FROM_BELOW))
 
 
 def dies_in_the_run(seed: int) -> Scenario:
@@ -155,7 +203,7 @@ def dies_in_the_run(seed: int) -> Scenario:
             chair = simulator.chairs[0]
             chair.board_inputs = replace(chair.board_inputs, estop_released=False)
 
-    scene = _rooms("T", {"room 1": "room 5", "room 6": "room 2"}, seed)
+    scene = _rooms("T", {"room 1": "room 5", "room 6": "room 2"}, seed, FROM_ABOVE)
     return Scenario(replace(scene, time_limit_s=DIES_AT_S + 90.0), events, frozenset({0, 1}))
 
 
@@ -166,22 +214,22 @@ def rider_takes_the_joystick(seed: int) -> Scenario:
         pushes = PUSHES_AT_S < seconds < PUSHES_AT_S + 2.0
         simulator.chairs[0].rider = JoystickInput(simulator.now_ns, 0.4 if pushes else 0.0)
 
-    return Scenario(_rooms("T", {"room 1": "room 5", "room 8": "room 2"}, seed), events)
+    return Scenario(_rooms("T", {"room 1": "room 5", "room 8": "room 2"}, seed, ABOVE_THE_STEM), events)
 
 
 def nodes_10_and_00(seed: int) -> Scenario:
     """Two chairs exchange nodes 10 and 00 of the paper's figure 8: two ways lead from one to the other."""
-    return Scenario(_fig8({"10": "00", "00": "10"}, seed))
+    return Scenario(with_people_on(_fig8({"10": "00", "00": "10"}, seed), BOTTOM_OF_FIG8))
 
 
 def l_way(seed: int) -> Scenario:
     """2 m ahead, a right turn and the way on to node 00: the paper's end error is 8.7 cm in the mean."""
-    return Scenario(_fig8({"05": "00"}, seed))
+    return Scenario(with_people_on(_fig8({"05": "00"}, seed), BOTTOM_OF_FIG8))
 
 
 def trash_bin(seed: int) -> Scenario:
-    """A bin stands in a wide corridor: it is passed."""
-    scene = _straight(1.8, {"from west": "east"}, seed)
+    """A bin stands in a wide corridor: it is passed, as is a person who comes towards the chair."""
+    scene = with_people_on(_straight(1.8, {"from west": "east"}, seed), ((18.0, 3.8), (3.5, 3.8)))
     bin_there = Block(Pose2(12.0, 2.9, 0.0), 0.3, 0.3, 0.0, 0.7, "metal")
     return Scenario(replace(_with_hidden(scene, bin_there), zones=()))
 
@@ -221,6 +269,11 @@ def two_wide_pass(seed: int) -> Scenario:
     return Scenario(_straight(1.8, {"from west": "east", "from east": "west"}, seed, CHAIR_B, FINE))
 
 
+def mapped_bend(seed: int) -> Scenario:
+    """Two chairs meet in a corridor that bends, on a mapped floor: one waits in a niche, or in its hall."""
+    return Scenario(with_people_on(bent_scene(seed, SCENE_S), BEND_WALK))
+
+
 SCENARIOS: Mapping[str, Callable[[int], Scenario]] = MappingProxyType(
     {
         each.__name__: each
@@ -238,16 +291,17 @@ SCENARIOS: Mapping[str, Callable[[int], Scenario]] = MappingProxyType(
             rider_takes_the_joystick,
             two_pass,
             two_wide_pass,
+            mapped_bend,
         )
     }
 )
 """All scenes by name."""
 
 
-def _rooms(name: str, ways: Mapping[str, str], seed: int) -> FleetScene:
-    """Return chairs that each drive from one room of a plan to another."""
+def _rooms(name: str, ways: Mapping[str, str], seed: int, walk: Path2) -> FleetScene:
+    """Return chairs that each drive from one room of a plan to another, and a person who walks to and fro."""
     plan = load_corridors(name)
-    return FleetScene(
+    scene = FleetScene(
         world=corridor_world(plan, NARROW, rooms=True),
         graph=corridor_graph(plan, NARROW, rooms=True, bays=True),
         places=places_in_rooms(plan),
@@ -256,6 +310,7 @@ def _rooms(name: str, ways: Mapping[str, str], seed: int) -> FleetScene:
         seed=seed,
         time_limit_s=SCENE_S,
     )
+    return with_people_on(scene, walk)
 
 
 def _fig8(ways: Mapping[str, str], seed: int) -> FleetScene:

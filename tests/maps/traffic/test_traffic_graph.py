@@ -23,7 +23,7 @@ from waychair.maps.traffic.traffic_graph import (
     changes_since,
     lanes_for,
 )
-from waychair.maps.traffic.well_formed import ShutOff, pieces, well_formed
+from waychair.maps.traffic.well_formed import ShutOff, pieces, refuse_pieces, well_formed
 
 
 def chain(*names: str, width: float = 1.2, **more: object) -> TrafficGraph:
@@ -136,6 +136,18 @@ def test_a_one_way_section_without_a_way_back_is_named() -> None:
     assert found.refuge == ""
     assert found.others in (("ward",), ("lobby",))
     assert len(pieces(one_way)) == 2
+
+
+def test_a_graph_without_places_is_in_pieces_as_a_whole_and_two_of_them_are_named() -> None:
+    graph = chain("attic", "hall", "ward")
+    assert well_formed(graph) == ()
+    parted = replace(graph, sections=(graph.sections[0], replace(graph.sections[1], one_way=True)))
+    (found,) = well_formed(parted)
+    assert found == ShutOff("", ("ward",))
+    refuse_pieces(graph)
+    refuse_pieces(parted, ["attic", "hall"])
+    with pytest.raises(TrafficError, match="no way leads from attic at 0 0 to ward at 10 0 and back"):
+        refuse_pieces(parted)
 
 
 def test_changes_are_told_by_name_and_equal_graphs_have_one_fingerprint() -> None:

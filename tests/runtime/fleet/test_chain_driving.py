@@ -127,6 +127,21 @@ def test_on_a_mapped_floor_that_bends_every_stop_line_lies_across_the_way_from_w
     assert in_bend >= 1
 
 
+def test_a_chair_has_arrived_at_the_refuge_where_it_is_and_at_no_other_one() -> None:
+    points = _Points({0: ROOMS[0]}, {})
+    points.step()
+    assert points.drivers[0].arrived_at(ROOMS[0])
+    assert not points.drivers[0].arrived_at(ROOMS[1])
+
+
+def test_a_way_round_a_section_is_known_in_a_ring_and_in_no_dead_end() -> None:
+    scene = SCENARIOS["seated_persons"](0).scene
+    ring = ChainDriver(drivable(ways_of(scene.graph, 0.45), CHAIR_A), 0, CHAIR_A, dict(scene.places))
+    assert ring.has_way_round("02-00")
+    straight = ChainDriver(WAYS, 0, CHAIR_A, PLACES)
+    assert not any(straight.has_way_round(section.name) for section in GRAPH.sections)
+
+
 def test_a_parked_chair_without_a_chain_may_not_leave_its_room() -> None:
     points = _Points({0: ROOMS[0]}, {})
     points.step()
