@@ -7,7 +7,17 @@ from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 
-from evaluation.figures.chair import bridge, calibration, closed_loop, editor, menus, sensor_time, simulation, start_up
+from evaluation.figures.chair import (
+    bridge,
+    calibration,
+    closed_loop,
+    editor,
+    guard,
+    menus,
+    sensor_time,
+    simulation,
+    start_up,
+)
 from evaluation.figures.driving import (
     barn,
     behaviours,
@@ -160,6 +170,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "gain_watch": closed_loop.gain_watch,
     "host_killed": bridge.host_killed,
     "board_killed": bridge.board_killed,
+    "guard_proof": guard.guard_proof,
     "round_trip": bridge.round_trip,
     "fuzz": bridge.run_fuzz,
     "menus": menus.menus,

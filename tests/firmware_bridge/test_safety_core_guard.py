@@ -493,6 +493,7 @@ def test_f9_a_drifting_reference_fades_the_caps_and_cuts(rig: Rig) -> None:
     for left in range(198, 0, -1):
         rig.step()
         assert rig.out.holder == BOARD
+        assert not rig.out.guard_bits & LOST
         assert abs(rig.out.caps[FRONT] - 50 * left) <= 25 + 200
         assert rig.out.caps[FRONT] < before
         before = rig.out.caps[FRONT]
@@ -514,6 +515,19 @@ def test_f9_a_stick_that_is_let_go_while_the_caps_fade_is_followed(rig: Rig) -> 
     rig.stick = [2375 - 1000, 2375]
     rig.step()
     assert 2375 - 1000 <= rig.lines()[0] < 2375
+
+
+def test_f29_a_converter_that_fails_while_the_caps_fade_cuts_at_once(rig: Rig) -> None:
+    rig.guard()
+    _push(rig, 0, 1000)
+    rig.limited(20)
+    rig.reference = 2368
+    rig.limited(100)
+    assert (rig.out.faults, rig.out.holder) == (REFERENCE, BOARD)
+    rig.board_ok = False
+    assert rig.step().holder == CUT
+    rig.board_ok, rig.stick = True, [2375, 2375]
+    assert rig.idle(2500).holder == CUT
 
 
 def test_f10_a_broken_wire_of_the_stick_is_nobodys_wish(rig: Rig) -> None:
