@@ -365,13 +365,16 @@ def test_a_push_of_two_seconds_against_a_cap_is_warned_then_creeps_for_ten_secon
         _push(rig, axis, sign * 1081)
         _pushing(rig, 1999, tuple(caps))
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
-        _pushing(rig, 500, tuple(caps))
+        assert rig.step().guard_bits == CAPPED | WARNS
+        _pushing(rig, 499, tuple(caps))
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | WARNS, 0)
-        _pushing(rig, 85, tuple(caps))
+        assert (rig.step().guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 20)
+        _pushing(rig, 84, tuple(caps))
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 1700)
         assert _at(rig)[axis] == sign * 204
         _pushing(rig, 9915, tuple(caps))
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 1700)
+        assert (rig.step().guard_bits, rig.out.caps[to]) == (CAPPED, 0)
         _pushing(rig, 5000, tuple(caps))  # a stick that is stuck gives no second one
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
         rig.stick = [NEUTRAL, NEUTRAL]
@@ -379,6 +382,34 @@ def test_a_push_of_two_seconds_against_a_cap_is_warned_then_creeps_for_ten_secon
         _push(rig, axis, sign * 1081)
         _pushing(rig, 2100, tuple(caps))
         assert rig.out.guard_bits == CAPPED | WARNS
+        _push(rig, axis, sign * 1080)  # 90 % is not beyond it
+        _pushing(rig, 2100, tuple(caps))
+        assert rig.out.guard_bits == CAPPED
+
+
+def test_both_axes_are_warned_and_overridden_by_themselves(rig: Rig) -> None:
+    caps = (0, 10000, 10000, 0)
+    rig.guard(caps)
+    rig.stick = [NEUTRAL + 1200, NEUTRAL]
+    _pushing(rig, 1000, caps)
+    rig.stick = [NEUTRAL + 1200, NEUTRAL + 1200]
+    _pushing(rig, 1700, caps)
+    assert (rig.out.guard_bits, rig.out.caps[RIGHT]) == (CAPPED | OVERRIDDEN, 0)
+    _pushing(rig, 400, caps)
+    assert (rig.out.guard_bits, rig.out.caps[RIGHT]) == (CAPPED | WARNS | OVERRIDDEN, 0)
+    assert rig.out.caps[FRONT] == 1700
+
+
+def test_a_second_guard_begins_without_the_caps_of_the_first(rig: Rig) -> None:
+    rig.guard()
+    rig.limit(FULL, 0)
+    assert rig.out.holder == JOYSTICK
+    for _ in range(2100):
+        rig.limit()
+        if rig.out.state == GUARD:
+            break
+    assert list(rig.out.caps) == [0] * 4
+    assert list(rig.limit().caps) == [20] * 4
 
 
 def test_an_override_lasts_only_while_the_stick_is_held_hard(rig: Rig) -> None:
@@ -419,7 +450,9 @@ def test_a_drop_off_is_not_overridden_in_its_own_direction(rig: Rig) -> None:
             _pushing(rig, 4000, tuple(caps), ENABLE | GUARDS | drop)
             assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
         others = sum(drop for other, drop in enumerate(DROPS) if other != to)
-        _pushing(rig, 2600, tuple(caps), ENABLE | GUARDS | others)
+        _pushing(rig, 100, tuple(caps), ENABLE | GUARDS | others)  # the time against an edge has not counted
+        assert rig.out.guard_bits == CAPPED
+        _pushing(rig, 2500, tuple(caps), ENABLE | GUARDS | others)
         assert rig.out.guard_bits == CAPPED | OVERRIDDEN
         rig.limit(tuple(caps), ENABLE | GUARDS | DROPS[to])  # the edge comes into view while the chair creeps
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
