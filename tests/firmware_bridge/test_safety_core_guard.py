@@ -618,9 +618,10 @@ def test_the_caps_of_another_session_or_of_an_old_frame_are_not_taken(rig: Rig) 
     assert not rig.limit(FULL, ahead=0).heard
     assert not rig.limit(FULL, ahead=-1).heard
     assert not rig.limit(FULL, ahead=60).heard
+    assert (rig.out.state, rig.out.faults, list(rig.out.caps)) == (GUARD, 0, [2500] * 4)
     rig.sequence = (rig.sequence - 59) & 0xFFFF
     assert list(rig.limit((2500,) * 4).caps) == [2500] * 4
-    assert rig.out.heard
+    assert (rig.out.heard, rig.out.state, rig.out.faults) == (True, GUARD, 0)
 
 
 def test_random_limits_sticks_and_faults_never_give_more_than_the_stick(rig: Rig) -> None:
