@@ -39,7 +39,8 @@ class Caps:
 
     def narrowed(self, highest: float) -> Caps:
         """Return the caps with none above `highest`."""
-        return Caps(*(min(cap, highest) for cap in self.each), drops=self.drops)
+        front, rear, left, right = (min(cap, highest) for cap in self.each)
+        return Caps(front, rear, left, right, self.drops)
 
     def flags(self) -> CommandFlag:
         """Return the flags of a limit with these caps."""

@@ -191,8 +191,8 @@ def _verdict(mode: DriveMode, situation: Situation, settings: SupervisorSettings
     event = event_in(situation, settings)
     after = TABLE[mode, event]
     if event is SupervisorEvent.GUARD:
-        waits = halt("unconfirmed") if situation.goal_active else None
-        return SupervisorVerdict(after, SupervisorEvent.GUARD.value if waits is None else waits.text, halt=waits)
+        goal = halt("unconfirmed") if situation.goal_active else None
+        return SupervisorVerdict(after, SupervisorEvent.GUARD.value if goal is None else goal.text, halt=goal)
     if event is SupervisorEvent.STEER:
         return SupervisorVerdict(after, SupervisorEvent.STEER.value, drops_goal=situation.goal_active, steered=True)
     if after in DRIVEN:

@@ -42,6 +42,7 @@ from tests.firmware_bridge.rig import (
     SWING,
     WARNS,
     HostMessage,
+    Outputs,
     Rig,
     bent,
 )
@@ -78,7 +79,7 @@ def test_f7_a_guard_begins_after_two_seconds_at_rest_with_both_flags(rig: Rig) -
     assert list(rig.limit().caps) == [20] * 4
 
 
-def _limit_at(rig: Rig, ms: int) -> object:
+def _limit_at(rig: Rig, ms: int) -> Outputs:
     return rig.limit() if ms % 20 == 1 else rig.step()
 
 
@@ -303,7 +304,12 @@ def test_a_computer_that_comes_back_does_not_shorten_the_wait_and_may_guard_agai
 
 
 def test_an_end_by_the_riders_act_lets_the_stick_free_without_a_lurch(rig: Rig) -> None:
-    for end in (lambda: rig.limit(FULL, GUARDS), lambda: rig.limit(FULL, ENABLE), lambda: rig.command(0, 0, ENABLE)):
+    ends: tuple[Callable[[], Outputs], ...] = (
+        lambda: rig.limit(FULL, GUARDS),
+        lambda: rig.limit(FULL, ENABLE),
+        lambda: rig.command(0, 0, ENABLE),
+    )
+    for end in ends:
         rig.start()
         rig.guard(BLOCKED)
         rig.stick = [NEUTRAL + SWING, NEUTRAL - 50]
