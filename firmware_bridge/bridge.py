@@ -19,6 +19,7 @@ from waychair.calibration.fits.dac import DacModel
 from waychair.config import Settings, setting
 from waychair.errors import CalibrationError, CalibrationMismatch
 from waychair.firmware_bridge.advice import fault_advice, is_of_host
+from waychair.firmware_bridge.caps import STALE_CAP, Caps, StickMotion
 from waychair.firmware_bridge.line_counts import LineCounts
 from waychair.firmware_bridge.protocol import (
     BoardState,
@@ -50,6 +51,9 @@ MAX_AGE_MS = 150
 MAX_FUTURE_MS = 10
 """A command stamped later than now by more than this has a wrong clock."""
 
+CAPS_DEAD_MS = 1000
+"""Age of the caps beyond which the bridge falls silent, so that the board ends the guard by itself."""
+
 SLEW = 6.0
 """Fastest change of a line [V/s], like the board's own limit."""
 
@@ -57,6 +61,10 @@ USUAL_FAMILY = Family.EIGHT_PIN_3V3
 """The joystick family of simulated chairs, and of chairs whose file and settings name none."""
 
 TAKEN_OVER = "the rider took over by joystick"
+
+GUARDED = "the rider drives by joystick, within the guard's caps"
+
+GUARD_RESET = "the board ended the guard or was reset: choose the guard again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +89,16 @@ class BridgeSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class _Order:
-    """The last command as counts, or None if it must not be sent; `reason` tells why it is None or zero."""
+    """The last command as counts, or None if it must not be sent; `reason` tells why it is None or zero.
+
+    `caps`: instead of a command, those of the rider's own stick.
+    """
 
     counts: tuple[int, int] | None
     reason: str
     stamp_ns: int
     given_ns: int
+    caps: Caps | None = None
 
 
 @dataclass(slots=True)
@@ -110,6 +122,7 @@ class _DriveAtBoard:
     lasts: bool = False
     ended: str = ""
     releasing: bool = False  # until the board reports that it has released the lines
+    guards: bool = False  # the board guards the rider's own stick for this computer
 
 
 @dataclass(slots=True)
@@ -204,6 +217,11 @@ class Bridge:
         """The board's handshake reply; None while the board is silent, refused or disconnected."""
         return self._session.reply
 
+    def stick_motion(self, track: float) -> StickMotion | None:
+        """Return the chair's motion at deflections of its own stick, `track` [m] wide; None without a usable board."""
+        reply = self._session.reply
+        return None if reply is None else StickMotion.of(self._lines, reply, track)
+
     @property
     def armed(self) -> bool:
         """Whether the board acts on set-points; before that only zero is sent."""
@@ -214,6 +232,11 @@ class Bridge:
     def taken_over(self) -> bool:
         """Whether the rider's stick ended the drive at the board (F19), until `send(None)`."""
         return self._drive.ended == TAKEN_OVER
+
+    @property
+    def guard_end(self) -> str:
+        """Why board or cable ended a guard, until `send(None)`; empty if they did not."""
+        return "" if self._order.caps is None else self._drive.ended
 
     @property
     def trouble(self) -> tuple[str, ...]:
@@ -246,9 +269,26 @@ class Bridge:
         """
         with self._lock:
             now_ns, back_ns = self._clock.at_send(now_ns)
+            guarded = self._order.caps is not None
             self._order = self._order_from(speeds, stamp_ns, now_ns, back_ns)
-            if speeds is None:
+            if speeds is None or guarded:
                 self._drive = _DriveAtBoard(releasing=self._drive.releasing or self.armed)
+            self._read_board(now_ns)
+            return self._send_order(now_ns)
+
+    def limit(self, caps: Caps, stamp_ns: int, now_ns: int) -> SentCommand:
+        """Let the rider drive by the chair's own stick within caps that were decided at `stamp_ns`.
+
+        The board begins once its stick has been at rest for two seconds. A guard that board or cable have ended does not
+        begin again before `send(None)`; see `guard_end`. Caps of another clock are narrow, and so are old ones.
+        """
+        with self._lock:
+            now_ns, back_ns = self._clock.at_send(now_ns)
+            if back_ns or stamp_ns - now_ns > MAX_FUTURE_MS * 1_000_000:
+                caps, stamp_ns = caps.narrowed(STALE_CAP), now_ns
+            if self._order.caps is None:
+                self._drive = _DriveAtBoard(releasing=self._drive.releasing or self.armed)
+            self._order = _Order(None, GUARDED, stamp_ns, now_ns, caps)
             self._read_board(now_ns)
             return self._send_order(now_ns)
 
@@ -316,6 +356,11 @@ class Bridge:
         elif drive.lasts:
             drive.lasts = False
             drive.ended = self._drive_problem(now_ns) or next(iter(fault_advice(self._faults)), self._end_reason())
+        if board is not None and board.state == BoardState.GUARD:
+            drive.guards = self._order.caps is not None
+        elif drive.guards:
+            drive.guards = False
+            drive.ended = self._drive_problem(now_ns) or next(iter(fault_advice(self._faults)), GUARD_RESET)
 
     def _drive_problem(self, now_ns: int) -> str:
         """Return why this bridge cannot drive, apart from the board's faults; empty if it can."""
@@ -336,11 +381,22 @@ class Bridge:
             drive.releasing = drive.releasing or self.armed
             drive.lasts, self._volts = False, None
             if reply is not None:
-                self._session.command(0, 0, self._reset_flags(), now_ns)
+                reason = self._send_released(now_ns, reason)
             self._sent = self._released(now_ns, reason)
         else:
             self._sent = self._send_driving(reply, now_ns, elapsed_ns)
         return self._sent
+
+    def _send_released(self, now_ns: int, reason: str) -> str:
+        """Send caps, or a command that releases the lines; return why the computer does not drive."""
+        caps, age_ns = self._order.caps, abs(now_ns - self._order.stamp_ns)
+        if caps is None or self._drive.ended or self._faults:
+            self._session.command(0, 0, self._reset_flags(), now_ns)
+            return reason if caps is None else self._drive.ended or fault_advice(self._faults)[0]
+        if age_ns > CAPS_DEAD_MS * 1_000_000:
+            return f"the caps of the joystick are {age_ns / 1e6:g} ms old"
+        self._session.limit(caps.narrowed(STALE_CAP) if age_ns > LATE_MS * 1_000_000 else caps, now_ns)
+        return reason
 
     def _release_reason(self, now_ns: int) -> str:
         """Return why the lines are released now; empty if the order may be executed."""

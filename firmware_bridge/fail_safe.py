@@ -106,7 +106,7 @@ def _kill_one_host(program: Path, chance: random.Random) -> KillTrial:
         assert computer.stdin is not None
         assert computer.stdout is not None
         try:
-            for now_ms in _ticks(moment):
+            for now_ms in ticks_until(moment):
                 os.write(computer.stdin.fileno(), TICK.pack(now_ms, now_ms % PERIOD_MS != 0))
                 board.transport.written = WRITTEN.unpack(os.read(computer.stdout.fileno(), WRITTEN.size))[0]
                 lines = board.step(now_ms, at_rest())
@@ -128,7 +128,7 @@ def _kill_one_board(program: Path, way: str, chance: random.Random) -> KillTrial
             if now_ms % PERIOD_MS == 0:
                 board.transport.write(encode(command_at(now_ms, *commanded), now_ms // PERIOD_MS))
 
-        for now_ms in _ticks(moment):
+        for now_ms in ticks_until(moment):
             send(now_ms)
             lines = board.step(now_ms, at_rest())
         _require_drive(lines)
@@ -140,7 +140,7 @@ def _kill_one_board(program: Path, way: str, chance: random.Random) -> KillTrial
         return KillTrial(way, moment, commanded, _released_ms(board, moment, inputs, send))
 
 
-def _ticks(moment: int) -> list[int]:
+def ticks_until(moment: int) -> list[int]:
     """Return one tick per command until one or two commands before the moment, then one per millisecond."""
     coarse = (moment // PERIOD_MS - 1) * PERIOD_MS
     return [*range(PERIOD_MS, coarse + 1, PERIOD_MS), *range(coarse + 1, moment + 1)]

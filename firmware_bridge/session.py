@@ -10,21 +10,25 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from waychair.firmware_bridge.advice import fault_names, handshake_problem
+from waychair.firmware_bridge.caps import Caps
 from waychair.firmware_bridge.protocol import (
+    SETPOINT_MAX,
     BoardState,
     BoardTelemetry,
     Command,
     Decoder,
     Family,
+    GuardBit,
     HelloReply,
     Holder,
+    Limit,
     Message,
     encode,
     hello,
 )
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.topics import TELEMETRY
-from waychair.types import JoystickInput, Telemetry
+from waychair.types import GuardReport, JoystickInput, Telemetry
 
 GREETING_NS = 500_000_000
 """Time after which an unanswered greeting is repeated."""
@@ -100,10 +104,17 @@ class BoardSession:
 
     def command(self, forward: int, turn: int, flags: int, now_ns: int) -> bool:
         """Send set-points [1/10000 of the swing] and flags; return whether the cable took them."""
+        return self._send(Command(forward, turn, flags, _stamp_us(now_ns)), now_ns)
+
+    def limit(self, caps: Caps, now_ns: int) -> bool:
+        """Send caps of the rider's own stick; return whether the cable took them."""
+        return self._send(Limit(*caps.setpoints(), caps.flags(), _stamp_us(now_ns)), now_ns)
+
+    def _send(self, message: Command | Limit, now_ns: int) -> bool:
         sequence = self._next()
         self._commands.sent_ns[sequence] = now_ns
         self._commands.sent_ns.pop((sequence - _REMEMBERED) & 0xFFFF, None)
-        return self._cable.write(encode(Command(forward, turn, flags, _stamp_us(now_ns)), sequence))
+        return self._cable.write(encode(message, sequence))
 
     def problem(self, now_ns: int) -> str:
         """Return why the board cannot be reached now, with a remedy; empty if it can."""
@@ -166,6 +177,23 @@ def _telemetry(board: BoardTelemetry, reply: HelloReply, round_trip_ns: int | No
         state=BoardState(board.state).name,
         holder=Holder(board.holder).name,
         round_trip_ns=round_trip_ns,
+        guard=_guard(board),
+    )
+
+
+def _guard(board: BoardTelemetry) -> GuardReport | None:
+    """Return how the board's guard acts; None without one."""
+    bits = GuardBit(board.guard_bits & sum(GuardBit))
+    if board.state != BoardState.GUARD and not bits:
+        return None
+    caps = (board.front_cap, board.rear_cap, board.left_cap, board.right_cap)
+    front, rear, left, right = (cap / SETPOINT_MAX for cap in caps)
+    return GuardReport(
+        (front, rear, left, right),
+        capped=GuardBit.CAPPED in bits,
+        warns=GuardBit.WARNS in bits,
+        overridden=GuardBit.OVERRIDDEN in bits,
+        lost=GuardBit.LOST in bits,
     )
 
 

@@ -1,4 +1,5 @@
-"""A computer as a process, for `fail_safe.kill_host`: it shakes hands, holds zero and then drives steadily.
+"""A computer as a process, for `fail_safe.kill_host`: it shakes hands, holds zero and then drives steadily. With four
+caps instead of two set-points it lets the rider drive within them, for `guard_trials.kill_guard`.
 
 Simulated time comes on its standard input as records (now_ms u32, fine u8). For each it answers the number of bytes
 (u32) written to the terminal so far. A `fine` tick lasts one millisecond and sends half of a frame, so that the process
@@ -10,8 +11,9 @@ from __future__ import annotations
 import os
 import struct
 import sys
+from collections.abc import Callable
 
-from waychair.firmware_bridge.protocol import Command, CommandFlag, Family, encode, hello
+from waychair.firmware_bridge.protocol import Command, CommandFlag, Family, Limit, Message, encode, hello
 
 PERIOD_MS = 20
 DRIVE_FROM_MS = 2100
@@ -27,14 +29,19 @@ def command_at(now_ms: int, forward: int, turn: int) -> Command:
     return Command(forward * drives, turn * drives, CommandFlag.ENABLE, now_ms * 1000)
 
 
-def serve(terminal: int, forward: int, turn: int) -> None:
-    """Answer ticks until the input ends."""
+def limit_at(now_ms: int, front: int, rear: int, left: int, right: int) -> Limit:
+    """Return the caps of a steady computer at a time since its start."""
+    return Limit(front, rear, left, right, CommandFlag.ENABLE | CommandFlag.GUARD, now_ms * 1000)
+
+
+def serve(terminal: int, message_at: Callable[[int], Message]) -> None:
+    """Answer ticks until the input ends; `message_at` gives the message of a time."""
     pending, written, sequence, period = encode(hello("A", Family.HALL_5V), 0), 0, 0, -1
     while len(tick := os.read(0, TICK.size)) == TICK.size:
         now_ms, fine = TICK.unpack(tick)
         if now_ms // PERIOD_MS > period:
             period, sequence = now_ms // PERIOD_MS, sequence + 1
-            pending += encode(command_at(now_ms, forward, turn), sequence)
+            pending += encode(message_at(now_ms), sequence)
         part = pending[: (len(pending) + 1) // 2] if fine else pending
         written += os.write(terminal, part)
         pending = pending[len(part) :]
@@ -42,4 +49,9 @@ def serve(terminal: int, forward: int, turn: int) -> None:
 
 
 if __name__ == "__main__":
-    serve(os.open(sys.argv[1], os.O_RDWR | os.O_NOCTTY), int(sys.argv[2]), int(sys.argv[3]))
+    path, *figures = sys.argv[1:]
+    wanted = tuple(map(int, figures))
+    serve(
+        os.open(path, os.O_RDWR | os.O_NOCTTY),
+        lambda now_ms: command_at(now_ms, *wanted) if len(wanted) == 2 else limit_at(now_ms, *wanted),
+    )

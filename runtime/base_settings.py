@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from waychair.config import Settings
 from waychair.control.drive.steering import SteeringSettings
-from waychair.control.safety.collision_monitor import MonitorSettings
+from waychair.control.safety.arc_clearance import MonitorSettings
 from waychair.control.safety.fitness import FitnessSettings
 from waychair.control.safety.sight_speed import UnseenSettings
 from waychair.control.safety.supervisor import SupervisorSettings

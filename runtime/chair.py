@@ -18,11 +18,13 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.fits.dac import DacModel
 from waychair.config import setting
 from waychair.control.drive.navigator import Navigation, Navigator
+from waychair.control.safety.guard import Unscanned
 from waychair.control.safety.stops import Halt
 from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.protocol import HelloReply
 from waychair.firmware_bridge.transports import Reconnecting
+from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.runtime.drive_base import ChairMessage, DriveBase
@@ -39,6 +41,7 @@ from waychair.slam.localising.localiser import (
 )
 from waychair.types import (
     Goal,
+    HelpLevel,
     OccupancyGrid,
     Place,
     Pose2,
@@ -232,6 +235,21 @@ class Chair:
         """
         return self._pilot.go_on()
 
+    def choose_level(self, level: HelpLevel) -> str:
+        """Take a level of help by the rider's own act, at once; return the sentence to be spoken."""
+        self._tell(f"level {level.value}")
+        return self._base.choose_level(level)
+
+    @property
+    def level(self) -> HelpLevel:
+        """The level of help now; the guard ends by itself where board or cable end it (`level_told`)."""
+        return self._base.guard.level
+
+    @property
+    def level_told(self) -> str:
+        """The last sentence about the level of help."""
+        return self._base.guard.told
+
     def stop(self) -> None:
         """Obey the rider's Stop: nothing moves by itself until a new goal is asked for or a page steers."""
         self._tell("stop")
@@ -344,6 +362,8 @@ class Chair:
         if self._base.stopped_after_push and self._is_degraded:
             self._localiser.restart(pose)  # after a push the scans match the pose only in part
         self._pilot.obey(verdict)
+        if verdict.guarded:
+            self._base.guard.unscanned = self._unscanned(pose)
         map_from_odom = None if self._localisation is None else self._localisation.map_from_odom
         navigation = self._pilot.step(now_ns, pose, map_from_odom)
         driven = self._base.drive(now_ns, verdict, navigation.twist if navigation.driving else None)
@@ -370,6 +390,14 @@ class Chair:
     def _is_degraded(self) -> bool:
         """Whether the pose is uncertain; a localiser that is lost searches by itself."""
         return self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
+
+    def _unscanned(self, map_from_base: Pose2) -> Unscanned:
+        """Return drop-offs, and things that only sonars and depth camera show, in base; none while unlocalised."""
+        if self._localisation is None:
+            return Unscanned()
+        drops, things = self._pilot.navigator.beyond_scans
+        here = map_from_base.inverse()
+        return Unscanned(transform_points(here, drops), transform_points(here, things))
 
     def _tell(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         if self._watcher is not None:

@@ -46,6 +46,11 @@ class CommandLimits:
         """Take in a scan without the beams that the chair itself stops."""
         self._sectors = sectors_of_scan(scan, self._body.base_from_laser)
 
+    @property
+    def sectors(self) -> Sequence[Sector]:
+        """The directions in which the latest scan measured something."""
+        return self._sectors
+
     def rest(self) -> None:
         """Start the next command from standstill, because the lines were released."""
         self._limiter.rest()

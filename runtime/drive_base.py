@@ -30,12 +30,14 @@ from waychair.runtime.command_limits import CommandLimits
 from waychair.runtime.halt_watch import HaltWatch
 from waychair.runtime.measured_motion import MeasuredMotion
 from waychair.runtime.monitor_process import MonitorInStep, MonitorPort, Watched
+from waychair.runtime.rider_guard import RiderGuard
 from waychair.runtime.rider_input import RiderInput
 from waychair.slam.localising.localisation import Localisation
 from waychair.types import (
     ChairStatus,
     DriveMode,
     FloatArray,
+    HelpLevel,
     ImuSample,
     Pose2,
     PressureSample,
@@ -45,6 +47,7 @@ from waychair.types import (
     SonarReadings,
     Telemetry,
     Twist,
+    WheelSpeeds,
     WheelTicks,
 )
 
@@ -93,6 +96,7 @@ class DriveBase:
         self.settings = s = settings or BaseSettings()
         self._calibration = calibration
         body = calibration.body
+        given = model is not None
         model = model or calibration.dac or DEFAULT
         model = DeadBand(model) if isinstance(model, FittedDac) else model
         watched = Watched(body, s.monitor, calibration.stops, calibration.self_mask)
@@ -107,6 +111,8 @@ class DriveBase:
         self.bridge = Bridge(
             cable, model, calibration.chair_id, with_family_of(s.bridge, calibration), self._limits.gate
         )
+        measured = calibration.dac is not None or given
+        self.guard = RiderGuard(body, calibration.stops, s, self._monitor, self.bridge, calibrated=measured)
         self.stopped_after_push = False
         """Whether the chair came to rest in this tick after a push by hand; its pose may be wrong."""
         self._mode = DriveMode.MANUAL
@@ -148,6 +154,10 @@ class DriveBase:
     def countdown_s(self, now_ns: int) -> float | None:
         """Return the time until a drive that has begun may move [s]; None outside the countdown."""
         return self._rider.countdown_s(now_ns)
+
+    def choose_level(self, level: HelpLevel) -> str:
+        """Take a level of help by the rider's own act; return the sentence to be spoken. See `RiderGuard`."""
+        return self.guard.choose(level)
 
     def stop(self) -> None:
         """Obey the rider's Stop: nothing moves by itself until a new goal is asked for or a page steers."""
@@ -219,7 +229,8 @@ class DriveBase:
             self._fitness.settle()
         halts = self._halts.update(now_ns, self._monitor.verdict, self._found_halts(now_ns, other_halts), driven=driven)
         taken_over = self._rider.takes_over(stick) or self.bridge.taken_over
-        situation = self._rider.situation(now_ns, stick, taken_over, active, halts)
+        guarded = self.guard.wanted and not driven
+        situation = self._rider.situation(now_ns, stick, taken_over, active, halts, guarded)
         verdict = supervise(self._mode, situation, self.settings.supervisor)
         self._mode = verdict.mode
         self._rider.obey(now_ns, situation, verdict)
@@ -239,7 +250,7 @@ class DriveBase:
         trimmed = self._loop.step(asked_now, measured, now_ns, self._sent, wheels)
         fastest, track = self.settings.bridge.max_wheel_speed, self._calibration.body.track
         speeds = None if command is None else saturate(wheel_speeds_from_twist(trimmed, track), fastest)
-        before, self._sent = self._sent, self.bridge.send(speeds, now_ns, now_ns)
+        before, self._sent = self._sent, self._send(now_ns, verdict, speeds)
         self._rider.arming.note_sent(wants=speeds is not None, holds=self._sent.active)
         if self._sent.active and command is not None:
             return DriveResult(command, self._sent)
@@ -250,6 +261,14 @@ class DriveBase:
             # otherwise the lines would be requested again for as long as the page pushes
             self._rider.steering.end()
         return DriveResult(command, self._sent, ended)
+
+    def _send(self, now_ns: int, verdict: SupervisorVerdict, speeds: WheelSpeeds | None) -> SentCommand:
+        """Send wheel speeds to the board, or the caps of the rider's own stick."""
+        if speeds is not None or not verdict.guarded:
+            return self.bridge.send(speeds, now_ns, now_ns)
+        telemetry = self.bridge.telemetry
+        stick = None if telemetry is None else telemetry.joystick
+        return self.guard.limit(now_ns, stick, self.motion.twist, self._limits.sectors)
 
     def note_mapped_legs(self, mapped: FloatArray, scan_ns: int) -> None:
         """Take a scan's points that look like legs but are on the map, (N, 2) [m] in the base frame of `scan_ns`."""

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from types import TracebackType
 from typing import Protocol, Self
@@ -27,7 +27,8 @@ import numpy as np
 from waychair.calibration.chair_body import CHAIR_A, ChairBody
 from waychair.calibration.fits.self_mask import SelfMask
 from waychair.calibration.fits.stopping import StopTable
-from waychair.control.safety.collision_monitor import Monitor, MonitorSettings, MonitorVerdict
+from waychair.control.safety.arc_clearance import MonitorSettings
+from waychair.control.safety.collision_monitor import Monitor, MonitorVerdict
 from waychair.firmware_bridge.heartbeat import urgent
 from waychair.types import FloatArray, Scan, Twist
 
@@ -39,6 +40,8 @@ _SCAN = struct.Struct("<cqddddd")
 _COMMAND = struct.Struct("<cdddd")
 _FURNITURE = struct.Struct("<cq")
 _VERDICT = struct.Struct("<cqqdddd")
+_PUSHES = struct.Struct("<cqdd8d")
+_SHARES = struct.Struct("<cq?12d")
 _NO_SCAN = -(2**63)
 
 
@@ -56,8 +59,25 @@ class Watched:
         return Monitor(self.body, self.settings, self.stops, self.mask)
 
 
+@dataclass(frozen=True, slots=True)
+class MonitoredPushes:
+    """The monitor's answer about pushes of the rider's stick at `stamp_ns`: the four twists, and the share of each that may
+    be driven, None without a fit scan."""
+
+    stamp_ns: int
+    twists: tuple[Twist, ...]
+    shares: tuple[float, ...] | None
+
+
 class MonitorPort(Protocol):
     """The interface of a chair to its monitor, in the tick or in a process. `verdict` may be read from any thread."""
+
+    @property
+    def pushes(self) -> MonitoredPushes | None:
+        """The latest answer to `judge_pushes`; None before the first."""
+
+    def judge_pushes(self, twists: Sequence[Twist], measured: Twist, now_ns: int) -> None:
+        """Ask about four pushes of the rider's own stick, with the measured twist."""
 
     @property
     def verdict(self) -> MonitorVerdict | None:
@@ -83,11 +103,21 @@ class MonitorInStep:
         self._watched = watched
         self._monitor = watched.monitor()
         self._verdict: MonitorVerdict | None = None
+        self._pushes: MonitoredPushes | None = None
 
     @property
     def verdict(self) -> MonitorVerdict | None:
         """See `MonitorPort`."""
         return self._verdict
+
+    @property
+    def pushes(self) -> MonitoredPushes | None:
+        """See `MonitorPort`."""
+        return self._pushes
+
+    def judge_pushes(self, twists: Sequence[Twist], measured: Twist, now_ns: int) -> None:
+        """See `MonitorPort`."""
+        self._pushes = MonitoredPushes(now_ns, tuple(twists), self._monitor.shares(twists, measured, now_ns))
 
     def see(self, scan: Scan) -> None:
         """See `MonitorPort`."""
@@ -103,7 +133,7 @@ class MonitorInStep:
 
     def restart(self) -> None:
         """See `MonitorPort`."""
-        self._monitor, self._verdict = self._watched.monitor(), None
+        self._monitor, self._verdict, self._pushes = self._watched.monitor(), None, None
 
 
 class MonitorProcess:
@@ -113,6 +143,7 @@ class MonitorProcess:
         self._watched = watched
         self._lock = threading.Lock()
         self._verdict: MonitorVerdict | None = None
+        self._pushes: MonitoredPushes | None = None
         self._socket, self._process = _started(watched)
 
     def __enter__(self) -> Self:
@@ -133,9 +164,21 @@ class MonitorProcess:
     def verdict(self) -> MonitorVerdict | None:
         """See `MonitorPort`."""
         with self._lock:
-            for message in _received(self._socket):
-                self._verdict = _verdict_from(message)
+            self._listen()
             return self._verdict
+
+    @property
+    def pushes(self) -> MonitoredPushes | None:
+        """See `MonitorPort`."""
+        with self._lock:
+            self._listen()
+            return self._pushes
+
+    def judge_pushes(self, twists: Sequence[Twist], measured: Twist, now_ns: int) -> None:
+        """See `MonitorPort`; the stamp is of CLOCK_MONOTONIC."""
+        with self._lock:
+            speeds = [speed for twist in twists for speed in (twist.v, twist.omega)]
+            _send(self._socket, _PUSHES.pack(b"p", now_ns, measured.v, measured.omega, *speeds))
 
     def see(self, scan: Scan) -> None:
         """See `MonitorPort`."""
@@ -156,8 +199,15 @@ class MonitorProcess:
         """See `MonitorPort`."""
         with self._lock:
             self._end()
-            self._verdict = None
+            self._verdict = self._pushes = None
             self._socket, self._process = _started(self._watched)
+
+    def _listen(self) -> None:
+        for message in _received(self._socket):
+            if message[:1] == b"p":
+                self._pushes = _shares_from(message)
+            else:
+                self._verdict = _verdict_from(message)
 
     def _end(self) -> None:
         self._socket.close()
@@ -189,6 +239,9 @@ def watch(channel: socket.socket, monitor: Monitor) -> None:
                 _, stamp_ns = _FURNITURE.unpack_from(message)
                 mapped = np.frombuffer(message, "<f4", offset=_FURNITURE.size).astype(np.float64)
                 monitor.note_mapped_legs(mapped.reshape(-1, 2), stamp_ns)
+            elif message[:1] == b"p":
+                if not _send(channel, _answer(monitor, message)):
+                    return
             else:
                 _, v, omega, v_now, omega_now = _COMMAND.unpack(message)
                 command, measured = Twist(v, omega), Twist(v_now, omega_now)
@@ -246,6 +299,22 @@ def _verdict_from(message: bytes) -> MonitorVerdict:
         contact_s=contact_s,
         stop=message[_VERDICT.size :].decode(),
     )
+
+
+def _answer(monitor: Monitor, message: bytes) -> bytes:
+    """Return the monitor's shares of the pushes in a message."""
+    _, stamp_ns, v, omega, *speeds = _PUSHES.unpack(message)
+    shares = monitor.shares(_twists(speeds), Twist(v, omega), time.monotonic_ns())
+    return _SHARES.pack(b"p", stamp_ns, shares is not None, *speeds, *(shares or (0.0,) * 4))
+
+
+def _shares_from(message: bytes) -> MonitoredPushes:
+    _, stamp_ns, fit, *figures = _SHARES.unpack(message)
+    return MonitoredPushes(stamp_ns, _twists(figures[:8]), tuple(figures[8:]) if fit else None)
+
+
+def _twists(speeds: Sequence[float]) -> tuple[Twist, ...]:
+    return tuple(Twist(v, omega) for v, omega in zip(speeds[::2], speeds[1::2], strict=True))
 
 
 def main() -> None:

@@ -55,8 +55,9 @@ class RiderInput:
         taken_over: bool,
         goal_active: bool,
         halts: tuple[Halt, ...],
+        guarded: bool = False,
     ) -> Situation:
-        """Return the supervisor's input of this tick; request and yes count once."""
+        """Return the supervisor's input of this tick; request and yes count once. `guarded`: see `Situation`."""
         situation = Situation(
             joystick=stick,
             taken_over=taken_over,
@@ -66,6 +67,7 @@ class RiderInput:
             confirmed=self._confirmed,
             halts=halts,
             steered=self.steering.counts(now_ns),
+            guarded=guarded,
         )
         self._requested = self._confirmed = False
         return situation

@@ -172,14 +172,14 @@ class Surroundings:
 
     def full_height(self) -> FloatArray:
         """Return unmapped obstacles (N, 2) [m] in map of unknown height, which the whole footprint must avoid."""
-        return np.concatenate([self._lidar.points, self._sonar.points, self._missing_floor(), self._personal_space])
+        return np.concatenate([self._lidar.points, self._sonar.points, self.missing_floor(), self._personal_space])
 
     def stationary(self) -> tuple[FloatArray, tuple[tuple[BodyLayer, FloatArray], ...]]:
         """Return `full_height` and `layered` without walking people, who will be elsewhere when the chair gets
         there."""
         upright = np.concatenate([self._lidar.points, self._sonar.points, self._personal_space])
         layered = ((layer, self._without_walkers(points)) for layer, points in self.layered())
-        return np.concatenate([self._without_walkers(upright), self._missing_floor()]), tuple(layered)
+        return np.concatenate([self._without_walkers(upright), self.missing_floor()]), tuple(layered)
 
     def stands_near(self, points: FloatArray, gap: float) -> bool:
         """Return whether a `stationary` obstacle is nearer than `gap` [m] to one of points (N, 2) [m] in map."""
@@ -198,11 +198,13 @@ class Surroundings:
 
         They come from other sensors and from people's personal space.
         """
-        return np.concatenate(
-            [self._personal_space, self._missing_floor(), self._sonar.points, *self._in_full_layers()]
-        )
+        return np.concatenate([self._personal_space, self.missing_floor(), self._sonar.points, *self._in_full_layers()])
 
-    def _missing_floor(self) -> FloatArray:
+    def things_unscanned(self) -> FloatArray:
+        """Return unmapped things (N, 2) [m] in map that only sonars and depth camera show, for the whole footprint."""
+        return np.concatenate([self._sonar.points, *self._in_full_layers()])
+
+    def missing_floor(self) -> FloatArray:
         """Return drop-offs with their margin, and places of missing floor, (N, 2) [m] in map."""
         return np.concatenate([self._drop_off_zone, self._missing.points])
 

@@ -185,6 +185,11 @@ class Navigator:
         """Take in a depth image at map_from_base, with the chair's lean (3, 3) if it is known; return its ground."""
         return self._surroundings.look(frame, pose, level_from_base)
 
+    @property
+    def beyond_scans(self) -> tuple[FloatArray, FloatArray]:
+        """Points (N, 2) [m] in map that no scan shows: drop-offs, and things that only sonars and depth camera show."""
+        return self._surroundings.missing_floor(), self._surroundings.things_unscanned()
+
     def step(
         self,
         now_ns: int,

@@ -27,25 +27,17 @@ its own calls it by a timer (`runtime.monitor_process`), and the simulator calls
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.self_mask import SelfMask, outline_reach
 from waychair.calibration.fits.stopping import StopTable
-from waychair.config import Settings, given, setting
-from waychair.control.safety.arc_entry import entry_times
+from waychair.control.safety.arc_clearance import LEAST_POINTS, MonitorSettings, permitted_along, stoppable_along
 from waychair.geometry import arcs, transform_points
-from waychair.planning.body.clearance import (
-    CRAWL_SPEED,
-    FULL_SPEED,
-    MONITORED_AHEAD_AT_CRAWL,
-    MONITORED_AHEAD_AT_FULL_SPEED,
-    MONITORED_AT_CRAWL,
-    MONITORED_AT_FULL_SPEED,
-)
-from waychair.planning.body.personal_space import GIVE_WAY_S, LEG_WIDTH, LegClearanceSettings
+from waychair.planning.body.personal_space import GIVE_WAY_S, LEG_WIDTH
 from waychair.recordings.scans import without_overflow_codes
 from waychair.types import BoolArray, FloatArray, IntArray, Pose2, Scan, Twist
 
@@ -55,36 +47,11 @@ VERDICT_MS, SCAN_MS, SILENT_MS = 150, 300, 500
 MAPPED_WITHIN, MAPPED_MS = 0.1, 400
 """m, ms; slim points so near to a mapped slim object belong to it; its place is forgotten after so long."""
 
-LEAST_POINTS = 3
-"""Fewest points of an obstacle; fewer are noise."""
-
 BLIND_S, LEAST_COVERAGE = 0.4, 0.8
 """s, share; a beam without a range for so long is blind, and so large a share of the beams must not be blind."""
 
-SLOWING, SLOWING_ALPHA = 0.6, 0.8
-"""m/s^2, rad/s^2; braking in comfort, by which the chair begins to slow down."""
-
 JUDGED_WITHIN_V, JUDGED_WITHIN_OMEGA = 0.1, 0.2
 """m/s, rad/s; a command farther than this beyond the judged one counts as not judged."""
-
-
-@dataclass(frozen=True, slots=True)
-class MonitorSettings(Settings):
-    """The chair's emergency braking before its stops were measured, and the extra clearance to legs.
-
-    `emergency` [m/s^2] and `emergency_alpha` [rad/s^2] are the decelerations assumed without measured stops.
-    """
-
-    reaction_s: float = setting(
-        0.3,
-        "s",
-        "time from a verdict to the first braking, without measured stops; larger: the chair brakes earlier",
-        low=0.0,
-        high=2.0,
-    )
-    emergency: float = given(1.5)
-    emergency_alpha: float = given(1.5)
-    legs: LegClearanceSettings = field(default_factory=LegClearanceSettings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,16 +132,12 @@ class Monitor:
         """Return the verdict on a command now, the scan moved on by the chair's `measured` motion since."""
         scan = self._scan
         scan_ns = None if scan is None else scan.stamp_ns
-        if self._blindness:
-            return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop=self._blindness)
-        if scan is None or not _is_fresh(scan_ns, SCAN_MS, now_ns):
-            return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="lidar_late")
+        unfit = self._unfit(now_ns)
+        if unfit:
+            return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop=unfit)
         if not all(map(math.isfinite, (command.v, command.omega, measured.v, measured.omega))):
             return MonitorVerdict(now_ns, scan_ns, command, 0.0, stop="obstacle")
-        valid = valid_beams(scan, self._hidden)
-        points = points_now(scan, valid, self._body, measured, now_ns)
-        slim = self._slim[valid]
-        slim[slim] = ~self._is_mapped(points[slim], measured, now_ns)
+        points, slim = self._points(measured, now_ns)
         share, contact_s = self._permitted(points, slim, command)
         if share == 0.0 and slim.any():
             passing, passing_contact_s = self._permitted(points, slim, command, gave_way=True)
@@ -191,6 +154,37 @@ class Monitor:
             stop="" if share > 0.0 else "obstacle",
         )
 
+    def shares(self, twists: Sequence[Twist], measured: Twist, now_ns: int) -> tuple[float, ...] | None:
+        """Return the share of each twist that the scan permits to a rider's own hand; None without a fit scan.
+
+        The rider knows about the people near by: their legs slow the chair to a crawl, and only the chair's own outline
+        stops it.
+        """
+        if self._unfit(now_ns) or not all(map(math.isfinite, (measured.v, measured.omega))):
+            return None
+        points, slim = self._points(measured, now_ns)
+        return tuple(self._stoppable(points, slim, twist) for twist in twists)
+
+    def _stoppable(self, points: FloatArray, slim: BoolArray, push: Twist) -> float:
+        free = stoppable_along(points, slim, push, self._body, self._settings, self._stops)
+        if free > 0.0 or not slim.any():
+            return free
+        return stoppable_along(points, slim, push, self._body, self._settings, self._stops, gave_way=True)
+
+    def _unfit(self, now_ns: int) -> str:
+        """Return the id of the stop of a lidar that cannot be judged by; empty for one that can."""
+        fresh = self._scan is not None and _is_fresh(self._scan.stamp_ns, SCAN_MS, now_ns)
+        return self._blindness or ("" if fresh else "lidar_late")
+
+    def _points(self, measured: Twist, now_ns: int) -> tuple[FloatArray, BoolArray]:
+        """Return the scan's points (N, 2) [m] in base now, and a mask (N,) of legs; for a fit scan only."""
+        assert self._scan is not None
+        valid = valid_beams(self._scan, self._hidden)
+        points = points_now(self._scan, valid, self._body, measured, now_ns)
+        slim = self._slim[valid]
+        slim[slim] = ~self._is_mapped(points[slim], measured, now_ns)
+        return points, slim
+
     def _is_mapped(self, points: FloatArray, measured: Twist, now_ns: int) -> BoolArray:
         """Return a mask (N,) of points (N, 2) [m] in base that lie at mapped slim objects."""
         stamp_ns = self._mapped_legs_ns
@@ -206,18 +200,7 @@ class Monitor:
     def _permitted(
         self, points: FloatArray, slim: BoolArray, command: Twist, gave_way: bool = False
     ) -> tuple[float, float]:
-        """Return the permitted share of a command, 0 to stop, and its contact time; at most a crawl if it
-        `gave_way`."""
-        s, share, contact_s = self._settings, 0.0, math.inf
-        considered = judged_shares(command, self._body)
-        for pace in considered[-1:] if gave_way else considered:
-            contact_s = self._contact_s(points, slim, command, float(pace), gave_way)
-            share = max(share, min(float(pace), slow_share(contact_s, command, s)))
-            if share >= 1.0:
-                return 1.0, contact_s
-        if contact_s < stop_seconds(command, s, self._stops):  # with the clearance of a crawl
-            return 0.0, contact_s
-        return share, contact_s
+        return permitted_along(points, slim, command, self._body, self._settings, self._stops, gave_way=gave_way)
 
     def _has_given_way(self, measured: Twist, now_ns: int) -> bool:
         """Return whether the chair has stood long enough before legs in its way; called in every tick with such legs.
@@ -236,16 +219,6 @@ class Monitor:
                 return False
         self._passes_until_ns = now_ns + _PAST_NS
         return True
-
-    def _contact_s(
-        self, points: FloatArray, slim: BoolArray, command: Twist, pace: float, gave_way: bool = False
-    ) -> float:
-        """Return the driving time [s] until contact with enough points to be an obstacle."""
-        if len(points) < LEAST_POINTS:
-            return math.inf
-        legs = self._settings.legs
-        times = contact_times(points, slim, command, self._body, legs, pace=pace, gave_way=gave_way)
-        return float(np.partition(times, LEAST_POINTS - 1)[LEAST_POINTS - 1])
 
 
 _PAST_NS = 1_000_000_000
@@ -355,113 +328,6 @@ def points_now(scan: Scan, valid: BoolArray, body: ChairBody, measured: Twist, n
     c, s = np.cos(theta), np.sin(theta)
     dx, dy = points[:, 0] - x, points[:, 1] - y
     return np.column_stack([c * dx + s * dy, c * dy - s * dx])
-
-
-def judged_shares(command: Twist, body: ChairBody) -> FloatArray:
-    """Return the shares of a command to judge it at, from the whole command down to a crawl, evenly spaced."""
-    slowest = min(1.0, CRAWL_SPEED / max(_fastest(command, body), 1e-9))
-    return np.linspace(1.0, slowest, _PACES) if slowest < 1.0 else np.ones(1)
-
-
-_PACES = 4
-"""Number of such shares; a command at a crawl has one."""
-
-
-def margins(command: Twist, body: ChairBody, pace: float = 1.0) -> tuple[float, float]:
-    """Return the clearance [m] on all sides, and the extra one in the direction of travel, at a share of a command."""
-    share = min(max((pace * _fastest(command, body) - CRAWL_SPEED) / (FULL_SPEED - CRAWL_SPEED), 0.0), 1.0)
-    return (
-        MONITORED_AT_CRAWL + share * (MONITORED_AT_FULL_SPEED - MONITORED_AT_CRAWL),
-        MONITORED_AHEAD_AT_CRAWL + share * (MONITORED_AHEAD_AT_FULL_SPEED - MONITORED_AHEAD_AT_CRAWL),
-    )
-
-
-def _fastest(command: Twist, body: ChairBody) -> float:
-    """Return the larger of the driving speed and the farthest corner's speed in turning [m/s]."""
-    return max(abs(command.v), abs(command.omega) * body.circumscribed_radius)
-
-
-def contact_times(
-    points: FloatArray,
-    legs: BoolArray,
-    command: Twist,
-    body: ChairBody,
-    leg_clearance: LegClearanceSettings,
-    *,
-    pace: float = 1.0,
-    gave_way: bool = False,
-) -> FloatArray:
-    """Return the driving times (N,) [s] until contact of a command's arc with points (N, 2) [m] in base; +inf if never.
-
-    The footprint is grown by the `margins` of a share `pace` of the command's speed, and by more for points of `legs`
-    (N,), less once the chair `gave_way`; the time is that of the whole command. A point already within the grown
-    footprint is in contact now if it comes nearer by more than a centimetre in the next second; driving along it or
-    away from it is free. A point well within the footprint itself is in contact at once for any command that moves the
-    chair.
-    """
-    s, x, y = leg_clearance, points[:, 0], points[:, 1]
-    beside, besides_ahead = margins(command, body, pace)
-    to_come = legs & ((x > body.front) | (x < -body.rear))
-    beside_legs, ahead_of_legs = (s.beside_after, s.ahead_after) if gave_way else (s.beside, s.ahead)
-    # a corner that swings faster than the chair drives approaches people beside the chair
-    swings = abs(command.omega) * body.circumscribed_radius > abs(command.v)
-    around = beside + np.where(legs & swings, s.turning, 0.0)
-    half = body.width / 2 + np.maximum(around, beside + np.where(to_come, beside_legs, 0.0))
-    ahead = beside + np.where(legs, max(besides_ahead, ahead_of_legs), besides_ahead)
-    front = body.front + np.maximum(around, ahead if command.v > 0.0 else 0.0)
-    rear = body.rear + np.maximum(around, ahead if command.v < 0.0 else 0.0)
-    # move the side nearest to a point inwards until the point lies a centimetre outside
-    gaps = np.stack([front - x, rear + x, half - np.abs(y)])
-    nearest, within = gaps.argmin(axis=0), gaps.min(axis=0)
-    shrink = np.maximum(within + _CLOSER, 0.0)
-    sides = [side - np.where(nearest == row, shrink, 0.0) for row, side in enumerate((front, rear, half))]
-    times = entry_times(x, y, command, *sides)
-    times = np.where((within > 0.0) & (times < _SOON), 0.0, times)
-    deep = np.minimum(np.minimum(body.front - x, body.rear + x), body.width / 2 - np.abs(y)) > _DEEP
-    moves = abs(command.v) > 0.0 or abs(command.omega) > 0.0
-    return np.where(deep & moves, 0.0, times)
-
-
-_CLOSER = 0.01
-"""m; a point within the zone counts when it comes nearer by more than a lidar's noise and one step of the chair."""
-
-_SOON = 1.0
-"""s; it counts when it does so within this time, so that the chair cannot creep up to it in small steps."""
-
-_DEEP = 0.05
-"""m; a point so far inside the footprint is no noise at its edge."""
-
-
-def stop_seconds(command: Twist, settings: MonitorSettings, stops: StopTable | None = None) -> float:
-    """Return the driving time [s] at full speed over the distance of an emergency stop.
-
-    Braking both speeds in proportion keeps the arc, and its distance is half the braking time at full speed. A measured
-    stop counts where it is longer than the one reckoned from the settings.
-    """
-    v, omega = abs(command.v), abs(command.omega)
-    reckoned = settings.reaction_s + 0.5 * max(v / settings.emergency, omega / settings.emergency_alpha)
-    if stops is None:
-        return reckoned
-    fastest = stops.speeds[-1]
-    known = min(max(v, 1e-6), fastest)
-    straight = stops.distance(known) / known * max(1.0, v / fastest) if v > 0.0 else 0.0
-    turning = (
-        stops.turn_angle / stops.turn_rate * max(1.0, omega / stops.turn_rate) if omega and stops.turn_rate else 0.0
-    )
-    return max(reckoned, straight, turning)
-
-
-def slow_share(contact_s: float, command: Twist, settings: MonitorSettings) -> float:
-    """Return the share of a command at which the chair stops comfortably before a contact after `contact_s` [s].
-
-    At a share k the stop covers k reaction + k^2 T of the command's driving time, T being half the braking time. The
-    greatest allowed k makes that equal to contact_s.
-    """
-    half = 0.5 * max(abs(command.v) / SLOWING, abs(command.omega) / SLOWING_ALPHA)
-    if math.isinf(contact_s) or half == 0.0:
-        return 1.0
-    reaction = settings.reaction_s
-    return min(1.0, (math.sqrt(reaction * reaction + 4.0 * half * contact_s) - reaction) / (2.0 * half))
 
 
 def _is_fresh(stamp_ns: int | None, longest_ms: int, now_ns: int) -> bool:

@@ -7,6 +7,10 @@ dropped, so that nothing starts or resumes by itself when the fault clears. A fa
 A page's joystick is a drive of its own: it moves the chair through the computer, at walking speed and monitored, and
 ends any drive to a goal.
 
+Where the rider has chosen the guard and the computer does not drive, the rider drives by the chair's own joystick within
+the caps that the computer gives the board (`control.safety.guard`). A fault narrows the caps and does not end the guard;
+Stop and a push of the joystick concern drives of the computer and leave it as it is.
+
 The board decides by the same rule as `Override` within a millisecond, without this computer; the more sensitive of the
 two ends the drive. Only a deflection below the threshold can be blended with the computer's command. So a rider with
 tremor or spasm needs a higher threshold and a longer duration, the same here and on the board.
@@ -17,7 +21,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from waychair.config import Settings, setting
@@ -78,6 +82,7 @@ class SupervisorEvent(enum.Enum):
     """Events of a tick in order of precedence: the first one that applies counts."""
 
     STOP = "the rider pressed Stop"
+    GUARD = "the rider drives by joystick, within the guard's caps"
     TAKE_OVER = "the rider pushes the stick"
     FAULT = "something is wrong that ends a drive"
     STEER = "somebody steers by a page's joystick"
@@ -89,14 +94,15 @@ class SupervisorEvent(enum.Enum):
     QUIET = "nothing"
 
 
-_MANUAL, _ASSISTED, _AUTONOMOUS, _STOPPED = DriveMode
+_MANUAL, _ASSISTED, _AUTONOMOUS, _STOPPED, _GUARDED = DriveMode
 
 _NEXT: Mapping[DriveMode, tuple[DriveMode, ...]] = {
-    #             STOP      TAKE_OVER FAULT     STEER      NO_GOAL   REFUSAL   CONFIRM      REQUEST   HAND       QUIET
-    _MANUAL:     (_STOPPED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _MANUAL,   _MANUAL),
-    _STOPPED:    (_STOPPED, _MANUAL,  _STOPPED, _ASSISTED, _STOPPED, _STOPPED, _AUTONOMOUS, _STOPPED, _STOPPED,  _STOPPED),
-    _AUTONOMOUS: (_STOPPED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _ASSISTED, _AUTONOMOUS),
-    _ASSISTED:   (_STOPPED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _ASSISTED,   _MANUAL,  _ASSISTED, _AUTONOMOUS),
+    #             STOP      GUARD     TAKE_OVER FAULT     STEER      NO_GOAL   REFUSAL   CONFIRM      REQUEST   HAND       QUIET
+    _MANUAL:     (_STOPPED, _GUARDED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _MANUAL,   _MANUAL),
+    _STOPPED:    (_STOPPED, _GUARDED, _MANUAL,  _STOPPED, _ASSISTED, _STOPPED, _STOPPED, _AUTONOMOUS, _STOPPED, _STOPPED,  _STOPPED),
+    _AUTONOMOUS: (_STOPPED, _GUARDED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _ASSISTED, _AUTONOMOUS),
+    _ASSISTED:   (_STOPPED, _GUARDED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _ASSISTED,   _MANUAL,  _ASSISTED, _AUTONOMOUS),
+    _GUARDED:    (_STOPPED, _GUARDED, _MANUAL,  _MANUAL,  _ASSISTED, _MANUAL,  _MANUAL,  _AUTONOMOUS, _MANUAL,  _MANUAL,   _MANUAL),
 }  # fmt: skip
 
 TABLE: Mapping[tuple[DriveMode, SupervisorEvent], DriveMode] = MappingProxyType(
@@ -115,7 +121,8 @@ class Situation:
 
     `joystick` None: unknown. `taken_over`: the rider pushes the stick, or the board released the lines because of a
     push. `requested`, `confirmed`: another goal was requested since the last tick, and a person confirmed it.
-    `steered`: a page's joystick is held, or the chair is held at rest for it.
+    `steered`: a page's joystick is held, or the chair is held at rest for it. `guarded`: the rider has chosen the guard, it
+    can act, and the computer did not drive in the tick before.
     """
 
     joystick: JoystickInput | None
@@ -126,6 +133,7 @@ class Situation:
     confirmed: bool
     halts: tuple[Halt, ...] = ()
     steered: bool = False
+    guarded: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +141,7 @@ class SupervisorVerdict:
     """The mode of this tick and, unless the computer drives, the reason and the braking of a moving chair.
 
     `share`: the share of its speed that the rider's hand leaves the computer. `drops_goal`: the goal is given up.
-    `steered`: the computer drives by a page's joystick.
+    `steered`: the computer drives by a page's joystick. `guarded`: the board is given caps of the chair's own joystick.
     """
 
     mode: DriveMode
@@ -143,6 +151,7 @@ class SupervisorVerdict:
     braking: Braking = Braking.COMFORT
     drops_goal: bool = False
     steered: bool = False
+    guarded: bool = False
 
     @property
     def computer_drives(self) -> bool:
@@ -173,8 +182,17 @@ class Override:
 
 def supervise(mode: DriveMode, situation: Situation, settings: SupervisorSettings) -> SupervisorVerdict:
     """Return the verdict on a situation, with the mode that follows `mode`."""
+    verdict = _verdict(mode, situation, settings)
+    return replace(verdict, guarded=True) if situation.guarded and not verdict.computer_drives else verdict
+
+
+def _verdict(mode: DriveMode, situation: Situation, settings: SupervisorSettings) -> SupervisorVerdict:
+    """Return the verdict without the guard's part in it."""
     event = event_in(situation, settings)
     after = TABLE[mode, event]
+    if event is SupervisorEvent.GUARD:
+        goal = halt("unconfirmed") if situation.goal_active else None
+        return SupervisorVerdict(after, SupervisorEvent.GUARD.value if goal is None else goal.text, halt=goal)
     if event is SupervisorEvent.STEER:
         return SupervisorVerdict(after, SupervisorEvent.STEER.value, drops_goal=situation.goal_active, steered=True)
     if after in DRIVEN:
@@ -197,6 +215,7 @@ def event_in(situation: Situation, settings: SupervisorSettings) -> SupervisorEv
     hand = settings.assist and _share(situation.joystick, settings) < 1.0
     happens = {
         SupervisorEvent.STOP: situation.stop_pressed,
+        SupervisorEvent.GUARD: situation.guarded and not (situation.steered or situation.confirmed),
         SupervisorEvent.TAKE_OVER: situation.taken_over,
         SupervisorEvent.FAULT: worst is not None and worst.stop.severity >= Severity.ENDS,
         SupervisorEvent.STEER: situation.steered,

@@ -22,7 +22,7 @@ from waychair.calibration.chair_body import CHAIR_A, ROBOT, ChairBody
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.drive.navigator import NavigatorSettings
 from waychair.control.drive.recovery import RecoverySettings
-from waychair.control.safety.collision_monitor import MonitorSettings
+from waychair.control.safety.arc_clearance import MonitorSettings
 from waychair.control.speed.limiter import LimiterSettings
 from waychair.geometry import rectangle, transform_points
 from waychair.maps.drawn.zones import Rule, Zone

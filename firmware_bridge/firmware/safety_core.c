@@ -293,7 +293,7 @@ static void latch(safety_core *core, uint16_t found)
         give_lines(core, HOLDER_CUT);
     else if ((found & FAULTS_RAMP_TO_CUT) && !ramping)
         begin_stop(core, RAMP_TO_CUT_MS);
-    else if (core->guarding)
+    else if (core->guarding && (!core->stopping || (found & FAULT_BOARD)))
         lose_guard(core, found);
     else if (board && !core->stopping)
         begin_stop(core, HANDOVER_MS);

@@ -238,12 +238,26 @@ class SensorFrame:
 
 
 class DriveMode(enum.Enum):
-    """The party in control of the motors: the rider's joystick, the rider with limits, the computer, or nobody."""
+    """The party in control of the motors: the rider's joystick, the rider with limits, the computer, nobody, or the rider's
+    joystick within the caps of the board's guard."""
 
     MANUAL = "manual"
     ASSISTED = "assisted"
     AUTONOMOUS = "autonomous"
     STOPPED = "stopped"
+    GUARDED = "guarded"
+
+
+class HelpLevel(enum.Enum):
+    """The help that a rider has chosen while driving by the chair's own joystick.
+
+    INFORM: told of things, nothing touches the motion. GUARD: slowed or stopped, never steered. GUIDE: guarded, and led to
+    a place by steps.
+    """
+
+    INFORM = "inform"
+    GUARD = "guard"
+    GUIDE = "guide"
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,10 +287,27 @@ class SentCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class GuardReport:
+    """The board's guard over the rider's own joystick: its `caps` in force to the front, the rear, the left and the right,
+    in [0, 1] of the swing.
+
+    `capped`: a cap holds the stick back. `warns`: an override by a long push is about to begin; `overridden`: it lasts.
+    `lost`: the computer was lost, and the caps stay narrow until the stick was at rest.
+    """
+
+    caps: tuple[float, float, float, float]
+    capped: bool = False
+    warns: bool = False
+    overridden: bool = False
+    lost: bool = False
+
+
+@dataclass(frozen=True, slots=True)
 class Telemetry:
     """The board's report: read-back volts of the lines, the rider's joystick, fault names, state, line holder.
 
-    `round_trip_ns` is the time from the last echoed command to its echo, None before the first.
+    `round_trip_ns` is the time from the last echoed command to its echo, None before the first. `guard`: the board's guard
+    over the rider's joystick, None without one.
     """
 
     stamp_ns: int
@@ -287,6 +318,7 @@ class Telemetry:
     state: str = ""
     holder: str = ""
     round_trip_ns: int | None = None
+    guard: GuardReport | None = None
 
 
 @dataclass(frozen=True, slots=True)

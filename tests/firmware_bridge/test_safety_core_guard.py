@@ -42,6 +42,7 @@ from tests.firmware_bridge.rig import (
     SWING,
     WARNS,
     HostMessage,
+    Outputs,
     Rig,
     bent,
 )
@@ -78,7 +79,7 @@ def test_f7_a_guard_begins_after_two_seconds_at_rest_with_both_flags(rig: Rig) -
     assert list(rig.limit().caps) == [20] * 4
 
 
-def _limit_at(rig: Rig, ms: int) -> object:
+def _limit_at(rig: Rig, ms: int) -> Outputs:
     return rig.limit() if ms % 20 == 1 else rig.step()
 
 
@@ -303,7 +304,12 @@ def test_a_computer_that_comes_back_does_not_shorten_the_wait_and_may_guard_agai
 
 
 def test_an_end_by_the_riders_act_lets_the_stick_free_without_a_lurch(rig: Rig) -> None:
-    for end in (lambda: rig.limit(FULL, GUARDS), lambda: rig.limit(FULL, ENABLE), lambda: rig.command(0, 0, ENABLE)):
+    ends: tuple[Callable[[], Outputs], ...] = (
+        lambda: rig.limit(FULL, GUARDS),
+        lambda: rig.limit(FULL, ENABLE),
+        lambda: rig.command(0, 0, ENABLE),
+    )
+    for end in ends:
         rig.start()
         rig.guard(BLOCKED)
         rig.stick = [NEUTRAL + SWING, NEUTRAL - 50]
@@ -365,13 +371,16 @@ def test_a_push_of_two_seconds_against_a_cap_is_warned_then_creeps_for_ten_secon
         _push(rig, axis, sign * 1081)
         _pushing(rig, 1999, tuple(caps))
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
-        _pushing(rig, 500, tuple(caps))
+        assert rig.step().guard_bits == CAPPED | WARNS
+        _pushing(rig, 499, tuple(caps))
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | WARNS, 0)
-        _pushing(rig, 85, tuple(caps))
+        assert (rig.step().guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 20)
+        _pushing(rig, 84, tuple(caps))
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 1700)
         assert _at(rig)[axis] == sign * 204
         _pushing(rig, 9915, tuple(caps))
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 1700)
+        assert (rig.step().guard_bits, rig.out.caps[to]) == (CAPPED, 0)
         _pushing(rig, 5000, tuple(caps))  # a stick that is stuck gives no second one
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
         rig.stick = [NEUTRAL, NEUTRAL]
@@ -379,6 +388,34 @@ def test_a_push_of_two_seconds_against_a_cap_is_warned_then_creeps_for_ten_secon
         _push(rig, axis, sign * 1081)
         _pushing(rig, 2100, tuple(caps))
         assert rig.out.guard_bits == CAPPED | WARNS
+        _push(rig, axis, sign * 1080)  # 90 % is not beyond it
+        _pushing(rig, 2100, tuple(caps))
+        assert rig.out.guard_bits == CAPPED
+
+
+def test_both_axes_are_warned_and_overridden_by_themselves(rig: Rig) -> None:
+    caps = (0, 10000, 10000, 0)
+    rig.guard(caps)
+    rig.stick = [NEUTRAL + 1200, NEUTRAL]
+    _pushing(rig, 1000, caps)
+    rig.stick = [NEUTRAL + 1200, NEUTRAL + 1200]
+    _pushing(rig, 1700, caps)
+    assert (rig.out.guard_bits, rig.out.caps[RIGHT]) == (CAPPED | OVERRIDDEN, 0)
+    _pushing(rig, 400, caps)
+    assert (rig.out.guard_bits, rig.out.caps[RIGHT]) == (CAPPED | WARNS | OVERRIDDEN, 0)
+    assert rig.out.caps[FRONT] == 1700
+
+
+def test_a_second_guard_begins_without_the_caps_of_the_first(rig: Rig) -> None:
+    rig.guard()
+    rig.limit(FULL, 0)
+    assert rig.out.holder == JOYSTICK
+    for _ in range(2100):
+        rig.limit()
+        if rig.out.state == GUARD:
+            break
+    assert list(rig.out.caps) == [0] * 4
+    assert list(rig.limit().caps) == [20] * 4
 
 
 def test_an_override_lasts_only_while_the_stick_is_held_hard(rig: Rig) -> None:
@@ -419,7 +456,9 @@ def test_a_drop_off_is_not_overridden_in_its_own_direction(rig: Rig) -> None:
             _pushing(rig, 4000, tuple(caps), ENABLE | GUARDS | drop)
             assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
         others = sum(drop for other, drop in enumerate(DROPS) if other != to)
-        _pushing(rig, 2600, tuple(caps), ENABLE | GUARDS | others)
+        _pushing(rig, 100, tuple(caps), ENABLE | GUARDS | others)  # the time against an edge has not counted
+        assert rig.out.guard_bits == CAPPED
+        _pushing(rig, 2500, tuple(caps), ENABLE | GUARDS | others)
         assert rig.out.guard_bits == CAPPED | OVERRIDDEN
         rig.limit(tuple(caps), ENABLE | GUARDS | DROPS[to])  # the edge comes into view while the chair creeps
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
@@ -493,6 +532,7 @@ def test_f9_a_drifting_reference_fades_the_caps_and_cuts(rig: Rig) -> None:
     for left in range(198, 0, -1):
         rig.step()
         assert rig.out.holder == BOARD
+        assert not rig.out.guard_bits & LOST
         assert abs(rig.out.caps[FRONT] - 50 * left) <= 25 + 200
         assert rig.out.caps[FRONT] < before
         before = rig.out.caps[FRONT]
@@ -514,6 +554,19 @@ def test_f9_a_stick_that_is_let_go_while_the_caps_fade_is_followed(rig: Rig) -> 
     rig.stick = [2375 - 1000, 2375]
     rig.step()
     assert 2375 - 1000 <= rig.lines()[0] < 2375
+
+
+def test_f29_a_converter_that_fails_while_the_caps_fade_cuts_at_once(rig: Rig) -> None:
+    rig.guard()
+    _push(rig, 0, 1000)
+    rig.limited(20)
+    rig.reference = 2368
+    rig.limited(100)
+    assert (rig.out.faults, rig.out.holder) == (REFERENCE, BOARD)
+    rig.board_ok = False
+    assert rig.step().holder == CUT
+    rig.board_ok, rig.stick = True, [2375, 2375]
+    assert rig.idle(2500).holder == CUT
 
 
 def test_f10_a_broken_wire_of_the_stick_is_nobodys_wish(rig: Rig) -> None:
@@ -571,9 +624,10 @@ def test_the_caps_of_another_session_or_of_an_old_frame_are_not_taken(rig: Rig) 
     assert not rig.limit(FULL, ahead=0).heard
     assert not rig.limit(FULL, ahead=-1).heard
     assert not rig.limit(FULL, ahead=60).heard
+    assert (rig.out.state, rig.out.faults, list(rig.out.caps)) == (GUARD, 0, [2500] * 4)
     rig.sequence = (rig.sequence - 59) & 0xFFFF
     assert list(rig.limit((2500,) * 4).caps) == [2500] * 4
-    assert rig.out.heard
+    assert (rig.out.heard, rig.out.state, rig.out.faults) == (True, GUARD, 0)
 
 
 def test_random_limits_sticks_and_faults_never_give_more_than_the_stick(rig: Rig) -> None:

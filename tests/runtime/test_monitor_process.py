@@ -17,7 +17,8 @@ from tests.firmware_bridge.bridged import Bridged
 from waychair.calibration.chair_body import CHAIR_B
 from waychair.calibration.fits.self_mask import SelfMask
 from waychair.calibration.fits.stopping import StopTable
-from waychair.control.safety.collision_monitor import MonitorSettings, MonitorVerdict, stale_stop
+from waychair.control.safety.arc_clearance import MonitorSettings
+from waychair.control.safety.collision_monitor import MonitorVerdict, stale_stop
 from waychair.firmware_bridge.board import board_program
 from waychair.firmware_bridge.protocol import Holder
 from waychair.runtime.monitor_process import (

@@ -14,22 +14,24 @@ from hypothesis import strategies as st
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_A_MID, CHAIR_B, ChairBody
 from waychair.calibration.fits.self_mask import SelfMask
 from waychair.calibration.fits.stopping import StopTable
-from waychair.control.safety.collision_monitor import (
-    MAPPED_MS,
+from waychair.control.safety.arc_clearance import (
     SLOWING,
     SLOWING_ALPHA,
-    Monitor,
     MonitorSettings,
-    MonitorVerdict,
     contact_times,
-    is_silent,
     margins,
+    slow_share,
+    stop_seconds,
+)
+from waychair.control.safety.collision_monitor import (
+    MAPPED_MS,
+    Monitor,
+    MonitorVerdict,
+    is_silent,
     permitted_share,
     points_now,
     slim_beams,
-    slow_share,
     stale_stop,
-    stop_seconds,
     valid_beams,
 )
 from waychair.control.safety.stops import STOPS

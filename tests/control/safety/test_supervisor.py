@@ -271,3 +271,25 @@ def test_steering_ends_a_drive_and_it_does_not_resume() -> None:
     assert (steered.mode, steered.drops_goal) == (DriveMode.ASSISTED, True)
     after = supervise(steered.mode, situation(goal=False), SETTINGS)
     assert (after.mode, after.computer_drives) == (DriveMode.MANUAL, False)
+
+
+@pytest.mark.parametrize("mode", [DriveMode.MANUAL, DriveMode.STOPPED, DriveMode.GUARDED])
+def test_a_rider_with_the_guard_drives_within_its_caps_and_neither_a_push_nor_a_fault_ends_it(mode: DriveMode) -> None:
+    for case in (situation(goal=False), situation(0.9, taken_over=True), situation(halts=(LIDAR,), goal=False)):
+        verdict = supervise(mode, replace(case, guarded=True), SETTINGS)
+        assert (verdict.mode, verdict.guarded, verdict.computer_drives) == (DriveMode.GUARDED, True, False)
+        assert not verdict.drops_goal
+        assert not supervise(mode, case, SETTINGS).guarded
+    waiting = supervise(mode, replace(situation(), guarded=True), SETTINGS)
+    assert waiting.reason == halt("unconfirmed").text
+
+
+def test_stop_and_a_refused_drive_leave_the_guard_and_a_confirmed_one_takes_the_lines_from_it() -> None:
+    stopped = supervise(DriveMode.GUARDED, replace(situation(stop=True), guarded=True), SETTINGS)
+    assert (stopped.mode, stopped.guarded) == (DriveMode.STOPPED, True)
+    refused = situation(confirmed=True, halts=(halt("battery_low"),))
+    assert supervise(DriveMode.GUARDED, replace(refused, guarded=True), SETTINGS).guarded
+    begun = supervise(DriveMode.GUARDED, replace(situation(confirmed=True), guarded=True), SETTINGS)
+    assert (begun.mode, begun.guarded) == (DriveMode.AUTONOMOUS, False)
+    steered = supervise(DriveMode.GUARDED, replace(situation(goal=False), steered=True, guarded=True), SETTINGS)
+    assert (steered.steered, steered.guarded) == (True, False)

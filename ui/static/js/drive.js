@@ -10,7 +10,7 @@ import { showTab } from "./tabs.js";
 
 const SPOKEN_MS = 2000;
 const LOCALISATION = { ok: "Knows where it is", degraded: "Unsure where it is", lost: "Does not know where it is" };
-const MODES = { manual: "mode-manual", stopped: "mode-manual", assisted: "mode-assisted", autonomous: "mode-autonomous" };
+const MODES = { manual: "mode-manual", guarded: "mode-manual", stopped: "mode-manual", assisted: "mode-assisted", autonomous: "mode-autonomous" };
 
 let asked = false; // the drive was asked for on this page: only here the focus moves to the question
 let counting = false;

@@ -1,0 +1,135 @@
+"""Caps for the rider's own stick: for each direction the largest deflection from which the chair can still stop free.
+
+The rider drives; the caps slow or stop, and never steer. For each of the four directions one full push is judged: the
+push that the stick makes now, stretched to the end of the swing, and straight pushes in the other directions. Of its
+twist three shares are taken, and the least counts: that of the collision monitor, that of unseen space, and that of the
+points that no scan shows: drop-offs, and things that sonars or depth camera have seen. A drop-off is told to the board as
+one, because the rider cannot override it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.calibration.fits.stopping import StopTable
+from waychair.control.safety.arc_clearance import MonitorSettings, stoppable_along
+from waychair.control.safety.sight_speed import Sector, UnseenSettings, sight_share
+from waychair.firmware_bridge.bridge import AT_REST
+from waychair.firmware_bridge.caps import Caps, StickMotion
+from waychair.types import FloatArray, HelpLevel, JoystickInput, Twist
+
+GUARDED = (HelpLevel.GUARD, HelpLevel.GUIDE)
+"""The levels of help in which the board guards the rider's own stick."""
+
+WATCHED_WITHIN = 4.0
+"""m; points farther away than a stop from the fastest push need not be judged."""
+
+LEAST_SPEED = 0.05
+"""m/s; a push that may be no faster than this is stopped, so that the chair does not creep up to things for ever."""
+
+SPOKEN = {
+    HelpLevel.INFORM: "Inform: nothing slows or stops your joystick.",
+    HelpLevel.GUARD: "Guard: the chair slows and stops before what it sees. It does not see everything. Let go of the joystick "
+    "for two seconds.",
+    HelpLevel.GUIDE: "Guide: guarded, and led step by step. Let go of the joystick for two seconds.",
+}
+"""The sentence of each level when it begins."""
+
+UNCALIBRATED = (
+    "The guard needs a chair whose joystick was measured: run `waychair calibrate dac`. You are informed only."
+)
+
+
+def _nothing() -> FloatArray:
+    return np.empty((0, 2))
+
+
+@dataclass(frozen=True, slots=True)
+class Unscanned:
+    """Points in base (N, 2) [m] that no scan shows: `drops`, edges and places without floor, and other `things`."""
+
+    drops: FloatArray = field(default_factory=_nothing)
+    things: FloatArray = field(default_factory=_nothing)
+
+    def near(self) -> Unscanned:
+        """Return the points that matter to the next stop."""
+        drops, things = (points[np.hypot(*points.T) <= WATCHED_WITHIN] for points in (self.drops, self.things))
+        return Unscanned(drops, things)
+
+
+@dataclass(frozen=True, slots=True)
+class Pushes:
+    """Full pushes of the stick to the front, the rear, the left and the right, with their twists, of which caps are made."""
+
+    deflections: tuple[tuple[float, float], ...]
+    twists: tuple[Twist, ...]
+
+
+def pushes_of(stick: JoystickInput, motion: StickMotion) -> Pushes:
+    """Return the pushes to judge for a stick's position; a position that is no number counts as rest."""
+    deflections = _deflections(stick.forward, stick.turn)
+    return Pushes(deflections, tuple(motion.twist(*each) for each in deflections))
+
+
+def _deflections(forward: float, turn: float) -> tuple[tuple[float, float], ...]:
+    largest = max(abs(forward), abs(turn))
+    if not AT_REST < largest < float("inf"):
+        return (1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)
+    stretched = forward / largest, turn / largest
+    along = stretched[0] if abs(forward) > AT_REST else 0.0
+    turning = abs(turn) > AT_REST
+    return (
+        stretched if along > 0.0 else (1.0, 0.0),
+        stretched if along < 0.0 else (-1.0, 0.0),
+        stretched if turning and turn > 0.0 else (along, 1.0),
+        stretched if turning and turn < 0.0 else (along, -1.0),
+    )
+
+
+def caps_of(
+    pushes: Pushes,
+    monitored: Sequence[float] | None,
+    sectors: Sequence[Sector],
+    unscanned: Unscanned,
+    motion: StickMotion,
+    body: ChairBody,
+    monitor: MonitorSettings,
+    unseen: UnseenSettings,
+    stops: StopTable | None = None,
+) -> Caps:
+    """Return the caps of the stick.
+
+    `monitored`: the monitor's shares of the pushes; None: it has no fit scan, so that all space counts as unseen.
+    """
+    seen = () if monitored is None else sectors
+    near, caps, drops = unscanned.near(), [], []
+    for at, twist in enumerate(pushes.twists):
+        falls = _share(near.drops, twist, body, monitor, stops)
+        share = min(
+            1.0 if monitored is None else monitored[at],
+            sight_share(twist, body, seen, unseen),
+            falls,
+            _share(near.things, twist, body, monitor, stops),
+        )
+        fastest = max(abs(twist.v), abs(twist.omega) * body.circumscribed_radius)
+        share = share if share * fastest >= LEAST_SPEED else 0.0
+        forward, turn = motion.deflection(Twist(share * twist.v, share * twist.omega))
+        part = forward if at < 2 else turn
+        asked = pushes.deflections[at][0 if at < 2 else 1]
+        caps.append(1.0 if share >= 1.0 and abs(asked) >= 1.0 else abs(part))
+        drops.append(falls < 1.0)
+    front, rear, left, right = caps
+    return Caps(front, rear, left, right, drops=(drops[0], drops[1], drops[2], drops[3]))
+
+
+def _share(
+    points: FloatArray, twist: Twist, body: ChairBody, monitor: MonitorSettings, stops: StopTable | None
+) -> float:
+    """Return the share of a twist that points (N, 2) [m] in base permit."""
+    if not len(points):
+        return 1.0
+    return stoppable_along(points, np.zeros(len(points), np.bool_), twist, body, monitor, stops)

@@ -1,0 +1,95 @@
+"""The guard of one chair: the level of help that the rider has chosen, and the caps of the rider's stick in each tick."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.calibration.fits.stopping import StopTable
+from waychair.control.safety.collision_monitor import VERDICT_MS
+from waychair.control.safety.guard import GUARDED, SPOKEN, UNCALIBRATED, Pushes, Unscanned, caps_of, pushes_of
+from waychair.control.safety.sight_speed import Sector
+from waychair.firmware_bridge.bridge import Bridge
+from waychair.firmware_bridge.caps import Caps
+from waychair.runtime.base_settings import BaseSettings
+from waychair.runtime.monitor_process import MonitorPort
+from waychair.types import HelpLevel, JoystickInput, SentCommand, Twist
+
+
+class RiderGuard:
+    """The chosen `level`, and the caps that it asks of the board; `unscanned` are the points that no scan shows.
+
+    `told`: the last sentence about the level, for speech and page; it changes with each change of the level.
+    """
+
+    def __init__(
+        self,
+        body: ChairBody,
+        stops: StopTable | None,
+        settings: BaseSettings,
+        monitor: MonitorPort,
+        bridge: Bridge,
+        *,
+        calibrated: bool,
+    ) -> None:
+        """`calibrated`: the chair's joystick was measured, so that a deflection's motion is known."""
+        self.level = HelpLevel.INFORM
+        self.told = ""
+        self.unscanned = Unscanned()
+        self._body, self._stops, self._settings = body, stops, settings
+        self._monitor, self._bridge = monitor, bridge
+        self._calibrated = calibrated
+        self._pushes: Pushes | None = None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the rider has chosen a level in which the board guards."""
+        return self.level in GUARDED
+
+    def choose(self, level: HelpLevel) -> str:
+        """Take a level by the rider's own act, at once; return the sentence to be spoken."""
+        if level in GUARDED and not self._calibrated:
+            level, self.told = HelpLevel.INFORM, UNCALIBRATED
+        else:
+            self.told = SPOKEN[level]
+        if level in GUARDED and self.level not in GUARDED:
+            self._bridge.reset()  # faults that the computer caused; no motion begins by it
+        self.level = level
+        return self.told
+
+    def limit(
+        self, now_ns: int, stick: JoystickInput | None, measured: Twist, sectors: Sequence[Sector]
+    ) -> SentCommand:
+        """Send the board the caps of this tick; return the record of it. The level ends if the board has ended the guard."""
+        sent = self._bridge.limit(self._caps(now_ns, stick, measured, sectors), now_ns, now_ns)
+        ended = self._bridge.guard_end
+        if ended:
+            self.level, self.told = HelpLevel.INFORM, f"The guard has ended: {ended}."
+        return sent
+
+    def _caps(self, now_ns: int, stick: JoystickInput | None, measured: Twist, sectors: Sequence[Sector]) -> Caps:
+        """Return the caps by the monitor's latest answer, and ask it about the stick as it is now."""
+        motion = self._bridge.stick_motion(self._body.track)
+        if motion is None or stick is None:
+            return Caps()
+        pushes = pushes_of(stick, motion)
+        self._monitor.judge_pushes(pushes.twists, measured, now_ns)
+        answer = self._monitor.pushes
+        fresh = answer is not None and 0 <= now_ns - answer.stamp_ns <= VERDICT_MS * 1_000_000
+        judged = self._judged(pushes, answer.twists) if answer is not None and fresh else None
+        self._pushes = pushes
+        return caps_of(
+            pushes if judged is None else judged,
+            None if judged is None or answer is None else answer.shares,
+            sectors,
+            self.unscanned,
+            motion,
+            self._body,
+            self._settings.monitor,
+            self._settings.unseen,
+            self._stops,
+        )
+
+    def _judged(self, pushes: Pushes, twists: tuple[Twist, ...]) -> Pushes | None:
+        """Return the pushes of this tick or of the one before to which an answer belongs; None if it is of neither."""
+        return next((each for each in (pushes, self._pushes) if each is not None and each.twists == twists), None)

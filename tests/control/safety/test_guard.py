@@ -1,0 +1,120 @@
+"""Caps of the rider's stick: the largest push in each direction from which the chair still stops free."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.calibration.fits.dac import DEFAULT
+from waychair.control.safety.arc_clearance import MonitorSettings
+from waychair.control.safety.collision_monitor import Monitor
+from waychair.control.safety.guard import Unscanned, caps_of, pushes_of
+from waychair.control.safety.sight_speed import Sector, UnseenSettings
+from waychair.firmware_bridge.caps import Caps, StickMotion
+from waychair.firmware_bridge.line_counts import LineCounts
+from waychair.types import FloatArray, JoystickInput, Pose2, Scan, Twist
+
+STICK = StickMotion(LineCounts.of(DEFAULT), 1.65, 1.2, CHAIR_A.track)
+ALL_ROUND = (Sector(Pose2(0.25, 0.0, 0.0), math.pi, 10.0),)
+AHEAD = (Sector(CHAIR_A.base_from_laser, math.radians(135), 10.0),)
+UNSEEN, MONITOR = UnseenSettings(), MonitorSettings()
+NOTHING = Unscanned()
+FRONT, REAR, LEFT, RIGHT = range(4)
+
+
+def _line(x: float) -> FloatArray:
+    """A wall across the chair's way, x [m] from the axle."""
+    return np.column_stack([np.full(41, x), np.linspace(-1.0, 1.0, 41)])
+
+
+def _caps(
+    stick: tuple[float, float] = (0.0, 0.0),
+    monitored: tuple[float, ...] | None = (1.0,) * 4,
+    sectors: tuple[Sector, ...] = ALL_ROUND,
+    unscanned: Unscanned = NOTHING,
+) -> Caps:
+    pushes = pushes_of(JoystickInput(0, *stick), STICK)
+    return caps_of(pushes, monitored, sectors, unscanned, STICK, CHAIR_A, MONITOR, UNSEEN)
+
+
+def test_with_free_space_all_round_every_cap_is_the_full_swing() -> None:
+    for stick in ((0.0, 0.0), (0.6, 0.0), (-0.7, 0.0), (0.0, 1.0), (math.nan, 0.5)):
+        assert _caps(stick).each == pytest.approx((1.0,) * 4)
+
+
+def test_a_share_of_the_monitor_is_a_deflection_beyond_the_dead_band_and_none_is_none() -> None:
+    caps = _caps(monitored=(0.5, 0.0, 1.0, 0.25))
+    assert caps.rear == 0.0
+    assert caps.left == 1.0
+    half = STICK.twist(caps.front, 0.0)
+    assert half.v == pytest.approx(0.5 * STICK.twist(1.0, 0.0).v, abs=0.02)
+    assert STICK.twist(0.0, -caps.right).omega == pytest.approx(0.25 * STICK.twist(0.0, -1.0).omega, abs=0.05)
+    assert caps.front > 0.5
+
+
+def test_the_push_that_the_stick_makes_is_judged_along_its_arc() -> None:
+    pushes = pushes_of(JoystickInput(0, 0.4, 0.2), STICK)
+    assert pushes.deflections == ((1.0, 0.5), (-1.0, 0.0), (1.0, 0.5), (1.0, -1.0))
+    assert pushes_of(JoystickInput(0, -0.5, 0.05), STICK).deflections == (
+        (1.0, 0.0), (-1.0, 0.1), (-1.0, 1.0), (-1.0, -1.0),
+    )  # fmt: skip
+    caps = _caps((0.4, 0.2), monitored=(0.3, 1.0, 0.3, 1.0))
+    allowed = STICK.twist(caps.front, caps.left)
+    full = STICK.twist(1.0, 0.5)
+    assert allowed.v / full.v == pytest.approx(0.3, abs=0.03)
+    assert allowed.omega / allowed.v == pytest.approx(full.omega / full.v, rel=0.1)
+
+
+def test_unseen_space_and_a_lidar_that_is_not_fit_leave_the_speed_of_unseen_motion() -> None:
+    caps = _caps(sectors=AHEAD)
+    assert caps.front == 1.0
+    assert STICK.twist(-caps.rear, 0.0).v == pytest.approx(-UNSEEN.speed, abs=0.01)
+    for blind in (_caps(monitored=None), _caps(sectors=())):
+        assert STICK.twist(blind.front, 0.0).v <= UNSEEN.speed + 0.01
+        assert STICK.twist(-blind.rear, 0.0).v >= -UNSEEN.speed - 0.01
+
+
+def test_a_drop_off_caps_its_direction_and_is_told_as_one() -> None:
+    near = _caps(unscanned=Unscanned(drops=_line(CHAIR_A.front + 0.1)))
+    assert STICK.twist(near.front, 0.0).v < 0.2
+    assert near.drops[:2] == (True, False)
+    assert near.rear == 1.0
+    behind = _caps(unscanned=Unscanned(drops=_line(-CHAIR_A.rear - 0.4)))
+    assert behind.drops[REAR]
+    assert not behind.drops[FRONT]
+    assert _caps(unscanned=Unscanned(drops=_line(CHAIR_A.front + 6.0))) == _caps()
+
+
+def test_a_thing_that_only_sonars_or_camera_see_caps_and_can_be_overridden() -> None:
+    caps = [_caps(unscanned=Unscanned(things=_line(CHAIR_A.front + gap))).front for gap in (0.02, 0.3, 0.8, 1.5)]
+    assert caps == sorted(caps)
+    assert caps[0] == 0.0
+    assert not any(_caps(unscanned=Unscanned(things=_line(CHAIR_A.front + 0.1))).drops)
+
+
+def _seen(ahead: float) -> Monitor:
+    angles = np.linspace(-2.3, 2.3, 461)
+    ranges = np.where(np.abs(angles) < 0.6, ahead / np.cos(angles), 8.0).astype(np.float32)
+    monitor = Monitor(CHAIR_A, MONITOR)
+    monitor.see(Scan(0, ranges, -2.3, 0.01, range_max=25.0))
+    return monitor
+
+
+def test_the_monitor_gives_a_share_for_each_push_and_none_without_a_fit_scan() -> None:
+    pushes = (Twist(0.8, 0.0), Twist(-0.8, 0.0), Twist(0.0, 0.8), Twist(0.0, -0.8))
+    wall = _seen(0.6).shares(pushes, Twist(), 0)
+    free = _seen(7.0).shares(pushes, Twist(), 0)
+    assert wall is not None
+    assert free is not None
+    assert wall[FRONT] < 0.9
+    assert free[FRONT] == 1.0
+    assert wall[REAR] == 1.0
+    assert _seen(0.6).shares(pushes, Twist(), 400_000_000) is None
+    assert _seen(0.6).shares(pushes, Twist(math.nan, 0.0), 0) is None
+    assert Monitor(CHAIR_A, MONITOR).shares(pushes, Twist(), 0) is None
+    nearer = _seen(0.35).shares(pushes, Twist(), 0)  # a fast drive would be stopped here, and a slow push creeps on
+    assert nearer is not None
+    assert 0.0 < nearer[FRONT] < wall[FRONT]

@@ -1,0 +1,137 @@
+"""A rider who drives within the guard: the whole chair with the shipped firmware, and the rider's hand on its own stick."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from tests.runtime.riding import Ride
+from waychair.calibration.calibration_file import ChairCalibration
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.safety.guard import SPOKEN, UNCALIBRATED
+from waychair.errors import TransportError
+from waychair.firmware_bridge.transports import Reconnecting, Transport
+from waychair.runtime.chair import ChairState
+from waychair.runtime.drive_base import ChairMessage, DriveBase
+from waychair.simulation.scene.scene import Block, Pit
+from waychair.simulation.sensors.camera import CameraSettings
+from waychair.simulation.sensors.renderer import renderer_problem
+from waychair.simulation.simulator import SimulatorSettings
+from waychair.types import DriveMode, HelpLevel, JoystickInput, Pose2, Scan
+
+PUSH, REST = JoystickInput(0, 1.0, 0.0), JoystickInput(0)
+SHELF = Block(Pose2(5.0, 2.5), 0.2, 3.0, 0.0, 1.5)
+"""Three metres ahead of the chair, and not on its map."""
+
+
+@pytest.fixture
+def ride() -> Iterator[Ride]:
+    with Ride(blocks=(SHELF,)) as guarded:
+        yield guarded
+
+
+def _guarded(ride: Ride) -> ChairState:
+    """The rider has chosen the guard and let go of the stick for two seconds."""
+    ride.tick(4)
+    assert ride.chair.choose_level(HelpLevel.GUARD) == SPOKEN[HelpLevel.GUARD]
+    state = ride.tick(60)
+    assert state.telemetry is not None
+    assert (state.telemetry.state, state.verdict.mode, state.sent.active) == ("GUARD", DriveMode.GUARDED, False)
+    return state
+
+
+def test_a_push_towards_a_shelf_is_slowed_and_stopped_free_of_it(ride: Ride) -> None:
+    _guarded(ride)
+    ride.simulator.rider = PUSH
+    speeds = []
+    while len(speeds) < 20 or ride.speed > 0.02:
+        state = ride.tick()
+        speeds.append(ride.speed)
+        assert len(speeds) < 140  # before the push counts as an override
+    assert max(speeds) > 0.5
+    assert ride.simulator.contacts == 0
+    assert state.telemetry is not None
+    assert state.telemetry.guard is not None
+    assert state.telemetry.guard.capped
+    assert state.telemetry.guard.caps[0] < 0.1
+    gap = SHELF.middle.x - 0.1 - ride.simulator.truth().x - CHAIR_A.front
+    assert 0.05 < gap < 0.3
+    ride.simulator.rider = JoystickInput(0, -0.6, 0.0)  # and the rider backs out
+    ride.tick(30)
+    assert -0.2 < ride.speed < -0.1
+
+
+def test_f1_the_computer_dies_and_the_chair_is_slow_until_the_rider_lets_go(ride: Ride) -> None:
+    _guarded(ride)
+    ride.simulator.rider = JoystickInput(0, 1.0, 1.0)
+    ride.tick(15)
+    ride.simulator.advance(1_000_000_000)
+    assert abs(ride.speed) < 0.35
+    ride.simulator.rider = REST
+    ride.simulator.advance(2_200_000_000)
+    assert ride.simulator.lines is not None
+    assert ride.simulator.lines.holder.name == "JOYSTICK"
+
+
+def test_a_blind_lidar_narrows_the_caps_and_keeps_the_guard(ride: Ride) -> None:
+    _guarded(ride)
+
+    def without_scans(messages: tuple[ChairMessage, ...]) -> tuple[ChairMessage, ...]:
+        return tuple(message for message in messages if not isinstance(message, Scan))
+
+    ride.change = without_scans
+    ride.simulator.rider = JoystickInput(0, -1.0, 0.0)
+    state = ride.tick(30)
+    assert state.verdict.guarded
+    assert state.telemetry is not None
+    assert state.telemetry.guard is not None
+    assert max(state.telemetry.guard.caps) < 0.3
+    assert ride.speed > -0.2
+
+
+def test_the_rider_ends_the_guard_at_once_and_no_level_begins_by_itself(ride: Ride) -> None:
+    assert ride.tick(70).verdict.mode is DriveMode.MANUAL
+    _guarded(ride)
+    assert ride.chair.choose_level(HelpLevel.INFORM) == SPOKEN[HelpLevel.INFORM]
+    state = ride.tick(3)
+    assert state.telemetry is not None
+    assert (state.telemetry.state, state.verdict.mode) == ("SILENT", DriveMode.MANUAL)
+    assert state.telemetry.guard is None
+
+
+def test_a_guard_that_the_board_ends_is_told_and_must_be_chosen_again(ride: Ride) -> None:
+    _guarded(ride)
+    ride.chair.bridge._session._cable.write(b"\1\0" * 6)  # a noisy cable
+    ride.tick(5)
+    assert ride.chair.level is HelpLevel.INFORM
+    assert "noisy" in ride.chair.level_told
+    assert ride.tick(80).verdict.mode is DriveMode.MANUAL
+    _guarded(ride)
+
+
+def test_a_chair_whose_joystick_was_never_measured_informs_only() -> None:
+    base = DriveBase(ChairCalibration("A", "2026-11-26"), Reconnecting(_no_cable), Pose2())
+    assert base.choose_level(HelpLevel.GUIDE) == UNCALIBRATED
+    assert base.guard.level is HelpLevel.INFORM
+    assert not base.guard.wanted
+
+
+def _no_cable() -> Transport:
+    raise TransportError("no board is here")
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(renderer_problem() is not None, reason="no pictures can be drawn here")
+def test_a_rider_who_pushes_without_a_pause_does_not_override_a_drop_off() -> None:
+    camera = CameraSettings(rate_hz=10.0, width=320, height=240)
+    pit = Pit(Pose2(6.0, 2.5, 0.0), 2.0, 4.0, 0.5)
+    with Ride(simulator=SimulatorSettings(camera=camera), pits=(pit,)) as ride:
+        _guarded(ride)
+        ride.simulator.rider = PUSH
+        state = ride.tick(400)
+        assert ride.simulator.contacts == 0
+        assert ride.simulator.truth().x + CHAIR_A.front < 5.0
+        assert state.telemetry is not None
+        assert state.telemetry.guard is not None
+        assert not state.telemetry.guard.overridden
