@@ -17,16 +17,12 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields
 from datetime import datetime, timedelta
-from functools import wraps
 from pathlib import Path
-from typing import Concatenate, ParamSpec
 
 from waychair.control.guidance.practice import BEFORE, Decision, DecisionMade, Practice, practised
 from waychair.errors import HabitsError, OutputError
 from waychair.files import is_file, os_error_text, read_bytes, remove, replacing, sync_folder
 from waychair.planning.movements import MovementKind
-
-P = ParamSpec("P")
 
 KEPT_DAYS = 90
 """Days after which a row is forgotten."""
@@ -83,24 +79,13 @@ def default_path() -> Path:
     return (Path(data) if data else Path.home() / ".local" / "share") / "waychair" / "habits.jsonl"
 
 
-def _alone(method: Callable[Concatenate[Habits, P], None]) -> Callable[Concatenate[Habits, P], None]:
-    """Return a method of `Habits` that runs in one thread at a time."""
-
-    @wraps(method)
-    def alone(self: Habits, *args: P.args, **kwargs: P.kwargs) -> None:
-        with self.lock:
-            method(self, *args, **kwargs)
-
-    return alone
-
-
 class Habits:
     """The record of one rider. Recording never raises: a fault is a sentence in `trouble`, and the chair drives on."""
 
     def __init__(self, path: Path, now: Callable[[], datetime] = datetime.now) -> None:
         """`now`: the local time. A damaged file is not touched: `trouble` names it, and nothing is recorded."""
         self._path, self._now = path, now
-        self.lock = threading.Lock()
+        self._lock = threading.RLock()  # the chair's worker records while a page looks or erases
         self.trouble = ""
         self.wanted = False
         """Whether the rider has said yes."""
@@ -115,7 +100,6 @@ class Habits:
         """Return everything that is recorded, in its order."""
         return self._rows
 
-    @_alone
     def say_yes(self) -> None:
         """Record from now on, by the rider's own yes.
 
@@ -123,47 +107,46 @@ class Habits:
             HabitsError: the file is damaged.
             OutputError: the file cannot be written.
         """
-        if self.trouble:
-            self._rows, self.wanted = _read(self._path)
-            self.trouble = ""
-        if not self.wanted:
-            self._append({"kind": "yes"})
-            self.wanted = True
+        with self._lock:
+            if self.trouble:
+                self._rows, self.wanted = _read(self._path)
+                self.trouble = ""
+            if not self.wanted:
+                self._append({"kind": "yes"})
+                self.wanted = True
 
-    @_alone
     def say_no(self) -> None:
         """Record nothing more; what is recorded stays until `erase`.
 
         Raises:
             OutputError: the file cannot be written; nothing more is recorded in this run all the same.
         """
-        if self.wanted:
-            self.wanted = False
-            self._append({"kind": "no"})
+        with self._lock:
+            if self.wanted:
+                self.wanted = False
+                self._append({"kind": "no"})
 
-    @_alone
     def erase(self) -> None:
         """Erase everything, the yes included.
 
         Raises:
             OutputError: a file cannot be removed.
         """
-        self.wanted, self._rows, self.trouble = False, (), ""
-        left = [self._path, *self._path.parent.glob(f".{self._path.stem}.*")] if self._path.parent.is_dir() else []
-        for path in left:
-            if path.exists():
-                remove(path)
-        if left:
-            sync_folder(self._path.parent)
+        with self._lock:
+            self.wanted, self._rows, self.trouble = False, (), ""
+            left = [self._path, *self._path.parent.glob(f".{self._path.stem}.*")] if self._path.parent.is_dir() else []
+            for path in left:
+                if path.exists():
+                    remove(path)
+            if left:
+                sync_folder(self._path.parent)
 
-    @_alone
     def note_decision(self, made: DecisionMade) -> None:
         """Record a decision of guidance."""
         day = f"{self._now():%Y-%m-%d}"
         row = DecisionRow(day, made.place, made.proposed, made.decision, round(made.hesitation_s, 1), made.prompts)
         self._note("decision", row)
 
-    @_alone
     def note_drive(
         self, goal: str, *, arrived: bool, seconds: float, expected_s: float, counts: Mapping[str, int]
     ) -> None:
@@ -200,14 +183,15 @@ class Habits:
         return text.getvalue()
 
     def _note(self, kind: str, row: Row) -> None:
-        if not self.wanted:
-            return
-        try:
-            self._append({"kind": kind, **asdict(row)})
-            self._rows = (*self._rows, row)
-            self.trouble = ""
-        except OutputError as error:
-            self.trouble = f"{error}; the habits of this drive are not kept"
+        with self._lock:
+            if not self.wanted:
+                return
+            try:
+                self._append({"kind": kind, **asdict(row)})
+                self._rows = (*self._rows, row)
+                self.trouble = ""
+            except OutputError as error:
+                self.trouble = f"{error}; the habits of this drive are not kept"
 
     def _append(self, values: Mapping[str, object]) -> None:
         """Add a line and wait for the disk; a line that does not fit is taken back."""
@@ -299,7 +283,7 @@ def _row(path: Path, number: int, kind: str, values: Mapping[str, object]) -> Ro
     made = _KINDS.get(kind)
     if made is None or set(values) != {each.name for each in fields(made)}:
         raise _damaged(path, number)
-    types = {"str": str, "int": int, "float": (int, float), "bool": bool}
+    types: dict[str, type | tuple[type, ...]] = {"str": str, "int": int, "float": (int, float), "bool": bool}
     for each in fields(made):
         if not isinstance(values[each.name], types[str(each.type)]):
             raise _damaged(path, number)

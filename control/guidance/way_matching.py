@@ -82,11 +82,11 @@ def matched(
     track = _with_course(track, pose)
     at = np.array([pose.x, pose.y])
     own = _score(known, track.edge, at, _course(track, pose))
-    fits = own[0] - (PROPOSED_M if track.edge in proposed else 0.0)
+    fits = own[0] - (PROPOSED_M if track.edge in proposed and own[1] < BEYOND_M else 0.0)
     best, least, away = track.edge, fits, own[1]
     for edge in _joined(known, track.edge):
         score, aside, _ = _score(known, edge, at, _course(track, pose))
-        away, score = min(away, aside), score - (PROPOSED_M if edge in proposed else 0.0)
+        away, score = min(away, aside), score - (PROPOSED_M if edge in proposed and aside < BEYOND_M else 0.0)
         if score < least:
             best, least = edge, score
     if away > OFF_M:

@@ -274,7 +274,7 @@ def guided(
 def words_of(guiding: Guiding) -> str:
     """Return the words of what is said, but for distances."""
     said = guiding.following if guiding.cue is Cue.SOON else guiding.movement
-    return "" if said is None else f"{said.kind} {said.landmark} {said.lift} {said.storey}"
+    return "" if said is None else f"{guiding.cue is Cue.SOON} {said.kind} {said.landmark} {said.lift} {said.storey}"
 
 
 def _planned(state: Guidance, came: int, place: int) -> tuple[int, int] | None:

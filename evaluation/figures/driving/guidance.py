@@ -68,21 +68,21 @@ def _in_world(world: str, riders: int) -> Json:
     others, delays = sum(each.others for each in scores), [s for each in scores for s in each.delays_s]
     recognised = sum(delay <= RECOGNISED_S for delay in delays)
     false = sum(each.false for each in scores)
-    figures: dict[str, Json] = {
+    arrived, decisions = sum(each.arrived for each in scores), sum(each.decisions for each in scores)
+    late, repeated = sum(each.late_plans for each in scores), sum(each.repeats for each in scores)
+    passed = arrived == len(scores) and recognised >= RIGHT * others and false <= (1.0 - RIGHT) * decisions
+    return {
+        "passed": passed and not late and not repeated and prompts[-1] < prompts[0],
         "riders": len(scores),
-        "arrived": sum(each.arrived for each in scores),
-        "decisions": sum(each.decisions for each in scores),
+        "arrived": arrived,
+        "decisions": decisions,
         "other_ways": others,
         "recognised": recognised,
         "recognised_share": round(recognised / max(others, 1), 4),
         "delay_median_s": round(float(np.median(delays)), 2) if delays else None,
         "delay_longest_s": round(max(delays), 2) if delays else None,
         "false": false,
-        "planned_later_than_recognised": sum(each.late_plans for each in scores),
-        "sentences_repeated": sum(each.repeats for each in scores),
+        "planned_later_than_recognised": late,
+        "sentences_repeated": repeated,
         "prompts_of_ten_drives": prompts,
     }
-    passed = figures["arrived"] == len(scores) and recognised >= RIGHT * others
-    passed = passed and false <= (1.0 - RIGHT) * sum(each.decisions for each in scores)
-    passed = passed and not figures["planned_later_than_recognised"] and not figures["sentences_repeated"]
-    return {"passed": bool(passed and prompts[-1] < prompts[0]), **figures}
