@@ -188,6 +188,11 @@ def _compiler() -> Check:
     return _check("C compiler", purpose, "sudo apt-get install gcc libc6-dev", found, PartState.OPTIONAL)
 
 
+def _speech() -> Check:
+    found = any(shutil.which(name) for name in ("espeak-ng", "spd-say"))
+    return _check("speech", "spoken advice", "sudo apt-get install espeak-ng", found, PartState.OPTIONAL)
+
+
 def _serial_ports() -> Check:
     """Check the access to serial ports, which belong to the group dialout on Debian."""
     import grp
@@ -262,6 +267,7 @@ _CHECKS: tuple[Callable[[], Check], ...] = (
     _camera,
     _recordings,
     _compiler,
+    _speech,
     _serial_ports,
     _ros,
     _web,

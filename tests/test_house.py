@@ -92,6 +92,7 @@ MIRRORS = {
     "ChairView": "the page's message",
     "DriveReport": "the message DriveState",
     "FloorPlan": "a world's file",
+    "GloveStatus": "the glove's message",
     "MujocoSettings": "settings",
     "PlantSettings": "settings",
     "Stack": "the options of `waychair up`",

@@ -129,3 +129,8 @@ def test_warm_compiles_everything_for_a_drive_and_the_next_command_compiles_noth
     assert "compiling for this computer, once" in told[0].stderr
     assert all("compiled for this computer" in each.stdout for each in told)
     assert "compiling" not in told[1].stderr
+
+
+def test_a_missing_speech_program_is_optional_and_has_a_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    assert (doctor._speech().state, doctor._speech().remedy) == (PartState.OPTIONAL, "sudo apt-get install espeak-ng")

@@ -16,9 +16,7 @@ static uint16_t all_motors(const glove_core *core)
 
 void glove_init(glove_core *core, uint8_t motors)
 {
-    memset(core, 0, sizeof *core);
     core->motors = motors < GLOVE_MOTORS_MAX ? motors : GLOVE_MOTORS_MAX;
-    memset(core->gain, UINT8_MAX, sizeof core->gain);
 }
 
 static void stop(glove_core *core)
@@ -30,7 +28,7 @@ static void stop(glove_core *core)
 static void cut(glove_core *core, uint8_t why)
 {
     if (core->playing)
-        core->cut |= why;
+        core->cut = why;
     stop(core);
 }
 
@@ -159,7 +157,7 @@ static uint8_t refusal(const glove_core *core, const glove_inputs *inputs)
         if (!step_is_possible(core, &pattern->steps[i]))
             return PLAY_STEPS;
         if ((pattern->steps[i].mask & usable(core, inputs)) == 0)
-            refused |= PLAY_FAULTY;
+            refused = PLAY_FAULTY;
     }
     if (!inputs->worn)
         refused |= PLAY_NOT_WORN;
@@ -276,7 +274,7 @@ static int wanted(const glove_core *core, uint16_t usable_motors, uint8_t level[
         if (!((step->mask & usable_motors) >> motor & 1))
             continue;
         level[motor] = (uint8_t)((step->strength * core->gain[motor] + UINT8_MAX / 2) / UINT8_MAX);
-        count += level[motor] > 0;
+        count++;
     }
     return count;
 }
@@ -284,16 +282,17 @@ static int wanted(const glove_core *core, uint16_t usable_motors, uint8_t level[
 /* Why the levels must not be put on the motors for the next millisecond; 0: they may. */
 static uint8_t broken_limits(const glove_core *core, const uint8_t level[GLOVE_MOTORS_MAX], int count)
 {
-    uint8_t why = count > GLOVE_CROWD && core->crowd_ms >= GLOVE_CROWD_MS ? CUT_CROWD : 0;
+    if (count > GLOVE_CROWD && core->crowd_ms >= GLOVE_CROWD_MS)
+        return CUT_CROWD;
     for (int motor = 0; motor < core->motors; motor++) {
         if (level[motor] == 0)
             continue;
         if (core->run_ms[motor] >= GLOVE_ON_MAX_MS)
-            why |= CUT_RUN;
+            return CUT_RUN;
         if (core->duty_ms[motor] >= GLOVE_DUTY_MAX_MS)
-            why |= CUT_DUTY;
+            return CUT_DUTY;
     }
-    return why;
+    return 0;
 }
 
 /* A pattern that would break a limit, or miss a step, is stopped as a whole: a part of it could be felt as another. */
@@ -329,6 +328,5 @@ void glove_step_core(glove_core *core, const glove_inputs *inputs, uint32_t now_
     outputs->heard = hear(core, inputs);
     notice_silence(core);
     put_levels(core, inputs);
-    outputs->state = core->state;
     memcpy(outputs->level, core->level, sizeof outputs->level);
 }

@@ -96,7 +96,6 @@ typedef struct {
 } glove_inputs;
 
 typedef struct {
-    uint8_t state;
     uint8_t level[GLOVE_MOTORS_MAX];
     bool heard;                    /* the message was accepted */
 } glove_outputs;
@@ -131,11 +130,12 @@ typedef struct {
 
     uint16_t judged;               /* sequence of the last PLAY */
     uint8_t refused;               /* PLAY_ bits of it */
-    uint8_t cut;                   /* CUT_ bits since the report was last asked for */
+    uint8_t cut;                   /* the last CUT_ since the report, which follows each PLAY */
     uint8_t presses[BUTTONS];      /* modulo 256 */
     uint16_t pressed_ms[BUTTONS];
 } glove_core;
 
+/* Of a core of zeros. */
 void glove_init(glove_core *core, uint8_t motors);
 
 void glove_step_core(glove_core *core, const glove_inputs *inputs, uint32_t now_ms, glove_outputs *outputs);

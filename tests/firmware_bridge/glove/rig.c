@@ -12,12 +12,12 @@ size_t rig_take(uint8_t *bytes);
 void rig_sense(bool worn, uint8_t pressed, uint16_t open, uint16_t shorted, int8_t temperature_c);
 void rig_run(uint32_t first_ms, uint32_t count, uint8_t *levels);
 uint32_t rig_kicks(void);
-size_t rig_decoder_size(void);
+uint32_t rig_motors(void);
 
 static glove_board BOARD;
 static uint8_t rx[RX_MAX], tx[TX_MAX];
 static size_t rx_at, rx_end, tx_end;
-static uint32_t clock_ms, kicks;
+static uint32_t clock_ms, kicks, begun_motors;
 static glove_inputs sensed;
 static uint8_t driven[GLOVE_MOTORS_MAX];
 
@@ -26,7 +26,7 @@ void rig_start(const char *device, uint8_t layout, uint8_t motors, uint8_t hand)
     glove_config config = {.layout = layout, .motors = motors, .hand = hand};
     memcpy(config.device_id, device, GLOVE_ID_LENGTH);
     rx_at = rx_end = tx_end = 0;
-    clock_ms = kicks = 0;
+    clock_ms = kicks = begun_motors = 0;
     memset(&BOARD, 0xA5, sizeof BOARD);
     memset(driven, 0xA5, sizeof driven);
     glove_board_init(&BOARD, &config);
@@ -73,14 +73,14 @@ uint32_t rig_kicks(void)
     return kicks;
 }
 
-size_t rig_decoder_size(void)
+uint32_t rig_motors(void)
 {
-    return sizeof(frame_decoder);
+    return begun_motors;
 }
 
 void glove_hal_begin(uint8_t motors)
 {
-    (void)motors;
+    begun_motors = motors;
     memset(driven, 0, sizeof driven);
 }
 
@@ -107,7 +107,9 @@ void glove_hal_write(const uint8_t *bytes, size_t length)
 
 void glove_hal_sense(glove_inputs *inputs)
 {
+    const glove_message host = inputs->host;
     *inputs = sensed;
+    inputs->host = host;
 }
 
 void glove_hal_put(const uint8_t level[GLOVE_MOTORS_MAX])

@@ -70,6 +70,7 @@ class GloveRig:
         self.sequence = 0
         self.replies: list[GloveReply] = []
         self.reports: list[GloveStatus] = []
+        self.numbers: list[int] = []
         self.decoder = GloveDecoder()
         self.core.rig_start(b"A".ljust(16, b"\0"), 1, motors, int(hand))
         self.sense()
@@ -144,6 +145,7 @@ class GloveRig:
         buffer = ctypes.create_string_buffer(1 << 16)
         count = self.core.rig_take(buffer)
         for received in self.decoder.feed(buffer.raw[:count]):
+            self.numbers.append(received.sequence)
             if isinstance(received.message, GloveReply):
                 self.replies.append(received.message)
             elif isinstance(received.message, GloveStatus):

@@ -89,12 +89,43 @@ def test_a_pattern_without_a_whole_motor_in_a_step_is_refused(rig: GloveRig) -> 
 
 def test_a_motor_that_is_switched_off_counts_as_broken(rig: GloveRig) -> None:
     rig.arm()
-    rig.send(Gain(bytes([255] * 7 + [0] + [255] * 8)))
+    for motor in (7, 0):
+        rig.send(Gain(bytes(0 if k == motor else 255 for k in range(16))))
+        rig.run(1)
+        rig.play((1 << motor, 195, 50, 0), (1 << 4, 195, 50, 0))
+        assert rig.judged() == PlayRefusal.FAULTY
+        rig.play((1 << 8, 195, 50, 0))
+        assert rig.judged() == 0
+
+
+def test_all_reasons_against_a_pattern_are_told_together(rig: GloveRig) -> None:
+    rig.arm()
+    rig.play((1 << 7, 195, 500, 0), priority=200)
+    rig.run(5)
+    rig.play(*[(1 << 3, 195, 500, 0)] * 11, (1 << 4, 195, 50, 0))
+    rig.run(1)  # the first 64 of its 94 bytes
+    rig.sense(worn=False, opened=1 << 4, temperature_c=60)
+    reasons = PlayRefusal.FAULTY, PlayRefusal.NOT_WORN, PlayRefusal.HOT, PlayRefusal.DUTY, PlayRefusal.LOWER
+    assert rig.judged() == sum(reasons)
+
+
+def test_the_duty_is_of_the_patterns_own_steps_and_of_every_motor(rig: GloveRig) -> None:
+    rig.arm()
+    for on_ms in (*[500] * 9, 400):
+        rig.play((1, 200, on_ms, 0))
+        rig.run_alive(510)
+    rig.sense(opened=1 << 8)
+    rig.play(*[(1, 200, 1, 0)] * 16)
     rig.run(1)
-    rig.play((1 << 7, 195, 50, 0), (1 << 4, 195, 50, 0))
-    assert rig.judged() == PlayRefusal.FAULTY
-    rig.play((1 << 8, 195, 50, 0))
     assert rig.judged() == 0
+    rig.run_alive(100)
+    rig.play((1, 200, 85, 0))
+    assert rig.judged() == PlayRefusal.DUTY
+    rig.play((1, 200, 84, 0))
+    assert rig.judged() == 0
+    rig.run_alive(100)
+    rig.play((2, 200, 100, 0))
+    assert spans(rig.run_alive(200), 1) == [(0, 100)]
 
 
 def test_a_motor_that_breaks_during_its_step_ends_the_pattern(rig: GloveRig) -> None:
@@ -228,6 +259,12 @@ def test_more_than_four_motors_vibrate_for_250_ms_at_most(rig: GloveRig) -> None
     assert PlayCut.CROWD in {report.cut for report in rig.reports}
 
 
+def test_four_motors_may_follow_a_crowd_at_once(rig: GloveRig) -> None:
+    rig.arm()
+    rig.play((0b11111, 200, 250, 0), (0b1111, 200, 100, 0))
+    assert spans(rig.run_alive(400), 0) == [(0, 350)]
+
+
 def test_four_motors_are_no_crowd(rig: GloveRig) -> None:
     rig.arm()
     rig.play((0b1111, 200, 500, 0))
@@ -298,6 +335,13 @@ def test_a_button_counts_once_when_it_is_held_for_20_ms(rig: GloveRig) -> None:
             rig.run_alive(100)
             assert (rig.report.repeat_presses, rig.report.yes_presses)[which] == presses
     assert (rig.report.repeat_presses, rig.report.yes_presses) == (2, 2)
+
+
+def test_a_button_that_is_held_for_a_minute_counts_once(rig: GloveRig) -> None:
+    rig.greet()
+    rig.sense(pressed=1)
+    rig.run_alive(70_000)
+    assert rig.report.repeat_presses == 1
 
 
 def worst(levels: NDArray[np.uint8]) -> tuple[int, int, int]:

@@ -14,7 +14,9 @@ from waychair.firmware_bridge.glove.messages import (
     GloveRefusal,
     GloveState,
     Hand,
+    Play,
     PlayRefusal,
+    PlayStep,
     StopPlaying,
     encode_glove,
     glove_hello,
@@ -68,10 +70,10 @@ def test_a_report_names_the_step_and_the_motors_that_vibrate(rig: GloveRig) -> N
 
 def test_a_gain_scales_the_strength_to_the_nearest_level(rig: GloveRig) -> None:
     rig.arm()
-    rig.send(Gain(bytes([255, 128, 64, 0, 255, 255, 255, 255, 255, *([255] * 7)])))
+    rig.send(Gain(bytes([255, 128, 62, 0, 255, 255, 255, 255, 255, *([255] * 7)])))
     rig.run(1)
     rig.play((0b1111, 200, 100, 0))
-    assert rig.run(10)[5, :5].tolist() == [200, 100, 50, 0, 0]
+    assert rig.run(10)[5, :5].tolist() == [200, 100, 49, 0, 0]
     rig.greet()
     rig.play((0b11, 200, 100, 0))
     assert rig.run(10)[5, :2].tolist() == [200, 200]
@@ -146,10 +148,10 @@ def test_the_board_says_that_nobody_speaks_500_ms_after_the_last_frame_once(rig:
     assert (levels[510, :9] == 255).all()
     assert not levels[:, 9:].any()
     assert rig.report.state == GloveState.LOST
-    assert {report.cut for report in rig.reports} == {0}
     rig.send(Alive(1))
     rig.play(SHORT)
     assert not rig.run(2000).any()
+    assert {report.cut for report in rig.reports} == {0}
     assert rig.report.rejected == 2
 
 
@@ -164,9 +166,9 @@ def test_a_pattern_in_play_and_the_queue_end_when_nobody_speaks(rig: GloveRig) -
 
 def test_without_advice_the_board_goes_quiet_in_silence(rig: GloveRig) -> None:
     rig.greet()
-    rig.play((1 << 7, 195, 450, 300))
+    rig.play((1 << 7, 195, 300, 10), (1 << 7, 195, 300, 10))
     levels = rig.run(1000)
-    assert spans(levels, 7) == [(0, 450)]
+    assert spans(levels, 7) == [(0, 300), (310, 190)]
     assert rig.report.state == GloveState.WAITING
     rig.play(SHORT)
     assert not rig.run(100).any()
@@ -212,6 +214,8 @@ def test_a_greeting_during_a_pattern_ends_it(rig: GloveRig) -> None:
     rig.arm()
     rig.play(SHORT)
     rig.run(5)
+    rig.play(SHORT, priority=1)
+    assert rig.judged() == PlayRefusal.LOWER
     rig.send(glove_hello("A", 1))
     assert not rig.run(100).any()
     assert rig.report.state == GloveState.READY
@@ -245,6 +249,9 @@ def test_each_kind_of_another_computer_is_refused_and_its_patterns_too(rig: Glov
         assert not rig.run(100).any()
         assert rig.report.state == GloveState.WAITING
         assert rig.report.rejected == 2
+    rig.send(replace(glove_hello("B", 2), version=2, layout_hash=1))
+    rig.run(1)
+    assert rig.replies[-1].refused == sum(strangers)
 
 
 def test_reports_come_every_50_ms_and_at_once_after_a_pattern(rig: GloveRig) -> None:
@@ -255,9 +262,43 @@ def test_reports_come_every_50_ms_and_at_once_after_a_pattern(rig: GloveRig) -> 
     first, second = rig.reports[-2:]
     assert second.board_ms - first.board_ms == 50
     count = len(rig.reports)
+    rig.send(Alive(0))
+    rig.run(1)
+    assert len(rig.reports) == count
     rig.play(SHORT)
     rig.run(1)
     assert len(rig.reports) == count + 1
+    assert rig.numbers == list(range(len(rig.numbers)))
+
+
+def test_a_greeting_is_a_sign_of_life(rig: GloveRig) -> None:
+    rig.greet()
+    rig.run(499)
+    rig.send(Alive(1))
+    rig.run(60)
+    assert (rig.report.state, rig.report.rejected) == (GloveState.ARMED, 0)
+
+
+def test_the_weakest_vibration_is_reported(rig: GloveRig) -> None:
+    rig.arm()
+    rig.play((1 << 2, 1, 50, 0))
+    assert rig.run(1)[0, 2] == 1
+    assert rig.report.on == 1 << 2
+
+
+def test_the_hardware_is_started_with_its_number_of_motors(rig: GloveRig) -> None:
+    assert rig.core.rig_motors() == 9
+
+
+def test_a_queued_pattern_is_played_whole_after_a_late_step(rig: GloveRig) -> None:
+    rig.arm()
+    rig.play((1 << 7, 195, 50, 10))
+    rig.run(1)
+    rig.play((1 << 5, 195, 100, 0))
+    rig.run(1)
+    rig.run(40)
+    rig.jump(40)
+    assert spans(rig.run(200), 5) == [(0, 100)]
 
 
 def test_the_watchdog_is_served_every_millisecond(rig: GloveRig) -> None:
@@ -292,12 +333,13 @@ def test_a_burst_of_frames_takes_a_millisecond_each(rig: GloveRig) -> None:
     assert spans(levels, 3) == [(2, 100)]
 
 
-def test_no_more_than_64_bytes_are_taken_in_a_millisecond(rig: GloveRig) -> None:
-    rig.greet()
-    rig.feed(bytes(128))  # zeros between frames are padding
-    rig.play(SHORT)
-    levels = rig.run(10)
-    assert spans(levels, 2)[0][0] == 2
+def test_64_bytes_are_taken_in_a_millisecond(rig: GloveRig) -> None:
+    for last, begun in ((256, 3), (257, 4)):
+        rig.start()
+        rig.greet()
+        frame = encode_glove(Play(100, 500, (PlayStep(*SHORT),)), rig.sequence + 1)
+        rig.feed(bytes(last - len(frame)) + frame)  # zeros between frames are padding
+        assert spans(rig.run(10), 2)[0][0] == begun
 
 
 def test_other_messages_are_counted_as_bad_and_do_nothing(rig: GloveRig) -> None:
