@@ -121,7 +121,8 @@ class Guide:
             pose = self.pose_at(storey)
         rests = abs(state.twist.v) < _AT_REST and abs(state.twist.omega) < _AT_REST
         arrived, plans = self._state.arrived, self._state.plans
-        view = GuidanceView(state.stamp_ns, storey, pose, rests, state.verdict.computer_drives)
+        by_itself = state.verdict.computer_drives and not state.verdict.steered  # a page's stick is the rider's own
+        view = GuidanceView(state.stamp_ns, storey, pose, rests, by_itself)
         self._state, self._guiding = step(self._state, view, self._ways)
         self._take_cabin(storey, pose)
         self._count(state, rests=rests, replanned=self._state.plans > plans)
@@ -161,7 +162,7 @@ class Guide:
         """Count what the record keeps of a drive, and record a decision."""
         drive, plan = self._drive, None if self._state is None else self._state.plan
         if not drive.expected_s and plan is not None and self._ways is not None:
-            drive.expected_s = plan.cost / self._ways.speed
+            drive.expected_s = (plan.cost + self._to_the_plan()) / self._ways.speed
             replanned = False
         drive.counts["replans"] += replanned
         drive.counts["prompts"] += self._guiding.cue is not None
@@ -179,6 +180,13 @@ class Guide:
         if made is not None and self._wants:
             assert self._habits is not None
             self._worker.submit(self._habits.note_decision, made)
+
+    def _to_the_plan(self) -> float:
+        """Return the way [m] from the chair to the junction from which its plan's cost counts."""
+        state = self._state
+        if state is None or state.plan is None or state.track is None or len(state.plan.parts[0].along) < 2:
+            return 0.0
+        return max(float(state.plan.parts[0].along[1]) - state.track.along, 0.0)
 
     @property
     def _wants(self) -> bool:
