@@ -113,8 +113,6 @@ class DriveBase:
         )
         measured = calibration.dac is not None or given
         self.guard = RiderGuard(body, calibration.stops, s, self._monitor, self.bridge, calibrated=measured)
-        self.stopped_after_push = False
-        """Whether the chair came to rest in this tick after a push by hand; its pose may be wrong."""
         self._mode = DriveMode.MANUAL
         self._sent: SentCommand | None = None
 
@@ -122,6 +120,11 @@ class DriveBase:
     def ready(self) -> bool:
         """Whether, at the last tick, a confirmed drive could have begun."""
         return self._halts.allow_driving
+
+    @property
+    def stopped_after_push(self) -> bool:
+        """Whether the chair came to rest at the last tick after a push by hand; its pose may be wrong."""
+        return self._pushing.stands_again
 
     @property
     def halts(self) -> tuple[Halt, ...]:
@@ -223,7 +226,7 @@ class DriveBase:
         telemetry, driven = self.bridge.listen(now_ns), self._mode in DRIVEN
         stick = None if telemetry is None else telemetry.joystick
         released = self._sent is not None and not self._sent.active and not driven
-        self.stopped_after_push = self._pushing.update(now_ns, released, stick, self.motion.wheels)
+        self._pushing.update(now_ns, released, stick, self.motion.wheels)
         self._rider.arming.update(now_ns, stick)
         if not driven:
             self._fitness.settle()

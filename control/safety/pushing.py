@@ -19,7 +19,11 @@ STANDS_S = 1.0
 
 
 class Pushing:
-    """The detection's state. `pushed`: the chair is moved by hand, or was until a moment ago."""
+    """The detection's state.
+
+    `pushed`: the chair is moved by hand, or was until a moment ago. `stands_again`: it came to rest after a push at the
+    last update.
+    """
 
     def __init__(self, body: ChairBody, at_rest: float = SupervisorSettings().at_rest) -> None:
         """`at_rest` is the deflection up to which no hand is on the stick."""
@@ -27,13 +31,19 @@ class Pushing:
         self._stood: WheelTicks | None = None
         self._since_ns = 0
         self._rests = False
-        self.pushed = False
+        self.pushed = self.stands_again = False
 
     def update(self, now_ns: int, released: bool, stick: JoystickInput | None, wheels: WheelTicks | None) -> bool:
         """Take in the rider's stick, the wheels' latest counts and whether the lines are released.
 
-        Return True once when the chair stands again after a push.
+        Return `stands_again`.
         """
+        self.stands_again = self._has_come_to_rest(now_ns, released, stick, wheels)
+        return self.stands_again
+
+    def _has_come_to_rest(
+        self, now_ns: int, released: bool, stick: JoystickInput | None, wheels: WheelTicks | None
+    ) -> bool:
         if not released or stick is None or wheels is None or not deflection_of(stick) <= self._at_rest:
             self._stood, self._rests, self.pushed = None, False, False
             return False

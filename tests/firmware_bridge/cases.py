@@ -14,6 +14,8 @@ from pathlib import Path
 from tests.firmware_bridge import (
     test_protocol,
     test_safety_core_guard,
+    test_safety_core_guard_faults,
+    test_safety_core_guard_override,
     test_safety_core_host,
     test_safety_core_lines,
     test_safety_core_stops,
@@ -24,6 +26,8 @@ from tests.firmware_bridge.rig import Rig, load_core
 MODULES = (
     test_protocol,
     test_safety_core_guard,
+    test_safety_core_guard_faults,
+    test_safety_core_guard_override,
     test_safety_core_host,
     test_safety_core_lines,
     test_safety_core_stops,

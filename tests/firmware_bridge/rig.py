@@ -357,3 +357,21 @@ def bent(axis: int, mv: int) -> Callable[[int, int], int]:
 def forced(axis: int, mv: int) -> Callable[[int, int], int]:
     """A read-back of `mv` on one axis for any command."""
     return lambda at, true: mv if at == axis else true
+
+
+FRONT, REAR, LEFT, RIGHT = range(4)
+BLOCKED = (0, 10000, 10000, 10000)
+"""Caps with something right ahead."""
+
+PUSHES = ((FRONT, 0, 1), (REAR, 0, -1), (LEFT, 1, -1), (RIGHT, 1, 1))
+"""Direction, axis and sign: forward and right raise the voltage."""
+
+
+def push(rig: Rig, axis: int, mv: int) -> None:
+    rig.stick = [NEUTRAL, NEUTRAL]
+    rig.stick[axis] += mv
+
+
+def deflections(rig: Rig) -> list[int]:
+    """The lines' deflections from neutral [mV]."""
+    return [mv - NEUTRAL for mv in rig.lines()]
