@@ -34,6 +34,7 @@ from waychair.ros.messages.routes import graph_markers, require_ids, route, rout
 from waychair.ros.messages.wire import native
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.worker import Worker
+from waychair.runtime.habits import Habits, default_path
 from waychair.types import Pose2
 
 UNKNOWN, TF_ERROR, NO_VALID_GRAPH, NO_NODES, NO_VALID_ROUTE = 400, 401, 402, 403, 405
@@ -234,9 +235,10 @@ class BuildingRoutes:
             self._worker.submit(lambda: self._learn(drive), self._learnt)
 
     def _learn(self, drive: _Recorded) -> str:
-        """Learn a drive's times; return the sentence of a failure, "" without one."""
+        """Learn a drive's times if the rider has said yes to a record; return the sentence of a failure, "" without one."""
         try:
-            found = None if self._folder is None else building_of_map(self._folder)
+            wanted = self._folder is not None and Habits(default_path()).wanted
+            found = building_of_map(self._folder) if self._folder is not None and wanted else None
             if found is not None:
                 learn_drive(*found, np.array(drive.stamps, np.int64), np.array(drive.points))
         except WaychairError as error:

@@ -20,6 +20,7 @@ from waychair.maps.building.hgraph_edits import closed
 from waychair.maps.building.hgraph_files import read_hgraph, write_hgraph
 from waychair.maps.building.indexed import indexed
 from waychair.maps.folders.map_files import save_map
+from waychair.runtime.habits import Habits, default_path
 from waychair.types import OccupancyGrid, Pose2
 
 if TYPE_CHECKING:
@@ -108,12 +109,21 @@ def test_routes_are_computed_by_ids_by_poses_and_from_where_the_chair_is(site: S
     assert "1:c2>c3 is closed (wet floor)" in result.error_msg
 
 
-def test_a_drive_that_arrives_is_learnt(site: Site) -> None:
+def test_a_drive_that_arrives_is_learnt_after_the_riders_yes_only(
+    site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from waychair.ros.nodes.parts.building_routes import DriveNow
 
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     poses = [Pose2(x, 0.0) for x in np.linspace(3.0, 10.0, 30).tolist()]
     arrived = DriveNow(drives=False, arrived=True, pose=None)
-    site.drive = iter([*(DriveNow(drives=True, arrived=False, pose=pose) for pose in poses), arrived])
+    drive = [*(DriveNow(drives=True, arrived=False, pose=pose) for pose in poses), arrived]
+    site.drive, ended_s = iter(drive), time.monotonic() + 4.0
+    site.ros.spin_until(lambda: time.monotonic() > ended_s, "the end of the first drive")
+    assert next(site.drive, None) is None
+    assert not (site.folder / "drives.json").exists()
+    Habits(default_path()).say_yes()
+    site.drive = iter(drive)
     site.ros.spin_until(lambda: (site.folder / "drives.json").is_file(), "the drive's times")
 
 
