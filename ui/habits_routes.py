@@ -41,20 +41,22 @@ def habits_view(habits: Habits) -> Json:
     }
 
 
-def habits_routes(habits: Habits) -> list[Route]:
-    """Return the routes; only pages that the server's guard lets in reach them."""
+def habits_routes(habits: Habits | None) -> list[Route]:
+    """Return the routes; only pages that the server's guard lets in reach them. Where no record is kept, a look finds null."""
     from starlette.concurrency import run_in_threadpool
     from starlette.responses import JSONResponse, PlainTextResponse
     from starlette.routing import Route
 
+    async def look(_: Request) -> Response:
+        return JSONResponse(None if habits is None else habits_view(habits), headers=_NO_STORE)
+
+    if habits is None:
+        return [Route(API + "habits", look)]
     changes: dict[str, tuple[Callable[[], None], str]] = {
         "yes": (habits.say_yes, "your drives are remembered on this chair"),
         "no": (habits.say_no, "nothing more is remembered"),
         "erase": (habits.erase, "everything was erased"),
     }
-
-    async def look(_: Request) -> Response:
-        return JSONResponse(habits_view(habits), headers=_NO_STORE)
 
     async def table(_: Request) -> Response:
         headers = {**_NO_STORE, "content-disposition": 'attachment; filename="habits.csv"'}

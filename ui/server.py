@@ -101,7 +101,7 @@ def app(
         Route(API + "network.svg", _NetworkEndpoint(broadcaster).answer),
         Route(API + "do/{name}", _CommandEndpoint(broadcaster).answer, methods=["POST"]),
         WebSocketRoute(LIVE, live),
-        *(() if habits is None else habits_routes(habits)),
+        *habits_routes(habits),
         *(() if session is None else editor_routes(session, has_chair=True)),
         Mount("/static", StaticFiles(directory=STATIC)),
         Mount("/leaflet", StaticFiles(directory=leaflet.BASE_DIR)),

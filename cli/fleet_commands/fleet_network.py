@@ -18,7 +18,11 @@ keys_app = App(name="keys", help="Make keys with which chairs talk beyond one co
 
 @keys_app.command(name="new")
 def keys_new_command(
-    name: str, /, *, out: NonEmptyPath = Path("keys"), days: Annotated[PositiveInt, Parameter(name=["--days"])] = 730
+    name: str,
+    /,
+    *,
+    out: Annotated[NonEmptyPath, Parameter(name=["--out", "-o"])] = Path("keys"),
+    days: Annotated[PositiveInt, Parameter(name=["--days"])] = 730,
 ) -> None:
     """Make a key and a certificate for a chair, by the site's authority, which is made with the first ones.
 

@@ -26,7 +26,7 @@ def guide_command(
     people: NonNegativeInt = 0,
     seed: NonNegativeInt = 0,
     minutes: float = 10.0,
-    out: Path | None = None,
+    out: Annotated[Path | None, Parameter(name=["--out", "-o"])] = None,
     quiet: bool = False,
 ) -> None:
     """Lead a simulated driver who cannot see to a place, by the motors of a glove.

@@ -33,7 +33,8 @@ def page_at(browser: Browser, address: str, **context: object) -> Iterator[Page]
     page.goto(address)
     yield page
     own.close()
-    assert [each for each in wrong if not any(network in each for network in ("net::ERR", "WebSocket"))] == []
+    found = [each for each in wrong if not any(network in each for network in ("net::ERR", "WebSocket"))]
+    assert not found, found
 
 
 @contextmanager

@@ -60,3 +60,10 @@ def test_a_chair_without_a_building_guides_nobody_and_says_so(port: Noted) -> No
         assert "no building to guide in" in said["sentence"]
         assert not page.post("/api/do/end_guide").json()["done"]
         assert "invalid" in page.post("/api/do/guide", json={"goal": "reception", "level": 9}).json()["sentence"]
+
+
+def test_a_chair_without_a_record_answers_a_look_with_nothing(port: Noted) -> None:
+    with TestClient(app(port), base_url=HERE) as page:
+        look = page.get("/api/habits")
+        assert (look.status_code, look.json()) == (200, None)
+        assert page.post("/api/habits/yes").status_code in {404, 405}

@@ -12,10 +12,10 @@ async function asked(path, method = "GET") {
 }
 
 async function look() {
-  const found = await asked("");
-  $("habits").hidden = !found;
-  if (!found) return;
-  const { wanted, trouble, drives, places } = await found.json();
+  const known = await (await asked(""))?.json();
+  $("habits").hidden = !known;
+  if (!known) return;
+  const { wanted, trouble, drives, places } = known;
   $("habits-yes").setAttribute("aria-pressed", String(wanted));
   setText($("habits-state"), trouble || (wanted ? "Your drives are remembered on this chair." : "Nothing is remembered."));
   $("habits-table").replaceChildren(
