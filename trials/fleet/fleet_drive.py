@@ -67,6 +67,9 @@ NO_WAY_ROUND_MS = 40_000
 _MOVES = 0.02
 """m/s or rad/s; a slower chair stands."""
 
+_SAME_LINE = 0.01
+"""m; a stop line that has moved by no more is the same one."""
+
 
 @dataclass(frozen=True, slots=True)
 class FleetScene:
@@ -98,7 +101,9 @@ class ChairRun:
     """What one chair did: goals reached with the time [s] each took, seconds it stood for others, metres, its track.
 
     `track` has a row of time [s], x, y [m], heading [rad] for each step of the order. `over_line` [m] is the farthest that
-    its foremost corner was beyond a stop line, `end_error` [m] its true distance from its last goal when all were reached.
+    its foremost corner came beyond a stop line. `lines_across` lines were given to it where it already was, as a blocked way
+    is given back: of them only the way from there on counts. `end_error` [m]: its true distance from its last goal when all
+    were reached.
     """
 
     goals: int
@@ -108,10 +113,13 @@ class ChairRun:
     metres: float = 0.0
     again: int = 0
     over_line: float = 0.0
+    lines_across: int = 0
     person_m: float = math.inf
     ends: list[str] = field(default_factory=list)
     track: list[tuple[float, float, float, float]] = field(default_factory=list)
     end_error: float | None = None
+    _line: FloatArray | None = None
+    _over_at_first: float = 0.0
 
     def note(self, now_s: float, chair: SimulatedChair, waits_s: float) -> None:
         """Take down where a chair is now, and that it has waited so long [s] for others since the last time."""
@@ -121,6 +129,13 @@ class ChairRun:
         self.track.append((now_s, pose.x, pose.y, pose.theta))
         self.waited_s += waits_s
         self.person_m = min(self.person_m, chair.person_distance())
+
+    def note_line(self, line: FloatArray | None, over: float) -> None:
+        """Take down that a chair is so far [m] beyond its stop line."""
+        if line is None or self._line is None or np.abs(line - self._line).max() > _SAME_LINE:
+            self._line, self._over_at_first = line, over
+            self.lines_across += over > _SAME_LINE
+        self.over_line = max(self.over_line, over - self._over_at_first)
 
     def note_end(self, goal: Pose2, pose: Pose2) -> None:
         """Take down how far a chair is from its last goal, if it has reached all."""
@@ -443,8 +458,7 @@ def _note(run: FleetRun, simulator: FleetSimulator, riders: Sequence[Rider]) -> 
     step_s = STEPS_OF_ORDER * TICK_NS * 1e-9
     for rider, chair, own in zip(riders, simulator.chairs, run.chairs, strict=True):
         own.note(simulator.now_ns * 1e-9, chair, step_s * rider.held)
-        if rider.line is not None:
-            own.over_line = max(own.over_line, _beyond(rider.line, chair.body, chair.truth()))
+        own.note_line(rider.line, 0.0 if rider.line is None else _beyond(rider.line, chair.body, chair.truth()))
     count = len(riders)
     run.nearest = min([run.nearest, *(simulator.between(a, b) for a in range(count) for b in range(a + 1, count))])
 

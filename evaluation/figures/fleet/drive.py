@@ -99,6 +99,7 @@ def _row(runs: list[tuple[frozenset[int], FleetRun]]) -> Json:
         "success": round(sum(needed) / len(needed), 4) if needed else 1.0,
         "contacts": sum(run.contacts for _, run in runs),
         "lockups": sum(run.lockups for _, run in runs),
+        "lines_across": sum(chair.lines_across for _, run in runs for chair in run.chairs),
         "over_line_m": round(max(chair.over_line for _, run in runs for chair in run.chairs), 4),
         "nearest_chairs_m": _finite(min(run.nearest for _, run in runs)),
         "nearest_person_m": _finite(min(chair.person_m for _, run in runs for chair in run.chairs)),
