@@ -34,7 +34,7 @@ from waychair.trials.fleet.fleet_demo import (
     view_of,
     write_fleet_report,
 )
-from waychair.trials.fleet.fleet_drive import SPEED, FleetMoment, FleetRun, FleetScene, drive_fleet
+from waychair.trials.fleet.fleet_drive import SPEED, ChairRun, FleetMoment, FleetRun, FleetScene, drive_fleet
 from waychair.trials.fleet.fleet_lift import PLACES, WAYS, WORLD, free_up_to_lift, hall_graph, share_lift
 from waychair.trials.fleet.fleet_scenes import SCENARIOS, lane_zones, rooms_scene
 from waychair.ui.fleet_page import FleetPage, fleet_page
@@ -224,3 +224,17 @@ def test_three_chairs_share_a_lift_without_a_contact() -> None:
     assert run.finished
     assert run.contacts == run.lockups == 0
     assert all(chair.end_error is not None and chair.end_error < 0.3 for chair in run.chairs)
+
+
+def test_a_line_given_across_a_chair_counts_from_there_on_and_any_other_from_itself() -> None:
+    run, line = ChairRun(1), np.array([[0.0, 0.0], [0.0, 1.0]])
+    run.note_line(line, 0.0)
+    run.note_line(line, 0.03)
+    assert (run.over_line, run.lines_across) == (0.03, 0)
+    run.note_line(line - 0.5, 0.5)
+    run.note_line(line - 0.5, 0.52)
+    assert (run.over_line, run.lines_across) == (0.03, 1)
+    run.note_line(None, 0.0)
+    run.note_line(line - 0.5, 0.0)
+    run.note_line(line - 0.5 + 1e-3, 0.1)
+    assert (run.over_line, run.lines_across) == (0.1, 1)
