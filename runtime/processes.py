@@ -46,8 +46,9 @@ IDLE_SHARE = 0.1  # share of one processor below which a process is idle
 class Process:
     """A row of the table: a process's name, its Python module, and the module's arguments.
 
-    `priority` above 0 is a real-time priority, where the system grants it (sched(7)). If a process that is not `vital`
-    dies too often, the others go on without it.
+    `priority` above 0 is a real-time priority from the first heartbeat on, where the system grants it (sched(7)): a process
+    that starts computes for seconds, and with such a priority it would keep all other programs from their messages. If a
+    process that is not `vital` dies too often, the others go on without it.
     """
 
     name: str
@@ -151,11 +152,16 @@ class Supervision:
         return ""
 
     def _kill_hung(self, now: float) -> None:
-        """Kill processes whose heartbeat has ceased, after a short time if idle, after a longer one if computing."""
+        """Kill processes whose heartbeat has ceased, after a short time if idle, after a longer one if computing.
+
+        With the first heartbeat of a process comes its priority.
+        """
         unwatched = now - self._watched_s > _HELD_UP_S
         self._watched_s = now
         for each in self._running:
             if _has_beaten(each.beats) or (unwatched and each.beaten_s is not None):
+                if each.beaten_s is None:
+                    _prioritise(each.process.pid, each.row.priority)
                 each.beaten_s, each.used_s = now, _cpu_s(each.process.pid)
             if each.beaten_s is None or each.process.poll() is not None:
                 continue
@@ -178,7 +184,7 @@ class Supervision:
                 env={**self._environment, _BEAT_TO: str(beat_to)},
                 pass_fds=[beat_to],
                 start_new_session=True,
-                preexec_fn=partial(_prepare_child, os.getpid(), row.priority),  # noqa: PLW1509 - this process has no other threads
+                preexec_fn=partial(_prepare_child, os.getpid()),  # noqa: PLW1509 - this process has no other threads
             )
         except OSError:
             os.close(beats)
@@ -228,11 +234,17 @@ def _cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-def _prepare_child(parent: int, priority: int) -> None:
-    """Ask Linux for SIGTERM at the parent's death (prctl(2), PR_SET_PDEATHSIG), and for the priority; in the child."""
+def _prioritise(pid: int, priority: int) -> None:
+    """Give the threads of a process a real-time priority above 0, where the system grants it; those that have one keep it."""
+    with suppress(OSError):
+        threads = Path(f"/proc/{pid}/task").iterdir() if priority > 0 else ()
+        for thread in (int(each.name) for each in threads):
+            if os.sched_getscheduler(thread) == os.SCHED_OTHER:
+                os.sched_setscheduler(thread, os.SCHED_RR, os.sched_param(priority))
+
+
+def _prepare_child(parent: int) -> None:
+    """Ask Linux for SIGTERM at the parent's death (prctl(2), PR_SET_PDEATHSIG), in the child."""
     ctypes.CDLL(None).prctl(1, signal.SIGTERM)
-    if priority > 0:
-        with suppress(OSError):
-            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(priority))
     if os.getppid() != parent:  # the parent died before prctl
         os._exit(1)
