@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 from cyclopts import Parameter
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from waychair.trials.demo_page import DemoPage
     from waychair.trials.drive import DriveRecord
     from waychair.types import OccupancyGrid, Place, Pose2
+
+_Run = TypeVar("_Run")
 
 
 def demo_command(
@@ -82,9 +84,10 @@ def demo_command(
     configured = load_configuration(config)
     console = Console(stderr=True, quiet=quiet)
     page = DemoPage()
-    if is_building(world):
+
+    def shown(run: Callable[..., _Run]) -> _Run:
         with _shown(page, headless, page_port, console), stage_bars(console) as show:
-            travelled = run_building_demo(
+            return run(
                 out=out,
                 seed=seed,
                 progress=show,
@@ -96,6 +99,9 @@ def demo_command(
                 chair_settings=configured.chair,
                 simulation=configured.simulation,
             )
+
+    if is_building(world):
+        travelled = shown(run_building_demo)
         write_building_report(out, travelled)
         if not quiet:
             for name, value in building_facts(travelled):
@@ -104,19 +110,7 @@ def demo_command(
         if not travelled.record.arrived:
             sys.exit(1)
         return
-    with _shown(page, headless, page_port, console), stage_bars(console) as show:
-        demo = run_demo(
-            out=out,
-            seed=seed,
-            progress=show,
-            world=world,
-            surprises=surprises,
-            box=box,
-            watcher=page,
-            mapping_settings=configured.map.narrowed(MappingSettings),
-            chair_settings=configured.chair,
-            simulation=configured.simulation,
-        )
+    demo = shown(run_demo)
     write_report(out, demo)
     if not quiet:
         _print_demo(demo, out)

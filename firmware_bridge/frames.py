@@ -8,10 +8,22 @@ from __future__ import annotations
 
 import binascii
 import struct
+import zlib
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 _HEAD = struct.Struct("<BH")
 _CRC = struct.Struct("<H")
+
+
+def struct_of_layout(layout: str, formats: Mapping[str, str]) -> struct.Struct:
+    """Return the struct of a payload whose layout names each field and its type, as "flags u8, stamp_us u32"."""
+    return struct.Struct("<" + "".join(formats[field.split()[1]] for field in layout.split(",") if field))
+
+
+def layout_hash(layouts: Mapping[int, str]) -> int:
+    """Return the CRC-32 of a table of messages, their layouts by type."""
+    return zlib.crc32(";".join(f"{number}:{layouts[number]}" for number in sorted(layouts)).encode())
 
 
 @dataclass(frozen=True, slots=True)

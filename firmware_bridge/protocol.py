@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import enum
 import struct
-import zlib
 from dataclasses import astuple, dataclass
 from typing import Any, ClassVar, TypeAlias
 
 from waychair.errors import BridgeError
-from waychair.firmware_bridge.frames import Frame, FrameDecoder, encode_frame
+from waychair.firmware_bridge.frames import Frame, FrameDecoder, encode_frame, layout_hash, struct_of_layout
 
 PROTOCOL_VERSION = 2
 FIRMWARE_VERSION = 0x0200
@@ -218,12 +217,9 @@ Message: TypeAlias = Hello | HelloReply | Command | BoardTelemetry | Limit
 _TYPES: dict[int, type[Any]] = {
     message.TYPE: message for message in (Hello, HelloReply, Command, BoardTelemetry, Limit)
 }
-_STRUCTS = {
-    message.TYPE: struct.Struct("<" + "".join(_FORMATS[field.split()[1]] for field in message.LAYOUT.split(",")))
-    for message in _TYPES.values()
-}
+_STRUCTS = {number: struct_of_layout(message.LAYOUT, _FORMATS) for number, message in _TYPES.items()}
 
-LAYOUT_HASH = zlib.crc32(";".join(f"{t}:{_TYPES[t].LAYOUT}" for t in sorted(_TYPES)).encode())
+LAYOUT_HASH = layout_hash({number: message.LAYOUT for number, message in _TYPES.items()})
 """CRC-32 of the message table; `PROTOCOL_LAYOUT_HASH` in firmware/protocol.h."""
 
 

@@ -8,12 +8,11 @@ from __future__ import annotations
 
 import enum
 import struct
-import zlib
 from dataclasses import astuple, dataclass
 from typing import Any, ClassVar, TypeAlias
 
 from waychair.errors import GloveError
-from waychair.firmware_bridge.frames import Frame, FrameDecoder, encode_frame
+from waychair.firmware_bridge.frames import Frame, FrameDecoder, encode_frame, layout_hash, struct_of_layout
 
 GLOVE_PROTOCOL_VERSION = 1
 GLOVE_FIRMWARE_VERSION = 0x0100
@@ -205,14 +204,10 @@ _TYPES: dict[int, type[Any]] = {
     message.TYPE: message for message in (GloveHello, GloveReply, Play, StopPlaying, Gain, Alive, GloveStatus)
 }
 _STRUCTS = {
-    message.TYPE: struct.Struct(
-        "<" + "".join(_FORMATS[field.split()[1]] for field in message.LAYOUT.split(",") if field)
-    )
-    for message in _TYPES.values()
-    if message is not Play
+    number: struct_of_layout(message.LAYOUT, _FORMATS) for number, message in _TYPES.items() if message is not Play
 }
 
-GLOVE_LAYOUT_HASH = zlib.crc32(";".join(f"{t}:{_TYPES[t].LAYOUT}" for t in sorted(_TYPES)).encode())
+GLOVE_LAYOUT_HASH = layout_hash({number: message.LAYOUT for number, message in _TYPES.items()})
 """CRC-32 of the message table; `GLOVE_LAYOUT_HASH` in firmware/glove/glove_protocol.h."""
 
 

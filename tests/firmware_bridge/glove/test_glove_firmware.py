@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import os
 import random
 import re
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -15,40 +12,15 @@ import pytest
 from tests.firmware_bridge.glove.fuzzing import build_glove_fuzzer, fuzz_glove
 from tests.firmware_bridge.glove.rig import SOURCES, build_glove_core
 from tests.firmware_bridge.mutation import GLOVE, explained, mutants, run
+from tests.firmware_bridge.sanitised import check_every_line
 from waychair.firmware_bridge.board import FIRMWARE
 
-ROOT = FIRMWARE.parent.parent
-
-
-def _run_cases(library: Path, **variables: str) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "tests.firmware_bridge.glove.cases", str(library)],
-        cwd=ROOT,
-        env=os.environ | variables,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr[-3000:]
+CASES = "tests.firmware_bridge.glove.cases"
 
 
 def test_sanitizers_find_nothing_and_every_line_of_the_gloves_firmware_is_run(tmp_path: Path) -> None:
-    if shutil.which("gcov") is None:
-        pytest.skip("gcov is not installed")
-    runtime = subprocess.run(["cc", "-print-file-name=libasan.so"], capture_output=True, text=True, check=False)
-    if not Path(runtime.stdout.strip()).is_absolute():
-        pytest.skip("this C compiler has no AddressSanitizer of its own")
-    library = build_glove_core(
-        tmp_path, ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "--coverage", "-O0")
-    )
-    _run_cases(library, LD_PRELOAD=runtime.stdout.strip(), ASAN_OPTIONS="detect_leaks=0")
-    notes = sorted(tmp_path.glob("*.gcno"))
-    done = subprocess.run(["gcov", *map(str, notes)], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    for name in (source for source in SOURCES if source.startswith("glove/")):
-        report = (tmp_path / f"{Path(name).name}.gcov").read_text()
-        assert re.findall(r"^\s*#####:\s*(\d+):(.*)$", report, re.MULTILINE) == [], name
-        assert len(re.findall(r"^\s*\d+\*?:", report, re.MULTILINE)) >= 4, name
+    own = (source for source in SOURCES if source.startswith("glove/"))
+    check_every_line(CASES, tmp_path, build_glove_core, own)
 
 
 @pytest.fixture(scope="module")
