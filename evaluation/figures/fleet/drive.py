@@ -10,6 +10,7 @@ import math
 import os
 import time
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from waychair.trials.fleet.fleet_lift import share_lift
 from waychair.trials.fleet.fleet_scenes import SCENARIOS, rooms_scene
 from waychair.types import Json
 
-SEEDS = 15
+SEEDS, WORKERS = 15, 2
 SUCCESS, OVER_LINE_M, L_WAY_M = 0.97, 0.05, 0.03
 OTHER_WAY_S = 5.0
 """s; a chair before seated persons turns to the other way within so long after it has come to rest."""
@@ -41,9 +42,11 @@ def fleet_drive(out: Path) -> Json:
     seeds = range(int(os.environ.get("FLEET_DRIVE_SEEDS", SEEDS)))
     names = os.environ.get("FLEET_DRIVE_SCENES", ",".join((*SCENARIOS, LIFT_SCENE))).split(",")
     rows: dict[str, Json] = {}
-    for name in names:
-        rows[name] = _row([_run(name, seed) for seed in seeds])
-        print(name, rows[name], flush=True)
+    with ProcessPoolExecutor(WORKERS) as pool:
+        running = {name: [pool.submit(_run, name, seed) for seed in seeds] for name in names}
+        for name, own in running.items():
+            rows[name] = _row([each.result() for each in own])
+            print(name, rows[name], flush=True)
     ratio = lockstep_ratio()
     runs = len(names) * len(seeds)
     contacts = sum(row["contacts"] for row in rows.values())

@@ -319,6 +319,28 @@ def test_a_chair_that_was_stopped_on_its_way_may_not_move() -> None:
     assert points.steps[0].goals == ()
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_chair_waits_as_it_is_in_a_hall_where_it_could_drive_round_its_line(seed: int) -> None:
+    scene = SCENARIOS["mapped_bend"](seed).scene
+    ways = drivable(ways_of(scene.graph, 0.45), scene.body)
+    points = _Points(
+        dict(enumerate(scene.starts)),
+        {k: own[0] for k, own in enumerate(scene.goals)},
+        ways,
+        scene.places,
+    )
+    points.step()
+    stood = 0
+    for _ in range(30):
+        chains = points.order.chains
+        points.step()
+        for k, steps in points.steps.items():
+            waits = len(chains[k].spots) > 1 and steps.report.visits == 0
+            assert steps.authority.stands or not waits
+            stood += waits
+    assert stood > 20  # one of both waits for the other one from the beginning
+
+
 def test_a_chair_stands_aside_with_its_face_to_the_node_by_which_it_leaves_again() -> None:
     scene = SCENARIOS["door_from_both_sides"](0).scene
     ways = ways_of(scene.graph, 0.45)  # as if a chair could turn in the corridor

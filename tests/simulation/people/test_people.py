@@ -466,3 +466,11 @@ def test_an_impossible_speed_is_refused_with_advice(speed: float) -> None:
 def test_time_does_not_go_backwards_for_people() -> None:
     with pytest.raises(ValueError, match="at least 0"):
         _people(_room(3.0, 3.0)).step(-1, AWAY, STILL)
+
+
+def test_a_person_with_errands_stays_at_each_end_of_its_way() -> None:
+    people = _people(_room(6.0, 2.0), _plan(Behaviour.PATH, (1.0, 1.0), (4.0, 1.0), speed=1.0, rest=12.0))
+    at = [float(states[0].pose.x) for states in _watch(people, 60.0)]
+    ends = [round(sum(abs(x - end) < 1e-6 for x in at) * TICK, 1) for end in (4.0, 1.0)]
+    assert ends[0] == pytest.approx(24.0, abs=2.0)  # twice in a minute: 4 s of way, 12 s there, and a turn
+    assert ends[1] == pytest.approx(19.0, abs=2.0)  # once, and the beginning of a second time
