@@ -130,8 +130,10 @@ class ChainDriver:
         bars: tuple[Zone, ...] = ()
         if goals:
             bars = bars_off(self._ways, self._spot_places, self._rings, (*self._behind, *self._ahead))
-        # a chair that was stopped on its way, in no refuge, moves only by its next chain
-        stands = len(self._ahead) == 1 and not self._ways.at_home[self._ahead[0]]
+        at_home = self._ways.at_home[self._ahead[0]]
+        # In a refuge a chair waits as it is: in a hall it could turn over its line, or drive round the end of it. A chair that
+        # was stopped on its way, in no refuge, moves only by its next chain.
+        stands = (at_home and not self._behind and line is not None) or (not at_home and len(self._ahead) == 1)
         return Steps(report, Authority(line, reason or "the chair waits for its turn", stands), goals, bars)
 
     def report(self) -> Report:

@@ -73,7 +73,7 @@ class SimulatedPeople:
             _check_plan(number, plan, grid, self._walls)
             person = self._people[number]
             person["behaviour"] = tuple(Behaviour).index(plan.behaviour)
-            for name in ("yields", "radius", "speed", "trigger"):
+            for name in ("yields", "radius", "speed", "trigger", "rest"):
                 person[name] = getattr(plan, name)
             person["sign"], person["x"], person["y"], person["heading"] = 1.0, *rail[0, 1:4]
         self._phases = rng.uniform(0.0, math.tau, len(rails))

@@ -35,6 +35,7 @@ PERSON = np.dtype(
         ("radius", np.float64),  # m
         ("speed", np.float64),  # m/s, preferred
         ("trigger", np.float64),  # m
+        ("rest", np.float64),  # s at each end of its rail
         ("veer", np.float64),  # rad, see social_force.veered
         ("first", np.int64),  # rows of its rail
         ("last", np.int64),
@@ -180,14 +181,13 @@ def is_startled(person: Person, space: WalkingSpace) -> bool:
 
 @njit(cache=True)
 def _walk_along_rail(people: Crowd, i: int, space: WalkingSpace, seconds: float) -> None:
-    """Walk along the rail within its speed limit and the free distance; turn at its end or after waiting too long."""
+    """Walk along the rail within its speed limit and the free distance; turn after the rest at its end or a long wait."""
     person = people[i]
     length = space.rails[person.last - 1, 0]
     if length == 0.0:
         return
-    if person.behaviour == PATH and (
-        person.waited > WAIT_LIMIT or person.along == (length if person.sign > 0.0 else 0.0)
-    ):
+    at_end = person.along == (length if person.sign > 0.0 else 0.0)
+    if person.behaviour == PATH and (person.waited >= person.rest if at_end else person.waited > WAIT_LIMIT):
         person.sign, person.waited = -person.sign, 0.0
     if person.behaviour == SUDDEN and person.along == length and person.waited > SUDDEN_STAY:
         person.sign = -1.0

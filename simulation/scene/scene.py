@@ -172,7 +172,10 @@ class Behaviour(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class PersonPlan:
-    """A person of the plan at the start of `path` (N, 2) [m, map]; `yields` tells if it yields to the chair."""
+    """A person of the plan at the start of `path` (N, 2) [m, map]; `yields` tells if it yields to the chair.
+
+    One who walks to and fro stays for `rest` [s] at each end.
+    """
 
     behaviour: Behaviour
     path: FloatArray
@@ -180,6 +183,7 @@ class PersonPlan:
     yields: bool = True
     radius: float = 0.25
     trigger: float = 3.0
+    rest: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
