@@ -106,9 +106,13 @@ def ordered(
     clearing_ms: int,
     chairs: frozenset[int],
     known: Mapping[int, Known],
+    blocked_ms: Mapping[str, int],
     now_ns: int,
 ) -> Decision:
-    """Return the warden's decision from the last States of all peers, its own among them, and take it down in the office."""
+    """Return the warden's decision from the last States of all peers, its own among them, and take it down in the office.
+
+    `blocked_ms` are the sections that chairs see shut, and for how long that is believed.
+    """
     if not counted(office, own, known, now_ns):
         return Decision()
     if office.since_ns is None:
@@ -127,7 +131,7 @@ def ordered(
     if afresh:
         order = _taken_over(office, ways, loyal, known, chairs, now_ms)
         office.district = _with_closed(office, replace(office.district, order=order), now_ms)
-    _decide(office, loyal, now_ns, afresh)
+    _decide(office, loyal, blocked_ms, now_ns, afresh)
     look = any(number not in loyal and not (number in known and known[number].state.parked) for number in chairs)
     twice = _claimed_twice(office, loyal)
     answers = _answers(office, loyal, look or bool(twice), {chair for chairs in twice for chair in chairs}, now_ns)
@@ -224,8 +228,10 @@ def _with_closed(office: Office, district: District, now_ms: int) -> District:
     return replace(district, blocked_until_ms=blocked)
 
 
-def _decide(office: Office, loyal: Mapping[int, Known], now_ns: int, afresh: bool) -> None:
-    """Take the States since the last time into the order."""
+def _decide(
+    office: Office, loyal: Mapping[int, Known], blocked_ms: Mapping[str, int], now_ns: int, afresh: bool
+) -> None:
+    """Take the States since the last time into the order, with the sections that are shut now."""
     assert office.district is not None
     order = office.district.order
     now_ms = now_ns // 1_000_000
@@ -241,7 +247,9 @@ def _decide(office: Office, loyal: Mapping[int, Known], now_ns: int, afresh: boo
             requests.append(request)
     if not (reports or requests or afresh):
         return
-    state, replies, office.waits = decided(office.district, Heard(tuple(reports), tuple(requests)), now_ms)
+    closed = {resource: until for resource, until in office.district.blocked_until_ms.items() if until >= NEVER}
+    before = replace(office.district, blocked_until_ms=closed)
+    state, replies, office.waits = decided(before, Heard(tuple(reports), tuple(requests), blocked_ms), now_ms)
     office.district = state
     _note_refusals(office, replies, requests)
 
