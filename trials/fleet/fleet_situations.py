@@ -21,6 +21,12 @@ from waychair.trials.fleet.fleet_networked import SPEED, TICK_MS, NetworkedChair
 
 _PLANS = ("T", "I", "9cube", "4cross")
 
+_RINGS = ("9cube", "4cross", "Rectangle")
+"""Plans with a way round most sections."""
+
+_LAST_WISH_MS, _ARRIVED_MS, _LONG_PASSING_MS = 90_000, 420_000, 3_000
+"""ms until the last wishes where sections are shut, and until all have arrived; ms that a section takes that is no door."""
+
 _VOTE_MS, _WHOLE_MS = 40_000, 12_000
 """ms for which the voters' links change, and ms from then on within which all have to have a warden."""
 
@@ -134,6 +140,29 @@ def cut_off_at_worst(seed: int) -> list[str]:
     return watch.faults
 
 
+def sections_shut(seed: int) -> list[str]:
+    """Return the faults of chairs that find sections shut, on a plan with ways round them, while peers crash."""
+    rng = np.random.default_rng([seed, 0x5807])
+    graph = corridor_graph(load_corridors(_RINGS[seed % len(_RINGS)]), rooms=True)
+    faults = NetworkFaults(loss=0.1, delay_ms=20.0, drift_ppm=200.0)
+    world = NetworkedChairs(graph, int(rng.integers(3, 7)), seed, faults, last_wish_ms=_LAST_WISH_MS)
+    resources = sorted(
+        {int(world.ways.resource[spot]) for spot in np.flatnonzero(world.ways.passing_ms > _LONG_PASSING_MS)}
+    )
+    for at_ms in range(_CHAIRS_BEGIN_MS, _LAST_WISH_MS, 20_000):
+        world.troubles.append(
+            Trouble(at_ms, 30_000, "shut", (tuple(rng.permutation(resources)[: len(resources) // 6].tolist()),))
+        )
+        crashed = int(rng.integers(1, len(world.chairs) + 1))
+        world.troubles.append(Trouble(at_ms + 9_000, 2_000, "crash", ((crashed,),)))
+    watch = Invariants()
+    world.run(_LAST_WISH_MS, watch)
+    while world.now_ms < _ARRIVED_MS and any(chair.wish is not None for chair in world.chairs.values()):
+        world.run(world.now_ms + 1_000, watch)
+    watch.end(world)
+    return watch.faults
+
+
 def _chairs(seed: int) -> NetworkedChairs:
     rng = np.random.default_rng([seed, 5])
     graph = corridor_graph(load_corridors(_PLANS[seed % len(_PLANS)]), rooms=True)
@@ -156,5 +185,5 @@ def _about_to_be_passed(world: NetworkedChairs) -> int | None:
     return None
 
 
-SITUATIONS = (voters_in_halves, cut_off_at_worst, cut_off)
+SITUATIONS = (voters_in_halves, sections_shut, cut_off_at_worst, cut_off)
 """All situations, the cheapest first."""
