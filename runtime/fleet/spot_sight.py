@@ -57,7 +57,7 @@ class SpotSight:
         """Return which points (M, 2) lie in a spot; of a section with two lanes in the right one."""
         low, high = place.points.min(axis=0), place.points.max(axis=0)
         margin = AT_NODE if place.section is None else float(place.widths.max()) / 2
-        near = ((points > low - margin) & (points < high + margin)).all(axis=1)
+        near: BoolArray = ((points > low - margin) & (points < high + margin)).all(axis=1)
         if not near.any():
             return near
         if place.section is None:

@@ -13,13 +13,15 @@ from dataclasses import dataclass, field, replace
 from waychair.planning.fleet.order import Order, Request, Turn
 from waychair.planning.fleet.peers import messages
 from waychair.planning.fleet.peers.claims import Claim, claim_of, is_known, kept, order_of
+from waychair.planning.fleet.peers.decision import SILENT_NS, Decision
 from waychair.planning.fleet.peers.election import Known, Voter, followers, is_majority
 from waychair.planning.fleet.peers.messages import Answer, Queue, Term, Why
 from waychair.planning.fleet.rules import Priority
-from waychair.planning.fleet.waits import Wait
+from waychair.planning.fleet.waits import Audit, Wait
 from waychair.planning.fleet.warden import Answer as Word
 from waychair.planning.fleet.warden import District, Heard, Reply, Report, decided
 from waychair.planning.fleet.ways import NEVER, Ways
+from waychair.types import Json
 
 LEASE_MS = 2_000
 """ms for which a chair may enter what it was allowed, from when it sent the State that the answer answers."""
@@ -35,9 +37,6 @@ AGAIN_NS = 400_000_000
 
 ORDER_NS = 1_000_000_000
 """The order is told so often."""
-
-SILENT_NS = 2_500_000_000
-"""A chair that was not heard for so long may have begun to drive by its own eyes."""
 
 _NUMBERS = 1 << 32
 
@@ -58,6 +57,7 @@ class Office:
         answers: the last answer to each chair, and when it was sent.
         told_ns: when the order was told.
         waits: the present waits.
+        audit: the waits as they begin and end.
     """
 
     term: Term
@@ -71,15 +71,7 @@ class Office:
     answers: dict[int, tuple[Answer, int]] = field(default_factory=dict)
     told_ns: int = 0
     waits: tuple[Wait, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Decision:
-    """What a warden sends: answers to chairs, and the order if it is time to tell it; `grants`: whether it may grant."""
-
-    grants: bool = False
-    answers: tuple[Answer, ...] = ()
-    order: messages.Order | None = None
+    audit: Audit = field(default_factory=Audit)
 
 
 def counted(office: Office, own: Voter, known: Mapping[int, Known], now_ns: int) -> bool:
@@ -139,7 +131,7 @@ def ordered(
     if afresh or now_ns - office.told_ns >= ORDER_NS:
         office.told_ns = now_ns
         told = _told(own, office)
-    return Decision(True, answers, told)
+    return Decision(True, answers, told, _ended_waits(office, now_ms))
 
 
 def _taken_over(
@@ -365,6 +357,14 @@ def _answers(
         office.answers[number] = (answer, now_ns)
         found.append(answer)
     return tuple(found)
+
+
+def _ended_waits(office: Office, now_ms: int) -> tuple[Json, ...]:
+    """Return the records of the waits that have ended since the last time, as an audit's log has them."""
+    office.audit.note(office.waits, now_ms)
+    records = tuple({"event": "waited", "t_ms": now_ms, **record} for record in office.audit.ended)
+    office.audit.ended.clear()
+    return records
 
 
 def _same(old: Answer, new: Answer) -> bool:

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from waychair.planning.fleet.peers import messages
 from waychair.planning.fleet.peers.closures import Closures
-from waychair.planning.fleet.peers.election import Allegiance, Known, Voter, followed, standing
+from waychair.planning.fleet.peers.decision import SILENT_NS, Decision
+from waychair.planning.fleet.peers.election import Allegiance, Known, Voter, followed, followers, is_majority, standing
 from waychair.planning.fleet.peers.memory import HELLO_NS, REQUEST_NS, STATE_NS, Heard, Times
 from waychair.planning.fleet.peers.messages import (
     Answer,
@@ -27,8 +29,11 @@ from waychair.planning.fleet.peers.messages import (
     Wish,
     packed,
 )
-from waychair.planning.fleet.peers.networked_warden import SILENT_NS, Decision, Office, ordered
 from waychair.planning.fleet.ways import Ways
+from waychair.types import Json
+
+if TYPE_CHECKING:
+    from waychair.planning.fleet.peers.networked_warden import Office
 
 START_NS = 3_000_000_000
 """A peer listens so long before it votes, as it has forgotten whom it followed."""
@@ -128,11 +133,15 @@ class SpotAuthority:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """The messages to send, to all peers or one, with their kinds; the authority; and sentences for people, once each."""
+    """The messages to send, to all peers or one, with their kinds; the authority; and sentences for people, once each.
+
+    `records` are lines of the audit's log, of a warden only: each a wait that has ended, with its reason.
+    """
 
     send: tuple[tuple[int | None, str, bytes], ...]
     authority: SpotAuthority
     notices: tuple[str, ...] = ()
+    records: tuple[Json, ...] = ()
 
 
 class Peer:
@@ -180,7 +189,7 @@ class Peer:
         self._choose_mode(now_ns, own)
         authority = self._authority(now_ns, own)
         send = self._messages(now_ns, own, authority, decision)
-        return Step(send, authority, tuple(notices))
+        return Step(send, authority, tuple(notices), decision.records)
 
     def _slept(self, now_ns: int) -> None:
         """Forget all leases and the warden: the computer was suspended, or its clock jumped."""
@@ -308,6 +317,11 @@ class Peer:
             self.office = None
         if term is None or term.warden != self.number:
             return Decision()
+        if self.office is None and not is_majority(self.voter.electorate, followers(self.voter, term, known, now_ns)):
+            return Decision()
+        # late: it takes 60 MB, which only a warden has to pay
+        from waychair.planning.fleet.peers.networked_warden import Office, ordered
+
         self.office = self.office or Office(term)
         state = self._state(now_ns, own, SpotAuthority(), grants=False)
         mine = Known(self.number, self.boot, now_ns, now_ns, state)
