@@ -35,16 +35,20 @@ FACED_WITHIN = SEEN_AHEAD + 4.0
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """The chair's eyes at one moment: the resources taken, the things' points (M, 2) [m] in map, and `map_from_base`."""
+    """The chair's eyes at one moment: the resources taken, the things' points (M, 2) [m] in map, and `map_from_base`.
+
+    `nose` is the way [m] from there to the chair's front.
+    """
 
     pose: Pose2
     taken: frozenset[int] = frozenset()
     things: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    nose: float = 0.0
 
     def middle(self) -> FloatArray | None:
-        """Return the point (2,) [m] halfway to the nearest thing before the chair; None if there is none near."""
-        here = np.array([self.pose.x, self.pose.y])
+        """Return the point (2,) [m] halfway from the chair's front to the nearest thing before it; None if there is none near."""
         ahead = np.array([math.cos(self.pose.theta), math.sin(self.pose.theta)])
+        here = np.array([self.pose.x, self.pose.y]) + self.nose * ahead
         before = self.things[(self.things - here) @ ahead > 0.0]
         if not len(before):
             return None

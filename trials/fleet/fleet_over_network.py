@@ -100,7 +100,7 @@ class NetworkedRiders:
             for rider in riders
         }
         self.notices: list[str] = []
-        self._sight = SpotSight(ways, scene.mapped)
+        self._sight, self._nose = SpotSight(ways, scene.mapped), scene.body.front
         self._scans = {rider.number: ScanWatch(rider.chair, scene.body.base_from_laser) for rider in riders}
         self._ways = ways
         self._wishes: dict[int, OwnWish] = {}
@@ -158,7 +158,7 @@ class NetworkedRiders:
     def _seen(self, number: int, pose: Pose2) -> Seen:
         """Return what a chair's own scan shows."""
         things = self._sight.things(self._scans[number].points())
-        return Seen(pose, self._sight.taken(things), things)
+        return Seen(pose, self._sight.taken(things), things, self._nose)
 
     def _is_free(self, seen: Seen | None) -> Callable[[int], bool]:
         """Return whether a chair sees nobody in a spot."""
