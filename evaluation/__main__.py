@@ -40,7 +40,7 @@ from evaluation.figures.driving import (
     situations,
     wrong_chairs,
 )
-from evaluation.figures.fleet import drive, gap, grids, narrow, network, scale, tables
+from evaluation.figures.fleet import alone, drive, gap, grids, narrow, network, scale, tables
 from evaluation.figures.guiding import blind_doors, skin
 from evaluation.figures.mapping import (
     appearance,
@@ -141,6 +141,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "harmonic_fields": harmonic.harmonic_fields,
     "harmonic_movers": harmonic.harmonic_movers,
     "harmonic_speed": harmonic.harmonic_speed,
+    "fleet_alone": alone.fleet_alone,
     "fleet_mapf": grids.fleet_mapf,
     "fleet_narrow": narrow.fleet_narrow,
     "fleet_delays": narrow.fleet_delays,

@@ -175,6 +175,10 @@ class Chair:
         self._watcher = watcher
         self._perception = Perception(calibration.body) if s.perceive else None
 
+    def add_watcher(self, watcher: ChairWatcher) -> None:
+        """Let one more watcher see every request and tick."""
+        self._watcher = Watchers(self._watcher, watcher)
+
     @property
     def bridge(self) -> Bridge:
         """The computer's end of the cable to the board."""

@@ -21,6 +21,7 @@ from waychair.simulation.network import NetworkFaults
 from waychair.trials.fleet import fleet_networked
 from waychair.trials.fleet.fleet_invariants import Invariants, storm, summary, troubles
 from waychair.trials.fleet.fleet_networked import TICK_MS, NetworkedChairs
+from waychair.trials.fleet.fleet_situations import SITUATIONS
 
 PLANS = ("T", "I", "2bconR", "Rectangle", "3tie", "4cross", "9cube", "2d-grid")
 MINUTES = 10.0
@@ -124,15 +125,28 @@ def with_bug(mutant: Mutant) -> Iterator[None]:
 
 
 def killed_by(mutant: Mutant, seeds: range) -> int | None:
-    """Return the first seed whose run finds a bug, None if none does."""
+    """Return the first seed whose runs or situations find a bug, None if none does."""
     with with_bug(mutant):
         for seed in seeds:
             try:
-                if network_run(seed, stormy=True).faults or network_run(seed).faults:
+                if any(faults(seed) for faults in (*SITUATIONS, _storm_faults, _run_faults)):
                     return seed
             except (AssertionError, AttributeError, LookupError, TypeError, ValueError, WaychairError):
                 return seed
     return None
+
+
+def situations_run(seed: int) -> tuple[str, ...]:
+    """Return the faults of all situations, each with the name of its situation."""
+    return tuple(f"{each.__name__}: {said}" for each in SITUATIONS for said in each(seed))
+
+
+def _storm_faults(seed: int) -> tuple[str, ...]:
+    return storm_run(seed).faults
+
+
+def _run_faults(seed: int) -> tuple[str, ...]:
+    return network_run(seed).faults
 
 
 def _report_of_all(order: Any, number: int, each: Any) -> Report:

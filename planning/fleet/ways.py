@@ -11,15 +11,16 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import dijkstra
 
 from waychair.errors import TaskError
 from waychair.maps.traffic.traffic_graph import TrafficGraph
 from waychair.types import BoolArray, FloatArray, IntArray
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 _MS = 1e3
 
@@ -75,6 +76,8 @@ class Ways:
     @cached_property
     def _backwards(self) -> csr_array:
         """The spots before each spot, with the time of passing the earlier one."""
+        from scipy.sparse import csr_array  # late: a peer that is no warden does without
+
         before = np.repeat(np.arange(len(self.names)), np.diff(self.first))
         prices = self.passing_ms[before].astype(np.float64)
         shape = (len(self.names), len(self.names))
@@ -87,6 +90,8 @@ class Ways:
     def towards(self, refuge: str) -> Towards:
         """Return what the spots are to a chair whose goal is a refuge."""
         if refuge not in self._known:
+            from scipy.sparse.csgraph import dijkstra
+
             slots = list(self.slots[refuge])
             found: FloatArray = dijkstra(self._backwards, indices=slots, min_only=True)
             least_ms = np.where(np.isfinite(found), np.floor(found), NEVER).astype(np.int64)

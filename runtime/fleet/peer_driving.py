@@ -5,12 +5,13 @@ The chair enters the next spots only once its peer may let it in; it asks for th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 from waychair.planning.fleet.order import Chain, Order, Turn
 from waychair.planning.fleet.peers.peer import Own, OwnWish, Peer, SpotAuthority, Step
 from waychair.planning.fleet.ways import Ways
+from waychair.runtime.fleet.alone_driving import AloneDriver, AloneWay, Seen, slow_zones
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.types import Pose2
 
@@ -26,10 +27,14 @@ _OTHERS = 0xFFFF
 
 @dataclass(frozen=True, slots=True)
 class PeerSteps:
-    """What follows from a step: the driver's authority and goals, and the peer's messages and words."""
+    """What follows from a step: the driver's authority and goals, the peer's messages and words, and the tone before a run.
+
+    The tone is to be sounded where a chair that drives by its own eyes comes out of a place aside.
+    """
 
     driven: Steps
     peer: Step
+    tone: bool = False
 
 
 class PeerDriver:
@@ -39,9 +44,11 @@ class PeerDriver:
         """`start`: the refuge in which the chair stands."""
         self.peer, self.driver = peer, driver
         self.authority = SpotAuthority()
+        self.alone = AloneDriver(ways)
         self._ways = ways
         self._spots: dict[int, int] = {0: ways.slots[start][0]}  # by the number of the visit
         self._visit, self._behind = 0, 0
+        self._shut: dict[str, int] = {}
 
     @property
     def entered(self) -> tuple[int, ...]:
@@ -57,27 +64,62 @@ class PeerDriver:
         wish: OwnWish | None,
         manual: bool = False,
         is_free: Callable[[int], bool] = lambda spot: True,
+        seen: Seen | None = None,
     ) -> PeerSteps:
         """Return what follows from `map_from_base`, the goals left and the messages since the last step.
 
-        `is_free` tells whether the chair's own sensors see nothing in a spot; it is asked where the authority says so.
+        `is_free` tells whether the chair's own sensors see nothing in a spot; it is asked where the authority says so. `seen`:
+        the chair's eyes, by which it drives alone; without them it stands then.
         """
         authority = self.authority
-        free = len(authority.spots)
-        if authority.look:
-            free = next((k for k, spot in enumerate(authority.spots) if not is_free(spot)), free)
-        order = seen_order(self._ways, self.peer.number, self.entered, self._visit, authority.chain, free)
-        self._spots |= {self._visit + k: spot for k, spot in enumerate(authority.chain, start=1)}
+        tone = False
+        if authority.alone and seen is not None:
+            way = self._by_eye(now_ns // 1_000_000, wish, seen)
+            chain, free, tone = way.chain, way.free, way.tone
+        else:
+            chain, free = authority.chain, len(authority.spots)
+            if authority.look:
+                free = next((k for k, spot in enumerate(authority.spots) if not is_free(spot)), free)
+        order = seen_order(self._ways, self.peer.number, self.entered, self._visit, chain, free)
+        self._spots |= {self._visit + k: spot for k, spot in enumerate(chain, start=1)}
         driven = self.driver.step(order, pose, now_ns // 1_000_000, goals_left, authority.sentence)
+        if authority.alone and driven.goals:
+            driven = replace(driven, bars=(*driven.bars, *slow_zones(self._ways, (*self.entered, *chain))))
         self._visit, self._behind = driven.report.visits, driven.report.behind
         self._spots = {visit: spot for visit, spot in self._spots.items() if visit >= self._visit - self._behind}
         wants = 0
         if wish is not None and driven.report.ready_in_ms <= ASKED_BEFORE_MS:
-            wants = self._wanted(authority.chain[self._visit - order.chains[self.peer.number].visit :])
-        own = Own(self.entered, self._visit, driven.report.ready_in_ms, wants, wish, manual)
+            wants = self._wanted(chain[self._visit - order.chains[self.peer.number].visit :])
+        own = Own(self.entered, self._visit, driven.report.ready_in_ms, wants, wish, manual, blocked=self._shut)
+        self._shut = {}
         step = self.peer.step(now_ns, own, heard)
         self.authority = step.authority
-        return PeerSteps(driven, step)
+        return PeerSteps(driven, step, tone)
+
+    def note_shut(self, sections: Mapping[str, int]) -> None:
+        """Tell the others that the chair stands before sections that are shut, for some ms each, and give back its way there."""
+        self._shut = dict(sections)
+        self._withdraw()
+        self.authority = SpotAuthority(sentence=self.authority.sentence)
+
+    def _withdraw(self) -> bool:
+        """Give back a section that the chair is not wholly in; return whether there was one."""
+        if not self._behind:
+            return False
+        order = seen_order(self._ways, self.peer.number, self.entered, self._visit, (), 0)
+        if self.driver.withdraw(order) is order:
+            return False
+        self._visit, self._behind = self._visit - 1, self._behind - 1
+        return True
+
+    def _by_eye(self, now_ms: int, wish: OwnWish | None, seen: Seen) -> AloneWay:
+        """Return the way of a chair that hears no warden; where it backs out, it gives back a section that it is not wholly in."""
+        goal = None if wish is None else wish.goal
+        before = self.alone.retreats
+        way = self.alone.step(now_ms, self.entered[-1], goal, seen)
+        if self.alone.retreats > before and self._withdraw():
+            way = self.alone.step(now_ms, self.entered[-1], goal, seen)
+        return way
 
     def _wanted(self, ahead: Sequence[int]) -> int:
         """Return how many spots lead to the next section or refuge, where a chair may wait."""

@@ -5,7 +5,9 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from importlib import import_module
 
+from waychair.planning.fleet.peers.election import ranked
 from waychair.planning.fleet.peers.messages import building_of
 from waychair.planning.fleet.peers.peer import Fleet, Own, Peer, Step
 from waychair.planning.fleet.ways import ways_of
@@ -16,6 +18,9 @@ SPEED = 0.45
 """m/s; mean speed of a chair from room to room, by which the warden foresees times."""
 
 STEP_S = 0.1
+
+LOADED_AT_ONCE = 2
+"""Peers that load the warden's planner when they start: the first warden, and the next one. It takes 60 MB, and a few seconds."""
 
 
 def fleet_of(file: FleetFile) -> Fleet:
@@ -56,6 +61,8 @@ def serve(
         MissingExtra: the extra [fleet] is not installed.
     """
     fleet = fleet_of(file)
+    if file.number in ranked(fleet.district, fleet.electorate)[:LOADED_AT_ONCE]:
+        import_module("waychair.planning.fleet.peers.networked_warden")
     peer = Peer(fleet, file.number, new_boot())
     transport = ZenohTransport(file, fleet.building, lan, mode)
     try:

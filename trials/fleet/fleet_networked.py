@@ -39,6 +39,9 @@ _WANTED = 2
 _FACES_MS = 8_000
 """ms that a chair without a warden stands before somebody until one of the two backs out."""
 
+_SHUT_MS = 40_000
+"""ms for which a chair's word that a section is shut is believed."""
+
 STOP_SHARE, STOP_MEAN_S = 0.10, 12.0
 """Share of sections in which people stop a chair, and for how long in the mean."""
 
@@ -47,7 +50,8 @@ STOP_SHARE, STOP_MEAN_S = 0.10, 12.0
 class Trouble:
     """Something that befalls the network or a peer, from a time on, for a duration [ms].
 
-    `kind` is "part" (groups of chairs), "deaf" (links), "crash" (a peer, in the middle of its sending) or "sleep" (a computer).
+    `kind` is "part" (groups of chairs), "deaf" (links), "crash" (a peer, in the middle of its sending), "sleep" (a computer) or
+    "shut" (resources that nobody can enter).
     """
 
     at_ms: int
@@ -73,6 +77,7 @@ class NetworkedChair:
     retreat: str = ""
     peer: Peer | None = None
     sleeps: bool = False
+    sees_shut: str = ""
     authority: SpotAuthority = field(default_factory=SpotAuthority)
 
     @property
@@ -109,6 +114,7 @@ class NetworkedChairs:
         }
         self.now_ms = 0
         self.unseen: list[str] = []
+        self.shut: set[int] = set()
         self.sent = hashlib.sha256()
         self._ends: list[tuple[int, Trouble]] = []
         self._boots = 0
@@ -159,6 +165,8 @@ class NetworkedChairs:
                 self.network.deafen((link[0], link[1]) for link in trouble.who)
             elif trouble.kind == "crash":
                 crashing.update(trouble.who[0])
+            elif trouble.kind == "shut":
+                self.shut.update(trouble.who[0])
             else:
                 self.chairs[trouble.who[0][0]].sleeps = True
         for end_ms, trouble in [each for each in self._ends if each[0] <= self.now_ms]:
@@ -169,6 +177,8 @@ class NetworkedChairs:
                 chair = self.chairs[trouble.who[0][0]]
                 if chair.peer is None:
                     self._boot(chair)
+            elif trouble.kind == "shut":
+                self.shut.difference_update(trouble.who[0])
             else:
                 self.chairs[trouble.who[0][0]].sleeps = False
         return crashing
@@ -202,7 +212,9 @@ class NetworkedChairs:
             wish = OwnWish(number, goal, 0, self.network.clock_ns(asked_ms * 1_000_000, chair.number))
         ready_ms = max(chair.ready_ms - self.now_ms, 0)
         wants = _WANTED if ready_ms < _NEAR_MS and wish is not None else 0
-        own = Own(tuple(spot for spot, _ in chair.body), chair.visit, ready_ms, wants, wish)
+        blocked = {chair.sees_shut: _SHUT_MS} if chair.sees_shut else {}
+        chair.sees_shut = ""
+        own = Own(tuple(spot for spot, _ in chair.body), chair.visit, ready_ms, wants, wish, blocked=blocked)
         step = chair.peer.step(clock_ns, own, self.network.received(now_ns, chair.number))
         chair.authority = step.authority
         send = step.send
@@ -238,7 +250,7 @@ class NetworkedChairs:
         taken = self.taken(chair.number)
         if authority.alone:
             goal = chair.retreat or chair.wish[1]
-            path = way_by_eye(self.ways, chair.front, goal, taken.keys())
+            path = way_by_eye(self.ways, chair.front, goal, taken.keys() | self.shut)
             if path:
                 chair.stands_ms = self.now_ms
                 return path[0]
@@ -249,6 +261,9 @@ class NetworkedChairs:
         if not authority.spots:
             return None
         spot = authority.spots[0]
+        if int(resource[spot]) in self.shut:
+            chair.sees_shut = self.ways.names[spot]
+            return None
         own = {int(resource[each]) for each, _ in chair.body}
         if int(resource[spot]) in taken and int(resource[spot]) not in own:
             if authority.look:

@@ -11,12 +11,15 @@ import statistics
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
-from evaluation.fleet.network_runs import MUTANTS, killed_by, network_run, storm_run, warden_killed
+from evaluation.fleet.network_runs import MUTANTS, killed_by, network_run, situations_run, storm_run, warden_killed
 from waychair.types import Json
 
 WORKERS = 2
 STORMS_EVERY = 5
 """Seeds for each of which there is a run in which the links change every few seconds, beside the others."""
+
+SITUATIONS_EVERY = 2
+"""Seeds for each of which there is one of each situation of `trials/fleet/fleet_situations.py`."""
 
 LONGEST_S = 4.0
 """s from the end of a warden until another one orders."""
@@ -31,6 +34,7 @@ def fleet_network(out: Path) -> Json:
     with ProcessPoolExecutor(WORKERS) as pool:
         runs = list(pool.map(network_run, range(first, first + count)))
         runs += pool.map(storm_run, range(first, first + count // STORMS_EVERY))
+        situations = list(pool.map(situations_run, range(first, first + count // SITUATIONS_EVERY)))
         again = pool.submit(network_run, first).result()
         mutants = [pool.submit(_killed, k, tries) for k in range(len(MUTANTS) if tries else 0)]
         killed = {MUTANTS[k].rule: each.result() for k, each in enumerate(mutants)}
@@ -38,11 +42,14 @@ def fleet_network(out: Path) -> Json:
     faults = {run.seed: run.faults for run in runs if run.faults}
     return {
         "passed": not faults
+        and not any(situations)
         and again.digest == runs[0].digest
         and None not in killed.values()
         and max(kills) <= LONGEST_S,
         "runs": len(runs),
         "faulty": len(faults),
+        "situations": len(situations),
+        "situations_faults": [said for each in situations for said in each][:20],
         "same_bytes": again.digest == runs[0].digest,
         "mutants_killed": f"{sum(each is not None for each in killed.values())} of {len(killed)}",
         "warden_killed": len(kills),

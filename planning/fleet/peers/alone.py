@@ -52,7 +52,7 @@ def way_by_eye(ways: Ways, front: int, goal: str, taken: Collection[int]) -> tup
     `taken` are resources in which something is seen. The way leads round them where it can. Only the first `SEEN_AHEAD`
     metres of single file have to be seen.
     """
-    path = _path(ways, front, goal, taken)
+    path = shortest_way(ways, front, goal, taken)
     found: list[int] = []
     metres = 0.0
     for spot in path:
@@ -63,8 +63,8 @@ def way_by_eye(ways: Ways, front: int, goal: str, taken: Collection[int]) -> tup
     return tuple(found)
 
 
-def _path(ways: Ways, front: int, goal: str, taken: Collection[int]) -> list[int]:
-    """Return the spots after the front one on the shortest way to a free slot of a goal, in at most all spots."""
+def shortest_way(ways: Ways, front: int, goal: str, taken: Collection[int]) -> tuple[int, ...]:
+    """Return the spots after the front one on the shortest way to a free slot of a goal; none if there is no way."""
     towards = ways.towards(goal)
     shut = np.isin(ways.resource, list(taken)) | towards.is_barred
     left = np.full(len(ways.names), NEVER, np.int64)
@@ -73,7 +73,7 @@ def _path(ways: Ways, front: int, goal: str, taken: Collection[int]) -> list[int
     open_spots = [front]
     for _ in range(len(ways.names)):
         if not open_spots:
-            return []
+            return ()
         spot = min(open_spots, key=lambda each: int(left[each]))
         open_spots.remove(spot)
         if towards.is_goal[spot]:
@@ -81,11 +81,11 @@ def _path(ways: Ways, front: int, goal: str, taken: Collection[int]) -> list[int
             while spot != front:
                 path.append(spot)
                 spot = int(before[spot])
-            return path[::-1]
+            return tuple(path[::-1])
         reached = int(left[spot]) + int(ways.passing_ms[spot])
         for after in ways.after[ways.first[spot] : ways.first[spot + 1]].tolist():
             if not shut[after] and reached < left[after]:
                 if left[after] == NEVER:
                     open_spots.append(after)
                 left[after], before[after] = reached, spot
-    return []
+    return ()

@@ -13,13 +13,15 @@ from dataclasses import dataclass, field, replace
 from waychair.planning.fleet.order import Order, Request, Turn
 from waychair.planning.fleet.peers import messages
 from waychair.planning.fleet.peers.claims import Claim, claim_of, is_known, kept, order_of
+from waychair.planning.fleet.peers.decision import SILENT_NS, Decision
 from waychair.planning.fleet.peers.election import Known, Voter, followers, is_majority
 from waychair.planning.fleet.peers.messages import Answer, Queue, Term, Why
 from waychair.planning.fleet.rules import Priority
-from waychair.planning.fleet.waits import Wait
+from waychair.planning.fleet.waits import Audit, Wait
 from waychair.planning.fleet.warden import Answer as Word
 from waychair.planning.fleet.warden import District, Heard, Reply, Report, decided
 from waychair.planning.fleet.ways import NEVER, Ways
+from waychair.types import Json
 
 LEASE_MS = 2_000
 """ms for which a chair may enter what it was allowed, from when it sent the State that the answer answers."""
@@ -35,9 +37,6 @@ AGAIN_NS = 400_000_000
 
 ORDER_NS = 1_000_000_000
 """The order is told so often."""
-
-SILENT_NS = 2_500_000_000
-"""A chair that was not heard for so long may have begun to drive by its own eyes."""
 
 _NUMBERS = 1 << 32
 
@@ -58,6 +57,7 @@ class Office:
         answers: the last answer to each chair, and when it was sent.
         told_ns: when the order was told.
         waits: the present waits.
+        audit: the waits as they begin and end.
     """
 
     term: Term
@@ -71,15 +71,7 @@ class Office:
     answers: dict[int, tuple[Answer, int]] = field(default_factory=dict)
     told_ns: int = 0
     waits: tuple[Wait, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Decision:
-    """What a warden sends: answers to chairs, and the order if it is time to tell it; `grants`: whether it may grant."""
-
-    grants: bool = False
-    answers: tuple[Answer, ...] = ()
-    order: messages.Order | None = None
+    audit: Audit = field(default_factory=Audit)
 
 
 def counted(office: Office, own: Voter, known: Mapping[int, Known], now_ns: int) -> bool:
@@ -106,9 +98,13 @@ def ordered(
     clearing_ms: int,
     chairs: frozenset[int],
     known: Mapping[int, Known],
+    blocked_ms: Mapping[str, int],
     now_ns: int,
 ) -> Decision:
-    """Return the warden's decision from the last States of all peers, its own among them, and take it down in the office."""
+    """Return the warden's decision from the last States of all peers, its own among them, and take it down in the office.
+
+    `blocked_ms` are the sections that chairs see shut, and for how long that is believed.
+    """
     if not counted(office, own, known, now_ns):
         return Decision()
     if office.since_ns is None:
@@ -127,7 +123,7 @@ def ordered(
     if afresh:
         order = _taken_over(office, ways, loyal, known, chairs, now_ms)
         office.district = _with_closed(office, replace(office.district, order=order), now_ms)
-    _decide(office, loyal, now_ns, afresh)
+    _decide(office, loyal, blocked_ms, now_ns, afresh)
     look = any(number not in loyal and not (number in known and known[number].state.parked) for number in chairs)
     twice = _claimed_twice(office, loyal)
     answers = _answers(office, loyal, look or bool(twice), {chair for chairs in twice for chair in chairs}, now_ns)
@@ -135,7 +131,7 @@ def ordered(
     if afresh or now_ns - office.told_ns >= ORDER_NS:
         office.told_ns = now_ns
         told = _told(own, office)
-    return Decision(True, answers, told)
+    return Decision(True, answers, told, _ended_waits(office, now_ms))
 
 
 def _taken_over(
@@ -224,8 +220,10 @@ def _with_closed(office: Office, district: District, now_ms: int) -> District:
     return replace(district, blocked_until_ms=blocked)
 
 
-def _decide(office: Office, loyal: Mapping[int, Known], now_ns: int, afresh: bool) -> None:
-    """Take the States since the last time into the order."""
+def _decide(
+    office: Office, loyal: Mapping[int, Known], blocked_ms: Mapping[str, int], now_ns: int, afresh: bool
+) -> None:
+    """Take the States since the last time into the order, with the sections that are shut now."""
     assert office.district is not None
     order = office.district.order
     now_ms = now_ns // 1_000_000
@@ -241,7 +239,9 @@ def _decide(office: Office, loyal: Mapping[int, Known], now_ns: int, afresh: boo
             requests.append(request)
     if not (reports or requests or afresh):
         return
-    state, replies, office.waits = decided(office.district, Heard(tuple(reports), tuple(requests)), now_ms)
+    closed = {resource: until for resource, until in office.district.blocked_until_ms.items() if until >= NEVER}
+    before = replace(office.district, blocked_until_ms=closed)
+    state, replies, office.waits = decided(before, Heard(tuple(reports), tuple(requests), blocked_ms), now_ms)
     office.district = state
     _note_refusals(office, replies, requests)
 
@@ -357,6 +357,14 @@ def _answers(
         office.answers[number] = (answer, now_ns)
         found.append(answer)
     return tuple(found)
+
+
+def _ended_waits(office: Office, now_ms: int) -> tuple[Json, ...]:
+    """Return the records of the waits that have ended since the last time, as an audit's log has them."""
+    office.audit.note(office.waits, now_ms)
+    records = tuple({"event": "waited", "t_ms": now_ms, **record} for record in office.audit.ended)
+    office.audit.ended.clear()
+    return records
 
 
 def _same(old: Answer, new: Answer) -> bool:

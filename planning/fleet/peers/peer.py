@@ -6,19 +6,34 @@ warden of its district. A peer without a warden keeps its chair where it is, and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from waychair.planning.fleet.peers import messages
-from waychair.planning.fleet.peers.election import Allegiance, Known, Voter, followed, standing
-from waychair.planning.fleet.peers.messages import Answer, Body, Hello, Letter, Reader, Request, State, Wish, packed
-from waychair.planning.fleet.peers.networked_warden import SILENT_NS, Decision, Office, ordered
+from waychair.planning.fleet.peers.closures import Closures
+from waychair.planning.fleet.peers.decision import SILENT_NS, Decision
+from waychair.planning.fleet.peers.election import Allegiance, Known, Voter, followed, followers, is_majority, standing
+from waychair.planning.fleet.peers.memory import HELLO_NS, REQUEST_NS, STATE_NS, Heard, Times
+from waychair.planning.fleet.peers.messages import (
+    Answer,
+    Blocked,
+    Body,
+    Hello,
+    Letter,
+    Reader,
+    Request,
+    State,
+    Wish,
+    packed,
+)
 from waychair.planning.fleet.ways import Ways
+from waychair.types import Json
 
-STATE_NS, HELLO_NS, REQUEST_NS = 200_000_000, 2_000_000_000, 400_000_000
-"""A State is sent at least so often, a Hello, and an unanswered Request."""
+if TYPE_CHECKING:
+    from waychair.planning.fleet.peers.networked_warden import Office
 
 START_NS = 3_000_000_000
 """A peer listens so long before it votes, as it has forgotten whom it followed."""
@@ -75,7 +90,10 @@ class OwnWish:
 
 @dataclass(frozen=True, slots=True)
 class Own:
-    """The own chair now: see `messages.State`. A voter without a chair has entered nothing."""
+    """The own chair now: see `messages.State`. A voter without a chair has entered nothing.
+
+    `blocked`: sections that it has just seen shut, and for how long [ms] this is believed; 0: one is free again.
+    """
 
     entered: tuple[int, ...] = ()
     visit: int = 0
@@ -85,6 +103,7 @@ class Own:
     manual: bool = False
     parked: bool = False
     place: messages.Place | None = None
+    blocked: Mapping[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,47 +133,15 @@ class SpotAuthority:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """The messages to send, to all peers or one, with their kinds; the authority; and sentences for people, once each."""
+    """The messages to send, to all peers or one, with their kinds; the authority; and sentences for people, once each.
+
+    `records` are lines of the audit's log, of a warden only: each a wait that has ended, with its reason.
+    """
 
     send: tuple[tuple[int | None, str, bytes], ...]
     authority: SpotAuthority
     notices: tuple[str, ...] = ()
-
-
-@dataclass(slots=True)
-class _Times:
-    """When things happened last, by the own clock [ns]."""
-
-    now: int = 0
-    start: int = 0
-    state: int = -STATE_NS
-    hello: int = -HELLO_NS
-    request: int = -REQUEST_NS
-    warden: int = 0
-    """a granting warden was followed"""
-    alone: int | None = None
-    """alone mode was announced"""
-
-
-@dataclass(slots=True)
-class _Heard:
-    """What was heard of others.
-
-    Attributes:
-        known: the last State of each peer.
-        seqs: the last sequence number of each boot.
-        dead: boots that were followed by others of the same number.
-        uptimes: boot and uptime of each peer, by its Hello.
-        doubled: when a second boot of a number was first heard beside another one.
-        answer: the last good answer, with the sequence number of its letter.
-    """
-
-    known: dict[int, Known] = field(default_factory=dict)
-    seqs: dict[int, int] = field(default_factory=dict)
-    dead: set[int] = field(default_factory=set)
-    uptimes: dict[int, int] = field(default_factory=dict)
-    doubled: dict[int, int] = field(default_factory=dict)
-    answer: Answer | None = None
+    records: tuple[Json, ...] = ()
 
 
 class Peer:
@@ -169,8 +156,8 @@ class Peer:
         self.office: Office | None = None
         self.refused = ""
         self._hello = hello or Hello(version=fleet.version)
-        self._heard = _Heard()
-        self._times = _Times()
+        self._heard = Heard(Closures(frozenset(section.resource for section in fleet.ways.graph.sections)))
+        self._times = Times()
         self._stance = 0
         self._mode = messages.IN_ORDER
         self._seq = 0
@@ -196,15 +183,18 @@ class Peer:
         notices += self._check_number(now_ns)
         if self.refused:
             return Step((), SpotAuthority(alone=True, sentence=self.refused), tuple(notices))
+        if self._heard.closures.report(own.blocked, "seen shut", now_ns):
+            self._give_back()  # its way leads through there
         decision = self._vote(now_ns, own)
         self._choose_mode(now_ns, own)
         authority = self._authority(now_ns, own)
         send = self._messages(now_ns, own, authority, decision)
-        return Step(send, authority, tuple(notices))
+        return Step(send, authority, tuple(notices), decision.records)
 
     def _slept(self, now_ns: int) -> None:
         """Forget all leases and the warden: the computer was suspended, or its clock jumped."""
         self._heard.known.clear()
+        self._heard.closures.forget()
         self._give_back()
         left = (
             self.allegiance.left
@@ -213,7 +203,7 @@ class Peer:
         )
         self.allegiance = Allegiance(left=left)
         self.office = None
-        self._times = _Times(now_ns, now_ns, warden=now_ns)
+        self._times = Times(now_ns, now_ns, warden=now_ns)
 
     def _give_back(self) -> None:
         """Give back all spots that the chair has not entered."""
@@ -250,6 +240,8 @@ class Peer:
             self._take_state(letter, letter.body, now_ns)
         elif isinstance(letter.body, Answer):
             self._take_answer(letter, letter.body)
+        elif isinstance(letter.body, Blocked):
+            heard.closures.hear(letter.sender, letter.body, now_ns)
         elif isinstance(letter.body, Request):
             known = heard.known.get(letter.sender)
             if known is not None and known.boot == letter.boot and known.state.stance == letter.body.stance:
@@ -325,6 +317,11 @@ class Peer:
             self.office = None
         if term is None or term.warden != self.number:
             return Decision()
+        if self.office is None and not is_majority(self.voter.electorate, followers(self.voter, term, known, now_ns)):
+            return Decision()
+        # late: it takes 60 MB, which only a warden has to pay
+        from waychair.planning.fleet.peers.networked_warden import Office, ordered
+
         self.office = self.office or Office(term)
         state = self._state(now_ns, own, SpotAuthority(), grants=False)
         mine = Known(self.number, self.boot, now_ns, now_ns, state)
@@ -335,6 +332,7 @@ class Peer:
             self.fleet.clearing_ms,
             self.fleet.chairs,
             {**known, self.number: mine},
+            self._heard.closures.left_ms(now_ns),
             now_ns,
         )
         for answer in decision.answers:
@@ -447,6 +445,7 @@ class Peer:
         """Return the messages that are due: a State at once where it differs from the last."""
         times = self._times
         bodies: list[tuple[int | None, Body]] = [(answer.chair, answer) for answer in decision.answers]
+        bodies += [(None, blocked) for blocked in self._heard.closures.due(now_ns)]
         if decision.order is not None:
             bodies.append((None, decision.order))
         state = self._state(now_ns, own, authority, decision.grants)

@@ -7,19 +7,19 @@ from collections.abc import Callable
 from tests.planning.fleet.small_traffic import traffic
 from waychair.planning.fleet.peers.messages import building_of
 from waychair.planning.fleet.peers.peer import Fleet, Own, OwnWish, Peer, Step
-from waychair.planning.fleet.ways import ways_of
+from waychair.planning.fleet.ways import Ways, ways_of
 
 TICK_NS = 100_000_000
 GRAPH = traffic("T", ["P-a", "a-m", "m-b", "b-Q", "m-c", "c-R"])
 WAYS = ways_of(GRAPH, 0.5)
 
 
-def fleet_of(chairs: int, voters: int = 0) -> Fleet:
+def fleet_of(chairs: int, voters: int = 0, ways: Ways = WAYS) -> Fleet:
     """Return the fleet of chairs 1, 2, … and voters after them."""
     numbers = range(1, chairs + 1)
     return Fleet(
-        building_of(GRAPH),
-        WAYS,
+        building_of(ways.graph),
+        ways,
         frozenset(numbers),
         frozenset(range(chairs + 1, chairs + voters + 1)),
         clearing_ms=1000,
@@ -29,10 +29,10 @@ def fleet_of(chairs: int, voters: int = 0) -> Fleet:
 class Desk:
     """Peers with their chairs in P, Q and R, stepped together; `hears(source, other)` tells which links work."""
 
-    def __init__(self, chairs: int, voters: int = 0) -> None:
-        self.fleet = fleet_of(chairs, voters)
+    def __init__(self, chairs: int, voters: int = 0, ways: Ways = WAYS) -> None:
+        self.fleet = fleet_of(chairs, voters, ways)
         self.peers = {number: Peer(self.fleet, number, 1000 + number) for number in sorted(self.fleet.electorate)}
-        homes = [WAYS.slots[name][0] for name in "PQR"]
+        homes = [ways.slots[name][0] for name in "PQR"]
         self.own = {number: Own((homes[number - 1],) if number <= chairs else ()) for number in self.peers}
         self.now_ns = 10**12
         self.hears: Callable[[int, int], bool] = lambda source, other: True

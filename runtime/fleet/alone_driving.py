@@ -1,0 +1,182 @@
+"""A whole chair that hears no warden: the chain that it gives itself, as far as it sees it free.
+
+It enters a spot only if it sees nothing in it and in ten metres of single file behind it. Where it stands face to face with
+something for a while, it backs out if its side is the one that has to (`planning/fleet/peers/meeting.py`), waits in the place aside,
+and does not back out again on that way.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from waychair.maps.drawn.zones import Rule, Zone
+from waychair.planning.fleet.peers.alone import ALONE_SPEED, SEEN_AHEAD, shortest_way
+from waychair.planning.fleet.peers.meeting import gives_way, is_before, meeting_at
+from waychair.planning.fleet.ways import Ways, ways_of
+from waychair.runtime.fleet.chain_geometry import SpotPlace, spot_places
+from waychair.types import FloatArray, Pose2
+
+FACES_MS = 8_000
+"""ms that a chair stands before something in single file until one of the two backs out."""
+
+LETS_PASS_MS = 45_000
+"""ms that a chair stays aside: the other one needs so long for the ten metres that were between them, and its length."""
+
+FACED_BY_WAYS = 2
+"""Times that two chairs try by their ways back, which they measure apart; then their sides alone decide."""
+
+FACED_WITHIN = SEEN_AHEAD + 4.0
+"""m to a thing before which a chair stands: it does not enter within ten metres, and stands before the end of its spot."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """The chair's eyes at one moment: the resources taken, the things' points (M, 2) [m] in map, and `map_from_base`.
+
+    `nose` is the way [m] from there to the chair's front.
+    """
+
+    pose: Pose2
+    taken: frozenset[int] = frozenset()
+    things: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    nose: float = 0.0
+
+    def middle(self) -> FloatArray | None:
+        """Return the point (2,) [m] halfway from the chair's front to the nearest thing before it; None if there is none near."""
+        ahead = np.array([math.cos(self.pose.theta), math.sin(self.pose.theta)])
+        here = np.array([self.pose.x, self.pose.y]) + self.nose * ahead
+        before = self.things[(self.things - here) @ ahead > 0.0]
+        if not len(before):
+            return None
+        nearest = before[np.argmin(np.hypot(*(before - here).T))]
+        middle: FloatArray = (here + nearest) / 2
+        return middle if math.dist(nearest, here) <= FACED_WITHIN else None
+
+
+@dataclass(frozen=True, slots=True)
+class AloneWay:
+    """The spots after the front one, how many of them the chair may enter now, and whether it sounds its tone before a run."""
+
+    chain: tuple[int, ...] = ()
+    free: int = 0
+    tone: bool = False
+
+
+class AloneDriver:
+    """The way of one chair by its own eyes."""
+
+    def __init__(self, ways: Ways) -> None:
+        """`ways`: as the chair drives them; it may back out of any single file beside."""
+        self._ways = ways
+        self._back = ways_of(ways.graph, ways.speed)
+        self._names = [refuge.name for refuge in ways.graph.refuges]
+        self._chain: tuple[int, ...] = ()
+        self._goal = ""
+        self._stands_ms: int | None = None
+        self._waits_until_ms = 0
+        self._faced = 0
+        self.retreats = 0
+        """Times that it has backed out."""
+
+    def step(self, now_ms: int, front: int, goal: str | None, seen: Seen) -> AloneWay:
+        """Return the way of this moment from the spot of the chair's front towards a goal."""
+        if goal is None:
+            self._chain, self._goal = (), ""
+            return AloneWay()
+        if front in self._chain:
+            self._chain = self._chain[self._chain.index(front) + 1 :]
+            self._stands_ms = None
+        elif self._chain and not self._leads_on(front):
+            self._chain = ()
+        if goal != self._goal:
+            self._goal, self._faced = goal, 0
+            self._chain = ()
+        if not self._chain and now_ms >= self._waits_until_ms:
+            self._chain = self._chosen(front, seen)
+        free = self._free(front, seen.taken)
+        if free or not self._chain or self._ways.at_home[front]:
+            self._stands_ms = None
+        elif self._stands_ms is None:
+            self._stands_ms = now_ms
+        elif now_ms - self._stands_ms >= FACES_MS:
+            self._stands_ms = None
+            self._face(now_ms, front, seen)
+            free = self._free(front, seen.taken)
+        mouth = bool(free) and bool(self._ways.at_home[front])
+        return AloneWay(self._chain, free, mouth)
+
+    def _leads_on(self, front: int) -> bool:
+        first, end = self._back.first[front : front + 2]
+        return self._chain[0] in self._back.after[first:end]
+
+    def _chosen(self, front: int, seen: Seen) -> tuple[int, ...]:
+        """Return the spots up to a place aside on the way to the goal, round what is taken if there is a way round."""
+        own = int(self._ways.resource[front])
+        way = shortest_way(self._ways, front, self._goal, seen.taken - {own})
+        way = way or shortest_way(self._ways, front, self._goal, frozenset())
+        end = next((k for k, spot in enumerate(way, start=1) if self._ways.at_home[spot]), len(way))
+        return way[:end]
+
+    def _free(self, front: int, taken: frozenset[int]) -> int:
+        """Return how many spots of the chain may be entered: with nothing in them, nor in ten metres from there on."""
+        resource, own = self._ways.resource, int(self._ways.resource[front])
+        begins: list[float] = []
+        metres = 0.0
+        for spot in self._chain:
+            if int(resource[spot]) in taken and int(resource[spot]) != own:
+                return sum(begin + SEEN_AHEAD <= metres for begin in begins)
+            begins.append(metres)
+            metres += self._section_length(spot)
+        return len(begins)
+
+    def _section_length(self, spot: int) -> float:
+        name = self._ways.names[spot]
+        section = self._ways.graph.section.get(name)
+        return 0.0 if section is None else section.length
+
+    def _face(self, now_ms: int, front: int, seen: Seen) -> None:
+        """Back out to the nearest place aside if it is this side's turn, and that has not been tried yet."""
+        here = np.array([seen.pose.x, seen.pose.y])
+        point = seen.middle()
+        if point is None or self._waits_until_ms:
+            return
+        graph = self._ways.graph
+        meeting = meeting_at(graph, point)
+        self._faced += 1
+        if not gives_way(meeting, is_before(graph, meeting.section, point, here), self._faced > FACED_BY_WAYS):
+            return
+        taken = seen.taken - {int(self._ways.resource[front])}
+        times = {name: int(self._back.least_ms(name)[front]) for name in self._names if name != self._goal}
+        for name in sorted(times, key=times.__getitem__):
+            way = shortest_way(self._back, front, name, taken)
+            if way:
+                self._chain = way
+                self._waits_until_ms = now_ms + LETS_PASS_MS + 2 * times[name]
+                self.retreats += 1
+                return
+
+
+def slow_zones(ways: Ways, chain: Sequence[int]) -> tuple[Zone, ...]:
+    """Return the zones in which a chair alone drives slowly: the single file of its chain."""
+    places = spot_places(ways)
+    found = []
+    for spot in chain:
+        place = places[spot]
+        if place.section is not None and ways.graph.section[place.section].lanes == 1:
+            found.append(Zone(f"alone in {place.section}", Rule.SLOW, _outline(place), ALONE_SPEED))
+    return tuple(found)
+
+
+def _outline(place: SpotPlace) -> FloatArray:
+    """Return the corners (N, 2) [m] of a section's clear width."""
+    left, right = [], []
+    for way in np.linspace(0.0, place.length, len(place.points)):
+        at, heading, width = place.at(float(way))
+        across = np.array([-math.sin(heading), math.cos(heading)]) * width / 2
+        left.append(at + across)
+        right.append(at - across)
+    return np.array([*left, *right[::-1]])

@@ -1,0 +1,109 @@
+"""A whole chair without a warden: what it sees taken, how far it goes, and when it backs out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.maps.drawn.zones import Rule
+from waychair.maps.grid.cells import occupied_points
+from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
+from waychair.planning.fleet.peers.alone import ALONE_SPEED, SEEN_AHEAD
+from waychair.planning.fleet.ways import ways_of
+from waychair.runtime.fleet.alone_driving import FACES_MS, LETS_PASS_MS, AloneDriver, Seen, slow_zones
+from waychair.runtime.fleet.chain_geometry import drivable
+from waychair.runtime.fleet.spot_sight import SpotSight
+from waychair.simulation.plan.corridor_world import corridor_world
+from waychair.types import FloatArray, Pose2
+
+PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
+GRAPH = corridor_graph(PLAN, 1.2, rooms=True)
+WAYS = drivable(ways_of(GRAPH, 0.45), CHAIR_A)
+WORLD = corridor_world(PLAN, 1.2, rooms=True)
+SIGHT = SpotSight(WAYS, WORLD.grid)
+ROOMS = [refuge.name for refuge in GRAPH.refuges]
+AT_HOME = Pose2(3.0, 1.0, 0.0)
+
+
+def _thing(x: float, y: float = 3.0) -> FloatArray:
+    """Return points of a chair's front at a place."""
+    return np.stack([np.full(9, x), y + np.linspace(-0.3, 0.3, 9)], axis=1)
+
+
+def _seen(things: FloatArray, pose: Pose2 = AT_HOME) -> Seen:
+    return Seen(pose, SIGHT.taken(things), things)
+
+
+NOTHING = np.empty((0, 2))
+NOSE = 0.8
+START, GOAL = ROOMS[0], ROOMS[-1]
+HOME = WAYS.slots[START][0]
+
+
+def _section_at(chain: tuple[int, ...], x: float) -> int:
+    """Return the spot of a chain at a place in the corridor."""
+    for spot in chain:
+        section = GRAPH.section.get(WAYS.names[spot])
+        if section is not None:
+            a, b = sorted((GRAPH.node[section.start].x, GRAPH.node[section.end].x))
+            if a <= x < b:
+                return spot
+    raise AssertionError(f"the chain does not lead by {x}")
+
+
+def _way() -> tuple[int, ...]:
+    return AloneDriver(WAYS).step(0, HOME, GOAL, _seen(NOTHING)).chain
+
+
+def test_a_thing_on_no_map_takes_the_section_in_which_it_stands_and_walls_take_none() -> None:
+    names = {
+        WAYS.names[spot] for spot in range(len(WAYS.names)) if int(WAYS.resource[spot]) in SIGHT.taken(_thing(15.3))
+    }
+    assert names
+    for name in names & set(GRAPH.section):
+        section = GRAPH.section[name]
+        assert min(GRAPH.node[section.start].x, GRAPH.node[section.end].x) <= 15.4
+    walls = occupied_points(WORLD.grid) + 0.1
+    assert len(SIGHT.things(walls)) == 0
+    assert len(SIGHT.things(_thing(15.3))) == 9
+
+
+def test_a_chair_alone_enters_only_where_it_sees_ten_metres_free() -> None:
+    driver = AloneDriver(WAYS)
+    way = driver.step(0, HOME, GOAL, _seen(NOTHING))
+    assert way.free == len(way.chain) > 3
+    assert way.tone
+    places = WAYS.graph.section
+    for x in (8.0, 12.0, 20.0, 25.0):
+        way = driver.step(0, HOME, GOAL, _seen(_thing(x)))
+        entered = [places[WAYS.names[spot]] for spot in way.chain[: way.free] if WAYS.names[spot] in places]
+        begins = [min(GRAPH.node[each.start].x, GRAPH.node[each.end].x) for each in entered]
+        assert all(x - begin > SEEN_AHEAD - 2.5 for begin in begins)
+
+
+def test_in_single_file_it_drives_slowly() -> None:
+    zones = slow_zones(WAYS, _way())
+    assert zones
+    assert all(zone.rule is Rule.SLOW and zone.value == ALONE_SPEED for zone in zones)
+    assert all(len(zone.polygon) >= 4 for zone in zones)
+
+
+def test_of_two_chairs_that_see_each_other_in_a_run_exactly_one_backs_out_and_once() -> None:
+    """One comes from either end; both stand ten metres apart."""
+    at = {"west": Pose2(9.0, 3.0, 0.0), "east": Pose2(19.5, 3.0, math.pi)}
+    back = AloneDriver(WAYS).step(0, WAYS.slots[GOAL][0], START, _seen(NOTHING)).chain
+    fronts = {"west": _section_at(_way(), 9.5), "east": _section_at(back, 19.0)}
+    goals = {"west": GOAL, "east": START}
+    drivers = {"west": AloneDriver(WAYS), "east": AloneDriver(WAYS)}
+    for now_ms in range(0, 6 * FACES_MS, 100):
+        for side, other in (("west", "east"), ("east", "west")):
+            nose = at[other].x + (NOSE if other == "west" else -NOSE)
+            seen = replace(_seen(_thing(nose), at[side]), nose=NOSE)
+            drivers[side].step(now_ms, fronts[side], goals[side], seen)
+    assert sorted(driver.retreats for driver in drivers.values()) == [0, 1]
+    one = next(driver for driver in drivers.values() if driver.retreats)
+    assert WAYS.at_home[one._chain[-1]]
+    assert one._waits_until_ms >= LETS_PASS_MS
