@@ -240,6 +240,15 @@ class Chair:
         self._tell(f"level {level.value}")
         return self._base.choose_level(level)
 
+    def override_guard(self, now_ns: int) -> tuple[bool, str]:
+        """Let the rider creep against the guard's caps, by the rider's own act; return whether it may, and the sentence."""
+        self._tell("override")
+        return self._base.guard.override(now_ns)
+
+    def slow_ahead(self, cap: float, now_ns: int) -> None:
+        """Hold the stick ahead within a part of the swing for a moment, at the level guide; see `RiderGuard.slow_ahead`."""
+        self._base.guard.slow_ahead(cap, now_ns)
+
     @property
     def level(self) -> HelpLevel:
         """The level of help now; the guard ends by itself where board or cable end it (`level_told`)."""
