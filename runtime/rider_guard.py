@@ -37,6 +37,7 @@ NOTHING_HELD = "There is nothing to override: the guard does not hold the joysti
 class RiderGuard:
     """The chosen `level`, and the caps that it asks of the board; `unscanned` are the points that no scan shows.
 
+    `offered`: the level that the rider chose last, maybe on another day; no level begins by itself.
     `told`: the last sentence about the level, for speech and page; it changes with each change of the level.
     """
 
@@ -51,7 +52,7 @@ class RiderGuard:
         calibrated: bool,
     ) -> None:
         """`calibrated`: the chair's joystick was measured, so that a deflection's motion is known."""
-        self.level = HelpLevel.INFORM
+        self.level = self.offered = HelpLevel.INFORM
         self.told = ""
         self.unscanned = Unscanned()
         self._body, self._stops, self._settings = body, stops, settings
@@ -75,7 +76,14 @@ class RiderGuard:
         if level in GUARDED and self.level not in GUARDED:
             self._bridge.reset()  # faults that the computer caused; no motion begins by it
         self.level, self._override = level, None
+        self.offered = level
         return self.told
+
+    def offer(self, level: HelpLevel) -> None:
+        """Offer the level that the rider chose on another day, in a sentence; it begins by `choose` only."""
+        self.offered = level
+        if level is not self.level:
+            self.told = f"Last time you chose {level.value}. Choose it again to begin."
 
     def override(self, now_ns: int) -> tuple[bool, str]:
         """Let the rider creep against the caps, by the rider's own act; return whether it may, and the sentence to be spoken.
