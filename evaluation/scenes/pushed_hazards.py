@@ -63,10 +63,11 @@ def stairs_down(seed: int) -> Hazard:
 
 
 def table_edge(seed: int) -> Hazard:
-    """Return a hall with a table's top across it, above the lidar; the depth camera looks ahead."""
+    """Return a hall with a table's top across it, above the lidar and not on its map; the depth camera looks ahead."""
     rng = np.random.default_rng(seed)
-    top = Block(Pose2(float(rng.uniform(5.0, 6.5)), WIDTH / 2), 0.8, 2.4, 0.70, 0.74, "wood", seed)
-    return _hazard("table edge", _with(_hall(), top), rng, Protection.CAMERA)
+    top = Block(Pose2(float(rng.uniform(5.0, 6.5)), WIDTH / 2), 0.8, 2.4, 0.66, 0.72, "wood", seed)
+    hazard = _hazard("table edge", _hall(), rng, Protection.CAMERA)
+    return replace(hazard, world=_with(hazard.world, top))
 
 
 def glass_door(seed: int) -> Hazard:
