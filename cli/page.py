@@ -37,6 +37,7 @@ def page_command(
     config: Path | None = None,
     urgent: bool = False,
     habits: Path | None = None,
+    haptics: Path | None = None,
 ) -> None:
     """Drive a simulated chair in real time by a page in the browser, until Ctrl-C.
 
@@ -76,11 +77,14 @@ def page_command(
     habits
         File of the rider's own record of guided drives, which is off until the rider says yes on the page; default
         waychair/habits.jsonl in the user's data folder.
+    haptics
+        The rider's file (see `waychair haptics tune`), in which the level of help is kept that the rider chose last.
     """
     from waychair.cli.options.configuration import load_configuration
     from waychair.cli.options.page_process import check_page_port, page_names, page_sentence, page_token
     from waychair.cli.starting import WARNING
     from waychair.runtime.habits import Habits, default_path
+    from waychair.runtime.kept_level import KeptLevel
     from waychair.runtime.processes import signalled
     from waychair.trials.live_building import live_building
     from waychair.trials.live_chair import LiveChair
@@ -107,6 +111,7 @@ def page_command(
             simulation=configured.simulation,
             building=site,
             habits=record,
+            kept_level=KeptLevel(haptics),
         ) as chair,
         page_server(
             chair,

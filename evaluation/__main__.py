@@ -41,7 +41,7 @@ from evaluation.figures.driving import (
     wrong_chairs,
 )
 from evaluation.figures.fleet import alone, drive, gap, grids, narrow, network, scale, tables
-from evaluation.figures.guiding import blind_doors, skin
+from evaluation.figures.guiding import blind_doors, blind_hazards, skin
 from evaluation.figures.mapping import (
     appearance,
     camera_fit,
@@ -158,6 +158,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "laser_line": laser_line.laser_line,
     "skin": skin.skin,
     "blind_doors": blind_doors.blind_doors,
+    "blind_hazards": blind_hazards.blind_hazards,
     "reacts": monitor.reacts,
     "ride": hazards.ride,
     "fleet_drive": drive.fleet_drive,

@@ -114,6 +114,9 @@ DIAGNOSTICS = RosTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
 LOCALISATION = RosTopic("localisation", "waychair_msgs/msg/Localisation", RELIABLE, MAP_FRAME)
 DRIVE_REQUEST = RosTopic("drive_request", "waychair_msgs/msg/DriveRequest", RELIABLE, BASE_FRAME)
 DRIVE_STATE = RosTopic("drive_state", "waychair_msgs/msg/DriveState", RELIABLE, BASE_FRAME)
+GUARD = RosTopic("guard", "waychair_msgs/msg/Guard", RELIABLE, BASE_FRAME)
+"""The level of help while the rider drives, and the caps of the board's guard."""
+
 PLACES = RosTopic("places", "waychair_msgs/msg/Places", LATCHED, MAP_FRAME)
 
 FLOOR = RosTopic("floor", "waychair_msgs/msg/Floor", LATCHED, MAP_FRAME)

@@ -28,6 +28,7 @@ from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.runtime.drive_base import ChairMessage, DriveBase
+from waychair.runtime.guard_view import GuardView, guard_view
 from waychair.runtime.monitor_process import MonitorPort
 from waychair.runtime.perception import CellInputs, Perceived, Perception
 from waychair.runtime.pilot import Pilot, PilotSettings
@@ -244,6 +245,19 @@ class Chair:
         self._tell(f"level {level.value}")
         return self._base.choose_level(level)
 
+    def override_guard(self, now_ns: int) -> tuple[bool, str]:
+        """Let the rider creep against the guard's caps, by the rider's own act; return whether it may, and the sentence."""
+        self._tell("override")
+        return self._base.guard.override(now_ns)
+
+    def slow_ahead(self, cap: float, now_ns: int) -> None:
+        """Hold the stick ahead within a part of the swing for a moment, at the level guide; see `RiderGuard.slow_ahead`."""
+        self._base.guard.slow_ahead(cap, now_ns)
+
+    def offer_level(self, level: HelpLevel) -> None:
+        """Offer the level of help that the rider chose on another day; it begins by `choose_level` only."""
+        self._base.guard.offer(level)
+
     @property
     def level(self) -> HelpLevel:
         """The level of help now; the guard ends by itself where board or cable end it (`level_told`)."""
@@ -253,6 +267,10 @@ class Chair:
     def level_told(self) -> str:
         """The last sentence about the level of help."""
         return self._base.guard.told
+
+    def guard_view(self, telemetry: Telemetry | None) -> GuardView:
+        """Return the level of help and the board's guard for a page, by the board's last report."""
+        return guard_view(self._base.guard, telemetry)
 
     def stop(self) -> None:
         """Obey the rider's Stop: nothing moves by itself until a new goal is asked for or a page steers."""

@@ -81,6 +81,7 @@ class ChairDisplay:
             steered=state.verdict.steered,
             paused=navigation.stage is Stage.PAUSED and bool(goal),
             offers=navigation.stage is Stage.OFFERING and bool(goal),
+            guard=chair.guard_view(state.telemetry),
         )
 
     def _note_end(self, state: ChairState) -> None:

@@ -13,9 +13,10 @@ from typing import Protocol
 import numpy as np
 
 from waychair.maps.drawn.zones import Zone
+from waychair.runtime.guard_view import GuardView
 from waychair.runtime.perception_view import PerceptionView
 from waychair.slam.localising.localisation import LocalisationState
-from waychair.types import DriveMode, FloatArray, OccupancyGrid, Place, Pose2, Twist
+from waychair.types import DriveMode, FloatArray, HelpLevel, OccupancyGrid, Place, Pose2, Twist
 
 ANSWER_S = 2.0
 """A call returns within this; Stop has taken effect at the lines within 0.1 s of its call."""
@@ -80,7 +81,7 @@ class ChairView:
     somebody lets it go on. `offers`: it waits at a doorway, and another way is taken once somebody lets it go on.
     `storey`: the name of the storey whose map this is, empty for a chair that knows one map only. `asks`: the storeys
     among which the rider chooses, since the chair in a lift is not certain where it is; see `answer_storey`.
-    `guide`: step guidance, None without.
+    `guide`: step guidance, None without. `guard`: the level of help while the rider drives, None for a chair without levels.
     """
 
     stamp_ns: int
@@ -108,6 +109,7 @@ class ChairView:
     storey: str = ""
     asks: tuple[str, ...] = ()
     guide: GuideView | None = None
+    guard: GuardView | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,6 +190,12 @@ class ChairPort(Protocol):
 
     def end_guide(self) -> Answer:
         """End step guidance."""
+
+    def choose_level(self, level: HelpLevel) -> Answer:
+        """Take a level of help while the rider drives by the chair's own joystick, by the rider's own act, at once."""
+
+    def override_guard(self) -> Answer:
+        """Let the rider creep against the guard for a while, by the rider's own act; never towards a drop-off."""
 
     def stop(self) -> Answer:
         """Obey the rider's Stop: the computer lets go of the lines at once."""

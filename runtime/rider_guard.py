@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.stopping import StopTable
 from waychair.control.safety.collision_monitor import VERDICT_MS
-from waychair.control.safety.guard import GUARDED, SPOKEN, UNCALIBRATED, Pushes, Unscanned, caps_of, pushes_of
+from waychair.control.safety.guard import (
+    GUARDED,
+    SPOKEN,
+    UNCALIBRATED,
+    PressedOverride,
+    Pushes,
+    Unscanned,
+    caps_of,
+    crept,
+    pushes_of,
+)
 from waychair.control.safety.sight_speed import Sector
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.caps import Caps
@@ -15,10 +26,18 @@ from waychair.runtime.base_settings import BaseSettings
 from waychair.runtime.monitor_process import MonitorPort
 from waychair.types import HelpLevel, JoystickInput, SentCommand, Twist
 
+SLOWER_MS = 500
+"""ms for which the guidance's own cap ahead counts; a guide that falls silent slows nobody."""
+
+OVERRIDES = "For ten seconds you may creep against the guard, until you let go. It still stops before a drop-off."
+
+NOTHING_HELD = "There is nothing to override: the guard does not hold the joystick."
+
 
 class RiderGuard:
     """The chosen `level`, and the caps that it asks of the board; `unscanned` are the points that no scan shows.
 
+    `offered`: the level that the rider chose last, maybe on another day; no level begins by itself.
     `told`: the last sentence about the level, for speech and page; it changes with each change of the level.
     """
 
@@ -33,13 +52,15 @@ class RiderGuard:
         calibrated: bool,
     ) -> None:
         """`calibrated`: the chair's joystick was measured, so that a deflection's motion is known."""
-        self.level = HelpLevel.INFORM
+        self.level = self.offered = HelpLevel.INFORM
         self.told = ""
         self.unscanned = Unscanned()
         self._body, self._stops, self._settings = body, stops, settings
         self._monitor, self._bridge = monitor, bridge
         self._calibrated = calibrated
         self._pushes: Pushes | None = None
+        self._slower: tuple[float, int] | None = None
+        self._override: PressedOverride | None = None
 
     @property
     def wanted(self) -> bool:
@@ -54,23 +75,52 @@ class RiderGuard:
             self.told = SPOKEN[level]
         if level in GUARDED and self.level not in GUARDED:
             self._bridge.reset()  # faults that the computer caused; no motion begins by it
-        self.level = level
+        self.level, self._override = level, None
+        self.offered = level
         return self.told
+
+    def offer(self, level: HelpLevel) -> None:
+        """Offer the level that the rider chose on another day, in a sentence; it begins by `choose` only."""
+        self.offered = level
+        if level is not self.level:
+            self.told = f"Last time you chose {level.value}. Choose it again to begin."
+
+    def override(self, now_ns: int) -> tuple[bool, str]:
+        """Let the rider creep against the caps, by the rider's own act; return whether it may, and the sentence to be spoken.
+
+        It lasts for `guard.OVERRIDE_S` at most, and until a pushed stick is let go. Caps by drop-offs stay.
+        """
+        telemetry = self._bridge.telemetry
+        if not self.wanted or telemetry is None or telemetry.guard is None or telemetry.guard.lost:
+            return False, NOTHING_HELD
+        self._override, self.told = PressedOverride.begun(now_ns), OVERRIDES
+        return True, OVERRIDES
+
+    @property
+    def overridden(self) -> bool:
+        """Whether a press of the override lets the rider creep now."""
+        return self._override is not None
+
+    def slow_ahead(self, cap: float, now_ns: int) -> None:
+        """Let the stick pass to the front up to `cap`, a part of the swing, for `SLOWER_MS`: guidance before a door."""
+        self._slower = cap, now_ns
 
     def limit(
         self, now_ns: int, stick: JoystickInput | None, measured: Twist, sectors: Sequence[Sector]
     ) -> SentCommand:
         """Send the board the caps of this tick; return the record of it. The level ends if the board has ended the guard."""
-        sent = self._bridge.limit(self._caps(now_ns, stick, measured, sectors), now_ns, now_ns)
+        caps = self._slowed(self._caps(now_ns, stick, measured, sectors), now_ns)
+        sent = self._bridge.limit(caps, now_ns, now_ns)
         ended = self._bridge.guard_end
         if ended:
-            self.level, self.told = HelpLevel.INFORM, f"The guard has ended: {ended}."
+            self.level, self.told, self._override = HelpLevel.INFORM, f"The guard has ended: {ended}.", None
         return sent
 
     def _caps(self, now_ns: int, stick: JoystickInput | None, measured: Twist, sectors: Sequence[Sector]) -> Caps:
         """Return the caps by the monitor's latest answer, and ask it about the stick as it is now."""
         motion = self._bridge.stick_motion(self._body.track)
         if motion is None or stick is None:
+            self._override = None
             return Caps()
         pushes = pushes_of(stick, motion)
         self._monitor.judge_pushes(pushes.twists, measured, now_ns)
@@ -78,7 +128,7 @@ class RiderGuard:
         fresh = answer is not None and 0 <= now_ns - answer.stamp_ns <= VERDICT_MS * 1_000_000
         judged = self._judged(pushes, answer.twists) if answer is not None and fresh else None
         self._pushes = pushes
-        return caps_of(
+        caps = caps_of(
             pushes if judged is None else judged,
             None if judged is None or answer is None else answer.shares,
             sectors,
@@ -89,6 +139,17 @@ class RiderGuard:
             self._settings.unseen,
             self._stops,
         )
+        if self._override is not None:
+            self._override = self._override.after(now_ns, stick)
+        return caps if self._override is None else crept(caps, motion, self._body)
+
+    def _slowed(self, caps: Caps, now_ns: int) -> Caps:
+        """Return the caps with that of the guidance; one that is no number changes nothing."""
+        if self.level is not HelpLevel.GUIDE or self._slower is None:
+            return caps
+        cap, asked_ns = self._slower
+        fresh = 0 <= now_ns - asked_ns <= SLOWER_MS * 1_000_000
+        return replace(caps, front=cap) if fresh and cap < caps.front else caps
 
     def _judged(self, pushes: Pushes, twists: tuple[Twist, ...]) -> Pushes | None:
         """Return the pushes of this tick or of the one before to which an answer belongs; None if it is of neither."""

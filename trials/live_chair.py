@@ -31,7 +31,9 @@ from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, GoalView, LayoutView
 from waychair.runtime.drawing_port import NO_GUIDE, NOT_ASKED, DrawingPort
+from waychair.runtime.guard_port import GuardPort
 from waychair.runtime.habits import Habits
+from waychair.runtime.kept_level import KeptLevel
 from waychair.runtime.perception_view import PerceptionView, drawn_network
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
 from waychair.simulation.plan.world import World, load_world
@@ -84,7 +86,7 @@ class _Blueprint:
     habits: Habits | None
 
 
-class LiveChair(DrawingPort):
+class LiveChair(DrawingPort, GuardPort):
     """A `ChairPort` of a chair in a simulated world; a context manager."""
 
     def __init__(
@@ -102,6 +104,7 @@ class LiveChair(DrawingPort):
         simulation: SimulationSettings | None = None,
         building: LiveBuilding | None = None,
         habits: Habits | None = None,
+        kept_level: KeptLevel | None = None,
     ) -> None:
         """Load the world; the chair starts with the block.
 
@@ -110,7 +113,7 @@ class LiveChair(DrawingPort):
         `urgently`: with real-time priority, if the system grants it. `settings` are the chair's; `countdown_s` applies
         unless they give a countdown. `simulation`: the settings of the simulated sensors and plant. `building`: the chair
         travels over its storeys, from the world, which is one of its levels, on its maps instead of `map_folder`. `habits`:
-        the rider's record.
+        the rider's record. `kept_level`: the rider's last level of help, which is offered.
 
         Raises:
             WorldError: the world does not exist.
@@ -127,6 +130,7 @@ class LiveChair(DrawingPort):
             building=building,
             habits=habits,
         )
+        self._kept_level = kept_level or KeptLevel()
         settings = settings or ChairSettings()
         supervisor = replace(settings.supervisor, countdown_s=settings.supervisor.countdown_s or countdown_s)
         self._settings = replace(settings, supervisor=supervisor)
@@ -376,6 +380,9 @@ class LiveChair(DrawingPort):
         """See `ChairPort`."""
         self._loop.watch.seen(pages, time.monotonic_ns())
 
+    def _guarded(self) -> tuple[Chair, int]:
+        return self._chair, self._simulator.now_ns
+
     def _request(self, what: Callable[[], Answer], first: bool = False) -> Answer:
         if not self.alive:
             return Answer(False, "the simulated chair has ended: start it again")
@@ -443,6 +450,7 @@ class LiveChair(DrawingPort):
         self._simulator = Simulator(plan.world, CHAIR_A, simulated, plan.seed, lifts)
         watcher = ends.enter_context(black_box(setup, plan.box))
         self._chair = ends.enter_context(simulated_chair(setup, self._simulator, watcher))
+        self._chair.offer_level(self._kept_level.level())
         self._display = ChairDisplay(self._chair, CHAIR_A.base_from_laser)
         if site is not None and lifts is not None:
             worker = ends.enter_context(ThreadPoolExecutor(1, "storeys"))

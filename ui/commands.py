@@ -18,7 +18,7 @@ from waychair.errors import WaychairError
 from waychair.geometry import wrap_angle
 from waychair.maps.drawn.zones import SLOWEST, Rule, Zone
 from waychair.runtime.chair_port import Answer, ChairPort
-from waychair.types import Place, Pose2
+from waychair.types import HelpLevel, Place, Pose2
 
 STOP = "stop"
 RELEASE = "release"
@@ -61,6 +61,10 @@ class _StoreyArguments(_Arguments, frozen=True):
 class _GuideArguments(_Arguments, frozen=True):
     goal: str
     level: Annotated[int, msgspec.Meta(ge=0, le=3)] = 2
+
+
+class _LevelArguments(_Arguments, frozen=True):
+    level: HelpLevel
 
 
 class _SteerArguments(_Arguments, frozen=True):
@@ -150,6 +154,8 @@ COMMANDS: Mapping[str, _Command] = {
     "storey": _Command(_StoreyArguments, lambda port, asked: port.answer_storey(asked.storey)),
     "guide": _Command(_GuideArguments, lambda port, asked: port.guide(asked.goal, asked.level)),
     "end_guide": _Command(_NoArguments, lambda port, _: port.end_guide()),
+    "level": _Command(_LevelArguments, lambda port, asked: port.choose_level(asked.level)),
+    "override": _Command(_NoArguments, lambda port, _: port.override_guard()),
     "cancel": _Command(_NoArguments, lambda port, _: port.cancel()),
     "reset": _Command(_NoArguments, lambda port, _: port.reset()),
     "place_here": _Command(

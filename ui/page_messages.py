@@ -11,6 +11,7 @@ import numpy as np
 from waychair.control.safety.stops import STOPS, Severity
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.chair_port import ChairView, GoalView, GuideView, LayoutView
+from waychair.runtime.guard_view import GuardView
 from waychair.runtime.perception_view import CellView, PerceptionView
 from waychair.runtime.sentences import sentence
 from waychair.types import Bytes, FloatArray, Json, OccupancyGrid, Place, Pose2
@@ -51,6 +52,7 @@ def view_message(view: ChairView, count: int) -> str:
             "storey": view.storey,
             "asks": view.asks,
             "guide": None if view.guide is None else _guide(view.guide),
+            "guard": None if view.guard is None else _guard(view.guard),
             "twist": [round(float(view.twist.v), 3), round(float(view.twist.omega), 3)],
             "goal": view.goal,
             "waits": view.waits,
@@ -83,6 +85,20 @@ def _guide(guide: GuideView) -> Json:
         "level": guide.level,
         "arrived": guide.arrived,
         "offers": guide.offers,
+    }
+
+
+def _guard(guard: GuardView) -> Json:
+    return {
+        "level": guard.level.value,
+        "told": guard.told,
+        "offered": guard.offered.value,
+        "waits": guard.waits,
+        "caps": None if guard.caps is None else [round(float(cap), 2) for cap in guard.caps],
+        "capped": guard.capped,
+        "warns": guard.warns,
+        "creeps": guard.creeps or guard.overridden,
+        "lost": guard.lost,
     }
 
 

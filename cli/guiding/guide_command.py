@@ -65,9 +65,10 @@ def guide_command(
     from waychair.cli.planning import place_among
     from waychair.simulation.plan.world import load_world
     from waychair.simulation.rider.driver_presets import driver_named
-    from waychair.trials.guiding.guided import GuidedSetup, guided_drive, level_named
+    from waychair.trials.guiding.guided import GuidedSetup, guided_drive
     from waychair.trials.guiding.guided_report import save_report, summary
     from waychair.trials.navigate import world_with_people
+    from waychair.types import HelpLevel
 
     plan = load_world(world)
     own, owner = {place.name: place for place in plan.places}, f"the world '{plan.name}'"
@@ -79,7 +80,7 @@ def guide_command(
         goal=to,
         body=CHAIR_A,
         driver=driver_named(driver),
-        level=level_named(level),
+        level=HelpLevel(level),
         layout=layout,
         seed=seed,
         sees=rider == "stick",

@@ -14,11 +14,12 @@ from waychair.files import write_text
 from waychair.firmware_bridge.glove.fitting import Fitting
 from waychair.firmware_bridge.glove.layouts import layout_named
 from waychair.firmware_bridge.glove.messages import Hand
+from waychair.types import HelpLevel
 
 
 @dataclass(frozen=True, slots=True)
 class HapticsProfile(Settings):
-    """One rider's file. Nothing in it can move the chair."""
+    """One rider's file. Nothing in it can move the chair, and no level of help begins by it: the last one is offered."""
 
     device_id: str = setting("A", "", "name of the rider's glove, as in its firmware")
     layout: str = setting("glove_3x3", "", "layout of its motors: glove_3x3, belt_8, bracelets or arm_rest_4")
@@ -31,11 +32,15 @@ class HapticsProfile(Settings):
     wording: str = setting("short", "", "short: a word or two; full: a sentence with the reason")
     rate: int = setting(175, "words/min", "rate of the speech; larger: faster", low=80, high=450)
     volume: float = setting(0.8, "", "volume of speech and tones; larger: louder", low=0.0, high=1.0)
+    level: str = setting(
+        "inform", "", "level of help that the rider chose last, which is offered: inform, guard or guide"
+    )
 
     def __post_init__(self) -> None:
         Settings.__post_init__(self)
         _check_choice("hand", self.hand, [hand.name.lower() for hand in Hand])
         _check_choice("wording", self.wording, [wording.value for wording in Wording])
+        _check_choice("level", self.level, [level.value for level in HelpLevel])
 
     def fitting(self) -> Fitting:
         """Return the fitting of the device.

@@ -10,7 +10,7 @@ one, because the rider cannot override it.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -30,6 +30,10 @@ WATCHED_WITHIN = 4.0
 
 LEAST_SPEED = 0.05
 """m/s; a push that may be no faster than this is stopped, so that the chair does not creep up to things for ever."""
+
+CREEP = 0.09
+"""m/s of the chair's fastest part while the rider overrides the guard by a press; with the error of its lines, a touch is no faster
+than 0.1 m/s."""
 
 SPOKEN = {
     HelpLevel.INFORM: "Inform: nothing slows or stops your joystick.",
@@ -124,6 +128,40 @@ def caps_of(
         drops.append(falls < 1.0)
     front, rear, left, right = caps
     return Caps(front, rear, left, right, drops=(drops[0], drops[1], drops[2], drops[3]))
+
+
+def crept(caps: Caps, motion: StickMotion, body: ChairBody) -> Caps:
+    """Return the caps raised to a creep, for an override by the rider's own act; not towards a drop-off."""
+    turn = motion.deflection(Twist(0.0, CREEP / body.circumscribed_radius))[1]
+    ahead, back = motion.deflection(Twist(CREEP, 0.0))[0], -motion.deflection(Twist(-CREEP, 0.0))[0]
+    front, rear, left, right = (
+        cap if drop else max(cap, creep)
+        for cap, drop, creep in zip(caps.each, caps.drops, (ahead, back, turn, turn), strict=True)
+    )
+    return Caps(front, rear, left, right, caps.drops)
+
+
+OVERRIDE_S = 10.0
+"""s for which a press of the override lets the rider creep at most; the board's own, by a long push, lasts as long."""
+
+
+@dataclass(frozen=True, slots=True)
+class PressedOverride:
+    """An override by a press: its end, and whether the stick has been pushed since."""
+
+    until_ns: int
+    pushed: bool = False
+
+    @classmethod
+    def begun(cls, now_ns: int) -> PressedOverride:
+        """Return the override of a press now."""
+        return cls(now_ns + round(OVERRIDE_S * 1e9))
+
+    def after(self, now_ns: int, stick: JoystickInput) -> PressedOverride | None:
+        """Return the override after a tick; it ends with its time, and when a stick that was pushed is let go."""
+        held = max(abs(stick.forward), abs(stick.turn)) > AT_REST
+        ends = now_ns >= self.until_ns or (self.pushed and not held)
+        return None if ends else replace(self, pushed=self.pushed or held)
 
 
 def _share(

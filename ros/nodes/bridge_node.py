@@ -13,8 +13,10 @@
 |---|---|
 | odom, /tf, /tf_static | dead reckoning, and the mounts of the chair's file |
 | drive_state | the drive mode and its reason, and the command that was sent |
+| guard | the level of help while the rider drives, and the caps of the board's guard |
 
-Services: `confirm` (waychair_msgs/Confirm: the rider's confirmation of a goal), `stop`, `reset_faults` (std_srvs/Trigger).
+Services: `confirm` (waychair_msgs/Confirm: the rider's confirmation of a goal), `choose_level` (waychair_msgs/ChooseLevel),
+`stop`, `reset_faults`, `override_guard` (std_srvs/Trigger).
 A black box records the requests (go, confirm, stop, reset), sensor messages, decisions and commands. A page's joystick,
 changed zones and a newly set pose appear in it by their effects only.
 
@@ -73,6 +75,7 @@ from waychair.ros.nodes.parts.bridge_state import (
     Localised,
 )
 from waychair.ros.nodes.parts.commanders import NAVIGATOR_NODE, PAGE_NODE, Commanders
+from waychair.ros.nodes.parts.help_levels import LEVEL, HelpLevels
 from waychair.ros.nodes.parts.known_chair import known_chair
 from waychair.ros.topics import RosTopic
 from waychair.runtime.black_box.recorder import LoggedChair
@@ -95,7 +98,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
     """A node with a `DriveBase`, its heartbeat and its collision monitor."""
 
     def __init__(self) -> None:
-        super().__init__("bridge", BridgeNodeSettings)
+        super().__init__("bridge", BridgeNodeSettings, dynamic=(LEVEL,))
         s = self.settings
         self._calibration = calibration = known_chair(s.calibration, s.chair)
         if s.calibration or is_real(s.cable):
@@ -114,6 +117,7 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         heartbeat.__enter__()
         self.at_end(lambda: heartbeat.__exit__(None, None, None))
         self._log = self._start_log()
+        self._help = HelpLevels(self, self._base, s.help_level)
 
         self._request, self._command = LastMessage(DriveRequest(0)), LastMessage(Twist())
         self._localised, self._drive = Localised(), BridgeDrive()
@@ -176,6 +180,10 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
         log = BridgeLog(Path(s.black_box_folder), LoggedChair(s, self._calibration, places), s.black_box)
         self.at_end(log.close)
         return log
+
+    def on_settings(self, settings: BridgeNodeSettings) -> None:
+        """Take a level of help that somebody has set as a parameter."""
+        self._help.take(settings.help_level)
 
     def reports(self) -> Iterable[Report]:
         """Report the black box, the drive mode with the conditions against driving, and the board."""

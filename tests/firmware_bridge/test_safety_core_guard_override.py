@@ -43,11 +43,11 @@ def test_a_push_of_two_seconds_against_a_cap_is_warned_then_creeps_for_ten_secon
         _pushing(rig, 499, tuple(caps))
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | WARNS, 0)
         assert (rig.step().guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 20)
-        _pushing(rig, 84, tuple(caps))
-        assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 1700)
-        assert deflections(rig)[axis] == sign * 204
-        _pushing(rig, 9915, tuple(caps))
-        assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 1700)
+        _pushing(rig, 57, tuple(caps))
+        assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 1150)
+        assert deflections(rig)[axis] == sign * 138
+        _pushing(rig, 9942, tuple(caps))
+        assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 1150)
         assert (rig.step().guard_bits, rig.out.caps[to]) == (CAPPED, 0)
         _pushing(rig, 5000, tuple(caps))  # a stick that is stuck gives no second one
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
@@ -71,14 +71,14 @@ def test_both_axes_are_warned_and_overridden_by_themselves(rig: Rig) -> None:
     assert (rig.out.guard_bits, rig.out.caps[RIGHT]) == (CAPPED | OVERRIDDEN, 0)
     _pushing(rig, 400, caps)
     assert (rig.out.guard_bits, rig.out.caps[RIGHT]) == (CAPPED | WARNS | OVERRIDDEN, 0)
-    assert rig.out.caps[FRONT] == 1700
+    assert rig.out.caps[FRONT] == 1150
 
 
 def test_an_override_lasts_only_while_the_stick_is_held_hard(rig: Rig) -> None:
     rig.guard(BLOCKED)
     push(rig, 0, 1200)
     _pushing(rig, 2600)
-    assert rig.out.caps[FRONT] == 1700
+    assert rig.out.caps[FRONT] == 1150
     push(rig, 0, 1080)
     rig.step()
     assert (rig.out.caps[FRONT], rig.out.guard_bits) == (0, CAPPED)
@@ -88,13 +88,13 @@ def test_an_override_lasts_only_while_the_stick_is_held_hard(rig: Rig) -> None:
 
 
 def test_a_cap_above_a_creep_needs_no_override(rig: Rig) -> None:
-    caps = (1700, 10000, 10000, 10000)
+    caps = (1150, 10000, 10000, 10000)
     rig.guard(caps)
     push(rig, 0, 1200)
     _pushing(rig, 3000, caps)
-    assert (rig.out.guard_bits, rig.out.caps[FRONT]) == (CAPPED, 1700)
-    _pushing(rig, 2100, (1699, 10000, 10000, 10000))  # only the time against the narrower cap counts
-    assert (rig.out.guard_bits, rig.out.caps[FRONT]) == (CAPPED | WARNS, 1699)
+    assert (rig.out.guard_bits, rig.out.caps[FRONT]) == (CAPPED, 1150)
+    _pushing(rig, 2100, (1149, 10000, 10000, 10000))  # only the time against the narrower cap counts
+    assert (rig.out.guard_bits, rig.out.caps[FRONT]) == (CAPPED | WARNS, 1149)
     _pushing(rig, 20, caps)
     assert rig.out.guard_bits == CAPPED
 
@@ -124,7 +124,7 @@ def test_a_lost_computer_ends_an_override(rig: Rig) -> None:
     rig.guard(BLOCKED)
     push(rig, 0, 1200)
     _pushing(rig, 2600)
-    assert rig.out.caps[FRONT] == 1700
+    assert rig.out.caps[FRONT] == 1150
     rig.idle(100)
     assert (rig.out.caps[FRONT], rig.out.guard_bits) == (0, CAPPED | LOST)
     rig.idle(3000)

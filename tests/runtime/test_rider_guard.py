@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import pytest
@@ -14,6 +15,7 @@ from waychair.errors import TransportError
 from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.runtime.chair import ChairState
 from waychair.runtime.drive_base import ChairMessage, DriveBase
+from waychair.runtime.rider_guard import NOTHING_HELD, OVERRIDES
 from waychair.simulation.scene.scene import Block, Pit
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.sensors.renderer import renderer_problem
@@ -60,6 +62,52 @@ def test_a_push_towards_a_shelf_is_slowed_and_stopped_free_of_it(ride: Ride) -> 
     ride.simulator.rider = JoystickInput(0, -0.6, 0.0)  # and the rider backs out
     ride.tick(30)
     assert -0.2 < ride.speed < -0.1
+
+
+def test_a_press_lets_the_rider_creep_against_a_shelf_until_the_stick_is_let_go() -> None:
+    near = Block(Pose2(2.0 + CHAIR_A.front + 0.25, 2.5), 0.2, 3.0, 0.0, 1.5)
+    with Ride(blocks=(near,)) as ride:
+        assert ride.chair.override_guard(ride.simulator.now_ns) == (False, NOTHING_HELD)
+        _guarded(ride)
+        ride.simulator.rider = PUSH
+        ride.tick(10)
+        assert ride.chair.override_guard(ride.simulator.now_ns) == (True, OVERRIDES)
+        speeds = []
+        while len(speeds) < 24:  # the board's own override needs longer
+            ride.tick()
+            speeds.append(ride.speed)
+        assert 0.03 < speeds[-1] < 0.12
+        ride.simulator.rider = REST
+        ride.tick(2)
+        ride.simulator.rider = PUSH
+        state = ride.tick(12)
+        assert ride.speed < 0.02
+        assert state.telemetry is not None
+        assert state.telemetry.guard is not None
+        assert state.telemetry.guard.caps[0] < 0.05
+        assert not state.telemetry.guard.overridden
+
+
+def test_guidance_slows_the_stick_ahead_while_it_speaks_and_only_at_its_own_level(ride: Ride) -> None:
+    _guarded(ride)
+    ahead = []
+    for level in (HelpLevel.GUARD, HelpLevel.GUIDE):
+        ride.chair.choose_level(level)
+        for cap in (0.2, math.nan):
+            for _ in range(3):
+                ride.chair.slow_ahead(cap, ride.simulator.now_ns)
+                state = ride.tick()
+            assert state.telemetry is not None
+            assert state.telemetry.guard is not None
+            ahead.append(state.telemetry.guard.caps[0])
+    assert ahead[2] == 0.2
+    assert min(ahead[0], ahead[1]) > 0.5
+    assert ahead[3] > 0.2  # it rises again, as slowly as every cap
+    ride.chair.slow_ahead(0.2, ride.simulator.now_ns)
+    state = ride.tick(24)  # a guide that fell silent
+    assert state.telemetry is not None
+    assert state.telemetry.guard is not None
+    assert state.telemetry.guard.caps[0] > 0.5
 
 
 def test_f1_the_computer_dies_and_the_chair_is_slow_until_the_rider_lets_go(ride: Ride) -> None:

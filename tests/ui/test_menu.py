@@ -100,7 +100,7 @@ def test_back_is_last_before_stop_and_names_of_any_length_and_direction_are_show
     browser: Browser, building: WithGoals
 ) -> None:
     with menu_page(browser, building, "direct") as page:
-        assert menu(page, "Menu") == ["Stop", "Storey 1", "Storey 2", "Who drives", "Options"]
+        assert menu(page, "Menu") == ["Stop", "Storey 1", "Storey 2", "Who drives", "Help while I drive", "Options"]
         choose(page, "direct", "Storey 2")
         assert menu(page, "Storey 2") == [LONG_NAME, ARABIC, "Back", "Stop"]
         assert page.evaluate("getComputedStyle(document.querySelectorAll('#menu-items b')[1]).direction") == "rtl"

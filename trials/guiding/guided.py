@@ -2,13 +2,11 @@
 
 Every tick: the sensors' messages go to the chair's software, the guide says what the driver should do, the glove's program
 plays it, the driver feels the motors and moves the stick, and the stick reaches the chair's lines through the board. At
-the levels guard and guide the stick is held within caps from the lidar first; that clamp stands for the state GUARD of the
-board and is done here, in the computer. Simulated drivers are not blind drivers.
+the levels guard and guide the board holds it within the chair's caps (state GUARD). Simulated drivers are not blind drivers.
 """
 
 from __future__ import annotations
 
-import enum
 import math
 from dataclasses import dataclass, field, replace
 
@@ -23,11 +21,14 @@ from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.patterns import Vocabulary, vocabulary
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import PRIORITY, Symbol
-from waychair.errors import ConfigError, PlanningError
+from waychair.control.safety.collision_monitor import points_now, valid_beams
+from waychair.control.safety.guard import GUARDED
+from waychair.errors import PlanningError
 from waychair.firmware_bridge.glove.bridge import GloveBridge
 from waychair.firmware_bridge.glove.fitting import Fitting
 from waychair.firmware_bridge.glove.program import GloveConfig, HostGlove, glove_program
 from waychair.firmware_bridge.transports import Reconnecting
+from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.planning.grid.costmap import Costmap, LiveCostmap
@@ -40,35 +41,17 @@ from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.rider.blind_driver import BlindDriver, DriverModel, Felt
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.demo import randomised_settings
-from waychair.trials.drive import READY_S, TICK_NS, DriveSetup, advance_tick, simulated_chair
-from waychair.trials.guiding.stick_caps import NO_CAPS, CapsByScan, StickCaps, clamped
-from waychair.types import FloatArray, Goal, JoystickInput, OccupancyGrid, Place, Scan, SensorMessage
+from waychair.trials.drive import ARMED_S, READY_S, TICK_NS, DriveSetup, advance_tick, simulated_chair
+from waychair.types import FloatArray, Goal, HelpLevel, JoystickInput, OccupancyGrid, Place, Scan, SensorMessage
 
 NEW = 0.15
 """m; points farther from everything on the map than this are new, and the steps lead round them."""
 
+UNCAPPED = (1.0, 1.0, 1.0, 1.0)
+"""Caps of a stick that the board does not guard."""
+
 REPLANS = 8
 """Plans of one drive after the first, after which the drive ends."""
-
-
-class Level(enum.StrEnum):
-    """Levels of help: advice alone, caps alone, or both."""
-
-    INFORM = "inform"
-    GUARD = "guard"
-    GUIDE = "guide"
-
-
-def level_named(name: str) -> Level:
-    """Return a level.
-
-    Raises:
-        ConfigError: there is no such level.
-    """
-    try:
-        return Level(name)
-    except ValueError as error:
-        raise ConfigError(f"there is no level '{name}': choose {', '.join(Level)}") from error
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +67,7 @@ class GuidedSetup:
     goal: Place
     body: ChairBody
     driver: DriverModel = field(default_factory=DriverModel)
-    level: Level = Level.GUIDE
+    level: HelpLevel = HelpLevel.GUIDE
     layout: str = "glove_3x3"
     seed: int = 0
     zones: tuple[Zone, ...] = ()
@@ -108,7 +91,8 @@ class SaidSymbol:
 class GuidedRecord:
     """One guided drive. `reached`: the guide said so, and the chair truly stood within `near_m` of the goal.
 
-    `truth` (T, 3) in map, `times_s` (T,), `caps` (T, 4) forward, reverse, left, right, `stick` (T, 2) as the driver pushed.
+    `truth` (T, 3) in map, `times_s` (T,), `caps` (T, 4) of the board to the front, the rear, the left and the right, `stick`
+    (T, 2) as the driver pushed.
     `contact_speeds` [m/s] of the contacts; `planned_m` is the length of the first steps. `told`, `felt`: symbols.
     """
 
@@ -212,23 +196,28 @@ class _Trial:
     def __init__(self, setup: GuidedSetup, simulator: Simulator, chair: Chair, glove: HostGlove) -> None:
         self._setup, self._simulator, self._chair = setup, simulator, chair
         self._hand = _Hand(setup, glove, simulator.settings.plant)
-        self._caps_by_scan = CapsByScan(setup.body)
         self._live = LiveCostmap(setup.grid, setup.body, setup.zones)
         self._planner = StepPlanner(Goal(setup.goal.pose), setup.goal.pose)
         self._learner = RiderLearner(setup.known)
         self._scan: Scan | None = None
         self._stick = JoystickInput(0)
-        self._caps = NO_CAPS
+        self._caps = UNCAPPED
         self._rows: list[tuple[float, ...]] = []
         self._plans = 0
         self._follower: Follower | None = None
 
     def get_ready(self) -> None:
-        """Let the chair find its board, lidar and pose, and the glove its computer."""
+        """Let the chair find its board, lidar and pose, and the glove its computer; then begin the level of help."""
         for _ in range(round(READY_S / TICK_NS * 1e9)):
             state = self._tick()
             if self._chair.ready and state.localisation is not None and self._scan is not None:
                 break
+        self._chair.choose_level(self._setup.level)
+        if self._setup.level in GUARDED:
+            for _ in range(round(ARMED_S / TICK_NS * 1e9)):
+                board = self._tick().telemetry
+                if board is not None and board.guard is not None:
+                    break
 
     def run(self, time_limit_s: float) -> GuidedRecord:
         """Drive until the arrival, the limit, or until no steps lead on."""
@@ -239,7 +228,10 @@ class _Trial:
         planned_m, memory, reason, arrived = plan.length, GuideState(), "the time limit was reached", False
         while simulator.now_ns - began_ns < time_limit_s * 1e9:
             state = self._tick()
-            if setup.level is Level.GUARD:
+            if self._chair.level is not setup.level:
+                reason = self._chair.level_told
+                break
+            if setup.level is HelpLevel.GUARD:
                 continue  # caps alone: nobody says anything
             if setup.sees:
                 if self._follower is not None and self._follower.done and abs(state.twist.v) < _STANDS:
@@ -281,19 +273,17 @@ class _Trial:
         )
 
     def _tick(self) -> ChairState:
-        """Let a tick pass: sensors, software, glove, driver, caps, stick."""
-        simulator, level = self._simulator, self._setup.level
+        """Let a tick pass: sensors, software, glove, driver, stick."""
+        simulator = self._simulator
         messages = advance_tick(simulator, self._chair)
         state = self._chair.step(simulator.now_ns, messages)
         self._hear(messages)
-        self._stick = self._hand.stick(simulator.now_ns)
-        if self._setup.sees:
-            self._stick = self._seen_stick()
-        self._caps = NO_CAPS if level is Level.INFORM else self._guarded(state)
-        simulator.rider = clamped(self._stick, self._caps)
-        pose, caps, stick = simulator.truth(), self._caps, self._stick
-        limits = caps.forward, caps.reverse, caps.left, caps.right
-        row = simulator.now_ns * 1e-9, pose.x, pose.y, pose.theta, *limits, stick.forward, stick.turn
+        stick = self._hand.stick(simulator.now_ns)
+        self._stick = simulator.rider = self._seen_stick() if self._setup.sees else stick
+        guard = None if state.telemetry is None else state.telemetry.guard
+        self._caps = UNCAPPED if guard is None else guard.caps
+        pose = simulator.truth()
+        row = simulator.now_ns * 1e-9, pose.x, pose.y, pose.theta, *self._caps, self._stick.forward, self._stick.turn
         self._rows.append(row)
         return state
 
@@ -310,15 +300,10 @@ class _Trial:
             if isinstance(message, Scan):
                 self._scan = message
 
-    def _guarded(self, state: ChairState) -> StickCaps:
-        if self._scan is None:
-            return StickCaps(0.0, 0.0, 0.0, 0.0)
-        points = self._caps_by_scan.points(self._scan, state.twist, self._simulator.now_ns)
-        return self._caps_by_scan.caps(points, state.twist, self._stick)
-
     def _guide(self, plan: StepPlan, memory: GuideState, state: ChairState) -> tuple[Guidance, GuideState]:
         """Ask the guide, say its word, and learn from the rider's motion."""
-        now_ns, caps, stick = self._simulator.now_ns, self._caps, self._stick
+        now_ns, stick = self._simulator.now_ns, self._stick
+        ahead, _, left, right = self._caps
         if self._setup.learn:
             self._learner.note_motion(now_ns, state.twist)
         guide = Guide(self._setup.body, self._learner.model, self._hand.durations)
@@ -326,8 +311,8 @@ class _Trial:
             now_ns,
             state.map_from_base,
             state.twist,
-            held_ahead=stick.forward > caps.forward + _HELD and caps.forward < _HELD_AT,
-            held_turn=stick.turn > caps.left + _HELD or -stick.turn > caps.right + _HELD,
+            held_ahead=stick.forward > ahead + _HELD and ahead < _HELD_AT,
+            held_turn=stick.turn > left + _HELD or -stick.turn > right + _HELD,
         )
         guidance, after = guide.step(plan, memory, inputs)
         if self._hand.say(guidance, now_ns):
@@ -335,9 +320,7 @@ class _Trial:
             self._learner.note_said(Symbol(said), now_ns, self._hand.durations[Symbol(said)], state.twist)
         elif guidance.advice is not None:  # it was not said, so nobody will obey
             after = replace(after, said=memory.said, said_ns=memory.said_ns, nudges=memory.nudges)
-        if guidance.cap < caps.forward and self._setup.level is Level.GUIDE:
-            self._caps = replace(caps, forward=guidance.cap)
-            self._simulator.rider = clamped(stick, self._caps)
+        self._chair.slow_ahead(guidance.cap, now_ns)
         return guidance, after
 
     def _replan(self, state: ChairState) -> StepPlan:
@@ -352,10 +335,9 @@ class _Trial:
         plain = self._live.costmap()
         if self._scan is None or self._plans == 1:
             return plain
-        base = self._caps_by_scan.points(self._scan, state.twist, self._simulator.now_ns)
-        pose = state.map_from_base
-        c, s = math.cos(pose.theta), math.sin(pose.theta)
-        points = base @ np.array([[c, s], [-s, c]]) + (pose.x, pose.y)
+        seen = valid_beams(self._scan, np.zeros(len(self._scan.ranges), np.bool_))
+        base = points_now(self._scan, seen, self._setup.body, state.twist, self._simulator.now_ns)
+        points = transform_points(state.map_from_base, base)
         cells = cells_from_points(plain.grid, points)
         within = inside(plain.grid, cells)
         new = within.copy()

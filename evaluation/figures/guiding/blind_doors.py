@@ -1,8 +1,8 @@
 """Doors by touch: simulated drivers who cannot see, led by the glove through doors of two widths from four directions.
 
-The whole simulated chair with lidar noise and localiser, the C of board and glove. The caps are those of
-`trials.guiding.stick_caps`, held in the computer. `BLIND_DOORS_RUNS=1` takes so many runs of each direction instead of 25;
-`BLIND_DOORS_ONLY="A 0.9"` takes one chair and width, `BLIND_DOORS_BASELINES=0` leaves out the comparisons.
+The whole simulated chair with lidar noise and localiser, the C of board and glove, and the board's guard.
+`BLIND_DOORS_RUNS=1` takes so many runs of each direction instead of 25; `BLIND_DOORS_ONLY="A 0.9"` takes one chair and width,
+`BLIND_DOORS_BASELINES=0` leaves out the comparisons.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.errors import PlanningError
 from waychair.simulation.rider.driver_presets import DRIVERS
 from waychair.trials.barn import upper_bound
-from waychair.trials.guiding.guided import GuidedSetup, Level, guided_drive
-from waychair.types import Json
+from waychair.trials.guiding.guided import GuidedSetup, guided_drive
+from waychair.types import HelpLevel, Json
 
 RUNS = int(os.environ.get("BLIND_DOORS_RUNS", "25"))
 ONLY = os.environ.get("BLIND_DOORS_ONLY", "")
@@ -87,7 +87,7 @@ def run_at_door(bar: DoorBar, how: str, seed: int) -> DoorRun:
     if how == "autonomy":
         alone = run_scene(scene, seed, bar.limit_s)
         return DoorRun(alone.reached, alone.reason, alone.seconds, (0.0,) * alone.contacts, 0, alone.plans)
-    level = Level(how)
+    level = HelpLevel(how)
     setup = GuidedSetup(
         scene.world, map_of(scene.world), scene.goal, bar.body, DRIVERS["default"], level, seed=seed
     )  # fmt: skip

@@ -47,6 +47,7 @@ from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.heard_cells import HeardCells
 from waychair.ros.nodes.parts.page_building import PageBuilding
 from waychair.ros.nodes.parts.page_figures import figures
+from waychair.ros.nodes.parts.page_guard import PageGuard
 from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, LayoutView
 from waychair.runtime.chair_story import DriveFacts, next_action, obstacle_of, shown_points
 from waychair.runtime.drawing_port import DrawingPort
@@ -122,7 +123,7 @@ class _Publishers:
     pose: Callable[[Any], None]
 
 
-class PagePort(PageBuilding, DrawingPort, HeardCells):
+class PagePort(PageBuilding, PageGuard, DrawingPort, HeardCells):
     """A `ChairPort` over the messages and services that a node of this process uses."""
 
     def __init__(
@@ -133,10 +134,9 @@ class PagePort(PageBuilding, DrawingPort, HeardCells):
         scan_frame: str = LASER_FRAME,
     ) -> None:
         """Subscribe to the chair's nodes; `map_folder` is that of their map, None while a map is made."""
-        self._scan_frame = scan_frame
-        self._node, self._calibration, self._map_folder = node, calibration, map_folder
+        self._node, self._calibration = node, calibration
+        self._map_folder, self._scan_frame, self._drawing = map_folder, scan_frame, threading.Lock()
         self._received, self._story, self._pictures = _Received(), _DriveStory(), _Pictures()
-        self._drawing = threading.Lock()
         self._listen()
         self._publish = _Publishers(
             joystick=node.publisher(topics.PAGE_JOYSTICK),
@@ -168,6 +168,7 @@ class PagePort(PageBuilding, DrawingPort, HeardCells):
         listen(topics.PLACES, read_places, self._take_places, needed=False)
         listen(topics.FLOOR, read_floor, self._take_floor, needed=False)
         self._listen_to_cells(self._node, self._calibration.body)
+        self._listen_to_guard(self._node)
         self._listen_to_building(self._node, self._calibration.body)
 
     @property
@@ -177,13 +178,13 @@ class PagePort(PageBuilding, DrawingPort, HeardCells):
 
     def view(self) -> ChairView:
         """See `ChairPort`."""
-        return self._with_journey(self._drive_view())
+        return self._with_guard(self._with_journey(self._drive_view()))
 
     def _drive_view(self) -> ChairView:
         """Return the view of a chair that knows one storey only."""
         got = self._received
-        now_ns, state, located = time.monotonic_ns(), got.state, got.located
-        found = None if located is None else located[1]
+        now_ns, state = time.monotonic_ns(), got.state
+        found = None if got.located is None else got.located[1]
         lost = found is None or found.state is LocalisationState.LOST
         pose = None if found is None else found.map_from_odom @ self._received.odometry.odom_from_base
         silent = state is None or now_ns - self._received.state_ns > _SILENT_NS
@@ -328,9 +329,8 @@ class PagePort(PageBuilding, DrawingPort, HeardCells):
         """See `ChairPort`."""
         self._publish.joystick(joy(JoystickInput(self._node.now_ns(), forward, turn)))
         state = self._received.state
-        if state is None or state.steered or not state.halts:
-            return Answer(True, "")
-        return Answer(False, obstacle_of(*state.halts[0]).sentence)
+        waits = state is not None and not state.steered and state.halts
+        return Answer(False, obstacle_of(*waits[0]).sentence) if waits else Answer(True, "")
 
     def release(self) -> Answer:
         """See `ChairPort`."""

@@ -11,7 +11,7 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.safety.arc_clearance import MonitorSettings
 from waychair.control.safety.collision_monitor import Monitor
-from waychair.control.safety.guard import Unscanned, caps_of, pushes_of
+from waychair.control.safety.guard import CREEP, OVERRIDE_S, PressedOverride, Unscanned, caps_of, crept, pushes_of
 from waychair.control.safety.sight_speed import Sector, UnseenSettings
 from waychair.firmware_bridge.caps import Caps, StickMotion
 from waychair.firmware_bridge.line_counts import LineCounts
@@ -93,6 +93,30 @@ def test_a_thing_that_only_sonars_or_camera_see_caps_and_can_be_overridden() -> 
     assert caps == sorted(caps)
     assert caps[0] == 0.0
     assert not any(_caps(unscanned=Unscanned(things=_line(CHAIR_A.front + 0.1))).drops)
+
+
+def test_an_override_raises_each_cap_to_a_creep_and_none_towards_a_drop_off() -> None:
+    held = Caps(0.0, 0.02, 0.6, 0.0, drops=(False, False, False, True))
+    raised = crept(held, STICK, CHAIR_A)
+    assert STICK.twist(raised.front, 0.0).v == pytest.approx(CREEP, abs=0.01)
+    assert STICK.twist(-raised.rear, 0.0).v == pytest.approx(-CREEP, abs=0.01)
+    assert (raised.left, raised.right, raised.drops) == (0.6, 0.0, held.drops)
+    turned = crept(Caps(), STICK, CHAIR_A).left
+    corner = STICK.twist(0.0, turned).omega * CHAIR_A.circumscribed_radius
+    assert corner == pytest.approx(CREEP, abs=0.01)
+
+
+def test_an_override_ends_with_its_time_and_when_a_pushed_stick_is_let_go() -> None:
+    pressed = PressedOverride.begun(7)
+    end_ns = 7 + round(OVERRIDE_S * 1e9)
+    rest, push = JoystickInput(0), JoystickInput(0, 0.0, -0.5)
+    waiting = pressed.after(end_ns - 1, rest)
+    assert waiting == pressed
+    assert pressed.after(end_ns, push) is None
+    held = pressed.after(8, push)
+    assert held is not None
+    assert held.after(9, push) == held
+    assert held.after(9, rest) is None
 
 
 def _seen(ahead: float) -> Monitor:

@@ -9,20 +9,15 @@ import pytest
 from evaluation.scenes.tight_places import door_scene, map_of
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.errors import ConfigError
-from waychair.trials.guiding.guided import GuidedSetup, Level, guided_drive, level_named
+from waychair.trials.guiding.guided import GuidedSetup, guided_drive
 from waychair.trials.guiding.guided_report import report, save_report
-
-
-def test_an_unknown_level_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match=r"'push'.*inform, guard, guide"):
-        level_named("push")
+from waychair.types import HelpLevel
 
 
 @pytest.mark.nightly
 def test_a_driver_who_feels_the_glove_alone_gets_through_a_door_untouched(tmp_path: Path) -> None:
     scene = door_scene(0.9, 0.0, CHAIR_A, 107)
-    setup = GuidedSetup(scene.world, map_of(scene.world), scene.goal, CHAIR_A, level=Level.GUIDE, seed=107)
+    setup = GuidedSetup(scene.world, map_of(scene.world), scene.goal, CHAIR_A, level=HelpLevel.GUIDE, seed=107)
     record = guided_drive(setup, 180.0)
     assert record.reached, record.reason
     assert record.contact_speeds == ()

@@ -3,6 +3,7 @@
 
 import { goTo } from "../drive.js";
 import { guideTo, sayAgain } from "../guide.js";
+import { chooseLevel, LEVELS, override } from "../help.js";
 import { ask } from "../link.js";
 import { moves, note, now, say } from "../page.js";
 import { setSound, soundWanted } from "../sound.js";
@@ -73,11 +74,13 @@ function atRest(view, leave, calibrate) {
     ...(view.paused || view.offers ? [{ label: "Go on", act: () => answered(ask("go_on")) }] : []),
     ...(view.guide ? [{ label: "Say it again", act: () => sayAgain() }, { label: "End guidance", act: () => void say(ask("end_guide")) }] : []),
     ...(view.goal ? [{ label: "End this drive", act: () => void say(ask("cancel")) }] : []),
+    ...(view.guard?.capped ? [{ label: "Creep on for ten seconds", act: () => void override() }] : []),
     ...(view.obstacles.some(({ reset }) => reset) ? [{ label: "Reset", act: () => void say(ask("reset")) }] : []),
     ...(pinned.length ? [{ label: "Favourites", items: () => pinned.slice(0, MOST).map(farItem) }] : []),
     ...(near.length && all.length > MOST ? [{ label: "Near here", items: () => near.map(farItem) }] : []),
     ...asItems(goalItems(all), goalItem),
     { label: "Who drives", items: modes },
+    ...(view.guard ? [{ label: "Help while I drive", detail: view.guard.level, items: helps }] : []),
     { label: "Options", items: () => choices(leave, calibrate) },
   ];
 }
@@ -86,6 +89,17 @@ function atRest(view, leave, calibrate) {
 async function answered(answering) {
   const { done, sentence } = await answering;
   if (!done) note(sentence, false);
+}
+
+const HELPS = { inform: "nothing slows you", guard: "slows and stops", guide: "guards and leads" };
+
+/** The levels of help, that in force marked. */
+function helps() {
+  return LEVELS.map((level) => ({
+    label: level[0].toUpperCase() + level.slice(1),
+    detail: now.view?.guard?.level === level ? "chosen" : HELPS[level],
+    act: () => void chooseLevel(level),
+  }));
 }
 
 function modes() {

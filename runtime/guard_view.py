@@ -1,0 +1,72 @@
+"""The level of help and the board's guard as a page shows them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from waychair.control.safety.guard import GUARDED
+from waychair.types import HelpLevel, Telemetry
+
+
+@dataclass(frozen=True, slots=True)
+class GuardView:
+    """The level of help, the last sentence about it (`told`), and the level that the rider chose last (`offered`).
+
+    `caps`: of the board, in [0, 1] of the swing to the front, the rear, the left and the right, None while it does not guard.
+    `creeps`: an override by a press lasts. The other flags are those of `types.GuardReport`.
+    """
+
+    level: HelpLevel = HelpLevel.INFORM
+    told: str = ""
+    offered: HelpLevel = HelpLevel.INFORM
+    caps: tuple[float, float, float, float] | None = None
+    capped: bool = False
+    warns: bool = False
+    overridden: bool = False
+    lost: bool = False
+    creeps: bool = False
+
+    @property
+    def waits(self) -> bool:
+        """Whether the board does not guard yet: it begins once the joystick has been at rest for two seconds."""
+        return self.level in GUARDED and self.caps is None
+
+
+class HelpState(Protocol):
+    """The level of help of a chair, as `runtime.rider_guard.RiderGuard` holds it."""
+
+    @property
+    def level(self) -> HelpLevel:
+        """The level now."""
+
+    @property
+    def told(self) -> str:
+        """The last sentence about it."""
+
+    @property
+    def offered(self) -> HelpLevel:
+        """The level that the rider chose last."""
+
+    @property
+    def overridden(self) -> bool:
+        """Whether an override by a press lasts."""
+
+
+def guard_view(help_now: HelpState, telemetry: Telemetry | None) -> GuardView:
+    """Return what a page shows of a level and of the board's guard by its last report; None: no usable board."""
+    report = None if telemetry is None else telemetry.guard
+    level, told, offered, creeps = help_now.level, help_now.told, help_now.offered, help_now.overridden
+    if report is None:
+        return GuardView(level, told, offered, creeps=creeps)
+    return GuardView(
+        level=level,
+        told=told,
+        offered=offered,
+        caps=report.caps,
+        capped=report.capped,
+        warns=report.warns,
+        overridden=report.overridden,
+        lost=report.lost,
+        creeps=creeps,
+    )
