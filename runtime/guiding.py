@@ -9,18 +9,18 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from waychair.control.guidance.guidance import Guidance, GuidanceView, Guiding, begun, step
+from waychair.control.guidance.guidance import Guidance, GuidanceView, Guiding, at_level, begun, step
 from waychair.control.safety.supervisor import deflection_of
 from waychair.planning.building.guided_ways import GuidedWays
 from waychair.planning.movements import MovementKind
 from waychair.runtime.chair import ChairState
-from waychair.runtime.chair_port import GuideView
+from waychair.runtime.chair_port import ChairView, GuideView
 from waychair.runtime.habits import Habits
-from waychair.runtime.sentences import guiding_sentence, spoken_sentence
+from waychair.runtime.sentences import GUIDED, GUIDED_THERE, guiding_sentence, spoken_sentence
 from waychair.slam.localising.localisation import LocalisationState
-from waychair.types import Pose2
+from waychair.types import DriveMode, Pose2
 
 _AT_REST = 0.02
 """m/s, rad/s; a chair that moves more slowly stands."""
@@ -46,13 +46,12 @@ class Guide:
 
     def __init__(
         self,
-        ways: Callable[[], GuidedWays],
         odom_from_base: Callable[[], Pose2],
         habits: Habits | None,
         worker: Executor,
     ) -> None:
-        """`ways` are asked for when guidance begins, so that it knows the maps as they are drawn then."""
-        self._make_ways, self._odom = ways, odom_from_base
+        """`habits`: the rider's record, None without."""
+        self._odom = odom_from_base
         self._habits, self._worker = habits, worker
         self._ways: GuidedWays | None = None
         self._state: Guidance | None = None
@@ -62,19 +61,21 @@ class Guide:
         self.view: GuideView | None = None
         """What a page shows; None without guidance."""
 
-    def go(self, goal: str, level: int, now_ns: int) -> str:
-        """Begin guidance to a goal; return the goal's full name.
+    def go(self, goal: str, level: int, now_ns: int, ways: GuidedWays) -> None:
+        """Begin guidance to a goal over a building's ways; the same goal once more only changes the level.
 
         Raises:
-            BuildingError: there is no such goal, or no graph.
+            BuildingError: there is no such goal.
         """
-        ways = self._make_ways()
+        node = ways.node(goal)
         known = {} if self._habits is None or not self._habits.wanted else self._habits.practice(level)
+        if self._state is not None and self.view is not None and self._state.goal == node and not self._state.arrived:
+            self._state = at_level(self._state, level, known)
+            return
         self.end(now_ns)
-        self._ways, self._state = ways, begun(ways.node(goal), level, known)
+        self._ways, self._state = ways, begun(node, level, known)
         self._drive, self._cabin_from_odom = _Drive(now_ns), None
         self.view = GuideView(goal, sentence="Guidance begins.", level=self._state.level)
-        return goal
 
     def end(self, now_ns: int) -> None:
         """End guidance; a drive that has not arrived is recorded as such."""
@@ -202,3 +203,11 @@ class Guide:
                 name, arrived=arrived, seconds=seconds, expected_s=drive.expected_s, counts=counts
             )
         )
+
+
+def guided_view(view: ChairView, guide: GuideView | None) -> ChairView:
+    """Return a chair's view with guidance; while the rider drives, its sentences tell so."""
+    by_rider = guide is not None and not view.goal and view.mode is DriveMode.MANUAL
+    if guide is None or not by_rider:
+        return replace(view, guide=guide)
+    return replace(view, guide=guide, next_action=GUIDED_THERE if guide.arrived else GUIDED, last_stop="")

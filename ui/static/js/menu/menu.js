@@ -216,7 +216,7 @@ function tick() {
 
 /** The part of a view on which the first menu depends. */
 const situationOf = (view) =>
-  JSON.stringify([view.waits, view.countdown !== null, moves(view), view.paused, view.offers, view.asks, view.goal, view.obstacles.some(({ reset }) => reset)]);
+  JSON.stringify([view.waits, view.countdown !== null, moves(view), view.paused, view.offers, view.asks, view.goal, view.obstacles.some(({ reset }) => reset), view.guide && [view.guide.level, view.guide.offers, view.guide.arrived]]);
 
 on("view", (view) => {
   const next = situationOf(view);
