@@ -310,7 +310,8 @@ def _told(
 ) -> tuple[Guidance, Guiding]:
     """Return the present movement of the plan, and whether it is spoken of now."""
     assert state.plan is not None
-    assert (track := state.track) is not None
+    track = state.track
+    assert track is not None
     part, known = state.plan.parts[0], ways.storey(view.storey)
     if state.arrived or (not part.lift and reached(part, pose)):
         cue = Cue.NOW if not state.arrived and state.level > NO_PROMPT else None
