@@ -28,7 +28,7 @@ from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_port import Answer, ChairView, GoalView
 from waychair.runtime.drawing_port import NOT_ASKED
 from waychair.runtime.drive_base import ChairMessage
-from waychair.runtime.guiding import Guide, guided_view
+from waychair.runtime.guiding import Guide, guided_chair, guided_view
 from waychair.runtime.habits import Habits
 from waychair.runtime.journeys import PRESS_AGAIN_S, StoreyMap, Traveller, TravelState
 from waychair.runtime.sentences import sentence
@@ -121,7 +121,7 @@ class LiveJourneys:
         if self.map is not before:  # a page asks for what has changed
             self.map.revision = before.revision + 1
             self.map.layout_revision = before.layout_revision + 1
-        self._guide.step(state.chair, self.traveller.storey)
+        self._guide.step(guided_chair(state.chair), self.traveller.storey)
         if not self.under_way:
             self._pressed.press(self._guide.buttons, now_ns)
         journey = state.journey

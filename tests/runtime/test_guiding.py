@@ -15,7 +15,7 @@ from waychair.firmware_bridge.protocol import Holder
 from waychair.maps.building.hgraph import Arc, Doorway, HGraph, Node, NodeKind, Storey, SubMap
 from waychair.planning.building.guided_ways import GuidedWays
 from waychair.runtime.chair_port import GuideView
-from waychair.runtime.guiding import Guide
+from waychair.runtime.guiding import Guide, guided_chair
 from waychair.runtime.habits import DecisionRow, DriveRow, Habits
 from waychair.types import DriveMode
 
@@ -55,7 +55,7 @@ class GuidedRide:
             if forward or turn:
                 self.ride.chair.steer(forward, turn, self.ride.simulator.now_ns)
             self.ride.tick()
-            self.guide.step(self.ride.states[-1], "g")
+            self.guide.step(guided_chair(self.ride.states[-1]), "g")
         assert self.guide.view is not None
         return self.guide.view
 
