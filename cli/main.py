@@ -59,6 +59,11 @@ app.command(
     "waychair.cli.travel_commands:travel_command", name="travel", help="Send the running chair to another storey."
 )
 app.command(
+    "waychair.cli.travel_commands:directions_command",
+    name="directions",
+    help="Tell the rider of the running chair the way to a goal.",
+)
+app.command(
     "waychair.cli.travel_commands:storey_command", name="storey", help="Tell the running chair which storey it is on."
 )
 app.command(

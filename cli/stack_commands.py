@@ -278,7 +278,7 @@ def _wait_for_end(client: ChairClient, goal: str, timeout_s: float) -> None:
     Raises:
         RosError: the drive ended elsewhere, or was cancelled after `timeout_s`.
     """
-    from waychair.ros.client import TaskResult
+    from waychair.ros.messages.outcomes import TaskResult
 
     ends = time.monotonic() + timeout_s
     while not client.is_task_complete(0.2):

@@ -64,6 +64,43 @@ def travel_command(
         raise RosError(f"'{goal}' was not reached: {said.sentence}")
 
 
+def directions_command(
+    goal: str, /, *, storey: str = "", timeout: float = 1800.0, address: ChairAddress = _ADDRESS
+) -> None:
+    """Tell the rider of the running chair, who drives, the way to a goal of its building, one movement at a time.
+
+    The chair's page must run. Ctrl-C ends guidance.
+
+    Parameters
+    ----------
+    goal
+        Path of the goal, such as "First/Ward/Bed 1", or with --storey the name of a room there.
+    storey
+        Name of the storey.
+    timeout
+        Time limit in seconds, after which guidance ends.
+    """
+    from waychair.errors import RosError
+
+    with address.client() as client:
+        client.guide_to(goal, storey)
+        ends, heard = time.monotonic() + timeout, 0
+        try:
+            while (told := client.guidance(0.0)) is not None and not told.arrived:
+                if time.monotonic() > ends:
+                    raise RosError(f"the rider has not come to '{goal}' within {timeout:g} s: ask for directions again")
+                if told.count > heard:
+                    print(told.said, flush=True)
+                heard = told.count
+                client.spin(0.2)
+            if told is None:
+                raise RosError(f"guidance to '{goal}' was ended: ask for directions again")
+            print(told.sentence)
+        finally:
+            if client.guidance(0.0) is not None:
+                client.guide_to("")
+
+
 def storey_command(name: str, /, *, address: ChairAddress = _ADDRESS) -> None:
     """Tell the running chair which storey it is on: when it asks in a lift, or after a restart on another storey.
 

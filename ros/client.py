@@ -12,11 +12,9 @@ The method names of nav2_simple_commander's BasicNavigator work too (`goToPose`,
 
 from __future__ import annotations
 
-import enum
 import os
 import time
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
@@ -26,6 +24,7 @@ from rclpy.context import Context
 from rclpy.node import Node
 
 from waychair.errors import MessageError, RosError
+from waychair.recordings.bags.ros_topics import RosTopic
 from waychair.ros import topics
 from waychair.ros.environment import enter_ros_environment, namespace_arguments
 from waychair.ros.executor import NodeExecutor
@@ -39,9 +38,12 @@ from waychair.ros.messages.chair import (
     read_places,
 )
 from waychair.ros.messages.floor import JourneyReport, StoreyGoal, read_journey_state, storey_goal
+from waychair.ros.messages.guidance import read_guidance
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, read_pose_stamped
+from waychair.ros.messages.outcomes import DriveOutcome, TaskResult
 from waychair.ros.messages.reports import Report, read_diagnostics
 from waychair.ros.messages.wire import deserialised, native, serialised
+from waychair.runtime.chair_port import GuideView
 from waychair.slam.localising.localisation import Localisation
 from waychair.types import Place, Pose2
 
@@ -61,24 +63,6 @@ _OFFERED_BY = dict.fromkeys(("cancel", "pause", "go_on", "say_storey"), "navigat
 
 _SILENT_S = 3.0
 """A navigator that sends no feedback for so long has died; it normally sends feedback five times a second."""
-
-
-class TaskResult(enum.Enum):
-    """How a drive ended."""
-
-    UNKNOWN = 0
-    SUCCEEDED = 1
-    CANCELED = 2
-    FAILED = 3
-
-
-@dataclass(frozen=True, slots=True)
-class DriveOutcome:
-    """How a drive ended: the result, the reason, and Nav2's error code."""
-
-    result: TaskResult
-    reason: str = ""
-    code: int = 0
 
 
 class ChairClient:
@@ -206,11 +190,8 @@ class ChairClient:
         Raises:
             RosError: the navigator does not answer in time, or refuses the goal, with its reason.
         """
-        before, topic = self.journey(1.0), topics.STOREY_GOAL
-        sender = self.node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
-        if not self._spin_until(lambda: sender.get_subscription_count() > 0, timeout_s):
-            raise RosError(self._silence("navigator", f"does not subscribe to {topic.name}", timeout_s))
-        sender.publish(serialised(storey_goal(StoreyGoal(goal, storey))))
+        before = self.journey(1.0)
+        self._publish_goal("navigator", topics.STOREY_GOAL, StoreyGoal(goal, storey), timeout_s)
         if not self._spin_until(lambda: self.journey(0.0).stamp_ns != before.stamp_ns, timeout_s):
             raise RosError(f"the journey was not planned within {timeout_s:g} s: see `waychair status`")
         found = self.journey(0.0)
@@ -224,6 +205,25 @@ class ChairClient:
             return self._latest(topics.JOURNEY, read_journey_state, timeout_s, "navigator")
         except RosError:
             return JourneyReport(0)
+
+    def guide_to(self, goal: str, storey: str = "", timeout_s: float = 20.0) -> None:
+        """Have the rider, who drives, told the way to a goal, "" for no longer; RosError where the page's node refuses."""
+        self._publish_goal("page", topics.GUIDE_TO, StoreyGoal(goal, storey), timeout_s)
+        if not self._spin_until(lambda: (self.guidance(0.0) is not None) == bool(goal), timeout_s):
+            raise RosError(f"guidance to '{goal}' did not begin within {timeout_s:g} s: see the page node's log")
+
+    def _publish_goal(self, node: str, topic: RosTopic, goal: StoreyGoal, timeout_s: float) -> None:
+        sender = self.node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
+        if not self._spin_until(lambda: sender.get_subscription_count() > 0, timeout_s):
+            raise RosError(self._silence(node, f"does not subscribe to {topic.name}", timeout_s))
+        sender.publish(serialised(storey_goal(goal)))
+
+    def guidance(self, timeout_s: float = 5.0) -> GuideView | None:
+        """Return step guidance as a page shows it; None without."""
+        try:
+            return self._latest(topics.GUIDANCE, read_guidance, timeout_s, "page")
+        except RosError:
+            return None
 
     def say_storey(self, storey: str, timeout_s: float = 5.0) -> tuple[bool, str]:
         """Give the rider's word for the storey on which the chair is; return whether it was taken, and a sentence.

@@ -129,6 +129,10 @@ STOREY_GOAL = RosTopic("storey_goal", "waychair_msgs/msg/StoreyGoal", RELIABLE)
 BEACON = RosTopic("beacon", "std_msgs/msg/String", RELIABLE)
 """The id of a beacon that the chair has met: a tag that a camera read, a radio tag, or a line on the floor."""
 
+GUIDE_TO = RosTopic("guide_to", "waychair_msgs/msg/StoreyGoal", RELIABLE)
+GUIDANCE = RosTopic("guidance", "std_msgs/msg/String", LATCHED)
+"""A goal to which a rider who drives is told the way, "" to end that; and all that a page shows of it, as a JSON object."""
+
 TRAVEL = "travel"
 """The name of the action waychair_msgs/action/Travel."""
 

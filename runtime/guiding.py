@@ -9,24 +9,65 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
-from waychair.control.guidance.guidance import Guidance, GuidanceView, Guiding, begun, step
+from waychair.control.guidance.guidance import Guidance, GuidanceView, Guiding, at_level, begun, step
 from waychair.control.safety.supervisor import deflection_of
 from waychair.planning.building.guided_ways import GuidedWays
 from waychair.planning.movements import MovementKind
 from waychair.runtime.chair import ChairState
-from waychair.runtime.chair_port import GuideView
+from waychair.runtime.chair_port import ChairView, GuideView
 from waychair.runtime.habits import Habits
-from waychair.runtime.sentences import guiding_sentence, spoken_sentence
+from waychair.runtime.sentences import GUIDED, GUIDED_THERE, guiding_sentence, spoken_sentence
 from waychair.slam.localising.localisation import LocalisationState
-from waychair.types import Pose2
+from waychair.types import DriveMode, Pose2, Twist
 
 _AT_REST = 0.02
 """m/s, rad/s; a chair that moves more slowly stands."""
 
 _PUSHED = 0.15
 """Share of the stick's travel from which its direction counts."""
+
+
+@dataclass(frozen=True, slots=True)
+class GuidedChair:
+    """What guidance takes of a chair in a tick: its pose in the map in use, None while uncertain, and its motion.
+
+    `by_itself`: the computer drives. `pushed`: the stick's direction, 1 forward, -1 back, 0 at rest. `halts`: their ids.
+    """
+
+    stamp_ns: int
+    pose: Pose2 | None
+    twist: Twist
+    by_itself: bool = False
+    pushed: int = 0
+    halts: frozenset[str] = frozenset()
+
+
+def guided_chair(state: ChairState) -> GuidedChair:
+    """Return what guidance takes of a chair's state."""
+    localised = state.localisation is not None and state.localisation.state is LocalisationState.OK
+    stick = None if state.telemetry is None else state.telemetry.joystick
+    is_pushed = stick is not None and deflection_of(stick) > _PUSHED and abs(stick.forward) > _PUSHED
+    return GuidedChair(
+        stamp_ns=state.stamp_ns,
+        pose=state.map_from_base if localised else None,
+        twist=state.twist,
+        by_itself=state.verdict.computer_drives and not state.verdict.steered,  # a page's stick is the rider's own
+        pushed=0 if stick is None or not is_pushed else 1 if stick.forward > 0.0 else -1,
+        halts=frozenset(halt.stop.id for halt in state.halts),
+    )
+
+
+def guided_chair_of_view(view: ChairView) -> GuidedChair:
+    """Return what guidance takes of a chair as a page shows it, which knows nothing of the stick."""
+    return GuidedChair(
+        stamp_ns=view.stamp_ns,
+        pose=view.map_from_base if view.localisation is LocalisationState.OK else None,
+        twist=view.twist,
+        by_itself=view.mode is DriveMode.AUTONOMOUS and not view.steered and not view.waits,
+        halts=frozenset(each.stop_id for each in view.obstacles),
+    )
 
 
 @dataclass(slots=True)
@@ -46,13 +87,12 @@ class Guide:
 
     def __init__(
         self,
-        ways: Callable[[], GuidedWays],
         odom_from_base: Callable[[], Pose2],
-        habits: Habits | None,
-        worker: Executor,
+        habits: Habits | None = None,
+        worker: Executor | None = None,
     ) -> None:
-        """`ways` are asked for when guidance begins, so that it knows the maps as they are drawn then."""
-        self._make_ways, self._odom = ways, odom_from_base
+        """`habits`: the rider's record, which `worker` writes; None without."""
+        self._odom = odom_from_base
         self._habits, self._worker = habits, worker
         self._ways: GuidedWays | None = None
         self._state: Guidance | None = None
@@ -62,19 +102,21 @@ class Guide:
         self.view: GuideView | None = None
         """What a page shows; None without guidance."""
 
-    def go(self, goal: str, level: int, now_ns: int) -> str:
-        """Begin guidance to a goal; return the goal's full name.
+    def go(self, goal: str, level: int, now_ns: int, ways: GuidedWays) -> None:
+        """Begin guidance to a goal over a building's ways; the same goal once more only changes the level.
 
         Raises:
-            BuildingError: there is no such goal, or no graph.
+            BuildingError: there is no such goal.
         """
-        ways = self._make_ways()
+        node = ways.node(goal)
         known = {} if self._habits is None or not self._habits.wanted else self._habits.practice(level)
+        if self._state is not None and self.view is not None and self._state.goal == node and not self._state.arrived:
+            self._state = at_level(self._state, level, known)
+            return
         self.end(now_ns)
-        self._ways, self._state = ways, begun(ways.node(goal), level, known)
+        self._ways, self._state = ways, begun(node, level, known)
         self._drive, self._cabin_from_odom = _Drive(now_ns), None
         self.view = GuideView(goal, sentence="Guidance begins.", level=self._state.level)
-        return goal
 
     def end(self, now_ns: int) -> None:
         """End guidance; a drive that has not arrived is recorded as such."""
@@ -111,24 +153,22 @@ class Guide:
         cabin = self._ways.cabin_pose(self._state.lift, storey)
         return None if cabin is None else cabin @ self._cabin_from_odom @ self._odom()
 
-    def step(self, state: ChairState, storey: str) -> None:
+    def step(self, chair: GuidedChair, storey: str) -> None:
         """Follow a tick of the chair on a storey's map."""
         if self._state is None or self._ways is None:
             return
-        localised = state.localisation is not None and state.localisation.state is LocalisationState.OK
-        pose = state.map_from_base if localised else None
+        pose = chair.pose
         if self._state.lift and self._cabin_from_odom is not None:
             pose = self.pose_at(storey)
-        rests = abs(state.twist.v) < _AT_REST and abs(state.twist.omega) < _AT_REST
+        rests = abs(chair.twist.v) < _AT_REST and abs(chair.twist.omega) < _AT_REST
         arrived, plans = self._state.arrived, self._state.plans
-        by_itself = state.verdict.computer_drives and not state.verdict.steered  # a page's stick is the rider's own
-        view = GuidanceView(state.stamp_ns, storey, pose, rests, by_itself)
+        view = GuidanceView(chair.stamp_ns, storey, pose, rests, chair.by_itself)
         self._state, self._guiding = step(self._state, view, self._ways)
         self._take_cabin(storey, pose)
-        self._count(state, rests=rests, replanned=self._state.plans > plans)
+        self._count(chair, rests=rests, replanned=self._state.plans > plans)
         self._show(self._guiding)
         if self._state.arrived and not arrived:
-            self._record(state.stamp_ns, arrived=True)
+            self._record(chair.stamp_ns, arrived=True)
 
     def _take_cabin(self, storey: str, pose: Pose2 | None) -> None:
         """Note how the chair stands in a cabin, by odometry."""
@@ -158,7 +198,7 @@ class Guide:
             offers=guiding.offers,
         )
 
-    def _count(self, state: ChairState, *, rests: bool, replanned: bool) -> None:
+    def _count(self, chair: GuidedChair, *, rests: bool, replanned: bool) -> None:
         """Count what the record keeps of a drive, and record a decision."""
         drive, plan = self._drive, None if self._state is None else self._state.plan
         if not drive.expected_s and plan is not None and self._ways is not None:
@@ -168,17 +208,13 @@ class Guide:
         drive.counts["prompts"] += self._guiding.cue is not None
         drive.counts["stops"] += rests and not drive.rested
         drive.rested = rests
-        stick = None if state.telemetry is None else state.telemetry.joystick
-        if stick is not None and deflection_of(stick) > _PUSHED and abs(stick.forward) > _PUSHED:
-            way = 1 if stick.forward > 0.0 else -1
-            drive.counts["reversals"] += drive.pushed == -way
-            drive.pushed = way
-        halted = frozenset(halt.stop.id for halt in state.halts)
-        drive.counts["interventions"] += "obstacle" in halted - drive.halted
-        drive.halted = halted
+        if chair.pushed:
+            drive.counts["reversals"] += drive.pushed == -chair.pushed
+            drive.pushed = chair.pushed
+        drive.counts["interventions"] += "obstacle" in chair.halts - drive.halted
+        drive.halted = chair.halts
         made = self._guiding.decided
-        if made is not None and self._wants:
-            assert self._habits is not None
+        if made is not None and self._habits is not None and self._worker is not None and self._habits.wanted:
             self._worker.submit(self._habits.note_decision, made)
 
     def _to_the_plan(self) -> float:
@@ -188,12 +224,10 @@ class Guide:
             return 0.0
         return max(float(state.plan.parts[0].along[1]) - state.track.along, 0.0)
 
-    @property
-    def _wants(self) -> bool:
-        return self._habits is not None and self._habits.wanted
-
     def _record(self, now_ns: int, *, arrived: bool) -> None:
-        if not self._wants or self._habits is None or self._state is None or self._state.plan is None:
+        if self._habits is None or self._worker is None or not self._habits.wanted:
+            return
+        if self._state is None or self._state.plan is None:
             return
         habits, drive, name = self._habits, self._drive, self._state.plan.name
         seconds, counts = (now_ns - drive.since_ns) * 1e-9, dict(drive.counts)
@@ -202,3 +236,11 @@ class Guide:
                 name, arrived=arrived, seconds=seconds, expected_s=drive.expected_s, counts=counts
             )
         )
+
+
+def guided_view(view: ChairView, guide: GuideView | None) -> ChairView:
+    """Return a chair's view with guidance; while the rider drives, its sentences tell so."""
+    by_rider = guide is not None and not view.goal and view.mode is DriveMode.MANUAL
+    if guide is None or not by_rider:
+        return replace(view, guide=guide)
+    return replace(view, guide=guide, next_action=GUIDED_THERE if guide.arrived else GUIDED, last_stop="")

@@ -14,6 +14,10 @@ from waychair.types import FloatArray, Pose2
 
 PAUSED, NOTHING_TO_PAUSE = "paused: the goal is kept", "there is no drive to pause"
 GOES_ON, NOTHING_PAUSED = "the drive goes on", "no drive is paused: ask for a goal"
+GUIDED, GUIDED_THERE = (
+    "The joystick is yours: you drive, and are told the way.",
+    "The joystick is yours: you are there.",
+)
 
 _TURN = math.radians(40.0)
 _WITHIN = 1.0

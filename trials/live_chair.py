@@ -323,7 +323,11 @@ class LiveChair(DrawingPort, GuardPort):
         journeys = self._journeys
         if journeys is None:
             return Answer(False, NO_GUIDE)
-        return self._request(lambda: journeys.guide(goal, level, self._simulator.now_ns))
+        try:
+            ways = journeys.guided_ways()  # in the caller's thread: no tick waits for it
+        except WaychairError as error:
+            return Answer(False, str(error))
+        return self._request(lambda: journeys.guide(goal, level, self._simulator.now_ns, ways))
 
     def end_guide(self) -> Answer:
         """See `ChairPort`."""

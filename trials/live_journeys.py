@@ -28,7 +28,7 @@ from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.chair_port import Answer, ChairView, GoalView
 from waychair.runtime.drawing_port import NOT_ASKED
 from waychair.runtime.drive_base import ChairMessage
-from waychair.runtime.guiding import Guide
+from waychair.runtime.guiding import Guide, guided_chair, guided_view
 from waychair.runtime.habits import Habits
 from waychair.runtime.journeys import PRESS_AGAIN_S, StoreyMap, Traveller, TravelState
 from waychair.runtime.sentences import sentence
@@ -101,7 +101,7 @@ class LiveJourneys:
         storeys = [_storey_map(level, known, heights[level]) for level, known in maps.items()]
         buttons = ToldRider(lifts)
         self.traveller = Traveller(chair, CHAIR_A, storeys, self._sites, buttons, storey, worker)
-        self._guide = Guide(self._ways, lambda: chair.odom_from_base, habits, worker)
+        self._guide = Guide(lambda: chair.odom_from_base, habits, worker)
         self._pressed = Pressed(buttons)
 
     @property
@@ -121,7 +121,7 @@ class LiveJourneys:
         if self.map is not before:  # a page asks for what has changed
             self.map.revision = before.revision + 1
             self.map.layout_revision = before.layout_revision + 1
-        self._guide.step(state.chair, self.traveller.storey)
+        self._guide.step(guided_chair(state.chair), self.traveller.storey)
         if not self.under_way:
             self._pressed.press(self._guide.buttons, now_ns)
         journey = state.journey
@@ -147,13 +147,22 @@ class LiveJourneys:
             start, _ = nearest_node(hgraph, storey, pose, self._costmap(storey))
             return legs_to(self._planner, self._sites, CHAIR_A, start, ref, place)
 
-    def guide(self, goal: str, level: int, now_ns: int) -> Answer:
-        """Begin step guidance to a goal; the rider drives.
+    def guided_ways(self) -> GuidedWays:
+        """Return the ways to guide over, of the maps as they are drawn now; any thread.
 
         Raises:
-            BuildingError: there is no such goal, or no graph.
+            BuildingError: the graph cannot be compiled.
         """
-        self._guide.go(goal, level, now_ns)
+        grids = {level: known.grid for level, known in self.maps.items()}
+        return GuidedWays(with_zones(self._building), grids)
+
+    def guide(self, goal: str, level: int, now_ns: int, ways: GuidedWays) -> Answer:
+        """Begin step guidance to a goal over a building's ways; the rider drives.
+
+        Raises:
+            BuildingError: there is no such goal.
+        """
+        self._guide.go(goal, level, now_ns, ways)
         return Answer(True, f"guides you to {goal}: you drive")
 
     def end_guide(self, now_ns: int) -> Answer:
@@ -208,7 +217,7 @@ class LiveJourneys:
     def shown(self, view: ChairView) -> ChairView:
         """Return the chair's view with its storey and the journey's state."""
         storey = self.traveller.storey
-        view = replace(view, storey=self._title(storey), guide=self._guide.view)
+        view = guided_view(replace(view, storey=self._title(storey)), self._guide.view)
         if self._guide.at_stops and self.traveller.journey is None:
             view = replace(view, asks=self._guide.at_stops)
         state, journey = self._state, self.traveller.journey
@@ -230,10 +239,6 @@ class LiveJourneys:
         journey = self.traveller.journey
         lift = "" if journey is None else journey.here.lift
         return lift_title(self._building.hgraph.lifts[lift]) if lift else self.label
-
-    def _ways(self) -> GuidedWays:
-        grids = {level: known.grid for level, known in self.maps.items()}
-        return GuidedWays(with_zones(self._building), grids)
 
     def _title(self, storey: str) -> str:
         return next((each.name or each.id for each in self._building.hgraph.storeys if each.id == storey), storey)

@@ -14,6 +14,7 @@ from itertools import pairwise
 from types import MappingProxyType
 
 from waychair.control.guidance.practice import (
+    AT_DECISIONS,
     BEFORE,
     HESITATES_S,
     NO_PROMPT,
@@ -25,11 +26,13 @@ from waychair.control.guidance.practice import (
 )
 from waychair.control.guidance.telling import (
     ARRIVED_M,
+    AT_ONCE,
     TAKES_TIME,
     Cue,
     Occasion,
     Speech,
     bearing_to,
+    nearest_along,
     present,
     reached,
     spoken,
@@ -41,7 +44,7 @@ from waychair.errors import BuildingError, NoPath
 from waychair.geometry import wrap_angle
 from waychair.maps.building.hgraph import NodeRef
 from waychair.planning.building.guided_ways import GuidedWays, Part, Plan
-from waychair.planning.movements import Movement, MovementKind
+from waychair.planning.movements import TURNS, Movement, MovementKind
 from waychair.types import Pose2
 
 LOBBY_M = 1.5
@@ -53,6 +56,10 @@ INSIDE_M = 0.2
 
 SURELY_M = 0.5
 """m of straight driving; the way on has to cost less by this before it replaces the way back."""
+
+
+AT_END_M, NOT_SURE_M = 0.1, 1.0
+"""m; a chair this near to the end of its way may be on the next one, which it has surely taken after so much of it."""
 
 
 class Trouble(enum.StrEnum):
@@ -145,6 +152,11 @@ def begun(goal: NodeRef, level: int = BEFORE, practice: Mapping[str, Practice] =
     return Guidance(goal, min(max(level, NO_PROMPT), STEERS), MappingProxyType(dict(practice)))
 
 
+def at_level(state: Guidance, level: int, practice: Mapping[str, Practice] = MappingProxyType({})) -> Guidance:
+    """Return the same guidance at another level of prompting, which holds at every place but those of `practice`."""
+    return replace(state, level=min(max(level, NO_PROMPT), STEERS), practice=MappingProxyType(dict(practice)))
+
+
 def step(state: Guidance, view: GuidanceView, ways: GuidedWays) -> tuple[Guidance, Guiding]:
     """Return the state after this view, and what is shown and said."""
     pose = view.pose
@@ -177,7 +189,7 @@ def _on_storey(state: Guidance, view: GuidanceView, pose: Pose2, ways: GuidedWay
     )
     state, decided = replace(state, storey=view.storey, lift="", track=track), None
     if before is None:
-        state = _planned(state, pose, ways, track)
+        state = _planned(replace(state, rest=Rest()), pose, ways, track)
     elif track.edge != before.edge:
         state, decided = _moved_on(state, view, pose, ways, before, track)
     else:
@@ -197,13 +209,18 @@ def _planned(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> Gu
 
 
 def _costs(state: Guidance, pose: Pose2, ways: GuidedWays, track: Track) -> tuple[float, float]:
-    """Return the costs to the goal [m of straight driving] on along the chair's way, and back."""
+    """Return the costs to the goal [m of straight driving] on along the chair's way, and back.
+
+    A plan that comes back along this way has to turn round at its end, so that turning here is always cheaper.
+    """
     known = ways.storey(state.storey)
     costs = []
-    for ahead in track.edge[::-1]:
+    for behind, ahead in (track.edge, track.edge[::-1]):
         x, y = known.points[ahead]
         away, towards = math.hypot(x - pose.x, y - pose.y), math.atan2(y - pose.y, x - pose.x)
         turn = ways.turn_cost(wrap_angle(towards - pose.theta)) if away > ARRIVED_M else 0.0
+        if behind in ways.plan(state.storey, None, ahead, state.goal).parts[0].junctions[1:2]:
+            turn += ways.turn_cost(math.pi)
         costs.append(away + turn + ways.cost(state.storey, ahead, state.goal))
     return costs[0], costs[1]
 
@@ -231,19 +248,25 @@ def _moved_on(
     if index is not None:
         decision, state = Decision.FOLLOWED, replace(state, passed=index)
     junction, made = known.junctions[place], None
-    if not view.computer_drives and (len(junction.ways) > 2 or decision is not Decision.FOLLOWED):
-        proposed = next((each.movement.kind for each in part.told if each.junction == place), MovementKind.STRAIGHT)
-        made = DecisionMade(junction.name, proposed, decision, state.rest.longest_s, state.speech.prompts)
-        after = practised(state.practice_at(made.place), made)
-        state = replace(
-            state,
-            practice=MappingProxyType({**state.practice, made.place: after}),
-            rest=replace(state.rest, longest_s=0.0),
-            speech=replace(state.speech, prompts=0),
-        )
+    told = [each.movement.kind for each in part.told if each.junction == place]
+    if not view.computer_drives and (len(junction.ways) > 2 or told or decision is not Decision.FOLLOWED):
+        proposed = next((kind for kind in told if kind in AT_ONCE), MovementKind.STRAIGHT)
+        state, made = _made(state, junction.name, proposed, decision)
     if decision is not Decision.FOLLOWED:
         state = _planned(state, pose, ways, track)
     return state, made
+
+
+def _made(state: Guidance, place: str, proposed: MovementKind, decision: Decision) -> tuple[Guidance, DecisionMade]:
+    """Return the state after a decision of the rider at a place, with the practice there, and the decision."""
+    made = DecisionMade(place, proposed, decision, state.rest.longest_s, state.speech.prompts)
+    after = practised(state.practice_at(place), made)
+    return replace(
+        state,
+        practice=MappingProxyType({**state.practice, place: after}),
+        rest=replace(state.rest, longest_s=0.0),
+        speech=replace(state.speech, prompts=0),
+    ), made
 
 
 def _index(part: Part, one: int, other: int, first: int = 0) -> int | None:
@@ -254,22 +277,32 @@ def _index(part: Part, one: int, other: int, first: int = 0) -> int | None:
 
 def _in_lift(state: Guidance, view: GuidanceView, ways: GuidedWays, lift: str) -> tuple[Guidance, Guiding]:
     """Return what is told in a cabin: which storey to press, or to leave."""
+    title, made = ways.lift_title(lift), None
     if state.lift != lift or state.storey != view.storey or state.plan is None:
+        if state.plan is not None and not view.computer_drives:
+            part = state.plan.parts[0]
+            proposed = MovementKind.PRESS if state.lift == lift else MovementKind.INTO_LIFT
+            is_right = part.to == view.storey if state.lift == lift else part.lift == lift
+            state = replace(state, rest=Rest())  # riders wait at lifts, and do not hesitate
+            state, made = _made(state, title, proposed, Decision.FOLLOWED if is_right else Decision.OTHER)
         plan = ways.plan_in_lift(lift, view.storey, state.goal)
         state = replace(
             state, storey=view.storey, lift=lift, plan=plan, plans=state.plans + 1, told=0, passed=0, track=None
         )
     assert state.plan is not None
     part = state.plan.parts[0]
-    movement = Movement(MovementKind.LEAVE_LIFT, lift=ways.lift_title(lift))
+    movement = Movement(MovementKind.LEAVE_LIFT, lift=title)
     if not part.junctions:
         movement = Movement(MovementKind.PRESS, lift=part.title, storey=part.to_title)
     if view.computer_drives:
         return replace(state, speech=Speech()), Guiding()
-    occasion = Occasion(state.plans, 0, movement, state.level, rests_s=_rests_s(state, view))
+    astray = made is not None and made.decision is Decision.OTHER
+    level = _level(state, title, astray=astray, rests_s=0.0)
+    occasion = Occasion(state.plans, 0, movement, level, rests_s=_rests_s(state, view))
     speech, cue = spoken(state.speech, occasion, view.now_ns)
     offers = state.level >= STEERS
-    return replace(state, speech=speech), Guiding(movement, cue=cue, at_stops=ways.stops(lift), offers=offers)
+    stops = ways.stops(lift)
+    return replace(state, speech=speech), Guiding(movement, cue=cue, decided=made, at_stops=stops, offers=offers)
 
 
 def _told(
@@ -277,13 +310,17 @@ def _told(
 ) -> tuple[Guidance, Guiding]:
     """Return the present movement of the plan, and whether it is spoken of now."""
     assert state.plan is not None
-    assert state.track is not None
+    track = state.track
+    assert track is not None
     part, known = state.plan.parts[0], ways.storey(view.storey)
     if state.arrived or (not part.lift and reached(part, pose)):
         cue = Cue.NOW if not state.arrived and state.level > NO_PROMPT else None
         arrived = Movement(MovementKind.ARRIVED, landmark=state.plan.name.rpartition("/")[2])
+        if not state.arrived and decided is None:
+            goal = known.junctions[part.junctions[-1]].name
+            state, decided = _made(state, goal, MovementKind.ARRIVED, Decision.FOLLOWED)
         return replace(state, arrived=True), Guiding(arrived, cue=cue, decided=decided, arrived=True)
-    at = _along(part, state.track, state.passed)
+    at = _along(part, track, state.passed, pose)
     index = present(part, state.told, at, pose)
     bearing = bearing_to(part, at, pose)
     turn = turning(part, index, at, pose, state.turning)
@@ -292,7 +329,7 @@ def _told(
     if part.lift and (index == len(part.told) or float(part.along[-1]) - at < LOBBY_M):
         kind = MovementKind.INTO_LIFT if view.lift_open else MovementKind.WAIT
         movement = Movement(kind, lift=part.title, storey=part.to_title)
-        left, place, turn, following = max(float(part.along[-1]) - at, 0.0), "", None, None
+        left, place, turn, following = max(float(part.along[-1]) - at, 0.0), part.title, None, None
     elif index == len(part.told):
         movement, left, place = Movement(MovementKind.STRAIGHT), 0.0, ""
     else:
@@ -304,18 +341,24 @@ def _told(
         )
     if turn is not None:
         movement, following = Movement(turn, angle=bearing), movement
-    level = state.practice_at(place).level if place else state.level
+    elif movement.kind in TURNS and movement.end is not None:
+        bearing = wrap_angle(movement.end.theta - pose.theta)  # what is left of the turn
     astray = decided is not None and decided.decision is not Decision.FOLLOWED
     rests_s = _rests_s(state, view)
-    if state.level > NO_PROMPT and (astray or rests_s > HESITATES_S):
-        level = max(level, 1)
+    level = _level(state, place, astray=astray, rests_s=rests_s)
     if rests_s > HESITATES_S and decided is None and place and movement.kind not in TAKES_TIME:
         state, decided = _hesitated(state, place, movement.kind, rests_s)
-    number = index if place else len(part.told)
+    number = index if place != part.title else len(part.told)
     occasion = Occasion(state.plans, number, movement, level, left, following, rests_s)
     speech, cue = spoken(state.speech, occasion, view.now_ns)
     offers = state.level >= STEERS
     return replace(state, speech=speech), Guiding(movement, left, following, bearing, cue, decided, offers=offers)
+
+
+def _level(state: Guidance, place: str, *, astray: bool, rests_s: float) -> int:
+    """Return the level of prompting at a place now: a rider who went astray or hesitates is told, whatever the practice."""
+    level = state.practice_at(place).level if place else min(state.level, BEFORE)
+    return max(level, AT_DECISIONS) if state.level > NO_PROMPT and (astray or rests_s > HESITATES_S) else level
 
 
 def _hesitated(
@@ -333,10 +376,16 @@ def _rests_s(state: Guidance, view: GuidanceView) -> float:
     return 0.0 if state.rest.since_ns is None else (view.now_ns - state.rest.since_ns) * 1e-9
 
 
-def _along(part: Part, track: Track, passed: int) -> float:
-    """Return how far along a part a chair is [m]."""
+def _along(part: Part, track: Track, passed: int, pose: Pose2) -> float:
+    """Return how far along a part a chair is [m].
+
+    At the end of its way it is on the proposed one already, which it has not surely taken: so turns that follow each other
+    are told in time.
+    """
     index = _index(part, *track.edge, passed)
     if index is not None:
-        return float(part.along[index]) + track.along
+        at = float(part.along[index]) + track.along
+        is_at_end = at > float(part.along[index + 1]) - AT_END_M
+        return max(at, nearest_along(part, at, at + NOT_SURE_M, pose)) if is_at_end else at
     index = _index(part, *track.edge[::-1], passed)  # it has not turned yet
     return 0.0 if index is None else float(part.along[index + 1]) - track.along

@@ -194,6 +194,13 @@ def bearing_to(part: Part, at: float, pose: Pose2) -> float:
     return wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.theta)
 
 
+def nearest_along(part: Part, begins: float, ends: float, pose: Pose2) -> float:
+    """Return how far along a part [m] its point between two others is that is nearest to the chair."""
+    along = np.linspace(begins, min(ends, float(part.along[-1])), 21)
+    x, y = (np.interp(along, part.along, part.points[:, axis]) for axis in (0, 1))
+    return float(along[np.hypot(x - pose.x, y - pose.y).argmin()])
+
+
 def reached(part: Part, pose: Pose2) -> bool:
     """Return whether the chair is at the end of a part."""
     x, y = part.points[-1]

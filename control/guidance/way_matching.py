@@ -86,7 +86,9 @@ def matched(
     best, least, away = track.edge, fits, own[1]
     for edge in _joined(known, track.edge):
         score, aside, _ = _score(known, edge, at, _course(track, pose))
-        away, score = min(away, aside), score - (PROPOSED_M if edge in proposed and aside < BEYOND_M else 0.0)
+        away = min(away, aside)
+        if edge in proposed and aside < BEYOND_M and edge[0] != track.edge[0]:  # no other way that was not taken
+            score -= PROPOSED_M
         if score < least:
             best, least = edge, score
     if away > OFF_M:
@@ -102,11 +104,12 @@ def matched(
         if (now_ns - track.since_ns) * 1e-9 >= LASTS_S:
             return replace(track, edge=best, along=_score(known, best, at, None)[2], farthest=None, pending=None)
         return _went_on(track, own[2])
-    return _went_on(replace(track, pending=None), own[2], _length(known, track.edge))
+    length = _length(known, track.edge) if best in (track.edge, track.edge[::-1]) else 0.0
+    return _went_on(replace(track, pending=None), own[2], length)
 
 
 def _went_on(track: Track, along: float, length: float = 0.0) -> Track:
-    """Return the track with the chair farther along its way, or on its way back."""
+    """Return the track with the chair farther along its way; on its way back if `length` [m] of the way is given."""
     farthest = max(along, track.farthest if track.farthest is not None else along)
     if length and along < farthest - BACK_M:
         behind, ahead = track.edge

@@ -37,6 +37,9 @@ TIME_LIMIT_S = 1800.0
 
 _TURN_RATE, _SPEED = 1.0, 0.6
 _FACES = math.radians(60.0)
+_JOG_M = 1.2
+"""m; over a way so short a person sees the one behind it, and knows the direction of that before it."""
+
 _IDEAL = {MovementKind.LEFT: math.pi / 2, MovementKind.RIGHT: -math.pi / 2, MovementKind.TURN_ROUND: math.pi}
 
 
@@ -89,6 +92,8 @@ class WanderingRider:
         self.edge = (start[1], start[1])  # it sets off once it has heard the first movement
         x, y = known.points[start[1]]
         self.pose = Pose2(float(x), float(y), float(self._random.uniform(-math.pi, math.pi)))
+        self.left: tuple[int, int] | None = None
+        """The way before the present one."""
         self._chosen: tuple[int, int] | None = None
         self._turns_at = 0.0
         self._wait_s = 0.0
@@ -141,7 +146,7 @@ class WanderingRider:
             x, y = known.points[lobby]
             theta = math.atan2(y - self.pose.y, x - self.pose.x)
             self.pose = Pose2(float(x), float(y), theta)
-            self.edge, self._cabin, self._chosen, self._wait_s = (lobby, lobby), "", None, 0.2
+            self.left, self.edge, self._cabin, self._chosen, self._wait_s = None, (lobby, lobby), "", None, 0.2
 
     def _drive(self, known: StoreyWays, heard: Movement | None) -> _Choice | None:
         choice = None
@@ -162,7 +167,7 @@ class WanderingRider:
             self._turns_at = float(self._random.uniform(-0.3, 0.35))
             choice = _Choice(self._chosen, proposed=False)
         if self._chosen is not None and along > length + min(self._turns_at, 0.4 * self._length(known, self._chosen)):
-            self.edge, self._chosen = self._chosen, None
+            self.left, self.edge, self._chosen = self.edge, self._chosen, None
             one, other = self.edge
             here, there = known.points[one], known.points[other]
             line, length = there - here, self._length(known, self.edge)
@@ -198,7 +203,11 @@ class WanderingRider:
         self._heeded = heard.kind
         is_told = heard.kind is MovementKind.TURN_ROUND and self._chosen is None
         if is_told and self._random.random() < self._follows:
-            self.edge = self.edge[::-1]
+            self.left, self.edge = None, self.edge[::-1]
+
+    def is_on(self, known: StoreyWays, edge: tuple[int, int]) -> bool:
+        """Return whether the rider is on a way, or has left it by less than `BEYOND_M`, so that it has chosen no other yet."""
+        return edge == self.edge or (edge == self.left and _away(known, self.edge, self.pose)[0] < BEYOND_M)
 
     @staticmethod
     def _towards(known: StoreyWays, one: int, other: int) -> float:
@@ -208,18 +217,27 @@ class WanderingRider:
     def _choose(self, known: StoreyWays, heard: Movement | None) -> tuple[int, int]:
         """Return the way taken from the junction ahead: the one told, by sight, or any other one."""
         one, place = self.edge
-        ahead, onwards = self._towards(known, one, place), known.junctions[place].ways
+        onwards = known.junctions[place].ways
         if len(onwards) == 1:
             return place, one
-        changes = {other: wrap_angle(self._towards(known, place, other) - ahead) for other in onwards}
+        came = one if self.left is None or self._length(known, self.edge) > _JOG_M else self.left[0]
+        ahead = self._towards(known, came, place)
         kind = None if heard is None else heard.kind
         wanted = 0.0 if kind is None else _IDEAL.get(kind, 0.0)
+        changes = {other: self._change(known, place, other, ahead + wanted) for other in onwards}
         others = [other for other in onwards if other != one or kind is MovementKind.TURN_ROUND]
-        told = min(others, key=lambda other: abs(wrap_angle(changes[other] - wanted)))
+        told = min(others, key=changes.__getitem__)
         if len(onwards) > 2 and self._random.random() > self._follows:
             rest = [other for other in onwards if other != told]
             return place, rest[int(self._random.integers(len(rest)))]
         return place, told
+
+    def _change(self, known: StoreyWays, place: int, other: int, wanted: float) -> float:
+        """Return how far [rad] a way from a junction leads from the wanted direction; a jog counts by the way behind it."""
+        ends = [other]
+        if self._length(known, (place, other)) < _JOG_M:
+            ends += [beyond for beyond in known.junctions[other].ways if beyond != place]
+        return min(abs(wrap_angle(self._towards(known, place, end) - wanted)) for end in ends)
 
     @staticmethod
     def _length(known: StoreyWays, edge: tuple[int, int]) -> float:
@@ -247,14 +265,14 @@ def guided(
         before, came = rider.pose, rider.edge[0]
         made = rider.move(heard)
         true = rider.pose
-        moved = math.hypot(true.x - before.x, true.y - before.y)
+        at_rest = math.hypot(true.x - before.x, true.y - before.y) < 1e-3 and abs(true.theta - before.theta) < 1e-3
         x, y, theta = noise.normal(0.0, (0.03, 0.03, 0.015))
         pose = Pose2(true.x + x, true.y + y, wrap_angle(true.theta + theta))
         if made is not None:
             planned = _planned(state, came, made.edge[0])
             choice = _Choice(made.edge, planned == made.edge, planned)
         plans = state.plans
-        state, guiding = step(state, GuidanceView(now_ns, rider.storey, pose, at_rest=moved < 1e-3), ways)
+        state, guiding = step(state, GuidanceView(now_ns, rider.storey, pose, at_rest=at_rest), ways)
         heard = guiding.movement
         choice = _scored(score, choice, guiding, ways, rider, state, Now(now_ns, state.plans > plans))
         if guiding.cue is not None:
@@ -317,17 +335,22 @@ def _scored(
     if strays and not now.replanned:
         score.late_plans += 1
     edge = None if state.track is None else state.track.edge
-    if strays and (edge != rider.edge or (choice is not None and choice.proposed and edge == choice.edge)):
+    known = ways.storey(rider.storey)
+    is_there = edge is not None and rider.is_on(known, edge)
+    if (
+        strays
+        and edge is not None
+        and (not is_there or (choice is not None and choice.proposed and edge == choice.edge))
+    ):
         score.false += 1
         strays = False
     if choice is None:
         return None
-    known = ways.storey(rider.storey)
     along, _ = _away(known, choice.edge, rider.pose)
     off = choice.planned is None or _away(known, choice.planned, rider.pose)[1] >= BEYOND_M
     enough = min(BEYOND_M, 0.9 * math.dist(*known.points[list(choice.edge)]))
-    is_there = rider.edge == choice.edge and rider.faces(known) and along >= enough
-    if choice.clear_ns is None and is_there and (off or choice.proposed):
+    is_clear = rider.edge == choice.edge and rider.faces(known) and along >= enough
+    if choice.clear_ns is None and is_clear and (off or choice.proposed):
         choice = replace(choice, clear_ns=now.ns)
     waited_s = 0.0 if choice.clear_ns is None else (now.ns - choice.clear_ns) * 1e-9
     if choice.proposed:

@@ -4,11 +4,13 @@
 |---|---|
 | drive_state, drive_request, localisation, odom, scan, plan, people, map, places | for display |
 | floor, journey | the storey, its goals in the building, and how a journey fares |
+| guide_to | a goal to which a rider who drives is told the way |
 | camera/... | only while a page shows its pictures |
 
 | sends | |
 |---|---|
 | page_joystick, page_watch | a page's joystick while it is held; a heartbeat while a page with a Stop button is open |
+| guidance | the present movement of step guidance, and its sentences |
 | stop, initialpose, layout_changed, storey_goal | requests of a page |
 
 It calls `confirm`, `say_storey`, `pause`, `go_on`, `cancel`, `stop`, `reset_faults`, `reinitialize_global_localization`, and navigate_to_pose.

@@ -38,7 +38,7 @@ def client(ros: Harness) -> Iterator[ChairClient]:
 def test_a_client_that_has_not_listened_for_long_listens_before_it_calls_the_navigator_dead(
     client: ChairClient, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from waychair.ros.client import TaskResult
+    from waychair.ros.messages.outcomes import TaskResult
 
     monkeypatch.setattr(client, "_ended", Ending())
     client._feedback_s = time.monotonic() - LONG_S

@@ -35,10 +35,10 @@ from evaluation.runs.live_stack import PATIENCE_S, Death, LiveStack, Seen, jitte
 
 from waychair.recordings.bags.ros_messages import header, make
 from waychair.ros import topics
-from waychair.ros.client import TaskResult
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.maps import read_occupancy_grid
 from waychair.ros.messages.motion import pose_stamped, pose_with_covariance, twist
+from waychair.ros.messages.outcomes import TaskResult
 from waychair.ros.messages.reports import DiagnosticLevel, read_diagnostics
 from waychair.ros.messages.wire import deserialised, native, serialised
 from waychair.ros.topics import RELIABLE, RosTopic

@@ -21,9 +21,9 @@ import numpy as np
 from evaluation.runs.live_stack import WORLD, Death, LiveStack, Seen, kill, waychair
 from waychair.files import write_json
 from waychair.ros import topics
-from waychair.ros.client import TaskResult
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.motion import pose_stamped
+from waychair.ros.messages.outcomes import TaskResult
 from waychair.ros.messages.reports import read_diagnostics
 from waychair.ros.messages.wire import native, serialised
 from waychair.ros.topics import RosTopic

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from waychair.calibration.chair_body import ChairBody
+from waychair.control.guidance.practice import BEFORE
 from waychair.errors import BuildingError, WaychairError
 from waychair.maps.building.zone_rules import with_zones
 from waychair.maps.drawn.zones import load_zones
@@ -22,12 +23,21 @@ from waychair.planning.building.pose_ends import nearest_node
 from waychair.planning.grid.costmap import Costmap, costmap_from_grid
 from waychair.ros import topics
 from waychair.ros.interface_types import interface_type
-from waychair.ros.messages.floor import Floor, JourneyReport, StoreyGoal, read_journey_state, storey_goal
+from waychair.ros.messages.floor import (
+    Floor,
+    JourneyReport,
+    StoreyGoal,
+    read_journey_state,
+    read_storey_goal,
+    storey_goal,
+)
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.journey_plan import known_building
+from waychair.ros.nodes.parts.page_guide import PageGuide
 from waychair.ros.nodes.worker import Worker
 from waychair.runtime.building_goals import goal_views
 from waychair.runtime.chair_port import ANSWER_S, Answer, ChairView, GoalView
+from waychair.runtime.guiding import guided_view
 from waychair.runtime.sentences import sentence
 from waychair.types import Pose2
 
@@ -72,6 +82,7 @@ class PageBuilding:
     """Goals of the building of the map in use, and journeys to them; nothing for a map of no building."""
 
     _site: _Building
+    _guide: PageGuide
 
     def _listen_to_building(self, node: ChairNode[Any], body: ChairBody) -> None:
         self._site = _Building(node, body, Worker(node))
@@ -79,6 +90,8 @@ class PageBuilding:
         self._ask_for = node.publisher(topics.STOREY_GOAL)
         self._say = node.create_client(interface_type("waychair_msgs/srv/SayStorey"), "say_storey")
         node.listen(topics.JOURNEY, read_journey_state, self._take_journey, needed=False)
+        self._guide = PageGuide(node, self._drive_view)
+        node.listen(topics.GUIDE_TO, read_storey_goal, self._take_guide_to, needed=False)
 
     def _take_journey(self, report: JourneyReport) -> None:
         self._site.report = report
@@ -104,6 +117,7 @@ class PageBuilding:
 
     def _take_building(self, known: _Known | None) -> None:
         self._site.known, self._site.timed = known, None
+        self._guide.enter("" if known is None else known.storey)
         self._site.goals = () if known is None else goal_views(known.planner)
 
     def goals(self) -> Sequence[GoalView]:
@@ -156,7 +170,14 @@ class PageBuilding:
         return Answer(True, f"the way to {goal} is being planned: press Drive once its name is shown")
 
     def _with_journey(self, view: ChairView) -> ChairView:
-        """Return a view with the storey and the journey's state."""
+        """Return a view with the storey, the journey's state, and guidance."""
+        guide, stops = self._guide.shown
+        if guide is None:
+            return self._with_state(view)
+        shown = guided_view(self._with_state(view), guide)
+        return replace(shown, asks=stops) if stops and self._site.report.phase in OVER else shown
+
+    def _with_state(self, view: ChairView) -> ChairView:
         known, told = self._site.known, self._site.report
         if known is not None:
             view = replace(view, storey=known.title)
@@ -176,6 +197,29 @@ class PageBuilding:
             last_stop=view.last_stop if told.phase == "held" else "",
             asks=told.asks,
         )
+
+    def guide(self, goal: str, level: int) -> Answer:
+        """See `ChairPort`."""
+        folder = None if self._site.known is None else self._site.folder
+        return self._guide.go(folder, goal, level)
+
+    def end_guide(self) -> Answer:
+        """See `ChairPort`."""
+        return self._guide.end()
+
+    def _take_guide_to(self, asked: StoreyGoal) -> None:
+        """Begin guidance by the topic, in the worker; a refusal is logged."""
+
+        def refused(answer: Answer) -> None:
+            if not answer.done:
+                self._site.node.get_logger().error(f"no guidance to '{asked.goal}': {answer.sentence}")
+
+        goal = f"{asked.storey}/{asked.goal}" if asked.storey else asked.goal
+        self._site.worker.submit(lambda: self.guide(goal, BEFORE), refused)
+
+    def _drive_view(self) -> ChairView:
+        """Return the chair as the page shows it, without guidance; the port does."""
+        raise NotImplementedError
 
     def answer_storey(self, storey: str) -> Answer:
         """See `ChairPort`."""

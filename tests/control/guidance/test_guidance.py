@@ -22,7 +22,7 @@ def test_a_rider_is_told_one_movement_at_a_time_to_the_door_and_the_bed() -> Non
     assert kinds(told) == ["straight", "left", "door", "straight", "arrived"]
     assert told[0].movement is not None
     assert told[0].movement.landmark == "to the next door on the left"
-    assert [each.decided.decision for each in told if each.decided] == [Decision.FOLLOWED]
+    assert [each.decided.decision for each in told if each.decided] == [Decision.FOLLOWED] * 2  # the corner and the bed
     assert told[-1].arrived
 
 
@@ -32,6 +32,24 @@ def test_a_chair_that_faces_away_is_told_to_turn_first() -> None:
     told = ride.turn(0.0)
     assert told[-1].movement is not None
     assert told[-1].movement.kind is MovementKind.STRAIGHT
+
+
+def test_a_chair_before_a_junction_turns_where_it_is_and_not_at_the_junction_to_come_back() -> None:
+    ride = walk("Ground/Ward/Bed g", Pose2(5.7, 0.0, math.pi))
+    movement = ride.look().movement
+    assert movement is not None
+    assert movement.kind is MovementKind.TURN_ROUND
+    assert ride.state.plan is not None
+    passed = ride.state.plan.parts[0].junctions
+    assert len(set(passed)) == len(passed)
+
+
+def test_a_turn_right_behind_a_door_is_told_before_its_corner() -> None:
+    ride = walk("Ground/Ward/Bed g", Pose2(10.0, 3.0, -math.pi / 2))
+    ride.state = begun(ride.ways.node("Ground/Store/Bed g"))
+    told = ride.drive((10.0, 0.0))
+    left = next(k for k, each in enumerate(told) if each.movement and each.movement.kind is MovementKind.LEFT)
+    assert 0.6 <= 3.0 - 0.04 * (left + 1) <= 1.0  # m before the corner
 
 
 def test_the_second_door_is_named_where_one_is_passed_before() -> None:
@@ -82,7 +100,7 @@ def test_turning_back_is_noticed_and_planned_from() -> None:
 def test_an_overshoot_before_the_corner_is_no_other_way() -> None:
     ride = walk("Ground/Ward/Bed g", Pose2(5.0, 0.0, 0.0))
     told = ride.drive((10.4, 0.0), WARD)
-    assert [each.decided.decision for each in told if each.decided] == [Decision.FOLLOWED]
+    assert [each.decided.decision for each in told if each.decided] == [Decision.FOLLOWED] * 2  # the corner and the bed
 
 
 def test_no_sentence_is_repeated_within_four_seconds_while_nothing_changes() -> None:
@@ -120,6 +138,31 @@ def test_prompts_fade_with_right_decisions_and_come_back_after_an_error() -> Non
     told = astray.drive((12.0, 0.0))
     assert any(each.cue is not None for each in told)
     assert astray.state.practice[corner].level == 1
+
+
+def test_prompts_fade_at_goals_and_lifts_too_and_another_storey_brings_them_back() -> None:
+    practice: dict[str, Practice] = {}
+    counts = []
+    for _ in range(7):
+        ride = walk("First/Store/Bed 1", Pose2(3.4, 0.0, math.pi), practice=practice)
+        told = [*ride.drive((1.0, 0.0)), *ride.rest(5.0)]  # in the lift, which is no hesitation
+        ride.storey = "1"
+        told += [ride.look(), *ride.drive((3.0, 0.0), (15.0, 0.1), STORE)]
+        assert told[-1].arrived
+        counts.append(len(spoken(told)))
+        practice = dict(ride.state.practice)
+    assert counts == sorted(counts, reverse=True)
+    assert counts[-1] == 1  # to have arrived is said at every level but the lowest
+    assert practice["Lift A"].level == practice["First/Store/Bed 1"].level == 0
+    ride = walk("First/Store/Bed 1", Pose2(3.4, 0.0, math.pi), practice=practice)
+    ride.drive((1.0, 0.0))
+    ride.state = begun(ride.ways.node("Ground/Store/Bed g"), practice=practice)
+    ride.look()
+    ride.storey = "1"  # another button was pressed
+    told = [ride.look()]
+    assert [each.decided.decision for each in told if each.decided] == [Decision.OTHER]
+    assert spoken(told) == ["now press"]
+    assert ride.state.practice["Lift A"].level == 1
 
 
 @pytest.mark.parametrize("level", [0, 1, 2, 3])

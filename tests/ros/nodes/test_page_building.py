@@ -18,7 +18,16 @@ from waychair.maps.building.building import Building, save_with_map
 from waychair.maps.drawn.places import save_places
 from waychair.maps.folders.map_files import save_map
 from waychair.ros import topics
-from waychair.ros.messages.floor import Floor, JourneyReport, floor, journey_state, read_storey_goal
+from waychair.ros.messages.floor import (
+    Floor,
+    JourneyReport,
+    StoreyGoal,
+    floor,
+    journey_state,
+    read_storey_goal,
+    storey_goal,
+)
+from waychair.ros.messages.guidance import read_guidance
 from waychair.runtime.chair_port import Answer, ChairView
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import DriveMode, OccupancyGrid, Place, Pose2, Twist
@@ -45,6 +54,7 @@ class Page:
         self.ros, self.folder = ros, folder
         self.node: Any = ChairNode("page_building", NoSettings)
         self.port = PageBuilding()
+        self.port._drive_view = lambda: VIEW  # type: ignore[method-assign]
         self.port._listen_to_building(self.node, CHAIR_A)
         self.port._enter_storey(Floor(0, str(folder / "maps" / "g"), 1, "Clinic", "g"))
 
@@ -110,6 +120,25 @@ def test_the_page_shows_the_journeys_goal_question_and_end(page: Page) -> None:
     assert page.shown().paused
     page.tell("failed", "the lift does not come: choose another way")
     assert page.shown().goal == "4.0, 0.1"  # the next drive, of another goal
+
+
+def test_a_rider_is_told_the_way_on_the_page_and_on_a_topic_until_an_empty_goal(page: Page) -> None:
+    told = page.ros.heard(topics.GUIDANCE)
+    assert page.port.guide("First/Ward/Bed 9", 2).done is False
+    ask = page.ros.publisher(topics.GUIDE_TO)
+    ask(storey_goal(StoreyGoal("First/Ward/Bed 1")))
+    page.ros.spin_until(lambda: told and read_guidance(told[-1]) and read_guidance(told[-1]).kind, "the first movement")
+    guide = page.shown().guide
+    assert guide is not None
+    assert (guide.goal, guide.level) == ("First/Ward/Bed 1", 2)
+    assert guide.sentence == read_guidance(told[-1]).sentence != ""  # type: ignore[union-attr]
+    assert page.port.guide("First/Ward/Bed 1", 0).done
+    page.ros.spin_until(lambda: read_guidance(told[-1]).level == 0, "the level")  # type: ignore[union-attr]
+    ask(storey_goal(StoreyGoal("")))
+    page.ros.spin_until(lambda: read_guidance(told[-1]) is None, "the end")
+    assert page.shown().guide is None
+    assert page.port.end_guide().done is False
+    told.close()
 
 
 def test_a_map_of_no_building_has_no_goals_and_keeps_the_view(page: Page, tmp_path: Path) -> None:

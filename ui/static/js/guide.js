@@ -5,7 +5,7 @@ import { recall, remember } from "./memory.js";
 import { $, note, now, say, setText } from "./page.js";
 import { soundWanted, speakOnly } from "./sound.js";
 
-const LEVELS = ["no prompts", "at decisions", "also in time before", "the chair drives on request"];
+export const PROMPTS = ["no prompts", "at decisions", "also in time before", "the chair drives on request"];
 const ARROWS = new Set(["left", "right", "turn round", "straight", "door", "back", "into the lift"]);
 
 let level = Number(recall("guide-level") ?? 2);
@@ -15,7 +15,9 @@ const guide = (goal) => say(ask("guide", { goal, level }));
 
 function show(view) {
   const guiding = view.guide;
+  const begins = guiding && $("guide").hidden;
   $("guide").hidden = !guiding;
+  if (begins) $("guide").scrollIntoView({ block: "nearest" });
   $("ask-guide").hidden = !view.waits || now.goals.length === 0;
   if (!guiding) {
     heard = null;
@@ -23,7 +25,7 @@ function show(view) {
   }
   setText($("guide-title"), `On the way to ${guiding.goal}`);
   setText($("guide-text"), guiding.level > 0 || guiding.arrived ? guiding.sentence : "Drive as you like. Say it again tells the way.");
-  setText($("guide-level"), `Prompts: ${LEVELS[guiding.level]}`);
+  setText($("guide-level"), `Prompts: ${PROMPTS[guiding.level]}`);
   const arrow = $("guide-arrow");
   arrow.toggleAttribute("hidden", guiding.level === 0 || !ARROWS.has(guiding.kind));
   arrow.style.transform = `rotate(${-Math.round((guiding.bearing * 180) / Math.PI)}deg)`;
@@ -34,7 +36,7 @@ function show(view) {
 
 /** Speaks a sentence, and shows it to screen readers where there is no voice. */
 function tell(sentence) {
-  if (!(soundWanted() && speakOnly(sentence, () => {}))) setText($("guide-said"), sentence);
+  if (!(soundWanted() && speakOnly(sentence, () => {}, true))) setText($("guide-said"), sentence);
 }
 
 on("view", show);
@@ -54,15 +56,22 @@ export function sayAgain() {
 
 $("ask-guide").addEventListener("click", () => guideTo(now.view.goal));
 $("guide-again").addEventListener("click", sayAgain);
-$("guide-level").addEventListener("click", () => {
+/** Takes the next level of prompting, for the present goal and those to come. */
+export async function nextLevel() {
   const guiding = now.view?.guide;
   if (!guiding) return;
-  level = (guiding.level + 1) % LEVELS.length;
+  level = (guiding.level + 1) % PROMPTS.length;
   remember("guide-level", String(level));
-  guide(guiding.goal);
-});
-$("guide-drive").addEventListener("click", async () => {
+  const { done, sentence } = await ask("guide", { goal: guiding.goal, level });
+  if (!done) note(sentence, false);
+}
+
+/** Asks for a drive of the chair to the goal of guidance. */
+export function letDrive() {
   const guiding = now.view?.guide;
   if (guiding) say(ask("go", { place: guiding.goal }));
-});
+}
+
+$("guide-level").addEventListener("click", nextLevel);
+$("guide-drive").addEventListener("click", letDrive);
 $("guide-end").addEventListener("click", () => say(ask("end_guide")));

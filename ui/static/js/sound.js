@@ -13,8 +13,12 @@ export function setSound(on) {
   if (!on) hush();
 }
 
+let important = false; // a phrase is spoken that another one waits for
+let waiting = null; // {phrase, ended}
+
 /** Ends the phrase that is being spoken. */
 export function hush() {
+  [important, waiting] = [false, null];
   globalThis.speechSynthesis?.cancel();
 }
 
@@ -30,17 +34,34 @@ export function announce(phrase) {
   }
 }
 
-/** Speaks a phrase in place of the present one, then calls `ended`; false where this browser has no voice. */
-export function speakOnly(phrase, ended) {
+/**
+ * Speaks a phrase in place of the present one, then calls `ended`; false where this browser has no voice. A phrase that must be
+ * heard is not cut off: the latest other one waits for its end.
+ */
+export function speakOnly(phrase, ended, mustBeHeard = false) {
   try {
     if (!globalThis.speechSynthesis?.getVoices().length) return false;
+    if (important && !mustBeHeard) {
+      waiting = { phrase, ended };
+      return true;
+    }
     hush();
-    speak(phrase).onend = ended;
+    important = mustBeHeard;
+    const said = speak(phrase);
+    said.onend = said.onerror = () => {
+      if (current !== said) return;
+      const next = waiting;
+      [important, waiting] = [false, null];
+      ended();
+      if (next) speakOnly(next.phrase, next.ended);
+    };
     return true;
   } catch {
     return false;
   }
 }
+
+let current = null;
 
 /** A short note, also where tone and voice before a motion are off. */
 export function beep(frequency) {
@@ -54,6 +75,7 @@ export function beep(frequency) {
 function speak(phrase) {
   const spoken = new SpeechSynthesisUtterance(phrase);
   spoken.lang = "en";
+  current = spoken;
   speechSynthesis.speak(spoken);
   return spoken;
 }

@@ -2,7 +2,7 @@
 // items of a menu), `act` (work, after which the menu begins again; true keeps it open) or `hold` (steering while held).
 
 import { goTo } from "../drive.js";
-import { guideTo, sayAgain } from "../guide.js";
+import { guideTo, PROMPTS, letDrive, nextLevel, sayAgain } from "../guide.js";
 import { chooseLevel, LEVELS, override } from "../help.js";
 import { ask } from "../link.js";
 import { moves, note, now, say } from "../page.js";
@@ -72,7 +72,7 @@ function atRest(view, leave, calibrate) {
     STOP,
     ...view.asks.map((storey) => ({ label: `This is ${storey}`, act: () => answered(ask("storey", { storey })) })),
     ...(view.paused || view.offers ? [{ label: "Go on", act: () => answered(ask("go_on")) }] : []),
-    ...(view.guide ? [{ label: "Say it again", act: () => sayAgain() }, { label: "End guidance", act: () => void say(ask("end_guide")) }] : []),
+    ...(view.guide ? guidance(view.guide) : []),
     ...(view.goal ? [{ label: "End this drive", act: () => void say(ask("cancel")) }] : []),
     ...(view.guard?.capped ? [{ label: "Creep on for ten seconds", act: () => void override() }] : []),
     ...(view.obstacles.some(({ reset }) => reset) ? [{ label: "Reset", act: () => void say(ask("reset")) }] : []),
@@ -84,6 +84,13 @@ function atRest(view, leave, calibrate) {
     { label: "Options", items: () => choices(leave, calibrate) },
   ];
 }
+
+const guidance = ({ level, offers, arrived }) => [
+  { label: "Say it again", act: () => sayAgain() },
+  ...(offers && !arrived ? [{ label: "Let the chair drive", act: () => letDrive() }] : []),
+  { label: "Prompts", detail: PROMPTS[level], act: () => void nextLevel() },
+  { label: "End guidance", act: () => void say(ask("end_guide")) },
+];
 
 /** Notes why a command was not done. */
 async function answered(answering) {

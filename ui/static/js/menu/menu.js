@@ -218,7 +218,7 @@ function tick() {
 const situationOf = (view) =>
   JSON.stringify([
     view.waits, view.countdown !== null, moves(view), view.paused, view.offers, view.asks, view.goal, view.guard?.level, view.guard?.capped,
-    view.obstacles.some(({ reset }) => reset),
+    view.obstacles.some(({ reset }) => reset), view.guide && [view.guide.level, view.guide.offers, view.guide.arrived],
   ]);
 
 on("view", (view) => {
