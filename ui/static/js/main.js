@@ -14,6 +14,8 @@ import "./panel.js";
 import "./cells.js";
 import "./guide.js";
 import "./habits.js";
+import "./haptics.js";
+import "./session_log.js";
 import "./awake.js";
 import "./focus.js";
 import { remembers } from "./memory.js";

@@ -3,6 +3,7 @@
 
 import { goTo } from "../drive.js";
 import { guideTo, sayAgain } from "../guide.js";
+import { sayStep, sayWhere } from "../haptics.js";
 import { ask } from "../link.js";
 import { moves, note, now, say } from "../page.js";
 import { setSound, soundWanted } from "../sound.js";
@@ -72,6 +73,7 @@ function atRest(view, leave, calibrate) {
     ...view.asks.map((storey) => ({ label: `This is ${storey}`, act: () => answered(ask("storey", { storey })) })),
     ...(view.paused || view.offers ? [{ label: "Go on", act: () => answered(ask("go_on")) }] : []),
     ...(view.guide ? [{ label: "Say it again", act: () => sayAgain() }, { label: "End guidance", act: () => void say(ask("end_guide")) }] : []),
+    ...(now.haptics ? touch(all) : []),
     ...(view.goal ? [{ label: "End this drive", act: () => void say(ask("cancel")) }] : []),
     ...(view.obstacles.some(({ reset }) => reset) ? [{ label: "Reset", act: () => void say(ask("reset")) }] : []),
     ...(pinned.length ? [{ label: "Favourites", items: () => pinned.slice(0, MOST).map(farItem) }] : []),
@@ -79,6 +81,18 @@ function atRest(view, leave, calibrate) {
     ...asItems(goalItems(all), goalItem),
     { label: "Who drives", items: modes },
     { label: "Options", items: () => choices(leave, calibrate) },
+  ];
+}
+
+/** The items of a rider who is led by touch and voice. */
+function touch(all) {
+  const led = now.haptics.goal !== "";
+  const here = all.filter(({ pose }) => pose); // nobody is led to another storey
+  const leadItem = (goal) => ({ label: goal.path.at(-1), act: () => void say(ask("lead", { goal: goal.name })) });
+  return [
+    { label: led ? "Say the step again" : "Say it again", act: () => void sayStep() },
+    { label: "Where am I?", act: () => void sayWhere() },
+    led ? { label: "Lead me no longer", act: () => void say(ask("end_lead")) } : { label: "Lead me", items: () => asItems(goalItems(here), leadItem) },
   ];
 }
 
