@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 _NO_STORE = {"cache-control": "no-store"}
 
 
-def record_routes(name: str, record: ConsentedRows[Any] | None, view: Callable[[], Json | None], yes: str) -> list[Route]:
+def record_routes(
+    name: str, record: ConsentedRows[Any] | None, view: Callable[[], Json | None], yes: str
+) -> list[Route]:
     """Return the routes of the record under /api/NAME; only pages that the server's guard lets in reach them.
 
     Where no record is kept, a look finds null. `view` returns the record for a page; `yes` is the answer to the rider's yes.

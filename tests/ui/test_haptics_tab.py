@@ -95,7 +95,7 @@ def test_what_is_said_is_shown_announced_once_and_lit_on_the_glove(page: Page, t
     page.click("#tab-haptics")
     page.wait_for_selector("#haptics-there:visible")
     until(lambda: page.inner_text("#haptics-goal") == "On the way to reception", "the goal is not shown")
-    assert page.inner_text("#haptics-step") == "Now: straight 4.0 m. straight, 3.1 m more."
+    assert page.inner_text("#haptics-step") == "Now: straight 4.0 m. Straight, 3.1 m more."
     assert page.locator("#haptics-glove .motor").count() == 9
     assert page.locator("#haptics-glove .motor.broken").count() == 1
     assert page.inner_text("#haptics-announced") == ""  # said before the page came

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.runtime.riding import LIDAR, coarse_arcs, hall
@@ -18,7 +19,9 @@ from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
 from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.drive import DriveSetup, advance_tick, simulated_chair
+from waychair.trials.guiding.blind_route import blind_drive, waypoints
 from waychair.trials.guiding.live_haptics import HapticOptions, HapticParts, open_haptics
+from waychair.trials.record import drive_route
 from waychair.types import HelpLevel, Place, Pose2
 
 DESK = Place("desk", Pose2(5.0, 2.5, 0.0), 0.3, 0.3)
@@ -129,3 +132,26 @@ def test_an_unknown_driver_is_refused() -> None:
         open_haptics(HapticOptions(SILENT_PROFILE, driver="ghost"), CHAIR_A, hall().grid),
     ):
         pass
+
+
+def test_a_route_becomes_few_places_with_the_headings_of_their_arrivals() -> None:
+    route = np.array([[2.0, 0.0], [2.5, 0.0], [2.0, 3.0], [2.0, 3.5]])
+    found = waypoints(route, Pose2())
+    assert [(each.name, each.pose.x, each.pose.y) for each in found] == [
+        ("waypoint 1", 2.0, 0.0),
+        ("waypoint 3", 2.0, 3.0),
+        ("waypoint 4", 2.0, 3.5),
+    ]
+    assert [each.pose.theta for each in found] == pytest.approx([0.0, math.pi / 2, math.pi / 2])
+
+
+@pytest.mark.nightly
+def test_a_blind_driver_is_led_along_a_route_and_the_drive_is_recorded_like_any_other() -> None:
+    world = hall()
+    simulator = Simulator(world, CHAIR_A, SimulatorSettings(lidar=LIDAR), 0)
+    route = np.array([[4.5, 2.5], [6.5, 2.5]])
+    with coarse_arcs(), blind_drive(simulator, world, route) as messages:
+        drive = drive_route(simulator, CHAIR_A, route, drive=messages)
+    assert 4.0 < drive.distance_m < 5.5
+    assert drive.scans > 100
+    assert simulator.contacts == 0

@@ -2,7 +2,7 @@
 // Each thing that is said is announced to screen readers once.
 
 import { ask, on } from "./link.js";
-import { $, element, now, say, setText } from "./page.js";
+import { $, element, now, say, sentenceOf, setText } from "./page.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const MOST_SAID = 12;
@@ -75,7 +75,7 @@ function gloveWords(glove) {
 
 function stepWords(seen) {
   if (seen.withheld) return `Steps are withheld: ${seen.withheld}.`;
-  if (seen.goal) return seen.step ? `Now: ${seen.step}. ${seen.reason}.` : "Looks for a way.";
+  if (seen.goal) return seen.step ? `Now: ${seen.step}. ${sentenceOf(seen.reason)}` : "Looks for a way.";
   return seen.arrived ? "You have arrived." : seen.reason ? `Nobody is led: ${seen.reason}.` : "Choose a place to be led to.";
 }
 
