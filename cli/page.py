@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
-from waychair.cli.options.arguments import NonNegativeInt
+from waychair.cli.options.arguments import NonEmptyPath, NonNegativeInt
 from waychair.errors import BuildingError
 
 if TYPE_CHECKING:
@@ -37,7 +37,9 @@ def page_command(
     config: Path | None = None,
     urgent: bool = False,
     habits: Path | None = None,
-    haptics: Path | None = None,
+    haptics: NonEmptyPath | None = None,
+    glove: str | None = None,
+    driver: str | None = None,
 ) -> None:
     """Drive a simulated chair in real time by a page in the browser, until Ctrl-C.
 
@@ -78,9 +80,16 @@ def page_command(
         File of the rider's own record of guided drives, which is off until the rider says yes on the page; default
         waychair/habits.jsonl in the user's data folder.
     haptics
-        The rider's file (see `waychair haptics tune`), in which the level of help is kept that the rider chose last.
+        File of a rider who cannot see (see `waychair haptics tune`): the tab Touch, steps by glove and voice, and the record
+        for the trainer, which is off until the rider says yes. The level of help that the rider chose last is kept there.
+    glove
+        The glove's port: /dev/ttyUSB1, pty:/dev/pts/N or tcp:HOST:PORT; default the glove's program on this computer.
+    driver
+        A simulated driver who feels the glove's program and moves the chair's own joystick, such as default or older (see
+        `waychair guide`).
     """
     from waychair.cli.options.configuration import load_configuration
+    from waychair.cli.options.haptic_options import haptic_options
     from waychair.cli.options.page_process import check_page_port, page_names, page_sentence, page_token
     from waychair.cli.starting import WARNING
     from waychair.runtime.habits import Habits, default_path
@@ -94,6 +103,7 @@ def page_command(
     names, secret = page_names(page_name, lan), page_token(lan, token)
     configured = load_configuration(config)
     record = Habits(habits or default_path())
+    touch = haptic_options(haptics, glove, driver)
     ending = signalled(signal.SIGINT, signal.SIGTERM)
     print(WARNING, file=sys.stderr)
     with (
@@ -112,6 +122,7 @@ def page_command(
             building=site,
             habits=record,
             kept_level=KeptLevel(haptics),
+            haptics=touch,
         ) as chair,
         page_server(
             chair,
@@ -121,6 +132,7 @@ def page_command(
             names=names,
             session=session,
             habits=record,
+            session_log=None if touch is None else touch.session,
         ),
     ):
         print(f"waychair: {page_sentence(port, lan, secret, page_name)}; end with Ctrl-C", file=sys.stderr)

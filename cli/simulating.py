@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
     from waychair.simulation.plan.world import World
     from waychair.simulation.simulator import SimulationSettings, Simulator
     from waychair.trials.record import RouteDrive
-    from waychair.types import FloatArray
+    from waychair.types import FloatArray, SensorMessage
 
 
 def worlds_command(
@@ -95,6 +97,8 @@ def simulate_command(
     people: bool = True,
     chair: str = "A",
     plant: PlantName | None = None,
+    rider: Literal["stick", "blind"] = "stick",
+    driver: str = "default",
     config: Path | None = None,
     quiet: bool = False,
 ) -> None:
@@ -128,11 +132,18 @@ def simulate_command(
     plant
         kinematic: wheels follow their commands; mujoco: mass, motors, casters and slip. Default that of --config, else
         kinematic.
+    rider
+        stick: sees, and steers by the true pose; blind: feels the glove, and is led from waypoint to waypoint by the whole
+        chair with its board (see `waychair guide`).
+    driver
+        The blind driver: default, older, noisy_hand and others of `waychair guide`.
     config
         YAML file with settings that differ from the defaults (see `waychair config simulation`).
     quiet
         Print nothing but errors and warnings.
     """
+    from contextlib import nullcontext
+
     from waychair.cli.options.configuration import load_configuration
     from waychair.simulation.pacing import PaceMode, Pacer
     from waychair.simulation.plan.world import load_world
@@ -150,7 +161,8 @@ def simulate_command(
         camera=camera,
     )
     pacer = Pacer(PaceMode(mode))
-    drive = _driven(simulator, waypoints, record, pacer, quiet)
+    with _blind(simulator, place, waypoints, driver, seed) if rider == "blind" else nullcontext() as messages:
+        drive = _driven(simulator, waypoints, record, pacer, quiet, messages)
     if pacer.lost_s > 0.0:
         print(f"waychair: {_lateness(pacer)}", file=sys.stderr)
     if not quiet:
@@ -180,7 +192,22 @@ def _simulator(
     return simulator
 
 
-def _driven(simulator: Simulator, waypoints: FloatArray, record: Path | None, pacer: Pacer, quiet: bool) -> RouteDrive:
+def _blind(
+    simulator: Simulator, place: World, route: FloatArray, driver: str, seed: int
+) -> AbstractContextManager[Iterator[SensorMessage]]:
+    from waychair.trials.guiding.blind_route import blind_drive
+
+    return blind_drive(simulator, place, route, driver, seed)
+
+
+def _driven(
+    simulator: Simulator,
+    waypoints: FloatArray,
+    record: Path | None,
+    pacer: Pacer,
+    quiet: bool,
+    messages: Iterator[SensorMessage] | None,
+) -> RouteDrive:
     """Drive along the route with a progress bar on standard error."""
     from rich.console import Console
     from rich.progress import Progress
@@ -199,6 +226,7 @@ def _driven(simulator: Simulator, waypoints: FloatArray, record: Path | None, pa
             bag=record,
             progress=stage_of(bar, "driving"),
             pacer=pacer,
+            drive=messages,
         )
 
 

@@ -41,6 +41,9 @@ _PAGE, _PAGE_MODULE = "page", "waychair.cli.options.page_process"
 _CELLS = "cells"
 """The node of the behaviour cells, which `perceive` starts. The chair drives without it as well."""
 
+_GLOVE = "glove"
+"""The node of the rider's glove, which its `port` starts. The chair drives without it as well."""
+
 COUNTDOWN_S = 3.0
 """Seconds from the rider's confirmation to the first motion, if there is a page to announce it."""
 
@@ -152,6 +155,8 @@ def processes(stack: Stack) -> tuple[Process, ...]:
     rows["navigator"] = {**place, "camera": stack.camera}
     if stack.settings.get(_CELLS, {}).get("perceive"):
         rows[_CELLS] = {**chair, "camera": stack.camera}
+    if stack.settings.get(_GLOVE, {}).get("port"):
+        rows[_GLOVE] = {}
     if stack.page_port is not None:
         rows[_PAGE] = {**place, "host": stack.page_host, "port": stack.page_port}
         if stack.page_names:
@@ -216,5 +221,9 @@ def _process(name: str, values: Mapping[str, object], folder: Path, stack: Stack
     priority = _PRIORITIES.get(name, 0) if stack.urgent else 0
     module = _PAGE_MODULE if name == _PAGE else f"waychair.ros.nodes.{name}_node"
     return Process(
-        name, module, ("--ros-args", *named, "--params-file", str(path)), priority, vital=name not in (_PAGE, _CELLS)
+        name,
+        module,
+        ("--ros-args", *named, "--params-file", str(path)),
+        priority,
+        vital=name not in (_PAGE, _CELLS, _GLOVE),
     )

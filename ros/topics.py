@@ -107,6 +107,12 @@ PERCEPTION = RosTopic("perception/state", "std_msgs/msg/String", RELIABLE)
 DOORWAYS = RosTopic("perception/doorways", "geometry_msgs/msg/PoseArray", RELIABLE, ODOM_FRAME)
 """The doorways near the chair that range has borne out: the middle of each, x leads through it."""
 
+ADVICE = RosTopic("haptics/advice", "waychair_msgs/msg/Advice", RELIABLE, BASE_FRAME)
+"""Symbols that a driver who cannot see is to feel and hear; the glove node plays them."""
+
+HAPTIC_STATE = RosTopic("haptics/state", "std_msgs/msg/String", RELIABLE)
+"""The rider's glove and voice as a page shows them: a JSON object of `runtime.haptics.haptic_state.HapticState`."""
+
 ROBOT_DESCRIPTION = RosTopic("robot_description", "std_msgs/msg/String", LATCHED)
 CLOCK = RosTopic("/clock", "rosgraph_msgs/msg/Clock", Qos(1))
 DIAGNOSTICS = RosTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")

@@ -11,26 +11,26 @@ is wrong at that moment. Otherwise the goal is dropped. Everything that ends a d
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Protocol
+from dataclasses import dataclass, field, replace
 
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.fits.dac import DacModel
 from waychair.config import setting
-from waychair.control.drive.navigator import Navigation, Navigator
+from waychair.control.drive.navigator import Navigator
 from waychair.control.safety.guard import Unscanned
 from waychair.control.safety.stops import Halt
-from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.firmware_bridge.bridge import Bridge
-from waychair.firmware_bridge.protocol import HelloReply
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.planning.grid.drawn_map import DrawnMap
+from waychair.runtime.chair_state import ChairState, ChairWatcher, Watchers
 from waychair.runtime.drive_base import ChairMessage, DriveBase
 from waychair.runtime.guard_view import GuardView, guard_view
+from waychair.runtime.haptics.haptic_guide import HapticGuide
+from waychair.runtime.haptics.haptic_state import HapticInputs
 from waychair.runtime.monitor_process import MonitorPort
-from waychair.runtime.perception import CellInputs, Perceived, Perception
+from waychair.runtime.perception import CellInputs, Perception
 from waychair.runtime.pilot import Pilot, PilotSettings
 from waychair.slam.localising.kidnap_recovery import SavedMap
 from waychair.slam.localising.localiser import (
@@ -48,12 +48,23 @@ from waychair.types import (
     Pose2,
     RgbdFrame,
     Scan,
-    SentCommand,
     ServoMessage,
     SonarReadings,
     Telemetry,
-    Twist,
 )
+
+__all__ = [
+    "NOBODY_LEADS",
+    "Chair",
+    "ChairSettings",
+    "ChairState",
+    "ChairWatcher",
+    "PreparedStorey",
+    "Watchers",
+    "perceive_field",
+]
+
+NOBODY_LEADS = "this chair has no glove and no voice to lead you by: start it with a rider's file (--haptics)"
 
 
 def perceive_field() -> bool:
@@ -74,61 +85,12 @@ class ChairSettings(PilotSettings):
 
 
 @dataclass(frozen=True, slots=True)
-class ChairState:
-    """The chair after one tick: pose, driver and reason, requested twist, and the command that was sent.
-
-    `halts`: every stop that is active, each with its remedy. `command`: the navigator's twist within the limits, None
-    when the computer does not drive. `telemetry` is the board's last report, None while no usable board is connected.
-    `perceived`: the behaviour cells, None without them.
-    """
-
-    stamp_ns: int
-    map_from_base: Pose2
-    twist: Twist
-    localisation: Localisation | None
-    verdict: SupervisorVerdict
-    halts: tuple[Halt, ...]
-    navigation: Navigation
-    command: Twist | None
-    sent: SentCommand
-    telemetry: Telemetry | None
-    perceived: Perceived | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class PreparedStorey:
     """Everything of a chair that belongs to one storey's map, made ready for `Chair.change_storey`."""
 
     pilot: Pilot
     known: SavedMap
     zones: tuple[Zone, ...]
-
-
-class ChairWatcher(Protocol):
-    """An observer of a chair's ticks, such as a black box. It must neither wait nor raise."""
-
-    def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
-        """Note a request to the chair: go (to these goals), confirm, cancel, stop or reset; no other is passed on."""
-
-    def note_tick(self, heard: tuple[ChairMessage, ...], state: ChairState, board: HelloReply | None) -> None:
-        """Note a tick that is over: the messages of it, the chair's state after it, and the board's greeting."""
-
-
-class Watchers:
-    """Several watchers of one chair as one; None is none."""
-
-    def __init__(self, *watchers: ChairWatcher | None) -> None:
-        self._watchers = tuple(each for each in watchers if each is not None)
-
-    def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
-        """See `ChairWatcher`."""
-        for each in self._watchers:
-            each.note_request(what, goals)
-
-    def note_tick(self, heard: tuple[ChairMessage, ...], state: ChairState, board: HelloReply | None) -> None:
-        """See `ChairWatcher`."""
-        for each in self._watchers:
-            each.note_tick(heard, state, board)
 
 
 class Chair:
@@ -147,11 +109,13 @@ class Chair:
         zones: Sequence[Zone] = (),
         scanned: OccupancyGrid | None = None,
         watcher: ChairWatcher | None = None,
+        haptics: HapticGuide | None = None,
     ) -> None:
         """See `DriveBase` and `Pilot`; `start` None: the localiser searches the whole map.
 
         `scanned` is the map without the depth camera's cells, for the localiser; default: `grid`. `watcher` gets every
-        request (see `ChairWatcher.note_request`) and every tick; steering shows in the state's verdict.
+        request (see `ChairWatcher.note_request`) and every tick; steering shows in the state's verdict. `haptics` tells and
+        leads a rider who cannot see.
 
         Raises:
             BridgeError: the chair's name is too long for a board.
@@ -175,6 +139,7 @@ class Chair:
         self._localisation: Localisation | None = None
         self._watcher = watcher
         self._perception = Perception(calibration.body) if s.perceive else None
+        self.haptics = haptics
 
     def add_watcher(self, watcher: ChairWatcher) -> None:
         """Let one more watcher see every request and tick."""
@@ -272,10 +237,25 @@ class Chair:
         """Return the level of help and the board's guard for a page, by the board's last report."""
         return guard_view(self._base.guard, telemetry)
 
+    def lead(self, goal: Place) -> str:
+        """Lead the rider, who drives, to a place by touch and voice, by the rider's own act; return a sentence about it.
+
+        A rider who has chosen the guard is guarded and led from now on; one who is informed stays without a guard.
+        """
+        if self.haptics is None:
+            return NOBODY_LEADS
+        self._tell("lead", (Goal(goal.name),))
+        if self.level is HelpLevel.GUARD:
+            self._base.choose_level(HelpLevel.GUIDE)
+        self.haptics.lead(goal)
+        return f"You are led to {goal.name}."
+
     def stop(self) -> None:
         """Obey the rider's Stop: nothing moves by itself until a new goal is asked for or a page steers."""
         self._tell("stop")
         self._base.stop()
+        if self.haptics is not None:
+            self.haptics.end("Stop was pressed")
 
     def steer(self, forward: float, turn: float, now_ns: int) -> None:
         """Take the position of a page's joystick; see `DriveBase.steer`."""
@@ -326,6 +306,8 @@ class Chair:
         """Replace places, zones and the planner's map; `known`, where something was erased, also the localiser's."""
         self._base.replace_zones(zones)
         self._pilot.redraw(drawn, places)
+        if self.haptics is not None:
+            self.haptics.redraw(self._pilot.navigator.grid, zones)
         if known is not None:
             self._localiser.replace_map(known)
 
@@ -355,6 +337,9 @@ class Chair:
         self._localiser.restart(map_from_base)
         self._localisation = None
         self._base.change_map(prepared.zones, map_from_base or Pose2())
+        if self.haptics is not None:
+            self.haptics.end("the chair is on another storey")
+            self.haptics.redraw(prepared.pilot.navigator.grid, prepared.zones)
 
     def doubt_storey(self, *, certain: bool) -> None:
         """Note that the chair may leave the storey of its map, or is on it again; a journey's owner begins no drive meanwhile."""
@@ -404,9 +389,29 @@ class Chair:
             telemetry=telemetry,
             perceived=perceived,
         )
+        if self.haptics is not None:
+            felt = self.haptics.step(self._haptic_inputs(state))
+            self.slow_ahead(felt.cap, now_ns)
+            state = replace(state, haptics=felt)
         if self._watcher is not None:
             self._watcher.note_tick(heard, state, self.bridge.greeting)
         return state
+
+    def _haptic_inputs(self, state: ChairState) -> HapticInputs:
+        """Return what the guide of a rider who cannot see is told of a tick."""
+        found, telemetry = state.localisation, state.telemetry
+        knows = found is not None and found.state is not LocalisationState.LOST
+        return HapticInputs(
+            now_ns=state.stamp_ns,
+            pose=state.map_from_base if knows else None,
+            twist=state.twist,
+            level=self.level,
+            level_told=self.level_told,
+            stick=None if telemetry is None else telemetry.joystick,
+            guard=None if telemetry is None else telemetry.guard,
+            signal=None if state.perceived is None else state.perceived.told,
+            computer_drives=state.verdict.computer_drives and not state.verdict.steered,
+        )
 
     @property
     def _is_degraded(self) -> bool:
@@ -436,6 +441,8 @@ class Chair:
             base.locate(self._localisation, scan.stamp_ns)
             self._pilot.see(scan, self._localisation, base.motion.twist)
             base.note_mapped_legs(self._pilot.mapped_legs, scan.stamp_ns)
+            if self.haptics is not None:
+                self.haptics.see(scan, self._localisation.map_from_base, base.motion.twist)
             if cells is not None:
                 cells.see(scan, odom_from_base)
         elif isinstance(message, SonarReadings):

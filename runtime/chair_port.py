@@ -14,6 +14,7 @@ import numpy as np
 
 from waychair.maps.drawn.zones import Zone
 from waychair.runtime.guard_view import GuardView
+from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.perception_view import PerceptionView
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import DriveMode, FloatArray, HelpLevel, OccupancyGrid, Place, Pose2, Twist
@@ -163,6 +164,9 @@ class ChairPort(Protocol):
     def network(self, name: str) -> str | None:
         """Return the picture (SVG) of one network of cells; None if there is none of this name."""
 
+    def haptics(self) -> HapticState | None:
+        """Return what a rider who cannot see is told, and the state of glove and voice; None without them."""
+
     def go(self, goal: str | Pose2) -> Answer:
         """Ask for a drive to a place or a pose in map; it waits for `confirm`."""
 
@@ -196,6 +200,18 @@ class ChairPort(Protocol):
 
     def override_guard(self) -> Answer:
         """Let the rider creep against the guard for a while, by the rider's own act; never towards a drop-off."""
+
+    def lead(self, goal: str) -> Answer:
+        """Lead the rider, who drives, to a place by touch and voice."""
+
+    def end_lead(self) -> Answer:
+        """Lead the rider no longer."""
+
+    def say_again(self) -> Answer:
+        """Say the present step again, by glove and voice."""
+
+    def say_where(self) -> Answer:
+        """Tell the rider where the chair is and what is round it."""
 
     def stop(self) -> Answer:
         """Obey the rider's Stop: the computer lets go of the lines at once."""

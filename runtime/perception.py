@@ -94,8 +94,13 @@ class Perceived:
     @property
     def signal(self) -> str:
         """The signal to the rider, in words; empty while there is none."""
+        return "" if self.told is None else signal_words(self.told)
+
+    @property
+    def told(self) -> Signal | None:
+        """The signal to the rider; None while there is none."""
         signal = self.done.ports["Navigation command manager"].eo
-        return signal_words(signal) if isinstance(signal, Signal) else ""
+        return signal if isinstance(signal, Signal) else None
 
 
 @dataclass(frozen=True, slots=True)

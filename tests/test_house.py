@@ -93,6 +93,8 @@ MIRRORS = {
     "DriveReport": "the message DriveState",
     "FloorPlan": "a world's file",
     "GloveStatus": "the glove's message",
+    "GuidedDriveRow": "a row of the trainer's table",
+    "HapticState": "the page's message",
     "MujocoSettings": "settings",
     "PlantSettings": "settings",
     "Stack": "the options of `waychair up`",

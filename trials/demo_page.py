@@ -14,6 +14,7 @@ from waychair.runtime.chair_display import ChairDisplay
 from waychair.runtime.chair_port import Answer, ChairView, GoalView, LayoutView
 from waychair.runtime.chair_story import shown_points
 from waychair.runtime.guard_port import WithoutLevels
+from waychair.runtime.haptic_port import WithoutHaptics
 from waychair.runtime.perception_view import WithoutCells
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.slam.mapping.live_mapping import LiveMapping
@@ -36,7 +37,7 @@ _BEFORE_START = ChairView(
 )
 
 
-class DemoPage(DemoWatcher, WithoutCells, WithoutLevels):
+class DemoPage(DemoWatcher, WithoutCells, WithoutHaptics, WithoutLevels):
     """A `ChairPort` of the demo's chair; the demo's thread updates the views between its ticks.
 
     `views_s` and `grids_s` [s, wall time] are the periods of the views and of the drawings of the map.

@@ -28,6 +28,7 @@ from waychair.maps.drawn.zones import Zone
 from waychair.runtime.black_box.cell_traces import CellTraceFile
 from waychair.runtime.black_box.recorder import BlackBox, LoggedChair
 from waychair.runtime.chair import Chair, ChairSettings, ChairState, ChairWatcher, Watchers
+from waychair.runtime.haptics.haptic_guide import HapticGuide
 from waychair.simulation.follower import Follower, StallCheck
 from waychair.simulation.simulated_chair import SimulatedChair
 from waychair.simulation.simulator import Simulator
@@ -161,11 +162,12 @@ def simulated_chair(
     watcher: ChairWatcher | None = None,
     wrap_transport: Callable[[Transport], Transport] = lambda transport: transport,
     start_known: bool = True,
+    haptics: HapticGuide | None = None,
 ) -> Iterator[Chair]:
     """Yield a chair at the simulated chair's place, connected to a board that drives the simulator during the block.
 
     Objects from before the block are left out of garbage collection within it, as in the nodes of a real chair.
-    `watcher`: see `Chair`. `wrap_transport` may wrap the cable's transport. The chair is `start_known` its start pose or has to
+    `watcher`, `haptics`: see `Chair`. `wrap_transport` may wrap the cable's transport. The chair is `start_known` its start pose or has to
     relocalise.
 
     Raises:
@@ -187,6 +189,7 @@ def simulated_chair(
                 zones=setup.zones,
                 scanned=setup.scanned,
                 watcher=watcher,
+                haptics=haptics,
             )
             with present_left_out():
                 yield chair

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -11,7 +12,10 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.runtime.chair import ChairState
 from waychair.runtime.perception import Perceived
 from waychair.runtime.perception_view import PerceptionView, perception_view
+from waychair.simulation.simulator import SimulatorSettings
 from waychair.types import PanTiltAngles, RgbdFrame, SensorMessage, ServoMessage
+
+_PICTURES_HZ = 2.0
 
 
 class LatestPicture:
@@ -52,3 +56,8 @@ class LatestCells:
         """Return what a page shows; None without cells."""
         perceived = self.perceived
         return None if perceived is None else perception_view(perceived, CHAIR_A, self._aim)
+
+
+def with_pictures(settings: SimulatorSettings, camera: bool) -> SimulatorSettings:
+    """Return the settings with few pictures for the page, if wanted; the chair does not use them."""
+    return replace(settings, camera=replace(settings.camera, rate_hz=_PICTURES_HZ if camera else 0.0))

@@ -10,10 +10,9 @@ The shipped firmware runs between the chair and the simulated lines. Pages make 
 from __future__ import annotations
 
 import logging
-import resource
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -33,42 +32,33 @@ from waychair.runtime.chair_port import Answer, ChairView, GoalView, LayoutView
 from waychair.runtime.drawing_port import NO_GUIDE, NOT_ASKED, DrawingPort
 from waychair.runtime.guard_port import GuardPort
 from waychair.runtime.habits import Habits
+from waychair.runtime.haptic_port import HapticPort
 from waychair.runtime.kept_level import KeptLevel
 from waychair.runtime.perception_view import PerceptionView, drawn_network
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
 from waychair.simulation.plan.world import World, load_world
-from waychair.simulation.simulator import SimulationSettings, Simulator, SimulatorSettings
-from waychair.slam.localising.localisation import LocalisationState
+from waychair.simulation.simulator import SimulationSettings, Simulator
 from waychair.topics import IMU
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, black_box, look_round, simulated_chair
-from waychair.trials.latest_senses import LatestCells, LatestPicture
+from waychair.trials.guiding.live_haptics import HapticOptions, haptics_of, surroundings
+from waychair.trials.latest_senses import LatestCells, LatestPicture, with_pictures
 from waychair.trials.live_journeys import LiveBuilding, LiveJourneys
 from waychair.trials.live_map import LiveMap, plan_folder
+from waychair.trials.live_panel import BEFORE_START, panel_figures
 from waychair.trials.real_time import RealTimeLoop
 from waychair.types import (
     DriveMode,
     FloatArray,
     Goal,
     OccupancyGrid,
+    Place,
     Pose2,
     SensorMessage,
-    Twist,
 )
 
 COUNTDOWN_S = 3.0
 """Time from the rider's confirmation to the first motion."""
-
-_PICTURES_HZ = 2.0
-_BEFORE_START = ChairView(
-    stamp_ns=0,
-    map_from_base=None,
-    localisation=LocalisationState.LOST,
-    health=0.0,
-    mode=DriveMode.MANUAL,
-    twist=Twist(),
-    next_action="The chair is starting.",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,9 +74,10 @@ class _Blueprint:
     simulation: SimulationSettings
     building: LiveBuilding | None
     habits: Habits | None
+    haptics: HapticOptions | None
 
 
-class LiveChair(DrawingPort, GuardPort):
+class LiveChair(DrawingPort, GuardPort, HapticPort):
     """A `ChairPort` of a chair in a simulated world; a context manager."""
 
     def __init__(
@@ -105,6 +96,7 @@ class LiveChair(DrawingPort, GuardPort):
         building: LiveBuilding | None = None,
         habits: Habits | None = None,
         kept_level: KeptLevel | None = None,
+        haptics: HapticOptions | None = None,
     ) -> None:
         """Load the world; the chair starts with the block.
 
@@ -113,7 +105,8 @@ class LiveChair(DrawingPort, GuardPort):
         `urgently`: with real-time priority, if the system grants it. `settings` are the chair's; `countdown_s` applies
         unless they give a countdown. `simulation`: the settings of the simulated sensors and plant. `building`: the chair
         travels over its storeys, from the world, which is one of its levels, on its maps instead of `map_folder`. `habits`:
-        the rider's record. `kept_level`: the rider's last level of help, which is offered.
+        the rider's record. `haptics`: a rider who cannot see is told and led. `kept_level`: the rider's last level of help, which
+        is offered.
 
         Raises:
             WorldError: the world does not exist.
@@ -129,12 +122,13 @@ class LiveChair(DrawingPort, GuardPort):
             simulation=simulation or SimulationSettings(),
             building=building,
             habits=habits,
+            haptics=haptics,
         )
         self._kept_level = kept_level or KeptLevel()
         settings = settings or ChairSettings()
         supervisor = replace(settings.supervisor, countdown_s=settings.supervisor.countdown_s or countdown_s)
         self._settings = replace(settings, supervisor=supervisor)
-        self._view = _BEFORE_START
+        self._view = BEFORE_START
         self._picture = LatestPicture()
         self._cells = LatestCells()
         self._started = threading.Event()
@@ -221,6 +215,9 @@ class LiveChair(DrawingPort, GuardPort):
         """See `ChairPort`."""
         perceived = self._cells.perceived
         return None if perceived is None else drawn_network(perceived, name)
+
+    def _led(self) -> tuple[Chair, Mapping[str, Place]]:
+        return self._chair, self._map.drawing.places
 
     def go(self, goal: str | Pose2) -> Answer:
         """See `ChairPort`; a goal of the building may lie on another storey."""
@@ -450,17 +447,21 @@ class LiveChair(DrawingPort, GuardPort):
             zones=drawn.zones,
             scanned=self._first_map.scanned(),
         )
-        simulated = plan.simulation.over(_with_pictures(settings, plan.camera))
+        simulated = plan.simulation.over(with_pictures(settings, plan.camera))
         self._simulator = Simulator(plan.world, CHAIR_A, simulated, plan.seed, lifts)
         watcher = ends.enter_context(black_box(setup, plan.box))
-        self._chair = ends.enter_context(simulated_chair(setup, self._simulator, watcher))
+        parts = ends.enter_context(haptics_of(plan.haptics, setup, plan.seed))
+        self._chair = ends.enter_context(simulated_chair(setup, self._simulator, watcher, haptics=parts.guide))
         self._chair.offer_level(self._kept_level.level())
         self._display = ChairDisplay(self._chair, CHAIR_A.base_from_laser)
         if site is not None and lifts is not None:
             worker = ends.enter_context(ThreadPoolExecutor(1, "storeys"))
             here = plan.world.level, plan.world.start
             self._journeys = LiveJourneys(site, maps, self._chair, lifts, *here, worker, plan.habits)
-        self._loop = RealTimeLoop(self._chair, self._simulator, self._after_tick, self._journeys)
+        parts.tell_of(
+            lambda: surroundings(self._map.drawing.places, self._cells.view()), lambda: self._simulator.contacts
+        )
+        self._loop = RealTimeLoop(self._chair, self._simulator, self._after_tick, self._journeys, parts.beat)
 
     def _after_tick(self, messages: tuple[SensorMessage, ...], state: ChairState) -> None:
         """Update view and picture after a tick."""
@@ -469,36 +470,13 @@ class LiveChair(DrawingPort, GuardPort):
             self._display.label = journeys.leg_label()
         self._display.hear(messages, state)
         self._picture.hear(messages)
+        self._haptics = state.haptics
         self._cells.hear(state, look_round(self._simulator, self._chair, state))
         view = self._display.view(state)
         self._view = replace(
             view if journeys is None else journeys.shown(view),
             map_revision=self._map.revision,
             layout_revision=self._map.layout_revision,
-            panel=self._panel(state),
+            panel=panel_figures(state, self._loop.timing, self._simulator.contacts, self._map.grid.cells.size),
             free_since_ns=self._loop.free_since_ns,
         )
-
-    def _panel(self, state: ChairState) -> dict[str, float]:
-        """Return the figures of the engineer's panel."""
-        timing, telemetry = self._loop.timing, state.telemetry
-        figures = {
-            "tick, mean [ms CPU]": 1e3 * timing.tick_s,
-            "tick, longest [ms CPU]": 1e3 * timing.longest_tick_s,
-            "late ticks": float(timing.late),
-            "time lost [s]": timing.lost_s,
-            "forward line [V]": state.sent.forward_volts,
-            "turn line [V]": state.sent.turn_volts,
-            "plans of this drive": float(state.navigation.plans),
-            "contacts": float(self._simulator.contacts),
-            "cells of the map": float(self._map.grid.cells.size),
-            "memory, peak [MB]": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3,
-        }
-        if telemetry is not None and telemetry.round_trip_ns is not None:
-            figures["board, round trip [ms]"] = telemetry.round_trip_ns * 1e-6
-        return figures
-
-
-def _with_pictures(settings: SimulatorSettings, camera: bool) -> SimulatorSettings:
-    """Return the settings with few pictures for the page, if wanted; the chair does not use them."""
-    return replace(settings, camera=replace(settings.camera, rate_hz=_PICTURES_HZ if camera else 0.0))

@@ -65,13 +65,15 @@ class RealTimeLoop:
         simulator: Simulator,
         on_tick: Callable[[tuple[SensorMessage, ...], ChairState], None],
         stepper: Stepper | None = None,
+        on_beat: Callable[[Simulator], None] = lambda simulator: None,
     ) -> None:
-        """`stepper` runs the chair's ticks, by default the chair itself."""
+        """`stepper` runs the chair's ticks, by default the chair itself; `on_beat` is called with each heartbeat."""
         self.timing = LoopTiming()
         self.watch = PageWatch()
         self.free_since_ns: int | None = time.monotonic_ns()
         """Time since which the rider's joystick is on the lines; None while the board holds them."""
         self._chair, self._simulator, self._on_tick, self._stepper = chair, simulator, on_tick, stepper
+        self._on_beat = on_beat
         self._requests: deque[tuple[Callable[[], object], Future[object]]] = deque()
         self._wake = threading.Event()
         self._ended = False
@@ -141,6 +143,7 @@ class RealTimeLoop:
         """Advance the world by one heartbeat period, with a heartbeat to the board."""
         self._chair.beat(self._simulator.now_ns)
         self._messages += self._simulator.advance(BEAT_NS)
+        self._on_beat(self._simulator)
         lines = self._simulator.lines
         if lines is None or lines.holder != Holder.BOARD:
             self.free_since_ns = self.free_since_ns or time.monotonic_ns()

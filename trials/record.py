@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from itertools import groupby
@@ -61,10 +61,11 @@ def drive_route(
     progress: Callable[[float], None] = lambda share: None,
     pacer: Pacer | None = None,
     on_message: Callable[[SensorMessage], None] = lambda message: None,
+    drive: Iterator[SensorMessage] | None = None,
 ) -> RouteDrive:
     """Drive along `route` (N, 2) [m, map] by joystick, at the pace of `pacer` (by default as fast as possible).
 
-    `on_message` is called with each sensor message, stamped as in the bag. A ROS 2 `bag` receives all sensor messages, wheel
+    `on_message` is called with each sensor message, stamped as in the bag. `drive` yields the messages of another rider's drive. A ROS 2 `bag` receives all sensor messages, wheel
     odometry and, once a tick, the true pose. If the disk fills up or the user interrupts, the recorded part stays
     beside the bag's path (see `RecordingWriter`).
 
@@ -75,7 +76,7 @@ def drive_route(
     odometry, origin, pacer = OdometryFilter(body), simulator.truth(), pacer or Pacer()
     began_ns, last, believed = simulator.now_ns, origin, Pose2()
     whole, distance, scans = max(route_length(route, origin), 1e-3), 0.0, 0
-    drive = follow(simulator, Follower(route, body.track, PlantSettings()))
+    drive = drive or follow(simulator, Follower(route, body.track, PlantSettings()))
     mounts = mounts_of(body, simulator.settings.sonar.height)
     recording = RecordingWriter(bag, mounts, ticks_per_turn=body.ticks_per_turn) if bag else nullcontext()
     with recording as writer:

@@ -19,6 +19,7 @@ from typing import TypeVar
 from waychair.runtime.chair_port import Answer, ChairPort
 from waychair.types import Json, OccupancyGrid
 from waychair.ui.commands import RELEASE, STICK, STOP, obey
+from waychair.ui.haptic_messages import NO_HAPTICS, haptics_message
 from waychair.ui.page_messages import (
     cells_message,
     encoded,
@@ -80,7 +81,11 @@ class OpenPage:
         self._wake.clear()
         texts = [
             *self._answers,
-            *(self._newest[kind] for kind in ("map", "layout", "goals", "cells", "view") if kind in self._newest),
+            *(
+                self._newest[kind]
+                for kind in ("map", "layout", "goals", "cells", "haptics", "view")
+                if kind in self._newest
+            ),
         ]
         self._answers.clear()
         self._newest.clear()
@@ -197,6 +202,9 @@ class Broadcaster:
         if self._count % GOALS_EVERY == 1:
             with self._logged("goals"):
                 await self._tell_goals()
+        if self._count % CELLS_EVERY == 0:
+            with self._logged("haptics"):
+                await self._tell_haptics()
         watching = [page for page in self._pages if page.shows_cells] if self._count % CELLS_EVERY == 0 else []
         if watching:
             text = await self.call(lambda: cells_message(self.port.perception()))
@@ -209,6 +217,13 @@ class Broadcaster:
             self._told["goals"] = text
             for page in self._pages:
                 page.tell("goals", text)
+
+    async def _tell_haptics(self) -> None:
+        text = await self.call(lambda: haptics_message(self.port.haptics()))
+        if text != self._told.get("haptics", NO_HAPTICS):
+            self._told["haptics"] = text
+            for page in self._pages:
+                page.tell("haptics", text)
 
     def _messages(self) -> dict[str, str]:
         """Return the new messages by kind."""

@@ -58,6 +58,10 @@ class _StoreyArguments(_Arguments, frozen=True):
     storey: str
 
 
+class _PlaceNameArguments(_Arguments, frozen=True):
+    goal: str
+
+
 class _GuideArguments(_Arguments, frozen=True):
     goal: str
     level: Annotated[int, msgspec.Meta(ge=0, le=3)] = 2
@@ -153,6 +157,10 @@ COMMANDS: Mapping[str, _Command] = {
     "go_on": _Command(_NoArguments, lambda port, _: port.go_on()),
     "storey": _Command(_StoreyArguments, lambda port, asked: port.answer_storey(asked.storey)),
     "guide": _Command(_GuideArguments, lambda port, asked: port.guide(asked.goal, asked.level)),
+    "lead": _Command(_PlaceNameArguments, lambda port, asked: port.lead(asked.goal)),
+    "end_lead": _Command(_NoArguments, lambda port, _: port.end_lead()),
+    "say_again": _Command(_NoArguments, lambda port, _: port.say_again()),
+    "say_where": _Command(_NoArguments, lambda port, _: port.say_where()),
     "end_guide": _Command(_NoArguments, lambda port, _: port.end_guide()),
     "level": _Command(_LevelArguments, lambda port, asked: port.choose_level(asked.level)),
     "override": _Command(_NoArguments, lambda port, _: port.override_guard()),

@@ -1,25 +1,19 @@
-"""The routes of the rider's own record: what there is, yes, no, erase, and the table to take away."""
+"""The rider's own records on the page: habits of guided ways, and drives led by touch for the trainer."""
 
 from __future__ import annotations
 
-import logging
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from waychair.control.guidance.practice import Decision
-from waychair.errors import WaychairError
 from waychair.runtime.habits import DecisionRow, DriveRow, Habits
+from waychair.runtime.haptics.session_log import SessionLog
 from waychair.types import Json
-from waychair.ui.guard import API
+from waychair.ui.record_routes import record_routes
 
 if TYPE_CHECKING:
-    from starlette.requests import Request
-    from starlette.responses import Response
     from starlette.routing import Route
-
-_NO_STORE = {"cache-control": "no-store"}
 
 
 def habits_view(habits: Habits) -> Json:
@@ -41,43 +35,18 @@ def habits_view(habits: Habits) -> Json:
     }
 
 
+def session_log_view(log: SessionLog) -> Json:
+    """Return the record of drives led by touch for a page."""
+    return {"wanted": log.wanted, "trouble": log.trouble, "drives": [asdict(row) for row in log.rows()]}
+
+
 def habits_routes(habits: Habits | None) -> list[Route]:
-    """Return the routes; only pages that the server's guard lets in reach them. Where no record is kept, a look finds null."""
-    from starlette.concurrency import run_in_threadpool
-    from starlette.responses import JSONResponse, PlainTextResponse
-    from starlette.routing import Route
+    """Return the routes of the rider's habits; see `record_routes`."""
+    yes = "your drives are remembered on this chair"
+    return record_routes("habits", habits, lambda: None if habits is None else habits_view(habits), yes)
 
-    async def look(_: Request) -> Response:
-        return JSONResponse(None if habits is None else habits_view(habits), headers=_NO_STORE)
 
-    if habits is None:
-        return [Route(API + "habits", look)]
-    changes: dict[str, tuple[Callable[[], None], str]] = {
-        "yes": (habits.say_yes, "your drives are remembered on this chair"),
-        "no": (habits.say_no, "nothing more is remembered"),
-        "erase": (habits.erase, "everything was erased"),
-    }
-
-    async def table(_: Request) -> Response:
-        headers = {**_NO_STORE, "content-disposition": 'attachment; filename="habits.csv"'}
-        return PlainTextResponse(habits.csv(), headers=headers, media_type="text/csv")
-
-    async def change(request: Request) -> Response:
-        known = changes.get(request.path_params["what"])
-        if known is None:
-            return JSONResponse({"done": False, "sentence": "unknown command: reload this page"}, 404)
-        act, sentence = known
-        try:
-            await run_in_threadpool(act)
-        except WaychairError as error:
-            return JSONResponse({"done": False, "sentence": str(error)})
-        except Exception:  # the rider's press gets an answer
-            logging.getLogger(__name__).exception("a change of the record failed")
-            return JSONResponse({"done": False, "sentence": "the record could not be changed: see the chair's log"})
-        return JSONResponse({"done": True, "sentence": sentence})
-
-    return [
-        Route(API + "habits", look),
-        Route(API + "habits.csv", table),
-        Route(API + "habits/{what}", change, methods=["POST"]),
-    ]
+def session_log_routes(log: SessionLog | None) -> list[Route]:
+    """Return the routes of the trainer's record; see `record_routes`."""
+    yes = "your guided drives are recorded on this chair, for your trainer"
+    return record_routes("session_log", log, lambda: None if log is None else session_log_view(log), yes)

@@ -24,12 +24,13 @@ from waychair.errors import MissingExtra
 from waychair.install_advice import install_command
 from waychair.runtime.chair_port import ChairPort
 from waychair.runtime.habits import Habits
+from waychair.runtime.haptics.session_log import SessionLog
 from waychair.ui.broadcaster import Broadcaster, CommandRunner, OpenPage
 from waychair.ui.commands import COMMANDS, STICK
 from waychair.ui.editor.server import editor_routes
 from waychair.ui.editor.session import Session
 from waychair.ui.guard import API, LIVE, RequestGuard, is_token
-from waychair.ui.habits_routes import habits_routes
+from waychair.ui.habits_routes import habits_routes, session_log_routes
 from waychair.ui.page_messages import THEMES
 from waychair.ui.serving import LARGEST_MESSAGE, STATIC, served
 
@@ -56,12 +57,13 @@ def app(
     local: bool = True,
     session: Session | None = None,
     habits: Habits | None = None,
+    session_log: SessionLog | None = None,
 ) -> FastAPI:
     """Return the page of a chair as an ASGI application.
 
     `token`: required of every page unless empty. `local`: only localhost and loopback addresses are valid hosts;
     otherwise every address and `names`, too. `session`: a building that the page's building mode edits. `habits`: the
-    rider's record.
+    rider's record; `session_log`: that of drives led by touch.
 
     Raises:
         MissingExtra: the extra [ui] is not installed.
@@ -102,6 +104,7 @@ def app(
         Route(API + "do/{name}", _CommandEndpoint(broadcaster).answer, methods=["POST"]),
         WebSocketRoute(LIVE, live),
         *habits_routes(habits),
+        *session_log_routes(session_log),
         *(() if session is None else editor_routes(session, has_chair=True)),
         Mount("/static", StaticFiles(directory=STATIC)),
         Mount("/leaflet", StaticFiles(directory=leaflet.BASE_DIR)),
@@ -121,10 +124,12 @@ def page_server(
     names: Sequence[str] = (),
     session: Session | None = None,
     habits: Habits | None = None,
+    session_log: SessionLog | None = None,
 ) -> Iterator[str]:
     """Serve the page in a thread while the block lasts; yield its address. `http_port` 0 takes a free port.
 
-    `session`: a building that the page's building mode edits. `habits`: the rider's record.
+    `session`: a building that the page's building mode edits. `habits`: the rider's record; `session_log`: that of drives led
+    by touch.
 
     Raises:
         ConfigError: the page would be open to the network without a token.
@@ -133,7 +138,7 @@ def page_server(
     """
 
     def pages(local: bool) -> FastAPI:
-        return app(port, token, names=names, local=local, session=session, habits=habits)
+        return app(port, token, names=names, local=local, session=session, habits=habits, session_log=session_log)
 
     with served(pages, host, http_port, token) as address:
         yield address

@@ -1,4 +1,4 @@
-"""`waychair haptics play|check|tune`: the vibrations that guide a driver who cannot see."""
+"""`waychair haptics play|check|tune|learn`: the vibrations that guide a driver who cannot see."""
 
 from __future__ import annotations
 
@@ -19,6 +19,12 @@ haptics_app = App(
     help="Play, check and tune the vibrations that guide a driver who cannot see.",
     help_format="plaintext",
     result_action="return_value",
+)
+
+haptics_app.command(
+    "waychair.cli.haptics_commands.learn_command:learn_command",
+    name="learn",
+    help="Get to know a rider's touch by a game at rest: feel a symbol, answer by stick.",
 )
 
 LayoutName = Literal["glove_3x3", "belt_8", "bracelets", "arm_rest_4"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -47,6 +47,14 @@ _MOTION = {
     Symbol.WARNING: "rest",
     Symbol.ARRIVED: "rest",
 }
+
+
+_HELD = (Symbol.FORWARD, Symbol.BACK, Symbol.SWIVEL_LEFT, Symbol.SWIVEL_RIGHT)
+
+
+def expected(symbol: Symbol) -> str:
+    """Return the motion by which a symbol is answered rightly; empty for one that asks for none."""
+    return _MOTION.get(symbol, "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +118,24 @@ class RiderLearner:
             "values": {name: list(values)[PRIOR:] for name, values in self._values.items()},
             "answers": {f"{said} answered by {done}": count for (said, done), count in sorted(self._answers.items())},
         }
+
+    def note_answer(self, symbol: Symbol, done: str, lag_s: float | None) -> None:
+        """Note by which motion a symbol was answered at rest (see `expected`), and how late [s] after the pattern's end.
+
+        The lag counts only of a right answer that is held, because a nudge is over before the chair obeys.
+        """
+        key = symbol.value, done
+        self._answers[key] = self._answers.get(key, 0) + 1
+        if lag_s is not None and done == expected(symbol) and symbol in _HELD:
+            self._add("lag_s", lag_s)
+
+    def restore(self, values: Mapping[str, Sequence[float]], answers: Mapping[tuple[str, str], int]) -> None:
+        """Take up what was learnt before, as `exported` told it; figures that are not known or out of `LIMITS` are dropped."""
+        self.reset()
+        for name in LIMITS:
+            for value in values.get(name, ()):
+                self._add(name, value)
+        self._answers = dict(answers)
 
     def answers(self) -> Mapping[tuple[str, str], int]:
         """Return how often each symbol (its value) was answered by each motion."""

@@ -74,6 +74,29 @@ class Presses:
     yes: int = 0
 
 
+@dataclass(frozen=True, slots=True)
+class GloveReport:
+    """One glove as the computer knows it: why it can play nothing (empty if it can), and sentences about broken motors.
+
+    Motors are named by their places in the layout: those that vibrate now, and those that are open or shorted. `layout`: its
+    name. `worn` and `temperature_c` are None while the glove does not report.
+    """
+
+    problem: str
+    faults: tuple[str, ...] = ()
+    layout: str = ""
+    motors: int = 0
+    on: tuple[int, ...] = ()
+    broken: tuple[int, ...] = ()
+    worn: bool | None = None
+    temperature_c: int | None = None
+
+    @property
+    def alive(self) -> bool:
+        """Whether the glove reports."""
+        return self.worn is not None
+
+
 class GloveBridge:
     """A session with one glove. `status` is its last report, `presses` those since the last tick.
 
@@ -157,6 +180,27 @@ class GloveBridge:
     def notices(self) -> tuple[str, ...]:
         """Return sentences about motors that are open or shorted."""
         return () if self.status is None else motor_notices(self.status, self._outputs)
+
+    def report(self, now_ns: int) -> GloveReport:
+        """Return the glove as it is now."""
+        problem, count = self.problem(now_ns), len(self._layout.tactors)
+        status = self.status
+        if status is None or self.reply is None or now_ns - self._times.heard_ns > SILENT_NS:
+            return GloveReport(problem, layout=self._layout.name, motors=count)
+        return GloveReport(
+            problem,
+            self.notices(),
+            self._layout.name,
+            count,
+            on=self._places(status.on),
+            broken=self._places(self._faulty),
+            worn=bool(status.worn),
+            temperature_c=status.temperature_c,
+        )
+
+    def _places(self, outputs: int) -> tuple[int, ...]:
+        """Return the places of the layout of outputs by bit."""
+        return tuple(place for place, output in enumerate(self._outputs) if outputs >> output & 1)
 
     @property
     def _reported(self) -> GloveStatus:

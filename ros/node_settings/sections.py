@@ -15,6 +15,7 @@ from typing import Any, get_type_hints
 from waychair.config import Settings
 from waychair.ros.node_settings.bridge import BridgeNodeSettings
 from waychair.ros.node_settings.cells import CellsNodeSettings
+from waychair.ros.node_settings.glove import GloveNodeSettings
 from waychair.ros.node_settings.mapper import MapperNodeSettings
 from waychair.ros.node_settings.navigator import NavigatorNodeSettings
 from waychair.ros.node_settings.page import PageNodeSettings
@@ -25,6 +26,7 @@ NODES: Mapping[str, type[Settings]] = MappingProxyType(
     {
         "bridge": BridgeNodeSettings,
         "cells": CellsNodeSettings,
+        "glove": GloveNodeSettings,
         "mapper": MapperNodeSettings,
         "navigator": NavigatorNodeSettings,
         "page": PageNodeSettings,
@@ -37,6 +39,7 @@ _IN_OTHER_PARTS: Mapping[str, frozenset[str]] = MappingProxyType(
     {
         "bridge": frozenset(entry.name for entry in dataclasses.fields(PilotSettings)),
         "cells": frozenset(("perceive",)),
+        "glove": frozenset(),
         "mapper": frozenset(("localiser", "live")),
         "navigator": frozenset(entry.name for entry in dataclasses.fields(PilotSettings)),
         "page": frozenset(),

@@ -8,7 +8,7 @@ from pathlib import Path
 from setuptools import setup
 
 NAME = "waychair_ros"
-NODES = ("simulator", "bridge", "cells", "mapper", "navigator", "recorder")
+NODES = ("simulator", "bridge", "cells", "glove", "mapper", "navigator", "recorder")
 
 setup(
     name=NAME,

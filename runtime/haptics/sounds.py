@@ -61,6 +61,12 @@ class Sounds:
         """Whether something is spoken or played now."""
         return self._running is not None and self._running.poll() is None
 
+    @property
+    def heard(self) -> bool:
+        """Whether advice can be heard: as speech, or as tones."""
+        profile = self._profile
+        return (profile.speech and self._speech is not None) or (profile.tones and self._player is not None)
+
     def tell(self, words: str, advice: Advice | None, now_ns: int, interrupts: bool) -> None:
         """Play the tone of advice and then speak the words, as the profile wants; None: no tone.
 

@@ -6,14 +6,15 @@ Each channel may fail by itself: the glove's trouble, or a missing speech progra
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from waychair.control.haptics.advice import AdviceMemory, advise, valid_ms
-from waychair.control.haptics.patterns import vocabulary
+from waychair.control.haptics.patterns import Vocabulary, vocabulary
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.control.haptics.symbols import PRIORITY, Advice, Symbol
 from waychair.control.haptics.words import Wording, advice_words
 from waychair.firmware_bridge.glove.bridge import GloveBridge
+from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.runtime.haptics.sounds import Sounds
 
 REPEAT_OFFER = "say or press repeat to hear it again"
@@ -24,7 +25,7 @@ REPEAT_OFFER = "say or press repeat to hear it again"
 class Told:
     """One tick: the advice that was said, in words for the page, and why it was not felt, if it was not.
 
-    `offer`: the sentence with which advice fell silent; `yes` presses of the glove's button.
+    `offer`: the sentence with which advice fell silent; `repeats` and `yes`: presses of the glove's buttons.
     """
 
     said: Advice | None = None
@@ -32,6 +33,7 @@ class Told:
     unfelt: str = ""
     offer: str = ""
     yes: int = 0
+    repeats: int = 0
 
 
 class Teller:
@@ -52,13 +54,13 @@ class Teller:
 
     def tick(self, wanted: Sequence[Advice], now_ns: int, *, asked: bool = False, reacted: bool | None = None) -> Told:
         """Say the advice that is due now; arguments as of `advise`. The glove's button "repeat" asks as well."""
-        yes = 0
+        yes = repeats = 0
         if self._glove is not None:
             self._glove.tick(now_ns, armed=True)
-            asked = asked or self._glove.presses.repeat > 0
-            yes = self._glove.presses.yes
+            yes, repeats = self._glove.presses.yes, self._glove.presses.repeat
         if self._sounds is not None:
             self._sounds.tick(now_ns)
+        asked = asked or repeats > 0
         done, self.memory = advise(wanted, self._words, self.memory, now_ns, asked=asked, reacted=reacted)
         if done.stop and self._glove is not None:
             self._glove.stop()
@@ -66,8 +68,53 @@ class Teller:
             offer = REPEAT_OFFER if done.offer_repeat else ""
             if offer and self._sounds is not None:
                 self._sounds.tell(offer, None, now_ns, interrupts=False)
-            return Told(offer=offer, yes=yes)
-        return self._say(done.say, now_ns, done.interrupts, yes)
+            return Told(offer=offer, yes=yes, repeats=repeats)
+        return replace(self._say(done.say, now_ns, done.interrupts), yes=yes, repeats=repeats)
+
+    def announce(self, sentence: str, now_ns: int) -> None:
+        """Speak a sentence that is no symbol, such as an answer to the rider; what is being spoken ends, but for a warning."""
+        if self._sounds is not None:
+            last = self.memory.said
+            warns = last is not None and last.advice.symbol is Symbol.WARNING and now_ns < last.free_ns
+            self._sounds.tell(sentence, None, now_ns, interrupts=not warns)
+
+    @property
+    def heard(self) -> bool:
+        """Whether advice can be heard, by speech or tones."""
+        return self._sounds is not None and self._sounds.heard
+
+    def silence(self, now_ns: int) -> str:
+        """Return why no channel reaches the rider now, with a remedy; empty if one does."""
+        if self.heard:
+            return ""
+        if self._glove is not None:
+            return self._glove.problem(now_ns)
+        return "there is neither a glove nor a voice: plug in the glove, or switch speech on"
+
+    def shown(self, before: HapticState, told: Told, now_ns: int) -> HapticState:
+        """Return the channels' state after a tick: the symbol said last, and glove and notices as they are now."""
+        shown = replace(
+            before,
+            stamp_ns=now_ns,
+            glove=None if self._glove is None else self._glove.report(now_ns),
+            notices=self.notices(now_ns),
+        )
+        if told.said is None:
+            return shown
+        bursts = () if told.unfelt or self._glove is None else self._words.pattern(told.said).bursts
+        return replace(
+            shown,
+            symbol=told.said.symbol.value,
+            text=told.text,
+            count=before.count + 1,
+            play=tuple((each.tactors, each.on_ms, each.off_ms) for each in bursts),
+            unfelt=told.unfelt,
+        )
+
+    @property
+    def words(self) -> Vocabulary:
+        """The symbols' patterns for this rider's layout."""
+        return self._words
 
     def notices(self, now_ns: int) -> tuple[str, ...]:
         """Return a sentence for each thing that is amiss: the glove, its motors, the speech program."""
@@ -79,7 +126,7 @@ class Teller:
             told += self._sounds.notices
         return tuple(told)
 
-    def _say(self, advice: Advice, now_ns: int, interrupts: bool, yes: int) -> Told:
+    def _say(self, advice: Advice, now_ns: int, interrupts: bool) -> Told:
         unfelt = self._feel(advice, now_ns)
         if self._sounds is not None:
             felt = self._glove is not None and not unfelt
@@ -87,7 +134,7 @@ class Teller:
                 self._sounds.keep_quiet(now_ns)
             wording = Wording(self._profile.wording)
             self._sounds.tell(advice_words(advice, wording), advice, now_ns, interrupts)
-        return Told(advice, advice_words(advice, Wording.FULL), unfelt, yes=yes)
+        return Told(advice, advice_words(advice, Wording.FULL), unfelt)
 
     def _feel(self, advice: Advice, now_ns: int) -> str:
         """Play advice on the glove; return why it is not felt."""

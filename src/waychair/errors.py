@@ -221,6 +221,14 @@ class SensorError(WaychairError):
     """Messages of a sensor contradict each other."""
 
 
+class SessionLogError(WaychairError):
+    """The record of guided drives for a trainer cannot be read."""
+
+
+class LearntError(WaychairError):
+    """The file of what was learnt of a rider cannot be read."""
+
+
 class HabitsError(WaychairError):
     """The record of the rider's habits cannot be read."""
 

@@ -58,7 +58,7 @@ def test_the_package_declares_itself_to_ament(setup: dict[str, Any]) -> None:
 def test_every_entry_point_is_an_existing_node(setup: dict[str, Any]) -> None:
     pytest.importorskip("rclpy", reason="ROS is not installed (no rclpy)")
     entries = dict(re.fullmatch(r"(\w+) = ([\w.]+):main", entry).groups() for entry in setup["entry_points"]["console_scripts"])  # type: ignore[union-attr] # fmt: skip
-    assert set(entries) == {"simulator", "bridge", "cells", "mapper", "navigator", "recorder"}
+    assert set(entries) == {"simulator", "bridge", "cells", "glove", "mapper", "navigator", "recorder"}
     for node, module in entries.items():
         assert module == f"waychair.ros.nodes.{node}_node"
         assert callable(importlib.import_module(module).main)

@@ -41,7 +41,7 @@ class Noted:
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         call = getattr(self.port, name)
-        if name in ("view", "grid", "layout", "goals", "picture", "perception", "network"):
+        if name in ("view", "grid", "layout", "goals", "picture", "perception", "network", "haptics"):
             return call  # type: ignore[no-any-return]
 
         def noted(*asked: Any) -> Any:

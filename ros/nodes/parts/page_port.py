@@ -44,7 +44,7 @@ from waychair.ros.messages.sensors import joy, read_scan
 from waychair.ros.messages.wire import native
 from waychair.ros.nodes.inputs import DECODING_ERRORS
 from waychair.ros.nodes.node import ChairNode
-from waychair.ros.nodes.parts.heard_cells import HeardCells
+from waychair.ros.nodes.parts.heard_haptics import HeardSenses
 from waychair.ros.nodes.parts.page_building import PageBuilding
 from waychair.ros.nodes.parts.page_figures import figures
 from waychair.ros.nodes.parts.page_guard import PageGuard
@@ -123,7 +123,7 @@ class _Publishers:
     pose: Callable[[Any], None]
 
 
-class PagePort(PageBuilding, PageGuard, DrawingPort, HeardCells):
+class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
     """A `ChairPort` over the messages and services that a node of this process uses."""
 
     def __init__(
@@ -167,7 +167,7 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardCells):
         listen(topics.MAP, read_occupancy_grid, self._take_grid, needed=False)
         listen(topics.PLACES, read_places, self._take_places, needed=False)
         listen(topics.FLOOR, read_floor, self._take_floor, needed=False)
-        self._listen_to_cells(self._node, self._calibration.body)
+        self._listen_to_senses(self._node, self._calibration.body)
         self._listen_to_guard(self._node)
         self._listen_to_building(self._node, self._calibration.body)
 

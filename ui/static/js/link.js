@@ -18,7 +18,7 @@ let state = "connecting"; // connecting, open, lost, mute (the views do not chan
 let number = 0;
 const waiting = new Map();
 
-/** Registers a listener: "chair", "map", "layout", "cells" and "view" pass the message, "state" the connection's state. */
+/** Registers a listener: "chair", "map", "layout", "cells", "haptics" and "view" pass the message, "state" the connection's state. */
 export const on = (kind, heard) => HEARD.addEventListener(kind, (event) => heard(event.detail));
 
 export const linkState = () => state;

@@ -15,6 +15,8 @@ import "./cells.js";
 import "./guide.js";
 import "./help.js";
 import "./habits.js";
+import "./haptics.js";
+import "./session_log.js";
 import "./awake.js";
 import "./focus.js";
 import { remembers } from "./memory.js";

@@ -54,8 +54,8 @@ export const moves = (view) =>
     Math.abs(view.twist[0]) > 0.02 ||
     Math.abs(view.twist[1]) > 0.03);
 
-/** The newest view, the one before it, the layout, the goals of the building, and the chair's footprint. */
-export const now = { goals: [], view: null, before: null, layout: { places: [], zones: [], undoable: false }, outline: [] };
+/** The newest view, the one before it, what a rider who cannot see is told (null without), the layout, the goals of the building, and the chair's footprint. */
+export const now = { goals: [], haptics: null, view: null, before: null, layout: { places: [], zones: [], undoable: false }, outline: [] };
 
 // this module registers first, so that other listeners find the newest view here
 on("view", (view) => ([now.before, now.view] = [now.view, view]));

@@ -4,6 +4,7 @@
 import { goTo } from "../drive.js";
 import { guideTo, PROMPTS, letDrive, nextLevel, sayAgain } from "../guide.js";
 import { chooseLevel, LEVELS, override } from "../help.js";
+import { sayStep, sayWhere } from "../haptics.js";
 import { ask } from "../link.js";
 import { moves, note, now, say } from "../page.js";
 import { setSound, soundWanted } from "../sound.js";
@@ -73,6 +74,7 @@ function atRest(view, leave, calibrate) {
     ...view.asks.map((storey) => ({ label: `This is ${storey}`, act: () => answered(ask("storey", { storey })) })),
     ...(view.paused || view.offers ? [{ label: "Go on", act: () => answered(ask("go_on")) }] : []),
     ...(view.guide ? guidance(view.guide) : []),
+    ...(now.haptics ? touch(all) : []),
     ...(view.goal ? [{ label: "End this drive", act: () => void say(ask("cancel")) }] : []),
     ...(view.guard?.capped ? [{ label: "Creep on for ten seconds", act: () => void override() }] : []),
     ...(view.obstacles.some(({ reset }) => reset) ? [{ label: "Reset", act: () => void say(ask("reset")) }] : []),
@@ -91,6 +93,18 @@ const guidance = ({ level, offers, arrived }) => [
   { label: "Prompts", detail: PROMPTS[level], act: () => void nextLevel() },
   { label: "End guidance", act: () => void say(ask("end_guide")) },
 ];
+
+/** The items of a rider who is led by touch and voice. */
+function touch(all) {
+  const led = now.haptics.goal !== "";
+  const here = all.filter(({ pose }) => pose); // nobody is led to another storey
+  const leadItem = (goal) => ({ label: goal.path.at(-1), act: () => void say(ask("lead", { goal: goal.name })) });
+  return [
+    { label: led ? "Say the step again" : "Say it again", act: () => void sayStep() },
+    { label: "Where am I?", act: () => void sayWhere() },
+    led ? { label: "Lead me no longer", act: () => void say(ask("end_lead")) } : { label: "Lead me", items: () => asItems(goalItems(here), leadItem) },
+  ];
+}
 
 /** Notes why a command was not done. */
 async function answered(answering) {

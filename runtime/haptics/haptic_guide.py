@@ -1,0 +1,231 @@
+"""The part of a chair that tells and leads a rider who cannot see: steps and advice in, glove, voice and text out.
+
+It moves nothing. The chair calls `step` once a tick, after the command was sent. Each channel may fail by itself; where none
+reaches the rider, the steps are withheld and named as such, and the chair drives on at the level of help that is left.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.control.haptics.cell_advice import CellMemory, cell_advice
+from waychair.control.haptics.guidance import Guidance, GuideInputs
+from waychair.control.haptics.guide_numbers import STILL_OMEGA, STILL_V
+from waychair.control.haptics.learning import RiderLearner
+from waychair.control.haptics.symbols import Advice, Symbol
+from waychair.maps.drawn.zones import Zone
+from waychair.runtime.haptics.haptic_state import HapticInputs, HapticState, Surroundings
+from waychair.runtime.haptics.live_ground import LiveGround
+from waychair.runtime.haptics.session_log import SessionCounter
+from waychair.runtime.haptics.step_leader import StepLeader
+from waychair.runtime.haptics.teller import REPEAT_OFFER, Teller, Told
+from waychair.runtime.haptics.where import where_words
+from waychair.types import HelpLevel, OccupancyGrid, Place, Pose2, Scan, Twist
+
+LOST = "the chair does not know where it is: stop, and wait until it does"
+"""Reason of the warning to a rider who is led when the pose is lost."""
+
+AGAIN_NS = 1_500_000_000
+"""Two presses of the glove's button within this time ask where the chair is."""
+
+_HELD, _HELD_AT = 0.03, 0.1
+"""Shares of the swing: the stick is pushed so far beyond a cap, and the cap leaves hardly any motion."""
+
+_LOST_NUMBER = 900_000_000
+"""Number of the warning of a lost pose, beyond those of guide and cells."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Asked:
+    """The rider's wishes that wait: to hear it again, since when [ns], and where the chair is; and the last press [ns]."""
+
+    again: bool = False
+    where: bool = False
+    pressed_ns: int = -(10**18)
+    again_ns: int | None = None
+
+
+class HapticGuide:
+    """One rider's guide. `state` is that after the last tick; `leader` leads along the steps."""
+
+    def __init__(
+        self,
+        body: ChairBody,
+        teller: Teller,
+        learner: RiderLearner,
+        grid: OccupancyGrid,
+        zones: Sequence[Zone] = (),
+        worker: Executor | None = None,
+        around: Callable[[], Surroundings] = Surroundings,
+        session: SessionCounter | None = None,
+    ) -> None:
+        """`worker` makes the plans, by default they are made in the tick. `around` is asked when the rider asks.
+
+        `session` counts for the trainer, if the rider wants it.
+        """
+        self._teller = teller
+        durations = {symbol: 1e-3 * each.duration_ms for symbol, each in teller.words.patterns.items()}
+        self.leader = StepLeader(body, durations, learner, LiveGround(body, grid, zones), worker)
+        self.around = around
+        self.session = session
+        self.state = HapticState(0)
+        self._cells = CellMemory()
+        self._asked = _Asked()
+        self._level_told = ""
+
+    def lead(self, goal: Place) -> None:
+        """Lead the rider to a place from now on."""
+        self.leader.lead(goal)
+        self.state = replace(self.state, goal=goal.name, arrived=False)
+
+    def end(self, reason: str = "you have ended it") -> None:
+        """Lead no longer."""
+        self.leader.end(reason)
+
+    def say_again(self) -> None:
+        """Say the present step again, at the next tick."""
+        self._asked = replace(self._asked, again=True)
+
+    def say_where(self) -> None:
+        """Tell where the chair is and what is round it, at the next tick."""
+        self._asked = replace(self._asked, where=True)
+
+    def see(self, scan: Scan, map_from_base: Pose2, twist: Twist) -> None:
+        """Take in a scan; see `LiveGround.see`."""
+        self.leader.ground.see(scan, map_from_base, twist)
+
+    def redraw(self, grid: OccupancyGrid, zones: Sequence[Zone]) -> None:
+        """Take another map; the steps are planned anew on it."""
+        self.leader.ground.redraw(grid, zones)
+        self.leader.look_again()
+
+    def step(self, now: HapticInputs) -> HapticState:
+        """Run one tick: decide what holds, say what is due, and return the channels' state."""
+        withheld = self._withheld(now)
+        guidance = None if withheld or now.pose is None else self.leader.step(_inputs(now, now.pose))
+        wanted = self._wanted(now, guidance)
+        again = self._again(now, bool(withheld))
+        if again is not None:
+            wanted = [again, *(each for each in wanted if each.symbol is Symbol.WARNING)]
+        # the guide itself counts what is ignored, so the teller need not
+        told = self._teller.tick(wanted, now.now_ns, asked=again is not None, reacted=True)
+        self._note(told, guidance, again, now)
+        sentence = self._sentence(again, guidance, now)
+        if sentence:
+            self._teller.announce(sentence, now.now_ns)
+        self._asked = self._next_asked(told, again, now.now_ns)
+        self.state = self._state(now, guidance, told, sentence, withheld)
+        if self.session is not None:
+            self.session.note(now, self.state, asked=again is not None)
+        return self.state
+
+    def _withheld(self, now: HapticInputs) -> str:
+        """Return why nobody tells the steps now; after a silence they begin from where the chair is."""
+        leader = self.leader
+        if leader.goal is None:
+            return ""
+        if now.level is HelpLevel.GUARD:
+            leader.end("you have chosen the guard alone")
+            return ""
+        silence = "the chair drives by itself" if now.computer_drives else self._teller.silence(now.now_ns)
+        if silence:
+            leader.look_again()
+            return silence
+        return LOST if now.pose is None else ""
+
+    def _wanted(self, now: HapticInputs, guidance: Guidance | None) -> list[Advice]:
+        """Return all advice that holds now."""
+        wanted = [] if guidance is None or guidance.advice is None else [guidance.advice]
+        signal = None if now.computer_drives else now.signal
+        from_cells, self._cells = cell_advice(signal, self._cells, now.now_ns)
+        if from_cells is not None and _moves(now.twist):
+            drowns_steps = self.leader.goal is not None and from_cells.symbol is Symbol.OBSTACLE_AT
+            wanted += [] if drowns_steps else [from_cells]
+        if self.leader.goal is not None and now.pose is None and _moves(now.twist):
+            wanted.append(Advice(Symbol.WARNING, _LOST_NUMBER, now.now_ns + 500_000_000, reason=LOST))
+        return wanted
+
+    def _again(self, now: HapticInputs, withheld: bool) -> Advice | None:
+        """Return the advice that the rider wants to have again; None if nobody asks, or there is none."""
+        if not self._asked.again or withheld or now.pose is None:
+            return None
+        return self.leader.again(_inputs(now, now.pose))
+
+    def _note(self, told: Told, guidance: Guidance | None, again: Advice | None, now: HapticInputs) -> None:
+        """Tell the leader whether its advice has reached the rider."""
+        advice = again or (None if guidance is None else guidance.advice)
+        if advice is None:
+            return
+        said = told.said is not None and told.said.number == advice.number
+        if said and (not told.unfelt or self._teller.heard):
+            self.leader.note_said(advice, now.now_ns, now.twist)
+        else:
+            self.leader.note_unsaid()
+
+    def _sentence(self, again: Advice | None, guidance: Guidance | None, now: HapticInputs) -> str:
+        """Return a sentence to be spoken besides symbols: an answer, a new level of help, an offer, or the end of leading."""
+        if self._asked.where:
+            return where_words(now.pose, self.around(), self.leader.step_words)
+        if now.level_told != self._level_told:
+            self._level_told = now.level_told
+            return now.level_told
+        if self.state.goal and self.leader.goal is None and not self.leader.arrived:
+            return f"You are no longer led: {self.leader.reason}."
+        if guidance is not None and guidance.offers_repeat:
+            return f"{REPEAT_OFFER[0].upper()}{REPEAT_OFFER[1:]}."
+        if self._asked.again and again is None:
+            return self.state.text or "Nothing has been said yet."
+        return ""
+
+    def _next_asked(self, told: Told, again: Advice | None, now_ns: int) -> _Asked:
+        """Return the wishes for the next tick, by the glove's button too: once for again, twice for where.
+
+        A wish to hear it again waits for the gap after the symbol before, but not for long.
+        """
+        asked = self._asked
+        if told.repeats:
+            twice = told.repeats > 1 or now_ns - asked.pressed_ns < AGAIN_NS
+            return _Asked(again=not twice, where=twice, pressed_ns=-(10**18) if twice else now_ns, again_ns=now_ns)
+        since_ns = now_ns if asked.again_ns is None else asked.again_ns
+        waits = asked.again and again is not None and told.said is None and now_ns - since_ns < AGAIN_NS
+        return _Asked(again=waits, pressed_ns=asked.pressed_ns, again_ns=since_ns if waits else None)
+
+    def _state(
+        self, now: HapticInputs, guidance: Guidance | None, told: Told, sentence: str, withheld: str
+    ) -> HapticState:
+        leader, shown = self.leader, self._teller.shown(self.state, told, now.now_ns)
+        if sentence:
+            shown = replace(shown, symbol="", text=sentence, count=shown.count + 1, play=())
+        return replace(
+            shown,
+            level=now.level,
+            goal="" if leader.goal is None else leader.goal.name,
+            step=leader.step_words,
+            reason=leader.reason if guidance is None else guidance.reason,
+            arrived=leader.arrived,
+            withheld=withheld,
+            offers=(guidance is not None and guidance.offers_repeat) or (self.state.offers and told.said is None),
+            cap=1.0 if guidance is None else guidance.cap,
+        )
+
+
+def _moves(twist: Twist) -> bool:
+    return abs(twist.v) > STILL_V or abs(twist.omega) > STILL_OMEGA
+
+
+def _inputs(now: HapticInputs, pose: Pose2) -> GuideInputs:
+    """Return the guide's inputs: whether the guard holds the rider's stick back."""
+    if now.guard is None or now.stick is None:
+        return GuideInputs(now.now_ns, pose, now.twist)
+    front, _, left, right = now.guard.caps
+    forward, turn = now.stick.forward, now.stick.turn
+    return GuideInputs(
+        now.now_ns,
+        pose,
+        now.twist,
+        held_ahead=forward > front + _HELD and front < _HELD_AT,
+        held_turn=turn > left + _HELD or -turn > right + _HELD,
+    )

@@ -1,0 +1,165 @@
+"""Leads one rider along steps to a place: plans, guides, learns, and plans anew from wherever the rider went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import Executor, Future
+from dataclasses import replace
+
+from waychair.calibration.chair_body import ChairBody
+from waychair.control.haptics.guidance import Guidance, GuideInputs, GuideState, Phase
+from waychair.control.haptics.guide import Guide
+from waychair.control.haptics.guide_numbers import NUDGES, VALID_NS
+from waychair.control.haptics.learning import RiderLearner
+from waychair.control.haptics.symbols import Advice, Symbol
+from waychair.errors import PlanningError
+from waychair.geometry import wrap_angle
+from waychair.planning.steps.step import StepPlan
+from waychair.planning.steps.step_planner import StepPlanner
+from waychair.runtime.haptics.live_ground import LiveGround
+from waychair.types import Goal, Place, Pose2, Twist
+
+REPLANS = 8
+"""Plans in a row without a step that was done, after which the rider is no longer led."""
+
+
+class StepLeader:
+    """Leads to one place at a time. `goal` is that place or None, `reason` why leading has ended; `learner` knows the rider.
+
+    With a `worker` plans are made there, and the rider is told nothing new meanwhile; without one, at once.
+    """
+
+    def __init__(
+        self,
+        body: ChairBody,
+        durations: Mapping[Symbol, float],
+        learner: RiderLearner,
+        ground: LiveGround,
+        worker: Executor | None = None,
+    ) -> None:
+        """`durations` [s] of the patterns."""
+        self.learner = learner
+        self.ground = ground
+        self.goal: Place | None = None
+        self.reason = ""
+        self.arrived = False
+        self._body, self._durations, self._worker = body, durations, worker
+        self._planner: StepPlanner | None = None
+        self._plan: StepPlan | None = None
+        self._planning: Future[StepPlan] | None = None
+        self._memory = self._before = GuideState()
+        self._replans = 0
+
+    def lead(self, goal: Place) -> None:
+        """Lead to a place from now on; a plan under way for another one is dropped."""
+        self.goal, self.reason, self.arrived = goal, "", False
+        self._planner, self._plan, self._planning = StepPlanner(Goal(goal.pose), goal.pose), None, None
+        self._memory = self._before = GuideState(number=self._memory.number)
+        self._replans = 0
+
+    def end(self, reason: str) -> None:
+        """Lead no longer."""
+        if self.goal is not None:
+            self.goal, self.reason, self._plan, self._planning = None, reason, None, None
+
+    def look_again(self) -> None:
+        """Forget the plan: after a silence, or on another map, the steps begin from where the chair is."""
+        self._plan = self._planning = None
+
+    def step(self, now: GuideInputs) -> Guidance | None:
+        """Return the guidance of a tick; None while there is no goal or no plan yet."""
+        self.learner.note_motion(now.now_ns, now.twist)
+        if self.goal is None:
+            return None
+        if self._plan is None and self._planning is None:
+            self._ask(now.pose)
+        self._take_plan()
+        if self._plan is None:
+            return None
+        guide = Guide(self._body, self.learner.model, self._durations)
+        self._before = self._memory
+        guidance, self._memory = guide.step(self._plan, self._memory, now)
+        if guidance.arrived:
+            self.end("arrived")
+            self.arrived = True
+        elif guidance.astray and self._planning is None:
+            self._ask_anew(guidance.reason, now.pose)
+        return guidance
+
+    def note_said(self, advice: Advice, now_ns: int, moving: Twist) -> None:
+        """Note that the guide's advice of this tick reaches the rider: its effect is watched."""
+        self.learner.note_said(advice.symbol, now_ns, self._durations[advice.symbol], moving)
+
+    def note_unsaid(self) -> None:
+        """Note that the guide's advice of this tick was not said: nobody will obey it."""
+        before = self._before
+        self._memory = replace(self._memory, said=before.said, said_ns=before.said_ns, nudges=before.nudges)
+
+    def again(self, now: GuideInputs) -> Advice | None:
+        """Return the advice that holds now, at the rider's wish; None if nothing was said. A nudge is never given twice."""
+        memory = self._memory
+        if self._plan is None or memory.said is None:
+            return None
+        symbol = {Phase.GO: Symbol.FORWARD, Phase.BACK: Symbol.BACK, Phase.DONE: Symbol.ARRIVED}.get(memory.phase)
+        if symbol is None:
+            left = memory.said is Symbol.SWIVEL_LEFT or (
+                memory.said is not Symbol.SWIVEL_RIGHT and wrap_angle(memory.heading - now.pose.theta) > 0.0
+            )
+            symbol = Symbol.SWIVEL_LEFT if left else Symbol.SWIVEL_RIGHT
+        number = memory.number + 1
+        said = memory.said if memory.said in NUDGES and symbol is Symbol.FORWARD else symbol
+        self._memory = replace(
+            memory,
+            number=number,
+            said=said,
+            said_ns=now.now_ns,
+            nudges=self._before.nudges,  # without one that the guide would have given in this tick
+            ignored=0,
+            quiet_ns=now.now_ns,
+        )
+        return Advice(symbol, number, now.now_ns + VALID_NS, reason=self.step_words)
+
+    @property
+    def step_words(self) -> str:
+        """The present step in words; empty without one."""
+        plan, index = self._plan, self._memory.step
+        return "" if plan is None or index < 0 else plan.steps[index].words()
+
+    def _ask_anew(self, why: str, pose: Pose2) -> None:
+        """Ask for steps from here, unless that has led nowhere for too often."""
+        self._replans = 0 if self._memory.step > 0 else self._replans + 1
+        if self._replans > REPLANS:
+            self.end(f"{why}: the steps do not lead on from here; choose the place again, or let the chair drive")
+            return
+        self._ask(pose)
+
+    def _ask(self, pose: Pose2) -> None:
+        assert self._planner is not None  # there is a goal
+        planner, costmap = self._planner, self.ground.ask()
+
+        def plan() -> StepPlan:
+            return planner.replan(costmap(), pose)
+
+        if self._worker is not None:
+            self._planning = self._worker.submit(plan)
+            return
+        self._planning = Future()
+        try:
+            self._planning.set_result(plan())
+        except PlanningError as error:
+            self._planning.set_exception(error)
+
+    def _take_plan(self) -> None:
+        if self._planning is None or not self._planning.done():
+            return
+        planning, self._planning = self._planning, None
+        try:
+            self._plan = planning.result()
+        except PlanningError as error:
+            if self._plan is None:
+                self.end(str(error))
+            else:  # no steps lead on from here; the old ones may, from a little elsewhere
+                self._memory = replace(self._memory, tries=0, shuffles=0)
+            return
+        memory = self._memory
+        self._memory = GuideState(number=memory.number, said=memory.said, said_ns=memory.said_ns)

@@ -1,0 +1,197 @@
+"""A chair leads its rider by the glove's program; a channel that fails is named, and nothing wrong is ever felt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.runtime.haptics.guided_rider import DESK, GuidedRider
+from waychair.control.behaviours.commands import Signal, SignalKind
+from waychair.control.behaviours.sonar import Obstacle
+from waychair.firmware_bridge.glove.bridge import SILENT
+from waychair.firmware_bridge.glove.program import GloveConfig, GloveInputs
+from waychair.runtime.haptics.haptic_guide import LOST
+from waychair.runtime.haptics.haptic_state import Surroundings
+from waychair.types import HelpLevel, Place, Pose2, Twist
+
+FORWARD = {7, 4, 1}
+
+
+@pytest.fixture
+def rider() -> Iterator[GuidedRider]:
+    with GuidedRider() as led:
+        yield led
+
+
+@pytest.fixture
+def voice(tmp_path: Path) -> Path:
+    """A speech program that writes down what it is to say."""
+    program = tmp_path / "espeak-ng"
+    program.write_text(f'#!/bin/sh\necho "$6" >> {tmp_path}/spoken\n')
+    program.chmod(0o755)
+    return program
+
+
+def test_a_rider_who_is_led_feels_the_first_step_and_the_state_names_it(rider: GuidedRider) -> None:
+    began = rider.now_ms
+    assert rider.run(200).count == 0  # nobody is led yet
+    rider.guide.lead(DESK)
+    state = rider.run(700)
+    assert rider.felt(began) == FORWARD
+    assert (state.goal, state.symbol, state.unfelt, state.withheld) == ("desk", "forward", "", "")
+    assert state.step == "straight 4.0 m"
+    assert state.play == (((7,), 150, 0), ((4,), 150, 0), ((1,), 150, 400))
+    assert state.glove is not None
+    assert (state.glove.alive, state.glove.problem, state.glove.broken) == (True, "", ())
+
+
+def test_a_rider_who_obeys_is_told_the_end_ahead_of_time_and_arrives(rider: GuidedRider) -> None:
+    rider.guide.lead(DESK)
+    rider.run(1100)
+    rider.twist = Twist(0.5, 0.0)
+    for _ in range(400):
+        state = rider.run(50)
+        if state.symbol == "arrived":
+            break
+    assert rider.pose is not None
+    ahead = DESK.pose.x - rider.pose.x
+    assert 0.4 < ahead < 0.8  # the pattern and the rider's lag at 0.5 m/s
+    rider.run(1000)
+    rider.twist = Twist()
+    state = rider.run(1000)
+    assert (state.arrived, state.goal) == (True, "")
+
+
+def test_a_glove_that_is_unplugged_is_named_and_the_steps_are_withheld_until_it_is_back(rider: GuidedRider) -> None:
+    rider.guide.lead(DESK)
+    rider.run(1000)
+    rider.inputs = GloveInputs(powered=False)
+    state = rider.run(1000)
+    assert (state.withheld, state.goal, state.level) == (SILENT, "desk", HelpLevel.GUIDE)
+    assert state.glove is not None
+    assert not state.glove.alive
+    assert SILENT in state.notices
+    count = state.count
+    assert rider.run(4000).count == count  # it says nothing, and pretends nothing
+    rider.inputs = GloveInputs()  # the board boots again
+    began = rider.now_ms
+    state = rider.run(2500)
+    assert (state.withheld, state.symbol) == ("", "forward")
+    assert rider.felt(began) == FORWARD
+
+
+def test_a_glove_that_dies_leaves_the_voice(voice: Path) -> None:
+    with GuidedRider(voice=voice) as rider:
+        rider.glove.kill()
+        rider.run(1000)
+        rider.guide.lead(DESK)
+        state = rider.run(1000)
+        assert (state.withheld, state.symbol) == ("", "forward")
+        assert state.unfelt.startswith("the glove cannot be reached")
+        assert (voice.parent / "spoken").read_text().splitlines() == ["forward"]
+
+
+@pytest.mark.parametrize(
+    ("config", "named"),
+    [
+        (GloveConfig(device_id="B"), "this is the glove 'B'"),
+        (GloveConfig(layout="belt_8"), "the glove has the layout 'belt_8'"),
+    ],
+)
+def test_another_glove_is_refused_by_its_name_and_feels_like_none(config: GloveConfig, named: str) -> None:
+    with GuidedRider(config) as rider:
+        rider.guide.lead(DESK)
+        state = rider.run(1500)
+        assert state.withheld.startswith(named)
+        assert (rider.felt(0), state.count) == (set(), 0)
+
+
+def test_an_open_motor_is_named_and_a_symbol_that_needs_it_is_never_felt_in_part(rider: GuidedRider) -> None:
+    rider.inputs = GloveInputs(open_motors=1 << 4)
+    rider.run(200)
+    began = rider.now_ms
+    rider.guide.lead(DESK)
+    state = rider.run(3000)
+    assert rider.felt(began) == set()
+    assert state.glove is not None
+    assert state.glove.broken == (4,)
+    assert state.unfelt.startswith("motor 4 of the glove does not vibrate")
+    assert state.play == ()
+
+
+def test_a_press_repeats_the_step_and_two_presses_ask_where_the_chair_is(rider: GuidedRider) -> None:
+    rider.guide.around = lambda: Surroundings((DESK,), ("Free straight ahead.",))
+    rider.guide.lead(DESK)
+    rider.run(1200)
+    first = len(rider.states)
+    rider.press()
+    rider.run(800)
+    assert rider.said(first) == ["forward"]
+    rider.run(1500)
+    rider.press()
+    rider.press()
+    state = rider.run(200)
+    assert state.text == "desk is 4 m away, ahead. Free straight ahead. Now: straight 4.0 m."
+
+
+def test_the_page_asks_the_same_and_a_rider_who_is_not_led_gets_an_answer(rider: GuidedRider) -> None:
+    rider.guide.say_again()
+    assert rider.run(100).text == "Nothing has been said yet."
+    rider.guide.say_where()
+    assert rider.run(100).text == "No place with a name is near."
+
+
+def test_a_pose_lost_in_the_middle_of_a_leg_warns_once_moving_and_goes_on_when_it_is_found(rider: GuidedRider) -> None:
+    rider.guide.lead(DESK)
+    rider.run(1100)
+    rider.twist = Twist(0.3, 0.0)
+    rider.run(500)
+    kept, rider.pose = rider.pose, None
+    first = len(rider.states)
+    state = rider.run(500)
+    assert (state.withheld, rider.said(first)) == (LOST, ["warning"])
+    rider.twist = Twist()
+    first = len(rider.states)
+    rider.run(3000)
+    assert rider.said(first) == []
+    rider.pose = kept
+    state = rider.run(600)
+    assert (state.symbol, state.withheld) == ("forward", "")
+
+
+def test_a_guard_that_ends_is_told_and_the_steps_go_on_without_it(rider: GuidedRider) -> None:
+    rider.guide.lead(DESK)
+    rider.run(200)
+    rider.level, rider.level_told = HelpLevel.INFORM, "The guard has ended: the cable was pulled."
+    state = rider.run(100)
+    assert (state.text, state.goal, state.level) == (rider.level_told, "desk", HelpLevel.INFORM)
+    rider.level, rider.level_told = HelpLevel.GUARD, "Guard."
+    rider.run(100)
+    state = rider.run(100)
+    assert state.goal == ""
+    assert "you have chosen the guard alone" in state.reason
+
+
+def test_a_goal_that_no_steps_lead_to_is_told_with_its_reason(rider: GuidedRider) -> None:
+    rider.guide.lead(Place("wall", Pose2(5.95, 0.05), 0.3, 0.3))
+    state = rider.run(200)
+    assert state.goal == ""
+    assert state.text == f"You are no longer led: {state.reason}."
+    assert "wall" not in state.reason
+
+
+def test_obstacles_are_told_on_change_while_the_chair_moves_and_a_warning_comes_first(rider: GuidedRider) -> None:
+    classes = [Obstacle.FAR] * 8
+    classes[2] = Obstacle.CLOSE
+    rider.signal = Signal(SignalKind.SPACE, "close on the left", classes=tuple(int(each) for each in classes))
+    began = rider.now_ms
+    rider.run(500)
+    assert rider.felt(began) == set()  # it stands
+    rider.twist = Twist(0.1, 0.0)
+    rider.run(1500)
+    assert (rider.felt(began), rider.said()) == ({3}, ["obstacle_at"])  # once, as long as nothing changes
+    rider.signal = Signal(SignalKind.WARNING, "no way is free")
+    state = rider.run(100)
+    assert (state.symbol, state.text) == ("warning", "stop the chair: no way is free")
