@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from waychair.planning.fleet.order import Order, Request, Turn
+from waychair.planning.fleet.order import Order, Request, Turn, with_priorities
 from waychair.planning.fleet.peers import messages
 from waychair.planning.fleet.peers.claims import Claim, claim_of, is_known, kept, order_of
 from waychair.planning.fleet.peers.election import Known, Voter, followers, is_majority
@@ -227,7 +227,7 @@ def _with_closed(office: Office, district: District, now_ms: int) -> District:
 def _decide(office: Office, loyal: Mapping[int, Known], now_ns: int, afresh: bool) -> None:
     """Take the States since the last time into the order."""
     assert office.district is not None
-    order = office.district.order
+    order = _reprioritised(office.district.order, loyal)
     now_ms = now_ns // 1_000_000
     reports: list[Report] = []
     requests: list[Request] = []
@@ -241,9 +241,20 @@ def _decide(office: Office, loyal: Mapping[int, Known], now_ns: int, afresh: boo
             requests.append(request)
     if not (reports or requests or afresh):
         return
-    state, replies, office.waits = decided(office.district, Heard(tuple(reports), tuple(requests)), now_ms)
+    district = replace(office.district, order=order)
+    state, replies, office.waits = decided(district, Heard(tuple(reports), tuple(requests)), now_ms)
     office.district = state
     _note_refusals(office, replies, requests)
+
+
+def _reprioritised(order: Order, loyal: Mapping[int, Known]) -> Order:
+    """Return the order with the priorities that the chairs' present wishes have."""
+    wanted = {
+        number * _NUMBERS + each.state.wish.number: Priority(each.state.wish.priority)
+        for number, each in loyal.items()
+        if each.state.wish is not None
+    }
+    return with_priorities(order, wanted)
 
 
 def _report(order: Order, number: int, each: Known) -> Report:
@@ -348,7 +359,7 @@ def _answers(
             spots=ahead,
             upto=state.visit if number in revoked else chain.visit,
             look=look,
-            why=Why(other, sentence[:240], foreseen),
+            why=Why(other, sentence[:240], foreseen, "" if wait is None else wait.reason.value),
             number=wish,
         )
         before = office.answers.get(number)
