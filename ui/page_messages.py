@@ -10,7 +10,7 @@ import numpy as np
 
 from waychair.control.safety.stops import STOPS, Severity
 from waychair.maps.drawn.zones import Zone
-from waychair.runtime.chair_port import ChairView, GoalView, GuideView, LayoutView
+from waychair.runtime.chair_port import ChairView, GoalView, GuideView, LayoutView, OthersView
 from waychair.runtime.perception_view import CellView, PerceptionView
 from waychair.runtime.sentences import sentence
 from waychair.types import Bytes, FloatArray, Json, OccupancyGrid, Place, Pose2
@@ -51,6 +51,7 @@ def view_message(view: ChairView, count: int) -> str:
             "storey": view.storey,
             "asks": view.asks,
             "guide": None if view.guide is None else _guide(view.guide),
+            "others": None if view.others is None else _others(view.others),
             "twist": [round(float(view.twist.v), 3), round(float(view.twist.omega), 3)],
             "goal": view.goal,
             "waits": view.waits,
@@ -70,6 +71,14 @@ def view_message(view: ChairView, count: int) -> str:
             "panel": {name: float(value) for name, value in view.panel.items()},
         }
     )
+
+
+def _others(others: OthersView) -> Json:
+    return {
+        "waits": others.waits,
+        "seconds": None if others.seconds is None else round(others.seconds),
+        "chairs": [{"number": number, "told": told} for number, told in others.others],
+    }
 
 
 def _guide(guide: GuideView) -> Json:

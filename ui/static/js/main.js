@@ -13,6 +13,7 @@ import "./menu/menu.js";
 import "./panel.js";
 import "./cells.js";
 import "./guide.js";
+import "./others.js";
 import "./habits.js";
 import "./awake.js";
 import "./focus.js";
