@@ -107,6 +107,9 @@ PERCEPTION = RosTopic("perception/state", "std_msgs/msg/String", RELIABLE)
 DOORWAYS = RosTopic("perception/doorways", "geometry_msgs/msg/PoseArray", RELIABLE, ODOM_FRAME)
 """The doorways near the chair that range has borne out: the middle of each, x leads through it."""
 
+OTHERS = RosTopic("other_chairs", "std_msgs/msg/String", RELIABLE)
+"""The other chairs of the building and the wait for one of them: a JSON object of `runtime.chair_port.OthersView`."""
+
 ROBOT_DESCRIPTION = RosTopic("robot_description", "std_msgs/msg/String", LATCHED)
 CLOCK = RosTopic("/clock", "rosgraph_msgs/msg/Clock", Qos(1))
 DIAGNOSTICS = RosTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")
