@@ -38,8 +38,8 @@ _ASIDE = frozenset({"told", "given"})
 
 ROOT = "waychair"
 
-_LOCAL = "waychair-here"
-"""Beginning of the keys of `LocalBus`, which no fleet's network has."""
+_LOCAL, _ALIVE = "waychair-here", "waychair-alive"
+"""Beginnings of the keys of `LocalBus`, which no fleet's network has."""
 
 
 def zenoh_settings(
@@ -249,8 +249,10 @@ class LocalBus:
     It never leaves the computer, so that it needs no keys: for what a simulated world and its chairs tell each other.
     """
 
-    def __init__(self, port: int, *, joins: bool = False, hears: Sequence[str], wake: threading.Event) -> None:
-        """Join the programs at a port of this computer (`joins`), or one of them; `hears` are key expressions.
+    def __init__(
+        self, port: int, name: str, *, joins: bool = False, hears: Sequence[str], wake: threading.Event
+    ) -> None:
+        """Join the programs at a port of this computer (`joins`), or be one of them, by a name; `hears` are key expressions.
 
         A message that comes sets `wake`.
 
@@ -264,16 +266,23 @@ class LocalBus:
         self._wake = wake
         self._session = _opened(settings, end)
         self._publishers: dict[str, zenoh.Publisher] = {}
+        self._there: set[str] = set()
         for each in hears:
             self._session.declare_subscriber(f"{_LOCAL}/{each}", self._take)
+        self._token = self._session.liveliness().declare_token(f"{_ALIVE}/{name}")
+        self._session.liveliness().declare_subscriber(f"{_ALIVE}/*", self._note_life, history=True)
+
+    def is_there(self, name: str) -> bool:
+        """Return whether a program of this name runs; one that is killed is gone within milliseconds."""
+        return name in self._there
 
     def put(self, key: str, data: bytes) -> None:
-        """Send bytes to all that hear the key; it never waits."""
+        """Send bytes to all that hear the key; on a busy computer it waits, so that nothing is lost."""
         if key not in self._publishers:
             import zenoh
 
             self._publishers[key] = self._session.declare_publisher(
-                f"{_LOCAL}/{key}", express=True, congestion_control=zenoh.CongestionControl.DROP
+                f"{_LOCAL}/{key}", express=True, congestion_control=zenoh.CongestionControl.BLOCK
             )
         self._publishers[key].put(data)
 
@@ -284,6 +293,12 @@ class LocalBus:
     def close(self) -> None:
         """Leave the others."""
         self._session.close()  # type: ignore[no-untyped-call]
+
+    def _note_life(self, sample: zenoh.Sample) -> None:
+        import zenoh
+
+        name = str(sample.key_expr).removeprefix(f"{_ALIVE}/")
+        (self._there.discard if sample.kind == zenoh.SampleKind.DELETE else self._there.add)(name)
 
     def _take(self, sample: zenoh.Sample) -> None:
         self._waiting.append((str(sample.key_expr).removeprefix(f"{_LOCAL}/"), sample.payload.to_bytes()))

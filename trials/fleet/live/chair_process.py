@@ -33,18 +33,21 @@ from waychair.runtime.fleet.zenoh_transport import LocalBus, ZenohTransport
 from waychair.runtime.processes import CANNOT_START, beats, signalled
 from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, calibration_of
 from waychair.trials.fleet.fleet_drive import ChairRun, Rider
-from waychair.trials.fleet.live.live_plan import LivePlan, fleet_file, read_plan
+from waychair.trials.fleet.live.live_plan import WORLD, LivePlan, fleet_file, read_plan
 from waychair.trials.fleet.live.wire import ChairStep, ChairWord, WorldStep, decoded, encoded, sensor_from
 from waychair.types import Pose2, Scan, SensorMessage
 
-WORLD_SILENT_S = 1.0
-"""s without a step of the world after which the chair's clock goes on by itself."""
+WORLD_SILENT_S = 10.0
+"""s without a step of a world that is there after which the chair's clock goes on by itself: a busy computer may take long."""
 
 ORDER_S, WORD_S = 0.1, 0.1
 """s between two steps of the peer, and between two words to the others of the simulation."""
 
 RESETS_AFTER_S = 2.0
 """s; the simulated rider resets a chair that has not been ready for so long, as it was switched off or its board was."""
+
+HERE = ChairStep(0, 0, b"")
+"""A chair's word to a world that begins: it is there."""
 
 _STILL = 0.02  # m/s or rad/s
 
@@ -177,6 +180,11 @@ class LiveChair:
         self._cable = _Cable()
         return self._cable
 
+    @property
+    def has_begun(self) -> bool:
+        """Whether a world has been there."""
+        return self._world[0] != 0
+
     def take(self, step: WorldStep) -> None:
         """Take a step of the world, run a tick if one is due, and answer."""
         if step.boot != self._world[0]:
@@ -199,6 +207,7 @@ class LiveChair:
         """Let a tick pass without the world."""
         self._now_ns += TICK_NS
         self.tick()
+        self._put(f"cable/{self.number}", encoded(HERE))
 
     def tick(self) -> None:
         """Run one tick of the chair."""
@@ -294,13 +303,13 @@ def serve(folder: Path, number: int) -> None:
     stopped, beat, wake = signalled(signal.SIGINT, signal.SIGTERM), beats(), threading.Event()
     file = fleet_file(folder, number)
     with ExitStack() as stack:
-        bus = LocalBus(plan.bus, hears=(f"world/{number}",), wake=wake)
+        bus = LocalBus(plan.bus, f"chair{number}", hears=(f"world/{number}",), wake=wake)
         stack.callback(bus.close)
         transport = ZenohTransport(file, file.traffic_graph().fingerprint, mode=plan.mode, wake=wake)
         stack.callback(transport.close)
         live = LiveChair(folder, plan, number, transport, bus.put)
         bus.received()  # steps from before it could answer
-        bus.put(f"cable/{number}", encoded(ChairStep(0, 0, b"")))  # it is there
+        bus.put(f"cable/{number}", encoded(HERE))
         stack.enter_context(present_left_out())
         heard_s = time.monotonic()
         order_s = word_s = 0.0
@@ -313,9 +322,10 @@ def serve(folder: Path, number: int) -> None:
                     live.take(step)
                     heard_s = time.monotonic()
             now_s = time.monotonic()
-            if now_s - heard_s > WORLD_SILENT_S:
+            silent_s = TICK_NS * 1e-9 if live.has_begun and not bus.is_there(WORLD) else WORLD_SILENT_S
+            if now_s - heard_s > silent_s:
                 live.tick_alone()
-                heard_s += TICK_NS * 1e-9
+                heard_s = max(heard_s + TICK_NS * 1e-9, now_s - silent_s)
             if live.rider.state is not None and (now_s - order_s >= ORDER_S or transport.is_urgent):
                 order_s = now_s
                 live.order()

@@ -181,7 +181,7 @@ class LiveFleet:
     def __enter__(self) -> Self:
         with ExitStack() as stack:
             stack.enter_context(self._supervision)  # before any thread of Zenoh's
-            self._bus = LocalBus(self.plan.bus, joins=True, hears=("moment", "word/*"), wake=self._wake)
+            self._bus = LocalBus(self.plan.bus, "supervisor", joins=True, hears=("moment", "word/*"), wake=self._wake)
             stack.callback(self._bus.close)
             self._stack = stack.pop_all()
         return self

@@ -18,6 +18,9 @@ from waychair.trials.fleet.fleet_drive import FleetScene
 
 PLAN = "live.json"
 
+WORLD = "world"
+"""Name of the world's program."""
+
 DESK = 90
 """Number of the voter on whose computer the staff's page is."""
 

@@ -33,18 +33,18 @@ from waychair.simulation.scene.seeds import chair_seed
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import BEAT_NS, DriveSetup, board_settings
 from waychair.trials.fleet.fleet_drive import FleetScene, stands
-from waychair.trials.fleet.live.live_plan import read_plan
+from waychair.trials.fleet.live.live_plan import WORLD, read_plan
 from waychair.trials.fleet.live.wire import ChairStep, WorldMoment, WorldStep, decoded, encoded, packed_sensor
 from waychair.types import Pose2
 
 LAG = 6
 """Steps of 10 ms that a chair's answers may be behind before the world waits for it; its board falls silent after 10."""
 
-SILENT_S = 1.0
+SILENT_S = 10.0
 """s without an answer after which a chair's process is not waited for: on a busy computer one that lives may take long."""
 
-BEGINS_S = 120.0
-"""s for which a new world waits for the first words of its chairs."""
+BEGINS_S, BEGINS_AGAIN_S = 120.0, 2.0
+"""s for which a new world waits for the first words of its chairs, and one that was started again."""
 
 MOMENT_STEPS = 10
 """Steps between two moments that are told and saved."""
@@ -83,6 +83,8 @@ class LiveWorld:
                 continue
             line = self.lines[k]
             line.heard_s = time.monotonic()
+            if told.boot == 0:
+                line.answered = self.step  # the chair is there, and begins with the next step
             if told.boot == self.boot:
                 line.answered = max(line.answered, told.step)
                 if told.cable:
@@ -91,7 +93,10 @@ class LiveWorld:
     def is_held_up(self) -> bool:
         """Return whether a chair's process lives, and has not answered the last steps yet."""
         now_s = time.monotonic()
-        return any(now_s - line.heard_s < SILENT_S and 0 < line.answered < self.step - LAG for line in self.lines)
+        return any(
+            now_s - line.heard_s < SILENT_S and line.answered < self.step - LAG and self.bus.is_there(f"chair{k}")
+            for k, line in enumerate(self.lines, start=1)
+        )
 
     def advance(self) -> None:
         """Let a step pass, and tell each chair what it senses."""
@@ -140,11 +145,11 @@ def serve(folder: Path) -> None:
             board = stack.enter_context(HostBoard(board_program(), board_settings(setup)))
             chair.wire(board)
             lines.append(_Line(board))
-        bus = LocalBus(plan.bus, hears=("cable/*",), wake=wake)
+        bus = LocalBus(plan.bus, WORLD, hears=("cable/*",), wake=wake)
         stack.callback(bus.close)
         stack.enter_context(present_left_out())
         world = LiveWorld(simulator, lines, bus, int.from_bytes(os.urandom(6), "big"), since_ns)
-        begins_by_s = time.monotonic() + (0.0 if since_ns else BEGINS_S)
+        begins_by_s = time.monotonic() + (BEGINS_AGAIN_S if since_ns else BEGINS_S)
         while not stopped():
             wake.clear()
             world.hear()
