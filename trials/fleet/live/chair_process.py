@@ -130,6 +130,17 @@ def _progress(path: Path, goals: int) -> _Progress:
     return _Progress(path, Pose2(x, y, theta), entered, run)
 
 
+@dataclass(slots=True)
+class _Clock:
+    """The chair's time [ns], how much later it is than the world's, and that world's boot and last step; `steps` of all worlds."""
+
+    now_ns: int = 0
+    later_ns: int = 0
+    boot: int = 0
+    step: int = 0
+    steps: int = 0
+
+
 class LiveChair:
     """One chair with its member of the fleet, fed with steps of the world."""
 
@@ -137,7 +148,7 @@ class LiveChair:
         self, folder: Path, plan: LivePlan, number: int, transport: ZenohTransport, put: Callable[[str, bytes], None]
     ) -> None:
         scene = plan.scene()
-        self.number, self.transport = number, transport
+        self.number = number
         self._put = put
         index = number - 1
         fleet = fleet_of(fleet_file(folder, number))
@@ -159,15 +170,11 @@ class LiveChair:
         )
         driver = ChainDriver(fleet.ways, number, scene.body, dict(scene.places))
         entered = self.progress.entered or scene.starts[index]
-        self.boot = new_boot()
-        self.member = FleetMember(fleet, number, self.boot, driver, entered, transport)
+        self.member = FleetMember(fleet, number, new_boot(), driver, entered, transport)
         left = self._goals[self.progress.run.reached :]
         self.rider = Rider(number, self.chair, setup, driver, left, self.progress.run)
         self._sight = LidarSight(fleet.ways, scene.mapped, scene.body.base_from_laser)
-        self._world = (0, 0)  # boot and last step
-        self._later_ns = 0  # the chair's time minus the world's
-        self._now_ns = 0
-        self._steps = 0
+        self._clock = _Clock()
         self._heard: list[SensorMessage] = []
         self._last: MemberStep | None = None
         self._unready_ns: int | None = None
@@ -175,7 +182,7 @@ class LiveChair:
         self._notices: list[str] = []
 
     def _connect(self) -> _Cable:
-        if self._world[0] == 0:
+        if self._clock.boot == 0:
             raise TransportError("the simulated world has not begun")
         self._cable = _Cable()
         return self._cable
@@ -183,29 +190,30 @@ class LiveChair:
     @property
     def has_begun(self) -> bool:
         """Whether a world has been there."""
-        return self._world[0] != 0
+        return self._clock.boot != 0
 
     def take(self, step: WorldStep) -> None:
         """Take a step of the world, run a tick if one is due, and answer."""
-        if step.boot != self._world[0]:
+        clock = self._clock
+        if step.boot != clock.boot:
             self._cable.close()  # another world has another board
-            self._later_ns = 0
-        elif step.step <= self._world[1]:
+            clock.later_ns = 0
+        elif step.step <= clock.step:
             return
-        self._world = (step.boot, step.step)
-        self._later_ns = max(self._later_ns, self._now_ns - step.now_ns)
-        self._now_ns = step.now_ns + self._later_ns
+        clock.boot, clock.step = step.boot, step.step
+        clock.later_ns = max(clock.later_ns, clock.now_ns - step.now_ns)
+        clock.now_ns = step.now_ns + clock.later_ns
         self._cable.feed(step.cable)
-        self._heard += [sensor_from(kind, values, self._later_ns) for kind, values in step.sensors]
-        self.chair.beat(self._now_ns)
-        self._steps += 1
-        if self._steps % (TICK_NS // BEAT_NS) == 0:
+        self._heard += [sensor_from(kind, values, self._clock.later_ns) for kind, values in step.sensors]
+        self.chair.beat(self._clock.now_ns)
+        self._clock.steps += 1
+        if self._clock.steps % (TICK_NS // BEAT_NS) == 0:
             self.tick()
-        self._put(f"cable/{self.number}", encoded(ChairStep(*self._world, self._cable.taken())))
+        self._put(f"cable/{self.number}", encoded(ChairStep(clock.boot, clock.step, self._cable.taken())))
 
     def tick_alone(self) -> None:
         """Let a tick pass without the world."""
-        self._now_ns += TICK_NS
+        self._clock.now_ns += TICK_NS
         self.tick()
         self._put(f"cable/{self.number}", encoded(HERE))
 
@@ -216,7 +224,7 @@ class LiveChair:
         rider.held = wait is not None and rider.state is not None and _stands(rider)
         others = [halt_as_told("fleet_waits", wait.sentence)] if rider.held and wait is not None else []
         heard, self._heard = tuple(self._heard), []
-        rider.state = self.chair.step(self._now_ns, heard, others)
+        rider.state = self.chair.step(self._clock.now_ns, heard, others)
         for scan in [each for each in heard if isinstance(each, Scan)][-1:]:
             self._sight.look(scan, rider.state.map_from_base)
         self._reset()
@@ -228,8 +236,8 @@ class LiveChair:
         if self.chair.ready or self.rider.done or self.chair.navigator.active:
             self._unready_ns = None
             return
-        self._unready_ns = self._now_ns if self._unready_ns is None else self._unready_ns
-        if self._now_ns - self._unready_ns > RESETS_AFTER_S * 1e9:
+        self._unready_ns = self._clock.now_ns if self._unready_ns is None else self._unready_ns
+        if self._clock.now_ns - self._unready_ns > RESETS_AFTER_S * 1e9:
             self.chair.reset()
             self._unready_ns = None
 
@@ -270,7 +278,7 @@ class LiveChair:
         line = rider.line
         run = rider.run
         found = ChairWord(
-            self.boot,
+            peer.boot,
             "" if rider.done else self._goals[run.reached],
             run.reached,
             run.took_s,
