@@ -33,7 +33,7 @@ from waychair.runtime.fleet.zenoh_transport import LocalBus, ZenohTransport
 from waychair.runtime.processes import CANNOT_START, beats, signalled
 from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, calibration_of
 from waychair.trials.fleet.fleet_drive import ChairRun, Rider
-from waychair.trials.fleet.live.live_plan import WORLD, LivePlan, fleet_file, read_plan
+from waychair.trials.fleet.live.live_plan import GONE_S, WORLD, LivePlan, fleet_file, read_plan
 from waychair.trials.fleet.live.wire import ChairStep, ChairWord, WorldStep, decoded, encoded, sensor_from
 from waychair.types import Pose2, Scan, SensorMessage
 
@@ -330,7 +330,7 @@ def serve(folder: Path, number: int) -> None:
                     live.take(step)
                     heard_s = time.monotonic()
             now_s = time.monotonic()
-            silent_s = TICK_NS * 1e-9 if live.has_begun and not bus.is_there(WORLD) else WORLD_SILENT_S
+            silent_s = GONE_S if live.has_begun and not bus.is_there(WORLD) else WORLD_SILENT_S
             if now_s - heard_s > silent_s:
                 live.tick_alone()
                 heard_s = max(heard_s + TICK_NS * 1e-9, now_s - silent_s)

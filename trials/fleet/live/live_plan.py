@@ -21,6 +21,9 @@ PLAN = "live.json"
 WORLD = "world"
 """Name of the world's program."""
 
+GONE_S = 1.0
+"""s without a word after which a program counts as gone that the bus knows no more."""
+
 DESK = 90
 """Number of the voter on whose computer the staff's page is."""
 

@@ -33,7 +33,7 @@ from waychair.simulation.scene.seeds import chair_seed
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import BEAT_NS, DriveSetup, board_settings
 from waychair.trials.fleet.fleet_drive import FleetScene, stands
-from waychair.trials.fleet.live.live_plan import WORLD, read_plan
+from waychair.trials.fleet.live.live_plan import GONE_S, WORLD, read_plan
 from waychair.trials.fleet.live.wire import ChairStep, WorldMoment, WorldStep, decoded, encoded, packed_sensor
 from waychair.types import Pose2
 
@@ -93,10 +93,11 @@ class LiveWorld:
     def is_held_up(self) -> bool:
         """Return whether a chair's process lives, and has not answered the last steps yet."""
         now_s = time.monotonic()
-        return any(
-            now_s - line.heard_s < SILENT_S and line.answered < self.step - LAG and self.bus.is_there(f"chair{k}")
-            for k, line in enumerate(self.lines, start=1)
-        )
+        for k, line in enumerate(self.lines, start=1):
+            patience_s = SILENT_S if self.bus.is_there(f"chair{k}") else GONE_S
+            if now_s - line.heard_s < patience_s and line.answered < self.step - LAG:
+                return True
+        return False
 
     def advance(self) -> None:
         """Let a step pass, and tell each chair what it senses."""
