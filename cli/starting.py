@@ -5,11 +5,13 @@ from __future__ import annotations
 import signal
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 
+from waychair.cli.options.arguments import BadArgument
 from waychair.cli.options.stack_options import ChairAddress, StackChairOptions, StackFileOptions, StackPageOptions
 
 if TYPE_CHECKING:
@@ -41,6 +43,8 @@ def up_command(
     page: StackPageOptions = _PAGE,
     address: ChairAddress = _ADDRESS,
     lan: bool = False,
+    fleet: Path | None = None,
+    fleet_lan: bool = False,
     urgent: bool = False,
 ) -> None:
     """Start all ROS nodes of a chair, and keep them running until Ctrl-C or SIGTERM.
@@ -55,6 +59,11 @@ def up_command(
         X,Y,YAW: the chair's pose; default its last pose, else it relocalises.
     lan
         Let other computers on the network see the nodes; without security keys, velocity commands are then ignored.
+    fleet
+        The fleet's file of a chair that shares its building with others: it drives in their common order, to the places of
+        the building's traffic graph.
+    fleet_lan
+        Talk to chairs on other computers; needs the keys of the fleet's file.
     urgent
         Real-time priority for the nodes, if the system grants it; useful on a busy computer.
     """
@@ -71,6 +80,13 @@ def up_command(
     deaf = lan and not is_secured(environment)
     stack = _stack(chair, map, mapping, start, files, page, address.namespace, urgent, deaf, configured)
     _check(stack, configured)
+    if fleet is not None:
+        from waychair.runtime.fleet.chair_fleet import fleet_environment
+
+        environment |= fleet_environment(fleet, fleet_lan)
+        stack = replace(stack, fleet=True)
+    elif fleet_lan:
+        raise BadArgument("--fleet-lan needs --fleet")
     table = processes(stack)
     interface_type("waychair_msgs/msg/DriveState")  # built here, else all nodes would wait for the first
     _print_begin(stack, page, lan, deaf, environment[TOKEN])
@@ -90,7 +106,7 @@ def _stack(
     configured: Configuration,
 ) -> Stack:
     """Return the configuration of the run that the options describe."""
-    from waychair.cli.options.arguments import BadArgument, pose_from_text
+    from waychair.cli.options.arguments import pose_from_text
     from waychair.ros.stack import Stack, node_parameters
 
     if chair.unattended and chair.sim is None:

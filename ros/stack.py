@@ -38,6 +38,9 @@ _POSE_FILE, _TRUTH_FILE = "pose.json", "simulated_pose.json"
 _PAGE, _PAGE_MODULE = "page", "waychair.cli.options.page_process"
 """The module that combines the page's node and the web server, which do not import each other."""
 
+_NAVIGATOR, _FLEET_MODULE = "navigator", "waychair.ros.nodes.fleet_navigator_node"
+"""The navigator's node, and its module for a chair that shares its building with others."""
+
 _CELLS = "cells"
 """The node of the behaviour cells, which `perceive` starts. The chair drives without it as well."""
 
@@ -62,6 +65,7 @@ class Stack:
     `box`: folder of the black box; None: no log. `page_port`, `page_host`: address of the page; port None: no page.
     `page_names`: its further host names. With a page, each drive begins with a countdown that the page announces.
     `namespace`: that of all nodes. `settings`: the parameters of each node from a configuration file (`node_parameters`).
+    `fleet`: the chair shares its building with others, by the fleet file that the environment names.
     """
 
     folder: Path
@@ -84,6 +88,7 @@ class Stack:
     page_names: tuple[str, ...] = ()
     namespace: str = ""
     settings: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+    fleet: bool = False
 
 
 def node_parameters(
@@ -152,7 +157,7 @@ def processes(stack: Stack) -> tuple[Process, ...]:
         "pose_file": str(folder / _POSE_FILE),
         "save_folder": str(folder / MADE_MAP),
     }
-    rows["navigator"] = {**place, "camera": stack.camera}
+    rows[_NAVIGATOR] = {**place, "camera": stack.camera}
     if stack.settings.get(_CELLS, {}).get("perceive"):
         rows[_CELLS] = {**chair, "camera": stack.camera}
     if stack.settings.get(_GLOVE, {}).get("port"):
@@ -220,6 +225,8 @@ def _process(name: str, values: Mapping[str, object], folder: Path, stack: Stack
     named = namespace_arguments(stack.namespace)
     priority = _PRIORITIES.get(name, 0) if stack.urgent else 0
     module = _PAGE_MODULE if name == _PAGE else f"waychair.ros.nodes.{name}_node"
+    if stack.fleet and name == _NAVIGATOR:
+        module = _FLEET_MODULE
     return Process(
         name,
         module,

@@ -113,6 +113,9 @@ ADVICE = RosTopic("haptics/advice", "waychair_msgs/msg/Advice", RELIABLE, BASE_F
 HAPTIC_STATE = RosTopic("haptics/state", "std_msgs/msg/String", RELIABLE)
 """The rider's glove and voice as a page shows them: a JSON object of `runtime.haptics.haptic_state.HapticState`."""
 
+OTHERS = RosTopic("other_chairs", "std_msgs/msg/String", RELIABLE)
+"""The other chairs of the building and the wait for one of them: a JSON object of `runtime.chair_port.OthersView`."""
+
 ROBOT_DESCRIPTION = RosTopic("robot_description", "std_msgs/msg/String", LATCHED)
 CLOCK = RosTopic("/clock", "rosgraph_msgs/msg/Clock", Qos(1))
 DIAGNOSTICS = RosTopic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray")

@@ -69,6 +69,19 @@ class GuideView:
 
 
 @dataclass(frozen=True, slots=True)
+class OthersView:
+    """The other chairs of the building as a page shows them.
+
+    `waits`: why this chair waits for its turn, as a sentence without the time; empty while it does not. `seconds`: the time [s]
+    that is left of the wait, None where no end is foreseen. `others`: number and state in words of each other chair.
+    """
+
+    waits: str = ""
+    seconds: float | None = None
+    others: tuple[tuple[int, str], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class ChairView:
     """A chair as a page shows it, at `stamp_ns`.
 
@@ -83,6 +96,7 @@ class ChairView:
     `storey`: the name of the storey whose map this is, empty for a chair that knows one map only. `asks`: the storeys
     among which the rider chooses, since the chair in a lift is not certain where it is; see `answer_storey`.
     `guide`: step guidance, None without. `guard`: the level of help while the rider drives, None for a chair without levels.
+    `others`: the other chairs, None for a chair that shares no building.
     """
 
     stamp_ns: int
@@ -111,6 +125,7 @@ class ChairView:
     asks: tuple[str, ...] = ()
     guide: GuideView | None = None
     guard: GuardView | None = None
+    others: OthersView | None = None
 
 
 @dataclass(frozen=True, slots=True)

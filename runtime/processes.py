@@ -41,6 +41,10 @@ IDLE_HANG_S = 5.0  # s; an idle process without a heartbeat counts as hung after
 BUSY_HANG_S = 120.0  # s; the same for a computing process, which may compile kernels or read a large map
 IDLE_SHARE = 0.1  # share of one processor below which a process is idle
 
+_LIBC = ctypes.CDLL(
+    None
+)  # opened here, as a child that is about to begin must not wait for a lock of its parent's threads
+
 
 @dataclass(frozen=True, slots=True)
 class Process:
@@ -154,6 +158,8 @@ class Supervision:
     def _kill_hung(self, now: float) -> None:
         """Kill processes whose heartbeat has ceased, after a short time if idle, after a longer one if computing.
 
+        One that would compute, but has no processor because others have them, is not idle.
+
         With the first heartbeat of a process comes its priority.
         """
         unwatched = now - self._watched_s > _HELD_UP_S
@@ -168,7 +174,8 @@ class Supervision:
             silent_s = now - each.beaten_s
             if silent_s <= IDLE_HANG_S:
                 continue
-            idle = _cpu_s(each.process.pid) - each.used_s < IDLE_SHARE * silent_s
+            used_s = _cpu_s(each.process.pid) - each.used_s
+            idle = used_s < IDLE_SHARE * silent_s and not _waits_for_processor(each.process.pid)
             if idle or silent_s > BUSY_HANG_S:
                 self._report(f"'{each.row.name}' has hung for {silent_s:.1f} s: it is killed")
                 each.process.kill()
@@ -184,7 +191,7 @@ class Supervision:
                 env={**self._environment, _BEAT_TO: str(beat_to)},
                 pass_fds=[beat_to],
                 start_new_session=True,
-                preexec_fn=partial(_prepare_child, os.getpid()),  # noqa: PLW1509 - this process has no other threads
+                preexec_fn=partial(_prepare_child, os.getpid()),  # noqa: PLW1509 - it takes no lock
             )
         except OSError:
             os.close(beats)
@@ -234,6 +241,16 @@ def _cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+def _waits_for_processor(pid: int) -> bool:
+    """Return whether a thread of a process is ready to run (proc(5)); false where it is unknown."""
+    with suppress(OSError):
+        threads = [
+            path.read_text(encoding="ascii", errors="replace") for path in Path(f"/proc/{pid}/task").glob("*/stat")
+        ]
+        return any(text.rpartition(") ")[2].startswith("R") for text in threads)
+    return False
+
+
 def _prioritise(pid: int, priority: int) -> None:
     """Give the threads of a process a real-time priority above 0, where the system grants it; those that have one keep it."""
     with suppress(OSError):
@@ -245,6 +262,6 @@ def _prioritise(pid: int, priority: int) -> None:
 
 def _prepare_child(parent: int) -> None:
     """Ask Linux for SIGTERM at the parent's death (prctl(2), PR_SET_PDEATHSIG), in the child."""
-    ctypes.CDLL(None).prctl(1, signal.SIGTERM)
+    _LIBC.prctl(1, signal.SIGTERM)
     if os.getppid() != parent:  # the parent died before prctl
         os._exit(1)

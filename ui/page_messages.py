@@ -10,7 +10,7 @@ import numpy as np
 
 from waychair.control.safety.stops import STOPS, Severity
 from waychair.maps.drawn.zones import Zone
-from waychair.runtime.chair_port import ChairView, GoalView, GuideView, LayoutView
+from waychair.runtime.chair_port import ChairView, GoalView, GuideView, LayoutView, OthersView
 from waychair.runtime.guard_view import GuardView
 from waychair.runtime.perception_view import CellView, PerceptionView
 from waychair.runtime.sentences import sentence
@@ -53,6 +53,7 @@ def view_message(view: ChairView, count: int) -> str:
             "asks": view.asks,
             "guide": None if view.guide is None else _guide(view.guide),
             "guard": None if view.guard is None else _guard(view.guard),
+            "others": None if view.others is None else _others(view.others),
             "twist": [round(float(view.twist.v), 3), round(float(view.twist.omega), 3)],
             "goal": view.goal,
             "waits": view.waits,
@@ -72,6 +73,14 @@ def view_message(view: ChairView, count: int) -> str:
             "panel": {name: float(value) for name, value in view.panel.items()},
         }
     )
+
+
+def _others(others: OthersView) -> Json:
+    return {
+        "waits": others.waits,
+        "seconds": None if others.seconds is None else round(others.seconds),
+        "chairs": [{"number": number, "told": told} for number, told in others.others],
+    }
 
 
 def _guide(guide: GuideView) -> Json:

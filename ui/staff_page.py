@@ -39,7 +39,7 @@ Give = Callable[[int, str, str, float], str]
 
 
 class StaffPage:
-    """The latest view (`runtime.fleet.staff_desk.staff_view`), which any thread may replace, and the way to give priorities."""
+    """The latest view (`runtime.fleet.desk.staff_desk.staff_view`), which any thread may replace, and the way to give priorities."""
 
     def __init__(self, token: str, give: Give) -> None:
         self.token, self.give = token, give

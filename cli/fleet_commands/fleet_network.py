@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import App, Parameter
 
-from waychair.cli.options.arguments import NonEmptyPath, PositiveInt
+from waychair.cli.options.arguments import BadArgument, NonEmptyPath, NonNegativeInt, PositiveInt
 
 if TYPE_CHECKING:
     from waychair.planning.fleet.peers.peer import Step
@@ -58,8 +58,18 @@ def router_command(fleet: NonEmptyPath, /, *, lan: bool = False) -> None:
     _serve(fleet, lan, "router", "router")
 
 
-def voter_command(fleet: NonEmptyPath, /, *, lan: bool = False) -> None:
+def voter_command(
+    fleet: NonEmptyPath,
+    /,
+    *,
+    lan: bool = False,
+    staff_page: Annotated[NonNegativeInt | None, Parameter(name=["--staff-page"])] = None,
+    log: Annotated[Path | None, Parameter(name=["--log"])] = None,
+) -> None:
     """Vote among the chairs of a fleet from a computer without a chair, until Ctrl-C, so that few chairs have a majority.
+
+    With --staff-page it is the staff's desk as well: a page of all chairs, queues, closed ways and waits, on which staff give
+    priorities with their key.
 
     Parameters
     ----------
@@ -67,16 +77,25 @@ def voter_command(fleet: NonEmptyPath, /, *, lan: bool = False) -> None:
         The fleet's file, with the number of a voter.
     lan
         Talk to other computers; needs keys.
+    staff_page
+        Port of the staff's page on this computer, 0 for any free one. Its token and key are those of the variables
+        WAYCHAIR_STAFF_TOKEN and WAYCHAIR_STAFF_KEY, else random ones, which are printed.
+    log
+        With --staff-page: add every wait and every given priority to this file.
     """
-    _serve(fleet, lan, "peer", "voter")
+    if staff_page is None and log is not None:
+        raise BadArgument("--log needs --staff-page")
+    _serve(fleet, lan, "peer", "voter", staff_page, log)
 
 
-def _serve(path: Path, lan: bool, mode: str, what: str) -> None:
+def _serve(path: Path, lan: bool, mode: str, what: str, staff_page: int | None = None, log: Path | None = None) -> None:
     import signal
+    from contextlib import nullcontext
 
+    from waychair.cli.fleet_commands.staff_options import desk_beside
     from waychair.errors import FleetError
     from waychair.runtime.fleet.fleet_file import load_fleet
-    from waychair.runtime.fleet.peer_process import serve
+    from waychair.runtime.fleet.peer_process import beside_nothing, serve
     from waychair.runtime.processes import signalled
 
     file = load_fleet(path)
@@ -89,7 +108,9 @@ def _serve(path: Path, lan: bool, mode: str, what: str) -> None:
             print(said, flush=True)
 
     print(f"The {what} of {len(file.chairs)} chairs is at {file.own_endpoint}. Ctrl-C ends it.", flush=True)
-    serve(file, lan, stopped, mode=mode, told=tell)
+    desk = nullcontext(beside_nothing) if staff_page is None else desk_beside(file, staff_page, log)
+    with desk as beside:
+        serve(file, lan, stopped, mode=mode, told=tell, beside=beside)
 
 
 def status_command(fleet: NonEmptyPath, /, *, lan: bool = False, json: bool = False, seconds: float = 1.5) -> None:

@@ -6,6 +6,7 @@ A log is a sequence of JSON records, one a line, in the order of time; chairs ar
     {"event": "asked", "t_ms": 0, "chair": 1, "request": 3, "goal": "room 4"}
     {"event": "entered", "t_ms": 3000, "chair": 1, "visit": 5, "resource": 9}
     {"event": "left", "t_ms": 3001, "chair": 1, "resource": 7}
+    {"event": "priority", "t_ms": 5000, "chair": 1, "priority": "top", "until_ms": 605000}
     {"event": "waited", "t_ms": 9000, "waits": 1, "first": 2, "place": "a-b", "rule": ..., "foreseen_s": 5.0, "real_s": 6.0, ...}
 
 A chain is the number of its first visit, the resources from the one that the chair is in, and the number of requests that
@@ -25,6 +26,9 @@ from waychair.types import Json
 
 STANDS_MS = 600_000
 """ms for which a chair may stand while the way that it was granted is free."""
+
+TOP_LONGEST_MS = 600_000
+"""ms for which a chair has TOP at most."""
 
 MOST_FAULTS = 1_000
 """Faults that are kept; a log with more is broken throughout."""
@@ -94,7 +98,8 @@ def audited(records: Iterable[Json]) -> Audited:
     """Return what a log tells, and where it breaks a rule.
 
     The rules: one chair in a resource at a time; a chair enters only the resource granted next, first in its queue; the
-    ends of the chains differ; the waits have no cycle; nobody is overtaken thrice; nobody stands 10 min with a free way.
+    ends of the chains differ; the waits have no cycle; nobody is overtaken thrice; nobody stands 10 min with a free way; one
+    chair has TOP at a time, and for ten minutes at most.
 
     Raises:
         TaskError: a record is not of this form; the message gives its number.
@@ -103,6 +108,7 @@ def audited(records: Iterable[Json]) -> Audited:
     chairs: dict[int, _Chair] = {}
     users: dict[int, set[int]] = {}
     queues: dict[int, list[tuple[int, int]]] = {}
+    tops: dict[int, int] = {}
     first_ms: int | None = None
     now_ms = 0
     for number, record in enumerate(records, start=1):
@@ -131,6 +137,8 @@ def audited(records: Iterable[Json]) -> Audited:
             elif event == "waited":
                 float(record["real_s"]), str(record["place"]), int(record["waits"])
                 found.waits.append(record)
+            elif event == "priority":
+                said += _prioritised(record, now_ms, tops)
             else:
                 said.append(f"the event '{event}' is unknown")
         except (AttributeError, KeyError, TypeError, ValueError, IndexError) as problem:
@@ -142,6 +150,19 @@ def audited(records: Iterable[Json]) -> Audited:
             break
     found.hours = 0.0 if first_ms is None else (now_ms - first_ms) / 3.6e6
     return found
+
+
+def _prioritised(record: Json, now_ms: int, tops: dict[int, int]) -> list[str]:
+    """Take over a priority that staff gave; `tops` are the chairs with TOP, and until when [ms]."""
+    who, name = int(record["chair"]), str(record["priority"])
+    tops.pop(who, None)
+    if name != "top":
+        return []
+    until_ms = int(record["until_ms"])
+    said = [f"chair {who} has TOP for more than 10 min"] if until_ms - now_ms > TOP_LONGEST_MS else []
+    said += [f"chairs {other} and {who} have TOP at once" for other, until in tops.items() if until > now_ms]
+    tops[who] = until_ms
+    return said
 
 
 def _renewed(

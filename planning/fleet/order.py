@@ -131,6 +131,22 @@ def check_refuge(ways: Ways, place: str) -> None:
         raise TaskError(f"no chair can wait at '{place}': give one of {known or 'its refuges (the graph has none)'}")
 
 
+def with_priorities(order: Order, wanted: Mapping[int, Priority]) -> Order:
+    """Return the order with these priorities of requests, by their numbers; all others keep theirs."""
+
+    def renewed(request: Request) -> Request:
+        priority = wanted.get(request.number, request.priority)
+        return request if priority is request.priority else replace(request, priority=priority)
+
+    chains = {
+        chair: chain if chain.request is None else replace(chain, request=renewed(chain.request))
+        for chair, chain in order.chains.items()
+    }
+    waiting = tuple(map(renewed, order.waiting))
+    same = waiting == order.waiting and chains == dict(order.chains)
+    return order if same else replace(order, chains=chains, waiting=waiting)
+
+
 def asked(order: Order, request: Request) -> Order:
     """Return the order with a request added behind all others; an earlier one of the same chair is replaced.
 

@@ -44,17 +44,23 @@ class Wait:
 
     @property
     def sentence(self) -> str:
-        """The wait in words, for the rider."""
+        """The wait in words, with its foreseen time, for the rider."""
+        if self.other is None or self.foreseen_ms is None or self.reason is Reason.NO_ROOM:
+            return self.why
+        return f"{self.why.removesuffix('.')}: about {max(round(self.foreseen_ms / 5000) * 5, 5)} s."
+
+    @property
+    def why(self) -> str:
+        """The wait in words, without its time."""
         if self.other is None:
             return f"Waits: {self.place} is closed." if self.reason is Reason.CLOSED else f"Waits before {self.place}."
-        how_long = "" if self.foreseen_ms is None else f": about {max(round(self.foreseen_ms / 5000) * 5, 5)} s"
         if self.reason is Reason.NO_ROOM:
             return f"Waits: chair {self.other} wants the way here, and there is no room to pass. Ask for help."
         if self.reason is Reason.PRIORITY:
-            return f"Lets chair {self.other} go first: it has priority{how_long}."
+            return f"Lets chair {self.other} go first: it has priority."
         if self.reason is Reason.AGE:
-            return f"Lets chair {self.other} go first: it has waited longer{how_long}."
-        return f"Waits for chair {self.other} to leave {self.place}{how_long}."
+            return f"Lets chair {self.other} go first: it has waited longer."
+        return f"Waits for chair {self.other} to leave {self.place}."
 
 
 def waits(order: Order, now_ms: int, clearing_ms: int) -> tuple[Wait, ...]:

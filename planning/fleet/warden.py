@@ -16,6 +16,7 @@ import numpy as np
 from waychair.errors import TaskError
 from waychair.planning.fleet.granting import granted
 from waychair.planning.fleet.order import Order, Request, asked, cleared, entered, foreseen, held_up, stopped
+from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Wait, waits
 
 LEASE_MS = 3_000
@@ -89,6 +90,7 @@ class District:
         heard_ms: when each chair was last heard.
         blocked_until_ms: resources that are closed, and until when.
         expected_ms: the arrivals that were foreseen with the last plan.
+        priorities: of the requests in the last order, by their numbers; where one differs, all is planned anew.
     """
 
     order: Order
@@ -98,6 +100,7 @@ class District:
     heard_ms: Mapping[int, int] = field(default_factory=dict)
     blocked_until_ms: Mapping[int, int] = field(default_factory=dict)
     expected_ms: Mapping[int, int] = field(default_factory=dict)
+    priorities: Mapping[int, Priority] = field(default_factory=dict)
 
 
 def decided(state: District, heard: Heard, now_ms: int) -> tuple[District, tuple[Reply, ...], tuple[Wait, ...]]:
@@ -132,6 +135,8 @@ def decided(state: District, heard: Heard, now_ms: int) -> tuple[District, tuple
         order = stopped(order, chair)
     order = replace(order, closed=frozenset(blocked))
     changed = bool(heard.requests or silent) or order.closed != before.closed
+    priorities = _priorities(order)
+    changed |= any(priorities.get(number, priority) is not priority for number, priority in state.priorities.items())
     came_free = bool(order.waiting) and any(
         len(chain.spots) == 1 < len(before.chains[chair].spots) for chair, chain in order.chains.items()
     )
@@ -149,9 +154,16 @@ def decided(state: District, heard: Heard, now_ms: int) -> tuple[District, tuple
         heard_ms=times,
         blocked_until_ms=blocked,
         expected_ms=expected,
+        priorities=priorities,
     )
     present = waits(order, now_ms, state.clearing_ms)
     return new, (*refused, *_replies(new, before, present)), present
+
+
+def _priorities(order: Order) -> dict[int, Priority]:
+    """Return the priorities of all requests by their numbers."""
+    requests = (*order.waiting, *(chain.request for chain in order.chains.values() if chain.request is not None))
+    return {request.number: request.priority for request in requests}
 
 
 def _followed(order: Order, report: Report, now_ms: int) -> Order:

@@ -5,6 +5,7 @@
 | drive_state, drive_request, localisation, odom, scan, plan, people, map, places | for display |
 | floor, journey | the storey, its goals in the building, and how a journey fares |
 | guide_to | a goal to which a rider who drives is told the way |
+| other_chairs | the chairs that share the building |
 | camera/... | only while a page shows its pictures |
 
 | sends | |
@@ -25,22 +26,22 @@ from pathlib import Path
 from waychair.ros.messages.reports import Report
 from waychair.ros.node_settings.page import PageNodeSettings
 from waychair.ros.nodes.node import ChairNode
+from waychair.ros.nodes.parts.heard_others import SharingPagePort
 from waychair.ros.nodes.parts.known_chair import known_chair
-from waychair.ros.nodes.parts.page_port import PagePort
 from waychair.runtime.chair_port import ChairPort
 
 _UPDATE_HZ = 5.0
 
 
 class PageNode(ChairNode[PageNodeSettings]):
-    """A node with a `PagePort` and the web server of its page."""
+    """A node with a page's port and the web server of its page."""
 
     def __init__(self, serve: Callable[[ChairPort, PageNodeSettings], AbstractContextManager[str]]) -> None:
         """Start the page with `serve`, a context manager that yields the page's address."""
         super().__init__("page", PageNodeSettings)
         s = self.settings
         folder = Path(s.map_folder) if s.map_folder else None
-        self._port = port = PagePort(self, known_chair(s.calibration, s.chair), folder, s.scan_frame)
+        self._port = port = SharingPagePort(self, known_chair(s.calibration, s.chair), folder, s.scan_frame)
         self.every(_UPDATE_HZ, port.update)
         server = serve(port, s)
         address = server.__enter__()

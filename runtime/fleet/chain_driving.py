@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from waychair.calibration.chair_body import ChairBody
@@ -86,6 +87,14 @@ class ChainDriver:
         self._way = 0.0
         self._goals: tuple[Goal, ...] = ()
         self._waits_since_ms: int | None = None
+
+    def stand_in(self, spots: Sequence[int], visit: int | None = None) -> None:
+        """Begin with a chair that is in these spots, from its rear to its front, and has no chain yet.
+
+        `visit`: number of the front one among all that it has entered; by default they are the first ones.
+        """
+        self._visit, self._behind = len(spots) - 1 if visit is None else visit, list(spots[:-1])
+        self._ahead, self._chain, self._goals = (), None, ()
 
     @property
     def arrived(self) -> bool:

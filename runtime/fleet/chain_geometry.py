@@ -21,7 +21,7 @@ from waychair.geometry import arc_lengths, transform_points
 from waychair.maps.drawn.zones import Rule, Zone
 from waychair.maps.traffic.traffic_graph import Section, TrafficGraph
 from waychair.planning.fleet.ways import MOST_AT_A_NODE, Ways
-from waychair.types import FloatArray, Pose2
+from waychair.types import BoolArray, FloatArray, Pose2
 
 TURNING_ROOM = 0.90
 """m; from the middle of a node where chairs turn to a chair that waits before it."""
@@ -113,20 +113,10 @@ class Chain:
         """
         bounds = [0, *self.folds, len(self.points) - 1]
         part = slice(bounds[piece], bounds[piece + 1])
-        a, steps, begins = self.points[:-1][part], np.diff(self.points, axis=0)[part], self.along[:-1][part]
-        long = np.maximum(np.hypot(*steps.T), 1e-9)
+        line, begins = self.points[part.start : part.stop + 1], self.along[:-1][part]
+        long = np.maximum(np.hypot(*np.diff(line, axis=0).T), 1e-9)
         kept = (begins + long > near - _NEAR) & (begins < near + _NEAR)
-        kept = kept if kept.any() else np.ones(len(long), np.bool_)
-        share = ((points[:, None] - a) * steps).sum(axis=2) / long**2
-        within = np.clip(share, 0.0, 1.0)
-        off = np.hypot(*np.moveaxis(points[:, None] - a - within[..., None] * steps, 2, 0))
-        best = np.where(kept, off, np.inf).argmin(axis=1)
-        rows = np.arange(len(points))
-        free = within[rows, best]
-        free = np.where(best == 0, np.minimum(share[rows, best], free), free)
-        free = np.where(best == len(long) - 1, np.maximum(share[rows, best], free), free)
-        ways: FloatArray = begins[best] + free * long[best]
-        return ways
+        return ways_along(line, begins, points, kept if kept.any() else None)
 
 
 def spot_places(ways: Ways) -> tuple[SpotPlace, ...]:
@@ -323,6 +313,25 @@ def _heading_from(graph: TrafficGraph, section: Section, node: str) -> float:
 
 def _meets(a: FloatArray, b: FloatArray) -> bool:
     return bool(np.hypot(*(a - b)) < 1e-9)
+
+
+def ways_along(line: FloatArray, along: FloatArray, points: FloatArray, kept: BoolArray | None = None) -> FloatArray:
+    """Return the way (M,) [m] of the nearest place on a polyline (N, 2), which begins at ways (N - 1,), for points (M, 2).
+
+    Only the `kept` (N - 1,) of its pieces are looked at. The way goes on straight before its first and beyond its last point.
+    """
+    a, steps = line[:-1], np.diff(line, axis=0)
+    long = np.maximum(np.hypot(*steps.T), 1e-9)
+    share = ((points[:, None] - a) * steps).sum(axis=2) / long**2
+    within = np.clip(share, 0.0, 1.0)
+    off = np.hypot(*np.moveaxis(points[:, None] - a - within[..., None] * steps, 2, 0))
+    best = (off if kept is None else np.where(kept, off, np.inf)).argmin(axis=1)
+    rows = np.arange(len(points))
+    free = within[rows, best]
+    free = np.where(best == 0, np.minimum(share[rows, best], free), free)
+    free = np.where(best == len(long) - 1, np.maximum(share[rows, best], free), free)
+    ways: FloatArray = along[best] + free * long[best]
+    return ways
 
 
 def _place_at(points: FloatArray, along: FloatArray, way: float) -> tuple[FloatArray, float]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from waychair.planning.fleet.peers import messages
-from waychair.planning.fleet.peers.messages import Hello, Reader, State
+from waychair.planning.fleet.peers.messages import Hello, Order, Reader, State
 from waychair.planning.fleet.ways import Ways
 from waychair.types import Json
 
@@ -15,12 +15,13 @@ _MODES = {messages.IN_ORDER: "in order", messages.ALONE: "alone", messages.MANUA
 
 @dataclass
 class FleetWatch:
-    """The last words of all peers; `ways` gives the names of spots."""
+    """The last words of all peers, and the last order of the latest warden; `ways` gives the names of spots."""
 
     building: str
     ways: Ways
     states: dict[int, tuple[int, State]] = field(default_factory=dict)
     hellos: dict[int, Hello] = field(default_factory=dict)
+    order: Order | None = None
 
     def __post_init__(self) -> None:
         self.reader = Reader(self.building)
@@ -36,7 +37,12 @@ class FleetWatch:
                 self.states[letter.sender] = (now_ns, letter.body)
             elif letter is not None and isinstance(letter.body, Hello):
                 self.hellos[letter.sender] = letter.body
+            elif letter is not None and isinstance(letter.body, Order) and self._is_new(letter.body):
+                self.order = letter.body
         return said
+
+    def _is_new(self, order: Order) -> bool:
+        return self.order is None or order.epoch >= self.order.epoch
 
     def rows(self, now_ns: int) -> list[Json]:
         """Return a row for each peer that was heard, by number."""

@@ -40,15 +40,25 @@ class PeerSteps:
 class PeerDriver:
     """The driver of one chair and its peer, stepped together ten times a second."""
 
-    def __init__(self, ways: Ways, peer: Peer, driver: ChainDriver, start: str) -> None:
-        """`start`: the refuge in which the chair stands."""
+    def __init__(self, ways: Ways, peer: Peer, driver: ChainDriver, start: str | Sequence[int]) -> None:
+        """`start`: the refuge in which the chair stands, or the spots in which it is, from its rear to its front."""
         self.peer, self.driver = peer, driver
         self.authority = SpotAuthority()
         self.alone = AloneDriver(ways)
         self._ways = ways
-        self._spots: dict[int, int] = {0: ways.slots[start][0]}  # by the number of the visit
-        self._visit, self._behind = 0, 0
+        spots = (ways.slots[start][0],) if isinstance(start, str) else tuple(start)
+        driver.stand_in(spots)
+        self._spots: dict[int, int] = dict(enumerate(spots))  # by the number of the visit
+        self._visit = self._behind = len(spots) - 1
         self._shut: dict[str, int] = {}
+
+    def stand_in(self, spots: Sequence[int]) -> None:
+        """Go on from other spots, from the rear to the front of a chair that was pushed or driven by its rider."""
+        first = self._visit + 1
+        self._spots = dict(enumerate(spots, start=first))
+        self._visit, self._behind = first + len(spots) - 1, len(spots) - 1
+        self.driver.stand_in(spots, self._visit)
+        self.authority = SpotAuthority()
 
     @property
     def entered(self) -> tuple[int, ...]:

@@ -7,10 +7,12 @@ import time
 from collections.abc import Callable
 from importlib import import_module
 
+from waychair.calibration.chair_body import CHAIR_A
 from waychair.planning.fleet.peers.election import ranked
 from waychair.planning.fleet.peers.messages import building_of
 from waychair.planning.fleet.peers.peer import Fleet, Own, Peer, Step
 from waychair.planning.fleet.ways import ways_of
+from waychair.runtime.fleet.chain_geometry import drivable
 from waychair.runtime.fleet.fleet_file import FleetFile
 from waychair.runtime.fleet.zenoh_transport import ZenohTransport
 
@@ -22,15 +24,19 @@ STEP_S = 0.1
 LOADED_AT_ONCE = 2
 """Peers that load the warden's planner when they start: the first warden, and the next one. It takes 60 MB, and a few seconds."""
 
+Beside = Callable[[int, list[tuple[int, bytes]], ZenohTransport], None]
+"""A call beside a peer's step: the time [ns], the messages with the numbers of their senders, and the peer's transport."""
+
 
 def fleet_of(file: FleetFile) -> Fleet:
-    """Return what all peers of a site know.
+    """Return what all peers of a site know; each of them plans for chairs of body A.
 
     Raises:
         TrafficError: the building's traffic graph is missing or damaged.
     """
     graph = file.traffic_graph()
-    return Fleet(building_of(graph), ways_of(graph, SPEED), frozenset(file.chairs), frozenset(file.voters))
+    ways = drivable(ways_of(graph, SPEED), CHAIR_A)
+    return Fleet(building_of(graph), ways, frozenset(file.chairs), frozenset(file.voters))
 
 
 def new_boot() -> int:
@@ -43,6 +49,10 @@ def clock_ns() -> int:
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
 
+def beside_nothing(now_ns: int, heard: list[tuple[int, bytes]], transport: ZenohTransport) -> None:
+    """Do nothing beside a peer's step."""
+
+
 def serve(
     file: FleetFile,
     lan: bool,
@@ -50,10 +60,12 @@ def serve(
     own: Callable[[], Own] = Own,
     told: Callable[[Step], None] = lambda step: None,
     mode: str = "peer",
+    beside: Beside = beside_nothing,
 ) -> None:
     """Be a peer of a fleet until `stopped`; a voter without a chair has nothing of its `own`.
 
-    `told` hears each step: its authority and notices.
+    `told` hears each step: its authority and notices. `beside` is called after each step with all messages, the own ones among
+    them, to speak and hear beside the peer.
 
     Raises:
         FleetError: the network cannot be joined.
@@ -67,10 +79,12 @@ def serve(
     transport = ZenohTransport(file, fleet.building, lan, mode)
     try:
         while not stopped():
-            step = peer.step(clock_ns(), own(), transport.received())
+            now_ns, heard = clock_ns(), transport.received()
+            step = peer.step(now_ns, own(), heard)
             for to, kind, data in step.send:
                 transport.send(to, kind, data)
             told(step)
+            beside(now_ns, [*heard, *((file.number, data) for to, _, data in step.send if to is None)], transport)
             transport.wait(STEP_S)
     finally:
         transport.close()

@@ -33,8 +33,13 @@ LARGEST = 65_536
 
 _EVERYBODY = "all"
 _URGENT = frozenset({"request", "answer"})
+_ASIDE = frozenset({"told", "given"})
+"""Kinds of messages beside the peers' own, for staff (`desk_messages`)."""
 
 ROOT = "waychair"
+
+_LOCAL, _ALIVE = "waychair-here", "waychair-alive"
+"""Beginnings of the keys of `LocalBus`, which no fleet's network has."""
 
 
 def zenoh_settings(
@@ -114,10 +119,20 @@ def access_control(names: Sequence[str]) -> dict[str, Any]:
 
 
 class ZenohTransport:
-    """A peer's end of a Zenoh network. Its callbacks only queue; `received` empties the queue."""
+    """A peer's end of a Zenoh network. Its callbacks only queue; `received` empties the queue.
 
-    def __init__(self, fleet: FleetFile, building: str, lan: bool = False, mode: str = "peer") -> None:
-        """Join the network of a fleet.
+    `is_urgent`: a Request or an Answer has come since the last `received`.
+    """
+
+    def __init__(
+        self,
+        fleet: FleetFile,
+        building: str,
+        lan: bool = False,
+        mode: str = "peer",
+        wake: threading.Event | None = None,
+    ) -> None:
+        """Join the network of a fleet. A Request or an Answer that comes sets `wake`.
 
         Raises:
             FleetError: the endpoint is taken, or an endpoint or key is wrong.
@@ -127,8 +142,10 @@ class ZenohTransport:
         self._base, self._own = f"{ROOT}/{building}", own_name
         self._names = {fleet.name(number): number for number in (*fleet.chairs, *fleet.voters)}
         self._waiting: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
-        self._urgent = threading.Event()
+        self._aside: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
+        self._urgent = wake or threading.Event()
         self.too_large = 0
+        self.is_urgent = False
         self._session = open_session(fleet, lan, mode)
         for to in (_EVERYBODY, own_name):
             self._session.declare_subscriber(f"{self._base}/*/*/{to}", self._take)
@@ -155,7 +172,12 @@ class ZenohTransport:
 
     def received(self) -> list[tuple[int, bytes]]:
         """Return what has come since the last call, with the number under which each sender was let in."""
+        self.is_urgent = False
         return [self._waiting.popleft() for _ in range(len(self._waiting))]
+
+    def received_aside(self) -> list[tuple[int, bytes]]:
+        """Return the messages beside the peers' own that have come since the last call, with the numbers of the senders."""
+        return [self._aside.popleft() for _ in range(len(self._aside))]
 
     def wait(self, seconds: float) -> None:
         """Return after some seconds, or at once when a Request or an Answer has come."""
@@ -180,8 +202,9 @@ class ZenohTransport:
         if len(sample.payload) > LARGEST:
             self.too_large += 1
             return
-        self._waiting.append((number, sample.payload.to_bytes()))
+        (self._aside if kind in _ASIDE else self._waiting).append((number, sample.payload.to_bytes()))
         if kind in _URGENT:
+            self.is_urgent = True
             self._urgent.set()
 
 
@@ -197,6 +220,7 @@ class ZenohListener:
         settings = zenoh_settings("peer", (own,), (fleet.own_endpoint, *fleet.other_endpoints), keys, fleet.names)
         self._names = {fleet.name(number): number for number in (*fleet.chairs, *fleet.voters)}
         self._waiting: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
+        self._aside: deque[tuple[int, bytes]] = deque(maxlen=MOST_WAITING)
         self._session = _opened(settings, own)
         self._session.declare_subscriber(f"{ROOT}/{building}/*/*/{_EVERYBODY}", self._take)
 
@@ -208,10 +232,77 @@ class ZenohListener:
         """Leave the network."""
         self._session.close()  # type: ignore[no-untyped-call]
 
+    def received_aside(self) -> list[tuple[int, bytes]]:
+        """Return the messages beside the peers' own that have come since the last call, with the numbers of the senders."""
+        return [self._aside.popleft() for _ in range(len(self._aside))]
+
     def _take(self, sample: zenoh.Sample) -> None:
-        number = self._names.get(str(sample.key_expr).split("/")[3])
+        _, _, kind, name, _ = str(sample.key_expr).split("/")
+        number = self._names.get(name)
         if number is not None and len(sample.payload) <= LARGEST:
-            self._waiting.append((number, sample.payload.to_bytes()))
+            (self._aside if kind in _ASIDE else self._waiting).append((number, sample.payload.to_bytes()))
+
+
+class LocalBus:
+    """Messages by key between the programs of one computer, which one of them joins to all others.
+
+    It never leaves the computer, so that it needs no keys: for what a simulated world and its chairs tell each other.
+    """
+
+    def __init__(
+        self, port: int, name: str, *, joins: bool = False, hears: Sequence[str], wake: threading.Event
+    ) -> None:
+        """Join the programs at a port of this computer (`joins`), or be one of them, by a name; `hears` are key expressions.
+
+        A message that comes sets `wake`.
+
+        Raises:
+            FleetError: the port is taken, or nobody joins the programs there.
+            MissingExtra: the extra [fleet] is not installed.
+        """
+        end = f"tcp/127.0.0.1:{port}"
+        settings = zenoh_settings("router" if joins else "client", (end,) if joins else (), () if joins else (end,))
+        self._waiting: deque[tuple[str, bytes]] = deque(maxlen=MOST_WAITING)
+        self._wake = wake
+        self._session = _opened(settings, end)
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._there: set[str] = set()
+        for each in hears:
+            self._session.declare_subscriber(f"{_LOCAL}/{each}", self._take)
+        self._token = self._session.liveliness().declare_token(f"{_ALIVE}/{name}")
+        self._session.liveliness().declare_subscriber(f"{_ALIVE}/*", self._note_life, history=True)
+
+    def is_there(self, name: str) -> bool:
+        """Return whether a program of this name runs; one that is killed is gone within milliseconds."""
+        return name in self._there
+
+    def put(self, key: str, data: bytes) -> None:
+        """Send bytes to all that hear the key; on a busy computer it waits, so that nothing is lost."""
+        if key not in self._publishers:
+            import zenoh
+
+            self._publishers[key] = self._session.declare_publisher(
+                f"{_LOCAL}/{key}", express=True, congestion_control=zenoh.CongestionControl.BLOCK
+            )
+        self._publishers[key].put(data)
+
+    def received(self) -> list[tuple[str, bytes]]:
+        """Return what has come since the last call, with its keys."""
+        return [self._waiting.popleft() for _ in range(len(self._waiting))]
+
+    def close(self) -> None:
+        """Leave the others."""
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def _note_life(self, sample: zenoh.Sample) -> None:
+        import zenoh
+
+        name = str(sample.key_expr).removeprefix(f"{_ALIVE}/")
+        (self._there.discard if sample.kind == zenoh.SampleKind.DELETE else self._there.add)(name)
+
+    def _take(self, sample: zenoh.Sample) -> None:
+        self._waiting.append((str(sample.key_expr).removeprefix(f"{_LOCAL}/"), sample.payload.to_bytes()))
+        self._wake.set()
 
 
 def open_session(fleet: FleetFile, lan: bool, mode: str) -> zenoh.Session:

@@ -50,6 +50,12 @@ def test_a_real_chair_has_no_simulator(tmp_path: Path) -> None:
     assert parameters(tmp_path, "mapper")["calibration"] == str(tmp_path / "chair.yaml")
 
 
+def test_a_chair_of_a_fleet_has_the_navigator_that_keeps_the_order(tmp_path: Path) -> None:
+    modules = {row.name: row.module for row in processes(Stack(tmp_path, world=WORLD, fleet=True))}
+    assert modules["navigator"] == "waychair.ros.nodes.fleet_navigator_node"
+    assert modules["mapper"] == "waychair.ros.nodes.mapper_node"
+
+
 @pytest.mark.parametrize(
     ("given", "told"), [("maps", "maps"), ("maps/map.yaml", "maps"), ("maps/lab.yaml", "maps/lab.yaml")]
 )

@@ -23,15 +23,17 @@ VIEW: Json = {
     "seconds": 12.34,
     "chairs": [
         {
+            "number": 1,
             "corners": [[1.0, 1.0], [2.0, 1.0], [2.0, 1.6], [1.0, 1.6]],
             "heading": 0.0,
             "goal": "desk",
-            "told": "waits for chair 1 to leave the desk",
+            "told": "waits for chair 2 to leave the desk",
             "reached": 1,
             "goals": 2,
             "line": [[4.0, 0.4], [4.0, 2.6]],
         },
         {
+            "number": 2,
             "corners": [[7.0, 1.0], [8.0, 1.0], [8.0, 1.6], [7.0, 1.6]],
             "heading": 3.1,
             "goal": "",
@@ -63,8 +65,8 @@ def test_the_page_tells_every_chairs_state_and_axe_finds_no_fault(browser: Brows
         page.goto(address)
         page.wait_for_selector("#chairs li")
         assert page.locator("#chairs li").all_inner_texts() == [
-            "Chair 0: to desk, 1 of 2 goals reached\nWaits for chair 1 to leave the desk.",
-            "Chair 1: all goals reached\nArrived.",
+            "Chair 1: to desk, 1 of 2 goals reached\nWaits for chair 2 to leave the desk.",
+            "Chair 2: all goals reached\nArrived.",
         ]
         assert page.inner_text("#time") == "After 12 s of the chairs' time"
         assert page.locator("#moving .person").count() == 1

@@ -26,11 +26,11 @@ from waychair.offline.report import (
     write_page,
 )
 from waychair.planning.fleet.waits import jain
-from waychair.trials.fleet.fleet_drive import FleetMoment, FleetRun, FleetScene, drive_fleet
+from waychair.trials.fleet.fleet_drive import FleetMoment, FleetRun, FleetScene, Keeper, drive_fleet
 from waychair.trials.fleet.fleet_ordered import Stops
 from waychair.trials.fleet.fleet_report import BestBay, bay_that_helps, corridor_sentence, waits_by_corridor
 from waychair.trials.fleet.fleet_scenes import rooms_scene
-from waychair.types import BoolArray, Json, OccupancyGrid, Pose2
+from waychair.types import BoolArray, FloatArray, Json, OccupancyGrid, Pose2
 
 WORLD = "T"
 GOALS = 3
@@ -38,6 +38,9 @@ GOALS = 3
 
 BAYS, BAY_HOURS = 3, 1.0
 """Corridors with the most waiting in which a bay is tried, and hours of drives on the traffic graph for each."""
+
+REAL_TIME = 0.97
+"""The chairs' seconds for each real one from which on that is told as real time."""
 
 OUTLINE_EVERY_S = 10.0
 """s between two outlines of a chair in the report's picture."""
@@ -57,12 +60,19 @@ class FleetView:
 
 @dataclass(slots=True)
 class FleetDemo:
-    """The scene, its run, the wall time [s], and the bay that saves most in hours of such drives on the traffic graph."""
+    """The scene, its run, the wall time [s], and the bay that saves most in hours of such drives on the traffic graph.
+
+    `first`: number of the first chair. `ended`: seconds and sentences about processes that ended on the way, and `factor`: the
+    chairs' seconds for each real one, where every chair had a process of its own.
+    """
 
     scene: FleetScene
     run: FleetRun
     wall_s: float
     bay: BestBay | None = None
+    first: int = 0
+    ended: Sequence[tuple[float, str]] = ()
+    factor: float | None = None
 
     @property
     def waits_by_corridor(self) -> dict[str, float]:
@@ -98,8 +108,9 @@ def run_fleet_demo(
     scene: FleetScene,
     progress: Callable[[str, float], None] = lambda stage, share: None,
     watcher: FleetWatcher | None = None,
+    keeper: Keeper | None = None,
 ) -> FleetDemo:
-    """Let the chairs of a scene drive to all their goals, and look where a bay would help.
+    """Let the chairs of a scene drive to all their goals, and look where a bay would help; `keeper`: see `drive_fleet`.
 
     Raises:
         BoardBuildError: the firmware cannot be built: no C compiler.
@@ -115,23 +126,34 @@ def run_fleet_demo(
         progress("drive", sum(moment.reached) / total)
 
     began = time.perf_counter()
-    run = drive_fleet(scene, on_moment)
+    run = drive_fleet(scene, on_moment, keeper=keeper)
     progress("drive", 1.0)
+    bay = best_bay(scene, progress)
+    return FleetDemo(scene, run, time.perf_counter() - began, bay)
+
+
+def best_bay(scene: FleetScene, progress: Callable[[str, float], None]) -> BestBay | None:
+    """Return the bay that saves most in hours of such drives on the traffic graph."""
     progress("bays", 0.0)
     bay = bay_that_helps(
         scene.graph, chairs=len(scene.starts), hours=BAY_HOURS, seed=scene.seed, stops=Stops(), tries=BAYS
     )
     progress("bays", 1.0)
-    return FleetDemo(scene, run, time.perf_counter() - began, bay)
+    return bay
 
 
 def fleet_report(demo: FleetDemo) -> Json:
-    """Return the demo's results as JSON; the same seed gives the same bytes, so it holds no wall time."""
+    """Return the demo's results as JSON; in lockstep the same seed gives the same bytes, so it holds no wall time."""
     run = demo.run
     waited = [chair.waited_s for chair in run.chairs]
     metres = [max(chair.metres, 1.0) for chair in run.chairs]
     done = sum(chair.reached for chair in run.chairs)
+    processes: Json = {}
+    if demo.factor is not None:
+        ended = [{"s": round(at_s, 1), "what": what} for at_s, what in demo.ended]
+        processes = {"real_time_factor": round(demo.factor, 3), "ended": ended}
     return {
+        **({"processes": processes} if processes else {}),
         "world": demo.scene.graph.name,
         "seed": demo.scene.seed,
         "chairs": len(run.chairs),
@@ -175,7 +197,7 @@ def write_fleet_report(out: Path, demo: FleetDemo) -> None:
     write_json(out / "report.json", values)
     rows = [
         (
-            f"chair {k}",
+            f"chair {demo.first + k}",
             ", ".join(chair["goals"]),
             f"{chair['reached']}",
             ", ".join(f"{each:.0f} s" for each in chair["took_s"]),
@@ -202,12 +224,23 @@ def write_fleet_report(out: Path, demo: FleetDemo) -> None:
         Bars("Waiting for each corridor", places),
         Table("Every wait", ("at", "waits", "first", "place", "rule", "foreseen", "real"), tuple(audit)),
     ]
+    if demo.factor is not None:
+        rows_of_ended = tuple((f"{at_s:.0f} s", what) for at_s, what in demo.ended)
+        tables.append(Table("Processes that ended, and were started again", ("at", "what"), rows_of_ended))
+    pace = "" if demo.factor is None else f" {pace_sentence(demo.factor)}"
     lead = (
         f"{values['goals_reached']} of {values['goals']} goals reached by {values['chairs']} chairs on "
         f"{values['world']} in {values['seconds']:.0f} s of their time; {values['contacts']} contacts, "
-        f"{values['lockups']} lock-ups, seed {values['seed']}. {where_it_waits(demo)}"
+        f"{values['lockups']} lock-ups, seed {values['seed']}.{pace} {where_it_waits(demo)}"
     )
     write_page(out / "report.html", f"waychair fleet: {values['world']}", lead, tables, [_tracks_picture(demo)])
+
+
+def pace_sentence(factor: float) -> str:
+    """Return how fast the chairs' time passed beside real time."""
+    if factor > REAL_TIME:
+        return "Every chair had a process of its own, in real time."
+    return f"Every chair had a process of its own; their time passed {factor:.2f} times as fast as real time."
 
 
 def where_it_waits(demo: FleetDemo) -> str:
@@ -225,7 +258,7 @@ def _tracks_picture(demo: FleetDemo) -> PngFigure:
     for k, chair in enumerate(demo.run.chairs):
         colour = COLOURS[k % len(COLOURS)]
         track = np.array(chair.track).reshape(-1, 4)
-        axes.plot(track[:, 1], track[:, 2], color=colour, linewidth=1.4, label=f"chair {k}")
+        axes.plot(track[:, 1], track[:, 2], color=colour, linewidth=1.4, label=f"chair {demo.first + k}")
         step = max(round(OUTLINE_EVERY_S / 0.1), 1)
         for _, x, y, theta in track[::step].tolist():
             draw_outline(axes, demo.scene.body.outline(), Pose2(x, y, theta), colour)
@@ -275,24 +308,31 @@ def view_of(scene: FleetScene, moment: FleetMoment) -> FleetView:
     sentences = {wait.chair: wait.sentence for wait in moment.waits}
     chairs = []
     for k, (pose, state) in enumerate(zip(moment.poses, moment.states, strict=True)):
-        left = scene.goals[k][moment.reached[k] :]
-        chairs.append(
-            {
-                "corners": _corners(scene.body, pose),
-                "heading": round(pose.theta, 3),
-                "goal": left[0] if left else "",
-                "told": sentences.get(k) or state.navigation.reason or state.navigation.stage.value,
-                "reached": moment.reached[k],
-                "goals": len(scene.goals[k]),
-                "line": None if moment.lines[k] is None else np.round(moment.lines[k], 3).tolist(),  # type: ignore[arg-type]
-            }
-        )
+        told = sentences.get(k) or state.navigation.reason or state.navigation.stage.value
+        chairs.append(chair_view(scene, k, k, pose, moment.reached[k], moment.lines[k], told))
     people: Sequence[Sequence[float]] = moment.people.tolist()
     return FleetView(
         seconds=round(moment.now_ns * 1e-9, 1),
         chairs=tuple(chairs),
         people=tuple((x, y) for x, y in people),
     )
+
+
+def chair_view(
+    scene: FleetScene, index: int, number: int, pose: Pose2, reached: int, line: FloatArray | None, told: str
+) -> Json:
+    """Return what a page shows of a chair; `index` is its place in the scene."""
+    goals = scene.goals[index]
+    return {
+        "number": number,
+        "corners": _corners(scene.body, pose),
+        "heading": round(pose.theta, 3),
+        "goal": goals[reached] if reached < len(goals) else "",
+        "told": told,
+        "reached": reached,
+        "goals": len(goals),
+        "line": None if line is None else np.round(line, 3).tolist(),
+    }
 
 
 def _corners(body: ChairBody, pose: Pose2) -> list[list[float]]:

@@ -21,7 +21,7 @@ from waychair.control.safety.stops import halt_as_told
 from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.traffic.traffic_graph import TrafficGraph
-from waychair.planning.fleet.order import Request, parked
+from waychair.planning.fleet.order import Order, Request, parked
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Audit, Wait
 from waychair.planning.fleet.warden import District, Heard, decided
@@ -123,12 +123,15 @@ class ChairRun:
 
     def note(self, now_s: float, chair: SimulatedChair, waits_s: float) -> None:
         """Take down where a chair is now, and that it has waited so long [s] for others since the last time."""
-        pose = chair.truth()
+        self.note_pose(now_s, chair.truth(), chair.person_distance(), waits_s)
+
+    def note_pose(self, now_s: float, pose: Pose2, person_m: float, waits_s: float) -> None:
+        """Take down the chair's true pose, its distance [m] from the nearest person, and its waiting since the last time [s]."""
         if self.track:
             self.metres += math.dist(self.track[-1][1:3], (pose.x, pose.y))
         self.track.append((now_s, pose.x, pose.y, pose.theta))
         self.waited_s += waits_s
-        self.person_m = min(self.person_m, chair.person_distance())
+        self.person_m = min(self.person_m, person_m)
 
     def note_line(self, line: FloatArray | None, over: float) -> None:
         """Take down that a chair is so far [m] beyond its stop line."""
@@ -340,7 +343,7 @@ def drive_fleet(
             Rider(k, chair, setup, ChainDriver(ways, k, scene.body, dict(scene.places)), scene.goals[k], run.chairs[k])
             for k, chair in enumerate(chairs)
         ]
-        keep = _one_warden(scene, ways, riders) if keeper is None else keeper(scene, ways, riders)
+        keep = (keeper or one_warden)(scene, ways, riders)
         _drive(scene, simulator, riders, run, on_moment, events, keep)
     run.count_contacts(simulator)
     for own, chair, goals in zip(run.chairs, simulator.chairs, scene.goals, strict=True):
@@ -375,16 +378,27 @@ def _drive(
             rider.state = rider.chair.step(simulator.now_ns, messages, others)
 
 
-def _one_warden(scene: FleetScene, ways: Ways, riders: Sequence[Rider]) -> Callable[[int], tuple[Wait, ...]]:
-    """Return the step of one warden for all chairs in this process."""
+def one_warden(
+    scene: FleetScene,
+    ways: Ways,
+    riders: Sequence[Rider],
+    changed: Callable[[Order, int], Order] = lambda order, now_ms: order,
+    told: Callable[[Order, tuple[Wait, ...], int], None] = lambda order, present, now_ms: None,
+) -> Callable[[int], tuple[Wait, ...]]:
+    """Return the step of one warden for all chairs in this process.
+
+    `changed` may give the requests of an order other priorities before each step; `told` hears order and waits after it.
+    """
     district = District(parked(ways, dict(enumerate(scene.starts))), CLEARING_MS, scene.seed)
     numbers = iter(range(1, 1 << 30))
     sentences: dict[int, str] = {}
 
     def keep(now_ms: int) -> tuple[Wait, ...]:
         nonlocal district, sentences
+        district = replace(district, order=changed(district.order, now_ms))
         district, present = _keep_order(district, riders, sentences, numbers, now_ms)
         sentences = {wait.chair: wait.sentence for wait in present}
+        told(district.order, present, now_ms)
         return present
 
     return keep
@@ -458,12 +472,12 @@ def _note(run: FleetRun, simulator: FleetSimulator, riders: Sequence[Rider]) -> 
     step_s = STEPS_OF_ORDER * TICK_NS * 1e-9
     for rider, chair, own in zip(riders, simulator.chairs, run.chairs, strict=True):
         own.note(simulator.now_ns * 1e-9, chair, step_s * rider.held)
-        own.note_line(rider.line, 0.0 if rider.line is None else _beyond(rider.line, chair.body, chair.truth()))
+        own.note_line(rider.line, 0.0 if rider.line is None else beyond(rider.line, chair.body, chair.truth()))
     count = len(riders)
     run.nearest = min([run.nearest, *(simulator.between(a, b) for a in range(count) for b in range(a + 1, count))])
 
 
-def _beyond(line: FloatArray, body: ChairBody, pose: Pose2) -> float:
+def beyond(line: FloatArray, body: ChairBody, pose: Pose2) -> float:
     """Return how far [m] a chair's outline is beyond a stop line that lies across it, on its farther side."""
     if not crosses(line, body, pose.array()[None])[0]:
         return 0.0

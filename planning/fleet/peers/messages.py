@@ -128,11 +128,12 @@ class Request(Struct, frozen=True, array_like=True, tag="request"):
 
 
 class Why(Struct, frozen=True, array_like=True):
-    """The reason for a wait: the chair for which one waits, a sentence for the rider, and how long; unknown: -1."""
+    """The reason for a wait: the chair for which one waits, a sentence for the rider, how long (unknown: -1), and the rule."""
 
     others: Numbers = ()
     sentence: Sentence = ""
     foreseen_ms: Annotated[int, Meta(ge=-1, le=1 << 50)] = -1
+    rule: Name = ""
 
 
 class Answer(Struct, frozen=True, array_like=True, tag="answer"):

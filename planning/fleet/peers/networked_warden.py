@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from waychair.planning.fleet.order import Order, Request, Turn
+from waychair.planning.fleet.order import Order, Request, Turn, with_priorities
 from waychair.planning.fleet.peers import messages
 from waychair.planning.fleet.peers.claims import Claim, claim_of, is_known, kept, order_of
 from waychair.planning.fleet.peers.decision import SILENT_NS, Decision
@@ -225,7 +225,7 @@ def _decide(
 ) -> None:
     """Take the States since the last time into the order, with the sections that are shut now."""
     assert office.district is not None
-    order = office.district.order
+    order = _reprioritised(office.district.order, loyal)
     now_ms = now_ns // 1_000_000
     reports: list[Report] = []
     requests: list[Request] = []
@@ -240,10 +240,20 @@ def _decide(
     if not (reports or requests or afresh):
         return
     closed = {resource: until for resource, until in office.district.blocked_until_ms.items() if until >= NEVER}
-    before = replace(office.district, blocked_until_ms=closed)
+    before = replace(office.district, order=order, blocked_until_ms=closed)
     state, replies, office.waits = decided(before, Heard(tuple(reports), tuple(requests), blocked_ms), now_ms)
     office.district = state
     _note_refusals(office, replies, requests)
+
+
+def _reprioritised(order: Order, loyal: Mapping[int, Known]) -> Order:
+    """Return the order with the priorities that the chairs' present wishes have."""
+    wanted = {
+        number * _NUMBERS + each.state.wish.number: Priority(each.state.wish.priority)
+        for number, each in loyal.items()
+        if each.state.wish is not None
+    }
+    return with_priorities(order, wanted)
 
 
 def _report(order: Order, number: int, each: Known) -> Report:
@@ -348,7 +358,7 @@ def _answers(
             spots=ahead,
             upto=state.visit if number in revoked else chain.visit,
             look=look,
-            why=Why(other, sentence[:240], foreseen),
+            why=Why(other, sentence[:240], foreseen, "" if wait is None else wait.reason.value),
             number=wish,
         )
         before = office.answers.get(number)

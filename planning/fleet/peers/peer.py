@@ -119,6 +119,7 @@ class SpotAuthority:
         sentence: why it waits, for the rider.
         foreseen_ms: how long; -1: unknown.
         refused: the number of its wish, if that was refused.
+        rule: by which rule the other one goes first, see `waits.Reason`.
     """
 
     spots: tuple[int, ...] = ()
@@ -129,6 +130,7 @@ class SpotAuthority:
     sentence: str = ""
     foreseen_ms: int = -1
     refused: int = 0
+    rule: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,6 +169,16 @@ class Peer:
     def grants(self) -> bool:
         """Whether this peer is the warden and may grant."""
         return self.office is not None and self._last is not None and self._last.grants
+
+    @property
+    def answered(self) -> int:
+        """The number of the own wish that the last answer was about; 0: none."""
+        return 0 if self._heard.answer is None else self._heard.answer.number
+
+    @property
+    def known(self) -> Mapping[int, Known]:
+        """The other peers by their last States."""
+        return self._heard.known
 
     def step(self, now_ns: int, own: Own, heard: Sequence[tuple[int, bytes]]) -> Step:
         """Return what follows from the own chair and the messages since the last step, each with the number of its sender.
@@ -403,6 +415,7 @@ class Peer:
             answer.why.sentence,
             answer.why.foreseen_ms,
             answer.number if answer.word == messages.REJECTED else 0,
+            answer.why.rule,
         )
 
     def _misses_somebody(self, now_ns: int) -> bool:

@@ -104,3 +104,17 @@ def test_a_chair_that_stands_ten_minutes_with_a_free_way_is_named() -> None:
 def test_a_damaged_record_is_refused_by_its_number(record: Json) -> None:
     with pytest.raises(TaskError, match="record 2 of the log is damaged"):
         audited([sound_log()[0], record])
+
+
+def test_two_chairs_with_top_at_once_or_one_for_too_long_break_the_rules() -> None:
+    def given(t_ms: int, chair: int, name: str, until_ms: int) -> Json:
+        return {"event": "priority", "t_ms": t_ms, "chair": chair, "priority": name, "until_ms": until_ms}
+
+    good = [given(0, 1, "top", 600_000), given(1, 2, "appointment", 10**7), given(600_000, 2, "top", 700_000)]
+    assert audited(good).faults == []
+    back = {"event": "priority", "t_ms": 5, "chair": 1, "priority": "routine"}
+    assert audited([good[0], back, given(9, 2, "top", 60_000)]).faults == []
+    assert "TOP at once" in audited([good[0], given(9, 2, "top", 60_000)]).faults[0]
+    assert "more than 10 min" in audited([given(0, 1, "top", 600_001)]).faults[0]
+    with pytest.raises(TaskError, match="record 1 of the log is damaged"):
+        audited([{"event": "priority", "t_ms": 0, "chair": 1, "priority": "top"}])

@@ -9,12 +9,13 @@ import pytest
 
 from tests.planning.fleet.small_traffic import traffic
 from waychair.errors import TaskError
+from waychair.planning.fleet.audit import TOP_LONGEST_MS
 from waychair.planning.fleet.order import Order, Request, asked, parked
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Audit, waits
 from waychair.planning.fleet.warden import District, Heard, decided
 from waychair.planning.fleet.ways import ways_of
-from waychair.runtime.fleet.staff_desk import TOP_LONGEST_MS, StaffDesk, staff_view
+from waychair.runtime.fleet.desk.staff_desk import StaffDesk, staff_view
 from waychair.types import Json
 
 WAYS = ways_of(traffic("line", ["P-a", "a-b", "b-Q", "a-R", "b-S"]), 0.5)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
@@ -14,7 +15,7 @@ import pytest
 from waychair.errors import FleetError
 from waychair.runtime.fleet.fleet_file import FleetFile, load_fleet, open_to_lan
 from waychair.runtime.fleet.fleet_keys import checked_keys, new_keys
-from waychair.runtime.fleet.zenoh_transport import ZenohTransport
+from waychair.runtime.fleet.zenoh_transport import LocalBus, ZenohTransport
 
 CHAIRS = (1, 2, 3)
 
@@ -178,3 +179,25 @@ def test_a_fleet_file_is_read(tmp_path: Path) -> None:
     assert fleet.names == ("chair1", "chair2", "voter9")
     assert fleet.keys == tmp_path / "keys"
     assert fleet.traffic_graph().name == "T"
+
+
+def test_programs_of_one_computer_hear_each_other_and_see_who_is_gone(stack: ExitStack) -> None:
+    port, wake = _ports(1)[0], threading.Event()
+    with pytest.raises(FleetError, match="cannot be joined"):
+        LocalBus(port, "early", hears=(), wake=wake)
+    stack.enter_context(closing(LocalBus(port, "joins", joins=True, hears=("a/*",), wake=wake)))
+    with pytest.raises(FleetError, match=f"127.0.0.1:{port} is taken"):
+        LocalBus(port, "second", joins=True, hears=(), wake=wake)
+    one = stack.enter_context(closing(LocalBus(port, "one", hears=("b/1",), wake=wake)))
+    two = LocalBus(port, "two", hears=("a/*",), wake=wake)
+    assert _until(lambda: one.is_there("two") and two.is_there("one"))
+
+    def is_heard() -> bool:
+        two.put("b/1", b"for one")
+        return ("b/1", b"for one") in one.received()
+
+    assert _until(is_heard)
+    two.put("b/2", b"for nobody")
+    two.close()
+    assert _until(lambda: not one.is_there("two"))
+    assert wake.is_set()

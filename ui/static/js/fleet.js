@@ -41,7 +41,7 @@ function drawChair(chair, k) {
     [x + along * ahead[0] - aside * ahead[1], y + along * ahead[1] + aside * ahead[0]].join(",")).join(" ");
   const parts = [
     element("polygon", { points, fill: colour }), element("polygon", { points: tip, fill: "#fff" }),
-    writing("number", x - 0.1 * ahead[0], y - 0.1 * ahead[1], k)];
+    writing("number", x - 0.1 * ahead[0], y - 0.1 * ahead[1], chair.number)];
   if (chair.line) {
     const [[x1, y1], [x2, y2]] = chair.line;
     parts.push(element("line", { x1, y1, x2, y2, class: "line", style: `--own: ${colour}` }));
@@ -67,7 +67,7 @@ function drawView(view) {
       list.append(item);
     }
     const goal = chair.goal ? `to ${chair.goal}, ${chair.reached} of ${chair.goals} goals reached` : "all goals reached";
-    const said = [`Chair ${k}: ${goal}`, sentence(chair.told)];
+    const said = [`Chair ${chair.number}: ${goal}`, sentence(chair.told)];
     said.forEach((text, n) => { if (list.children[k].children[n].textContent !== text) list.children[k].children[n].textContent = text; });
   });
   document.getElementById("time").textContent = `After ${Math.round(view.seconds)} s of the chairs' time`;

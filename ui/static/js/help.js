@@ -1,7 +1,7 @@
 // Levels of help while the rider drives: inform, guard, guide, each by a press; the guard's caps; and its override.
 
 import { ask, on } from "./link.js";
-import { $, element, note, setText } from "./page.js";
+import { $, element, note, now, setText } from "./page.js";
 import { soundWanted, speakOnly } from "./sound.js";
 
 export const LEVELS = ["inform", "guard", "guide"];
@@ -51,9 +51,10 @@ function showCaps(caps) {
   list.replaceChildren(...texts.map((textContent) => element("li", { className: "fact", textContent })));
 }
 
-/** Speaks a sentence, and shows it to screen readers where there is no voice. */
+/** Speaks a sentence, unless the chair itself does, and shows it to screen readers where there is no voice. */
 function tell(sentence) {
   note(sentence);
+  if (now.haptics) return;
   if (!(soundWanted() && speakOnly(sentence, () => {}))) setText($("help-said"), sentence);
 }
 

@@ -14,6 +14,7 @@ import "./panel.js";
 import "./cells.js";
 import "./guide.js";
 import "./help.js";
+import "./others.js";
 import "./habits.js";
 import "./haptics.js";
 import "./session_log.js";

@@ -8,17 +8,15 @@ from __future__ import annotations
 
 import hmac
 import threading
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from waychair.errors import TaskError
-from waychair.planning.fleet.order import Order, Request
+from waychair.planning.fleet.audit import TOP_LONGEST_MS
+from waychair.planning.fleet.order import Order, with_priorities
 from waychair.planning.fleet.rules import Priority, aged
 from waychair.planning.fleet.waits import Wait
 from waychair.types import Json
-
-TOP_LONGEST_MS = 600_000
-"""ms for which a chair has TOP at most."""
 
 APPOINTMENT_LONGEST_MS = 12 * 3_600_000
 """ms; an appointment that is due later is one of another day."""
@@ -108,22 +106,14 @@ class StaffDesk:
     def applied(self, order: Order, now_ms: int) -> Order:
         """Return the order with the given priorities in its requests; one that has lapsed gives way to the request's own."""
         given = self.given(now_ms)
-        chains = {}
-        for chair, chain in order.chains.items():
-            if chain.request is not None:
-                chain = replace(chain, request=self._with_priority(chain.request, given))
-            chains[chair] = chain
-        waiting = tuple(self._with_priority(request, given) for request in order.waiting)
-        alive = {chain.request.number for chain in chains.values() if chain.request is not None}
-        alive.update(request.number for request in waiting)
-        self._own = {number: own for number, own in self._own.items() if number in alive}
-        same = waiting == order.waiting and chains == dict(order.chains)
-        return order if same else replace(order, chains=chains, waiting=waiting)
-
-    def _with_priority(self, request: Request, given: Mapping[int, GivenPriority]) -> Request:
-        own = self._own.setdefault(request.number, request.priority)
-        wanted = given[request.chair].priority if request.chair in given else own
-        return request if request.priority is wanted else replace(request, priority=wanted)
+        requests = [chain.request for chain in order.chains.values() if chain.request is not None]
+        requests += order.waiting
+        self._own = {each.number: self._own.get(each.number, each.priority) for each in requests}
+        wanted = {
+            each.number: given[each.chair].priority if each.chair in given else self._own[each.number]
+            for each in requests
+        }
+        return with_priorities(order, wanted)
 
 
 def staff_view(
@@ -159,16 +149,27 @@ def staff_view(
     names: dict[int, str] = {}
     for spot in range(len(ways.names)):
         names.setdefault(int(ways.resource[spot]), ways.names[spot])
-    queues: list[Json] = [
-        {"place": names[resource], "chairs": list(dict.fromkeys(turn.chair for turn in queue))}
+    queues = {
+        names[resource]: list(dict.fromkeys(turn.chair for turn in queue))
         for resource, queue in sorted(order.queues.items())
         if len({turn.chair for turn in queue}) > 1
-    ]
+    }
+    return desk_view(chairs, queues, (names[resource] for resource in order.closed), ended, now_ms)
+
+
+def desk_view(
+    chairs: Sequence[Json],
+    queues: Mapping[str, Sequence[int]],
+    closed: Iterable[str],
+    ended: Iterable[Json],
+    now_ms: int,
+) -> Json:
+    """Return what the staff's page shows, from its rows of chairs, the chairs before each place, and the waits that have ended."""
     waits = list(ended)[-_WAITS_SHOWN:]
     return {
-        "chairs": chairs,
-        "queues": queues,
-        "closed": sorted({names[resource] for resource in order.closed}),
+        "chairs": list(chairs),
+        "queues": [{"place": place, "chairs": list(each)} for place, each in queues.items()],
+        "closed": sorted(set(closed)),
         "waited": [
             {
                 "minutes_ago": round(max(now_ms - each["begun_ms"], 0) / 60_000),

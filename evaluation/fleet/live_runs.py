@@ -1,0 +1,185 @@
+"""Runs of a fleet of processes: undisturbed, and with processes that are killed; and peers without chairs, weighed."""
+
+from __future__ import annotations
+
+import os
+import random
+import re
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from waychair.runtime.fleet.fleet_watch import FleetWatch
+from waychair.runtime.fleet.peer_process import clock_ns, fleet_of
+from waychair.runtime.fleet.zenoh_transport import ZenohListener
+from waychair.runtime.processes import Process, Supervision
+from waychair.trials.fleet.live.live_fleet import LiveFleet
+from waychair.trials.fleet.live.live_plan import DESK, fleet_file, new_plan
+
+WORLD = "T"
+STARTS_S, BACK_S = 240.0, 120.0
+"""s until all chairs keep the order at the start, and after a kill, at most: the computer may be busy."""
+
+KINDS = ("chair", "peer", "world", "router")
+"""What is killed: a chair's process with its peer, a voter's peer, the world, the router of chairs that talk through one."""
+
+
+@dataclass
+class LiveRun:
+    """What was measured in one run.
+
+    `ordered_s` and `moved_s`: s from the first sign of life of a killed process until all chairs follow a warden, and until
+    a chair moves again; infinite: not within `BACK_S`.
+    """
+
+    answers_ms: list[float] = field(default_factory=list)
+    ages_ms: list[float] = field(default_factory=list)
+    over_line_m: float = 0.0
+    contacts: int = 0
+    factor: float = 0.0
+    reached: int = 0
+    ordered_s: list[float] = field(default_factory=list)
+    moved_s: list[float] = field(default_factory=list)
+
+
+def quiet_run(folder: Path, chairs: int, seed: int, seconds: float) -> LiveRun:
+    """Return what chairs do that nobody disturbs, for some seconds of real time once all keep the order."""
+    with LiveFleet(folder, new_plan(folder, WORLD, chairs, seed)) as fleet:
+        _until(fleet, lambda: _in_order(fleet), STARTS_S)
+        fleet.record.answers_ms.clear()
+        fleet.record.ages_ms.clear()
+        _until(fleet, lambda: fleet.finished, seconds)
+        return _measured(fleet, LiveRun())
+
+
+def kill_run(folder: Path, chairs: int, seed: int, kind: str, kills: int) -> LiveRun:
+    """Return what chairs do while a process of a kind is killed some times, at random moments between."""
+    plan = new_plan(folder, WORLD, chairs, seed, (DESK,) if kind == "peer" else (), routed=kind == "router")
+    more = (Process("peer", "waychair.trials.fleet.live.voter_process", (str(folder), str(DESK))),)
+    moments, run = random.Random(seed), LiveRun()
+    with LiveFleet(folder, plan, more=more if kind == "peer" else ()) as fleet:
+        _until(fleet, lambda: _in_order(fleet), STARTS_S)
+        for _ in range(kills):
+            _until(fleet, lambda: fleet.finished, moments.uniform(1.0, 8.0))
+            if fleet.finished or fleet.ended:
+                break
+            name = f"chair {moments.choice(plan.numbers)}" if kind == "chair" else kind
+            _kill(fleet, name, run)
+        return _measured(fleet, run)
+
+
+def _kill(fleet: LiveFleet, name: str, run: LiveRun) -> None:
+    """Kill a process, and take down how long after its return the chairs go on."""
+    record, pid = fleet.record, fleet.pids[name]
+    before = _boot_of(fleet, name)
+    os.kill(pid, signal.SIGKILL)
+    back = _until(fleet, lambda: fleet.pids.get(name, pid) != pid and _boot_of(fleet, name) != before, BACK_S)
+    if back is None:
+        run.ordered_s.append(float("inf"))
+        return
+    run.ordered_s.append(_or_never(_until(fleet, lambda: _in_order(fleet), BACK_S)))
+    moves = _until(fleet, lambda: record.moment is not None and any(record.moment.moving), BACK_S)
+    run.moved_s.append(run.ordered_s[-1] + _or_never(moves))
+
+
+def _boot_of(fleet: LiveFleet, name: str) -> int:
+    """Return what tells one start of a process from the next; for a process that says nothing, its process id."""
+    record = fleet.record
+    if name == "world":
+        return 0 if record.moment is None else record.moment.boot
+    if name.startswith("chair"):
+        word = record.words.get(int(name.removeprefix("chair ")))
+        return 0 if word is None else word.boot
+    return fleet.pids.get(name, 0)
+
+
+def _in_order(fleet: LiveFleet) -> bool:
+    """Return whether all chairs are heard, and follow one warden."""
+    words = [fleet.record.words.get(number) for number in fleet.plan.numbers]
+    if any(word is None or fleet.record.is_silent(k) for k, word in enumerate(words, start=1)):
+        return False
+    wardens = {word.warden for word in words if word is not None}
+    return len(wardens) == 1 and 0 not in wardens
+
+
+def _until(fleet: LiveFleet, holds: Callable[[], bool], seconds: float) -> float | None:
+    """Watch a fleet until something holds; return after how many seconds, None if it does not within the given ones."""
+    began = time.monotonic()
+    while (passed := time.monotonic() - began) < seconds and not fleet.ended:
+        fleet.watch()
+        if holds():
+            return passed
+    return None
+
+
+def _or_never(seconds: float | None) -> float:
+    return float("inf") if seconds is None else seconds
+
+
+def _measured(fleet: LiveFleet, run: LiveRun) -> LiveRun:
+    record = fleet.record
+    run.answers_ms, run.ages_ms = list(record.answers_ms), list(record.ages_ms)
+    run.over_line_m = max(chair.over_line for chair in record.run.chairs)
+    run.contacts = record.run.contacts
+    run.factor = record.factor
+    run.reached = sum(chair.reached for chair in record.run.chairs)
+    return run
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Peers without chairs on this computer: processor cores of all together, and memory of each [MB], shared parts by share."""
+
+    peers: int
+    cores: float
+    megabytes: float
+
+
+def weighed_peers(folder: Path, peers: int, seconds: float) -> Weighed:
+    """Return what some peers without chairs cost in so many seconds, once all are there."""
+    voters = tuple(range(100, 100 + peers))
+    new_plan(folder, WORLD, 1, 0, voters)
+    module = "waychair.trials.fleet.live.voter_process"
+    table = [Process(f"peer {number}", module, (str(folder), str(number))) for number in voters]
+    with Supervision(table, dict(os.environ)) as running:
+        _all_heard(folder, voters, running)
+        pids = list(running.pids.values())
+        before, began = sum(map(_cpu_s, pids)), time.monotonic()
+        time.sleep(seconds)
+        passed = time.monotonic() - began
+        used = sum(map(_cpu_s, pids)) - before
+        return Weighed(peers, used / passed, sum(map(_megabytes, pids)) / max(len(pids), 1))
+
+
+def _all_heard(folder: Path, voters: tuple[int, ...], running: Supervision) -> None:
+    """Wait until all peers are heard.
+
+    Raises:
+        RuntimeError: some are not within `STARTS_S`.
+    """
+    file = fleet_file(folder, voters[0])
+    fleet = fleet_of(file)
+    watch, listener = FleetWatch(fleet.building, fleet.ways), ZenohListener(file, fleet.building)
+    try:
+        ends = time.monotonic() + STARTS_S
+        while not set(voters) <= set(watch.states):
+            watch.hear(listener.received(), clock_ns())
+            if time.monotonic() > ends or running.watch():
+                raise RuntimeError(f"{len(watch.states)} of {len(voters)} peers are heard")
+            time.sleep(0.2)
+    finally:
+        listener.close()
+
+
+def _cpu_s(pid: int) -> float:
+    """Return the processor time [s] of a process so far."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(") ")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+def _megabytes(pid: int) -> float:
+    """Return the memory [MB] of a process, parts that several share by their share."""
+    found = re.search(r"^Pss:\s+(\d+) kB", Path(f"/proc/{pid}/smaps_rollup").read_text(encoding="ascii"), re.MULTILINE)
+    return 0.0 if found is None else int(found[1]) / 1e3

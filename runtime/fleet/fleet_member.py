@@ -1,0 +1,213 @@
+"""A chair as a member of a live fleet: its driver and peer, its network, its wish, and the words for its rider.
+
+The owner steps it ten times a second, and at once when a Request or an Answer has come. It gives the chair's authority and
+goals; everything that stops the chair stays in the chair.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from waychair.planning.fleet.peers.peer import Fleet, OwnWish, Peer
+from waychair.planning.fleet.rules import Priority
+from waychair.planning.fleet.waits import Reason, Wait
+from waychair.runtime.chair_port import OthersView
+from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
+from waychair.runtime.fleet.desk.desk_messages import GIVEN_LAPSES_NS, TOLD, TOLD_NS, Given, Told, note_bytes, note_from
+from waychair.runtime.fleet.peer_driving import PeerDriver
+from waychair.runtime.fleet.transport import Transport
+from waychair.types import Pose2
+
+SILENT_NS = 3_000_000_000
+"""A chair that was not heard for so long is told to the rider as such."""
+
+AGAIN_NS = 5_000_000_000
+"""A wish that was refused is made again after so long: the building may have changed."""
+
+_RULES = {each.value: each for each in Reason}
+
+
+class FleetTransport(Transport, Protocol):
+    """A transport that also carries messages beside the peers' own."""
+
+    def received_aside(self) -> list[tuple[int, bytes]]:
+        """Return these messages since the last call, with the number of each sender as the network knows it."""
+
+
+@dataclass(slots=True)
+class Measures:
+    """What a member measured since somebody took it: ms from a Request to its first answer, ms of age of others' States.
+
+    The ages hold on one computer, whose programs have one clock.
+    """
+
+    answers_ms: list[float] = field(default_factory=list)
+    ages_ms: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class MemberStep:
+    """What follows from a step: authority and goals, the present wait, the rider's sentence, and sentences for people."""
+
+    driven: Steps
+    wait: Wait | None
+    told: str
+    notices: tuple[str, ...]
+
+
+class FleetMember:
+    """The part of one chair in its fleet."""
+
+    def __init__(
+        self,
+        fleet: Fleet,
+        number: int,
+        boot: int,
+        driver: ChainDriver,
+        start: str | Sequence[int],
+        transport: FleetTransport,
+    ) -> None:
+        """`start`: the refuge in which the chair stands, or the spots in which it is, from its rear to its front."""
+        self.driver = PeerDriver(fleet.ways, Peer(fleet, number, boot), driver, start)
+        self.measures = Measures()
+        self._fleet = fleet
+        self._transport = transport
+        self._wish: OwnWish | None = None
+        self._wishes = 0
+        self._given: tuple[Priority, int] | None = None  # by staff, and when it was heard last
+        self._asked_ns: int | None = None  # since when a Request has been without an answer
+        self._refused: tuple[str, int] | None = None
+        self._waits_since_ns: int | None = None
+        self._present: Wait | None = None
+        self._others: dict[int, Told] = {}  # what the others said last
+        self._told = Told()
+        self._told_ns = 0
+
+    @property
+    def entered(self) -> tuple[int, ...]:
+        """The spots in which the chair is, from its rear to its front."""
+        return self.driver.entered
+
+    def want(self, goal: str | None, now_ns: int, priority: Priority = Priority.ROUTINE) -> None:
+        """Wish for a refuge, or for none any more."""
+        self._wish, self._asked_ns, self._refused = None, None, None
+        if goal is not None:
+            self._wishes += 1
+            self._wish = OwnWish(self._wishes, goal, priority, now_ns)
+
+    def step(
+        self,
+        now_ns: int,
+        pose: Pose2,
+        goals_left: int,
+        manual: bool = False,
+        is_free: Callable[[int], bool] = lambda spot: True,
+    ) -> MemberStep:
+        """Return what follows from `map_from_base`, the goals of the last chain that are left, and what has come.
+
+        `now_ns` is a monotonic clock that runs while the computer sleeps; `is_free`: see `PeerDriver.step`.
+        """
+        self._hear_aside(now_ns)
+        heard = self._transport.received()
+        wish = None if self._wish is None else replace(self._wish, priority=int(self._priority(now_ns)))
+        found = self.driver.step(now_ns, pose, goals_left, heard, wish, manual, is_free)
+        for to, kind, data in found.peer.send:
+            self._transport.send(to, kind, data)
+            if kind == "request" and self._asked_ns is None:
+                self._asked_ns = now_ns
+        self._measure(now_ns)
+        self._retry(now_ns)
+        wait = self._present = self._wait(now_ns)
+        told = self.driver.authority.sentence if self._refused is None else self._refused[0]
+        self._tell(now_ns, wait, told)
+        return MemberStep(found.driven, wait, told, found.peer.notices)
+
+    def others(self, now_ns: int) -> OthersView:
+        """Return the other chairs, and the present wait, for the rider's page."""
+        wait = self._present
+        seconds = None if wait is None or wait.foreseen_ms is None else wait.foreseen_ms / 1e3
+        known = self.driver.peer.known
+        found = []
+        for number in sorted(self._fleet.chairs - {self.driver.peer.number}):
+            if number not in known:
+                continue
+            told = self._others.get(number, Told())
+            is_heard = now_ns - known[number].heard_ns <= SILENT_NS
+            goal = f"On the way to {told.goal}." if told.goal else "Stands by."
+            found.append((number, (told.told or goal) if is_heard else "Cannot be heard."))
+        return OthersView("" if wait is None else wait.why, seconds, tuple(found))
+
+    def _priority(self, now_ns: int) -> Priority:
+        """Return the wish's priority: that of staff while they repeat it."""
+        assert self._wish is not None
+        if self._given is not None and now_ns - self._given[1] <= GIVEN_LAPSES_NS:
+            return self._given[0]
+        return Priority(self._wish.priority)
+
+    def _hear_aside(self, now_ns: int) -> None:
+        for sender, data in self._transport.received_aside():
+            told = note_from(Told, data) if sender in self._fleet.chairs else None
+            if told is not None:
+                self._others[sender] = told
+            given = note_from(Given, data) if sender in self._fleet.voters else None
+            if given is not None and given.chair == self.driver.peer.number:
+                self._given = Priority(given.priority), now_ns
+
+    def _measure(self, now_ns: int) -> None:
+        peer = self.driver.peer
+        self.measures.ages_ms += [(now_ns - each.sent_ns) / 1e6 for each in peer.known.values()]
+        if self._asked_ns is not None and self._wish is not None and peer.answered == self._wish.number:
+            self.measures.answers_ms.append((now_ns - self._asked_ns) / 1e6)
+            self._asked_ns = None
+
+    def _retry(self, now_ns: int) -> None:
+        """Wish again, after a while, for a goal that was refused."""
+        authority = self.driver.authority
+        if self._wish is None or authority.refused != self._wish.number:
+            return
+        if self._refused is None:
+            self._refused = authority.sentence, now_ns
+        elif now_ns - self._refused[1] > AGAIN_NS:
+            self.want(self._wish.goal, now_ns, Priority(self._wish.priority))
+
+    def _wait(self, now_ns: int) -> Wait | None:
+        """Return the wait that the chair's peer tells; none while the chair may go on."""
+        authority, wish = self.driver.authority, self._wish
+        if wish is None or authority.spots or not authority.sentence or authority.alone:
+            self._waits_since_ns = None
+            return None
+        self._waits_since_ns = now_ns if self._waits_since_ns is None else self._waits_since_ns
+        return Wait(
+            self.driver.peer.number,
+            authority.others[0] if authority.others else None,
+            self._fleet.ways.names[authority.chain[0]] if authority.chain else wish.goal,
+            _RULES.get(authority.rule, Reason.FIRST),
+            (self._priority(now_ns), None),
+            (now_ns - self._waits_since_ns) // 1_000_000,
+            authority.foreseen_ms if authority.foreseen_ms >= 0 else None,
+        )
+
+    def _tell(self, now_ns: int, wait: Wait | None, told: str) -> None:
+        """Tell all what this chair says: at once where it differs, but for the seconds that pass."""
+        wish = self._wish
+        word = Told(
+            "" if wish is None else wish.goal,
+            0 if wish is None else int(self._priority(now_ns)),
+            told[:300],
+            wait is not None,
+            None if wait is None else wait.other,
+            "" if wait is None else wait.place,
+            "" if wait is None else wait.reason.value,
+            -1 if wait is None or wait.foreseen_ms is None else wait.foreseen_ms,
+            0 if wait is None else wait.waited_ms,
+        )
+        last = self._told
+        same = (word.goal, word.priority, word.waits, word.other, word.place) == (
+            *(last.goal, last.priority, last.waits, last.other, last.place),
+        )
+        if same and now_ns - self._told_ns < TOLD_NS:
+            return
+        self._told, self._told_ns = word, now_ns
+        self._transport.send(None, TOLD, note_bytes(word))

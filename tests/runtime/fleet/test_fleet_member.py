@@ -1,0 +1,161 @@
+"""A chair as a member of a fleet: it gets its turn, tells its rider and the staff's desk, and takes priorities from there only."""
+
+from __future__ import annotations
+
+from collections import deque
+
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
+from waychair.planning.fleet.peers.messages import building_of
+from waychair.planning.fleet.peers.peer import Fleet, Own, Peer
+from waychair.planning.fleet.waits import Reason
+from waychair.planning.fleet.ways import ways_of
+from waychair.runtime.chair_port import OthersView
+from waychair.runtime.fleet.chain_driving import ChainDriver
+from waychair.runtime.fleet.chain_geometry import drivable
+from waychair.runtime.fleet.desk.desk_messages import GIVEN_LAPSES_NS, Given, note_bytes
+from waychair.runtime.fleet.desk.live_desk import LiveDesk
+from waychair.runtime.fleet.desk.staff_desk import StaffDesk
+from waychair.runtime.fleet.fleet_member import FleetMember, MemberStep
+from waychair.trials.fleet.fleet_scenes import places_in_rooms
+
+PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
+GRAPH = corridor_graph(PLAN, 1.2, rooms=True, bays=False)
+WAYS = drivable(ways_of(GRAPH, 0.5), CHAIR_A)
+PLACES = dict(places_in_rooms(PLAN))
+ROOMS = [refuge.name for refuge in GRAPH.refuges]
+STEP_NS = 100_000_000
+DESK = 9
+KEY = "open sesame"
+
+
+class Air:
+    """A network without faults: what is sent is there in the next step."""
+
+    def __init__(self, numbers: list[int]) -> None:
+        self.peers = {number: deque[tuple[int, bytes]]() for number in numbers}
+        self.aside = {number: deque[tuple[int, bytes]]() for number in numbers}
+
+    def send(self, sender: int, to: int | None, kind: str, data: bytes) -> None:
+        """Deliver bytes."""
+        for number in self.peers if to is None else (to,):
+            if number != sender:
+                (self.aside if kind in ("told", "given") else self.peers)[number].append((sender, data))
+
+
+class End:
+    """A member's end of it."""
+
+    def __init__(self, air: Air, number: int) -> None:
+        self._air, self._number = air, number
+
+    def send(self, to: int | None, kind: str, data: bytes) -> None:
+        """See `Transport`."""
+        self._air.send(self._number, to, kind, data)
+
+    def received(self) -> list[tuple[int, bytes]]:
+        """See `Transport`."""
+        return _emptied(self._air.peers[self._number])
+
+    def received_aside(self) -> list[tuple[int, bytes]]:
+        """See `FleetTransport`."""
+        return _emptied(self._air.aside[self._number])
+
+    def close(self) -> None:
+        """See `Transport`."""
+
+
+GOALS = {1: ROOMS[-2], 2: ROOMS[1]}
+"""Goals for which the two meet in a corridor in which they cannot pass."""
+
+
+def _emptied(queue: deque[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
+    return [queue.popleft() for _ in range(len(queue))]
+
+
+class Ward:
+    """Two chairs that stand in the first and the last room, and a voter with the staff's desk."""
+
+    def __init__(self) -> None:
+        fleet = Fleet(building_of(GRAPH), WAYS, frozenset((1, 2)), frozenset((DESK,)))
+        self.air = Air([1, 2, DESK])
+        self.starts = {1: ROOMS[0], 2: ROOMS[-1]}
+        self.members = {
+            number: FleetMember(
+                fleet, number, 100 + number, ChainDriver(WAYS, number, CHAIR_A, PLACES), start, End(self.air, number)
+            )
+            for number, start in self.starts.items()
+        }
+        self.voter, self.end = Peer(fleet, DESK, 109), End(self.air, DESK)
+        self.staff = StaffDesk(KEY)
+        self.desk = LiveDesk(fleet, self.staff)
+        self.now_ns = 10**10
+        self.steps: dict[int, MemberStep] = {}
+
+    def run(self, seconds: float) -> None:
+        """Let time pass; no chair moves."""
+        for _ in range(round(seconds * 10)):
+            self.now_ns += STEP_NS
+            for number, member in self.members.items():
+                self.steps[number] = member.step(self.now_ns, PLACES[self.starts[number]].pose, 0)
+            heard = self.end.received()
+            step = self.voter.step(self.now_ns, Own(), heard)
+            for to, kind, data in step.send:
+                self.end.send(to, kind, data)
+            own = [(DESK, data) for to, _, data in step.send if to is None]
+            self.desk.hear([*heard, *own], self.end.received_aside(), self.now_ns)
+            for kind, data in self.desk.due(self.now_ns):
+                self.end.send(None, kind, data)
+
+
+def test_a_chair_that_waits_says_for_whom_and_why_to_its_rider_and_to_the_desk() -> None:
+    ward = Ward()
+    ward.run(6)
+    ward.members[2].want(ROOMS[0], ward.now_ns)
+    ward.run(2)
+    wait = ward.steps[2].wait
+    assert wait is not None
+    assert (wait.other, wait.reason, ward.steps[1].wait) == (1, Reason.TAKEN, None)
+    assert ward.steps[2].told == wait.why == "Waits for chair 1 to leave room 1."
+    assert ward.members[2].others(ward.now_ns) == OthersView(wait.why, None, ((1, "Stands by."),))
+    assert ward.members[1].others(ward.now_ns) == OthersView("", None, ((2, wait.why),))
+    rows = {row["chair"]: row for row in ward.desk.view(ward.now_ns)["chairs"]}
+    assert (rows[2]["told"], rows[2]["goal"], rows[1]["told"]) == (wait.why, "room 1", "Stands by.")
+    assert ward.desk.view(ward.now_ns)["waited"] == []
+    ward.members[2].want(None, ward.now_ns)
+    ward.run(1)
+    ended = ward.desk.view(ward.now_ns)["waited"]
+    assert [(each["waits"], each["first"], each["rule"]) for each in ended] == [(2, 1, "the place is taken")]
+
+
+def test_the_way_is_granted_soon_after_the_wish_and_the_time_is_measured() -> None:
+    ward = Ward()
+    ward.run(6)
+    for number in (1, 2):
+        ward.members[number].want(GOALS[number], ward.now_ns)
+    ward.run(1)
+    assert all(member.driver.authority.spots for member in ward.members.values())
+    answers = ward.members[1].measures.answers_ms + ward.members[2].measures.answers_ms
+    assert answers
+    assert max(answers) <= 300.0
+    assert max(ward.members[1].measures.ages_ms[-20:]) <= 350.0
+
+
+def test_a_chair_takes_a_priority_from_the_desk_and_has_its_own_again_when_the_desk_is_gone() -> None:
+    ward = Ward()
+    ward.run(6)
+    for number in (1, 2):
+        ward.members[number].want(GOALS[number], ward.now_ns)
+    ward.air.send(1, 2, "given", note_bytes(Given(2, 3)))
+    ward.run(1)
+    assert {row["chair"]: row["priority"] for row in ward.desk.view(ward.now_ns)["chairs"]} == {
+        1: "routine",
+        2: "routine",
+    }
+    assert ward.staff.give(2, "top", KEY, ward.now_ns // 1_000_000, 5.0) == "Chair 2 has TOP for 5 min."
+    ward.run(1.5)
+    rows = {row["chair"]: row for row in ward.desk.view(ward.now_ns)["chairs"]}
+    assert (rows[2]["priority"], rows[2]["minutes_left"]) == ("top", 5.0)
+    ward.staff.give(2, "routine", KEY, ward.now_ns // 1_000_000)
+    ward.run(GIVEN_LAPSES_NS * 1e-9 + 1.5)
+    assert {row["chair"]: row["priority"] for row in ward.desk.view(ward.now_ns)["chairs"]}[2] == "routine"

@@ -1,0 +1,114 @@
+"""A real chair in its fleet: it stands until its way is granted, and keeps no order while its rider steers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from tests.runtime.fleet.test_fleet_member import GRAPH, PLACES, PLAN, ROOMS, WAYS, Air, End
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.control.authority import FREE
+from waychair.errors import FleetError
+from waychair.maps.drawn.zones import Zone
+from waychair.planning.fleet.peers.messages import MANUAL, Reader, State, building_of
+from waychair.planning.fleet.peers.peer import Fleet
+from waychair.runtime.fleet.fleet_port import FleetPort
+from waychair.runtime.fleet.spots_of_pose import SpotsOfPose
+from waychair.runtime.pilot import Pilot
+from waychair.simulation.plan.corridor_world import corridor_world
+from waychair.types import Goal, Pose2
+
+GRID = corridor_world(PLAN, 1.2, rooms=True).grid
+HOME, GOAL = PLACES[ROOMS[0]].pose, PLACES[ROOMS[3]]
+STEP_NS = 100_000_000
+
+
+class Alone:
+    """The only chair of a building, with its pilot; `air` hears what it says."""
+
+    def __init__(self) -> None:
+        self.fleet = Fleet(building_of(GRAPH), WAYS, frozenset((1,)))
+        self.air = Air([1, 2])
+        self.port = FleetPort(self.fleet, 1, 101, End(self.air, 1), CHAIR_A, GRID, PLACES, self.redraw)
+        self.pilot = Pilot(GRID, PLACES, CHAIR_A)
+        self.now_ns = 10**10
+
+    def redraw(self, bars: tuple[Zone, ...], then: Callable[[], None]) -> None:
+        """Draw the bars at once."""
+        self.pilot.redraw(self.pilot.drawn(GRID, bars), PLACES)
+        then()
+
+    def run(self, seconds: float, pose: Pose2 | None = HOME, by_rider: bool = False) -> None:
+        """Let time pass."""
+        for _ in range(round(seconds * 10)):
+            self.now_ns += STEP_NS
+            self.port.step(self.now_ns, pose, self.pilot, by_rider)
+
+    def ask(self) -> None:
+        """Ask for the goal, as the navigator's node does."""
+        self.pilot.go(Goal(GOAL.pose))
+        self.port.ask(GOAL.pose, self.now_ns)
+
+    def state(self) -> State:
+        """Return the last State that others heard."""
+        reader = Reader(self.fleet.building)
+        letters = [reader.read(data)[0] for _, data in self.air.peers[2]]
+        return [each.body for each in letters if each is not None and isinstance(each.body, State)][-1]
+
+
+def test_a_goal_waits_for_its_way_and_then_the_chain_is_driven() -> None:
+    chair = Alone()
+    with pytest.raises(FleetError, match="on no way of its traffic graph"):
+        chair.port.ask(GOAL.pose, 0)
+    chair.run(0.2, pose=None)
+    chair.run(0.2)
+    chair.ask()
+    chair.port.step(chair.now_ns, HOME, chair.pilot, False)
+    authority = chair.pilot.navigator.granted.authority
+    assert authority.stands
+    assert authority.reason == "the chair waits for its turn"
+    chair.run(5.0)
+    authority = chair.pilot.navigator.granted.authority
+    assert not authority.stands
+    assert chair.pilot.waits
+    assert chair.state().entered[0] == WAYS.slots[ROOMS[0]][0]
+    chair.run(0.3, pose=None)
+    assert chair.pilot.navigator.granted.authority.stands
+    chair.pilot.drop("the rider ended it")
+    chair.run(0.3)
+    assert chair.pilot.navigator.granted.authority == FREE
+    assert chair.state().wish is None
+
+
+def test_a_chair_that_its_rider_steers_says_so_and_where_it_is() -> None:
+    chair = Alone()
+    chair.run(4.0)
+    section = max(GRAPH.sections, key=lambda each: each.length)
+    ends = [GRAPH.node[each] for each in (section.start, section.end)]
+    here = Pose2((ends[0].x + ends[1].x) / 2, (ends[0].y + ends[1].y) / 2, 0.0)
+    chair.run(1.0, pose=here, by_rider=True)
+    state = chair.state()
+    assert state.mode == MANUAL
+    assert section.name in [WAYS.names[spot] for spot in state.entered]
+
+
+def test_goals_off_the_graph_and_maps_without_its_places_are_refused() -> None:
+    chair = Alone()
+    chair.run(0.2)
+    with pytest.raises(FleetError, match="drive to its places only: choose one, such as room 1"):
+        chair.port.ask(Pose2(8.0, 3.0, 0.0), 0)
+    some = {name: place for name, place in PLACES.items() if name != ROOMS[2]}
+    with pytest.raises(FleetError, match=f"the map has no place '{ROOMS[2]}'"):
+        FleetPort(chair.fleet, 1, 101, End(chair.air, 1), CHAIR_A, GRID, some, chair.redraw)
+
+
+def test_a_pose_between_two_spots_is_in_both() -> None:
+    spots = SpotsOfPose(WAYS, CHAIR_A, PLACES)
+    assert spots.at(HOME) == (WAYS.slots[ROOMS[0]][0],)
+    assert spots.at(Pose2(15.0, 60.0, 0.0)) == ()
+    section = max(GRAPH.sections, key=lambda each: each.length)
+    node = GRAPH.node[section.end]
+    found = spots.at(Pose2(node.x - 0.5, node.y, 0.0))
+    assert section.name in [WAYS.names[spot] for spot in found]
+    assert section.end in [WAYS.names[spot] for spot in found]
