@@ -23,6 +23,9 @@ from waychair.types import FloatArray, Pose2
 FACES_MS = 8_000
 """ms that a chair stands before something in single file until one of the two backs out."""
 
+STANDS_WITHIN = 0.10
+"""m; a chair that moves by no more, as its pose does, stands."""
+
 LETS_PASS_MS = 45_000
 """ms that a chair stays aside: the other one needs so long for the ten metres that were between them, and its length."""
 
@@ -77,6 +80,7 @@ class AloneDriver:
         self._chain: tuple[int, ...] = ()
         self._goal = ""
         self._stands_ms: int | None = None
+        self._stood = Pose2()
         self._waits_until_ms = 0
         self._faced = 0
         self.retreats = 0
@@ -98,8 +102,9 @@ class AloneDriver:
         if not self._chain and now_ms >= self._waits_until_ms:
             self._chain = self._chosen(front, seen)
         free = self._free(front, seen.taken)
-        if free or not self._chain or self._ways.at_home[front]:
-            self._stands_ms = None
+        moves = math.dist((seen.pose.x, seen.pose.y), (self._stood.x, self._stood.y)) > STANDS_WITHIN
+        if free or moves or not self._chain or self._ways.at_home[front]:
+            self._stands_ms, self._stood = None, seen.pose
         elif self._stands_ms is None:
             self._stands_ms = now_ms
         elif now_ms - self._stands_ms >= FACES_MS:

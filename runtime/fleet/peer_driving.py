@@ -127,7 +127,8 @@ class PeerDriver:
         goal = None if wish is None else wish.goal
         before = self.alone.retreats
         way = self.alone.step(now_ms, self.entered[-1], goal, seen)
-        if self.alone.retreats > before and self._withdraw():
+        goes_back = self._behind > 0 and way.chain[:1] == self.entered[-2:-1]
+        if self.alone.retreats > before and goes_back and self._withdraw():
             way = self.alone.step(now_ms, self.entered[-1], goal, seen)
         return way
 

@@ -107,3 +107,12 @@ def test_of_two_chairs_that_see_each_other_in_a_run_exactly_one_backs_out_and_on
     one = next(driver for driver in drivers.values() if driver.retreats)
     assert WAYS.at_home[one._chain[-1]]
     assert one._waits_until_ms >= LETS_PASS_MS
+
+
+def test_a_chair_that_still_drives_faces_nobody() -> None:
+    driver = AloneDriver(WAYS)
+    front = _section_at(_way(), 9.5)
+    for now_ms in range(0, 4 * FACES_MS, 100):
+        pose = Pose2(8.0 + 5e-5 * now_ms, 3.0, 0.0)
+        driver.step(now_ms, front, GOAL, replace(_seen(_thing(18.0), pose), nose=NOSE))
+    assert driver.retreats == 0
