@@ -311,7 +311,7 @@ class Mapper:
                 prior = prior / 100 if slipped else prior
             if len(scan) < MIN_POINTS:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
-            doubted = slipped or found.response < _GOOD_RESPONSE
+            doubted = (slipped or found.response < _GOOD_RESPONSE) and self._tears.can_be_doubted(self._recent_keys)
             again = self._state.doubted > 0
             if doubted and self._judge.is_doubted(self.keys, self._recent_keys, scan, found, guess, again):
                 return Edge(here, node, here_from_base, unknown_information(), EdgeKind.UNKNOWN)

@@ -50,6 +50,11 @@ class OpenTears:
         """Forget the tear with this edge, also in chains, since loops have undone it."""
         self._open = [_unchained(tear, edge) for tear in self._open if tear.edge is not edge]
 
+    def can_be_doubted(self, recent: Sequence[int]) -> bool:
+        """Return whether enough key scans follow the latest tear to contradict the next one."""
+        torn = [tear.edge.j for tear in self._open if tear.odometry is None]
+        return not torn or sum(node >= torn[-1] for node in recent) >= JUDGED_AT[0]
+
     def returned(
         self, keys: KeyGraph, recent: Sequence[int], scan: ScanPoints, key_from_base: Pose2
     ) -> tuple[Ruling, Edge] | None:
