@@ -21,6 +21,7 @@ from waychair.types import UNKNOWN, FloatArray, Json, OccupancyGrid
 _MARGIN = 1.0  # [m] around the known part of the map
 _WAY_STEP = 0.1  # [m] between drawn points of the trajectory
 _FREE, _OCCUPIED, _UNKNOWN_SHADE = 50.0, 65.0, 209  # [%] drawn white, [%] drawn black, grey level of unknown cells
+_LEAST_PART = 5  # key scans of a part that the odometry alone holds
 _TICKS = (1, 2, 5, 10, 20, 50, 100, 200)  # [m] possible lengths of the scale bar
 
 
@@ -80,39 +81,70 @@ def mapping_report(
 
 
 def torn_warnings(result: MapperResult) -> list[str]:
-    """Return a sentence about the breaks in the scan matching that a loop closure has bridged, and one about the others."""
-    tears, warnings = tears_of(result), []
-    for mended, outcome in (
-        (True, "; a loop closure has joined the map again"),
-        (False, ", and the part after it is not joined to the rest: record a drive that returns to known ground"),
-    ):
-        times = [tear["at_s"] for tear in tears if tear["joined_again"] is mended]
-        if times:
-            more = f" and {len(times) - 1} times later" if len(times) > 2 else " and once later"
-            more = more if len(times) > 1 else ""
-            warnings.append(f"at {min(times):.1f} s{more} the scans do not match those before{outcome}")
-    return warnings
+    """Return a sentence about the breaks in the scan matching that a loop closure has bridged, one about the others, and one
+    about the places where only the odometry holds the map together."""
+    tears = tears_of(result)
+    joined = [tear["at_s"] for tear in tears if tear["joined_again"]]
+    apart = [tear["at_s"] for tear in tears if not tear["joined_again"]]
+    lost = "the part after it is not joined to the rest: record a drive that returns to known ground"
+    loose = "odometry alone joins the map there: what lies beyond may be turned or moved; record a drive back to known ground"
+    told = (
+        (joined, "do not match those before; a loop closure has joined the map again"),
+        (apart, f"do not match those before, and {lost}"),
+        (odometry_joints_of(result), f"do not show the chair's motion, and {loose}"),
+    )
+    return [f"{_times(times)} the scans {sentence}" for times, sentence in told if times]
+
+
+def _times(times: Sequence[float]) -> str:
+    """Return the first of some times [s] in words, and the number of the others."""
+    later = {1: "", 2: " and once later"}.get(len(times), f" and {len(times) - 1} times later")
+    return f"at {min(times):.1f} s{later}"
+
+
+def odometry_joints_of(result: MapperResult) -> list[float]:
+    """Return the times [s] since the start of this drive at which nothing but the odometry joins two parts of the map.
+
+    No match of scans, and no loop, leads from one part to the other. Ends of a few key scans count for nothing.
+    """
+    whole = [edge for edge in result.edges if edge.kind is not EdgeKind.UNKNOWN]
+    ends = np.array([(edge.i, edge.j) for edge in whole], np.int64).reshape(-1, 2)
+    count, times = len(result.key_poses), []
+    for k, edge in enumerate(whole):
+        if edge.kind is not EdgeKind.ODOMETRY or result.key_frames[edge.j] < result.earlier_frames:
+            continue
+        piece = connected_parts(*np.delete(ends, k, axis=0).T, count)
+        sizes = [np.count_nonzero(piece == piece[node]) for node in (edge.i, edge.j)]
+        if piece[edge.i] != piece[edge.j] and min(sizes) >= _LEAST_PART:
+            times.append(_time_of(result, edge.j))
+    return times
 
 
 def tears_of(result: MapperResult) -> list[Json]:
-    """Return every tear of this drive: its time [s] since the start, why it is there, and whether loops have joined the map."""
+    """Return every tear of this drive: its time [s] since the start, why it is there, and whether loops have joined the part
+    after it to any before it."""
     torn = [e for e in result.edges if e.kind is EdgeKind.UNKNOWN and result.key_frames[e.j] >= result.earlier_frames]
     if not torn:
         return []
     whole = [edge for edge in result.edges if edge.kind is not EdgeKind.UNKNOWN]
     ends = np.array([(edge.i, edge.j) for edge in whole], np.int64).reshape(-1, 2)
     piece = connected_parts(ends[:, 0], ends[:, 1], len(result.key_poses))
-    stamps, start = result.trajectory.stamps_ns, int(result.drive_trajectory.stamps_ns[0])
     return [
         {
-            "at_s": round((int(stamps[result.key_frames[edge.j]]) - start) * 1e-9, 3),
+            "at_s": _time_of(result, edge.j),
             "why": "the drive begins at an unknown place of the map"
             if result.key_frames[edge.j] == result.earlier_frames
             else "the scans contradict those before, also after some metres more",
-            "joined_again": bool(piece[edge.i] == piece[edge.j]),
+            "joined_again": bool((piece[: edge.j] == piece[edge.j]).any()),
         }
         for edge in torn
     ]
+
+
+def _time_of(result: MapperResult, node: int) -> float:
+    """Return the time [s] of a key scan since the start of this drive."""
+    start = int(result.drive_trajectory.stamps_ns[0])
+    return round((int(result.trajectory.stamps_ns[result.key_frames[node]]) - start) * 1e-9, 3)
 
 
 def _loop_search(result: MapperResult) -> Json:

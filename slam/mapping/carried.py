@@ -79,13 +79,25 @@ class Verdict(enum.Enum):
 class OpenTear:
     """A tear that is not yet judged: its edge, the key scans before it, and the information (3, 3) of the odometry.
 
-    Over a slip of the odometry, the edge is that of the match, and `odometry` is the motion that it contradicts.
+    Over a slip of the odometry, the edge is that of the match, and `odometry` is the motion that it contradicts. `earlier` is
+    the tear before it, if the few key scans between the two have confirmed that one only: they may be the faulty ones.
     """
 
     edge: Edge
     before: tuple[int, ...]
     by_odometry: FloatArray
     odometry: Pose2 | None = None
+    earlier: OpenTear | None = None
+
+    @property
+    def chain(self) -> tuple[OpenTear, ...]:
+        """The tear and those before it that only the key scans between have confirmed, latest first."""
+        return (self, *(() if self.earlier is None else self.earlier.chain))
+
+    @property
+    def over_odometry(self) -> Edge:
+        """The edge by odometry over the tear."""
+        return Edge(self.edge.i, self.edge.j, self.edge.i_from_j, self.by_odometry, EdgeKind.ODOMETRY)
 
 
 class CarryJudge:
@@ -148,13 +160,11 @@ class CarryJudge:
         slipped = wide.response > _BETTER * found.response and is_proved(wide.pose, found.pose)
         return (wide if slipped else found), slipped
 
-    def returned(
-        self, keys: KeyGraph, tear: OpenTear, scan: ScanPoints, key_from_base: Pose2
-    ) -> tuple[Edge, Edge] | None:
-        """Return the odometry's edge over a tear, and that from the last key scan before it to a new key scan.
+    def returned(self, keys: KeyGraph, tear: OpenTear, scan: ScanPoints, key_from_base: Pose2) -> Edge | None:
+        """Return the edge from the last key scan before a tear to a new key scan.
 
-        They exist if a scan soon after the tear, at `key_from_base` from the last key scan, fits the key scans before the
-        tear again: those between were hidden or faulty.
+        It exists if a scan soon after the tear, at `key_from_base` from the last key scan, fits the key scans before the
+        tear again: those between were hidden or faulty, and lie as the odometry says.
         """
         node, last = tear.edge.j, tear.edge.i
         if len(keys) - node > _SOON:
@@ -171,15 +181,21 @@ class CarryJudge:
         if seen.contradiction > _AGREED:
             return None
         known = rotated_information(match_information(found.information) + prior, -found.pose.theta)
-        over = Edge(last, node, tear.edge.i_from_j, tear.by_odometry, EdgeKind.ODOMETRY)
-        return over, Edge(last, len(keys), keys.pose(last).inverse() @ found.pose, known, EdgeKind.MATCH)
+        return Edge(last, len(keys), keys.pose(last).inverse() @ found.pose, known, EdgeKind.MATCH)
 
-    def judged(self, keys: KeyGraph, tear: OpenTear, since: Sequence[int]) -> tuple[Verdict, Edge | None]:
-        """Return what the key scans `since` a tear say about it, and the edge that takes its place if the chair drove."""
-        if len(since) not in JUDGED_AT:
+    def judged(
+        self, keys: KeyGraph, tear: OpenTear, since: Sequence[int], is_final: bool = False, least_shared: int = 0
+    ) -> tuple[Verdict, Edge | None]:
+        """Return what the key scans `since` a tear say about it, and the edge that takes its place if the chair drove.
+
+        `is_final`: no more key scans will follow, so that the verdict is not `OPEN`. The chair drove only if both parts see
+        `least_shared` surface points.
+        """
+        if len(since) not in JUDGED_AT and not is_final:
             return Verdict.OPEN, None
+        last = is_final or len(since) >= JUDGED_AT[-1]
         if tear.odometry is not None:
-            return self._slip_judged(keys, tear, since), None
+            return self._slip_judged(keys, tear, since, last), None
         node, base = tear.edge.j, keys.pose(tear.edge.j)
         query = keys.joined_points(since, base, _QUERY_CELL)
         reference = keys.reference(
@@ -190,9 +206,11 @@ class CarryJudge:
         earlier = self.views(keys, tear.before[-_BEFORE:])
         tried = [self._laid(keys, earlier, since, pose @ base.inverse()) for pose in (found.pose, base)]
         best = min(tried, key=lambda each: each.contradiction)
-        gap, last = base.inverse() @ found.pose, len(since) >= JUDGED_AT[-1]
+        gap = base.inverse() @ found.pose
         near = math.hypot(gap.x, gap.y) < _NEAR_ODOMETRY and abs(gap.theta) < _TURNED_ODOMETRY
         by_odometry = best.contradiction if near else tried[1].contradiction
+        if best.shared < least_shared:
+            return (Verdict.CARRIED if last else Verdict.OPEN), None
         if last and best.contradiction > 0.5 * (_AGREED + _CARRIED):
             if by_odometry > _ODOMETRY_AGREED:
                 return Verdict.CARRIED, None
@@ -205,14 +223,25 @@ class CarryJudge:
         if best is tried[0] and found.response >= _LEAST_RESPONSE:
             known = rotated_information(match_information(found.information) + prior, -found.pose.theta)
             return Verdict.DROVE, Edge(tear.edge.i, node, before_from_base @ found.pose, known, EdgeKind.MATCH)
-        return Verdict.DROVE, Edge(tear.edge.i, node, tear.edge.i_from_j, tear.by_odometry, EdgeKind.ODOMETRY)
+        return Verdict.DROVE, tear.over_odometry
 
-    def _slip_judged(self, keys: KeyGraph, slip: OpenTear, since: Sequence[int]) -> Verdict:
+    def judged_over(
+        self, keys: KeyGraph, tear: OpenTear, earlier: OpenTear, since: Sequence[int], is_final: bool
+    ) -> tuple[Verdict, Edge | None]:
+        """Return what the key scans `since` a tear say about the way from the key scans before an earlier one.
+
+        They say that the chair drove if they see the same surfaces: then the key scans between the two tears were faulty.
+        """
+        i, j = earlier.edge.i, tear.edge.j
+        way = Edge(i, j, keys.pose(i).inverse() @ keys.pose(j), earlier.by_odometry, EdgeKind.UNKNOWN)
+        return self.judged(keys, OpenTear(way, earlier.before, earlier.by_odometry), since, is_final, _LEAST_SHARED)
+
+    def _slip_judged(self, keys: KeyGraph, slip: OpenTear, since: Sequence[int], last: bool) -> Verdict:
         """Return whether the key scans since a slip contradict those before it."""
         seen = self._laid(keys, self.views(keys, slip.before[-_BEFORE:]), since, Pose2())
         if seen.shared >= _LEAST_SHARED and seen.contradiction > _SLIP_CARRIED:
             return Verdict.CARRIED
-        return Verdict.DROVE if len(since) >= JUDGED_AT[-1] else Verdict.OPEN
+        return Verdict.DROVE if last else Verdict.OPEN
 
     def _laid(
         self, keys: KeyGraph, earlier: Sequence[tuple[View, Pose2]], nodes: Sequence[int], moved: Pose2

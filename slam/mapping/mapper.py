@@ -22,17 +22,11 @@ from waychair.slam.graph.information import (
     unknown_information,
 )
 from waychair.slam.mapping.attached_frames import AttachedFrame, AttachedFrames
-from waychair.slam.mapping.carried import (
-    JUDGED_AT,
-    SLIP_CLAIMED,
-    CarryJudge,
-    OpenTear,
-    Verdict,
-    agrees_with_odometry,
-)
+from waychair.slam.mapping.carried import SLIP_CLAIMED, CarryJudge, OpenTear, agrees_with_odometry
 from waychair.slam.mapping.key_scan_graph import KeyGraph
 from waychair.slam.mapping.loop_closure import LoopCloser, LoopRejection, LoopSettings
 from waychair.slam.mapping.mapper_result import MapperResult
+from waychair.slam.mapping.open_tears import RECENT_KEYS, OpenTears, Ruling
 from waychair.slam.mapping.tracking import TrackingState, odometry_of, twist_of
 from waychair.slam.scan.reference_surfaces import ScanReference
 from waychair.slam.scan.scan_matching import MatchSettings, Window, match, refine
@@ -45,7 +39,6 @@ LOCAL_REACH = 12.0
 _COVER_DISTANCE, _COVER_ANGLE = 0.3, math.radians(15)  # m, rad; a key scan this near covers a view
 _COVER_PATH = 1.5  # m; longest path along the edges to a covering key scan
 _COVERED_SCANS = 3  # latest scans that are kept for the grid beside each key scan that covers them
-_RECENT_KEYS = 40  # latest key scans that a new scan is matched against
 CERTAIN_PATH = 3.0  # m; key scans this near along the edges are matched against, too
 _CERTAIN_STEPS, _LATEST = 6.0, 10  # or within so many mean steps between the latest key scans, if these are far apart
 _SEARCH_DISTANCE, _SEARCH_ANGLE = 0.3, 0.35  # m, rad; half window round the odometry
@@ -101,7 +94,7 @@ class Mapper:
         self._reference: ScanReference | None = None
         self._state = TrackingState()
         self._judge = CarryJudge(settings.matching, LOCAL_REACH, base_from_laser)
-        self._tear: OpenTear | None = None  # where the map is torn until the next scans have judged it
+        self._tears = OpenTears(self._judge)
         self._closer = LoopCloser(settings.loops, settings.matching, LOCAL_REACH, base_from_laser, self._judge)
 
     def process(self, frame: SensorFrame) -> Pose2:
@@ -115,7 +108,7 @@ class Mapper:
                 self._attach_frame(frame, here_from_base)  # the next scan has a say, too
             elif not self._is_covered(frame, edge):
                 self._add(frame, scan, edge)  # a view that no key scan covers
-                if not self._judge_tear():  # the chair may have been carried
+                if not self._judge_tears():  # the chair may have been carried
                     self._close_loops()  # may be a revisited place
         else:
             self._attach_frame(frame, here_from_base)
@@ -293,9 +286,10 @@ class Mapper:
             return Edge(len(self.keys) - 1, len(self.keys), Pose2(), unknown_information(), EdgeKind.UNKNOWN)
         with self._timed("matching"):
             settings, node = self.settings, len(self.keys)
-            self._state.slip, tear = None, self._open_tear
-            if tear is not None and (back := self._judge.returned(self.keys, tear, scan, here_from_base)):
-                self._close_tear(tear, back[0], latest_before=True)
+            self._state.slip = None
+            if back := self._tears.returned(self.keys, self._recent_keys, scan, here_from_base):
+                self._follow(back[0])
+                self._state.unmatched = 0  # the frames between were placed by the odometry and stay there
                 return back[1]
             here = self._current_key
             guess = self.keys.pose(here) @ here_from_base
@@ -317,7 +311,7 @@ class Mapper:
                 prior = prior / 100 if slipped else prior
             if len(scan) < MIN_POINTS:
                 return Edge(here, node, here_from_base, by_odometry, EdgeKind.ODOMETRY)
-            doubted = tear is None and (slipped or found.response < _GOOD_RESPONSE)
+            doubted = (slipped or found.response < _GOOD_RESPONSE) and self._tears.can_be_doubted(self._recent_keys)
             again = self._state.doubted > 0
             if doubted and self._judge.is_doubted(self.keys, self._recent_keys, scan, found, guess, again):
                 return Edge(here, node, here_from_base, unknown_information(), EdgeKind.UNKNOWN)
@@ -357,7 +351,8 @@ class Mapper:
             self._begin_new_part(node, edge)
         elif edge is not None:
             self._distribute_correction(edge.i_from_j)
-            self._tear = self._tear or self._state.slip
+            if self._state.slip is not None:
+                self._tears.add(self._state.slip)
         if edge is not None:
             self._closer.add_distance(math.hypot(edge.i_from_j.x, edge.i_from_j.y))
         self.counts["key_scans"] += 1
@@ -371,7 +366,7 @@ class Mapper:
         if self._recent_keys:
             step = self._state.last_match.inverse() @ self._state.by_odometry
             known = odometry_information(step) / (1.0 if self._state.odometry is not None else _GUESS_DOUBT)
-            self._tear = OpenTear(torn, tuple(self._recent_keys), known)
+            self._follow(self._tears.begin_part(self.keys, self._recent_keys, torn, known))
         self._recent_keys = []
         self._closer.begin_part()
         for k in range(1 - max(self._state.unmatched, self._state.doubted), 0):
@@ -379,35 +374,26 @@ class Mapper:
             self.frames[k] = AttachedFrame(frame.stamp_ns, node, torn.i_from_j.inverse() @ frame.key_from_base)
         self._state.unmatched = 0
 
-    def _judge_tear(self) -> bool:
-        """Undo or confirm the open tear by the scans since then; return whether it was judged, which takes long."""
-        if (tear := self._tear) is None:
-            return False
-        since = [node for node in self._recent_keys if node >= tear.edge.j]
+    def _judge_tears(self) -> bool:
+        """Judge open tears and slips by the scans since then; return whether that took long."""
         with self._timed("matching"):
-            verdict, edge = self._judge.judged(self.keys, tear, since)
-        self._tear = tear if verdict is Verdict.OPEN else None
-        if edge is not None:
-            self._close_tear(tear, edge)
-        if tear.odometry is not None and verdict is Verdict.CARRIED and self.keys.tear(tear.edge, tear.odometry):
-            self._recent_keys, self._reference = since, None
-            self._closer.begin_part()
-        return len(since) in JUDGED_AT
+            ruling = self._tears.judged(self.keys, self._recent_keys)
+        self._follow(ruling)
+        return ruling.took_long
 
-    def _close_tear(self, tear: OpenTear, edge: Edge, latest_before: bool = False) -> None:
-        """Undo a tear by an edge of known motion; the latest key scan is then the last one before it, or stays."""
-        self.counts["tears_undone"], self._tear = self.counts["tears_undone"] + 1, None
-        self.keys.undo_tear(tear.edge, edge)
-        since, before = self._recent_keys, [node for node in tear.before if node not in self._recent_keys]
-        self._recent_keys = ([*since, *before] if latest_before else [*before, *since])[-_RECENT_KEYS:]
-        self._state.unmatched *= not latest_before  # the frames between were placed by the odometry and stay there
-        self._reference = None
+    def _follow(self, ruling: Ruling) -> None:
+        """Take over what judgements of tears and slips have changed."""
+        self.counts["tears_undone"] += ruling.undone
+        if ruling.recent != self._recent_keys:
+            self._recent_keys, self._reference = ruling.recent, None
+        if ruling.parted:
+            self._closer.begin_part()
 
     def _set_current_key(self, key: int, key_from_base: Pose2) -> None:
         """Attach the frames from now on to this key scan."""
         if not self._recent_keys or key != self._current_key:
             before = [node for node in self._recent_keys if node != key]
-            self._recent_keys = [*before, key][-_RECENT_KEYS:]
+            self._recent_keys = [*before, key][-RECENT_KEYS:]
             self._reference = None
         self._state.last_match = self._state.by_odometry = key_from_base
 
@@ -425,11 +411,6 @@ class Mapper:
             frame = self.frames[k - unmatched]
             moved = frame.key_from_base @ interpolate(Pose2(), gap, k / unmatched)
             self.frames[k - unmatched] = AttachedFrame(frame.stamp_ns, frame.key, moved)
-
-    @property
-    def _open_tear(self) -> OpenTear | None:
-        """The tear that the next scans have not judged yet; None for a slip, where the map is whole."""
-        return None if self._tear is None or self._tear.odometry is not None else self._tear
 
     @property
     def _current_key(self) -> int:
@@ -480,8 +461,7 @@ class Mapper:
             if torn and (known := agrees_with_odometry(self.keys, edge)) is not None:
                 self.counts["tears_undone"] += 1
                 self.keys.undo_tear(edge, known)
-                if self._tear is not None and self._tear.edge is edge:
-                    self._tear = None
+                self._tears.forget(edge)
 
     def _relative_to(self, node: int, pose: Pose2) -> Pose2:
         return self.keys.pose(node).inverse() @ pose

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,6 +38,33 @@ def test_mended_breaks_and_others_are_told_apart() -> None:
     assert mended.startswith("at 2.0 s the scans do not match those before; a loop closure has joined")
     assert open_.startswith("at 3.0 s and once later")
     assert torn_warnings(torn(0)) == []
+
+
+def held_by_odometry(*edges: Edge) -> MapperResult:
+    """Ten key scans a second apart, between the fifth and the sixth of which only the odometry knows the motion."""
+    kinds = [EdgeKind.ODOMETRY if k == 4 else EdgeKind.MATCH for k in range(9)]
+    along = [Edge(k, k + 1, Pose2(1.0), np.eye(3), kind) for k, kind in enumerate(kinds)]
+    poses = np.column_stack([np.arange(10), np.zeros((10, 2))]).astype(np.float64)
+    stamps = 1_000_000_000 * np.arange(10, dtype=np.int64)
+    keys = tuple(range(10))
+    return MapperResult(Trajectory(stamps, poses), poses, keys, keys, (*along, *edges), (), {}, {})
+
+
+def test_parts_that_only_the_odometry_joins_are_told() -> None:
+    (warning,) = torn_warnings(held_by_odometry())
+    assert warning.startswith(
+        "at 5.0 s the scans do not show the chair's motion, and odometry alone joins the map there"
+    )
+
+
+def test_a_loop_round_a_place_without_a_match_says_enough() -> None:
+    assert torn_warnings(held_by_odometry(Edge(1, 8, Pose2(7.0), np.eye(3), EdgeKind.LOOP))) == []
+
+
+def test_a_few_key_scans_at_the_end_that_only_the_odometry_joins_are_no_part() -> None:
+    result = held_by_odometry()
+    ended = replace(result, key_poses=result.key_poses[:9], edges=result.edges[:8])
+    assert torn_warnings(ended) == []
 
 
 def test_every_tear_is_listed_with_its_time_its_cause_and_what_became_of_it() -> None:

@@ -32,6 +32,7 @@ from waychair.slam.mapping.loop_closure import (
 )
 from waychair.slam.mapping.mapper import Mapper, MapperSettings
 from waychair.slam.mapping.mapper_result import MapperResult
+from waychair.slam.mapping.open_tears import OpenTears
 from waychair.slam.scan.scan_agreement import Agreement, agreement, view_of
 from waychair.slam.scan.scan_matching import MatchSettings
 from waychair.slam.scan.scan_points import scan_points
@@ -160,6 +161,20 @@ def test_a_chair_carried_to_another_room_is_found_there() -> None:
     assert np.median(away_from(result, truth)[len(tour) :]) < 0.1
 
 
+def test_a_chair_carried_again_before_the_scans_have_judged_the_first_time_is_found() -> None:
+    walls = rooms(2, furnished=True)
+    tour, short = way((0.8, 1.0), *visit(0), *visit(1), (9.0, 1.0)), way((2.0, 4.6), (1.4, 4.6), (1.0, 4.0))[:9]
+    again = way(*visit(1)[2:], (5.0, 1.0), (0.8, 1.0))
+    result, truth = mapped(walls, tour, short, again)
+    assert np.median(away_from(result, truth)[len(tour) + len(short) :]) < 0.1
+    assert [result.key_frames[edge.j] for edge in torn(result)] == pytest.approx(
+        [len(tour), len(tour) + len(short)], abs=3
+    )
+    joined, apart = torn_warnings(result)  # nine scans alone are not found again, but the last drive is
+    assert "joined the map again" in joined
+    assert "is not joined" in apart
+
+
 def test_a_chair_carried_among_alike_rooms_is_joined_to_no_wrong_one() -> None:
     walls = rooms(3, furnished=False)
     tour, again = way((0.8, 1.0), *visit(0), *visit(1), (9.0, 1.0)), way(*visit(2)[1:5], *visit(2)[1:6])
@@ -273,6 +288,18 @@ def test_a_slip_that_the_next_scans_contradict_was_a_carry_and_tears_the_map_the
     assert keys.is_torn
     assert not keys.reaches(10, 8)
     assert (keys.pose(7).inverse() @ keys.pose(8)).array() == pytest.approx(slip.odometry.array(), abs=1e-9)
+
+
+def test_a_slip_before_a_carry_is_judged_by_the_key_scans_between_them_alone() -> None:
+    keys, carry, _ = slipped([Pose2(3.0 + 1.5 * k, 1.0, 0.0) for k in range(3)])
+    drove = OpenTear(keys.edges[3], tuple(range(4)), odometry_information(Pose2(0.3)), Pose2(0.6, 0.1, 0.0))
+    tears = OpenTears(CarryJudge(MatchSettings(), 10.0, Pose2()))
+    tears.add(drove)
+    tears.add(carry)
+    ruling = tears.judged(keys, range(11))
+    assert (ruling.parted, ruling.recent) == (True, [8, 9, 10])
+    assert [(edge.i, edge.j) for edge in keys.edges if edge.kind is EdgeKind.UNKNOWN] == [(7, 8)]
+    assert tears.judged(keys, [8, 9, 10]).took_long is False  # nothing is open
 
 
 def test_a_loop_over_a_slip_keeps_the_map_whole() -> None:
