@@ -10,9 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from waychair.errors import OutputError, RecordingError, SessionError
+from waychair.errors import RecordingError, SessionError
+from waychair.offline.memory_file import MEMORY, remove_memory
 from waychair.recordings.recording import Recording
-from waychair.slam.mapping.appearance_loops import NEAR_DISTANCE, AppearanceLoopClosure, AppearanceSettings
+from waychair.slam.mapping.appearance_loops import NEAR_DISTANCE, AppearanceLoopClosure
+from waychair.slam.mapping.appearance_settings import AppearanceSettings
 from waychair.slam.mapping.mapper import Mapper
 from waychair.slam.memory.memory_manager import STM_SIZE, NodeMemory
 from waychair.slam.memory.memory_settings import MemorySettings
@@ -20,9 +22,6 @@ from waychair.slam.memory.nodes import LinkKind
 from waychair.slam.memory.place_memory import PictureCost, PlaceMemory
 from waychair.slam.memory.revisit_count import revisits
 from waychair.types import Json, Pose3, RgbdFrame, SensorFrame
-
-MEMORY = "memory.db"
-"""Name of the memory's file in a map folder."""
 
 
 class MemoryBuilder:
@@ -92,19 +91,6 @@ def new_memory(folder: Path, settings: MemorySettings) -> NodeMemory:
     """
     remove_memory(folder)
     return NodeMemory.opened(folder / MEMORY, settings)
-
-
-def remove_memory(folder: Path) -> None:
-    """Remove the memory from a folder.
-
-    Raises:
-        OutputError: the folder cannot be written to.
-    """
-    try:
-        for ending in ("", "-wal", "-shm"):
-            (folder / (MEMORY + ending)).unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"cannot write to {folder}: {error.strerror}; choose another folder") from error
 
 
 def continue_memory(

@@ -18,7 +18,7 @@ from waychair.maps.drawn.anchors import GRAPH
 from waychair.maps.folders.depth_layer import DEPTH
 from waychair.maps.folders.map_drawing import DRAWN_FILES, DrawingEditor, forget, is_drawn_on
 from waychair.maps.folders.map_files import MAP_YAML, load_info, load_map, yaml_path
-from waychair.offline.appearance_mapping import MEMORY
+from waychair.offline.memory_file import MEMORY
 from waychair.offline.sessions import SESSION
 from waychair.recordings.recording import read_tum
 from waychair.types import SensorFrame

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from waychair import config
 from waychair.config import setting
@@ -20,14 +20,6 @@ from waychair.files import remove, replacing_together, write_json
 from waychair.maps.folders.depth_layer import save_depth_layer
 from waychair.maps.folders.map_files import save_map
 from waychair.offline.aids import checked_recording
-from waychair.offline.appearance_mapping import (
-    MEMORY,
-    MemoryBuilder,
-    begin_memory,
-    continue_memory,
-    move_memory,
-    remove_memory,
-)
 from waychair.offline.checkpoints import Checkpoints, remove_checkpoint
 from waychair.offline.depth_recording import (
     depth_report,
@@ -37,6 +29,7 @@ from waychair.offline.depth_recording import (
     warnings_of,
 )
 from waychair.offline.mapping_report import Cost, mapping_report, torn_warnings, write_mapping_page
+from waychair.offline.memory_file import MEMORY, remove_memory
 from waychair.offline.sessions import (
     SESSION,
     MapState,
@@ -47,14 +40,16 @@ from waychair.offline.sessions import (
     state_of_map,
 )
 from waychair.recordings.recording import InputSettings, Recording, write_tum
-from waychair.slam.drive_joining import DriveJoiner, beginning
 from waychair.slam.frames.first_motion import start_index
 from waychair.slam.frames.mount_check import mount_warnings
 from waychair.slam.graph.graph_optimisation import write_g2o
-from waychair.slam.mapping.appearance_loops import AppearanceSettings
+from waychair.slam.mapping.appearance_settings import AppearanceSettings
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.types import Json, OccupancyGrid, Pose2, Pose3
+
+if TYPE_CHECKING:
+    from waychair.offline.appearance_mapping import MemoryBuilder
 
 _LEAST_SCANS = 10  # a recording of fewer is no drive
 
@@ -130,7 +125,7 @@ def map_recording(
     if not frames:
         raise NoScans(f"{recording.path} holds no laser scan, so no map can be made of it")
     lens = _lens(recording, settings, camera)
-    builder = None if lens is None else begin_memory(recording, settings.appearance, lens, keep_in)
+    builder = None if lens is None else _begun_memory(recording, settings.appearance, lens, keep_in)
     kept = None
     if keep_in is not None and builder is None:
         kept = Checkpoints(keep_in, recording, settings, settings.checkpoint_interval)
@@ -175,6 +170,10 @@ def join_recording(
         SessionError: the folder has no saved session, the drive was recorded by other sensors, or it never meets the
             map.
     """
+    # here, since a map of scans alone has no need of them
+    from waychair.offline.appearance_mapping import continue_memory, move_memory
+    from waychair.slam.drive_joining import DriveJoiner
+
     started, cpu = time.perf_counter(), time.process_time()
     if settings.depth.use == "only":
         raise SessionError("a drive is joined to a map by its laser scans: leave out --depth only")
@@ -228,6 +227,9 @@ def _beginning(
     recording: Recording, settings: MappingSettings, state: MapState, folder: Path, lens: Pose3 | None
 ) -> tuple[int, Pose2] | None:
     """Return where the drive begins on the map, found by mapping it up to the first accepted loop closure."""
+    from waychair.offline.appearance_mapping import continue_memory
+    from waychair.slam.drive_joining import beginning
+
     scratch = LiveMapping(settings, recording.base_from_laser)
     grid, mapper = continue_map(scratch, state), state.mapper
     frames = [frame for frame in map(scratch.reckon, recording.frames) if frame.scan is not None]
@@ -263,6 +265,14 @@ def _lens(recording: Recording, settings: MappingSettings, camera: Pose3 | None)
     if settings.depth.use == "off":  # then the caller has not looked for the mount
         camera, _ = mount_of_camera(recording, replace(settings.depth, use="on"))
     return camera
+
+
+def _begun_memory(
+    recording: Recording, settings: AppearanceSettings, lens: Pose3, folder: Path | None
+) -> MemoryBuilder | None:
+    from waychair.offline.appearance_mapping import begin_memory  # only pictures have need of it
+
+    return begin_memory(recording, settings, lens, folder)
 
 
 def _features(settings: MappingSettings) -> str:

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 from waychair import __version__
 from waychair.offline.report import COLOURS, Bars, SvgFigure, Table, write_page
+from waychair.png import grey_png
 from waychair.recordings.recording import Recording
 from waychair.slam.graph.graph_optimisation import EdgeKind
 from waychair.slam.graph.least_squares import connected_parts
@@ -113,7 +113,8 @@ def odometry_joints_of(result: MapperResult) -> list[float]:
     for k, edge in enumerate(whole):
         if edge.kind is not EdgeKind.ODOMETRY or result.key_frames[edge.j] < result.earlier_frames:
             continue
-        piece = connected_parts(*np.delete(ends, k, axis=0).T, count)
+        others = np.delete(ends, k, axis=0)
+        piece = connected_parts(others[:, 0], others[:, 1], count)
         sizes = [np.count_nonzero(piece == piece[node]) for node in (edge.i, edge.j)]
         if piece[edge.i] != piece[edge.j] and min(sizes) >= _LEAST_PART:
             times.append(_time_of(result, edge.j))
@@ -275,7 +276,7 @@ def _png(cells: np.ndarray) -> str:
     """Return cells (H, W), lowest row first, as a data URI of a PNG with the top row first."""
     dark = np.clip((cells.astype(np.float64) - _FREE) / (_OCCUPIED - _FREE), 0.0, 1.0)
     shades = np.where(cells == UNKNOWN, _UNKNOWN_SHADE, 255 * (1.0 - dark)).astype(np.uint8)
-    return "data:image/png;base64," + base64.b64encode(cv2.imencode(".png", np.flipud(shades))[1].tobytes()).decode()
+    return "data:image/png;base64," + base64.b64encode(grey_png(np.flipud(shades))).decode()
 
 
 def _loops(result: MapperResult) -> list[Json]:

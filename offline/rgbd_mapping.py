@@ -13,9 +13,10 @@ from waychair import __version__, config
 from waychair.config import Settings
 from waychair.errors import NoPictures
 from waychair.files import write_json
-from waychair.offline.appearance_mapping import memory_report, new_memory, remove_memory
+from waychair.offline.appearance_mapping import memory_report, new_memory
 from waychair.offline.camera_check import check_camera
 from waychair.offline.mapping import peak_memory_mb
+from waychair.offline.memory_file import remove_memory
 from waychair.recordings.picture_pairs import LEAST_KEPT
 from waychair.recordings.recording import InputSettings, Recording, write_tum
 from waychair.slam.camera.camera_fit import registered

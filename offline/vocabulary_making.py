@@ -13,7 +13,8 @@ import numpy as np
 from waychair.config import Settings
 from waychair.errors import VocabularyError
 from waychair.recordings.recording import InputSettings, read_recording
-from waychair.slam.camera.features import Descriptors, FeatureSettings, features_of_image, gray_image
+from waychair.slam.camera.feature_settings import FeatureSettings
+from waychair.slam.camera.features import Descriptors, features_of_image, gray_image
 from waychair.slam.words.vocabulary_training import TrainingSettings, save, train
 from waychair.types import Bytes
 

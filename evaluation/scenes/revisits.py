@@ -27,7 +27,8 @@ from waychair.simulation.plan.world import load_world
 from waychair.simulation.sensors.camera import CameraSettings
 from waychair.simulation.simulator import Simulator, SimulatorSettings, with_all_sensors
 from waychair.slam.graph.edges import EdgeKind
-from waychair.slam.mapping.appearance_loops import AppearanceLoopClosure, AppearanceSettings
+from waychair.slam.mapping.appearance_loops import AppearanceLoopClosure
+from waychair.slam.mapping.appearance_settings import AppearanceSettings
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.mapping.mapper_result import MapperResult
 from waychair.slam.memory.nodes import LOOPS, LinkKind

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import cv2
 import numpy as np
 
 from waychair.errors import MapError
@@ -99,6 +98,8 @@ def _spread(cells: BoolArray, over: BoolArray, steps: int) -> BoolArray:
     """Return the cells (H, W) grown by that many steps to their four neighbours, as far as these are in `over`."""
     if not cells.any():
         return cells
+    import cv2  # only drop-offs have need of it
+
     cross = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
     grown: Bytes = cells.astype(np.uint8)
     mask: Bytes = (over | cells).astype(np.uint8)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import njit
 
@@ -115,6 +114,8 @@ def _keep_wide(kind: Bytes, foot: FloatArray, width: float, beam: float) -> None
     missing = kind == MISSING
     if not missing.any():
         return
+    import cv2  # here, since settings of depth are read without pictures, too
+
     across = max(3, round(width / (beam * float(np.median(foot[missing])))))
     kernel = np.ones((1, min(across, kind.shape[1])), np.uint8)
     # close speckles before opening removes narrow parts

@@ -13,7 +13,6 @@ from dataclasses import dataclass, field
 from pathlib import Path, PureWindowsPath
 from typing import Any, get_args
 
-import cv2
 import numpy as np
 import yaml
 
@@ -94,6 +93,8 @@ def _pgm(grid: OccupancyGrid, mode: Mode) -> bytes:
 
 def _scale_image(grid: OccupancyGrid) -> bytes:
     """Return a PNG as nav2's map saver writes it: black is 100 %, white 0 %, transparent is unknown."""
+    import cv2  # here, since maps of lidars alone are saved without it
+
     known = grid.cells >= 0
     shades = np.where(known, np.rint(255.0 * (1.0 - grid.cells / 100.0)), UNKNOWN_PIXEL).astype(np.uint8)
     pixels = np.dstack([shades, shades, shades, np.where(known, 255, 0).astype(np.uint8)])

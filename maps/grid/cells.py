@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 
 from waychair.errors import MapError
@@ -93,6 +92,8 @@ def joined_to(grid: OccupancyGrid, x: float, y: float) -> BoolArray:
     at = cells_from_points(grid, np.array([[x, y]]))
     if not inside(grid, at).all():
         raise ValueError(f"({x:g}, {y:g}) is not on the grid")
+    import cv2  # here, since a lidar's map is saved without it
+
     _, labels = cv2.connectedComponents((~occupied(grid)).astype(np.uint8), connectivity=4)
     joined: BoolArray = (labels == labels[at[0, 0], at[0, 1]]) & ~occupied(grid)
     return joined

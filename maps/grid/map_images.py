@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -148,6 +147,8 @@ def _numbers(path: Path, text: bytes) -> Shades:
 
 def _decoded(path: Path, data: bytes) -> MapImage:
     """Return the image of a PNG, BMP or PBM file, decoded by OpenCV."""
+    import cv2  # only such images have need of it
+
     try:
         with _quiet_opencv():
             image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if data else None
@@ -194,6 +195,8 @@ def _transparent_shade(data: bytes, white: int) -> int | None:
 @contextmanager
 def _quiet_opencv() -> Iterator[None]:
     """Suppress OpenCV's own lines on stderr about a damaged file."""
+    import cv2
+
     log: Any = getattr(cv2.utils, "logging", cv2)  # before OpenCV 5 the functions are in cv2 itself
     level = log.getLogLevel()
     log.setLogLevel(_SILENT)

@@ -22,15 +22,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from waychair.config import Settings, setting
-from waychair.errors import ConfigError, SensorError
+from waychair.errors import SensorError
+from waychair.slam.camera.feature_settings import FeatureSettings
 from waychair.types import BoolArray, Bytes, Float32Array, FloatArray, IntArray, RgbdFrame
 
 Descriptors: TypeAlias = NDArray[Any]
 """(N, 32) bytes of ORB or (N, 128) floats of SIFT."""
-
-DETECTORS = ("gftt_orb", "orb", "sift")
-"""The possible values of `FeatureSettings.detector`."""
 
 _PATCH_RADIUS = 15  # [px] radius of the patch of ORB's orientation and descriptor
 _BORDER = 19  # [px] margin along the image border without ORB descriptors
@@ -51,37 +48,6 @@ _PATCH_WIDTH = 0.24  # [m] of a described patch; 31 px at 4 m for a camera of 52
 _DEPTH_FACTOR, _DEPTH_LEVELS = math.sqrt(2.0), 6  # of that pyramid, from 4 m down to 0.7 m for that camera
 _LEAST_SHARE = 0.002  # of the depths in a level that is searched
 _LEAST_CORNERS = 20  # searched in such a level
-
-
-@dataclass(frozen=True, slots=True)
-class FeatureSettings(Settings):
-    """The detector of features (RTAB-Map's Kp/*)."""
-
-    detector: str = setting("gftt_orb", "", "detector of image features: gftt_orb, orb or sift")
-    max_features: int = setting(
-        500,
-        "",
-        "number of strongest features kept of an image; more: it recognises more places and takes more time",
-        low=1,
-        high=20_000,
-    )
-    upright: bool = setting(
-        True,
-        "",
-        "true: gftt_orb describes images of a camera that does not roll; false: descriptors turn with the image",
-    )
-
-    def __post_init__(self) -> None:
-        Settings.__post_init__(self)
-        if self.detector == "surf":
-            raise ConfigError("the detector 'surf' is not in OpenCV 5: choose sift, the closest alternative, or orb")
-        if self.detector not in DETECTORS:
-            raise ConfigError(f"there is no detector '{self.detector}': choose one of {', '.join(DETECTORS)}")
-
-    @property
-    def binary(self) -> bool:
-        """Whether descriptors are bits (Hamming distance) and not floats (Euclidean distance)."""
-        return self.detector != "sift"
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from waychair.slam.camera.features import FeatureSettings, ImageFeatures, extract, extract_sized
+from waychair.slam.camera.feature_settings import FeatureSettings
+from waychair.slam.camera.features import ImageFeatures, extract, extract_sized
 from waychair.slam.camera.reprojection import back_project, unrolled
 from waychair.slam.camera.tracked_picture import Picture
 from waychair.types import FloatArray, RgbdFrame

@@ -17,7 +17,8 @@ import numpy as np
 
 from waychair.config import Settings, setting
 from waychair.slam.camera.dense_alignment import align_pictures
-from waychair.slam.camera.features import FeatureSettings, ImageFeatures, gray_image
+from waychair.slam.camera.feature_settings import FeatureSettings
+from waychair.slam.camera.features import ImageFeatures, gray_image
 from waychair.slam.camera.patch_alignment import affine_kernel, align
 from waychair.slam.camera.picture_features import PictureFeatures, without_rolling_shutter
 from waychair.slam.camera.picture_registration import Registration, register

@@ -15,9 +15,8 @@ from __future__ import annotations
 import math
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
-from waychair.config import Settings, setting
 from waychair.errors import SensorError
 from waychair.geometry import pose_from_array, rotation, transform_points
 from waychair.slam.camera.features import ImageFeatures, extract
@@ -25,6 +24,7 @@ from waychair.slam.camera.picture_registration import register
 from waychair.slam.camera.reprojection import pinhole
 from waychair.slam.graph.edges import Edge, EdgeKind
 from waychair.slam.graph.information import odometry_information
+from waychair.slam.mapping.appearance_settings import AppearanceSettings
 from waychair.slam.mapping.loop_closure import MIN_LOOP_PATH, LoopRejection
 from waychair.slam.mapping.mapper import Mapper
 from waychair.slam.mapping.place_verification import (
@@ -35,12 +35,11 @@ from waychair.slam.mapping.place_verification import (
 )
 from waychair.slam.mapping.tracking import twist_of
 from waychair.slam.memory.memory_manager import NodeMemory
-from waychair.slam.memory.memory_settings import MemorySettings
 from waychair.slam.memory.nodes import LOOPS, Link, LinkKind, Node, NodeScan, NodeStatus, WordIds, carried
 from waychair.slam.memory.place_memory import PictureCost, PlaceMemory
 from waychair.slam.memory.rehearsal import RehearsalResult, is_moving
 from waychair.slam.scan.scan_points import ScanPoints, scan_points, sweep_motion
-from waychair.slam.words.place_recognition import MIN_FEATURES, RecognitionSettings
+from waychair.slam.words.place_recognition import MIN_FEATURES
 from waychair.slam.words.vocabulary import Vocabulary
 from waychair.types import FloatArray, Pose2, Pose3, RgbdFrame, SensorFrame, Twist
 
@@ -58,23 +57,6 @@ NEAR_DISTANCE, NEAR_ANGLE = 1.0, 0.52
 RTAB-Map's RGBD/ProximityPathFilteringRadius and RGBD/ProximityAngle (there 45 degrees)."""
 
 _MOVED = 0.01  # [m] least shift of a node's frame by the mapper after which the node is re-attached
-
-
-@dataclass(frozen=True, slots=True)
-class AppearanceSettings(Settings):
-    """The timing of pictures, and the parts' settings; RTAB-Map's names in brackets."""
-
-    detection_rate: float = setting(
-        1.0, "Hz",
-        "rate of place recognition; larger: it recognises more places and takes more time [Rtabmap/DetectionRate]",
-        low=0.01, high=30,
-    )  # fmt: skip
-    gap: float = setting(
-        0.5, "s", "longest time between the scans before and after a picture; larger: a slower lidar will do",
-        low=0.01, high=10.0,
-    )  # fmt: skip
-    places: RecognitionSettings = field(default_factory=RecognitionSettings)
-    memory: MemorySettings = field(default_factory=MemorySettings)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,8 @@ from waychair.slam.camera.features import ImageFeatures
 from waychair.slam.memory.memory_changes import MemoryChange
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.nodes import Link, LinkKind, Node, WordIds
-from waychair.slam.words.place_recognition import PlaceRecognition, Recognition, RecognitionSettings
+from waychair.slam.words.place_recognition import PlaceRecognition, Recognition
+from waychair.slam.words.recognition_settings import RecognitionSettings
 from waychair.slam.words.vocabulary import IncrementalVocabulary, SleepingWords, Vocabulary
 from waychair.types import Bytes, IntArray
 

@@ -17,7 +17,7 @@ from waychair.slam.camera.visual_map import KeyFrame
 from waychair.slam.memory.memory_manager import NodeMemory
 from waychair.slam.memory.nodes import Link, LinkKind, Node, NodeStatus
 from waychair.slam.memory.place_memory import PictureCost, PlaceMemory
-from waychair.slam.words.place_recognition import RecognitionSettings
+from waychair.slam.words.recognition_settings import RecognitionSettings
 from waychair.types import FloatArray, Pose2, Pose3
 
 BASE_FROM_OPTICAL = Pose3(np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]), np.zeros(3))

@@ -21,7 +21,7 @@ from waychair.slam.memory.memory_settings import MemorySettings
 from waychair.slam.memory.nodes import LinkKind
 from waychair.slam.rgbd.key_places import KeyPlaces, planar_information, planar_poses
 from waychair.slam.rgbd.spatial_graph import MAX_ERROR, SpatialEdge, solve_spatial
-from waychair.slam.words.place_recognition import RecognitionSettings
+from waychair.slam.words.recognition_settings import RecognitionSettings
 from waychair.types import FloatArray, Pose3, RgbdFrame, Trajectory3
 
 _UNOBSERVED = np.diag([1.0] * 3 + [25.0] * 3)  # covariance [rad^2], [m^2] of an unobserved motion

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 
 from waychair.geometry import pose_from_array, transform_points
@@ -64,6 +63,8 @@ def known_ground(
 
     `poses` (N, 3) [m, m, rad] are the poses of all key scans in the map frame.
     """
+    import cv2  # only a search by partial overlap has need of it
+
     crossed = np.zeros(reference.bounds.shape[1:], np.uint8)
     for member in members:
         points = store[int(member)].points

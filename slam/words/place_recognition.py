@@ -9,16 +9,16 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from waychair.config import Settings, setting
 from waychair.slam.camera.feature_matching import Support, epipolar_support
-from waychair.slam.camera.features import FeatureSettings, ImageFeatures, features_of_image, gray_image
+from waychair.slam.camera.features import ImageFeatures, features_of_image, gray_image
 from waychair.slam.camera.hamming_index import Int32Array
 from waychair.slam.words.bayes_filter import BayesFilter, Links, best_place
 from waychair.slam.words.likelihood import normalised, tf_idf
+from waychair.slam.words.recognition_settings import RecognitionSettings
 from waychair.slam.words.vocabulary import NO_WORD, IncrementalVocabulary, SleepingWords, Vocabulary
 from waychair.types import Bytes, FloatArray, IntArray
 
@@ -32,17 +32,6 @@ geometry refuses the other."""
 
 SHORT_TERM = 10
 """The newest nodes of a sequence of pictures, which are not compared (RTAB-Map's Mem/STMSize)."""
-
-
-@dataclass(frozen=True, slots=True)
-class RecognitionSettings(Settings):
-    """Settings of place recognition."""
-
-    accept: float = setting(
-        0.11, "", "least probability of a known place for a loop closure; larger: fewer, safer loops [Rtabmap/LoopThr]",
-        low=0, high=1,
-    )  # fmt: skip
-    features: FeatureSettings = field(default_factory=lambda: FeatureSettings(detector="orb"))
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,8 @@ from numba import njit
 from waychair.config import Settings, dump, from_mapping, setting
 from waychair.errors import ConfigError, VocabularyError
 from waychair.files import replacing
-from waychair.slam.camera.features import Descriptors, FeatureSettings
+from waychair.slam.camera.feature_settings import FeatureSettings
+from waychair.slam.camera.features import Descriptors
 from waychair.slam.camera.hamming_index import Words64, assign, majority, packed, unpacked
 from waychair.slam.words.vocabulary import FixedVocabulary
 from waychair.types import Float32Array, IntArray

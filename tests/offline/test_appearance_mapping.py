@@ -11,8 +11,8 @@ import pytest
 from tests.slam.flat_pictures import BASE_FROM_CAMERA, picture_at
 from waychair.errors import MapError, MapNotFound, OutputError
 from waychair.files import write_json
-from waychair.offline.appearance_mapping import MEMORY
 from waychair.offline.mapping import Mapping, MappingSettings, map_recording, save_mapping
+from waychair.offline.memory_file import MEMORY
 from waychair.offline.paper_tables import paper_tables, read_report
 from waychair.recordings.recording import Recording
 from waychair.slam.memory.memory_manager import NodeMemory

@@ -15,8 +15,8 @@ from tests.slam.flat_pictures import BASE_FROM_CAMERA, picture_at
 from waychair.errors import SessionError, WaychairError
 from waychair.geometry import compose, invert
 from waychair.maps.folders.map_files import load_map
-from waychair.offline.appearance_mapping import MEMORY
 from waychair.offline.mapping import Mapping, MappingSettings, join_recording, map_recording, save_mapping
+from waychair.offline.memory_file import MEMORY
 from waychair.offline.sessions import SESSION, load_state, replaced_folder
 from waychair.recordings.recording import Recording, read_tum
 from waychair.slam.graph.edges import EdgeKind

@@ -20,7 +20,8 @@ from waychair.slam.camera.hamming_index import HammingIndex, assign, hamming_tab
 from waychair.slam.words import place_recognition
 from waychair.slam.words import vocabulary as vocabulary_module
 from waychair.slam.words.likelihood import normalised, tf_idf
-from waychair.slam.words.place_recognition import PlaceRecognition, Recognition, RecognitionSettings, recognise_pictures
+from waychair.slam.words.place_recognition import PlaceRecognition, Recognition, recognise_pictures
+from waychair.slam.words.recognition_settings import RecognitionSettings
 from waychair.slam.words.vocabulary import FixedVocabulary, IncrementalVocabulary
 from waychair.slam.words.vocabulary_training import train
 from waychair.types import Bytes, FloatArray, Json, RgbdFrame

@@ -20,7 +20,8 @@ from waychair.calibration.chair_body import CHAIR_A
 from waychair.geometry import compose, rotation
 from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.slam.graph.edges import EdgeKind
-from waychair.slam.mapping.appearance_loops import AppearanceLoopClosure, AppearanceSettings
+from waychair.slam.mapping.appearance_loops import AppearanceLoopClosure
+from waychair.slam.mapping.appearance_settings import AppearanceSettings
 from waychair.slam.mapping.live_mapping import LiveMapping, LiveMappingSettings
 from waychair.slam.memory.long_term_memory import LongTermStore
 from waychair.slam.memory.memory_manager import NodeMemory

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from waychair.errors import ConfigError, SensorError
-from waychair.slam.camera.features import DETECTORS, FeatureSettings, extract, features_of_image, patch_angles
+from waychair.slam.camera.feature_settings import DETECTORS, FeatureSettings
+from waychair.slam.camera.features import extract, features_of_image, patch_angles
 from waychair.types import Bytes, Float32Array, RgbdFrame
 
 CAMERA = np.array([[300.0, 0, 160], [0, 310.0, 120], [0, 0, 1]])

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 
 from tests.slam.rgbd_scene import CAMERA, noisy, pose, render
 from waychair.slam.camera.depth_icp import IcpRefusal, cloud_kernel, refine_by_depth
-from waychair.slam.camera.features import FeatureSettings, ImageFeatures, extract, extract_sized
+from waychair.slam.camera.feature_settings import FeatureSettings
+from waychair.slam.camera.features import ImageFeatures, extract, extract_sized
 from waychair.slam.camera.picture_registration import RegistrationRefusal, angle_between, register
 from waychair.slam.camera.reprojection import NoiseModel, fit_pose, project, residual_kernel, unrolled
 from waychair.types import FloatArray, Pose3

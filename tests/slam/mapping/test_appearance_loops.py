@@ -13,7 +13,8 @@ import pytest
 from tests.slam.corridor import set_limits
 from tests.slam.flat_pictures import BASE_FROM_CAMERA, picture_at
 from waychair.geometry import compose, invert
-from waychair.slam.mapping.appearance_loops import AppearanceLoopClosure, AppearanceSettings
+from waychair.slam.mapping.appearance_loops import AppearanceLoopClosure
+from waychair.slam.mapping.appearance_settings import AppearanceSettings
 from waychair.slam.mapping.loop_closure import LoopRejection, LoopSettings
 from waychair.slam.mapping.mapper import Mapper, MapperSettings
 from waychair.slam.memory.memory_manager import NodeMemory

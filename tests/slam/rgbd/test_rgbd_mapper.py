@@ -15,7 +15,8 @@ from waychair.offline.rgbd_mapping import RgbdMappingSettings, map_pictures, sav
 from waychair.recordings.recording import InputSettings, Recording, read_recording
 from waychair.recordings.rgbd_folders import RgbdSettings, read_truth
 from waychair.slam.camera import visual_odometry
-from waychair.slam.camera.features import FeatureSettings, extract, extract_sized
+from waychair.slam.camera.feature_settings import FeatureSettings
+from waychair.slam.camera.features import extract, extract_sized
 from waychair.slam.camera.picture_registration import angle_between
 from waychair.slam.camera.tracked_picture import TrackingState
 from waychair.slam.camera.visual_map import KeyFrame
@@ -25,7 +26,7 @@ from waychair.slam.rgbd import rgbd_mapper
 from waychair.slam.rgbd.key_places import KeyPlaces, planar_information, planar_pose, planar_poses
 from waychair.slam.rgbd.rgbd_mapper import RgbdMapper
 from waychair.slam.rgbd.spatial_graph import SpatialEdge, solve_spatial
-from waychair.slam.words.place_recognition import RecognitionSettings
+from waychair.slam.words.recognition_settings import RecognitionSettings
 from waychair.types import Pose2, Pose3, RgbdFrame, Trajectory3
 
 STEP = 66_000_000

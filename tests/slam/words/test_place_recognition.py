@@ -12,9 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from waychair.slam.camera.feature_matching import Support, distances_between, epipolar_support, mutual_matches
-from waychair.slam.camera.features import FeatureSettings, ImageFeatures, features_of_image, no_features
+from waychair.slam.camera.feature_settings import FeatureSettings
+from waychair.slam.camera.features import ImageFeatures, features_of_image, no_features
 from waychair.slam.camera.hamming_index import Int32Array
-from waychair.slam.words.place_recognition import PlaceRecognition, RecognitionSettings, recognise_pictures
+from waychair.slam.words.place_recognition import PlaceRecognition, recognise_pictures
+from waychair.slam.words.recognition_settings import RecognitionSettings
 from waychair.slam.words.vocabulary import NO_WORD, FixedVocabulary
 from waychair.slam.words.vocabulary_training import TrainingSettings, train
 from waychair.types import Bytes, Float32Array

@@ -12,7 +12,8 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, 
 
 from waychair.errors import VocabularyError
 from waychair.slam.camera import hamming_index
-from waychair.slam.camera.features import Descriptors, FeatureSettings
+from waychair.slam.camera.feature_settings import FeatureSettings
+from waychair.slam.camera.features import Descriptors
 from waychair.slam.camera.hamming_index import (
     CELL,
     FAR,
