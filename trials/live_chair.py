@@ -66,6 +66,7 @@ class _Blueprint:
     """The parts and options from which the chair's thread builds the simulated chair; see `LiveChair`."""
 
     world: World
+    settings: ChairSettings
     map_folder: Path | None
     box: Path | None
     seed: int
@@ -112,8 +113,11 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
             WorldError: the world does not exist.
         """
         place = world if isinstance(world, World) else load_world(world)
+        settings = settings or ChairSettings()
+        supervisor = replace(settings.supervisor, countdown_s=settings.supervisor.countdown_s or countdown_s)
         self._blueprint = _Blueprint(
             world=place if people else place.without_people(),
+            settings=replace(settings, supervisor=supervisor),
             map_folder=map_folder,
             box=box,
             seed=seed,
@@ -125,9 +129,6 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
             haptics=haptics,
         )
         self._kept_level = kept_level or KeptLevel()
-        settings = settings or ChairSettings()
-        supervisor = replace(settings.supervisor, countdown_s=settings.supervisor.countdown_s or countdown_s)
-        self._settings = replace(settings, supervisor=supervisor)
         self._view = BEFORE_START
         self._picture = LatestPicture()
         self._cells = LatestCells()
@@ -258,7 +259,7 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
                 self._chair.confirm()
             verdict = self._loop.step().verdict
             if verdict.computer_drives:
-                return Answer(True, f"sets off to {label} in {self._settings.supervisor.countdown_s:.0f} s")
+                return Answer(True, f"sets off to {label} in {self._blueprint.settings.supervisor.countdown_s:.0f} s")
             if self._journeys is not None:
                 self._journeys.traveller.drop()
             return Answer(False, verdict.reason)
@@ -443,7 +444,7 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
             body=CHAIR_A,
             calibration=DEFAULT,
             map_from_world=plan.world.start.inverse() if site is None and plan.map_folder is not None else Pose2(),
-            chair=self._settings,
+            chair=plan.settings,
             zones=drawn.zones,
             scanned=self._first_map.scanned(),
         )
