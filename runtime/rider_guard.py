@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
+import numpy as np
+
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.stopping import StopTable
 from waychair.control.safety.collision_monitor import VERDICT_MS
@@ -37,6 +39,7 @@ NOTHING_HELD = "There is nothing to override: the guard does not hold the joysti
 class RiderGuard:
     """The chosen `level`, and the caps that it asks of the board; `unscanned` are the points that no scan shows.
 
+    `mapped` (N, 2) [m], in map: what the map has of them, such as the tops of tables.
     `offered`: the level that the rider chose last, maybe on another day; no level begins by itself.
     `told`: the last sentence about the level, for speech and page; it changes with each change of the level.
     """
@@ -55,6 +58,7 @@ class RiderGuard:
         self.level = self.offered = HelpLevel.INFORM
         self.told = ""
         self.unscanned = Unscanned()
+        self.mapped = np.empty((0, 2))
         self._body, self._stops, self._settings = body, stops, settings
         self._monitor, self._bridge = monitor, bridge
         self._calibrated = calibrated

@@ -68,7 +68,7 @@ class ContactCause(enum.Enum):
 
 @dataclass(frozen=True, slots=True)
 class Hazard:
-    """A world with the chair's start, the chair's map, and the goals, in order."""
+    """A world with the chair's start, the chair's map, and the goals, in order. `scanned`: the part of the map that scans show."""
 
     name: str
     world: World
@@ -78,6 +78,7 @@ class Hazard:
     zones: tuple[Zone, ...] = ()
     sensors: SimulatorSettings = field(default_factory=SimulatorSettings)
     chair: ChairSettings = field(default_factory=ChairSettings)
+    scanned: OccupancyGrid | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +143,13 @@ def setup_of(hazard: Hazard) -> DriveSetup:
     """Return the setting of the drive as the chair knows it."""
     places = {goal.name: goal for goal in hazard.goals}
     return DriveSetup(
-        grid=hazard.grid, places=places, body=hazard.body, calibration=DEFAULT, chair=hazard.chair, zones=hazard.zones
+        grid=hazard.grid,
+        places=places,
+        body=hazard.body,
+        calibration=DEFAULT,
+        chair=hazard.chair,
+        zones=hazard.zones,
+        scanned=hazard.scanned,
     )
 
 

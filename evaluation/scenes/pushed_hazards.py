@@ -65,9 +65,21 @@ def stairs_down(seed: int) -> Hazard:
 def table_edge(seed: int) -> Hazard:
     """Return a hall with a table's top across it, above the lidar and not on its map; the depth camera looks ahead."""
     rng = np.random.default_rng(seed)
-    top = Block(Pose2(float(rng.uniform(5.0, 6.5)), WIDTH / 2), 0.8, 2.4, 0.66, 0.72, "wood", seed)
+    top = _table_top(rng, seed)
     hazard = _hazard("table edge", _hall(), rng, Protection.CAMERA)
     return replace(hazard, world=_with(hazard.world, top))
+
+
+def mapped_table(seed: int) -> Hazard:
+    """Return a hall with a table's top across it, above the lidar, which the map has; no other sensor shows it."""
+    rng = np.random.default_rng(seed)
+    hazard = _hazard("mapped table", _hall(), rng, Protection.NOTHING)
+    world = _with(hazard.world, _table_top(rng, seed))
+    return replace(hazard, world=world, grid=map_of_lidar(world), scanned=hazard.grid)
+
+
+def _table_top(rng: np.random.Generator, seed: int) -> Block:
+    return Block(Pose2(float(rng.uniform(5.0, 6.5)), WIDTH / 2), 0.8, 2.4, 0.66, 0.72, "wood", seed)
 
 
 def glass_door(seed: int) -> Hazard:
@@ -92,6 +104,7 @@ def steps_out(seed: int) -> Hazard:
 PUSHED: Mapping[str, Callable[[int], Hazard]] = {
     "stairs down": stairs_down,
     "table edge": table_edge,
+    "mapped table": mapped_table,
     "glass door": glass_door,
     "steps out": steps_out,
 }

@@ -11,6 +11,8 @@ from waychair.types import UNKNOWN, BoolArray, FloatArray, IntArray, OccupancyGr
 OCCUPIED_FROM = 65
 """Smallest value of an occupied cell [%] (map_server's default occupied_thresh)."""
 
+BESIDE = 2
+"""Cells by which a depth camera shows the same wall beside a lidar."""
 
 MOST_CELLS = 64_000_000
 """The largest map that is made or planned on [cells], 400 m by 400 m at 5 cm: planning takes some fifty bytes a cell."""
@@ -107,3 +109,31 @@ def cells_where(mask: BoolArray) -> IntArray:
 def occupied_points(grid: OccupancyGrid) -> FloatArray:
     """Return the centres (N, 2) [m] of the occupied cells."""
     return points_from_cells(grid, cells_where(occupied(grid)))
+
+
+def are_occupied(grid: OccupancyGrid, points: FloatArray) -> BoolArray:
+    """Return (N,) whether points (N, 2) [m] in map lie in occupied cells."""
+    cells = cells_from_points(grid, points)
+    found = inside(grid, cells)
+    found[found] = occupied(grid)[tuple(cells[found].T)]
+    return found
+
+
+def unscanned_points(grid: OccupancyGrid, scanned: OccupancyGrid) -> FloatArray:
+    """Return the centres (N, 2) [m] of the occupied cells that lie more than `BESIDE` cells off all that scans show.
+
+    `scanned` is the part of the map that a lidar sees; what is left are tops of tables, shelves and beds.
+    """
+    if scanned is grid:
+        return np.empty((0, 2))
+    shown = np.pad(occupied(scanned), BESIDE)
+    height, width = scanned.cells.shape
+    near = np.zeros((height, width), np.bool_)
+    for row, col in np.ndindex(2 * BESIDE + 1, 2 * BESIDE + 1):
+        near |= shown[row : row + height, col : col + width]
+    points = occupied_points(grid)
+    cells = cells_from_points(scanned, points)
+    explained = inside(scanned, cells)
+    explained[explained] = near[tuple(cells[explained].T)]
+    found: FloatArray = points[~explained]
+    return found

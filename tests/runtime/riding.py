@@ -17,6 +17,7 @@ from waychair.maps.drawn.zones import Zone
 from waychair.planning.window import dwa
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.drive_base import ChairMessage
+from waychair.simulation.plan.plan_blocks import fill_rectangle
 from waychair.simulation.plan.world import World, world_from_grid
 from waychair.simulation.scene.scene import Block, PersonPlan, Pit
 from waychair.simulation.sensors.lidar import LidarSettings
@@ -55,15 +56,23 @@ class Ride:
         blocks: tuple[Block, ...] = (),
         pits: tuple[Pit, ...] = (),
         zones: tuple[Zone, ...] = (),
+        tops: tuple[Block, ...] = (),
     ) -> None:
-        """`blocks` and `pits` are in the hall but not on the chair's map, `zones` on the map only."""
+        """`blocks` and `pits` are in the hall but not on the chair's map, `zones` on the map only.
+
+        `tops` of tables are in the hall and on the map, but not on the part of it that a lidar sees.
+        """
         plain = hall(people, width)
-        world = replace(plain, blocks=(*plain.blocks, *blocks), pits=pits)
+        world = replace(plain, blocks=(*plain.blocks, *blocks, *tops), pits=pits)
         simulation = simulator or SimulatorSettings()
         simulation = replace(simulation, lidar=LIDAR, plant=replace(simulation.plant, step_ms=10))
         self.simulator = Simulator(world, CHAIR_A, simulation, 0)
         chair = settings or ChairSettings()
-        self.setup = DriveSetup(world.grid, {}, CHAIR_A, DEFAULT, chair=chair, zones=zones)
+        grid = replace(world.grid, cells=world.grid.cells.copy())
+        for top in tops:
+            fill_rectangle(grid.cells, grid, top.middle, top.length, top.width)
+        scanned = world.grid if tops else None
+        self.setup = DriveSetup(grid, {}, CHAIR_A, DEFAULT, chair=chair, zones=zones, scanned=scanned)
         self.change: Callable[[tuple[ChairMessage, ...]], tuple[ChairMessage, ...]] = lambda messages: messages
         self.states: list[ChairState] = []
         self._stack = ExitStack()

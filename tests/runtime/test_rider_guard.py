@@ -64,6 +64,27 @@ def test_a_push_towards_a_shelf_is_slowed_and_stopped_free_of_it(ride: Ride) -> 
     assert -0.2 < ride.speed < -0.1
 
 
+def test_a_table_that_only_the_map_shows_stops_a_push_and_lets_go_once_it_is_erased() -> None:
+    top = Block(Pose2(4.0, 2.5), 0.8, 2.4, 0.66, 0.72)
+    with Ride(tops=(top,)) as ride:
+        _guarded(ride)
+        ride.simulator.rider = PUSH
+        state = ride.tick(90)
+        assert ride.simulator.contacts == 0
+        assert ride.speed < 0.02
+        assert 0.0 < 3.6 - ride.simulator.truth().x - CHAIR_A.front < 0.3
+        assert state.telemetry is not None
+        assert state.telemetry.guard is not None
+        assert not state.telemetry.guard.overridden
+        scanned = ride.setup.scanned
+        assert scanned is not None
+        ride.chair.redraw(ride.chair.drawn(scanned, ()), (), {}, ride.chair.known(scanned))
+        state = ride.tick(12)
+        assert state.telemetry is not None
+        assert state.telemetry.guard is not None
+        assert state.telemetry.guard.caps[0] > 0.3
+
+
 def test_a_press_lets_the_rider_creep_against_a_shelf_until_the_stick_is_let_go() -> None:
     near = Block(Pose2(2.0 + CHAIR_A.front + 0.25, 2.5), 0.2, 3.0, 0.0, 1.5)
     with Ride(blocks=(near,)) as ride:

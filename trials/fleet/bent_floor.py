@@ -51,7 +51,17 @@ PLACES: Mapping[str, Pose2] = MappingProxyType(
 """Two places in the hall at each end, and one in the niche, where a chair may wait."""
 
 
-BEND_WALK = ((3.5, 5.3), (3.4, 4.4), (4.3, 4.0), (5.0, 4.0), (7.5, 4.67), (9.33, 6.5), (10.0, 9.0), (10.2, 10.6), (11.3, 10.6))
+BEND_WALK = (
+    (3.5, 5.3),
+    (3.4, 4.4),
+    (4.3, 4.0),
+    (5.0, 4.0),
+    (7.5, 4.67),
+    (9.33, 6.5),
+    (10.0, 9.0),
+    (10.2, 10.6),
+    (11.3, 10.6),
+)
 """m; the way of a person round the bend, from a corner of one hall to a corner of the other one, where chairs get past."""
 
 
