@@ -141,7 +141,7 @@ class ChainDriver:
             bars = bars_off(self._ways, self._spot_places, self._rings, (*self._behind, *self._ahead))
         # a chair that was stopped on its way, in no refuge, moves only by its next chain
         stopped = len(self._ahead) == 1 and not self._ways.at_home[self._ahead[0]]
-        stands = stopped or (line is not None and self._waits_at_home(until))
+        stands = stopped or (line is not None and self._waits_at_home(front, until))
         return Steps(report, Authority(line, reason or "the chair waits for its turn", stands), goals, bars)
 
     def report(self) -> Report:
@@ -178,15 +178,14 @@ class ChainDriver:
         self._goals = (*((bay,) if still else ()), *self._goals_of(spots))
         return self._goals
 
-    def _waits_at_home(self, until: float) -> bool:
-        """Return whether the chair's rear is in a refuge at whose end its line lies, at a way [m]: it waits there as it is.
-
-        In a hall it could turn over its line, or drive round the end of it.
+    def _waits_at_home(self, front: float, until: float) -> bool:
+        """Return whether the chair's rear is in a refuge at whose end its line lies, at a way [m], with its front near: it waits
+        there as it is. In a hall it could turn over its line, or drive round the end of it.
         """
         assert self._chain is not None
         rearmost = (*self._behind, self._ahead[0])[0]
         own_end = float(self._chain.until[self._first - len(self._behind)])
-        return bool(self._ways.at_home[rearmost]) and until - own_end < AT_LINE
+        return bool(self._ways.at_home[rearmost]) and until - own_end < AT_LINE and until - front < CLAIMED_BEFORE
 
     def _leave(self, rear: float, piece: int, goals_left: int) -> None:
         """Leave the spots that the rear has passed, and all before a goal that the chair has reached."""

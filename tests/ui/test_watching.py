@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from waychair.runtime.chair_port import ChairView, GoalView, LayoutView
+from waychair.runtime.haptic_port import WithoutHaptics
 from waychair.runtime.page_watch import PageWatch
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.types import DriveMode, FloatArray, OccupancyGrid, Twist
@@ -22,7 +23,7 @@ STEP_S = 0.01
 HICCUP_S = 0.5
 
 
-class Port:
+class Port(WithoutHaptics):
     """The part of a chair that pages use; `broken` names calls that fail."""
 
     outline: FloatArray = np.zeros((4, 2))

@@ -190,9 +190,9 @@ def test_the_file_reaches_the_demo_and_the_page(tmp_path: Path, monkeypatch: pyt
 
 
 def test_the_page_counts_down_unless_the_file_gives_a_countdown() -> None:
-    assert LiveChair("small_clinic")._settings.supervisor.countdown_s == 3.0
+    assert LiveChair("small_clinic")._blueprint.settings.supervisor.countdown_s == 3.0
     settings = ChairSettings(supervisor=replace(ChairSettings().supervisor, countdown_s=5.0))
-    assert LiveChair("small_clinic", settings=settings)._settings == settings
+    assert LiveChair("small_clinic", settings=settings)._blueprint.settings == settings
 
 
 def test_the_planner_takes_the_file_and_options_override_it(tmp_path: Path) -> None:
