@@ -185,7 +185,8 @@ def follow_ground(
                 kind[row, column] = GROUND
                 if d < reach:
                     foot[row, column] = d
-                last, level, high, low = max(d, last), here, min(upper, here), max(lower, here)
+                low = max(low - slope * further, here)  # also over a drop-off, now that the ground goes on
+                last, level, high = max(d, last), here, min(upper, here)
                 last_row, lost = row, False
             if first_missing >= 0:
                 _mark_missing(kind, column, first_missing, row, foot, min(where, reach), missing)
