@@ -61,6 +61,10 @@ class GuideState:
     aim: Aim | None = None
 
 
+_HELD, _HELD_AT = 0.03, 0.1
+"""Shares of the swing: the stick is pushed so far beyond a cap, and the cap leaves hardly any motion."""
+
+
 @dataclass(frozen=True, slots=True)
 class GuideInputs:
     """The chair now: its pose in the plan's frame, its measured twist, and whether the guard holds the stick back."""
@@ -70,6 +74,26 @@ class GuideInputs:
     twist: Twist
     held_ahead: bool = False
     held_turn: bool = False
+
+    @classmethod
+    def under(
+        cls,
+        caps: tuple[float, float, float, float],
+        forward: float,
+        turn: float,
+        now_ns: int,
+        pose: Pose2,
+        twist: Twist,
+    ) -> GuideInputs:
+        """Return the inputs for a stick under caps to the front, the rear, the left and the right, all in shares of the swing."""
+        front, _, left, right = caps
+        return cls(
+            now_ns,
+            pose,
+            twist,
+            held_ahead=forward > front + _HELD and front < _HELD_AT,
+            held_turn=turn > left + _HELD or -turn > right + _HELD,
+        )
 
 
 @dataclass(frozen=True, slots=True)

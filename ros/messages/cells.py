@@ -7,11 +7,9 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
-import msgspec
-
-from waychair.errors import MessageError
 from waychair.planning.seen.doorways import Doorway
 from waychair.recordings.bags.ros_messages import ODOM_FRAME, header, make
+from waychair.ros.messages.json_text import json_text, read_json_text
 from waychair.ros.messages.motion import pose
 from waychair.runtime.perception_view import PerceptionView
 
@@ -24,7 +22,7 @@ def signal(words: str) -> Any:
 def perception(view: PerceptionView) -> Any:
     """Return a std_msgs/String of the cells as a page shows them; an aim that is not a number is left out."""
     aim = view.aim if view.aim is not None and math.isfinite(view.aim.pan + view.aim.tilt) else None
-    return make("std_msgs/msg/String", msgspec.json.encode(replace(view, aim=aim)).decode())
+    return json_text(replace(view, aim=aim))
 
 
 def read_perception(message: Any) -> PerceptionView:
@@ -33,12 +31,7 @@ def read_perception(message: Any) -> PerceptionView:
     Raises:
         MessageError: it is of another kind.
     """
-    try:
-        return msgspec.json.decode(message.data, type=PerceptionView)
-    except msgspec.DecodeError as error:
-        raise MessageError(
-            f"a message of the behaviour cells cannot be read: {error}; use one version everywhere"
-        ) from error
+    return read_json_text(message, PerceptionView, "a message of the behaviour cells")
 
 
 def doorways(stamp_ns: int, found: Iterable[Doorway]) -> Any:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
-
-from waychair.errors import MessageError
 from waychair.recordings.bags.ros_messages import make
+from waychair.ros.messages.json_text import json_text, read_json_text
 from waychair.runtime.chair_port import GuideView
 
 
 def guidance(view: GuideView | None) -> Any:
     """Return a std_msgs/String."""
-    return make("std_msgs/msg/String", "" if view is None else msgspec.json.encode(view).decode())
+    return make("std_msgs/msg/String", "") if view is None else json_text(view)
 
 
 def read_guidance(message: Any) -> GuideView | None:
@@ -22,8 +20,4 @@ def read_guidance(message: Any) -> GuideView | None:
     Raises:
         MessageError: the text is no guidance.
     """
-    text = str(message.data)
-    try:
-        return msgspec.json.decode(text, type=GuideView) if text else None
-    except msgspec.MsgspecError as error:
-        raise MessageError(f"the guidance cannot be read ({error}): update the page's node") from error
+    return read_json_text(message, GuideView, "a message of guidance") if message.data else None

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
-
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.errors import MessageError
 from waychair.recordings.bags.ros_messages import BASE_FRAME, header, make
+from waychair.ros.messages.json_text import json_text, read_json_text
 from waychair.ros.messages.wire import require_finite
 from waychair.runtime.haptics.haptic_state import HapticState
 
@@ -46,7 +45,7 @@ def read_advice(message: Any) -> Advice:
 
 def haptic_state(state: HapticState) -> Any:
     """Return a std_msgs/String of the state of glove and voice."""
-    return make("std_msgs/msg/String", msgspec.json.encode(state).decode())
+    return json_text(state)
 
 
 def read_haptic_state(message: Any) -> HapticState:
@@ -55,7 +54,4 @@ def read_haptic_state(message: Any) -> HapticState:
     Raises:
         MessageError: it is of another kind.
     """
-    try:
-        return msgspec.json.decode(message.data, type=HapticState)
-    except msgspec.DecodeError as error:
-        raise MessageError(f"a message about the glove cannot be read: {error}; use one version everywhere") from error
+    return read_json_text(message, HapticState, "a message about the glove")

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
-import msgspec
-
-from waychair.errors import MessageError
-from waychair.recordings.bags.ros_messages import make
+from waychair.ros.messages.json_text import json_text, read_json_text
 from waychair.runtime.chair_port import OthersView
 
 
 def others(view: OthersView) -> Any:
     """Return a std_msgs/String of the other chairs."""
-    return make("std_msgs/msg/String", msgspec.json.encode(view).decode())
+    return json_text(view)
 
 
 def read_others(message: Any) -> OthersView:
@@ -22,9 +19,4 @@ def read_others(message: Any) -> OthersView:
     Raises:
         MessageError: it is of another kind.
     """
-    try:
-        return msgspec.json.decode(message.data, type=OthersView)
-    except msgspec.DecodeError as error:
-        raise MessageError(
-            f"a message about other chairs cannot be read: {error}; use one version everywhere"
-        ) from error
+    return read_json_text(message, OthersView, "a message about other chairs")

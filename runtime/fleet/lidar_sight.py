@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from waychair.geometry import transform_points
-from waychair.maps.grid.cells import occupied
+from waychair.maps.grid.cells import cells_from_points, inside, occupied
 from waychair.maps.grid.distance_field import distances
 from waychair.planning.fleet.peers.alone import SEEN_AHEAD
 from waychair.planning.fleet.ways import Ways
@@ -99,12 +99,7 @@ class LidarSight:
 
     def _off_walls(self, points: FloatArray) -> BoolArray:
         """Return which points (N, 2) of the map are off everything on it."""
-        if not len(points):
-            return np.zeros(0, np.bool_)
-        inner = transform_points(self._grid.map_from_grid.inverse(), points)
-        rows, columns = np.floor(inner[:, ::-1] / self._grid.resolution).astype(np.int64).T
-        height, width = self._walls.shape
-        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
-        found = np.zeros(len(points), np.bool_)
-        found[inside] = self._walls[rows[inside], columns[inside]] > OFF_WALLS
+        cells = cells_from_points(self._grid, points)
+        found = inside(self._grid, cells)
+        found[found] = self._walls[tuple(cells[found].T)] > OFF_WALLS
         return found

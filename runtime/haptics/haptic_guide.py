@@ -31,9 +31,6 @@ LOST = "the chair does not know where it is: stop, and wait until it does"
 AGAIN_NS = 1_500_000_000
 """Two presses of the glove's button within this time ask where the chair is."""
 
-_HELD, _HELD_AT = 0.03, 0.1
-"""Shares of the swing: the stick is pushed so far beyond a cap, and the cap leaves hardly any motion."""
-
 _LOST_NUMBER = 900_000_000
 """Number of the warning of a lost pose, beyond those of guide and cells."""
 
@@ -220,12 +217,4 @@ def _inputs(now: HapticInputs, pose: Pose2) -> GuideInputs:
     """Return the guide's inputs: whether the guard holds the rider's stick back."""
     if now.guard is None or now.stick is None:
         return GuideInputs(now.now_ns, pose, now.twist)
-    front, _, left, right = now.guard.caps
-    forward, turn = now.stick.forward, now.stick.turn
-    return GuideInputs(
-        now.now_ns,
-        pose,
-        now.twist,
-        held_ahead=forward > front + _HELD and front < _HELD_AT,
-        held_turn=turn > left + _HELD or -turn > right + _HELD,
-    )
+    return GuideInputs.under(now.guard.caps, now.stick.forward, now.stick.turn, now.now_ns, pose, now.twist)

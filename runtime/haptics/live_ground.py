@@ -43,16 +43,22 @@ class LiveGround:
             if live is None:
                 live = LiveCostmap(grid, self._body, zones)
                 self._live = live if grid is self._grid else None
-            plain = live.costmap()
             if seen is None:
-                return plain
+                return live.costmap()
             scan, pose, twist = seen
-            beams = valid_beams(scan, np.zeros(len(scan.ranges), np.bool_))
-            points = transform_points(pose, points_now(scan, beams, self._body, twist, scan.stamp_ns))
-            cells = cells_from_points(plain.grid, points)
-            within = inside(plain.grid, cells)
-            new = within.copy()
-            new[within] = plain.clearance[tuple(cells[within].T)] > NEW
-            return live.costmap(points[new])
+            return with_new(live, scan, self._body, pose, twist, scan.stamp_ns)
 
         return costmap
+
+
+def with_new(
+    live: LiveCostmap, scan: Scan, body: ChairBody, map_from_base: Pose2, twist: Twist, now_ns: int
+) -> Costmap:
+    """Return the costmap with everything in a scan that is not on the map; pose and motion are those of `now_ns`."""
+    plain = live.costmap()
+    beams = valid_beams(scan, np.zeros(len(scan.ranges), np.bool_))
+    points = transform_points(map_from_base, points_now(scan, beams, body, twist, now_ns))
+    cells = cells_from_points(plain.grid, points)
+    new = inside(plain.grid, cells)
+    new[new] = plain.clearance[tuple(cells[new].T)] > NEW
+    return live.costmap(points[new])

@@ -21,20 +21,18 @@ from waychair.control.haptics.learning import RiderLearner
 from waychair.control.haptics.patterns import Vocabulary, vocabulary
 from waychair.control.haptics.rider import RiderModel
 from waychair.control.haptics.symbols import PRIORITY, Symbol
-from waychair.control.safety.collision_monitor import points_now, valid_beams
 from waychair.control.safety.guard import GUARDED
 from waychair.errors import PlanningError
 from waychair.firmware_bridge.glove.bridge import GloveBridge
 from waychair.firmware_bridge.glove.fitting import Fitting
 from waychair.firmware_bridge.glove.program import GloveConfig, HostGlove, glove_program
 from waychair.firmware_bridge.transports import Reconnecting
-from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
-from waychair.maps.grid.cells import cells_from_points, inside
 from waychair.planning.grid.costmap import Costmap, LiveCostmap
 from waychair.planning.steps.step import StepPlan
 from waychair.planning.steps.step_planner import StepPlanner
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
+from waychair.runtime.haptics.live_ground import with_new
 from waychair.simulation.follower import Follower
 from waychair.simulation.plan.world import World
 from waychair.simulation.plant.plant import PlantSettings
@@ -43,9 +41,6 @@ from waychair.simulation.simulator import Simulator, SimulatorSettings
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import ARMED_S, READY_S, TICK_NS, DriveSetup, advance_tick, simulated_chair
 from waychair.types import FloatArray, Goal, HelpLevel, JoystickInput, OccupancyGrid, Place, Scan, SensorMessage
-
-NEW = 0.15
-"""m; points farther from everything on the map than this are new, and the steps lead round them."""
 
 UNCAPPED = (1.0, 1.0, 1.0, 1.0)
 """Caps of a stick that the board does not guard."""
@@ -303,17 +298,10 @@ class _Trial:
     def _guide(self, plan: StepPlan, memory: GuideState, state: ChairState) -> tuple[Guidance, GuideState]:
         """Ask the guide, say its word, and learn from the rider's motion."""
         now_ns, stick = self._simulator.now_ns, self._stick
-        ahead, _, left, right = self._caps
         if self._setup.learn:
             self._learner.note_motion(now_ns, state.twist)
         guide = Guide(self._setup.body, self._learner.model, self._hand.durations)
-        inputs = GuideInputs(
-            now_ns,
-            state.map_from_base,
-            state.twist,
-            held_ahead=stick.forward > ahead + _HELD and ahead < _HELD_AT,
-            held_turn=stick.turn > left + _HELD or -stick.turn > right + _HELD,
-        )
+        inputs = GuideInputs.under(self._caps, stick.forward, stick.turn, now_ns, state.map_from_base, state.twist)
         guidance, after = guide.step(plan, memory, inputs)
         if self._hand.say(guidance, now_ns):
             said = self._hand.told[-1].symbol
@@ -332,21 +320,12 @@ class _Trial:
 
     def _costmap(self, state: ChairState) -> Costmap:
         """Return the costmap with everything in the latest scan that is not on the map."""
-        plain = self._live.costmap()
         if self._scan is None or self._plans == 1:
-            return plain
-        seen = valid_beams(self._scan, np.zeros(len(self._scan.ranges), np.bool_))
-        base = points_now(self._scan, seen, self._setup.body, state.twist, self._simulator.now_ns)
-        points = transform_points(state.map_from_base, base)
-        cells = cells_from_points(plain.grid, points)
-        within = inside(plain.grid, cells)
-        new = within.copy()
-        new[within] = plain.clearance[tuple(cells[within].T)] > NEW
-        return self._live.costmap(points[new])
+            return self._live.costmap()
+        return with_new(
+            self._live, self._scan, self._setup.body, state.map_from_base, state.twist, self._simulator.now_ns
+        )
 
 
 _STANDS = 0.02
 """m/s; a slower chair stands."""
-
-_HELD, _HELD_AT = 0.03, 0.1
-"""Shares of the swing: the stick is pushed so far beyond a cap, and the cap leaves hardly any motion."""
