@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -32,6 +33,14 @@ def voice(tmp_path: Path) -> Path:
     program.write_text(f'#!/bin/sh\necho "$6" >> {tmp_path}/spoken\n')
     program.chmod(0o755)
     return program
+
+
+def spoken(voice: Path) -> list[str]:
+    """Return the texts that the speech program was given, as soon as it has written one; it runs beside the test."""
+    log, end_s = voice.parent / "spoken", time.monotonic() + 10.0
+    while not (log.exists() and log.stat().st_size) and time.monotonic() < end_s:
+        time.sleep(0.01)
+    return log.read_text().splitlines()
 
 
 def test_a_rider_who_is_led_feels_the_first_step_and_the_state_names_it(rider: GuidedRider) -> None:
@@ -90,7 +99,7 @@ def test_a_glove_that_dies_leaves_the_voice(voice: Path) -> None:
         state = rider.run(1000)
         assert (state.withheld, state.symbol) == ("", "forward")
         assert state.unfelt.startswith("the glove cannot be reached")
-        assert (voice.parent / "spoken").read_text().splitlines() == ["forward"]
+        assert spoken(voice) == ["forward"]
 
 
 @pytest.mark.parametrize(
