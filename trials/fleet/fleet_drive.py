@@ -52,8 +52,8 @@ LOCKED_UP_S = 300.0
 AGAIN_AFTER_S = 5.0
 """s; a rider whose drive ended before its goal asks again so much later."""
 
-MOST_TRIES = 5
-"""Times that a rider asks again for goals whose drives ended early."""
+MOST_TRIES, TRIED_WITHIN = 5, 1.0
+"""Times that a rider asks again while no drive gets the chair farther than so many metres."""
 
 CHAIR_AHEAD = 8.0
 """m; with another chair so near, a chair that does not get on waits for that chair."""
@@ -217,6 +217,7 @@ class Rider:
         self._course: tuple[Goal, ...] = ()
         self._left = 0
         self._again_ms: int | None = None
+        self._tries: tuple[int, Pose2] = (0, Pose2())  # that have ended early, and where the first of them did
         self._stuck_ms: int | None = None
 
     @property
@@ -287,10 +288,16 @@ class Rider:
         return {} if section is None else {section: BLOCKED_FOR_MS}
 
     def _ask_again(self, now_ms: int) -> None:
+        """Ask again after a while, once the chair is ready; not for ever at one place."""
+        assert self.state is not None
+        here, (tries, there) = self.state.map_from_base, self._tries
         if self._again_ms is None:
             self.run.ends.append(self.chair.navigator.reason)
             self._again_ms = now_ms + round(1e3 * AGAIN_AFTER_S)
-        elif now_ms >= self._again_ms and self.run.again < MOST_TRIES:
+            if math.dist((here.x, here.y), (there.x, there.y)) > TRIED_WITHIN:
+                self._tries = 0, here
+        elif now_ms >= self._again_ms and self.chair.ready and tries < MOST_TRIES:
+            self._tries = tries + 1, there
             self.run.again += 1
             self._set_off()
             self._again_ms = None
