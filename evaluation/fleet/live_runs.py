@@ -48,8 +48,9 @@ KINDS = ("chair", "peer", "world", "router")
 class LiveRun:
     """What was measured in one run.
 
-    `factor` is that of the slowest fleet. `ended`: why fleets ended before their goals. `ordered_s` and `moved_s`: s from the first sign of life of a killed process until all chairs follow a warden, and until
-    a chair moves again; infinite: not within `BACK_S`.
+    `factor`: the chairs' seconds for each real one in the slowest fleet. `ended`: why fleets ended before their goals.
+    `ordered_s` and `moved_s`: s from the first sign of life of a killed process until all chairs follow a warden, and until a
+    chair moves again; infinite: not within `BACK_S`.
     """
 
     answers_ms: list[float] = field(default_factory=list)

@@ -51,7 +51,7 @@ def fleet_live(out: Path) -> Json:
     goes_on = goes_on and all(len(run.ordered_s) == kills for run in runs.values())
     return {
         "passed": in_time and light and safe and goes_on,
-        "real_time_factor": round(quiet.factor, 3),
+        "real_time_factor": round(quiet.factor, 3) if seconds else None,
         "answers": len(quiet.answers_ms),
         "answer_ms_p50_p99": answers,
         "state_age_ms_p50_p99": ages,
