@@ -126,7 +126,7 @@ def parted_run(folder: Path, chairs: int, seed: int) -> PartedRun:
         router.send_signal(signal.SIGCONT)
         run.together_s = _or_never(_until(fleet, lambda: _in_order(fleet), BACK_S))
         _until(fleet, lambda: fleet.finished, GOALS_S)
-        run.backed_out = tuple(fleet.record.words[number].backed_out for number in plan.numbers)
+        run.backed_out = tuple(fleet.record.words[number].by_eye[1] for number in plan.numbers)
         _add(fleet, run)
     return run
 
@@ -144,7 +144,7 @@ def _router(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
 def _all_alone(fleet: LiveFleet) -> bool:
     """Return whether each chair that has a goal left drives by its own eyes."""
     words = [fleet.record.words[number] for number in fleet.plan.numbers]
-    return all(word.alone for word in words if word.goal)
+    return all(word.by_eye[0] for word in words if word.goal)
 
 
 def _kill(fleet: LiveFleet, name: str, run: LiveRun) -> None:
@@ -177,7 +177,7 @@ def _in_order(fleet: LiveFleet) -> bool:
     words = [fleet.record.words.get(number) for number in fleet.plan.numbers]
     if any(word is None or fleet.record.is_silent(k) for k, word in enumerate(words, start=1)):
         return False
-    wardens = {0 if word.alone else word.warden for word in words if word is not None}
+    wardens = {0 if word.by_eye[0] else word.warden for word in words if word is not None}
     return len(wardens) == 1 and 0 not in wardens
 
 
