@@ -175,7 +175,7 @@ class FleetMember:
     def _wait(self, now_ns: int) -> Wait | None:
         """Return the wait that the chair's peer tells; none while the chair may go on."""
         authority, wish = self.driver.authority, self._wish
-        if wish is None or authority.spots or not authority.sentence or authority.alone:
+        if wish is None or not self.driver.waits or not authority.sentence or authority.alone:
             self._waits_since_ns = None
             return None
         self._waits_since_ns = now_ns if self._waits_since_ns is None else self._waits_since_ns

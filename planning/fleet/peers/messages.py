@@ -107,7 +107,7 @@ class State(Struct, frozen=True, array_like=True, tag="state"):
     visit: Count = 0
     released: Spots = ()
     ready_ms: Milliseconds = 0
-    wants: Annotated[int, Meta(ge=0, le=16)] = 0
+    wants: Annotated[int, Meta(ge=0, le=MOST_SPOTS)] = 0
     mode: Annotated[int, Meta(ge=0, le=2)] = IN_ORDER
     stance: Count = 0
     follows: Term | None = None

@@ -48,7 +48,7 @@ def test_another_building_and_another_version_are_refused_once_with_advice(monke
         {"visit": -1},
         {"entered": tuple(range(600))},
         {"mode": 3},
-        {"wants": 17},
+        {"wants": 513},
         {"entered": (-1,)},
         {"ready_ms": float("nan")},
         {"wish": Wish(1, "x" * 65)},
