@@ -23,8 +23,9 @@ from waychair.planning.fleet.warden import District, Heard, Reply, Report, decid
 from waychair.planning.fleet.ways import NEVER, Ways
 from waychair.types import Json
 
-LEASE_MS = 2_000
-"""ms for which a chair may enter what it was allowed, from when it sent the State that the answer answers."""
+LEASE_MS = 500
+"""ms for which a chair may enter what it was allowed, from when it sent the State that the answer answers: two States, and the way
+to the warden and back."""
 
 LISTEN_NS = 2_200_000_000
 """A new warden listens longer than any lease of an earlier one, unless all chairs have told before.
@@ -33,7 +34,7 @@ The last lease of an earlier warden runs from a State that came before its major
 """
 
 AGAIN_NS = 400_000_000
-"""An answer is repeated so often."""
+"""An answer is repeated so often; one that lets a chair in is renewed with each State until the chair has entered."""
 
 ORDER_NS = 1_000_000_000
 """The order is told so often."""
@@ -362,7 +363,8 @@ def _answers(
             number=wish,
         )
         before = office.answers.get(number)
-        if before is not None and now_ns - before[1] < AGAIN_NS and _same(before[0], answer):
+        renews = before is not None and answer.upto > state.visit and before[0].echo_ns != answer.echo_ns
+        if before is not None and now_ns - before[1] < AGAIN_NS and _same(before[0], answer) and not renews:
             continue
         office.answers[number] = (answer, now_ns)
         found.append(answer)
