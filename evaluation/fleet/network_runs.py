@@ -14,7 +14,7 @@ import numpy as np
 
 from waychair.errors import WaychairError
 from waychair.maps.traffic.corridors import corridor_graph, load_corridors
-from waychair.planning.fleet.peers import alone, claims, election, networked_warden, peer
+from waychair.planning.fleet.peers import alone, claims, election, memory, networked_warden, peer
 from waychair.planning.fleet.peers.messages import ALONE, Letter, State
 from waychair.planning.fleet.warden import Report
 from waychair.simulation.network import NetworkFaults
@@ -200,7 +200,7 @@ def _authority_unseen(self: Any, now_ns: int, own: Any) -> Any:
 
 
 def _state_out_of_order(self: Any, letter: Letter, state: State, now_ns: int) -> None:
-    self._heard.known[letter.sender] = election.Known(letter.sender, letter.boot, letter.sent_ns, now_ns, state)
+    self.known[letter.sender] = election.Known(letter.sender, letter.boot, letter.sent_ns, now_ns, state)
 
 
 def _way_unseen(ways: Any, front: int, goal: str, taken: Any) -> tuple[int, ...]:
@@ -232,7 +232,7 @@ MUTANTS = (
     Mutant("a warden begins again from all that chairs hold", networked_warden, "kept", _kept_front),
     Mutant("a chair without order stays taken", networked_warden, "_with_closed", lambda office, state, now: state),
     Mutant("what was not entered is given back", peer.Peer, "_give_back", lambda self: None),
-    Mutant("an older State is nothing", peer.Peer, "_take_state", _state_out_of_order),
+    Mutant("an older State is nothing", memory.Heard, "take_state", _state_out_of_order),
     Mutant("a silent chair is missed", networked_warden, "SILENT_NS", 10**12),
     Mutant("a chair that misses another one looks", peer.Peer, "_authority", _authority_unseen),
     Mutant("alone mode is announced", peer.Peer, "_choose_mode", _alone_at_once),

@@ -73,7 +73,7 @@ def serve(
         MissingExtra: the extra [fleet] is not installed.
     """
     fleet = fleet_of(file)
-    if file.number in ranked(fleet.district, fleet.electorate)[:LOADED_AT_ONCE]:
+    if file.number in ranked(fleet.district, fleet.numbers)[:LOADED_AT_ONCE]:
         import_module("waychair.planning.fleet.peers.networked_warden")
     peer = Peer(fleet, file.number, new_boot())
     transport = ZenohTransport(file, fleet.building, lan, mode)

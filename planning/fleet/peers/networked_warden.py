@@ -15,7 +15,8 @@ from waychair.planning.fleet.peers import messages
 from waychair.planning.fleet.peers.claims import Claim, claim_of, is_known, kept, order_of
 from waychair.planning.fleet.peers.decision import SILENT_NS, Decision
 from waychair.planning.fleet.peers.election import Known, Voter, followers, is_majority
-from waychair.planning.fleet.peers.messages import Answer, Queue, Term, Why
+from waychair.planning.fleet.peers.electorate import next_electorate
+from waychair.planning.fleet.peers.messages import Answer, Queue, Term, Version, Why
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Audit, Wait
 from waychair.planning.fleet.warden import Answer as Word
@@ -57,6 +58,7 @@ class Office:
         refused: numbers of wishes that were refused, with the sentence, by chair.
         answers: the last answer to each chair, and when it was sent.
         told_ns: when the order was told.
+        told_electors: the version of the electorate that was told with it.
         waits: the present waits.
         audit: the waits as they begin and end.
     """
@@ -71,6 +73,7 @@ class Office:
     refused: dict[int, tuple[int, str]] = field(default_factory=dict)
     answers: dict[int, tuple[Answer, int]] = field(default_factory=dict)
     told_ns: int = 0
+    told_electors: Version = (0, 0)
     waits: tuple[Wait, ...] = ()
     audit: Audit = field(default_factory=Audit)
 
@@ -129,10 +132,11 @@ def ordered(
     twice = _claimed_twice(office, loyal)
     answers = _answers(office, loyal, look or bool(twice), {chair for chairs in twice for chair in chairs}, now_ns)
     told = None
-    if afresh or now_ns - office.told_ns >= ORDER_NS:
-        office.told_ns = now_ns
+    if afresh or office.told_electors != own.electorate.version or now_ns - office.told_ns >= ORDER_NS:
+        office.told_ns, office.told_electors = now_ns, own.electorate.version
         told = _told(own, office)
-    return Decision(True, answers, told, _ended_waits(office, now_ms))
+    electorate = next_electorate(own, office.term, known, followers(own, office.term, known, now_ns))
+    return Decision(True, answers, told, electorate, _ended_waits(office, now_ms))
 
 
 def _taken_over(
@@ -400,7 +404,7 @@ def _told(own: Voter, office: Office) -> messages.Order:
         own.district,
         office.term.epoch,
         office.district.serial,
-        tuple(sorted(own.electorate)),
+        own.electorate,
         queues,
         tuple(sorted(order.closed)),
     )

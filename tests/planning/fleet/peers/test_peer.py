@@ -175,9 +175,9 @@ def test_f35_a_chair_that_floods_drowns_nobody() -> None:
 def test_the_same_steps_give_the_same_bytes() -> None:
     both = []
     for _ in range(2):
-        desk = Desk(3)
-        desk.run(5)
-        both.append([data for _, _, data in desk.bus])
+        desk, sent = Desk(3), list[bytes]()
+        desk.run(5, lambda desk=desk, sent=sent: sent.extend(data for _, _, data in desk.bus))
+        both.append(sent)
         assert both[-1]
     assert both[0] == both[1]
 
