@@ -15,7 +15,9 @@ from waychair.planning.fleet.peers.election import Known, Voter, is_majority
 from waychair.planning.fleet.peers.messages import Electorate, Term
 
 
-def next_electorate(own: Voter, term: Term, known: Mapping[int, Known], followed_by: Collection[int]) -> Electorate | None:
+def next_electorate(
+    own: Voter, term: Term, known: Mapping[int, Known], followed_by: Collection[int]
+) -> Electorate | None:
     """Return the electorate that a warden goes on to; None while it keeps the one that it has.
 
     `known` are the last States of all peers, its own among them; `followed_by` the peers that follow it in its term.

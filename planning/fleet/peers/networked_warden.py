@@ -7,7 +7,7 @@ gives up all that it has not entered says so by a new stance; then the order is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 from waychair.planning.fleet.order import Order, Request, Turn, with_priorities
@@ -78,13 +78,12 @@ class Office:
     audit: Audit = field(default_factory=Audit)
 
 
-def counted(office: Office, own: Voter, known: Mapping[int, Known], now_ns: int) -> bool:
-    """Return whether a majority follows; a peer that has booted again is counted where the others are a majority.
+def counted(office: Office, own: Voter, known: Mapping[int, Known], found: Collection[int]) -> bool:
+    """Return whether those `found` to follow are a majority; one that has booted again is counted where the others are one.
 
     It may have followed somebody else since, and forgotten it.
     """
     boots = {each.number: each.boot for each in known.values()} | {own.number: own.boot}
-    found = followers(own, office.term, known, now_ns)
     office.boots.setdefault(own.number, own.boot)
     if office.since_ns is None:
         office.boots.update({number: boots[number] for number in found})
@@ -109,8 +108,9 @@ def ordered(
 
     `blocked_ms` are the sections that chairs see shut, and for how long that is believed.
     """
-    if not counted(office, own, known, now_ns):
-        return Decision()
+    following = followers(own, office.term, known, now_ns)
+    if not counted(office, own, known, following):
+        return Decision(begins_again=is_majority(own.electorate, following))
     if office.since_ns is None:
         office.since_ns = now_ns
     now_ms = now_ns // 1_000_000
@@ -135,8 +135,8 @@ def ordered(
     if afresh or office.told_electors != own.electorate.version or now_ns - office.told_ns >= ORDER_NS:
         office.told_ns, office.told_electors = now_ns, own.electorate.version
         told = _told(own, office)
-    electorate = next_electorate(own, office.term, known, followers(own, office.term, known, now_ns))
-    return Decision(True, answers, told, electorate, _ended_waits(office, now_ms))
+    electorate = next_electorate(own, office.term, known, following)
+    return Decision(True, False, answers, told, electorate, _ended_waits(office, now_ms))
 
 
 def _taken_over(

@@ -196,7 +196,9 @@ class Peer:
             self._slept(now_ns)
         times.now = now_ns
         electorate = self.voter.electorate
-        notices = [said for who, data in self._heard.bearable(heard, self.reader) if (said := self._read(who, data, now_ns))]
+        notices = [
+            said for who, data in self._heard.bearable(heard, self.reader) if (said := self._read(who, data, now_ns))
+        ]
         notices += self._check_number(now_ns)
         if self.refused:
             return Step((), SpotAuthority(alone=True, sentence=self.refused), tuple(notices))
@@ -337,6 +339,9 @@ class Peer:
                 self._give_back()
             elif answer.chair == self.number:
                 self._heard.answer = answer
+        if decision.begins_again:
+            self.allegiance, self.office = standing(self.voter, self.allegiance, known), None
+            self._give_back()
         if decision.electorate is not None:
             self.voter = replace(self.voter, electorate=decision.electorate)
         return decision
@@ -347,10 +352,9 @@ class Peer:
         assert term is not None
         return any(
             now_ns - each.heard_ns <= GAP_NS
-            and number in self.voter.electorate.members
             and each.state.follows != term
             and (each.state.left >= term.epoch or each.state.term > term.epoch)
-            for number, each in self._heard.known.items()
+            for each in self._heard.known.values()
         )
 
     def has_warden(self) -> bool:
