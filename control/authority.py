@@ -33,12 +33,13 @@ _LOOKED_AT = 5.0
 class Authority:
     """How far a chair may drive: not over the stop `line` (2, 2) [m] in map, from end to end; None: as far as it likes.
 
-    With `stands` it may not move at all. `reason` is a sentence for the rider that waits.
+    With `stands` it may not move at all. `reason` is a sentence for the rider that waits. `speed` [m/s] is the highest on the way.
     """
 
     line: FloatArray | None = None
     reason: str = ""
     stands: bool = False
+    speed: float = math.inf
 
     def way_left(self, body: ChairBody, pose: Pose2, poses: FloatArray) -> float:
         """Return the way [m] along planned poses (N, 3) until the chair's outline comes to the line; +inf if it does not.

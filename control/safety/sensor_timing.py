@@ -25,6 +25,9 @@ EPISODES, LATE_SHARE = 3, 0.5
 LEAST_S = 1.0
 """s; the share is judged from so long a time on."""
 
+SILENT_S = WINDOW_S / (EPISODES - 1)
+"""s; after a longer silence a lidar begins anew: the slowest one whose scans are judged sends `EPISODES` of them in the window."""
+
 SLOW_AGE_S = 0.26
 """s; scans that become older than this, between the 0.2 s of a usual lidar and the limit, slow a drive."""
 
@@ -84,9 +87,14 @@ class ScanTiming(SensorTiming):
 
     def tick(self, now_ns: int) -> None:
         """Note the scans since the last tick as arrived now, and whether the latest one is too old."""
+        before_ns = self.arrived_ns
         super().tick(now_ns)
         if self.stamp_ns is None:
             return
+        if before_ns is not None and self.arrived_ns == now_ns and now_ns - before_ns > SILENT_S * 1e9:
+            self._delays = deque([self._delays[-1]])  # it was silent, which is no slowness
+            self._ticks.clear()
+            self._is_late = False
         self._ticks.append((now_ns, abs(now_ns - self.stamp_ns) > SCAN_MS * 1_000_000))
         _forget(self._ticks, now_ns)
         late = np.array([late for _, late in self._ticks])

@@ -1,4 +1,6 @@
-"""Runs of a fleet of processes: undisturbed, and with processes that are killed; and peers without chairs, weighed."""
+"""Runs of a fleet of processes: undisturbed, with processes that are killed, and with the network gone for a while; and peers
+without chairs, weighed.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +8,11 @@ import os
 import random
 import re
 import signal
+import subprocess
+import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -16,11 +21,18 @@ from waychair.runtime.fleet.peer_process import clock_ns, fleet_of
 from waychair.runtime.fleet.zenoh_transport import ZenohListener
 from waychair.runtime.processes import Process, Supervision
 from waychair.trials.fleet.live.live_fleet import LiveFleet
-from waychair.trials.fleet.live.live_plan import DESK, fleet_file, new_plan
+from waychair.trials.fleet.live.live_plan import DESK, ROUTER, fleet_file, new_plan
 
 WORLD = "T"
-STARTS_S, BACK_S = 240.0, 120.0
-"""s until all chairs keep the order at the start, and after a kill, at most: the computer may be busy."""
+STARTS_S, BACK_S, GOALS_S = 240.0, 120.0, 600.0
+"""s until all chairs keep the order at the start, after a kill, and until all goals are reached, at most: the computer may be
+busy.
+"""
+
+PEER_MODULE = "waychair.trials.fleet.live.voter_process"
+
+AWAY_S = (30.0, 90.0)
+"""s for which the network is gone in a parted run: until the chairs drive by their own eyes, and while they meet."""
 
 KINDS = ("chair", "peer", "world", "router")
 """What is killed: a chair's process with its peer, a voter's peer, the world, the router of chairs that talk through one."""
@@ -57,9 +69,10 @@ def quiet_run(folder: Path, chairs: int, seed: int, seconds: float) -> LiveRun:
 def kill_run(folder: Path, chairs: int, seed: int, kind: str, kills: int) -> LiveRun:
     """Return what chairs do while a process of a kind is killed some times, at random moments between."""
     plan = new_plan(folder, WORLD, chairs, seed, (DESK,) if kind == "peer" else (), routed=kind == "router")
-    more = (Process("peer", "waychair.trials.fleet.live.voter_process", (str(folder), str(DESK))),)
+    number = {"peer": DESK, "router": ROUTER}.get(kind)
+    more = () if number is None else (Process(kind, PEER_MODULE, (str(folder), str(number))),)
     moments, run = random.Random(seed), LiveRun()
-    with LiveFleet(folder, plan, more=more if kind == "peer" else ()) as fleet:
+    with LiveFleet(folder, plan, more=more) as fleet:
         _until(fleet, lambda: _in_order(fleet), STARTS_S)
         for _ in range(kills):
             _until(fleet, lambda: fleet.finished, moments.uniform(1.0, 8.0))
@@ -68,6 +81,53 @@ def kill_run(folder: Path, chairs: int, seed: int, kind: str, kills: int) -> Liv
             name = f"chair {moments.choice(plan.numbers)}" if kind == "chair" else kind
             _kill(fleet, name, run)
         return _measured(fleet, run)
+
+
+@dataclass
+class PartedRun(LiveRun):
+    """What was measured in a run whose network was gone for a while.
+
+    `alone_s` and `together_s`: s until all chairs that want to go drove by their own eyes, and from the network's return until
+    all followed a warden again; infinite: never. `backed_out`: times that each chair has backed out.
+    """
+
+    alone_s: float = float("inf")
+    together_s: float = float("inf")
+    backed_out: tuple[int, ...] = ()
+
+
+def parted_run(folder: Path, chairs: int, seed: int) -> PartedRun:
+    """Return what chairs do that talk through a router while that is stopped for a while, without any link being closed."""
+    plan, run = new_plan(folder, WORLD, chairs, seed, routed=True), PartedRun()
+    away_s = random.Random(seed).uniform(*AWAY_S)
+    with _router(folder) as router, LiveFleet(folder, plan) as fleet:
+        _until(fleet, lambda: _in_order(fleet) and fleet.record.is_moving, STARTS_S)
+        router.send_signal(signal.SIGSTOP)
+        began = time.monotonic()
+        run.alone_s = _or_never(_until(fleet, lambda: _all_alone(fleet), BACK_S))
+        _until(fleet, lambda: fleet.finished, began + away_s - time.monotonic())
+        router.send_signal(signal.SIGCONT)
+        run.together_s = _or_never(_until(fleet, lambda: _in_order(fleet), BACK_S))
+        _until(fleet, lambda: fleet.finished, GOALS_S)
+        run.backed_out = tuple(fleet.record.words[number].backed_out for number in plan.numbers)
+        _measured(fleet, run)
+    return run
+
+
+@contextmanager
+def _router(folder: Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the router of a plan, unwatched, as a stopped one would be started anew."""
+    with subprocess.Popen([sys.executable, "-m", PEER_MODULE, str(folder), str(ROUTER)]) as router:
+        try:
+            yield router
+        finally:
+            router.kill()
+
+
+def _all_alone(fleet: LiveFleet) -> bool:
+    """Return whether each chair that has a goal left drives by its own eyes."""
+    words = [fleet.record.words[number] for number in fleet.plan.numbers]
+    return all(word.alone for word in words if word.goal)
 
 
 def _kill(fleet: LiveFleet, name: str, run: LiveRun) -> None:
@@ -80,7 +140,7 @@ def _kill(fleet: LiveFleet, name: str, run: LiveRun) -> None:
         run.ordered_s.append(float("inf"))
         return
     run.ordered_s.append(_or_never(_until(fleet, lambda: _in_order(fleet), BACK_S)))
-    moves = _until(fleet, lambda: record.moment is not None and any(record.moment.moving), BACK_S)
+    moves = _until(fleet, lambda: record.is_moving, BACK_S)
     run.moved_s.append(run.ordered_s[-1] + _or_never(moves))
 
 
@@ -96,11 +156,11 @@ def _boot_of(fleet: LiveFleet, name: str) -> int:
 
 
 def _in_order(fleet: LiveFleet) -> bool:
-    """Return whether all chairs are heard, and follow one warden."""
+    """Return whether all chairs are heard, and follow one warden; none drives by its own eyes."""
     words = [fleet.record.words.get(number) for number in fleet.plan.numbers]
     if any(word is None or fleet.record.is_silent(k) for k, word in enumerate(words, start=1)):
         return False
-    wardens = {word.warden for word in words if word is not None}
+    wardens = {0 if word.alone else word.warden for word in words if word is not None}
     return len(wardens) == 1 and 0 not in wardens
 
 
@@ -119,6 +179,7 @@ def _or_never(seconds: float | None) -> float:
 
 
 def _measured(fleet: LiveFleet, run: LiveRun) -> LiveRun:
+    """Fill in what the fleet's record tells at the end of a run; return it."""
     record = fleet.record
     run.answers_ms, run.ages_ms = list(record.answers_ms), list(record.ages_ms)
     run.over_line_m = max(chair.over_line for chair in record.run.chairs)
@@ -141,8 +202,7 @@ def weighed_peers(folder: Path, peers: int, seconds: float) -> Weighed:
     """Return what some peers without chairs cost in so many seconds, once all are there."""
     voters = tuple(range(100, 100 + peers))
     new_plan(folder, WORLD, 1, 0, voters)
-    module = "waychair.trials.fleet.live.voter_process"
-    table = [Process(f"peer {number}", module, (str(folder), str(number))) for number in voters]
+    table = [Process(f"peer {number}", PEER_MODULE, (str(folder), str(number))) for number in voters]
     with Supervision(table, dict(os.environ)) as running:
         _all_heard(folder, voters, running)
         pids = list(running.pids.values())

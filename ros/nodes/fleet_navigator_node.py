@@ -86,6 +86,7 @@ class FleetNavigatorNode(NavigatorNode):
                     grid,
                     self._layout.places,
                     self._redraw,
+                    self._joined.log,
                 )
             except FleetError as error:
                 self._trouble = str(error)
@@ -95,7 +96,7 @@ class FleetNavigatorNode(NavigatorNode):
         state, twist = self._latest.state, self._track.twist
         moves = max(abs(twist.v), abs(twist.omega)) > _MOVES
         by_rider = state is not None and state.mode in _BY_RIDER and moves
-        for said in self._port.step(clock_ns(), self.map_from_base(self.now_ns()), pilot, by_rider):
+        for said in self._port.step(clock_ns(), self.map_from_base(self.now_ns()), pilot, by_rider, self._navigation):
             self.get_logger().warning(said)
 
     def _answer_at_once(self) -> None:

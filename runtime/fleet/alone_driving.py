@@ -1,27 +1,25 @@
 """A whole chair that hears no warden: the chain that it gives itself, as far as it sees it free.
 
 It enters a spot only if it sees nothing in it and in ten metres of single file behind it. Where it stands face to face with
-something for a while, it backs out if its side is the one that has to (`planning/fleet/peers/meeting.py`), waits in the place aside,
-and does not back out again on that way.
+something for a while, it backs out if its side is the one that has to (`planning/fleet/peers/meeting.py`), or if its own goal is taken:
+whoever stands there can leave only past it. It waits in the place aside, and does not back out again on that way.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from waychair.maps.drawn.zones import Rule, Zone
 from waychair.planning.fleet.peers.alone import ALONE_SPEED, SEEN_AHEAD, shortest_way
 from waychair.planning.fleet.peers.meeting import gives_way, is_before, meeting_at
 from waychair.planning.fleet.ways import Ways, ways_of
-from waychair.runtime.fleet.chain_geometry import SpotPlace, spot_places
 from waychair.types import FloatArray, Pose2
 
-FACES_MS = 8_000
-"""ms that a chair stands before something in single file until one of the two backs out."""
+FACES_MS = 25_000
+"""ms that a chair stands before something in single file until one of the two backs out; people mostly go on sooner."""
 
 STANDS_WITHIN = 0.10
 """m; a chair that moves by no more, as its pose does, stands."""
@@ -97,7 +95,7 @@ class AloneDriver:
         elif self._chain and not self._leads_on(front):
             self._chain = ()
         if goal != self._goal:
-            self._goal, self._faced = goal, 0
+            self._goal, self._faced, self._waits_until_ms = goal, 0, 0
             self._chain = ()
         if not self._chain and now_ms >= self._waits_until_ms:
             self._chain = self._chosen(front, seen)
@@ -138,6 +136,9 @@ class AloneDriver:
             metres += self._section_length(spot)
         return len(begins)
 
+    def _goal_is_taken(self, seen: Seen) -> bool:
+        return all(int(self._ways.resource[spot]) in seen.taken for spot in self._ways.slots[self._goal])
+
     def _section_length(self, spot: int) -> float:
         name = self._ways.names[spot]
         section = self._ways.graph.section.get(name)
@@ -152,7 +153,8 @@ class AloneDriver:
         graph = self._ways.graph
         meeting = meeting_at(graph, point)
         self._faced += 1
-        if not gives_way(meeting, is_before(graph, meeting.section, point, here), self._faced > FACED_BY_WAYS):
+        is_before_it = is_before(graph, meeting.section, point, here)
+        if not (self._goal_is_taken(seen) or gives_way(meeting, is_before_it, self._faced > FACED_BY_WAYS)):
             return
         taken = seen.taken - {int(self._ways.resource[front])}
         times = {name: int(self._back.least_ms(name)[front]) for name in self._names if name != self._goal}
@@ -165,23 +167,7 @@ class AloneDriver:
                 return
 
 
-def slow_zones(ways: Ways, chain: Sequence[int]) -> tuple[Zone, ...]:
-    """Return the zones in which a chair alone drives slowly: the single file of its chain."""
-    places = spot_places(ways)
-    found = []
-    for spot in chain:
-        place = places[spot]
-        if place.section is not None and ways.graph.section[place.section].lanes == 1:
-            found.append(Zone(f"alone in {place.section}", Rule.SLOW, _outline(place), ALONE_SPEED))
-    return tuple(found)
-
-
-def _outline(place: SpotPlace) -> FloatArray:
-    """Return the corners (N, 2) [m] of a section's clear width."""
-    left, right = [], []
-    for way in np.linspace(0.0, place.length, len(place.points)):
-        at, heading, width = place.at(float(way))
-        across = np.array([-math.sin(heading), math.cos(heading)]) * width / 2
-        left.append(at + across)
-        right.append(at - across)
-    return np.array([*left, *right[::-1]])
+def speed_by_eye(ways: Ways, spots: Iterable[int]) -> float:
+    """Return the highest speed [m/s] of a chair alone in these spots: low in single file."""
+    sections = [ways.graph.section.get(ways.names[spot]) for spot in spots]
+    return ALONE_SPEED if any(each is not None and each.lanes == 1 for each in sections) else math.inf

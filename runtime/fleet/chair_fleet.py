@@ -11,6 +11,7 @@ from typing import NamedTuple
 from waychair.errors import FleetError, MissingExtra
 from waychair.install_advice import install_command
 from waychair.planning.fleet.peers.peer import Fleet
+from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.fleet_file import FleetFile, load_fleet, open_to_lan
 from waychair.runtime.fleet.fleet_keys import checked_keys
 from waychair.runtime.fleet.peer_process import fleet_of
@@ -21,11 +22,12 @@ FLEET, LAN = "WAYCHAIR_FLEET", "WAYCHAIR_FLEET_LAN"
 
 
 class ChairFleet(NamedTuple):
-    """What a chair has of its fleet: what all know, its own number, and its end of the network."""
+    """What a chair has of its fleet: what all know, its own number, its end of the network, and its log."""
 
     fleet: Fleet
     number: int
     transport: ZenohTransport
+    log: AuditFile | None
 
 
 def fleet_environment(path: Path, lan: bool) -> dict[str, str]:
@@ -47,13 +49,14 @@ def fleet_environment(path: Path, lan: bool) -> dict[str, str]:
 
 
 def joined_fleet(environment: Mapping[str, str] = os.environ) -> ChairFleet:
-    """Return the fleet of the environment, joined; raises as `fleet_environment`, and FleetError where a port is taken."""
+    """Return the fleet of the environment, joined; raises as `fleet_environment`, and FleetError where a port is taken, or the log cannot be opened."""
     path = environment.get(FLEET, "")
     if not path:
         raise FleetError(f"no fleet is named: give `waychair up --fleet`, or set {FLEET}")
     file = _chairs_file(Path(path))
     fleet = fleet_of(file)
-    return ChairFleet(fleet, file.number, ZenohTransport(file, fleet.building, lan=environment.get(LAN) == "1"))
+    log = None if file.log is None else AuditFile(file.log)
+    return ChairFleet(fleet, file.number, ZenohTransport(file, fleet.building, lan=environment.get(LAN) == "1"), log)
 
 
 def _chairs_file(path: Path) -> FleetFile:

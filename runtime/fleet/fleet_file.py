@@ -7,6 +7,7 @@ voters: [9]                 # computers without a chair that vote
 endpoints: []               # of others; none: all on this computer
 listen: ""                  # own endpoint; none: loopback
 keys: ""                    # folder of `waychair fleet keys new`; needed beyond this computer
+log: ""                     # file to which this peer adds the waits under its order; none: they are not kept
 """
 
 from __future__ import annotations
@@ -38,11 +39,12 @@ class _FleetYaml(msgspec.Struct, forbid_unknown_fields=True):
     endpoints: list[str] = []
     listen: str = ""
     keys: str = ""
+    log: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class FleetFile:
-    """See the module's example; `keys` is None where there are none."""
+    """See the module's example; `keys` and `log` are None where there are none."""
 
     building: str
     number: int
@@ -51,6 +53,7 @@ class FleetFile:
     endpoints: tuple[str, ...] = ()
     listen: str = ""
     keys: Path | None = None
+    log: Path | None = None
 
     def name(self, number: int) -> str:
         """Return the name of a peer on the network and in its certificate."""
@@ -108,6 +111,7 @@ def load_fleet(path: Path) -> FleetFile:
         tuple(found.endpoints),
         found.listen,
         path.parent / found.keys if found.keys else None,
+        path.parent / found.log if found.log else None,
     )
     try:
         return checked_fleet(fleet)

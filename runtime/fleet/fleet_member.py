@@ -6,17 +6,21 @@ goals; everything that stops the chair stays in the chair.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
+from waychair.control.drive.navigation import Navigation
 from waychair.planning.fleet.peers.peer import Fleet, OwnWish, Peer
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Reason, Wait
 from waychair.runtime.chair_port import OthersView
+from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.desk.desk_messages import GIVEN_LAPSES_NS, TOLD, TOLD_NS, Given, Told, note_bytes, note_from
 from waychair.runtime.fleet.peer_driving import PeerDriver
+from waychair.runtime.fleet.shut_ways import ShutWays
+from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.runtime.fleet.transport import Transport
 from waychair.types import Pose2
 
@@ -49,12 +53,16 @@ class Measures:
 
 @dataclass(frozen=True, slots=True)
 class MemberStep:
-    """What follows from a step: authority and goals, the present wait, the rider's sentence, and sentences for people."""
+    """What follows from a step: authority and goals, the present wait, the rider's sentence, and sentences for people.
+
+    `tone`: see `PeerSteps`.
+    """
 
     driven: Steps
     wait: Wait | None
     told: str
     notices: tuple[str, ...]
+    tone: bool = False
 
 
 class FleetMember:
@@ -68,9 +76,14 @@ class FleetMember:
         driver: ChainDriver,
         start: str | Sequence[int],
         transport: FleetTransport,
+        log: AuditFile | None = None,
     ) -> None:
-        """`start`: the refuge in which the chair stands, or the spots in which it is, from its rear to its front."""
+        """`start`: the refuge in which the chair stands, or the spots in which it is, from its rear to its front.
+
+        `log` takes down what this chair decides while it is the warden.
+        """
         self.driver = PeerDriver(fleet.ways, Peer(fleet, number, boot), driver, start)
+        self._shut, self._log = ShutWays(driver), log
         self.measures = Measures()
         self._fleet = fleet
         self._transport = transport
@@ -103,16 +116,18 @@ class FleetMember:
         pose: Pose2,
         goals_left: int,
         manual: bool = False,
-        is_free: Callable[[int], bool] = lambda spot: True,
+        sight: SpotSight | None = None,
+        navigation: Navigation | None = None,
     ) -> MemberStep:
         """Return what follows from `map_from_base`, the goals of the last chain that are left, and what has come.
 
-        `now_ns` is a monotonic clock that runs while the computer sleeps; `is_free`: see `PeerDriver.step`.
+        `now_ns` is a monotonic clock that runs while the computer sleeps; `sight`: see `PeerDriver.step`. By its `navigation` the
+        chair finds sections shut, which it tells the others.
         """
         self._hear_aside(now_ns)
         heard = self._transport.received()
         wish = None if self._wish is None else replace(self._wish, priority=int(self._priority(now_ns)))
-        found = self.driver.step(now_ns, pose, goals_left, heard, wish, manual, is_free)
+        found = self.driver.step(now_ns, pose, goals_left, heard, wish, manual, sight)
         for to, kind, data in found.peer.send:
             self._transport.send(to, kind, data)
             if kind == "request" and self._asked_ns is None:
@@ -122,7 +137,10 @@ class FleetMember:
         wait = self._present = self._wait(now_ns)
         told = self.driver.authority.sentence if self._refused is None else self._refused[0]
         self._tell(now_ns, wait, told)
-        return MemberStep(found.driven, wait, told, found.peer.notices)
+        if navigation is not None and not manual:
+            self._note_shut(now_ns, navigation, pose)
+        said = "" if self._log is None else self._log.add(found.peer.records, now_ns)
+        return MemberStep(found.driven, wait, told, (*found.peer.notices, *([said] if said else ())), found.tone)
 
     def others(self, now_ns: int) -> OthersView:
         """Return the other chairs, and the present wait, for the rider's page."""
@@ -154,6 +172,18 @@ class FleetMember:
             given = note_from(Given, data) if sender in self._fleet.voters else None
             if given is not None and given.chair == self.driver.peer.number:
                 self._given = Priority(given.priority), now_ns
+
+    def _note_shut(self, now_ns: int, navigation: Navigation, pose: Pose2) -> None:
+        """Tell the others of a section that the chair finds shut; one that drives by its own eyes looks for itself."""
+        others = [
+            Pose2(1e-3 * place.x_mm, 1e-3 * place.y_mm, 1e-3 * place.heading_mrad)
+            for each in self.driver.peer.known.values()
+            if (place := each.state.place) is not None
+        ]
+        held = self._present is not None
+        found = self._shut.step(now_ns // 1_000_000, navigation, pose, held, others)
+        if found and not self.driver.authority.alone:
+            self.driver.note_shut(found)
 
     def _measure(self, now_ns: int) -> None:
         peer = self.driver.peer

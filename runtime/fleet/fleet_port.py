@@ -12,15 +12,16 @@ from dataclasses import dataclass
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.authority import FREE, Authority
-from waychair.control.drive.navigation import ACTIVE, Stage
+from waychair.control.drive.navigation import ACTIVE, Navigation, Stage
 from waychair.errors import FleetError
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.traffic.traffic_graph import RefugeKind
 from waychair.planning.fleet.peers.peer import Fleet
 from waychair.runtime.chair_port import OthersView
+from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.fleet_member import FleetMember, FleetTransport
-from waychair.runtime.fleet.lidar_sight import LidarSight
+from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.runtime.fleet.spots_of_pose import SpotsOfPose
 from waychair.runtime.pilot import Pilot
 from waychair.types import Goal, OccupancyGrid, Place, Pose2, Scan
@@ -62,8 +63,9 @@ class FleetPort:
         grid: OccupancyGrid,
         places: Mapping[str, Place],
         redraw: Redraw,
+        log: AuditFile | None = None,
     ) -> None:
-        """`grid` and `places`: the map's.
+        """`grid` and `places`: the map's; `log`: see `FleetMember`.
 
         Raises:
             FleetError: a place of the traffic graph is not on the map.
@@ -80,14 +82,14 @@ class FleetPort:
         self._fleet, self._number, self._boot = fleet, number, boot
         self._transport, self._body, self._places = transport, body, dict(places)
         self._spots = SpotsOfPose(fleet.ways, body, places)
-        self._sight = LidarSight(fleet.ways, grid, body.base_from_laser)
+        self._sight = SpotSight(fleet.ways, grid, body)
         self._member: FleetMember | None = None
         self._drive: _Drive | None = None
-        self._redraw = redraw
+        self._redraw, self._log = redraw, log
         self._barred: frozenset[str] = frozenset()
 
     def see(self, scan: Scan, map_from_base: Pose2) -> None:
-        """Take a scan, with the chair's pose at its time."""
+        """Take a scan, without the beams that hit the chair itself, and the chair's pose at its time."""
         self._sight.look(scan, map_from_base)
 
     def ask(self, goal: Pose2, now_ns: int) -> None:
@@ -109,10 +111,12 @@ class FleetPort:
         self._drive = _Drive(min(near)[1])
         self._member.want(self._drive.refuge, now_ns)
 
-    def step(self, now_ns: int, pose: Pose2 | None, pilot: Pilot, by_rider: bool) -> tuple[str, ...]:
+    def step(
+        self, now_ns: int, pose: Pose2 | None, pilot: Pilot, by_rider: bool, navigation: Navigation | None = None
+    ) -> tuple[str, ...]:
         """Run a step of the peer, ten times a second, and give the pilot its authority and goals; return sentences for people.
 
-        `pose`: `map_from_base`, None while unknown. `by_rider`: the rider steers.
+        `pose`: `map_from_base`, None while unknown. `by_rider`: the rider steers. `navigation` is the pilot's last one.
         """
         member = self._member
         if pose is None:
@@ -123,12 +127,12 @@ class FleetPort:
             if not spots:
                 return ()
             driver = ChainDriver(self._fleet.ways, self._number, self._body, self._places)
-            member = FleetMember(self._fleet, self._number, self._boot, driver, spots, self._transport)
+            member = FleetMember(self._fleet, self._number, self._boot, driver, spots, self._transport, self._log)
             self._member = member
         if by_rider and spots and spots != member.entered:
             member.driver.stand_in(spots)
         self._note_end(member, pilot, now_ns)
-        step = member.step(now_ns, pose, self._left(pilot), by_rider, self._sight.is_free)
+        step = member.step(now_ns, pose, self._left(pilot), by_rider, self._sight, navigation)
         self.others = member.others(now_ns)
         drive = self._drive
         if drive is None:

@@ -5,14 +5,16 @@ The chair enters the next spots only once its peer may let it in; it asks for th
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from waychair.planning.fleet.order import Chain, Order, Turn
+from waychair.planning.fleet.peers.messages import Place
 from waychair.planning.fleet.peers.peer import Own, OwnWish, Peer, SpotAuthority, Step
 from waychair.planning.fleet.ways import Ways
-from waychair.runtime.fleet.alone_driving import AloneDriver, AloneWay, Seen, slow_zones
+from waychair.runtime.fleet.alone_driving import AloneDriver, AloneWay, Seen, speed_by_eye
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
+from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.types import Pose2
 
 ASKED_BEFORE_MS = 4_000
@@ -72,34 +74,43 @@ class PeerDriver:
         heard: Sequence[tuple[int, bytes]],
         wish: OwnWish | None,
         manual: bool = False,
-        is_free: Callable[[int], bool] = lambda spot: True,
-        seen: Seen | None = None,
+        sight: SpotSight | None = None,
     ) -> PeerSteps:
         """Return what follows from `map_from_base`, the goals left and the messages since the last step.
 
-        `is_free` tells whether the chair's own sensors see nothing in a spot; it is asked where the authority says so. `seen`:
-        the chair's eyes, by which it drives alone; without them it stands then.
+        `sight`: the chair's eyes, for spots that it has to see free before it enters them, and by which it drives alone; without
+        them it takes its order's word, and stands where there is none.
         """
         authority = self.authority
         tone = False
-        if authority.alone and seen is not None:
-            way = self._by_eye(now_ns // 1_000_000, wish, seen)
+        if authority.alone and sight is not None:
+            way = self._by_eye(now_ns // 1_000_000, wish, sight.seen(pose))
             chain, free, tone = way.chain, way.free, way.tone
         else:
             chain, free = authority.chain, len(authority.spots)
-            if authority.look:
-                free = next((k for k, spot in enumerate(authority.spots) if not is_free(spot)), free)
+            if authority.look and sight is not None:
+                free = next((k for k, spot in enumerate(authority.spots) if not sight.is_free(spot)), free)
         order = seen_order(self._ways, self.peer.number, self.entered, self._visit, chain, free)
         self._spots |= {self._visit + k: spot for k, spot in enumerate(chain, start=1)}
         driven = self.driver.step(order, pose, now_ns // 1_000_000, goals_left, authority.sentence)
-        if authority.alone and driven.goals:
-            driven = replace(driven, bars=(*driven.bars, *slow_zones(self._ways, (*self.entered, *chain))))
+        if authority.alone:
+            speed = speed_by_eye(self._ways, (*self.entered, *chain[:free]))
+            driven = replace(driven, authority=replace(driven.authority, speed=speed))
         self._visit, self._behind = driven.report.visits, driven.report.behind
         self._spots = {visit: spot for visit, spot in self._spots.items() if visit >= self._visit - self._behind}
         wants = 0
         if wish is not None and driven.report.ready_in_ms <= ASKED_BEFORE_MS:
             wants = max(self.driver.wanted, 1)
-        own = Own(self.entered, self._visit, driven.report.ready_in_ms, wants, wish, manual, blocked=self._shut)
+        own = Own(
+            self.entered,
+            self._visit,
+            driven.report.ready_in_ms,
+            wants,
+            wish,
+            manual,
+            place=Place(x_mm=round(1e3 * pose.x), y_mm=round(1e3 * pose.y), heading_mrad=round(1e3 * pose.theta)),
+            blocked=self._shut,
+        )
         self._shut = {}
         step = self.peer.step(now_ns, own, heard)
         self.authority = step.authority

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import import_module
 
 from waychair.calibration.chair_body import CHAIR_A
@@ -12,6 +13,7 @@ from waychair.planning.fleet.peers.election import ranked
 from waychair.planning.fleet.peers.messages import building_of
 from waychair.planning.fleet.peers.peer import Fleet, Own, Peer, Step
 from waychair.planning.fleet.ways import ways_of
+from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_geometry import drivable
 from waychair.runtime.fleet.fleet_file import FleetFile
 from waychair.runtime.fleet.zenoh_transport import ZenohTransport
@@ -68,14 +70,14 @@ def serve(
     them, to speak and hear beside the peer.
 
     Raises:
-        FleetError: the network cannot be joined.
+        FleetError: the network cannot be joined, or the log not be opened.
         TrafficError: the building's traffic graph is missing or damaged.
         MissingExtra: the extra [fleet] is not installed.
     """
     fleet = fleet_of(file)
     if file.number in ranked(fleet.district, fleet.numbers)[:LOADED_AT_ONCE]:
         import_module("waychair.planning.fleet.peers.networked_warden")
-    peer = Peer(fleet, file.number, new_boot())
+    peer, log = Peer(fleet, file.number, new_boot()), None if file.log is None else AuditFile(file.log)
     transport = ZenohTransport(file, fleet.building, lan, mode)
     try:
         while not stopped():
@@ -83,8 +85,11 @@ def serve(
             step = peer.step(now_ns, own(), heard)
             for to, kind, data in step.send:
                 transport.send(to, kind, data)
-            told(step)
+            said = "" if log is None else log.add(step.records, now_ns)
+            told(replace(step, notices=(*step.notices, said)) if said else step)
             beside(now_ns, [*heard, *((file.number, data) for to, _, data in step.send if to is None)], transport)
             transport.wait(STEP_S)
     finally:
         transport.close()
+        if log is not None:
+            log.close()

@@ -29,6 +29,7 @@ from waychair.planning.fleet.ways import Ways, ways_of
 from waychair.runtime.chair import Chair, ChairSettings, ChairState
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.chain_geometry import drivable
+from waychair.runtime.fleet.shut_ways import ShutWays
 from waychair.simulation.fleet import ChairPlan, FleetSimulator
 from waychair.simulation.plan.world import World
 from waychair.simulation.scene.seeds import chair_seed
@@ -52,17 +53,8 @@ LOCKED_UP_S = 300.0
 AGAIN_AFTER_S = 5.0
 """s; a rider whose drive ended before its goal asks again so much later."""
 
-MOST_TRIES = 5
-"""Times that a rider asks again for goals whose drives ended early."""
-
-CHAIR_AHEAD = 8.0
-"""m; with another chair so near, a chair that does not get on waits for that chair."""
-
-BLOCKED_AFTER_MS, UNPLANNED_AFTER_MS, BLOCKED_FOR_MS = 2_000, 8_000, 120_000
-"""ms that a chair stands before a way counts as closed, the same without a first plan, and for how long it is closed."""
-
-NO_WAY_ROUND_MS = 40_000
-"""ms that a chair stands before a section without a way round it: mostly for people, who go on by themselves."""
+MOST_TRIES, TRIED_WITHIN = 5, 1.0
+"""Times that a rider asks again while no drive gets the chair farther than so many metres."""
 
 _MOVES = 0.02
 """m/s or rad/s; a slower chair stands."""
@@ -217,7 +209,8 @@ class Rider:
         self._course: tuple[Goal, ...] = ()
         self._left = 0
         self._again_ms: int | None = None
-        self._stuck_ms: int | None = None
+        self._tries: tuple[int, Pose2] = (0, Pose2())  # that have ended early, and where the first of them did
+        self._shut = ShutWays(driver)
 
     @property
     def done(self) -> bool:
@@ -266,31 +259,22 @@ class Rider:
             self._ask_again(now_ms)
 
     def blocked(self, now_ms: int, others: Sequence[Pose2]) -> dict[str, int]:
-        """Return the section before which the chair stands for something that is no chair, with the time it counts [ms]."""
-        stage = self.chair.navigator.stage
-        shut = stage is Stage.WAITING and self.state is not None and self.state.navigation.path is None
-        if self.state is None or not (shut or stage is Stage.OFFERING) or self.held:
-            self._stuck_ms = None
+        """Return the section that the chair finds shut; see `ShutWays.step`."""
+        if self.state is None:
             return {}
-        here = self.state.map_from_base
-        if any(math.dist((here.x, here.y), (other.x, other.y)) < CHAIR_AHEAD for other in others):
-            self._stuck_ms = None
-            return {}
-        self._stuck_ms = now_ms if self._stuck_ms is None else self._stuck_ms
-        section = self.driver.section_ahead()
-        patience_ms = BLOCKED_AFTER_MS if self.state.navigation.plans else UNPLANNED_AFTER_MS
-        if section is None or not self.driver.has_way_round(section):
-            patience_ms = NO_WAY_ROUND_MS
-        if now_ms - self._stuck_ms < patience_ms:
-            return {}
-        self._stuck_ms = None  # the way from here is another one now
-        return {} if section is None else {section: BLOCKED_FOR_MS}
+        return self._shut.step(now_ms, self.state.navigation, self.state.map_from_base, self.held, others)
 
     def _ask_again(self, now_ms: int) -> None:
+        """Ask again after a while, once the chair is ready; not for ever at one place."""
+        assert self.state is not None
+        here, (tries, there) = self.state.map_from_base, self._tries
         if self._again_ms is None:
             self.run.ends.append(self.chair.navigator.reason)
             self._again_ms = now_ms + round(1e3 * AGAIN_AFTER_S)
-        elif now_ms >= self._again_ms and self.run.again < MOST_TRIES:
+            if math.dist((here.x, here.y), (there.x, there.y)) > TRIED_WITHIN:
+                self._tries = 0, here
+        elif now_ms >= self._again_ms and self.chair.ready and tries < MOST_TRIES:
+            self._tries = tries + 1, there
             self.run.again += 1
             self._set_off()
             self._again_ms = None

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from waychair.firmware_bridge.protocol import HelloReply
-from waychair.geometry import transform_points
 from waychair.planning.fleet.peers.messages import building_of
 from waychair.planning.fleet.peers.peer import Fleet, OwnWish, Peer
 from waychair.planning.fleet.rules import Priority
@@ -15,20 +12,14 @@ from waychair.planning.fleet.waits import Reason, Wait
 from waychair.planning.fleet.ways import Ways
 from waychair.runtime.chair import Chair, ChairState
 from waychair.runtime.drive_base import ChairMessage
-from waychair.runtime.fleet.alone_driving import Seen
 from waychair.runtime.fleet.peer_driving import PeerDriver
 from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.simulation.network import NetworkFaults, SeededNetwork
-from waychair.slam.scan.scan_points import beam_ends
 from waychair.trials.fleet.fleet_drive import CLEARING_MS, FleetScene, Keeper, Rider
-from waychair.types import FloatArray, Goal, Pose2, Scan
+from waychair.types import Goal, Scan
 
 _FIRST_BOOT = 1_000
 """Boots of the peers are numbers from here on; in life they are random."""
-
-
-_SEES = 14.0
-"""m in which a chair's scan counts; ten of single file have to be seen free, from where it waits before them."""
 
 Cut = Callable[[int, SeededNetwork], None]
 """Changes the network before each step of the peers, at a time [ms]."""
@@ -58,30 +49,20 @@ def over_network(
     return keeper
 
 
-class ScanWatch:
-    """The last scan of a chair, and its pose then."""
+class SightWatch:
+    """A chair's sight of the spots of its building, with each scan of it."""
 
-    def __init__(self, chair: Chair, base_from_laser: Pose2) -> None:
-        self._base_from_laser = base_from_laser
-        self._scan: Scan | None = None
-        self._pose = Pose2()
+    def __init__(self, chair: Chair, sight: SpotSight) -> None:
+        self.sight = sight
         chair.add_watcher(self)
 
     def note_request(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         """See `ChairWatcher`."""
 
     def note_tick(self, heard: tuple[ChairMessage, ...], state: ChairState, board: HelloReply | None) -> None:
-        """Keep the scan of a tick, if there was one."""
-        scans = [each for each in heard if isinstance(each, Scan)]
-        if scans:
-            self._scan, self._pose = scans[-1], state.map_from_base
-
-    def points(self) -> FloatArray:
-        """Return the points (N, 2) [m] in map."""
-        if self._scan is None:
-            return np.empty((0, 2))
-        ends, valid = beam_ends(self._scan, self._base_from_laser, _SEES)
-        return transform_points(self._pose, ends[valid])
+        """Look at the scan of a tick, if there was one."""
+        for scan in [each for each in heard if isinstance(each, Scan)][-1:]:
+            self.sight.look(scan, state.map_from_base)
 
 
 class NetworkedRiders:
@@ -100,8 +81,9 @@ class NetworkedRiders:
             for rider in riders
         }
         self.notices: list[str] = []
-        self._sight, self._nose = SpotSight(ways, scene.mapped), scene.body.front
-        self._scans = {rider.number: ScanWatch(rider.chair, scene.body.base_from_laser) for rider in riders}
+        self._sights = {
+            rider.number: SightWatch(rider.chair, SpotSight(ways, scene.mapped, scene.body)).sight for rider in riders
+        }
         self._ways = ways
         self._wishes: dict[int, OwnWish] = {}
         self._numbers = iter(range(1, 1 << 30))
@@ -117,15 +99,13 @@ class NetworkedRiders:
             if request is not None:
                 self._wishes[number] = OwnWish(request.number, request.goal, request.priority, clock_ns)
             assert rider.state is not None
-            seen = self._seen(number, rider.state.map_from_base) if driver.authority.look else None
             steps = driver.step(
                 clock_ns,
                 rider.state.map_from_base,
                 rider.count_goals(),
                 self.network.received(now_ns, number),
                 self._wishes.get(number),
-                is_free=self._is_free(seen),
-                seen=seen,
+                sight=self._sights[number],
             )
             rider.line = steps.driven.authority.line
             rider.chair.navigator.granted.authority = steps.driven.authority
@@ -154,16 +134,6 @@ class NetworkedRiders:
     def wishes(self, number: int) -> bool:
         """Return whether a chair has a goal."""
         return number in self._wishes
-
-    def _seen(self, number: int, pose: Pose2) -> Seen:
-        """Return what a chair's own scan shows."""
-        things = self._sight.things(self._scans[number].points())
-        return Seen(pose, self._sight.taken(things), things, self._nose)
-
-    def _is_free(self, seen: Seen | None) -> Callable[[int], bool]:
-        """Return whether a chair sees nobody in a spot."""
-        taken = frozenset() if seen is None else seen.taken
-        return lambda spot: int(self._ways.resource[spot]) not in taken
 
     def _wait(self, number: int) -> Wait | None:
         """Return the wait that a chair's peer tells."""

@@ -115,6 +115,16 @@ def test_a_lidar_that_becomes_slow_in_a_drive_ends_it_by_name_and_a_recovered_on
         assert ride.chair.ready
 
 
+def test_a_lidar_that_was_silent_for_seconds_is_not_called_slow_once_it_is_back() -> None:
+    with Ride() as ride:
+        ride.drive()
+        ride.change = lambda messages: tuple(each for each in messages if not isinstance(each, Scan))
+        assert "lidar_stale" in stops(ride.tick(80))
+        ride.change = lambda messages: messages
+        assert all("lidar_slow" not in stops(ride.tick()) for _ in range(100))
+        assert ride.chair.ready
+
+
 def test_scans_and_wheels_late_alike_are_the_computers_fault_and_not_a_cables() -> None:
     with Ride() as ride:
         ride.change = delayed(5, (Scan, WheelTicks))

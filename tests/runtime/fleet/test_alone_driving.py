@@ -6,14 +6,13 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from waychair.calibration.chair_body import CHAIR_A
-from waychair.maps.drawn.zones import Rule
-from waychair.maps.grid.cells import occupied_points
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
 from waychair.planning.fleet.peers.alone import ALONE_SPEED, SEEN_AHEAD
 from waychair.planning.fleet.ways import ways_of
-from waychair.runtime.fleet.alone_driving import FACES_MS, LETS_PASS_MS, AloneDriver, Seen, slow_zones
+from waychair.runtime.fleet.alone_driving import FACES_MS, LETS_PASS_MS, AloneDriver, Seen, speed_by_eye
 from waychair.runtime.fleet.chain_geometry import drivable
 from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.simulation.plan.corridor_world import corridor_world
@@ -23,7 +22,7 @@ PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
 GRAPH = corridor_graph(PLAN, 1.2, rooms=True)
 WAYS = drivable(ways_of(GRAPH, 0.45), CHAIR_A)
 WORLD = corridor_world(PLAN, 1.2, rooms=True)
-SIGHT = SpotSight(WAYS, WORLD.grid)
+SIGHT = SpotSight(WAYS, WORLD.grid, CHAIR_A)
 ROOMS = [refuge.name for refuge in GRAPH.refuges]
 AT_HOME = Pose2(3.0, 1.0, 0.0)
 
@@ -34,7 +33,7 @@ def _thing(x: float, y: float = 3.0) -> FloatArray:
 
 
 def _seen(things: FloatArray, pose: Pose2 = AT_HOME) -> Seen:
-    return Seen(pose, SIGHT.taken(things), things)
+    return Seen(pose, SIGHT.taken_by(things), things)
 
 
 NOTHING = np.empty((0, 2))
@@ -58,17 +57,13 @@ def _way() -> tuple[int, ...]:
     return AloneDriver(WAYS).step(0, HOME, GOAL, _seen(NOTHING)).chain
 
 
-def test_a_thing_on_no_map_takes_the_section_in_which_it_stands_and_walls_take_none() -> None:
-    names = {
-        WAYS.names[spot] for spot in range(len(WAYS.names)) if int(WAYS.resource[spot]) in SIGHT.taken(_thing(15.3))
-    }
+def test_a_thing_takes_the_section_in_which_it_stands() -> None:
+    taken = SIGHT.taken_by(_thing(15.3))
+    names = {WAYS.names[spot] for spot in range(len(WAYS.names)) if int(WAYS.resource[spot]) in taken}
     assert names
     for name in names & set(GRAPH.section):
         section = GRAPH.section[name]
         assert min(GRAPH.node[section.start].x, GRAPH.node[section.end].x) <= 15.4
-    walls = occupied_points(WORLD.grid) + 0.1
-    assert len(SIGHT.things(walls)) == 0
-    assert len(SIGHT.things(_thing(15.3))) == 9
 
 
 def test_a_chair_alone_enters_only_where_it_sees_ten_metres_free() -> None:
@@ -85,10 +80,14 @@ def test_a_chair_alone_enters_only_where_it_sees_ten_metres_free() -> None:
 
 
 def test_in_single_file_it_drives_slowly() -> None:
-    zones = slow_zones(WAYS, _way())
-    assert zones
-    assert all(zone.rule is Rule.SLOW and zone.value == ALONE_SPEED for zone in zones)
-    assert all(len(zone.polygon) >= 4 for zone in zones)
+    wide = drivable(ways_of(corridor_graph(PLAN, 1.8, rooms=True), 0.45), CHAIR_A)
+    assert speed_by_eye(WAYS, _way()) == ALONE_SPEED
+    assert speed_by_eye(WAYS, (HOME,)) == math.inf
+    corridor = [
+        spot for spot in range(len(wide.names)) if (s := wide.graph.section.get(wide.names[spot])) and s.lanes == 2
+    ]
+    assert corridor
+    assert speed_by_eye(wide, corridor) == math.inf
 
 
 def test_of_two_chairs_that_see_each_other_in_a_run_exactly_one_backs_out_and_once() -> None:
@@ -116,3 +115,17 @@ def test_a_chair_that_still_drives_faces_nobody() -> None:
         pose = Pose2(8.0 + 5e-5 * now_ms, 3.0, 0.0)
         driver.step(now_ms, front, GOAL, replace(_seen(_thing(18.0), pose), nose=NOSE))
     assert driver.retreats == 0
+
+
+@pytest.mark.parametrize(("x", "heading", "goal"), [(9.0, 0.0, GOAL), (19.5, math.pi, START)], ids=["west", "east"])
+def test_a_chair_whose_goal_is_taken_backs_out_on_either_side(x: float, heading: float, goal: str) -> None:
+    """Whoever stands in its goal leaves it only past this chair."""
+    driver = AloneDriver(WAYS)
+    way = AloneDriver(WAYS).step(0, WAYS.slots[START if goal == GOAL else GOAL][0], goal, _seen(NOTHING)).chain
+    front = _section_at(way, x)
+    place = GRAPH.node[GRAPH.refuge[goal].node]
+    things = np.concatenate([_thing(x + math.copysign(5.0, math.cos(heading))), _thing(place.x, place.y)])
+    for now_ms in range(0, 2 * FACES_MS, 100):
+        driver.step(now_ms, front, goal, replace(_seen(things, Pose2(x, 3.0, heading)), nose=NOSE))
+    assert driver.retreats == 1
+    assert WAYS.names[driver._chain[-1]] != goal

@@ -31,7 +31,7 @@ def until(fleet: LiveFleet, holds: Callable[[], bool]) -> None:
 def test_chairs_reach_goals_though_a_chair_and_the_world_are_killed(tmp_path: Path) -> None:
     with LiveFleet(tmp_path, new_plan(tmp_path, "T", 2, 0)) as fleet:
         record = fleet.record
-        until(fleet, lambda: record.moment is not None and any(record.moment.moving))
+        until(fleet, lambda: record.is_moving)
         for name in ("chair 1", "world"):
             before = sum(chair.metres for chair in record.run.chairs)
             os.kill(fleet.pids[name], signal.SIGKILL)

@@ -25,10 +25,11 @@ from waychair.files import write_json
 from waychair.firmware_bridge.transports import Reconnecting
 from waychair.garbage import present_left_out
 from waychair.runtime.chair import Chair
+from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver
 from waychair.runtime.fleet.fleet_member import FleetMember, MemberStep
-from waychair.runtime.fleet.lidar_sight import LidarSight
 from waychair.runtime.fleet.peer_process import clock_ns, fleet_of, new_boot
+from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.runtime.fleet.zenoh_transport import LocalBus, ZenohTransport
 from waychair.runtime.processes import CANNOT_START, beats, signalled
 from waychair.trials.drive import BEAT_NS, TICK_NS, DriveSetup, calibration_of
@@ -151,7 +152,8 @@ class LiveChair:
         self.number = number
         self._put = put
         index = number - 1
-        fleet = fleet_of(fleet_file(folder, number))
+        file = fleet_file(folder, number)
+        fleet, log = fleet_of(file), None if file.log is None else AuditFile(file.log)
         self._goals = scene.goals[index]
         self.progress = _progress(folder / f"chair{number}.json", len(self._goals))
         start = self.progress.pose or scene.places[scene.starts[index]].pose
@@ -170,10 +172,10 @@ class LiveChair:
         )
         driver = ChainDriver(fleet.ways, number, scene.body, dict(scene.places))
         entered = self.progress.entered or scene.starts[index]
-        self.member = FleetMember(fleet, number, new_boot(), driver, entered, transport)
+        self.member = FleetMember(fleet, number, new_boot(), driver, entered, transport, log)
         left = self._goals[self.progress.run.reached :]
         self.rider = Rider(number, self.chair, setup, driver, left, self.progress.run)
-        self._sight = LidarSight(fleet.ways, scene.mapped, scene.body.base_from_laser)
+        self._sight = SpotSight(fleet.ways, scene.mapped, scene.body)
         self._clock = _Clock()
         self._heard: list[SensorMessage] = []
         self._last: MemberStep | None = None
@@ -249,7 +251,13 @@ class LiveChair:
         request = rider.wish(now_ms, self._numbers)
         if request is not None:
             self.member.want(request.goal, now_ns, request.priority)
-        step = self.member.step(now_ns, rider.state.map_from_base, rider.count_goals(), is_free=self._sight.is_free)
+        step = self.member.step(
+            now_ns,
+            rider.state.map_from_base,
+            rider.count_goals(),
+            sight=self._sight,
+            navigation=rider.state.navigation,
+        )
         rider.line = step.driven.authority.line
         self.chair.navigator.granted.authority = step.driven.authority
         rider.keep_on_chain(step.driven)
@@ -290,6 +298,8 @@ class LiveChair:
             waits,
             len(self.member.driver.authority.spots),
             0 if peer.allegiance.term is None else peer.allegiance.term.warden,
+            self.member.driver.authority.alone,
+            self.member.driver.alone.retreats,
             list(measures.answers_ms),
             list(measures.ages_ms),
             list(self._notices),

@@ -27,7 +27,7 @@ from waychair.runtime.fleet.zenoh_transport import LocalBus
 from waychair.runtime.processes import Process, Supervision
 from waychair.trials.fleet.fleet_demo import FleetView, chair_view
 from waychair.trials.fleet.fleet_drive import LOCKED_UP_S, ChairRun, FleetRun, FleetScene, beyond
-from waychair.trials.fleet.live.live_plan import ROUTER, LivePlan
+from waychair.trials.fleet.live.live_plan import LivePlan
 from waychair.trials.fleet.live.wire import ChairWord, WorldMoment, decoded
 from waychair.types import FloatArray, Pose2
 
@@ -102,6 +102,11 @@ class LiveRecord:
         word = self.words.get(number)
         return None if word is None or word.line is None else np.array(word.line)
 
+    @property
+    def is_moving(self) -> bool:
+        """Whether any chair moves."""
+        return self.moment is not None and any(self.moment.moving)
+
     def is_silent(self, number: int) -> bool:
         """Return whether a chair's process has said nothing for long."""
         return time.monotonic() - self.heard_s.get(number, -np.inf) > SILENT_S
@@ -159,7 +164,9 @@ class LiveFleet:
         more: Sequence[Process] = (),
         environment: Mapping[str, str] | None = None,
     ) -> None:
-        """`more`: further processes, such as the staff's desk; `report` receives a sentence when one ends or begins."""
+        """`more`: further processes, such as the staff's desk or the router of a routed plan; `report` receives a sentence when
+        one ends or begins.
+        """
         scene = plan.scene()
         self.folder, self.plan = folder, plan
         self.record = LiveRecord(scene, FleetRun([ChairRun(len(goals)) for goals in scene.goals]))
@@ -167,8 +174,6 @@ class LiveFleet:
         self._report = report
         here = "waychair.trials.fleet.live"
         table = [Process("world", f"{here}.world_process", (str(folder),))]
-        if plan.routed:
-            table.append(Process("router", f"{here}.voter_process", (str(folder), str(ROUTER))))
         table += [
             Process(f"chair {number}", f"{here}.chair_process", (str(folder), str(number))) for number in plan.numbers
         ]

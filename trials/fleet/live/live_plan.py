@@ -115,7 +115,7 @@ def _fleet_yaml(plan: LivePlan, number: int, others: Sequence[int]) -> str:
     ends = ", ".join(f"tcp/127.0.0.1:{plan.ports[str(each)]}" for each in others)
     return (
         f"building: building.traffic\nnumber: {number}\nchairs: {list(plan.numbers)}\nvoters: {list(plan.voters)}\n"
-        f"endpoints: [{ends}]\nlisten: tcp/127.0.0.1:{plan.ports[str(number)]}\n"
+        f"endpoints: [{ends}]\nlisten: tcp/127.0.0.1:{plan.ports[str(number)]}\nlog: waits{number}.jsonl\n"
     )
 
 

@@ -80,6 +80,8 @@ class ChairWord(Struct, frozen=True, array_like=True):
         waits: other chair (-1: none), place, rule and foreseen ms (-1: unknown) of its wait; None if it waits for nobody.
         may_enter: spots ahead that it may enter.
         warden: the chair that it follows; 0: none.
+        alone: it drives by its own eyes alone.
+        backed_out: how often it has backed out for another chair that it cannot hear.
         answers_ms: times from its requests to their first answers since the last word.
         ages_ms: ages of the others' last States at its steps since the last word.
         notices: sentences for people.
@@ -97,6 +99,8 @@ class ChairWord(Struct, frozen=True, array_like=True):
     waits: tuple[int, str, str, int] | None = None
     may_enter: int = 0
     warden: int = 0
+    alone: bool = False
+    backed_out: int = 0
     answers_ms: list[float] = []
     ages_ms: list[float] = []
     notices: list[str] = []

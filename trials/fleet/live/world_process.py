@@ -152,11 +152,11 @@ def serve(folder: Path) -> None:
         world = LiveWorld(simulator, lines, bus, int.from_bytes(os.urandom(6), "big"), since_ns)
         begins_by_s = time.monotonic() + (BEGINS_AGAIN_S if since_ns else BEGINS_S)
         while not stopped():
+            if beat is not None:
+                beat()  # also while it waits for its chairs
             wake.clear()
             world.hear()
             if time.monotonic() < begins_by_s and any(line.heard_s == -math.inf for line in lines):
-                if beat is not None:
-                    beat()
                 wake.wait(0.1)
                 continue
             begins_by_s = 0.0
@@ -168,8 +168,6 @@ def serve(folder: Path) -> None:
                 moment = world.moment()
                 bus.put("moment", encoded(moment))
                 write_json(folder / _SAVED, {"poses": moment.poses, "now_ns": moment.now_ns}, lasting=False)
-                if beat is not None:
-                    beat()
             world.pacer.pace(simulator.now_ns)
 
 

@@ -10,7 +10,7 @@ import pytest
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.maps.traffic.corridors import CorridorPlan, corridor_graph
 from waychair.planning.fleet.ways import ways_of
-from waychair.runtime.fleet.lidar_sight import LidarSight
+from waychair.runtime.fleet.spot_sight import SpotSight
 from waychair.simulation.plan.corridor_world import corridor_world
 from waychair.types import FloatArray, Pose2, Scan
 
@@ -42,7 +42,7 @@ def scan_along(things: FloatArray, reach: float = 12.0) -> Scan:
 
 def spot_ahead() -> int:
     """Return the spot of the section east of the chair, eastwards."""
-    sight = LidarSight(WAYS, GRID, CHAIR_A.base_from_laser)
+    sight = SpotSight(WAYS, GRID, CHAIR_A)
     ahead = [
         spot
         for spot, place in enumerate(sight._places)
@@ -65,8 +65,9 @@ def spot_ahead() -> int:
 def test_a_section_is_free_where_the_lidar_looks_into_it_and_sees_nothing_but_the_map(
     things: FloatArray, reach: float, free: bool
 ) -> None:
-    sight = LidarSight(WAYS, GRID, CHAIR_A.base_from_laser)
+    sight = SpotSight(WAYS, GRID, CHAIR_A)
     spot = spot_ahead()
     assert not sight.is_free(spot)
     sight.look(scan_along(things, reach), AT)
     assert sight.is_free(spot) is free
+    assert (int(WAYS.resource[spot]) in sight.taken) == (not free and reach > 0.0)
