@@ -45,6 +45,8 @@ class PeerDriver:
         self.authority = SpotAuthority()
         self.waits = False
         """Whether it may not go on to the next place where it disturbs nobody by waiting."""
+        self.parked = False
+        """Whether its owner is about to switch it off."""
         self.alone = AloneDriver(ways)
         self._ways = ways
         spots = (ways.slots[start][0],) if isinstance(start, str) else tuple(start)
@@ -108,7 +110,8 @@ class PeerDriver:
             wants,
             wish,
             manual,
-            place=Place(x_mm=round(1e3 * pose.x), y_mm=round(1e3 * pose.y), heading_mrad=round(1e3 * pose.theta)),
+            self.parked and len(self.entered) == 1 and bool(self._ways.at_home[self.entered[0]]),
+            Place(x_mm=round(1e3 * pose.x), y_mm=round(1e3 * pose.y), heading_mrad=round(1e3 * pose.theta)),
             blocked=self._shut,
         )
         self._shut = {}
