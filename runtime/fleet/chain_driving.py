@@ -99,6 +99,16 @@ class ChainDriver:
         self._ahead, self._chain, self._goals = (), None, ()
 
     @property
+    def chain(self) -> Chain | None:
+        """The chair's chain on the floor, from the spots in which it is; None before the first step."""
+        return self._chain
+
+    @property
+    def way(self) -> float:
+        """The way [m] of the chair's middle along its chain."""
+        return self._way
+
+    @property
     def arrived(self) -> bool:
         """Whether the chair has entered all its spots and left all others."""
         return len(self._ahead) < 2 and not self._behind
