@@ -1,6 +1,6 @@
 """The rider's page of chairs that wait for each other: the sentence is there soon after a wait begins, and gone soon after it ends.
 
-Three chairs on the lines of a plan go from room to room in real time; each has the real page in Chromium, beside one simulated chair
+Four chairs on the lines of a corridor go from room to room in real time; each has the real page in Chromium, beside one simulated chair
 for all else that the page shows. `FLEET_PAGE_WAITS=20` takes fewer waits.
 """
 
@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from waychair.maps.traffic.corridors import load_corridors
+from waychair.maps.traffic.corridors import CorridorPlan
 from waychair.runtime.chair_port import ChairView
 from waychair.trials.fleet.fleet_on_lines import STEP_NS, ChairsOnLines
 from waychair.trials.live_chair import LiveChair
@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 WAITS = int(os.environ.get("FLEET_PAGE_WAITS", "100"))
-CHAIRS = 3
-PLAN = "T"
+CHAIRS = 4
+PLAN = CorridorPlan("straight", (30.0, 6.0), ((3.0, 3.0, 27.0, 3.0),))
+"""One corridor with nine rooms, in which chairs often wait for each other."""
 
 WITHIN_S = 0.5
 OFF_S, OFF_SHARE = 5.0, 0.25
@@ -89,7 +90,7 @@ class _World(threading.Thread):
     def __init__(self, ports: dict[int, _ChairAmongOthers]) -> None:
         super().__init__(daemon=True)
         self._ports = ports
-        self._chairs = ChairsOnLines(load_corridors(PLAN), CHAIRS, seed=0)
+        self._chairs = ChairsOnLines(PLAN, CHAIRS, seed=0)
         self._ends = threading.Event()
         self.waits: dict[int, list[PageWait]] = {number: [] for number in ports}
 

@@ -40,6 +40,9 @@ AGAIN_NS = 400_000_000
 ORDER_NS = 1_000_000_000
 """The order is told so often."""
 
+STANDS_MS = 2_000
+"""ms from the end of its spot within which a chair stands that may not enter all that it wants: its refuge is longer than it."""
+
 _NUMBERS = 1 << 32
 
 
@@ -273,6 +276,8 @@ def _report(order: Order, number: int, each: Known) -> Report:
         free = k
     visits = chain.visit + free
     rear = state.visit - len(state.entered) + 1
+    if state.wants > visits - state.visit and state.ready_ms <= STANDS_MS:
+        return Report(number, visits, max(visits - rear, 0))  # it stands, and would go on at once
     passing = sum(int(order.ways.passing_ms[spot]) for spot in chain.spots[1 : free + 1])
     ahead = sum(int(order.ways.passing_ms[spot]) for visit, spot in chain.behind if visit > state.visit)
     if chain.visit > state.visit:

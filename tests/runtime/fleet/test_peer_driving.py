@@ -109,17 +109,19 @@ def test_a_chair_with_nobody_about_leaves_its_room_at_once_and_stands_nowhere() 
     assert longest * STEP_NS <= 1e9
 
 
-def test_a_chair_that_waits_for_the_end_of_its_way_to_a_place_for_waiting_tells_why() -> None:
-    points = _Points({1: ROOMS[0], 2: ROOMS[-1]}, NetworkFaults())
+def test_a_chair_that_stands_for_another_one_says_for_whom_all_the_time() -> None:
+    points = _Points({1: ROOMS[0], 2: ROOMS[1]}, NetworkFaults())
     for _ in range(60):
         points.step()
-    points.wishes = {1: OwnWish(1, ROOMS[-1], 0, points.now_ns), 2: OwnWish(1, ROOMS[0], 0, points.now_ns)}
-    told: set[int] = set()
-    while len(told) == 0 and points.now_ns < 10**10 + 120 * 10**9:
+    points.wishes = {1: OwnWish(1, ROOMS[-1], 0, points.now_ns), 2: OwnWish(1, ROOMS[-2], 0, points.now_ns)}
+    without, told = dict.fromkeys(points.chairs, 0), 0
+    for _ in range(130):
         before = dict(points.poses)
         points.step()
         for k, chair in points.chairs.items():
-            if chair.waits and chair.authority.sentence and points.poses[k] == before[k]:
-                told |= set(chair.authority.others)
-                assert f"chair {3 - k}" in chair.authority.sentence
-    assert told
+            stands = points.poses[k] == before[k]
+            says = chair.waits and f"chair {3 - k}" in chair.authority.sentence
+            told += stands and says
+            without[k] = without[k] + 1 if stands and not says else 0
+            assert without[k] * STEP_NS <= 1e9
+    assert told * STEP_NS >= 2e9
