@@ -40,7 +40,7 @@ from evaluation.figures.driving import (
     situations,
     wrong_chairs,
 )
-from evaluation.figures.fleet import alone, drive, gap, grids, live, narrow, network, scale, tables
+from evaluation.figures.fleet import alone, drive, gap, grids, live, narrow, network, page, scale, tables
 from evaluation.figures.guiding import blind_doors, blind_hazards, skin
 from evaluation.figures.mapping import (
     appearance,
@@ -147,6 +147,7 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "fleet_delays": narrow.fleet_delays,
     "fleet_live": live.fleet_live,
     "fleet_network": network.fleet_network,
+    "fleet_page": page.fleet_page,
     "fleet_scale": scale.fleet_scale,
     "edges": hazards.edges,
     "glass_door": hazards.glass_door,

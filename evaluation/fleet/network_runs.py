@@ -14,11 +14,11 @@ import numpy as np
 
 from waychair.errors import WaychairError
 from waychair.maps.traffic.corridors import corridor_graph, load_corridors
-from waychair.planning.fleet.peers import alone, claims, election, networked_warden, peer
-from waychair.planning.fleet.peers.messages import ALONE, Letter, State
+from waychair.planning.fleet.peers import alone, claims, election, memory, networked_warden, peer
+from waychair.planning.fleet.peers.messages import ALONE, Electorate, Letter, State
 from waychair.planning.fleet.warden import Report
 from waychair.simulation.network import NetworkFaults
-from waychair.trials.fleet import fleet_networked
+from waychair.trials.fleet import fleet_networked, fleet_situations
 from waychair.trials.fleet.fleet_invariants import Invariants, storm, summary, troubles
 from waychair.trials.fleet.fleet_networked import TICK_MS, NetworkedChairs
 from waychair.trials.fleet.fleet_situations import SITUATIONS
@@ -200,7 +200,7 @@ def _authority_unseen(self: Any, now_ns: int, own: Any) -> Any:
 
 
 def _state_out_of_order(self: Any, letter: Letter, state: State, now_ns: int) -> None:
-    self._heard.known[letter.sender] = election.Known(letter.sender, letter.boot, letter.sent_ns, now_ns, state)
+    self.known[letter.sender] = election.Known(letter.sender, letter.boot, letter.sent_ns, now_ns, state)
 
 
 def _way_unseen(ways: Any, front: int, goal: str, taken: Any) -> tuple[int, ...]:
@@ -211,6 +211,31 @@ def _first_of_all(own: Any, before: Any, known: Any, now_ns: int) -> Any:
     """Every peer follows the first that it hears, at once, and forgets that it followed another one."""
     fresh = election.Allegiance(before.term if before.term and before.term.warden == own.number else None)
     return _right_followed(own, fresh, known, now_ns)
+
+
+def _electorate_at_once(own: Any, term: Any, known: Any, followed_by: Any) -> Any:
+    """All who are parked leave at once, and all who are back come, whoever knows the electorate before."""
+    away = {number for number, each in known.items() if each.state.parked}
+    members = tuple(sorted((set(own.electorate.members) | set(followed_by)) - away)) or own.electorate.members
+    if members == own.electorate.members and own.electorate.epoch == term.epoch:
+        return None
+    change = own.electorate.change + 1 if own.electorate.epoch == term.epoch else 0
+    return Electorate(term.epoch, change, members)
+
+
+def _followed_in_any_electorate(own: Any, before: Any, known: Any, now_ns: int) -> Any:
+    """Everybody counts as knowing the same electorate."""
+    version = own.electorate.version
+    abreast = {
+        number: replace(each, state=msgspec.structs.replace(each.state, electors=version))
+        for number, each in known.items()
+    }
+    return _right_followed(own, before, abreast, now_ns)
+
+
+def _peer_that_forgets(fleet: Any, number: int, boot: int, electorate: Any) -> peer.Peer:
+    """A peer begins with everybody each time it starts."""
+    return peer.Peer(fleet, number, boot)
 
 
 _right_report: Callable[..., Report] = networked_warden._report
@@ -227,12 +252,15 @@ MUTANTS = (
     Mutant("a peer follows one warden at a time", peer, "followed", _first_of_all),
     Mutant("no two wardens have one epoch", election, "standing", _next_epoch),
     Mutant("a warden that cannot be followed begins a new epoch", peer.Peer, "_is_passed", lambda self, now_ns: False),
+    Mutant("an electorate changes by one", networked_warden, "next_electorate", _electorate_at_once),
+    Mutant("nobody follows in an older electorate", peer, "followed", _followed_in_any_electorate),
+    Mutant("an electorate outlives a restart", fleet_situations, "Peer", _peer_that_forgets),
     Mutant("a chair enters first in its queue", networked_warden, "_report", _report_of_all),
     Mutant("a spot is taken until the rear has left", networked_warden, "_report", _report_without_rear),
     Mutant("a warden begins again from all that chairs hold", networked_warden, "kept", _kept_front),
     Mutant("a chair without order stays taken", networked_warden, "_with_closed", lambda office, state, now: state),
     Mutant("what was not entered is given back", peer.Peer, "_give_back", lambda self: None),
-    Mutant("an older State is nothing", peer.Peer, "_take_state", _state_out_of_order),
+    Mutant("an older State is nothing", memory.Heard, "take_state", _state_out_of_order),
     Mutant("a silent chair is missed", networked_warden, "SILENT_NS", 10**12),
     Mutant("a chair that misses another one looks", peer.Peer, "_authority", _authority_unseen),
     Mutant("alone mode is announced", peer.Peer, "_choose_mode", _alone_at_once),

@@ -17,7 +17,7 @@ from waychair.ros.nodes.navigator_node import NavigatorNode
 from waychair.ros.nodes.node import run_node
 from waychair.runtime.fleet.chair_fleet import joined_fleet
 from waychair.runtime.fleet.fleet_port import FleetPort
-from waychair.runtime.fleet.peer_process import clock_ns, new_boot
+from waychair.runtime.fleet.peer_process import PARKED_NS, STEP_S, clock_ns, new_boot
 from waychair.types import DriveMode, Goal, Pose2
 
 _STEP_HZ, _OTHERS_HZ = 10.0, 5.0
@@ -41,6 +41,7 @@ class FleetNavigatorNode(NavigatorNode):
         except FleetError as error:
             raise ConfigError(str(error)) from None
         self.at_end(self._joined.transport.close)
+        self.at_end(self._say_parked)
         self._boot = new_boot()
         self._tell_others = self.publisher(topics.OTHERS)
         self.every(_STEP_HZ, self._step_fleet)
@@ -87,6 +88,7 @@ class FleetNavigatorNode(NavigatorNode):
                     self._layout.places,
                     self._redraw,
                     self._joined.log,
+                    self._joined.memory,
                 )
             except FleetError as error:
                 self._trouble = str(error)
@@ -98,6 +100,16 @@ class FleetNavigatorNode(NavigatorNode):
         by_rider = state is not None and state.mode in _BY_RIDER and moves
         for said in self._port.step(clock_ns(), self.map_from_base(self.now_ns()), pilot, by_rider, self._navigation):
             self.get_logger().warning(said)
+
+    def _say_parked(self) -> None:
+        """Tell the others that the chair is about to be switched off."""
+        if self._port is None:
+            return
+        self._port.park()
+        ends_ns = clock_ns() + PARKED_NS
+        while clock_ns() < ends_ns:
+            self._step_fleet()
+            self._joined.transport.wait(STEP_S)
 
     def _answer_at_once(self) -> None:
         if self._joined.transport.is_urgent:

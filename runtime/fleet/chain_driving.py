@@ -79,6 +79,8 @@ class ChainDriver:
         self._spot_places: tuple[SpotPlace, ...] = spot_places(ways)
         self._rooms = node_rooms(ways.graph)
         self._rings = ring_sections(ways.graph)
+        ends = Counter(end for section in ways.graph.sections for end in (section.start, section.end))
+        self._dead_ends = {node for node in ways.graph.refuge_at if ends[node] == 1}
         self._visit = 0  # of the spot that the chair has entered last
         self._behind: list[int] = []  # spots that its rear has not left, the earliest first
         self._ahead: tuple[int, ...] = ()  # the spots of the present chain from the entered one on
@@ -97,9 +99,24 @@ class ChainDriver:
         self._ahead, self._chain, self._goals = (), None, ()
 
     @property
+    def chain(self) -> Chain | None:
+        """The chair's chain on the floor, from the spots in which it is; None before the first step."""
+        return self._chain
+
+    @property
+    def way(self) -> float:
+        """The way [m] of the chair's middle along its chain."""
+        return self._way
+
+    @property
     def arrived(self) -> bool:
         """Whether the chair has entered all its spots and left all others."""
         return len(self._ahead) < 2 and not self._behind
+
+    @property
+    def wanted(self) -> int:
+        """How many of the next spots lead to the first one in which the chair disturbs nobody by waiting; 0: no way ahead."""
+        return next((k for k in range(1, len(self._ahead)) if self._may_wait_in(k)), 0)
 
     def arrived_at(self, refuge: str) -> bool:
         """Return whether the chair has arrived at a refuge, not at another one where it waits for its way."""
@@ -223,16 +240,15 @@ class ChainDriver:
         assert self._chain is not None
         if front < self._chain.until[self._first] - CLAIMED_BEFORE or len(self._ahead) < 2:
             return False
-        free = self._free_ahead(order)
+        free, wanted = self._free_ahead(order), self.wanted
         if free == 0:
             return False
-        good = [k for k in range(1, free + 1) if self._may_wait_in(k)]
-        if not good:
+        if wanted > free:
             self._waits_since_ms = now_ms if self._waits_since_ms is None else self._waits_since_ms
             if now_ms - self._waits_since_ms < PATIENCE_MS and self._may_wait_in(0):
                 return False
-            good = [1]
-        for _ in range(good[0]):
+            wanted = 1
+        for _ in range(wanted):
             self._behind.append(self._ahead[0])
             self._ahead = self._ahead[1:]
             self._visit += 1
@@ -259,13 +275,9 @@ class ChainDriver:
         if place.section is None:
             return False
         section = self._ways.graph.section[place.section]
-        door = any(self._is_dead_end(end) for end in (section.start, section.end))
+        door = not self._dead_ends.isdisjoint((section.start, section.end))
         rooms = sum(self._rooms[end, section.name] for end in (section.start, section.end))
         return not door and section.length - rooms >= self._body.length
-
-    def _is_dead_end(self, node: str) -> bool:
-        ends = Counter(end for section in self._ways.graph.sections for end in (section.start, section.end))
-        return node in self._ways.graph.refuge_at and ends[node] == 1
 
     def _goals_of(self, spots: tuple[int, ...]) -> tuple[Goal, ...]:
         """Return the goals: refuges and nodes on the way at which the chair turns about, places to back out of, and the last."""

@@ -22,12 +22,15 @@ FLEET, LAN = "WAYCHAIR_FLEET", "WAYCHAIR_FLEET_LAN"
 
 
 class ChairFleet(NamedTuple):
-    """What a chair has of its fleet: what all know, its own number, its end of the network, and its log."""
+    """What a chair has of its fleet: what all know, its own number, its end of the network, its log, and the file in which it keeps
+    who is counted.
+    """
 
     fleet: Fleet
     number: int
     transport: ZenohTransport
     log: AuditFile | None
+    memory: Path | None
 
 
 def fleet_environment(path: Path, lan: bool) -> dict[str, str]:
@@ -56,7 +59,8 @@ def joined_fleet(environment: Mapping[str, str] = os.environ) -> ChairFleet:
     file = _chairs_file(Path(path))
     fleet = fleet_of(file)
     log = None if file.log is None else AuditFile(file.log)
-    return ChairFleet(fleet, file.number, ZenohTransport(file, fleet.building, lan=environment.get(LAN) == "1"), log)
+    transport = ZenohTransport(file, fleet.building, lan=environment.get(LAN) == "1")
+    return ChairFleet(fleet, file.number, transport, log, file.electorate)
 
 
 def _chairs_file(path: Path) -> FleetFile:

@@ -44,7 +44,10 @@ class _FleetYaml(msgspec.Struct, forbid_unknown_fields=True):
 
 @dataclass(frozen=True, slots=True)
 class FleetFile:
-    """See the module's example; `keys` and `log` are None where there are none."""
+    """See the module's example; `keys` and `log` are None where there are none.
+
+    `folder` is the one of the file itself; None for one that was never read.
+    """
 
     building: str
     number: int
@@ -54,6 +57,12 @@ class FleetFile:
     listen: str = ""
     keys: Path | None = None
     log: Path | None = None
+    folder: Path | None = None
+
+    @property
+    def electorate(self) -> Path | None:
+        """The file in which this peer keeps who is counted, see `electorate_file.py`; None: it is not kept."""
+        return None if self.folder is None else self.folder / f"electorate{self.number}.json"
 
     def name(self, number: int) -> str:
         """Return the name of a peer on the network and in its certificate."""
@@ -112,6 +121,7 @@ def load_fleet(path: Path) -> FleetFile:
         found.listen,
         path.parent / found.keys if found.keys else None,
         path.parent / found.log if found.log else None,
+        path.parent,
     )
     try:
         return checked_fleet(fleet)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Protocol
 
 from waychair.control.drive.navigation import Navigation
@@ -18,6 +19,7 @@ from waychair.runtime.chair_port import OthersView
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_driving import ChainDriver, Steps
 from waychair.runtime.fleet.desk.desk_messages import GIVEN_LAPSES_NS, TOLD, TOLD_NS, Given, Told, note_bytes, note_from
+from waychair.runtime.fleet.electorate_file import keep_electorate, kept_electorate
 from waychair.runtime.fleet.peer_driving import PeerDriver
 from waychair.runtime.fleet.shut_ways import ShutWays
 from waychair.runtime.fleet.spot_sight import SpotSight
@@ -77,13 +79,15 @@ class FleetMember:
         start: str | Sequence[int],
         transport: FleetTransport,
         log: AuditFile | None = None,
+        memory: Path | None = None,
     ) -> None:
         """`start`: the refuge in which the chair stands, or the spots in which it is, from its rear to its front.
 
-        `log` takes down what this chair decides while it is the warden.
+        `log` takes down what this chair decides while it is the warden; `memory` keeps who is counted, see `electorate_file.py`.
         """
-        self.driver = PeerDriver(fleet.ways, Peer(fleet, number, boot), driver, start)
-        self._shut, self._log = ShutWays(driver), log
+        peer = Peer(fleet, number, boot, electorate=kept_electorate(memory, fleet.numbers))
+        self.driver = PeerDriver(fleet.ways, peer, driver, start)
+        self._shut, self._log, self._memory = ShutWays(driver), log, memory
         self.measures = Measures()
         self._fleet = fleet
         self._transport = transport
@@ -127,6 +131,7 @@ class FleetMember:
         heard = self._transport.received()
         wish = None if self._wish is None else replace(self._wish, priority=int(self._priority(now_ns)))
         found = self.driver.step(now_ns, pose, goals_left, heard, wish, manual, sight)
+        said = [keep_electorate(self._memory, found.peer.electorate)]
         for to, kind, data in found.peer.send:
             self._transport.send(to, kind, data)
             if kind == "request" and self._asked_ns is None:
@@ -138,8 +143,12 @@ class FleetMember:
         self._tell(now_ns, wait, told)
         if navigation is not None and not manual:
             self._note_shut(now_ns, navigation, pose)
-        said = "" if self._log is None else self._log.add(found.peer.records, now_ns)
-        return MemberStep(found.driven, wait, told, (*found.peer.notices, *([said] if said else ())), found.tone)
+        said += [] if self._log is None else [self._log.add(found.peer.records, now_ns)]
+        return MemberStep(found.driven, wait, told, (*found.peer.notices, *filter(None, said)), found.tone)
+
+    def park(self) -> None:
+        """Say from now on that the chair is about to be switched off, if it stands in a refuge: the others count it no more."""
+        self.driver.parked = True
 
     def others(self, now_ns: int) -> OthersView:
         """Return the other chairs, and the present wait, for the rider's page."""
@@ -204,7 +213,7 @@ class FleetMember:
     def _wait(self, now_ns: int) -> Wait | None:
         """Return the wait that the chair's peer tells; none while the chair may go on."""
         authority, wish = self.driver.authority, self._wish
-        if wish is None or authority.spots or not authority.sentence or authority.alone:
+        if wish is None or not self.driver.waits or not authority.sentence or authority.alone:
             self._waits_since_ns = None
             return None
         self._waits_since_ns = now_ns if self._waits_since_ns is None else self._waits_since_ns

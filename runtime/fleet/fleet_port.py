@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 from waychair.calibration.chair_body import ChairBody
 from waychair.control.authority import FREE, Authority
@@ -64,8 +65,9 @@ class FleetPort:
         places: Mapping[str, Place],
         redraw: Redraw,
         log: AuditFile | None = None,
+        memory: Path | None = None,
     ) -> None:
-        """`grid` and `places`: the map's; `log`: see `FleetMember`.
+        """`grid` and `places`: the map's; `log`, `memory`: see `FleetMember`.
 
         Raises:
             FleetError: a place of the traffic graph is not on the map.
@@ -85,7 +87,7 @@ class FleetPort:
         self._sight = SpotSight(fleet.ways, grid, body)
         self._member: FleetMember | None = None
         self._drive: _Drive | None = None
-        self._redraw, self._log = redraw, log
+        self._redraw, self._log, self._memory = redraw, log, memory
         self._barred: frozenset[str] = frozenset()
 
     def see(self, scan: Scan, map_from_base: Pose2) -> None:
@@ -111,6 +113,11 @@ class FleetPort:
         self._drive = _Drive(min(near)[1])
         self._member.want(self._drive.refuge, now_ns)
 
+    def park(self) -> None:
+        """See `FleetMember.park`."""
+        if self._member is not None:
+            self._member.park()
+
     def step(
         self, now_ns: int, pose: Pose2 | None, pilot: Pilot, by_rider: bool, navigation: Navigation | None = None
     ) -> tuple[str, ...]:
@@ -127,7 +134,9 @@ class FleetPort:
             if not spots:
                 return ()
             driver = ChainDriver(self._fleet.ways, self._number, self._body, self._places)
-            member = FleetMember(self._fleet, self._number, self._boot, driver, spots, self._transport, self._log)
+            member = FleetMember(
+                self._fleet, self._number, self._boot, driver, spots, self._transport, self._log, self._memory
+            )
             self._member = member
         if by_rider and spots and spots != member.entered:
             member.driver.stand_in(spots)

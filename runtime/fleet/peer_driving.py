@@ -20,9 +20,6 @@ from waychair.types import Pose2
 ASKED_BEFORE_MS = 4_000
 """ms before the end of its spot at which a chair asks for the next ones: it brakes from 1.6 m before, at 0.45 m/s."""
 
-MOST_WANTED = 8
-"""Spots that a chair asks for at once: nobody waits at a node, so that it wants them up to a place for waiting."""
-
 _OTHERS = 0xFFFF
 """Stands for the other chair in a queue; who it is does not matter to the driver."""
 
@@ -46,6 +43,10 @@ class PeerDriver:
         """`start`: the refuge in which the chair stands, or the spots in which it is, from its rear to its front."""
         self.peer, self.driver = peer, driver
         self.authority = SpotAuthority()
+        self.waits = False
+        """Whether it may not go on to the next place where it disturbs nobody by waiting."""
+        self.parked = False
+        """Whether its owner is about to switch it off."""
         self.alone = AloneDriver(ways)
         self._ways = ways
         spots = (ways.slots[start][0],) if isinstance(start, str) else tuple(start)
@@ -101,7 +102,7 @@ class PeerDriver:
         self._spots = {visit: spot for visit, spot in self._spots.items() if visit >= self._visit - self._behind}
         wants = 0
         if wish is not None and driven.report.ready_in_ms <= ASKED_BEFORE_MS:
-            wants = self._wanted(chain[self._visit - order.chains[self.peer.number].visit :])
+            wants = max(self.driver.wanted, 1)
         own = Own(
             self.entered,
             self._visit,
@@ -109,12 +110,14 @@ class PeerDriver:
             wants,
             wish,
             manual,
-            place=Place(x_mm=round(1e3 * pose.x), y_mm=round(1e3 * pose.y), heading_mrad=round(1e3 * pose.theta)),
+            self.parked and len(self.entered) == 1 and bool(self._ways.at_home[self.entered[0]]),
+            Place(x_mm=round(1e3 * pose.x), y_mm=round(1e3 * pose.y), heading_mrad=round(1e3 * pose.theta)),
             blocked=self._shut,
         )
         self._shut = {}
         step = self.peer.step(now_ns, own, heard)
         self.authority = step.authority
+        self.waits = wants > len(step.authority.spots)
         return PeerSteps(driven, step, tone)
 
     def note_shut(self, sections: Mapping[str, int]) -> None:
@@ -142,13 +145,6 @@ class PeerDriver:
         if self.alone.retreats > before and goes_back and self._withdraw():
             way = self.alone.step(now_ms, self.entered[-1], goal, seen)
         return way
-
-    def _wanted(self, ahead: Sequence[int]) -> int:
-        """Return how many spots lead to the next section or refuge, where a chair may wait."""
-        for k, spot in enumerate(ahead[:MOST_WANTED], start=1):
-            if self._ways.at_home[spot] or self._ways.passing_ms[spot] > 1:
-                return k
-        return min(max(len(ahead), 1), MOST_WANTED)
 
 
 def seen_order(ways: Ways, number: int, entered: Sequence[int], visit: int, chain: Sequence[int], free: int) -> Order:

@@ -15,6 +15,7 @@ from waychair.planning.fleet.peers.peer import Fleet, Own, Peer, Step
 from waychair.planning.fleet.ways import ways_of
 from waychair.runtime.fleet.audit_file import AuditFile
 from waychair.runtime.fleet.chain_geometry import drivable
+from waychair.runtime.fleet.electorate_file import keep_electorate, kept_electorate
 from waychair.runtime.fleet.fleet_file import FleetFile
 from waychair.runtime.fleet.zenoh_transport import ZenohTransport
 
@@ -22,6 +23,9 @@ SPEED = 0.45
 """m/s; mean speed of a chair from room to room, by which the warden foresees times."""
 
 STEP_S = 0.1
+
+PARKED_NS = 500_000_000
+"""A peer that ends in good order says for so long that it is parked, so that it is not counted any more."""
 
 LOADED_AT_ONCE = 2
 """Peers that load the warden's planner when they start: the first warden, and the next one. It takes 60 MB, and a few seconds."""
@@ -64,7 +68,7 @@ def serve(
     mode: str = "peer",
     beside: Beside = beside_nothing,
 ) -> None:
-    """Be a peer of a fleet until `stopped`; a voter without a chair has nothing of its `own`.
+    """Be a peer of a fleet until `stopped`, and say so then; a voter without a chair has nothing of its `own`.
 
     `told` hears each step: its authority and notices. `beside` is called after each step with all messages, the own ones among
     them, to speak and hear beside the peer.
@@ -75,18 +79,23 @@ def serve(
         MissingExtra: the extra [fleet] is not installed.
     """
     fleet = fleet_of(file)
-    if file.number in ranked(fleet.district, fleet.electorate)[:LOADED_AT_ONCE]:
+    if file.number in ranked(fleet.district, fleet.numbers)[:LOADED_AT_ONCE]:
         import_module("waychair.planning.fleet.peers.networked_warden")
-    peer, log = Peer(fleet, file.number, new_boot()), None if file.log is None else AuditFile(file.log)
+    peer = Peer(fleet, file.number, new_boot(), electorate=kept_electorate(file.electorate, fleet.numbers))
+    log = None if file.log is None else AuditFile(file.log)
     transport = ZenohTransport(file, fleet.building, lan, mode)
+    ends_ns: int | None = None
     try:
-        while not stopped():
+        while ends_ns is None or clock_ns() < ends_ns:
+            if ends_ns is None and stopped():
+                ends_ns = clock_ns() + PARKED_NS
             now_ns, heard = clock_ns(), transport.received()
-            step = peer.step(now_ns, own(), heard)
+            step = peer.step(now_ns, replace(own(), parked=ends_ns is not None), heard)
+            said = [keep_electorate(file.electorate, step.electorate)]
             for to, kind, data in step.send:
                 transport.send(to, kind, data)
-            said = "" if log is None else log.add(step.records, now_ns)
-            told(replace(step, notices=(*step.notices, said)) if said else step)
+            said += [] if log is None else [log.add(step.records, now_ns)]
+            told(replace(step, notices=(*step.notices, *filter(None, said))))
             beside(now_ns, [*heard, *((file.number, data) for to, _, data in step.send if to is None)], transport)
             transport.wait(STEP_S)
     finally:

@@ -137,8 +137,9 @@ class NetworkedRiders:
 
     def _wait(self, number: int) -> Wait | None:
         """Return the wait that a chair's peer tells."""
-        authority, wish = self.drivers[number].authority, self._wishes.get(number)
-        if wish is None or authority.spots or not authority.sentence:
+        driver, wish = self.drivers[number], self._wishes.get(number)
+        authority = driver.authority
+        if wish is None or not driver.waits or not authority.sentence:
             return None
         place = self._ways.names[authority.chain[0]] if authority.chain else wish.goal
         return Wait(

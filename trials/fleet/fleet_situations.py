@@ -1,6 +1,6 @@
 """Short situations over a seeded network, each of which tries some rules hard.
 
-Voters that hear only some of each other; a chair that is cut off for long; and a chair that is cut off just as another one is
+Voters that hear only some of each other, or are parked, switched off and on again; a chair that is cut off for long; and a chair that is cut off just as another one is
 about to be let in before it. `evaluation/fleet/network_runs.py` has the long runs with everything.
 """
 
@@ -12,7 +12,7 @@ from itertools import combinations
 import numpy as np
 
 from waychair.maps.traffic.corridors import corridor_graph, load_corridors
-from waychair.planning.fleet.peers.messages import building_of
+from waychair.planning.fleet.peers.messages import Electorate, building_of
 from waychair.planning.fleet.peers.peer import Fleet, Own, Peer
 from waychair.planning.fleet.ways import ways_of
 from waychair.simulation.network import NetworkFaults, SeededNetwork
@@ -30,8 +30,11 @@ _LAST_WISH_MS, _ARRIVED_MS, _LONG_PASSING_MS = 90_000, 420_000, 3_000
 _VOTE_MS, _WHOLE_MS = 40_000, 12_000
 """ms for which the voters' links change, and ms from then on within which all have to have a warden."""
 
-_HALVES_MS = 8_000
-"""ms for which the voters are in two halves when they are switched on."""
+_POWER_LOST, _PARKED_MS = 0.2, 4_000
+"""Share of voters that are switched off without being parked before, and ms for which others are parked before."""
+
+_HALVES_MS, _ROUNDS = 8_000, 4
+"""ms for which the voters are in two halves, and how often they are after half of them were parked."""
 
 _CHAIRS_MS, _CHAIRS_BEGIN_MS = 240_000, 15_000
 """Length of a situation with chairs, and ms from which on chairs are cut off."""
@@ -70,26 +73,121 @@ def voters_in_halves(seed: int) -> list[str]:
     return voters.faults
 
 
+def voters_parked(seed: int) -> list[str]:
+    """Return the faults of voters that are parked and switched off, lose their power, and are switched on again, while some hear
+    only some of each other; at the end all but one are parked, and that one has to be the warden.
+    """
+    rng = np.random.default_rng([seed, 0x9A4C])
+    numbers = range(1, int(rng.integers(4, 8)) + 1)
+    faults = NetworkFaults(float(rng.uniform(0.0, 0.2)), 0.1, float(rng.uniform(1.0, 100.0)), 0.02, drift_ppm=200.0)
+    voters = _Voters(numbers, seed, faults)
+    voters.agree()
+    until_ms = voters.now_ms + _VOTE_MS
+    while voters.now_ms < until_ms:
+        number = int(rng.integers(1, len(numbers) + 1))
+        if number not in voters.peers:
+            voters.switch_on(number)
+        elif number in voters.parked or rng.random() < _POWER_LOST:
+            voters.switch_off(number)
+        else:
+            voters.parked.add(number)
+        voters.network.heal()
+        if rng.random() < 0.7:
+            halves = rng.permutation(list(numbers)).tolist()
+            cut = int(rng.integers(1, len(numbers)))
+            voters.network.part([halves[:cut], halves[cut:]])
+        voters.run(int(rng.integers(300, 5_000)))
+    voters.network.heal()
+    for number in numbers:
+        if number not in voters.peers:
+            voters.switch_on(number)
+    voters.parked.clear()
+    voters.agree()
+    for number in rng.permutation(list(numbers)).tolist()[1:]:
+        voters.parked.add(number)
+        voters.run(_PARKED_MS)
+        voters.switch_off(number)
+    voters.agree()
+    return voters.faults
+
+
+def voters_parked_at_worst(seed: int) -> list[str]:
+    """Return the faults of voters of which half are parked, and of the rest all that the warden just needs are cut off with it.
+
+    The others, who may not know that the electorate has changed, would be a majority of the one before. They are cut off while the
+    warden changes the electorate; or later, and then some have been switched off and on again.
+    """
+    rng = np.random.default_rng([seed, 0x3A9C])
+    numbers = range(1, int(rng.choice([5, 7])) + 1)
+    voters = _Voters(numbers, seed, NetworkFaults(0.02, 0.0, float(rng.uniform(1.0, 50.0)), drift_ppm=200.0))
+    voters.agree()
+    for _ in range(_ROUNDS):
+        warden = [number for number, peer in voters.peers.items() if peer.grants][:1]
+        others = rng.permutation([number for number in numbers if number not in warden]).tolist()
+        half = len(numbers) // 2
+        parked, needed, rest = others[:half], others[half : half + (half + 1) // 2], others[half + (half + 1) // 2 :]
+        voters.parked.update(parked)
+        voters.run(int(rng.integers(1, 5)) * TICK_MS)
+        again: list[int] = []
+        if rng.random() < 0.5:
+            for number in parked:
+                voters.switch_off(number)
+            voters.run(_PARKED_MS)
+            again = [*parked, *(rest if rng.random() < 0.5 else ())]
+        voters.network.part([[*warden, *needed], [*parked, *rest]])
+        for number in again:
+            if number in voters.peers:
+                voters.switch_off(number)
+            voters.switch_on(number)
+        voters.run(_HALVES_MS)
+        voters.network.heal()
+        voters.parked.clear()
+        voters.agree()
+    return voters.faults
+
+
 class _Voters:
-    """Peers without chairs: a majority orders at once, so that nothing but their votes keeps two from ordering."""
+    """Peers without chairs: a majority orders at once, so that nothing but their votes keeps two from ordering.
+
+    `parked` are those that say so; the electorate that each one told to remember outlives its start.
+    """
 
     def __init__(self, numbers: Sequence[int], seed: int, faults: NetworkFaults) -> None:
         graph = corridor_graph(load_corridors("T"), rooms=True)
-        fleet = Fleet(building_of(graph), ways_of(graph, SPEED), frozenset(), frozenset(numbers))
-        rng = np.random.default_rng([seed, 0xB007])
-        self.peers = {number: Peer(fleet, number, int(rng.integers(1, 1 << 62))) for number in numbers}
+        self._fleet = Fleet(building_of(graph), ways_of(graph, SPEED), frozenset(), frozenset(numbers))
+        self._rng = np.random.default_rng([seed, 0xB007])
+        self._remembered: dict[int, Electorate] = {}
+        self.parked: set[int] = set()
+        self.peers: dict[int, Peer] = {}
+        for number in numbers:
+            self.switch_on(number)
         self.network = SeededNetwork(seed, faults)
         self.now_ms = 0
         self.faults: list[str] = []
 
+    def switch_on(self, number: int) -> None:
+        """Start a peer, which knows of an earlier one only what that told it to remember."""
+        boot = int(self._rng.integers(1, 1 << 62))
+        self.peers[number] = Peer(self._fleet, number, boot, electorate=self._remembered.get(number))
+        self.parked.discard(number)
+
+    def switch_off(self, number: int) -> None:
+        """End a peer."""
+        del self.peers[number]
+        self.network.forget(number)
+
     def run(self, for_ms: int) -> None:
+        """Let time pass."""
         until_ms = self.now_ms + for_ms
         while self.now_ms < until_ms:
             self.now_ms += TICK_MS
             now_ns = self.now_ms * 1_000_000
             for number, peer in self.peers.items():
                 heard = self.network.received(now_ns, number)
-                step = peer.step(self.network.clock_ns(now_ns, number), Own(), heard)
+                own = Own(parked=number in self.parked)
+                step = peer.step(self.network.clock_ns(now_ns, number), own, heard)
+                if step.electorate is not None:
+                    self._remembered[number] = step.electorate
                 for to, _, data in step.send:
                     others = [to] if to is not None else [other for other in self.peers if other != number]
                     self.network.send(now_ns, number, others, data)
@@ -185,5 +283,5 @@ def _about_to_be_passed(world: NetworkedChairs) -> int | None:
     return None
 
 
-SITUATIONS = (voters_in_halves, sections_shut, cut_off_at_worst, cut_off)
+SITUATIONS = (voters_in_halves, voters_parked, voters_parked_at_worst, sections_shut, cut_off_at_worst, cut_off)
 """All situations, the cheapest first."""

@@ -14,7 +14,7 @@ import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from waychair.planning.fleet.peers.messages import State, Term
+from waychair.planning.fleet.peers.messages import Electorate, State, Term
 
 FOLLOWED_NS = 1_000_000_000
 """A warden counts a follower for so long; five States of 0.2 s, of which 0.3 in 1000 windows lose all at 20 % loss."""
@@ -45,9 +45,9 @@ def ranked(district: str, peers: Iterable[int]) -> list[int]:
     return sorted(peers, key=lambda peer: hashlib.sha256(f"{district}\x1e{peer}".encode()).digest(), reverse=True)
 
 
-def is_majority(electorate: frozenset[int], voters: Iterable[int]) -> bool:
+def is_majority(electorate: Electorate, voters: Iterable[int]) -> bool:
     """Return whether voters are more than half of an electorate."""
-    return 2 * len(electorate & set(voters)) > len(electorate)
+    return 2 * len(set(electorate.members) & set(voters)) > len(electorate.members)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +71,12 @@ class Allegiance:
 
 @dataclass(frozen=True, slots=True)
 class Voter:
-    """A peer that votes: its number and boot, the district, and the electorate that it knows."""
+    """A peer that votes: its number and boot, the district, and the newest electorate that it knows."""
 
     number: int
     boot: int
     district: str
-    electorate: frozenset[int]
+    electorate: Electorate
 
 
 def followed(own: Voter, before: Allegiance, known: Mapping[int, Known], now_ns: int) -> Allegiance:
@@ -84,9 +84,13 @@ def followed(own: Voter, before: Allegiance, known: Mapping[int, Known], now_ns:
 
     A follower stays as long as it hears its warden in that epoch. It moves with a warden that has gone to a new epoch itself.
     Else it follows the warden of the highest epoch that it hears, and stands for warden itself if it is the first of all that
-    it hears and nobody else has an epoch that it may follow.
+    it hears and nobody else has an epoch that it may follow. It neither follows a warden with an older electorate than its own,
+    nor stands beside a peer with a newer one.
     """
     live = {each.number: each for each in known.values() if now_ns - each.heard_ns <= FOLLOWED_NS}
+    version = own.electorate.version
+    abreast = {number: each for number, each in live.items() if each.state.electors >= version}
+    is_behind = any(each.state.electors > version for each in live.values())
     now = before
     term = before.term
     if term is not None and term.warden != own.number:
@@ -98,26 +102,28 @@ def followed(own: Voter, before: Allegiance, known: Mapping[int, Known], now_ns:
             free_ns = now_ns  # it has given that epoch up itself
         now = Allegiance(None, 0, 0, max(before.left, term.epoch), free_ns)
     elif term is not None:
-        rival = _highest(live, term.epoch)
-        if rival is None or _counts(own, term, live, now_ns):
+        rival = _highest(abreast, term.epoch)
+        if (rival is None and not is_behind) or _counts(own, term, live, now_ns):
             return before
         # nobody is ordered by this peer any more, and another one is further
         now = Allegiance(None, 0, 0, max(before.left, term.epoch), now_ns + FOLLOWED_NS + DRIFT_NS)
     if now_ns < now.free_ns:
         return now
-    rival = _highest(live, now.left)
+    rival = _highest(abreast, now.left)
     if rival is not None:
         new = Term(rival.number, rival.boot, rival.state.term)
         return Allegiance(new, rival.heard_ns, rival.sent_ns, now.left, now.free_ns)
-    voters = {own.number, *(number for number in live if number in own.electorate)} & own.electorate
-    if own.number in voters and ranked(own.district, voters)[0] == own.number:
+    candidates = {own.number, *abreast}
+    candidates = candidates & set(own.electorate.members) or candidates
+    if not is_behind and ranked(own.district, candidates)[0] == own.number:
         return standing(own, now, known)
     return now
 
 
 def standing(own: Voter, before: Allegiance, known: Mapping[int, Known]) -> Allegiance:
     """Return the allegiance of a peer that stands for warden in an epoch above all that it has heard of."""
-    epochs = [before.left, *(max(each.state.left, each.state.term) for each in known.values())]
+    epochs = [before.left, own.electorate.epoch]
+    epochs += [max(each.state.left, each.state.term, each.state.electors[0]) for each in known.values()]
     epochs += [each.state.follows.epoch for each in known.values() if each.state.follows is not None]
     if before.term is not None:
         epochs.append(before.term.epoch)

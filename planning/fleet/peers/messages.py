@@ -53,6 +53,23 @@ class Term(Struct, frozen=True, array_like=True):
     epoch: Count
 
 
+Version: TypeAlias = tuple[Count, Count]
+"""Which of two electorates is the newer one: the epoch of the warden that made it, and how many that one had made before."""
+
+
+class Electorate(Struct, frozen=True, array_like=True):
+    """The peers that are counted: the epoch of the warden that made it, its changes in that epoch before, and the members."""
+
+    epoch: Count
+    change: Count
+    members: Annotated[tuple[Number, ...], Meta(min_length=1, max_length=1024)]
+
+    @property
+    def version(self) -> Version:
+        """The newer electorate has the higher one."""
+        return self.epoch, self.change
+
+
 class Wish(Struct, frozen=True, array_like=True):
     """A chair's wish for a refuge: its number among all of this chair, the goal, the priority, and its age."""
 
@@ -101,13 +118,14 @@ class State(Struct, frozen=True, array_like=True, tag="state"):
         term: the epoch that this peer stands for as a warden; 0: none.
         grants: whether it is granting in that epoch.
         parked: the chair stands in a refuge and is about to be switched off.
+        electors: the version of the electorate that it knows.
     """
 
     entered: Spots = ()
     visit: Count = 0
     released: Spots = ()
     ready_ms: Milliseconds = 0
-    wants: Annotated[int, Meta(ge=0, le=16)] = 0
+    wants: Annotated[int, Meta(ge=0, le=MOST_SPOTS)] = 0
     mode: Annotated[int, Meta(ge=0, le=2)] = IN_ORDER
     stance: Count = 0
     follows: Term | None = None
@@ -116,6 +134,7 @@ class State(Struct, frozen=True, array_like=True, tag="state"):
     term: Count = 0
     grants: bool = False
     parked: bool = False
+    electors: Version = (0, 0)
     wish: Wish | None = None
     place: Place | None = None
 
@@ -186,12 +205,12 @@ class Queue(Struct, frozen=True, array_like=True):
 
 
 class Order(Struct, frozen=True, array_like=True, tag="order"):
-    """The queues of a district, every second and on change, with the electorate of the epoch."""
+    """The queues of a district, every second and on change, with its electorate."""
 
     district: Name
     epoch: Count
     serial: Count
-    electorate: Numbers
+    electorate: Electorate
     queues: Annotated[tuple[Queue, ...], Meta(max_length=4096)] = ()
     closed: Spots = ()
 
@@ -236,7 +255,7 @@ Body: TypeAlias = Hello | State | Request | Answer | Blocked | Order | Query | C
 
 BODIES: tuple[type[Struct], ...] = (
     *(Hello, State, Request, Answer, Blocked, Order, Query, Confirm, Commit, Filter),
-    *(Term, Wish, Place, Queue, Why),
+    *(Term, Electorate, Wish, Place, Queue, Why),
 )
 
 LAYOUT = zlib.crc32(

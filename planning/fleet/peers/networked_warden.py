@@ -7,7 +7,7 @@ gives up all that it has not entered says so by a new stance; then the order is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 from waychair.planning.fleet.order import Order, Request, Turn, with_priorities
@@ -15,7 +15,8 @@ from waychair.planning.fleet.peers import messages
 from waychair.planning.fleet.peers.claims import Claim, claim_of, is_known, kept, order_of
 from waychair.planning.fleet.peers.decision import SILENT_NS, Decision
 from waychair.planning.fleet.peers.election import Known, Voter, followers, is_majority
-from waychair.planning.fleet.peers.messages import Answer, Queue, Term, Why
+from waychair.planning.fleet.peers.electorate import next_electorate
+from waychair.planning.fleet.peers.messages import Answer, Queue, Term, Version, Why
 from waychair.planning.fleet.rules import Priority
 from waychair.planning.fleet.waits import Audit, Wait
 from waychair.planning.fleet.warden import Answer as Word
@@ -23,8 +24,9 @@ from waychair.planning.fleet.warden import District, Heard, Reply, Report, decid
 from waychair.planning.fleet.ways import NEVER, Ways
 from waychair.types import Json
 
-LEASE_MS = 2_000
-"""ms for which a chair may enter what it was allowed, from when it sent the State that the answer answers."""
+LEASE_MS = 500
+"""ms for which a chair may enter what it was allowed, from when it sent the State that the answer answers: two States, and the way
+to the warden and back."""
 
 LISTEN_NS = 2_200_000_000
 """A new warden listens longer than any lease of an earlier one, unless all chairs have told before.
@@ -33,10 +35,13 @@ The last lease of an earlier warden runs from a State that came before its major
 """
 
 AGAIN_NS = 400_000_000
-"""An answer is repeated so often."""
+"""An answer is repeated so often; one that lets a chair in is renewed with each State until the chair has entered."""
 
 ORDER_NS = 1_000_000_000
 """The order is told so often."""
+
+STANDS_MS = 2_000
+"""ms from the end of its spot within which a chair stands that may not enter all that it wants: its refuge is longer than it."""
 
 _NUMBERS = 1 << 32
 
@@ -56,6 +61,7 @@ class Office:
         refused: numbers of wishes that were refused, with the sentence, by chair.
         answers: the last answer to each chair, and when it was sent.
         told_ns: when the order was told.
+        told_electors: the version of the electorate that was told with it.
         waits: the present waits.
         audit: the waits as they begin and end.
     """
@@ -70,17 +76,17 @@ class Office:
     refused: dict[int, tuple[int, str]] = field(default_factory=dict)
     answers: dict[int, tuple[Answer, int]] = field(default_factory=dict)
     told_ns: int = 0
+    told_electors: Version = (0, 0)
     waits: tuple[Wait, ...] = ()
     audit: Audit = field(default_factory=Audit)
 
 
-def counted(office: Office, own: Voter, known: Mapping[int, Known], now_ns: int) -> bool:
-    """Return whether a majority follows; a peer that has booted again is counted where the others are a majority.
+def counted(office: Office, own: Voter, known: Mapping[int, Known], found: Collection[int]) -> bool:
+    """Return whether those `found` to follow are a majority; one that has booted again is counted where the others are one.
 
     It may have followed somebody else since, and forgotten it.
     """
     boots = {each.number: each.boot for each in known.values()} | {own.number: own.boot}
-    found = followers(own, office.term, known, now_ns)
     office.boots.setdefault(own.number, own.boot)
     if office.since_ns is None:
         office.boots.update({number: boots[number] for number in found})
@@ -105,8 +111,9 @@ def ordered(
 
     `blocked_ms` are the sections that chairs see shut, and for how long that is believed.
     """
-    if not counted(office, own, known, now_ns):
-        return Decision()
+    following = followers(own, office.term, known, now_ns)
+    if not counted(office, own, known, following):
+        return Decision(begins_again=is_majority(own.electorate, following))
     if office.since_ns is None:
         office.since_ns = now_ns
     now_ms = now_ns // 1_000_000
@@ -128,10 +135,11 @@ def ordered(
     twice = _claimed_twice(office, loyal)
     answers = _answers(office, loyal, look or bool(twice), {chair for chairs in twice for chair in chairs}, now_ns)
     told = None
-    if afresh or now_ns - office.told_ns >= ORDER_NS:
-        office.told_ns = now_ns
+    if afresh or office.told_electors != own.electorate.version or now_ns - office.told_ns >= ORDER_NS:
+        office.told_ns, office.told_electors = now_ns, own.electorate.version
         told = _told(own, office)
-    return Decision(True, answers, told, _ended_waits(office, now_ms))
+    electorate = next_electorate(own, office.term, known, following)
+    return Decision(True, False, answers, told, electorate, _ended_waits(office, now_ms))
 
 
 def _taken_over(
@@ -268,6 +276,8 @@ def _report(order: Order, number: int, each: Known) -> Report:
         free = k
     visits = chain.visit + free
     rear = state.visit - len(state.entered) + 1
+    if state.wants > visits - state.visit and state.ready_ms <= STANDS_MS:
+        return Report(number, visits, max(visits - rear, 0))  # it stands, and would go on at once
     passing = sum(int(order.ways.passing_ms[spot]) for spot in chain.spots[1 : free + 1])
     ahead = sum(int(order.ways.passing_ms[spot]) for visit, spot in chain.behind if visit > state.visit)
     if chain.visit > state.visit:
@@ -362,7 +372,8 @@ def _answers(
             number=wish,
         )
         before = office.answers.get(number)
-        if before is not None and now_ns - before[1] < AGAIN_NS and _same(before[0], answer):
+        renews = before is not None and answer.upto > state.visit and before[0].echo_ns != answer.echo_ns
+        if before is not None and now_ns - before[1] < AGAIN_NS and _same(before[0], answer) and not renews:
             continue
         office.answers[number] = (answer, now_ns)
         found.append(answer)
@@ -398,7 +409,7 @@ def _told(own: Voter, office: Office) -> messages.Order:
         own.district,
         office.term.epoch,
         office.district.serial,
-        tuple(sorted(own.electorate)),
+        own.electorate,
         queues,
         tuple(sorted(order.closed)),
     )

@@ -7,20 +7,22 @@ warden of its district. A peer without a warden keeps its chair where it is, and
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from waychair.planning.fleet.peers import messages
 from waychair.planning.fleet.peers.closures import Closures
-from waychair.planning.fleet.peers.decision import SILENT_NS, Decision
+from waychair.planning.fleet.peers.decision import Decision
 from waychair.planning.fleet.peers.election import Allegiance, Known, Voter, followed, followers, is_majority, standing
-from waychair.planning.fleet.peers.memory import HELLO_NS, REQUEST_NS, STATE_NS, Heard, Times
+from waychair.planning.fleet.peers.electorate import adopted
+from waychair.planning.fleet.peers.memory import BOOT_NS, HELLO_NS, REQUEST_NS, STATE_NS, Heard, Times
 from waychair.planning.fleet.peers.messages import (
     Answer,
     Blocked,
     Body,
+    Electorate,
     Hello,
     Letter,
     Reader,
@@ -38,9 +40,6 @@ if TYPE_CHECKING:
 START_NS = 3_000_000_000
 """A peer listens so long before it votes, as it has forgotten whom it followed."""
 
-BOOT_NS = 3_000_000_000
-"""A number belongs to another boot only after so long without the one before."""
-
 ALONE_NS = 5_000_000_000
 """A chair that wants to go and has no warden for so long says that it will drive by its own eyes."""
 
@@ -49,9 +48,6 @@ ANNOUNCED_NS = 4_000_000_000
 
 GAP_NS = 1_000_000_000
 """A step that is so late, or a clock that ran backwards: the computer slept, and its leases are nothing."""
-
-MOST_IN_STEP = 30
-"""Messages of one sender that a step reads; a warden of a hundred chairs sends each one two."""
 
 DOUBLED_NS = 2_000_000_000
 """Two boots of one number that are both heard for so long are two chairs, not one that was started again."""
@@ -73,8 +69,8 @@ class Fleet:
     version: str = ""
 
     @property
-    def electorate(self) -> frozenset[int]:
-        """The numbers of all that vote."""
+    def numbers(self) -> frozenset[int]:
+        """The numbers of all peers."""
         return self.chairs | self.voters
 
 
@@ -137,22 +133,30 @@ class SpotAuthority:
 class Step:
     """The messages to send, to all peers or one, with their kinds; the authority; and sentences for people, once each.
 
-    `records` are lines of the audit's log, of a warden only: each a wait that has ended, with its reason.
+    `electorate`: a new one, which the owner has to keep for the next start of this peer before it sends the messages. `records` are
+    lines of the audit's log, of a warden only: each a wait that has ended, with its reason.
     """
 
     send: tuple[tuple[int | None, str, bytes], ...]
     authority: SpotAuthority
     notices: tuple[str, ...] = ()
+    electorate: Electorate | None = None
     records: tuple[Json, ...] = ()
 
 
 class Peer:
     """The peer of one chair, or of a voter without a chair."""
 
-    def __init__(self, fleet: Fleet, number: int, boot: int, hello: Hello | None = None) -> None:
-        """`boot` is a random number of this start of the program, above 0."""
+    def __init__(
+        self, fleet: Fleet, number: int, boot: int, hello: Hello | None = None, electorate: Electorate | None = None
+    ) -> None:
+        """`boot` is a random number of this start of the program, above 0.
+
+        `electorate`: the last one that an earlier start of this peer told its owner to remember; by default, everybody.
+        """
         self.fleet, self.number, self.boot = fleet, number, boot
-        self.voter = Voter(number, boot, fleet.district, fleet.electorate)
+        everybody = Electorate(0, 0, tuple(sorted(fleet.numbers)))
+        self.voter = Voter(number, boot, fleet.district, electorate or everybody)
         self.reader = Reader(fleet.building)
         self.allegiance = Allegiance()
         self.office: Office | None = None
@@ -191,7 +195,10 @@ class Peer:
         elif not 0 <= now_ns - times.now <= GAP_NS:
             self._slept(now_ns)
         times.now = now_ns
-        notices = [said for who, data in self._bearable(heard) if (said := self._read(who, data, now_ns))]
+        electorate = self.voter.electorate
+        notices = [
+            said for who, data in self._heard.bearable(heard, self.reader) if (said := self._read(who, data, now_ns))
+        ]
         notices += self._check_number(now_ns)
         if self.refused:
             return Step((), SpotAuthority(alone=True, sentence=self.refused), tuple(notices))
@@ -201,7 +208,8 @@ class Peer:
         self._choose_mode(now_ns, own)
         authority = self._authority(now_ns, own)
         send = self._messages(now_ns, own, authority, decision)
-        return Step(send, authority, tuple(notices), decision.records)
+        new = None if self.voter.electorate is electorate else self.voter.electorate
+        return Step(send, authority, tuple(notices), new, decision.records)
 
     def _slept(self, now_ns: int) -> None:
         """Forget all leases and the warden: the computer was suspended, or its clock jumped."""
@@ -222,23 +230,10 @@ class Peer:
         self._heard.answer = None
         self._stance += 1
 
-    def _bearable(self, heard: Sequence[tuple[int, bytes]]) -> list[tuple[int, bytes]]:
-        """Return the last messages of each sender, as many as it sends in a step at most: one that floods drowns nobody."""
-        if len(heard) <= MOST_IN_STEP:
-            return list(heard)
-        counts: dict[int, int] = {}
-        found = []
-        for who, data in reversed(heard):
-            counts[who] = counts.get(who, 0) + 1
-            if counts[who] <= MOST_IN_STEP:
-                found.append((who, data))
-        self.reader.count("flood", len(heard) - len(found))
-        return found[::-1]
-
     def _read(self, who: int, data: bytes, now_ns: int) -> str:
         """Take in a message; return advice about one that was refused."""
         letter, said = self.reader.read(data, who)
-        if letter is None or letter.sender not in self.fleet.electorate or letter.boot in self._heard.dead:
+        if letter is None or letter.sender not in self.fleet.numbers or letter.boot in self._heard.dead:
             return said
         heard = self._heard
         if letter.boot == self.boot:
@@ -249,7 +244,10 @@ class Peer:
             heard.doubled.setdefault(letter.boot, now_ns)
             return self._meets_double(letter, now_ns)
         if isinstance(letter.body, State):
-            self._take_state(letter, letter.body, now_ns)
+            heard.take_state(letter, letter.body, now_ns)
+        elif isinstance(letter.body, messages.Order):
+            if self._is_of_warden(letter, letter.body.epoch):
+                self.voter = adopted(self.voter, letter.body.electorate, self.fleet.numbers)
         elif isinstance(letter.body, Answer):
             self._take_answer(letter, letter.body)
         elif isinstance(letter.body, Blocked):
@@ -283,26 +281,11 @@ class Peer:
                 said.append(f"Two chairs have the number {number}: the second is not heard.")
         return said
 
-    def _take_state(self, letter: Letter, state: State, now_ns: int) -> None:
-        heard = self._heard
-        known = heard.known.get(letter.sender)
-        if known is not None and known.boot != letter.boot:
-            if now_ns - known.heard_ns < BOOT_NS:
-                heard.doubled.setdefault(letter.sender, now_ns)
-                return
-            heard.dead.add(known.boot)
-        elif known is not None and letter.seq <= heard.seqs.get(letter.boot, -1):
-            return
-        heard.doubled.pop(letter.sender, None) if known is None or known.boot != letter.boot else None
-        heard.seqs[letter.boot] = letter.seq
-        heard.known[letter.sender] = Known(letter.sender, letter.boot, letter.sent_ns, now_ns, state)
-
     def _take_answer(self, letter: Letter, answer: Answer) -> None:
         """Keep an answer of the warden that this peer follows, if it is for this boot and stance and newer than the last."""
-        term = self.allegiance.term
         if answer.chair != self.number or answer.boot != self.boot or answer.stance != self._stance:
             return
-        if term is None or (letter.sender, letter.boot, answer.epoch) != (term.warden, term.boot, term.epoch):
+        if not self._is_of_warden(letter, answer.epoch):
             return
         if answer.word == messages.REVOKED:
             self._give_back()
@@ -311,11 +294,15 @@ class Peer:
         if last is None or (answer.serial, answer.echo_ns, answer.upto) >= (last.serial, last.echo_ns, last.upto):
             self._heard.answer = answer
 
+    def _is_of_warden(self, letter: Letter, epoch: int) -> bool:
+        """Return whether a word of some epoch comes from the warden that this peer follows, in that term."""
+        term = self.allegiance.term
+        return term is not None and (letter.sender, letter.boot, epoch) == (term.warden, term.boot, term.epoch)
+
     def _vote(self, now_ns: int, own: Own) -> Decision:
         """Follow a warden, or be one; return what the own office decides."""
-        if self.number not in self.fleet.electorate or now_ns - self._times.start < START_NS * (
-            len(self.voter.electorate) > 1
-        ):
+        alone = self.voter.electorate.members == (self.number,)
+        if self.number not in self.fleet.numbers or (now_ns - self._times.start < START_NS and not alone):
             return Decision()
         before = self.allegiance
         known = self._heard.known
@@ -352,6 +339,11 @@ class Peer:
                 self._give_back()
             elif answer.chair == self.number:
                 self._heard.answer = answer
+        if decision.begins_again:
+            self.allegiance, self.office = standing(self.voter, self.allegiance, known), None
+            self._give_back()
+        if decision.electorate is not None:
+            self.voter = replace(self.voter, electorate=decision.electorate)
         return decision
 
     def _is_passed(self, now_ns: int) -> bool:
@@ -360,10 +352,9 @@ class Peer:
         assert term is not None
         return any(
             now_ns - each.heard_ns <= GAP_NS
-            and number in self.voter.electorate
             and each.state.follows != term
             and (each.state.left >= term.epoch or each.state.term > term.epoch)
-            for number, each in self._heard.known.items()
+            for each in self._heard.known.values()
         )
 
     def has_warden(self) -> bool:
@@ -398,7 +389,7 @@ class Peer:
             )
         if answer is None or self._mode != messages.IN_ORDER:
             return SpotAuthority()
-        look = answer.look or self._misses_somebody(now_ns)
+        look = answer.look or self._heard.misses_somebody(self.fleet.chairs - {self.number}, now_ns)
         first = own.visit - answer.visit
         if not own.entered or not 0 <= first < len(answer.spots) or answer.spots[first] != own.entered[-1]:
             return SpotAuthority(look=look)
@@ -418,18 +409,6 @@ class Peer:
             answer.why.rule,
         )
 
-    def _misses_somebody(self, now_ns: int) -> bool:
-        """Return whether a chair of the building may be driving by its own eyes."""
-        for number in self.fleet.chairs:
-            if number == self.number:
-                continue
-            known = self._heard.known.get(number)
-            if known is None or (now_ns - known.heard_ns > SILENT_NS and not known.state.parked):
-                return True
-            if known.state.mode != messages.IN_ORDER:
-                return True
-        return False
-
     def _state(self, now_ns: int, own: Own, authority: SpotAuthority, grants: bool) -> State:
         term, wish = self.allegiance.term, own.wish
         return State(
@@ -446,6 +425,7 @@ class Peer:
             term=term.epoch if term is not None and term.warden == self.number else 0,
             grants=grants,
             parked=own.parked,
+            electors=self.voter.electorate.version,
             wish=None
             if wish is None or self._mode != messages.IN_ORDER
             else Wish(wish.number, wish.goal, wish.priority, max(now_ns - wish.asked_ns, 0) // 1_000_000),
@@ -490,6 +470,7 @@ class Peer:
         return old is None or (
             (old.entered, old.visit, old.wants, old.mode, old.stance, old.follows, old.term, old.grants)
             != (new.entered, new.visit, new.wants, new.mode, new.stance, new.follows, new.term, new.grants)
+            or (old.parked, old.electors) != (new.parked, new.electors)
         )
 
     def _packed(self, now_ns: int, body: Body) -> bytes:

@@ -151,7 +151,7 @@ def test_the_way_is_granted_soon_after_the_wish_and_the_time_is_measured() -> No
     for number in (1, 2):
         ward.members[number].want(GOALS[number], ward.now_ns)
     ward.run(1)
-    assert all(member.driver.authority.spots for member in ward.members.values())
+    assert all(member.driver.authority.chain for member in ward.members.values())
     answers = ward.members[1].measures.answers_ms + ward.members[2].measures.answers_ms
     assert answers
     assert max(answers) <= 300.0

@@ -13,7 +13,6 @@ from waychair.errors import FleetError
 from waychair.maps.drawn.zones import Zone
 from waychair.planning.fleet.peers.messages import MANUAL, Reader, State, building_of
 from waychair.planning.fleet.peers.peer import Fleet
-from waychair.runtime.fleet.chain_driving import PATIENCE_MS
 from waychair.runtime.fleet.fleet_port import FleetPort
 from waychair.runtime.fleet.spots_of_pose import SpotsOfPose
 from waychair.runtime.pilot import Pilot
@@ -69,7 +68,7 @@ def test_a_goal_waits_for_its_way_and_then_the_chain_is_driven() -> None:
     authority = chair.pilot.navigator.granted.authority
     assert authority.stands
     assert authority.reason == "the chair waits for its turn"
-    chair.run(PATIENCE_MS / 1e3 + 1.0)
+    chair.run(1.0)
     authority = chair.pilot.navigator.granted.authority
     assert not authority.stands
     assert chair.pilot.waits

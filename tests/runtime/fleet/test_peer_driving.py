@@ -94,3 +94,34 @@ def test_two_chairs_exchange_places_over_a_network_that_loses_and_delays() -> No
             break
     assert points.chairs[1].entered == (WAYS.slots[ROOMS[-1]][0],)
     assert points.chairs[2].entered == (WAYS.slots[ROOMS[0]][0],)
+
+
+def test_a_chair_with_nobody_about_leaves_its_room_at_once_and_stands_nowhere() -> None:
+    points = _Points({1: ROOMS[0]}, NetworkFaults())
+    points.step()
+    points.wishes = {1: OwnWish(1, ROOMS[-1], 0, points.now_ns)}
+    still = longest = 0
+    while points.chairs[1].entered != (WAYS.slots[ROOMS[-1]][0],):
+        before = points.poses[1]
+        points.step()
+        still = still + 1 if points.poses[1] == before else 0
+        longest = max(longest, still)
+    assert longest * STEP_NS <= 1e9
+
+
+def test_a_chair_that_stands_for_another_one_says_for_whom_all_the_time() -> None:
+    points = _Points({1: ROOMS[0], 2: ROOMS[1]}, NetworkFaults())
+    for _ in range(60):
+        points.step()
+    points.wishes = {1: OwnWish(1, ROOMS[-1], 0, points.now_ns), 2: OwnWish(1, ROOMS[-2], 0, points.now_ns)}
+    without, told = dict.fromkeys(points.chairs, 0), 0
+    for _ in range(130):
+        before = dict(points.poses)
+        points.step()
+        for k, chair in points.chairs.items():
+            stands = points.poses[k] == before[k]
+            says = chair.waits and f"chair {3 - k}" in chair.authority.sentence
+            told += stands and says
+            without[k] = without[k] + 1 if stands and not says else 0
+            assert without[k] * STEP_NS <= 1e9
+    assert told * STEP_NS >= 2e9

@@ -172,7 +172,7 @@ class LiveChair:
         )
         driver = ChainDriver(fleet.ways, number, scene.body, dict(scene.places))
         entered = self.progress.entered or scene.starts[index]
-        self.member = FleetMember(fleet, number, new_boot(), driver, entered, transport, log)
+        self.member = FleetMember(fleet, number, new_boot(), driver, entered, transport, log, file.electorate)
         left = self._goals[self.progress.run.reached :]
         self.rider = Rider(number, self.chair, setup, driver, left, self.progress.run)
         self._sight = SpotSight(fleet.ways, scene.mapped, scene.body)

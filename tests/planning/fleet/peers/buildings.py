@@ -31,7 +31,7 @@ class Desk:
 
     def __init__(self, chairs: int, voters: int = 0, ways: Ways = WAYS) -> None:
         self.fleet = fleet_of(chairs, voters, ways)
-        self.peers = {number: Peer(self.fleet, number, 1000 + number) for number in sorted(self.fleet.electorate)}
+        self.peers = {number: Peer(self.fleet, number, 1000 + number) for number in sorted(self.fleet.numbers)}
         homes = [ways.slots[name][0] for name in "PQR"]
         self.own = {number: Own((homes[number - 1],) if number <= chairs else ()) for number in self.peers}
         self.now_ns = 10**12

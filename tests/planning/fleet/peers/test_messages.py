@@ -11,7 +11,9 @@ from waychair.planning.fleet.peers.messages import Answer, Hello, Reader, State,
 
 BUILDING = "0123456789ab"
 ANSWER = Answer(2, 7, 1, 3, 9, messages.GRANTED, 10, 3000, 4, (5, 6, 7), 5)
-STATE = State((1, 2), 8, (3,), 100, 1, 0, 4, Term(1, 99, 3), 12345, 2, 0, False, False, Wish(1, "lift", 1, 500))
+STATE = State(
+    (1, 2), 8, (3,), 100, 1, 0, 4, Term(1, 99, 3), 12345, 2, 0, False, False, (5001, 2), Wish(1, "lift", 1, 500)
+)
 
 
 @pytest.mark.parametrize("body", [ANSWER, STATE, Hello(1000, 600), messages.Filter("a", "b", b"\0\1")])
@@ -48,7 +50,7 @@ def test_another_building_and_another_version_are_refused_once_with_advice(monke
         {"visit": -1},
         {"entered": tuple(range(600))},
         {"mode": 3},
-        {"wants": 17},
+        {"wants": 513},
         {"entered": (-1,)},
         {"ready_ms": float("nan")},
         {"wish": Wish(1, "x" * 65)},
