@@ -145,7 +145,7 @@ class RiderGuard:
         )
         if self._override is not None:
             self._override = self._override.after(now_ns, stick)
-        return caps if self._override is None else crept(caps, motion, self._body)
+        return caps if self._override is None else crept(caps, stick, motion, self._body)
 
     def _slowed(self, caps: Caps, now_ns: int) -> Caps:
         """Return the caps with that of the guidance; one that is no number changes nothing."""

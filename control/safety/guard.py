@@ -130,13 +130,23 @@ def caps_of(
     return Caps(front, rear, left, right, drops=(drops[0], drops[1], drops[2], drops[3]))
 
 
-def crept(caps: Caps, motion: StickMotion, body: ChairBody) -> Caps:
-    """Return the caps raised to a creep, for an override by the rider's own act; not towards a drop-off."""
-    turn = motion.deflection(Twist(0.0, CREEP / body.circumscribed_radius))[1]
-    ahead, back = motion.deflection(Twist(CREEP, 0.0))[0], -motion.deflection(Twist(-CREEP, 0.0))[0]
+def crept(caps: Caps, stick: JoystickInput, motion: StickMotion, body: ChairBody) -> Caps:
+    """Return the caps raised to a creep, for an override by the rider's own act; not towards a drop-off.
+
+    Both axes share the creep as the stick does, because their speeds add up at a corner of the chair.
+    """
+    forward, turn = abs(stick.forward), abs(stick.turn)
+    ahead = forward / (forward + turn) if AT_REST < max(forward, turn) < float("inf") else 0.5
+    drive, swivel = CREEP * ahead, CREEP * (1.0 - ahead) / body.circumscribed_radius
+    aside = motion.deflection(Twist(0.0, swivel))[1]
     front, rear, left, right = (
         cap if drop else max(cap, creep)
-        for cap, drop, creep in zip(caps.each, caps.drops, (ahead, back, turn, turn), strict=True)
+        for cap, drop, creep in zip(
+            caps.each,
+            caps.drops,
+            (motion.deflection(Twist(drive, 0.0))[0], -motion.deflection(Twist(-drive, 0.0))[0], aside, aside),
+            strict=True,
+        )
     )
     return Caps(front, rear, left, right, caps.drops)
 

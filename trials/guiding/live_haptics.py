@@ -30,11 +30,10 @@ from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
 from waychair.runtime.haptics.sounds import Sounds
 from waychair.runtime.haptics.teller import Teller
 from waychair.runtime.perception_view import PerceptionView
-from waychair.simulation.rider.blind_driver import BlindDriver
+from waychair.simulation.rider.blind_driver import BlindDriver, used_to
 from waychair.simulation.rider.driver_presets import driver_named
 from waychair.simulation.simulator import Simulator
 from waychair.trials.drive import DriveSetup
-from waychair.trials.guiding.guided import used_to
 from waychair.types import OccupancyGrid, Place
 
 
@@ -138,12 +137,14 @@ def open_haptics(
 
 
 @contextmanager
-def haptics_of(options: HapticOptions | None, setup: DriveSetup, seed: int) -> Iterator[HapticParts]:
-    """Yield the parts for the chair of a setting, none without options; raises as `open_haptics`."""
+def haptics_of(
+    options: HapticOptions | None, setup: DriveSetup, seed: int, *, apart: bool = True
+) -> Iterator[HapticParts]:
+    """Yield the parts for the chair of a setting, none without options; `apart` and errors as of `open_haptics`."""
     if options is None:
         yield HapticParts()
         return
-    with open_haptics(options, setup.body, setup.grid, setup.zones, seed) as parts:
+    with open_haptics(options, setup.body, setup.grid, setup.zones, seed, apart=apart) as parts:
         yield parts
 
 

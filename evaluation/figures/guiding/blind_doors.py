@@ -16,8 +16,6 @@ from pathlib import Path
 from evaluation.runs.kept_runs import over_seeds
 from evaluation.scenes.tight_places import APPROACHES, door_scene, map_of, run_scene
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
-from waychair.errors import PlanningError
-from waychair.simulation.rider.driver_presets import DRIVERS
 from waychair.trials.barn import upper_bound
 from waychair.trials.guiding.guided import GuidedSetup, guided_drive
 from waychair.types import HelpLevel, Json
@@ -87,14 +85,8 @@ def run_at_door(bar: DoorBar, how: str, seed: int) -> DoorRun:
     if how == "autonomy":
         alone = run_scene(scene, seed, bar.limit_s)
         return DoorRun(alone.reached, alone.reason, alone.seconds, (0.0,) * alone.contacts, 0, alone.plans)
-    level = HelpLevel(how)
-    setup = GuidedSetup(
-        scene.world, map_of(scene.world), scene.goal, bar.body, DRIVERS["default"], level, seed=seed
-    )  # fmt: skip
-    try:
-        drive = guided_drive(setup, bar.limit_s)
-    except PlanningError as error:
-        return DoorRun(False, str(error), 0.0, (), 0, 0)
+    setup = GuidedSetup(scene.world, map_of(scene.world), bar.body, level=HelpLevel(how), seed=seed)
+    drive = guided_drive(setup, scene.goal, bar.limit_s)
     return DoorRun(
         drive.reached, drive.reason, drive.seconds, drive.contact_speeds, len(drive.told), drive.plans
     )  # fmt: skip
