@@ -20,7 +20,8 @@ from waychair.control.safety.arc_clearance import MonitorSettings, stoppable_alo
 from waychair.control.safety.sight_speed import Sector, UnseenSettings, sight_share
 from waychair.firmware_bridge.bridge import AT_REST
 from waychair.firmware_bridge.caps import Caps, StickMotion
-from waychair.types import FloatArray, HelpLevel, JoystickInput, Twist
+from waychair.geometry import transform_points
+from waychair.types import FloatArray, HelpLevel, JoystickInput, Pose2, Twist
 
 GUARDED = (HelpLevel.GUARD, HelpLevel.GUIDE)
 """The levels of help in which the board guards the rider's own stick."""
@@ -54,14 +55,19 @@ def _nothing() -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Unscanned:
-    """Points in base (N, 2) [m] that no scan shows: `drops`, edges and places without floor, and other `things`."""
+    """Points (N, 2) [m] that no scan shows: `drops`, edges and places without floor, and other `things`."""
 
     drops: FloatArray = field(default_factory=_nothing)
     things: FloatArray = field(default_factory=_nothing)
 
-    def near(self) -> Unscanned:
-        """Return the points that matter to the next stop."""
-        drops, things = (points[np.hypot(*points.T) <= WATCHED_WITHIN] for points in (self.drops, self.things))
+    def seen_from(self, map_from_base: Pose2) -> Unscanned:
+        """Return points in map as points in base."""
+        here = map_from_base.inverse()
+        return Unscanned(transform_points(here, self.drops), transform_points(here, self.things))
+
+    def near(self, at: tuple[float, float] = (0.0, 0.0), within: float = WATCHED_WITHIN) -> Unscanned:
+        """Return the points within so far [m] of a place; by default those in base that matter to the next stop."""
+        drops, things = (points[np.hypot(*(points - at).T) <= within] for points in (self.drops, self.things))
         return Unscanned(drops, things)
 
 

@@ -30,11 +30,12 @@ from waychair.simulation.follower import Follower
 from waychair.simulation.plan.world import World
 from waychair.simulation.plant.plant import PlantSettings
 from waychair.simulation.rider.blind_driver import Felt
-from waychair.simulation.simulator import Simulator, SimulatorSettings
+from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, simulated_chair
 from waychair.trials.guiding.helped_chair import HelpedChair
 from waychair.trials.guiding.live_haptics import HapticOptions, haptics_of
+from waychair.trials.ride import RecordingSimulator
 from waychair.types import FloatArray, Goal, HelpLevel, JoystickInput, OccupancyGrid, Place
 
 UNCAPPED = (1.0, 1.0, 1.0, 1.0)
@@ -118,7 +119,9 @@ def guided_rider(setup: GuidedSetup) -> Iterator[GuidedRider]:
         WorldError: the chair does not fit at the world's start.
         ConfigError: there is no such driver.
     """
-    simulator = Simulator(setup.world, setup.body, setup.simulator or randomised_settings(setup.seed), setup.seed)
+    simulator = RecordingSimulator(
+        setup.world, setup.body, setup.simulator or randomised_settings(setup.seed), setup.seed
+    )
     drive = DriveSetup(setup.grid, {}, setup.body, DEFAULT, zones=setup.zones)
     touch = HapticOptions(HapticsProfile(layout=setup.layout, speech=False), driver=setup.driver)
     with (
@@ -127,7 +130,7 @@ def guided_rider(setup: GuidedSetup) -> Iterator[GuidedRider]:
     ):
         if parts.guide is not None:
             parts.guide.leader.learner = RiderLearner(setup.known)
-        rider = GuidedRider(setup, HelpedChair(simulator, chair, parts))
+        rider = GuidedRider(setup, simulator, HelpedChair(simulator, chair, parts))
         rider.begin()
         yield rider
 
@@ -135,8 +138,8 @@ def guided_rider(setup: GuidedSetup) -> Iterator[GuidedRider]:
 class GuidedRider:
     """A rider who is led from place to place; the drives follow each other on one chair, with one glove."""
 
-    def __init__(self, setup: GuidedSetup, helped: HelpedChair) -> None:
-        self.simulator, self.chair = helped.simulator, helped.chair
+    def __init__(self, setup: GuidedSetup, simulator: RecordingSimulator, helped: HelpedChair) -> None:
+        self.simulator, self.chair = simulator, helped.chair
         self._setup, self._helped = setup, helped
         self._guide = helped.parts.guide
         self._follower: Follower | None = None

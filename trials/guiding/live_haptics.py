@@ -9,7 +9,7 @@ With a `driver` a simulated one feels the motors and moves the chair's own joyst
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -29,12 +29,11 @@ from waychair.runtime.haptics.learnt_file import load_learner, save_learner
 from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
 from waychair.runtime.haptics.sounds import Sounds
 from waychair.runtime.haptics.teller import Teller
-from waychair.runtime.perception_view import PerceptionView
 from waychair.simulation.rider.blind_driver import BlindDriver, used_to
 from waychair.simulation.rider.driver_presets import driver_named
 from waychair.simulation.simulator import Simulator
 from waychair.trials.drive import DriveSetup
-from waychair.types import OccupancyGrid, Place
+from waychair.types import OccupancyGrid
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,13 +145,3 @@ def haptics_of(
         return
     with open_haptics(options, setup.body, setup.grid, setup.zones, seed, apart=apart) as parts:
         yield parts
-
-
-def surroundings(places: Mapping[str, Place], seen: PerceptionView | None) -> Surroundings:
-    """Return what a chair can tell of its place: its map's places, and what the behaviour cells have found near."""
-    near = () if seen is None else (seen.sectors.words, *(each.words for each in seen.doorways[:_MOST_DOORWAYS]))
-    return Surroundings(tuple(places.values()), near)
-
-
-_MOST_DOORWAYS = 2
-"""More doorways in one answer are not remembered."""

@@ -8,15 +8,19 @@ from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Any
 
+import numpy as np
+
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones
+from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
 from waychair.maps.folders.map_drawing import DrawnFiles
+from waychair.maps.grid.cells import unscanned_points
 from waychair.ros.messages.chair import NO_GOAL, DriveReport
 from waychair.ros.messages.floor import NO_REVISION, Floor
 from waychair.ros.nodes.parts.building_routes import BuildingRoutes
 from waychair.ros.nodes.parts.journeys import Journeys
 from waychair.slam.localising.localisation import Localisation
-from waychair.types import Goal, OccupancyGrid, Place, Pose2, Scan
+from waychair.types import FloatArray, Goal, OccupancyGrid, Place, Pose2, Scan
 
 
 @dataclass(slots=True)
@@ -48,6 +52,16 @@ class Layout:
             if math.hypot(place.pose.x - pose.x, place.pose.y - pose.y) < 0.01:
                 return Goal(pose, place.tolerance_m, place.tolerance_rad)
         return Goal(pose)
+
+    def tops(self, grid: OccupancyGrid) -> FloatArray:
+        """Return the points (N, 2) [m] of the map that no lidar shows; none of a map that is in no folder yet.
+
+        Raises:
+            MapError: the map's depth layer is damaged, or belongs to another map.
+        """
+        if self.folder is None:
+            return np.empty((0, 2))
+        return unscanned_points(grid, scanned_part(grid, load_depth_layer(self.folder, grid)))
 
     def follow(self) -> bool:
         """Take the floor that was told last once its map has come, too; return whether it is another one.
