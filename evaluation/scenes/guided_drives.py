@@ -19,7 +19,7 @@ from waychair.simulation.simulator import SimulatorSettings
 from waychair.trials.barn import upper_bound
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, drive_to_places
-from waychair.trials.guiding.guided import GuidedRecord, GuidedRider, GuidedSetup, guided_rider
+from waychair.trials.guiding.guided import GuidedRecord, GuidedSetup, GuidedTrial, guided_trial
 from waychair.trials.ride import RecordingSimulator
 from waychair.types import Json, Place
 
@@ -51,7 +51,7 @@ class GuidedRun:
 
 
 @dataclass(frozen=True, slots=True)
-class Bars:
+class GuidedBars:
     """What a row has to reach: the least share of arrivals, and the greatest of medians, ratios and rates; None: not asked."""
 
     share: float
@@ -66,14 +66,14 @@ def guided_runs(
 ) -> tuple[GuidedRun, ...]:
     """Drive to places one after the other, on one chair and with one rider; after `until_s` no drive begins any more.
 
-    Raises as `guided_rider`.
+    Raises as `guided_trial`.
     """
     found: list[GuidedRun] = []
-    with guided_rider(setup) as rider:
+    with guided_trial(setup) as trial:
         for goal in goals:
-            if rider.simulator.now_ns * 1e-9 >= until_s:
+            if trial.simulator.now_ns * 1e-9 >= until_s:
                 break
-            found.append(_run(rider, setup, goal, time_limit_s))
+            found.append(_run(trial, setup, goal, time_limit_s))
     return tuple(found)
 
 
@@ -90,7 +90,7 @@ def autonomous_run(setup: GuidedSetup, goal: Place, time_limit_s: float) -> Guid
     )
 
 
-def guided_row(name: str, how: str, found: Sequence[GuidedRun], bars: Bars | None = None) -> Json:
+def guided_row(name: str, how: str, found: Sequence[GuidedRun], bars: GuidedBars | None = None) -> Json:
     """Return the row of a table, and print it; with bars it has passed if it reaches them without a contact."""
     through = [each for each in found if each.reached]
     seconds, planned = (sum(getattr(each, name) for each in through) for name in ("seconds", "planned_m"))
@@ -124,7 +124,7 @@ def learnt_figures(model: RiderModel) -> Json:
     return {name: round(float(getattr(model, name)), 4) for name in LIMITS}
 
 
-def _within(row: Mapping[str, Json], bars: Bars) -> bool:
+def _within(row: Mapping[str, Json], bars: GuidedBars) -> bool:
     """Whether each figure that is asked for has been measured and is within its bar."""
     for name in ("median_s", "s_per_m", "m_per_m", "symbols_per_s"):
         most, measured = getattr(bars, name), row[name]
@@ -133,10 +133,10 @@ def _within(row: Mapping[str, Json], bars: Bars) -> bool:
     return True
 
 
-def _run(rider: GuidedRider, setup: GuidedSetup, goal: Place, time_limit_s: float) -> GuidedRun:
-    simulator, began_ns = rider.simulator, rider.simulator.now_ns
+def _run(trial: GuidedTrial, setup: GuidedSetup, goal: Place, time_limit_s: float) -> GuidedRun:
+    simulator, began_ns = trial.simulator, trial.simulator.now_ns
     contacts = simulator.contacts
-    record: GuidedRecord = rider.drive_to(goal, time_limit_s)
+    record: GuidedRecord = trial.drive_to(goal, time_limit_s)
     speeds, bumped = _contacts(simulator, setup, contacts)
     return GuidedRun(
         reached=record.reached,

@@ -262,20 +262,10 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
             return
         grid, layout.next_grid = layout.next_grid, None
         try:
-            tops = layout.tops(grid)
+            self._pilot = pilot = layout.pilot_on(grid, self._calibration, self.settings)
         except WaychairError as error:
             self.get_logger().error(f"{error}; the chair does not drive on this map")
             return
-        layout.grid = grid
-        self._pilot = pilot = Pilot(
-            grid=grid,
-            places=layout.places,
-            body=self._calibration.body,
-            settings=self.settings,
-            stops=self._calibration.stops,
-            zones=layout.zones,
-            tops=tops,
-        )
         self._show_map(pilot, grid)
         leave_out_present()
 

@@ -105,13 +105,13 @@ class GuidedRecord:
 
 
 def guided_drive(setup: GuidedSetup, goal: Place, time_limit_s: float = 180.0) -> GuidedRecord:
-    """Drive once to a place; raises as `guided_rider`."""
-    with guided_rider(setup) as rider:
-        return rider.drive_to(goal, time_limit_s)
+    """Drive once to a place; raises as `guided_trial`."""
+    with guided_trial(setup) as trial:
+        return trial.drive_to(goal, time_limit_s)
 
 
 @contextmanager
-def guided_rider(setup: GuidedSetup) -> Iterator[GuidedRider]:
+def guided_trial(setup: GuidedSetup) -> Iterator[GuidedTrial]:
     """Yield the rider of a chair at the world's start, who has chosen the level of help.
 
     Raises:
@@ -130,12 +130,12 @@ def guided_rider(setup: GuidedSetup) -> Iterator[GuidedRider]:
     ):
         if parts.guide is not None:
             parts.guide.leader.learner = RiderLearner(setup.known)
-        rider = GuidedRider(setup, simulator, HelpedChair(simulator, chair, parts))
-        rider.begin()
-        yield rider
+        trial = GuidedTrial(setup, simulator, HelpedChair(simulator, chair, parts))
+        trial.begin()
+        yield trial
 
 
-class GuidedRider:
+class GuidedTrial:
     """A rider who is led from place to place; the drives follow each other on one chair, with one glove."""
 
     def __init__(self, setup: GuidedSetup, simulator: RecordingSimulator, helped: HelpedChair) -> None:

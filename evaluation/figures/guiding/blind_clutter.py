@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from evaluation.runs.kept_runs import over_seeds
-from evaluation.scenes.guided_drives import Bars, GuidedRun, guided_row, guided_runs
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, guided_runs
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.errors import PlanningError
 from waychair.maps.grid.distance_field import distance_field
@@ -40,7 +40,7 @@ def blind_clutter(out: Path) -> Json:
     """Arrivals and contacts in the rooms that have a way of pivots and straight legs; the other rooms are counted apart."""
     found = over_seeds("blind clutter", run_in_clutter, RUNS)
     possible = [run for run in found if run is not None]
-    row = guided_row("clutter", "guide", possible, Bars(0.90))
+    row = guided_row("clutter", "guide", possible, GuidedBars(0.90))
     return {"passed": row["passed"], "rooms": len(found), "without_a_way": len(found) - len(possible), "rows": [row]}
 
 

@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 
 from evaluation.runs.kept_runs import over_seeds
-from evaluation.scenes.guided_drives import Bars, GuidedRun, autonomous_run, guided_row, guided_runs
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, autonomous_run, guided_row, guided_runs
 from evaluation.scenes.tight_places import APPROACHES, door_scene, map_of
 from waychair.calibration.chair_body import CHAIR_A, CHAIR_B, ChairBody
 from waychair.control.haptics.rider import RiderModel
@@ -27,12 +27,12 @@ BASELINES = os.environ.get("BLIND_DOORS_BASELINES", "1") == "1"
 
 
 @dataclass(frozen=True, slots=True)
-class Door:
+class BlindDoor:
     """A chair at a door, what its row has to reach, and the time limit [s]."""
 
     body: ChairBody
     width: float
-    bars: Bars
+    bars: GuidedBars
     limit_s: float = 180.0
 
     @property
@@ -42,10 +42,10 @@ class Door:
 
 
 DOORS = (
-    Door(CHAIR_A, 0.90, Bars(0.98, 45.0)),
-    Door(CHAIR_A, 0.80, Bars(0.97, 45.0)),
-    Door(CHAIR_B, 0.90, Bars(0.95, 45.0)),
-    Door(CHAIR_B, 0.80, Bars(0.85, 90.0), 300.0),
+    BlindDoor(CHAIR_A, 0.90, GuidedBars(0.98, 45.0)),
+    BlindDoor(CHAIR_A, 0.80, GuidedBars(0.97, 45.0)),
+    BlindDoor(CHAIR_B, 0.90, GuidedBars(0.95, 45.0)),
+    BlindDoor(CHAIR_B, 0.80, GuidedBars(0.85, 90.0), 300.0),
 )
 
 
@@ -67,7 +67,12 @@ def blind_doors(out: Path) -> Json:
 
 
 def run_at_door(
-    door: Door, how: str, seed: int, driver: str = "default", known: RiderModel | None = None, layout: str = "glove_3x3"
+    door: BlindDoor,
+    how: str,
+    seed: int,
+    driver: str = "default",
+    known: RiderModel | None = None,
+    layout: str = "glove_3x3",
 ) -> GuidedRun:
     """Drive one chair of this seed through the door, from the direction that the seed stands for.
 
@@ -83,6 +88,6 @@ def run_at_door(
     return guided_runs(setup, [scene.goal], door.limit_s)[0]
 
 
-def _row(door: Door, how: str) -> Json:
+def _row(door: BlindDoor, how: str) -> Json:
     found = over_seeds(f"blind door {door.name} {how}", partial(run_at_door, door, how), RUNS * len(APPROACHES))
     return guided_row(door.name, how, found, door.bars if how == "guide" else None)

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from evaluation.figures.guiding.blind_doors import DOORS, run_at_door
 from evaluation.runs.kept_runs import over_seeds
-from evaluation.scenes.guided_drives import Bars, GuidedRun, guided_row, learnt_figures
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, learnt_figures
 from evaluation.scenes.tight_places import APPROACHES
 from waychair.control.haptics.rider import RiderModel
 from waychair.types import Json
@@ -35,19 +35,19 @@ class Person:
     """A preset of a driver, what it has to reach, and whether only after learning."""
 
     driver: str
-    bars: Bars
+    bars: GuidedBars
     learns: bool = False
 
 
 PEOPLE = (
-    Person("default", Bars(0.97)),
-    Person("older", Bars(0.97)),
-    Person("second_task", Bars(0.97)),
-    Person("sure_85", Bars(0.97)),
-    Person("sure_70", Bars(0.97)),
-    Person("warnings_90", Bars(0.97)),
-    Person("fast_swivel", Bars(0.97)),
-    Person("noisy_hand", Bars(0.90), learns=True),
+    Person("default", GuidedBars(0.97)),
+    Person("older", GuidedBars(0.97)),
+    Person("second_task", GuidedBars(0.97)),
+    Person("sure_85", GuidedBars(0.97)),
+    Person("sure_70", GuidedBars(0.97)),
+    Person("warnings_90", GuidedBars(0.97)),
+    Person("fast_swivel", GuidedBars(0.97)),
+    Person("noisy_hand", GuidedBars(0.90), learns=True),
 )
 
 

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from evaluation.runs.kept_runs import over_seeds
-from evaluation.scenes.guided_drives import Bars, GuidedRun, autonomous_run, guided_row, guided_runs
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, autonomous_run, guided_row, guided_runs
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.simulation.plan.world import load_world
 from waychair.trials.guiding.guided import GuidedSetup
@@ -23,11 +23,11 @@ RUNS = int(os.environ.get("BLIND_PLACES_RUNS", "20"))
 ONLY = os.environ.get("BLIND_PLACES_ONLY", "")
 BASELINES = os.environ.get("BLIND_PLACES_BASELINES", "1") == "1"
 
-BARS = Bars(0.97, s_per_m=4.5, m_per_m=1.10, symbols_per_s=1.2)
+BARS = GuidedBars(0.97, s_per_m=4.5, m_per_m=1.10, symbols_per_s=1.2)
 
 
 @dataclass(frozen=True, slots=True)
-class Route:
+class BlindRoute:
     """A drive from place to place of a world ("": from its start), with so many people, past a door that is shut, if any."""
 
     world: str
@@ -46,8 +46,8 @@ class Route:
         )
 
 
-def _both(world: str, start: str, goal: str, people: int, limit_s: float = 300.0) -> tuple[Route, Route]:
-    return Route(world, start, goal, 0, "", limit_s), Route(world, start, goal, people, "", limit_s)
+def _both(world: str, start: str, goal: str, people: int, limit_s: float = 300.0) -> tuple[BlindRoute, BlindRoute]:
+    return BlindRoute(world, start, goal, 0, "", limit_s), BlindRoute(world, start, goal, people, "", limit_s)
 
 
 ROUTES = (
@@ -59,7 +59,7 @@ ROUTES = (
     *_both("apartment", "bath", "bedroom", 1),
     *_both("apartment", "bedroom", "living_room", 1),
     *_both("second_floor", "classroom", "lift", 6, 420.0),
-    Route("small_clinic", "ward", "bath", shut="bath", limit_s=120.0),
+    BlindRoute("small_clinic", "ward", "bath", shut="bath", limit_s=120.0),
 )
 
 
@@ -73,7 +73,7 @@ def blind_places(out: Path) -> Json:
     return {"passed": passed, "rows": rows}
 
 
-def drive_route(route: Route, how: str, seed: int) -> GuidedRun:
+def drive_route(route: BlindRoute, how: str, seed: int) -> GuidedRun:
     """Drive one chair of this seed along a route; the map shows all doors open."""
     plan = load_world(route.world)
     places = {place.name: place for place in plan.places}
@@ -86,7 +86,7 @@ def drive_route(route: Route, how: str, seed: int) -> GuidedRun:
     return guided_runs(setup, [places[route.goal]], route.limit_s)[0]
 
 
-def _row(route: Route, how: str) -> Json:
+def _row(route: BlindRoute, how: str) -> Json:
     found = over_seeds(f"blind place {route.name} {how}", partial(drive_route, route, how), RUNS)
     if how == "autonomy":
         return guided_row(route.name, how, found)
