@@ -91,6 +91,18 @@ def test_both_axes_are_warned_by_themselves_and_one_creeps_at_a_time(rig: Rig) -
         assert (rig.out.guard_bits, rig.out.caps[first], rig.out.caps[second]) == (CAPPED | OVERRIDDEN, 0, 1000)
 
 
+def test_a_turn_is_warned_but_does_not_creep_while_the_drive_does(rig: Rig) -> None:
+    caps = (0, 10000, 10000, 0)
+    rig.guard(caps)
+    push(rig, 0, 1200)
+    _pushing(rig, 1000, caps)
+    rig.stick = [NEUTRAL + 1200, NEUTRAL + 1200]
+    _pushing(rig, 2100, caps)
+    assert (rig.out.guard_bits, rig.out.caps[FRONT], rig.out.caps[RIGHT]) == (CAPPED | WARNS | OVERRIDDEN, 1150, 0)
+    _pushing(rig, 1000, caps)
+    assert (rig.out.guard_bits, rig.out.caps[FRONT], rig.out.caps[RIGHT]) == (CAPPED | OVERRIDDEN, 1150, 0)
+
+
 def test_an_override_lasts_only_while_the_stick_is_held_hard(rig: Rig) -> None:
     rig.guard(BLOCKED)
     push(rig, 0, 1200)

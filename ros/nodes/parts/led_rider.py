@@ -39,7 +39,7 @@ from waychair.runtime.haptics.where import surroundings
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.slam.odometry.odometry_track import OdometryTrack
 from waychair.topics import SCAN as SCAN_RATE
-from waychair.types import GuardReport, HelpLevel, JoystickInput, OccupancyGrid, Odometry, Pose2, Scan
+from waychair.types import GuardReport, HelpLevel, JoystickInput, OccupancyGrid, Odometry, Place, Pose2, Scan
 
 NO_MAP = "there is no map yet: wait until the chair's nodes have one"
 
@@ -75,6 +75,7 @@ class LedRider:
         self.guide = HapticGuide(calibration.body, teller, learner, _NOWHERE, worker=worker, around=self._around)
         self._node, self._calibration = node, calibration
         self._layout, self._track, self._heard = Layout({}, ()), OdometryTrack(), _Heard()
+        self._place: Place | None = None  # waits for the level at which the rider is led
         self._choose = node.create_client(interface_type("waychair_msgs/srv/ChooseLevel"), "choose_level")
         self._listen(scan_frame)
         node.create_service(interface_type("waychair_msgs/srv/Lead"), "haptics/lead", self._answer_lead)
@@ -87,6 +88,9 @@ class LedRider:
         guard, pose = self._guard(now_ns), self._pose()
         forward, turn = guard.stick
         drive: DriveReport | None = self._fresh(self._heard.drive, now_ns)
+        if self._place is not None and guard.level is not HelpLevel.GUARD:
+            self.guide.lead(self._place)
+            self._place = None
         return self.guide.step(
             HapticInputs(
                 now_ns=now_ns,
@@ -119,9 +123,7 @@ class LedRider:
         node.listen(topics.GUARD, read_guard, heard.guard.take, needed=False)
         node.listen(topics.DRIVE_STATE, read_drive_state, heard.drive.take, needed=False)
         node.listen(topics.PERCEPTION, read_perception, heard.cells.take, needed=False)
-        node.listen(
-            topics.STOP, lambda message: message, lambda message: self.guide.end("Stop was pressed"), needed=False
-        )
+        node.listen(topics.STOP, lambda message: message, lambda message: self._stop(), needed=False)
 
     def _take_map(self, loaded: tuple[OccupancyGrid, int]) -> None:
         self._layout.next_grid, self._layout.loaded_ns = loaded
@@ -198,6 +200,10 @@ class LedRider:
     def _around(self) -> Surroundings:
         return surroundings(self._layout.places, self._fresh(self._heard.cells, time.monotonic_ns()))
 
+    def _stop(self) -> None:
+        self._place = None
+        self.guide.end("Stop was pressed")
+
     def _answer_lead(self, request: Any, response: Any) -> Any:
         response.success, response.message = self._lead(str(request.place))
         return response
@@ -213,12 +219,13 @@ class LedRider:
         if self._guard(time.monotonic_ns()).level is HelpLevel.GUARD:
             kind = interface_type("waychair_msgs/srv/ChooseLevel")
             self._choose.call_async(kind.Request(level=HelpLevel.GUIDE.value))
-        self.guide.lead(place)
+        self._place = place
         return True, f"You are led to {name}."
 
     def _end(self) -> tuple[bool, str]:
-        if self.guide.leader.goal is None:
+        if self.guide.leader.goal is None and self._place is None:
             return False, NOT_LED
+        self._place = None
         self.guide.end()
         return True, "you are no longer led"
 

@@ -22,10 +22,12 @@ from waychair.ros import topics
 from waychair.ros.messages.cells import signal
 from waychair.ros.messages.chair import localisation
 from waychair.ros.messages.floor import Floor, floor
+from waychair.ros.messages.guard import guard_message
 from waychair.ros.messages.haptics import advice, haptic_state, read_advice, read_haptic_state
 from waychair.ros.messages.maps import occupancy_grid
 from waychair.ros.messages.wire import deserialised, serialised
 from waychair.ros.stack import Stack, processes
+from waychair.runtime.guard_view import GuardView
 from waychair.runtime.haptics.haptic_state import HapticState
 from waychair.slam.localising.localisation import Localisation, LocalisationState
 from waychair.types import HelpLevel, Pose2, Twist
@@ -121,8 +123,11 @@ def test_a_rider_is_led_to_a_place_of_the_map_and_feels_the_first_step(ros: Harn
         grid(occupancy_grid(now_ns, room(), loaded_ns=5))
         told_floor(floor(Floor(now_ns, str(tmp_path), 5)))
 
+        told_guard, level = ros.publisher(topics.GUARD), HelpLevel.GUARD
+
         def stand() -> None:
             now_ns = ros.node.get_clock().now().nanoseconds
+            told_guard(guard_message(now_ns, GuardView(level)))
             moved(odometry(now_ns, ODOM_FRAME, Pose2(), Twist()))
             located(localisation(now_ns, Localisation(START, START, 1.0, LocalisationState.OK, 1.0), "", 5))
 
@@ -136,6 +141,9 @@ def test_a_rider_is_led_to_a_place_of_the_map_and_feels_the_first_step(ros: Harn
             answers.append(future.result())
         assert (answers[0].success, "did you mean desk?" in answers[0].message) == (False, True)
         assert (answers[1].success, answers[1].message) == (True, "You are led to desk.")
+
+        assert not any(read_haptic_state(each).goal for each in heard)  # the bridge has not begun the level guide yet
+        level = HelpLevel.GUIDE
 
         def led() -> bool:
             states = [read_haptic_state(each) for each in heard]
