@@ -41,7 +41,15 @@ from evaluation.figures.driving import (
     wrong_chairs,
 )
 from evaluation.figures.fleet import alone, drive, gap, grids, live, narrow, network, page, scale, tables
-from evaluation.figures.guiding import blind_doors, blind_hazards, skin
+from evaluation.figures.guiding import (
+    blind_clutter,
+    blind_doors,
+    blind_errands,
+    blind_hazards,
+    blind_people,
+    blind_places,
+    skin,
+)
 from evaluation.figures.mapping import (
     appearance,
     camera_fit,
@@ -161,6 +169,10 @@ FIGURES: dict[str, Callable[[Path], Json]] = {
     "skin": skin.skin,
     "blind_doors": blind_doors.blind_doors,
     "blind_hazards": blind_hazards.blind_hazards,
+    "blind_places": blind_places.blind_places,
+    "blind_people": blind_people.blind_people,
+    "blind_clutter": blind_clutter.blind_clutter,
+    "blind_errands": blind_errands.blind_errands,
     "reacts": monitor.reacts,
     "ride": hazards.ride,
     "fleet_drive": drive.fleet_drive,

@@ -161,7 +161,7 @@ def processes(stack: Stack) -> tuple[Process, ...]:
     if stack.settings.get(_CELLS, {}).get("perceive"):
         rows[_CELLS] = {**chair, "camera": stack.camera}
     if stack.settings.get(_GLOVE, {}).get("port"):
-        rows[_GLOVE] = {}
+        rows[_GLOVE] = dict(chair)
     if stack.page_port is not None:
         rows[_PAGE] = {**place, "host": stack.page_host, "port": stack.page_port}
         if stack.page_names:

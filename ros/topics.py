@@ -126,6 +126,9 @@ DRIVE_STATE = RosTopic("drive_state", "waychair_msgs/msg/DriveState", RELIABLE, 
 GUARD = RosTopic("guard", "waychair_msgs/msg/Guard", RELIABLE, BASE_FRAME)
 """The level of help while the rider drives, and the caps of the board's guard."""
 
+UNSCANNED = RosTopic("guard/unscanned", "std_msgs/msg/String", RELIABLE, MAP_FRAME)
+"""Drop-offs and things near the chair that no scan shows, for the guard: a JSON object of `runtime.guard_points.GuardPoints`."""
+
 PLACES = RosTopic("places", "waychair_msgs/msg/Places", LATCHED, MAP_FRAME)
 
 FLOOR = RosTopic("floor", "waychair_msgs/msg/Floor", LATCHED, MAP_FRAME)

@@ -13,8 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.fits.dac import DacModel
 from waychair.config import setting
@@ -23,9 +21,8 @@ from waychair.control.safety.guard import Unscanned
 from waychair.control.safety.stops import Halt
 from waychair.firmware_bridge.bridge import Bridge
 from waychair.firmware_bridge.transports import Reconnecting
-from waychair.geometry import transform_points
 from waychair.maps.drawn.zones import Zone
-from waychair.maps.grid.cells import are_occupied, unscanned_points
+from waychair.maps.grid.cells import unscanned_points
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.runtime.chair_state import ChairState, ChairWatcher, Watchers
 from waychair.runtime.drive_base import ChairMessage, DriveBase
@@ -44,7 +41,6 @@ from waychair.slam.localising.localiser import (
     prepared_map,
 )
 from waychair.types import (
-    FloatArray,
     Goal,
     HelpLevel,
     OccupancyGrid,
@@ -95,7 +91,6 @@ class PreparedStorey:
     pilot: Pilot
     known: SavedMap
     zones: tuple[Zone, ...]
-    unscanned: FloatArray
 
 
 class Chair:
@@ -136,11 +131,16 @@ class Chair:
             monitor=monitor,
             zones=zones,
         )
-        self._pilot = Pilot(
-            grid=grid, places=places, body=calibration.body, settings=s, stops=calibration.stops, zones=zones
-        )
         known = grid if scanned is None else scanned
-        self._base.guard.mapped = unscanned_points(grid, known)
+        self._pilot = Pilot(
+            grid=grid,
+            places=places,
+            body=calibration.body,
+            settings=s,
+            stops=calibration.stops,
+            zones=zones,
+            tops=unscanned_points(grid, known),
+        )
         self._localiser = Localiser(known, calibration.body.base_from_laser, start, s.localiser)
         self._localisation: Localisation | None = None
         self._watcher = watcher
@@ -316,8 +316,6 @@ class Chair:
             self.haptics.redraw(self._pilot.navigator.grid, zones)
         if known is not None:
             self._localiser.replace_map(known)
-            mapped = self._base.guard.mapped
-            self._base.guard.mapped = mapped[are_occupied(drawn.grid, mapped)]
 
     def prepared_storey(
         self,
@@ -328,11 +326,10 @@ class Chair:
     ) -> PreparedStorey:
         """Prepare another storey's map for `change_storey`; takes a while, and may be called from any thread."""
         body, stops = self._calibration.body, self._calibration.stops
-        pilot = Pilot(grid=grid, places=places, body=body, settings=self.settings, stops=stops, zones=zones)
         seen = grid if scanned is None else scanned
-        return PreparedStorey(
-            pilot, prepared_map(seen, self.settings.localiser), tuple(zones), unscanned_points(grid, seen)
-        )
+        tops = unscanned_points(grid, seen)
+        pilot = Pilot(grid=grid, places=places, body=body, settings=self.settings, stops=stops, zones=zones, tops=tops)
+        return PreparedStorey(pilot, prepared_map(seen, self.settings.localiser), tuple(zones))
 
     def change_storey(self, storey: str, prepared: PreparedStorey, map_from_base: Pose2 | None) -> None:
         """Take another storey's map, places, zones, planner and localiser at once, without anything seen on the last one.
@@ -344,7 +341,6 @@ class Chair:
         self._tell(f"storey {storey}")
         self._pilot = prepared.pilot
         self._localiser.replace_map(prepared.known)
-        self._base.guard.mapped = prepared.unscanned
         self._localiser.restart(map_from_base)
         self._localisation = None
         self._base.change_map(prepared.zones, map_from_base or Pose2())
@@ -430,13 +426,8 @@ class Chair:
         return self._localisation is not None and self._localisation.state is LocalisationState.DEGRADED
 
     def _unscanned(self, map_from_base: Pose2) -> Unscanned:
-        """Return drop-offs, and things that only sonars, depth camera and map show, in base; none while unlocalised."""
-        if self._localisation is None:
-            return Unscanned()
-        drops, things = self._pilot.navigator.beyond_scans
-        here = map_from_base.inverse()
-        things = np.concatenate([things, self._base.guard.mapped])
-        return Unscanned(transform_points(here, drops), transform_points(here, things))
+        """Return what the guard watches beside the scans, in base; nothing while unlocalised."""
+        return Unscanned() if self._localisation is None else self._pilot.unscanned.seen_from(map_from_base)
 
     def _tell(self, what: str, goals: tuple[Goal, ...] = ()) -> None:
         if self._watcher is not None:

@@ -14,7 +14,8 @@ class GuardView:
     """The level of help, the last sentence about it (`told`), and the level that the rider chose last (`offered`).
 
     `caps`: of the board, in [0, 1] of the swing to the front, the rear, the left and the right, None while it does not guard.
-    `creeps`: an override by a press lasts. The other flags are those of `types.GuardReport`.
+    `creeps`: an override by a press lasts. The other flags are those of `types.GuardReport`. `stick`: the rider's joystick,
+    forward and turn in [-1, 1], left positive.
     """
 
     level: HelpLevel = HelpLevel.INFORM
@@ -26,6 +27,7 @@ class GuardView:
     overridden: bool = False
     lost: bool = False
     creeps: bool = False
+    stick: tuple[float, float] = (0.0, 0.0)
 
     @property
     def waits(self) -> bool:
@@ -57,8 +59,9 @@ def guard_view(help_now: HelpState, telemetry: Telemetry | None) -> GuardView:
     """Return what a page shows of a level and of the board's guard by its last report; None: no usable board."""
     report = None if telemetry is None else telemetry.guard
     level, told, offered, creeps = help_now.level, help_now.told, help_now.offered, help_now.overridden
+    stick = (0.0, 0.0) if telemetry is None else (telemetry.joystick.forward, telemetry.joystick.turn)
     if report is None:
-        return GuardView(level, told, offered, creeps=creeps)
+        return GuardView(level, told, offered, creeps=creeps, stick=stick)
     return GuardView(
         level=level,
         told=told,
@@ -69,4 +72,5 @@ def guard_view(help_now: HelpState, telemetry: Telemetry | None) -> GuardView:
         overridden=report.overridden,
         lost=report.lost,
         creeps=creeps,
+        stick=stick,
     )

@@ -17,10 +17,12 @@ from waychair.config import setting
 from waychair.control.drive.echo_filter import EchoFilter
 from waychair.control.drive.navigator import Navigation, Navigator, NavigatorSettings, Stage
 from waychair.control.safety.collision_monitor import MAPPED_WITHIN, points_now, slim_beams
+from waychair.control.safety.guard import Unscanned
 from waychair.control.safety.supervisor import SupervisorVerdict
 from waychair.geometry import transform_points
 from waychair.maps.depth.ground import GroundView
 from waychair.maps.drawn.zones import Zone
+from waychair.maps.grid.cells import are_occupied
 from waychair.planning.grid.drawn_map import DrawnMap
 from waychair.planning.window.motion_limits import measured
 from waychair.runtime.base_settings import BaseSettings
@@ -67,8 +69,12 @@ class Pilot:
         settings: PilotSettings | None = None,
         stops: StopTable | None = None,
         zones: Sequence[Zone] = (),
+        tops: FloatArray | None = None,
     ) -> None:
-        """stops: stopping distances measured on this chair; without them it crawls. `zones` are the map's."""
+        """stops: stopping distances measured on this chair; without them it crawls. `zones` are the map's.
+
+        `tops` (N, 2) [m]: what the map shows and no lidar, such as the tops of tables (`unscanned_points`).
+        """
         self.settings = settings or PilotSettings()
         self.body = body
         self.navigator = Navigator(grid, places, body, _within(self.settings, stops), zones)
@@ -77,6 +83,7 @@ class Pilot:
         self._paused_since_ns: int | None = None
         self._sight = _ScanView()  # since the last tick
         self._echo_filter = EchoFilter()
+        self._tops = _NOTHING if tops is None else tops
         self.mapped_legs = _NOTHING
         """Points of the latest scan that look like legs but are on the map, (N, 2) [m] in base; none if unlocalised."""
 
@@ -120,6 +127,13 @@ class Pilot:
     def redraw(self, drawn: DrawnMap, places: Mapping[str, Place]) -> None:
         """Replace the map and the places; a drive under way is replanned, one that has ended stays ended."""
         self.navigator.redraw(drawn, places)
+        self._tops = self._tops[are_occupied(drawn.grid, self._tops)]
+
+    @property
+    def unscanned(self) -> Unscanned:
+        """Drop-offs, and things that only sonars, depth camera and map show, in map."""
+        drops, things = self.navigator.beyond_scans
+        return Unscanned(drops, np.concatenate([things, self._tops]))
 
     def see(self, scan: Scan, localisation: Localisation, twist: Twist) -> None:
         """Take in a scan without the beams that hit the chair itself, and the pose at which it was taken."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from waychair.calibration.chair_body import ChairBody
 from waychair.calibration.fits.stopping import StopTable
 from waychair.control.safety.collision_monitor import VERDICT_MS
@@ -23,7 +21,7 @@ from waychair.control.safety.guard import (
 )
 from waychair.control.safety.sight_speed import Sector
 from waychair.firmware_bridge.bridge import Bridge
-from waychair.firmware_bridge.caps import Caps
+from waychair.firmware_bridge.caps import STALE_CAP, Caps
 from waychair.runtime.base_settings import BaseSettings
 from waychair.runtime.monitor_process import MonitorPort
 from waychair.types import HelpLevel, JoystickInput, SentCommand, Twist
@@ -37,9 +35,9 @@ NOTHING_HELD = "There is nothing to override: the guard does not hold the joysti
 
 
 class RiderGuard:
-    """The chosen `level`, and the caps that it asks of the board; `unscanned` are the points that no scan shows.
+    """The chosen `level`, and the caps that it asks of the board; `unscanned` are the points in base that no scan
+    shows; None while they ought to be known and are not: then no cap is wide.
 
-    `mapped` (N, 2) [m], in map: what the map has of them, such as the tops of tables.
     `offered`: the level that the rider chose last, maybe on another day; no level begins by itself.
     `told`: the last sentence about the level, for speech and page; it changes with each change of the level.
     """
@@ -57,8 +55,7 @@ class RiderGuard:
         """`calibrated`: the chair's joystick was measured, so that a deflection's motion is known."""
         self.level = self.offered = HelpLevel.INFORM
         self.told = ""
-        self.unscanned = Unscanned()
-        self.mapped = np.empty((0, 2))
+        self.unscanned: Unscanned | None = Unscanned()
         self._body, self._stops, self._settings = body, stops, settings
         self._monitor, self._bridge = monitor, bridge
         self._calibrated = calibrated
@@ -136,16 +133,18 @@ class RiderGuard:
             pushes if judged is None else judged,
             None if judged is None or answer is None else answer.shares,
             sectors,
-            self.unscanned,
+            self.unscanned or Unscanned(),
             motion,
             self._body,
             self._settings.monitor,
             self._settings.unseen,
             self._stops,
         )
+        if self.unscanned is None:
+            caps = caps.narrowed(STALE_CAP)
         if self._override is not None:
             self._override = self._override.after(now_ns, stick)
-        return caps if self._override is None else crept(caps, motion, self._body)
+        return caps if self._override is None else crept(caps, stick, motion, self._body)
 
     def _slowed(self, caps: Caps, now_ns: int) -> Caps:
         """Return the caps with that of the guidance; one that is no number changes nothing."""

@@ -33,6 +33,7 @@ from waychair.runtime.drawing_port import NO_GUIDE, NOT_ASKED, DrawingPort
 from waychair.runtime.guard_port import GuardPort
 from waychair.runtime.habits import Habits
 from waychair.runtime.haptic_port import HapticPort
+from waychair.runtime.haptics.where import surroundings
 from waychair.runtime.kept_level import KeptLevel
 from waychair.runtime.perception_view import PerceptionView, drawn_network
 from waychair.runtime.sentences import GOES_ON, NOTHING_PAUSED, NOTHING_TO_PAUSE, PAUSED, sentence
@@ -41,7 +42,7 @@ from waychair.simulation.simulator import SimulationSettings, Simulator
 from waychair.topics import IMU
 from waychair.trials.demo import randomised_settings
 from waychair.trials.drive import DriveSetup, black_box, look_round, simulated_chair
-from waychair.trials.guiding.live_haptics import HapticOptions, haptics_of, surroundings
+from waychair.trials.guiding.live_haptics import HapticOptions, haptics_of
 from waychair.trials.latest_senses import LatestCells, LatestPicture, with_pictures
 from waychair.trials.live_journeys import LiveBuilding, LiveJourneys
 from waychair.trials.live_map import LiveMap, plan_folder

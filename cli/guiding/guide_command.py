@@ -64,7 +64,6 @@ def guide_command(
     from waychair.calibration.chair_body import CHAIR_A
     from waychair.cli.planning import place_among
     from waychair.simulation.plan.world import load_world
-    from waychair.simulation.rider.driver_presets import driver_named
     from waychair.trials.guiding.guided import GuidedSetup, guided_drive
     from waychair.trials.guiding.guided_report import save_report, summary
     from waychair.trials.navigate import world_with_people
@@ -77,15 +76,14 @@ def guide_command(
     setup = GuidedSetup(
         world=world_with_people(plan, begin, people, seed),
         grid=plan.grid,
-        goal=to,
         body=CHAIR_A,
-        driver=driver_named(driver),
+        driver=driver,
         level=HelpLevel(level),
         layout=layout,
         seed=seed,
         sees=rider == "stick",
     )
-    record = guided_drive(setup, 60.0 * minutes)
+    record = guided_drive(setup, to, 60.0 * minutes)
     if out is not None:
         save_report(record, setup, out)
     if not quiet:

@@ -20,7 +20,8 @@ from waychair.control.safety.arc_clearance import MonitorSettings, stoppable_alo
 from waychair.control.safety.sight_speed import Sector, UnseenSettings, sight_share
 from waychair.firmware_bridge.bridge import AT_REST
 from waychair.firmware_bridge.caps import Caps, StickMotion
-from waychair.types import FloatArray, HelpLevel, JoystickInput, Twist
+from waychair.geometry import transform_points
+from waychair.types import FloatArray, HelpLevel, JoystickInput, Pose2, Twist
 
 GUARDED = (HelpLevel.GUARD, HelpLevel.GUIDE)
 """The levels of help in which the board guards the rider's own stick."""
@@ -54,14 +55,19 @@ def _nothing() -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Unscanned:
-    """Points in base (N, 2) [m] that no scan shows: `drops`, edges and places without floor, and other `things`."""
+    """Points (N, 2) [m] that no scan shows: `drops`, edges and places without floor, and other `things`."""
 
     drops: FloatArray = field(default_factory=_nothing)
     things: FloatArray = field(default_factory=_nothing)
 
-    def near(self) -> Unscanned:
-        """Return the points that matter to the next stop."""
-        drops, things = (points[np.hypot(*points.T) <= WATCHED_WITHIN] for points in (self.drops, self.things))
+    def seen_from(self, map_from_base: Pose2) -> Unscanned:
+        """Return points in map as points in base."""
+        here = map_from_base.inverse()
+        return Unscanned(transform_points(here, self.drops), transform_points(here, self.things))
+
+    def near(self, at: tuple[float, float] = (0.0, 0.0), within: float = WATCHED_WITHIN) -> Unscanned:
+        """Return the points within so far [m] of a place; by default those in base that matter to the next stop."""
+        drops, things = (points[np.hypot(*(points - at).T) <= within] for points in (self.drops, self.things))
         return Unscanned(drops, things)
 
 
@@ -130,13 +136,23 @@ def caps_of(
     return Caps(front, rear, left, right, drops=(drops[0], drops[1], drops[2], drops[3]))
 
 
-def crept(caps: Caps, motion: StickMotion, body: ChairBody) -> Caps:
-    """Return the caps raised to a creep, for an override by the rider's own act; not towards a drop-off."""
-    turn = motion.deflection(Twist(0.0, CREEP / body.circumscribed_radius))[1]
-    ahead, back = motion.deflection(Twist(CREEP, 0.0))[0], -motion.deflection(Twist(-CREEP, 0.0))[0]
+def crept(caps: Caps, stick: JoystickInput, motion: StickMotion, body: ChairBody) -> Caps:
+    """Return the caps raised to a creep, for an override by the rider's own act; not towards a drop-off.
+
+    Both axes share the creep as the stick does, because their speeds add up at a corner of the chair.
+    """
+    forward, turn = abs(stick.forward), abs(stick.turn)
+    ahead = forward / (forward + turn) if AT_REST < max(forward, turn) < float("inf") else 0.5
+    drive, swivel = CREEP * ahead, CREEP * (1.0 - ahead) / body.circumscribed_radius
+    aside = motion.deflection(Twist(0.0, swivel))[1]
     front, rear, left, right = (
         cap if drop else max(cap, creep)
-        for cap, drop, creep in zip(caps.each, caps.drops, (ahead, back, turn, turn), strict=True)
+        for cap, drop, creep in zip(
+            caps.each,
+            caps.drops,
+            (motion.deflection(Twist(drive, 0.0))[0], -motion.deflection(Twist(-drive, 0.0))[0], aside, aside),
+            strict=True,
+        )
     )
     return Caps(front, rear, left, right, caps.drops)
 

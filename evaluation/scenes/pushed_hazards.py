@@ -26,7 +26,8 @@ from waychair.simulation.plan.floor_plan import PlanPit
 from waychair.simulation.plan.world import World, world_from_plan
 from waychair.simulation.scene.scene import Behaviour, Block, PersonPlan
 from waychair.trials.demo import randomised_settings
-from waychair.trials.drive import ARMED_S, READY_S, TICK_NS, advance_tick, simulated_chair
+from waychair.trials.drive import TICK_NS, simulated_chair
+from waychair.trials.guiding.helped_chair import HelpedChair
 from waychair.trials.ride import RecordingSimulator
 from waychair.types import HelpLevel, JoystickInput, Pose2
 
@@ -123,20 +124,14 @@ def run_pushed(name: str, seed: int) -> PushedRun:
     aside = float(np.random.default_rng(seed).uniform(-0.03, 0.03))
     overridden = False
     with simulated_chair(setup_of(hazard), simulator) as chair:
-        for _ in range(round(READY_S * 1e9 / TICK_NS)):
-            chair.step(simulator.now_ns, advance_tick(simulator, chair))
-            if chair.ready:
-                break
-        chair.choose_level(HelpLevel.GUARD)
-        guards = False
-        for _ in range(round(ARMED_S * 1e9 / TICK_NS)):
-            telemetry = chair.step(simulator.now_ns, advance_tick(simulator, chair)).telemetry
-            guards = telemetry is not None and telemetry.guard is not None
-            if guards:
-                break
+        helped = HelpedChair(simulator, chair)
+        for _ in helped.begin(HelpLevel.GUARD):
+            pass
+        guards = helped.guards
         for _ in range(round(PUSH_S * 1e9 / TICK_NS) if guards else 0):
             simulator.rider = JoystickInput(simulator.now_ns, 1.0, aside)
-            telemetry = chair.step(simulator.now_ns, advance_tick(simulator, chair)).telemetry
+            helped.tick()
+            telemetry = chair.bridge.telemetry
             overridden |= telemetry is not None and telemetry.guard is not None and telemetry.guard.overridden
         told = chair.level_told if not guards or chair.level is not HelpLevel.GUARD else ""
     motion = simulator.motion()

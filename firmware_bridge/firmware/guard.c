@@ -6,6 +6,7 @@
 enum { CREEPS_FROM_MS = PUSH_MS + WARNING_MS, SPENT_MS = CREEPS_FROM_MS + OVERRIDE_MS, ALL_HARD = (1 << DIRECTIONS) - 1 };
 
 static const int UPWARD[AXES] = {TO_FRONT, TO_RIGHT}, DOWNWARD[AXES] = {TO_REAR, TO_LEFT};
+static const int32_t CREEP_CAP[DIRECTIONS] = {CREEP_CAP_DRIVE, CREEP_CAP_DRIVE, CREEP_CAP_TURN, CREEP_CAP_TURN};
 
 static int32_t least(int32_t a, int32_t b)
 {
@@ -47,20 +48,26 @@ void guard_fade(guard *self, int32_t elapsed_ms, int32_t left_ms)
  * stick that is stuck, or a spasm, gives no second one. */
 static void count_push(guard *self, int to, bool held_hard, int32_t elapsed_ms)
 {
-    const bool blocked = self->asked[to] < CREEP_CAP && !(self->hard >> to & 1);
+    const bool blocked = self->asked[to] < CREEP_CAP[to] && !(self->hard >> to & 1);
     if (!held_hard)
         self->pushed_ms[to] = 0;
     else if (blocked && self->pushed_ms[to] < SPENT_MS)
         self->pushed_ms[to] += (uint32_t)elapsed_ms;
 }
 
+/* Called for the drive's directions first, with no bits set. One axis creeps at a time, because at a corner of the chair two
+ * creeps add up to a hard touch. */
 static int32_t wanted_cap(guard *self, int to)
 {
     const uint32_t pushed_ms = self->pushed_ms[to];
-    if (self->asked[to] >= CREEP_CAP || (self->hard >> to & 1) || pushed_ms < PUSH_MS || pushed_ms >= SPENT_MS)
+    if (self->asked[to] >= CREEP_CAP[to] || (self->hard >> to & 1) || pushed_ms < PUSH_MS || pushed_ms >= SPENT_MS)
         return self->asked[to];
-    self->bits |= pushed_ms < CREEPS_FROM_MS ? GUARD_WARNS : GUARD_OVERRIDDEN;
-    return pushed_ms < CREEPS_FROM_MS ? self->asked[to] : CREEP_CAP;
+    if (pushed_ms < CREEPS_FROM_MS)
+        self->bits |= GUARD_WARNS;
+    if (pushed_ms < CREEPS_FROM_MS || (self->bits & GUARD_OVERRIDDEN))
+        return self->asked[to];
+    self->bits |= GUARD_OVERRIDDEN;
+    return CREEP_CAP[to];
 }
 
 void guard_step(guard *self, const int32_t deflection_mv[AXES], int32_t swing_mv, int32_t elapsed_ms)

@@ -28,6 +28,7 @@ def guard_message(stamp_ns: int, guard: GuardView) -> Any:
         overridden=guard.overridden,
         creeps=guard.creeps,
         lost=guard.lost,
+        stick=np.array(guard.stick, np.float64),
     )
 
 
@@ -52,6 +53,7 @@ def read_guard(message: Any) -> GuardView:
         overridden=bool(message.overridden),
         lost=bool(message.lost),
         creeps=bool(message.creeps),
+        stick=(float(message.stick[0]), float(message.stick[1])),
     )
 
 

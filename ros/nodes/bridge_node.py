@@ -7,6 +7,7 @@
 | localisation | for slow zones; a chair that is not localised does not drive |
 | floor | the map in use; no drive while a node has another one, or while the storey is not certain |
 | stop | the rider's Stop |
+| guard/unscanned, haptics/state | for the guard: what no scan shows, and the guide's cap ahead before a door |
 | page_joystick, page_watch, layout_changed | from a page: its joystick, its heartbeat, changed zones |
 
 | sends | |
@@ -315,6 +316,8 @@ class BridgeNode(ChairNode[BridgeNodeSettings]):
                 self._base.confirm()
         active = request.active and self._drive.goal_id not in (NO_GOAL, self._drive.ended_goal_id)
         verdict, telemetry = self._base.supervise(now_ns, active, self._halts(now_ns, active))
+        if verdict.guarded:
+            self._help.watch(self._localised, now_ns)
         fresh = active and request.driving and not self._command.is_silent(now_ns)
         asked = self._command.value if fresh else None
         driven = self._base.drive(now_ns, verdict, asked)

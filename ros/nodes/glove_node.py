@@ -1,12 +1,18 @@
-"""The glove node: plays advice on a rider's glove and speaks it. It drives nothing, and nothing waits for it.
+"""The glove node: tells and leads a rider who cannot see, by glove and voice. It drives nothing, and nothing waits for it.
 
 | takes | |
 |---|---|
-| haptics/advice | symbols to be felt and heard, each valid for a while |
+| haptics/advice | symbols of other nodes to be felt and heard, each valid for a while |
+| map, floor, localisation, odom, scan | to lead the rider: the map, the pose on it, and new things |
+| guard, drive_state, stop | the level of help, whether the stick is held back, who drives, and Stop |
+| perception/state | what is round the chair, for a rider who asks |
 
 | sends | |
 |---|---|
-| haptics/state | the glove, the symbol said last and why it was not felt, as a page shows them |
+| haptics/state | the glove, the present step, the symbol said last and why it was not felt, as a page shows them |
+
+Services: `haptics/lead` (waychair_msgs/Lead: a place of the map), `haptics/end`, `haptics/say_again`, `haptics/say_where`
+(std_srvs/Trigger).
 """
 
 from __future__ import annotations
@@ -28,48 +34,58 @@ from waychair.ros.messages.haptics import haptic_state, read_advice
 from waychair.ros.messages.reports import DiagnosticLevel, Report
 from waychair.ros.node_settings.glove import GloveNodeSettings
 from waychair.ros.nodes.node import ChairNode, run_node
+from waychair.ros.nodes.parts.known_chair import known_chair
+from waychair.ros.nodes.parts.led_rider import LedRider
 from waychair.runtime.haptics.haptic_state import HapticState
+from waychair.runtime.haptics.learnt_file import default_learnt, load_learner, save_learner
 from waychair.runtime.haptics.sounds import Sounds
 from waychair.runtime.haptics.teller import Teller
+from waychair.topics import COMMAND
 
-TICK_HZ = 50.0
-"""Rate of the session with the glove: advice reaches it within 20 ms."""
-
-_SHOWN_EVERY = 10
+_SHOWN_EVERY = 4
 """Ticks from one message of haptics/state to the next while nothing is said."""
 
 _MOST_WAITING = 8
 """Most pieces of advice that wait; beyond them the oldest is dropped."""
 
+_OTHERS_FROM = 500_000_000
+"""Numbers of advice of other nodes begin here, beyond those of the guide."""
+
 
 class GloveNode(ChairNode[GloveNodeSettings]):
-    """A node with the `Teller` of one rider."""
+    """A node with the channels of one rider, and the guide that uses them."""
 
     def __init__(self, arguments: Sequence[str] | None = None) -> None:
         """
         Raises:
-            ConfigError: there is no port, or the rider's file is impossible.
+            ConfigError: there is no port, or the rider's file or the chair is impossible.
+            CalibrationError: the chair's file is missing or damaged.
             TransportError: the port's name has no known form.
             GloveError: the fitting is for another layout.
+            LearntError: the file of what was learnt of the rider is damaged.
         """
         super().__init__("glove", GloveNodeSettings, arguments=arguments)
-        port, profile = self.settings.port, HapticsProfile()
-        if not port:
+        s, profile = self.settings, HapticsProfile()
+        if not s.port:
             raise ConfigError("the glove node has no glove: set its parameter port, or do not start it")
-        check_port(port, "port")
-        if self.settings.profile:
-            profile = load_profile(Path(self.settings.profile))
-        cable = Reconnecting(lambda: transport_from_text(port, "port"))
+        check_port(s.port, "port")
+        if s.profile:
+            profile = load_profile(Path(s.profile))
+        cable = Reconnecting(lambda: transport_from_text(s.port, "port"))
         self.at_end(cable.close)
         sounds = Sounds(profile)
         self.at_end(sounds.close)
+        learnt = default_learnt() if s.profile else None  # nothing is kept of a rider who has no file
+        learner = load_learner(learnt)
+        self.at_end(lambda: save_learner(learnt, learner))
         bridge = GloveBridge(cable, profile.device_id, layout_named(profile.layout), profile.fitting())
-        self._teller = Teller(profile, bridge, sounds)
+        calibration = known_chair(s.calibration, s.chair)
+        self._rider = LedRider(self, calibration, Teller(profile, bridge, sounds), learner, s.scan_frame)
         self._wanted: list[Advice] = []
         self._state, self._ticks = HapticState(0), 0
         self._send_state = self.publisher(topics.HAPTIC_STATE)
         self.listen(topics.ADVICE, read_advice, self._take_advice, needed=False)
-        self.every(TICK_HZ, self._tick)
+        self.every(COMMAND.rate_hz, self._tick)
 
     def reports(self) -> Iterable[Report]:
         """Report the glove, and each thing that is amiss with the rider's channels."""
@@ -80,18 +96,19 @@ class GloveNode(ChairNode[GloveNodeSettings]):
 
     def _take_advice(self, advice: Advice) -> None:
         """Keep advice until it is said or too late; its validity is counted on the steady clock from here on."""
-        left_ns = advice.valid_until_ns - self.now_ns()
-        kept = [each for each in self._wanted if each.number != advice.number]
-        self._wanted = [*kept, replace(advice, valid_until_ns=time.monotonic_ns() + left_ns)][-_MOST_WAITING:]
+        until_ns = time.monotonic_ns() + advice.valid_until_ns - self.now_ns()
+        heard = replace(advice, number=_OTHERS_FROM + advice.number, valid_until_ns=until_ns)
+        kept = [each for each in self._wanted if each.number != heard.number]
+        self._wanted = [*kept, heard][-_MOST_WAITING:]
 
     def _tick(self) -> None:
         """Say what is due, and tell of it."""
         now_ns = time.monotonic_ns()
         self._wanted = [each for each in self._wanted if each.valid_until_ns >= now_ns]
-        told = self._teller.tick(self._wanted, now_ns, reacted=True)  # the sender counts what is ignored
-        self._state = self._teller.shown(self._state, told, now_ns)
+        count = self._state.count
+        self._state = self._rider.step(now_ns, self._wanted)
         self._ticks += 1
-        if told.said is not None or self._ticks % _SHOWN_EVERY == 0:
+        if self._state.count > count or self._ticks % _SHOWN_EVERY == 0:
             self._send_state(haptic_state(self._state))
 
 

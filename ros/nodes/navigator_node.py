@@ -14,6 +14,7 @@
 | cmd_vel, drive_request | to the bridge, which accepts them from this node only |
 | plan, local_plan, people, global_costmap/costmap, local_costmap/... | see `NavigationDisplay` |
 | places | the named places of the map |
+| guard/unscanned | to the bridge: drop-offs and things near the chair that no scan shows |
 | building_graph | the building's graph; with the action compute_route: see `BuildingRoutes` |
 
 Services: `pause`, `go_on` and `cancel` (std_srvs/Trigger), and `bt_navigator/get_state` (lifecycle_msgs) for scripts
@@ -260,15 +261,11 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         if layout.next_grid is None or layout.waits or (self._pilot is not None and self._pilot.navigator.active):
             return
         grid, layout.next_grid = layout.next_grid, None
-        layout.grid = grid
-        self._pilot = pilot = Pilot(
-            grid=grid,
-            places=layout.places,
-            body=self._calibration.body,
-            settings=self.settings,
-            stops=self._calibration.stops,
-            zones=layout.zones,
-        )
+        try:
+            self._pilot = pilot = layout.pilot_on(grid, self._calibration, self.settings)
+        except WaychairError as error:
+            self.get_logger().error(f"{error}; the chair does not drive on this map")
+            return
         self._show_map(pilot, grid)
         leave_out_present()
 
@@ -361,6 +358,7 @@ class NavigatorNode(ChairNode[NavigatorNodeSettings]):
         self._timer.timer_period_ns = _PERIOD_NS
         self._step()
         self._building.journeys.step()
+        self._senses.tell_guard(self.now_ns(), self._layout.revision)
         self._senses.process_camera()
 
     def now(self) -> ChairNow:

@@ -143,7 +143,7 @@ class HapticGuide:
             wanted += [] if drowns_steps else [from_cells]
         if self.leader.goal is not None and now.pose is None and _moves(now.twist):
             wanted.append(Advice(Symbol.WARNING, _LOST_NUMBER, now.now_ns + 500_000_000, reason=LOST))
-        return wanted
+        return [*wanted, *now.others]
 
     def _again(self, now: HapticInputs, withheld: bool) -> Advice | None:
         """Return the advice that the rider wants to have again; None if nobody asks, or there is none."""

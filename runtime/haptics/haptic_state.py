@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from waychair.control.behaviours.commands import Signal
+from waychair.control.haptics.symbols import Advice
 from waychair.firmware_bridge.glove.bridge import GloveReport
 from waychair.types import GuardReport, HelpLevel, JoystickInput, Place, Pose2, Twist
 
@@ -14,7 +15,8 @@ class HapticInputs:
     """The chair in a tick. `pose` in map is None while the chair does not know where it is.
 
     `level` is the level of help, `level_told` the last sentence about it. `stick` and `guard` are of the board's report,
-    None without one. `signal` is that of the behaviour cells. `computer_drives`: nobody is led meanwhile.
+    None without one. `signal` is that of the behaviour cells. `others` is advice of other programs.
+    `computer_drives`: nobody is led meanwhile.
     """
 
     now_ns: int
@@ -26,6 +28,7 @@ class HapticInputs:
     guard: GuardReport | None = None
     signal: Signal | None = None
     computer_drives: bool = False
+    others: tuple[Advice, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,12 +46,12 @@ class LiveGround:
             if seen is None:
                 return live.costmap()
             scan, pose, twist = seen
-            return with_new(live, scan, self._body, pose, twist, scan.stamp_ns)
+            return _with_new(live, scan, self._body, pose, twist, scan.stamp_ns)
 
         return costmap
 
 
-def with_new(
+def _with_new(
     live: LiveCostmap, scan: Scan, body: ChairBody, map_from_base: Pose2, twist: Twist, now_ns: int
 ) -> Costmap:
     """Return the costmap with everything in a scan that is not on the map; pose and motion are those of `now_ns`."""

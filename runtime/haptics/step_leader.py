@@ -120,6 +120,11 @@ class StepLeader:
         return Advice(symbol, number, now.now_ns + VALID_NS, reason=self.step_words)
 
     @property
+    def plan(self) -> StepPlan | None:
+        """The present steps; None while there are none."""
+        return self._plan
+
+    @property
     def step_words(self) -> str:
         """The present step in words; empty without one."""
         plan, index = self._plan, self._memory.step

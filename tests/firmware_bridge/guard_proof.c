@@ -210,6 +210,7 @@ static void fuzz(unsigned long long steps, uint64_t seed)
         now_ms += passed;
         outputs = safety_step(&core, &inputs, now_ms);
         check(&core, family, &inputs, &outputs);
+        int raised_axes = 0;
         for (int to = 0; core.guarding && to < DIRECTIONS; to++) {
             if (outputs.caps[to] > before.caps[to] + passed * (SETPOINT_MAX / RISE_MS))
                 complain("a cap rose too fast", &core, &inputs, &outputs);
@@ -217,10 +218,14 @@ static void fuzz(unsigned long long steps, uint64_t seed)
                 complain("a cap rose after the computer was lost", &core, &inputs, &outputs);
             if (core.lost && outputs.caps[to] > 2500)
                 complain("a cap of a lost computer is wide", &core, &inputs, &outputs);
-            const bool drop = (core.guard.hard >> to & 1) != 0;
-            if (core.state == STATE_GUARD && outputs.caps[to] > (drop || core.guard.asked[to] > CREEP_CAP ? core.guard.asked[to] : CREEP_CAP))
+            const bool raised = core.state == STATE_GUARD && outputs.caps[to] > core.guard.asked[to];
+            const int32_t creep = to == TO_FRONT || to == TO_REAR ? CREEP_CAP_DRIVE : CREEP_CAP_TURN;
+            raised_axes |= raised ? 1 << (to == TO_LEFT || to == TO_RIGHT) : 0;
+            if (raised && ((core.guard.hard >> to & 1) || outputs.caps[to] > creep))
                 complain("a cap is above the one asked for", &core, &inputs, &outputs);
         }
+        if (raised_axes == 3)
+            complain("both axes creep", &core, &inputs, &outputs);
     }
 }
 

@@ -9,16 +9,21 @@ from tests.firmware_bridge.rig import (
     ENABLE,
     FRONT,
     GUARDS,
+    LEFT,
     LOST,
     NEUTRAL,
     OVERRIDDEN,
     PUSHES,
+    REAR,
     RIGHT,
     WARNS,
     Rig,
     deflections,
     push,
 )
+
+CREEPS = {0: 1150, 1: 1000}
+"""Caps of an override by axis, forward and turn."""
 
 
 def _pushing(rig: Rig, ms: int, caps: tuple[int, ...] = BLOCKED, flags: int = ENABLE | GUARDS) -> None:
@@ -44,10 +49,10 @@ def test_a_push_of_two_seconds_against_a_cap_is_warned_then_creeps_for_ten_secon
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | WARNS, 0)
         assert (rig.step().guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 20)
         _pushing(rig, 57, tuple(caps))
-        assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 1150)
-        assert deflections(rig)[axis] == sign * 138
+        assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, CREEPS[axis])
+        assert deflections(rig)[axis] == sign * CREEPS[axis] * 1200 // 10000
         _pushing(rig, 9942, tuple(caps))
-        assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, 1150)
+        assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | OVERRIDDEN, CREEPS[axis])
         assert (rig.step().guard_bits, rig.out.caps[to]) == (CAPPED, 0)
         _pushing(rig, 5000, tuple(caps))  # a stick that is stuck gives no second one
         assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, 0)
@@ -61,17 +66,41 @@ def test_a_push_of_two_seconds_against_a_cap_is_warned_then_creeps_for_ten_secon
         assert rig.out.guard_bits == CAPPED
 
 
-def test_both_axes_are_warned_and_overridden_by_themselves(rig: Rig) -> None:
+def test_both_axes_are_warned_by_themselves_and_one_creeps_at_a_time(rig: Rig) -> None:
+    for first, second in ((FRONT, RIGHT), (REAR, LEFT)):
+        rig.start()
+        caps = [10000] * 4
+        caps[first] = caps[second] = 0
+        rig.guard(caps)
+        sign = 1 if first == FRONT else -1
+        push(rig, 1, sign * 1200)
+        _pushing(rig, 1000, tuple(caps))
+        rig.stick = [NEUTRAL + sign * 1200, NEUTRAL + sign * 1200]
+        _pushing(rig, 1700, tuple(caps))
+        assert (rig.out.guard_bits, rig.out.caps[first], rig.out.caps[second]) == (CAPPED | OVERRIDDEN, 0, 1000)
+        _pushing(rig, 400, tuple(caps))
+        assert (rig.out.guard_bits, rig.out.caps[first], rig.out.caps[second]) == (
+            CAPPED | WARNS | OVERRIDDEN,
+            0,
+            1000,
+        )
+        _pushing(rig, 500, tuple(caps))  # driving comes before turning
+        assert (rig.out.guard_bits, rig.out.caps[first], rig.out.caps[second]) == (CAPPED | OVERRIDDEN, 1150, 0)
+        push(rig, 1, sign * 1200)
+        _pushing(rig, 100, tuple(caps))
+        assert (rig.out.guard_bits, rig.out.caps[first], rig.out.caps[second]) == (CAPPED | OVERRIDDEN, 0, 1000)
+
+
+def test_a_turn_is_warned_but_does_not_creep_while_the_drive_does(rig: Rig) -> None:
     caps = (0, 10000, 10000, 0)
     rig.guard(caps)
-    rig.stick = [NEUTRAL + 1200, NEUTRAL]
+    push(rig, 0, 1200)
     _pushing(rig, 1000, caps)
     rig.stick = [NEUTRAL + 1200, NEUTRAL + 1200]
-    _pushing(rig, 1700, caps)
-    assert (rig.out.guard_bits, rig.out.caps[RIGHT]) == (CAPPED | OVERRIDDEN, 0)
-    _pushing(rig, 400, caps)
-    assert (rig.out.guard_bits, rig.out.caps[RIGHT]) == (CAPPED | WARNS | OVERRIDDEN, 0)
-    assert rig.out.caps[FRONT] == 1150
+    _pushing(rig, 2100, caps)
+    assert (rig.out.guard_bits, rig.out.caps[FRONT], rig.out.caps[RIGHT]) == (CAPPED | WARNS | OVERRIDDEN, 1150, 0)
+    _pushing(rig, 1000, caps)
+    assert (rig.out.guard_bits, rig.out.caps[FRONT], rig.out.caps[RIGHT]) == (CAPPED | OVERRIDDEN, 1150, 0)
 
 
 def test_an_override_lasts_only_while_the_stick_is_held_hard(rig: Rig) -> None:
@@ -88,15 +117,19 @@ def test_an_override_lasts_only_while_the_stick_is_held_hard(rig: Rig) -> None:
 
 
 def test_a_cap_above_a_creep_needs_no_override(rig: Rig) -> None:
-    caps = (1150, 10000, 10000, 10000)
-    rig.guard(caps)
-    push(rig, 0, 1200)
-    _pushing(rig, 3000, caps)
-    assert (rig.out.guard_bits, rig.out.caps[FRONT]) == (CAPPED, 1150)
-    _pushing(rig, 2100, (1149, 10000, 10000, 10000))  # only the time against the narrower cap counts
-    assert (rig.out.guard_bits, rig.out.caps[FRONT]) == (CAPPED | WARNS, 1149)
-    _pushing(rig, 20, caps)
-    assert rig.out.guard_bits == CAPPED
+    for to, axis, sign in PUSHES:
+        caps = [10000] * 4
+        caps[to] = creep = CREEPS[axis]
+        rig.start()
+        rig.guard(caps)
+        push(rig, axis, sign * 1200)
+        _pushing(rig, 3000, tuple(caps))
+        assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED, creep)
+        narrower = tuple(creep - 1 if other == to else cap for other, cap in enumerate(caps))
+        _pushing(rig, 2100, narrower)  # only the time against the narrower cap counts
+        assert (rig.out.guard_bits, rig.out.caps[to]) == (CAPPED | WARNS, creep - 1)
+        _pushing(rig, 20, tuple(caps))
+        assert rig.out.guard_bits == CAPPED
 
 
 def test_a_drop_off_is_not_overridden_in_its_own_direction(rig: Rig) -> None:

@@ -14,7 +14,7 @@ from waychair.ros.messages.guard import guard_message, read_guard
 from waychair.runtime.guard_view import GuardView
 from waychair.types import HelpLevel
 
-CAP = st.floats(0.0, 1.0)
+CAP, STICK = st.floats(0.0, 1.0), st.floats(-1.0, 1.0)
 LEVEL = st.sampled_from(HelpLevel)
 
 
@@ -22,11 +22,21 @@ def over_the_wire(message: Any) -> Any:
     return wire.deserialised(wire.serialised(message), message.__msgtype__)
 
 
-@given(LEVEL, LEVEL, st.none() | st.tuples(CAP, CAP, CAP, CAP), st.lists(st.booleans(), min_size=5, max_size=5))
+@given(
+    LEVEL,
+    LEVEL,
+    st.none() | st.tuples(CAP, CAP, CAP, CAP),
+    st.lists(st.booleans(), min_size=5, max_size=5),
+    st.tuples(STICK, STICK),
+)
 def test_a_level_and_its_caps_arrive_unchanged(
-    level: HelpLevel, offered: HelpLevel, caps: tuple[float, float, float, float] | None, flags: list[bool]
+    level: HelpLevel,
+    offered: HelpLevel,
+    caps: tuple[float, float, float, float] | None,
+    flags: list[bool],
+    stick: tuple[float, float],
 ) -> None:
-    sent = GuardView(level, "Let go.", offered, caps, *flags)
+    sent = GuardView(level, "Let go.", offered, caps, *flags, stick=stick)
     assert read_guard(over_the_wire(guard_message(7, sent))) == sent
 
 

@@ -12,6 +12,7 @@ from waychair.calibration.calibration_file import ChairCalibration
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.control.safety.guard import SPOKEN, UNCALIBRATED
 from waychair.errors import TransportError
+from waychair.firmware_bridge.caps import STALE_CAP
 from waychair.firmware_bridge.transports import Reconnecting, Transport
 from waychair.runtime.chair import ChairState
 from waychair.runtime.drive_base import ChairMessage, DriveBase
@@ -62,6 +63,17 @@ def test_a_push_towards_a_shelf_is_slowed_and_stopped_free_of_it(ride: Ride) -> 
     ride.simulator.rider = JoystickInput(0, -0.6, 0.0)  # and the rider backs out
     ride.tick(30)
     assert -0.2 < ride.speed < -0.1
+
+
+def test_no_cap_is_wide_while_it_is_not_known_what_no_scan_shows(ride: Ride, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ride.chair, "_unscanned", lambda pose: None)
+    _guarded(ride)
+    ride.simulator.rider = PUSH
+    state = ride.tick(20)
+    assert state.telemetry is not None
+    assert state.telemetry.guard is not None
+    assert max(state.telemetry.guard.caps) <= STALE_CAP
+    assert 0.1 < ride.speed < 0.35
 
 
 def test_a_table_that_only_the_map_shows_stops_a_push_and_lets_go_once_it_is_erased() -> None:

@@ -9,13 +9,12 @@ from contextlib import contextmanager
 from waychair.calibration.fits.dac import DEFAULT
 from waychair.control.haptics.profile import HapticsProfile
 from waychair.errors import WorldError
-from waychair.runtime.chair import Chair
 from waychair.simulation.follower import StallCheck
 from waychair.simulation.plan.world import World
 from waychair.simulation.simulator import Simulator
-from waychair.topics import COMMAND
-from waychair.trials.drive import ARMED_S, READY_S, DriveSetup, advance_tick, simulated_chair
-from waychair.trials.guiding.live_haptics import HapticOptions, HapticParts, open_haptics
+from waychair.trials.drive import DriveSetup, simulated_chair
+from waychair.trials.guiding.helped_chair import HelpedChair
+from waychair.trials.guiding.live_haptics import HapticOptions, open_haptics
 from waychair.types import FloatArray, HelpLevel, Place, Pose2, SensorMessage
 
 APART = 1.5
@@ -45,7 +44,7 @@ def blind_drive(
         open_haptics(options, body, world.grid, seed=seed, apart=False) as parts,
         simulated_chair(setup, simulator, haptics=parts.guide) as chair,
     ):
-        yield _messages(simulator, chair, parts, waypoints(route, simulator.truth()))
+        yield _messages(HelpedChair(simulator, chair, parts), waypoints(route, simulator.truth()))
 
 
 def waypoints(route: FloatArray, start: Pose2) -> tuple[Place, ...]:
@@ -61,31 +60,15 @@ def waypoints(route: FloatArray, start: Pose2) -> tuple[Place, ...]:
     return tuple(places)
 
 
-def _messages(
-    simulator: Simulator, chair: Chair, parts: HapticParts, places: tuple[Place, ...]
-) -> Iterator[SensorMessage]:
-    guide, progress = parts.guide, StallCheck(simulator)
+def _messages(helped: HelpedChair, places: tuple[Place, ...]) -> Iterator[SensorMessage]:
+    guide, progress = helped.parts.guide, StallCheck(helped.simulator)
     assert guide is not None
-
-    def tick() -> tuple[SensorMessage, ...]:
-        messages = advance_tick(simulator, chair)
-        chair.step(simulator.now_ns, messages)
-        parts.beat(simulator)
-        return messages
-
-    for _ in range(round(READY_S * COMMAND.rate_hz)):
-        yield from tick()
-        if chair.ready:
-            break
-    chair.choose_level(HelpLevel.GUIDE)
-    for _ in range(round(ARMED_S * COMMAND.rate_hz)):
-        yield from tick()
-        if chair.bridge.telemetry is not None and chair.bridge.telemetry.guard is not None:
-            break
+    for messages, _ in helped.begin(HelpLevel.GUIDE):
+        yield from messages
     for place in places:
-        chair.lead(place)
+        helped.chair.lead(place)
         while guide.leader.goal is not None:
-            yield from tick()
+            yield from helped.tick()[0]
             progress.check()
         if not guide.leader.arrived:
             raise WorldError(f"the driver was not led to {place.name} of the route: {guide.leader.reason}")

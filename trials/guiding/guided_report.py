@@ -33,7 +33,7 @@ def report(record: GuidedRecord, setup: GuidedSetup) -> Json:
     turned = (record.caps[:, 2] < record.stick[:, 1]) | (record.caps[:, 3] < -record.stick[:, 1])
     return {
         "note": NOTE,
-        "goal": setup.goal.name,
+        "goal": record.goal,
         "level": setup.level.value,
         "chair": setup.body.chair_id,
         "layout": setup.layout,
@@ -77,7 +77,7 @@ def save_report(record: GuidedRecord, setup: GuidedSetup, folder: Path) -> None:
 def summary(record: GuidedRecord, setup: GuidedSetup) -> str:
     """Return the drive in a few lines of words."""
     values = report(record, setup)
-    ended = f"reached {setup.goal.name}" if record.reached else f"did not reach {setup.goal.name} ({record.reason})"
+    ended = f"reached {record.goal}" if record.reached else f"did not reach {record.goal} ({record.reason})"
     touch = f"{values['symbols']} symbols, {values['felt_wrongly']} of them felt wrongly"
     way = f"{values['distance_m']:.1f} m for {values['planned_m']:.1f} m planned"
     return (

@@ -9,7 +9,7 @@ With a `driver` a simulated one feels the motors and moves the chair's own joyst
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -29,13 +29,11 @@ from waychair.runtime.haptics.learnt_file import load_learner, save_learner
 from waychair.runtime.haptics.session_log import SessionCounter, SessionLog
 from waychair.runtime.haptics.sounds import Sounds
 from waychair.runtime.haptics.teller import Teller
-from waychair.runtime.perception_view import PerceptionView
-from waychair.simulation.rider.blind_driver import BlindDriver
+from waychair.simulation.rider.blind_driver import BlindDriver, used_to
 from waychair.simulation.rider.driver_presets import driver_named
 from waychair.simulation.simulator import Simulator
 from waychair.trials.drive import DriveSetup
-from waychair.trials.guiding.guided import used_to
-from waychair.types import OccupancyGrid, Place
+from waychair.types import OccupancyGrid
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,20 +136,12 @@ def open_haptics(
 
 
 @contextmanager
-def haptics_of(options: HapticOptions | None, setup: DriveSetup, seed: int) -> Iterator[HapticParts]:
-    """Yield the parts for the chair of a setting, none without options; raises as `open_haptics`."""
+def haptics_of(
+    options: HapticOptions | None, setup: DriveSetup, seed: int, *, apart: bool = True
+) -> Iterator[HapticParts]:
+    """Yield the parts for the chair of a setting, none without options; `apart` and errors as of `open_haptics`."""
     if options is None:
         yield HapticParts()
         return
-    with open_haptics(options, setup.body, setup.grid, setup.zones, seed) as parts:
+    with open_haptics(options, setup.body, setup.grid, setup.zones, seed, apart=apart) as parts:
         yield parts
-
-
-def surroundings(places: Mapping[str, Place], seen: PerceptionView | None) -> Surroundings:
-    """Return what a chair can tell of its place: its map's places, and what the behaviour cells have found near."""
-    near = () if seen is None else (seen.sectors.words, *(each.words for each in seen.doorways[:_MOST_DOORWAYS]))
-    return Surroundings(tuple(places.values()), near)
-
-
-_MOST_DOORWAYS = 2
-"""More doorways in one answer are not remembered."""

@@ -11,13 +11,19 @@ from typing import Any
 
 from rclpy.parameter import Parameter
 
+from waychair.control.safety.guard import Unscanned
 from waychair.errors import MessageError
 from waychair.ros import topics
 from waychair.ros.interface_types import interface_type
 from waychair.ros.messages.guard import guard_message, level_of
+from waychair.ros.messages.haptics import read_haptic_state
+from waychair.ros.messages.json_text import read_json_text
 from waychair.ros.nodes.node import ChairNode
+from waychair.ros.nodes.parts.bridge_state import Localised
 from waychair.runtime.drive_base import DriveBase
+from waychair.runtime.guard_points import GuardPoints, ToldPoints
 from waychair.runtime.guard_view import guard_view
+from waychair.runtime.haptics.haptic_state import HapticState
 
 LEVEL = "help_level"
 """The name of the parameter, which the bridge declares as one that may change."""
@@ -30,6 +36,9 @@ class HelpLevels:
 
     def __init__(self, node: ChairNode[Any], base: DriveBase, at_start: str) -> None:
         self._node, self._base = node, base
+        self._unscanned = ToldPoints()
+        node.listen(topics.UNSCANNED, _read_points, self._take_points, needed=False)
+        node.listen(topics.HAPTIC_STATE, read_haptic_state, self._take_haptics, needed=False)
         base.guard.offer(level_of(at_start))
         self._publish = node.publisher(topics.GUARD)
         node.create_service(interface_type("waychair_msgs/srv/ChooseLevel"), "choose_level", self._answer)
@@ -41,6 +50,25 @@ class HelpLevels:
         wanted = level_of(level)
         if wanted is not self._base.guard.level:
             self._base.choose_level(wanted)
+
+    def watch(self, localised: Localised, now_ns: int) -> None:
+        """Let the guard watch what the navigator's node told of drop-offs and things that no scan shows.
+
+        Where the chair is localised and the node tells nothing, it is not known what is there.
+        """
+        base = self._base
+        pose = base.motion.map_from_base(now_ns)
+        base.guard.unscanned = (
+            Unscanned() if localised.last is None else self._unscanned.seen_from(pose, localised.revision, now_ns)
+        )
+
+    def _take_points(self, told: GuardPoints) -> None:
+        self._unscanned.take(told, time.monotonic_ns())
+
+    def _take_haptics(self, state: HapticState) -> None:
+        """Hold the stick of a rider who is led as slow as the guide asks for."""
+        if state.goal:
+            self._base.guard.slow_ahead(state.cap, time.monotonic_ns())
 
     def _answer(self, request: Any, response: Any) -> Any:
         try:
@@ -65,3 +93,7 @@ class HelpLevels:
     def _tell(self) -> None:
         self._follow()
         self._publish(guard_message(self._node.now_ns(), guard_view(self._base.guard, self._base.bridge.telemetry)))
+
+
+def _read_points(message: Any) -> GuardPoints:
+    return read_json_text(message, GuardPoints, "a message about drop-offs")

@@ -1,4 +1,4 @@
-"""Sonars and camera of the navigator's node, which passes their readings to its pilot."""
+"""Sonars and camera of the navigator's node, which passes their readings to its pilot, and tells the guard what they show."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from typing import Any, Protocol
 from waychair.control.safety.fitness import has_valid_reading
 from waychair.ros import topics
 from waychair.ros.messages.camera import CameraPairing
+from waychair.ros.messages.json_text import json_text
 from waychair.ros.messages.sensors import SonarRing
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.known_chair import known_chair
+from waychair.runtime.guard_points import GuardPoints
 from waychair.runtime.pilot import Pilot
 from waychair.slam.odometry.tilt import Tilt
 from waychair.types import Pose2, RgbdFrame, SonarReadings
@@ -40,6 +42,7 @@ class NavigatorSenses:
         self._with_true_stamp = known_chair(node.settings.calibration, node.settings.chair).with_true_stamp
         self._frame: RgbdFrame | None = None  # waits for the end of a tick
         self.camera_ns: int | None = None
+        self._tell_guard = node.publisher(topics.UNSCANNED)
         ring = SonarRing(_SONARS)
         for k in range(_SONARS):
 
@@ -61,6 +64,12 @@ class NavigatorSenses:
     def _take_frame(self, frame: RgbdFrame | None) -> None:
         if frame is not None and has_valid_reading(frame):  # a frame without any depth is ignored
             self._frame, self.camera_ns = self._with_true_stamp(frame), time.monotonic_ns()
+
+    def tell_guard(self, stamp_ns: int, revision: int) -> None:
+        """Tell the bridge of drop-offs and things near the chair that no scan shows, on the map of a revision."""
+        pose, pilot = self._piloted.map_from_base(stamp_ns), self._piloted.pilot
+        if pose is not None and pilot is not None:
+            self._tell_guard(json_text(GuardPoints.near(stamp_ns, revision, pilot.unscanned, pose)))
 
     def process_camera(self) -> None:
         """Process the latest camera frame, just after a tick, since it takes much of the time to the next tick."""

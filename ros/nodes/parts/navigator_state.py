@@ -8,13 +8,17 @@ from dataclasses import dataclass, field
 from pathlib import Path as FilePath
 from typing import Any
 
+from waychair.calibration.calibration_file import ChairCalibration
 from waychair.maps.drawn.places import load_places
 from waychair.maps.drawn.zones import Zone, load_zones
+from waychair.maps.folders.depth_layer import load_depth_layer, scanned_part
 from waychair.maps.folders.map_drawing import DrawnFiles
+from waychair.maps.grid.cells import unscanned_points
 from waychair.ros.messages.chair import NO_GOAL, DriveReport
 from waychair.ros.messages.floor import NO_REVISION, Floor
 from waychair.ros.nodes.parts.building_routes import BuildingRoutes
 from waychair.ros.nodes.parts.journeys import Journeys
+from waychair.runtime.pilot import Pilot, PilotSettings
 from waychair.slam.localising.localisation import Localisation
 from waychair.types import Goal, OccupancyGrid, Place, Pose2, Scan
 
@@ -48,6 +52,24 @@ class Layout:
             if math.hypot(place.pose.x - pose.x, place.pose.y - pose.y) < 0.01:
                 return Goal(pose, place.tolerance_m, place.tolerance_rad)
         return Goal(pose)
+
+    def pilot_on(self, grid: OccupancyGrid, calibration: ChairCalibration, settings: PilotSettings) -> Pilot:
+        """Take a map, and return a pilot on it with the places and zones.
+
+        Raises:
+            MapError: the depth layer of the map's folder is damaged, or belongs to another map.
+        """
+        layer = None if self.folder is None else load_depth_layer(self.folder, grid)
+        self.grid = grid
+        return Pilot(
+            grid=grid,
+            places=self.places,
+            body=calibration.body,
+            settings=settings,
+            stops=calibration.stops,
+            zones=self.zones,
+            tops=unscanned_points(grid, scanned_part(grid, layer)),
+        )
 
     def follow(self) -> bool:
         """Take the floor that was told last once its map has come, too; return whether it is another one.

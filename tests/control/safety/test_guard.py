@@ -97,13 +97,20 @@ def test_a_thing_that_only_sonars_or_camera_see_caps_and_can_be_overridden() -> 
 
 def test_an_override_raises_each_cap_to_a_creep_and_none_towards_a_drop_off() -> None:
     held = Caps(0.0, 0.02, 0.6, 0.0, drops=(False, False, False, True))
-    raised = crept(held, STICK, CHAIR_A)
+    raised = crept(held, JoystickInput(0, 1.0, 0.0), STICK, CHAIR_A)
     assert STICK.twist(raised.front, 0.0).v == pytest.approx(CREEP, abs=0.01)
     assert STICK.twist(-raised.rear, 0.0).v == pytest.approx(-CREEP, abs=0.01)
     assert (raised.left, raised.right, raised.drops) == (0.6, 0.0, held.drops)
-    turned = crept(Caps(), STICK, CHAIR_A).left
+    turned = crept(Caps(), JoystickInput(0, 0.0, 1.0), STICK, CHAIR_A).left
     corner = STICK.twist(0.0, turned).omega * CHAIR_A.circumscribed_radius
     assert corner == pytest.approx(CREEP, abs=0.01)
+
+
+@pytest.mark.parametrize(("forward", "turn"), [(1.0, 1.0), (-1.0, 0.4), (0.3, -1.0), (0.0, 0.0), (math.nan, 1.0)])
+def test_both_axes_of_an_override_share_one_creep_at_the_chairs_corner(forward: float, turn: float) -> None:
+    raised = crept(Caps(), JoystickInput(0, forward, turn), STICK, CHAIR_A)
+    fastest = STICK.twist(raised.front, raised.left)
+    assert fastest.v + fastest.omega * CHAIR_A.circumscribed_radius == pytest.approx(CREEP, abs=0.015)
 
 
 def test_an_override_ends_with_its_time_and_when_a_pushed_stick_is_let_go() -> None:

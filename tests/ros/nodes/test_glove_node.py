@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
 from tests.ros.realtime import ALONE
+from tests.runtime.haptics.guided_rider import DESK, START, room
 from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.errors import MessageError
 from waychair.firmware_bridge.glove.program import LiveGlove, glove_program
+from waychair.maps.drawn.places import save_places
+from waychair.recordings.bags.ros_messages import ODOM_FRAME, odometry
 from waychair.ros import topics
 from waychair.ros.messages.cells import signal
+from waychair.ros.messages.chair import localisation
+from waychair.ros.messages.floor import Floor, floor
+from waychair.ros.messages.guard import guard_message
 from waychair.ros.messages.haptics import advice, haptic_state, read_advice, read_haptic_state
+from waychair.ros.messages.maps import occupancy_grid
 from waychair.ros.messages.wire import deserialised, serialised
 from waychair.ros.stack import Stack, processes
+from waychair.runtime.guard_view import GuardView
 from waychair.runtime.haptics.haptic_state import HapticState
-from waychair.types import HelpLevel
+from waychair.slam.localising.localisation import Localisation, LocalisationState
+from waychair.types import HelpLevel, Pose2, Twist
 
 if TYPE_CHECKING:
     from tests.ros.harness import Harness
@@ -58,15 +69,12 @@ def test_the_stack_starts_the_glove_where_a_port_is_given_and_does_not_end_with_
     assert not glove.vital
 
 
-@ALONE
-def test_the_node_plays_advice_on_a_live_glove_and_tells_a_page_of_it(ros: Harness) -> None:
-    from waychair.ros.interface_types import interface_type
-    from waychair.ros.nodes.glove_node import GloveNode
-
-    heard = ros.heard(topics.HAPTIC_STATE)
+@contextlib.contextmanager
+def felt_glove() -> Iterator[tuple[str, set[int]]]:
+    """A glove's program on a pseudo-terminal: its port, and the motors that have vibrated so far."""
+    levels: set[int] = set()
+    done = threading.Event()
     with LiveGlove(glove_program()) as glove:
-        levels: set[int] = set()
-        done = threading.Event()
 
         def feel() -> None:
             while not done.is_set():
@@ -76,20 +84,72 @@ def test_the_node_plays_advice_on_a_live_glove_and_tells_a_page_of_it(ros: Harne
         thread = threading.Thread(target=feel)
         thread.start()
         try:
-            arguments = ["--ros-args", "-p", f"port:=pty:{glove.path}"]
-            with ros.serving(GloveNode(arguments)):
-                topic = topics.ADVICE
-                sender = ros.node.create_publisher(interface_type(topic.type), topic.name, topics.profile(topic.qos))
-
-                def send() -> None:
-                    now_ns = ros.node.get_clock().now().nanoseconds
-                    sender.publish(serialised(advice(now_ns, Advice(Symbol.FORWARD, 1, now_ns + 10**9))))
-
-                def told() -> bool:
-                    states = [read_haptic_state(each) for each in heard]
-                    return any(each.symbol == "forward" and not each.unfelt for each in states) and levels == {7, 4, 1}
-
-                ros.spin_until(told, "the glove", send)
+            yield f"pty:{glove.path}", levels
         finally:
             done.set()
             thread.join()
+
+
+@ALONE
+def test_the_node_plays_advice_on_a_live_glove_and_tells_a_page_of_it(ros: Harness) -> None:
+    from waychair.ros.nodes.glove_node import GloveNode
+
+    heard = ros.heard(topics.HAPTIC_STATE)
+    with felt_glove() as (port, levels), ros.serving(GloveNode(["--ros-args", "-p", f"port:={port}"])):
+        sender = ros.publisher(topics.ADVICE)
+
+        def send() -> None:
+            now_ns = ros.node.get_clock().now().nanoseconds
+            sender(advice(now_ns, Advice(Symbol.FORWARD, 1, now_ns + 10**9)))
+
+        def told() -> bool:
+            states = [read_haptic_state(each) for each in heard]
+            return any(each.symbol == "forward" and not each.unfelt for each in states) and levels == {7, 4, 1}
+
+        ros.spin_until(told, "the glove", send)
+
+
+@ALONE
+def test_a_rider_is_led_to_a_place_of_the_map_and_feels_the_first_step(ros: Harness, tmp_path: Path) -> None:
+    from waychair.ros.interface_types import interface_type
+    from waychair.ros.nodes.glove_node import GloveNode
+
+    save_places(tmp_path, {"desk": DESK})
+    heard = ros.heard(topics.HAPTIC_STATE)
+    with felt_glove() as (port, levels), ros.serving(GloveNode(["--ros-args", "-p", f"port:={port}"])):
+        grid, told_floor = ros.publisher(topics.MAP), ros.publisher(topics.FLOOR)
+        moved, located = ros.publisher(topics.ODOMETRY), ros.publisher(topics.LOCALISATION)
+        now_ns = ros.node.get_clock().now().nanoseconds
+        grid(occupancy_grid(now_ns, room(), loaded_ns=5))
+        told_floor(floor(Floor(now_ns, str(tmp_path), 5)))
+
+        told_guard, level = ros.publisher(topics.GUARD), HelpLevel.GUARD
+
+        def stand() -> None:
+            now_ns = ros.node.get_clock().now().nanoseconds
+            told_guard(guard_message(now_ns, GuardView(level)))
+            moved(odometry(now_ns, ODOM_FRAME, Pose2(), Twist()))
+            located(localisation(now_ns, Localisation(START, START, 1.0, LocalisationState.OK, 1.0), "", 5))
+
+        kind = interface_type("waychair_msgs/srv/Lead")
+        client = ros.node.create_client(kind, "haptics/lead")
+        ros.spin_until(client.service_is_ready, "haptics/lead")
+        answers = []
+        for place in ("ghost", "desk"):
+            future = client.call_async(kind.Request(place=place))
+            ros.spin_until(future.done, "an answer", stand)
+            answers.append(future.result())
+        assert (answers[0].success, "did you mean desk?" in answers[0].message) == (False, True)
+        assert (answers[1].success, answers[1].message) == (True, "You are led to desk.")
+
+        assert not any(read_haptic_state(each).goal for each in heard)  # the bridge has not begun the level guide yet
+        level = HelpLevel.GUIDE
+
+        def led() -> bool:
+            states = [read_haptic_state(each) for each in heard]
+            return levels == {7, 4, 1} and any(
+                (each.goal, each.symbol, each.step, each.unfelt) == ("desk", "forward", "straight 4.0 m", "")
+                for each in states
+            )
+
+        ros.spin_until(led, "the first step", stand)

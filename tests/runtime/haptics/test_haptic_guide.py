@@ -11,10 +11,11 @@ import pytest
 from tests.runtime.haptics.guided_rider import DESK, GuidedRider
 from waychair.control.behaviours.commands import Signal, SignalKind
 from waychair.control.behaviours.sonar import Obstacle
+from waychair.control.haptics.symbols import Advice, Symbol
 from waychair.firmware_bridge.glove.bridge import SILENT
 from waychair.firmware_bridge.glove.program import GloveConfig, GloveInputs
 from waychair.runtime.haptics.haptic_guide import LOST
-from waychair.runtime.haptics.haptic_state import Surroundings
+from waychair.runtime.haptics.haptic_state import HapticInputs, Surroundings
 from waychair.types import HelpLevel, Place, Pose2, Twist
 
 FORWARD = {7, 4, 1}
@@ -150,6 +151,15 @@ def test_the_page_asks_the_same_and_a_rider_who_is_not_led_gets_an_answer(rider:
     assert rider.run(100).text == "Nothing has been said yet."
     rider.guide.say_where()
     assert rider.run(100).text == "No place with a name is near."
+
+
+def test_advice_of_another_program_is_felt_by_a_rider_who_is_not_led(rider: GuidedRider) -> None:
+    began, now_ns = rider.now_ms, rider.now_ms * 1_000_000
+    sent = Advice(Symbol.FORWARD, 5, now_ns + 10**9)
+    state = rider.guide.step(HapticInputs(now_ns, None, Twist(), others=(sent,)))
+    assert (state.symbol, state.goal) == ("forward", "")
+    rider.run(700)
+    assert rider.felt(began) == FORWARD
 
 
 def test_a_pose_lost_in_the_middle_of_a_leg_warns_once_moving_and_goes_on_when_it_is_found(rider: GuidedRider) -> None:

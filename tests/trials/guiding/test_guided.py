@@ -17,8 +17,8 @@ from waychair.types import HelpLevel
 @pytest.mark.nightly
 def test_a_driver_who_feels_the_glove_alone_gets_through_a_door_untouched(tmp_path: Path) -> None:
     scene = door_scene(0.9, 0.0, CHAIR_A, 107)
-    setup = GuidedSetup(scene.world, map_of(scene.world), scene.goal, CHAIR_A, level=HelpLevel.GUIDE, seed=107)
-    record = guided_drive(setup, 180.0)
+    setup = GuidedSetup(scene.world, map_of(scene.world), CHAIR_A, level=HelpLevel.GUIDE, seed=107)
+    record = guided_drive(setup, scene.goal, 180.0)
     assert record.reached, record.reason
     assert record.contact_speeds == ()
     assert len(record.felt) >= 0.9 * len(record.told)

@@ -1,0 +1,84 @@
+"""Random rooms full of boxes that the map does not have: simulated drivers are led round what the chair's scans show.
+
+The map holds the four walls only, by which the chair finds its pose; the boxes are seen on the way. `BLIND_CLUTTER_RUNS=4` takes
+so many rooms instead of 100.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+
+from evaluation.runs.kept_runs import over_seeds
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, guided_row, guided_runs
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.errors import PlanningError
+from waychair.maps.grid.distance_field import distance_field
+from waychair.planning.body.footprint import fits
+from waychair.planning.grid.costmap import LiveCostmap
+from waychair.planning.steps.step_planner import StepPlanner
+from waychair.simulation.plan.floor_plan import FloorPlan, PlanBox, PlanWall
+from waychair.simulation.plan.world import World, world_from_plan
+from waychair.trials.guiding.guided import GuidedSetup
+from waychair.types import Goal, Json, Place, Pose2
+
+RUNS = int(os.environ.get("BLIND_CLUTTER_RUNS", "100"))
+
+SIDE, EDGE, BOXES = 7.0, 0.2, 8
+"""m of a room and of the free space round its walls; and boxes in it."""
+
+CLEAR = 0.10
+"""m round the chair at the start and at the goal."""
+
+LIMIT_S = 180.0
+
+
+def blind_clutter(out: Path) -> Json:
+    """Arrivals and contacts in the rooms that have a way of pivots and straight legs; the other rooms are counted apart."""
+    found = over_seeds("blind clutter", run_in_clutter, RUNS)
+    possible = [run for run in found if run is not None]
+    row = guided_row("clutter", "guide", possible, GuidedBars(0.90))
+    return {"passed": row["passed"], "rooms": len(found), "without_a_way": len(found) - len(possible), "rows": [row]}
+
+
+def run_in_clutter(seed: int) -> GuidedRun | None:
+    """Drive across one room; None where no steps lead across even if all boxes are known."""
+    cluttered, empty, goal = clutter(seed)
+    try:
+        StepPlanner(Goal(goal.pose), goal.pose).replan(
+            LiveCostmap(cluttered.grid, CHAIR_A, ()).costmap(), cluttered.start
+        )
+    except PlanningError:
+        return None
+    return guided_runs(GuidedSetup(cluttered, empty.grid, CHAIR_A, seed=seed), [goal], LIMIT_S)[0]
+
+
+def clutter(seed: int) -> tuple[World, World, Place]:
+    """Return a room with boxes, the same room without them, and a goal across it; the chair fits at start and goal."""
+    rng = np.random.default_rng(seed)
+    while True:
+        boxes = [_box(rng) for _ in range(BOXES)]
+        start = Pose2(EDGE + 1.0, EDGE + float(rng.uniform(1.0, SIDE - 1.0)), float(rng.uniform(-0.5, 0.5)))
+        end = Pose2(EDGE + SIDE - 1.0, EDGE + float(rng.uniform(1.0, SIDE - 1.0)), 0.0)
+        world = _room(boxes, start)
+        field = distance_field(world.grid)
+        if fits(CHAIR_A, CLEAR, field, start) and fits(CHAIR_A, CLEAR, field, end):
+            return world, _room([], start), Place("beacon", end, 0.5, math.pi)
+
+
+def _box(rng: np.random.Generator) -> PlanBox:
+    centre = float(rng.uniform(EDGE + 0.4, EDGE + SIDE - 0.4)), float(rng.uniform(EDGE + 0.4, EDGE + SIDE - 0.4))
+    size = float(rng.uniform(0.3, 0.8)), float(rng.uniform(0.3, 0.8))
+    return PlanBox(centre=centre, size=size)
+
+
+def _room(boxes: list[PlanBox], start: Pose2) -> World:
+    low, high = EDGE, EDGE + SIDE
+    corners = [(low, low), (high, low), (high, high), (low, high)]
+    walls = [PlanWall(start=a, end=b) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
+    size = SIDE + 2.0 * EDGE
+    plan = FloorPlan(name="clutter", size=(size, size), start=(start.x, start.y, start.theta), walls=walls, boxes=boxes)
+    return world_from_plan(plan, "clutter")

@@ -1,0 +1,64 @@
+"""Hours of errands of ten simulated drivers who cannot see, from place to place of a clinic with people.
+
+Errands come in shifts of `SHIFT_S` simulated seconds, each with another driver and seed. `BLIND_ERRANDS_HOURS=0.2` takes so many
+hours instead of 10; shifts that are done are not driven again, so that more hours go on from there.
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from evaluation.runs.kept_runs import over_seeds
+from evaluation.scenes.guided_drives import GuidedRun, guided_row, guided_runs
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.simulation.plan.world import load_world
+from waychair.trials.barn import upper_bound
+from waychair.trials.guiding.guided import GuidedSetup
+from waychair.trials.navigate import world_with_people
+from waychair.types import Json
+
+HOURS = float(os.environ.get("BLIND_ERRANDS_HOURS", "10"))
+
+SHIFT_S, ERRAND_S = 600.0, 240.0
+"""s of a shift, in which no errand begins any more, and of an errand."""
+
+PEOPLE, MOST_ERRANDS = 4, 40
+TYPES = ("default", "older", "second_task", "noisy_hand", "sure_85", "sure_70", "warnings_90", "fast_swivel", "waist")
+"""Drivers of the shifts in turn; the tenth is the default one on a belt."""
+
+
+def blind_errands(out: Path) -> Json:
+    """Contacts caused and near misses in so many hours, with the bound of 95 % of their rate, and the errands that arrived."""
+    shifts = max(1, round(HOURS * 3600.0 / SHIFT_S))
+    found = over_seeds("blind errands", run_shift, shifts)
+    errands = [errand for shift in found for errand in shift]
+    row = guided_row("errands", "guide", errands)
+    hours = sum(errand.seconds for errand in errands) / 3600.0
+    touched = sum(bool(errand.contact_speeds) for errand in errands)
+    return {
+        "passed": not row["contacts"],
+        "hours": round(hours, 2),
+        "errands": len(errands),
+        "touched": touched,
+        "touched_bound_95": round(upper_bound(touched, len(errands)), 4),
+        "near_misses": row["near_misses"],
+        "rows": [row],
+    }
+
+
+def run_shift(seed: int) -> tuple[GuidedRun, ...]:
+    """Send one driver from place to place for the time of a shift."""
+    rng = np.random.default_rng(seed)
+    plan = load_world("small_clinic")
+    places = {place.name: place for place in plan.places}
+    order = [str(rng.choice(list(places)))]
+    while len(order) <= MOST_ERRANDS:
+        order.append(str(rng.choice([name for name in places if name != order[-1]])))
+    world = world_with_people(plan, places[order[0]].pose, PEOPLE, seed)
+    turn = seed % (len(TYPES) + 1)
+    driver, layout = (TYPES[turn], "glove_3x3") if turn < len(TYPES) else ("default", "belt_8")
+    setup = GuidedSetup(world, plan.grid, CHAIR_A, driver, layout=layout, seed=seed)
+    return guided_runs(setup, [places[name] for name in order[1:]], ERRAND_S, SHIFT_S)

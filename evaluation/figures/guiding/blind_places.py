@@ -1,0 +1,97 @@
+"""Places by touch: simulated drivers who cannot see, led through buildings with and without people, and past a door that is shut.
+
+`BLIND_PLACES_RUNS=2` takes so many drives of each route instead of 20; `BLIND_PLACES_ONLY="ward to bath"` takes the routes whose
+names hold this, `BLIND_PLACES_BASELINES=0` leaves out full autonomy.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from evaluation.runs.kept_runs import over_seeds
+from evaluation.scenes.guided_drives import GuidedBars, GuidedRun, autonomous_run, guided_row, guided_runs
+from waychair.calibration.chair_body import CHAIR_A
+from waychair.simulation.plan.world import load_world
+from waychair.trials.guiding.guided import GuidedSetup
+from waychair.trials.navigate import world_with_people
+from waychair.types import Json
+
+RUNS = int(os.environ.get("BLIND_PLACES_RUNS", "20"))
+ONLY = os.environ.get("BLIND_PLACES_ONLY", "")
+BASELINES = os.environ.get("BLIND_PLACES_BASELINES", "1") == "1"
+
+BARS = GuidedBars(0.97, s_per_m=4.5, m_per_m=1.10, symbols_per_s=1.2)
+
+
+@dataclass(frozen=True, slots=True)
+class BlindRoute:
+    """A drive from place to place of a world ("": from its start), with so many people, past a door that is shut, if any."""
+
+    world: str
+    start: str
+    goal: str
+    people: int = 0
+    shut: str = ""
+    limit_s: float = 300.0
+
+    @property
+    def name(self) -> str:
+        """The row's name."""
+        beside = f", {self.people} people" if self.people else ""
+        return (
+            f"{self.world}: {self.start or 'start'} to {self.goal}{beside}{f', {self.shut} shut' if self.shut else ''}"
+        )
+
+
+def _both(world: str, start: str, goal: str, people: int, limit_s: float = 300.0) -> tuple[BlindRoute, BlindRoute]:
+    return BlindRoute(world, start, goal, 0, "", limit_s), BlindRoute(world, start, goal, people, "", limit_s)
+
+
+ROUTES = (
+    *_both("small_clinic", "entrance", "reception", 4),
+    *_both("small_clinic", "reception", "ward", 4),
+    *_both("small_clinic", "ward", "bath", 4),
+    *_both("apartment", "", "kitchen", 1),
+    *_both("apartment", "kitchen", "bath", 1),
+    *_both("apartment", "bath", "bedroom", 1),
+    *_both("apartment", "bedroom", "living_room", 1),
+    *_both("second_floor", "classroom", "lift", 6, 420.0),
+    BlindRoute("small_clinic", "ward", "bath", shut="bath", limit_s=120.0),
+)
+
+
+def blind_places(out: Path) -> Json:
+    """Arrivals, contacts, times and ways of each route, beside full autonomy; a door that is shut ends a drive with a reason."""
+    routes = [route for route in ROUTES if ONLY in route.name]
+    rows = [_row(route, "guide") for route in routes]
+    passed = all(row["passed"] for row in rows)
+    if BASELINES:
+        rows += [_row(route, "autonomy") for route in routes if not route.shut]
+    return {"passed": passed, "rows": rows}
+
+
+def drive_route(route: BlindRoute, how: str, seed: int) -> GuidedRun:
+    """Drive one chair of this seed along a route; the map shows all doors open."""
+    plan = load_world(route.world)
+    places = {place.name: place for place in plan.places}
+    start = places[route.start].pose if route.start else plan.start
+    world = world_with_people(plan, start, route.people, seed)
+    world = world.with_closed([route.shut]) if route.shut else world
+    setup = GuidedSetup(world, plan.grid, CHAIR_A, seed=seed)
+    if how == "autonomy":
+        return autonomous_run(setup, places[route.goal], route.limit_s)
+    return guided_runs(setup, [places[route.goal]], route.limit_s)[0]
+
+
+def _row(route: BlindRoute, how: str) -> Json:
+    found = over_seeds(f"blind place {route.name} {how}", partial(drive_route, route, how), RUNS)
+    if how == "autonomy":
+        return guided_row(route.name, how, found)
+    if not route.shut:
+        return guided_row(route.name, how, found, BARS)
+    row = guided_row(route.name, how, found)
+    row["passed"] = not row["contacts"] and not row["reached"] and all(each.reason for each in found)
+    return row

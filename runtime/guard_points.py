@@ -1,0 +1,62 @@
+"""What no scan shows, told by the program that sees it to the one that guards the rider's stick, where these are two."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+
+from waychair.control.safety.guard import WATCHED_WITHIN, Unscanned
+from waychair.types import FloatArray, Pose2
+
+SENT_WITHIN = WATCHED_WITHIN + 1.0
+"""m; points so near to the chair are told: it drives less than a metre until they are told anew."""
+
+STALE_NS = 1_000_000_000
+"""ns; points told longer ago are not those round the chair any more."""
+
+_Points: TypeAlias = tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class GuardPoints:
+    """Points near a chair [m], in the map of a revision: drop-offs, and other things that no scan shows."""
+
+    stamp_ns: int
+    revision: int
+    drops: _Points = ()
+    things: _Points = ()
+
+    @classmethod
+    def near(cls, stamp_ns: int, revision: int, unscanned: Unscanned, map_from_base: Pose2) -> GuardPoints:
+        """Return those of all points in map that are near the chair."""
+        near = unscanned.near((map_from_base.x, map_from_base.y), SENT_WITHIN)
+        return cls(stamp_ns, revision, _plain(near.drops), _plain(near.things))
+
+    def unscanned(self) -> Unscanned:
+        """Return the points in map."""
+        return Unscanned(np.array(self.drops).reshape(-1, 2), np.array(self.things).reshape(-1, 2))
+
+
+class ToldPoints:
+    """The points that were told last."""
+
+    def __init__(self) -> None:
+        self._told: tuple[GuardPoints, int] | None = None
+
+    def take(self, told: GuardPoints, now_ns: int) -> None:
+        """Take points; `now_ns` of the clock of `seen_from`."""
+        self._told = told, now_ns
+
+    def seen_from(self, map_from_base: Pose2, revision: int, now_ns: int) -> Unscanned | None:
+        """Return the points in base of a chair on the map of this revision; None if they are of another map, or stale."""
+        if self._told is None:
+            return None
+        told, heard_ns = self._told
+        stale = not 0 <= now_ns - heard_ns <= STALE_NS
+        return None if stale or told.revision != revision else told.unscanned().seen_from(map_from_base)
+
+
+def _plain(points: FloatArray) -> _Points:
+    return tuple((round(float(x), 3), round(float(y), 3)) for x, y in points)
