@@ -5,7 +5,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 
-from waychair.maps.drawn.places import check_place
+from waychair.errors import WaychairError
+from waychair.maps.drawn.places import check_place, find
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.folders.map_drawing import DrawingEditor
 from waychair.runtime.chair_port import Answer, ChairView, GoalView
@@ -44,6 +45,13 @@ class DrawingPort(ABC):
     def answer_storey(self, storey: str) -> Answer:
         """See `ChairPort`; a chair that knows one map never asks."""
         return Answer(False, NOT_ASKED)
+
+    def start_at(self, goal: str) -> Answer:
+        """See `ChairPort`; a place of the map in use."""
+        try:
+            return self.relocalise(find(self.layout().places, goal).pose)
+        except WaychairError as error:
+            return Answer(False, str(error))
 
     def guide(self, goal: str, level: int) -> Answer:
         """See `ChairPort`; a chair that knows one map guides nobody."""

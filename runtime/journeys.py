@@ -248,6 +248,14 @@ class Traveller:
         self.storey = storey
         return True
 
+    def start_at(self, storey: str, map_from_base: Pose2) -> bool:
+        """Localise anew where the rider says, on whichever storey; return False until its map is made ready."""
+        if storey != self.storey:
+            return self.take_storey(storey, map_from_base)
+        self._chair.relocalise(map_from_base)
+        self._chair.doubt_storey(certain=True)
+        return True
+
     def prepare(self, storey: str) -> None:
         """Make a storey's map ready: by the worker, else at once, which takes a while."""
         if storey in self._prepared:

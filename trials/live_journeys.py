@@ -35,8 +35,9 @@ from waychair.runtime.sentences import sentence
 from waychair.simulation.lifts.lifts import Lifts
 from waychair.simulation.plan.world import World
 from waychair.trials.live_map import LiveMap
+from waychair.trials.live_tags import LiveTags
 from waychair.trials.travel.journeys import ToldRider, sites_of
-from waychair.types import Pose2
+from waychair.types import Place, Pose2
 
 MOVED_M = 1.0
 """m; the goals' times are computed anew once the chair is so far from where they were computed last."""
@@ -101,6 +102,8 @@ class LiveJourneys:
         storeys = [_storey_map(level, known, heights[level]) for level, known in maps.items()]
         buttons = ToldRider(lifts)
         self.traveller = Traveller(chair, CHAIR_A, storeys, self._sites, buttons, storey, worker)
+        self.tags = LiveTags(self._planner.hgraph, chair, self.traveller, worker)
+        """The tags that the camera sees."""
         self._guide = Guide(lambda: chair.odom_from_base, habits, worker)
         self._pressed = Pressed(buttons)
 
@@ -121,6 +124,7 @@ class LiveJourneys:
         if self.map is not before:  # a page asks for what has changed
             self.map.revision = before.revision + 1
             self.map.layout_revision = before.layout_revision + 1
+        self.tags.step(state.chair)
         self._guide.step(guided_chair(state.chair), self.traveller.storey)
         if not self.under_way:
             self._pressed.press(self._guide.buttons, now_ns)
@@ -137,6 +141,17 @@ class LiveJourneys:
             BuildingError: there is no such goal, it is no place of its map, or a lift on the way has no cabin.
             NoPath, PlanningError: there is no way, or the chair does not stand on free ground.
         """
+        _, place = self.place(goal)
+        with self._lock:
+            start, _ = nearest_node(self._planner.hgraph, storey, pose, self._costmap(storey))
+            return legs_to(self._planner, self._sites, CHAIR_A, start, self._planner.node(goal), place)
+
+    def place(self, goal: str) -> tuple[str, Place]:
+        """Return the storey and the place of a goal of the building; any thread.
+
+        Raises:
+            BuildingError: there is no such goal, or it is no place of its map.
+        """
         with self._lock:
             ref = self._planner.node(goal)
             hgraph = self._planner.hgraph
@@ -144,8 +159,14 @@ class LiveJourneys:
             place = None if node is None or there not in self.maps else self.maps[there].drawing.places.get(node.name)
             if place is None:
                 raise BuildingError(f"'{goal}' is no place of its storey's map: set the place, or choose another goal")
-            start, _ = nearest_node(hgraph, storey, pose, self._costmap(storey))
-            return legs_to(self._planner, self._sites, CHAIR_A, start, ref, place)
+            return there, place
+
+    def start_at(self, storey: str, pose: Pose2) -> Answer:
+        """Take the rider's word for where the chair stands; no journey is under way."""
+        title = self._title(storey)
+        if not self.traveller.start_at(storey, pose):
+            return Answer(False, f"the map of {title} is being made ready: say it again in a moment")
+        return Answer(True, f"the chair localises itself there, on {title}")
 
     def guided_ways(self) -> GuidedWays:
         """Return the ways to guide over, of the maps as they are drawn now; any thread.

@@ -12,7 +12,7 @@ from waychair.control.journey.journey import Leg
 from waychair.control.journey.lift_site import LiftSite
 from waychair.errors import BuildingError
 from waychair.maps.building.building import Building, goals, place_of
-from waychair.maps.building.hgraph import NodeRef, full_name
+from waychair.maps.building.hgraph import HGraph, NodeRef, full_name
 from waychair.maps.building.zone_rules import with_zones
 from waychair.maps.drawn.zones import load_zones
 from waychair.maps.folders.map_files import load_map
@@ -101,6 +101,22 @@ def storey_named(building: Building, name: str) -> tuple[str, Path]:
     raise BuildingError(f"there is no storey '{name}': take one of {known}")
 
 
+def start_named(building: Building, goal: StoreyGoal) -> tuple[str, Path, Pose2]:
+    """Return the storey, its map folder and the pose of the goal at which a chair stands: the name of a place, or a path.
+
+    Raises:
+        BuildingError: there is no such goal or more than one, or it is no place of its storey's map.
+    """
+    hgraph = building.hgraph
+    storey = storey_named(building, goal.storey)[0] if goal.storey else ""
+    ref = _named(hgraph, goal.goal, storey)
+    place, there = place_of(building, ref), hgraph.storey_of(ref.submap)
+    folder = building.map_folder(there)
+    if place is None or folder is None:
+        raise BuildingError(f"'{goal.goal}' is no place of its storey's map: set the place, or choose another one")
+    return there, folder, place.pose
+
+
 def _goal_node(planner: RoutePlanner, building: Building, goal: StoreyGoal) -> NodeRef:
     """Return the node of a goal.
 
@@ -109,15 +125,23 @@ def _goal_node(planner: RoutePlanner, building: Building, goal: StoreyGoal) -> N
     """
     if not goal.storey:
         return planner.node(goal.goal)
-    storey, _ = storey_named(building, goal.storey)
-    hgraph, wanted = planner.hgraph, goal.goal.strip().casefold()
-    found = []
+    return _named(planner.hgraph, goal.goal, storey_named(building, goal.storey)[0])
+
+
+def _named(hgraph: HGraph, goal: str, storey: str) -> NodeRef:
+    """Return the node of a goal by its own name or its path, on a storey, "" for any.
+
+    Raises:
+        BuildingError: there is none, or more than one.
+    """
+    wanted, found = goal.strip().casefold(), []
     for name, ref in goals(hgraph).items():
         node = hgraph.node(ref)
         own = "" if node is None else (node.name or node.id).casefold()
-        if hgraph.storey_of(ref.submap) == storey and wanted in (own, name.casefold()):
+        if storey in ("", hgraph.storey_of(ref.submap)) and wanted in (own, name.casefold()):
             found.append(ref)
     if len(found) != 1:
         count = f"there are {len(found)} goals" if found else "there is no goal"
-        raise BuildingError(f"{count} '{goal.goal}' on storey '{storey}': see waychair building stats, and give a path")
+        where = f" on storey '{storey}'" if storey else ""
+        raise BuildingError(f"{count} '{goal}'{where}: see waychair building stats, and give a path")
     return found[0]

@@ -339,6 +339,11 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
         self._publish.joystick(replace(let_go, axes=np.zeros(0, np.float32)))
         return Answer(True, "")
 
+    def start_at(self, goal: str) -> Answer:
+        """See `ChairPort`."""
+        answer = self._start_in_building(goal)
+        return DrawingPort.start_at(self, goal) if answer is None else answer
+
     def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
         """See `ChairPort`."""
         if map_from_base is not None:
