@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from waychair.calibration.chair_body import ChairBody
-from waychair.control.journey.building_legs import sites_of_building
+from waychair.control.journey.building_legs import sites_of_building, stops_without_map
 from waychair.control.journey.journey import Leg
 from waychair.control.journey.lift_site import LiftSite
 from waychair.errors import BuildingError
@@ -30,7 +30,7 @@ from waychair.types import Pose2
 class JourneyPlan:
     """A journey from a storey: the goal's full name, the legs, the sites of all lifts, and the maps of all their storeys.
 
-    `folders`: the storeys' map folders, absolute.
+    `folders`: the storeys' map folders, absolute. `unmapped`: see `Traveller`.
     """
 
     goal: str
@@ -39,6 +39,7 @@ class JourneyPlan:
     sites: tuple[LiftSite, ...]
     maps: tuple[StoreyMap, ...]
     folders: Mapping[str, str]
+    unmapped: Mapping[str, Mapping[str, float]]
 
 
 def planned(map_folder: Path, pose: Pose2, body: ChairBody, goal: StoreyGoal) -> JourneyPlan:
@@ -67,9 +68,10 @@ def planned(map_folder: Path, pose: Pose2, body: ChairBody, goal: StoreyGoal) ->
         if each.id in wanted and folder is not None:
             maps.append(StoreyMap(each.id, load_map(folder), {}, each.height))
             folders[each.id] = str(folder.resolve())
-    if missing := sorted(wanted - set(folders)):
+    if missing := sorted({leg.storey for leg in legs} - set(folders)):
         raise BuildingError(f"storey '{missing[0]}' has no map: add it with waychair building add")
-    return JourneyPlan(full_name(planner.hgraph, ref), storey, legs, sites, tuple(maps), folders)
+    unmapped = stops_without_map(building.hgraph, sites, folders)
+    return JourneyPlan(full_name(planner.hgraph, ref), storey, legs, sites, tuple(maps), folders, unmapped)
 
 
 def known_building(map_folder: Path) -> tuple[Building, str]:
@@ -90,13 +92,23 @@ def storey_named(building: Building, name: str) -> tuple[str, Path]:
     Raises:
         BuildingError: there is no such storey, or it has no map.
     """
+    storey = storey_id(building, name)
+    folder = building.map_folder(storey)
+    if folder is None:
+        raise BuildingError(f"storey '{storey}' has no map: add it with waychair building add")
+    return storey, folder
+
+
+def storey_id(building: Building, name: str) -> str:
+    """Return the id of a storey, given by its id or its name.
+
+    Raises:
+        BuildingError: there is no such storey.
+    """
     wanted = name.strip().casefold()
     for each in building.hgraph.storeys:
         if wanted in (each.id.casefold(), each.name.casefold()):
-            folder = building.map_folder(each.id)
-            if folder is None:
-                raise BuildingError(f"storey '{each.id}' has no map: add it with waychair building add")
-            return each.id, folder
+            return each.id
     known = ", ".join(each.name or each.id for each in building.hgraph.storeys)
     raise BuildingError(f"there is no storey '{name}': take one of {known}")
 

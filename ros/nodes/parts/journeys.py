@@ -40,7 +40,14 @@ from waychair.ros.messages.motion import pose_with_covariance
 from waychair.ros.messages.sensors import read_imu, read_pressure
 from waychair.ros.messages.wire import native, plain
 from waychair.ros.nodes.node import ChairNode
-from waychair.ros.nodes.parts.journey_plan import JourneyPlan, known_building, planned, start_named, storey_named
+from waychair.ros.nodes.parts.journey_plan import (
+    JourneyPlan,
+    known_building,
+    planned,
+    start_named,
+    storey_id,
+    storey_named,
+)
 from waychair.ros.nodes.parts.lift_adapter import LiftAdapter
 from waychair.ros.nodes.parts.remote_chair import LegDriver, RemoteChair
 from waychair.ros.nodes.parts.tag_reader import TagReader
@@ -195,7 +202,9 @@ class Journeys:
             self._refuse(plan)
             return
         chair = RemoteChair(self._node, self._driver, plan.folders)
-        traveller = Traveller(chair, self._body, plan.maps, plan.sites, self._lifts, plan.storey)
+        traveller = Traveller(
+            chair, self._body, plan.maps, plan.sites, self._lifts, plan.storey, unmapped=plan.unmapped
+        )
         now_ns = self._node.now_ns()
         self._now = _Journey(plan, chair, traveller, now_ns)
         chair.go(plan.legs[0].goal)
@@ -353,19 +362,20 @@ class Journeys:
         if now.floor is None:
             raise BuildingError("the chair has no map yet: wait for the mapper")
         building, _ = known_building(Path(now.floor.map_folder))
+        journey = self._now
+        if journey is not None and journey.traveller.aboard:
+            if place:
+                raise BuildingError("the chair is in a lift: say the storey at which it stands")
+            storey = storey_id(building, name)
+            journey.traveller.answer(storey, now.stamp_ns)
+            return f"the chair takes {storey} as its storey, if the ride does not contradict it"
+        if journey is not None or (now.state is not None and now.state.driving):
+            raise BuildingError("the chair is on its way: cancel the drive first, then say the storey")
         pose = None
         if place:
             storey, folder, pose = start_named(building, StoreyGoal(place, name))
         else:
             storey, folder = storey_named(building, name)
-        journey = self._now
-        if journey is not None and journey.traveller.aboard:
-            if place:
-                raise BuildingError("the chair is in a lift: say the storey at which it stands")
-            journey.traveller.answer(storey, now.stamp_ns)
-            return f"the chair takes {storey} as its storey, if the ride does not contradict it"
-        if journey is not None or (now.state is not None and now.state.driving):
-            raise BuildingError("the chair is on its way: cancel the drive first, then say the storey")
         chair = RemoteChair(self._node, self._driver, {storey: str(folder.resolve())})
         chair.change_storey(storey, None, pose)
         self._node.executor.create_task(chair.close)

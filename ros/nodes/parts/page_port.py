@@ -45,6 +45,7 @@ from waychair.ros.messages.wire import native
 from waychair.ros.nodes.inputs import DECODING_ERRORS
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.heard_haptics import HeardSenses
+from waychair.ros.nodes.parts.map_in_use import MapInUse
 from waychair.ros.nodes.parts.page_building import PageBuilding
 from waychair.ros.nodes.parts.page_figures import figures
 from waychair.ros.nodes.parts.page_guard import PageGuard
@@ -135,7 +136,7 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
     ) -> None:
         """Subscribe to the chair's nodes; `map_folder` is that of their map, None while a map is made."""
         self._node, self._calibration = node, calibration
-        self._map_folder, self._scan_frame, self._drawing = map_folder, scan_frame, threading.Lock()
+        self._scan_frame, self._drawing = scan_frame, MapInUse(map_folder, node.get_logger().error)
         self._received, self._story, self._pictures = _Received(), _DriveStory(), _Pictures()
         self._listen()
         self._publish = _Publishers(
@@ -153,8 +154,6 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
         )
         self._action = ActionClient(node, interface_type("nav2_msgs/action/NavigateToPose"), topics.NAVIGATE_TO_POSE)
         node.at_end(self._action.destroy)
-        self._drawings = None if map_folder is None else (map_folder, DrawingEditor(map_folder))
-        """The map folder whose drawing has been read, and its editor, None for a broken one; see `_editor`."""
 
     def _listen(self) -> None:
         listen, with_true_stamp = self._node.listen, self._calibration.with_true_stamp
@@ -237,11 +236,7 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
 
     def layout(self) -> LayoutView:
         """See `ChairPort`."""
-        with self._drawing:
-            editor = self._editor()
-            if editor is None:
-                return LayoutView(self._received.places)
-            return LayoutView(dict(editor.drawing.places), editor.drawing.zones, editor.undoable)
+        return self._drawing.layout() or LayoutView(self._received.places)
 
     def picture(self) -> bytes | None:
         """See `ChairPort`; the camera subscription lasts only while pictures are requested."""
@@ -361,33 +356,13 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
 
     def _drawn(self, change: Callable[[DrawingEditor], None], done: str) -> Answer:
         """Change the drawings in the map's folder, and notify the nodes."""
-        with self._drawing:
-            if self._map_folder is None:
-                return Answer(False, "the map is being made: save it, and start the chair on it first")
-            editor = self._editor()
-            if editor is None:
-                return Answer(False, f"the drawing of {self._map_folder} is broken: mend its files first")
-            try:
-                change(editor)
-            except WaychairError as error:
-                return Answer(False, str(error))
-            self._received.layout_revision += 1
+        try:
+            self._drawing.change(change)
+        except WaychairError as error:
+            return Answer(False, str(error))
+        self._received.layout_revision += 1
         self._publish.layout(make("std_msgs/msg/Empty", 0))
         return Answer(True, done)
-
-    def _editor(self) -> DrawingEditor | None:
-        """Return the editor of the map in use, in a thread of the web server that holds `_drawing`; None without one.
-
-        The executor, which is the loop that must not hang, only notes the map's folder: its files are read here.
-        """
-        folder = self._map_folder
-        if folder is not None and (self._drawings is None or self._drawings[0] != folder):
-            try:
-                self._drawings = folder, DrawingEditor(folder)
-            except WaychairError as error:
-                self._node.get_logger().error(f"{error}; the page draws on no map")
-                self._drawings = folder, None
-        return None if self._drawings is None else self._drawings[1]
 
     def _trigger(self, name: str) -> Answer:
         return self._call(self._services[name], interface_type("std_srvs/srv/Trigger").Request())
@@ -480,8 +455,7 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
     def _take_floor(self, told: Floor) -> None:
         """Draw on the map in use from now on, and travel from there."""
         self._enter_storey(told)
-        if told.map_folder and Path(told.map_folder) != self._map_folder:
-            self._map_folder = Path(told.map_folder)
+        if told.map_folder and self._drawing.take(Path(told.map_folder)):
             self._received.layout_revision += 1
 
     def _take_grid(self, grid: OccupancyGrid) -> None:

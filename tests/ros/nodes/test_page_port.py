@@ -12,13 +12,15 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 
+from waychair.errors import MapError
 from waychair.maps.drawn.places import save_places
-from waychair.maps.folders.map_drawing import DrawingEditor
 from waychair.maps.folders.map_files import save_map
 from waychair.recordings.bags.ros_messages import header, make
 from waychair.ros.messages.floor import Floor
 from waychair.ros.messages.reports import DiagnosticLevel, Report
+from waychair.ros.nodes.parts.map_in_use import MapInUse
 from waychair.ros.nodes.parts.page_port import PagePort
+from waychair.runtime.chair_port import Answer, LayoutView
 from waychair.types import OccupancyGrid, Place, Pose2
 
 
@@ -54,18 +56,16 @@ def test_a_new_map_is_only_noted_by_the_node_and_read_by_the_thread_that_asks_fo
         save_places(folder, {folder.name: Place(folder.name, Pose2(1.0, 1.0))})
     (folders[2] / "places.yaml").write_text("places: [", encoding="utf-8")
     told: list[str] = []
+    used = MapInUse(folders[0], told.append)
+    assert list((used.layout() or LayoutView({})).places) == ["one"]
     port: Any = SimpleNamespace(
-        _map_folder=folders[0],
-        _drawings=(folders[0], DrawingEditor(folders[0])),
-        _drawing=threading.Lock(),
+        _drawing=used,
         _received=SimpleNamespace(layout_revision=1, places={}),
         _enter_storey=lambda told: None,
-        _node=SimpleNamespace(get_logger=lambda: SimpleNamespace(error=told.append)),
         _publish=SimpleNamespace(layout=lambda message: None),
     )
-    port._editor = lambda: PagePort._editor(port)
     takes = threading.Thread(target=PagePort._take_floor, args=(port, Floor(0, str(folders[1]), 2)), daemon=True)
-    with port._drawing:  # a page's thread writes a drawing meanwhile, which may wait for the disk
+    with used._lock:  # a page's thread writes a drawing meanwhile, which may wait for the disk
         takes.start()
         takes.join(5.0)
         assert not takes.is_alive()
@@ -74,6 +74,9 @@ def test_a_new_map_is_only_noted_by_the_node_and_read_by_the_thread_that_asks_fo
     PagePort._take_floor(port, Floor(0, str(folders[2]), 3))
     assert PagePort.layout(port).places == {}
     answer = PagePort._drawn(port, lambda editor: None, "drawn")
-    assert not answer.done
-    assert answer.sentence == f"the drawing of {folders[2]} is broken: mend its files first"
+    assert answer == Answer(False, f"the drawing of {folders[2]} is broken: mend its files first")
     assert len(told) == 1
+    making = MapInUse(None, told.append)
+    assert making.layout() is None
+    with pytest.raises(MapError, match="the map is being made: save it"):
+        making.change(lambda editor: None)
