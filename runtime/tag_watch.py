@@ -1,7 +1,7 @@
 """What AprilTags of a building tell a chair whose camera sees them: its storey, and its place on the storey's map.
 
-A tag sets the place of a chair that is not certain of its own, and confirms that of one that is. A tag that contradicts a
-certain place makes it uncertain: the chair is localised anew where the tag says, and its lidar has to agree before it drives.
+A tag sets the place of a chair that is lost, and confirms that of one that is not. A tag that contradicts a place makes it
+uncertain: the chair is localised anew where the tag says, and its lidar has to agree before it drives.
 """
 
 from __future__ import annotations
@@ -26,6 +26,10 @@ ALIKE_M, ALIKE_RAD = 0.3, math.radians(10.0)
 
 AGREES_M, AGREES_RAD = 0.7, math.radians(20.0)
 """m, rad; a place and a tag's word agree within these: tags are hung, and their poses typed, by hand."""
+
+
+SETTLES_S = 3.0
+"""s; a localiser that has been given a place has this long to find out whether its scans agree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,31 +62,37 @@ class TagWatch:
 
     def __init__(self) -> None:
         self._map_from_odom: Mapping[str, Pose2] = {}
+        self._given_ns = -(10**12)
 
     def forget(self) -> None:
         """Forget what was seen, as after a change of the map."""
         self._map_from_odom = {}
 
-    def place(self, words: Iterable[TagWord], odom_from_base: Pose2, located: Localisation | None) -> Pose2 | None:
+    def place(
+        self, words: Iterable[TagWord], odom_from_base: Pose2, located: Localisation | None, now_ns: int
+    ) -> Pose2 | None:
         """Return the pose in map near which the chair is to be localised anew by these words; None: it is not.
 
         Args:
             words: of the tags in one picture, all on the storey of the map in use.
             odom_from_base: the chair by odometry as the picture was taken.
             located: its place on the map, None while it has none.
+            now_ns: the time; a place is not given again before the localiser could use it.
         """
         before, now = self._map_from_odom, dict[str, Pose2]()
         for word in words:
             if word.map_from_base is not None:
                 now[word.beacon] = word.map_from_base @ odom_from_base.inverse()
         self._map_from_odom = now
-        certain = located.map_from_base if located is not None and located.state is LocalisationState.OK else None
+        if 0 <= now_ns - self._given_ns < SETTLES_S * 1e9:
+            return None
+        known = located.map_from_base if located is not None and located.state is not LocalisationState.LOST else None
         for beacon, map_from_odom in now.items():
             pose = map_from_odom @ odom_from_base
             if beacon not in before or not _near(before[beacon] @ odom_from_base, pose, ALIKE_M, ALIKE_RAD):
                 continue
-            if certain is None or not _near(certain, pose, AGREES_M, AGREES_RAD):
-                self.forget()  # the next word comes after the localiser's
+            if known is None or not _near(known, pose, AGREES_M, AGREES_RAD):
+                self._given_ns = now_ns
                 return pose
         return None
 

@@ -60,6 +60,6 @@ class LiveTags:
         return words_of_tags(self._hgraph, seen_tags(frame, CHAIR_A.base_from_camera))
 
     def _place(self, words: tuple[TagWord, ...], odom_from_base: Pose2, state: ChairState) -> None:
-        pose = self._watch.place(words, odom_from_base, state.localisation)
+        pose = self._watch.place(words, odom_from_base, state.localisation, state.stamp_ns)
         if pose is not None:
             self._chair.relocalise(pose @ odom_from_base.inverse() @ self._chair.odom_from_base)

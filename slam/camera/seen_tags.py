@@ -49,7 +49,7 @@ def tags_in_picture(image: Bytes) -> tuple[list[FloatArray], list[int]]:
 
 def _placed(frame: RgbdFrame, base_from_camera: Pose3, corners: FloatArray) -> Pose2 | None:
     """Return the pose in base of a tag with these corners (4, 2) [pixels]; None where its depth tells none."""
-    plane = _plane(frame.depth, corners)
+    plane = _plane(frame.depth, corners) if frame.depth.shape == frame.image.shape[:2] else None
     if plane is None:
         return None
     inverse = np.linalg.inv(frame.camera_matrix)

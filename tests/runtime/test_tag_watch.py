@@ -18,6 +18,7 @@ from waychair.types import Pose2
 
 HERE = Pose2(4.0, 1.0, 0.5)
 ODOM = Pose2(9.0, -3.0, 1.0)
+S = 1_000_000_000
 
 
 def tagged() -> HGraph:
@@ -51,30 +52,29 @@ def test_a_tags_place_is_that_of_its_sub_maps_frame_and_tags_of_others_tell_noth
     assert words_of_tags(hgraph, [SeenTag(8)]) == (TagWord("8", "1"),)
 
 
-@pytest.mark.parametrize("before", [None, LocalisationState.LOST, LocalisationState.DEGRADED])
-def test_a_chair_that_is_not_certain_of_its_place_takes_that_of_two_agreeing_looks(
-    before: LocalisationState | None,
-) -> None:
-    watch, words = TagWatch(), (TagWord("7", "g", HERE),)
-    place = None if before is None else located(HERE, before)
-    assert watch.place(words, ODOM, place) is None
-    taken = watch.place(words, ODOM, place)
-    assert taken is not None
-    assert (taken.x, taken.y, taken.theta) == pytest.approx((HERE.x, HERE.y, HERE.theta))
-    assert watch.place(words, ODOM, place) is None  # not again at once: the localiser has to look first
+def test_a_lost_chair_takes_the_place_of_two_agreeing_looks_and_then_has_time_to_check_it() -> None:
+    for before in (None, located(HERE @ Pose2(5.0, 0.0), LocalisationState.LOST)):
+        watch, words = TagWatch(), (TagWord("7", "g", HERE),)
+        assert watch.place(words, ODOM, before, 0) is None
+        taken = watch.place(words, ODOM, before, S)
+        assert taken is not None
+        assert (taken.x, taken.y, taken.theta) == pytest.approx((HERE.x, HERE.y, HERE.theta))
+        assert watch.place(words, ODOM, before, 2 * S) is None
+        assert watch.place(words, ODOM, before, 5 * S) is not None  # the localiser has not got there
 
 
-def test_a_certain_place_is_confirmed_within_the_accuracy_of_hung_tags_and_doubted_beyond() -> None:
+@pytest.mark.parametrize("state", [LocalisationState.OK, LocalisationState.DEGRADED])
+def test_a_place_is_confirmed_within_the_accuracy_of_hung_tags_and_doubted_beyond(state: LocalisationState) -> None:
     words = (TagWord("7", "g", HERE),)
     for offset, doubted in ((Pose2(0.5, 0.0), False), (Pose2(1.2, 0.0), True), (Pose2(0.0, 0.0, 0.6), True)):
-        watch = TagWatch()
-        watch.place(words, ODOM, located(HERE @ offset))
-        assert (watch.place(words, ODOM, located(HERE @ offset)) is not None) is doubted
+        watch, known = TagWatch(), located(HERE @ offset, state)
+        watch.place(words, ODOM, known, 0)
+        assert (watch.place(words, ODOM, known, S) is not None) is doubted
 
 
 def test_looks_that_disagree_by_odometry_and_tags_without_depth_do_nothing() -> None:
     watch = TagWatch()
     for pose in (HERE, HERE @ Pose2(1.0, 0.0), HERE, None, HERE):
-        assert watch.place((TagWord("7", "g", pose),), ODOM, None) is None
+        assert watch.place((TagWord("7", "g", pose),), ODOM, None, 0) is None
     moved = Pose2(1.0, 0.0)  # a chair that drives on sees the same place of odom in map
-    assert watch.place((TagWord("7", "g", HERE @ moved),), ODOM @ moved, None) is not None
+    assert watch.place((TagWord("7", "g", HERE @ moved),), ODOM @ moved, None, 0) is not None

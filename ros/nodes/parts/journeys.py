@@ -326,7 +326,7 @@ class Journeys:
         if not floor.certain or any(word.storey != floor.storey for word in words):
             self._tag_watch.forget()  # of another map than the present one
             return
-        pose = self._tag_watch.place(words, odom_from_base, now.localisation)
+        pose = self._tag_watch.place(words, odom_from_base, now.localisation, now.stamp_ns)
         if pose is not None and now.odom_from_base is not None:
             here = pose @ odom_from_base.inverse() @ now.odom_from_base  # the chair may have moved since the picture
             self._node.get_logger().warning("the chair localises itself where a tag says that it is")

@@ -280,7 +280,7 @@ def test_a_beacon_sets_the_storey_at_rest_and_ends_a_drive_on_another_storeys_ma
     assert not site.driver.drives
 
 
-def test_tags_tell_the_storey_first_and_then_set_the_place_of_a_chair_that_is_not_certain_of_its_own(
+def test_tags_tell_the_storey_first_and_then_set_the_place_of_a_lost_chair(
     site: Site, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: list[str] = []
