@@ -142,7 +142,7 @@ function modes(all) {
             ],
     },
     { label: "Locate the chair again", act: () => void say(ask("relocalise")) },
-    ...(all.length ? [{ label: "I am at ...", detail: "a place where the chair stands", items: () => asItems(goalItems(all), startItem) }] : []),
+    ...(all.length ? [{ label: "I am at a place", detail: "the chair finds itself there", items: () => asItems(goalItems(all), startItem) }] : []),
   ];
 }
 
