@@ -14,6 +14,7 @@ from waychair.errors import BuildingError
 from waychair.maps.building.building import Building, goals, place_of
 from waychair.maps.building.hgraph import HGraph, NodeRef, full_name
 from waychair.maps.building.zone_rules import with_zones
+from waychair.maps.drawn.places import find, load_places
 from waychair.maps.drawn.zones import load_zones
 from waychair.maps.folders.map_files import load_map
 from waychair.planning.building.hierarchical import RoutePlanner
@@ -114,19 +115,21 @@ def storey_id(building: Building, name: str) -> str:
 
 
 def start_named(building: Building, goal: StoreyGoal) -> tuple[str, Path, Pose2]:
-    """Return the storey, its map folder and the pose of the goal at which a chair stands: the name of a place, or a path.
+    """Return the storey, its map folder and the pose at which a chair stands: a place of a storey, or the path of a goal.
 
     Raises:
-        BuildingError: there is no such goal or more than one, or it is no place of its storey's map.
+        BuildingError: there is no such storey or goal, or it is no place of its storey's map.
+        UnknownPlace, PlaceError: the storey has no such place, or its places cannot be read.
     """
-    hgraph = building.hgraph
-    storey = storey_named(building, goal.storey)[0] if goal.storey else ""
-    ref = _named(hgraph, goal.goal, storey)
-    place, there = place_of(building, ref), hgraph.storey_of(ref.submap)
-    folder = building.map_folder(there)
-    if place is None or folder is None:
+    if goal.storey:
+        storey, folder = storey_named(building, goal.storey)
+        return storey, folder, find(load_places(folder), goal.goal, f"storey {storey}").pose
+    ref = _named(building.hgraph, goal.goal, "")
+    place, there = place_of(building, ref), building.hgraph.storey_of(ref.submap)
+    mapped = building.map_folder(there)
+    if place is None or mapped is None:
         raise BuildingError(f"'{goal.goal}' is no place of its storey's map: set the place, or choose another one")
-    return there, folder, place.pose
+    return there, mapped, place.pose
 
 
 def _goal_node(planner: RoutePlanner, building: Building, goal: StoreyGoal) -> NodeRef:

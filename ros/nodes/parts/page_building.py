@@ -226,12 +226,12 @@ class PageBuilding:
         """See `ChairPort`."""
         return self._call(self._say, interface_type("waychair_msgs/srv/SayStorey").Request(storey=storey))
 
-    def _start_in_building(self, goal: str) -> Answer | None:
-        """Tell the nodes that the chair stands at a goal of the building; None for a map of no building."""
+    def _start_in_building(self, goal: str, *, here: bool) -> Answer | None:
+        """Tell the nodes that the chair stands at a goal of the building, or `here` at a place of the map; None without one."""
         known = self._site.known
         if known is None:
             return None
-        storey = "" if self._is_goal(goal) else known.storey
+        storey = known.storey if here else ""
         return self._call(self._say, interface_type("waychair_msgs/srv/SayStorey").Request(storey=storey, place=goal))
 
     def _call(self, client: Any, request: Any) -> Answer:

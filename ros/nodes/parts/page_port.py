@@ -336,7 +336,7 @@ class PagePort(PageBuilding, PageGuard, DrawingPort, HeardSenses):
 
     def start_at(self, goal: str) -> Answer:
         """See `ChairPort`."""
-        answer = self._start_in_building(goal)
+        answer = self._start_in_building(goal, here=goal in self._received.places)
         return DrawingPort.start_at(self, goal) if answer is None else answer
 
     def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:

@@ -16,7 +16,7 @@ from tests.maps.building.test_lift_cabins import with_cabins
 from waychair.calibration.chair_body import CHAIR_A
 from waychair.config import Settings
 from waychair.control.drive.navigation import Navigation, Stage
-from waychair.errors import BuildingError, MessageError
+from waychair.errors import BuildingError, MessageError, UnknownPlace
 from waychair.maps.building.building import Building, save_with_map
 from waychair.maps.building.hgraph import Beacon
 from waychair.maps.drawn.places import save_places
@@ -311,9 +311,11 @@ def test_the_start_is_chosen_like_a_goal_also_on_another_storey(site: Site) -> N
     assert "takes the map of 1, and localises itself at First/Ward/Bed 1" in site.journeys._say_storey(
         "", "First/Ward/Bed 1"
     )
-    assert "takes the map of g" in site.journeys._say_storey("Ground", "bed g")
-    with pytest.raises(BuildingError, match="there is no goal 'bed 9' on storey 'g': see waychair building stats"):
-        site.journeys._say_storey("g", "bed 9")
+    assert "takes the map of g" in site.journeys._say_storey("Ground", "Bed g")
+    with pytest.raises(UnknownPlace, match="there is no place 'Bed 1'"):
+        site.journeys._say_storey("g", "Bed 1")
+    with pytest.raises(BuildingError, match="there is no goal 'First/Ward/Bed 9': see waychair building stats"):
+        site.journeys._say_storey("", "First/Ward/Bed 9")
 
 
 def test_the_riders_word_for_the_storey_is_taken_at_rest_and_a_wrong_name_is_told(site: Site) -> None:
