@@ -325,13 +325,8 @@ class LiveChair(DrawingPort, GuardPort, HapticPort):
             storey, place = journeys.place(goal)
         except WaychairError as error:
             return Answer(False, str(error))
-
-        def done() -> Answer:
-            if journeys.traveller.journey is not None or self._view.mode is DriveMode.AUTONOMOUS:
-                return Answer(False, "the chair is on its way: cancel the drive first, then say where it is")
-            return journeys.start_at(storey, place.pose)
-
-        return self._request(done)
+        drives = self._view.mode is DriveMode.AUTONOMOUS
+        return self._request(lambda: journeys.start_at(storey, place.pose, drives=drives))
 
     def guide(self, goal: str, level: int) -> Answer:
         """See `ChairPort`."""

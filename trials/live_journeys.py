@@ -176,8 +176,10 @@ class LiveJourneys:
                 raise BuildingError(f"'{goal}' is no place of its storey's map: set the place, or choose another goal")
             return there, place
 
-    def start_at(self, storey: str, pose: Pose2) -> Answer:
-        """Take the rider's word for where the chair stands; no journey is under way."""
+    def start_at(self, storey: str, pose: Pose2, *, drives: bool) -> Answer:
+        """Take the rider's word for where the chair stands, unless it drives, or a journey is under way."""
+        if drives or self.traveller.journey is not None:
+            return Answer(False, "the chair is on its way: cancel the drive first, then say where it is")
         title = self._title(storey)
         if not self.traveller.start_at(storey, pose):
             return Answer(False, f"the map of {title} is being made ready: say it again in a moment")
