@@ -91,9 +91,10 @@ def _wall_problems(wall: PlanWall, plan: FloorPlan) -> _Problems:
         for other in wall.doors[:k]:
             if _overlap(door.at, door.width, other):
                 yield ("doors", k, "at"), f"the doors at {other.at:g} and {door.at:g} m overlap; move one"
-    for section, what, hung in (("posters", "poster", wall.posters), ("tags", "tag", wall.tags)):
-        for k, each in enumerate(hung):
-            yield from (((section, k, key), problem) for key, problem in _hung_problems(what, each, wall, plan))
+    for k, poster in enumerate(wall.posters):
+        yield from ((("posters", k, key), problem) for key, problem in _hung_problems("poster", poster, wall, plan))
+    for k, tag in enumerate(wall.tags):
+        yield from ((("tags", k, key), problem) for key, problem in _hung_problems("tag", tag, wall, plan))
 
 
 def _hung_problems(what: str, hung: PlanPoster | PlanTag, wall: PlanWall, plan: FloorPlan) -> Iterator[tuple[str, str]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,9 +12,13 @@ import pytest
 
 from tests.runtime.test_tag_watch import HERE, ODOM, located, tagged
 from waychair.maps.building.april_tags import tag_picture
+from waychair.planning.building.beacon_places import pose_of_beacon
+from waychair.simulation.plan.world import World
+from waychair.simulation.scene.scene import WallTag
 from waychair.slam.localising.localisation import LocalisationState
 from waychair.trials.live_tags import LiveTags
-from waychair.types import Pose2, RgbdFrame
+from waychair.trials.travel.world_building import _with_tags
+from waychair.types import OccupancyGrid, Pose2, RgbdFrame
 
 S = 1_000_000_000
 CAMERA = np.array([[400.0, 0.0, 320.0], [0.0, 400.0, 240.0], [0.0, 0.0, 1.0]])
@@ -98,3 +103,10 @@ def test_in_a_lift_a_tag_is_evidence_for_the_storey_only(chair: Chair) -> None:
     run(chair, 8)
     run(chair, 7)
     assert chair.told == [("met", "1")] * 2 + [("met", "g")] * 2
+
+
+def test_the_tags_of_a_world_are_beacons_of_its_building() -> None:
+    world = World("clinic", OccupancyGrid(np.zeros((4, 4), np.int8), 0.1), Pose2(), level="1")
+    assert _with_tags(tagged(), world) == tagged()
+    hung = WallTag(31, Pose2(2.0, 1.0, 0.5), 1.2, 0.25)
+    assert pose_of_beacon(_with_tags(tagged(), replace(world, tags=(hung,))), "31") == hung.middle
