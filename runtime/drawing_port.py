@@ -9,10 +9,10 @@ from waychair.errors import WaychairError
 from waychair.maps.drawn.places import check_place, find
 from waychair.maps.drawn.zones import Zone
 from waychair.maps.folders.map_drawing import DrawingEditor
-from waychair.runtime.chair_port import Answer, ChairView, GoalView
+from waychair.runtime.chair_port import Answer, ChairView, GoalView, LayoutView
 from waychair.runtime.chair_story import check_zone
 from waychair.slam.localising.localisation import LocalisationState
-from waychair.types import FloatArray, OccupancyGrid, Place
+from waychair.types import FloatArray, OccupancyGrid, Place, Pose2
 
 NO_GUIDE = "this chair has no building to guide in: open the page with --building FOLDER"
 NOT_ASKED = "the chair does not ask which storey this is"
@@ -32,6 +32,14 @@ class DrawingPort(ABC):
 
     @abstractmethod
     def grid(self) -> OccupancyGrid | None:
+        """See `ChairPort`."""
+
+    @abstractmethod
+    def layout(self) -> LayoutView:
+        """See `ChairPort`."""
+
+    @abstractmethod
+    def relocalise(self, map_from_base: Pose2 | None = None) -> Answer:
         """See `ChairPort`."""
 
     @abstractmethod

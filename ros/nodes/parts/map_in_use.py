@@ -22,7 +22,9 @@ class MapInUse:
         """
         self.folder = folder
         self._complain, self._lock = complain, threading.Lock()
-        self._known = None if folder is None else (folder, DrawingEditor(folder))
+        self._known: tuple[Path, DrawingEditor | None] | None = (
+            None if folder is None else (folder, DrawingEditor(folder))
+        )
         """The folder that has been read, and its editor, None for a broken drawing."""
 
     def take(self, folder: Path) -> bool:

@@ -8,6 +8,7 @@ from typing import Any
 
 from waychair.errors import WaychairError
 from waychair.maps.building.building import Building
+from waychair.maps.building.hgraph_files import SUBMAPS
 from waychair.ros.nodes.node import ChairNode
 from waychair.ros.nodes.parts.journey_plan import known_building
 from waychair.ros.nodes.worker import Worker
@@ -33,7 +34,8 @@ class TagReader:
         self._worker = Worker(node)
         node.at_end(self._worker.close)
         self._busy, self._last_ns = False, -(10**12)
-        self._known: tuple[str, Building | None] = "", None
+        self._known: tuple[str, Building | None, int] = "", None, 0
+        """The folder of a map, its building, and when that was changed last [ns]."""
 
     def look(self, frame: RgbdFrame) -> None:
         """Have a frame that has just been taken read, unless another one is being read, or was just before."""
@@ -57,9 +59,17 @@ class TagReader:
 
     def _building(self, folder: str) -> Building | None:
         """Return the building of a map, None for a map of none; in the worker."""
-        if self._known[0] != folder:
+        known, building, changed_ns = self._known
+        if known != folder or (building is not None and _changed_ns(building) != changed_ns):
             try:
-                self._known = folder, known_building(Path(folder))[0]
+                building, _ = known_building(Path(folder))
+                self._known = folder, building, _changed_ns(building)
             except WaychairError:  # of no building, or damaged, of which a journey tells
-                self._known = folder, None
+                self._known = folder, None, 0
         return self._known[1]
+
+
+def _changed_ns(building: Building) -> int:
+    """Return when a file of the building's sub-maps, in which beacons are, was replaced last [ns]."""
+    folder = building.folder / SUBMAPS
+    return folder.stat().st_mtime_ns if folder.is_dir() else 0
